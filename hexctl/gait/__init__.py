@@ -1,0 +1,1 @@
+"""Gaits: the factorial encoding of the paper, its foot trajectory, and the feet of a whole robot."""

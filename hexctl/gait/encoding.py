@@ -1,0 +1,76 @@
+"""The bijection between gait codes 1..n! and the phase slots of the legs (paper, section 2).
+
+A gait gives each leg a phase slot. The code is the lexicographic rank of the slots, counted from 1 (Lehmer
+code in the factorial number system): 1 is the identity, n! the reversed order. A failed leg k keeps slot k,
+and the rank runs over the arrangements of the others: 120 for one failed leg, 24 for two, 6 for three.
+"""
+
+import math
+from collections.abc import Iterable, Sequence
+
+from hexctl.errors import InputError
+from hexctl.robot.joints import N_LEGS
+
+Slots = tuple[int, ...]
+
+
+def code_count(failed_legs: Iterable[int] = ()) -> int:
+    """Return how many codes there are: (6 - number of failed legs)!."""
+    return math.factorial(len(_free_legs(failed_legs)))
+
+
+def slots_from_code(code: int, failed_legs: Iterable[int] = ()) -> Slots:
+    """Return the slots of legs 1..6 for a code.
+
+    Raises InputError for a code outside 1..n!.
+    """
+    free = _free_legs(failed_legs)
+    count = math.factorial(len(free))
+    if not 1 <= code <= count:
+        raise InputError(f"gait code: got {code}; allowed: 1..{count} with {_failed_text(free)}")
+    slots = list(range(1, N_LEGS + 1))
+    pool = list(free)
+    rank = code - 1
+    for place, leg in enumerate(free):
+        digit, rank = divmod(rank, math.factorial(len(free) - 1 - place))
+        slots[leg - 1] = pool.pop(digit)
+    return tuple(slots)
+
+
+def code_from_slots(slots: Sequence[int], failed_legs: Iterable[int] = ()) -> int:
+    """Return the code of the slots of legs 1..6.
+
+    Raises InputError when they are no permutation of 1..6 or a failed leg does not keep its own slot.
+    """
+    check_permutation(slots)
+    free = _free_legs(failed_legs)
+    for leg in range(1, N_LEGS + 1):
+        if leg not in free and slots[leg - 1] != leg:
+            raise InputError(f"slots: failed leg {leg} has slot {slots[leg - 1]}; allowed: its own, {leg}")
+    pool = list(free)
+    rank = 0
+    for place, leg in enumerate(free):
+        digit = pool.index(slots[leg - 1])
+        pool.pop(digit)
+        rank += digit * math.factorial(len(free) - 1 - place)
+    return rank + 1
+
+
+def check_permutation(slots: Sequence[int]) -> None:
+    """Raise InputError unless the slots are a permutation of 1..6."""
+    if sorted(slots) != list(range(1, N_LEGS + 1)):
+        got = ",".join(str(slot) for slot in slots)
+        raise InputError(f"slots: got {got}; allowed: a permutation of 1,2,3,4,5,6")
+
+
+def _free_legs(failed_legs: Iterable[int]) -> tuple[int, ...]:
+    """Return the legs that still walk, ascending."""
+    failed = set(failed_legs)
+    if not failed <= set(range(1, N_LEGS + 1)):
+        raise InputError(f"failed legs: got {sorted(failed)}; allowed: 1..{N_LEGS}")
+    return tuple(leg for leg in range(1, N_LEGS + 1) if leg not in failed)
+
+
+def _failed_text(free: tuple[int, ...]) -> str:
+    failed = [str(leg) for leg in range(1, N_LEGS + 1) if leg not in free]
+    return f"failed leg {', '.join(failed)}" if failed else "no failed leg"

@@ -1,0 +1,1 @@
+"""Closed-form kinematics of all six legs at once, both ways."""

@@ -1,0 +1,1 @@
+"""The robot description, and the two messages every part speaks."""

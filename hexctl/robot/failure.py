@@ -1,0 +1,67 @@
+"""What can be wrong with a leg (design: `locked`, `limp`, `stuck`, `weak`, `missing`)."""
+
+import math
+from dataclasses import dataclass
+
+from hexctl.errors import InputError
+from hexctl.robot.joints import JOINT_KINDS, N_LEGS
+
+FAILURE_KINDS = ("locked", "limp", "stuck", "weak", "missing")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Failure:
+    """One failed leg.
+
+    `locked` holds its stance pose on the floor, `limp` has no torque, `stuck` has one `joint` jammed at
+    `angle_rad`, `weak` has `torque_fraction` of its torque, `missing` touches nothing and weighs nothing.
+    """
+
+    leg: int
+    kind: str = "locked"
+    joint: str = "coxa"
+    angle_rad: float = 0.0
+    torque_fraction: float = 0.3
+
+    def __post_init__(self) -> None:
+        _require(1 <= self.leg <= N_LEGS, "failed leg", self.leg, "1..6")
+        _require(self.kind in FAILURE_KINDS, "failure", self.kind, ", ".join(FAILURE_KINDS))
+        _require(self.joint in JOINT_KINDS, "stuck joint", self.joint, ", ".join(JOINT_KINDS))
+        _require(math.isfinite(self.angle_rad), "stuck angle", self.angle_rad, "a finite angle")
+        _require(0 <= self.torque_fraction <= 1, "weak torque fraction", self.torque_fraction, "0..1")
+
+    def __str__(self) -> str:
+        detail = {
+            "stuck": f":{self.joint}:{math.degrees(self.angle_rad):g}",
+            "weak": f":{self.torque_fraction:g}",
+        }
+        return self.kind + detail.get(self.kind, "")
+
+
+def parse_failure(leg: int, text: str) -> Failure:
+    """Return the failure of a leg from its command-line text.
+
+    `locked`, `limp`, `missing`, `weak[:FRACTION]` or `stuck[:JOINT[:DEGREES]]`, for example `stuck:femur:30`.
+    Raises InputError for anything else.
+    """
+    kind, *details = text.split(":")
+    most = {"stuck": 2, "weak": 1}.get(kind, 0)
+    _require(len(details) <= most, "failure", text, "locked, limp, missing, weak:FRACTION, stuck:JOINT:DEGREES")
+    if kind == "weak" and details:
+        return Failure(leg=leg, kind=kind, torque_fraction=_number(details[0], text))
+    if kind == "stuck" and details:
+        degrees = _number(details[1], text) if len(details) == 2 else 0.0
+        return Failure(leg=leg, kind=kind, joint=details[0], angle_rad=math.radians(degrees))
+    return Failure(leg=leg, kind=kind)
+
+
+def _number(text: str, whole: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise InputError(f"failure: got {whole!r}; allowed: a number in place of {text!r}") from None
+
+
+def _require(holds: bool, what: str, got: object, allowed: str) -> None:
+    if not holds:
+        raise InputError(f"{what}: got {got}; allowed: {allowed}")

@@ -1,0 +1,126 @@
+"""Load a robot file: one YAML becomes one frozen `Robot`, or is refused in one line."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+
+from hexctl.errors import InputError
+from hexctl.robot.configs import find_config, read_mapping, validate
+from hexctl.robot.joints import JOINT_KINDS, N_LEGS
+from hexctl.robot.messages import FloatArray
+from hexctl.robot.model import Body, GaitDefaults, Robot, ServoModel
+from hexctl.robot.schema import LinkSection, MountSection, RobotSchema
+from hexctl.robot.stance import stance_angles
+
+
+def load_robot(name_or_path: str | Path = "ant") -> Robot:
+    """Return the robot of a shipped name (`ant`, `phantomx`, `pexod`) or of a YAML file.
+
+    Raises InputError that says file, key, value and what is allowed.
+    """
+    path = find_config("robots", name_or_path)
+    schema = validate(RobotSchema, read_mapping(path), path)
+    try:
+        return _build(schema)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
+
+
+def _build(schema: RobotSchema) -> Robot:
+    """Derive the model from a valid file and refuse geometry that cannot stand."""
+    links = [schema.links.coxa, schema.links.femur, schema.links.tibia]
+    joints = [schema.joints.coxa, schema.joints.femur, schema.joints.tibia]
+    positions, yaws = _mounts(schema.mounts)
+    stance_feet = _stance_feet(schema, positions, yaws)
+    angles = np.tile(_stance_angles(schema, links), N_LEGS)
+    robot = Robot(
+        name=schema.name,
+        size_m=schema.size_m,
+        body=Body(schema.body.shape, schema.body.size_m, schema.body.mass_kg),
+        mount_positions_body=positions,
+        mount_yaws_rad=yaws,
+        link_vectors_m=np.array([link.end_m for link in links]),
+        link_masses_kg=np.array([link.mass_kg for link in links]),
+        link_radii_m=np.array([link.radius_m for link in links]),
+        foot_radius_m=schema.foot_radius_m,
+        joint_lower_rad=_per_joint([math.radians(joint.min_deg) for joint in joints]),
+        joint_upper_rad=_per_joint([math.radians(joint.max_deg) for joint in joints]),
+        joint_max_speed_rad_s=_per_joint([math.radians(joint.max_speed_deg_s) for joint in joints]),
+        joint_max_torque_nm=_per_joint([joint.max_torque_nm for joint in joints]),
+        stance_feet_body=stance_feet,
+        stance_angles_rad=angles,
+        servo=ServoModel(**schema.servo.model_dump()),
+        gait=GaitDefaults(**schema.gait.model_dump()),
+    )
+    _check_stance_limits(robot)
+    _check_leg_order(robot)
+    _check_foot_spacing(robot)
+    return robot
+
+
+def _per_joint(values: list[float]) -> FloatArray:
+    """Repeat a value per joint kind for all six legs, (18,)."""
+    return np.tile(np.array(values), N_LEGS)
+
+
+def _mounts(mounts: list[MountSection]) -> tuple[FloatArray, FloatArray]:
+    """Return mount positions (6, 3) and yaws (6,)."""
+    positions, yaws = [], []
+    for mount in mounts:
+        if mount.position_m is not None and mount.yaw_deg is not None:
+            positions.append(mount.position_m)
+            yaws.append(math.radians(mount.yaw_deg))
+        elif mount.radius_m is not None and mount.azimuth_deg is not None:
+            azimuth = math.radians(mount.azimuth_deg)
+            positions.append((mount.radius_m * math.cos(azimuth), mount.radius_m * math.sin(azimuth), 0.0))
+            yaws.append(azimuth)
+    return np.array(positions), np.array(yaws)
+
+
+def _stance_feet(schema: RobotSchema, positions: FloatArray, yaws: FloatArray) -> FloatArray:
+    """Return the nominal feet in the body frame, (6, 3)."""
+    outward = np.stack([np.cos(yaws), np.sin(yaws), np.zeros(N_LEGS)], axis=-1)
+    return positions + schema.stance.outward_m * outward + np.array([0.0, 0.0, schema.stance.up_m])
+
+
+def _stance_angles(schema: RobotSchema, links: list[LinkSection]) -> list[float]:
+    """Return coxa, femur and tibia angle of the nominal stance."""
+    coxa, femur, tibia = (link.end_m for link in links)
+    try:
+        femur_rad, tibia_rad = stance_angles(coxa, femur, tibia, (schema.stance.outward_m, schema.stance.up_m))
+    except InputError as error:
+        raise InputError(f"stance: out of reach: {error}") from error
+    return [0.0, femur_rad, tibia_rad]
+
+
+def _check_stance_limits(robot: Robot) -> None:
+    """Refuse a stance that needs a joint outside its range."""
+    for index, kind in enumerate(JOINT_KINDS):
+        angle, low, high = (
+            math.degrees(array[index])
+            for array in (robot.stance_angles_rad, robot.joint_lower_rad, robot.joint_upper_rad)
+        )
+        if not low <= angle <= high:
+            raise InputError(f"stance: needs {kind} at {angle:.1f} deg; allowed: {low:g} to {high:g} deg")
+
+
+def _check_leg_order(robot: Robot) -> None:
+    """Refuse legs that do not follow one another counter-clockwise, once around."""
+    gaps = np.diff(robot.leg_azimuths_rad, append=robot.leg_azimuths_rad[0]) % math.tau
+    if not math.isclose(gaps.sum(), math.tau, rel_tol=1e-6):
+        degrees = ", ".join(f"{azimuth:.0f}" for azimuth in np.degrees(robot.leg_azimuths_rad))
+        raise InputError(
+            f"mounts: the feet stand at azimuths {degrees} deg; allowed: counter-clockwise from leg 1 to leg 6"
+        )
+
+
+def _check_foot_spacing(robot: Robot) -> None:
+    """Refuse neighbouring feet that stand in one another."""
+    spacing = np.linalg.norm(robot.stance_feet_body - np.roll(robot.stance_feet_body, -1, axis=0), axis=-1)
+    leg = int(spacing.argmin()) + 1
+    least = 2 * robot.foot_radius_m
+    if spacing.min() < least:
+        raise InputError(
+            f"mounts: feet {leg} and {leg % N_LEGS + 1} stand {spacing.min():.4f} m apart; allowed: {least:g} m or more"
+        )

@@ -1,0 +1,47 @@
+"""The two messages every part speaks: what the joints shall do, and what the robot says of itself."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True)
+class JointTargets:
+    """Where the 18 joints shall go.
+
+    Attributes:
+        positions_rad: joint angles, shape (18,), leg-major order.
+        stamp_s: when the command was made, on the clock of the servos that it is for.
+    """
+
+    positions_rad: FloatArray
+    stamp_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class RobotState:
+    """What a robot knows of itself at one moment.
+
+    Attributes:
+        joint_positions_rad: shape (18,), leg-major order.
+        stamp_s: when it was measured, on the clock of the servos.
+        measured: True for positions from sensors, False where the last targets are echoed.
+        base_position_world: body frame origin in the world, (3,) in m, or None where unknown.
+        base_quaternion_world: body frame orientation (w, x, y, z), (4,), or None where unknown.
+        foot_contacts: which feet touch the floor, (6,), or None where unknown.
+        age_s: how old the measurement was when it was read.
+        healthy: False when the robot reports a fault of its own.
+    """
+
+    joint_positions_rad: FloatArray
+    stamp_s: float
+    measured: bool
+    base_position_world: FloatArray | None = None
+    base_quaternion_world: FloatArray | None = None
+    foot_contacts: BoolArray | None = None
+    age_s: float = 0.0
+    healthy: bool = True

@@ -1,0 +1,111 @@
+"""The frozen description of one robot: everything else derives from it."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from hexctl.robot.joints import N_LEGS
+from hexctl.robot.messages import FloatArray
+
+
+@dataclass(frozen=True)
+class Body:
+    """The trunk: a box or an upright cylinder, centred on the body frame.
+
+    `size_m` is length, width, height; a cylinder's diameter is its length.
+    """
+
+    shape: str
+    size_m: tuple[float, float, float]
+    mass_kg: float
+
+
+@dataclass(frozen=True)
+class GaitDefaults:
+    """How this robot walks unless told otherwise; amplitude and height are fractions of the size E."""
+
+    pace_hz: float
+    amplitude: float
+    height: float
+
+
+@dataclass(frozen=True)
+class ServoModel:
+    """How the simulated servos answer: torque = stiffness * error - damping * speed."""
+
+    stiffness_nm_per_rad: float
+    damping_nm_s_per_rad: float
+    rotor_inertia_kg_m2: float
+
+
+@dataclass(frozen=True)
+class Robot:
+    """One hexapod. Body frame: x forward, y left, z up, origin at the height of the mounts' reference.
+
+    The six legs are alike and differ in their mounts. In the vertical plane of a leg, x points outward and
+    z up; each link is the vector to its end at joint angle zero. A positive coxa turns counter-clockwise
+    seen from above; positive femur and tibia lift the foot. Joint arrays are leg-major, shape (18,).
+
+    Attributes:
+        name: short name, also the key under which the robot is known.
+        size_m: the paper's size factor E; gait amplitude and height are fractions of it.
+        body: shape and mass of the trunk.
+        mount_positions_body: coxa axes, (6, 3) in m.
+        mount_yaws_rad: direction in which each leg points at coxa angle zero, (6,).
+        link_vectors_m: coxa, femur, tibia at joint angle zero, (3, 2) as (outward, up).
+        link_masses_kg: coxa, femur, tibia, (3,).
+        link_radii_m: half thickness of the links, (3,).
+        foot_radius_m: radius of the foot sphere whose centre is the end of the tibia.
+        joint_lower_rad: (18,).
+        joint_upper_rad: (18,).
+        joint_max_speed_rad_s: (18,).
+        joint_max_torque_nm: (18,).
+        stance_feet_body: nominal foot positions, (6, 3) in m.
+        stance_angles_rad: joint angles that put the feet there, (18,).
+        servo: the simulated servos' stiffness and damping.
+        gait: default pace, amplitude and height.
+    """
+
+    name: str
+    size_m: float
+    body: Body
+    mount_positions_body: FloatArray
+    mount_yaws_rad: FloatArray
+    link_vectors_m: FloatArray
+    link_masses_kg: FloatArray
+    link_radii_m: FloatArray
+    foot_radius_m: float
+    joint_lower_rad: FloatArray
+    joint_upper_rad: FloatArray
+    joint_max_speed_rad_s: FloatArray
+    joint_max_torque_nm: FloatArray
+    stance_feet_body: FloatArray
+    stance_angles_rad: FloatArray
+    servo: ServoModel
+    gait: GaitDefaults
+
+    def __post_init__(self) -> None:
+        for value in vars(self).values():
+            if isinstance(value, np.ndarray):
+                value.flags.writeable = False
+
+    @cached_property
+    def mass_kg(self) -> float:
+        """Mass of the whole robot."""
+        return self.body.mass_kg + N_LEGS * float(self.link_masses_kg.sum())
+
+    @cached_property
+    def standing_height_m(self) -> float:
+        """Height of the body frame above the floor in the nominal stance."""
+        return float(self.foot_radius_m - self.stance_feet_body[:, 2].min())
+
+    @cached_property
+    def stance_radius_m(self) -> float:
+        """Distance of the farthest nominal foot from the body's vertical axis."""
+        return float(np.hypot(self.stance_feet_body[:, 0], self.stance_feet_body[:, 1]).max())
+
+    @cached_property
+    def leg_azimuths_rad(self) -> FloatArray:
+        """Direction of each nominal foot from the body's vertical axis, (6,)."""
+        return np.arctan2(self.stance_feet_body[:, 1], self.stance_feet_body[:, 0])

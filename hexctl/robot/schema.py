@@ -1,0 +1,137 @@
+"""What a robot file (YAML) may hold. Degrees and metres, as the keys say."""
+
+from typing import Annotated, Literal, Self
+
+from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+
+from hexctl.robot.joints import N_LEGS
+
+Length = Annotated[float, Field(gt=0, le=10, allow_inf_nan=False)]
+Coordinate = Annotated[float, Field(ge=-10, le=10, allow_inf_nan=False)]
+Mass = Annotated[float, Field(gt=0, le=1000, allow_inf_nan=False)]
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+AngleDeg = Annotated[float, Field(ge=-360, le=360, allow_inf_nan=False)]
+Fraction = Annotated[float, Field(gt=0, le=1, allow_inf_nan=False)]
+
+
+class Section(BaseModel):
+    """A mapping of a robot file; unknown keys are refused."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class BodySection(Section):
+    """The trunk."""
+
+    shape: Literal["box", "cylinder"] = "box"
+    size_m: tuple[Length, Length, Length]
+    mass_kg: Mass
+
+
+class MountSection(Section):
+    """Where a leg begins: `position_m` and `yaw_deg`, or `radius_m` and `azimuth_deg` for a radial leg."""
+
+    position_m: tuple[Coordinate, Coordinate, Coordinate] | None = None
+    yaw_deg: AngleDeg | None = None
+    radius_m: Length | None = None
+    azimuth_deg: AngleDeg | None = None
+
+    @model_validator(mode="after")
+    def _one_form(self) -> Self:
+        cartesian = (self.position_m is not None) + (self.yaw_deg is not None)
+        radial = (self.radius_m is not None) + (self.azimuth_deg is not None)
+        if (cartesian, radial) not in ((2, 0), (0, 2)):
+            raise ValueError("a mount has either position_m and yaw_deg, or radius_m and azimuth_deg")
+        return self
+
+
+class LinkSection(Section):
+    """One link: the vector to its end at joint angle zero, as outward and up in the leg's plane."""
+
+    end_m: tuple[Coordinate, Coordinate]
+    mass_kg: Mass
+    radius_m: Length
+
+    @field_validator("end_m")
+    @classmethod
+    def _has_length(cls, end_m: tuple[float, float]) -> tuple[float, float]:
+        if end_m == (0.0, 0.0):
+            raise ValueError("got a link of length 0; allowed: longer than 0 m")
+        return end_m
+
+
+class LinksSection(Section):
+    """The three links of a leg."""
+
+    coxa: LinkSection
+    femur: LinkSection
+    tibia: LinkSection
+
+
+class JointSection(Section):
+    """Range, speed and torque of one joint."""
+
+    min_deg: AngleDeg
+    max_deg: AngleDeg
+    max_speed_deg_s: Positive
+    max_torque_nm: Positive
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Self:
+        if self.min_deg >= self.max_deg:
+            raise ValueError(f"min_deg {self.min_deg:g} is not below max_deg {self.max_deg:g}")
+        return self
+
+
+class JointsSection(Section):
+    """The three joints of a leg."""
+
+    coxa: JointSection
+    femur: JointSection
+    tibia: JointSection
+
+
+class StanceSection(Section):
+    """The nominal foot, from the coxa axis."""
+
+    outward_m: Length
+    up_m: Coordinate
+
+
+class ServoSection(Section):
+    """The simulated servo."""
+
+    stiffness_nm_per_rad: Positive
+    damping_nm_s_per_rad: Positive
+    rotor_inertia_kg_m2: Positive
+
+
+class GaitSection(Section):
+    """Default gait; amplitude and height are fractions of size_m."""
+
+    pace_hz: Annotated[float, Field(gt=0, le=10, allow_inf_nan=False)]
+    amplitude: Fraction
+    height: Fraction
+
+
+class RobotSchema(Section):
+    """A whole robot file."""
+
+    name: Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9_-]{0,39}$")]
+    description: str = ""
+    size_m: Length
+    body: BodySection
+    mounts: list[MountSection]
+    links: LinksSection
+    foot_radius_m: Length
+    joints: JointsSection
+    stance: StanceSection
+    servo: ServoSection
+    gait: GaitSection
+
+    @field_validator("mounts")
+    @classmethod
+    def _six(cls, mounts: list[MountSection]) -> list[MountSection]:
+        if len(mounts) != N_LEGS:
+            raise ValueError(f"got {len(mounts)} legs; allowed: exactly {N_LEGS}")
+        return mounts
