@@ -21,7 +21,8 @@ def stroke_vectors_m(robot: Robot, gait: Gait, motion: Motion) -> FloatArray:
     turn = turn_amplitude_m(robot, gait, motion.turn_rate_rad_s) / robot.stance_radius_m
     x, y = robot.stance_feet_body[:, 0], robot.stance_feet_body[:, 1]
     return np.stack(
-        [turn * y - travel * np.cos(motion.heading_rad), -turn * x - travel * np.sin(motion.heading_rad)], axis=-1
+        [turn * y - travel * np.cos(motion.heading_rad), -turn * x - travel * np.sin(motion.heading_rad)],
+        axis=-1,
     )
 
 
@@ -81,4 +82,5 @@ def feet_of_walks(
     stroke = (envelope * stroke_offset(u))[..., np.newaxis]
     lift = envelope * lift_offset(u) * per_walk(height_m, (1,))
     offsets = np.concatenate([stroke * per_walk(stroke_vectors, (6, 2)), lift[..., np.newaxis]], axis=-1)
-    return robot.stance_feet_body + offsets
+    feet: FloatArray = robot.stance_feet_body + offsets
+    return feet

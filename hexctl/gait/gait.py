@@ -63,7 +63,8 @@ class Motion:
     def __post_init__(self) -> None:
         if not (math.isfinite(self.heading_rad) and math.isfinite(self.turn_rate_rad_s)):
             raise InputError(
-                f"motion: got heading {self.heading_rad}, turn {self.turn_rate_rad_s}; allowed: finite numbers"
+                f"motion: got heading {self.heading_rad} and turn {self.turn_rate_rad_s} rad/s; "
+                "allowed: finite numbers"
             )
         if not 0 <= self.travel <= 1:
             raise InputError(f"travel: got {self.travel}; allowed: 0..1")

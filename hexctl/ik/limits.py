@@ -37,7 +37,8 @@ def check_joint_limits(robot: Robot, joint_positions_rad: FloatArray) -> None:
     leg, kind = divmod(int(joint), JOINTS_PER_LEG)
     low, high = np.degrees([robot.joint_lower_rad[joint], robot.joint_upper_rad[joint]])
     raise LimitError(
-        f"leg {leg + 1} {JOINT_KINDS[kind]}: needs {np.degrees(angle):.1f} deg; allowed: {low:g} to {high:g} deg"
+        f"leg {leg + 1} {JOINT_KINDS[kind]}: needs {np.degrees(angle):.1f} deg; "
+        f"allowed: {low:g} to {high:g} deg"
     )
 
 
@@ -48,4 +49,6 @@ def _reach_message(robot: Robot, feet_body: FloatArray, leg_index: int) -> str:
     distance = np.hypot(np.hypot(from_mount[:, 0], from_mount[:, 1]) - coxa[0], from_mount[:, 2] - coxa[1])
     least, most = leg_reach_m(femur, tibia)
     worst = distance[np.maximum(least - distance, distance - most).argmax()]
-    return f"leg {leg_index + 1}: foot {worst:.4f} m from its femur joint; allowed: {least:.4f} to {most:.4f} m"
+    return (
+        f"leg {leg_index + 1}: foot {worst:.4f} m from its femur joint; allowed: {least:.4f} to {most:.4f} m"
+    )

@@ -94,7 +94,11 @@ def _siblings(schema: type[BaseModel], location: tuple[int | str, ...]) -> list[
             continue
         annotation = here.model_fields[part].annotation
         here = next(
-            (inner for inner in [annotation, *getattr(annotation, "__args__", ())] if hasattr(inner, "model_fields")),
+            (
+                inner
+                for inner in [annotation, *getattr(annotation, "__args__", ())]
+                if hasattr(inner, "model_fields")
+            ),
             here,
         )
     return sorted(here.model_fields)

@@ -46,7 +46,9 @@ def parse_failure(leg: int, text: str) -> Failure:
     """
     kind, *details = text.split(":")
     most = {"stuck": 2, "weak": 1}.get(kind, 0)
-    _require(len(details) <= most, "failure", text, "locked, limp, missing, weak:FRACTION, stuck:JOINT:DEGREES")
+    _require(
+        len(details) <= most, "failure", text, "locked, limp, missing, weak:FRACTION, stuck:JOINT:DEGREES"
+    )
     if kind == "weak" and details:
         return Failure(leg=leg, kind=kind, torque_fraction=_number(details[0], text))
     if kind == "stuck" and details:

@@ -81,14 +81,18 @@ def _mounts(mounts: list[MountSection]) -> tuple[FloatArray, FloatArray]:
 def _stance_feet(schema: RobotSchema, positions: FloatArray, yaws: FloatArray) -> FloatArray:
     """Return the nominal feet in the body frame, (6, 3)."""
     outward = np.stack([np.cos(yaws), np.sin(yaws), np.zeros(N_LEGS)], axis=-1)
-    return positions + schema.stance.outward_m * outward + np.array([0.0, 0.0, schema.stance.up_m])
+    feet: FloatArray = positions + schema.stance.outward_m * outward
+    feet[:, 2] += schema.stance.up_m
+    return feet
 
 
 def _stance_angles(schema: RobotSchema, links: list[LinkSection]) -> list[float]:
     """Return coxa, femur and tibia angle of the nominal stance."""
     coxa, femur, tibia = (link.end_m for link in links)
     try:
-        femur_rad, tibia_rad = stance_angles(coxa, femur, tibia, (schema.stance.outward_m, schema.stance.up_m))
+        femur_rad, tibia_rad = stance_angles(
+            coxa, femur, tibia, (schema.stance.outward_m, schema.stance.up_m)
+        )
     except InputError as error:
         raise InputError(f"stance: out of reach: {error}") from error
     return [0.0, femur_rad, tibia_rad]
@@ -111,7 +115,8 @@ def _check_leg_order(robot: Robot) -> None:
     if not math.isclose(gaps.sum(), math.tau, rel_tol=1e-6):
         degrees = ", ".join(f"{azimuth:.0f}" for azimuth in np.degrees(robot.leg_azimuths_rad))
         raise InputError(
-            f"mounts: the feet stand at azimuths {degrees} deg; allowed: counter-clockwise from leg 1 to leg 6"
+            f"mounts: the feet stand at azimuths {degrees} deg; "
+            "allowed: counter-clockwise from leg 1 to leg 6"
         )
 
 
@@ -122,5 +127,6 @@ def _check_foot_spacing(robot: Robot) -> None:
     least = 2 * robot.foot_radius_m
     if spacing.min() < least:
         raise InputError(
-            f"mounts: feet {leg} and {leg % N_LEGS + 1} stand {spacing.min():.4f} m apart; allowed: {least:g} m or more"
+            f"mounts: feet {leg} and {leg % N_LEGS + 1} stand {spacing.min():.4f} m apart; "
+            f"allowed: {least:g} m or more"
         )

@@ -39,7 +39,7 @@ class ServoModel:
     rotor_inertia_kg_m2: float
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Robot:
     """One hexapod. Body frame: x forward, y left, z up, origin at the height of the mounts' reference.
 

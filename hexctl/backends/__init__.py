@@ -1,0 +1,1 @@
+"""Leg servos: the abstract interface, its clocks, and what implements it."""

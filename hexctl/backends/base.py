@@ -1,0 +1,62 @@
+"""The abstract leg-servo interface: the only way to a robot, simulated or real."""
+
+from abc import ABC, abstractmethod
+from types import TracebackType
+from typing import Self
+
+from hexctl.backends.clock import Clock
+from hexctl.robot.messages import JointTargets, RobotState
+from hexctl.robot.model import Robot
+
+
+class LegServos(ABC):
+    """Eighteen leg servos with a clock.
+
+    `robot` and `clock` can be read before `connect`. One tick is: `clock.tick()`, `read()`, `write()`.
+    `hexctl.backends.conformance` states what every implementation must do, as tests.
+    """
+
+    @property
+    @abstractmethod
+    def robot(self) -> Robot:
+        """Return the description of the robot at the other end."""
+
+    @property
+    @abstractmethod
+    def clock(self) -> Clock:
+        """Return the clock that says when the next tick is due."""
+
+    @abstractmethod
+    def connect(self) -> None:
+        """Reach the robot; a second call changes nothing.
+
+        Raises RobotFaultError when it cannot be reached.
+        """
+
+    @abstractmethod
+    def read(self) -> RobotState:
+        """Return the newest state; never waits for one.
+
+        Raises RobotFaultError when not connected or when the robot has gone.
+        """
+
+    @abstractmethod
+    def write(self, targets: JointTargets) -> JointTargets:
+        """Send targets and return what was really sent.
+
+        Raises CommandRefusedError for targets of another shape or with a value that is not finite, and
+        RobotFaultError when not connected.
+        """
+
+    @abstractmethod
+    def close(self) -> None:
+        """Let go of the robot and everything opened; a second call changes nothing."""
+
+    def __enter__(self) -> Self:
+        self.connect()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()

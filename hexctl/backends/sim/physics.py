@@ -1,0 +1,160 @@
+"""Compile robot, world and failure into one dm_control Physics in its start state."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from dm_control import mjcf
+
+from hexctl.backends.clock import PERIOD_S
+from hexctl.backends.sim.body import NO_CONTACT, make_body
+from hexctl.backends.sim.failures import inject_failure
+from hexctl.backends.sim.terrain import ROUGH_CELLS, ROUGH_HALF_SIZE_M, Floor, make_floor
+from hexctl.backends.sim.world import World
+from hexctl.robot.failure import Failure
+from hexctl.robot.joints import JOINT_KINDS, N_JOINTS, N_LEGS
+from hexctl.robot.messages import BoolArray, FloatArray
+from hexctl.robot.model import Robot
+
+TIME_STEP_S = 0.002
+STEPS_PER_TICK = round(PERIOD_S / TIME_STEP_S)
+
+#: Where the joints begin in qpos: after the free joint's position and quaternion.
+FIRST_JOINT = 7
+
+
+@dataclass(frozen=True, slots=True)
+class Simulation:
+    """A compiled simulation in its start state, and what the servos must know of it.
+
+    Attributes:
+        physics: dm_control Physics; qpos is base position, base quaternion, 18 joints.
+        floor: the floor it stands on.
+        joint_offsets_rad: calibration error per joint: true angle - angle the servo believes, (18,).
+        jammed: joints that hold `jammed_at_rad` whatever they are told, (18,).
+        jammed_at_rad: (18,).
+    """
+
+    physics: Any
+    floor: Floor
+    joint_offsets_rad: FloatArray
+    jammed: BoolArray
+    jammed_at_rad: FloatArray
+
+    def controls(self, positions_rad: FloatArray) -> FloatArray:
+        """Return what the actuators get for joint targets, any leading shape + (18,)."""
+        return np.where(self.jammed, self.jammed_at_rad, positions_rad + self.joint_offsets_rad)
+
+
+def make_simulation(robot: Robot, world: World, failure: Failure | None = None, seed: int = 0) -> Simulation:
+    """Return the simulation of a robot that stands in a world, with a failed leg if one is given."""
+    floor = make_floor(world, seed)
+    body = make_body(robot)
+    _load_payload(body, world)
+    root = _make_world(world, floor)
+    root.attach(body).add("freejoint")
+    physics = mjcf.Physics.from_mjcf_model(root)
+    # The plain mj_step order, which mujoco.batch also takes: results are then equal to the last bit.
+    physics.legacy_step = False
+    _check_order(physics)
+    _fill_heights(physics, floor)
+    _scale_servos(physics, world)
+    jammed, jammed_at = inject_failure(physics, robot, failure)
+    _set_start_state(physics, robot, floor)
+    offsets = _joint_offsets(world, seed)
+    return Simulation(physics, floor, offsets, jammed, jammed_at)
+
+
+def _load_payload(body: Any, world: World) -> None:
+    """Put the payload on the trunk, as a mass without contact."""
+    if world.payload_kg:
+        trunk = body.find("body", "trunk")
+        trunk.add(
+            "geom",
+            name="payload",
+            type="box",
+            size=[0.02, 0.02, 0.02],
+            pos=world.payload_position_m,
+            mass=world.payload_kg,
+            **NO_CONTACT,
+        )
+
+
+def _make_world(world: World, floor: Floor) -> Any:
+    """Return an mjcf model with the physics options and the floor."""
+    root = mjcf.RootElement(model="world")
+    root.compiler.angle = "radian"
+    root.option.timestep = TIME_STEP_S
+    root.option.integrator = "implicitfast"
+    contact = {
+        "contype": 1,
+        "conaffinity": 0,
+        "friction": [world.friction, 0.005, 0.0001],
+        "priority": 1,  # the floor's friction counts, whatever the feet are made of
+        "quat": floor.quaternion_world,
+    }
+    depth = 0.0
+    if floor.heights_m is not None:
+        low, high = floor.heights_m.min(), floor.heights_m.max()
+        root.asset.add(
+            "hfield",
+            name="bumps",
+            nrow=ROUGH_CELLS,
+            ncol=ROUGH_CELLS,
+            size=[ROUGH_HALF_SIZE_M, ROUGH_HALF_SIZE_M, high - low, 0.1],
+        )
+        root.worldbody.add(
+            "geom", name="bumps", type="hfield", hfield="bumps", pos=low * floor.normal_world, **contact
+        )
+        depth = low
+    root.worldbody.add(
+        "geom", name="floor", type="plane", size=[0, 0, 1], pos=depth * floor.normal_world, **contact
+    )
+    return root
+
+
+def _check_order(physics: Any) -> None:
+    """Make sure that joints and actuators lie in leg-major order, which every array relies on."""
+    expected = [f"leg{leg}/{kind}" for leg in range(1, N_LEGS + 1) for kind in JOINT_KINDS]
+    model = physics.model
+    joints = [model.id2name(index, "joint") for index in range(1, N_JOINTS + 1)]
+    actuators = [model.id2name(index, "actuator") for index in range(N_JOINTS)]
+    for names in (joints, actuators):
+        if [name.split("/", 1)[1] for name in names] != expected:
+            raise RuntimeError(f"the compiled model has an unexpected order: {names}")
+
+
+def _fill_heights(physics: Any, floor: Floor) -> None:
+    """Write the bumps into the compiled height field, which wants 0..1."""
+    if floor.heights_m is not None:
+        spread = floor.heights_m - floor.heights_m.min()
+        physics.model.hfield_data[:] = (spread / spread.max()).ravel()
+
+
+def _scale_servos(physics: Any, world: World) -> None:
+    """Weaken or soften the servos as the world says."""
+    model = physics.model
+    model.actuator_forcerange[:] *= world.servo_strength
+    model.actuator_gainprm[:, 0] *= world.servo_stiffness
+    model.actuator_biasprm[:, 1] *= world.servo_stiffness
+
+
+def _set_start_state(physics: Any, robot: Robot, floor: Floor) -> None:
+    """Put the robot on the floor in its nominal stance."""
+    radius = robot.stance_radius_m + 2 * robot.foot_radius_m
+    height = robot.standing_height_m + max(0.0, floor.highest_near_origin_m(radius))
+    data = physics.data
+    data.qpos[:3] = height * floor.normal_world
+    data.qpos[3:FIRST_JOINT] = floor.quaternion_world
+    data.qpos[FIRST_JOINT:] = robot.stance_angles_rad
+    data.ctrl[:] = robot.stance_angles_rad
+    physics.forward()
+
+
+def _joint_offsets(world: World, seed: int) -> FloatArray:
+    """Return the calibration errors of a world."""
+    given = world.joint_offset_deg
+    if isinstance(given, tuple):
+        return np.radians(given)
+    # A stream of its own, so that bumps and offsets do not depend on one another.
+    return np.random.default_rng([seed, 1]).normal(scale=np.radians(given), size=N_JOINTS)

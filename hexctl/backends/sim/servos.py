@@ -1,0 +1,109 @@
+"""The simulated robot as LegServos."""
+
+import numpy as np
+from dm_control.rl.control import PhysicsError
+
+from hexctl.backends.base import LegServos
+from hexctl.backends.checks import check_connected, check_targets
+from hexctl.backends.clock import Clock, WallClock
+from hexctl.backends.sim.clock import SimClock
+from hexctl.backends.sim.noise import Noise
+from hexctl.backends.sim.physics import FIRST_JOINT, STEPS_PER_TICK, Simulation, make_simulation
+from hexctl.backends.sim.world import World
+from hexctl.errors import SimulationDivergedError
+from hexctl.robot.failure import Failure
+from hexctl.robot.messages import JointTargets, RobotState
+from hexctl.robot.model import Robot
+
+
+class SimServos(LegServos):
+    """A MuJoCo hexapod in a world, with a failed leg if one is given.
+
+    Deterministic for the same robot, world, failure, seed and library versions. With `realtime` the clock
+    waits for the wall; otherwise physics runs as fast as it can.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        *,
+        world: World | None = None,
+        failure: Failure | None = None,
+        seed: int = 0,
+        realtime: bool = False,
+    ) -> None:
+        self._robot = robot
+        self.world = world or World()
+        self.failure = failure
+        self.seed = seed
+        self._clock = SimClock(self._step, WallClock() if realtime else None)
+        self._simulation: Simulation | None = None
+
+    @property
+    def robot(self) -> Robot:
+        """Return the simulated robot."""
+        return self._robot
+
+    @property
+    def clock(self) -> Clock:
+        """Return the clock that steps the physics."""
+        return self._clock
+
+    @property
+    def simulation(self) -> Simulation:
+        """Return the compiled simulation.
+
+        Raises RobotFaultError before `connect`.
+        """
+        check_connected(self._simulation is not None, "the simulated robot")
+        assert self._simulation is not None  # noqa: S101  narrows the type after the check
+        return self._simulation
+
+    def connect(self) -> None:
+        """Compile the model and stand the robot on the floor."""
+        if self._simulation is not None:
+            return
+        simulation = make_simulation(self._robot, self.world, self.failure, self.seed)
+        self._simulation = simulation
+        self.noise = Noise(self.world.sensor_noise, self.seed)
+        data = simulation.physics.data.ptr
+        # Views of MuJoCo's own memory: they stay valid and save the wrapper's cost on every tick.
+        self._qpos, self._ctrl, self._touch = data.qpos, data.ctrl, data.sensordata
+        self._plain = not (simulation.jammed.any() or simulation.joint_offsets_rad.any())
+
+    def read(self) -> RobotState:
+        """Return the state after the last tick, with the world's sensor noise."""
+        check_connected(self._simulation is not None, "the simulated robot")
+        qpos = self._qpos.copy()
+        joints, position, quaternion = qpos[FIRST_JOINT:], qpos[:3], qpos[3:FIRST_JOINT]
+        if not self._plain:
+            joints = joints - self.simulation.joint_offsets_rad
+        if not self.noise.silent:
+            joints = joints + self.noise.joints_rad
+            position = position + self.noise.position_m
+            quaternion = self.noise.turned(quaternion)
+        now_s = self._clock.now_s
+        return RobotState(joints, now_s, True, position, quaternion, self._touch > 0)
+
+    def write(self, targets: JointTargets) -> JointTargets:
+        """Give the targets to the simulated servos; a jammed joint ignores them."""
+        check_connected(self._simulation is not None, "the simulated robot")
+        check_targets(targets)
+        positions = targets.positions_rad
+        np.copyto(self._ctrl, positions if self._plain else self.simulation.controls(positions))
+        return targets
+
+    def close(self) -> None:
+        """Free the simulation."""
+        if self._simulation is not None:
+            self._simulation.physics.free()
+            self._simulation = None
+            del self._qpos, self._ctrl, self._touch
+
+    def _step(self) -> None:
+        """Step the physics by one control period."""
+        try:
+            self.simulation.physics.step(STEPS_PER_TICK)
+        except PhysicsError as error:
+            raise SimulationDivergedError(f"the simulation became unstable: {error}") from error
+        self.noise.draw()

@@ -1,0 +1,61 @@
+"""The floor of a world: even or rough, level or sloping."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from hexctl.backends.sim.world import World
+from hexctl.robot.messages import FloatArray
+
+#: Half side of the rough patch; the floor beyond it is even.
+ROUGH_HALF_SIZE_M = 8.0
+ROUGH_CELLS = 400
+
+
+@dataclass(frozen=True, slots=True)
+class Floor:
+    """The floor as numbers, for the physics and for drawing.
+
+    Attributes:
+        quaternion_world: orientation of the floor's plane (w, x, y, z).
+        normal_world: unit vector out of the floor.
+        heights_m: (rows along y, columns along x) above the plane, or None for an even floor.
+    """
+
+    quaternion_world: FloatArray
+    normal_world: FloatArray
+    heights_m: FloatArray | None
+
+    def highest_near_origin_m(self, radius_m: float) -> float:
+        """Return the greatest height within a radius of the origin."""
+        if self.heights_m is None:
+            return 0.0
+        axis = np.linspace(-ROUGH_HALF_SIZE_M, ROUGH_HALF_SIZE_M, ROUGH_CELLS)
+        near = np.hypot(axis[:, np.newaxis], axis) <= radius_m
+        return float(self.heights_m[near].max())
+
+
+def make_floor(world: World, seed: int) -> Floor:
+    """Return the floor of a world; the bumps are drawn with the seed."""
+    slope, uphill = math.radians(world.slope_deg), math.radians(world.slope_direction_deg)
+    # Turning x toward z is a negative turn about y, so uphill along x turns about -y.
+    axis = np.array([math.sin(uphill), -math.cos(uphill), 0.0])
+    quaternion = np.concatenate([[math.cos(slope / 2)], math.sin(slope / 2) * axis])
+    normal = np.array(
+        [-math.sin(slope) * math.cos(uphill), -math.sin(slope) * math.sin(uphill), math.cos(slope)]
+    )
+    heights = _bumps(world, seed) if world.roughness_m else None
+    return Floor(quaternion, normal, heights)
+
+
+def _bumps(world: World, seed: int) -> FloatArray:
+    """Return Gaussian-correlated noise of the wanted standard deviation, smoothed in the Fourier domain."""
+    white = np.random.default_rng(seed).standard_normal((ROUGH_CELLS, ROUGH_CELLS))
+    cell_m = 2 * ROUGH_HALF_SIZE_M / ROUGH_CELLS
+    frequency = np.fft.fftfreq(ROUGH_CELLS, d=cell_m)
+    squared = frequency[:, np.newaxis] ** 2 + frequency**2
+    smoothing = np.exp(-0.5 * squared * (math.pi * world.roughness_length_m / 2) ** 2)
+    smooth: FloatArray = np.fft.ifft2(np.fft.fft2(white) * smoothing).real
+    smooth *= world.roughness_m / smooth.std()
+    return smooth

@@ -1,0 +1,58 @@
+"""What a trial shall do: a plain, picklable value."""
+
+import math
+from dataclasses import dataclass
+
+from hexctl.errors import InputError
+from hexctl.gait.gait import Gait, Motion
+from hexctl.robot.failure import Failure
+
+SELF_ROTATIONS = ("rear", "front", "none")
+MAX_DURATION_S = 86_400.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TrialPlan:
+    """Settle, turn a failed leg away, walk, stop.
+
+    Attributes:
+        gait: how to walk.
+        heading_rad: direction of travel, from where the body points when the trial begins.
+        travel: 1 to travel, 0 to stay on the spot.
+        turn_rate_rad_s: commanded yaw rate during the walk.
+        duration_s: how long to walk, the soft start included and the soft stop not.
+        failure: the failed leg; a `locked` one is held in its stance pose by the controller too.
+        self_rotation: where the failed leg shall point before the walk: `rear`, `front` or `none` (as it is).
+        settle_s: time to reach the stance and come to rest.
+    """
+
+    gait: Gait
+    heading_rad: float = 0.0
+    travel: float = 1.0
+    turn_rate_rad_s: float = 0.0
+    duration_s: float = 30.0
+    failure: Failure | None = None
+    self_rotation: str = "rear"
+    settle_s: float = 1.0
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.duration_s) and 0 < self.duration_s <= MAX_DURATION_S):
+            raise InputError(
+                f"duration: got {self.duration_s:g}; allowed: above 0 up to {MAX_DURATION_S:g} s"
+            )
+        if self.self_rotation not in SELF_ROTATIONS:
+            raise InputError(f"self-rotation: got {self.self_rotation}; allowed: {', '.join(SELF_ROTATIONS)}")
+        if not (math.isfinite(self.settle_s) and self.settle_s > 0):
+            raise InputError(f"settle time: got {self.settle_s:g}; allowed: above 0 s")
+        self.motion(0.0)
+
+    def motion(self, yaw_rad: float) -> Motion:
+        """Return the motion as seen from a body that has turned by a yaw since the trial began."""
+        return Motion(
+            heading_rad=self.heading_rad - yaw_rad, travel=self.travel, turn_rate_rad_s=self.turn_rate_rad_s
+        )
+
+    @property
+    def held_legs(self) -> tuple[int, ...]:
+        """Return the legs that the controller keeps in their stance pose."""
+        return (self.failure.leg,) if self.failure and self.failure.kind == "locked" else ()

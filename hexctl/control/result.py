@@ -1,0 +1,140 @@
+"""What a trial came to: distance, the four deviations and a status."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from hexctl.control.frame import TrialFrame
+from hexctl.control.plan import TrialPlan
+from hexctl.gait.gait import ideal_speed_m_s
+from hexctl.gait.ramp import RAMP_DURATION_S
+from hexctl.robot.messages import FloatArray
+from hexctl.robot.model import Robot
+from hexctl.robot.rotation import yaw_rad
+
+#: A walk with less than this share of the ideal distance made no progress.
+PROGRESS_FLOOR = 0.5
+
+#: `ok` is the only valid outcome; the others rank behind every valid trial.
+STATUSES = ("ok", "fell", "diverged", "no_progress", "aborted")
+
+
+@dataclass(frozen=True, slots=True)
+class Deviation:
+    """Distance from the line of travel in m.
+
+    Attributes:
+        final: at the end, absolute (the paper's F).
+        mean: mean of the absolute deviation over the walk.
+        max: greatest absolute deviation.
+        signed: at the end, positive to the left.
+    """
+
+    final: float
+    mean: float
+    max: float
+    signed: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TrialResult:
+    """The outcome of one trial; distances are None where the robot knows no pose or never set out.
+
+    Attributes:
+        status: one of `STATUSES`.
+        duration_s: how long it walked.
+        distance_m: progress along the heading.
+        ideal_distance_m: 1.5 * A * pace * duration.
+        deviation: from the line of travel.
+        yaw_change_rad: how far the body turned during the walk, counter-clockwise, whole turns counted.
+        clipped_ticks: ticks in which the guard changed the targets.
+        path_m: progress and signed deviation at each tick of the walk, (T, 2).
+    """
+
+    status: str
+    duration_s: float
+    distance_m: float | None
+    ideal_distance_m: float
+    deviation: Deviation | None
+    yaw_change_rad: float | None
+    clipped_ticks: int
+    path_m: FloatArray
+
+    @property
+    def valid(self) -> bool:
+        """Return whether the trial may be ranked by its deviation."""
+        return self.status == "ok"
+
+    def numbers(self) -> dict[str, Any]:
+        """Return the outcome as plain JSON values, angles in degrees."""
+        deviation = self.deviation
+        return {
+            "duration_s": round(self.duration_s, 6),
+            "distance_m": self.distance_m,
+            "ideal_distance_m": self.ideal_distance_m,
+            "deviation_m": {
+                name: None if deviation is None else getattr(deviation, name)
+                for name in ("final", "mean", "max", "signed")
+            },
+            "yaw_change_deg": None if self.yaw_change_rad is None else float(np.degrees(self.yaw_change_rad)),
+            "status": self.status,
+            "clipped_ticks": self.clipped_ticks,
+        }
+
+
+def score(
+    robot: Robot,
+    plan: TrialPlan,
+    *,
+    status: str,
+    duration_s: float,
+    clipped_ticks: int,
+    frame: TrialFrame | None,
+    positions_world: FloatArray,
+    quaternions_world: FloatArray,
+) -> TrialResult:
+    """Return the result of a walk.
+
+    Args:
+        robot: who walked.
+        plan: what was asked for.
+        status: how the walk ended; a walk that is `ok` so far may still have made no progress.
+        duration_s: how long it walked.
+        clipped_ticks: ticks in which the guard changed the targets.
+        frame: the trial frame, None where the robot knows no pose or never set out.
+        positions_world: base positions of the walk, (T, 3).
+        quaternions_world: base orientations of the walk, (T, 4).
+    """
+    ideal_speed = ideal_speed_m_s(robot, plan.gait, plan.motion(0.0))
+    if frame is None or not len(positions_world):
+        path = np.zeros((0, 2))
+        distance = deviation = yaw_change = None
+    else:
+        path = frame.path(positions_world)
+        distance, signed = (float(value) for value in path[-1])
+        off = np.abs(path[:, 1])
+        deviation = Deviation(float(off[-1]), float(off.mean()), float(off.max()), signed)
+        yaws = np.unwrap(np.concatenate([[frame.yaw_rad], yaw_rad(quaternions_world)]))
+        yaw_change = float(yaws[-1] - yaws[0])
+    straight = plan.travel > 0 and plan.turn_rate_rad_s == 0
+    floor_m = PROGRESS_FLOOR * ideal_speed * _ramped_duration_s(duration_s)
+    if status == "ok" and straight and distance is not None and distance < floor_m:
+        status = "no_progress"
+    return TrialResult(
+        status=status,
+        duration_s=duration_s,
+        distance_m=distance,
+        ideal_distance_m=ideal_speed * duration_s,
+        deviation=deviation,
+        yaw_change_rad=yaw_change,
+        clipped_ticks=clipped_ticks,
+        path_m=path,
+    )
+
+
+def _ramped_duration_s(duration_s: float) -> float:
+    """Return the time at full stride that the soft start leaves of a duration."""
+    if duration_s < RAMP_DURATION_S:
+        return duration_s**2 / (2 * RAMP_DURATION_S)
+    return duration_s - RAMP_DURATION_S / 2

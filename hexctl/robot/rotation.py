@@ -1,0 +1,24 @@
+"""Yaw and tilt of an orientation quaternion (w, x, y, z), z up."""
+
+import math
+
+import numpy as np
+
+from hexctl.robot.messages import FloatArray
+
+
+def yaw_rad(quaternion: FloatArray) -> FloatArray:
+    """Return the rotation about the vertical, any leading shape + (4,) to leading shape, in (-pi, pi]."""
+    w, x, y, z = (quaternion[..., index] for index in range(4))
+    return np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+
+
+def cos_tilt(quaternion: FloatArray) -> FloatArray:
+    """Return the cosine of the angle between the body's z axis and the vertical."""
+    x, y = quaternion[..., 1], quaternion[..., 2]
+    return 1 - 2 * (x * x + y * y)
+
+
+def wrapped_rad(angle_rad: float) -> float:
+    """Return an angle in [-pi, pi]."""
+    return math.remainder(angle_rad, math.tau)
