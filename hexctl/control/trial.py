@@ -13,7 +13,6 @@ from hexctl.control.plan import TrialPlan
 from hexctl.control.result import TrialResult, score
 from hexctl.control.turning import CLOSE_ENOUGH_RAD, Turn, turn_needed_rad
 from hexctl.errors import EStopError, SimulationDivergedError
-from hexctl.gait.gait import Motion
 from hexctl.robot.messages import RobotState
 from hexctl.robot.rotation import yaw_rad
 
@@ -23,9 +22,14 @@ PAUSE_S = 0.5
 
 @dataclass(frozen=True, slots=True)
 class StartLine:
-    """The robot stands ready: how to walk, as seen from its body, and the trial frame if it knows one."""
+    """The robot stands ready to walk.
 
-    motion: Motion
+    Attributes:
+        turned_rad: how far the body has turned since the trial began.
+        frame: the trial frame, or None where the robot knows no pose.
+    """
+
+    turned_rad: float
     frame: TrialFrame | None
 
 
@@ -85,7 +89,7 @@ def prepare(servos: Guard, plan: TrialPlan, log: TickLog, stop_requested: StopRe
     log.phase = "settle"
     state = _stand(servos, plan.settle_s, log)
     if state.base_position_world is None or state.base_quaternion_world is None:
-        return StartLine(plan.motion(0.0), None)
+        return StartLine(0.0, None)
     first_yaw_rad = float(yaw_rad(state.base_quaternion_world))
     turn_rad = turn_needed_rad(servos.robot, plan)
     if abs(turn_rad) > CLOSE_ENOUGH_RAD:
@@ -97,14 +101,7 @@ def prepare(servos: Guard, plan: TrialPlan, log: TickLog, stop_requested: StopRe
     assert state.base_quaternion_world is not None  # noqa: S101
     yaw = float(yaw_rad(state.base_quaternion_world))
     frame = TrialFrame(state.base_position_world, first_yaw_rad + plan.heading_rad, yaw)
-    return StartLine(plan.motion(yaw - first_yaw_rad), frame)
-
-
-def make_walk(servos: Guard, plan: TrialPlan, start: StartLine) -> Walk:
-    """Return the controller that walks a plan from its start line."""
-    return Walk(
-        servos.robot, plan.gait, start.motion, period_s=servos.clock.period_s, held_legs=plan.held_legs
-    )
+    return StartLine(yaw - first_yaw_rad, frame)
 
 
 def ticks_of(servos: Guard, duration_s: float) -> int:
@@ -130,9 +127,9 @@ def _walk(
 ) -> None:
     """Walk for the plan's duration, or until a stop is requested, and let the strides run out."""
     last = ticks_of(servos, plan.duration_s) - 1
-    walk = Walk(
-        servos.robot, plan.gait, start.motion, period_s=servos.clock.period_s, held_legs=plan.held_legs
-    )
+    motion = plan.motion(start.turned_rad)
+    period_s = servos.clock.period_s
+    walk = Walk(servos.robot, plan.gait, motion, period_s=period_s, held_legs=plan.held_legs)
     log.phase, log.frame = "walk", start.frame
     step, _ = drive(servos, walk, log, lambda step, _: step >= last or stop_requested())
     if soft_stop:
@@ -145,4 +142,5 @@ def _walk(
 def _walked_s(log: TickLog, rows: slice, period_s: float) -> float:
     """Return the time that the rows of the walk span, points that the clock skipped included."""
     times = log["time_s"][rows]
-    return float(times[-1] - times[0]) + period_s if times.size else 0.0
+    ticks = round((times[-1] - times[0]) / period_s) + 1 if times.size else 0
+    return ticks * period_s

@@ -1,14 +1,42 @@
 """Find and read configuration files: a shipped name or a path to a YAML, always one mapping."""
 
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Annotated, Any, TypeVar
 
 import yaml
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel, BeforeValidator, ValidationError
 
 from hexctl.errors import InputError
+from hexctl.robot.problems import first_problem, shown, yaml_problem
 
 SchemaT = TypeVar("SchemaT", bound=BaseModel)
+
+
+def _not_a_switch(value: object) -> object:
+    """Refuse YAML's yes, no, on, off, true and false, which Python would count as 1 and 0."""
+    if isinstance(value, bool):
+        raise ValueError(f"got {value}; allowed: a number")
+    return value
+
+
+#: A number of a configuration file.
+Number = Annotated[float, BeforeValidator(_not_a_switch)]
+
+
+class _Loader(yaml.SafeLoader):
+    """Plain YAML without tags of its own, which refuses a key that is given twice."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        seen: set[str] = set()
+        for key, _ in node.value:
+            if not isinstance(key, yaml.ScalarNode):
+                continue
+            if key.value in seen:
+                raise yaml.constructor.ConstructorError(
+                    problem=f"the key {shown(key.value)} is given twice", problem_mark=key.start_mark
+                )
+            seen.add(key.value)
+        return super().construct_mapping(node, deep)
 
 
 def config_root() -> Path:
@@ -30,9 +58,9 @@ def find_config(kind: str, name_or_path: str | Path) -> Path:
     """
     text = str(name_or_path)
     if Path(text).suffix or "/" in text:
-        if Path(text).is_file():
+        if _is_file(text):
             return Path(text)
-        raise InputError(f"no {kind[:-1]} file at {text}; give a YAML file or one of {_listed(kind)}")
+        raise InputError(f"no {kind[:-1]} file at {text!r}; allowed: a YAML file, or one of {_listed(kind)}")
     if text in config_names(kind):
         return config_root() / kind / f"{text}.yaml"
     raise InputError(f"unknown {kind[:-1]} {text!r}; allowed: {_listed(kind)}, or a path to a YAML file")
@@ -44,16 +72,15 @@ def read_mapping(path: Path) -> dict[str, Any]:
     Raises InputError for a file that cannot be read, is not YAML, or holds something else.
     """
     try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+        content = yaml.load(path.read_text(encoding="utf-8"), Loader=_Loader)  # noqa: S506  a SafeLoader
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: cannot be read as text: {error}") from error
     except (yaml.YAMLError, RecursionError, ValueError) as error:
-        problem = " ".join(str(error).split())[:160]
-        raise InputError(f"{path}: is not valid YAML: {problem}") from error
+        raise InputError(f"{path}: is not valid YAML: {yaml_problem(error)}") from error
     if content is None:
         return {}
     if not isinstance(content, dict):
-        raise InputError(f"{path}: holds a {type(content).__name__}; allowed: a mapping of key: value")
+        raise InputError(f"{path}: got {shown(content)}; allowed: a mapping of key: value")
     return content
 
 
@@ -65,43 +92,15 @@ def validate(schema: type[SchemaT], content: dict[str, Any], path: Path) -> Sche
     try:
         return schema.model_validate(content)
     except ValidationError as error:
-        raise InputError(f"{path}: {_first_problem(schema, error)}") from error
+        raise InputError(f"{path}: {first_problem(schema, error)}") from error
 
 
-def _first_problem(schema: type[BaseModel], error: ValidationError) -> str:
-    """Describe the first problem of a validation in one line."""
-    problems = error.errors(include_url=False)
-    problem = problems[0]
-    key = ".".join(str(part) for part in problem["loc"]) or "the file"
-    more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
-    if problem["type"] == "extra_forbidden":
-        return f"unknown key {key}; allowed here: {', '.join(_siblings(schema, problem['loc']))}{more}"
-    if problem["type"] == "missing":
-        return f"{key} is missing{more}"
-    message = problem["msg"].removeprefix("Value error, ")
-    if problem["type"] == "value_error":
-        return f"{key}: {message}{more}"
-    shown = repr(problem["input"])
-    shown = shown if len(shown) <= 60 else shown[:57] + "..."
-    return f"{key}: got {shown}; allowed: {message[0].lower()}{message[1:]}{more}"
-
-
-def _siblings(schema: type[BaseModel], location: tuple[int | str, ...]) -> list[str]:
-    """Return the keys that are allowed where an unknown key stands."""
-    here: Any = schema
-    for part in location[:-1]:
-        if isinstance(part, int):
-            continue
-        annotation = here.model_fields[part].annotation
-        here = next(
-            (
-                inner
-                for inner in [annotation, *getattr(annotation, "__args__", ())]
-                if hasattr(inner, "model_fields")
-            ),
-            here,
-        )
-    return sorted(here.model_fields)
+def _is_file(text: str) -> bool:
+    """Return whether a path names a file; one that the system cannot even look up does not."""
+    try:
+        return Path(text).is_file()
+    except (OSError, ValueError):
+        return False
 
 
 def _listed(kind: str) -> str:

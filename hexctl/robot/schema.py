@@ -4,14 +4,15 @@ from typing import Annotated, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
+from hexctl.robot.configs import Number
 from hexctl.robot.joints import N_LEGS
 
-Length = Annotated[float, Field(gt=0, le=10, allow_inf_nan=False)]
-Coordinate = Annotated[float, Field(ge=-10, le=10, allow_inf_nan=False)]
-Mass = Annotated[float, Field(gt=0, le=1000, allow_inf_nan=False)]
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-AngleDeg = Annotated[float, Field(ge=-360, le=360, allow_inf_nan=False)]
-Fraction = Annotated[float, Field(gt=0, le=1, allow_inf_nan=False)]
+Length = Annotated[Number, Field(gt=0, le=10, allow_inf_nan=False)]
+Coordinate = Annotated[Number, Field(ge=-10, le=10, allow_inf_nan=False)]
+Mass = Annotated[Number, Field(gt=0, le=1000, allow_inf_nan=False)]
+Positive = Annotated[Number, Field(gt=0, allow_inf_nan=False)]
+AngleDeg = Annotated[Number, Field(ge=-360, le=360, allow_inf_nan=False)]
+Fraction = Annotated[Number, Field(gt=0, le=1, allow_inf_nan=False)]
 
 
 class Section(BaseModel):
@@ -41,7 +42,8 @@ class MountSection(Section):
         cartesian = (self.position_m is not None) + (self.yaw_deg is not None)
         radial = (self.radius_m is not None) + (self.azimuth_deg is not None)
         if (cartesian, radial) not in ((2, 0), (0, 2)):
-            raise ValueError("a mount has either position_m and yaw_deg, or radius_m and azimuth_deg")
+            got = ", ".join(sorted(self.model_fields_set)) or "no key"
+            raise ValueError(f"got {got}; allowed: position_m and yaw_deg, or radius_m and azimuth_deg")
         return self
 
 
@@ -56,7 +58,7 @@ class LinkSection(Section):
     @classmethod
     def _has_length(cls, end_m: tuple[float, float]) -> tuple[float, float]:
         if end_m == (0.0, 0.0):
-            raise ValueError("got a link of length 0; allowed: longer than 0 m")
+            raise ValueError("got a link of length 0; allowed: above 0 m")
         return end_m
 
 
@@ -79,7 +81,9 @@ class JointSection(Section):
     @model_validator(mode="after")
     def _ordered(self) -> Self:
         if self.min_deg >= self.max_deg:
-            raise ValueError(f"min_deg {self.min_deg:g} is not below max_deg {self.max_deg:g}")
+            raise ValueError(
+                f"got min_deg {self.min_deg:g} and max_deg {self.max_deg:g}; allowed: min_deg below max_deg"
+            )
         return self
 
 
@@ -109,7 +113,7 @@ class ServoSection(Section):
 class GaitSection(Section):
     """Default gait; amplitude and height are fractions of size_m."""
 
-    pace_hz: Annotated[float, Field(gt=0, le=10, allow_inf_nan=False)]
+    pace_hz: Annotated[Number, Field(gt=0, le=10, allow_inf_nan=False)]
     amplitude: Fraction
     height: Fraction
 

@@ -1,15 +1,19 @@
 """A world: the floor, the load and the servos' condition that a simulation puts a robot in."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, field_validator
 
-from hexctl.robot.configs import find_config, read_mapping, validate
+from hexctl.robot.configs import Number, find_config, read_mapping, validate
 from hexctl.robot.joints import N_JOINTS
+from hexctl.robot.problems import shown
 
-NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
-Offset = Annotated[float, Field(ge=-1, le=1, allow_inf_nan=False)]
+#: A calibration error greater than this is no error of calibration.
+MAX_JOINT_OFFSET_DEG = 45.0
+
+NotNegative = Annotated[Number, Field(ge=0, allow_inf_nan=False)]
+Offset = Annotated[Number, Field(ge=-1, le=1, allow_inf_nan=False)]
 
 
 class SensorNoise(BaseModel):
@@ -42,23 +46,31 @@ class World(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    friction: Annotated[float, Field(gt=0, le=5, allow_inf_nan=False)] = 0.8
-    slope_deg: Annotated[float, Field(ge=0, le=40, allow_inf_nan=False)] = 0.0
-    slope_direction_deg: Annotated[float, Field(ge=-360, le=360, allow_inf_nan=False)] = 0.0
-    roughness_m: Annotated[float, Field(ge=0, le=0.2, allow_inf_nan=False)] = 0.0
-    roughness_length_m: Annotated[float, Field(ge=0.02, le=2, allow_inf_nan=False)] = 0.1
-    payload_kg: Annotated[float, Field(ge=0, le=1000, allow_inf_nan=False)] = 0.0
+    friction: Annotated[Number, Field(gt=0, le=5, allow_inf_nan=False)] = 0.8
+    slope_deg: Annotated[Number, Field(ge=0, le=40, allow_inf_nan=False)] = 0.0
+    slope_direction_deg: Annotated[Number, Field(ge=-360, le=360, allow_inf_nan=False)] = 0.0
+    roughness_m: Annotated[Number, Field(ge=0, le=0.2, allow_inf_nan=False)] = 0.0
+    roughness_length_m: Annotated[Number, Field(ge=0.02, le=2, allow_inf_nan=False)] = 0.1
+    payload_kg: Annotated[Number, Field(ge=0, le=1000, allow_inf_nan=False)] = 0.0
     payload_position_m: tuple[Offset, Offset, Offset] = (0.0, 0.0, 0.0)
-    servo_strength: Annotated[float, Field(gt=0, le=10, allow_inf_nan=False)] = 1.0
-    servo_stiffness: Annotated[float, Field(gt=0, le=10, allow_inf_nan=False)] = 1.0
-    joint_offset_deg: (
-        Annotated[float, Field(ge=0, le=45, allow_inf_nan=False)]
-        | Annotated[
-            tuple[Annotated[float, Field(ge=-45, le=45, allow_inf_nan=False)], ...],
-            Field(min_length=N_JOINTS, max_length=N_JOINTS),
-        ]
-    ) = 0.0
+    servo_strength: Annotated[Number, Field(gt=0, le=10, allow_inf_nan=False)] = 1.0
+    servo_stiffness: Annotated[Number, Field(gt=0, le=10, allow_inf_nan=False)] = 1.0
+    joint_offset_deg: float | tuple[float, ...] = 0.0
     sensor_noise: SensorNoise = SensorNoise()
+
+    @field_validator("joint_offset_deg", mode="before")
+    @classmethod
+    def _one_or_each(cls, given: Any) -> Any:
+        each = isinstance(given, list | tuple)
+        numbers, least, count = (given, -MAX_JOINT_OFFSET_DEG, N_JOINTS) if each else ([given], 0.0, 1)
+        plain = all(isinstance(number, int | float) and not isinstance(number, bool) for number in numbers)
+        within = plain and all(least <= number <= MAX_JOINT_OFFSET_DEG for number in numbers)
+        if not within or len(numbers) != count:
+            most = f"{MAX_JOINT_OFFSET_DEG:g}"
+            raise ValueError(
+                f"got {shown(given)}; allowed: 0 to {most}, or a list of {N_JOINTS}, each -{most} to {most}"
+            )
+        return given
 
 
 def load_world(name_or_path: str | Path = "flat") -> World:

@@ -1,0 +1,79 @@
+"""Many simulations that start from one state, stepped together by `mujoco.batch`."""
+
+import copy
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from mujoco.batch import Batch, SimulationError
+
+from hexctl.backends.sim.physics import FIRST_JOINT, STEPS_PER_TICK
+from hexctl.backends.sim.servos import SimServos
+from hexctl.robot.messages import BoolArray, FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class BatchState:
+    """What `RobotState` says, for n robots.
+
+    Attributes:
+        joint_positions_rad: (n, 18).
+        base_position_world: (n, 3).
+        base_quaternion_world: (n, 4).
+        foot_contacts: (n, 6).
+    """
+
+    joint_positions_rad: FloatArray
+    base_position_world: FloatArray
+    base_quaternion_world: FloatArray
+    foot_contacts: BoolArray
+
+
+class SimBatch:
+    """n copies of a connected simulation as it stands now: same model, same state, same noise to come.
+
+    A copy that is stepped with the same targets as the original gives the same states to the last bit.
+
+    Attributes:
+        running: which simulations are still stepped, (n,); one that diverges drops out by itself, and a
+            caller may clear others. The state of one that has dropped out means nothing.
+    """
+
+    def __init__(self, servos: SimServos, n: int, threads: int = 0) -> None:
+        self._simulation = servos.simulation
+        self._noise = copy.deepcopy(servos.noise)
+        physics = self._simulation.physics
+        model, data = physics.model.ptr, physics.data.ptr
+        self._batch = Batch(model, n, threads)
+        row = np.empty(self._batch.nstate)
+        mujoco.mj_getState(model, data, row, mujoco.mjtState.mjSTATE_INTEGRATION)
+        self._batch.state[:] = row
+        self._qpos, self._ctrl = self._batch.bind("qpos"), self._batch.bind("ctrl")
+        self._touch = self._batch.bind("sensordata")
+        self.running = np.ones(n, dtype=bool)
+
+    def tick(self) -> None:
+        """Step every running simulation by one control period."""
+        everyone = self.running.all()
+        try:
+            self._batch.step(None if everyone else np.flatnonzero(self.running), nstep=STEPS_PER_TICK)
+        except SimulationError as error:
+            self.running[error.ids] = False
+        if self._batch.warning.any():
+            self.running &= ~self._batch.warning.any(axis=-1)
+        self._noise.draw()
+
+    def read(self) -> BatchState:
+        """Return the states after the last tick, with the world's sensor noise."""
+        qpos = self._qpos.copy()
+        joints = qpos[:, FIRST_JOINT:] - self._simulation.joint_offsets_rad
+        position, quaternion = qpos[:, :3], qpos[:, 3:FIRST_JOINT]
+        if not self._noise.silent:
+            joints = joints + self._noise.joints_rad
+            position = position + self._noise.position_m
+            quaternion = self._noise.turned(quaternion)
+        return BatchState(joints, position, quaternion, self._touch > 0)
+
+    def write(self, positions_rad: FloatArray) -> None:
+        """Give targets (n, 18) to the simulated servos."""
+        self._ctrl[:] = self._simulation.controls(positions_rad)
