@@ -1,5 +1,6 @@
 """Say in one line what is wrong with a configuration file: key, value got, what is allowed."""
 
+import math
 from collections.abc import Mapping, Sequence
 from reprlib import Repr
 from typing import Any
@@ -60,21 +61,22 @@ def _described(schema: type[BaseModel], problem: ErrorDetails) -> str:
     if kind == "extra_forbidden":
         return f"unknown key {key}; allowed here: {', '.join(_keys_beside(schema, problem['loc']))}"
     if kind == "missing" and isinstance(problem["loc"][-1], int):
-        whole = problem["input"]
-        return f"{_dotted(problem['loc'][:-1])}: got {shown(whole)}; allowed: a longer list"
+        return f"{_dotted(problem['loc'][:-1])}: got {shown(problem['input'])}; allowed: a longer list"
     if kind == "missing":
         return f"{key} is missing; known here: {', '.join(_keys_beside(schema, problem['loc']))}"
     if kind == "value_error":
         return f"{key}: {problem['msg'].removeprefix('Value error, ')}"
-    context = problem.get("ctx", {})
-    allowed = ALLOWED[kind].format(**context) if kind in ALLOWED else problem["msg"]
+    allowed = ALLOWED[kind].format(**problem.get("ctx", {})) if kind in ALLOWED else problem["msg"]
+    if isinstance(problem["input"], float) and not math.isfinite(problem["input"]):
+        allowed = "a finite number"
     return f"{key}: got {shown(problem['input'])}; allowed: {allowed}"
 
 
 def _dotted(location: Location) -> str:
     """Return a place in the file as `mounts[0].radius_m`."""
     text = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in location)
-    return text.removeprefix(".") or "the file"
+    text = text.removeprefix(".") or "the file"
+    return text if text.isprintable() else repr(text)
 
 
 def _keys_beside(schema: type[BaseModel], location: Location) -> Sequence[str]:

@@ -1,0 +1,83 @@
+"""The one table of backends: from a name to connected-to-be servos, importing only what is asked for."""
+
+import importlib
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from hexctl.backends.base import LegServos
+from hexctl.errors import InputError, MissingExtraError
+from hexctl.robot.failure import Failure
+from hexctl.robot.model import Robot
+
+if TYPE_CHECKING:
+    from hexctl.backends.sim.world import World
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BackendOptions:
+    """What a backend may be told; each uses what concerns it.
+
+    Attributes:
+        robot: the robot at the other end.
+        world: the simulated world, for `sim` only.
+        failure: the failed leg that a simulation injects.
+        seed: of everything random in a simulation.
+        realtime: pace a simulation with the wall clock.
+    """
+
+    robot: Robot
+    world: "World | None" = None
+    failure: Failure | None = None
+    seed: int = 0
+    realtime: bool = False
+
+
+def make_servos(name: str, options: BackendOptions) -> LegServos:
+    """Return the servos of a backend, not yet connected.
+
+    `name` is one of `BACKENDS`, or `package.module:Class` for a LegServos of your own, which is called with
+    the robot. Raises InputError for an unknown name, MissingExtraError when its extra is not installed.
+    """
+    if name in BACKENDS:
+        return BACKENDS[name](options)
+    if ":" in name:
+        return _own(name, options)
+    raise InputError(
+        f"backend: got {name!r}; allowed: {', '.join(BACKENDS)}, "
+        "or package.module:Class for your own LegServos"
+    )
+
+
+def _sim(options: BackendOptions) -> LegServos:
+    try:
+        from hexctl.backends.sim.servos import SimServos
+    except ModuleNotFoundError as error:
+        raise MissingExtraError("the simulation", "sim") from error
+    return SimServos(
+        options.robot,
+        world=options.world,
+        failure=options.failure,
+        seed=options.seed,
+        realtime=options.realtime,
+    )
+
+
+def _mock(options: BackendOptions) -> LegServos:
+    from hexctl.backends.mock import MockServos
+
+    return MockServos(options.robot)
+
+
+def _own(name: str, options: BackendOptions) -> LegServos:
+    module_name, _, class_name = name.partition(":")
+    try:
+        made = getattr(importlib.import_module(module_name), class_name)(options.robot)
+    except (ImportError, AttributeError, ValueError) as error:
+        raise InputError(f"backend: {name!r} cannot be loaded: {error}") from error
+    if not isinstance(made, LegServos):
+        raise InputError(f"backend: {name!r} made a {type(made).__name__}; allowed: a subclass of LegServos")
+    return made
+
+
+BACKENDS: dict[str, Callable[[BackendOptions], LegServos]] = {"sim": _sim, "mock": _mock}

@@ -1,0 +1,138 @@
+"""`hexctl check`: validate a robot file, with numbers."""
+
+import json
+from typing import Annotated, Any
+
+import typer
+
+from hexctl.cli.exits import BAD_INPUT
+from hexctl.cli.options import (
+    AmplitudeOption,
+    GaitOption,
+    HeightOption,
+    JsonOption,
+    PaceOption,
+    RobotOption,
+    TurnOption,
+)
+
+
+def check(
+    robot_name: Annotated[
+        str | None, typer.Argument(metavar="[ROBOT]", help="Robot name or YAML file, as with --robot.")
+    ] = None,
+    robot: RobotOption = "ant",
+    gait: GaitOption = "demo",
+    heading: Annotated[
+        float | None,
+        typer.Option("--heading", help="Degrees from forward, counter-clockwise.  [default: all, in 15s]"),
+    ] = None,
+    turn: TurnOption = None,
+    pace: PaceOption = None,
+    amplitude: AmplitudeOption = None,
+    height: HeightOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Check a robot file: reach, joint ranges and speeds of a gait, with numbers."""
+    from hexctl.cli.values import finite, make_gait
+    from hexctl.control.feasibility import gait_demand
+    from hexctl.robot.file import load_robot
+
+    described = load_robot(robot_name or robot)
+    walked = make_gait(described, gait, pace, amplitude, height)
+    headings = range(0, 360, 15) if heading is None else [finite("--heading", heading)]
+    motions = _motions(headings, finite("--turn", turn), in_place=turn is not None and heading is None)
+    demand = gait_demand(described, walked, motions)
+    report = _report(described, walked, demand)
+    typer.echo(json.dumps(report) if as_json else "\n".join(_lines(described, walked, report)))
+    if not demand.possible:
+        raise typer.Exit(BAD_INPUT)
+
+
+def _motions(headings: Any, turn_deg_s: float, *, in_place: bool) -> list[Any]:
+    import math
+
+    from hexctl.gait.gait import Motion
+
+    rate = math.radians(turn_deg_s)
+    if in_place:
+        return [Motion(travel=0.0, turn_rate_rad_s=rate)]
+    return [Motion(heading_rad=math.radians(degrees), turn_rate_rad_s=rate) for degrees in headings]
+
+
+def _report(robot: Any, gait: Any, demand: Any) -> dict[str, Any]:
+    """Return the numbers of the check, angles in degrees."""
+    import numpy as np
+
+    from hexctl.gait.gait import Motion, ideal_speed_m_s
+    from hexctl.robot.joints import JOINT_NAMES
+
+    columns = np.degrees(
+        [
+            demand.lowest_rad,
+            demand.highest_rad,
+            robot.joint_lower_rad,
+            robot.joint_upper_rad,
+            demand.peak_speed_rad_s,
+            robot.joint_max_speed_rad_s,
+        ]
+    )
+    keys = ("lowest_deg", "highest_deg", "min_deg", "max_deg", "peak_speed_deg_s", "max_speed_deg_s")
+    joints = {
+        name: dict(zip(keys, (round(float(value), 2) for value in column), strict=True))
+        for name, column in zip(JOINT_NAMES, columns.T, strict=True)
+    }
+    return {
+        "robot": robot.name,
+        "mass_kg": round(robot.mass_kg, 4),
+        "standing_height_m": round(robot.standing_height_m, 4),
+        "gait": {"slots": list(gait.slots), "code": gait.code(), "pace_hz": gait.pace_hz},
+        "ideal_speed_m_s": round(ideal_speed_m_s(robot, gait, Motion()), 4),
+        "max_pace_hz": round(demand.max_pace_hz, 3),
+        "speed_holds": demand.max_pace_hz >= gait.pace_hz,
+        "unreachable_legs": list(demand.unreachable_legs),
+        "joints_out_of_range": [JOINT_NAMES[joint] for joint in demand.limits_exceeded],
+        "least_foot_spacing_m": round(demand.least_foot_spacing_m, 4),
+        "feet_stay_apart": demand.least_foot_spacing_m > 2 * robot.foot_radius_m,
+        "possible": demand.possible,
+        "joints": joints,
+    }
+
+
+def _lines(robot: Any, gait: Any, report: dict[str, Any]) -> list[str]:
+    """Return the report for a person."""
+    slots = ",".join(str(slot) for slot in gait.slots)
+    lines = [
+        f"{robot.name}: {report['mass_kg']:g} kg, stands {report['standing_height_m']:g} m high",
+        f"gait slots {slots} at {gait.pace_hz:g} Hz: ideal speed {report['ideal_speed_m_s']:g} m/s",
+        "",
+        f"{'joint':<12}{'needs (deg)':>20}{'range (deg)':>20}{'peak deg/s':>12}{'limit':>8}",
+    ]
+    for name, row in report["joints"].items():
+        needs = f"{row['lowest_deg']:.1f} .. {row['highest_deg']:.1f}"
+        allowed = f"{row['min_deg']:g} .. {row['max_deg']:g}"
+        mark = "  out of range" if name in report["joints_out_of_range"] else ""
+        mark += "  too fast" if row["peak_speed_deg_s"] > row["max_speed_deg_s"] else ""
+        peak, limit = row["peak_speed_deg_s"], row["max_speed_deg_s"]
+        lines.append(f"{name:<12}{needs:>20}{allowed:>20}{peak:>12.0f}{limit:>8.0f}{mark}")
+    return [*lines, "", *_verdict(report)]
+
+
+def _verdict(report: dict[str, Any]) -> list[str]:
+    legs = ", ".join(str(leg) for leg in report["unreachable_legs"])
+    spacing = report["least_foot_spacing_m"]
+    pace = report["max_pace_hz"]
+    return [
+        f"reach: out of reach for leg {legs}" if legs else "reach: every foot position is in reach",
+        "range: "
+        + (
+            "exceeded by " + ", ".join(report["joints_out_of_range"])
+            if report["joints_out_of_range"]
+            else "kept"
+        ),
+        f"speed: kept (up to {pace:g} Hz)"
+        if report["speed_holds"]
+        else f"speed: too fast; the guard clips it. Up to {pace:g} Hz nothing is clipped",
+        f"feet: {spacing:g} m apart or more" + ("" if report["feet_stay_apart"] else ": they touch"),
+        "this robot can walk this gait" if report["possible"] else "this robot cannot walk this gait",
+    ]

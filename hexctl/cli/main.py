@@ -1,0 +1,66 @@
+"""The `hexctl` command: its sub-commands, and one place where errors become one line and an exit code."""
+
+import sys
+from collections.abc import Sequence
+
+import typer
+from typer.exceptions import TyperException
+
+from hexctl.cli.check import check
+from hexctl.cli.exits import BAD_INPUT, FAULT, INTERRUPTED
+from hexctl.cli.run import run
+from hexctl.cli.view import view
+from hexctl.errors import HexctlError, InputError, LimitError, MissingExtraError, ReachError
+
+app = typer.Typer(
+    name="hexctl",
+    help="Walk a six-legged robot, simulated or real, at 50 Hz.",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+)
+app.command()(run)
+app.command()(check)
+app.command()(view)
+
+
+@app.callback()
+def version_option(
+    version: bool = typer.Option(False, "--version", help="Print the version and exit."),
+) -> None:
+    """Walk a six-legged robot, simulated or real, at 50 Hz."""
+    if version:
+        from importlib.metadata import version as installed_version
+
+        typer.echo(f"hexctl {installed_version('hexctl')}")
+        raise typer.Exit
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the command line and exit with its code; errors are one line on stderr, without a traceback."""
+    sys.exit(exit_code(arguments))
+
+
+def exit_code(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line and return its exit code."""
+    try:
+        code = app(args=arguments, prog_name="hexctl", standalone_mode=False)
+    except TyperException as error:
+        return _complain(error.format_message(), error.exit_code)
+    except (InputError, LimitError, ReachError, MissingExtraError) as error:
+        return _complain(str(error), BAD_INPUT)
+    except HexctlError as error:
+        return _complain(str(error), FAULT)
+    except KeyboardInterrupt:
+        return INTERRUPTED
+    except BrokenPipeError:
+        # Whoever read our output has gone; Python must not complain about it again while it exits.
+        sys.stdout = None
+        return 0
+    return code if isinstance(code, int) else 0
+
+
+def _complain(message: str, code: int) -> int:
+    """Print an error; a help text stays as it is, everything else becomes one line."""
+    text = message if message.lstrip().startswith("Usage") else "hexctl: " + " ".join(message.split())
+    typer.echo(text, err=True)
+    return code

@@ -1,0 +1,41 @@
+"""Options that several commands share. Light to import: `hexctl --help` needs only these."""
+
+from typing import Annotated
+
+import typer
+
+RobotOption = Annotated[
+    str, typer.Option("--robot", help="Robot: ant, phantomx, pexod, or a path to a YAML file.")
+]
+GaitOption = Annotated[
+    str,
+    typer.Option(
+        "--gait",
+        help="demo, tripod, wave, ripple; a code (1..720, with a failed leg 1..120) such as 57; "
+        "or phase slots of legs 1..6 such as 5,1,2,4,3,6.",
+    ),
+]
+PaceOption = Annotated[
+    float | None, typer.Option("--pace", help="Gait cycles per second, up to 10.  [default: the robot's]")
+]
+AmplitudeOption = Annotated[
+    float | None,
+    typer.Option(
+        "--amplitude", help="Step amplitude as a fraction of the robot's size, 0..1.  [default: the robot's]"
+    ),
+]
+HeightOption = Annotated[
+    float | None,
+    typer.Option(
+        "--height", help="Step height as a fraction of the robot's size, 0..1.  [default: the robot's]"
+    ),
+]
+TurnOption = Annotated[
+    float | None,
+    typer.Option(
+        "--turn",
+        help="Yaw rate in degrees per second, counter-clockwise positive; alone it turns in place, "
+        "with --heading it is blended with the walk.  [default: 0]",
+    ),
+]
+JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout and nothing else.")]

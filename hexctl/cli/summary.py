@@ -1,0 +1,74 @@
+"""The outcome of a run: the JSON object, and the same for a person."""
+
+from typing import Any
+
+import numpy as np
+
+from hexctl.backends.clock import PERIOD_S
+from hexctl.control.guard import Guard
+from hexctl.control.log import TickLog
+from hexctl.control.plan import TrialPlan
+from hexctl.control.result import TrialResult
+
+
+def report(
+    plan: TrialPlan,
+    result: TrialResult,
+    log: TickLog,
+    guard: Guard,
+    *,
+    wall_s: float,
+    gait_text: str,
+    facts: dict[str, Any],
+) -> dict[str, Any]:
+    """Return the JSON object of `hexctl run --json`; every value is plain and finite, or null."""
+    failed_legs = (plan.failure.leg,) if plan.failure else ()
+    work_us = log["work_s"] * 1e6
+    quantiles = np.percentile(work_us, [50, 99, 100]) if len(log) else np.zeros(3)
+    return {
+        "gait": {"name": gait_text, "slots": list(plan.gait.slots), "code": plan.gait.code(failed_legs)},
+        "failed_leg": plan.failure.leg if plan.failure else None,
+        "failure": str(plan.failure) if plan.failure else None,
+        **result.numbers(),
+        "ticks": len(log),
+        "overruns": guard.clock.overruns,
+        "tick_us": dict(zip(("p50", "p99", "max"), (round(float(q), 1) for q in quantiles), strict=True)),
+        "realtime_factor": round(len(log) * PERIOD_S / wall_s, 2) if wall_s > 0 else None,
+        **facts,
+    }
+
+
+def summary(outcome: dict[str, Any]) -> str:
+    """Return the outcome for a person."""
+    slots = ",".join(str(slot) for slot in outcome["gait"]["slots"])
+    code = "" if outcome["gait"]["code"] is None else f", code {outcome['gait']['code']}"
+    where = f"in world {outcome['world']}" if outcome["world"] else f"on {outcome['backend']}"
+    failed = f", leg {outcome['failed_leg']} {outcome['failure']}" if outcome["failed_leg"] else ""
+    lines = [
+        f"{outcome['robot']} {where}{failed}",
+        f"gait       {outcome['gait']['name']} (slots {slots}{code})",
+        *_distance_lines(outcome),
+        f"status     {outcome['status']}",
+        f"ticks      {outcome['ticks']}, {outcome['overruns']} overruns, "
+        f"{outcome['clipped_ticks']} clipped by the guard, {outcome['realtime_factor']:g} x real time",
+    ]
+    if outcome["recording"]:
+        lines.append(f"recording  {outcome['recording']}")
+        lines.append(f"look at it with: hexctl view {outcome['recording']}")
+    return "\n".join(lines)
+
+
+def _distance_lines(outcome: dict[str, Any]) -> list[str]:
+    """Return distance, deviation and turn, as far as the robot knows them."""
+    if outcome["distance_m"] is None:
+        return [f"walked     {outcome['duration_s']:.1f} s; this robot knows no position"]
+    ideal = outcome["ideal_distance_m"]
+    share = f" of {ideal:.3f} m ideal ({100 * outcome['distance_m'] / ideal:.0f} %)" if ideal else ""
+    signed = outcome["deviation_m"]["signed"]
+    side = "left" if signed > 0 else "right"
+    return [
+        f"walked     {outcome['duration_s']:.1f} s, {outcome['distance_m']:.3f} m{share}",
+        f"deviation  {abs(signed):.3f} m to the {side} at the end, "
+        f"{outcome['deviation_m']['mean']:.3f} m on average",
+        f"turned     {outcome['yaw_change_deg']:.1f} degrees",
+    ]

@@ -1,0 +1,166 @@
+"""What `hexctl run` does with its options: check everything, walk, record, report."""
+
+import json
+import time
+from contextlib import ExitStack
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+from hexctl.backends.base import LegServos
+from hexctl.backends.clock import request_realtime_priority
+from hexctl.backends.sim.terrain import Floor, make_floor
+from hexctl.backends.sim.world import World, load_world
+from hexctl.backends.table import BackendOptions, make_servos
+from hexctl.cli.exits import BY_STATUS, INTERRUPTED
+from hexctl.cli.interrupt import StopOnInterrupt
+from hexctl.cli.progress import WalkProgress
+from hexctl.cli.summary import report, summary
+from hexctl.control.controller import check_walk
+from hexctl.control.guard import Guard
+from hexctl.control.log import TickLog
+from hexctl.control.plan import TrialPlan
+from hexctl.control.result import TrialResult
+from hexctl.control.trial import run_trial
+from hexctl.errors import InputError, MissingExtraError
+from hexctl.robot.model import Robot
+
+if TYPE_CHECKING:
+    from hexctl.record.recording import Recording
+
+RUNS = Path("runs")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Request:
+    """The options of `hexctl run` as values."""
+
+    backend: str
+    robot: Robot
+    world: str | None
+    plan: TrialPlan
+    gait_text: str
+    realtime: bool
+    record: Path | None
+    no_record: bool
+    view: bool
+    seed: int
+    as_json: bool
+
+    @property
+    def simulated(self) -> bool:
+        """Return whether the robot is a simulation."""
+        return self.backend == "sim"
+
+
+def execute(request: Request) -> int:
+    """Walk as requested, print what came of it, and return the exit code."""
+    world = _check(request)
+    with ExitStack() as stack:
+        interrupt = stack.enter_context(StopOnInterrupt())
+        recording = _open_recording(request, world)
+        if recording is not None:
+            stack.enter_context(recording)
+        servos = _servos(request, world)
+        outcome = _walk(request, servos, recording, interrupt)
+    typer.echo(json.dumps(outcome) if request.as_json else summary(outcome))
+    code = INTERRUPTED if interrupt.requested() else BY_STATUS[outcome["status"]]
+    if request.view and recording is not None and not interrupt.requested():
+        from hexctl.record.viewer import open_viewer
+
+        open_viewer([recording.path])
+    return code
+
+
+def _check(request: Request) -> World:
+    """Refuse what cannot be done before anything heavy is loaded or anything moves; return the world."""
+    if request.seed < 0:
+        raise InputError(f"--seed: got {request.seed}; allowed: 0 or more")
+    if not request.simulated and request.world is not None:
+        raise InputError(f"--world: got {request.world} with --backend {request.backend}; allowed: with sim")
+    if request.no_record and (request.record is not None or request.view):
+        raise InputError("--no-record: got --record or --view too; allowed: one or the other")
+    plan = request.plan
+    check_walk(request.robot, plan.gait, plan.motion(0.0))
+    return load_world(request.world or "flat")
+
+
+def _servos(request: Request, world: World) -> LegServos:
+    options = BackendOptions(
+        robot=request.robot,
+        world=world,
+        failure=request.plan.failure,
+        seed=request.seed,
+        realtime=request.realtime,
+    )
+    return make_servos(request.backend, options)
+
+
+def _walk(
+    request: Request, servos: LegServos, recording: "Recording | None", interrupt: StopOnInterrupt
+) -> dict[str, Any]:
+    """Connect, walk and return the report."""
+    if request.realtime or not request.simulated:
+        request_realtime_priority()
+    progress = WalkProgress(
+        request.plan, quiet=request.as_json or (request.simulated and not request.realtime)
+    )
+    log = TickLog(recording.write_block if recording is not None else None)
+    with servos, progress:
+        guard = Guard(servos)
+        began_s = time.perf_counter()
+        result = run_trial(guard, request.plan, log, stop_requested=progress.wrap(interrupt.requested))
+        wall_s = time.perf_counter() - began_s
+        outcome = _report(request, result, log, guard, wall_s, recording)
+    if recording is not None:
+        recording.finish(result, outcome)
+    return outcome
+
+
+def _report(
+    request: Request,
+    result: TrialResult,
+    log: TickLog,
+    guard: Guard,
+    wall_s: float,
+    recording: "Recording | None",
+) -> dict[str, Any]:
+    facts = {
+        "backend": request.backend,
+        "robot": request.robot.name,
+        "world": (request.world or "flat") if request.simulated else None,
+        "seed": request.seed,
+        "recording": None if recording is None else str(recording.path),
+    }
+    return report(request.plan, result, log, guard, wall_s=wall_s, gait_text=request.gait_text, facts=facts)
+
+
+def _open_recording(request: Request, world: World) -> "Recording | None":
+    """Return the new recording of this run, or None with --no-record."""
+    if request.no_record:
+        return None
+    from hexctl.record.recording import Recording
+
+    path = request.record or _new_path(request)
+    floor: Floor | None = make_floor(world, request.seed) if request.simulated else None
+    title = f"{request.robot.name} {request.gait_text}"
+    try:
+        return Recording(path, request.robot, request.plan, title=title, floor=floor)
+    except MissingExtraError as error:
+        raise MissingExtraError("recording (or walk with --no-record)", "view") from error
+
+
+def _new_path(request: Request) -> Path:
+    """Return a path under runs/ that no run has used."""
+    now = datetime.now().strftime("%Y%m%d-%H%M%S")
+    gait = request.gait_text.replace(",", "") if request.gait_text else "gait"
+    failed = f"_leg{request.plan.failure.leg}-{request.plan.failure.kind}" if request.plan.failure else ""
+    stem = f"{now}_{request.robot.name}_{gait}{failed}"
+    RUNS.mkdir(exist_ok=True)
+    path, number = RUNS / f"{stem}.rrd", 2
+    while path.exists():
+        path, number = RUNS / f"{stem}_{number}.rrd", number + 1
+    return path

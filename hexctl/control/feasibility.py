@@ -1,0 +1,68 @@
+"""What a gait asks of a robot's joints, in numbers: range, reach, speed, spacing of the feet."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from hexctl.gait.feet import foot_positions_body
+from hexctl.gait.gait import Gait, Motion
+from hexctl.gait.ramp import RAMP_DURATION_S
+from hexctl.ik.kinematics import solve_legs
+from hexctl.robot.messages import FloatArray
+from hexctl.robot.model import Robot
+
+#: Points of one gait cycle that are looked at.
+POINTS = 720
+
+
+@dataclass(frozen=True, slots=True)
+class GaitDemand:
+    """The demand of a gait at full stride, the worst over motions and time.
+
+    Attributes:
+        lowest_rad: least joint angles, (18,).
+        highest_rad: greatest joint angles, (18,).
+        peak_speed_rad_s: greatest joint speeds, (18,).
+        unreachable_legs: legs 1..6 with a foot out of reach.
+        limits_exceeded: indices of joints that leave their range.
+        max_pace_hz: the greatest pace at which no joint exceeds its speed limit.
+        least_foot_spacing_m: how near two neighbouring feet come.
+    """
+
+    lowest_rad: FloatArray
+    highest_rad: FloatArray
+    peak_speed_rad_s: FloatArray
+    unreachable_legs: tuple[int, ...]
+    limits_exceeded: tuple[int, ...]
+    max_pace_hz: float
+    least_foot_spacing_m: float
+
+    @property
+    def possible(self) -> bool:
+        """Return whether every foot is in reach and every joint in its range."""
+        return not (self.unreachable_legs or self.limits_exceeded)
+
+
+def gait_demand(robot: Robot, gait: Gait, motions: Sequence[Motion]) -> GaitDemand:
+    """Return what a gait demands in any of the motions."""
+    cycle_s = np.arange(POINTS + 1) / (POINTS * gait.pace_hz)
+    time_s = RAMP_DURATION_S + cycle_s
+    feet = np.stack([foot_positions_body(robot, gait, motion, time_s) for motion in motions])
+    solution = solve_legs(robot, feet)
+    joints = solution.joint_positions_rad  # (motions, points, 18)
+    speed = np.abs(np.diff(joints, axis=1)).max(axis=(0, 1)) / cycle_s[1]
+    lowest, highest = joints.min(axis=(0, 1)), joints.max(axis=(0, 1))
+    outside = (lowest < robot.joint_lower_rad) | (highest > robot.joint_upper_rad)
+    in_reach = solution.reachable.all(axis=(0, 1))
+    spacing = np.linalg.norm(feet - np.roll(feet, -1, axis=-2), axis=-1)
+    share = (robot.joint_max_speed_rad_s / np.maximum(speed, 1e-9)).min()
+    return GaitDemand(
+        lowest_rad=lowest,
+        highest_rad=highest,
+        peak_speed_rad_s=speed,
+        unreachable_legs=tuple(int(leg) + 1 for leg in np.flatnonzero(~in_reach)),
+        limits_exceeded=tuple(int(joint) for joint in np.flatnonzero(outside)),
+        max_pace_hz=gait.pace_hz * float(share),
+        least_foot_spacing_m=float(spacing.min()),
+    )

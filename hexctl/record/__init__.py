@@ -1,0 +1,1 @@
+"""Rerun recordings of trials: write them, lay them out, open them."""

@@ -1,0 +1,99 @@
+"""The layout that a recording opens with: nothing has to be clicked."""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from hexctl.backends.sim.terrain import Floor
+from hexctl.control.plan import TrialPlan
+from hexctl.record import paths, style
+from hexctl.record.sdk import load_rerun
+from hexctl.robot.model import Robot
+
+#: The eye, as seen along the line of travel, in stance radii: behind, to the right, above.
+EYE = (-2.4, -2.6, 2.2)
+
+
+def make_blueprint(robot: Robot, plan: TrialPlan, floor: Floor) -> Any:
+    """Return the blueprint of a trial's recording."""
+    import rerun.blueprint as rrb
+
+    scene = rrb.Vertical(_scene_view(robot, plan, floor), _states_view(), row_shares=[5, 2])
+    side = rrb.Vertical(_summary_view(), _deviation_view(), _joints_tabs(plan), row_shares=[4, 3, 4])
+    return rrb.Blueprint(
+        rrb.Horizontal(scene, side, column_shares=[5, 3]),
+        rrb.BlueprintPanel(state="hidden"),
+        rrb.SelectionPanel(state="hidden"),
+        rrb.TimePanel(state="collapsed", timeline=paths.TIMELINE, play_state="playing", loop_mode="all"),
+        auto_views=False,
+        auto_layout=False,
+    )
+
+
+def _scene_view(robot: Robot, plan: TrialPlan, floor: Floor) -> Any:
+    """Return the 3-D view: the eye rides along with the robot, and the trail ends at the time cursor."""
+    import rerun.blueprint as rrb
+
+    cos, sin = math.cos(plan.heading_rad), math.sin(plan.heading_rad)
+    back, left, up = (robot.stance_radius_m * share for share in EYE)
+    position = np.array([cos * back - sin * left, sin * back + cos * left, up])
+    plane = load_rerun().encodings.Plane3D(normal=floor.normal_world, distance=0.0)
+    return rrb.Spatial3DView(
+        origin=paths.WORLD,
+        name="robot",
+        background=[*style.BACKGROUND],
+        line_grid=rrb.LineGrid3D(spacing=0.1, plane=plane, color=style.GRID_COLOR, stroke_width=0.7),
+        spatial_information=rrb.SpatialInformation(target_frame=f"tf#/{paths.WORLD}", show_axes=False),
+        eye_controls=rrb.EyeControls3D(
+            kind="orbital",
+            position=position,
+            look_target=[0.0, 0.0, 0.5 * robot.standing_height_m],
+            eye_up=[0.0, 0.0, 1.0],
+            tracking_entity=paths.BODY,
+        ),
+        overrides={paths.TRAIL: _up_to_cursor()},
+    )
+
+
+def _up_to_cursor() -> Any:
+    """Return the time range that shows everything so far."""
+    import rerun.blueprint as rrb
+
+    return rrb.VisibleTimeRanges(
+        timeline=paths.TIMELINE,
+        start=rrb.TimeRangeBoundary.infinite(),
+        end=rrb.TimeRangeBoundary.cursor_relative(),
+    )
+
+
+def _states_view() -> Any:
+    import rerun.blueprint as rrb
+
+    return rrb.StateTimelineView(
+        origin="/", contents=[f"+ {paths.PHASE}", "+ contacts/**"], name="phase and foot contacts"
+    )
+
+
+def _summary_view() -> Any:
+    import rerun.blueprint as rrb
+
+    return rrb.TextDocumentView(origin=paths.SUMMARY, name="trial")
+
+
+def _deviation_view() -> Any:
+    import rerun.blueprint as rrb
+
+    return rrb.TimeSeriesView(
+        origin=paths.DEVIATION, name="deviation (m)", plot_legend=rrb.PlotLegend(visible=False)
+    )
+
+
+def _joints_tabs(plan: TrialPlan) -> Any:
+    """Return one plot per leg; the failed leg's is in front."""
+    import rerun.blueprint as rrb
+
+    views = [
+        rrb.TimeSeriesView(origin=paths.joints_path(leg), name=f"leg {leg} joints (rad)") for leg in paths.LEGS
+    ]
+    return rrb.Tabs(*views, active_tab=plan.failure.leg - 1 if plan.failure else 0)

@@ -1,0 +1,142 @@
+"""The rows of a log as Rerun columns: whole arrays at once, never tick by tick."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hexctl.control.log import PHASES, TickLog
+from hexctl.record import paths, style
+from hexctl.record.links import LinkColumns
+from hexctl.record.scene import xyzw
+from hexctl.record.sdk import load_rerun
+from hexctl.robot.joints import JOINT_KINDS, leg_slice
+from hexctl.robot.model import Robot
+
+#: The trail is drawn in pieces of this many ticks.
+TRAIL_STEP = 5
+
+Rows = NDArray[np.int64] | slice
+
+
+class BlockWriter:
+    """Sends rows [start, stop) of a log to a recording stream.
+
+    What is sent depends on the rows and the ones before them only, so a log written in blocks equals the
+    same log written at once.
+    """
+
+    def __init__(self, stream: Any, robot: Robot, log: TickLog, start: int, stop: int) -> None:
+        self._rr = load_rerun()
+        self._stream = stream
+        self._robot = robot
+        self._log = log
+        self._start, self._stop = start, stop
+        elapsed_s = self._column("time_s") - log.columns["time_s"][0]
+        self._times = np.round(elapsed_s * 1e9).astype("timedelta64[ns]")
+
+    def write(self) -> None:
+        """Send everything that the rows hold."""
+        self._send_base()
+        self._send_links()
+        self._send_joints()
+        self._send_contacts()
+        self._send_phases()
+        if self._log.pose_known:
+            self._send_trail()
+            self._send_deviation()
+
+    def _send_base(self) -> None:
+        """Send the pose of the body, or put it where a standing robot's is while none is known."""
+        rr = self._rr
+        if self._log.pose_known:
+            position, quaternion = self._column("base_position_world"), self._column("base_quaternion_world")
+            rows = slice(None)
+        elif self._start == 0:
+            position, quaternion = np.array([[0, 0, self._robot.standing_height_m]]), np.array([[1, 0, 0, 0]])
+            rows = slice(0, 1)
+        else:
+            return
+        pose = rr.Transform3D.columns(
+            translation=position.astype(np.float32), quaternion=xyzw(quaternion).astype(np.float32)
+        )
+        self._send(paths.ROBOT, rows, pose)
+
+    def _send_links(self) -> None:
+        """Send the measured angle of each joint as the rotation of its link."""
+        measured = self._column("measured_rad")
+        links = LinkColumns(self._robot, len(measured))
+        for leg in paths.LEGS:
+            angles = measured[:, leg_slice(leg)]
+            for index, kind in enumerate(JOINT_KINDS):
+                self._send(paths.link_path(leg, kind), slice(None), links.columns(kind, angles[:, index]))
+
+    def _send_joints(self) -> None:
+        """Send what was sent to the servos and what they measured, for the plots."""
+        sent, measured = self._column("sent_rad"), self._column("measured_rad")
+        for leg in paths.LEGS:
+            joints = leg_slice(leg)
+            angles = np.concatenate([sent[:, joints], measured[:, joints]], axis=1)
+            # The component holds doubles; single precision is what a recording promises, and packs better.
+            values = angles.astype(np.float32).astype(np.float64)
+            self._send(paths.joints_path(leg), slice(None), self._rr.Scalars.columns(scalars=values))
+
+    def _send_contacts(self) -> None:
+        """Send which feet touch the floor, where that changes, as a state and as the foot's colour."""
+        rr = self._rr
+        touching = self._column("foot_contacts")
+        names = np.array(["lifted", "touching"])
+        colors = np.array([_packed(style.LIFTED_COLOR), _packed(style.TOUCHING_COLOR)], dtype=np.uint32)
+        for leg in paths.LEGS:
+            rows = self._changes("foot_contacts", leg - 1)
+            if rows.size:
+                state = touching[rows, leg - 1].astype(int)
+                self._send(paths.contact_path(leg), rows, rr.StateChange.columns(state=names[state]))
+                self._send(paths.foot_path(leg), rows, rr.Points3D.columns(colors=colors[state]))
+
+    def _send_phases(self) -> None:
+        """Send the parts of the trial where they begin."""
+        rows = self._changes("phase")
+        if rows.size:
+            names = np.array(PHASES)[self._column("phase")[rows]]
+            self._send(paths.PHASE, rows, self._rr.StateChange.columns(state=names))
+
+    def _send_trail(self) -> None:
+        """Send the way of the body as short pieces; a viewer draws those before its time cursor."""
+        first = max(self._start, TRAIL_STEP)
+        rows = np.arange(first + -first % TRAIL_STEP, self._stop, TRAIL_STEP)
+        if rows.size:
+            positions = self._log.columns["base_position_world"].astype(np.float32)
+            pieces = np.stack([positions[rows - TRAIL_STEP], positions[rows]], axis=1)
+            self._send(paths.TRAIL, rows - self._start, self._rr.LineStrips3D.columns(strips=pieces))
+
+    def _send_deviation(self) -> None:
+        """Send the distance from the line of travel during the walk, positive to its left."""
+        frame = self._log.frame
+        rows = np.flatnonzero(self._column("phase") == PHASES.index("walk"))
+        if frame is not None and rows.size:
+            deviation = frame.path(self._column("base_position_world")[rows])[:, 1]
+            values = deviation.astype(np.float32).astype(np.float64)
+            self._send(paths.DEVIATION, rows, self._rr.Scalars.columns(scalars=values))
+
+    def _changes(self, name: str, *index: int) -> NDArray[np.int64]:
+        """Return the rows of the block in which a value differs from the row before; the first tick counts."""
+        before = max(self._start - 1, 0)
+        values = self._log.columns[name][(slice(before, self._stop), *index)]
+        changed = np.flatnonzero(values[1:] != values[:-1]) + 1 - (self._start - before)
+        return changed if self._start else np.concatenate([[0], changed])
+
+    def _column(self, name: str) -> Any:
+        """Return the block's rows of a column."""
+        return self._log.columns[name][self._start : self._stop]
+
+    def _send(self, path: str, rows: Rows, columns: Any) -> None:
+        """Send columns for rows counted from the start of the block."""
+        times = self._rr.TimeColumn(paths.TIMELINE, duration=self._times[rows])
+        self._stream.send_columns(path, [times], columns, strict=True)
+
+
+def _packed(color: tuple[int, int, int]) -> int:
+    """Return a colour as Rerun packs it, 0xRRGGBBAA."""
+    red, green, blue = color
+    return red << 24 | green << 16 | blue << 8 | 0xFF

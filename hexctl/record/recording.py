@@ -1,0 +1,115 @@
+"""One recording: a trial as a Rerun file that opens laid out."""
+
+import uuid
+from collections.abc import Mapping
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+from hexctl.backends.sim.terrain import Floor
+from hexctl.control.log import TickLog
+from hexctl.control.plan import TrialPlan
+from hexctl.control.result import TrialResult
+from hexctl.errors import InputError, RecordingError
+from hexctl.record import paths
+from hexctl.record.blueprint import make_blueprint
+from hexctl.record.columns import BlockWriter
+from hexctl.record.scene import LEVEL, send_scene
+from hexctl.record.sdk import load_rerun
+from hexctl.record.summary import make_markdown, make_properties
+from hexctl.robot.model import Robot
+
+APPLICATION_ID = "hexctl"
+
+#: Longer than this a disk does not need; a hung one must not hang the program.
+FLUSH_TIMEOUT_S = 30.0
+
+
+class Recording:
+    """Writes a trial to an .rrd file while it runs; `write_block` is the sink of a `TickLog`.
+
+    Use as a context manager, or call `close`.
+    """
+
+    def __init__(
+        self, path: Path, robot: Robot, plan: TrialPlan, *, title: str, floor: Floor | None = None
+    ) -> None:
+        """Create the file, with the scene and the layout in it.
+
+        Args:
+            path: the new file; missing folders are made.
+            robot: who walks.
+            plan: what it shall do.
+            title: heading of the text panel and name of the recording.
+            floor: what it walks on; None is an even, level floor.
+
+        Raises InputError for a file that exists, RecordingError for one that cannot be written, and
+        MissingExtraError without Rerun.
+        """
+        rr = load_rerun()
+        self.path = path
+        self._robot, self._plan, self._title = robot, plan, title
+        _create(path)
+        self._stream: Any = rr.RecordingStream(APPLICATION_ID, recording_id=str(uuid.uuid4()))
+        floor = floor or LEVEL
+        self._stream.save(str(path), default_blueprint=make_blueprint(robot, plan, floor))
+        self._stream.send_recording_name(title)
+        send_scene(self._stream, robot, plan, floor)
+        self._send_summary(None, {})
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def write_block(self, log: TickLog, start: int, stop: int) -> None:
+        """Add rows [start, stop) of a log; blocks come in order and without gaps."""
+        if self._stream is not None and stop > start:
+            BlockWriter(self._stream, self._robot, log, start, stop).write()
+
+    def finish(self, result: TrialResult, facts: Mapping[str, Any]) -> None:
+        """Add the outcome, as text and as properties, and make sure that all of it is on the disk.
+
+        Args:
+            result: what the trial came to.
+            facts: anything else worth knowing later, such as world, seed and backend.
+
+        Raises RecordingError when the disk did not take everything.
+        """
+        rr = load_rerun()
+        self._send_summary(result, facts)
+        properties = make_properties(self._title, self._robot, self._plan, result, facts)
+        self._stream.send_property("trial", rr.AnyValues(**properties))
+        self._flush()
+
+    def close(self) -> None:
+        """Close the file; a second call does nothing."""
+        if self._stream is not None:
+            stream, self._stream = self._stream, None
+            stream.disconnect()
+
+    def _send_summary(self, result: TrialResult | None, facts: Mapping[str, Any]) -> None:
+        text = make_markdown(self._title, self._robot, self._plan, result, facts)
+        document = load_rerun().TextDocument(text, media_type="text/markdown")
+        self._stream.log(paths.SUMMARY, document, static=True)
+
+    def _flush(self) -> None:
+        try:
+            self._stream.flush(timeout_sec=FLUSH_TIMEOUT_S)
+        except (OSError, RuntimeError, ValueError) as error:
+            reason = " ".join(str(error).split())
+            raise RecordingError(f"{self.path}: the recording is incomplete: {reason}") from error
+
+
+def _create(path: Path) -> None:
+    """Make an empty file, because Rerun overwrites an existing one without a word."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.open("xb").close()
+    except FileExistsError:
+        raise InputError(f"{path}: exists already; a recording never replaces a file, give another name") from None
+    except OSError as error:
+        raise RecordingError(f"{path}: cannot write a recording here: {error.strerror}") from error

@@ -1,0 +1,100 @@
+"""What a trial was and came to, as text for the reader and as properties for programs."""
+
+import json
+import math
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from hexctl.control.plan import TrialPlan
+from hexctl.control.result import TrialResult
+from hexctl.robot.model import Robot
+
+Row = tuple[str, str]
+
+
+def make_markdown(
+    title: str, robot: Robot, plan: TrialPlan, result: TrialResult | None, facts: Mapping[str, Any]
+) -> str:
+    """Return the text panel; without a result the trial was not finished."""
+    rows = [*_plan_rows(robot, plan), *((_cell(key), _cell(value)) for key, value in facts.items())]
+    outcome = "*not finished*" if result is None else _table(_result_rows(result))
+    return f"# {_cell(title)}\n\n{outcome}\n\n{_table(rows)}\n"
+
+
+def make_properties(
+    title: str, robot: Robot, plan: TrialPlan, result: TrialResult, facts: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Return title, plan, result and facts as named plain values; what has no value is left out."""
+    gait = plan.gait
+    values = {
+        "title": title,
+        "robot": robot.name,
+        "gait_slots": list(gait.slots),
+        "gait_code": gait.code(failed_legs(plan)),
+        "pace_hz": gait.pace_hz,
+        "amplitude": gait.amplitude,
+        "height": gait.height,
+        "heading_deg": math.degrees(plan.heading_rad),
+        "failed_leg": plan.failure.leg if plan.failure else None,
+        "failure": str(plan.failure) if plan.failure else None,
+        "self_rotation": plan.self_rotation,
+    }
+    numbers = result.numbers()
+    deviation = numbers.pop("deviation_m")
+    values |= numbers | {f"deviation_{name}_m": value for name, value in deviation.items()}
+    return {key: _plain(value) for key, value in (values | dict(facts)).items() if value is not None}
+
+
+def failed_legs(plan: TrialPlan) -> tuple[int, ...]:
+    """Return the failed leg, if there is one, as gait codes want it."""
+    return (plan.failure.leg,) if plan.failure else ()
+
+
+def _plan_rows(robot: Robot, plan: TrialPlan) -> Iterator[Row]:
+    gait = plan.gait
+    code = gait.code(failed_legs(plan))
+    yield "robot", robot.name
+    yield "gait", " ".join(map(str, gait.slots)) + ("" if code is None else f" (code {code})")
+    yield "pace, step, height", (
+        f"{gait.pace_hz:g} Hz, {gait.amplitude * robot.size_m:g} m, {gait.height * robot.size_m:g} m"
+    )
+    yield "heading", f"{math.degrees(plan.heading_rad):g}°"
+    if plan.turn_rate_rad_s:
+        yield "turn", f"{math.degrees(plan.turn_rate_rad_s):g} °/s"
+    if plan.failure:
+        yield "failed leg", f"{plan.failure.leg} ({plan.failure}), turned to: {plan.self_rotation}"
+
+
+def _result_rows(result: TrialResult) -> Iterator[Row]:
+    yield "**result**", f"**{result.status}**"
+    yield "walked", f"{result.duration_s:.1f} s"
+    if result.distance_m is not None:
+        yield "distance", f"{result.distance_m:.3f} m of {result.ideal_distance_m:.3f} m without slip"
+    if result.deviation is not None:
+        off = result.deviation
+        yield "**deviation**", f"**{off.final:.3f} m** at the end, {off.mean:.3f} mean, {off.max:.3f} max"
+    if result.yaw_change_rad is not None:
+        yield "turned", f"{math.degrees(result.yaw_change_rad):+.1f}°"
+    yield "clipped ticks", str(result.clipped_ticks)
+
+
+def _table(rows: Any) -> str:
+    lines = [f"| {name} | {value} |" for name, value in rows]
+    return "\n".join(["| | |", "|---|---|", *lines])
+
+
+def _cell(value: Any) -> str:
+    """Return a value as text that cannot break a table."""
+    text = f"{value:g}" if isinstance(value, float) else str(value)
+    return " ".join(text.split()).replace("|", "\\|")
+
+
+def _plain(value: Any) -> Any:
+    """Return a value that a property can hold; anything nested becomes JSON."""
+    simple = (str, int, float, bool)
+    if isinstance(value, simple):
+        return value
+    if isinstance(value, list) and value and all(type(item) is type(value[0]) for item in value):
+        if isinstance(value[0], simple):
+            return value
+    return json.dumps(value, default=str)
