@@ -1,1 +1,103 @@
-"""hexctl walks a simulated or a real six-legged robot at 50 Hz."""
+"""hexctl walks a simulated or a real six-legged robot at 50 Hz.
+
+This is the whole public interface; everything else may change. Names are imported when first used, so that
+`import hexctl` costs nothing and needs neither MuJoCo nor Rerun.
+"""
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from hexctl.backends.base import LegServos
+    from hexctl.backends.clock import Clock, Tick, WallClock
+    from hexctl.backends.mock import MockServos
+    from hexctl.backends.sim.servos import SimServos
+    from hexctl.backends.sim.world import World, load_world
+    from hexctl.control.batch import SimTrial, run_sim_trials
+    from hexctl.control.guard import Guard
+    from hexctl.control.log import TickLog
+    from hexctl.control.plan import TrialPlan
+    from hexctl.control.result import Deviation, TrialResult
+    from hexctl.control.trial import run_trial
+    from hexctl.errors import HexctlError
+    from hexctl.gait.encoding import code_from_slots, slots_from_code
+    from hexctl.gait.gait import Gait, Motion
+    from hexctl.gait.named import make_gait
+    from hexctl.record.recording import Recording
+    from hexctl.robot.failure import Failure
+    from hexctl.robot.file import load_robot
+    from hexctl.robot.messages import JointTargets, RobotState
+    from hexctl.robot.model import Robot
+
+_HOMES = {
+    "Clock": "hexctl.backends.clock",
+    "Deviation": "hexctl.control.result",
+    "Failure": "hexctl.robot.failure",
+    "Gait": "hexctl.gait.gait",
+    "Guard": "hexctl.control.guard",
+    "HexctlError": "hexctl.errors",
+    "JointTargets": "hexctl.robot.messages",
+    "LegServos": "hexctl.backends.base",
+    "MockServos": "hexctl.backends.mock",
+    "Motion": "hexctl.gait.gait",
+    "Recording": "hexctl.record.recording",
+    "Robot": "hexctl.robot.model",
+    "RobotState": "hexctl.robot.messages",
+    "SimServos": "hexctl.backends.sim.servos",
+    "SimTrial": "hexctl.control.batch",
+    "Tick": "hexctl.backends.clock",
+    "TickLog": "hexctl.control.log",
+    "TrialPlan": "hexctl.control.plan",
+    "TrialResult": "hexctl.control.result",
+    "WallClock": "hexctl.backends.clock",
+    "World": "hexctl.backends.sim.world",
+    "code_from_slots": "hexctl.gait.encoding",
+    "load_robot": "hexctl.robot.file",
+    "load_world": "hexctl.backends.sim.world",
+    "make_gait": "hexctl.gait.named",
+    "run_sim_trials": "hexctl.control.batch",
+    "run_trial": "hexctl.control.trial",
+    "slots_from_code": "hexctl.gait.encoding",
+}
+
+__all__ = [
+    "Clock",
+    "Deviation",
+    "Failure",
+    "Gait",
+    "Guard",
+    "HexctlError",
+    "JointTargets",
+    "LegServos",
+    "MockServos",
+    "Motion",
+    "Recording",
+    "Robot",
+    "RobotState",
+    "SimServos",
+    "SimTrial",
+    "Tick",
+    "TickLog",
+    "TrialPlan",
+    "TrialResult",
+    "WallClock",
+    "World",
+    "code_from_slots",
+    "load_robot",
+    "load_world",
+    "make_gait",
+    "run_sim_trials",
+    "run_trial",
+    "slots_from_code",
+]
+
+
+def __getattr__(name: str) -> Any:
+    """Import a public name from where it lives."""
+    if name not in _HOMES:
+        raise AttributeError(f"module 'hexctl' has no attribute {name!r}; it has {', '.join(__all__)}")
+    return getattr(importlib.import_module(_HOMES[name]), name)
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -34,12 +34,13 @@ def check(
     as_json: JsonOption = False,
 ) -> None:
     """Check a robot file: reach, joint ranges and speeds of a gait, with numbers."""
-    from hexctl.cli.values import finite, make_gait
+    from hexctl.cli.values import finite
     from hexctl.control.feasibility import gait_demand
+    from hexctl.gait.named import make_gait
     from hexctl.robot.file import load_robot
 
     described = load_robot(robot_name or robot)
-    walked = make_gait(described, gait, pace, amplitude, height)
+    walked = make_gait(described, gait, pace_hz=pace, amplitude=amplitude, height=height)
     headings = range(0, 360, 15) if heading is None else [finite("--heading", heading)]
     motions = _motions(headings, finite("--turn", turn), in_place=turn is not None and heading is None)
     demand = gait_demand(described, walked, motions)

@@ -70,16 +70,24 @@ def run(
     """Walk, record it for Rerun, and say how it went. Ctrl-C stops softly."""
     from math import radians
 
-    from hexctl.cli.values import finite, make_failure, make_gait
+    from hexctl.cli.values import finite, make_failure
     from hexctl.cli.walking import Request, execute
     from hexctl.control.plan import TrialPlan
+    from hexctl.gait.named import make_gait
     from hexctl.robot.file import load_robot
 
     described = load_robot(robot)
     failed = make_failure(failed_leg, failure)
     in_place = turn is not None and heading is None
     plan = TrialPlan(
-        gait=make_gait(described, gait, pace, amplitude, height, (failed.leg,) if failed else ()),
+        gait=make_gait(
+            described,
+            gait,
+            pace_hz=pace,
+            amplitude=amplitude,
+            height=height,
+            failed_legs=(failed.leg,) if failed else (),
+        ),
         heading_rad=radians(finite("--heading", heading)),
         travel=0.0 if in_place else 1.0,
         turn_rate_rad_s=radians(finite("--turn", turn)),

@@ -3,10 +3,7 @@
 import math
 
 from hexctl.errors import InputError
-from hexctl.gait.gait import Gait
-from hexctl.gait.named import parse_slots
 from hexctl.robot.failure import Failure, parse_failure
-from hexctl.robot.model import Robot
 
 
 def finite(option: str, value: float | None) -> float:
@@ -19,24 +16,6 @@ def finite(option: str, value: float | None) -> float:
     if not math.isfinite(value):
         raise InputError(f"{option}: got {value}; allowed: a finite number")
     return value
-
-
-def make_gait(
-    robot: Robot,
-    text: str,
-    pace_hz: float | None,
-    amplitude: float | None,
-    height: float | None,
-    failed_legs: tuple[int, ...] = (),
-) -> Gait:
-    """Return the gait of the options, with the robot's own values where none is given."""
-    default = robot.gait
-    return Gait(
-        slots=parse_slots(text, failed_legs),
-        pace_hz=default.pace_hz if pace_hz is None else pace_hz,
-        amplitude=default.amplitude if amplitude is None else amplitude,
-        height=default.height if height is None else height,
-    )
 
 
 def make_failure(failed_leg: int | None, failure: str | None) -> Failure | None:

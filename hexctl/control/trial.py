@@ -44,16 +44,17 @@ def never() -> bool:
 def run_trial(
     servos: Guard,
     plan: TrialPlan,
-    log: TickLog,
+    log: TickLog | None = None,
     *,
     stop_requested: StopRequested = never,
     soft_stop: bool = True,
 ) -> TrialResult:
-    """Run a plan on connected servos, keep every tick in the log, and return the result.
+    """Run a plan on connected servos, keep every tick in the log if there is one, and return the result.
 
     A fall, a latched stop, a diverged simulation or a requested stop is a status of the result. Other faults
     of the robot are raised. `soft_stop=False` leaves out the stop after the walk, which is never scored.
     """
+    log = TickLog() if log is None else log
     status = "ok"
     try:
         start = prepare(servos, plan, log, stop_requested)

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from hexctl.control.controller import Walk
 from hexctl.control.plan import TrialPlan
 from hexctl.gait.gait import Gait, Motion, half_amplitude_turn_rate_rad_s
-from hexctl.gait.named import NAMED_SLOTS
+from hexctl.gait.named import make_gait
 from hexctl.gait.ramp import RAMP_DURATION_S
 from hexctl.robot.messages import RobotState
 from hexctl.robot.model import Robot
@@ -21,12 +21,7 @@ PATIENCE = 4.0
 
 def turn_gait(robot: Robot) -> Gait:
     """Return the one gait that every self-rotation uses, so that all codes start from one state."""
-    return Gait(
-        slots=NAMED_SLOTS["demo"],
-        pace_hz=robot.gait.pace_hz,
-        amplitude=robot.gait.amplitude,
-        height=robot.gait.height,
-    )
+    return make_gait(robot, "demo")
 
 
 def turn_needed_rad(robot: Robot, plan: TrialPlan) -> float:

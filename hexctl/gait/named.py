@@ -4,6 +4,8 @@ from collections.abc import Iterable
 
 from hexctl.errors import InputError
 from hexctl.gait.encoding import Slots, check_permutation, code_count, slots_from_code
+from hexctl.gait.gait import Gait
+from hexctl.robot.model import Robot
 
 #: A leg swings when u = 1/3, so swings follow one another in descending slot order.
 NAMED_SLOTS: dict[str, Slots] = {
@@ -16,6 +18,34 @@ NAMED_SLOTS: dict[str, Slots] = {
     # rear to front on both sides, half a cycle apart: 3, 6, 2, 4, 1, 5
     "ripple": (2, 4, 6, 3, 1, 5),
 }
+
+
+def make_gait(
+    robot: Robot,
+    text: str,
+    *,
+    pace_hz: float | None = None,
+    amplitude: float | None = None,
+    height: float | None = None,
+    failed_legs: Iterable[int] = (),
+) -> Gait:
+    """Return a gait from the text that `parse_slots` takes, with the robot's own values where none is given.
+
+    Args:
+        robot: whose defaults hold.
+        text: name, code or slots.
+        pace_hz: gait cycles per second.
+        amplitude: step amplitude as a fraction of the robot's size.
+        height: step height as a fraction of the robot's size.
+        failed_legs: a code counts among the arrangements of the other legs.
+    """
+    default = robot.gait
+    return Gait(
+        slots=parse_slots(text, failed_legs),
+        pace_hz=default.pace_hz if pace_hz is None else pace_hz,
+        amplitude=default.amplitude if amplitude is None else amplitude,
+        height=default.height if height is None else height,
+    )
 
 
 def parse_slots(text: str, failed_legs: Iterable[int] = ()) -> Slots:

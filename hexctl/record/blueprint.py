@@ -12,14 +12,14 @@ from hexctl.record.sdk import load_rerun
 from hexctl.robot.model import Robot
 
 #: The eye, as seen along the line of travel, in stance radii: behind, to the right, above.
-EYE = (-2.4, -2.6, 2.2)
+EYE = (-1.7, -2.0, 1.6)
 
 
 def make_blueprint(robot: Robot, plan: TrialPlan, floor: Floor) -> Any:
     """Return the blueprint of a trial's recording."""
     import rerun.blueprint as rrb
 
-    scene = rrb.Vertical(_scene_view(robot, plan, floor), _states_view(), row_shares=[5, 2])
+    scene = rrb.Vertical(_scene_view(robot, plan, floor), _states_view(), row_shares=[2, 1])
     side = rrb.Vertical(_summary_view(), _deviation_view(), _joints_tabs(plan), row_shares=[4, 3, 4])
     return rrb.Blueprint(
         rrb.Horizontal(scene, side, column_shares=[5, 3]),
@@ -52,7 +52,10 @@ def _scene_view(robot: Robot, plan: TrialPlan, floor: Floor) -> Any:
             eye_up=[0.0, 0.0, 1.0],
             tracking_entity=paths.BODY,
         ),
-        overrides={paths.TRAIL: _up_to_cursor()},
+        overrides={
+            paths.TRAIL: _up_to_cursor(),
+            paths.GROUND: rrb.EntityBehavior(interactive=False),
+        },
     )
 
 
@@ -71,7 +74,7 @@ def _states_view() -> Any:
     import rerun.blueprint as rrb
 
     return rrb.StateTimelineView(
-        origin="/", contents=[f"+ {paths.PHASE}", "+ contacts/**"], name="phase and foot contacts"
+        origin="/", contents=[f"+ {paths.PHASE}", "+ touch/**"], name="phase and foot contacts"
     )
 
 
@@ -93,7 +96,5 @@ def _joints_tabs(plan: TrialPlan) -> Any:
     """Return one plot per leg; the failed leg's is in front."""
     import rerun.blueprint as rrb
 
-    views = [
-        rrb.TimeSeriesView(origin=paths.joints_path(leg), name=f"leg {leg} joints (rad)") for leg in paths.LEGS
-    ]
+    views = [rrb.TimeSeriesView(origin=paths.leg_path(leg), name=f"leg {leg} (rad)") for leg in paths.LEGS]
     return rrb.Tabs(*views, active_tab=plan.failure.leg - 1 if plan.failure else 0)

@@ -10,7 +10,7 @@ from hexctl.record import paths, style
 from hexctl.record.links import LinkColumns
 from hexctl.record.scene import xyzw
 from hexctl.record.sdk import load_rerun
-from hexctl.robot.joints import JOINT_KINDS, leg_slice
+from hexctl.robot.joints import JOINT_KINDS, JOINTS_PER_LEG
 from hexctl.robot.model import Robot
 
 #: The trail is drawn in pieces of this many ticks.
@@ -38,7 +38,6 @@ class BlockWriter:
     def write(self) -> None:
         """Send everything that the rows hold."""
         self._send_base()
-        self._send_links()
         self._send_joints()
         self._send_contacts()
         self._send_phases()
@@ -62,24 +61,15 @@ class BlockWriter:
         )
         self._send(paths.ROBOT, rows, pose)
 
-    def _send_links(self) -> None:
-        """Send the measured angle of each joint as the rotation of its link."""
-        measured = self._column("measured_rad")
-        links = LinkColumns(self._robot, len(measured))
-        for leg in paths.LEGS:
-            angles = measured[:, leg_slice(leg)]
-            for index, kind in enumerate(JOINT_KINDS):
-                self._send(paths.link_path(leg, kind), slice(None), links.columns(kind, angles[:, index]))
-
     def _send_joints(self) -> None:
-        """Send what was sent to the servos and what they measured, for the plots."""
-        sent, measured = self._column("sent_rad"), self._column("measured_rad")
+        """Send each joint's angle as the rotation of its link, and commanded and measured angle as scalars."""
+        joints = np.stack([self._column("sent_rad"), self._column("measured_rad")], axis=-1)
+        joints = joints.astype(np.float32)  # (ticks, 18, 2)
+        links = LinkColumns(self._robot, len(joints))
         for leg in paths.LEGS:
-            joints = leg_slice(leg)
-            angles = np.concatenate([sent[:, joints], measured[:, joints]], axis=1)
-            # The component holds doubles; single precision is what a recording promises, and packs better.
-            values = angles.astype(np.float32).astype(np.float64)
-            self._send(paths.joints_path(leg), slice(None), self._rr.Scalars.columns(scalars=values))
+            for index, kind in enumerate(JOINT_KINDS):
+                angles = joints[:, JOINTS_PER_LEG * (leg - 1) + index]
+                self._send(paths.link_path(leg, kind), slice(None), links.columns(kind, angles))
 
     def _send_contacts(self) -> None:
         """Send which feet touch the floor, where that changes, as a state and as the foot's colour."""

@@ -75,7 +75,9 @@ def _grid_mesh(x: FloatArray, y: FloatArray, heights: FloatArray) -> Mesh:
     colors = np.array(GROUND_COLOR) * (1 + 0.35 * spread[..., np.newaxis])
     corner = np.arange(heights.size, dtype=np.uint32).reshape(heights.shape)
     a, b, c, d = corner[:-1, :-1], corner[:-1, 1:], corner[1:, 1:], corner[1:, :-1]
-    triangles = np.concatenate([np.stack([a, b, c], -1).reshape(-1, 3), np.stack([a, c, d], -1).reshape(-1, 3)])
+    triangles = np.concatenate(
+        [np.stack([a, b, c], -1).reshape(-1, 3), np.stack([a, c, d], -1).reshape(-1, 3)]
+    )
     return Mesh(
         positions.reshape(-1, 3).astype(np.float32),
         triangles,

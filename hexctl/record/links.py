@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hexctl.record.sdk import load_rerun
 from hexctl.robot.joints import JOINT_KINDS
-from hexctl.robot.messages import FloatArray
 from hexctl.robot.model import Robot
 
 #: A positive coxa turns counter-clockwise from above; a positive femur or tibia lifts what points along x.
@@ -42,18 +42,28 @@ class LinkColumns:
             for kind, (outward, up) in zip(JOINT_KINDS, starts, strict=True)
         }
 
-    def columns(self, kind: str, angles_rad: FloatArray) -> list[Any]:
-        """Return the columns of a link of this kind that turns through angles, (ticks,)."""
+    def columns(self, kind: str, angles_rad: NDArray[np.float32]) -> list[Any]:
+        """Return the columns of a link of this kind: it turns through the measured angle.
+
+        Args:
+            kind: one of `JOINT_KINDS`.
+            angles_rad: commanded and measured, (ticks, 2).
+        """
         import pyarrow as pa
 
         axis = self._axes[kind]
-        angle = pa.array(np.ascontiguousarray(angles_rad, dtype=np.float32))
+        angle = pa.array(np.ascontiguousarray(angles_rad[:, 1]))
         fields = [
             pa.field("axis", axis.type, nullable=False),
             pa.field("angle", pa.float32(), nullable=False),
         ]
         turn = pa.StructArray.from_arrays([axis, angle], fields=fields)
-        return [self._column("rotation_axis_angle", turn), self._starts[kind]]
+        # Rerun's scalars are doubles; the values stay those of single precision.
+        both = pa.array(angles_rad.astype(np.float64).ravel())
+        scalars = load_rerun().ComponentColumn(
+            load_rerun().Scalars.descriptor_scalars(), ArrowBatch(both), offsets=2 * self._offsets
+        )
+        return [self._column("rotation_axis_angle", turn), self._starts[kind], scalars]
 
     def _column(self, name: str, values: Any) -> Any:
         rr = load_rerun()

@@ -13,7 +13,7 @@ TRAIL = "world/trail"
 ROBOT = "world/robot"
 BODY = "world/robot/body"
 DEVIATION = "deviation"
-PHASE = "phases/phase"
+PHASE = "phase"
 SUMMARY = "summary"
 
 
@@ -23,7 +23,10 @@ def leg_path(leg: int) -> str:
 
 
 def link_path(leg: int, kind: str) -> str:
-    """Return the entity of a link, such as `world/robot/leg5/coxa/femur`: a link hangs on the one before."""
+    """Return the entity of a link, such as `world/robot/leg5/coxa/femur`: a link hangs on the one before.
+
+    It holds the solid, the rotation that moves it, and two scalars: commanded and measured angle in rad.
+    """
     return "/".join([leg_path(leg), *JOINT_KINDS[: JOINT_KINDS.index(kind) + 1]])
 
 
@@ -32,14 +35,9 @@ def foot_path(leg: int) -> str:
     return f"{link_path(leg, 'tibia')}/foot"
 
 
-def joints_path(leg: int) -> str:
-    """Return the entity of a leg's six plotted angles: three commanded, three measured."""
-    return f"joints/leg{leg}"
-
-
 def contact_path(leg: int) -> str:
     """Return the entity that says whether a foot touches the floor."""
-    return f"contacts/leg{leg}"
+    return f"touch/leg{leg}"
 
 
 LEGS = range(1, N_LEGS + 1)

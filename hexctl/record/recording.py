@@ -1,7 +1,9 @@
 """One recording: a trial as a Rerun file that opens laid out."""
 
+import time
 import uuid
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -23,6 +25,18 @@ APPLICATION_ID = "hexctl"
 
 #: Longer than this a disk does not need; a hung one must not hang the program.
 FLUSH_TIMEOUT_S = 30.0
+
+#: Rows wait until there are this many or the last were written this long ago: each chunk costs time and space.
+BLOCK_TICKS = 2000
+BLOCK_S = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class _Pending:
+    """Rows of a log up to `stop` that have been handed over."""
+
+    log: TickLog
+    stop: int
 
 
 class Recording:
@@ -49,6 +63,8 @@ class Recording:
         rr = load_rerun()
         self.path = path
         self._robot, self._plan, self._title = robot, plan, title
+        self._pending: _Pending | None = None
+        self._written, self._written_at_s = 0, time.monotonic()
         _create(path)
         self._stream: Any = rr.RecordingStream(APPLICATION_ID, recording_id=str(uuid.uuid4()))
         floor = floor or LEVEL
@@ -66,9 +82,14 @@ class Recording:
         self.close()
 
     def write_block(self, log: TickLog, start: int, stop: int) -> None:
-        """Add rows [start, stop) of a log; blocks come in order and without gaps."""
-        if self._stream is not None and stop > start:
-            BlockWriter(self._stream, self._robot, log, start, stop).write()
+        """Add rows [start, stop) of a log; blocks come in order and without gaps.
+
+        A simulation's blocks come faster than they are worth a chunk each, and are written together.
+        """
+        self._pending = _Pending(log, stop)
+        waited_s = time.monotonic() - self._written_at_s
+        if stop - self._written >= BLOCK_TICKS or waited_s >= BLOCK_S:
+            self._write_pending()
 
     def finish(self, result: TrialResult, facts: Mapping[str, Any]) -> None:
         """Add the outcome, as text and as properties, and make sure that all of it is on the disk.
@@ -80,6 +101,7 @@ class Recording:
         Raises RecordingError when the disk did not take everything.
         """
         rr = load_rerun()
+        self._write_pending()
         self._send_summary(result, facts)
         properties = make_properties(self._title, self._robot, self._plan, result, facts)
         self._stream.send_property("trial", rr.AnyValues(**properties))
@@ -88,6 +110,7 @@ class Recording:
     def close(self) -> None:
         """Close the file; a second call does nothing."""
         if self._stream is not None:
+            self._write_pending()
             stream, self._stream = self._stream, None
             stream.disconnect()
 
@@ -95,6 +118,15 @@ class Recording:
         text = make_markdown(self._title, self._robot, self._plan, result, facts)
         document = load_rerun().TextDocument(text, media_type="text/markdown")
         self._stream.log(paths.SUMMARY, document, static=True)
+
+    def _write_pending(self) -> None:
+        """Send the rows that have been handed over and not sent."""
+        if self._pending is None or self._stream is None:
+            return
+        log, stop = self._pending.log, self._pending.stop
+        if stop > self._written:
+            BlockWriter(self._stream, self._robot, log, self._written, stop).write()
+        self._written, self._written_at_s, self._pending = stop, time.monotonic(), None
 
     def _flush(self) -> None:
         try:
@@ -110,6 +142,8 @@ def _create(path: Path) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.open("xb").close()
     except FileExistsError:
-        raise InputError(f"{path}: exists already; a recording never replaces a file, give another name") from None
+        raise InputError(
+            f"{path}: exists already; a recording never replaces a file, give another name"
+        ) from None
     except OSError as error:
         raise RecordingError(f"{path}: cannot write a recording here: {error.strerror}") from error

@@ -37,7 +37,6 @@ def send_scene(stream: Any, robot: Robot, plan: TrialPlan, floor: Floor) -> None
     _send_body(stream, robot)
     for leg in paths.LEGS:
         _send_leg(stream, robot, plan, leg)
-        _send_series(stream, leg)
     line = rr.SeriesLines(colors=[style.DEVIATION_COLOR], names=["left of the line (m)"], widths=[2.0])
     stream.log(paths.DEVIATION, line, static=True)
     _send_states(stream, paths.PHASE, style.PHASE_COLORS)
@@ -96,7 +95,7 @@ def _send_leg(stream: Any, robot: Robot, plan: TrialPlan, leg: int) -> None:
             colors=[colors[kind]],
             fill_mode=fill,
         )
-        stream.log(paths.link_path(leg, kind), solid, static=True)
+        stream.log(paths.link_path(leg, kind), solid, _series(kind), static=True)
     outward, up = robot.link_vectors_m[-1]
     label = {"labels": [f"leg {leg} {failure}"], "show_labels": True} if failure else {}
     foot = rr.Points3D([[outward, 0, up]], radii=[1.3 * robot.foot_radius_m], **label)
@@ -104,19 +103,12 @@ def _send_leg(stream: Any, robot: Robot, plan: TrialPlan, leg: int) -> None:
     _send_states(stream, paths.contact_path(leg), style.FOOT_STATES)
 
 
-def _send_series(stream: Any, leg: int) -> None:
-    """Send names and colours of a leg's plot, commanded joints first as in the data."""
-    rr = load_rerun()
-    names = [f"{kind} {what}" for what in ("commanded", "measured") for kind in JOINT_KINDS]
-    colors = [style.SERIES[kind][which] for which in (0, 1) for kind in JOINT_KINDS]
-    widths = [3.0] * len(JOINT_KINDS) + [1.2] * len(JOINT_KINDS)
-    stream.log(
-        paths.joints_path(leg), rr.SeriesLines(names=names, colors=colors, widths=widths), static=True
-    )
+def _series(kind: str) -> Any:
+    """Return names and looks of a joint's two plotted angles."""
+    names = [f"{kind} commanded", f"{kind} measured"]
+    return load_rerun().SeriesLines(names=names, colors=style.SERIES[kind], widths=[3.0, 1.2])
 
 
 def _send_states(stream: Any, path: str, colors: dict[str, tuple[int, int, int]]) -> None:
     rr = load_rerun()
-    stream.log(
-        path, rr.StateConfiguration(values=list(colors), colors=list(colors.values())), static=True
-    )
+    stream.log(path, rr.StateConfiguration(values=list(colors), colors=list(colors.values())), static=True)

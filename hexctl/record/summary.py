@@ -55,8 +55,9 @@ def _plan_rows(robot: Robot, plan: TrialPlan) -> Iterator[Row]:
     code = gait.code(failed_legs(plan))
     yield "robot", robot.name
     yield "gait", " ".join(map(str, gait.slots)) + ("" if code is None else f" (code {code})")
-    yield "pace, step, height", (
-        f"{gait.pace_hz:g} Hz, {gait.amplitude * robot.size_m:g} m, {gait.height * robot.size_m:g} m"
+    yield (
+        "pace, step, height",
+        (f"{gait.pace_hz:g} Hz, {gait.amplitude * robot.size_m:g} m, {gait.height * robot.size_m:g} m"),
     )
     yield "heading", f"{math.degrees(plan.heading_rad):g}°"
     if plan.turn_rate_rad_s:

@@ -30,12 +30,16 @@ ALLOWED = {
     "invalid_key": "keys that are text",
 }
 
+#: Characters of a value that are shown.
+MOST_SHOWN = 160
+
 
 def shown(value: object) -> str:
     """Return a value as short text on one line, however large it is."""
     short = Repr()
     short.maxlevel, short.maxlist, short.maxstring, short.maxother = 3, 20, 60, 60
-    return short.repr(value)
+    text = short.repr(value)
+    return text if len(text) <= MOST_SHOWN else text[:MOST_SHOWN] + "..."
 
 
 def yaml_problem(error: Exception) -> str:

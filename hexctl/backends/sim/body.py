@@ -2,8 +2,7 @@
 
 from typing import Any
 
-from dm_control import mjcf
-
+from hexctl.backends.sim.dm import mjcf
 from hexctl.robot.joints import JOINT_KINDS, N_LEGS
 from hexctl.robot.model import Robot
 

@@ -4,10 +4,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from dm_control import mjcf
 
 from hexctl.backends.clock import PERIOD_S
 from hexctl.backends.sim.body import NO_CONTACT, make_body
+from hexctl.backends.sim.dm import mjcf
 from hexctl.backends.sim.failures import inject_failure
 from hexctl.backends.sim.terrain import ROUGH_CELLS, ROUGH_HALF_SIZE_M, Floor, make_floor
 from hexctl.backends.sim.world import World

@@ -1,12 +1,12 @@
 """The simulated robot as LegServos."""
 
 import numpy as np
-from dm_control.rl.control import PhysicsError
 
 from hexctl.backends.base import LegServos
 from hexctl.backends.checks import check_connected, check_targets
 from hexctl.backends.clock import Clock, WallClock
 from hexctl.backends.sim.clock import SimClock
+from hexctl.backends.sim.dm import PhysicsError
 from hexctl.backends.sim.noise import Noise
 from hexctl.backends.sim.physics import FIRST_JOINT, STEPS_PER_TICK, Simulation, make_simulation
 from hexctl.backends.sim.world import World

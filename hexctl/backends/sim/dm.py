@@ -1,0 +1,12 @@
+"""dm_control, imported in one place and without looking for a display."""
+
+import os
+
+if "DISPLAY" not in os.environ:
+    # Nothing here renders; without this, dm_control warns about the missing display at import.
+    os.environ.setdefault("MUJOCO_GL", "disable")
+
+from dm_control import mjcf
+from dm_control.rl.control import PhysicsError
+
+__all__ = ["PhysicsError", "mjcf"]
