@@ -13,7 +13,7 @@ class LegServos(ABC):
     """Eighteen leg servos with a clock.
 
     `robot` and `clock` can be read before `connect`. One tick is: `clock.tick()`, `read()`, `write()`.
-    `hexctl.backends.conformance` states what every implementation must do, as tests.
+    `tests/backends/conformance.py` states what every implementation must do, as tests.
     """
 
     @property

@@ -73,7 +73,7 @@ def _own(name: str, options: BackendOptions) -> LegServos:
     module_name, _, class_name = name.partition(":")
     try:
         made = getattr(importlib.import_module(module_name), class_name)(options.robot)
-    except (ImportError, AttributeError, ValueError) as error:
+    except (ImportError, AttributeError, TypeError, ValueError) as error:
         raise InputError(f"backend: {name!r} cannot be loaded: {error}") from error
     if not isinstance(made, LegServos):
         raise InputError(f"backend: {name!r} made a {type(made).__name__}; allowed: a subclass of LegServos")

@@ -2,6 +2,7 @@
 
 import sys
 from collections.abc import Sequence
+from typing import Annotated
 
 import typer
 from typer.exceptions import TyperException
@@ -23,16 +24,22 @@ app.command()(check)
 app.command()(view)
 
 
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        from importlib.metadata import version
+
+        typer.echo(f"hexctl {version('hexctl')}")
+        raise typer.Exit
+
+
 @app.callback()
-def version_option(
-    version: bool = typer.Option(False, "--version", help="Print the version and exit."),
+def every_command(
+    version: Annotated[
+        bool,
+        typer.Option("--version", help="Print the version and exit.", is_eager=True, callback=_print_version),
+    ] = False,
 ) -> None:
     """Walk a six-legged robot, simulated or real, at 50 Hz."""
-    if version:
-        from importlib.metadata import version as installed_version
-
-        typer.echo(f"hexctl {installed_version('hexctl')}")
-        raise typer.Exit
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -33,6 +33,11 @@ if TYPE_CHECKING:
 
 RUNS = Path("runs")
 
+#: Ticks between two writes of the recording: a second where time is real, so that little is lost if the
+#: program is killed; more where a trial is over in less.
+PACED_BLOCK_TICKS = 50
+SIMULATED_BLOCK_TICKS = 500
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Request:
@@ -55,16 +60,21 @@ class Request:
         """Return whether the robot is a simulation."""
         return self.backend == "sim"
 
+    @property
+    def as_fast_as_possible(self) -> bool:
+        """Return whether no wall clock paces the walk."""
+        return self.simulated and not self.realtime
+
 
 def execute(request: Request) -> int:
     """Walk as requested, print what came of it, and return the exit code."""
     world = _check(request)
     with ExitStack() as stack:
         interrupt = stack.enter_context(StopOnInterrupt())
+        servos = _servos(request, world)
         recording = _open_recording(request, world)
         if recording is not None:
             stack.enter_context(recording)
-        servos = _servos(request, world)
         outcome = _walk(request, servos, recording, interrupt)
     typer.echo(json.dumps(outcome) if request.as_json else summary(outcome))
     code = INTERRUPTED if interrupt.requested() else BY_STATUS[outcome["status"]]
@@ -83,9 +93,23 @@ def _check(request: Request) -> World:
         raise InputError(f"--world: got {request.world} with --backend {request.backend}; allowed: with sim")
     if request.no_record and (request.record is not None or request.view):
         raise InputError("--no-record: got --record or --view too; allowed: one or the other")
+    if request.record is not None:
+        _check_writable(request.record)
     plan = request.plan
     check_walk(request.robot, plan.gait, plan.motion(0.0))
     return load_world(request.world or "flat")
+
+
+def _check_writable(path: Path) -> None:
+    """Refuse a recording that cannot be written, or would replace another."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.open("xb").close()
+        path.unlink()
+    except FileExistsError:
+        raise InputError(f"--record: {path} exists; allowed: a new file, nothing is replaced") from None
+    except OSError as error:
+        raise InputError(f"--record: cannot write {path}: {error.strerror}; allowed: a new file") from None
 
 
 def _servos(request: Request, world: World) -> LegServos:
@@ -103,12 +127,11 @@ def _walk(
     request: Request, servos: LegServos, recording: "Recording | None", interrupt: StopOnInterrupt
 ) -> dict[str, Any]:
     """Connect, walk and return the report."""
-    if request.realtime or not request.simulated:
+    if not request.as_fast_as_possible:
         request_realtime_priority()
-    progress = WalkProgress(
-        request.plan, quiet=request.as_json or (request.simulated and not request.realtime)
-    )
-    log = TickLog(recording.write_block if recording is not None else None)
+    progress = WalkProgress(request.plan, quiet=request.as_json or request.as_fast_as_possible)
+    block_ticks = SIMULATED_BLOCK_TICKS if request.as_fast_as_possible else PACED_BLOCK_TICKS
+    log = TickLog(recording.write_block if recording is not None else None, block_ticks)
     with servos, progress:
         guard = Guard(servos)
         began_s = time.perf_counter()

@@ -1,0 +1,59 @@
+"""`hexctl check` as a user calls it."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from hexctl.cli.main import exit_code
+from hexctl.robot.configs import config_root
+
+
+def check_json(capsys: pytest.CaptureFixture[str], *arguments: str, code: int = 0) -> dict[str, Any]:
+    assert exit_code(["check", *arguments, "--json"]) == code
+    report: dict[str, Any] = json.loads(capsys.readouterr().out)
+    return report
+
+
+def test_the_demand_of_the_papers_robot(capsys: pytest.CaptureFixture[str]) -> None:
+    """The excursions and speeds derived from the paper's numbers (heading 0)."""
+    report = check_json(capsys, "ant", "--heading", "0")
+    rows = report["joints"].values()
+    assert max(row["highest_deg"] for row in rows) == pytest.approx(26.3, abs=0.1)
+    femur, tibia = report["joints"]["leg1_femur"], report["joints"]["leg1_tibia"]
+    assert (femur["lowest_deg"], femur["highest_deg"]) == pytest.approx((-6.4, 21.5), abs=0.1)
+    assert (tibia["lowest_deg"], tibia["highest_deg"]) == pytest.approx((-113.8, -54.5), abs=0.1)
+    assert tibia["peak_speed_deg_s"] == pytest.approx(415, abs=3)
+    assert not report["speed_holds"]
+    assert report["max_pace_hz"] < 0.9
+
+
+@pytest.mark.parametrize("robot", ["ant", "phantomx", "pexod"])
+def test_shipped_robots_can_walk_their_own_gait(robot: str, capsys: pytest.CaptureFixture[str]) -> None:
+    report = check_json(capsys, "--robot", robot)
+    assert report["possible"]
+    assert report["feet_stay_apart"]
+    assert len(report["joints"]) == 18
+
+
+def test_the_pace_it_names_is_clipped_nowhere(capsys: pytest.CaptureFixture[str]) -> None:
+    pace = check_json(capsys, "ant")["max_pace_hz"]
+    assert check_json(capsys, "ant", "--pace", f"{pace - 0.001}")["speed_holds"]
+    assert not check_json(capsys, "ant", "--pace", f"{pace + 0.01}")["speed_holds"]
+
+
+def test_an_impossible_gait_is_said_with_numbers(capsys: pytest.CaptureFixture[str]) -> None:
+    report = check_json(capsys, "ant", "--amplitude", "0.5", code=2)
+    assert not report["possible"]
+    assert report["unreachable_legs"]
+    assert exit_code(["check", "ant", "--amplitude", "0.5"]) == 2
+    assert "out of reach for leg" in capsys.readouterr().out
+
+
+def test_a_joint_out_of_range_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "stiff.yaml"
+    text = (config_root() / "robots" / "ant.yaml").read_text()
+    path.write_text(text.replace("min_deg: -60, max_deg: 60", "min_deg: -10, max_deg: 10"))
+    report = check_json(capsys, str(path), code=2)
+    assert "leg1_coxa" in report["joints_out_of_range"]

@@ -1,0 +1,169 @@
+"""`hexctl run` as a user calls it."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from hexctl.cli.main import exit_code
+
+SHORT = ["run", "--no-record", "--duration", "3"]
+
+#: The contract of `run --json` (design: the command line).
+JSON_KEYS = {
+    "gait",
+    "failed_leg",
+    "failure",
+    "duration_s",
+    "distance_m",
+    "deviation_m",
+    "yaw_change_deg",
+    "status",
+    "ticks",
+    "overruns",
+    "clipped_ticks",
+    "tick_us",
+    "realtime_factor",
+    "recording",
+}
+
+#: A second is enough for the slowest machine to get on; a hang must not hang the suite.
+PATIENCE_S = 60.0
+
+
+def run_json(capsys: pytest.CaptureFixture[str], *arguments: str, code: int = 0) -> dict[str, Any]:
+    assert exit_code([*arguments, "--json"]) == code
+    printed = capsys.readouterr()
+    assert printed.err == ""
+    assert len(printed.out.splitlines()) == 1
+    outcome: dict[str, Any] = json.loads(printed.out, parse_constant=lambda name: pytest.fail(name))
+    return outcome
+
+
+def test_json_keeps_the_contract(capsys: pytest.CaptureFixture[str]) -> None:
+    outcome = run_json(capsys, *SHORT, "--gait", "57", "--failed-leg", "2", "--failure", "weak:0.5")
+    assert set(outcome) >= JSON_KEYS
+    assert outcome["gait"]["slots"] == [4, 2, 3, 5, 1, 6]
+    assert outcome["gait"]["code"] == 57
+    assert (outcome["failed_leg"], outcome["failure"]) == (2, "weak:0.5")
+    assert set(outcome["deviation_m"]) == {"final", "mean", "max", "signed"}
+    assert set(outcome["tick_us"]) == {"p50", "p99", "max"}
+    assert outcome["duration_s"] == pytest.approx(3.0)
+    assert outcome["status"] == "ok"
+
+
+def test_the_same_seed_gives_the_same_walk(capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = [*SHORT, "--world", "rough", "--seed", "7"]
+    first, again = run_json(capsys, *arguments), run_json(capsys, *arguments)
+    other = run_json(capsys, *SHORT, "--world", "rough", "--seed", "8")
+    for key in ("distance_m", "deviation_m", "yaw_change_deg", "clipped_ticks", "ticks"):
+        assert first[key] == again[key]
+    assert first["deviation_m"] != other["deviation_m"]
+
+
+def test_heading_is_where_the_body_goes(capsys: pytest.CaptureFixture[str]) -> None:
+    outcome = run_json(capsys, *SHORT, "--gait", "tripod", "--heading", "137")
+    assert outcome["distance_m"] > 0.9 * 2 * 0.1485
+    assert outcome["deviation_m"]["final"] < 0.02
+
+
+def test_turn_alone_turns_in_place_and_with_heading_is_blended(capsys: pytest.CaptureFixture[str]) -> None:
+    in_place = run_json(capsys, *SHORT, "--turn", "-20")
+    assert in_place["yaw_change_deg"] < -0.6 * 20 * 2
+    assert abs(in_place["distance_m"]) < 0.05
+    blended = run_json(capsys, *SHORT, "--turn", "10", "--heading", "0", "--amplitude", "0.08")
+    assert blended["yaw_change_deg"] > 0.6 * 10 * 2
+    assert blended["distance_m"] > 0.1
+
+
+def test_a_world_file_may_set_one_key(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    world = tmp_path / "ice.yaml"
+    world.write_text("friction: 0.02\n")
+    on_ice = run_json(capsys, *SHORT, "--world", str(world))
+    flat = run_json(capsys, *SHORT)
+    assert on_ice["distance_m"] < 0.9 * flat["distance_m"]
+
+
+def test_the_summary_says_how_it_went_and_how_to_look(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert exit_code(["run", "--duration", "2", "--failed-leg", "4"]) == 0
+    printed = capsys.readouterr().out
+    (recording,) = (tmp_path / "runs").iterdir()
+    for word in ("slots 1,4,2,6,3,5", "deviation", "status     ok", f"hexctl view runs/{recording.name}"):
+        assert word in printed
+    assert recording.stat().st_size > 10_000
+
+
+def test_two_runs_at_once_leave_two_recordings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    for _ in range(2):
+        assert exit_code(["run", "--duration", "1"]) == 0
+    assert len(list((tmp_path / "runs").iterdir())) == 2
+
+
+def test_the_mock_knows_no_position(capsys: pytest.CaptureFixture[str]) -> None:
+    outcome = run_json(capsys, "run", "--backend", "mock", "--no-record", "--duration", "0.1")
+    assert outcome["status"] == "ok"
+    assert outcome["distance_m"] is None
+    assert outcome["deviation_m"]["final"] is None
+
+
+def test_servos_of_your_own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "kit.py").write_text(
+        "from hexctl import MockServos\nclass KitServos(MockServos):\n    '''A kit.'''\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    outcome = run_json(capsys, "run", "--backend", "kit:KitServos", "--no-record", "--duration", "0.1")
+    assert outcome["backend"] == "kit:KitServos"
+    assert outcome["status"] == "ok"
+
+
+def test_a_fall_is_an_abort(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    world = tmp_path / "top_heavy.yaml"
+    world.write_text("payload_kg: 6\npayload_position_m: [0.5, 0.0, 0.3]\n")
+    outcome = run_json(capsys, *SHORT, "--world", str(world), code=4)
+    assert outcome["status"] == "fell"
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_ctrl_c_stops_softly_and_keeps_the_recording(number: int, tmp_path: Path) -> None:
+    path = tmp_path / "walk.rrd"
+    command = [sys.executable, "-m", "hexctl", "run", "--realtime", "--duration", "600", "--json"]
+    process = subprocess.Popen(
+        [*command, "--record", str(path)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    try:
+        _wait_until_it_walks(path, process)
+        os.kill(process.pid, number)
+        printed, complaints = process.communicate(timeout=PATIENCE_S)
+    finally:
+        process.kill()
+        process.wait()
+    assert process.returncode == 130
+    assert complaints == ""
+    outcome = json.loads(printed)
+    assert outcome["status"] == "aborted"
+    assert 0 < outcome["duration_s"] < 600
+    assert path.stat().st_size > 10_000
+
+
+def _wait_until_it_walks(path: Path, process: "subprocess.Popen[str]") -> None:
+    """Wait until several seconds of the walk are in the recording."""
+    sizes: set[int] = set()
+    deadline_s = time.monotonic() + PATIENCE_S
+    while len(sizes) < 5:
+        assert time.monotonic() < deadline_s
+        assert process.poll() is None
+        if path.exists():
+            sizes.add(path.stat().st_size)
+        time.sleep(0.02)

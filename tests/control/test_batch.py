@@ -1,0 +1,96 @@
+"""A trial in a batch is the same trial alone, to the last bit."""
+
+import pickle
+
+import numpy as np
+import pytest
+
+from hexctl import Failure, Robot, SimTrial, TrialPlan, World, load_robot, make_gait, run_sim_trials
+from hexctl.control.batch import run_sim_trial
+from hexctl.control.result import TrialResult
+
+WORLDS = {
+    "flat": World(),
+    "rough": World(roughness_m=0.006, friction=0.6),
+    "loaded": World(payload_kg=0.4, payload_position_m=(0.03, 0.0, 0.02), servo_strength=0.7),
+    "miscalibrated": World(joint_offset_deg=2.0),
+    "noisy": World.model_validate({"sensor_noise": {"joint_deg": 0.5, "position_m": 0.002, "yaw_deg": 0.5}}),
+}
+
+
+@pytest.fixture(scope="module")
+def ant() -> Robot:
+    return load_robot("ant")
+
+
+def trial(robot: Robot, gait: str, *, world: World | None = None, seed: int = 0, **plan: object) -> SimTrial:
+    failure = plan.get("failure")
+    legs = (failure.leg,) if isinstance(failure, Failure) else ()
+    made = TrialPlan(gait=make_gait(robot, gait, failed_legs=legs), **{"duration_s": 3.0, **plan})  # type: ignore[arg-type]
+    return SimTrial(robot=robot, plan=made, world=world or World(), seed=seed)
+
+
+def assert_same(one: TrialResult, other: TrialResult) -> None:
+    assert one.numbers() == other.numbers()
+    assert np.array_equal(one.path_m, other.path_m)
+
+
+@pytest.mark.parametrize("world", WORLDS.values(), ids=WORLDS.keys())
+def test_a_batch_equals_its_single_trials(world: World, ant: Robot) -> None:
+    failure = Failure(leg=3)
+    trials = [trial(ant, code, world=world, seed=5, failure=failure) for code in ("1", "57", "120")]
+    for made, alone in zip(run_sim_trials(trials), map(run_sim_trial, trials), strict=True):
+        assert_same(made, alone)
+
+
+def test_different_lengths_motions_and_paces_in_one_batch(ant: Robot) -> None:
+    trials = [
+        trial(ant, "demo", duration_s=2.0),
+        trial(ant, "tripod", duration_s=3.1),
+        trial(ant, "wave", duration_s=1.0, turn_rate_rad_s=0.1, travel=0.5),
+    ]
+    for made, alone in zip(run_sim_trials(trials), map(run_sim_trial, trials), strict=True):
+        assert_same(made, alone)
+
+
+def test_results_come_in_the_order_of_the_trials(ant: Robot) -> None:
+    trials = [trial(ant, "tripod", heading_rad=heading, duration_s=1.5) for heading in (0.0, 2.0, 0.0, 4.0)]
+    trials.append(trial(ant, "tripod", world=World(friction=0.2), duration_s=1.5))
+    results = run_sim_trials(trials)
+    for made, alone in zip(results, map(run_sim_trial, trials), strict=True):
+        assert_same(made, alone)
+
+
+def test_one_thread_or_many_make_no_difference(ant: Robot) -> None:
+    trials = [trial(ant, code, failure=Failure(leg=5)) for code in ("3", "77")]
+    for one, many in zip(run_sim_trials(trials, threads=1), run_sim_trials(trials, threads=2), strict=True):
+        assert_same(one, many)
+
+
+def test_trials_travel_between_processes(ant: Robot) -> None:
+    trials = [trial(ant, code, failure=Failure(leg=5), duration_s=1.0) for code in ("3", "77")]
+    elsewhere = pickle.loads(pickle.dumps(trials))  # noqa: S301
+    for made, alone in zip(run_sim_trials(elsewhere), run_sim_trials(trials), strict=True):
+        assert_same(made, alone)
+
+
+def test_a_fall_in_a_batch_ends_that_trial_as_it_does_alone(ant: Robot) -> None:
+    """A top-heavy robot falls with one gait in its own time; with the others it walks on."""
+    world = World(payload_kg=3.0, payload_position_m=(0.0, 0.0, 0.6))
+    trials = [trial(ant, "tripod", world=world, duration_s=6.0, heading_rad=0.0)]
+    trials.append(trial(ant, "wave", world=world, duration_s=6.0))
+    trials.append(trial(ant, "demo", world=world, duration_s=6.0))
+    results = run_sim_trials(trials)
+    assert [result.status for result in results] == ["ok", "fell", "ok"]
+    assert 0 < results[1].duration_s < 6
+    for made, alone in zip(results, map(run_sim_trial, trials), strict=True):
+        assert_same(made, alone)
+
+
+def test_a_robot_that_falls_before_its_walk(ant: Robot) -> None:
+    world = World(payload_kg=6.0, payload_position_m=(0.5, 0.0, 0.3))
+    trials = [trial(ant, gait, world=world) for gait in ("demo", "tripod")]
+    for made, alone in zip(run_sim_trials(trials), map(run_sim_trial, trials), strict=True):
+        assert made.status == "fell"
+        assert made.deviation is None
+        assert_same(made, alone)
