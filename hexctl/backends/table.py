@@ -74,7 +74,9 @@ def _own(name: str, options: BackendOptions) -> LegServos:
     try:
         made = getattr(importlib.import_module(module_name), class_name)(options.robot)
     except (ImportError, AttributeError, TypeError, ValueError) as error:
-        raise InputError(f"backend: {name!r} cannot be loaded: {error}") from error
+        raise InputError(
+            f"backend: {name!r} cannot be loaded ({error}); allowed: a LegServos class that takes the robot"
+        ) from error
     if not isinstance(made, LegServos):
         raise InputError(f"backend: {name!r} made a {type(made).__name__}; allowed: a subclass of LegServos")
     return made

@@ -40,7 +40,7 @@ class Guard(LegServos):
         self._expiry_s = command_expiry_s
         self._limits = StepLimits.of(servos.robot, servos.clock.period_s)
         self._accepted_rad: FloatArray | None = None
-        self._accepted_at_s = 0.0
+        self._accepted_at_s: float | None = None
         self._leaning_ticks = 0
         self.counters = GuardCounters()
         self.stopped: str | None = None
@@ -67,8 +67,9 @@ class Guard(LegServos):
         self._servos.connect()
 
     def close(self) -> None:
-        """Close the servos behind the guard."""
+        """Close the servos behind the guard; a stop stays latched."""
         self._servos.close()
+        self._forget()
 
     def read(self) -> RobotState:
         """Return the state, and latch a stop when the robot has fallen, is at fault or hears nothing."""
@@ -104,17 +105,22 @@ class Guard(LegServos):
         self.stopped = self.stopped or reason
 
     def clear(self) -> None:
-        """Let the robot move again, from where its joints are now."""
+        """Let the robot move again, from where its joints are now; silence counts from the next command."""
         self.stopped = None
-        self._leaning_ticks = 0
+        self._forget()
+
+    def _forget(self) -> None:
+        """Know of no command and no fall, as before the first one."""
         self._accepted_rad = None
+        self._accepted_at_s = None
+        self._leaning_ticks = 0
 
     def _check(self, targets: JointTargets) -> None:
         """Refuse what must not even be limited."""
         try:
             check_targets(targets)
             age_s = self.clock.now_s - targets.stamp_s
-            if age_s > self._expiry_s:
+            if not age_s <= self._expiry_s:  # a time stamp that is no number has no age
                 raise CommandRefusedError(f"targets: got {age_s:.3f} s old; allowed: {self._expiry_s:g} s")
         except CommandRefusedError:
             self.counters.refused += 1
@@ -129,5 +135,5 @@ class Guard(LegServos):
                 self.stop("fell")
         if not state.healthy:
             self.stop("fault")
-        if self.counters.accepted and self.clock.now_s - self._accepted_at_s > self._expiry_s:
+        if self._accepted_at_s is not None and self.clock.now_s - self._accepted_at_s > self._expiry_s:
             self.stop("expired")

@@ -35,13 +35,15 @@ class StepLimits:
     def apply(self, wanted_rad: FloatArray, accepted_rad: FloatArray) -> FloatArray:
         """Return the targets nearest to the wanted ones that range and speed allow.
 
+        Speed goes first: a joint found outside its range comes back to it no faster than it may turn.
+
         Args:
             wanted_rad: leading shape + (18,).
             accepted_rad: the last accepted targets, same shape; the step is taken from there.
         """
-        lowest = np.maximum(self.lower_rad, accepted_rad - self.max_step_rad)
-        highest = np.minimum(self.upper_rad, accepted_rad + self.max_step_rad)
-        return np.minimum(np.maximum(wanted_rad, lowest), highest)
+        within = np.minimum(np.maximum(wanted_rad, self.lower_rad), self.upper_rad)
+        slowest, fastest = accepted_rad - self.max_step_rad, accepted_rad + self.max_step_rad
+        return np.minimum(np.maximum(within, slowest), fastest)
 
 
 def leaning(base_quaternion_world: FloatArray) -> BoolArray:

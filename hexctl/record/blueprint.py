@@ -12,15 +12,15 @@ from hexctl.record.sdk import load_rerun
 from hexctl.robot.model import Robot
 
 #: The eye, as seen along the line of travel, in stance radii: behind, to the right, above.
-EYE = (-1.7, -2.0, 1.6)
+EYE = (-1.3, -2.5, 1.8)
 
 
 def make_blueprint(robot: Robot, plan: TrialPlan, floor: Floor) -> Any:
     """Return the blueprint of a trial's recording."""
     import rerun.blueprint as rrb
 
-    scene = rrb.Vertical(_scene_view(robot, plan, floor), _states_view(), row_shares=[2, 1])
-    side = rrb.Vertical(_summary_view(), _deviation_view(), _joints_tabs(plan), row_shares=[4, 3, 4])
+    scene = rrb.Vertical(scene_view(robot, plan, floor), _states_view(), row_shares=[5, 4])
+    side = rrb.Vertical(_summary_view(), _deviation_view(), _joints_tabs(), row_shares=[6, 3, 5])
     return rrb.Blueprint(
         rrb.Horizontal(scene, side, column_shares=[5, 3]),
         rrb.BlueprintPanel(state="hidden"),
@@ -31,7 +31,7 @@ def make_blueprint(robot: Robot, plan: TrialPlan, floor: Floor) -> Any:
     )
 
 
-def _scene_view(robot: Robot, plan: TrialPlan, floor: Floor) -> Any:
+def scene_view(robot: Robot, plan: TrialPlan, floor: Floor) -> Any:
     """Return the 3-D view: the eye rides along with the robot, and the trail ends at the time cursor."""
     import rerun.blueprint as rrb
 
@@ -43,7 +43,13 @@ def _scene_view(robot: Robot, plan: TrialPlan, floor: Floor) -> Any:
         origin=paths.WORLD,
         name="robot",
         background=[*style.BACKGROUND],
-        line_grid=rrb.LineGrid3D(spacing=0.1, plane=plane, color=style.GRID_COLOR, stroke_width=0.7),
+        line_grid=rrb.LineGrid3D(
+            visible=floor.heights_m is None,
+            spacing=0.1,
+            plane=plane,
+            color=style.GRID_COLOR,
+            stroke_width=0.7,
+        ),
         spatial_information=rrb.SpatialInformation(target_frame=f"tf#/{paths.WORLD}", show_axes=False),
         eye_controls=rrb.EyeControls3D(
             kind="orbital",
@@ -71,10 +77,19 @@ def _up_to_cursor() -> Any:
 
 
 def _states_view() -> Any:
+    """Return the lanes of the trial's phase and of the six feet; a foot's colour says enough."""
     import rerun.blueprint as rrb
 
+    states = load_rerun().StateConfiguration(
+        values=list(style.STATE_COLORS),
+        colors=list(style.STATE_COLORS.values()),
+        labels=[" " if state in (style.TOUCHING, style.LIFTED) else state for state in style.STATE_COLORS],
+    )
     return rrb.StateTimelineView(
-        origin="/", contents=[f"+ {paths.PHASE}", "+ touch/**"], name="phase and foot contacts"
+        origin="/",
+        contents=[f"+ {paths.PHASE}", "+ touch/**"],
+        name="phase and foot contacts",
+        defaults=[states],
     )
 
 
@@ -92,9 +107,9 @@ def _deviation_view() -> Any:
     )
 
 
-def _joints_tabs(plan: TrialPlan) -> Any:
-    """Return one plot per leg; the failed leg's is in front."""
+def _joints_tabs() -> Any:
+    """Return one plot per leg."""
     import rerun.blueprint as rrb
 
     views = [rrb.TimeSeriesView(origin=paths.leg_path(leg), name=f"leg {leg} (rad)") for leg in paths.LEGS]
-    return rrb.Tabs(*views, active_tab=plan.failure.leg - 1 if plan.failure else 0)
+    return rrb.Tabs(*views)

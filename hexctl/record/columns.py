@@ -1,14 +1,17 @@
 """The rows of a log as Rerun columns: whole arrays at once, never tick by tick."""
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hexctl.backends.sim.terrain import Floor
 from hexctl.control.log import PHASES, TickLog
+from hexctl.control.plan import TrialPlan
 from hexctl.record import paths, style
 from hexctl.record.links import LinkColumns
-from hexctl.record.scene import xyzw
+from hexctl.record.scene import course_world, on_floor, path_end_m, xyzw
 from hexctl.record.sdk import load_rerun
 from hexctl.robot.joints import JOINT_KINDS, JOINTS_PER_LEG
 from hexctl.robot.model import Robot
@@ -19,6 +22,15 @@ TRAIL_STEP = 5
 Rows = NDArray[np.int64] | slice
 
 
+@dataclass(frozen=True, slots=True)
+class Subject:
+    """Who walks, what it shall do, and on what floor."""
+
+    robot: Robot
+    plan: TrialPlan
+    floor: Floor
+
+
 class BlockWriter:
     """Sends rows [start, stop) of a log to a recording stream.
 
@@ -26,10 +38,10 @@ class BlockWriter:
     same log written at once.
     """
 
-    def __init__(self, stream: Any, robot: Robot, log: TickLog, start: int, stop: int) -> None:
+    def __init__(self, stream: Any, subject: Subject, log: TickLog, start: int, stop: int) -> None:
         self._rr = load_rerun()
         self._stream = stream
-        self._robot = robot
+        self._subject = subject
         self._log = log
         self._start, self._stop = start, stop
         elapsed_s = self._column("time_s") - log.columns["time_s"][0]
@@ -43,6 +55,7 @@ class BlockWriter:
         self._send_phases()
         if self._log.pose_known:
             self._send_trail()
+            self._send_course()
             self._send_deviation()
 
     def _send_base(self) -> None:
@@ -52,7 +65,10 @@ class BlockWriter:
             position, quaternion = self._column("base_position_world"), self._column("base_quaternion_world")
             rows = slice(None)
         elif self._start == 0:
-            position, quaternion = np.array([[0, 0, self._robot.standing_height_m]]), np.array([[1, 0, 0, 0]])
+            position, quaternion = (
+                np.array([[0, 0, self._subject.robot.standing_height_m]]),
+                np.array([[1, 0, 0, 0]]),
+            )
             rows = slice(0, 1)
         else:
             return
@@ -62,10 +78,10 @@ class BlockWriter:
         self._send(paths.ROBOT, rows, pose)
 
     def _send_joints(self) -> None:
-        """Send each joint's angle as the rotation of its link, and commanded and measured angle as scalars."""
+        """Send each joint's angle as the rotation of its link, and commanded and measured as scalars."""
         joints = np.stack([self._column("sent_rad"), self._column("measured_rad")], axis=-1)
         joints = joints.astype(np.float32)  # (ticks, 18, 2)
-        links = LinkColumns(self._robot, len(joints))
+        links = LinkColumns(self._subject.robot, len(joints))
         for leg in paths.LEGS:
             for index, kind in enumerate(JOINT_KINDS):
                 angles = joints[:, JOINTS_PER_LEG * (leg - 1) + index]
@@ -75,7 +91,7 @@ class BlockWriter:
         """Send which feet touch the floor, where that changes, as a state and as the foot's colour."""
         rr = self._rr
         touching = self._column("foot_contacts")
-        names = np.array(["lifted", "touching"])
+        names = np.array([style.LIFTED, style.TOUCHING])
         colors = np.array([_packed(style.LIFTED_COLOR), _packed(style.TOUCHING_COLOR)], dtype=np.uint32)
         for leg in paths.LEGS:
             rows = self._changes("foot_contacts", leg - 1)
@@ -92,13 +108,24 @@ class BlockWriter:
             self._send(paths.PHASE, rows, self._rr.StateChange.columns(state=names))
 
     def _send_trail(self) -> None:
-        """Send the way of the body as short pieces; a viewer draws those before its time cursor."""
+        """Send the way of the body, on the floor, as short pieces; those before the time cursor are drawn."""
         first = max(self._start, TRAIL_STEP)
         rows = np.arange(first + -first % TRAIL_STEP, self._stop, TRAIL_STEP)
         if rows.size:
-            positions = self._log.columns["base_position_world"].astype(np.float32)
-            pieces = np.stack([positions[rows - TRAIL_STEP], positions[rows]], axis=1)
+            positions = self._log.columns["base_position_world"][:, :2]
+            ends = (on_floor(positions[at], self._subject.floor) for at in (rows - TRAIL_STEP, rows))
+            pieces = np.stack(list(ends), axis=1).astype(np.float32)
             self._send(paths.TRAIL, rows - self._start, self._rr.LineStrips3D.columns(strips=pieces))
+
+    def _send_course(self) -> None:
+        """Send the line of travel where the walk begins."""
+        subject, frame = self._subject, self._log.frame
+        rows = self._changes("phase")
+        rows = rows[self._column("phase")[rows] == PHASES.index("walk")]
+        if frame is not None and rows.size:
+            length_m = float(np.linalg.norm(path_end_m(subject.robot, subject.plan)))
+            line = course_world(frame, length_m, subject.floor).astype(np.float32)
+            self._send(paths.COURSE, rows, self._rr.LineStrips3D.columns(strips=[line]))
 
     def _send_deviation(self) -> None:
         """Send the distance from the line of travel during the walk, positive to its left."""
@@ -110,7 +137,7 @@ class BlockWriter:
             self._send(paths.DEVIATION, rows, self._rr.Scalars.columns(scalars=values))
 
     def _changes(self, name: str, *index: int) -> NDArray[np.int64]:
-        """Return the rows of the block in which a value differs from the row before; the first tick counts."""
+        """Return the rows of the block in which a value differs from the row before, and the first tick."""
         before = max(self._start - 1, 0)
         values = self._log.columns[name][(slice(before, self._stop), *index)]
         changed = np.flatnonzero(values[1:] != values[:-1]) + 1 - (self._start - before)

@@ -1,4 +1,4 @@
-"""The floor as a mesh in its own plane: z is the height above it, x and y as in the world for a level floor."""
+"""The floor as a mesh in its own plane: z is the height above it; x and y are the world's on level ground."""
 
 from dataclasses import dataclass
 
@@ -9,8 +9,9 @@ from hexctl.backends.sim.terrain import ROUGH_HALF_SIZE_M
 from hexctl.record.style import GROUND_COLOR
 from hexctl.robot.messages import FloatArray
 
-#: Floor to be seen on all sides of the planned path.
+#: Floor to be seen on all sides of the planned path; an even one costs nothing.
 MARGIN_M = 2.0
+EVEN_MARGIN_M = 50.0
 
 #: More vertices than this are thinned out, to keep the file small.
 MAX_VERTICES = 40_000
@@ -43,8 +44,9 @@ def make_mesh(heights_m: FloatArray | None, path_end_m: FloatArray) -> Mesh:
         heights_m: the whole height field (rows along y, columns along x), or None for an even floor.
         path_end_m: where a walk without slip would end.
     """
-    low = np.minimum(path_end_m, 0.0) - MARGIN_M
-    high = np.maximum(path_end_m, 0.0) + MARGIN_M
+    margin_m = EVEN_MARGIN_M if heights_m is None else MARGIN_M
+    low = np.minimum(path_end_m, 0.0) - margin_m
+    high = np.maximum(path_end_m, 0.0) + margin_m
     if heights_m is None:
         x, y = (np.array([low[axis], high[axis]]) for axis in (0, 1))
         return _grid_mesh(x, y, np.full((2, 2), -SUNK_M))

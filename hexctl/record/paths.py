@@ -7,7 +7,6 @@ TIMELINE = "trial_time"
 
 WORLD = "world"
 GROUND = "world/ground"
-START = "world/start"
 COURSE = "world/course"
 TRAIL = "world/trail"
 ROBOT = "world/robot"

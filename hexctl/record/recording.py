@@ -15,7 +15,7 @@ from hexctl.control.result import TrialResult
 from hexctl.errors import InputError, RecordingError
 from hexctl.record import paths
 from hexctl.record.blueprint import make_blueprint
-from hexctl.record.columns import BlockWriter
+from hexctl.record.columns import BlockWriter, Subject
 from hexctl.record.scene import LEVEL, send_scene
 from hexctl.record.sdk import load_rerun
 from hexctl.record.summary import make_markdown, make_properties
@@ -26,7 +26,7 @@ APPLICATION_ID = "hexctl"
 #: Longer than this a disk does not need; a hung one must not hang the program.
 FLUSH_TIMEOUT_S = 30.0
 
-#: Rows wait until there are this many or the last were written this long ago: each chunk costs time and space.
+#: Rows wait until there are this many or the last are this old: each chunk costs time and space.
 BLOCK_TICKS = 2000
 BLOCK_S = 1.0
 
@@ -62,12 +62,13 @@ class Recording:
         """
         rr = load_rerun()
         self.path = path
-        self._robot, self._plan, self._title = robot, plan, title
+        self._subject = Subject(robot, plan, floor or LEVEL)
+        self._title = title
         self._pending: _Pending | None = None
         self._written, self._written_at_s = 0, time.monotonic()
         _create(path)
         self._stream: Any = rr.RecordingStream(APPLICATION_ID, recording_id=str(uuid.uuid4()))
-        floor = floor or LEVEL
+        floor = self._subject.floor
         self._stream.save(str(path), default_blueprint=make_blueprint(robot, plan, floor))
         self._stream.send_recording_name(title)
         send_scene(self._stream, robot, plan, floor)
@@ -103,7 +104,7 @@ class Recording:
         rr = load_rerun()
         self._write_pending()
         self._send_summary(result, facts)
-        properties = make_properties(self._title, self._robot, self._plan, result, facts)
+        properties = make_properties(self._title, self._subject.robot, self._subject.plan, result, facts)
         self._stream.send_property("trial", rr.AnyValues(**properties))
         self._flush()
 
@@ -115,7 +116,7 @@ class Recording:
             stream.disconnect()
 
     def _send_summary(self, result: TrialResult | None, facts: Mapping[str, Any]) -> None:
-        text = make_markdown(self._title, self._robot, self._plan, result, facts)
+        text = make_markdown(self._title, self._subject.robot, self._subject.plan, result, facts)
         document = load_rerun().TextDocument(text, media_type="text/markdown")
         self._stream.log(paths.SUMMARY, document, static=True)
 
@@ -125,7 +126,7 @@ class Recording:
             return
         log, stop = self._pending.log, self._pending.stop
         if stop > self._written:
-            BlockWriter(self._stream, self._robot, log, self._written, stop).write()
+            BlockWriter(self._stream, self._subject, log, self._written, stop).write()
         self._written, self._written_at_s, self._pending = stop, time.monotonic(), None
 
     def _flush(self) -> None:
@@ -140,10 +141,8 @@ def _create(path: Path) -> None:
     """Make an empty file, because Rerun overwrites an existing one without a word."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
+        if path.exists():
+            raise InputError(f"{path}: exists already and is not replaced; give another name")
         path.open("xb").close()
-    except FileExistsError:
-        raise InputError(
-            f"{path}: exists already; a recording never replaces a file, give another name"
-        ) from None
     except OSError as error:
         raise RecordingError(f"{path}: cannot write a recording here: {error.strerror}") from error

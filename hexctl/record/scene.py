@@ -6,10 +6,11 @@ from typing import Any
 import numpy as np
 
 from hexctl.backends.sim.terrain import Floor
+from hexctl.control.frame import TrialFrame
 from hexctl.control.plan import TrialPlan
 from hexctl.gait.gait import ideal_speed_m_s
 from hexctl.record import paths, style
-from hexctl.record.ground import make_mesh
+from hexctl.record.ground import SUNK_M, make_mesh
 from hexctl.record.sdk import load_rerun
 from hexctl.robot.joints import JOINT_KINDS
 from hexctl.robot.messages import FloatArray
@@ -21,6 +22,19 @@ LEVEL = Floor(np.array([1.0, 0.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0]), None)
 def xyzw(quaternion: FloatArray) -> FloatArray:
     """Return quaternions (w, x, y, z) in Rerun's order (x, y, z, w), any leading shape + (4,)."""
     return np.roll(quaternion, -1, axis=-1)
+
+
+def course_world(frame: TrialFrame, length_m: float, floor: Floor) -> FloatArray:
+    """Return both ends of the line of travel, just above the floor, (2, 3) in m."""
+    steps = np.array([[0.0], [length_m]]) * [np.cos(frame.heading_rad), np.sin(frame.heading_rad)]
+    return on_floor(frame.origin_world[:2] + steps, floor)
+
+
+def on_floor(points_m: FloatArray, floor: Floor) -> FloatArray:
+    """Return points seen from above, (N, 2), as points just above the floor and most of its bumps, (N, 3)."""
+    above_m = SUNK_M if floor.heights_m is None else 1.5 * float(floor.heights_m.std())
+    heights = above_m - points_m @ floor.normal_world[:2] / floor.normal_world[2]
+    return np.column_stack([points_m, heights])
 
 
 def path_end_m(robot: Robot, plan: TrialPlan) -> FloatArray:
@@ -37,9 +51,14 @@ def send_scene(stream: Any, robot: Robot, plan: TrialPlan, floor: Floor) -> None
     _send_body(stream, robot)
     for leg in paths.LEGS:
         _send_leg(stream, robot, plan, leg)
+    for path, color, radius in (
+        (paths.TRAIL, style.TRAIL_COLOR, robot.foot_radius_m / 3),
+        (paths.COURSE, style.COURSE_COLOR, robot.foot_radius_m / 4),
+    ):
+        look = rr.LineStrips3D.from_fields(colors=[color], radii=[radius])
+        stream.log(path, look, static=True)
     line = rr.SeriesLines(colors=[style.DEVIATION_COLOR], names=["left of the line (m)"], widths=[2.0])
     stream.log(paths.DEVIATION, line, static=True)
-    _send_states(stream, paths.PHASE, style.PHASE_COLORS)
 
 
 def _send_floor(stream: Any, floor: Floor, end_m: FloatArray) -> None:
@@ -100,15 +119,9 @@ def _send_leg(stream: Any, robot: Robot, plan: TrialPlan, leg: int) -> None:
     label = {"labels": [f"leg {leg} {failure}"], "show_labels": True} if failure else {}
     foot = rr.Points3D([[outward, 0, up]], radii=[1.3 * robot.foot_radius_m], **label)
     stream.log(paths.foot_path(leg), foot, static=True)
-    _send_states(stream, paths.contact_path(leg), style.FOOT_STATES)
 
 
 def _series(kind: str) -> Any:
     """Return names and looks of a joint's two plotted angles."""
     names = [f"{kind} commanded", f"{kind} measured"]
     return load_rerun().SeriesLines(names=names, colors=style.SERIES[kind], widths=[3.0, 1.2])
-
-
-def _send_states(stream: Any, path: str, colors: dict[str, tuple[int, int, int]]) -> None:
-    rr = load_rerun()
-    stream.log(path, rr.StateConfiguration(values=list(colors), colors=list(colors.values())), static=True)

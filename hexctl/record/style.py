@@ -9,7 +9,7 @@ LINK_COLORS = {"coxa": (126, 144, 164), "femur": (186, 198, 212), "tibia": (226,
 FAILED_COLORS = {"coxa": (190, 44, 30), "femur": (226, 66, 42), "tibia": (246, 98, 66)}
 TOUCHING_COLOR = (64, 220, 120)
 LIFTED_COLOR = (96, 108, 124)
-TRAIL_COLOR = (255, 200, 60)
+TRAIL_COLOR = (255, 190, 40)
 COURSE_COLOR = (120, 170, 255)
 DEVIATION_COLOR = (255, 200, 60)
 
@@ -20,11 +20,13 @@ SERIES = {
     "tibia": ((160, 240, 180), (30, 190, 90)),
 }
 
-#: The states of a foot and of a trial, with their colours in the timelines.
-FOOT_STATES = {"touching": TOUCHING_COLOR, "lifted": (58, 66, 78)}
-PHASE_COLORS = {
-    "settle": (110, 118, 130),
-    "turn": (150, 110, 200),
-    "walk": (58, 110, 165),
-    "stop": (110, 118, 130),
+#: The states of a foot and the parts of a trial, in the timelines.
+TOUCHING, LIFTED = "touching", "lifted"
+STATE_COLORS = {
+    TOUCHING: (44, 150, 84),
+    LIFTED: (44, 50, 60),
+    "settle": (96, 104, 118),
+    "turn": (130, 90, 180),
+    "walk": (50, 100, 160),
+    "stop": (96, 104, 118),
 }

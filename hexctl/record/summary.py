@@ -16,9 +16,9 @@ def make_markdown(
     title: str, robot: Robot, plan: TrialPlan, result: TrialResult | None, facts: Mapping[str, Any]
 ) -> str:
     """Return the text panel; without a result the trial was not finished."""
-    rows = [*_plan_rows(robot, plan), *((_cell(key), _cell(value)) for key, value in facts.items())]
-    outcome = "*not finished*" if result is None else _table(_result_rows(result))
-    return f"# {_cell(title)}\n\n{outcome}\n\n{_table(rows)}\n"
+    outcome = [("**result**", "*not finished*")] if result is None else _result_rows(result)
+    more = ((_cell(key), _cell(value)) for key, value in facts.items())
+    return f"## {_cell(title)}\n\n{_table([*outcome, *_plan_rows(robot, plan), *more])}\n"
 
 
 def make_properties(
@@ -67,8 +67,7 @@ def _plan_rows(robot: Robot, plan: TrialPlan) -> Iterator[Row]:
 
 
 def _result_rows(result: TrialResult) -> Iterator[Row]:
-    yield "**result**", f"**{result.status}**"
-    yield "walked", f"{result.duration_s:.1f} s"
+    yield "**result**", f"**{result.status}** after {result.duration_s:.1f} s"
     if result.distance_m is not None:
         yield "distance", f"{result.distance_m:.3f} m of {result.ideal_distance_m:.3f} m without slip"
     if result.deviation is not None:
@@ -96,6 +95,5 @@ def _plain(value: Any) -> Any:
     if isinstance(value, simple):
         return value
     if isinstance(value, list) and value and all(type(item) is type(value[0]) for item in value):
-        if isinstance(value[0], simple):
-            return value
+        return value if isinstance(value[0], simple) else json.dumps(value, default=str)
     return json.dumps(value, default=str)

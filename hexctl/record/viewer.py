@@ -1,0 +1,85 @@
+"""Open recordings in Rerun's own viewer."""
+
+import importlib.util
+import subprocess
+from collections.abc import Sequence
+from pathlib import Path
+
+from hexctl.errors import MissingExtraError, RecordingError
+
+#: How an .rrd file begins.
+MAGIC = b"RRF"
+
+LOCAL = "127.0.0.1"
+
+
+def open_viewer(paths: Sequence[Path]) -> int:
+    """Start the native viewer on recordings, wait until it is closed, and return its exit code.
+
+    Raises RecordingError for a missing file, a file of another kind, or a viewer that cannot start, and
+    MissingExtraError without Rerun.
+    """
+    for path in paths:
+        check_recording(path)
+    # A port of its own: another viewer that is open keeps what it shows.
+    command = [str(viewer_binary()), "--bind", LOCAL, "--port", "auto", *map(str, paths)]
+    try:
+        done = subprocess.run(command, check=False, stderr=subprocess.PIPE, text=True, errors="replace")
+    except OSError as error:
+        raise RecordingError(f"{command[0]}: the viewer does not start: {error.strerror}") from error
+    if done.returncode > 0:
+        raise RecordingError(_why(done.stderr, paths))
+    return done.returncode
+
+
+def newest_recording(folder: Path) -> Path:
+    """Return the recording in a folder, or in the folders below it, that was written last.
+
+    Raises RecordingError when there is none.
+    """
+    found = [path for path in folder.rglob("*.rrd") if path.is_file()]
+    if not found:
+        raise RecordingError(f"no recording (*.rrd) under {folder}; hexctl run writes one")
+    return max(found, key=lambda path: (path.stat().st_mtime_ns, path.name))
+
+
+def check_recording(path: Path) -> None:
+    """Refuse a file that is not a recording; raises RecordingError."""
+    try:
+        with path.open("rb") as file:
+            head = file.read(len(MAGIC))
+    except OSError as error:
+        raise RecordingError(f"{path}: cannot be opened: {error.strerror}") from error
+    if head != MAGIC:
+        raise RecordingError(f"{path}: is not a Rerun recording; give an .rrd file that hexctl wrote")
+
+
+def viewer_binary() -> Path:
+    """Return Rerun's program itself; the `rerun` on the PATH is a wrapper that would outlive a signal.
+
+    Raises MissingExtraError when it is not installed.
+    """
+    try:
+        package = importlib.util.find_spec("rerun_cli")
+    except ValueError:
+        package = None
+    if package is None or package.origin is None:
+        raise MissingExtraError("the viewer", "view")
+    folder = Path(package.origin).parent
+    for name in ("rerun", "rerun.exe"):
+        if (folder / name).is_file():
+            return folder / name
+    raise MissingExtraError("the viewer", "view")
+
+
+def _why(messages: str, paths: Sequence[Path]) -> str:
+    """Return one line on why the viewer ended, and what to do where there is no screen."""
+    names = " ".join(map(str, paths))
+    if any(word in messages for word in ("DISPLAY", "WAYLAND", "neither", "NoDisplay", "XOpenDisplay")):
+        return (
+            f"the viewer finds no display; copy {names} to a machine with one, "
+            f"or serve it to a browser: rerun --web-viewer --bind {LOCAL} {names}"
+        )
+    lines = [line.strip() for line in messages.splitlines() if line.strip()]
+    last = next((line for line in reversed(lines) if "rror" in line), lines[-1] if lines else "no message")
+    return f"the viewer ended with an error: {' '.join(last.split())[:200]}"
