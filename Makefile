@@ -7,11 +7,12 @@ INSTALLED := $(VENV)/.installed
 # No display is needed or looked for; set MUJOCO_GL yourself to render.
 export MUJOCO_GL ?= disable
 
-.PHONY: help setup demo test lint bench clean
+.PHONY: help setup demo test lint smoke bench clean
 
 help:
 	@echo "make demo   walk a hexapod with a failed leg in simulation, and say how to look at it"
 	@echo "make test   style, types and tests"
+	@echo "make smoke  the built wheel, installed alone"
 	@echo "make bench  the numbers hexctl promises, measured (about 15 minutes)"
 	@echo "make clean  remove what the others made, recordings excepted"
 
@@ -32,6 +33,14 @@ lint: $(INSTALLED)
 
 test: lint
 	$(BIN)/pytest -n auto
+
+# The built wheel, alone in a fresh environment: what a robot's own computer gets.
+smoke: $(INSTALLED)
+	rm -rf build/smoke
+	$(BIN)/python -m pip wheel --quiet --disable-pip-version-check --no-deps -w build/smoke .
+	$(PYTHON) -m venv build/smoke/venv
+	build/smoke/venv/bin/python -m pip install --quiet --disable-pip-version-check -c constraints.txt build/smoke/*.whl
+	cd build/smoke && venv/bin/hexctl check pexod && venv/bin/hexctl run --backend mock --no-record --duration 0.2
 
 bench: $(INSTALLED)
 	$(BIN)/python -m benchmarks
