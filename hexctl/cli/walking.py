@@ -26,6 +26,7 @@ from hexctl.control.plan import TrialPlan
 from hexctl.control.result import TrialResult
 from hexctl.control.trial import run_trial
 from hexctl.errors import InputError, MissingExtraError
+from hexctl.record.files import probe_file
 from hexctl.robot.model import Robot
 
 if TYPE_CHECKING:
@@ -94,22 +95,10 @@ def _check(request: Request) -> World:
     if request.no_record and (request.record is not None or request.view):
         raise InputError("--no-record: got --record or --view too; allowed: one or the other")
     if request.record is not None:
-        _check_writable(request.record)
+        probe_file(request.record)
     plan = request.plan
     check_walk(request.robot, plan.gait, plan.motion(0.0))
     return load_world(request.world or "flat")
-
-
-def _check_writable(path: Path) -> None:
-    """Refuse a recording that cannot be written, or would replace another."""
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.open("xb").close()
-        path.unlink()
-    except FileExistsError:
-        raise InputError(f"--record: {path} exists; allowed: a new file, nothing is replaced") from None
-    except OSError as error:
-        raise InputError(f"--record: cannot write {path}: {error.strerror}; allowed: a new file") from None
 
 
 def _servos(request: Request, world: World) -> LegServos:

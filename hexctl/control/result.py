@@ -106,31 +106,40 @@ def score(
         positions_world: base positions of the walk, (T, 3).
         quaternions_world: base orientations of the walk, (T, 4).
     """
+    walked = frame is not None and len(positions_world) > 0
+    path = frame.path(positions_world) if frame is not None else np.zeros((0, 2))
+    distance_m = float(path[-1, 0]) if walked else None
     ideal_speed = ideal_speed_m_s(robot, plan.gait, plan.motion(0.0))
-    if frame is None or not len(positions_world):
-        path = np.zeros((0, 2))
-        distance = deviation = yaw_change = None
-    else:
-        path = frame.path(positions_world)
-        distance, signed = (float(value) for value in path[-1])
-        off = np.abs(path[:, 1])
-        deviation = Deviation(float(off[-1]), float(off.mean()), float(off.max()), signed)
-        yaws = np.unwrap(np.concatenate([[frame.yaw_rad], yaw_rad(quaternions_world)]))
-        yaw_change = float(yaws[-1] - yaws[0])
-    straight = plan.travel > 0 and plan.turn_rate_rad_s == 0
-    floor_m = PROGRESS_FLOOR * ideal_speed * _ramped_duration_s(duration_s)
-    if status == "ok" and straight and distance is not None and distance < floor_m:
-        status = "no_progress"
+    if status == "ok" and distance_m is not None and _goes_straight(plan):
+        floor_m = PROGRESS_FLOOR * ideal_speed * _ramped_duration_s(duration_s)
+        status = "ok" if distance_m >= floor_m else "no_progress"
     return TrialResult(
         status=status,
         duration_s=duration_s,
-        distance_m=distance,
+        distance_m=distance_m,
         ideal_distance_m=ideal_speed * duration_s,
-        deviation=deviation,
-        yaw_change_rad=yaw_change,
+        deviation=_deviation(path[:, 1]) if walked else None,
+        yaw_change_rad=_yaw_change_rad(frame.yaw_rad, quaternions_world) if frame and walked else None,
         clipped_ticks=clipped_ticks,
         path_m=path,
     )
+
+
+def _deviation(signed_m: FloatArray) -> Deviation:
+    """Return the four deviations of a walk, from its signed deviation at each tick."""
+    off_m = np.abs(signed_m)
+    return Deviation(float(off_m[-1]), float(off_m.mean()), float(off_m.max()), float(signed_m[-1]))
+
+
+def _yaw_change_rad(first_yaw_rad: float, quaternions_world: FloatArray) -> float:
+    """Return how far the body turned, whole turns counted."""
+    yaws = np.unwrap(np.concatenate([[first_yaw_rad], yaw_rad(quaternions_world)]))
+    return float(yaws[-1] - yaws[0])
+
+
+def _goes_straight(plan: TrialPlan) -> bool:
+    """Return whether a plan's distance along the heading says how well it went."""
+    return plan.travel > 0 and plan.turn_rate_rad_s == 0
 
 
 def _ramped_duration_s(duration_s: float) -> float:

@@ -12,7 +12,7 @@ from hexctl.control.loop import drive
 from hexctl.control.plan import TrialPlan
 from hexctl.control.result import TrialResult, score
 from hexctl.control.turning import CLOSE_ENOUGH_RAD, Turn, turn_needed_rad
-from hexctl.errors import EStopError, SimulationDivergedError
+from hexctl.errors import EStopError, RobotFaultError, SimulationDivergedError
 from hexctl.robot.messages import RobotState
 from hexctl.robot.rotation import yaw_rad
 
@@ -75,7 +75,7 @@ def run_trial(
         status=status,
         duration_s=_walked_s(log, rows, servos.clock.period_s),
         clipped_ticks=int((log["wanted_rad"][rows] != log["sent_rad"][rows]).any(axis=-1).sum()),
-        frame=log.frame,
+        frame=log.frame if log.pose_known else None,
         positions_world=log["base_position_world"][rows],
         quaternions_world=log["base_quaternion_world"][rows],
     )
@@ -98,8 +98,8 @@ def prepare(servos: Guard, plan: TrialPlan, log: TickLog, stop_requested: StopRe
         turn = Turn(servos.robot, plan, turn_rad, first_yaw_rad, servos.clock.period_s, stop_requested)
         drive(servos, turn.controller, log, turn.until)
         state = _stand(servos, PAUSE_S, log)
-    assert state.base_position_world is not None  # noqa: S101  a robot that knew its pose still does
-    assert state.base_quaternion_world is not None  # noqa: S101
+    if state.base_position_world is None or state.base_quaternion_world is None:
+        raise RobotFaultError("the robot lost its pose while it turned; check what measures it and run again")
     yaw = float(yaw_rad(state.base_quaternion_world))
     frame = TrialFrame(state.base_position_world, first_yaw_rad + plan.heading_rad, yaw)
     return StartLine(yaw - first_yaw_rad, frame)

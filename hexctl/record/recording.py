@@ -12,10 +12,11 @@ from hexctl.backends.sim.terrain import Floor
 from hexctl.control.log import TickLog
 from hexctl.control.plan import TrialPlan
 from hexctl.control.result import TrialResult
-from hexctl.errors import InputError, RecordingError
+from hexctl.errors import RecordingError
 from hexctl.record import paths
 from hexctl.record.blueprint import make_blueprint
 from hexctl.record.columns import BlockWriter, Subject
+from hexctl.record.files import create_file
 from hexctl.record.scene import LEVEL, send_scene
 from hexctl.record.sdk import load_rerun
 from hexctl.record.summary import make_markdown, make_properties
@@ -57,7 +58,7 @@ class Recording:
             title: heading of the text panel and name of the recording.
             floor: what it walks on; None is an even, level floor.
 
-        Raises InputError for a file that exists, RecordingError for one that cannot be written, and
+        Raises InputError for a file that exists or cannot be written, and
         MissingExtraError without Rerun.
         """
         rr = load_rerun()
@@ -66,7 +67,7 @@ class Recording:
         self._title = title
         self._pending: _Pending | None = None
         self._written, self._written_at_s = 0, time.monotonic()
-        _create(path)
+        create_file(path)
         self._stream: Any = rr.RecordingStream(APPLICATION_ID, recording_id=str(uuid.uuid4()))
         floor = self._subject.floor
         self._stream.save(str(path), default_blueprint=make_blueprint(robot, plan, floor))
@@ -135,14 +136,3 @@ class Recording:
         except (OSError, RuntimeError, ValueError) as error:
             reason = " ".join(str(error).split())
             raise RecordingError(f"{self.path}: the recording is incomplete: {reason}") from error
-
-
-def _create(path: Path) -> None:
-    """Make an empty file, because Rerun overwrites an existing one without a word."""
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        if path.exists():
-            raise InputError(f"{path}: exists already and is not replaced; give another name")
-        path.open("xb").close()
-    except OSError as error:
-        raise RecordingError(f"{path}: cannot write a recording here: {error.strerror}") from error

@@ -53,6 +53,8 @@ def failed_legs(plan: TrialPlan) -> tuple[int, ...]:
 def _plan_rows(robot: Robot, plan: TrialPlan) -> Iterator[Row]:
     gait = plan.gait
     code = gait.code(failed_legs(plan))
+    if plan.failure:
+        yield "failed leg", f"{plan.failure.leg} ({plan.failure}), turned to: {plan.self_rotation}"
     yield "robot", robot.name
     yield "gait", " ".join(map(str, gait.slots)) + ("" if code is None else f" (code {code})")
     yield (
@@ -62,8 +64,6 @@ def _plan_rows(robot: Robot, plan: TrialPlan) -> Iterator[Row]:
     yield "heading", f"{math.degrees(plan.heading_rad):g}°"
     if plan.turn_rate_rad_s:
         yield "turn", f"{math.degrees(plan.turn_rate_rad_s):g} °/s"
-    if plan.failure:
-        yield "failed leg", f"{plan.failure.leg} ({plan.failure}), turned to: {plan.self_rotation}"
 
 
 def _result_rows(result: TrialResult) -> Iterator[Row]:

@@ -5,7 +5,7 @@ import subprocess
 from collections.abc import Sequence
 from pathlib import Path
 
-from hexctl.errors import MissingExtraError, RecordingError
+from hexctl.errors import InputError, MissingExtraError, RecordingError
 
 #: How an .rrd file begins.
 MAGIC = b"RRF"
@@ -16,8 +16,8 @@ LOCAL = "127.0.0.1"
 def open_viewer(paths: Sequence[Path]) -> int:
     """Start the native viewer on recordings, wait until it is closed, and return its exit code.
 
-    Raises RecordingError for a missing file, a file of another kind, or a viewer that cannot start, and
-    MissingExtraError without Rerun.
+    Raises InputError for a missing file or a file of another kind, RecordingError for a viewer that cannot
+    start, and MissingExtraError without Rerun.
     """
     for path in paths:
         check_recording(path)
@@ -35,23 +35,23 @@ def open_viewer(paths: Sequence[Path]) -> int:
 def newest_recording(folder: Path) -> Path:
     """Return the recording in a folder, or in the folders below it, that was written last.
 
-    Raises RecordingError when there is none.
+    Raises InputError when there is none.
     """
     found = [path for path in folder.rglob("*.rrd") if path.is_file()]
     if not found:
-        raise RecordingError(f"no recording (*.rrd) under {folder}; hexctl run writes one")
+        raise InputError(f"no recording (*.rrd) under {folder}; hexctl run writes one")
     return max(found, key=lambda path: (path.stat().st_mtime_ns, path.name))
 
 
 def check_recording(path: Path) -> None:
-    """Refuse a file that is not a recording; raises RecordingError."""
+    """Raise InputError for a file that is not a recording."""
     try:
         with path.open("rb") as file:
             head = file.read(len(MAGIC))
     except OSError as error:
-        raise RecordingError(f"{path}: cannot be opened: {error.strerror}") from error
+        raise InputError(f"{path}: cannot be opened: {error.strerror}") from error
     if head != MAGIC:
-        raise RecordingError(f"{path}: is not a Rerun recording; give an .rrd file that hexctl wrote")
+        raise InputError(f"{path}: is not a Rerun recording; give an .rrd file that hexctl wrote")
 
 
 def viewer_binary() -> Path:

@@ -5,6 +5,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from hexctl.errors import InputError
 from hexctl.robot.failure import Failure
 from hexctl.robot.joints import JOINT_KINDS, JOINTS_PER_LEG, N_JOINTS, leg_slice
 from hexctl.robot.messages import BoolArray, FloatArray
@@ -30,6 +31,7 @@ def inject_failure(physics: Any, robot: Robot, failure: Failure | None) -> tuple
     if failure.kind == "locked":
         jammed[joints] = True
     elif failure.kind == "stuck":
+        _check_angle(robot, failure)
         _jam(physics, jammed, jammed_at, failure)
     elif failure.kind == "limp":
         _scale_torque(physics, joints, 0.0)
@@ -38,6 +40,17 @@ def inject_failure(physics: Any, robot: Robot, failure: Failure | None) -> tuple
     else:
         _remove_leg(physics, failure.leg)
     return jammed, jammed_at
+
+
+def _check_angle(robot: Robot, failure: Failure) -> None:
+    """Refuse a joint stuck where it cannot go."""
+    joint = JOINTS_PER_LEG * (failure.leg - 1) + JOINT_KINDS.index(failure.joint)
+    if not robot.joint_lower_rad[joint] <= failure.angle_rad <= robot.joint_upper_rad[joint]:
+        low, high = np.degrees([robot.joint_lower_rad[joint], robot.joint_upper_rad[joint]])
+        raise InputError(
+            f"stuck {failure.joint}: got {np.degrees(failure.angle_rad):g} deg; "
+            f"allowed: {low:g} to {high:g} deg"
+        )
 
 
 def _jam(physics: Any, jammed: BoolArray, jammed_at: FloatArray, failure: Failure) -> None:

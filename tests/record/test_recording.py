@@ -1,0 +1,257 @@
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hexctl.control.log import PHASES, TickLog
+from hexctl.errors import HexctlError, InputError
+from hexctl.ik.kinematics import foot_positions_body
+from hexctl.record import recording as module
+from hexctl.record.recording import Recording
+from hexctl.record.viewer import viewer_binary
+from hexctl.robot.joints import JOINT_KINDS
+from tests.record.conftest import ReadBack, Trial, make_plan, write
+
+LINK = "/world/robot/leg{leg}/" + "/".join(JOINT_KINDS)
+
+
+@pytest.fixture(scope="module")
+def written(trial: Trial, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write(tmp_path_factory.mktemp("recording") / "runs" / "trial.rrd", trial)
+
+
+@pytest.fixture(scope="module")
+def read(written: Path) -> ReadBack:
+    return ReadBack(written)
+
+
+def _joints(read: ReadBack, which: int) -> np.ndarray:
+    """Return commanded (0) or measured (1) angles, (ticks, 18)."""
+    columns = []
+    for leg in range(1, 7):
+        for depth in range(1, 4):
+            path = f"/world/robot/leg{leg}/" + "/".join(JOINT_KINDS[:depth])
+            columns.append([value[which] for value in read.values(path, "Scalars:scalars")])
+    return np.array(columns).T
+
+
+def test_every_tick_is_recorded_from_time_zero(read: ReadBack, trial: Trial) -> None:
+    times = read.times_s("/world/robot", "Transform3D:translation")
+    np.testing.assert_allclose(times, trial.log["time_s"] - trial.log["time_s"][0], atol=1e-9)
+
+
+def test_joint_angles_are_those_of_the_log(read: ReadBack, trial: Trial) -> None:
+    np.testing.assert_allclose(_joints(read, 0), trial.log["sent_rad"], atol=1e-6)
+    np.testing.assert_allclose(_joints(read, 1), trial.log["measured_rad"], atol=1e-6)
+
+
+def test_the_drawn_feet_are_where_the_kinematics_put_them(read: ReadBack, trial: Trial) -> None:
+    row = len(trial.log) // 2
+    expected = foot_positions_body(trial.robot, trial.log["measured_rad"][row])
+    for leg in range(1, 7):
+        point = np.array(read.values(f"{LINK.format(leg=leg)}/foot", "Points3D:positions")[0][0])
+        for depth in (3, 2, 1):
+            path = f"/world/robot/leg{leg}/" + "/".join(JOINT_KINDS[:depth])
+            point = _placed(read, path, row, point)
+        np.testing.assert_allclose(
+            _placed(read, f"/world/robot/leg{leg}", 0, point), expected[leg - 1], atol=1e-5
+        )
+
+
+def _placed(read: ReadBack, path: str, row: int, point: np.ndarray) -> np.ndarray:
+    """Return a point of an entity in its parent."""
+    turn = read.values(path, "Transform3D:rotation_axis_angle")[row][0]
+    start = np.array(read.values(path, "Transform3D:translation")[row][0])
+    axis, angle = np.array(turn["axis"]), turn["angle"]
+    turned = (
+        point * np.cos(angle)
+        + np.cross(axis, point) * np.sin(angle)
+        + axis * (axis @ point) * (1 - np.cos(angle))
+    )
+    placed: np.ndarray = turned + start
+    return placed
+
+
+def test_deviation_ends_with_the_result(read: ReadBack, trial: Trial) -> None:
+    deviation = [value[0] for value in read.values("/deviation", "Scalars:scalars")]
+    assert trial.result.deviation is not None
+    assert len(deviation) == len(trial.result.path_m)
+    assert deviation[-1] == pytest.approx(trial.result.deviation.signed, abs=1e-6)
+
+
+def test_phases_contacts_trail_and_layout_are_in_the_file(read: ReadBack, trial: Trial) -> None:
+    phases = [value[0] for value in read.values("/phase", "StateChange:state")]
+    assert phases == list(PHASES)
+    for leg in range(1, 7):
+        touching = trial.log["foot_contacts"][:, leg - 1]
+        states = [value[0] for value in read.values(f"/touch/leg{leg}", "StateChange:state")]
+        assert len(states) == 1 + np.count_nonzero(touching[1:] != touching[:-1])
+        assert states[0] == ("touching" if touching[0] else "lifted")
+    assert len(read.values("/world/trail", "LineStrips3D:strips")) == (len(trial.log) - 1) // 5
+    assert len(read.values("/world/course", "LineStrips3D:strips")) == 1
+    assert len(read.blueprints) == 1
+    assert read.blueprints[0].application_id == read.recordings[0].application_id
+
+
+def test_the_failed_leg_has_another_colour(read: ReadBack) -> None:
+    color = {leg: read.values(f"/world/robot/leg{leg}/coxa", "Capsules3D:colors")[0] for leg in range(1, 7)}
+    assert all(color[leg] == color[1] for leg in (2, 3, 4, 6))
+    assert color[5] != color[1]
+
+
+def test_outcome_is_text_and_properties(read: ReadBack) -> None:
+    texts = [value[0] for value in read.values("/summary", "TextDocument:text")]
+    assert any("not finished" in text for text in texts)
+    assert any(
+        "| 5 (locked)" in text and "**deviation**" in text and "| world | flat |" in text for text in texts
+    )
+    assert read.values("/__properties/trial", "failed_leg") == [[5]]
+    assert read.values("/__properties/trial", "gait_slots") == [[1, 4, 2, 6, 3, 5]]
+
+
+def test_rerun_finds_nothing_wrong_with_the_file(written: Path) -> None:
+    done = subprocess.run(
+        [str(viewer_binary()), "rrd", "verify", str(written)], capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+
+
+def test_blocks_give_the_same_recording(
+    read: ReadBack, trial: Trial, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "BLOCK_TICKS", 1)
+    blocks = ReadBack(write(tmp_path / "blocks.rrd", trial, block_ticks=37))
+    assert blocks.temporal() == read.temporal()
+    assert blocks.entities == read.entities
+
+
+def test_blocks_that_come_fast_wait_for_the_end(trial: Trial, read: ReadBack, tmp_path: Path) -> None:
+    blocks = ReadBack(write(tmp_path / "blocks.rrd", trial, block_ticks=37))
+    assert blocks.temporal() == read.temporal()
+
+
+def test_without_a_pose_the_robot_stands_at_the_origin(trial: Trial, tmp_path: Path) -> None:
+    log = TickLog()
+    log.columns, log._length, log.pose_known = trial.log.columns, len(trial.log), False
+    path = tmp_path / "blind.rrd"
+    with Recording(path, trial.robot, make_plan(trial.robot), title="blind") as recording:
+        recording.write_block(log, 0, len(log))
+    read = ReadBack(path)
+    (position,) = read.values("/world/robot", "Transform3D:translation")
+    np.testing.assert_allclose(position[0], [0, 0, trial.robot.standing_height_m], atol=1e-6)
+    assert not read.values("/deviation", "Scalars:scalars")
+    assert len(_joints(read, 1)) == len(log)
+
+
+def test_an_existing_file_is_refused_and_kept(trial: Trial, tmp_path: Path) -> None:
+    path = tmp_path / "trial.rrd"
+    path.write_bytes(b"precious")
+    with pytest.raises(InputError, match="nothing is replaced"):
+        Recording(path, trial.robot, trial.plan, title="again")
+    assert path.read_bytes() == b"precious"
+
+
+def test_a_place_that_cannot_be_written_is_refused_in_one_line(trial: Trial, tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    with pytest.raises(InputError) as refusal:
+        Recording(tmp_path / "file" / "trial.rrd", trial.robot, trial.plan, title="nowhere")
+    assert "\n" not in str(refusal.value)
+    assert "trial.rrd" in str(refusal.value)
+
+
+def test_close_twice_is_fine(trial: Trial, tmp_path: Path) -> None:
+    recording = Recording(tmp_path / "trial.rrd", trial.robot, trial.plan, title="closed")
+    recording.close()
+    recording.close()
+    recording.write_block(trial.log, 0, 10)
+
+
+CHILD = """
+import pickle, sys, time
+from pathlib import Path
+from hexctl.record import recording as module
+from hexctl.record.recording import Recording
+module.BLOCK_TICKS = 1
+trial = pickle.load(sys.stdin.buffer)
+recording = Recording(Path(sys.argv[1]), trial["robot"], trial["plan"], title="interrupted")
+"""
+
+KILLED = (
+    CHILD
+    + """
+recording.write_block(trial["log"], 0, 200)
+time.sleep(1.0)
+print("written", flush=True)
+time.sleep(60)
+"""
+)
+
+FULL_DISK = (
+    CHILD
+    + """
+import resource, signal
+from hexctl.errors import RecordingError
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+resource.setrlimit(resource.RLIMIT_FSIZE, (60_000, 60_000))
+try:
+    recording.write_block(trial["log"], 0, 200)
+    recording.finish(trial["result"], {})
+except RecordingError as error:
+    print("refused:", error)
+"""
+)
+
+
+def _start(script: str, path: Path, trial: Trial) -> "subprocess.Popen[bytes]":
+    """Run a script that records the trial in a process of its own."""
+    import pickle
+
+    log = TickLog()
+    log.columns, log._length, log.frame = trial.log.columns, len(trial.log), trial.log.frame
+    content = {"robot": trial.robot, "plan": trial.plan, "log": log, "result": trial.result}
+    child = subprocess.Popen(
+        [sys.executable, "-c", script, str(path)], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+    )
+    assert child.stdin is not None
+    child.stdin.write(pickle.dumps(content))
+    child.stdin.close()
+    return child
+
+
+def test_a_killed_process_leaves_a_readable_recording(trial: Trial, tmp_path: Path) -> None:
+    path = tmp_path / "killed.rrd"
+    child = _start(KILLED, path, trial)
+    assert child.stdout is not None
+    try:
+        assert child.stdout.readline() == b"written\n"
+    finally:
+        os.kill(child.pid, signal.SIGKILL)
+        child.wait(10)
+        child.stdout.close()
+    read = ReadBack(path)
+    assert len(_joints(read, 1)) == 200
+    assert len(read.blueprints) == 1
+
+
+def test_a_full_disk_is_reported_at_the_end(trial: Trial, tmp_path: Path) -> None:
+    child = _start(FULL_DISK, tmp_path / "full.rrd", trial)
+    assert child.stdout is not None
+    output = child.stdout.read().decode()
+    child.stdout.close()
+    child.wait(10)
+    assert output.startswith("refused:"), output
+    assert "incomplete" in output
+    assert output.count("\n") == 1
+
+
+def test_without_rerun_the_extra_is_named(
+    trial: Trial, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "rerun", None)
+    with pytest.raises(HexctlError, match=r"hexctl\[view\]"):
+        Recording(tmp_path / "trial.rrd", trial.robot, trial.plan, title="none")
+    assert not (tmp_path / "trial.rrd").exists()

@@ -1,0 +1,70 @@
+import os
+from pathlib import Path
+
+import pytest
+
+from hexctl.errors import InputError, RecordingError
+from hexctl.record import viewer
+from hexctl.record.viewer import newest_recording, open_viewer
+
+
+def test_the_newest_recording_of_all_folders_is_found(tmp_path: Path) -> None:
+    for age, name in enumerate(["a.rrd", "session/b.rrd", "c.txt"]):
+        path = tmp_path / name
+        path.parent.mkdir(exist_ok=True)
+        path.touch()
+        os.utime(path, (1000 + age, 1000 + age))
+    assert newest_recording(tmp_path) == tmp_path / "session" / "b.rrd"
+
+
+@pytest.mark.parametrize("folder", ["", "missing"])
+def test_no_recording_is_said_in_one_line(tmp_path: Path, folder: str) -> None:
+    with pytest.raises(InputError, match="no recording"):
+        newest_recording(tmp_path / folder)
+
+
+def test_a_missing_file_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"gone\.rrd: cannot be opened"):
+        open_viewer([tmp_path / "gone.rrd"])
+
+
+def test_another_kind_of_file_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "notes.rrd"
+    path.write_text("hello")
+    with pytest.raises(InputError, match="not a Rerun recording"):
+        open_viewer([path])
+
+
+def _viewer(folder: Path, script: str, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Put a program in the viewer's place and return a file that looks like a recording."""
+    program = folder / "viewer"
+    program.write_text(f"#!/bin/sh\n{script}\n")
+    program.chmod(0o755)
+    monkeypatch.setattr(viewer, "viewer_binary", lambda: program)
+    recording = folder / "trial.rrd"
+    recording.write_bytes(b"RRF2")
+    return recording
+
+
+def test_the_viewer_gets_the_file_and_listens_to_this_machine_only(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    recording = _viewer(tmp_path, f'echo "$@" > {tmp_path}/arguments', monkeypatch)
+    assert open_viewer([recording]) == 0
+    arguments = (tmp_path / "arguments").read_text().split()
+    assert arguments[:2] == ["--bind", "127.0.0.1"]
+    assert arguments[-1] == str(recording)
+
+
+def test_a_missing_display_comes_with_a_way_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    message = "Error: winit EventLoopError: neither WAYLAND_DISPLAY nor WAYLAND_SOCKET nor DISPLAY is set."
+    recording = _viewer(tmp_path, f'echo "{message}" >&2; exit 1', monkeypatch)
+    with pytest.raises(RecordingError, match=r"no display.*--web-viewer") as refusal:
+        open_viewer([recording])
+    assert "\n" not in str(refusal.value)
+
+
+def test_another_error_is_passed_on_in_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    recording = _viewer(tmp_path, 'printf "info\\nError: no GPU\\n" >&2; exit 3', monkeypatch)
+    with pytest.raises(RecordingError, match=r"no GPU$"):
+        open_viewer([recording])
