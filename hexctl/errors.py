@@ -17,6 +17,10 @@ class MissingExtraError(HexctlError, ImportError):
 
     def __init__(self, what: str, extra: str) -> None:
         super().__init__(f'{what} needs the "{extra}" extra: pip install "hexctl[{extra}]"')
+        self._what, self._extra = what, extra
+
+    def __reduce__(self) -> tuple[type, tuple[str, str]]:
+        return type(self), (self._what, self._extra)
 
 
 class ReachError(HexctlError, ValueError):

@@ -53,7 +53,11 @@ class LegServos(ABC):
         """Let go of the robot and everything opened; a second call changes nothing."""
 
     def __enter__(self) -> Self:
-        self.connect()
+        try:
+            self.connect()
+        except BaseException:
+            self.close()
+            raise
         return self
 
     def __exit__(

@@ -1,6 +1,8 @@
 """The one table of backends: from a name to connected-to-be servos, importing only what is asked for."""
 
 import importlib
+import os
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -23,6 +25,7 @@ class BackendOptions:
         world: the simulated world, for `sim` only.
         failure: the failed leg that a simulation injects.
         seed: of everything random in a simulation.
+        trial: number of the trial, which has sensor noise of its own.
         realtime: pace a simulation with the wall clock.
     """
 
@@ -30,6 +33,7 @@ class BackendOptions:
     world: "World | None" = None
     failure: Failure | None = None
     seed: int = 0
+    trial: int = 0
     realtime: bool = False
 
 
@@ -59,6 +63,7 @@ def _sim(options: BackendOptions) -> LegServos:
         world=options.world,
         failure=options.failure,
         seed=options.seed,
+        trial=options.trial,
         realtime=options.realtime,
     )
 
@@ -71,6 +76,9 @@ def _mock(options: BackendOptions) -> LegServos:
 
 def _own(name: str, options: BackendOptions) -> LegServos:
     module_name, _, class_name = name.partition(":")
+    if os.getcwd() not in sys.path:
+        # A class in the folder where the user works is found, as with python -m.
+        sys.path.insert(0, os.getcwd())
     try:
         made = getattr(importlib.import_module(module_name), class_name)(options.robot)
     except (ImportError, AttributeError, TypeError, ValueError) as error:

@@ -4,7 +4,7 @@ from abc import ABC, abstractmethod
 
 import numpy as np
 
-from hexctl.gait.feet import foot_positions_body
+from hexctl.gait.feet import feet_of_walks, foot_positions_body, stroke_vectors_m
 from hexctl.gait.gait import Gait, Motion
 from hexctl.gait.ramp import RAMP_DURATION_S
 from hexctl.ik.kinematics import solve_legs
@@ -55,7 +55,8 @@ class Walk(Controller):
         self, robot: Robot, gait: Gait, motion: Motion, *, period_s: float, held_legs: tuple[int, ...] = ()
     ) -> None:
         check_walk(robot, gait, motion)
-        self._robot, self._gait, self._motion = robot, gait, motion
+        self._robot, self._gait = robot, gait
+        self._slots, self._strokes = np.array(gait.slots), stroke_vectors_m(robot, gait, motion)
         self._period_s = period_s
         self._held_legs = held_legs
         self._stop_s: float | None = None
@@ -83,8 +84,14 @@ class Walk(Controller):
 
     def _plan(self, tick: int) -> None:
         ticks = np.arange(tick, tick + LOOK_AHEAD_TICKS)
-        feet = foot_positions_body(
-            self._robot, self._gait, self._motion, ticks * self._period_s, self._stop_s
+        feet = feet_of_walks(
+            self._robot,
+            slots=self._slots,
+            stroke_vectors=self._strokes,
+            pace_hz=self._gait.pace_hz,
+            height_m=self._gait.height * self._robot.size_m,
+            time_s=np.asarray(ticks * self._period_s, dtype=float),
+            stop_s=self._stop_s,
         )
         self._planned_rad = joints_of_feet(self._robot, feet, self._held_legs)
         self._planned_from = tick

@@ -75,10 +75,15 @@ def _remove_leg(physics: Any, leg: int) -> None:
     """Let a leg touch nothing and weigh next to nothing."""
     model = physics.model
     for geom in range(model.ngeom):
-        if f"leg{leg}/" in model.id2name(geom, "geom"):
+        if _belongs_to(model.id2name(geom, "geom"), leg):
             model.geom_conaffinity[geom] = 0
     for body in range(model.nbody):
-        if f"leg{leg}/" in model.id2name(body, "body"):
+        if _belongs_to(model.id2name(body, "body"), leg):
             model.body_mass[body] *= MISSING_MASS_SHARE
             model.body_inertia[body] *= MISSING_MASS_SHARE
     mujoco.mj_setConst(model.ptr, physics.data.ptr)
+
+
+def _belongs_to(name: str, leg: int) -> bool:
+    """Return whether a compiled name, robot/leg/part, is of leg 1..6."""
+    return name.split("/")[1:2] == [f"leg{leg}"]

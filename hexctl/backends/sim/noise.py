@@ -14,9 +14,9 @@ N_DRAWS = N_JOINTS + 4
 class Noise:
     """A seeded stream of measurement errors: 18 joints, 3 of position, 1 of yaw."""
 
-    def __init__(self, sigma: SensorNoise, seed: int) -> None:
+    def __init__(self, sigma: SensorNoise, seed: int, trial: int = 0) -> None:
         # A stream of its own beside those of the bumps and of the joint offsets.
-        self._stream = np.random.default_rng([seed, 2])
+        self._stream = np.random.default_rng([seed, 2, trial])
         self._scale = np.array(
             [math.radians(sigma.joint_deg)] * N_JOINTS
             + [sigma.position_m] * 3

@@ -19,8 +19,9 @@ from hexctl.robot.model import Robot
 class SimServos(LegServos):
     """A MuJoCo hexapod in a world, with a failed leg if one is given.
 
-    Deterministic for the same robot, world, failure, seed and library versions. With `realtime` the clock
-    waits for the wall; otherwise physics runs as fast as it can.
+    Deterministic for the same robot, world, failure, seed, trial and library versions: the seed draws the
+    world, bumps and calibration errors included, and with the trial's number the noise of its sensors.
+    With `realtime` the clock waits for the wall; otherwise physics runs as fast as it can.
     """
 
     def __init__(
@@ -30,12 +31,14 @@ class SimServos(LegServos):
         world: World | None = None,
         failure: Failure | None = None,
         seed: int = 0,
+        trial: int = 0,
         realtime: bool = False,
     ) -> None:
         self._robot = robot
         self.world = world or World()
         self.failure = failure
         self.seed = seed
+        self.trial = trial
         self._clock = SimClock(self._step, WallClock() if realtime else None)
         self._simulation: Simulation | None = None
 
@@ -65,7 +68,7 @@ class SimServos(LegServos):
             return
         simulation = make_simulation(self._robot, self.world, self.failure, self.seed)
         self._simulation = simulation
-        self.noise = Noise(self.world.sensor_noise, self.seed)
+        self.noise = Noise(self.world.sensor_noise, self.seed, self.trial)
         data = simulation.physics.data.ptr
         # Views of MuJoCo's own memory: they stay valid and save the wrapper's cost on every tick.
         self._qpos, self._ctrl, self._touch = data.qpos, data.ctrl, data.sensordata

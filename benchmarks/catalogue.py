@@ -1,0 +1,42 @@
+"""All benchmarks by name, and the choice among them."""
+
+from collections.abc import Callable, Iterator, Sequence
+
+from benchmarks.batch import batch_rows
+from benchmarks.clock import clock_rows
+from benchmarks.landscape import landscape_benchmarks
+from benchmarks.recording import recording_rows
+from benchmarks.rows import Row
+from benchmarks.scale import Scale
+from benchmarks.single import single_rows
+from benchmarks.startup import startup_rows
+from benchmarks.tick import tick_rows
+
+Benchmark = Callable[[Scale], Iterator[Row]]
+
+#: Each benchmark; the names of its rows begin with its own.
+BENCHMARKS: dict[str, Benchmark] = {
+    "startup": startup_rows,
+    "tick": tick_rows,
+    "clock": clock_rows,
+    "single": single_rows,
+    "recording": recording_rows,
+    "batch": batch_rows,
+    **landscape_benchmarks(),
+}
+
+
+def chosen(prefixes: Sequence[str]) -> dict[str, Benchmark]:
+    """Return the benchmarks that have rows whose names begin with one of the prefixes; all without any."""
+    if not prefixes:
+        return BENCHMARKS
+    return {
+        name: benchmark
+        for name, benchmark in BENCHMARKS.items()
+        if any(name.startswith(prefix) or prefix.startswith(f"{name}.") for prefix in prefixes)
+    }
+
+
+def wanted(row: Row, prefixes: Sequence[str]) -> bool:
+    """Return whether a row's name begins with one of the prefixes; True without any."""
+    return not prefixes or any(row.name.startswith(prefix) for prefix in prefixes)

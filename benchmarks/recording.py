@@ -1,0 +1,70 @@
+"""What recording adds to a simulated trial, in time and on the disk.
+
+The first import of Rerun and the creation of the file, which also writes scene and layout, are excluded: they
+happen before the robot moves. Blocks, outcome, flush and close are included.
+"""
+
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from statistics import median
+from tempfile import TemporaryDirectory
+
+from benchmarks.plans import ant, default_gait
+from benchmarks.rows import Bar, Row
+from benchmarks.scale import Scale
+from benchmarks.timing import alternate, median_ratio, spread
+from hexctl.backends.sim.servos import SimServos
+from hexctl.control.guard import Guard
+from hexctl.control.log import TickLog
+from hexctl.control.plan import TrialPlan
+from hexctl.control.trial import run_trial
+from hexctl.record.recording import Recording
+
+MEGABYTE = 1e6
+
+
+def recording_rows(scale: Scale) -> Iterator[Row]:
+    """Wall time of a recorded trial over the same trial not recorded, and the size of the file."""
+    with TemporaryDirectory() as folder:
+        trials = _Trials(TrialPlan(gait=default_gait(), duration_s=scale.walk_s), Path(folder))
+        trials.recorded()
+        pairs = alternate(trials.recorded, trials.plain, scale.trial_rounds)
+        times = ", ".join(f"{1e3 * median(column):.0f} ms" for column in zip(*pairs, strict=True))
+        note = f"walk {scale.walk_s:g} s; recorded and not: {times}; {spread(pairs)}"
+        yield Row("recording.time", median_ratio(pairs), "ratio", Bar(high=1.15), note)
+        size = trials.bytes_on_disk / MEGABYTE
+        note = f"the file of a trial that walks {scale.walk_s:g} s, settling and stop included"
+        yield Row("recording.size", size, "MB", Bar(high=1.5), note)
+
+
+class _Trials:
+    """The same trial, recorded and not."""
+
+    def __init__(self, plan: TrialPlan, folder: Path) -> None:
+        self._plan, self._folder = plan, folder
+        self._count = 0
+        self.bytes_on_disk = 0
+
+    def recorded(self) -> float:
+        """Return the wall time in s of a trial that is recorded."""
+        self._count += 1
+        path = self._folder / f"{self._count}.rrd"
+        with (
+            SimServos(ant()) as servos,
+            Recording(path, ant(), self._plan, title="benchmark") as recording,
+        ):
+            began_s = time.perf_counter()
+            result = run_trial(Guard(servos), self._plan, TickLog(recording.write_block))
+            recording.finish(result, {})
+            recording.close()
+            wall_s = time.perf_counter() - began_s
+        self.bytes_on_disk = path.stat().st_size
+        return wall_s
+
+    def plain(self) -> float:
+        """Return the wall time in s of a trial that is not recorded."""
+        with SimServos(ant()) as servos:
+            began_s = time.perf_counter()
+            run_trial(Guard(servos), self._plan, TickLog())
+            return time.perf_counter() - began_s

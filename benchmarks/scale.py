@@ -1,0 +1,38 @@
+"""How much of everything a run of the benchmarks does."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Scale:
+    """Sizes of the benchmarks.
+
+    Attributes:
+        rounds: how often ours and the reference alternate.
+        trial_rounds: the same where one round is a single trial.
+        codes: gaits of a batch and of a landscape, evenly spread over the 120.
+        batch_walk_s: duration of the walks of the batch.
+        walk_s: duration of a single walk and of the walks of a landscape.
+        ticks: control ticks per round of the tick benchmark.
+        clock_s: how long the wall clock is watched.
+        starts: how often a process is started.
+    """
+
+    rounds: int
+    trial_rounds: int
+    codes: int
+    batch_walk_s: float
+    walk_s: float
+    ticks: int
+    clock_s: float
+    starts: int
+
+
+FULL = Scale(
+    rounds=7, trial_rounds=21, codes=120, batch_walk_s=10.0, walk_s=30.0, ticks=5000, clock_s=60.0, starts=7
+)
+
+#: A smoke test: every number comes out, none of them means much.
+QUICK = Scale(
+    rounds=2, trial_rounds=2, codes=6, batch_walk_s=1.0, walk_s=3.0, ticks=500, clock_s=1.0, starts=2
+)

@@ -1,0 +1,51 @@
+"""The one table of optimizers: from a name to an optimizer."""
+
+import importlib
+
+from hexctl.adapt.baselines import ExhaustiveSearch, RandomSearch
+from hexctl.adapt.de import DeBest, DeRand
+from hexctl.adapt.dps import Dps
+from hexctl.adapt.optimizer import Optimizer
+from hexctl.adapt.pso import Pso
+from hexctl.adapt.psosp import Psosp
+from hexctl.adapt.space import GaitSpace
+from hexctl.errors import InputError
+
+OPTIMIZERS: dict[str, type[Optimizer]] = {
+    "pso": Pso,
+    "psosp": Psosp,
+    "dps": Dps,
+    "debest": DeBest,
+    "derand": DeRand,
+    "random": RandomSearch,
+    "exhaustive": ExhaustiveSearch,
+}
+
+
+def make_optimizer(name: str, space: GaitSpace, seed: int) -> Optimizer:
+    """Return a fresh optimizer.
+
+    `name` is one of `OPTIMIZERS`, or `package.module:Class` for an Optimizer of your own. Raises InputError
+    for an unknown name, with the known ones.
+    """
+    if name in OPTIMIZERS:
+        return OPTIMIZERS[name](space, seed)
+    if ":" in name:
+        return _own(name)(space, seed)
+    raise InputError(
+        f"optimizer: got {name!r}; allowed: {', '.join(OPTIMIZERS)}, "
+        "or package.module:Class for your own Optimizer"
+    )
+
+
+def _own(name: str) -> type[Optimizer]:
+    module_name, _, class_name = name.partition(":")
+    try:
+        found = getattr(importlib.import_module(module_name), class_name)
+    except (ImportError, AttributeError, ValueError) as error:
+        raise InputError(
+            f"optimizer: {name!r} cannot be loaded ({error}); allowed: an Optimizer class"
+        ) from error
+    if not (isinstance(found, type) and issubclass(found, Optimizer)):
+        raise InputError(f"optimizer: {name!r} is {found!r}; allowed: a subclass of Optimizer")
+    return found

@@ -1,0 +1,108 @@
+"""The counting rule, one for all optimizers: a code already tried is not paid for twice."""
+
+from typing import Any
+
+import numpy as np
+
+from hexctl.adapt.optimizer import Optimizer
+from hexctl.errors import HexctlError, InputError
+
+#: Ten generations of ten: so long may a search go on without a fresh code before it gets help.
+PATIENCE = 100
+
+
+class SpaceExhaustedError(HexctlError, RuntimeError):
+    """Every code has been tried; there is nothing left to ask for."""
+
+
+class FreshCodes(Optimizer):
+    """Asks another optimizer and hands out only those of its codes that were not tried before.
+
+    The rule:
+
+    1. A code that the search asks for again is answered at once with the score it got, and the search is
+       asked on. Nobody walks it and nobody pays for it. So is a code that comes twice in one ask.
+    2. When the search has asked for `patience` codes in a row and none was fresh, it is stuck: a population
+       that has converged repeats itself for ever. Then random untried codes are handed out. From there on the
+       search is asked once before each of these, and its first fresh code of its own ends this.
+    3. The score of such a code is remembered here and not told to the search, unless the search asks for it
+       later. The search is told exactly what it asked for, all of it and in its order; a foreign score would
+       be taken for that of one of its individuals and corrupt its memory.
+    4. When every code has been tried, `exhausted` is True and `ask` raises SpaceExhaustedError.
+
+    With `paper_count` nothing of this applies and everything passes through: repetitions are handed out and
+    cost an evaluation each, as in the paper's convergence curves.
+    """
+
+    def __init__(
+        self,
+        inner: Optimizer,
+        seed: int,
+        *,
+        patience: int = PATIENCE,
+        paper_count: bool = False,
+    ) -> None:
+        super().__init__(inner.space, seed)
+        if patience < 1:
+            raise InputError(f"patience: got {patience}; allowed: 1 or more")
+        # The substitutes must not be the codes that the same seed gives the search.
+        self._random = np.random.default_rng(seed).spawn(1)[0]
+        self.name = inner.name
+        self._inner = inner
+        self._rules = {"patience": patience, "paper_count": paper_count}
+        self._patience, self._paper_count = patience, paper_count
+        self._scores: dict[int, float] = {}
+        self._batch: list[int] = []  # what the search waits for
+        self._stale = 0  # codes in a row that were not fresh
+
+    @property
+    def exhausted(self) -> bool:
+        """Return True when every code has been tried and repetitions are not wanted."""
+        return not self._paper_count and len(self._scores) == self.space.size
+
+    def _suggest(self, count: int) -> list[int]:
+        if self._paper_count:
+            return self._inner.ask(count)
+        if self.exhausted:
+            raise SpaceExhaustedError(f"{self.name}: all {self.space.size} codes have been tried")
+        while True:
+            batch = self._inner.ask(count)
+            fresh = list(dict.fromkeys(code for code in batch if code not in self._scores))
+            if fresh:
+                self._batch, self._stale = batch, 0
+                return fresh
+            self._inner.tell(batch, [self._scores[code] for code in batch])
+            self._stale += len(batch)
+            if self._stale >= self._patience:
+                return self._untried(count)
+
+    def _learn(self, codes: list[int], scores: list[float]) -> None:
+        self._scores.update(zip(codes, scores, strict=True))
+        if self._paper_count:
+            self._inner.tell(codes, scores)
+        elif self._batch:
+            batch, self._batch = self._batch, []
+            self._inner.tell(batch, [self._scores[code] for code in batch])
+
+    def _untried(self, count: int) -> list[int]:
+        """Return up to `count` random codes that were not tried."""
+        left = [code for code in range(1, self.space.size + 1) if code not in self._scores]
+        chosen = self._random.permutation(len(left))[:count]
+        return [left[place] for place in chosen]
+
+    def _search_state(self) -> dict[str, Any]:
+        return {
+            "rules": dict(self._rules),
+            "tried": [[code, score] for code, score in self._scores.items()],
+            "batch": list(self._batch),
+            "stale": self._stale,
+            "inner": self._inner.state(),
+        }
+
+    def _restore_search(self, state: dict[str, Any]) -> None:
+        if state["rules"] != self._rules:
+            raise InputError(f"counting rule: got {state['rules']}; allowed: {self._rules}")
+        self._scores = {int(code): float(score) for code, score in state["tried"]}
+        self._batch = [int(code) for code in state["batch"]]
+        self._stale = int(state["stale"])
+        self._inner.restore(state["inner"])

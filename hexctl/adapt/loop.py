@@ -1,0 +1,113 @@
+"""The trial-based loop: ask for a gait, walk it, keep it, tell what came of it."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from hexctl.adapt.objective import score_of
+from hexctl.adapt.optimizer import Optimizer
+from hexctl.adapt.session import Session, TrialRecord
+from hexctl.adapt.store import SessionStore
+from hexctl.control.result import TrialResult
+from hexctl.control.trial import StopRequested, never
+from hexctl.gait.encoding import Slots
+
+#: Every so many ticks a point of the path is kept with the trial: 5 Hz.
+PATH_STRIDE = 10
+
+
+class Walk(Protocol):
+    """Walks a gait and returns the result and the recording of it."""
+
+    def __call__(self, index: int, code: int, slots: Slots) -> tuple[TrialResult, Path | None]:
+        """Walk the trial with this index."""
+
+
+OnTrial = Callable[[Session, TrialRecord], None]
+
+
+class AdaptLoop:
+    """Continues a session until its budget is spent, its target reached, or a stop requested.
+
+    Each trial is durable, together with the optimizer's state after it, before the next one starts; so a
+    session that is cut off anywhere goes on as if it had not been.
+    """
+
+    def __init__(
+        self,
+        session: Session,
+        store: SessionStore,
+        optimizer: Optimizer,
+        walk: Walk,
+        *,
+        stop_requested: StopRequested = never,
+        on_trial: OnTrial | None = None,
+    ) -> None:
+        self._session, self._store, self._optimizer = session, store, optimizer
+        self._walk = walk
+        self._stop_requested, self._on_trial = stop_requested, on_trial
+        if session.optimizer_state is not None:
+            optimizer.restore(session.optimizer_state)
+
+    def run(self) -> str:
+        """Run trials and return why it ended: `budget`, `target`, `exhausted` or `interrupted`."""
+        ended = self._search()
+        if ended != "interrupted" and not self._confirm():
+            return "interrupted"
+        return ended
+
+    def _search(self) -> str:
+        session, spec = self._session, self._session.spec
+        while self._searched() < spec.budget - spec.confirm:
+            if spec.target_m is not None and session.best and session.best.score <= spec.target_m:
+                return "target"
+            if self._optimizer.exhausted:
+                return "exhausted"
+            (code,) = self._optimizer.ask(1)
+            result, recording = self._try(code)
+            if result.status == "aborted":
+                return "interrupted"
+            score = score_of(result, spec.objective)
+            self._optimizer.tell([code], [score])
+            self._keep(code, score, result, recording, confirms=False)
+        return "budget"
+
+    def _confirm(self) -> bool:
+        """Repeat the best gait as often as asked; return False when interrupted."""
+        session, spec = self._session, self._session.spec
+        best = session.best
+        while best is not None and self._repeats() < spec.confirm and len(session.trials) < spec.budget:
+            result, recording = self._try(best.code)
+            if result.status == "aborted":
+                return False
+            self._keep(best.code, score_of(result, spec.objective), result, recording, confirms=True)
+        return True
+
+    def _searched(self) -> int:
+        return len(self._session.trials) - self._repeats()
+
+    def _repeats(self) -> int:
+        return sum(trial.confirms for trial in self._session.trials)
+
+    def _try(self, code: int) -> tuple[TrialResult, Path | None]:
+        return self._walk(len(self._session.trials) + 1, code, self._optimizer.space.slots_of(code))
+
+    def _keep(
+        self, code: int, score: float, result: TrialResult, recording: Path | None, *, confirms: bool
+    ) -> None:
+        """Make the trial durable and say so."""
+        trial = TrialRecord(
+            index=len(self._session.trials) + 1,
+            code=code,
+            slots=self._optimizer.space.slots_of(code),
+            score=score,
+            outcome=result.numbers(),
+            path_m=np.round(result.path_m[::PATH_STRIDE], 4).tolist(),
+            recording=None if recording is None else str(recording),
+            confirms=confirms,
+        )
+        self._store.add_trial(self._session, trial, self._optimizer.state())
+        if self._on_trial is not None:
+            self._on_trial(self._session, trial)

@@ -1,0 +1,120 @@
+"""The one interface of all optimizers: ask for codes, tell their scores, save and restore exactly."""
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from numbers import Real
+from typing import Any
+
+import numpy as np
+
+from hexctl.adapt.space import GaitSpace
+from hexctl.errors import HexctlError, InputError
+
+
+class OptimizerMisuseError(HexctlError, RuntimeError):
+    """Ask and tell were called out of turn."""
+
+
+class Optimizer(ABC):
+    """Searches a gait space for the code with the lowest score.
+
+    `ask` and `tell` alternate. A code may be asked for again: what that costs is for the loop to say. The
+    whole state, the random stream included, goes through `state` and `restore` as plain JSON values, and an
+    optimizer restored from it goes on exactly as the original would.
+    """
+
+    #: Name on the command line.
+    name: str
+
+    def __init__(self, space: GaitSpace, seed: int) -> None:
+        if seed < 0:
+            raise InputError(f"seed: got {seed}; allowed: 0 or more")
+        self.space = space
+        self._random = np.random.default_rng(seed)
+        self._asked: list[int] | None = None
+
+    @property
+    def exhausted(self) -> bool:
+        """Return True when there is nothing left to ask for; searches that may repeat codes never are."""
+        return False
+
+    def ask(self, count: int = 1) -> list[int]:
+        """Return up to `count` codes to try, at least one.
+
+        Raises OptimizerMisuseError when the codes of the last ask were not told.
+        """
+        if self._asked is not None:
+            raise OptimizerMisuseError(f"{self.name}: ask after ask; tell the scores of {self._asked} first")
+        if count < 1:
+            raise InputError(f"{self.name}: got a request for {count} codes; allowed: 1 or more")
+        self._asked = self._suggest(count)
+        return list(self._asked)
+
+    def tell(self, codes: Sequence[int], scores: Sequence[float]) -> None:
+        """Take the scores of the codes of the last ask, in their order; lower is better.
+
+        Raises OptimizerMisuseError without an ask, InputError for other codes, or scores that are no finite
+        numbers; then nothing is taken over.
+        """
+        if self._asked is None:
+            raise OptimizerMisuseError(f"{self.name}: tell without ask")
+        if list(codes) != self._asked or len(scores) != len(self._asked):
+            raise InputError(
+                f"{self.name}: got {len(scores)} scores for codes {list(codes)}; "
+                f"allowed: one for each of {self._asked}"
+            )
+        if not all(isinstance(score, Real) and math.isfinite(score) for score in scores):
+            raise InputError(f"{self.name}: got scores {list(scores)}; allowed: finite numbers")
+        self._asked = None
+        self._learn([int(code) for code in codes], [float(score) for score in scores])
+
+    def state(self) -> dict[str, Any]:
+        """Return everything that decides what comes next, as JSON values."""
+        return {
+            "name": self.name,
+            "failed_legs": list(self.space.failed_legs),
+            "random": self._random.bit_generator.state,
+            "asked": None if self._asked is None else list(self._asked),
+            "search": self._search_state(),
+        }
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Continue from a saved state.
+
+        Raises InputError for the state of another optimizer or another space, or one that is damaged; then
+        nothing is taken over.
+        """
+        got = (state.get("name"), tuple(state.get("failed_legs", ())))
+        if got != (self.name, self.space.failed_legs):
+            raise InputError(f"optimizer state: got {got}; allowed: {(self.name, self.space.failed_legs)}")
+        before = self.state()
+        try:
+            self._take_over(state)
+        except (KeyError, TypeError, ValueError) as error:
+            self._take_over(before)
+            raise InputError(
+                f"optimizer state of {self.name}: damaged or of another version ({error})"
+            ) from error
+
+    def _take_over(self, state: dict[str, Any]) -> None:
+        """Take over a state that `state` returned."""
+        self._random.bit_generator.state = state["random"]
+        self._asked = None if state["asked"] is None else [int(code) for code in state["asked"]]
+        self._restore_search(state["search"])
+
+    @abstractmethod
+    def _suggest(self, count: int) -> list[int]:
+        """Return 1 to `count` codes."""
+
+    @abstractmethod
+    def _learn(self, codes: list[int], scores: list[float]) -> None:
+        """Take over the scores of the codes last suggested."""
+
+    @abstractmethod
+    def _search_state(self) -> dict[str, Any]:
+        """Return the search's own state as JSON values."""
+
+    @abstractmethod
+    def _restore_search(self, state: dict[str, Any]) -> None:
+        """Take over a state that `_search_state` returned."""

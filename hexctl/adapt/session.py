@@ -1,0 +1,146 @@
+"""A session: what one adaptation was asked for, and its trials."""
+
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+from hexctl.adapt.objective import INVALID_SCORE
+
+#: Deviations, in m, whose first trial every report names.
+MILESTONES_M = (0.10, 0.025)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SessionSpec:
+    """Everything that decides the course of a session; plain values, kept with it.
+
+    Attributes:
+        robot: name or path of the robot file.
+        backend: as in `hexctl run`.
+        world: name or path of the world file; None on a real robot.
+        failed_leg: the leg that failed.
+        failure: its failure, as `hexctl.robot.failure.parse_failure` reads it.
+        optimizer: name of the optimizer.
+        objective: one of `hexctl.adapt.objective.OBJECTIVES`.
+        budget: trials that may be walked.
+        target_m: a score at which to stop early, or None.
+        confirm: repeats of the best gait after the search, within the budget.
+        count_repeats: True to walk and count a code again when the optimizer asks for it again (the paper's
+            count), False to answer from memory.
+        duration_s: how long each trial walks.
+        heading_deg: direction of travel.
+        self_rotation: where the failed leg points during the walk.
+        seed: of the optimizer and of the simulation.
+    """
+
+    robot: str = "ant"
+    backend: str = "sim"
+    world: str | None = "flat"
+    failed_leg: int = 5
+    failure: str = "locked"
+    optimizer: str = "random"
+    objective: str = "final"
+    budget: int = 20
+    target_m: float | None = None
+    confirm: int = 0
+    count_repeats: bool = False
+    duration_s: float = 30.0
+    heading_deg: float = 0.0
+    self_rotation: str = "rear"
+    seed: int = 0
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the spec as JSON values."""
+        return asdict(self)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TrialRecord:
+    """One trial of a session.
+
+    Attributes:
+        index: 1 for the first trial.
+        code: the gait tried.
+        slots: its slots.
+        score: by the session's objective; `INVALID_SCORE` for an invalid trial.
+        outcome: the numbers of `TrialResult.numbers`.
+        path_m: progress and signed deviation along the walk, five points a second.
+        recording: path of the recording, or None.
+        confirms: True for a repeat of the best gait.
+    """
+
+    index: int
+    code: int
+    slots: tuple[int, ...]
+    score: float
+    outcome: dict[str, Any]
+    path_m: list[list[float]]
+    recording: str | None
+    confirms: bool = False
+
+    @property
+    def valid(self) -> bool:
+        """Return whether the trial counts."""
+        return self.score < INVALID_SCORE
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the trial as `hexctl adapt --json` prints it."""
+        return {
+            "index": self.index,
+            "code": self.code,
+            "slots": list(self.slots),
+            "score": self.score if self.valid else None,
+            "deviation_m": self.outcome["deviation_m"],
+            "distance_m": self.outcome["distance_m"],
+            "yaw_change_deg": self.outcome["yaw_change_deg"],
+            "status": self.outcome["status"],
+            "clipped_ticks": self.outcome["clipped_ticks"],
+            "confirms": self.confirms,
+            "recording": self.recording,
+        }
+
+
+@dataclass(slots=True, kw_only=True)
+class Session:
+    """A session as it stands: grows by a trial at a time.
+
+    Attributes:
+        name: unique in its store; also the name of its folder.
+        spec: what it was asked for.
+        trials: in the order in which they were walked.
+        optimizer_state: the state after the last trial, or None before the first.
+        created: when it began, ISO 8601.
+    """
+
+    name: str
+    spec: SessionSpec
+    created: str
+    trials: list[TrialRecord] = field(default_factory=list)
+    optimizer_state: dict[str, Any] | None = None
+
+    @property
+    def best(self) -> TrialRecord | None:
+        """Return the valid trial with the lowest score, the earliest of equals, or None."""
+        valid = [trial for trial in self.trials if trial.valid]
+        return min(valid, key=lambda trial: trial.score) if valid else None
+
+    def trials_to(self, milestone_m: float) -> int | None:
+        """Return the index of the first trial whose score is within a milestone, or None."""
+        return next((trial.index for trial in self.trials if trial.score <= milestone_m), None)
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the session as `hexctl adapt --json` prints it."""
+        best = self.best
+        return {
+            "session": self.name,
+            "created": self.created,
+            **self.spec.as_json(),
+            "trials": [trial.as_json() for trial in self.trials],
+            "best": None if best is None else best.as_json(),
+            **{
+                f"trials_to_{milestone:.{digits}f}_m": self.trials_to(milestone)
+                for milestone, digits in _DIGITS
+            },
+        }
+
+
+_DIGITS = tuple(zip(MILESTONES_M, (2, 3), strict=True))

@@ -1,0 +1,74 @@
+"""The gaits of a robot with failed legs, as a search space of codes 1..n!, and distances in it."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from hexctl.errors import InputError
+from hexctl.gait.encoding import Slots, code_count, code_from_slots, slots_from_code
+from hexctl.robot.joints import N_LEGS
+from hexctl.robot.messages import FloatArray
+
+
+@dataclass(frozen=True)
+class GaitSpace:
+    """All gaits of the legs that still walk: 120 for one failed leg, 24 for two, 6 for three.
+
+    Every gait has one code and every code one gait. Nothing is told apart that walks alike: slots shifted by
+    a constant differ only in the start phase, and a failed leg pins its own slot, so no two codes are shifts
+    of one another.
+
+    Attributes:
+        failed_legs: one to three legs, ascending.
+    """
+
+    failed_legs: tuple[int, ...]
+
+    def __post_init__(self) -> None:
+        allowed = 1 <= len(self.failed_legs) <= 3 and sorted(set(self.failed_legs)) == list(self.failed_legs)
+        if not allowed or not set(self.failed_legs) <= set(range(1, N_LEGS + 1)):
+            raise InputError(f"failed legs: got {self.failed_legs}; allowed: one to three of 1..6, ascending")
+
+    @cached_property
+    def size(self) -> int:
+        """Return how many gaits there are."""
+        return code_count(self.failed_legs)
+
+    @cached_property
+    def slots(self) -> "np.ndarray[tuple[int, ...], np.dtype[np.int64]]":
+        """Return the slots of all gaits, (size, 6); row i belongs to code i + 1."""
+        return np.array([slots_from_code(code, self.failed_legs) for code in range(1, self.size + 1)])
+
+    def slots_of(self, code: int) -> Slots:
+        """Return the slots of a code; raises InputError outside 1..size."""
+        return slots_from_code(code, self.failed_legs)
+
+    def code_of(self, slots: Sequence[int]) -> int:
+        """Return the code of slots; raises InputError for slots that are not in this space."""
+        return code_from_slots(slots, self.failed_legs)
+
+    @cached_property
+    def code_distance(self) -> FloatArray:
+        """Return the difference of codes between all gaits, (size, size)."""
+        codes = np.arange(self.size, dtype=float)
+        return np.abs(codes[:, np.newaxis] - codes)
+
+    @cached_property
+    def phase_distance(self) -> FloatArray:
+        """Return the mean circular phase difference over all pairs of legs, (size, size), in cycles 0..1/2.
+
+        Compares what two gaits look like from inside, leg against leg, and so does not see the start phase.
+        """
+        upper = np.triu_indices(N_LEGS, k=1)
+        lags = self.slots[:, upper[0]] - self.slots[:, upper[1]]  # (size, 15), in slots: whole numbers
+        apart = (lags[:, np.newaxis] - lags) % N_LEGS
+        return np.asarray(np.minimum(apart, N_LEGS - apart).mean(axis=-1) / N_LEGS)
+
+    @cached_property
+    def kendall_distance(self) -> FloatArray:
+        """Return the number of leg pairs that two gaits put in another order, (size, size)."""
+        upper = np.triu_indices(N_LEGS, k=1)
+        before = self.slots[:, upper[0]] < self.slots[:, upper[1]]  # (size, 15)
+        return np.asarray((before[:, np.newaxis] != before).sum(axis=-1), dtype=float)

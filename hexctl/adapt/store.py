@@ -1,0 +1,179 @@
+"""Sessions on disk: one SQLite file (write-ahead log), every trial durable before the next begins."""
+
+import fcntl
+import json
+import sqlite3
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict
+from datetime import datetime
+from pathlib import Path
+from typing import Any, Self
+
+from hexctl.adapt.session import Session, SessionSpec, TrialRecord
+from hexctl.errors import HexctlError, InputError
+
+SCHEMA_VERSION = 1
+
+#: How long a process waits for another that writes to the same store.
+BUSY_TIMEOUT_S = 30.0
+
+_TABLES = """
+CREATE TABLE IF NOT EXISTS sessions (
+    name TEXT PRIMARY KEY,
+    created TEXT NOT NULL,
+    spec TEXT NOT NULL
+);
+CREATE TABLE IF NOT EXISTS trials (
+    session TEXT NOT NULL REFERENCES sessions(name) ON DELETE CASCADE,
+    number INTEGER NOT NULL,
+    record TEXT NOT NULL,
+    optimizer_state TEXT NOT NULL,
+    PRIMARY KEY (session, number)
+);
+"""
+
+
+class StoreError(HexctlError, OSError):
+    """The store cannot be read or written."""
+
+
+class SessionStore:
+    """The sessions under one folder; a session's recordings lie in a folder of its name beside the store."""
+
+    def __init__(self, folder: Path) -> None:
+        """Open or make the store `sessions.sqlite` in a folder.
+
+        Raises StoreError for a folder or file that cannot be used.
+        """
+        self.folder = folder
+        self.path = folder / "sessions.sqlite"
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            self._connection = sqlite3.connect(self.path, timeout=BUSY_TIMEOUT_S, isolation_level=None)
+            self._prepare()
+        except (OSError, sqlite3.Error) as error:
+            raise StoreError(f"session store: {self.path} cannot be used: {error}") from error
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the file."""
+        self._connection.close()
+
+    def create(self, spec: SessionSpec) -> Session:
+        """Add a session with a new name."""
+        now = datetime.now().astimezone()
+        stem = f"{now:%Y%m%d-%H%M%S}-leg{spec.failed_leg}-{spec.optimizer}"
+        with self._transaction():
+            name, number = stem, 2
+            while self._exists(name):
+                name, number = f"{stem}-{number}", number + 1
+            created = now.isoformat(timespec="seconds")
+            values = (name, created, json.dumps(spec.as_json()))
+            self._connection.execute("INSERT INTO sessions VALUES (?, ?, ?)", values)
+        return Session(name=name, spec=spec, created=created)
+
+    def add_trial(self, session: Session, trial: TrialRecord, optimizer_state: dict[str, Any]) -> None:
+        """Add a trial and the optimizer's state after it, on the disk when this returns.
+
+        Raises StoreError when the disk refuses or another process has added this trial already.
+        """
+        values = (session.name, trial.index, json.dumps(asdict(trial)), json.dumps(optimizer_state))
+        try:
+            with self._transaction():
+                self._connection.execute("INSERT INTO trials VALUES (?, ?, ?, ?)", values)
+        except sqlite3.Error as error:
+            raise StoreError(
+                f"session {session.name}: trial {trial.index} cannot be kept: {error}"
+            ) from error
+        session.trials.append(trial)
+        session.optimizer_state = optimizer_state
+
+    def load(self, name: str) -> Session:
+        """Return a session with all its trials.
+
+        Raises InputError for a name that is not in the store.
+        """
+        row = self._connection.execute(
+            "SELECT created, spec FROM sessions WHERE name = ?", (name,)
+        ).fetchone()
+        if row is None:
+            known = ", ".join(self.names()[-5:]) or "none yet"
+            raise InputError(f"session: got {name!r}; allowed (newest last): {known}")
+        session = Session(name=name, created=row[0], spec=SessionSpec(**json.loads(row[1])))
+        rows = self._connection.execute(
+            "SELECT record, optimizer_state FROM trials WHERE session = ? ORDER BY number", (name,)
+        )
+        for record, state in rows:
+            values = json.loads(record)
+            session.trials.append(TrialRecord(**{**values, "slots": tuple(values["slots"])}))
+            session.optimizer_state = json.loads(state)
+        return session
+
+    def names(self) -> list[str]:
+        """Return the names of all sessions, newest last."""
+        rows = self._connection.execute("SELECT name FROM sessions ORDER BY created, rowid")
+        return [name for (name,) in rows]
+
+    def delete(self, name: str) -> None:
+        """Remove a session from the store; its recordings are left to the caller.
+
+        Raises InputError for a name that is not in the store.
+        """
+        self.load(name)
+        with self._transaction():
+            self._connection.execute("DELETE FROM sessions WHERE name = ?", (name,))
+
+    def folder_of(self, name: str) -> Path:
+        """Return the folder of a session's recordings."""
+        return self.folder / name
+
+    @contextmanager
+    def held(self, name: str) -> Iterator[None]:
+        """Keep other processes from continuing a session meanwhile; a killed holder lets go by itself.
+
+        Raises InputError when another process holds it.
+        """
+        folder = self.folder_of(name)
+        folder.mkdir(parents=True, exist_ok=True)
+        with (folder / "lock").open("w") as lock:
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError:
+                raise InputError(
+                    f"session {name}: another process is running it; wait for it or stop it"
+                ) from None
+            yield
+
+    def _prepare(self) -> None:
+        connection = self._connection
+        connection.execute("PRAGMA journal_mode = WAL")
+        # FULL: a trial is on the disk, not only with the kernel, when its transaction ends.
+        connection.execute("PRAGMA synchronous = FULL")
+        connection.execute("PRAGMA foreign_keys = ON")
+        (version,) = connection.execute("PRAGMA user_version").fetchone()
+        if version not in (0, SCHEMA_VERSION):
+            raise StoreError(f"session store: {self.path} has version {version}; allowed: {SCHEMA_VERSION}")
+        with self._transaction():
+            for statement in filter(str.strip, _TABLES.split(";")):
+                connection.execute(statement)
+            connection.execute(f"PRAGMA user_version = {SCHEMA_VERSION}")
+
+    def _exists(self, name: str) -> bool:
+        query = "SELECT 1 FROM sessions WHERE name = ?"
+        return self._connection.execute(query, (name,)).fetchone() is not None
+
+    @contextmanager
+    def _transaction(self) -> Iterator[None]:
+        self._connection.execute("BEGIN IMMEDIATE")
+        try:
+            yield
+        except BaseException:
+            self._connection.execute("ROLLBACK")
+            raise
+        self._connection.execute("COMMIT")

@@ -1,0 +1,95 @@
+"""Walk one gait of a session and record it: what the loop calls a trial."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from hexctl.adapt.session import SessionSpec
+from hexctl.backends.sim.terrain import make_floor
+from hexctl.backends.sim.world import World
+from hexctl.backends.table import BackendOptions, make_servos
+from hexctl.control.guard import Guard
+from hexctl.control.log import TickLog
+from hexctl.control.plan import TrialPlan
+from hexctl.control.result import TrialResult
+from hexctl.control.trial import StopRequested, never, run_trial
+from hexctl.errors import RobotFaultError
+from hexctl.gait.encoding import Slots
+from hexctl.record.recording import Recording
+from hexctl.robot.model import Robot
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Walker:
+    """Walks the gaits of one session, each from the same start.
+
+    Attributes:
+        spec: what the session was asked for.
+        robot: who walks.
+        world: the simulated world, None on a real robot.
+        plan_for: the trial plan for slots.
+        folder: where recordings go, or None to leave none.
+        stop_requested: asked every tick.
+    """
+
+    spec: SessionSpec
+    robot: Robot
+    world: World | None
+    plan_for: Callable[[Slots], TrialPlan]
+    folder: Path | None
+    stop_requested: StopRequested = never
+
+    def walk(self, index: int, code: int, slots: Slots) -> tuple[TrialResult, Path | None]:
+        """Run one trial and return its result and recording.
+
+        Raises RobotFaultError for a robot that does not know where it is: without a pose there is nothing to
+        score.
+        """
+        plan = self.plan_for(slots)
+        options = BackendOptions(
+            robot=self.robot, world=self.world, failure=plan.failure, seed=self.spec.seed, trial=index
+        )
+        recording = self._open_recording(index, code, plan)
+        try:
+            with make_servos(self.spec.backend, options) as servos:
+                log = TickLog(recording.write_block if recording else None)
+                result = run_trial(Guard(servos), plan, log, stop_requested=self.stop_requested)
+            if result.valid and result.deviation is None:
+                raise RobotFaultError(
+                    f"backend {self.spec.backend} knows no position, so a trial cannot be scored; "
+                    "use a robot with odometry or motion capture, or --backend sim"
+                )
+            if recording is not None:
+                recording.finish(result, self._facts(index, code))
+        finally:
+            if recording is not None:
+                recording.close()
+        return result, recording.path if recording is not None else None
+
+    def _open_recording(self, index: int, code: int, plan: TrialPlan) -> Recording | None:
+        if self.folder is None:
+            return None
+        floor = make_floor(self.world, self.spec.seed) if self.world is not None else None
+        path = _new_path(self.folder, index)
+        return Recording(path, self.robot, plan, title=f"trial {index}: gait {code}", floor=floor)
+
+    def _facts(self, index: int, code: int) -> dict[str, Any]:
+        spec = self.spec
+        return {
+            "trial": index,
+            "code": code,
+            "optimizer": spec.optimizer,
+            "backend": spec.backend,
+            "world": spec.world,
+            "seed": spec.seed,
+        }
+
+
+def _new_path(folder: Path, index: int) -> Path:
+    """Return a path that no recording has; a trial that was cut off keeps its own."""
+    folder.mkdir(parents=True, exist_ok=True)
+    path, number = folder / f"trial-{index:03d}.rrd", 2
+    while path.exists():
+        path, number = folder / f"trial-{index:03d}-{number}.rrd", number + 1
+    return path

@@ -1,0 +1,87 @@
+"""`hexctl adapt`: find a gait for a failed leg."""
+
+from typing import Annotated
+
+import typer
+
+from hexctl.cli.options import JsonOption, RobotOption
+
+
+def adapt(
+    failed_leg: Annotated[int | None, typer.Option("--failed-leg", help="Leg that failed, 1..6.")] = None,
+    failure: Annotated[
+        str | None,
+        typer.Option("--failure", help="As in hexctl run.  [default: locked]"),
+    ] = None,
+    budget: Annotated[
+        int | None, typer.Option("--budget", help="Trials to walk, 1 or more.  [default: 20]")
+    ] = None,
+    optimizer: Annotated[
+        str | None,
+        typer.Option(
+            "--optimizer", help="pso, psosp, dps, debest, derand, random or exhaustive.  [default: pso]"
+        ),
+    ] = None,
+    objective: Annotated[
+        str | None,
+        typer.Option(
+            "--objective",
+            help="What to make small: final, mean or max deviation, or progress (final deviation per share "
+            "of the ideal distance).  [default: final]",
+        ),
+    ] = None,
+    target: Annotated[
+        float | None, typer.Option("--target", help="Stop once the objective is this small, in metres.")
+    ] = None,
+    confirm: Annotated[
+        int | None,
+        typer.Option("--confirm", help="Of the budget, trials that repeat the best gait.  [default: 0]"),
+    ] = None,
+    count_repeats: Annotated[
+        bool,
+        typer.Option("--count-repeats", help="Walk a gait again when the optimizer asks for it again."),
+    ] = False,
+    duration: Annotated[
+        float | None, typer.Option("--duration", help="Seconds that each trial walks.  [default: 30]")
+    ] = None,
+    heading: Annotated[
+        float | None, typer.Option("--heading", help="Direction of travel in degrees.  [default: 0]")
+    ] = None,
+    self_rotation: Annotated[
+        str | None, typer.Option("--self-rotation", help="rear, front or none.  [default: rear]")
+    ] = None,
+    backend: Annotated[
+        str | None, typer.Option("--backend", help="As in hexctl run.  [default: sim]")
+    ] = None,
+    robot: RobotOption = "ant",
+    world: Annotated[str | None, typer.Option("--world", help="As in hexctl run.  [default: flat]")] = None,
+    resume: Annotated[
+        str | None, typer.Option("--resume", help="Continue this session; everything else stays as it was.")
+    ] = None,
+    no_record: Annotated[bool, typer.Option("--no-record", help="Leave no recordings.")] = False,
+    seed: Annotated[int, typer.Option("--seed", help="Seed of optimizer and simulation, 0 or more.")] = 0,
+    as_json: JsonOption = False,
+) -> None:
+    """Find a gait for a failed leg in few trials; every trial is kept and recorded. Ctrl-C and --resume."""
+    from hexctl.cli.adapting import execute, new_spec
+
+    spec = None
+    if resume is None:
+        spec = new_spec(
+            robot=robot,
+            backend=backend,
+            world=world,
+            failed_leg=failed_leg,
+            failure=failure,
+            optimizer=optimizer,
+            objective=objective,
+            budget=budget,
+            target_m=target,
+            confirm=confirm,
+            count_repeats=count_repeats or None,
+            duration_s=duration,
+            heading_deg=heading,
+            self_rotation=self_rotation,
+            seed=seed,
+        )
+    raise typer.Exit(execute(spec, resume=resume, record=not no_record, as_json=as_json))

@@ -1,0 +1,156 @@
+"""What `hexctl adapt` does with its options: check, search trial by trial, report."""
+
+import json
+import math
+import time
+from contextlib import ExitStack
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import typer
+
+from hexctl.adapt.catalogue import make_optimizer
+from hexctl.adapt.counting import FreshCodes
+from hexctl.adapt.loop import AdaptLoop
+from hexctl.adapt.objective import check_objective
+from hexctl.adapt.session import Session, SessionSpec
+from hexctl.adapt.space import GaitSpace
+from hexctl.adapt.store import SessionStore
+from hexctl.adapt.walker import Walker
+from hexctl.backends.sim.world import World, load_world
+from hexctl.cli.exits import DONE, INTERRUPTED
+from hexctl.cli.interrupt import StopOnInterrupt
+from hexctl.cli.table import SessionTable, closing_lines
+from hexctl.cli.values import finite
+from hexctl.control.controller import check_walk
+from hexctl.control.plan import TrialPlan
+from hexctl.errors import InputError
+from hexctl.gait.encoding import Slots
+from hexctl.gait.gait import Gait
+from hexctl.robot.failure import parse_failure
+from hexctl.robot.file import load_robot
+from hexctl.robot.model import Robot
+
+RUNS = Path("runs")
+MAX_BUDGET = 100_000
+
+
+def new_spec(**options: Any) -> SessionSpec:
+    """Return the spec of a new session from the options that were given; None means the default.
+
+    Raises InputError for anything that is not allowed, before a session exists.
+    """
+    if options["failed_leg"] is None:
+        raise InputError("--failed-leg: is missing; allowed: 1..6 (or --resume SESSION)")
+    simulated = options["backend"] in (None, "sim")
+    if not simulated and options["world"] is not None:
+        raise InputError(
+            f"--world: got {options['world']} with --backend {options['backend']}; allowed: with sim"
+        )
+    given = {name: value for name, value in options.items() if value is not None}
+    if not simulated:
+        given["world"] = None
+    spec = SessionSpec(**given)
+    _check_numbers(spec)
+    check_objective(spec.objective)
+    make_optimizer(spec.optimizer, GaitSpace((spec.failed_leg,)), spec.seed)
+    return spec
+
+
+def _check_numbers(spec: SessionSpec) -> None:
+    if not 1 <= spec.budget <= MAX_BUDGET:
+        raise InputError(f"--budget: got {spec.budget}; allowed: 1..{MAX_BUDGET}")
+    if not 0 <= spec.confirm < spec.budget:
+        raise InputError(
+            f"--confirm: got {spec.confirm}; allowed: 0 to less than the budget of {spec.budget}"
+        )
+    if spec.seed < 0:
+        raise InputError(f"--seed: got {spec.seed}; allowed: 0 or more")
+    if spec.target_m is not None and not (math.isfinite(spec.target_m) and spec.target_m > 0):
+        raise InputError(f"--target: got {spec.target_m}; allowed: above 0 m")
+    finite("--heading", spec.heading_deg)
+
+
+def execute(spec: SessionSpec | None, *, resume: str | None, record: bool, as_json: bool) -> int:
+    """Run a new session, or continue one, and return the exit code."""
+    began_s = time.perf_counter()
+    if spec is not None:
+        # Refuse what cannot be walked before the session exists.
+        _walk_parts(spec)
+    with ExitStack() as stack:
+        store = stack.enter_context(SessionStore(RUNS))
+        session = store.create(spec) if spec is not None else store.load(resume or "")
+        stack.enter_context(store.held(session.name))
+        interrupt = stack.enter_context(StopOnInterrupt())
+        table = stack.enter_context(SessionTable(session, quiet=as_json))
+        ended = _adapt(session, store, table, interrupt, record=record)
+    _write_overview(session, store, record=record)
+    outcome = {**session.as_json(), "ended": ended, "wall_s": round(time.perf_counter() - began_s, 3)}
+    typer.echo(json.dumps(outcome) if as_json else closing_lines(session, ended))
+    return INTERRUPTED if ended == "interrupted" else DONE
+
+
+def _adapt(
+    session: Session, store: SessionStore, table: SessionTable, interrupt: StopOnInterrupt, *, record: bool
+) -> str:
+    spec = session.spec
+    robot, world, plan = _walk_parts(spec)
+
+    def plan_for(slots: Slots) -> TrialPlan:
+        return _with_slots(plan, slots)
+
+    optimizer = FreshCodes(
+        make_optimizer(spec.optimizer, GaitSpace((spec.failed_leg,)), spec.seed),
+        paper_count=spec.count_repeats,
+    )
+    walker = Walker(
+        spec=spec,
+        robot=robot,
+        world=world,
+        plan_for=plan_for,
+        folder=store.folder_of(session.name) if record else None,
+        stop_requested=interrupt.requested,
+    )
+    loop = AdaptLoop(
+        session, store, optimizer, walker.walk, stop_requested=interrupt.requested, on_trial=table.add
+    )
+    return loop.run()
+
+
+def _walk_parts(spec: SessionSpec) -> tuple[Robot, World | None, TrialPlan]:
+    """Return robot, world and the plan with the demo gait, refused if it cannot be walked."""
+    robot = load_robot(spec.robot)
+    world = load_world(spec.world) if spec.world is not None else None
+    plan = TrialPlan(
+        gait=Gait(
+            slots=(1, 2, 3, 4, 5, 6),
+            pace_hz=robot.gait.pace_hz,
+            amplitude=robot.gait.amplitude,
+            height=robot.gait.height,
+        ),
+        heading_rad=math.radians(spec.heading_deg),
+        duration_s=spec.duration_s,
+        failure=parse_failure(spec.failed_leg, spec.failure),
+        self_rotation=spec.self_rotation,
+    )
+    check_walk(robot, plan.gait, plan.motion(0.0))
+    return robot, world, plan
+
+
+def _with_slots(plan: TrialPlan, slots: Slots) -> TrialPlan:
+    from dataclasses import replace
+
+    return replace(plan, gait=replace(plan.gait, slots=slots))
+
+
+def _write_overview(session: Session, store: SessionStore, *, record: bool) -> None:
+    """Write the session's overview recording beside those of its trials."""
+    if not record or not session.trials:
+        return
+    from hexctl.adapt.overview import write_overview
+
+    write_overview(session, store.folder_of(session.name))
+
+
+_ = fields

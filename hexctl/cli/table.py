@@ -1,0 +1,106 @@
+"""The table of a session that grows while it runs, and its last lines."""
+
+import sys
+import time
+from types import TracebackType
+from typing import Any, Self
+
+import typer
+
+from hexctl.adapt.session import MILESTONES_M, Session, TrialRecord
+
+HEADER = (
+    f"{'trial':>5} {'code':>5}  {'slots':<12} {'deviation':>10} {'distance':>9}  {'status':<12} {'best':>8}"
+)
+
+
+class SessionTable:
+    """Prints a line per trial on stdout, and a progress bar with the time left on stderr.
+
+    Silent when told so; without a terminal only the bar is left out.
+    """
+
+    def __init__(self, session: Session, *, quiet: bool) -> None:
+        self._session = session
+        self._quiet = quiet
+        self._bar: Any = None
+        self._began_s = time.monotonic()
+
+    def __enter__(self) -> Self:
+        if self._quiet:
+            return self
+        spec = self._session.spec
+        typer.echo(
+            f"session {self._session.name}: leg {spec.failed_leg} {spec.failure}, {spec.optimizer}, "
+            f"{spec.budget} trials"
+        )
+        typer.echo(HEADER)
+        for trial in self._session.trials:
+            typer.echo(self._line(trial, upto=trial.index))
+        if sys.stderr.isatty():
+            self._open_bar()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._bar is not None:
+            self._bar.stop()
+
+    def add(self, session: Session, trial: TrialRecord) -> None:
+        """Print a trial and move the bar."""
+        if self._quiet:
+            return
+        line = self._line(trial, upto=trial.index)
+        if self._bar is None:
+            typer.echo(line)
+            return
+        self._bar.console.print(line, highlight=False, markup=False)
+        self._bar.update(self._task, completed=len(session.trials))
+
+    def _line(self, trial: TrialRecord, upto: int) -> str:
+        scores = [other.score for other in self._session.trials[:upto] if other.valid]
+        best = f"{min(scores):.3f}" if scores else "-"
+        signed, distance_m = trial.outcome["deviation_m"]["signed"], trial.outcome["distance_m"]
+        deviation = "-" if signed is None else f"{abs(signed):.3f} {'left ' if signed > 0 else 'right'}"
+        distance = "-" if distance_m is None else f"{distance_m:.2f} m"
+        status = trial.outcome["status"] + (" (repeat)" if trial.confirms else "")
+        slots = ",".join(str(slot) for slot in trial.slots)
+        return (
+            f"{trial.index:>5} {trial.code:>5}  {slots:<12} {deviation:>10} {distance:>9}  "
+            f"{status:<12} {best:>8}"
+        )
+
+    def _open_bar(self) -> None:
+        from rich.console import Console
+        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+        self._bar = Progress(
+            TextColumn("trials (Ctrl-C stops, --resume goes on)"),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TimeRemainingColumn(),
+            console=Console(stderr=True),
+            transient=True,
+        )
+        done = len(self._session.trials)
+        self._task = self._bar.add_task("trials", total=self._session.spec.budget, completed=done)
+        self._bar.start()
+
+
+def closing_lines(session: Session, ended: str) -> str:
+    """Return what a person wants to know at the end of a session."""
+    best = session.best
+    lines = [f"ended: {ended} after {len(session.trials)} trials"]
+    if best is None:
+        lines.append("no valid trial yet: every gait fell or made no progress")
+    else:
+        slots = ",".join(str(slot) for slot in best.slots)
+        lines.append(f"best: trial {best.index}, code {best.code} (slots {slots}), {best.score:.3f} m")
+    for milestone in MILESTONES_M:
+        reached = session.trials_to(milestone)
+        lines.append(f"within {milestone:g} m: " + (f"after {reached} trials" if reached else "not reached"))
+    if ended == "interrupted":
+        lines.append(f"go on with: hexctl adapt --resume {session.name}")
+    lines.append(f"look at it with: hexctl view {session.name}")
+    return "\n".join(lines)

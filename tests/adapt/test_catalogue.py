@@ -1,0 +1,41 @@
+"""The table of optimizers."""
+
+import pytest
+
+from hexctl.adapt.baselines import RandomSearch
+from hexctl.adapt.catalogue import OPTIMIZERS, make_optimizer
+from hexctl.errors import InputError
+from tests.adapt.searching import ONE_FAILED
+
+
+def test_the_five_of_the_paper_and_two_baselines() -> None:
+    assert list(OPTIMIZERS) == ["pso", "psosp", "dps", "debest", "derand", "random", "exhaustive"]
+
+
+@pytest.mark.parametrize("name", OPTIMIZERS)
+def test_an_optimizer_has_the_name_it_is_listed_under(name: str) -> None:
+    assert make_optimizer(name, ONE_FAILED, 0).name == name
+
+
+def test_an_unknown_name_lists_the_known_ones() -> None:
+    with pytest.raises(
+        InputError, match="got 'genetic'; allowed: pso, psosp, dps, debest, derand, random, exh"
+    ):
+        make_optimizer("genetic", ONE_FAILED, 0)
+
+
+def test_an_optimizer_of_ones_own() -> None:
+    optimizer = make_optimizer("hexctl.adapt.baselines:RandomSearch", ONE_FAILED, 0)
+    assert isinstance(optimizer, RandomSearch)
+
+
+@pytest.mark.parametrize("name", ["nowhere:Thing", "math:nothing", ":", "math:"])
+def test_one_that_cannot_be_loaded(name: str) -> None:
+    with pytest.raises(InputError, match=f"'{name}' cannot be loaded"):
+        make_optimizer(name, ONE_FAILED, 0)
+
+
+@pytest.mark.parametrize("name", ["math:pi", "pathlib:Path"])
+def test_one_that_is_no_optimizer(name: str) -> None:
+    with pytest.raises(InputError, match="allowed: a subclass of Optimizer"):
+        make_optimizer(name, ONE_FAILED, 0)

@@ -1,0 +1,219 @@
+"""What every LegServos must do, as tests. Inherit the class, name it `Test...` and say how to make servos."""
+
+import itertools
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from hexctl.backends.base import LegServos
+from hexctl.backends.clock import PERIOD_S
+from hexctl.errors import CommandRefusedError, RobotFaultError
+from hexctl.robot.joints import N_JOINTS, N_LEGS
+from hexctl.robot.messages import FloatArray, JointTargets, RobotState
+
+TICKS_PER_SECOND = round(1 / PERIOD_S)
+
+
+class LegServosConformance:
+    """The suite.
+
+    Attributes:
+        tolerance_rad: how far from its target an idle joint may rest under the robot's own weight.
+    """
+
+    tolerance_rad = 0.03
+
+    def make(self) -> LegServos:
+        """Return fresh servos that are not connected."""
+        raise NotImplementedError
+
+    @pytest.fixture
+    def fresh(self) -> Iterator[LegServos]:
+        servos = self.make()
+        yield servos
+        servos.close()
+
+    @pytest.fixture
+    def servos(self, fresh: LegServos) -> LegServos:
+        fresh.connect()
+        return fresh
+
+    def test_robot_and_clock_are_readable_before_connecting(self, fresh: LegServos) -> None:
+        assert fresh.robot.stance_angles_rad.shape == (N_JOINTS,)
+        assert fresh.clock.period_s == PERIOD_S
+        assert fresh.clock.overruns == 0
+
+    def test_nothing_is_read_or_written_before_connecting(self, fresh: LegServos) -> None:
+        with pytest.raises(RobotFaultError, match="connect"):
+            fresh.read()
+        with pytest.raises(RobotFaultError, match="connect"):
+            fresh.write(JointTargets(fresh.robot.stance_angles_rad, 0.0))
+
+    def test_connecting_twice_changes_nothing(self, servos: LegServos) -> None:
+        move(servos, servos.robot.stance_angles_rad + 0.02, ticks=TICKS_PER_SECOND)
+        before = servos.read()
+        servos.connect()
+        np.testing.assert_array_equal(servos.read().joint_positions_rad, before.joint_positions_rad)
+
+    def test_closing_twice_or_before_connecting_changes_nothing(self, fresh: LegServos) -> None:
+        fresh.close()
+        fresh.connect()
+        fresh.close()
+        fresh.close()
+        with pytest.raises(RobotFaultError, match="connect"):
+            fresh.read()
+        with pytest.raises(RobotFaultError, match="connect"):
+            fresh.write(JointTargets(fresh.robot.stance_angles_rad, fresh.clock.now_s))
+
+    def test_a_with_statement_connects_and_closes(self, fresh: LegServos) -> None:
+        with fresh as entered:
+            assert entered is fresh
+            assert fresh.read().joint_positions_rad.shape == (N_JOINTS,)
+        with pytest.raises(RobotFaultError):
+            fresh.read()
+
+    def test_a_with_statement_closes_after_an_error_and_lets_it_through(self, fresh: LegServos) -> None:
+        with pytest.raises(ZeroDivisionError), fresh:
+            raise ZeroDivisionError
+        with pytest.raises(RobotFaultError):
+            fresh.read()
+
+    def test_after_closing_the_robot_can_be_reached_again(self, servos: LegServos) -> None:
+        move(servos, servos.robot.stance_angles_rad + 0.02, ticks=10)
+        last = servos.clock.tick()
+        servos.close()
+        servos.connect()
+        assert servos.clock.tick().index > last.index
+        check_state(servos.read(), servos)
+        self.check_reaches(servos, servos.robot.stance_angles_rad - 0.02)
+
+    def test_ticks_lie_on_a_grid_and_grow(self, servos: LegServos) -> None:
+        ticks = []
+        for _ in range(20):
+            ticks.append(servos.clock.tick())
+            hold(servos)
+        assert all(after.index > before.index for before, after in itertools.pairwise(ticks))
+        for tick in ticks:
+            assert tick.time_s == pytest.approx(tick.index * PERIOD_S, abs=1e-9)
+            assert tick.late_s >= 0
+
+    def test_time_is_on_the_axis_of_the_ticks(self, servos: LegServos) -> None:
+        for _ in range(5):
+            tick = servos.clock.tick()
+            assert servos.clock.now_s >= tick.time_s - 1e-9
+            hold(servos)
+
+    def test_a_state_has_the_shapes_that_it_promises(self, servos: LegServos) -> None:
+        check_state(servos.read(), servos)
+        servos.clock.tick()
+        check_state(servos.read(), servos)
+
+    def test_reading_again_within_a_tick_changes_nothing(self, servos: LegServos) -> None:
+        tick = servos.clock.tick()
+        hold(servos)
+        first = servos.read()
+        for _ in range(5):
+            again = servos.read()
+            np.testing.assert_array_equal(again.joint_positions_rad, first.joint_positions_rad)
+        assert servos.clock.tick().index == tick.index + 1
+
+    def test_a_state_is_not_changed_by_what_comes_later(self, servos: LegServos) -> None:
+        state = servos.read()
+        kept = [None if array is None else array.copy() for array in arrays_of(state)]
+        move(servos, servos.robot.stance_angles_rad + 0.02, ticks=20)
+        for array, copy in zip(arrays_of(state), kept, strict=True):
+            np.testing.assert_array_equal(array, copy)
+
+    def test_writing_into_a_state_does_not_change_the_robot(self, servos: LegServos) -> None:
+        state, expected = servos.read(), servos.read()
+        for array in arrays_of(state):
+            if array is not None:
+                array[:] = 1
+        for array, untouched in zip(arrays_of(servos.read()), arrays_of(expected), strict=True):
+            np.testing.assert_array_equal(array, untouched)
+
+    def test_write_returns_what_was_sent(self, servos: LegServos) -> None:
+        servos.clock.tick()
+        wanted = servos.robot.stance_angles_rad + 0.01
+        sent = servos.write(JointTargets(wanted, servos.clock.now_s))
+        np.testing.assert_array_equal(sent.positions_rad, wanted)
+
+    def test_targets_are_taken_over_when_they_are_written(self, servos: LegServos) -> None:
+        wanted = servos.robot.stance_angles_rad + 0.02
+        mine = wanted.copy()
+        for _ in range(TICKS_PER_SECOND):
+            servos.clock.tick()
+            mine[:] = wanted
+            servos.write(JointTargets(mine, servos.clock.now_s))
+            mine[:] = 0.3
+        reached = servos.read().joint_positions_rad
+        np.testing.assert_allclose(reached, wanted, atol=self.tolerance_rad)
+
+    def test_a_small_change_is_reached_within_a_second(self, servos: LegServos) -> None:
+        self.check_reaches(servos, servos.robot.stance_angles_rad + np.tile([0.1, -0.06, 0.06], N_LEGS))
+        self.check_reaches(servos, servos.robot.stance_angles_rad + np.tile([-0.1, 0.06, -0.06], N_LEGS))
+
+    @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+    @pytest.mark.parametrize("joint", [0, N_JOINTS - 1])
+    def test_targets_that_are_not_finite_are_refused(self, servos: LegServos, bad: float, joint: int) -> None:
+        wanted = servos.robot.stance_angles_rad + 0.1
+        wanted[joint] = bad
+        self.check_refused(servos, wanted)
+
+    @pytest.mark.parametrize("shape", [(), (0,), (17,), (19,), (6, 3), (1, 18)])
+    def test_targets_of_another_shape_are_refused(self, servos: LegServos, shape: tuple[int, ...]) -> None:
+        self.check_refused(servos, np.full(shape, 0.1))
+
+    def check_refused(self, servos: LegServos, wanted: FloatArray) -> None:
+        """Check that targets are refused in one line, that nothing moves, and that good ones pass then."""
+        move(servos, servos.robot.stance_angles_rad, ticks=TICKS_PER_SECOND)
+        before = servos.read().joint_positions_rad
+        with pytest.raises(CommandRefusedError, match=r"targets: got .*; allowed: ") as refused:
+            servos.write(JointTargets(wanted, servos.clock.now_s))
+        assert "\n" not in str(refused.value)
+        for _ in range(5):
+            servos.clock.tick()
+        np.testing.assert_allclose(servos.read().joint_positions_rad, before, atol=1e-3)
+        self.check_reaches(servos, servos.robot.stance_angles_rad + 0.02)
+
+    def check_reaches(self, servos: LegServos, wanted: FloatArray) -> None:
+        """Check that the joints are where they are told to be after a second."""
+        move(servos, wanted, ticks=TICKS_PER_SECOND)
+        servos.clock.tick()
+        np.testing.assert_allclose(servos.read().joint_positions_rad, wanted, atol=self.tolerance_rad)
+
+
+def move(servos: LegServos, wanted: FloatArray, *, ticks: int) -> None:
+    """Command the same targets for some ticks."""
+    for _ in range(ticks):
+        servos.clock.tick()
+        servos.write(JointTargets(wanted, servos.clock.now_s))
+
+
+def hold(servos: LegServos) -> None:
+    """Command the stance once."""
+    servos.write(JointTargets(servos.robot.stance_angles_rad, servos.clock.now_s))
+
+
+def arrays_of(state: RobotState) -> list[FloatArray | None]:
+    """Return the arrays of a state."""
+    return [state.joint_positions_rad, state.base_position_world, state.base_quaternion_world]
+
+
+def check_state(state: RobotState, servos: LegServos) -> None:
+    """Check shapes, types and ranges of a state."""
+    assert state.joint_positions_rad.shape == (N_JOINTS,)
+    assert np.isfinite(state.joint_positions_rad).all()
+    assert isinstance(state.measured, bool)
+    assert state.healthy
+    assert state.age_s >= 0
+    assert 0 <= state.stamp_s <= servos.clock.now_s + 1e-9
+    assert (state.base_position_world is None) == (state.base_quaternion_world is None)
+    if state.base_position_world is not None and state.base_quaternion_world is not None:
+        assert state.base_position_world.shape == (3,)
+        assert state.base_quaternion_world.shape == (4,)
+        assert np.linalg.norm(state.base_quaternion_world) == pytest.approx(1, abs=1e-6)
+    if state.foot_contacts is not None:
+        assert state.foot_contacts.shape == (N_LEGS,)
+        assert state.foot_contacts.dtype == np.bool_

@@ -1,0 +1,37 @@
+"""Time for tests: it goes on only when somebody sleeps or works."""
+
+from hexctl.backends.clock import PERIOD_S, WallClock
+
+
+class FakeTime:
+    """A monotonic clock and the sleep that belongs to it.
+
+    Attributes:
+        now_s: what the clock shows.
+        sleeps: how long each sleep was asked to be.
+        early_share: the share of a sleep that really passes before it returns.
+    """
+
+    def __init__(self, now_s: float = 1000.0, early_share: float = 1.0) -> None:
+        self.now_s = now_s
+        self.early_share = early_share
+        self.sleeps: list[float] = []
+
+    def monotonic_s(self) -> float:
+        """Return the time."""
+        return self.now_s
+
+    def sleep(self, duration_s: float) -> None:
+        """Let time pass; never less than a nanosecond, the grain of real clocks."""
+        if duration_s < 0:
+            raise ValueError("sleep length must be non-negative")
+        self.sleeps.append(duration_s)
+        self.now_s += max(duration_s * self.early_share, 1e-9)
+
+    def work(self, duration_s: float) -> None:
+        """Let time pass while the tick's work is done."""
+        self.now_s += duration_s
+
+    def clock(self, period_s: float = PERIOD_S) -> WallClock:
+        """Return a wall clock that runs on this time."""
+        return WallClock(period_s, monotonic_s=self.monotonic_s, sleep=self.sleep)

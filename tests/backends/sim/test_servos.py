@@ -1,0 +1,181 @@
+"""The simulated robot: it conforms, is the same twice, measures with noise, and says when it diverges."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hexctl.backends.base import LegServos
+from hexctl.backends.sim.physics import FIRST_JOINT
+from hexctl.backends.sim.servos import SimServos
+from hexctl.backends.sim.world import SensorNoise, World
+from hexctl.errors import RobotFaultError, SimulationDivergedError
+from hexctl.robot.messages import FloatArray
+from hexctl.robot.rotation import yaw_rad
+from tests.backends.conformance import LegServosConformance, move
+from tests.robots import ROBOT_NAMES, shipped
+from tests.trials import walk
+
+NOISY = World(sensor_noise=SensorNoise(joint_deg=0.5, position_m=0.003, yaw_deg=1.0))
+ROUGH = World(
+    roughness_m=0.004, joint_offset_deg=1.0, sensor_noise=SensorNoise(joint_deg=0.2, position_m=0.001)
+)
+
+
+class TestSimServos(LegServosConformance):
+    def make(self) -> LegServos:
+        return SimServos(shipped())
+
+
+class TestSimServosThatAreBadlyCalibrated(LegServosConformance):
+    tolerance_rad = 0.05
+
+    def make(self) -> LegServos:
+        return SimServos(shipped("phantomx"), world=World(joint_offset_deg=2.0), seed=3)
+
+
+@pytest.mark.parametrize("name", ROBOT_NAMES)
+def test_a_robot_stands_still_on_six_feet_that_carry_its_weight(name: str) -> None:
+    robot = shipped(name)
+    with SimServos(robot) as servos:
+        move(servos, robot.stance_angles_rad, ticks=50)
+        before = servos.read()
+        move(servos, robot.stance_angles_rad, ticks=100)
+        after = servos.read()
+        assert before.base_position_world is not None
+        assert after.base_position_world is not None
+        np.testing.assert_allclose(after.base_position_world, before.base_position_world, atol=1e-3)
+        np.testing.assert_allclose(after.base_position_world[:2], 0, atol=0.005)
+        assert after.base_position_world[2] == pytest.approx(robot.standing_height_m, abs=0.01)
+        assert after.foot_contacts is not None
+        assert after.foot_contacts.all()
+        assert servos.simulation.physics.data.sensordata.sum() == pytest.approx(
+            9.81 * robot.mass_kg, rel=0.01
+        )
+
+
+def test_without_noise_it_measures_exactly_where_it_is() -> None:
+    with SimServos(shipped()) as servos:
+        move(servos, servos.robot.stance_angles_rad + 0.05, ticks=10)
+        state, qpos = servos.read(), servos.simulation.physics.data.qpos
+        assert state.measured
+        np.testing.assert_array_equal(state.joint_positions_rad, qpos[FIRST_JOINT:])
+        np.testing.assert_array_equal(state.base_position_world, qpos[:3])
+        np.testing.assert_array_equal(state.base_quaternion_world, qpos[3:FIRST_JOINT])
+
+
+def test_the_physics_can_be_reached_only_when_connected() -> None:
+    servos = SimServos(shipped())
+    with pytest.raises(RobotFaultError, match="connect"):
+        _ = servos.simulation
+    with pytest.raises(RobotFaultError, match="connect"):
+        servos.clock.tick()
+    with servos:
+        assert servos.clock.tick().index == 1
+
+
+def test_one_tick_is_twenty_milliseconds_of_physics() -> None:
+    with SimServos(shipped()) as servos:
+        for index in range(1, 6):
+            tick = servos.clock.tick()
+            assert servos.simulation.physics.data.time == pytest.approx(0.02 * index)
+            assert tick.time_s == pytest.approx(0.02 * index)
+
+
+def test_a_free_robot_falls_as_newton_says() -> None:
+    with SimServos(shipped()) as servos:
+        servos.simulation.physics.data.qpos[2] += 1.0
+        start = servos.read().base_position_world
+        servos.clock.tick()
+        servos.clock.tick()
+        after = servos.read().base_position_world
+        assert start is not None
+        assert after is not None
+        # Two ticks of ten steps each, semi-implicit: g dt^2 n (n + 1) / 2.
+        assert start[2] - after[2] == pytest.approx(9.81 * 0.002**2 * 20 * 21 / 2, rel=1e-3)
+
+
+@pytest.mark.parametrize("world", [World(), ROUGH], ids=["flat", "rough"])
+def test_the_same_seed_gives_the_same_trial_to_the_last_bit(world: World) -> None:
+    first, second = (walk(duration_s=3, world=world, seed=5) for _ in range(2))
+    assert first.result.numbers() == second.result.numbers()
+    for column in (
+        "measured_rad",
+        "sent_rad",
+        "base_position_world",
+        "base_quaternion_world",
+        "foot_contacts",
+    ):
+        assert np.array_equal(first.log[column], second.log[column])
+
+
+def test_another_seed_gives_another_trial_where_something_is_random() -> None:
+    first, second = (walk(duration_s=3, world=ROUGH, seed=seed) for seed in (5, 6))
+    assert not np.array_equal(first.log["measured_rad"], second.log["measured_rad"])
+    plain, again = (walk(duration_s=3, seed=seed) for seed in (5, 6))
+    assert np.array_equal(plain.log["measured_rad"], again.log["measured_rad"])
+
+
+def test_reconnecting_starts_from_the_same_state() -> None:
+    servos = SimServos(shipped(), world=ROUGH, seed=2)
+    runs = []
+    for _ in range(2):
+        with servos:
+            move(servos, servos.robot.stance_angles_rad + 0.05, ticks=20)
+            runs.append(servos.read().joint_positions_rad)
+    np.testing.assert_array_equal(runs[0], runs[1])
+
+
+def _errors(world: World, seed: int = 0) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return measured - true of joints, position and yaw over 400 ticks of standing."""
+    joints, positions, yaws = [], [], []
+    with SimServos(shipped(), world=world, seed=seed) as servos:
+        for _ in range(400):
+            move(servos, servos.robot.stance_angles_rad, ticks=1)
+            state, qpos = servos.read(), servos.simulation.physics.data.qpos
+            assert state.base_position_world is not None
+            assert state.base_quaternion_world is not None
+            joints.append(state.joint_positions_rad - qpos[FIRST_JOINT:])
+            positions.append(state.base_position_world - qpos[:3])
+            yaws.append(yaw_rad(state.base_quaternion_world) - yaw_rad(qpos[3:FIRST_JOINT]))
+    return np.array(joints), np.array(positions), np.array(yaws)
+
+
+def test_sensor_noise_has_the_standard_deviations_of_its_world() -> None:
+    joints, positions, yaws = _errors(NOISY)
+    assert joints.std() == pytest.approx(np.radians(0.5), rel=0.05)
+    assert positions.std() == pytest.approx(0.003, rel=0.1)
+    assert yaws.std() == pytest.approx(np.radians(1.0), rel=0.15)
+    assert abs(joints.mean()) < np.radians(0.02)
+
+
+def test_sensor_noise_is_drawn_with_the_seed_and_does_not_touch_the_robot() -> None:
+    np.testing.assert_array_equal(_errors(NOISY, seed=4)[0], _errors(NOISY, seed=4)[0])
+    assert not np.array_equal(_errors(NOISY, seed=4)[0], _errors(NOISY, seed=5)[0])
+    true = []
+    for world in (World(), NOISY):
+        with SimServos(shipped(), world=world) as servos:
+            move(servos, servos.robot.stance_angles_rad + 0.1, ticks=30)
+            true.append(servos.simulation.physics.data.qpos.copy())
+    np.testing.assert_array_equal(true[0], true[1])
+
+
+def test_another_trial_in_the_same_world_has_the_same_robot_and_noise_of_its_own() -> None:
+    offsets, measured = [], []
+    for trial in (0, 1):
+        with SimServos(shipped(), world=ROUGH, seed=5, trial=trial) as servos:
+            move(servos, servos.robot.stance_angles_rad, ticks=5)
+            offsets.append(servos.simulation.joint_offsets_rad)
+            measured.append(servos.read().joint_positions_rad)
+    np.testing.assert_array_equal(offsets[0], offsets[1])
+    assert not np.array_equal(measured[0], measured[1])
+
+
+@pytest.mark.parametrize(("array", "value"), [("qvel", 1e12), ("qvel", np.nan), ("qpos", np.inf)])
+def test_a_simulation_that_diverges_says_so(array: str, value: float) -> None:
+    with SimServos(shipped()) as servos:
+        servos.clock.tick()
+        data: Any = servos.simulation.physics.data
+        getattr(data, array)[-1] = value
+        with pytest.raises(SimulationDivergedError, match="unstable"):
+            servos.clock.tick()

@@ -1,0 +1,101 @@
+"""The floor of the physics is the floor that the world describes: rays are shot at it."""
+
+import mujoco
+import numpy as np
+import pytest
+
+from hexctl.backends.sim.physics import FIRST_JOINT, make_simulation
+from hexctl.backends.sim.terrain import ROUGH_CELLS, ROUGH_HALF_SIZE_M, make_floor
+from hexctl.backends.sim.world import World
+from hexctl.robot.messages import FloatArray
+from tests.robots import ROBOT_NAMES, shipped
+
+
+def _heights_below(world: World, points: FloatArray, seed: int = 0) -> FloatArray:
+    """Return how high the floor is at points (N, 2), as a ray from above finds it."""
+    physics = make_simulation(shipped(), world, seed=seed).physics
+    physics.data.qpos[:2] = 100.0  # out of the way
+    physics.forward()
+    heights = []
+    for x, y in points.tolist():
+        start = np.array([x, y, 10.0])
+        down, hit = np.array([0.0, 0.0, -1.0]), np.zeros(1, dtype=np.int32)
+        distance = mujoco.mj_ray(physics.model.ptr, physics.data.ptr, start, down, None, 1, -1, hit)
+        heights.append(start[2] - distance)
+    return np.array(heights)
+
+
+POINTS = np.random.default_rng(1).uniform(-3, 3, (200, 2))
+
+
+def test_the_flat_floor_is_at_height_zero() -> None:
+    np.testing.assert_allclose(_heights_below(World(), POINTS), 0, atol=1e-9)
+
+
+@pytest.mark.parametrize("uphill_deg", [0.0, 90.0, 215.0])
+def test_a_slope_rises_toward_uphill(uphill_deg: float) -> None:
+    uphill = np.array([np.cos(np.radians(uphill_deg)), np.sin(np.radians(uphill_deg))])
+    heights = _heights_below(World(slope_deg=12, slope_direction_deg=uphill_deg), POINTS)
+    np.testing.assert_allclose(heights, np.tan(np.radians(12)) * (POINTS @ uphill), atol=1e-9)
+
+
+@pytest.mark.parametrize("uphill_deg", [0.0, -70.0])
+def test_the_normal_stands_on_the_slope_and_the_robot_stands_along_it(uphill_deg: float) -> None:
+    world = World(slope_deg=15, slope_direction_deg=uphill_deg)
+    floor = make_floor(world, 0)
+    heights = _heights_below(world, POINTS)
+    surface = np.column_stack([POINTS, heights])
+    np.testing.assert_allclose(surface @ floor.normal_world, 0, atol=1e-9)
+    physics = make_simulation(shipped(), world).physics
+    body_up = np.array(physics.named.data.xmat["ant/"]).reshape(3, 3)[:, 2]
+    np.testing.assert_allclose(body_up, floor.normal_world, atol=1e-12)
+    feet = np.array([physics.named.data.geom_xpos[f"ant/leg{leg}/foot"] for leg in range(1, 7)])
+    np.testing.assert_allclose(feet @ floor.normal_world, shipped().foot_radius_m, atol=1e-9)
+
+
+@pytest.mark.parametrize("roughness_m", [0.003, 0.02])
+def test_a_rough_floor_has_the_roughness_that_is_asked_for(roughness_m: float) -> None:
+    world = World(roughness_m=roughness_m, roughness_length_m=0.12)
+    heights = make_floor(world, 4).heights_m
+    assert heights is not None
+    assert heights.std() == pytest.approx(roughness_m)
+    assert abs(heights.mean()) < roughness_m
+    cells = np.random.default_rng(2).integers(50, ROUGH_CELLS - 50, (100, 2))
+    axis = np.linspace(-ROUGH_HALF_SIZE_M, ROUGH_HALF_SIZE_M, ROUGH_CELLS)
+    found = _heights_below(world, np.stack([axis[cells[:, 1]], axis[cells[:, 0]]], axis=-1), seed=4)
+    np.testing.assert_allclose(found, heights[cells[:, 0], cells[:, 1]], atol=1e-5)
+
+
+def test_a_bump_is_as_wide_as_the_world_says() -> None:
+    """Heights closer than a bump's width belong together, heights a few widths apart do not."""
+    cell_m = 2 * ROUGH_HALF_SIZE_M / ROUGH_CELLS
+    for length_m in (0.2, 0.8):
+        heights = make_floor(World(roughness_m=0.01, roughness_length_m=length_m), 1).heights_m
+        assert heights is not None
+        apart = [round(share * length_m / cell_m) for share in (0.25, 2.0)]
+        near, far = (np.corrcoef(heights[cells:].ravel(), heights[:-cells].ravel())[0, 1] for cells in apart)
+        assert near > 0.7
+        assert abs(far) < 0.2
+
+
+def test_bumps_follow_the_seed() -> None:
+    world = World(roughness_m=0.01)
+    first, same, other = (make_floor(world, seed).heights_m for seed in (1, 1, 2))
+    assert first is not None
+    assert other is not None
+    np.testing.assert_array_equal(first, same)
+    assert not np.array_equal(first, other)
+
+
+def test_a_rough_slope_rises_and_is_rough() -> None:
+    world = World(slope_deg=10, roughness_m=0.005)
+    rough = _heights_below(world, POINTS) - _heights_below(World(slope_deg=10), POINTS)
+    assert rough.std() == pytest.approx(0.005, rel=0.3)
+
+
+@pytest.mark.parametrize("name", ROBOT_NAMES)
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_no_foot_starts_inside_a_rough_floor(name: str, seed: int) -> None:
+    physics = make_simulation(shipped(name), World(roughness_m=0.02), seed=seed).physics
+    assert physics.data.ncon == 0 or physics.data.contact.dist.min() > -1e-3
+    np.testing.assert_array_equal(physics.data.qpos[FIRST_JOINT:], shipped(name).stance_angles_rad)

@@ -1,0 +1,103 @@
+"""The wall clock on a time of the test's own: an absolute grid, overruns counted, nothing drifts."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hexctl.backends.clock import PERIOD_S
+from tests.backends.fake_time import FakeTime
+
+
+def test_the_first_tick_is_one_period_after_the_clock_is_first_asked() -> None:
+    time = FakeTime(500.0)
+    clock = time.clock()
+    time.work(3.0)  # between making the clock and starting to tick
+    tick = clock.tick()
+    assert (tick.index, tick.time_s) == (1, PERIOD_S)
+    assert time.now_s == pytest.approx(503.0 + PERIOD_S)
+    assert clock.overruns == 0
+
+
+def test_time_starts_with_the_first_tick() -> None:
+    time = FakeTime()
+    clock = time.clock()
+    time.work(3.0)
+    assert clock.now_s == 0
+    clock.tick()
+    time.work(0.005)
+    assert clock.now_s == pytest.approx(PERIOD_S + 0.005)
+
+
+def test_a_minute_of_random_work_does_not_drift() -> None:
+    time, rng = FakeTime(), np.random.default_rng(5)
+    clock = time.clock()
+    start_s = time.now_s
+    for index in range(1, 3001):
+        tick = clock.tick()
+        assert tick.index == index
+        assert time.now_s - start_s == pytest.approx(index * PERIOD_S, abs=1e-6)
+        assert tick.late_s == pytest.approx(0, abs=1e-6)
+        time.work(rng.uniform(0, 0.99) * PERIOD_S)
+    assert clock.overruns == 0
+
+
+def test_late_by_less_than_a_period_runs_at_once_and_keeps_the_grid() -> None:
+    time = FakeTime()
+    clock = time.clock()
+    clock.tick()
+    time.work(1.7 * PERIOD_S)
+    late = clock.tick()
+    assert late.index == 2
+    assert late.late_s == pytest.approx(0.7 * PERIOD_S)
+    after = clock.tick()
+    assert after.index == 3
+    assert after.late_s == pytest.approx(0, abs=1e-6)
+    assert clock.overruns == 0
+
+
+@pytest.mark.parametrize(("work", "index", "missed"), [(2.5, 3, 1), (5.2, 6, 4), (1000.5, 1001, 999)])
+def test_missed_grid_points_are_skipped_and_counted(work: float, index: int, missed: int) -> None:
+    time = FakeTime()
+    clock = time.clock()
+    clock.tick()
+    time.work(work * PERIOD_S)
+    tick = clock.tick()
+    assert (tick.index, clock.overruns) == (index, missed)
+    assert tick.time_s == pytest.approx(index * PERIOD_S)
+    assert tick.late_s == pytest.approx((work + 1 - index) * PERIOD_S, abs=1e-6)
+    assert clock.tick().index == index + 1
+    assert clock.overruns == missed
+
+
+def test_a_sleep_that_returns_early_is_slept_again() -> None:
+    time = FakeTime(early_share=0.5)
+    clock = time.clock()
+    start_s = time.now_s
+    for index in range(1, 50):
+        tick = clock.tick()
+        assert time.now_s - start_s >= index * PERIOD_S - 1e-12
+        assert tick.late_s >= 0
+    assert len(time.sleeps) > 50
+
+
+@given(
+    works=st.lists(st.floats(0, 0.2), min_size=1, max_size=60),
+    early_share=st.floats(0.3, 1),
+    start_s=st.floats(0, 1e6),
+)
+def test_whatever_the_work_every_point_is_run_once_or_counted_as_missed(
+    works: list[float], early_share: float, start_s: float
+) -> None:
+    time = FakeTime(start_s, early_share)
+    clock = time.clock()
+    indices = [clock.tick().index]
+    for work in works:
+        time.work(work)
+        tick = clock.tick()
+        assert tick.index > indices[-1]
+        assert tick.late_s >= 0
+        assert clock.now_s >= tick.time_s
+        assert tick.late_s < PERIOD_S + 1e-6
+        indices.append(tick.index)
+    assert indices[-1] == len(indices) + clock.overruns

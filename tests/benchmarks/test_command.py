@@ -1,0 +1,71 @@
+"""`python -m benchmarks`: every benchmark runs at a tiny size; nothing is asserted of its time."""
+
+import json
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+from benchmarks import catalogue
+from benchmarks.__main__ import main
+from benchmarks.catalogue import BENCHMARKS
+from benchmarks.rows import Row
+from benchmarks.scale import Scale
+
+TINY = Scale(rounds=1, trial_rounds=1, codes=3, batch_walk_s=0.2, walk_s=0.2, ticks=20, clock_s=0.2, starts=1)
+
+SOME_LANDSCAPES = ("landscape.straight.leg1", "landscape.rotated.leg4")
+EACH_KIND = [name for name in BENCHMARKS if "landscape" not in name or name in SOME_LANDSCAPES]
+
+
+@pytest.fixture(autouse=True)
+def tiny(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("benchmarks.__main__.QUICK", TINY)
+
+
+def rows_of(output: str) -> list[dict[str, Any]]:
+    return [json.loads(line) for line in output.splitlines()]
+
+
+@pytest.mark.parametrize("name", EACH_KIND)
+def test_every_benchmark_prints_one_json_object_per_row(
+    name: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["--json", "--quick", "--only", name]) == 0
+    rows = rows_of(capsys.readouterr().out)
+    assert rows
+    for row in rows:
+        assert {"name", "value", "unit", "bar", "holds"} <= row.keys()
+        assert row["name"].startswith(name + ".")
+        assert (row["bar"] is None) == (row["holds"] is None)
+    assert len({row["name"] for row in rows}) == len(rows)
+
+
+def test_only_picks_single_rows_too(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--json", "--quick", "--only", "tick.ahead.median"]) == 0
+    assert [row["name"] for row in rows_of(capsys.readouterr().out)] == ["tick.ahead.median"]
+
+
+def test_a_name_that_begins_no_row_is_refused_with_those_that_do(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as caught:
+        main(["--only", "nonsense"])
+    assert caught.value.code == 2
+    assert "nonsense" in capsys.readouterr().err
+
+
+def test_list_names_all_and_runs_nothing(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--list"]) == 0
+    assert capsys.readouterr().out.split() == list(BENCHMARKS)
+
+
+def test_a_benchmark_that_crashes_fails_the_run_but_not_the_others(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def crash(_: Scale) -> Iterator[Row]:
+        raise RuntimeError("boom")
+
+    monkeypatch.setitem(catalogue.BENCHMARKS, "startup", crash)
+    assert main(["--json", "--quick", "--only", "startup", "--only", "tick"]) == 1
+    captured = capsys.readouterr()
+    assert "boom" in captured.err
+    assert rows_of(captured.out)

@@ -1,0 +1,119 @@
+"""Controllers: standing up, and a walk whose look-ahead changes nothing."""
+
+import itertools
+
+import numpy as np
+import pytest
+
+from hexctl.control.controller import LOOK_AHEAD_TICKS, Stand, Walk
+from hexctl.errors import LimitError, ReachError
+from hexctl.gait.feet import foot_positions_body
+from hexctl.gait.gait import Gait, Motion
+from hexctl.ik.kinematics import solve_legs
+from hexctl.robot.joints import leg_slice
+from hexctl.robot.messages import FloatArray, RobotState
+from tests.robots import ROBOT_NAMES, shipped
+from tests.trials import gait_of
+
+ANT = shipped()
+STATE = RobotState(ANT.stance_angles_rad, 0.0, measured=True)
+MOTION = Motion(heading_rad=0.4, travel=0.7, turn_rate_rad_s=0.1)
+
+
+def _angles(walk: Walk, ticks: range) -> FloatArray:
+    return np.array([walk.targets_rad(tick, STATE) for tick in ticks])
+
+
+def test_standing_up_is_even_and_ends_in_the_stance() -> None:
+    start = ANT.stance_angles_rad + np.linspace(-0.5, 0.5, 18)
+    stand = Stand(ANT, start, 25)
+    path = np.array([stand.targets_rad(tick, STATE) for tick in range(40)])
+    np.testing.assert_array_equal(path[0], start)
+    np.testing.assert_allclose(
+        np.diff(path[:26], axis=0), (ANT.stance_angles_rad - start) / 25 + np.zeros((25, 18))
+    )
+    np.testing.assert_array_equal(path[25:], np.tile(ANT.stance_angles_rad, (15, 1)))
+
+
+@pytest.mark.parametrize("name", ROBOT_NAMES)
+def test_looking_ahead_gives_exactly_what_planning_tick_by_tick_gives(name: str) -> None:
+    robot = shipped(name)
+    gait = gait_of(robot)
+    walk = Walk(robot, gait, MOTION, period_s=0.02)
+    ticks = range(3 * LOOK_AHEAD_TICKS + 7)
+    expected = [
+        solve_legs(robot, foot_positions_body(robot, gait, MOTION, tick * 0.02)).joint_positions_rad
+        for tick in ticks
+    ]
+    assert np.array_equal(_angles(walk, ticks), expected)
+
+
+def test_ticks_that_are_missed_or_asked_again_change_nothing() -> None:
+    ticks = [0, 1, 5, 5, 130, 2, 400, 401, 127, 128, 129]
+    walk = Walk(ANT, gait_of(ANT), MOTION, period_s=0.02)
+    for tick in ticks:
+        alone = Walk(ANT, gait_of(ANT), MOTION, period_s=0.02)
+        assert np.array_equal(walk.targets_rad(tick, STATE), alone.targets_rad(tick, STATE))
+
+
+@pytest.mark.parametrize("stop_tick", [0, 1, 30, 100, 128, 333])
+def test_a_stop_goes_on_from_the_stride_and_ends_in_the_stance(stop_tick: int) -> None:
+    plain = Walk(ANT, gait_of(ANT), MOTION, period_s=0.02)
+    walk = Walk(ANT, gait_of(ANT), MOTION, period_s=0.02)
+    for tick in range(stop_tick):
+        assert np.array_equal(walk.targets_rad(tick, STATE), plain.targets_rad(tick, STATE))
+    walk.stop(stop_tick)
+    walk.stop(stop_tick + 50)  # a second stop changes nothing
+    end = stop_tick + walk.stopping_ticks
+    angles = _angles(walk, range(max(0, stop_tick - 1), end + 20))
+    np.testing.assert_allclose(
+        angles[end - max(0, stop_tick - 1) :], ANT.stance_angles_rad + np.zeros((20, 18)), atol=1e-12
+    )
+    fastest = np.abs(np.diff(_angles(plain, range(100, 300)), axis=0)).max()
+    assert np.abs(np.diff(angles, axis=0)).max() <= fastest + 0.01, "no jump"
+
+
+@pytest.mark.parametrize("held", [(5,), (1, 4)])
+def test_held_legs_keep_their_stance_while_the_others_walk(held: tuple[int, ...]) -> None:
+    walk = Walk(ANT, gait_of(ANT), MOTION, period_s=0.02, held_legs=held)
+    free = Walk(ANT, gait_of(ANT), MOTION, period_s=0.02)
+    angles, expected = _angles(walk, range(200)), _angles(free, range(200))
+    for leg in range(1, 7):
+        joints = leg_slice(leg)
+        if leg in held:
+            assert (angles[:, joints] == ANT.stance_angles_rad[joints]).all()
+        else:
+            assert np.array_equal(angles[:, joints], expected[:, joints])
+
+
+def test_a_walk_starts_in_the_stance() -> None:
+    walk = Walk(ANT, gait_of(ANT), MOTION, period_s=0.02)
+    np.testing.assert_allclose(walk.targets_rad(0, STATE), ANT.stance_angles_rad, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("amplitude", "height", "error", "words"),
+    [
+        (0.6, 0.02, ReachError, r"leg \d: foot .* m"),
+        (0.25, 0.02, (ReachError, LimitError), r"leg \d"),
+        (0.05, 0.3, (ReachError, LimitError), r"leg \d"),
+    ],
+)
+def test_a_walk_that_the_legs_cannot_make_is_refused_before_it_begins(
+    amplitude: float, height: float, error: type[Exception] | tuple[type[Exception], ...], words: str
+) -> None:
+    gait = Gait(slots=(1, 4, 2, 6, 3, 5), pace_hz=0.9, amplitude=amplitude, height=height)
+    with pytest.raises(error, match=words):
+        Walk(ANT, gait, Motion(), period_s=0.02)
+
+
+@pytest.mark.parametrize("name", ROBOT_NAMES)
+def test_every_robot_can_walk_its_own_gaits_in_all_directions(name: str) -> None:
+    robot = shipped(name)
+    for heading, gait in itertools.product(
+        np.radians(np.arange(0, 360, 15)), ("demo", "tripod", "wave", "ripple")
+    ):
+        walk = Walk(robot, gait_of(robot, gait), Motion(heading_rad=float(heading)), period_s=0.02)
+        angles = _angles(walk, range(100, 250))
+        assert (angles >= robot.joint_lower_rad).all()
+        assert (angles <= robot.joint_upper_rad).all()

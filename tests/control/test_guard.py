@@ -1,0 +1,298 @@
+"""The guard: range, speed, freshness, silence, falls, and a stop that stays."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hexctl.backends.base import LegServos
+from hexctl.backends.mock import MockServos
+from hexctl.backends.sim.servos import SimServos
+from hexctl.control.guard import Guard
+from hexctl.errors import CommandRefusedError, EStopError
+from hexctl.robot.messages import FloatArray, JointTargets
+from tests.backends.conformance import LegServosConformance, move
+from tests.backends.fake_time import FakeTime
+from tests.control.posed import PosedMock
+from tests.robots import ROBOT_NAMES, shipped
+
+ANT = shipped()
+STANCE = ANT.stance_angles_rad
+STEP = ANT.joint_max_speed_rad_s * 0.02
+
+
+class TestGuardedMock(LegServosConformance):
+    def make(self) -> LegServos:
+        return Guard(MockServos(ANT, clock=FakeTime().clock()))
+
+
+class TestGuardedSim(LegServosConformance):
+    def make(self) -> LegServos:
+        return Guard(SimServos(ANT))
+
+
+def _connected() -> tuple[Guard, PosedMock]:
+    servos = PosedMock()
+    guard = Guard(servos)
+    guard.connect()
+    guard.clock.tick()
+    return guard, servos
+
+
+def _send(guard: Guard, wanted: FloatArray) -> FloatArray:
+    return guard.write(JointTargets(wanted, guard.clock.now_s)).positions_rad
+
+
+def test_what_is_within_the_limits_passes_unchanged() -> None:
+    guard, servos = _connected()
+    sent = _send(guard, STANCE + 0.05)
+    np.testing.assert_array_equal(sent, STANCE + 0.05)
+    np.testing.assert_array_equal(servos.sent[-1].positions_rad, sent)
+    assert (guard.counters.accepted, guard.counters.clipped, guard.counters.refused) == (1, 0, 0)
+
+
+def test_a_jump_is_slewed_at_the_joints_own_speed_from_the_last_accepted_target() -> None:
+    guard, servos = _connected()
+    wanted = STANCE.copy()
+    wanted[0] += 0.5
+    steps = []
+    for _ in range(6):
+        steps.append(_send(guard, wanted)[0] - STANCE[0])
+        guard.clock.tick()
+    np.testing.assert_allclose(steps, np.minimum(np.arange(1, 7) * STEP[0], 0.5))
+    assert guard.counters.clipped == 3
+    np.testing.assert_array_equal(servos.sent[-1].positions_rad, wanted)
+
+
+def test_the_first_step_is_measured_from_where_the_joints_are() -> None:
+    guard, servos = _connected()
+    servos.write(JointTargets(STANCE - 0.4, 0.0))
+    np.testing.assert_allclose(_send(guard, STANCE), STANCE - 0.4 + STEP)
+
+
+def test_no_target_leaves_the_range_of_its_joint() -> None:
+    guard, _ = _connected()
+    for far, limit in ((100.0, ANT.joint_upper_rad), (-100.0, ANT.joint_lower_rad)):
+        for _ in range(60):
+            sent = _send(guard, np.full(18, far))
+            guard.clock.tick()
+        np.testing.assert_array_equal(sent, limit)
+
+
+@pytest.mark.parametrize("side", [-1, 1])
+def test_a_joint_found_outside_its_range_comes_back_no_faster_than_it_may(side: int) -> None:
+    guard, servos = _connected()
+    beyond = ANT.joint_upper_rad + 0.5 if side > 0 else ANT.joint_lower_rad - 0.5
+    limit = ANT.joint_upper_rad if side > 0 else ANT.joint_lower_rad
+    servos.write(JointTargets(beyond, 0.0))
+    before = beyond
+    for _ in range(20):
+        sent = _send(guard, STANCE)
+        assert (np.abs(sent - before) <= STEP + 1e-12).all()
+        assert (side * (sent - before) <= 0).all()
+        before = sent
+        guard.clock.tick()
+    assert (side * (before - limit) <= 0).all()
+
+
+@given(
+    name=st.sampled_from(ROBOT_NAMES),
+    sequence=st.lists(
+        st.lists(st.floats(-1e6, 1e6) | st.floats(-3, 3), min_size=18, max_size=18), min_size=1, max_size=8
+    ),
+    skipped=st.integers(0, 3),
+)
+def test_whatever_is_written_what_is_sent_keeps_range_and_speed(
+    name: str, sequence: list[list[float]], skipped: int
+) -> None:
+    robot = shipped(name)
+    servos = PosedMock(robot)
+    with Guard(servos) as guard:
+        before = robot.stance_angles_rad
+        for wanted in sequence:
+            guard.clock.tick()
+            servos.time.work(0.02 * skipped)
+            _send(guard, np.array(wanted))
+            sent = servos.sent[-1].positions_rad
+            assert (sent >= robot.joint_lower_rad).all()
+            assert (sent <= robot.joint_upper_rad).all()
+            assert (np.abs(sent - before) <= robot.joint_max_speed_rad_s * 0.02 + 1e-12).all()
+            before = sent
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
+def test_targets_that_are_not_finite_are_refused_and_the_last_stay_in_force(bad: float) -> None:
+    guard, servos = _connected()
+    _send(guard, STANCE + 0.05)
+    wanted = STANCE + 0.05
+    wanted[7] = bad
+    with pytest.raises(CommandRefusedError, match="finite"):
+        _send(guard, wanted)
+    assert len(servos.sent) == 1
+    assert (guard.counters.accepted, guard.counters.refused) == (1, 1)
+    guard.clock.tick()
+    np.testing.assert_array_equal(_send(guard, STANCE + 0.06), STANCE + 0.06)
+
+
+@pytest.mark.parametrize(("age_s", "accepted"), [(0.0, True), (0.15, True), (0.25, False), (100.0, False)])
+def test_a_stale_command_is_refused(age_s: float, accepted: bool) -> None:
+    guard, servos = _connected()
+    stale = JointTargets(STANCE, guard.clock.now_s)
+    servos.time.work(age_s)
+    if accepted:
+        guard.write(stale)
+        return
+    with pytest.raises(CommandRefusedError, match=r"got .* s old; allowed: 0.2 s"):
+        guard.write(stale)
+    assert servos.sent == []
+    assert guard.counters.refused == 1
+
+
+def test_a_command_without_a_time_is_refused() -> None:
+    guard, servos = _connected()
+    with pytest.raises(CommandRefusedError):
+        guard.write(JointTargets(STANCE, math.nan))
+    assert servos.sent == []
+
+
+def test_silence_after_a_command_freezes_the_robot() -> None:
+    guard, servos = _connected()
+    _send(guard, STANCE)
+    servos.time.work(0.19)
+    guard.read()
+    assert guard.stopped is None
+    servos.time.work(0.02)
+    guard.read()
+    assert guard.stopped == "expired"
+    with pytest.raises(EStopError, match=r"expired.*clear"):
+        _send(guard, STANCE)
+
+
+def test_silence_before_the_first_command_is_no_fault() -> None:
+    guard, servos = _connected()
+    servos.time.work(10)
+    guard.read()
+    assert guard.stopped is None
+
+
+def test_after_clearing_silence_counts_from_the_next_command() -> None:
+    guard, servos = _connected()
+    _send(guard, STANCE)
+    servos.time.work(1.0)
+    guard.read()
+    assert guard.stopped == "expired"
+    guard.clear()
+    guard.clock.tick()
+    guard.read()
+    assert guard.stopped is None, "or nobody could ever go on after a silence"
+    _send(guard, STANCE)
+    servos.time.work(0.3)
+    guard.read()
+    assert guard.stopped == "expired"
+
+
+def test_a_body_that_leans_too_far_for_a_fifth_of_a_second_has_fallen() -> None:
+    guard, servos = _connected()
+    servos.lean(60)
+    for _ in range(9):
+        guard.read()
+    servos.lean(40)
+    guard.read()
+    servos.lean(60)
+    for _ in range(9):
+        guard.read()
+    assert guard.stopped is None, "each lean was short"
+    guard.read()
+    assert guard.stopped == "fell"
+
+
+@pytest.mark.parametrize("degrees", [-120, -60, 60, 180])
+def test_a_fall_to_any_side_is_one(degrees: float) -> None:
+    guard, servos = _connected()
+    servos.lean(degrees)
+    for _ in range(10):
+        guard.read()
+    assert guard.stopped == "fell"
+
+
+def test_a_robot_that_lies_on_its_back_in_the_simulation_has_fallen() -> None:
+    servos = SimServos(ANT)
+    with Guard(servos) as guard:
+        servos.simulation.physics.data.qpos[3:7] = [0, 1, 0, 0]
+        for _ in range(9):
+            guard.clock.tick()
+            guard.read()
+            _send(guard, STANCE)
+        guard.clock.tick()
+        guard.read()
+        with pytest.raises(EStopError, match="fell"):
+            _send(guard, STANCE)
+
+
+def test_a_fault_that_the_robot_reports_stops_it() -> None:
+    guard, servos = _connected()
+    servos.healthy = False
+    guard.read()
+    with pytest.raises(EStopError, match="fault"):
+        _send(guard, STANCE)
+
+
+def test_a_stop_stays_until_it_is_cleared_and_keeps_its_first_reason() -> None:
+    guard, servos = _connected()
+    _send(guard, STANCE)
+    guard.stop("by hand")
+    guard.stop("again")
+    for _ in range(3):
+        guard.clock.tick()
+        guard.read()
+        with pytest.raises(EStopError, match="stopped: by hand; clear"):
+            _send(guard, STANCE + 0.01)
+    assert len(servos.sent) == 1
+    assert (guard.counters.accepted, guard.counters.refused) == (1, 3)
+    guard.clear()
+    guard.clock.tick()
+    _send(guard, STANCE + 0.01)
+    assert len(servos.sent) == 2
+
+
+def test_a_stop_stays_over_closing_and_connecting_again() -> None:
+    guard, _ = _connected()
+    guard.stop("by hand")
+    guard.close()
+    guard.connect()
+    with pytest.raises(EStopError):
+        _send(guard, STANCE)
+
+
+def test_a_robot_that_is_reached_again_starts_anew_from_where_its_joints_are() -> None:
+    guard, servos = _connected()
+    _send(guard, STANCE + 0.1)
+    guard.close()
+    servos.time.work(60.0)
+    guard.connect()
+    servos.write(JointTargets(STANCE - 0.6, 0.0))  # it was moved in between
+    guard.clock.tick()
+    guard.read()
+    assert guard.stopped is None, "nobody was silent: nobody was connected"
+    np.testing.assert_allclose(_send(guard, STANCE), STANCE - 0.6 + STEP)
+
+
+def test_after_clearing_the_robot_goes_on_from_where_its_joints_are() -> None:
+    guard, servos = _connected()
+    _send(guard, STANCE + 0.1)
+    guard.stop("by hand")
+    servos.write(JointTargets(STANCE - 0.6, 0.0))  # somebody moves it
+    guard.clear()
+    guard.clock.tick()
+    np.testing.assert_allclose(_send(guard, STANCE), STANCE - 0.6 + STEP)
+
+
+def test_the_simulated_robot_holds_its_last_targets_when_stopped() -> None:
+    with Guard(SimServos(ANT)) as guard:
+        move(guard, STANCE + 0.1, ticks=30)
+        guard.stop("by hand")
+        for _ in range(50):
+            guard.clock.tick()
+        np.testing.assert_allclose(guard.read().joint_positions_rad, STANCE + 0.1, atol=0.03)

@@ -1,0 +1,102 @@
+"""The tick: read, think, guard, write, record, in this order and on the clock's time."""
+
+import numpy as np
+import pytest
+
+from hexctl.backends.clock import Tick
+from hexctl.control.controller import Controller
+from hexctl.control.guard import Guard
+from hexctl.control.loop import drive
+from hexctl.errors import EStopError
+from hexctl.robot.messages import FloatArray, JointTargets, RobotState
+from tests.control.posed import PosedMock
+
+
+class _Nudge(Controller):
+    """Asks for the stance and a little more each step."""
+
+    def __init__(self, stance_rad: FloatArray) -> None:
+        self._stance_rad = stance_rad
+        self.asked: list[tuple[int, float]] = []
+
+    def targets_rad(self, tick: int, state: RobotState) -> FloatArray:
+        self.asked.append((tick, float(state.joint_positions_rad[0])))
+        return self._stance_rad + 0.01 * tick
+
+
+class _Rows:
+    """Keeps what is recorded."""
+
+    def __init__(self) -> None:
+        self.rows: list[tuple[Tick, RobotState, FloatArray, JointTargets, float]] = []
+
+    def record(
+        self, tick: Tick, state: RobotState, wanted_rad: FloatArray, sent: JointTargets, work_s: float
+    ) -> None:
+        self.rows.append((tick, state, wanted_rad, sent, work_s))
+
+
+def _connected() -> tuple[Guard, PosedMock, _Nudge, _Rows]:
+    servos = PosedMock()
+    servos.connect()
+    return Guard(servos), servos, _Nudge(servos.robot.stance_angles_rad), _Rows()
+
+
+def test_each_tick_reads_what_the_last_one_wrote_and_is_recorded() -> None:
+    guard, servos, controller, rows = _connected()
+    last, state = drive(guard, controller, rows, lambda step, _: step >= 9)
+    stance = float(servos.robot.stance_angles_rad[0])
+    assert last == 9
+    assert [step for step, _ in controller.asked] == list(range(10))
+    read = [stance, *(stance + 0.01 * step for step in range(9))]
+    np.testing.assert_allclose([joint for _, joint in controller.asked], read)
+    assert len(rows.rows) == len(servos.sent) == 10
+    for tick, recorded, wanted, sent, work_s in rows.rows:
+        assert sent.stamp_s == tick.time_s
+        np.testing.assert_array_equal(sent.positions_rad, wanted)
+        assert work_s >= 0
+        assert recorded.stamp_s == pytest.approx(tick.time_s)
+    assert rows.rows[-1][1] is state
+
+
+def test_what_was_sent_is_recorded_beside_what_was_wanted() -> None:
+    guard, _, _, rows = _connected()
+    far = _Nudge(guard.robot.stance_angles_rad + 1.0)
+    drive(guard, far, rows, lambda step, _: step >= 3)
+    for _, _, wanted, sent, _ in rows.rows[:1]:
+        assert (sent.positions_rad != wanted).all()
+
+
+def test_steps_follow_the_clock_over_points_that_it_skips() -> None:
+    guard, servos, controller, rows = _connected()
+
+    def slow(step: int, _: RobotState) -> bool:
+        servos.time.work(0.02 * 3.5)
+        return step >= 12
+
+    last, _ = drive(guard, controller, rows, slow)
+    steps = [step for step, _ in controller.asked]
+    assert steps == sorted(set(steps))
+    assert len(steps) < 7
+    assert [tick.index - rows.rows[0][0].index for tick, *_ in rows.rows] == steps
+    assert last == steps[-1]
+
+
+def test_a_controller_can_go_on_where_it_was() -> None:
+    guard, _, controller, rows = _connected()
+    last, _ = drive(guard, controller, rows, lambda step, _: step >= 4)
+    drive(guard, controller, rows, lambda step, _: step >= 8, first_step=last + 1)
+    assert [step for step, _ in controller.asked] == list(range(9))
+
+
+def test_a_stop_ends_the_drive_before_the_servos_hear_of_it() -> None:
+    guard, servos, controller, rows = _connected()
+
+    def press(step: int, _: RobotState) -> bool:
+        if step == 3:
+            guard.stop("by hand")
+        return False
+
+    with pytest.raises(EStopError, match="by hand"):
+        drive(guard, controller, rows, press)
+    assert len(servos.sent) == len(rows.rows) == 4

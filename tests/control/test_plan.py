@@ -1,0 +1,51 @@
+"""What a trial may be asked to do."""
+
+import math
+import pickle
+
+import pytest
+
+from hexctl.control.plan import TrialPlan
+from hexctl.errors import InputError
+from hexctl.robot.failure import FAILURE_KINDS, Failure
+from tests.robots import shipped
+from tests.trials import gait_of
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"duration_s": 0}, "duration: got 0; allowed: above 0 up to 86400 s"),
+        ({"duration_s": -1}, "duration: got -1"),
+        ({"duration_s": math.nan}, "duration: got nan"),
+        ({"duration_s": math.inf}, "duration: got inf"),
+        ({"duration_s": 1e6}, "duration: got 1e\\+06"),
+        ({"settle_s": 0}, "settle time: got 0; allowed: above 0 s"),
+        ({"settle_s": math.inf}, "settle time: got inf"),
+        ({"self_rotation": "left"}, "self-rotation: got left; allowed: rear, front, none"),
+        ({"heading_rad": math.nan}, "heading nan"),
+        ({"turn_rate_rad_s": math.inf}, "turn inf"),
+        ({"travel": 2.0}, "travel: got 2.0; allowed: 0..1"),
+    ],
+)
+def test_a_plan_refuses_what_cannot_be_done(change: dict[str, object], words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        TrialPlan(gait=gait_of(shipped()), **change)  # type: ignore[arg-type]
+
+
+def test_a_plan_travels_to_another_process() -> None:
+    plan = TrialPlan(gait=gait_of(shipped()), failure=Failure(leg=3, kind="weak"), heading_rad=0.3)
+    assert pickle.loads(pickle.dumps(plan)) == plan  # noqa: S301  our own bytes
+
+
+@pytest.mark.parametrize("kind", FAILURE_KINDS)
+def test_only_a_locked_leg_is_held_by_the_controller(kind: str) -> None:
+    plan = TrialPlan(gait=gait_of(shipped()), failure=Failure(leg=3, kind=kind))
+    assert plan.held_legs == ((3,) if kind == "locked" else ())
+
+
+def test_a_body_that_has_turned_walks_the_same_way_in_the_world() -> None:
+    plan = TrialPlan(gait=gait_of(shipped()), heading_rad=0.5, turn_rate_rad_s=0.1)
+    motion = plan.motion(yaw_rad=1.2)
+    assert motion.heading_rad == pytest.approx(0.5 - 1.2)
+    assert (motion.travel, motion.turn_rate_rad_s) == (1.0, 0.1)

@@ -1,0 +1,136 @@
+"""Scoring, on paths whose distance and deviations are known."""
+
+import json
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hexctl.control.frame import TrialFrame
+from hexctl.control.plan import TrialPlan
+from hexctl.control.result import TrialResult, score
+from hexctl.robot.messages import FloatArray
+from tests.robots import shipped
+from tests.trials import gait_of
+
+SPEED = 0.1485
+UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])
+
+
+def _turned(yaws: FloatArray) -> FloatArray:
+    zeros = np.zeros_like(yaws)
+    return np.stack([np.cos(yaws / 2), zeros, zeros, np.sin(yaws / 2)], axis=-1)
+
+
+def _score(
+    path: FloatArray, *, heading: float = 0.0, yaws: FloatArray | None = None, status: str = "ok", **plan: Any
+) -> TrialResult:
+    """Score a path given in the trial frame, (T, 2), of a walk somewhere in the world."""
+    origin = np.array([3.0, -2.0, 0.12])
+    cos, sin = math.cos(heading), math.sin(heading)
+    turned = path @ np.array([[cos, sin], [-sin, cos]])
+    world = np.column_stack([turned + origin[:2], np.full(len(path), 0.1)])
+    quaternions = np.tile(UPRIGHT, (len(path), 1)) if yaws is None else _turned(yaws)
+    duration_s = plan.pop("duration_s", 10.0)
+    return score(
+        shipped(),
+        TrialPlan(gait=gait_of(shipped()), **plan),
+        status=status,
+        duration_s=duration_s,
+        clipped_ticks=3,
+        frame=TrialFrame(origin, heading, 0.0 if yaws is None else float(yaws[0])),
+        positions_world=world,
+        quaternions_world=quaternions,
+    )
+
+
+def _along(distance: float, off: FloatArray) -> FloatArray:
+    return np.column_stack([np.linspace(0, distance, len(off)), off])
+
+
+@pytest.mark.parametrize("heading_deg", [0, 33, 90, 180, -120])
+def test_distance_and_deviations_of_a_known_path_in_any_direction(heading_deg: float) -> None:
+    off = np.array([0.0, 0.1, -0.3, -0.2, 0.05, -0.15])
+    result = _score(_along(1.2, off), heading=math.radians(heading_deg))
+    assert result.distance_m == pytest.approx(1.2)
+    assert result.deviation is not None
+    assert result.deviation.final == pytest.approx(0.15)
+    assert result.deviation.signed == pytest.approx(-0.15)
+    assert result.deviation.max == pytest.approx(0.3)
+    assert result.deviation.mean == pytest.approx((0 + 0.1 + 0.3 + 0.2 + 0.05 + 0.15) / 6)
+    np.testing.assert_allclose(result.path_m, _along(1.2, off), atol=1e-12)
+    assert result.clipped_ticks == 3
+
+
+@given(off=st.lists(st.floats(-5, 5), min_size=1, max_size=30))
+def test_deviations_are_what_their_names_say(off: list[float]) -> None:
+    deviation = _score(_along(1.2, np.array(off))).deviation
+    assert deviation is not None
+    assert deviation.final == pytest.approx(abs(deviation.signed))
+    assert deviation.mean <= deviation.max + 1e-12
+    assert deviation.final <= deviation.max + 1e-12
+
+
+@pytest.mark.parametrize("turned_deg", [-1000, -350, -180, -10, 0, 90, 180, 359, 725])
+def test_yaw_counts_whole_turns(turned_deg: float) -> None:
+    yaws = np.radians(np.linspace(20, 20 + turned_deg, 400))
+    result = _score(_along(1.2, np.zeros(400)), yaws=yaws)
+    assert math.degrees(result.yaw_change_rad or 0.0) == pytest.approx(turned_deg, abs=1e-6)
+    assert result.numbers()["yaw_change_deg"] == pytest.approx(turned_deg, abs=1e-6)
+
+
+def test_the_ideal_distance_is_the_papers() -> None:
+    assert _score(_along(1.2, np.zeros(3)), duration_s=30.0).ideal_distance_m == pytest.approx(4.455)
+
+
+@pytest.mark.parametrize(
+    ("share", "status"), [(0.49, "no_progress"), (0.51, "ok"), (0.0, "no_progress"), (-1.0, "no_progress")]
+)
+def test_less_than_half_the_ideal_distance_is_no_progress(share: float, status: str) -> None:
+    # The soft start takes one second of full stride away.
+    distance = share * SPEED * (10.0 - 1.0)
+    result = _score(_along(distance, np.zeros(5)))
+    assert result.status == status
+    assert result.valid == (status == "ok")
+
+
+@pytest.mark.parametrize(("share", "status"), [(0.49, "no_progress"), (0.51, "ok")])
+def test_a_walk_shorter_than_its_soft_start_has_a_fair_floor(share: float, status: str) -> None:
+    distance = share * SPEED * 1.0**2 / 4  # the integral of t / 2 over one second
+    assert _score(_along(distance, np.zeros(5)), duration_s=1.0).status == status
+
+
+@pytest.mark.parametrize("plan", [{"travel": 0.0}, {"turn_rate_rad_s": 0.2}])
+def test_a_walk_that_is_not_meant_to_be_straight_has_no_floor(plan: dict[str, Any]) -> None:
+    assert _score(_along(0.0, np.zeros(5)), **plan).status == "ok"
+
+
+@pytest.mark.parametrize("status", ["fell", "diverged", "aborted"])
+def test_a_walk_that_ended_badly_stays_bad_however_far_it_went(status: str) -> None:
+    result = _score(_along(2.0, np.zeros(5)), status=status)
+    assert result.status == status
+    assert not result.valid
+    assert result.distance_m == pytest.approx(2.0)
+
+
+def test_the_numbers_are_plain_json_with_the_promised_keys() -> None:
+    numbers = _score(_along(1.2, np.array([0.0, 0.1]))).numbers()
+    assert json.loads(json.dumps(numbers, allow_nan=False)) == numbers
+    assert set(numbers) >= {
+        "duration_s",
+        "distance_m",
+        "deviation_m",
+        "yaw_change_deg",
+        "status",
+        "clipped_ticks",
+    }
+    assert set(numbers["deviation_m"]) == {"final", "mean", "max", "signed"}
+
+
+def test_a_robot_that_never_set_out_has_no_distance() -> None:
+    result = _score(np.zeros((0, 2)), status="fell")
+    assert (result.distance_m, result.deviation, result.yaw_change_rad) == (None, None, None)
+    json.dumps(result.numbers(), allow_nan=False)

@@ -1,0 +1,107 @@
+"""Self-rotation: how far to turn, and that the failed leg points there afterwards."""
+
+import math
+
+import numpy as np
+import pytest
+
+from hexctl.control.guard import Guard
+from hexctl.control.log import TickLog
+from hexctl.control.plan import TrialPlan
+from hexctl.control.trial import run_trial
+from hexctl.control.turning import turn_needed_rad
+from hexctl.robot.failure import Failure
+from tests.control.posed import PosedMock
+from tests.robots import ROBOT_NAMES, shipped
+from tests.trials import Outcome, gait_of, walk
+
+LEGS = range(1, 7)
+
+
+def _needed_deg(leg: int, heading_deg: float = 0.0, self_rotation: str = "rear") -> float:
+    plan = TrialPlan(
+        gait=gait_of(shipped()),
+        failure=Failure(leg=leg),
+        heading_rad=math.radians(heading_deg),
+        self_rotation=self_rotation,
+    )
+    return math.degrees(turn_needed_rad(shipped(), plan))
+
+
+@pytest.mark.parametrize(("leg", "degrees"), [(1, 180), (2, 120), (3, 60), (4, 0), (5, -60), (6, -120)])
+def test_the_shorter_way_to_the_rear(leg: int, degrees: float) -> None:
+    assert _needed_deg(leg) == pytest.approx(degrees)
+
+
+def test_the_turn_takes_the_heading_into_account() -> None:
+    assert _needed_deg(4, heading_deg=90) == pytest.approx(90)
+    assert _needed_deg(1, heading_deg=-30) == pytest.approx(150)
+    assert _needed_deg(2, self_rotation="front") == pytest.approx(-60)
+    assert _needed_deg(2, heading_deg=60, self_rotation="front") == pytest.approx(0)
+
+
+def test_nothing_to_turn_without_a_failed_leg_or_when_told_not_to() -> None:
+    assert turn_needed_rad(shipped(), TrialPlan(gait=gait_of(shipped()))) == 0
+    assert _needed_deg(2, self_rotation="none") == 0
+
+
+def _leg_off_deg(outcome: Outcome, robot_name: str, leg: int, wanted_deg: float) -> float:
+    """Return how far the failed leg points away from a direction of the trial frame when the walk begins."""
+    frame = outcome.log.frame
+    assert frame is not None
+    points_to = frame.yaw_rad + float(shipped(robot_name).leg_azimuths_rad[leg - 1])
+    off = points_to - frame.heading_rad - math.radians(wanted_deg)
+    return abs(math.degrees(math.remainder(off, math.tau)))
+
+
+@pytest.mark.parametrize("leg", LEGS)
+@pytest.mark.parametrize("name", ROBOT_NAMES)
+def test_the_failed_leg_trails_when_the_walk_begins(name: str, leg: int) -> None:
+    outcome = walk(robot=shipped(name), failure=Failure(leg=leg), duration_s=0.02)
+    assert _leg_off_deg(outcome, name, leg, 180) < 10
+
+
+@pytest.mark.parametrize("leg", [1, 3, 5])
+def test_the_failed_leg_leads_when_asked_to(leg: int) -> None:
+    outcome = walk(failure=Failure(leg=leg), self_rotation="front", duration_s=0.02)
+    assert _leg_off_deg(outcome, "ant", leg, 0) < 10
+
+
+@pytest.mark.parametrize("heading_deg", [75, -140])
+def test_the_failed_leg_trails_along_any_heading(heading_deg: float) -> None:
+    outcome = walk(failure=Failure(leg=2), heading_rad=math.radians(heading_deg), duration_s=0.02)
+    assert _leg_off_deg(outcome, "ant", 2, 180) < 10
+
+
+@pytest.mark.parametrize("kind", ["limp", "weak", "missing", "stuck"])
+def test_it_turns_with_every_failure(kind: str) -> None:
+    outcome = walk(failure=Failure(leg=2, kind=kind), duration_s=0.02)
+    assert _leg_off_deg(outcome, "ant", 2, 180) < 10
+
+
+def test_no_turn_when_told_not_to_or_when_the_leg_trails_already() -> None:
+    for leg, self_rotation in ((2, "none"), (4, "rear"), (1, "front")):
+        log = walk(failure=Failure(leg=leg), self_rotation=self_rotation, duration_s=0.1).log
+        assert log.rows_of("turn") == slice(0, 0)
+
+
+def test_the_robot_stands_still_before_it_walks() -> None:
+    outcome = walk(failure=Failure(leg=2), duration_s=0.02)
+    before = outcome.log.rows_of("turn").stop
+    np.testing.assert_allclose(
+        outcome.log["wanted_rad"][before - 1], shipped().stance_angles_rad, atol=1e-9, err_msg="in its stance"
+    )
+    moved = np.diff(outcome.log["base_position_world"][before - 5 : before], axis=0)
+    assert np.abs(moved).max() < 1e-4
+
+
+def test_a_robot_that_does_not_turn_walks_from_where_it_is() -> None:
+    """Its own yaw never changes: after four times the ideal time it gives up."""
+    servos, log = PosedMock(), TickLog()
+    plan = TrialPlan(gait=gait_of(servos.robot), failure=Failure(leg=2), duration_s=1)
+    with Guard(servos) as guard:
+        result = run_trial(guard, plan, log)
+    turning = log.rows_of("turn")
+    ideal_s = 2 + math.radians(120) / (1.5 * 0.9 * 0.055 / 0.204)
+    assert (turning.stop - turning.start) * 0.02 == pytest.approx(4 * ideal_s + 2 + 0.5, abs=0.1)
+    assert result.duration_s == pytest.approx(1)

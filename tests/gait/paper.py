@@ -1,0 +1,46 @@
+"""The paper's Eq. 1 to 5, one leg and one moment at a time, in the paper's own cases and letters."""
+
+import math
+
+from hexctl.gait.encoding import Slots
+
+Vector = tuple[float, float, float]
+
+
+def stroke(u: float, amplitude: float) -> float:
+    """Return m(u), Eq. 3."""
+    if u < 1 / 3:
+        return 3 * u * amplitude / 2
+    if u < 1 / 2:
+        return amplitude / 2 - 3 * amplitude * (u - 1 / 3)
+    if u < 2 / 3:
+        return -3 * amplitude * (u - 1 / 2)
+    return -amplitude / 2 * (1 - 3 * (u - 2 / 3))
+
+
+def lift(u: float, height: float) -> float:
+    """Return h(u), Eq. 4."""
+    if u < 1 / 3:
+        return 0.0
+    if u < 1 / 2:
+        return 6 * height * (u - 1 / 3)
+    if u < 2 / 3:
+        return height * (1 - 6 * (u - 1 / 2))
+    return 0.0
+
+
+def normalised_time(t: float, slot: int) -> float:
+    """Return u, Eq. 5."""
+    return math.fmod(t + (slot - 1) / 6, 1.0)
+
+
+def walking_feet(
+    rest: list[Vector], slots: Slots, t: float, *, amplitude: float, height: float, theta: float
+) -> list[Vector]:
+    """Return the feet, Eq. 1 and 2; as printed, the stance feet move toward theta."""
+    feet = []
+    for (x, y, z), slot in zip(rest, slots, strict=True):
+        u = normalised_time(t, slot)
+        m = stroke(u, amplitude)
+        feet.append((x + m * math.cos(theta), y + m * math.sin(theta), z + lift(u, height)))
+    return feet

@@ -1,0 +1,172 @@
+"""The feet over time: the paper's walk, the heading of the body, turning, ramps, many walks at once."""
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hexctl.gait.feet import feet_of_walks, foot_positions_body, stroke_vectors_m
+from hexctl.gait.gait import Gait, Motion, ideal_speed_m_s
+from hexctl.gait.named import NAMED_SLOTS
+from hexctl.gait.ramp import RAMP_DURATION_S
+from hexctl.gait.trajectory import in_stance, phase_in_cycle
+from tests.gait.paper import walking_feet
+from tests.robots import ROBOT_NAMES, shipped
+
+TRIPOD = Gait(slots=NAMED_SLOTS["tripod"], pace_hz=0.9, amplitude=0.11, height=0.02)
+
+headings = st.floats(-math.pi, math.pi)
+slots_of_legs = st.tuples(*[st.integers(1, 6)] * 6)
+
+
+@given(slots=slots_of_legs, heading=headings, time_s=st.floats(RAMP_DURATION_S, 60))
+def test_the_walk_is_the_papers_with_the_body_going_along_the_heading(
+    slots: tuple[int, ...], heading: float, time_s: float
+) -> None:
+    ant = shipped()
+    gait = Gait(slots=slots, pace_hz=0.9, amplitude=0.11, height=0.02)
+    feet = foot_positions_body(ant, gait, Motion(heading_rad=heading), time_s)
+    expected = walking_feet(
+        [(x, y, z) for x, y, z in ant.stance_feet_body.tolist()],
+        slots,
+        0.9 * time_s,
+        amplitude=0.11,
+        height=0.02,
+        theta=heading + math.pi,  # the sign trap: the body goes where the stance feet do not
+    )
+    np.testing.assert_allclose(feet, expected, atol=1e-9)
+
+
+@given(heading=headings, turn=st.floats(-0.3, 0.3), travel=st.floats(0, 1), name=st.sampled_from(ROBOT_NAMES))
+def test_a_stance_foot_moves_as_the_floor_does_under_a_moving_body(
+    heading: float, turn: float, travel: float, name: str
+) -> None:
+    """A body that travels at v and turns at w sees the floor at r move with -v - w x r."""
+    robot = shipped(name)
+    gait = Gait(slots=NAMED_SLOTS["demo"], pace_hz=0.5, amplitude=0.08, height=0.02)
+    motion = Motion(heading_rad=heading, travel=travel, turn_rate_rad_s=turn)
+    step_s, start_s = 1e-4, RAMP_DURATION_S
+    times = start_s + np.arange(0, 2000) * 1e-3
+    before = foot_positions_body(robot, gait, motion, times)
+    after = foot_positions_body(robot, gait, motion, times + step_s)
+    u = phase_in_cycle(gait.pace_hz * times[:, np.newaxis], np.array(gait.slots))
+    later = phase_in_cycle(gait.pace_hz * (times + step_s)[:, np.newaxis], np.array(gait.slots))
+    both = in_stance(u) & in_stance(later)
+    speed = 1.5 * 0.5 * 0.08 * robot.size_m * travel
+    rest = robot.stance_feet_body
+    floor = np.stack(
+        [-speed * math.cos(heading) + turn * rest[:, 1], -speed * math.sin(heading) - turn * rest[:, 0]],
+        axis=-1,
+    )
+    velocity = (after - before)[..., :2] / step_s
+    np.testing.assert_allclose(velocity[both], np.broadcast_to(floor, velocity.shape)[both], atol=1e-9)
+    down, height = in_stance(u), np.broadcast_to(rest[:, 2], u.shape)
+    np.testing.assert_allclose(before[..., 2][down], height[down], atol=1e-12)
+
+
+def test_a_turn_in_place_moves_every_foot_tangentially() -> None:
+    ant = shipped()
+    strokes = stroke_vectors_m(ant, TRIPOD, Motion(travel=0.0, turn_rate_rad_s=0.3))
+    outward = ant.stance_feet_body[:, :2]
+    np.testing.assert_allclose((strokes * outward).sum(axis=-1), 0, atol=1e-15)
+    counter_clockwise = outward[:, 0] * strokes[:, 1] - outward[:, 1] * strokes[:, 0]
+    assert (counter_clockwise < 0).all(), "the feet go clockwise so that the body goes counter-clockwise"
+
+
+def test_travel_and_turn_blend_by_adding() -> None:
+    phantomx = shipped("phantomx")
+    gait = Gait(slots=NAMED_SLOTS["ripple"], pace_hz=0.4, amplitude=0.05, height=0.02)
+    travel = stroke_vectors_m(phantomx, gait, Motion(heading_rad=0.4))
+    turn = stroke_vectors_m(phantomx, gait, Motion(travel=0.0, turn_rate_rad_s=0.2))
+    both = stroke_vectors_m(phantomx, gait, Motion(heading_rad=0.4, turn_rate_rad_s=0.2))
+    np.testing.assert_allclose(both, travel + turn, atol=1e-15)
+
+
+def test_the_ideal_speed_is_the_papers() -> None:
+    assert ideal_speed_m_s(shipped(), TRIPOD, Motion()) == pytest.approx(0.1485)
+    assert ideal_speed_m_s(shipped(), TRIPOD, Motion(travel=0.0)) == 0
+
+
+def _offsets(time_s: Any, stop_s: float | None = None) -> Any:
+    ant = shipped()
+    return foot_positions_body(ant, TRIPOD, Motion(), time_s, stop_s) - ant.stance_feet_body
+
+
+def test_a_walk_starts_in_the_stance_and_grows_to_the_full_stride_in_two_seconds() -> None:
+    np.testing.assert_array_equal(_offsets(0.0), np.zeros((6, 3)))
+    times = np.arange(0, 2000) * 1e-3
+    full = _offsets(times + 10 / 0.9)  # the same phases ten cycles later
+    np.testing.assert_allclose(_offsets(times), 0.5 * times[:, np.newaxis, np.newaxis] * full, atol=1e-9)
+
+
+@given(stop_s=st.floats(0, 20))
+def test_a_soft_stop_shrinks_evenly_to_the_stance(stop_s: float) -> None:
+    since = np.linspace(0, RAMP_DURATION_S, 201)
+    walking, stopping = _offsets(stop_s + since), _offsets(stop_s + since, stop_s)
+    level = np.minimum(stop_s, 2.0) / 2
+    share = np.maximum(level - since / 2, 0)
+    reference = np.minimum((stop_s + since) / 2, 1)
+    # Undo the start's own ramp, which goes on behind the stop's.
+    full = np.divide(
+        walking,
+        reference[:, np.newaxis, np.newaxis],
+        where=reference[:, np.newaxis, np.newaxis] > 0,
+        out=np.zeros_like(walking),
+    )
+    np.testing.assert_allclose(stopping, share[:, np.newaxis, np.newaxis] * full, atol=1e-9)
+    np.testing.assert_allclose(_offsets(stop_s + RAMP_DURATION_S + 1e-9, stop_s), 0, atol=1e-12)
+
+
+def test_a_stop_changes_nothing_before_it() -> None:
+    times = np.linspace(0, 5, 100)
+    np.testing.assert_array_equal(_offsets(times, 5.0), _offsets(times))
+
+
+walks_of_all_kinds = st.tuples(
+    slots_of_legs,
+    st.floats(0.1, 2),
+    st.floats(0.01, 0.2),
+    st.floats(0.01, 0.1),
+    headings,
+    st.floats(-0.5, 0.5),
+)
+
+
+@given(
+    walks=st.lists(walks_of_all_kinds, min_size=1, max_size=5),
+    stop_s=st.none() | st.floats(0, 5),
+    name=st.sampled_from(ROBOT_NAMES),
+)
+def test_many_walks_at_once_equal_each_alone_to_the_last_bit(
+    walks: list[tuple[tuple[int, ...], float, float, float, float, float]], stop_s: float | None, name: str
+) -> None:
+    robot, times = shipped(name), 0.02 * np.arange(300.0)
+    gaits = [
+        Gait(slots=slots, pace_hz=pace, amplitude=amplitude, height=height)
+        for slots, pace, amplitude, height, _, _ in walks
+    ]
+    motions = [Motion(heading_rad=walk[4], turn_rate_rad_s=walk[5]) for walk in walks]
+    pairs = list(zip(gaits, motions, strict=True))
+    together = feet_of_walks(
+        robot,
+        slots=np.array([gait.slots for gait in gaits]),
+        stroke_vectors=np.array([stroke_vectors_m(robot, gait, motion) for gait, motion in pairs]),
+        pace_hz=np.array([gait.pace_hz for gait in gaits]),
+        height_m=np.array([gait.height * robot.size_m for gait in gaits]),
+        time_s=times,
+        stop_s=stop_s,
+    )
+    for row, (gait, motion) in zip(together, pairs, strict=True):
+        assert np.array_equal(row, foot_positions_body(robot, gait, motion, times, stop_s))
+
+
+@pytest.mark.parametrize("shape", [(), (1,), (7,), (3, 4)])
+def test_times_of_any_shape_equal_each_time_alone(shape: tuple[int, ...]) -> None:
+    times = np.random.default_rng(1).uniform(0, 9, shape)
+    feet = foot_positions_body(shipped(), TRIPOD, Motion(heading_rad=0.3), times)
+    assert feet.shape == (*shape, 6, 3)
+    alone = [foot_positions_body(shipped(), TRIPOD, Motion(heading_rad=0.3), t) for t in times.ravel()]
+    np.testing.assert_array_equal(feet.reshape(-1, 6, 3), alone)

@@ -1,0 +1,67 @@
+"""Failures and their command-line text."""
+
+import math
+import pickle
+
+import pytest
+
+from hexctl.errors import InputError
+from hexctl.robot.failure import FAILURE_KINDS, Failure, parse_failure
+
+
+@pytest.mark.parametrize(
+    ("text", "failure"),
+    [
+        ("locked", Failure(leg=5)),
+        ("limp", Failure(leg=5, kind="limp")),
+        ("missing", Failure(leg=5, kind="missing")),
+        ("weak", Failure(leg=5, kind="weak", torque_fraction=0.3)),
+        ("weak:0.5", Failure(leg=5, kind="weak", torque_fraction=0.5)),
+        ("stuck", Failure(leg=5, kind="stuck", joint="coxa", angle_rad=0.0)),
+        ("stuck:tibia", Failure(leg=5, kind="stuck", joint="tibia")),
+        ("stuck:femur:-30", Failure(leg=5, kind="stuck", joint="femur", angle_rad=math.radians(-30))),
+    ],
+)
+def test_a_failure_is_read_from_its_text(text: str, failure: Failure) -> None:
+    assert parse_failure(5, text) == failure
+
+
+@pytest.mark.parametrize("text", ["locked", "limp", "missing", "weak:0.5", "stuck:coxa:0", "stuck:femur:-30"])
+def test_the_text_of_a_failure_reads_back(text: str) -> None:
+    assert str(parse_failure(2, text)) == text
+
+
+@pytest.mark.parametrize(
+    ("leg", "text", "allowed"),
+    [
+        (0, "locked", "1..6"),
+        (7, "locked", "1..6"),
+        (1, "broken", "locked, limp, stuck, weak, missing"),
+        (1, "", "locked"),
+        (1, "Locked", "locked"),
+        (1, "locked:1", "weak:FRACTION"),
+        (1, "limp:0", "weak:FRACTION"),
+        (1, "weak:0.1:2", "weak:FRACTION"),
+        (1, "weak:1.5", "0..1"),
+        (1, "weak:-0.1", "0..1"),
+        (1, "weak:nan", "0..1"),
+        (1, "weak:little", "a number in place of 'little'"),
+        (1, "weak:", "a number"),
+        (1, "stuck:knee:3", "coxa, femur, tibia"),
+        (1, "stuck:femur:far", "a number in place of 'far'"),
+        (1, "stuck:femur:nan", "finite"),
+        (1, "stuck:femur:inf", "finite"),
+        (1, "stuck:femur:1:2", "stuck:JOINT:DEGREES"),
+    ],
+)
+def test_anything_else_is_refused_with_what_is_allowed(leg: int, text: str, allowed: str) -> None:
+    with pytest.raises(InputError, match="got") as refused:
+        parse_failure(leg, text)
+    assert allowed in str(refused.value)
+    assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize("kind", FAILURE_KINDS)
+def test_a_failure_travels_to_another_process(kind: str) -> None:
+    failure = Failure(leg=3, kind=kind, torque_fraction=0.4, angle_rad=0.2)
+    assert pickle.loads(pickle.dumps(failure)) == failure  # noqa: S301  our own bytes

@@ -1,0 +1,264 @@
+"""Robot files: the shipped numbers, a robot that is not symmetric, and what is refused in one line."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hexctl.errors import InputError
+from hexctl.robot.file import load_robot
+from hexctl.robot.joints import N_JOINTS
+from tests.robots import ROBOT_NAMES, Content, Edit, drop, edited_file, put, shipped
+
+
+def test_ant_has_the_numbers_of_the_paper() -> None:
+    ant = shipped("ant")
+    azimuths = np.radians(np.arange(6) * 60)
+    circle = np.stack([np.cos(azimuths), np.sin(azimuths), np.zeros(6)], axis=-1)
+    np.testing.assert_allclose(ant.mount_positions_body, 0.080 * circle, atol=1e-12)
+    np.testing.assert_allclose(ant.mount_yaws_rad, azimuths, atol=1e-12)
+    np.testing.assert_allclose(ant.link_vectors_m, [[0.0503, -0.0112], [0.0724, 0.0], [0.1165, 0.0]])
+    np.testing.assert_allclose(ant.stance_feet_body, 0.204 * circle + [0, 0, -0.121], atol=1e-12)
+    np.testing.assert_allclose(ant.joint_max_torque_nm, 2.5)
+    np.testing.assert_allclose(ant.joint_max_speed_rad_s, np.radians(360))
+    assert ant.mass_kg == pytest.approx(1.000)
+    assert (ant.body.mass_kg, ant.size_m) == (0.100, 1.0)
+    assert (ant.gait.pace_hz, ant.gait.amplitude, ant.gait.height) == (0.9, 0.11, 0.02)
+
+
+def test_phantomx_has_the_vendors_numbers() -> None:
+    phantomx = shipped("phantomx")
+    lengths = np.hypot(*phantomx.link_vectors_m.T)
+    np.testing.assert_allclose(lengths, [0.0529, 0.0618, 0.1309], atol=1e-4)
+    np.testing.assert_allclose(
+        phantomx.mount_positions_body[:, :2],
+        [[0.125, 0.065], [0, 0.1], [-0.125, 0.065], [-0.125, -0.065], [0, -0.1], [0.125, -0.065]],
+    )
+    np.testing.assert_allclose(np.degrees(phantomx.mount_yaws_rad), [45, 90, 135, -135, -90, -45])
+    assert phantomx.body.mass_kg == 1.522
+    assert phantomx.mass_kg == pytest.approx(3.22, abs=0.005)
+    np.testing.assert_allclose(phantomx.link_masses_kg, [0.0247, 0.0858, 0.1718])
+    np.testing.assert_allclose(np.degrees(phantomx.joint_max_speed_rad_s), 180)
+    np.testing.assert_allclose(np.degrees(phantomx.joint_upper_rad[0]), 55)
+
+
+def test_pexod_has_the_numbers_of_its_papers() -> None:
+    pexod = shipped("pexod")
+    np.testing.assert_allclose(np.hypot(*pexod.link_vectors_m.T), [0.060, 0.085, 0.140])
+    np.testing.assert_allclose(
+        pexod.mount_yaws_rad[:3], [np.pi / 2 - 0.3, np.pi / 2, np.pi / 2 + 0.3], atol=1e-5
+    )
+    np.testing.assert_allclose(pexod.mount_yaws_rad[3:], -pexod.mount_yaws_rad[2::-1])
+    np.testing.assert_allclose(
+        pexod.mount_positions_body[:3, :2], [[0.11, 0.04], [-0.01, 0.08], [-0.13, 0.04]]
+    )
+    assert pexod.mass_kg == pytest.approx(2.495)
+    assert pexod.foot_radius_m == 0.025
+    np.testing.assert_allclose(np.degrees(pexod.joint_upper_rad[:3]), [90, 45, 45])
+    np.testing.assert_allclose(pexod.joint_max_speed_rad_s, 7.0, atol=0.002)
+
+
+@pytest.mark.parametrize("name", ROBOT_NAMES)
+def test_shipped_robots_have_their_legs_counter_clockwise_from_the_front(name: str) -> None:
+    robot = shipped(name)
+    azimuths = np.degrees(robot.leg_azimuths_rad) % 360
+    assert (np.diff(azimuths) > 0).all()
+    assert (robot.stance_feet_body[[1, 2], 1] > 0).all(), "legs 2 and 3 stand on the left"
+    assert (robot.stance_feet_body[[4, 5], 1] < 0).all(), "legs 5 and 6 stand on the right"
+    assert robot.stance_feet_body[0, 0] > 0, "leg 1 stands in front"
+
+
+@pytest.mark.parametrize("name", ROBOT_NAMES)
+def test_a_robot_cannot_be_changed_by_accident(name: str) -> None:
+    robot = shipped(name)
+    with pytest.raises(ValueError, match="read-only"):
+        robot.stance_angles_rad[0] = 1.0
+    assert robot.stance_angles_rad.shape == (N_JOINTS,)
+
+
+def test_a_mount_of_its_own_moves_that_leg_only(tmp_path: Path) -> None:
+    odd = {"position_m": [0.03, -0.10, 0.01], "yaw_deg": -75}
+    robot = load_robot(edited_file(tmp_path, put("mounts", 5, odd)))
+    ant = shipped("ant")
+    np.testing.assert_array_equal(robot.stance_feet_body[:5], ant.stance_feet_body[:5])
+    yaw = np.radians(-75)
+    np.testing.assert_allclose(
+        robot.stance_feet_body[5],
+        [0.03 + 0.124 * np.cos(yaw), -0.10 + 0.124 * np.sin(yaw), 0.01 - 0.121],
+    )
+
+
+def test_a_path_without_a_suffix_or_with_one_both_work(tmp_path: Path) -> None:
+    path = edited_file(tmp_path, put("name", "mine"))
+    plain = tmp_path / "mine"
+    plain.write_bytes(path.read_bytes())
+    assert load_robot(str(path)).name == "mine"
+    assert load_robot(plain).name == "mine"
+
+
+def _reversed_legs(content: Content) -> None:
+    content["mounts"].reverse()
+
+
+def _seventh_leg(content: Content) -> None:
+    content["mounts"].append(content["mounts"][0])
+
+
+def _swapped_range(content: Content) -> None:
+    content["joints"]["femur"].update(min_deg=40, max_deg=-30)
+
+
+#: What is wrong, how to make it, and what the message must hold: key, value got, what is allowed.
+BAD_VALUES: dict[str, tuple[Edit, list[str]]] = {
+    "unknown key": (put("colour", "red"), ["unknown key colour", "mounts, name, servo"]),
+    "unknown nested key": (
+        put("links", "coxa", "lenght_m", 1),
+        ["links.coxa.lenght_m", "end_m, mass_kg, radius_m"],
+    ),
+    "unknown key of a mount": (put("mounts", 2, "yaw", 1), ["mounts[2].yaw", "yaw_deg"]),
+    "misspelt key": (
+        lambda content: content["body"].update(mas_kg=content["body"].pop("mass_kg")),
+        ["unknown key body.mas_kg", "mass_kg", "1 more"],
+    ),
+    "key is no text": (put(5, 1), ["5", "allowed"]),
+    "missing key": (drop("size_m"), ["size_m is missing"]),
+    "missing nested key": (drop("joints", "tibia", "max_deg"), ["joints.tibia.max_deg is missing"]),
+    "missing section": (drop("stance"), ["stance is missing"]),
+    "half a mount": (drop("mounts", 3, "radius_m"), ["mounts[3]", "azimuth_deg", "radius_m and azimuth_deg"]),
+    "both kinds of mount": (
+        put("mounts", 0, "yaw_deg", 3),
+        ["mounts[0]", "yaw_deg", "position_m and yaw_deg"],
+    ),
+    "five legs": (drop("mounts", 5), ["mounts", "got 5 legs", "exactly 6"]),
+    "seven legs": (_seventh_leg, ["mounts", "got 7 legs", "exactly 6"]),
+    "text for a number": (
+        put("links", "coxa", "mass_kg", "heavy"),
+        ["links.coxa.mass_kg", "'heavy'", "a number"],
+    ),
+    "yes for a number": (put("size_m", True), ["size_m", "True", "a number"]),
+    "list for a number": (put("size_m", [1]), ["size_m", "[1]", "a number"]),
+    "nothing for a number": (put("size_m", None), ["size_m", "None", "a number"]),
+    "text for a section": (put("links", "coxa", "long"), ["links.coxa", "'long'", "a mapping"]),
+    "text for a mount": (put("mounts", 1, "front"), ["mounts[1]", "'front'", "a mapping"]),
+    "mapping for the mounts": (put("mounts", {"front": 1}), ["mounts", "'front'", "a list"]),
+    "short list": (put("body", "size_m", [0.1, 0.2]), ["body.size_m", "[0.1, 0.2]", "longer list"]),
+    "long list": (put("body", "size_m", [0.1] * 4), ["body.size_m", "0.1, 0.1", "a list of 3"]),
+    "number in a list": (put("body", "size_m", [0.1, -1, 0.1]), ["body.size_m[1]", "-1", "above 0"]),
+    "not a number": (put("body", "mass_kg", float("nan")), ["body.mass_kg", "nan", "finite"]),
+    "infinite": (
+        put("joints", "coxa", "max_speed_deg_s", float("inf")),
+        ["joints.coxa.max_speed_deg_s", "inf", "finite"],
+    ),
+    "negative infinite": (put("stance", "up_m", float("-inf")), ["stance.up_m", "-inf", "finite"]),
+    "negative mass": (put("body", "mass_kg", -1), ["body.mass_kg", "-1", "above 0"]),
+    "zero radius": (put("foot_radius_m", 0), ["foot_radius_m", "got 0", "above 0"]),
+    "huge mass": (put("body", "mass_kg", 1e6), ["body.mass_kg", "1000000", "1000 or less"]),
+    "angle beyond a turn": (put("joints", "coxa", "max_deg", 400), ["joints.coxa.max_deg", "400", "360"]),
+    "range upside down": (_swapped_range, ["joints.femur", "min_deg 40", "max_deg -30", "below"]),
+    "unknown shape": (put("body", "shape", "ball"), ["body.shape", "'ball'", "'box' or 'cylinder'"]),
+    "name with spaces": (put("name", "My Robot!"), ["name", "'My Robot!'", "allowed"]),
+    "link of length zero": (
+        put("links", "femur", "end_m", [0, 0]),
+        ["links.femur.end_m", "length 0", "above 0"],
+    ),
+    "stance too far": (put("stance", "outward_m", 0.5), ["stance", "out of reach", "0.4629", "0.1889"]),
+    "stance too near": (put("stance", {"outward_m": 0.06, "up_m": -0.02}), ["stance", "0.0131", "0.0441"]),
+    "stance beyond a joint": (put("joints", "tibia", "max_deg", -120), ["stance", "tibia", "-160 to -120"]),
+    "clockwise legs": (_reversed_legs, ["mounts", "-60, -120", "counter-clockwise"]),
+    "two feet at one place": (
+        put("mounts", 1, "azimuth_deg", 2),
+        ["mounts", "feet 1 and 2", "0.0071", "0.016"],
+    ),
+}
+
+
+@pytest.mark.parametrize("what", BAD_VALUES)
+def test_a_bad_value_is_refused_in_one_line_with_file_key_value_and_what_is_allowed(
+    what: str, tmp_path: Path
+) -> None:
+    edit, parts = BAD_VALUES[what]
+    path = edited_file(tmp_path, edit)
+    message = _refusal(path)
+    assert message.startswith(f"{path}: ")
+    for part in parts:
+        assert part in message.removeprefix(str(path))
+    assert "input should" not in message.lower()
+
+
+BAD_TEXTS: dict[str, tuple[bytes, str]] = {
+    "list": (b"- 1\n- 2\n", r"\[1, 2\].*a mapping"),
+    "text": (b"hello\n", r"'hello'.*a mapping"),
+    "number": (b"5", r"got 5.*a mapping"),
+    "empty": (b"", r"name is missing"),
+    "binary": (bytes(range(256)), r"cannot be read as text"),
+    "zeros": (bytes(100), r"is not valid YAML"),
+    "utf-16": ("name: ant".encode("utf-16"), r"cannot be read as text"),
+    "syntax": (b"a: [1, 2\nb: {\n", r"is not valid YAML: line 2, column 2"),
+    "tab": (b"a:\n\t- b\n", r"is not valid YAML: line 2"),
+    "deep": (b"[" * 5000, r"nested too deeply"),
+    "two documents": (b"a: 1\n---\nb: 2\n", r"another document"),
+    "key twice": (
+        b"body: {mass_kg: 1, mass_kg: 2}\n",
+        r"line 1, column 20: the key 'mass_kg' is given twice",
+    ),
+    "key is a list": (b"? [1, 2]\n: 3\n", r"unhashable key"),
+    "date that is none": (b"name: 2020-13-45\n", r"month must be"),
+    "newline in a key": (b'"a\\nb": 1\n', r"unknown key 'a\\nb'"),
+    "object": (b"!!python/object/apply:os.system ['exit 1']\n", r"python/object/apply:os.system"),
+    "name of code": (b"name: !!python/name:os.system\n", r"python/name:os.system"),
+    "tag": (b"name: !mine x\n", r"!mine"),
+    "refers to itself": (b"name: &a [*a]\n", r"name: got \[\[\[.*text"),
+    "expands without end": (
+        b"name: [&a [1,1,1,1,1,1,1,1], "
+        + b", ".join(
+            b"&%c [%s]" % (new, b",".join([b"*%c" % old] * 8))
+            for old, new in zip(b"abcdefghijk", b"bcdefghijkl", strict=True)
+        )
+        + b"]",
+        r"name: got \[.{,200}; allowed: text",
+    ),
+}
+
+
+@pytest.mark.parametrize("what", BAD_TEXTS)
+def test_a_file_that_is_no_mapping_is_refused_in_one_line(what: str, tmp_path: Path) -> None:
+    text, pattern = BAD_TEXTS[what]
+    path = tmp_path / "robot.yaml"
+    path.write_bytes(text)
+    message = _refusal(path)
+    assert message.startswith(f"{path}: ")
+    assert re.search(pattern, message.removeprefix(str(path)))
+
+
+def test_a_tag_never_runs_code(tmp_path: Path) -> None:
+    path, witness = tmp_path / "robot.yaml", tmp_path / "witness"
+    path.write_text(f"!!python/object/apply:os.mkdir ['{witness}']\n", encoding="utf-8")
+    _refusal(path)
+    assert not witness.exists()
+
+
+@pytest.mark.parametrize(
+    "where",
+    [".", "folder.yaml", "missing.yaml", "missing/robot", "a\nb.yaml", "a\0b.yaml", "x" * 5000 + ".yaml"],
+)
+def test_a_path_without_a_file_is_refused_with_the_path(where: str, tmp_path: Path) -> None:
+    (tmp_path / "folder.yaml").mkdir()
+    message = _refusal(f"{tmp_path}/{where}")
+    assert str(tmp_path) in message
+    assert "ant, pexod, phantomx" in message
+
+
+@pytest.mark.parametrize("name", ["spider", "", "Ant", "ant "])
+def test_an_unknown_name_lists_the_known_ones(name: str) -> None:
+    message = _refusal(name)
+    assert repr(name) in message
+    assert "ant, pexod, phantomx" in message
+
+
+def _refusal(name_or_path: str | Path) -> str:
+    with pytest.raises(InputError) as refused:
+        load_robot(name_or_path)
+    message = str(refused.value)
+    assert "\n" not in message
+    return message

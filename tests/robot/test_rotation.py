@@ -1,0 +1,42 @@
+"""Yaw and tilt against MuJoCo's own rotations."""
+
+import math
+
+import mujoco
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hexctl.robot.rotation import cos_tilt, wrapped_rad, yaw_rad
+
+angles = st.floats(-math.pi, math.pi)
+
+
+def _quaternion(yaw: float, pitch: float, roll: float) -> np.ndarray:
+    quaternion = np.zeros(4)
+    mujoco.mju_euler2Quat(quaternion, np.array([yaw, pitch, roll]), "zyx")
+    return quaternion
+
+
+@given(yaw=angles, pitch=st.floats(-1.5, 1.5), roll=angles)
+def test_yaw_and_tilt_of_a_turned_body(yaw: float, pitch: float, roll: float) -> None:
+    quaternion = _quaternion(yaw, pitch, roll)
+    assert math.remainder(float(yaw_rad(quaternion)) - yaw, math.tau) == pytest.approx(0, abs=1e-9)
+    up = np.zeros(3)
+    mujoco.mju_rotVecQuat(up, np.array([0.0, 0.0, 1.0]), quaternion)
+    assert float(cos_tilt(quaternion)) == pytest.approx(up[2], abs=1e-12)
+
+
+def test_many_orientations_at_once_equal_each_alone() -> None:
+    quaternions = np.array([[_quaternion(0.3 * i, 0.1 * j, 0.2) for j in range(3)] for i in range(4)])
+    alone = [[float(yaw_rad(quaternion)) for quaternion in row] for row in quaternions]
+    np.testing.assert_array_equal(yaw_rad(quaternions), alone)
+
+
+@given(angle=st.floats(-1000, 1000))
+def test_a_wrapped_angle_is_the_same_direction_within_half_a_turn(angle: float) -> None:
+    wrapped = wrapped_rad(angle)
+    assert -math.pi <= wrapped <= math.pi
+    assert math.cos(wrapped) == pytest.approx(math.cos(angle), abs=1e-9)
+    assert math.sin(wrapped) == pytest.approx(math.sin(angle), abs=1e-9)

@@ -1,0 +1,61 @@
+"""Robots for tests: the shipped ones, and robot files that differ from `ant` in something."""
+
+import copy
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from hexctl.robot.configs import config_root
+from hexctl.robot.file import load_robot
+from hexctl.robot.model import Robot
+
+ROBOT_NAMES = ("ant", "phantomx", "pexod")
+
+Content = dict[str, Any]
+Edit = Callable[[Content], None]
+
+
+@cache
+def shipped(name: str = "ant") -> Robot:
+    """Return a shipped robot, loaded once."""
+    return load_robot(name)
+
+
+def put(*path_and_value: Any) -> Edit:
+    """Return an edit that sets the value at a path of keys."""
+    *path, last, value = path_and_value
+
+    def edit(content: Content) -> None:
+        _at(content, path)[last] = value
+
+    return edit
+
+
+def drop(*path_and_key: Any) -> Edit:
+    """Return an edit that removes a key."""
+    *path, last = path_and_key
+
+    def edit(content: Content) -> None:
+        del _at(content, path)[last]
+
+    return edit
+
+
+def edited_file(folder: Path, *edits: Edit, base: str = "ant") -> Path:
+    """Write a shipped robot's file with edits into a folder and return its path."""
+    content = yaml.safe_load((config_root() / "robots" / f"{base}.yaml").read_text(encoding="utf-8"))
+    content = copy.deepcopy(content)
+    for edit in edits:
+        edit(content)
+    path = folder / "robot.yaml"
+    path.write_text(yaml.safe_dump(content, sort_keys=False), encoding="utf-8")
+    return path
+
+
+def _at(content: Any, path: list[Any]) -> Any:
+    for key in path:
+        content = content[key]
+    return content

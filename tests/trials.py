@@ -1,0 +1,52 @@
+"""Trials in the simulation, as short to write as a command line."""
+
+from dataclasses import dataclass
+from typing import Any
+
+from hexctl.backends.sim.servos import SimServos
+from hexctl.backends.sim.world import World
+from hexctl.control.guard import Guard
+from hexctl.control.log import TickLog
+from hexctl.control.plan import TrialPlan
+from hexctl.control.result import TrialResult
+from hexctl.control.trial import run_trial
+from hexctl.gait.encoding import Slots
+from hexctl.gait.gait import Gait
+from hexctl.gait.named import NAMED_SLOTS
+from hexctl.robot.failure import Failure
+from hexctl.robot.model import Robot
+from tests.robots import shipped
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """A trial that ran: its result, its log, and the guard it ran through."""
+
+    result: TrialResult
+    log: TickLog
+    guard: Guard
+
+
+def gait_of(robot: Robot, gait: str | Slots = "demo") -> Gait:
+    """Return a gait by name or slots with the robot's own pace, amplitude and height."""
+    slots = NAMED_SLOTS[gait] if isinstance(gait, str) else gait
+    return Gait(
+        slots=slots, pace_hz=robot.gait.pace_hz, amplitude=robot.gait.amplitude, height=robot.gait.height
+    )
+
+
+def walk(
+    gait: str | Slots = "demo",
+    *,
+    robot: Robot | None = None,
+    failure: Failure | None = None,
+    world: World | None = None,
+    seed: int = 0,
+    **plan: Any,
+) -> Outcome:
+    """Run a trial in the simulation; `plan` holds more of a `TrialPlan`."""
+    robot = robot or shipped()
+    with SimServos(robot, world=world, failure=failure, seed=seed) as servos:
+        guard, log = Guard(servos), TickLog()
+        result = run_trial(guard, TrialPlan(gait=gait_of(robot, gait), failure=failure, **plan), log)
+    return Outcome(result, log, guard)
