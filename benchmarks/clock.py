@@ -45,16 +45,20 @@ def clock_rows(scale: Scale) -> Iterator[Row]:
     yield Row("clock.ticks", count, "ticks", Bar(expected - 1, expected + 1), note)
     note = "last fifth of the ticks against the first, median lateness on a clock of its own"
     yield Row("clock.drift", max(abs(_drift_us(loop)) for loop in ours), "us", Bar(high=DRIFT_US), note)
+    yield from _lateness_rows(loops, scale.clock_s)
+
+
+def _lateness_rows(loops: dict[str, list[LoopLog]], duration_s: float) -> Iterator[Row]:
+    """Yield how late hexctl's loops are, over the bare ones and in µs."""
     for percent in (50, 99):
-        windows = [_by_window(loops[kind], percent, scale.clock_s) for kind in ("hexctl", "bare")]
+        windows = [_by_window(loops[kind], percent, duration_s) for kind in ("hexctl", "bare")]
         note = f"p{percent} over a bare loop at the same time; median over windows of {WINDOW_S:g} s"
         ratios = windows[0] / windows[1]
         value = float(np.median(ratios[np.isfinite(ratios)]))
         yield Row(f"clock.lateness_p{percent}", value, "ratio", Bar(high=1.1), note)
     for kind, of_kind in loops.items():
-        p50, p99, worst = (
-            np.percentile(np.concatenate([loop.late_s for loop in of_kind]), [50, 99, 100]) * 1e6
-        )
+        late_us = np.concatenate([loop.late_s for loop in of_kind]) * 1e6
+        p50, p99, worst = np.percentile(late_us, [50, 99, 100])
         note = f"p99 lateness of the {kind} loops; p50 {p50:.0f}, max {worst:.0f} us"
         yield Row(f"clock.p99_{kind}", float(p99), "us", None, note)
 
@@ -84,7 +88,7 @@ def _drift_us(loop: LoopLog) -> float:
 
 
 def _by_window(loops: list[LoopLog], percent: float, duration_s: float) -> FloatArray:
-    """Return a percentile of the lateness in each window, the median of the loops; nan where one had ended."""
+    """Return a percentile of the lateness in each window, the median of the loops; nan after one's end."""
     edges_s = np.arange(WINDOW_S, duration_s, WINDOW_S)
     each = []
     for loop in loops:

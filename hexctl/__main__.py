@@ -1,6 +1,6 @@
 """`python -m hexctl` is `hexctl`."""
 
-from hexctl.cli.main import main
+from hexctl.cli.entry import main
 
 if __name__ == "__main__":
     main()

@@ -5,6 +5,7 @@ from types import TracebackType
 from typing import Self
 
 from hexctl.backends.clock import Clock
+from hexctl.robot.failure import Failure
 from hexctl.robot.messages import JointTargets, RobotState
 from hexctl.robot.model import Robot
 
@@ -15,6 +16,12 @@ class LegServos(ABC):
     `robot` and `clock` can be read before `connect`. One tick is: `clock.tick()`, `read()`, `write()`.
     `tests/backends/conformance.py` states what every implementation must do, as tests.
     """
+
+    #: True for a simulation, which knows the failure that it injects; a real robot does not.
+    injects_failure: bool = False
+
+    #: The leg that a simulation breaks, or None.
+    failure: Failure | None = None
 
     @property
     @abstractmethod

@@ -47,6 +47,10 @@ class Clock(ABC):
     def now_s(self) -> float:
         """Return the time since the clock began, on the axis of `Tick.time_s`."""
 
+    @abstractmethod
+    def rest(self) -> None:
+        """Say that nobody wanted ticks until now: points missed before the next tick are no overruns."""
+
 
 class WallClock(Clock):
     """Waits for the next point of an absolute grid on the wall.
@@ -68,11 +72,16 @@ class WallClock(Clock):
         self._sleep = sleep
         self._origin_s: float | None = None
         self._index = 0
+        self._rested = False
 
     @property
     def now_s(self) -> float:
         """Return the time since the first tick was asked for."""
         return 0.0 if self._origin_s is None else self._monotonic_s() - self._origin_s
+
+    def rest(self) -> None:
+        """Count no overruns for the time until the next tick."""
+        self._rested = True
 
     def tick(self) -> Tick:
         """Sleep until the next grid point and return it, skipping those already missed."""
@@ -81,8 +90,9 @@ class WallClock(Clock):
         due = self._index + 1
         newest = math.floor(self.now_s / self.period_s)
         if newest > due:
-            self.overruns += newest - due
+            self.overruns += 0 if self._rested else newest - due
             due = newest
+        self._rested = False
         self._index = due
         origin_s, time_s = self._origin_s, due * self.period_s
         # As little as possible between waking up and reading the clock: it would all be lateness.
@@ -94,7 +104,8 @@ class WallClock(Clock):
 def request_realtime_priority(priority: int = 10) -> bool:
     """Ask the kernel for SCHED_FIFO for this thread; return whether it was given.
 
-    Programs started from here do not inherit it. On a busy machine it lowers the worst lateness from tens of milliseconds to a few. Needs root or rtprio.
+    Programs started from here do not inherit it. On a busy machine it lowers the worst lateness from tens of
+    milliseconds to a few. Needs root or rtprio.
     """
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(priority))

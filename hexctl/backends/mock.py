@@ -1,5 +1,7 @@
 """Servos without a robot: they are at once where they are told to go. No physics, no pose."""
 
+from collections import deque
+
 import numpy as np
 
 from hexctl.backends.base import LegServos
@@ -7,6 +9,9 @@ from hexctl.backends.checks import check_connected, check_targets
 from hexctl.backends.clock import Clock, WallClock
 from hexctl.robot.messages import JointTargets, RobotState
 from hexctl.robot.model import Robot
+
+#: Commands that the mock remembers.
+KEPT_COMMANDS = 10_000
 
 
 class MockServos(LegServos):
@@ -21,7 +26,7 @@ class MockServos(LegServos):
         self._clock = clock or WallClock()
         self._connected = False
         self._positions_rad = robot.stance_angles_rad.copy()
-        self.sent: list[JointTargets] = []
+        self.sent: deque[JointTargets] = deque(maxlen=KEPT_COMMANDS)
 
     @property
     def robot(self) -> Robot:

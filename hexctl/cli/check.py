@@ -15,6 +15,7 @@ from hexctl.cli.options import (
     RobotOption,
     TurnOption,
 )
+from hexctl.cli.output import say
 
 
 def check(
@@ -45,7 +46,7 @@ def check(
     motions = _motions(headings, finite("--turn", turn), in_place=turn is not None and heading is None)
     demand = gait_demand(described, walked, motions)
     report = _report(described, walked, demand)
-    typer.echo(json.dumps(report) if as_json else "\n".join(_lines(described, walked, report)))
+    say(json.dumps(report) if as_json else "\n".join(_lines(described, walked, report)))
     if not demand.possible:
         raise typer.Exit(BAD_INPUT)
 
@@ -89,8 +90,8 @@ def _report(robot: Any, gait: Any, demand: Any) -> dict[str, Any]:
         "standing_height_m": round(robot.standing_height_m, 4),
         "gait": {"slots": list(gait.slots), "code": gait.code(), "pace_hz": gait.pace_hz},
         "ideal_speed_m_s": round(ideal_speed_m_s(robot, gait, Motion()), 4),
-        "max_pace_hz": round(demand.max_pace_hz, 3),
-        "speed_holds": demand.max_pace_hz >= gait.pace_hz,
+        "max_pace_hz": None if demand.max_pace_hz is None else round(demand.max_pace_hz, 3),
+        "speed_holds": demand.speed_holds,
         "unreachable_legs": list(demand.unreachable_legs),
         "joints_out_of_range": [JOINT_NAMES[joint] for joint in demand.limits_exceeded],
         "least_foot_spacing_m": round(demand.least_foot_spacing_m, 4),
@@ -121,19 +122,14 @@ def _lines(robot: Any, gait: Any, report: dict[str, Any]) -> list[str]:
 
 def _verdict(report: dict[str, Any]) -> list[str]:
     legs = ", ".join(str(leg) for leg in report["unreachable_legs"])
-    spacing = report["least_foot_spacing_m"]
+    outside = ", ".join(report["joints_out_of_range"])
     pace = report["max_pace_hz"]
+    upto = "" if pace is None else f"; up to {pace:g} Hz it is kept"
+    spacing = report["least_foot_spacing_m"]
     return [
         f"reach: out of reach for leg {legs}" if legs else "reach: every foot position is in reach",
-        "range: "
-        + (
-            "exceeded by " + ", ".join(report["joints_out_of_range"])
-            if report["joints_out_of_range"]
-            else "kept"
-        ),
-        f"speed: kept (up to {pace:g} Hz)"
-        if report["speed_holds"]
-        else f"speed: too fast; the guard clips it. Up to {pace:g} Hz nothing is clipped",
+        f"range: exceeded by {outside}" if outside else "range: kept",
+        f"speed: kept{upto}" if report["speed_holds"] else f"speed: too fast, the guard will clip it{upto}",
         f"feet: {spacing:g} m apart or more" + ("" if report["feet_stay_apart"] else ": they touch"),
         "this robot can walk this gait" if report["possible"] else "this robot cannot walk this gait",
     ]

@@ -1,6 +1,5 @@
 """The `hexctl` command: its sub-commands, and one place where errors become one line and an exit code."""
 
-import sys
 from collections.abc import Sequence
 from typing import Annotated
 
@@ -42,11 +41,6 @@ def every_command(
     """Walk a six-legged robot, simulated or real, at 50 Hz."""
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
-    """Run the command line and exit with its code; errors are one line on stderr, without a traceback."""
-    sys.exit(exit_code(arguments))
-
-
 def exit_code(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit code."""
     try:
@@ -59,10 +53,6 @@ def exit_code(arguments: Sequence[str] | None = None) -> int:
         return _complain(str(error), FAULT)
     except KeyboardInterrupt:
         return INTERRUPTED
-    except BrokenPipeError:
-        # Whoever read our output has gone; Python must not complain about it again while it exits.
-        sys.stdout = None
-        return 0
     return code if isinstance(code, int) else 0
 
 

@@ -1,24 +1,20 @@
 """A progress bar on stderr for a walk that takes its time."""
 
 import sys
-from collections.abc import Callable
 from types import TracebackType
 from typing import Any, Self
 
 from hexctl.backends.clock import PERIOD_S
+from hexctl.control.log import TickLog
 from hexctl.control.plan import TrialPlan
-
-#: Ticks between two updates of the bar.
-UPDATE_TICKS = 25
 
 
 class WalkProgress:
-    """Shows how far the walk is; silent when told so or when stderr is no terminal."""
+    """Shows how far the walk of a log is; silent when told so or when stderr is no terminal."""
 
     def __init__(self, plan: TrialPlan, *, quiet: bool) -> None:
         self._total_s = plan.duration_s
         self._quiet = quiet or not sys.stderr.isatty()
-        self._ticks = 0
         self._bar: Any = None
 
     def __enter__(self) -> Self:
@@ -34,7 +30,7 @@ class WalkProgress:
                 console=Console(stderr=True),
                 transient=True,
             )
-            self._task = self._bar.add_task("walking (Ctrl-C stops softly)", total=self._total_s)
+            self._task = self._bar.add_task(_doing("settle"), total=self._total_s)
             self._bar.start()
         return self
 
@@ -44,15 +40,18 @@ class WalkProgress:
         if self._bar is not None:
             self._bar.stop()
 
-    def wrap(self, stop_requested: Callable[[], bool]) -> Callable[[], bool]:
-        """Return the same question, which also moves the bar each time the walk asks it."""
-        if self._quiet:
-            return stop_requested
+    def show(self, log: TickLog, start: int, stop: int) -> None:
+        """Move the bar to where the log is; has the form of a log's sink."""
+        if self._bar is not None:
+            walked_s = min(self._total_s, log.walked_ticks * PERIOD_S)
+            self._bar.update(self._task, completed=walked_s, description=_doing(log.phase))
 
-        def counted() -> bool:
-            self._ticks += 1
-            if self._ticks % UPDATE_TICKS == 0:
-                self._bar.update(self._task, completed=self._ticks * PERIOD_S)
-            return stop_requested()
 
-        return counted
+def _doing(phase: str) -> str:
+    what = {
+        "settle": "standing up",
+        "turn": "turning the failed leg away",
+        "walk": "walking",
+        "stop": "stopping",
+    }
+    return f"{what[phase]} (Ctrl-C stops softly)"

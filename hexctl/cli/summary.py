@@ -22,16 +22,16 @@ def report(
     facts: dict[str, Any],
 ) -> dict[str, Any]:
     """Return the JSON object of `hexctl run --json`; every value is plain and finite, or null."""
-    failed_legs = (plan.failure.leg,) if plan.failure else ()
-    work_us = log["work_s"] * 1e6
+    work_us = log["work_s"] * 1e6  # (ticks,)
     quantiles = np.percentile(work_us, [50, 99, 100]) if len(log) else np.zeros(3)
     return {
-        "gait": {"name": gait_text, "slots": list(plan.gait.slots), "code": plan.gait.code(failed_legs)},
+        "gait": {"name": gait_text, "slots": list(plan.gait.slots), "code": plan.gait.code(plan.failed_legs)},
         "failed_leg": plan.failure.leg if plan.failure else None,
         "failure": str(plan.failure) if plan.failure else None,
         **result.numbers(),
         "ticks": len(log),
         "overruns": guard.clock.overruns,
+        "refused_commands": guard.counters.refused,
         "tick_us": dict(zip(("p50", "p99", "max"), (round(float(q), 1) for q in quantiles), strict=True)),
         "realtime_factor": round(len(log) * PERIOD_S / wall_s, 2) if wall_s > 0 else None,
         **facts,
@@ -48,9 +48,10 @@ def summary(outcome: dict[str, Any]) -> str:
         f"{outcome['robot']} {where}{failed}",
         f"gait       {outcome['gait']['name']} (slots {slots}{code})",
         *_distance_lines(outcome),
-        f"status     {outcome['status']}",
+        f"status     {outcome['status']}" + (f" ({outcome['stopped']})" if outcome["stopped"] else ""),
+        _clipped_line(outcome),
         f"ticks      {outcome['ticks']}, {outcome['overruns']} overruns, "
-        f"{outcome['clipped_ticks']} clipped by the guard, {outcome['realtime_factor']:g} x real time",
+        f"{outcome['realtime_factor']:g} x real time",
     ]
     if outcome["recording"]:
         lines.append(f"recording  {outcome['recording']}")
@@ -61,7 +62,8 @@ def summary(outcome: dict[str, Any]) -> str:
 def _distance_lines(outcome: dict[str, Any]) -> list[str]:
     """Return distance, deviation and turn, as far as the robot knows them."""
     if outcome["distance_m"] is None:
-        return [f"walked     {outcome['duration_s']:.1f} s; this robot knows no position"]
+        known = "this robot knows no position" if outcome["duration_s"] else "it never set out"
+        return [f"walked     {outcome['duration_s']:.1f} s; {known}"]
     ideal = outcome["ideal_distance_m"]
     share = f" of {ideal:.3f} m ideal ({100 * outcome['distance_m'] / ideal:.0f} %)" if ideal else ""
     signed = outcome["deviation_m"]["signed"]
@@ -72,3 +74,11 @@ def _distance_lines(outcome: dict[str, Any]) -> list[str]:
         f"{outcome['deviation_m']['mean']:.3f} m on average",
         f"turned     {outcome['yaw_change_deg']:.1f} degrees",
     ]
+
+
+def _clipped_line(outcome: dict[str, Any]) -> str:
+    """Return how often the guard had to limit the walk, and what to do about it."""
+    clipped = outcome["clipped_ticks"]
+    if not clipped:
+        return "guard      let every command pass"
+    return f"guard      clipped {clipped} commands of the walk: too fast for the joints, see hexctl check"

@@ -8,24 +8,23 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import typer
-
 from hexctl.backends.base import LegServos
 from hexctl.backends.clock import request_realtime_priority
 from hexctl.backends.sim.terrain import Floor, make_floor
 from hexctl.backends.sim.world import World, load_world
 from hexctl.backends.table import BackendOptions, make_servos
-from hexctl.cli.exits import BY_STATUS, INTERRUPTED
+from hexctl.cli.exits import INTERRUPTED, code_of
 from hexctl.cli.interrupt import StopOnInterrupt
+from hexctl.cli.output import say
 from hexctl.cli.progress import WalkProgress
 from hexctl.cli.summary import report, summary
-from hexctl.control.controller import check_walk
 from hexctl.control.guard import Guard
 from hexctl.control.log import TickLog
 from hexctl.control.plan import TrialPlan
 from hexctl.control.result import TrialResult
 from hexctl.control.trial import run_trial
-from hexctl.errors import InputError, MissingExtraError
+from hexctl.control.turning import check_plan
+from hexctl.errors import InputError, LimitError, MissingExtraError, ReachError, RecordingError
 from hexctl.record.files import probe_file
 from hexctl.robot.model import Robot
 
@@ -34,10 +33,8 @@ if TYPE_CHECKING:
 
 RUNS = Path("runs")
 
-#: Ticks between two writes of the recording: a second where time is real, so that little is lost if the
-#: program is killed; more where a trial is over in less.
-PACED_BLOCK_TICKS = 50
-SIMULATED_BLOCK_TICKS = 500
+#: A simulated walk shorter than this needs no progress bar.
+SHORT_S = 120.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -72,18 +69,19 @@ def execute(request: Request) -> int:
     world = _check(request)
     with ExitStack() as stack:
         interrupt = stack.enter_context(StopOnInterrupt())
-        servos = _servos(request, world)
+        guard = stack.enter_context(Guard(_servos(request, world)))
         recording = _open_recording(request, world)
         if recording is not None:
             stack.enter_context(recording)
-        outcome = _walk(request, servos, recording, interrupt)
-    typer.echo(json.dumps(outcome) if request.as_json else summary(outcome))
-    code = INTERRUPTED if interrupt.requested() else BY_STATUS[outcome["status"]]
+        result, outcome, trouble = _walk(request, guard, recording, interrupt)
+    say(json.dumps(outcome) if request.as_json else summary(outcome))
+    if trouble is not None:
+        raise RecordingError(f"the walk is done, its recording is not whole: {trouble}") from trouble
     if request.view and recording is not None and not interrupt.requested():
         from hexctl.record.viewer import open_viewer
 
         open_viewer([recording.path])
-    return code
+    return INTERRUPTED if interrupt.requested() else code_of(result)
 
 
 def _check(request: Request) -> World:
@@ -96,8 +94,10 @@ def _check(request: Request) -> World:
         raise InputError("--no-record: got --record or --view too; allowed: one or the other")
     if request.record is not None:
         probe_file(request.record)
-    plan = request.plan
-    check_walk(request.robot, plan.gait, plan.motion(0.0))
+    try:
+        check_plan(request.robot, request.plan)
+    except (ReachError, LimitError) as error:
+        raise InputError(f"{error}; ask for a smaller --amplitude, --height or --turn") from error
     return load_world(request.world or "flat")
 
 
@@ -113,23 +113,32 @@ def _servos(request: Request, world: World) -> LegServos:
 
 
 def _walk(
-    request: Request, servos: LegServos, recording: "Recording | None", interrupt: StopOnInterrupt
-) -> dict[str, Any]:
-    """Connect, walk and return the report."""
+    request: Request, guard: Guard, recording: "Recording | None", interrupt: StopOnInterrupt
+) -> tuple[TrialResult, dict[str, Any], Exception | None]:
+    """Walk and return result, report, and what went wrong with the recording, which never stops a robot."""
     if not request.as_fast_as_possible:
         request_realtime_priority()
-    progress = WalkProgress(request.plan, quiet=request.as_json or request.as_fast_as_possible)
-    block_ticks = SIMULATED_BLOCK_TICKS if request.as_fast_as_possible else PACED_BLOCK_TICKS
-    log = TickLog(recording.write_block if recording is not None else None, block_ticks)
-    with servos, progress:
-        guard = Guard(servos)
+    quiet = request.as_json or (request.as_fast_as_possible and request.plan.duration_s < SHORT_S)
+    progress = WalkProgress(request.plan, quiet=quiet)
+
+    def sink(log: TickLog, start: int, stop: int) -> None:
+        progress.show(log, start, stop)
+        if recording is not None:
+            recording.write_block(log, start, stop)
+
+    log = TickLog(sink)
+    with progress:
         began_s = time.perf_counter()
-        result = run_trial(guard, request.plan, log, stop_requested=progress.wrap(interrupt.requested))
+        result = run_trial(guard, request.plan, log, stop_requested=interrupt.requested)
         wall_s = time.perf_counter() - began_s
-        outcome = _report(request, result, log, guard, wall_s, recording)
-    if recording is not None:
-        recording.finish(result, outcome)
-    return outcome
+    outcome = _report(request, result, log, guard, wall_s, recording)
+    trouble = log.sink_error
+    if recording is not None and trouble is None:
+        try:
+            recording.finish(result, outcome)
+        except RecordingError as error:
+            trouble = error
+    return result, outcome, trouble
 
 
 def _report(
@@ -171,7 +180,12 @@ def _new_path(request: Request) -> Path:
     gait = request.gait_text.replace(",", "") if request.gait_text else "gait"
     failed = f"_leg{request.plan.failure.leg}-{request.plan.failure.kind}" if request.plan.failure else ""
     stem = f"{now}_{request.robot.name}_{gait}{failed}"
-    RUNS.mkdir(exist_ok=True)
+    try:
+        RUNS.mkdir(exist_ok=True)
+    except OSError as error:
+        raise InputError(
+            f"{RUNS}/: cannot be used ({error.strerror}); allowed: a folder, or --record FILE"
+        ) from error
     path, number = RUNS / f"{stem}.rrd", 2
     while path.exists():
         path, number = RUNS / f"{stem}_{number}.rrd", number + 1

@@ -8,13 +8,14 @@ import numpy as np
 from hexctl.backends.sim.batch import SimBatch
 from hexctl.backends.sim.servos import SimServos
 from hexctl.backends.sim.world import World
-from hexctl.control.controller import LOOK_AHEAD_TICKS, check_walk, joints_of_feet
+from hexctl.control.controller import LOOK_AHEAD_TICKS, joints_of_feet
 from hexctl.control.guard import Guard
 from hexctl.control.limits import FALL_TICKS, StepLimits, leaning
 from hexctl.control.log import TickLog
 from hexctl.control.plan import TrialPlan
 from hexctl.control.result import TrialResult, score
 from hexctl.control.trial import StartLine, prepare, run_trial, ticks_of
+from hexctl.control.turning import check_plan
 from hexctl.errors import EStopError, SimulationDivergedError
 from hexctl.gait.feet import feet_of_walks, stroke_vectors_m
 from hexctl.robot.messages import FloatArray
@@ -38,7 +39,7 @@ class SimTrial:
         """Return what trials must have in common to start their walks from one state."""
         plan = self.plan
         start = (plan.heading_rad, plan.self_rotation, plan.settle_s)
-        return (id(self.robot), self.world, self.seed, plan.failure, start)
+        return (self.robot.fingerprint, self.world, self.seed, plan.failure, start)
 
 
 def run_sim_trial(trial: SimTrial) -> TrialResult:
@@ -67,14 +68,13 @@ def _run_group(trials: Sequence[SimTrial], threads: int) -> list[TrialResult]:
     """Run trials that share their start."""
     robot, plans = trials[0].robot, [trial.plan for trial in trials]
     for plan in plans:
-        check_walk(robot, plan.gait, plan.motion(0.0))
+        check_plan(robot, plan)
     with trials[0].servos() as servos:
         guard = Guard(servos)
         try:
             start = prepare(guard, plans[0], TickLog())
         except (EStopError, SimulationDivergedError) as error:
-            fell = isinstance(error, EStopError) and guard.stopped == "fell"
-            status = "fell" if fell else "aborted" if isinstance(error, EStopError) else "diverged"
+            status = "diverged" if isinstance(error, SimulationDivergedError) else "fell"
             return [_never_walked(robot, plan, status) for plan in plans]
         walks = _Walks(guard, servos, plans, start, threads)
         walks.run()
@@ -88,6 +88,7 @@ def _never_walked(robot: Robot, plan: TrialPlan, status: str) -> TrialResult:
         plan,
         status=status,
         duration_s=0.0,
+        turned_rad=0.0,
         clipped_ticks=0,
         frame=None,
         positions_world=nothing[:, :3],
@@ -105,11 +106,11 @@ class _Walks:
         self._period_s = servos.clock.period_s
         self._batch = SimBatch(servos, len(plans), threads)
         self._limits = StepLimits.of(servos.robot, self._period_s)
-        self._accepted_rad = np.tile(guard.accepted_rad, (len(plans), 1))
+        self._accepted_rad = np.tile(guard.accepted_rad(), (len(plans), 1))
         self._ticks = np.array([ticks_of(guard, plan.duration_s) for plan in plans])
         self._walked = np.zeros(len(plans), dtype=int)
         self._clipped = np.zeros(len(plans), dtype=int)
-        self._leaning_ticks = np.zeros(len(plans), dtype=int)
+        self._leaning_ticks = np.full(len(plans), guard.leaning_ticks)
         self._status = np.full(len(plans), "ok", dtype=object)
         self._positions = np.zeros((len(plans), self._ticks.max(), 3))
         self._quaternions = np.zeros((len(plans), self._ticks.max(), 4))
@@ -142,6 +143,7 @@ class _Walks:
                 plan,
                 status=str(self._status[index]),
                 duration_s=walked * self._period_s,
+                turned_rad=self._start.turned_rad,
                 clipped_ticks=int(self._clipped[index]),
                 frame=self._start.frame,
                 positions_world=self._positions[index, :walked],

@@ -4,7 +4,7 @@ from abc import ABC, abstractmethod
 
 import numpy as np
 
-from hexctl.gait.feet import feet_of_walks, foot_positions_body, stroke_vectors_m
+from hexctl.gait.feet import feet_of_walks, gait_feet_body, stroke_vectors_m
 from hexctl.gait.gait import Gait, Motion
 from hexctl.gait.ramp import RAMP_DURATION_S
 from hexctl.ik.kinematics import solve_legs
@@ -54,7 +54,6 @@ class Walk(Controller):
     def __init__(
         self, robot: Robot, gait: Gait, motion: Motion, *, period_s: float, held_legs: tuple[int, ...] = ()
     ) -> None:
-        check_walk(robot, gait, motion)
         self._robot, self._gait = robot, gait
         self._slots, self._strokes = np.array(gait.slots), stroke_vectors_m(robot, gait, motion)
         self._period_s = period_s
@@ -108,4 +107,4 @@ def joints_of_feet(robot: Robot, feet_body: FloatArray, held_legs: tuple[int, ..
 def check_walk(robot: Robot, gait: Gait, motion: Motion) -> None:
     """Raise ReachError or LimitError, naming leg and joint, for a walk that the legs cannot make."""
     cycle_s = RAMP_DURATION_S + np.arange(CHECKED_POINTS) / (CHECKED_POINTS * gait.pace_hz)
-    solve_legs_within_limits(robot, foot_positions_body(robot, gait, motion, cycle_s))
+    solve_legs_within_limits(robot, gait_feet_body(robot, gait, motion, cycle_s))

@@ -3,18 +3,26 @@
 On by default, latched, and with no "off": a stop stays until `clear` is called.
 """
 
+import math
 from dataclasses import dataclass
+
+import numpy as np
 
 from hexctl.backends.base import LegServos
 from hexctl.backends.checks import check_targets
 from hexctl.backends.clock import Clock
 from hexctl.control.limits import FALL_COS_TILT, FALL_TICKS, StepLimits
-from hexctl.errors import CommandRefusedError, EStopError
+from hexctl.errors import CommandRefusedError, EStopError, HexctlError, InputError, RobotFaultError
 from hexctl.robot.messages import FloatArray, JointTargets, RobotState
 from hexctl.robot.model import Robot
+from hexctl.robot.rotation import cos_tilt
 
-#: A command older than this is not obeyed, and silence longer than this freezes the robot.
-COMMAND_EXPIRY_S = 0.2
+#: A command older than this is not obeyed, silence longer than this freezes the robot, and a state older
+#: than this stops it.
+EXPIRY_S = 0.2
+
+#: No link needs a longer expiry.
+MAX_EXPIRY_S = 1.0
 
 
 @dataclass(slots=True)
@@ -24,7 +32,7 @@ class GuardCounters:
     Attributes:
         accepted: passed, changed or not.
         clipped: passed after a position or a speed limit changed them.
-        refused: not passed: not finite, wrong shape, too old, or stopped.
+        refused: not passed: not finite, wrong shape, too old or from the future, or stopped.
     """
 
     accepted: int = 0
@@ -33,17 +41,30 @@ class GuardCounters:
 
 
 class Guard(LegServos):
-    """Limits, freshness, fall detection and a latched stop around any LegServos."""
+    """Limits, freshness, fall detection and a latched stop around any LegServos.
 
-    def __init__(self, servos: LegServos, *, command_expiry_s: float = COMMAND_EXPIRY_S) -> None:
+    Attributes:
+        counters: what passed and what did not.
+        stopped: why the robot is stopped, or None: `fell`; `fault` (the robot says so); `state` (not finite
+            or too old), `pose lost`; `expired` (no command came); or the reason given to `stop`.
+        leaning_ticks: for how many ticks the body has leant too far.
+    """
+
+    def __init__(self, servos: LegServos, *, expiry_s: float = EXPIRY_S) -> None:
+        if not 0 < expiry_s <= MAX_EXPIRY_S:
+            raise InputError(f"expiry: got {expiry_s:g} s; allowed: above 0 up to {MAX_EXPIRY_S:g} s")
         self._servos = servos
-        self._expiry_s = command_expiry_s
+        self._expiry_s = expiry_s
         self._limits = StepLimits.of(servos.robot, servos.clock.period_s)
-        self._accepted_rad: FloatArray | None = None
-        self._accepted_at_s: float | None = None
-        self._leaning_ticks = 0
+        self.injects_failure, self.failure = servos.injects_failure, servos.failure
         self.counters = GuardCounters()
         self.stopped: str | None = None
+        self._accepted_rad: FloatArray | None = None
+        self._accepted_at_s: float | None = None
+        self._baseline_rad: FloatArray | None = None
+        self._baseline_at_s = -math.inf
+        self._pose_known = False
+        self.leaning_ticks = 0
 
     @property
     def robot(self) -> Robot:
@@ -55,16 +76,29 @@ class Guard(LegServos):
         """Return the clock of the servos behind the guard."""
         return self._servos.clock
 
-    @property
     def accepted_rad(self) -> FloatArray:
-        """Return the last accepted targets, or where the joints are before the first command, (18,)."""
+        """Return the last accepted targets, or where the joints are before the first command, (18,).
+
+        Raises RobotFaultError when the robot does not know where its joints are.
+        """
         if self._accepted_rad is None:
-            self._accepted_rad = self._servos.read().joint_positions_rad.copy()
+            positions = self._read().joint_positions_rad
+            if not np.isfinite(positions).all():
+                raise RobotFaultError("the robot reports joint angles that are not finite; check its sensors")
+            self._accepted_rad = positions.copy()
         return self._accepted_rad
 
     def connect(self) -> None:
-        """Connect the servos behind the guard."""
-        self._servos.connect()
+        """Connect the servos behind the guard.
+
+        Raises RobotFaultError when they cannot be reached.
+        """
+        try:
+            self._servos.connect()
+        except HexctlError:
+            raise
+        except OSError as error:
+            raise RobotFaultError(f"the robot cannot be reached: {error}") from error
 
     def close(self) -> None:
         """Close the servos behind the guard; a stop stays latched."""
@@ -72,8 +106,11 @@ class Guard(LegServos):
         self._forget()
 
     def read(self) -> RobotState:
-        """Return the state, and latch a stop when the robot has fallen, is at fault or hears nothing."""
-        state = self._servos.read()
+        """Return the state, and latch a stop when the robot has fallen, is at fault or hears nothing.
+
+        Raises RobotFaultError when the robot has gone.
+        """
+        state = self._read()
         if self.stopped is None:
             self._watch(state)
         return state
@@ -81,23 +118,31 @@ class Guard(LegServos):
     def write(self, targets: JointTargets) -> JointTargets:
         """Pass targets on, limited in position and speed, and return what was really sent.
 
-        A step is measured from the last accepted targets, so a jump is slewed at the joints' own speed.
-        Raises EStopError while stopped, CommandRefusedError for targets that are not finite or too old; then
-        nothing is sent and the last accepted targets stay in force.
+        A step is measured from the target that was in force when the control period began: a jump is slewed
+        at the joints' own speed, and many commands within a period move no further than one.
+        Raises EStopError while stopped, CommandRefusedError for targets that are not finite, too old or from
+        the future; then nothing is sent and the last accepted targets stay in force. Raises RobotFaultError
+        when the robot has gone.
         """
         if self.stopped is not None:
             self.counters.refused += 1
             raise EStopError(f"stopped: {self.stopped}; clear it explicitly before the robot moves again")
-        self._check(targets)
-        allowed_rad = self._limits.apply(targets.positions_rad, self.accepted_rad)
+        now_s = self.clock.now_s
+        self._check(targets, now_s)
+        allowed_rad = self._limits.apply(targets.positions_rad, self._baseline(now_s))
         sent = targets
         if (allowed_rad != targets.positions_rad).any():
             self.counters.clipped += 1
             sent = JointTargets(allowed_rad, targets.stamp_s)
-        sent = self._servos.write(sent)
+        try:
+            sent = self._servos.write(sent)
+        except HexctlError:
+            raise
+        except OSError as error:
+            raise RobotFaultError(f"the link to the robot failed: {error}") from error
         self.counters.accepted += 1
         self._accepted_rad = allowed_rad
-        self._accepted_at_s = self.clock.now_s
+        self._accepted_at_s = now_s
         return sent
 
     def stop(self, reason: str) -> None:
@@ -109,31 +154,65 @@ class Guard(LegServos):
         self.stopped = None
         self._forget()
 
-    def _forget(self) -> None:
-        """Know of no command and no fall, as before the first one."""
-        self._accepted_rad = None
+    def rest(self) -> None:
+        """Say that no command is due until the next one, as between two trials; a stop stays latched."""
         self._accepted_at_s = None
-        self._leaning_ticks = 0
+        self.clock.rest()
 
-    def _check(self, targets: JointTargets) -> None:
+    def _forget(self) -> None:
+        """Know of no command, no pose and no fall, as before the first one."""
+        self._accepted_rad = self._accepted_at_s = self._baseline_rad = None
+        self._baseline_at_s = -math.inf
+        self._pose_known = False
+        self.leaning_ticks = 0
+
+    def _baseline(self, now_s: float) -> FloatArray:
+        """Return the target from which this period's steps are measured."""
+        if self._baseline_rad is None or now_s - self._baseline_at_s > 0.5 * self.clock.period_s:
+            self._baseline_rad, self._baseline_at_s = self.accepted_rad(), now_s
+        return self._baseline_rad
+
+    def _read(self) -> RobotState:
+        try:
+            return self._servos.read()
+        except HexctlError:
+            raise
+        except OSError as error:
+            raise RobotFaultError(f"the link to the robot failed: {error}") from error
+
+    def _check(self, targets: JointTargets, now_s: float) -> None:
         """Refuse what must not even be limited."""
         try:
             check_targets(targets)
-            age_s = self.clock.now_s - targets.stamp_s
-            if not age_s <= self._expiry_s:  # a time stamp that is no number has no age
-                raise CommandRefusedError(f"targets: got {age_s:.3f} s old; allowed: {self._expiry_s:g} s")
+            age_s = now_s - targets.stamp_s
+            if not -self.clock.period_s <= age_s <= self._expiry_s:  # false for nan too
+                raise CommandRefusedError(
+                    f"targets: got {age_s:.3f} s old; allowed: 0 to {self._expiry_s:g} s"
+                )
         except CommandRefusedError:
             self.counters.refused += 1
             raise
 
     def _watch(self, state: RobotState) -> None:
-        """Latch a stop for a fall, a fault of the robot, or a controller that has gone silent."""
-        if state.base_quaternion_world is not None:
-            _, x, y, _ = state.base_quaternion_world.tolist()
-            self._leaning_ticks = self._leaning_ticks + 1 if 1 - 2 * (x * x + y * y) < FALL_COS_TILT else 0
-            if self._leaning_ticks >= FALL_TICKS:
-                self.stop("fell")
+        """Latch a stop for a fall, a fault, a state that says nothing, or a silent controller."""
+        self._watch_pose(state)
+        # A sum is finite only if every term is, and is cheaper than asking each one.
+        if not (math.isfinite(np.add.reduce(state.joint_positions_rad)) and state.age_s <= self._expiry_s):
+            self.stop("state")
         if not state.healthy:
             self.stop("fault")
         if self._accepted_at_s is not None and self.clock.now_s - self._accepted_at_s > self._expiry_s:
             self.stop("expired")
+
+    def _watch_pose(self, state: RobotState) -> None:
+        if state.base_quaternion_world is None or state.base_position_world is None:
+            if self._pose_known:
+                self.stop("pose lost")
+            return
+        self._pose_known = True
+        w, x, y, z = state.base_quaternion_world.tolist()
+        if not math.isfinite(w + x + y + z + sum(state.base_position_world.tolist())):
+            self.stop("state")
+        self.leaning_ticks = self.leaning_ticks + 1 if cos_tilt(x, y) < FALL_COS_TILT else 0
+        if self.leaning_ticks >= FALL_TICKS:
+            self.stop("fell")

@@ -48,4 +48,5 @@ class StepLimits:
 
 def leaning(base_quaternion_world: FloatArray) -> BoolArray:
     """Return whether a body leans too far, for orientations leading shape + (4,)."""
-    return np.asarray(cos_tilt(base_quaternion_world) < FALL_COS_TILT)
+    x, y = base_quaternion_world[..., 1], base_quaternion_world[..., 2]
+    return np.asarray(cos_tilt(x, y) < FALL_COS_TILT)

@@ -27,83 +27,107 @@ COLUMNS: tuple[tuple[str, int, type], ...] = (
     ("foot_contacts", N_LEGS, bool),
 )
 
-FIRST_CAPACITY = 2048
-UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])
-NO_CONTACTS = np.zeros(N_LEGS, dtype=bool)
+#: Rows of one chunk; a full one is never copied, so that a long walk costs no tick its time.
+CHUNK_ROWS = 2048
 
 
 class TickLog:
     """Rows of all ticks so far; implements `hexctl.control.loop.Recorder`.
 
-    The columns are arrays of at least `len(log)` rows; rows beyond that are not yet written.
+    `log[name]` gives all rows of a column of `COLUMNS`; positions and orientations are nan where the robot
+    did not know them.
 
     Attributes:
         phase: the part of the trial that the next ticks belong to, one of `PHASES`.
         frame: the trial frame, from the start of the walk on.
-        pose_known: False once a tick came without a base pose; its pose columns then mean nothing.
+        pose_known: whether the last tick came with a base pose.
+        contacts_known: whether the last tick came with foot contacts.
+        walked_ticks: how many ticks belong to the walk.
+        sink_error: what went wrong in the sink, which is then left alone: a robot in mid-stride comes first.
     """
 
     def __init__(
-        self, sink: Callable[["TickLog", int, int], None] | None = None, block_ticks: int = 500
+        self, sink: Callable[["TickLog", int, int], None] | None = None, block_ticks: int = 50
     ) -> None:
         self.phase = PHASES[0]
         self.frame: TrialFrame | None = None
         self.pose_known = True
+        self.contacts_known = True
+        self.walked_ticks = 0
+        self.sink_error: Exception | None = None
         self._sink = sink
         self._block_ticks = block_ticks
         self._handed_on = 0
         self._length = 0
-        self._capacity = FIRST_CAPACITY
-        self.columns: dict[str, Any] = {
-            name: np.zeros((FIRST_CAPACITY, width) if width else FIRST_CAPACITY, dtype=kind)
-            for name, width, kind in COLUMNS
-        }
+        self._chunks: list[dict[str, Any]] = []
 
     def __len__(self) -> int:
         return self._length
 
     def __getitem__(self, name: str) -> Any:
-        """Return the written rows of a column of `COLUMNS`."""
-        return self.columns[name][: self._length]
+        """Return the rows of a column."""
+        return self.rows(name, 0, self._length)
 
-    def record(
-        self, tick: Tick, state: RobotState, wanted_rad: FloatArray, sent: JointTargets, work_s: float
-    ) -> None:
+    def rows(self, name: str, start: int, stop: int) -> Any:
+        """Return rows [start, stop) of a column."""
+        if not self._chunks:
+            return _new_chunk()[name][:0]
+        first = min(start // CHUNK_ROWS, len(self._chunks) - 1)
+        last = min(max(stop - 1, start) // CHUNK_ROWS, len(self._chunks) - 1)
+        parts = [chunk[name] for chunk in self._chunks[first : last + 1]]
+        joined = parts[0] if len(parts) == 1 else np.concatenate(parts)
+        return joined[start - first * CHUNK_ROWS : stop - first * CHUNK_ROWS]
+
+    def record(self, tick: Tick, state: RobotState, wanted_rad: FloatArray, sent: JointTargets) -> None:
         """Keep one tick, and hand a block on when it is full."""
-        row = self._length
-        if row == self._capacity:
-            self._grow()
-        columns = self.columns
+        row = self._length % CHUNK_ROWS
+        if row == 0:
+            self._chunks.append(_new_chunk())
+        columns = self._chunks[-1]
         columns["time_s"][row] = tick.time_s
         columns["late_s"][row] = tick.late_s
-        columns["work_s"][row] = work_s
         columns["phase"][row] = PHASES.index(self.phase)
         columns["measured_rad"][row] = state.joint_positions_rad
         columns["wanted_rad"][row] = wanted_rad
         columns["sent_rad"][row] = sent.positions_rad
-        if state.base_position_world is None or state.base_quaternion_world is None:
-            self.pose_known = False
-            columns["base_quaternion_world"][row] = UPRIGHT
-        else:
+        self.pose_known = state.base_position_world is not None and state.base_quaternion_world is not None
+        if self.pose_known:
             columns["base_position_world"][row] = state.base_position_world
             columns["base_quaternion_world"][row] = state.base_quaternion_world
-        columns["foot_contacts"][row] = NO_CONTACTS if state.foot_contacts is None else state.foot_contacts
+        self.contacts_known = state.foot_contacts is not None
+        if self.contacts_known:
+            columns["foot_contacts"][row] = state.foot_contacts
+        self.walked_ticks += self.phase == "walk"
         self._length += 1
-        if self._sink is not None and self._length - self._handed_on >= self._block_ticks:
+        if self._length - self._handed_on >= self._block_ticks:
             self.flush()
+
+    def took(self, work_s: float) -> None:
+        """Keep how long the last tick's work took, its recording included."""
+        last = self._length - 1
+        self._chunks[-1]["work_s"][last % CHUNK_ROWS] = work_s
 
     def flush(self) -> None:
         """Hand on what the sink has not seen yet."""
-        if self._sink is not None and self._length > self._handed_on:
+        if self._sink is None or self._length == self._handed_on:
+            return
+        try:
             self._sink(self, self._handed_on, self._length)
-            self._handed_on = self._length
+        except Exception as error:  # noqa: BLE001  whatever it is, the robot must come to a stand
+            self.sink_error, self._sink = error, None
+        self._handed_on = self._length
 
     def rows_of(self, phase: str) -> slice:
         """Return where the rows of a phase lie; they are always adjacent."""
         rows = np.flatnonzero(self["phase"] == PHASES.index(phase))
         return slice(int(rows[0]), int(rows[-1]) + 1) if rows.size else slice(0, 0)
 
-    def _grow(self) -> None:
-        self._capacity *= 2
-        for name, column in self.columns.items():
-            self.columns[name] = np.concatenate([column, np.zeros_like(column)])
+
+def _new_chunk() -> dict[str, Any]:
+    """Return empty rows; what a tick does not fill in is nan or False."""
+    return {
+        name: np.full(
+            (CHUNK_ROWS, width) if width else CHUNK_ROWS, np.nan if kind is float else 0, dtype=kind
+        )
+        for name, width, kind in COLUMNS
+    }

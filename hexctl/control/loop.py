@@ -13,10 +13,11 @@ from hexctl.robot.messages import FloatArray, JointTargets, RobotState
 class Recorder(Protocol):
     """Keeps what happened in a tick."""
 
-    def record(
-        self, tick: Tick, state: RobotState, wanted_rad: FloatArray, sent: JointTargets, work_s: float
-    ) -> None:
-        """Keep one tick: the state read, what the controller wanted, what was sent, the work it took."""
+    def record(self, tick: Tick, state: RobotState, wanted_rad: FloatArray, sent: JointTargets) -> None:
+        """Keep one tick: the state read, what the controller wanted, what was sent."""
+
+    def took(self, work_s: float) -> None:
+        """Keep how long the work of the last tick took, its recording included."""
 
 
 Until = Callable[[int, RobotState], bool]
@@ -34,7 +35,8 @@ def drive(
         until: asked after each write with the step and the state; True ends the drive.
         first_step: where the steps begin, for a controller that goes on.
 
-    Raises EStopError when the guard stops the robot, RobotFaultError when the robot or the simulation fails.
+    Raises EStopError when the guard stops the robot, CommandRefusedError when a target came too late, and
+    RobotFaultError when the robot or the simulation fails.
     """
     tick = servos.clock.tick()
     zero_index = tick.index - first_step
@@ -44,7 +46,8 @@ def drive(
         state = servos.read()
         wanted_rad = controller.targets_rad(step, state)
         sent = servos.write(JointTargets(wanted_rad, tick.time_s))
-        recorder.record(tick, state, wanted_rad, sent, time.perf_counter() - began_s)
+        recorder.record(tick, state, wanted_rad, sent)
+        recorder.took(time.perf_counter() - began_s)
         if until(step, state):
             return step, state
         tick = servos.clock.tick()

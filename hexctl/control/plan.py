@@ -53,6 +53,11 @@ class TrialPlan:
         )
 
     @property
+    def failed_legs(self) -> tuple[int, ...]:
+        """Return the failed leg, if there is one, as gait codes want it."""
+        return (self.failure.leg,) if self.failure else ()
+
+    @property
     def held_legs(self) -> tuple[int, ...]:
         """Return the legs that the controller keeps in their stance pose."""
-        return (self.failure.leg,) if self.failure and self.failure.kind == "locked" else ()
+        return self.failed_legs if self.failure and self.failure.kind == "locked" else ()

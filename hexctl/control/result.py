@@ -13,7 +13,8 @@ from hexctl.robot.messages import FloatArray
 from hexctl.robot.model import Robot
 from hexctl.robot.rotation import yaw_rad
 
-#: A walk with less than this share of the ideal distance made no progress.
+#: A walk with less than this share of the ideal distance made no progress; one that is over before the soft
+#: start is says nothing about it.
 PROGRESS_FLOOR = 0.5
 
 #: `ok` is the only valid outcome; the others rank behind every valid trial.
@@ -43,7 +44,9 @@ class TrialResult:
 
     Attributes:
         status: one of `STATUSES`.
+        stopped: why an aborted trial was stopped: `requested`, or what the guard says; None otherwise.
         duration_s: how long it walked.
+        turned_rad: how far the self-rotation before the walk turned.
         distance_m: progress along the heading.
         ideal_distance_m: 1.5 * A * pace * duration.
         deviation: from the line of travel.
@@ -53,7 +56,9 @@ class TrialResult:
     """
 
     status: str
+    stopped: str | None
     duration_s: float
+    turned_rad: float
     distance_m: float | None
     ideal_distance_m: float
     deviation: Deviation | None
@@ -64,7 +69,7 @@ class TrialResult:
     @property
     def valid(self) -> bool:
         """Return whether the trial may be ranked by its deviation."""
-        return self.status == "ok"
+        return self.status == "ok" and self.deviation is not None
 
     def numbers(self) -> dict[str, Any]:
         """Return the outcome as plain JSON values, angles in degrees."""
@@ -78,7 +83,9 @@ class TrialResult:
                 for name in ("final", "mean", "max", "signed")
             },
             "yaw_change_deg": None if self.yaw_change_rad is None else float(np.degrees(self.yaw_change_rad)),
+            "self_rotation_deg": float(np.degrees(self.turned_rad)),
             "status": self.status,
+            "stopped": self.stopped,
             "clipped_ticks": self.clipped_ticks,
         }
 
@@ -88,7 +95,9 @@ def score(
     plan: TrialPlan,
     *,
     status: str,
+    stopped: str | None = None,
     duration_s: float,
+    turned_rad: float,
     clipped_ticks: int,
     frame: TrialFrame | None,
     positions_world: FloatArray,
@@ -100,7 +109,9 @@ def score(
         robot: who walked.
         plan: what was asked for.
         status: how the walk ended; a walk that is `ok` so far may still have made no progress.
+        stopped: why it was aborted, if it was.
         duration_s: how long it walked.
+        turned_rad: how far the self-rotation turned.
         clipped_ticks: ticks in which the guard changed the targets.
         frame: the trial frame, None where the robot knows no pose or never set out.
         positions_world: base positions of the walk, (T, 3).
@@ -110,12 +121,15 @@ def score(
     path = frame.path(positions_world) if frame is not None else np.zeros((0, 2))
     distance_m = float(path[-1, 0]) if walked else None
     ideal_speed = ideal_speed_m_s(robot, plan.gait, plan.motion(0.0))
-    if status == "ok" and distance_m is not None and _goes_straight(plan):
+    long_enough = duration_s >= RAMP_DURATION_S
+    if status == "ok" and distance_m is not None and long_enough and _goes_straight(plan):
         floor_m = PROGRESS_FLOOR * ideal_speed * _ramped_duration_s(duration_s)
         status = "ok" if distance_m >= floor_m else "no_progress"
     return TrialResult(
         status=status,
+        stopped=stopped,
         duration_s=duration_s,
+        turned_rad=turned_rad,
         distance_m=distance_m,
         ideal_distance_m=ideal_speed * duration_s,
         deviation=_deviation(path[:, 1]) if walked else None,
@@ -143,7 +157,5 @@ def _goes_straight(plan: TrialPlan) -> bool:
 
 
 def _ramped_duration_s(duration_s: float) -> float:
-    """Return the time at full stride that the soft start leaves of a duration."""
-    if duration_s < RAMP_DURATION_S:
-        return duration_s**2 / (2 * RAMP_DURATION_S)
+    """Return the time at full stride that the soft start leaves of a duration of a ramp or more."""
     return duration_s - RAMP_DURATION_S / 2

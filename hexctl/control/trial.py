@@ -2,19 +2,23 @@
 
 import math
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 
-from hexctl.control.controller import Stand, Walk, check_walk
+import numpy as np
+
+from hexctl.backends.base import LegServos
+from hexctl.control.controller import Stand, Walk
 from hexctl.control.frame import TrialFrame
 from hexctl.control.guard import Guard
 from hexctl.control.log import TickLog
 from hexctl.control.loop import drive
 from hexctl.control.plan import TrialPlan
 from hexctl.control.result import TrialResult, score
-from hexctl.control.turning import CLOSE_ENOUGH_RAD, Turn, turn_needed_rad
-from hexctl.errors import EStopError, RobotFaultError, SimulationDivergedError
-from hexctl.robot.messages import RobotState
-from hexctl.robot.rotation import yaw_rad
+from hexctl.control.turning import CLOSE_ENOUGH_RAD, Turn, check_plan, turn_needed_rad
+from hexctl.errors import CommandRefusedError, EStopError, InputError, SimulationDivergedError
+from hexctl.robot.messages import FloatArray
+from hexctl.robot.rotation import wrapped_rad, yaw_rad
 
 #: Rest between the self-rotation and the walk.
 PAUSE_S = 0.5
@@ -41,6 +45,19 @@ def never() -> bool:
     return False
 
 
+@dataclass(slots=True)
+class _Walked:
+    """How the walk went so far.
+
+    Attributes:
+        status: `ok` once the whole duration was walked.
+        clipped_ticks: ticks in which the guard changed the targets.
+    """
+
+    status: str = "aborted"
+    clipped_ticks: int = 0
+
+
 def run_trial(
     servos: Guard,
     plan: TrialPlan,
@@ -51,58 +68,79 @@ def run_trial(
 ) -> TrialResult:
     """Run a plan on connected servos, keep every tick in the log if there is one, and return the result.
 
-    A fall, a latched stop, a diverged simulation or a requested stop is a status of the result. Other faults
-    of the robot are raised. `soft_stop=False` leaves out the stop after the walk, which is never scored.
+    A fall, a latched stop, a diverged simulation or a requested stop is a status of the result.
+    `soft_stop=False` leaves out the stop after the walk, which is never scored.
+
+    Raises InputError when a simulated robot has another failure than the plan, ReachError or LimitError for a
+    walk that the legs cannot make, all before anything moves; and RobotFaultError when the robot has gone.
     """
     log = TickLog() if log is None else log
-    status = "ok"
+    check_same_failure(servos, plan)
+    check_plan(servos.robot, plan)
+    servos.rest()
+    walked, turned_rad, stopped = _Walked(), 0.0, None
     try:
         start = prepare(servos, plan, log, stop_requested)
+        turned_rad = start.turned_rad
         if not stop_requested():
-            _walk(servos, plan, start, log, stop_requested, soft_stop)
-        if stop_requested():
-            status = "aborted"
+            _walk(servos, plan, start, log, stop_requested, walked, soft_stop)
+        else:
+            stopped = "requested"
     except EStopError:
-        status = "fell" if servos.stopped == "fell" else "aborted"
+        walked.status = "fell" if servos.stopped == "fell" else "aborted"
+    except CommandRefusedError as error:
+        walked.status, stopped = "aborted", str(error)
     except SimulationDivergedError:
-        status = "diverged"
+        walked.status = "diverged"
     finally:
         log.flush()
+    if walked.status == "aborted" and stopped is None:
+        stopped = servos.stopped or "requested"
     rows = log.rows_of("walk")
     return score(
         servos.robot,
         plan,
-        status=status,
+        status=walked.status,
+        stopped=stopped,
         duration_s=_walked_s(log, rows, servos.clock.period_s),
-        clipped_ticks=int((log["wanted_rad"][rows] != log["sent_rad"][rows]).any(axis=-1).sum()),
-        frame=log.frame if log.pose_known else None,
+        turned_rad=turned_rad,
+        clipped_ticks=walked.clipped_ticks,
+        frame=log.frame,
         positions_world=log["base_position_world"][rows],
         quaternions_world=log["base_quaternion_world"][rows],
     )
 
 
+def check_same_failure(servos: LegServos, plan: TrialPlan) -> None:
+    """Raise InputError when a simulation injects another failure than the plan names."""
+    if servos.injects_failure and servos.failure != plan.failure:
+        raise InputError(
+            f"plan: got failure {plan.failure!r} on a simulation with {servos.failure!r}; "
+            "allowed: the same, as in SimServos(robot, failure=plan.failure)"
+        )
+
+
 def prepare(servos: Guard, plan: TrialPlan, log: TickLog, stop_requested: StopRequested = never) -> StartLine:
     """Settle in the stance and turn the failed leg away; return the robot at the start of its walk.
 
-    Raises ReachError or LimitError for a walk that the legs cannot make, before anything moves.
+    Position and yaw are the means over the rest before the walk, so that noise of the sensors does not bend
+    the line of travel. Raises what `drive` raises.
     """
-    check_walk(servos.robot, plan.gait, plan.motion(0.0))
     log.phase = "settle"
-    state = _stand(servos, plan.settle_s, log)
-    if state.base_position_world is None or state.base_quaternion_world is None:
+    _stand(servos, plan.settle_s, log)
+    if not log.pose_known or stop_requested():
         return StartLine(0.0, None)
-    first_yaw_rad = float(yaw_rad(state.base_quaternion_world))
+    position, first_yaw_rad = _resting_pose(log, servos, plan.settle_s)
+    yaw = first_yaw_rad
     turn_rad = turn_needed_rad(servos.robot, plan)
     if abs(turn_rad) > CLOSE_ENOUGH_RAD:
         log.phase = "turn"
         turn = Turn(servos.robot, plan, turn_rad, first_yaw_rad, servos.clock.period_s, stop_requested)
         drive(servos, turn.controller, log, turn.until)
-        state = _stand(servos, PAUSE_S, log)
-    if state.base_position_world is None or state.base_quaternion_world is None:
-        raise RobotFaultError("the robot lost its pose while it turned; check what measures it and run again")
-    yaw = float(yaw_rad(state.base_quaternion_world))
-    frame = TrialFrame(state.base_position_world, first_yaw_rad + plan.heading_rad, yaw)
-    return StartLine(yaw - first_yaw_rad, frame)
+        _stand(servos, PAUSE_S, log)
+        position, yaw = _resting_pose(log, servos, PAUSE_S)
+    frame = TrialFrame(position, first_yaw_rad + plan.heading_rad, yaw)
+    return StartLine(wrapped_rad(yaw - first_yaw_rad), frame)
 
 
 def ticks_of(servos: Guard, duration_s: float) -> int:
@@ -110,12 +148,21 @@ def ticks_of(servos: Guard, duration_s: float) -> int:
     return max(1, math.ceil(duration_s / servos.clock.period_s - 1e-9))
 
 
-def _stand(servos: Guard, duration_s: float, log: TickLog) -> RobotState:
+def _stand(servos: Guard, duration_s: float, log: TickLog) -> None:
     """Come to the stance in the first half of a duration and rest in it for the second."""
     ticks = ticks_of(servos, duration_s)
-    stand = Stand(servos.robot, servos.accepted_rad, ticks // 2)
-    _, state = drive(servos, stand, log, lambda step, _: step >= ticks - 1)
-    return state
+    stand = Stand(servos.robot, servos.accepted_rad(), ticks // 2)
+    drive(servos, stand, log, lambda step, _: step >= ticks - 1)
+
+
+def _resting_pose(log: TickLog, servos: Guard, duration_s: float) -> tuple[FloatArray, float]:
+    """Return mean position (3,) and mean yaw of the resting half of a stand that has just ended."""
+    rest = slice(max(0, len(log) - ticks_of(servos, duration_s) // 2 - 1), len(log))
+    positions, quaternions = log["base_position_world"][rest], log["base_quaternion_world"][rest]
+    known = np.isfinite(positions[:, 0])
+    yaws = yaw_rad(quaternions[known])
+    yaw = float(yaws[-1]) + float(np.mean([wrapped_rad(value - yaws[-1]) for value in yaws.tolist()]))
+    return positions[known].mean(axis=0), yaw
 
 
 def _walk(
@@ -124,6 +171,7 @@ def _walk(
     start: StartLine,
     log: TickLog,
     stop_requested: StopRequested,
+    walked: _Walked,
     soft_stop: bool,
 ) -> None:
     """Walk for the plan's duration, or until a stop is requested, and let the strides run out."""
@@ -132,12 +180,23 @@ def _walk(
     period_s = servos.clock.period_s
     walk = Walk(servos.robot, plan.gait, motion, period_s=period_s, held_legs=plan.held_legs)
     log.phase, log.frame = "walk", start.frame
-    step, _ = drive(servos, walk, log, lambda step, _: step >= last or stop_requested())
+    clipped_before = servos.counters.clipped
+    try:
+        step, _ = drive(servos, walk, log, lambda step, _: step >= last or stop_requested())
+    finally:
+        walked.clipped_ticks = servos.counters.clipped - clipped_before
+    walked.status = "ok" if step >= last else "aborted"
     if soft_stop:
-        log.phase = "stop"
-        walk.stop(step + 1)
-        end = step + walk.stopping_ticks
-        drive(servos, walk, log, lambda step, _: step >= end, first_step=step + 1)
+        _stop_softly(servos, walk, log, step + 1)
+
+
+def _stop_softly(servos: Guard, walk: Walk, log: TickLog, step: int) -> None:
+    """Let the strides run out from a step on; what goes wrong now no longer changes the walk."""
+    log.phase = "stop"
+    walk.stop(step)
+    end = step + walk.stopping_ticks - 1
+    with suppress(EStopError, CommandRefusedError, SimulationDivergedError):
+        drive(servos, walk, log, lambda step, _: step >= end, first_step=step)
 
 
 def _walked_s(log: TickLog, rows: slice, period_s: float) -> float:

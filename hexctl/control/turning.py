@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable
 
-from hexctl.control.controller import Walk
+from hexctl.control.controller import Walk, check_walk
 from hexctl.control.plan import TrialPlan
 from hexctl.gait.gait import Gait, Motion, half_amplitude_turn_rate_rad_s
 from hexctl.gait.named import make_gait
@@ -17,6 +17,12 @@ CLOSE_ENOUGH_RAD = math.radians(2.0)
 
 #: A failed leg slows the turn; after this many times the ideal time the robot walks from where it is.
 PATIENCE = 4.0
+
+#: Share of the commanded rate that robots make, until this one has shown its own.
+USUAL_SHARE = 0.85
+
+#: A self-rotation is expected to end this near to its goal.
+TURN_TOLERANCE_RAD = math.radians(5.0)
 
 
 def turn_gait(robot: Robot) -> Gait:
@@ -34,11 +40,31 @@ def turn_needed_rad(robot: Robot, plan: TrialPlan) -> float:
     return abs(turn_rad) if abs(turn_rad) > math.pi - 1e-6 else turn_rad
 
 
+def turn_motion(robot: Robot, turn_rad: float) -> Motion:
+    """Return the motion of a self-rotation: in place, at the rate of half the step amplitude."""
+    rate_rad_s = math.copysign(half_amplitude_turn_rate_rad_s(robot, turn_gait(robot)), turn_rad)
+    return Motion(travel=0.0, turn_rate_rad_s=rate_rad_s)
+
+
+def check_plan(robot: Robot, plan: TrialPlan) -> None:
+    """Raise ReachError or LimitError, naming leg and joint, for a plan that the legs cannot carry out.
+
+    A self-rotation ends near its goal, not on it, so the walk is checked a little to both sides.
+    """
+    turn_rad = turn_needed_rad(robot, plan)
+    check_walk(robot, plan.gait, plan.motion(turn_rad))
+    if turn_rad:
+        check_walk(robot, turn_gait(robot), turn_motion(robot, turn_rad))
+        for off_rad in (-TURN_TOLERANCE_RAD, TURN_TOLERANCE_RAD):
+            check_walk(robot, plan.gait, plan.motion(turn_rad + off_rad))
+
+
 class Turn:
     """A turn in place by an angle, measured on the robot's own yaw.
 
-    It begins its soft stop when what is left is what the stop will still turn: half of what the last gait
-    cycle's mean rate makes in the time of the ramp.
+    It begins its soft stop when what is left is what the stop will still turn. That is told from the
+    commanded rate and from how much of it the robot has made so far, not from the difference of two
+    measurements, which noise would drown.
     """
 
     def __init__(
@@ -50,34 +76,39 @@ class Turn:
         period_s: float,
         stop_requested: Callable[[], bool],
     ) -> None:
-        gait = turn_gait(robot)
-        rate_rad_s = math.copysign(half_amplitude_turn_rate_rad_s(robot, gait), turn_rad)
-        motion = Motion(travel=0.0, turn_rate_rad_s=rate_rad_s)
+        gait, motion = turn_gait(robot), turn_motion(robot, turn_rad)
         self.controller = Walk(robot, gait, motion, period_s=period_s, held_legs=plan.held_legs)
-        self._turn_rad = turn_rad
+        self._sign = math.copysign(1.0, turn_rad)
+        self._goal_rad = abs(turn_rad)
+        self._rate_rad_s = abs(motion.turn_rate_rad_s)
         self._stop_requested = stop_requested
-        self._cycle_ticks = round(1 / (gait.pace_hz * period_s))
+        self._cycle_s = 1 / gait.pace_hz
         self._period_s = period_s
         self._last_yaw_rad = start_yaw_rad
-        self._turned_rad = [0.0]
-        self._patience_ticks = round(PATIENCE * (RAMP_DURATION_S + turn_rad / rate_rad_s) / period_s)
+        self._turned_rad = 0.0
+        self._patience_s = PATIENCE * (RAMP_DURATION_S + self._goal_rad / self._rate_rad_s)
         self._stopped_at: int | None = None
 
     def until(self, step: int, state: RobotState) -> bool:
         """Watch the yaw, begin the stop in time, and return True when the robot stands again."""
         if state.base_quaternion_world is not None:
             yaw = float(yaw_rad(state.base_quaternion_world))
-            self._turned_rad.append(self._turned_rad[-1] + wrapped_rad(yaw - self._last_yaw_rad))
+            self._turned_rad += self._sign * wrapped_rad(yaw - self._last_yaw_rad)
             self._last_yaw_rad = yaw
-        enough = self._near() or step >= self._patience_ticks or self._stop_requested()
+        time_s = step * self._period_s
+        enough = self._near(time_s) or time_s >= self._patience_s or self._stop_requested()
         if self._stopped_at is None and enough:
             self._stopped_at = step
             self.controller.stop(step)
         return self._stopped_at is not None and step >= self._stopped_at + self.controller.stopping_ticks
 
-    def _near(self) -> bool:
-        turned = self._turned_rad
-        back = min(self._cycle_ticks, len(turned) - 1)
-        rate_rad_s = (turned[-1] - turned[-1 - back]) / max(1, back) / self._period_s
-        left_rad = self._turn_rad - turned[-1] - rate_rad_s * RAMP_DURATION_S / 2
-        return left_rad * math.copysign(1.0, self._turn_rad) <= 0
+    def _near(self, time_s: float) -> bool:
+        """Return whether a stop that begins now ends at the goal or past it."""
+        envelope = min(1.0, time_s / RAMP_DURATION_S)
+        # Time at full rate that the ramp so far, and the ramp down from here, come to.
+        commanded_s = time_s - RAMP_DURATION_S * (envelope - envelope**2 / 2)
+        stopping_s = RAMP_DURATION_S * envelope**2 / 2
+        made = USUAL_SHARE
+        if time_s > RAMP_DURATION_S + self._cycle_s:
+            made = min(1.2, max(0.2, self._turned_rad / (self._rate_rad_s * commanded_s)))
+        return self._turned_rad + made * self._rate_rad_s * stopping_s >= self._goal_rad

@@ -26,7 +26,7 @@ def stroke_vectors_m(robot: Robot, gait: Gait, motion: Motion) -> FloatArray:
     )
 
 
-def foot_positions_body(
+def gait_feet_body(
     robot: Robot, gait: Gait, motion: Motion, time_s: ArrayLike, stop_s: float | None = None
 ) -> FloatArray:
     """Return the feet at times since the start of the walk (Eq. 1), time shape + (6, 3) in m.

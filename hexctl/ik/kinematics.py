@@ -64,8 +64,7 @@ def solve_legs(robot: Robot, feet_body: FloatArray) -> LegAngles:
         feet_body: leading shape + (6, 3) in m.
     """
     from_mount = feet_body - robot.mount_positions_body
-    azimuth = np.arctan2(from_mount[..., 1], from_mount[..., 0]) - robot.mount_yaws_rad
-    coxa = azimuth - 2 * np.pi * np.round(azimuth / (2 * np.pi))
+    coxa = _wrapped(np.arctan2(from_mount[..., 1], from_mount[..., 0]) - robot.mount_yaws_rad)
     outward = np.sqrt(from_mount[..., 0] ** 2 + from_mount[..., 1] ** 2) - robot.link_vectors_m[0, 0]
     up = from_mount[..., 2] - robot.link_vectors_m[0, 1]
     femur_length, tibia_length = np.sqrt((robot.link_vectors_m[1:] ** 2).sum(axis=-1))

@@ -27,9 +27,7 @@ def solve_legs_within_limits(robot: Robot, feet_body: FloatArray) -> FloatArray:
 
 def check_joint_limits(robot: Robot, joint_positions_rad: FloatArray) -> None:
     """Raise LimitError for the worst joint of angles, leading shape + (18,), outside their range."""
-    beyond = np.maximum(
-        robot.joint_lower_rad - joint_positions_rad, joint_positions_rad - robot.joint_upper_rad
-    ).reshape(-1, robot.joint_lower_rad.size)
+    beyond = range_excess_rad(robot, joint_positions_rad).reshape(-1, robot.joint_lower_rad.size)
     if beyond.max(initial=-np.inf) <= TOLERANCE_RAD:
         return
     row, joint = np.unravel_index(int(beyond.argmax()), beyond.shape)
@@ -39,6 +37,13 @@ def check_joint_limits(robot: Robot, joint_positions_rad: FloatArray) -> None:
     raise LimitError(
         f"leg {leg + 1} {JOINT_KINDS[kind]}: needs {np.degrees(angle):.1f} deg; "
         f"allowed: {low:g} to {high:g} deg"
+    )
+
+
+def range_excess_rad(robot: Robot, joint_positions_rad: FloatArray) -> FloatArray:
+    """Return how far each joint is outside its range, negative inside; same shape, leading shape + (18,)."""
+    return np.maximum(
+        robot.joint_lower_rad - joint_positions_rad, joint_positions_rad - robot.joint_upper_rad
     )
 
 

@@ -44,14 +44,15 @@ class BlockWriter:
         self._subject = subject
         self._log = log
         self._start, self._stop = start, stop
-        elapsed_s = self._column("time_s") - log.columns["time_s"][0]
+        elapsed_s = self._column("time_s") - log.rows("time_s", 0, 1)
         self._times = np.round(elapsed_s * 1e9).astype("timedelta64[ns]")
 
     def write(self) -> None:
         """Send everything that the rows hold."""
         self._send_base()
         self._send_joints()
-        self._send_contacts()
+        if self._log.contacts_known:
+            self._send_contacts()
         self._send_phases()
         if self._log.pose_known:
             self._send_trail()
@@ -112,8 +113,10 @@ class BlockWriter:
         first = max(self._start, TRAIL_STEP)
         rows = np.arange(first + -first % TRAIL_STEP, self._stop, TRAIL_STEP)
         if rows.size:
-            positions = self._log.columns["base_position_world"][:, :2]
-            ends = (on_floor(positions[at], self._subject.floor) for at in (rows - TRAIL_STEP, rows))
+            before = int(rows[0]) - TRAIL_STEP
+            positions = self._log.rows("base_position_world", before, self._stop)[:, :2]
+            at = rows - before
+            ends = (on_floor(positions[index], self._subject.floor) for index in (at - TRAIL_STEP, at))
             pieces = np.stack(list(ends), axis=1).astype(np.float32)
             self._send(paths.TRAIL, rows - self._start, self._rr.LineStrips3D.columns(strips=pieces))
 
@@ -139,13 +142,13 @@ class BlockWriter:
     def _changes(self, name: str, *index: int) -> NDArray[np.int64]:
         """Return the rows of the block in which a value differs from the row before, and the first tick."""
         before = max(self._start - 1, 0)
-        values = self._log.columns[name][(slice(before, self._stop), *index)]
+        values = self._log.rows(name, before, self._stop)[(slice(None), *index)]
         changed = np.flatnonzero(values[1:] != values[:-1]) + 1 - (self._start - before)
         return changed if self._start else np.concatenate([[0], changed])
 
     def _column(self, name: str) -> Any:
         """Return the block's rows of a column."""
-        return self._log.columns[name][self._start : self._stop]
+        return self._log.rows(name, self._start, self._stop)
 
     def _send(self, path: str, rows: Rows, columns: Any) -> None:
         """Send columns for rows counted from the start of the block."""

@@ -30,7 +30,7 @@ def make_properties(
         "title": title,
         "robot": robot.name,
         "gait_slots": list(gait.slots),
-        "gait_code": gait.code(failed_legs(plan)),
+        "gait_code": gait.code(plan.failed_legs),
         "pace_hz": gait.pace_hz,
         "amplitude": gait.amplitude,
         "height": gait.height,
@@ -45,14 +45,9 @@ def make_properties(
     return {key: _plain(value) for key, value in (values | dict(facts)).items() if value is not None}
 
 
-def failed_legs(plan: TrialPlan) -> tuple[int, ...]:
-    """Return the failed leg, if there is one, as gait codes want it."""
-    return (plan.failure.leg,) if plan.failure else ()
-
-
 def _plan_rows(robot: Robot, plan: TrialPlan) -> Iterator[Row]:
     gait = plan.gait
-    code = gait.code(failed_legs(plan))
+    code = gait.code(plan.failed_legs)
     if plan.failure:
         yield "failed leg", f"{plan.failure.leg} ({plan.failure}), turned to: {plan.self_rotation}"
     yield "robot", robot.name

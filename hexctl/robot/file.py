@@ -7,7 +7,7 @@ import numpy as np
 
 from hexctl.errors import InputError
 from hexctl.robot.configs import find_config, read_mapping, validate
-from hexctl.robot.joints import JOINT_KINDS, N_LEGS
+from hexctl.robot.joints import JOINT_NAMES, N_LEGS
 from hexctl.robot.messages import FloatArray
 from hexctl.robot.model import Body, GaitDefaults, Robot, ServoModel
 from hexctl.robot.schema import LinkSection, MountSection, RobotSchema
@@ -33,7 +33,7 @@ def _build(schema: RobotSchema) -> Robot:
     joints = [schema.joints.coxa, schema.joints.femur, schema.joints.tibia]
     positions, yaws = _mounts(schema.mounts)
     stance_feet = _stance_feet(schema, positions, yaws)
-    angles = np.tile(_stance_angles(schema, links), N_LEGS)
+    angles = _stance_angles(schema, links, positions)
     robot = Robot(
         name=schema.name,
         size_m=schema.size_m,
@@ -79,34 +79,34 @@ def _mounts(mounts: list[MountSection]) -> tuple[FloatArray, FloatArray]:
 
 
 def _stance_feet(schema: RobotSchema, positions: FloatArray, yaws: FloatArray) -> FloatArray:
-    """Return the nominal feet in the body frame, (6, 3)."""
-    outward = np.stack([np.cos(yaws), np.sin(yaws), np.zeros(N_LEGS)], axis=-1)
-    feet: FloatArray = positions + schema.stance.outward_m * outward
-    feet[:, 2] += schema.stance.up_m
-    return feet
+    """Return the nominal feet in the body frame, (6, 3); all stand at one height, whatever their mounts'."""
+    reach = schema.stance.outward_m
+    x, y = positions[:, 0] + reach * np.cos(yaws), positions[:, 1] + reach * np.sin(yaws)
+    return np.stack([x, y, np.full(N_LEGS, schema.stance.up_m)], axis=-1)
 
 
-def _stance_angles(schema: RobotSchema, links: list[LinkSection]) -> list[float]:
-    """Return coxa, femur and tibia angle of the nominal stance."""
+def _stance_angles(schema: RobotSchema, links: list[LinkSection], positions: FloatArray) -> FloatArray:
+    """Return the joint angles of the nominal stance, (18,)."""
     coxa, femur, tibia = (link.end_m for link in links)
-    try:
-        femur_rad, tibia_rad = stance_angles(
-            coxa, femur, tibia, (schema.stance.outward_m, schema.stance.up_m)
-        )
-    except InputError as error:
-        raise InputError(f"stance: out of reach: {error}") from error
-    return [0.0, femur_rad, tibia_rad]
+    angles: list[float] = []
+    for leg, mount_z in enumerate(positions[:, 2].tolist(), start=1):
+        foot = (schema.stance.outward_m, schema.stance.up_m - mount_z)
+        try:
+            angles += [0.0, *stance_angles(coxa, femur, tibia, foot)]
+        except InputError as error:
+            raise InputError(f"stance: out of reach for leg {leg}: {error}") from error
+    return np.array(angles)
 
 
 def _check_stance_limits(robot: Robot) -> None:
     """Refuse a stance that needs a joint outside its range."""
-    for index, kind in enumerate(JOINT_KINDS):
+    for index, name in enumerate(JOINT_NAMES):
         angle, low, high = (
             math.degrees(array[index])
             for array in (robot.stance_angles_rad, robot.joint_lower_rad, robot.joint_upper_rad)
         )
         if not low <= angle <= high:
-            raise InputError(f"stance: needs {kind} at {angle:.1f} deg; allowed: {low:g} to {high:g} deg")
+            raise InputError(f"stance: needs {name} at {angle:.1f} deg; allowed: {low:g} to {high:g} deg")
 
 
 def _check_leg_order(robot: Robot) -> None:

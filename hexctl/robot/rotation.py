@@ -1,10 +1,13 @@
 """Yaw and tilt of an orientation quaternion (w, x, y, z), z up."""
 
 import math
+from typing import TypeVar
 
 import numpy as np
 
 from hexctl.robot.messages import FloatArray
+
+ComponentT = TypeVar("ComponentT", float, FloatArray)
 
 
 def yaw_rad(quaternion: FloatArray) -> FloatArray:
@@ -13,9 +16,11 @@ def yaw_rad(quaternion: FloatArray) -> FloatArray:
     return np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
 
 
-def cos_tilt(quaternion: FloatArray) -> FloatArray:
-    """Return the cosine of the angle between the body's z axis and the vertical."""
-    x, y = quaternion[..., 1], quaternion[..., 2]
+def cos_tilt(x: ComponentT, y: ComponentT) -> ComponentT:
+    """Return the cosine of the angle between the body's z axis and the vertical.
+
+    From the components x and y of the quaternion, plain numbers or arrays.
+    """
     return 1 - 2 * (x * x + y * y)
 
 

@@ -96,7 +96,7 @@ class JointsSection(Section):
 
 
 class StanceSection(Section):
-    """The nominal foot, from the coxa axis."""
+    """The nominal foot: outward from the coxa axis, up from the body frame."""
 
     outward_m: Length
     up_m: Coordinate

@@ -7,7 +7,7 @@ import pytest
 
 from hexctl.control.controller import LOOK_AHEAD_TICKS, Stand, Walk
 from hexctl.errors import LimitError, ReachError
-from hexctl.gait.feet import foot_positions_body
+from hexctl.gait.feet import gait_feet_body
 from hexctl.gait.gait import Gait, Motion
 from hexctl.ik.kinematics import solve_legs
 from hexctl.robot.joints import leg_slice
@@ -42,7 +42,7 @@ def test_looking_ahead_gives_exactly_what_planning_tick_by_tick_gives(name: str)
     walk = Walk(robot, gait, MOTION, period_s=0.02)
     ticks = range(3 * LOOK_AHEAD_TICKS + 7)
     expected = [
-        solve_legs(robot, foot_positions_body(robot, gait, MOTION, tick * 0.02)).joint_positions_rad
+        solve_legs(robot, gait_feet_body(robot, gait, MOTION, tick * 0.02)).joint_positions_rad
         for tick in ticks
     ]
     assert np.array_equal(_angles(walk, ticks), expected)

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hexctl.gait.feet import feet_of_walks, foot_positions_body, stroke_vectors_m
+from hexctl.gait.feet import feet_of_walks, gait_feet_body, stroke_vectors_m
 from hexctl.gait.gait import Gait, Motion, ideal_speed_m_s
 from hexctl.gait.named import NAMED_SLOTS
 from hexctl.gait.ramp import RAMP_DURATION_S
@@ -28,7 +28,7 @@ def test_the_walk_is_the_papers_with_the_body_going_along_the_heading(
 ) -> None:
     ant = shipped()
     gait = Gait(slots=slots, pace_hz=0.9, amplitude=0.11, height=0.02)
-    feet = foot_positions_body(ant, gait, Motion(heading_rad=heading), time_s)
+    feet = gait_feet_body(ant, gait, Motion(heading_rad=heading), time_s)
     expected = walking_feet(
         [(x, y, z) for x, y, z in ant.stance_feet_body.tolist()],
         slots,
@@ -50,8 +50,8 @@ def test_a_stance_foot_moves_as_the_floor_does_under_a_moving_body(
     motion = Motion(heading_rad=heading, travel=travel, turn_rate_rad_s=turn)
     step_s, start_s = 1e-4, RAMP_DURATION_S
     times = start_s + np.arange(0, 2000) * 1e-3
-    before = foot_positions_body(robot, gait, motion, times)
-    after = foot_positions_body(robot, gait, motion, times + step_s)
+    before = gait_feet_body(robot, gait, motion, times)
+    after = gait_feet_body(robot, gait, motion, times + step_s)
     u = phase_in_cycle(gait.pace_hz * times[:, np.newaxis], np.array(gait.slots))
     later = phase_in_cycle(gait.pace_hz * (times + step_s)[:, np.newaxis], np.array(gait.slots))
     both = in_stance(u) & in_stance(later)
@@ -92,7 +92,7 @@ def test_the_ideal_speed_is_the_papers() -> None:
 
 def _offsets(time_s: Any, stop_s: float | None = None) -> Any:
     ant = shipped()
-    return foot_positions_body(ant, TRIPOD, Motion(), time_s, stop_s) - ant.stance_feet_body
+    return gait_feet_body(ant, TRIPOD, Motion(), time_s, stop_s) - ant.stance_feet_body
 
 
 def test_a_walk_starts_in_the_stance_and_grows_to_the_full_stride_in_two_seconds() -> None:
@@ -160,13 +160,13 @@ def test_many_walks_at_once_equal_each_alone_to_the_last_bit(
         stop_s=stop_s,
     )
     for row, (gait, motion) in zip(together, pairs, strict=True):
-        assert np.array_equal(row, foot_positions_body(robot, gait, motion, times, stop_s))
+        assert np.array_equal(row, gait_feet_body(robot, gait, motion, times, stop_s))
 
 
 @pytest.mark.parametrize("shape", [(), (1,), (7,), (3, 4)])
 def test_times_of_any_shape_equal_each_time_alone(shape: tuple[int, ...]) -> None:
     times = np.random.default_rng(1).uniform(0, 9, shape)
-    feet = foot_positions_body(shipped(), TRIPOD, Motion(heading_rad=0.3), times)
+    feet = gait_feet_body(shipped(), TRIPOD, Motion(heading_rad=0.3), times)
     assert feet.shape == (*shape, 6, 3)
-    alone = [foot_positions_body(shipped(), TRIPOD, Motion(heading_rad=0.3), t) for t in times.ravel()]
+    alone = [gait_feet_body(shipped(), TRIPOD, Motion(heading_rad=0.3), t) for t in times.ravel()]
     np.testing.assert_array_equal(feet.reshape(-1, 6, 3), alone)

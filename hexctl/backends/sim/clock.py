@@ -22,6 +22,11 @@ class SimClock(Clock):
         """Return the simulated time."""
         return self._index * self.period_s
 
+    def rest(self) -> None:
+        """Count no overruns of the pace for the time until the next tick."""
+        if self._pace is not None:
+            self._pace.rest()
+
     def tick(self) -> Tick:
         """Step the physics by one period and return the new point in simulated time."""
         late_s = 0.0

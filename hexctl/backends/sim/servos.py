@@ -24,6 +24,8 @@ class SimServos(LegServos):
     With `realtime` the clock waits for the wall; otherwise physics runs as fast as it can.
     """
 
+    injects_failure = True
+
     def __init__(
         self,
         robot: Robot,

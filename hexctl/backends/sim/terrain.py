@@ -12,6 +12,9 @@ from hexctl.robot.messages import FloatArray
 ROUGH_HALF_SIZE_M = 8.0
 ROUGH_CELLS = 400
 
+#: Width of the edge in which the bumps end.
+EDGE_M = 1.0
+
 
 @dataclass(frozen=True, slots=True)
 class Floor:
@@ -58,4 +61,13 @@ def _bumps(world: World, seed: int) -> FloatArray:
     smoothing = np.exp(-0.5 * squared * (math.pi * world.roughness_length_m / 2) ** 2)
     smooth: FloatArray = np.fft.ifft2(np.fft.fft2(white) * smoothing).real
     smooth *= world.roughness_m / smooth.std()
-    return smooth
+    # Toward the edge the floor sinks to its lowest point, where the even floor beyond begins.
+    lowest = smooth.min()
+    return np.asarray(lowest + _inside() * (smooth - lowest))
+
+
+def _inside() -> FloatArray:
+    """Return 1 inside the patch and a slope to 0 over its edge, (cells, cells)."""
+    axis = np.linspace(-ROUGH_HALF_SIZE_M, ROUGH_HALF_SIZE_M, ROUGH_CELLS)
+    share = np.clip((ROUGH_HALF_SIZE_M - np.abs(axis)) / EDGE_M, 0.0, 1.0)
+    return np.asarray(np.minimum(share[:, np.newaxis], share))

@@ -16,17 +16,21 @@ NotNegative = Annotated[Number, Field(ge=0, allow_inf_nan=False)]
 Offset = Annotated[Number, Field(ge=-1, le=1, allow_inf_nan=False)]
 
 
-class SensorNoise(BaseModel):
-    """Standard deviations of what the robot measures, drawn anew every tick."""
+class _Section(BaseModel):
+    """Frozen, and without keys that are not known."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class SensorNoise(_Section):
+    """Standard deviations of what the robot measures, drawn anew every tick."""
 
     joint_deg: NotNegative = 0.0
     position_m: NotNegative = 0.0
     yaw_deg: NotNegative = 0.0
 
 
-class World(BaseModel):
+class World(_Section):
     """Everything about a simulation that is not the robot; the defaults are the flat world.
 
     Attributes:
@@ -43,8 +47,6 @@ class World(BaseModel):
             seed, a list of 18 gives each joint its own.
         sensor_noise: noise of what is measured.
     """
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     friction: Annotated[Number, Field(gt=0, le=5, allow_inf_nan=False)] = 0.8
     slope_deg: Annotated[Number, Field(ge=0, le=40, allow_inf_nan=False)] = 0.0

@@ -1,0 +1,16 @@
+"""Printing to whoever reads; one that has gone, as `head` does, is no fault of ours."""
+
+import os
+import sys
+
+import typer
+
+
+def say(text: str) -> None:
+    """Print text on stdout."""
+    try:
+        typer.echo(text)
+        sys.stdout.flush()
+    except BrokenPipeError:
+        # Python must not complain about the closed pipe again while it exits.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -1,0 +1,190 @@
+"""The counting rule: nobody pays twice for a code, and the search never notices."""
+
+from collections.abc import Callable, Iterator
+from itertools import count, repeat
+from typing import Any
+
+import pytest
+
+from hexctl.adapt.catalogue import OPTIMIZERS, make_optimizer
+from hexctl.adapt.counting import FreshCodes, SpaceExhaustedError
+from hexctl.adapt.optimizer import Optimizer
+from hexctl.errors import InputError
+from tests.adapt.searching import ONE_FAILED, THREE_FAILED, search, slope
+
+
+class Scripted(Optimizer):
+    """Asks for the codes of a script and writes down what it is told."""
+
+    name = "scripted"
+
+    def __init__(self, script: Iterator[int]) -> None:
+        super().__init__(ONE_FAILED, 0)
+        self._script = script
+        self.told: list[tuple[int, float]] = []
+
+    def _suggest(self, count: int) -> list[int]:
+        return [next(self._script) for _ in range(count)]
+
+    def _learn(self, codes: list[int], scores: list[float]) -> None:
+        self.told += zip(codes, scores, strict=True)
+
+    def _search_state(self) -> dict[str, Any]:
+        return {}
+
+    def _restore_search(self, state: dict[str, Any]) -> None:
+        pass
+
+
+def fresh(name: str, seed: int = 1, **options: Any) -> FreshCodes:
+    return FreshCodes(make_optimizer(name, ONE_FAILED, seed), seed, **options)
+
+
+def tell(optimizer: Optimizer, codes: list[int]) -> None:
+    optimizer.tell(codes, [slope(code) for code in codes])
+
+
+@pytest.mark.parametrize("name", OPTIMIZERS)
+@pytest.mark.parametrize("batch", [1, 10, 64])
+@pytest.mark.parametrize("landscape", [slope, lambda _: 1e9], ids=["slope", "flat"])
+def test_every_code_is_handed_out_once_and_then_it_is_exhausted(
+    name: str, batch: int, landscape: Callable[[int], float]
+) -> None:
+    optimizer = fresh(name)
+    codes = search(optimizer, 1000, batch=batch, landscape=landscape)
+    assert sorted(codes) == list(range(1, 121))
+    assert optimizer.exhausted
+    with pytest.raises(SpaceExhaustedError, match=f"{name}: all 120 codes have been tried"):
+        optimizer.ask()
+
+
+def test_not_exhausted_before_the_last_score_is_told() -> None:
+    optimizer = FreshCodes(make_optimizer("pso", THREE_FAILED, 0), 0)
+    search(optimizer, 5)
+    codes = optimizer.ask()
+    assert not optimizer.exhausted
+    tell(optimizer, codes)
+    assert optimizer.exhausted
+
+
+def test_a_known_code_is_answered_at_once_with_the_score_it_got() -> None:
+    inner = Scripted(iter([5, 5, 9, 5, 9, 30]))
+    optimizer = FreshCodes(inner, 0)
+    asked = []
+    for score in (0.5, 0.9, 0.3):
+        asked += optimizer.ask()
+        optimizer.tell(asked[-1:], [score])
+    assert asked == [5, 9, 30]
+    assert inner.told == [(5, 0.5), (5, 0.5), (9, 0.9), (5, 0.5), (9, 0.9), (30, 0.3)]
+
+
+def test_a_code_that_comes_twice_in_one_ask_is_paid_for_once() -> None:
+    inner = Scripted(iter([5, 9, 5, 30, 9, 5, 7, 7, 30, 8]))
+    optimizer = FreshCodes(inner, 0)
+    codes = optimizer.ask(5)
+    assert codes == [5, 9, 30]
+    tell(optimizer, codes)
+    codes = optimizer.ask(5)
+    assert codes == [7, 8]
+    tell(optimizer, codes)
+    assert inner.told == [(code, slope(code)) for code in (5, 9, 5, 30, 9, 5, 7, 7, 30, 8)]
+
+
+def test_a_search_that_is_stuck_gets_help_after_the_patience_and_asks_on() -> None:
+    inner = Scripted(repeat(5))
+    optimizer = FreshCodes(inner, 0, patience=20)
+    assert search(optimizer, 1) == [5]
+    substitutes = optimizer.ask()
+    assert len(inner.told) == 1 + 20
+    tell(optimizer, substitutes)
+    for extra in range(1, 30):
+        tell(optimizer, optimizer.ask())
+        assert len(inner.told) == 1 + 20 + extra
+    assert set(inner.told) == {(5, slope(5))}, "a code that it did not ask for"
+
+
+def test_a_fresh_code_of_its_own_ends_the_help() -> None:
+    inner = Scripted(iter([5, *[5] * 21, 77, *[5] * 20]))
+    optimizer = FreshCodes(inner, 0, patience=20)
+    assert search(optimizer, 4)[::3] == [5, 77]  # with two substitutes between them
+    assert len(inner.told) == 1 + 20 + 1 + 1
+    optimizer.ask()
+    assert len(inner.told) == 1 + 20 + 1 + 1 + 20
+
+
+def test_a_substitute_is_told_when_the_search_asks_for_it_later() -> None:
+    asked: list[int] = []
+    inner = Scripted(iter(lambda: asked[-1] if len(asked) > 1 else 5, None))
+    optimizer = FreshCodes(inner, 0, patience=3)
+    for _ in range(2):
+        asked += optimizer.ask()
+        tell(optimizer, asked[-1:])
+    substitute = asked[-1]
+    assert substitute != 5
+    search(optimizer, 1)
+    assert inner.told[-1] == (substitute, slope(substitute))
+
+
+def test_substitutes_are_random_untried_codes() -> None:
+    seen = set()
+    for seed in range(10):
+        codes = search(FreshCodes(Scripted(repeat(5)), seed), 30)
+        assert len(set(codes)) == 30
+        seen.add(tuple(codes))
+    assert len(seen) == 10
+
+
+def test_substitutes_do_not_repeat_the_draws_of_the_search() -> None:
+    stuck = search(FreshCodes(Scripted(repeat(5)), 3), 21)[1:]
+    assert stuck != search(make_optimizer("random", ONE_FAILED, 3), 20)
+
+
+@pytest.mark.parametrize("name", OPTIMIZERS)
+def test_the_search_is_told_exactly_what_it_would_see_on_its_own(name: str) -> None:
+    # Without help, the counted search is the bare one with its repetitions left out.
+    bare = search(make_optimizer(name, ONE_FAILED, 2), 60)
+    once = list(dict.fromkeys(bare))
+    assert search(fresh(name, 2, patience=10_000), len(once)) == once
+
+
+@pytest.mark.parametrize("name", OPTIMIZERS)
+def test_the_papers_count_passes_everything_through(name: str) -> None:
+    optimizer = fresh(name, 4, paper_count=True)
+    assert search(optimizer, 300) == search(make_optimizer(name, ONE_FAILED, 4), 300)
+    assert not optimizer.exhausted
+
+
+@pytest.mark.parametrize("options", [{"paper_count": True}, {"patience": 7}])
+def test_the_state_of_another_rule_is_refused(options: dict[str, Any]) -> None:
+    optimizer = fresh("pso")
+    before = optimizer.state()
+    with pytest.raises(InputError, match="counting rule: got"):
+        optimizer.restore(fresh("pso", **options).state())
+    assert optimizer.state() == before
+
+
+def test_the_state_of_a_search_that_was_not_counted_is_refused() -> None:
+    optimizer, bare = fresh("pso"), make_optimizer("pso", ONE_FAILED, 0)
+    with pytest.raises(InputError, match="damaged or of another version"):
+        optimizer.restore(bare.state())
+    with pytest.raises(InputError, match="damaged or of another version"):
+        bare.restore(optimizer.state())
+
+
+@pytest.mark.parametrize("stop", [0, 1, 3, 40])
+def test_help_goes_on_after_a_restore(stop: int) -> None:
+    # By then the swarm has collapsed.
+    original, restored = fresh("pso", 5, patience=5), fresh("pso", 6, patience=5)
+    search(original, 60 + stop)
+    restored.restore(original.state())
+    assert search(restored, 20) == search(original, 20)
+
+
+def test_a_patience_below_one_is_refused() -> None:
+    with pytest.raises(InputError, match="patience: got 0; allowed: 1 or more"):
+        fresh("pso", patience=0)
+
+
+def test_a_search_that_never_repeats_needs_no_help() -> None:
+    inner = Scripted(count(1))
+    assert search(FreshCodes(inner, 0), 120) == list(range(1, 121))

@@ -1,0 +1,157 @@
+"""The particle swarm against its theory: Trelea's deterministic swarm and Poli's sampling distribution."""
+
+from typing import ClassVar
+
+import numpy as np
+import pytest
+
+from hexctl.adapt.pso import ParticleSwarm
+from hexctl.robot.messages import FloatArray
+from tests.adapt.continuous import HIGH, LOW, make, minimum, sphere
+
+FAR = 1e9  # walls that are never met
+
+
+class Certain(np.random.Generator):
+    """A generator whose uniform numbers in [0, 1] are all 1: the deterministic swarm."""
+
+    def random(self, size: object = None, *_: object, **__: object) -> FloatArray:  # type: ignore[override]
+        return np.ones(size)  # type: ignore[call-overload, no-any-return]
+
+
+class Tuned(ParticleSwarm):
+    """A swarm in one dimension far from all walls, with other weights."""
+
+    def __init__(
+        self, inertia: float, cognitive: float, social: float, random: np.random.Generator, size: int
+    ):
+        super().__init__([-FAR], [FAR], random, size)
+        self.weights = inertia, cognitive, social
+
+    inertia: ClassVar[float] = property(lambda self: self.weights[0])  # type: ignore[assignment]
+    cognitive: ClassVar[float] = property(lambda self: self.weights[1])  # type: ignore[assignment]
+    social: ClassVar[float] = property(lambda self: self.weights[2])  # type: ignore[assignment]
+
+
+def stagnating(swarm: ParticleSwarm, own: float, best: float, start: float, steps: int) -> FloatArray:
+    """Return the positions of a swarm whose particles all remember `own` and follow `best`, (steps, size).
+
+    Particle 0 is the one that holds the best.
+    """
+    swarm.positions = np.full((swarm.size, 1), start)
+    swarm.velocities = np.zeros((swarm.size, 1))
+    swarm.kept = np.full((swarm.size, 1), own)
+    swarm.kept[0] = best
+    swarm.kept_scores = np.ones(swarm.size)
+    swarm.kept_scores[0] = 0.0
+    swarm.known[:] = True
+    path = []
+    for _ in range(steps):
+        swarm.advance(np.full(swarm.size, 2.0))  # never better
+        path.append(swarm.positions[:, 0])
+    return np.array(path)
+
+
+@pytest.mark.parametrize(
+    ("inertia", "cognitive", "social"), [(0.5, 0.5, 2.0), (0.7, 0.3, 0.3), (0.9, 1.0, 1.5)]
+)
+def test_without_chance_a_particle_moves_as_trelea_has_it(
+    inertia: float, cognitive: float, social: float
+) -> None:
+    # Trelea 2003: x(t+1) = (1 + ω - φ) x(t) - ω x(t-1) + φ p, in closed form by the roots of λ² - ... = 0.
+    swarm = Tuned(inertia, cognitive, social, Certain(np.random.PCG64(0)), 10)
+    path = stagnating(swarm, own=3.0, best=8.0, start=-40.0, steps=30)[:, 1]
+    weight = cognitive + social
+    point = (cognitive * 3.0 + social * 8.0) / weight
+    roots = np.roots([1, -(1 + inertia - weight), inertia])
+    # x(0) = x(-1) = start, since the first velocity is 0.
+    shares = np.linalg.solve(np.array([[1, 1], 1 / roots]), np.full(2, -40.0 - point))
+    expected = [point + (shares * roots**step).sum().real for step in range(1, 31)]
+    np.testing.assert_allclose(path, expected, rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("inertia", [0.2, 0.5, 0.8])
+def test_without_chance_a_swarm_converges_just_where_theory_says(inertia: float) -> None:
+    # Trelea 2003: it converges for |ω| < 1 and 0 < φ < 2 (1 + ω).
+    bound = 2 * (1 + inertia)
+    for factor, converges in ((0.97, True), (1.03, False)):
+        swarm = Tuned(inertia, factor * bound / 2, factor * bound / 2, Certain(np.random.PCG64(0)), 10)
+        path = stagnating(swarm, own=5.0, best=5.0, start=6.0, steps=300)
+        assert (np.abs(path[-1] - 5.0).max() < 0.01) == converges
+
+
+def moments(inertia: float, cognitive: float, social: float) -> tuple[FloatArray, FloatArray]:
+    """Return A and b of the second moments of a stagnating particle with p = 0 and g = 1.
+
+    m' = A m + b for m = E[x², xy, y², x, y], y the position before x (Poli 2009, "Mean and variance of the
+    sampling distribution of particle swarm optimizers during stagnation"):
+    x' = (1 + ω - φ) x - ω y + φ2, with φ = φ1 + φ2, φ1 uniform in [0, c1], φ2 in [0, c2].
+    """
+    first, second = cognitive / 2, social / 2
+    square = cognitive**2 / 3 + social**2 / 3 + 2 * first * second  # E[φ²]
+    mixed = social**2 / 3 + first * second  # E[φ φ2]
+    mean = 1 + inertia - first - second
+    spread = (1 + inertia) ** 2 - 2 * (1 + inertia) * (first + second) + square  # E[(1 + ω - φ)²]
+    pull = (1 + inertia) * second - mixed  # E[(1 + ω - φ) φ2]
+    matrix = np.array(
+        [
+            [spread, -2 * inertia * mean, inertia**2, 2 * pull, -2 * inertia * second],
+            [mean, -inertia, 0, second, 0],
+            [1, 0, 0, 0, 0],
+            [0, 0, 0, mean, -inertia],
+            [0, 0, 0, 1, 0],
+        ]
+    )
+    return matrix, np.array([social**2 / 3, 0, 0, second, 0])
+
+
+@pytest.mark.parametrize("inertia", [0.0, 0.5, 0.7])
+def test_the_moments_have_polis_bound_of_order_2_stability(inertia: float) -> None:
+    # For c1 = c2 = c: the variance is bounded for c < 12 (1 - ω²) / (7 - 5 ω).
+    bound = 12 * (1 - inertia**2) / (7 - 5 * inertia)
+    for factor, stable in ((0.999, True), (1.001, False)):
+        matrix, _ = moments(inertia, factor * bound, factor * bound)
+        assert (np.abs(np.linalg.eigvals(matrix)).max() < 1) == stable
+
+
+@pytest.mark.parametrize(
+    ("inertia", "cognitive", "social"), [(0.5, 0.5, 2.0), (0.7298, 1.49618, 1.49618), (0.2, 1.0, 1.0)]
+)
+def test_a_stagnating_swarm_spreads_as_poli_has_it(inertia: float, cognitive: float, social: float) -> None:
+    matrix, constant = moments(inertia, cognitive, social)
+    expected = np.linalg.solve(np.eye(5) - matrix, constant)
+    swarm = Tuned(inertia, cognitive, social, np.random.default_rng(0), 10_000)
+    path = stagnating(swarm, own=0.0, best=1.0, start=0.5, steps=300)[200::10, 1:]
+    assert expected[3] == pytest.approx(social / (cognitive + social))
+    assert path.mean() == pytest.approx(expected[3], abs=0.01)
+    assert path.std() == pytest.approx(np.sqrt(expected[0] - expected[3] ** 2), rel=0.05)
+
+
+def test_a_stagnating_swarm_beyond_the_bound_flies_apart() -> None:
+    bound = 12 * (1 - 0.7**2) / (7 - 5 * 0.7)
+    swarm = Tuned(0.7, 1.6 * bound, 1.6 * bound, np.random.default_rng(0), 2000)
+    path = stagnating(swarm, own=0.0, best=1.0, start=0.5, steps=60)[:, 1:]
+    assert path[-1].std() > 10 * path[20].std()
+
+
+def test_the_papers_weights_converge_on_the_sphere() -> None:
+    found = [minimum(ParticleSwarm, sphere, 100, seed) for seed in range(30)]
+    assert np.median(found) < 1e-6
+
+
+def test_a_particle_that_leaves_the_box_stops_at_the_wall() -> None:
+    swarm = make(ParticleSwarm, 0)
+    assert isinstance(swarm, ParticleSwarm)
+    swarm.velocities[:] = [[200.0, 0.0]]
+    swarm.advance(sphere(swarm.positions))
+    np.testing.assert_array_equal(swarm.positions[:, 0], np.full(10, HIGH))
+    np.testing.assert_array_equal(swarm.velocities[:, 0], np.zeros(10))
+    assert (np.abs(swarm.velocities[:, 1]) > 0).sum() >= 9  # free along the wall; the best one rests
+
+
+def test_first_velocities_lead_no_particle_out_of_the_box() -> None:
+    for seed in range(20):
+        swarm = make(ParticleSwarm, seed)
+        assert isinstance(swarm, ParticleSwarm)
+        ahead = swarm.positions + swarm.velocities
+        assert ((ahead >= LOW) & (ahead <= HIGH)).all()
