@@ -10,7 +10,7 @@ export MUJOCO_GL ?= disable
 .PHONY: help setup demo test lint smoke bench clean
 
 help:
-	@echo "make demo   walk a hexapod with a failed leg in simulation, and say how to look at it"
+	@echo "make demo   find a gait for a hexapod whose leg 5 has failed, in simulation"
 	@echo "make test   style, types and tests"
 	@echo "make smoke  the built wheel, installed alone"
 	@echo "make bench  the numbers hexctl promises, measured (about 15 minutes)"
@@ -24,7 +24,7 @@ $(INSTALLED): pyproject.toml constraints.txt
 	touch $@
 
 demo: $(INSTALLED)
-	$(BIN)/hexctl run --failed-leg 5
+	$(BIN)/hexctl adapt --failed-leg 5 --budget 20
 
 lint: $(INSTALLED)
 	$(BIN)/ruff check .

@@ -55,7 +55,7 @@ class Walker:
             with make_servos(self.spec.backend, options) as servos:
                 log = TickLog(recording.write_block if recording else None)
                 result = run_trial(Guard(servos), plan, log, stop_requested=self.stop_requested)
-            if result.valid and result.deviation is None:
+            if result.status == "ok" and result.deviation is None:
                 raise RobotFaultError(
                     f"backend {self.spec.backend} knows no position, so a trial cannot be scored; "
                     "use a robot with odometry or motion capture, or --backend sim"

@@ -10,6 +10,9 @@ from dataclasses import dataclass
 #: The control period of hexctl, 50 Hz.
 PERIOD_S = 0.02
 
+#: After a long sleep the processor wakes up slowly; a second one as short as this ends on time.
+NAP_S = 0.0003
+
 
 @dataclass(frozen=True, slots=True)
 class Tick:
@@ -97,7 +100,7 @@ class WallClock(Clock):
         origin_s, time_s = self._origin_s, due * self.period_s
         # As little as possible between waking up and reading the clock: it would all be lateness.
         while (late_s := self._monotonic_s() - origin_s - time_s) < 0:
-            self._sleep(-late_s)
+            self._sleep(-late_s if late_s > -2 * NAP_S else -late_s - NAP_S)
         return Tick(due, time_s, late_s)
 
 

@@ -19,7 +19,7 @@ def adapt(
     optimizer: Annotated[
         str | None,
         typer.Option(
-            "--optimizer", help="pso, psosp, dps, debest, derand, random or exhaustive.  [default: pso]"
+            "--optimizer", help="pso, psosp, dps, debest, derand, random or exhaustive.  [default: random]"
         ),
     ] = None,
     objective: Annotated[

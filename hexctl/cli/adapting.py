@@ -4,11 +4,9 @@ import json
 import math
 import time
 from contextlib import ExitStack
-from dataclasses import fields
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
-
-import typer
 
 from hexctl.adapt.catalogue import make_optimizer
 from hexctl.adapt.counting import FreshCodes
@@ -21,13 +19,14 @@ from hexctl.adapt.walker import Walker
 from hexctl.backends.sim.world import World, load_world
 from hexctl.cli.exits import DONE, INTERRUPTED
 from hexctl.cli.interrupt import StopOnInterrupt
+from hexctl.cli.output import say
 from hexctl.cli.table import SessionTable, closing_lines
 from hexctl.cli.values import finite
-from hexctl.control.controller import check_walk
 from hexctl.control.plan import TrialPlan
+from hexctl.control.turning import check_plan
 from hexctl.errors import InputError
 from hexctl.gait.encoding import Slots
-from hexctl.gait.gait import Gait
+from hexctl.gait.named import make_gait
 from hexctl.robot.failure import parse_failure
 from hexctl.robot.file import load_robot
 from hexctl.robot.model import Robot
@@ -87,7 +86,7 @@ def execute(spec: SessionSpec | None, *, resume: str | None, record: bool, as_js
         ended = _adapt(session, store, table, interrupt, record=record)
     _write_overview(session, store, record=record)
     outcome = {**session.as_json(), "ended": ended, "wall_s": round(time.perf_counter() - began_s, 3)}
-    typer.echo(json.dumps(outcome) if as_json else closing_lines(session, ended))
+    say(json.dumps(outcome) if as_json else closing_lines(session, ended))
     return INTERRUPTED if ended == "interrupted" else DONE
 
 
@@ -102,6 +101,7 @@ def _adapt(
 
     optimizer = FreshCodes(
         make_optimizer(spec.optimizer, GaitSpace((spec.failed_leg,)), spec.seed),
+        spec.seed,
         paper_count=spec.count_repeats,
     )
     walker = Walker(
@@ -123,24 +123,17 @@ def _walk_parts(spec: SessionSpec) -> tuple[Robot, World | None, TrialPlan]:
     robot = load_robot(spec.robot)
     world = load_world(spec.world) if spec.world is not None else None
     plan = TrialPlan(
-        gait=Gait(
-            slots=(1, 2, 3, 4, 5, 6),
-            pace_hz=robot.gait.pace_hz,
-            amplitude=robot.gait.amplitude,
-            height=robot.gait.height,
-        ),
+        gait=make_gait(robot, "demo"),
         heading_rad=math.radians(spec.heading_deg),
         duration_s=spec.duration_s,
         failure=parse_failure(spec.failed_leg, spec.failure),
         self_rotation=spec.self_rotation,
     )
-    check_walk(robot, plan.gait, plan.motion(0.0))
+    check_plan(robot, plan)
     return robot, world, plan
 
 
 def _with_slots(plan: TrialPlan, slots: Slots) -> TrialPlan:
-    from dataclasses import replace
-
     return replace(plan, gait=replace(plan.gait, slots=slots))
 
 
@@ -151,6 +144,3 @@ def _write_overview(session: Session, store: SessionStore, *, record: bool) -> N
     from hexctl.adapt.overview import write_overview
 
     write_overview(session, store.folder_of(session.name))
-
-
-_ = fields

@@ -6,9 +6,11 @@ from typing import Annotated
 import typer
 from typer.exceptions import TyperException
 
+from hexctl.cli.adapt import adapt
 from hexctl.cli.check import check
 from hexctl.cli.exits import BAD_INPUT, FAULT, INTERRUPTED
 from hexctl.cli.run import run
+from hexctl.cli.sessions import sessions
 from hexctl.cli.view import view
 from hexctl.errors import HexctlError, InputError, LimitError, MissingExtraError, ReachError
 
@@ -19,8 +21,10 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 app.command()(run)
+app.command()(adapt)
 app.command()(check)
 app.command()(view)
+app.add_typer(sessions, name="sessions")
 
 
 def _print_version(wanted: bool) -> None:

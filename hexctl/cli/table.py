@@ -9,9 +9,7 @@ import typer
 
 from hexctl.adapt.session import MILESTONES_M, Session, TrialRecord
 
-HEADER = (
-    f"{'trial':>5} {'code':>5}  {'slots':<12} {'deviation':>10} {'distance':>9}  {'status':<12} {'best':>8}"
-)
+HEADER = "trial  code  slots        deviation     distance  status        best"
 
 
 class SessionTable:
@@ -29,14 +27,10 @@ class SessionTable:
     def __enter__(self) -> Self:
         if self._quiet:
             return self
-        spec = self._session.spec
-        typer.echo(
-            f"session {self._session.name}: leg {spec.failed_leg} {spec.failure}, {spec.optimizer}, "
-            f"{spec.budget} trials"
-        )
+        typer.echo(opening_line(self._session))
         typer.echo(HEADER)
         for trial in self._session.trials:
-            typer.echo(self._line(trial, upto=trial.index))
+            typer.echo(trial_line(self._session, trial))
         if sys.stderr.isatty():
             self._open_bar()
         return self
@@ -51,25 +45,12 @@ class SessionTable:
         """Print a trial and move the bar."""
         if self._quiet:
             return
-        line = self._line(trial, upto=trial.index)
+        line = trial_line(self._session, trial)
         if self._bar is None:
             typer.echo(line)
             return
         self._bar.console.print(line, highlight=False, markup=False)
         self._bar.update(self._task, completed=len(session.trials))
-
-    def _line(self, trial: TrialRecord, upto: int) -> str:
-        scores = [other.score for other in self._session.trials[:upto] if other.valid]
-        best = f"{min(scores):.3f}" if scores else "-"
-        signed, distance_m = trial.outcome["deviation_m"]["signed"], trial.outcome["distance_m"]
-        deviation = "-" if signed is None else f"{abs(signed):.3f} {'left ' if signed > 0 else 'right'}"
-        distance = "-" if distance_m is None else f"{distance_m:.2f} m"
-        status = trial.outcome["status"] + (" (repeat)" if trial.confirms else "")
-        slots = ",".join(str(slot) for slot in trial.slots)
-        return (
-            f"{trial.index:>5} {trial.code:>5}  {slots:<12} {deviation:>10} {distance:>9}  "
-            f"{status:<12} {best:>8}"
-        )
 
     def _open_bar(self) -> None:
         from rich.console import Console
@@ -88,19 +69,52 @@ class SessionTable:
         self._bar.start()
 
 
+def session_lines(session: Session) -> list[str]:
+    """Return a whole session for a person: what was asked, every trial, what came of it."""
+    lines = [trial_line(session, trial) for trial in session.trials]
+    return [opening_line(session), HEADER, *lines, *_milestone_lines(session)]
+
+
+def opening_line(session: Session) -> str:
+    """Return what a session was asked for."""
+    spec = session.spec
+    return (
+        f"session {session.name}: leg {spec.failed_leg} {spec.failure}, {spec.optimizer}, "
+        f"{spec.budget} trials"
+    )
+
+
+def trial_line(session: Session, trial: TrialRecord) -> str:
+    """Return a trial as a line of the table, with the best score up to it."""
+    scores = [other.score for other in session.trials[: trial.index] if other.valid]
+    best = f"{min(scores):.3f}" if scores else "-"
+    signed, distance_m = trial.outcome["deviation_m"]["signed"], trial.outcome["distance_m"]
+    deviation = "-" if signed is None else f"{abs(signed):.3f} {'left' if signed > 0 else 'right'}"
+    distance = "-" if distance_m is None else f"{distance_m:.2f} m"
+    status = trial.outcome["status"] + (" (repeat)" if trial.confirms else "")
+    slots = ",".join(str(slot) for slot in trial.slots)
+    numbers = f"{trial.index:>5} {trial.code:>5}  {slots:<11}  {deviation:<12} {distance:>9}"
+    return f"{numbers}  {status:<12} {best:>6}"
+
+
 def closing_lines(session: Session, ended: str) -> str:
     """Return what a person wants to know at the end of a session."""
-    best = session.best
-    lines = [f"ended: {ended} after {len(session.trials)} trials"]
-    if best is None:
-        lines.append("no valid trial yet: every gait fell or made no progress")
-    else:
-        slots = ",".join(str(slot) for slot in best.slots)
-        lines.append(f"best: trial {best.index}, code {best.code} (slots {slots}), {best.score:.3f} m")
-    for milestone in MILESTONES_M:
-        reached = session.trials_to(milestone)
-        lines.append(f"within {milestone:g} m: " + (f"after {reached} trials" if reached else "not reached"))
+    lines = [f"ended: {ended} after {len(session.trials)} trials", *_milestone_lines(session)]
     if ended == "interrupted":
         lines.append(f"go on with: hexctl adapt --resume {session.name}")
     lines.append(f"look at it with: hexctl view {session.name}")
     return "\n".join(lines)
+
+
+def _milestone_lines(session: Session) -> list[str]:
+    """Return the best trial and how soon the milestones were reached."""
+    best = session.best
+    if best is None:
+        lines = ["no valid trial yet: every gait fell or made no progress"]
+    else:
+        slots = ",".join(str(slot) for slot in best.slots)
+        lines = [f"best: trial {best.index}, code {best.code} (slots {slots}), {best.score:.3f} m"]
+    for milestone in MILESTONES_M:
+        reached = session.trials_to(milestone)
+        lines.append(f"within {milestone:g} m: " + (f"after {reached} trials" if reached else "not reached"))
+    return lines

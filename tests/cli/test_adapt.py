@@ -1,0 +1,157 @@
+"""`hexctl adapt` and `hexctl sessions` as a user calls them."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from hexctl.cli.main import exit_code
+
+PATIENCE_S = 90.0
+QUICK = ["adapt", "--failed-leg", "4", "--duration", "3", "--budget", "3"]
+
+
+@pytest.fixture(autouse=True)
+def _in_an_empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+
+
+def run_json(capsys: pytest.CaptureFixture[str], *arguments: str, code: int = 0) -> Any:
+    capsys.readouterr()
+    assert exit_code([*arguments, "--json"]) == code
+    printed = capsys.readouterr()
+    assert printed.err == ""
+    return json.loads(printed.out)
+
+
+def course(outcome: dict[str, Any]) -> list[Any]:
+    """Return what two equal sessions have in common."""
+    return [{key: value for key, value in trial.items() if key != "recording"} for trial in outcome["trials"]]
+
+
+def test_every_trial_is_walked_kept_and_recorded(capsys: pytest.CaptureFixture[str]) -> None:
+    outcome = run_json(capsys, *QUICK, "--optimizer", "pso", "--seed", "2")
+    assert [trial["index"] for trial in outcome["trials"]] == [1, 2, 3]
+    assert (outcome["optimizer"], outcome["failed_leg"], outcome["budget"], outcome["seed"]) == (
+        "pso",
+        4,
+        3,
+        2,
+    )
+    for trial in outcome["trials"]:
+        assert len(set(trial["slots"])) == 6
+        assert trial["slots"][3] == 4
+        assert Path(trial["recording"]).stat().st_size > 10_000
+        assert set(trial["deviation_m"]) == {"final", "mean", "max", "signed"}
+    assert outcome["best"] in outcome["trials"]
+    assert outcome["best"]["score"] == min(trial["score"] for trial in outcome["trials"])
+    assert {"trials_to_0.10_m", "trials_to_0.025_m", "wall_s"} <= set(outcome)
+    assert (Path("runs") / outcome["session"] / "overview.rrd").exists()
+
+
+def test_the_same_seed_gives_the_same_session(capsys: pytest.CaptureFixture[str]) -> None:
+    first = run_json(capsys, *QUICK, "--no-record", "--seed", "5")
+    again = run_json(capsys, *QUICK, "--no-record", "--seed", "5")
+    other = run_json(capsys, *QUICK, "--no-record", "--seed", "6")
+    assert course(first) == course(again)
+    assert course(first) != course(other)
+    assert first["session"] != again["session"]
+
+
+def test_the_table_and_the_sessions(capsys: pytest.CaptureFixture[str]) -> None:
+    assert exit_code([*QUICK, "--no-record"]) == 0
+    printed = capsys.readouterr().out
+    assert len([line for line in printed.splitlines() if " ok " in line]) == 3
+    (listed,) = run_json(capsys, "sessions", "list")
+    name = listed["session"]
+    assert name in printed
+    assert exit_code(["sessions", "show", name]) == 0
+    assert "best: trial" in capsys.readouterr().out
+    for ending in ("csv", "parquet"):
+        assert exit_code(["sessions", "export", name, f"out.{ending}"]) == 0
+        assert Path(f"out.{ending}").stat().st_size > 100
+    assert len(Path("out.csv").read_text().splitlines()) == 4
+    assert exit_code(["sessions", "export", name, "out.csv"]) == 2
+    assert exit_code(["sessions", "delete", name, "--yes"]) == 0
+    assert run_json(capsys, "sessions", "list") == []
+
+
+REFUSED = [
+    (["adapt"], ["--failed-leg", "1..6"]),
+    (["adapt", "--failed-leg", "7"], ["failed leg", "7", "1..6"]),
+    (["adapt", "--failed-leg", "5", "--budget", "0"], ["--budget", "0", "1.."]),
+    (["adapt", "--failed-leg", "5", "--optimizer", "magic"], ["magic", "pso"]),
+    (["adapt", "--failed-leg", "5", "--objective", "speed"], ["speed", "final, mean, max, progress"]),
+    (["adapt", "--failed-leg", "5", "--target", "-1"], ["--target", "-1"]),
+    (["adapt", "--failed-leg", "5", "--confirm", "20"], ["--confirm", "20"]),
+    (["adapt", "--failed-leg", "5", "--duration", "nan"], ["duration", "nan"]),
+    (["adapt", "--failed-leg", "5", "--world", "mars"], ["mars", "flat"]),
+    (["adapt", "--failed-leg", "5", "--robot", "bob"], ["bob", "ant"]),
+    (["adapt", "--failed-leg", "5", "--seed", "-3"], ["--seed", "-3"]),
+    (["adapt", "--resume", "nobody"], ["nobody"]),
+    (["sessions", "show", "nobody"], ["nobody"]),
+]
+
+
+@pytest.mark.parametrize(("arguments", "words"), REFUSED, ids=lambda value: " ".join(value)[:45])
+def test_bad_input_is_refused_in_one_line(
+    arguments: list[str], words: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert exit_code(arguments) == 2
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert len(printed.err.splitlines()) == 1
+    for word in words:
+        assert word in printed.err
+
+
+def test_a_robot_without_a_position_cannot_be_scored(capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = ["adapt", "--failed-leg", "5", "--backend", "mock", "--duration", "0.1", "--no-record"]
+    assert exit_code(arguments) == 3
+    assert "knows no position" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
+def test_a_session_cut_off_goes_on_to_the_same_end(
+    number: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Ctrl-C and kill -9 in mid-session, then --resume."""
+    arguments = [
+        "--failed-leg",
+        "2",
+        "--duration",
+        "12",
+        "--budget",
+        "6",
+        "--optimizer",
+        "debest",
+        "--no-record",
+    ]
+    whole = run_json(capsys, "adapt", *arguments)
+    command = [sys.executable, "-m", "hexctl", "adapt", *arguments]
+    folder = tmp_path / "cut"
+    folder.mkdir()
+    process = subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    try:
+        assert process.stdout is not None
+        deadline_s = time.monotonic() + PATIENCE_S
+        while "   2  " not in process.stdout.readline():
+            assert time.monotonic() < deadline_s
+        os.kill(process.pid, number)
+        process.communicate(timeout=PATIENCE_S)
+    finally:
+        process.kill()
+        process.wait()
+    assert process.returncode == (130 if number == signal.SIGINT else -signal.SIGKILL)
+    os.chdir(folder)
+    (listed,) = run_json(capsys, "sessions", "list")
+    assert 2 <= listed["trials"] < 6
+    resumed = run_json(capsys, "adapt", "--resume", listed["session"], "--no-record")
+    assert course(resumed) == course(whole)
+    assert resumed["best"]["code"] == whole["best"]["code"]
