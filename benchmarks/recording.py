@@ -54,11 +54,14 @@ class _Trials:
             SimServos(ant()) as servos,
             Recording(path, ant(), self._plan, title="benchmark") as recording,
         ):
+            log = TickLog(recording.write_block)
             began_s = time.perf_counter()
-            result = run_trial(Guard(servos), self._plan, TickLog(recording.write_block))
+            result = run_trial(Guard(servos), self._plan, log)
             recording.finish(result, {})
             recording.close()
             wall_s = time.perf_counter() - began_s
+        if log.sink_error is not None:
+            raise log.sink_error
         self.bytes_on_disk = path.stat().st_size
         return wall_s
 

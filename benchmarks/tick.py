@@ -1,4 +1,4 @@
-"""One control tick without physics: read, gait, inverse kinematics, guard, write, as `drive` times it.
+"""One control tick without physics: read, gait, inverse kinematics, guard, write, log, as `drive` times it.
 
 Twice: as hexctl runs, which plans many ticks of a walk at once, and planning every tick by itself, which is
 what a controller that answers to the state would pay.

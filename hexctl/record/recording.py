@@ -12,20 +12,16 @@ from hexctl.backends.sim.terrain import Floor
 from hexctl.control.log import TickLog
 from hexctl.control.plan import TrialPlan
 from hexctl.control.result import TrialResult
-from hexctl.errors import RecordingError
 from hexctl.record import paths
 from hexctl.record.blueprint import make_blueprint
 from hexctl.record.columns import BlockWriter, Subject
 from hexctl.record.files import create_file
 from hexctl.record.scene import LEVEL, send_scene
-from hexctl.record.sdk import load_rerun
+from hexctl.record.sdk import flush, load_rerun
 from hexctl.record.summary import make_markdown, make_properties
 from hexctl.robot.model import Robot
 
 APPLICATION_ID = "hexctl"
-
-#: Longer than this a disk does not need; a hung one must not hang the program.
-FLUSH_TIMEOUT_S = 30.0
 
 #: Rows wait until there are this many or the last are this old: each chunk costs time and space.
 BLOCK_TICKS = 2000
@@ -107,7 +103,7 @@ class Recording:
         self._send_summary(result, facts)
         properties = make_properties(self._title, self._subject.robot, self._subject.plan, result, facts)
         self._stream.send_property("trial", rr.AnyValues(**properties))
-        self._flush()
+        flush(self._stream, self.path)
 
     def close(self) -> None:
         """Close the file; a second call does nothing."""
@@ -129,10 +125,3 @@ class Recording:
         if stop > self._written:
             BlockWriter(self._stream, self._subject, log, self._written, stop).write()
         self._written, self._written_at_s, self._pending = stop, time.monotonic(), None
-
-    def _flush(self) -> None:
-        try:
-            self._stream.flush(timeout_sec=FLUSH_TIMEOUT_S)
-        except (OSError, RuntimeError, ValueError) as error:
-            reason = " ".join(str(error).split())
-            raise RecordingError(f"{self.path}: the recording is incomplete: {reason}") from error

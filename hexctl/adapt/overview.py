@@ -1,0 +1,83 @@
+"""The overview of a session: what `hexctl.record.overview` draws, from what the store keeps."""
+
+from pathlib import Path
+
+import numpy as np
+
+from hexctl.adapt.session import MILESTONES_M, Session, TrialRecord
+from hexctl.record.overview.file import write_overview_file
+from hexctl.record.overview.trials import Overview, OverviewTrial, drawable
+from hexctl.robot.messages import FloatArray
+
+FILE_NAME = "overview.rrd"
+
+OBJECTIVE_NAMES = {
+    "final": "deviation at the end",
+    "mean": "mean deviation",
+    "max": "greatest deviation",
+    "progress": "deviation at the end per share of the ideal distance",
+}
+
+
+def write_overview(session: Session, folder: Path) -> Path:
+    """Write `overview.rrd` into a session's folder, in place of an earlier one, and return its path.
+
+    Raises InputError for a session without trials or a folder that cannot be written, RecordingError when the
+    disk did not take everything, and MissingExtraError without Rerun.
+    """
+    path = folder / FILE_NAME
+    write_overview_file(path, make_overview(session))
+    return path
+
+
+def make_overview(session: Session) -> Overview:
+    """Return a session as its overview shows it."""
+    ideals_m = [trial.outcome["ideal_distance_m"] for trial in session.trials]
+    return Overview(
+        title=session.name,
+        facts=tuple(_facts(session)),
+        objective=OBJECTIVE_NAMES[session.spec.objective],
+        course_m=max(ideals_m, default=0.0) or 1.0,
+        trials=tuple(_trial(trial) for trial in session.trials),
+    )
+
+
+def _facts(session: Session) -> list[str]:
+    """Return what was asked for and what came of it."""
+    spec, best = session.spec, session.best
+    asked = f"leg {spec.failed_leg} {spec.failure}, {spec.robot}, {spec.backend}"
+    world = f", world {spec.world}" if spec.world is not None else ""
+    lines = [
+        f"{asked}{world}",
+        f"{spec.optimizer}, seed {spec.seed}: {len(session.trials)} of {spec.budget} trials",
+        f"score: {OBJECTIVE_NAMES[spec.objective]}",
+    ]
+    if best is not None:
+        lines.append(f"**best: trial {best.index}, code {best.code}, score {best.score:.3f} m**")
+    for milestone_m in MILESTONES_M:
+        reached = session.trials_to(milestone_m)
+        lines.append(
+            f"within {100 * milestone_m:g} cm " + (f"after {reached} trials" if reached else "not yet")
+        )
+    return lines
+
+
+def _trial(trial: TrialRecord) -> OverviewTrial:
+    outcome = trial.outcome
+    return OverviewTrial(
+        index=trial.index,
+        code=trial.code,
+        slots=trial.slots,
+        score_m=trial.score if trial.valid else None,
+        deviation_m=outcome["deviation_m"]["signed"],
+        distance_m=outcome["distance_m"],
+        status=outcome["status"] + (" (repeat)" if trial.confirms else ""),
+        path_m=_path(trial),
+    )
+
+
+def _path(trial: TrialRecord) -> FloatArray:
+    """Return the kept points and the end itself, (N, 2): the points are taken five times a second."""
+    end = trial.outcome["distance_m"], trial.outcome["deviation_m"]["signed"]
+    points = [*trial.path_m, *([end] if None not in end else [])]
+    return drawable(np.array(points, dtype=float).reshape(-1, 2))

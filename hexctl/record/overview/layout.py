@@ -1,0 +1,46 @@
+"""The layout that an overview opens with."""
+
+from typing import Any
+
+from hexctl.record import style
+from hexctl.record.overview import paths
+from hexctl.record.overview.above import picture, visible_m
+from hexctl.record.overview.trials import Overview
+
+
+def make_layout(overview: Overview) -> Any:
+    """Return the blueprint of an overview."""
+    import rerun.blueprint as rrb
+
+    left = rrb.Vertical(_above_view(overview), _curve_view(overview), row_shares=[5, 2])
+    table = rrb.TextDocumentView(origin=paths.TABLE, name="trials")
+    return rrb.Blueprint(
+        rrb.Horizontal(left, table, column_shares=[5, 3]),
+        # Open: it lists the recordings of the trials, to be chosen from.
+        rrb.BlueprintPanel(state="expanded"),
+        rrb.SelectionPanel(state="hidden"),
+        # Following: the time cursor begins at the last trial, so that all are shown.
+        rrb.TimePanel(state="collapsed", timeline=paths.TIMELINE, play_state="following", fps=4.0),
+        auto_views=False,
+        auto_layout=False,
+    )
+
+
+def _above_view(overview: Overview) -> Any:
+    import rerun.blueprint as rrb
+
+    (x_low, bottom), (x_high, top) = picture(visible_m(overview))
+    return rrb.Spatial2DView(
+        origin=paths.ABOVE,
+        name="trajectories from above (m)",
+        background=[*style.BACKGROUND],
+        visual_bounds=rrb.VisualBounds2D(x_range=[x_low, x_high], y_range=[top, bottom]),
+    )
+
+
+def _curve_view(overview: Overview) -> Any:
+    import rerun.blueprint as rrb
+
+    return rrb.TimeSeriesView(
+        origin=paths.CURVE, name=f"{overview.objective} (m)", plot_legend=rrb.Corner2D.RightTop
+    )

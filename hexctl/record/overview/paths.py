@@ -1,0 +1,35 @@
+"""Where things live in an overview recording."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from hexctl.record.sdk import load_rerun
+
+#: The only timeline: the index of the trial.
+TIMELINE = "trial"
+
+ABOVE = "above"
+AXES = "above/axes"
+BANDS = "above/bands"
+LINE = "above/line_of_travel"
+START = "above/start"
+LEGEND = "above/legend"
+BEST = "above/best"
+CURVE = "curve"
+SCORE = "curve/score"
+INVALID = "curve/invalid"
+BEST_SO_FAR = "curve/best_so_far"
+TARGETS = "curve/targets"
+TABLE = "table"
+
+
+def trial_path(index: int) -> str:
+    """Return the entity of a trial's trajectory."""
+    return f"{ABOVE}/trials/{index:03d}"
+
+
+def at(indices: Sequence[int]) -> Any:
+    """Return trials as a column of the timeline."""
+    return load_rerun().TimeColumn(TIMELINE, sequence=np.asarray(indices, dtype=np.int64))

@@ -1,0 +1,90 @@
+"""What an overview shows, in plain values."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from hexctl.robot.messages import FloatArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OverviewTrial:
+    """One trial.
+
+    Attributes:
+        index: 1 for the first trial.
+        code: the gait tried.
+        slots: its slots.
+        score_m: by the session's objective, lower is better; None for an invalid trial.
+        deviation_m: from the line of travel at the end, positive to the left; None where unknown.
+        distance_m: progress along the heading, or None.
+        status: how it ended, in words.
+        path_m: progress along the heading and signed deviation, positive to the left, (N, 2).
+    """
+
+    index: int
+    code: int
+    slots: tuple[int, ...]
+    score_m: float | None
+    deviation_m: float | None
+    distance_m: float | None
+    status: str
+    path_m: FloatArray
+
+    @property
+    def end_m(self) -> FloatArray:
+        """Return where it ended, (2,)."""
+        end: FloatArray = self.path_m[-1]
+        return end
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Overview:
+    """A session as its overview shows it.
+
+    Attributes:
+        title: name of the session.
+        facts: lines on what was asked for and what came of it.
+        objective: what the score is, in words.
+        course_m: length of the line of travel: the distance of a walk without slip.
+        trials: in the order in which they were walked.
+    """
+
+    title: str
+    facts: tuple[str, ...]
+    objective: str
+    course_m: float
+    trials: tuple[OverviewTrial, ...]
+
+    @property
+    def best(self) -> OverviewTrial | None:
+        """Return the trial with the lowest score, the earliest of equals, or None without a valid trial."""
+        return list(self.best_so_far())[-1] if self.trials else None
+
+    def best_so_far(self) -> Iterator[OverviewTrial | None]:
+        """Yield for each trial the best of those up to it, None before the first valid one."""
+        best, lowest_m = None, math.inf
+        for trial in self.trials:
+            if trial.score_m is not None and trial.score_m < lowest_m:
+                best, lowest_m = trial, trial.score_m
+            yield best
+
+
+def deviation_text(deviation_m: float | None) -> str:
+    """Return a signed deviation for a reader, such as `0.006 m left`."""
+    if deviation_m is None or not math.isfinite(deviation_m):
+        return "–"
+    return f"{abs(deviation_m):.3f} m {'left' if deviation_m > 0 else 'right'}"
+
+
+def drawable(path_m: FloatArray) -> FloatArray:
+    """Return the points of a path that can be drawn: a diverged simulation ends in numbers that cannot."""
+    sane = np.isfinite(path_m).all(axis=1)
+    kept: FloatArray = path_m[sane & (np.abs(np.where(sane[:, np.newaxis], path_m, 0.0)) < FAR_M).all(axis=1)]
+    return kept
+
+
+#: No walk of a trial gets this far; a simulation that has diverged does.
+FAR_M = 1000.0

@@ -1,0 +1,102 @@
+"""Landscapes on disk: a file each, whole or not there, and never believed without a look at it."""
+
+import json
+import os
+import zipfile
+from pathlib import Path
+from typing import IO
+
+import numpy as np
+
+from hexctl.control.result import STATUSES
+from hexctl.errors import HexctlError
+from hexctl.study.landscape import NUMBERS, Landscape, LandscapeSpec, empty_landscape
+
+_ARRAYS = ("codes", "status", "numbers", "paths_m")
+
+
+class CacheError(HexctlError, OSError):
+    """The cache folder cannot be written."""
+
+
+class LandscapeCache:
+    """Landscapes in a folder, by robot, world, failure, trial settings and code version.
+
+    A landscape may be saved before it is complete; what is missing can be told from it.
+
+    Attributes:
+        folder: where the files are.
+        notes: what was found wrong with files, one line each; such files are computed anew.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.notes: list[str] = []
+
+    def path_of(self, spec: LandscapeSpec) -> Path:
+        """Return the file of a landscape."""
+        return self.folder / f"leg{spec.leg}-{spec.self_rotation}-{spec.fingerprint}.npz"
+
+    def load(self, spec: LandscapeSpec) -> Landscape:
+        """Return what is known of a landscape, which may be nothing."""
+        path = self.path_of(spec)
+        if not path.exists():
+            return empty_landscape(spec)
+        try:
+            return _read(path, spec)
+        except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+            reason = " ".join(str(error).split()) or type(error).__name__
+            self.notes.append(f"{path}: not usable ({reason}); it is computed anew")
+            return empty_landscape(spec)
+
+    def save(self, landscape: Landscape) -> None:
+        """Put a landscape in its file, which is the old one or the new one at any moment.
+
+        Raises CacheError when the disk refuses.
+        """
+        path = self.path_of(landscape.spec)
+        temporary = path.with_name(f".{path.name}.{os.getpid()}")
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            with temporary.open("wb") as file:
+                _write(file, landscape)
+                file.flush()
+                os.fsync(file.fileno())
+            temporary.replace(path)
+        except OSError as error:
+            raise CacheError(f"study cache: {path} cannot be written: {error}") from error
+        finally:
+            temporary.unlink(missing_ok=True)
+
+
+def _write(file: IO[bytes], landscape: Landscape) -> None:
+    identity = json.dumps(landscape.spec.identity(), sort_keys=True)
+    arrays = {name: getattr(landscape, name) for name in _ARRAYS}
+    np.savez(file, allow_pickle=False, identity=np.array(identity), **arrays)
+
+
+def _read(path: Path, spec: LandscapeSpec) -> Landscape:
+    """Return the landscape of a file; raises ValueError unless it is one of this spec and makes sense."""
+    with np.load(path, allow_pickle=False) as file:
+        if json.loads(str(file["identity"])) != json.loads(json.dumps(spec.identity())):
+            raise ValueError("it is of another landscape")
+        arrays = {name: file[name] for name in _ARRAYS}
+    expected = empty_landscape(spec)
+    for name, array in arrays.items():
+        wanted = getattr(expected, name)
+        if (array.shape, array.dtype) != (wanted.shape, wanted.dtype):
+            raise ValueError(f"{name} is {array.dtype} {array.shape}, expected {wanted.dtype} {wanted.shape}")
+    landscape = Landscape(spec=spec, **arrays)
+    _check(landscape)
+    return landscape
+
+
+def _check(landscape: Landscape) -> None:
+    """Raise ValueError for codes, statuses or numbers that no simulation gives."""
+    if not np.array_equal(landscape.codes, landscape.spec.codes):
+        raise ValueError("its codes are others")
+    if not np.isin(landscape.status, ["", *STATUSES]).all():
+        raise ValueError(f"it has statuses other than {', '.join(STATUSES)}")
+    known = [NUMBERS.index(name) for name in ("signed_m", "mean_m", "max_m", "distance_m")]
+    if not np.isfinite(landscape.numbers[landscape.valid][:, known]).all():
+        raise ValueError("it has valid gaits without numbers")

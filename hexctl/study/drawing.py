@@ -1,0 +1,64 @@
+"""What all figures share: matplotlib without a window, colours, saving."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from hexctl.errors import MissingExtraError
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+#: Colours that people with colour-blindness tell apart (Okabe and Ito), one for each optimizer.
+OPTIMIZER_COLORS = {
+    "pso": "#0072B2",
+    "psosp": "#56B4E9",
+    "dps": "#009E73",
+    "debest": "#D55E00",
+    "derand": "#CC79A7",
+    "random": "#000000",
+    "exhaustive": "#999999",
+}
+OTHER_COLORS = ("#E69F00", "#8C564B", "#7F3C8D")
+LINE_COLOR = "#B03A2E"
+
+#: Pixels per inch of the PNG files.
+DPI = 130
+
+
+def check_drawing() -> None:
+    """Raise MissingExtraError unless figures and tables can be written."""
+    try:
+        import matplotlib  # noqa: F401
+        import pyarrow  # noqa: F401
+    except ModuleNotFoundError as error:
+        raise MissingExtraError("hexctl study", "study") from error
+
+
+def color_of(optimizer: str) -> str:
+    """Return the colour of an optimizer, the same one every time."""
+    return OPTIMIZER_COLORS.get(optimizer, OTHER_COLORS[sum(optimizer.encode()) % len(OTHER_COLORS)])
+
+
+def new_figure(rows: int, columns: int, size_in: tuple[float, float]) -> "tuple[Figure, list[Axes]]":
+    """Return a figure and its panels, row by row, with common axes."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=size_in, layout="constrained")
+    panels = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
+    return figure, list(panels.flat)
+
+
+def grid_of(count: int) -> tuple[int, int]:
+    """Return rows and columns for some panels: up to three in a row."""
+    columns = min(3, count)
+    return -(-count // columns), columns
+
+
+def save_figure(figure: "Figure", folder: Path, name: str) -> None:
+    """Write a figure as NAME.png and NAME.svg."""
+    import matplotlib as mpl
+
+    with mpl.rc_context({"svg.hashsalt": name}):
+        figure.savefig(folder / f"{name}.png", dpi=DPI, metadata={"Software": None})
+        figure.savefig(folder / f"{name}.svg", metadata={"Date": None, "Creator": None})

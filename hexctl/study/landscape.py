@@ -1,0 +1,224 @@
+"""A landscape: what became of every gait of one failed leg."""
+
+import hashlib
+import json
+import math
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hexctl.adapt.objective import INVALID_SCORE
+from hexctl.adapt.space import GaitSpace
+from hexctl.backends.clock import PERIOD_S
+from hexctl.backends.sim.world import World
+from hexctl.control.batch import SimTrial
+from hexctl.control.plan import TrialPlan
+from hexctl.control.result import TrialResult
+from hexctl.gait.gait import Gait
+from hexctl.robot.failure import Failure
+from hexctl.robot.messages import BoolArray, FloatArray
+from hexctl.robot.model import Robot
+from hexctl.study.versions import code_versions
+
+#: Every so many ticks a point of a path is kept: 5 Hz.
+PATH_STRIDE = 10
+
+#: The numbers kept of each gait, NaN where there are none.
+NUMBERS = ("signed_m", "mean_m", "max_m", "distance_m", "yaw_change_rad", "turned_rad")
+
+N_CODES = 120
+
+
+@dataclass(frozen=True, kw_only=True)
+class LandscapeSpec:
+    """Which landscape: everything that decides its numbers, save the code that computes them.
+
+    Attributes:
+        robot: who walks.
+        world: where.
+        leg: the failed leg, 1..6.
+        self_rotation: where the failed leg points during the walk: `rear`, `front`, or `none` for as it is.
+        duration_s: how long each gait walks.
+        failure: the kind of failure.
+        seed: of the simulation.
+        codes: the gaits, ascending.
+    """
+
+    robot: Robot
+    world: World
+    leg: int
+    self_rotation: str
+    duration_s: float = 30.0
+    failure: str = "locked"
+    seed: int = 0
+    codes: tuple[int, ...] = tuple(range(1, N_CODES + 1))
+
+    @cached_property
+    def space(self) -> GaitSpace:
+        """Return the gaits of the legs that still walk."""
+        return GaitSpace((self.leg,))
+
+    @property
+    def title(self) -> str:
+        """Return the landscape's name for people."""
+        turned = {"none": "without self-rotation"}.get(self.self_rotation, "with self-rotation")
+        return f"leg {self.leg} {turned}"
+
+    @property
+    def n_points(self) -> int:
+        """Return how many points a whole path has."""
+        return math.ceil(self.duration_s / PERIOD_S - 1e-9) // PATH_STRIDE
+
+    def trial(self, code: int) -> SimTrial:
+        """Return the trial of one gait."""
+        default = self.robot.gait
+        gait = Gait(
+            slots=self.space.slots_of(code),
+            pace_hz=default.pace_hz,
+            amplitude=default.amplitude,
+            height=default.height,
+        )
+        plan = TrialPlan(
+            gait=gait,
+            duration_s=self.duration_s,
+            failure=Failure(leg=self.leg, kind=self.failure),
+            self_rotation=self.self_rotation,
+        )
+        return SimTrial(robot=self.robot, plan=plan, world=self.world, seed=self.seed)
+
+    def identity(self) -> dict[str, Any]:
+        """Return as plain JSON values what makes two landscapes the same: the question and the code."""
+        failure = asdict(Failure(leg=self.leg, kind=self.failure))
+        settings = {"self_rotation": self.self_rotation, "duration_s": self.duration_s, "seed": self.seed}
+        return {
+            "robot": self.robot.fingerprint,
+            "world": self.world.model_dump(mode="json"),
+            "failure": failure,
+            **settings,
+            "codes": list(self.codes),
+            "code": code_versions(),
+        }
+
+    @property
+    def fingerprint(self) -> str:
+        """Return a short text that is equal for two landscapes exactly if their identities are."""
+        return hashlib.sha256(json.dumps(self.identity(), sort_keys=True).encode()).hexdigest()[:16]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rows:
+    """The outcomes of some gaits, one row each.
+
+    Attributes:
+        codes: (n,).
+        status: as in `hexctl.control.result.STATUSES`; empty for a gait that has not walked yet, (n,).
+        numbers: one column for each of `NUMBERS`, (n, 6).
+        paths_m: progress and signed deviation, five points a second, the last one at the end; NaN where the
+            walk was over, (n, P, 2).
+    """
+
+    codes: NDArray[np.int64]
+    status: NDArray[np.str_]
+    numbers: FloatArray
+    paths_m: NDArray[np.float32]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Landscape(Rows):
+    """The outcomes of all gaits of a spec; row i belongs to `spec.codes[i]`."""
+
+    spec: LandscapeSpec
+
+    def number(self, name: str) -> FloatArray:
+        """Return one column of `NUMBERS`, (n,)."""
+        return self.numbers[:, NUMBERS.index(name)]
+
+    @property
+    def done(self) -> BoolArray:
+        """Return which gaits have walked, (n,)."""
+        return np.asarray(self.status != "")
+
+    @property
+    def complete(self) -> bool:
+        """Return whether all gaits have walked."""
+        return bool(self.done.all())
+
+    @property
+    def missing(self) -> tuple[int, ...]:
+        """Return the codes that have not walked yet."""
+        return tuple(self.codes[~self.done].tolist())
+
+    @property
+    def valid(self) -> BoolArray:
+        """Return which gaits may be ranked, (n,)."""
+        return np.asarray(self.status == "ok")
+
+    @property
+    def final_m(self) -> FloatArray:
+        """Return the final deviation, the paper's F, (n,); NaN where there is none."""
+        return np.abs(self.number("signed_m"))
+
+    @property
+    def scores(self) -> FloatArray:
+        """Return what an optimizer is told, (n,): as `score_of` with the objective `final`."""
+        return np.where(self.valid, self.final_m, INVALID_SCORE)
+
+    @property
+    def best_m(self) -> float:
+        """Return the smallest final deviation of all valid gaits; NaN when there is none."""
+        return float(self.final_m[self.valid].min()) if self.valid.any() else math.nan
+
+    def row_of(self, code: int) -> int:
+        """Return the row of a code."""
+        return self.spec.codes.index(code)
+
+
+def empty_landscape(spec: LandscapeSpec) -> Landscape:
+    """Return the landscape of a spec before any gait has walked."""
+    n = len(spec.codes)
+    return Landscape(
+        spec=spec,
+        codes=np.array(spec.codes, dtype=np.int64),
+        status=np.full(n, "", dtype="<U16"),
+        numbers=np.full((n, len(NUMBERS)), np.nan),
+        paths_m=np.full((n, spec.n_points, 2), np.nan, dtype=np.float32),
+    )
+
+
+def rows_of(spec: LandscapeSpec, codes: tuple[int, ...], results: list[TrialResult]) -> Rows:
+    """Return the rows of the results of some codes, in their order."""
+    paths = np.full((len(codes), spec.n_points, 2), np.nan, dtype=np.float32)
+    for path, result in zip(paths, results, strict=True):
+        points = result.path_m[PATH_STRIDE - 1 :: PATH_STRIDE]
+        path[: len(points)] = points
+    return Rows(
+        codes=np.array(codes, dtype=np.int64),
+        status=np.array([result.status for result in results], dtype="<U16"),
+        numbers=np.array([_numbers_of(result) for result in results]).reshape(-1, len(NUMBERS)),
+        paths_m=paths,
+    )
+
+
+def with_rows(landscape: Landscape, rows: Rows) -> Landscape:
+    """Return a landscape with more gaits walked; raises ValueError for a code that is not in it."""
+    at = np.searchsorted(landscape.codes, rows.codes)
+    if not np.array_equal(landscape.codes[at.clip(max=len(landscape.codes) - 1)], rows.codes):
+        raise ValueError(f"codes: got {rows.codes.tolist()}; allowed: those of the landscape")
+    status, numbers, paths = landscape.status.copy(), landscape.numbers.copy(), landscape.paths_m.copy()
+    status[at], numbers[at], paths[at] = rows.status, rows.numbers, rows.paths_m
+    return Landscape(
+        spec=landscape.spec, codes=landscape.codes, status=status, numbers=numbers, paths_m=paths
+    )
+
+
+def _numbers_of(result: TrialResult) -> list[float]:
+    """Return the values of `NUMBERS`."""
+    deviation = result.deviation
+    signed, mean, most = (
+        (deviation.signed, deviation.mean, deviation.max) if deviation is not None else (math.nan,) * 3
+    )
+    known = [math.nan if value is None else value for value in (result.distance_m, result.yaw_change_rad)]
+    return [signed, mean, most, *known, result.turned_rad]

@@ -1,0 +1,103 @@
+"""What a study asks: which legs, optimizers, runs and evaluations."""
+
+import math
+from dataclasses import dataclass, field
+
+from hexctl.adapt.catalogue import make_optimizer
+from hexctl.adapt.space import GaitSpace
+from hexctl.backends.sim.world import World
+from hexctl.control.turning import check_plan
+from hexctl.errors import InputError, LimitError, ReachError
+from hexctl.robot.joints import N_LEGS
+from hexctl.robot.model import Robot
+from hexctl.study.landscape import LandscapeSpec
+
+#: The five of the paper.
+HEURISTICS = ("pso", "psosp", "dps", "debest", "derand")
+BASELINE = "random"
+
+#: As the paper walks, and as it searches.
+WITHOUT, WITH = "none", "rear"
+ROTATIONS = (WITHOUT, WITH)
+
+#: Seeds of runs are told apart by leg and run in one readable number.
+MAX_RUNS = 999
+MAX_BUDGET = 10_000
+MAX_SEED = 10_000
+
+
+@dataclass(frozen=True, kw_only=True)
+class StudyPlan:
+    """The questions of one study; the defaults are the paper's.
+
+    Attributes:
+        robot: who walks.
+        world: where.
+        legs: the failed legs, ascending.
+        optimizers: names as in `hexctl.adapt.catalogue`.
+        runs: seeded runs of each optimizer on each leg.
+        budget: evaluations of a run.
+        duration_s: how long each gait walks.
+        seed: of everything.
+    """
+
+    robot: Robot
+    world: World = field(default_factory=World)
+    legs: tuple[int, ...] = tuple(range(1, N_LEGS + 1))
+    optimizers: tuple[str, ...] = (*HEURISTICS, BASELINE)
+    runs: int = 30
+    budget: int = 120
+    duration_s: float = 30.0
+    seed: int = 0
+
+    def specs(self) -> list[LandscapeSpec]:
+        """Return the specs of all landscapes, leg by leg."""
+        return [
+            LandscapeSpec(
+                robot=self.robot,
+                world=self.world,
+                leg=leg,
+                self_rotation=rotation,
+                duration_s=self.duration_s,
+                seed=self.seed,
+            )
+            for leg in self.legs
+            for rotation in ROTATIONS
+        ]
+
+    def seed_of(self, leg: int, run: int) -> int:
+        """Return the seed of a run, 0 for the first; `hexctl adapt --seed` repeats the run with it."""
+        return self.seed * 10_000 + leg * 1_000 + run
+
+    def check(self) -> None:
+        """Raise InputError for anything that is not allowed, before anything runs."""
+        _require(bool(self.legs), "--legs", "none", "one or more of 1..6")
+        unknown = [leg for leg in self.legs if not 1 <= leg <= N_LEGS]
+        _require(not unknown, "--legs", unknown, "1..6")
+        _require(len(set(self.legs)) == len(self.legs), "--legs", list(self.legs), "each leg once")
+        _require(1 <= self.runs <= MAX_RUNS, "--runs", self.runs, f"1..{MAX_RUNS}")
+        _require(1 <= self.budget <= MAX_BUDGET, "--budget", self.budget, f"1..{MAX_BUDGET}")
+        _require(0 <= self.seed <= MAX_SEED, "--seed", self.seed, f"0..{MAX_SEED}")
+        _require(math.isfinite(self.duration_s), "--duration", self.duration_s, "a finite time")
+        self._check_optimizers()
+        self._check_walks()
+
+    def _check_optimizers(self) -> None:
+        names = self.optimizers
+        _require(bool(names), "--optimizers", "none", "one or more names")
+        _require(len(set(names)) == len(names), "--optimizers", ",".join(names), "each name once")
+        for name in names:
+            make_optimizer(name, GaitSpace((self.legs[0],)), self.seed)
+
+    def _check_walks(self) -> None:
+        """Refuse a robot that cannot walk the gaits; all gaits of a leg have the same joint ranges."""
+        for spec in self.specs():
+            try:
+                check_plan(self.robot, spec.trial(spec.codes[0]).plan)
+            except (ReachError, LimitError) as error:
+                raise InputError(f"{self.robot.name}, {spec.title}: {error}") from error
+
+
+def _require(holds: bool, what: str, got: object, allowed: str) -> None:
+    if not holds:
+        raise InputError(f"{what}: got {got}; allowed: {allowed}")
