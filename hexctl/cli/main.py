@@ -11,6 +11,7 @@ from hexctl.cli.check import check
 from hexctl.cli.exits import BAD_INPUT, FAULT, INTERRUPTED
 from hexctl.cli.run import run
 from hexctl.cli.sessions import sessions
+from hexctl.cli.study import study
 from hexctl.cli.view import view
 from hexctl.errors import HexctlError, InputError, LimitError, MissingExtraError, ReachError
 
@@ -22,6 +23,7 @@ app = typer.Typer(
 )
 app.command()(run)
 app.command()(adapt)
+app.command()(study)
 app.command()(check)
 app.command()(view)
 app.add_typer(sessions, name="sessions")

@@ -136,7 +136,7 @@ def _walk(
     if recording is not None and trouble is None:
         try:
             recording.finish(result, outcome)
-        except RecordingError as error:
+        except Exception as error:  # noqa: BLE001  the walk is done, whatever its recording came to
             trouble = error
     return result, outcome, trouble
 

@@ -24,6 +24,9 @@ EXPIRY_S = 0.2
 #: No link needs a longer expiry.
 MAX_EXPIRY_S = 1.0
 
+#: A time this near before a control period, as a share of one, is rounding and belongs to it.
+ROUNDING = 1e-6
+
 
 @dataclass(slots=True)
 class GuardCounters:
@@ -62,7 +65,7 @@ class Guard(LegServos):
         self._accepted_rad: FloatArray | None = None
         self._accepted_at_s: float | None = None
         self._baseline_rad: FloatArray | None = None
-        self._baseline_at_s = -math.inf
+        self._baseline_period = 0
         self._pose_known = False
         self.leaning_ticks = 0
 
@@ -101,9 +104,17 @@ class Guard(LegServos):
             raise RobotFaultError(f"the robot cannot be reached: {error}") from error
 
     def close(self) -> None:
-        """Close the servos behind the guard; a stop stays latched."""
-        self._servos.close()
+        """Close the servos behind the guard; a stop stays latched.
+
+        Raises RobotFaultError when their link fails at that.
+        """
         self._forget()
+        try:
+            self._servos.close()
+        except HexctlError:
+            raise
+        except OSError as error:
+            raise RobotFaultError(f"the link to the robot failed: {error}") from error
 
     def read(self) -> RobotState:
         """Return the state, and latch a stop when the robot has fallen, is at fault or hears nothing.
@@ -162,14 +173,14 @@ class Guard(LegServos):
     def _forget(self) -> None:
         """Know of no command, no pose and no fall, as before the first one."""
         self._accepted_rad = self._accepted_at_s = self._baseline_rad = None
-        self._baseline_at_s = -math.inf
         self._pose_known = False
         self.leaning_ticks = 0
 
     def _baseline(self, now_s: float) -> FloatArray:
         """Return the target from which this period's steps are measured."""
-        if self._baseline_rad is None or now_s - self._baseline_at_s > 0.5 * self.clock.period_s:
-            self._baseline_rad, self._baseline_at_s = self.accepted_rad(), now_s
+        period = math.floor(now_s / self.clock.period_s + ROUNDING)
+        if self._baseline_rad is None or period > self._baseline_period:
+            self._baseline_rad, self._baseline_period = self.accepted_rad(), period
         return self._baseline_rad
 
     def _read(self) -> RobotState:

@@ -121,7 +121,8 @@ class Recording:
         """Send the rows that have been handed over and not sent."""
         if self._pending is None or self._stream is None:
             return
-        log, stop = self._pending.log, self._pending.stop
-        if stop > self._written:
-            BlockWriter(self._stream, self._subject, log, self._written, stop).write()
+        log, start, stop = self._pending.log, self._written, self._pending.stop
+        # Rows that cannot be sent are not tried again: closing the file must go well then too.
         self._written, self._written_at_s, self._pending = stop, time.monotonic(), None
+        if stop > start:
+            BlockWriter(self._stream, self._subject, log, start, stop).write()

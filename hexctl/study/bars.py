@@ -1,8 +1,7 @@
 """The project's own bar: how near, after how few evaluations, on the mean over legs and runs."""
 
 from dataclasses import dataclass
-
-import numpy as np
+from statistics import fmean
 
 from hexctl.study.findings import Findings
 
@@ -51,7 +50,7 @@ def limit_m(findings: Findings, evaluations: int, leg: int | None) -> float:
     if evaluations == EARLY:
         return EARLY_M
     if leg is None:
-        return float(np.mean([limit_m(findings, evaluations, each) for each in findings.plan.legs]))
+        return fmean(limit_m(findings, evaluations, each) for each in findings.plan.legs)
     best = findings.rotated(leg).best_m
     return best + LATE_ABOVE_BEST_M if best > LATE_M else LATE_M
 

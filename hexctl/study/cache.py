@@ -3,6 +3,7 @@
 import json
 import os
 import zipfile
+from contextlib import suppress
 from pathlib import Path
 from typing import IO
 
@@ -32,6 +33,16 @@ class LandscapeCache:
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self.notes: list[str] = []
+
+    def probe(self) -> None:
+        """Raise CacheError, before hours are spent, unless landscapes can be saved here."""
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            probe = self.folder / f".probe.{os.getpid()}"
+            probe.touch()
+            probe.unlink()
+        except OSError as error:
+            raise CacheError(f"study cache: {self.folder} cannot be written: {error.strerror}") from error
 
     def path_of(self, spec: LandscapeSpec) -> Path:
         """Return the file of a landscape."""
@@ -66,7 +77,8 @@ class LandscapeCache:
         except OSError as error:
             raise CacheError(f"study cache: {path} cannot be written: {error}") from error
         finally:
-            temporary.unlink(missing_ok=True)
+            with suppress(OSError):
+                temporary.unlink(missing_ok=True)
 
 
 def _write(file: IO[bytes], landscape: Landscape) -> None:

@@ -42,4 +42,6 @@ def each(values: dict[str, str]) -> str:
 
 def cm(value_m: float) -> str:
     """Return a length in m as text in cm."""
-    return f"{100 * value_m:.1f} cm" if np.isfinite(value_m) else "none"
+    if not np.isfinite(value_m):
+        return "none"
+    return f"{100 * value_m:.1f} cm" if abs(value_m) >= 0.01 else f"{100 * value_m:.2f} cm"

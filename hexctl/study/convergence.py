@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from hexctl.adapt.catalogue import make_optimizer
 from hexctl.adapt.counting import PATIENCE, FreshCodes
 from hexctl.adapt.objective import INVALID_SCORE
+from hexctl.adapt.population import POPULATION
 from hexctl.adapt.space import GaitSpace
 from hexctl.errors import InputError
 from hexctl.robot.messages import FloatArray
@@ -101,39 +102,48 @@ def curve_of(best_m: FloatArray) -> Curve:
 
 
 def search_landscape(
-    landscape: Landscape, optimizer: str, seeds: Sequence[int], budget: int, *, paper_count: bool
-) -> Searches:
-    """Return the runs of an optimizer that looks up every gait in a landscape.
+    landscape: Landscape, optimizer: str, seeds: Sequence[int], budget: int
+) -> tuple[Searches, Searches]:
+    """Return the runs of an optimizer that looks up every gait in a landscape: fresh count, paper's count.
 
     Raises InputError for a landscape that does not hold all gaits.
     """
     space, scores = landscape.spec.space, landscape.scores
     if len(scores) != space.size or not landscape.complete:
         raise InputError(f"{landscape.spec.title}: got {landscape.done.sum()} gaits; allowed: {space.size}")
-    runs = [_run(optimizer, space, seed, scores, budget, paper_count) for seed in seeds]
-    codes = np.array(runs, dtype=np.int64).reshape(len(seeds), budget)
     own = [codes_until_stuck(optimizer, space, seed, scores) for seed in seeds]
-    return Searches(
-        leg=landscape.spec.leg,
-        optimizer=optimizer,
-        paper_count=paper_count,
-        seeds=np.array(seeds, dtype=np.int64),
-        codes=codes,
-        scores=np.where(codes > 0, scores[codes - 1], INVALID_SCORE),
-        own_codes=np.array(own, dtype=np.int64),
-    )
+
+    def search(paper_count: bool) -> Searches:
+        runs = [_run(optimizer, space, seed, scores, budget, paper_count) for seed in seeds]
+        codes = np.array(runs, dtype=np.int64).reshape(len(seeds), budget)
+        return Searches(
+            leg=landscape.spec.leg,
+            optimizer=optimizer,
+            paper_count=paper_count,
+            seeds=np.array(seeds, dtype=np.int64),
+            codes=codes,
+            scores=np.where(codes > 0, scores[codes - 1], INVALID_SCORE),
+            own_codes=np.array(own, dtype=np.int64),
+        )
+
+    return search(False), search(True)
 
 
 def _run(
     optimizer: str, space: GaitSpace, seed: int, scores: FloatArray, budget: int, paper_count: bool
 ) -> list[int]:
-    """Return the codes that one run evaluates, filled up with 0."""
+    """Return the codes that one run evaluates, filled up with 0.
+
+    Codes are paid for one by one, as `hexctl adapt` does; where repetitions count the size of an ask does not
+    matter, and a generation at a time is quicker.
+    """
+    together = POPULATION if paper_count else 1
     search = FreshCodes(make_optimizer(optimizer, space, seed), seed, paper_count=paper_count)
     codes: list[int] = []
     while len(codes) < budget and not search.exhausted:
-        (code,) = search.ask(1)
-        search.tell([code], [float(scores[code - 1])])
-        codes.append(code)
+        asked = search.ask(min(together, budget - len(codes)))
+        search.tell(asked, [float(scores[code - 1]) for code in asked])
+        codes += asked
     return codes + [0] * (budget - len(codes))
 
 

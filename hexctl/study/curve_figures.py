@@ -5,8 +5,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hexctl.study.bars import EARLY, EARLY_M, LATE, LATE_M
+from hexctl.study.claim import cm
 from hexctl.study.convergence import Curve, Searches
-from hexctl.study.drawing import color_of, grid_of, new_figure
+from hexctl.study.drawing import color_of, grid_of, label_axes, new_figure
 from hexctl.study.findings import Findings
 from hexctl.study.plan import BASELINE
 
@@ -15,6 +16,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 FLOOR_COLOR = "#888888"
+
+#: Lower end of the scale: less than this says nothing about a robot.
+LOW_M = 0.002
 
 
 def convergence_figure(findings: Findings, *, paper_count: bool) -> "Figure":
@@ -26,10 +30,12 @@ def convergence_figure(findings: Findings, *, paper_count: bool) -> "Figure":
         for name in findings.plan.optimizers:
             search = findings.searches[leg, name, paper_count]
             _draw_curve(panel, name, search.curve)
+            _draw_spread(panel, name, search.curve)
             _mark_stuck(panel, search)
         best = findings.rotated(leg).best_m
         panel.axhline(best, color=FLOOR_COLOR, linewidth=1.2, linestyle=":", label="best of all gaits")
-        panel.set_title(f"leg {leg}:  best of all gaits {100 * best:.1f} cm", fontsize=9)
+        below = " (below the scale)" if best < LOW_M else ""
+        panel.set_title(f"leg {leg}:  best of all gaits {cm(best)}{below}", fontsize=9)
     counted = "repetitions counted (the paper's count)" if paper_count else "each gait paid for once"
     _finish(
         figure, panels, len(legs), f"Mean of the best deviation over {findings.plan.runs} runs, {counted}"
@@ -57,6 +63,14 @@ def _draw_curve(panel: "Axes", name: str, curve: Curve) -> None:
     panel.plot(evaluations, curve.mean, style, color=color_of(name), linewidth=1.4, label=name)
 
 
+def _draw_spread(panel: "Axes", name: str, curve: Curve) -> None:
+    """Shade where eight of ten runs of the random baseline are; six such bands would hide one another."""
+    if name == BASELINE:
+        evaluations = np.arange(1, len(curve.mean) + 1)
+        label = f"{name}, 10-90 % of the runs"
+        panel.fill_between(evaluations, curve.p10, curve.p90, color="#000000", alpha=0.08, lw=0, label=label)
+
+
 def _mark_stuck(panel: "Axes", search: Searches) -> None:
     """Put a dot where the search, on average, has no codes of its own left and random ones go on."""
     stuck = float(search.own_codes.mean())
@@ -73,11 +87,8 @@ def _finish(figure: "Figure", panels: "list[Axes]", used: int, title: str) -> No
         panel.axhline(EARLY_M, color="#C0392B", linewidth=0.5)
         panel.set_yticks([0.01, 0.025, 0.1, 0.5, 1.0], ["1 cm", "2.5 cm", "10 cm", "50 cm", "1 m"])
         panel.minorticks_off()
-        panel.grid(visible=True, linewidth=0.3)
-    for panel in panels[used:]:
-        panel.set_visible(False)
+        panel.set_ylim(bottom=LOW_M)
+    label_axes(panels, used, "evaluations", "deviation from the line")
     handles, labels = panels[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=len(labels), fontsize=9, frameon=False)
-    figure.supxlabel("evaluations", fontsize=9)
-    figure.supylabel("deviation from the line", fontsize=9)
     figure.suptitle(title, fontsize=11)

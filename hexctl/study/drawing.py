@@ -49,6 +49,19 @@ def new_figure(rows: int, columns: int, size_in: tuple[float, float]) -> "tuple[
     return figure, list(panels.flat)
 
 
+def label_axes(panels: "list[Axes]", used: int, across: str, up: str) -> None:
+    """Name the axes of the outer panels that are used and hide the others."""
+    columns = panels[0].get_subplotspec().get_gridspec().ncols  # type: ignore[union-attr]
+    for number, panel in enumerate(panels):
+        panel.set_visible(number < used)
+        panel.grid(visible=True, linewidth=0.3)
+        if number + columns >= used:
+            panel.set_xlabel(across, fontsize=9)
+            panel.tick_params(labelbottom=True)
+        if number % columns == 0:
+            panel.set_ylabel(up, fontsize=9)
+
+
 def grid_of(count: int) -> tuple[int, int]:
     """Return rows and columns for some panels: up to three in a row."""
     columns = min(3, count)
@@ -59,6 +72,9 @@ def save_figure(figure: "Figure", folder: Path, name: str) -> None:
     """Write a figure as NAME.png and NAME.svg."""
     import matplotlib as mpl
 
+    # Lay it out once, not once for each file.
+    figure.draw_without_rendering()
+    figure.set_layout_engine("none")
     with mpl.rc_context({"svg.hashsalt": name}):
         figure.savefig(folder / f"{name}.png", dpi=DPI, metadata={"Software": None})
         figure.savefig(folder / f"{name}.svg", metadata={"Date": None, "Creator": None})

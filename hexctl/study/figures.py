@@ -59,8 +59,9 @@ FIGURES = (
     FigureEntry(
         name="convergence_paper_count",
         paper="Fig. 7: curves fall within 20 evaluations, are flat after, and end around 2.5 cm.",
-        here="A repeated code costs an evaluation, as in the paper. A run without a valid gait so far is left "
-        "out of the mean. The scale is logarithmic.",
+        here="A repeated code costs an evaluation, as in the paper. A run without a valid gait so far is "
+        "left out of the mean. The scale is logarithmic. The spread of every optimizer is in "
+        "convergence.parquet.",
         draw=lambda findings: convergence_figure(findings, paper_count=True),
     ),
     FigureEntry(

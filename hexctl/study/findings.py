@@ -62,9 +62,7 @@ def search_all(plan: StudyPlan, landscapes: list[Landscape], on_leg: OnLeg = lam
     for number, leg in enumerate(plan.legs, start=1):
         seeds = [plan.seed_of(leg, run) for run in range(plan.runs)]
         for optimizer in plan.optimizers:
-            for paper_count in (False, True):
-                searches[leg, optimizer, paper_count] = search_landscape(
-                    known[leg, WITH], optimizer, seeds, plan.budget, paper_count=paper_count
-                )
+            for search in search_landscape(known[leg, WITH], optimizer, seeds, plan.budget):
+                searches[leg, optimizer, search.paper_count] = search
         on_leg(number)
     return Findings(plan=plan, landscapes=known, searches=searches)

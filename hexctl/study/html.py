@@ -6,7 +6,8 @@ from html import escape
 from pathlib import Path
 
 STYLE = """
-body { font: 15px/1.5 system-ui, sans-serif; color: #222; max-width: 1180px; margin: 2em auto; padding: 0 1em }
+body { font: 15px/1.5 system-ui, sans-serif; color: #222; max-width: 1180px;
+        margin: 2em auto; padding: 0 1em }
 h1 { font-size: 1.6em } h2 { font-size: 1.25em; margin-top: 2em; border-bottom: 1px solid #ccc }
 table { border-collapse: collapse; font-size: 13px; margin: 1em 0 }
 th, td { border: 1px solid #ddd; padding: .3em .6em; text-align: left; vertical-align: top }

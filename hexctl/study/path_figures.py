@@ -5,10 +5,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hexctl.robot.messages import FloatArray
-from hexctl.study.drawing import LINE_COLOR, grid_of, new_figure
+from hexctl.study.drawing import LINE_COLOR, grid_of, label_axes, new_figure
 from hexctl.study.findings import Findings
 from hexctl.study.landscape import Landscape
-from hexctl.study.walk_claims import left_share, within
+from hexctl.study.walk_claims import ends, within
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -16,7 +16,10 @@ if TYPE_CHECKING:
 
 #: Final deviations at the ends of the colour scale, in m.
 NEAR_M, FAR_M = 0.01, 3.0
-COLORS = "viridis_r"
+COLORS = "viridis"
+
+#: Width of a panel and of the colour bar, in inches.
+PANEL_IN, BAR_IN = 4.3, 1.0
 
 #: Legs whose examples the paper shows, and the arbitrary gait that stands for them without self-rotation.
 EXAMPLE_LEGS, EXAMPLE_CODE = (2, 6), 57
@@ -25,18 +28,17 @@ EXAMPLE_LEGS, EXAMPLE_CODE = (2, 6), 57
 def trajectories_figure(landscapes: list[Landscape], title: str) -> "Figure":
     """Return all trajectories of some landscapes, a panel each, coloured by final deviation."""
     rows, columns = grid_of(len(landscapes))
-    figure, panels = new_figure(rows, columns, (4.6 * columns + 1.2, 3.5 * rows + 0.5))
+    figure, panels = new_figure(rows, columns, _size_in(landscapes, rows, columns))
     for panel, landscape in zip(panels, landscapes, strict=False):
         lines = _draw_paths(panel, landscape, np.arange(len(landscape.codes)))
-        left = left_share(landscape)
+        left, right = ends(landscape)
+        valid, near = int(landscape.valid.sum()), within(landscape, 0.10)
         panel.set_title(
-            f"leg {landscape.spec.leg}:  {left:.0%} left, {1 - left:.0%} right,  "
-            f"{within(landscape, 0.10)} within 10 cm",
+            f"leg {landscape.spec.leg}:  {left} left, {right} right,  {valid} valid, {near} within 10 cm",
             fontsize=9,
         )
     _finish(figure, panels, len(landscapes), title)
-    bar = figure.colorbar(lines, ax=panels, shrink=0.8, pad=0.01, extend="both")
-    bar.set_label("deviation at the end in m")
+    _add_bar(figure, panels, lines)
     return figure
 
 
@@ -44,7 +46,7 @@ def best_figure(findings: Findings) -> "Figure":
     """Return the best gaits that the optimizers found over all runs, by the paper's count."""
     legs = findings.plan.legs
     rows, columns = grid_of(len(legs))
-    figure, panels = new_figure(rows, columns, (4.6 * columns + 1.2, 2.6 * rows + 0.5))
+    figure, panels = new_figure(rows, columns, (PANEL_IN * columns + BAR_IN, 2.6 * rows + 0.5))
     for panel, leg in zip(panels, legs, strict=False):
         landscape = findings.rotated(leg)
         codes, times = _found(findings, leg)
@@ -53,9 +55,9 @@ def best_figure(findings: Findings) -> "Figure":
             panel, landscape, np.array(chosen, dtype=int), 0.8 + 2.2 * times / max(1, times.max(initial=1))
         )
         panel.set_title(f"leg {leg}:  {len(codes)} different gaits in {times.sum()} runs", fontsize=9)
-    _finish(figure, panels, len(legs), "Best trajectories found, over all optimizers and runs")
-    bar = figure.colorbar(lines, ax=panels, shrink=0.8, pad=0.01, extend="both")
-    bar.set_label("deviation at the end in m")
+    title = "Best trajectories found, over all optimizers and runs (sideways stretched)"
+    _finish(figure, panels, len(legs), title, equal=False)
+    _add_bar(figure, panels, lines)
     return figure
 
 
@@ -120,22 +122,35 @@ def _draw_example(panel: "Axes", landscape: Landscape, row: int) -> None:
     panel.plot(points[:, 0], points[:, 1], color="#1F4E79", linewidth=1.8)
     panel.plot(points[::25, 0], points[::25, 1], "o", color="#1F4E79", markersize=3)
     slots = ",".join(str(slot) for slot in landscape.spec.space.slots_of(int(landscape.codes[row])))
-    panel.set_title(
-        f"{landscape.spec.title}, code {landscape.codes[row]} ({slots}): "
-        f"{landscape.number('signed_m')[row]:+.2f} m",
-        fontsize=9,
+    off = f"{landscape.number('signed_m')[row]:+.3f} m"
+    ends = off if landscape.valid[row] else f"{off}, invalid ({landscape.status[row]})"
+    panel.set_title(f"{landscape.spec.title}, code {landscape.codes[row]} ({slots}): {ends}", fontsize=9)
+
+
+def _size_in(landscapes: list[Landscape], rows: int, columns: int) -> tuple[float, float]:
+    """Return width and height of a figure whose panels hold all paths at equal scales."""
+    points = np.concatenate([landscape.paths_m.reshape(-1, 2) for landscape in landscapes])
+    points = np.concatenate([np.zeros((1, 2)), points[np.isfinite(points[:, 0])]])
+    wide, high = np.ptp(points, axis=0)
+    panel_in = PANEL_IN * float(np.clip(high / max(wide, 1e-6), 0.4, 1.6))
+    return PANEL_IN * columns + BAR_IN + 0.4, (panel_in + 0.35) * rows + 0.6
+
+
+def _add_bar(figure: "Figure", panels: "list[Axes]", lines: Any) -> None:
+    bar = figure.colorbar(lines, ax=panels, shrink=0.8, pad=0.01, extend="both")
+    bar.set_label("deviation at the end", fontsize=9)
+    bar.set_ticks(
+        [0.01, 0.025, 0.1, 0.3, 1.0, 3.0], labels=["1 cm", "2.5 cm", "10 cm", "30 cm", "1 m", "3 m"]
     )
+    bar.minorticks_off()
 
 
-def _finish(figure: "Figure", panels: "list[Axes]", used: int, title: str) -> None:
-    """Give all panels the line of travel, equal scales and labels."""
+def _finish(figure: "Figure", panels: "list[Axes]", used: int, title: str, *, equal: bool = True) -> None:
+    """Give all panels the line of travel and labels, and equal scales unless told otherwise."""
     for panel in panels[:used]:
         panel.axhline(0, color=LINE_COLOR, linewidth=0.8, zorder=0)
         panel.plot(0, 0, "o", color=LINE_COLOR, markersize=4)
-        panel.set_aspect("equal", adjustable="box")
-        panel.grid(visible=True, linewidth=0.3)
-    for panel in panels[used:]:
-        panel.set_visible(False)
-    figure.supxlabel("progress along the heading in m", fontsize=9)
-    figure.supylabel("to the left of the line in m", fontsize=9)
+        if equal:
+            panel.set_aspect("equal", adjustable="box")
+    label_axes(panels, used, "progress along the heading in m", "to the left of the line in m")
     figure.suptitle(title, fontsize=11)

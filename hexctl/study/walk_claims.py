@@ -2,8 +2,6 @@
 
 from collections.abc import Sequence
 
-import numpy as np
-
 from hexctl.study.bars import EARLY_M, LATE_M
 from hexctl.study.claim import Claim, per_leg
 from hexctl.study.findings import Findings
@@ -15,9 +13,14 @@ TENDENCY, BOTH = 0.9, 0.2
 
 def left_share(landscape: Landscape) -> float:
     """Return the share of the gaits that end on the left, of all that have an end; NaN where none has."""
+    left, right = ends(landscape)
+    return left / (left + right) if left + right else float("nan")
+
+
+def ends(landscape: Landscape) -> tuple[int, int]:
+    """Return how many gaits end on the left and on the right, valid or not."""
     signed = landscape.number("signed_m")
-    signed = signed[np.isfinite(signed)]
-    return float((signed > 0).mean()) if signed.size else float("nan")
+    return int((signed > 0).sum()), int((signed <= 0).sum())
 
 
 def within(landscape: Landscape, limit_m: float) -> int:

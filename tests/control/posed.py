@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from hexctl.backends.mock import MockServos
-from hexctl.robot.messages import FloatArray, RobotState
+from hexctl.robot.messages import FloatArray, JointTargets, RobotState
 from hexctl.robot.model import Robot
 from tests.backends.fake_time import FakeTime
 from tests.robots import shipped
@@ -18,6 +18,8 @@ class PosedMock(MockServos):
         time: the time it lives in.
         position_world: where it says it is, or None.
         quaternion_world: how it says it stands, or None.
+        joints_rad: where it says its joints are; None is the mock's echo.
+        age_s: how old it says its state is.
         healthy: what it says of itself.
     """
 
@@ -26,21 +28,61 @@ class PosedMock(MockServos):
         super().__init__(robot or shipped(), clock=self.time.clock())
         self.position_world: FloatArray | None = np.array([0.0, 0.0, 0.1])
         self.quaternion_world: FloatArray | None = np.array([1.0, 0.0, 0.0, 0.0])
+        self.joints_rad: FloatArray | None = None
+        self.age_s = 0.0
         self.healthy = True
+        self._broken: Exception | None = None
+
+    def connect(self) -> None:
+        """Start to answer, if the link is whole."""
+        self._use_link()
+        super().connect()
 
     def read(self) -> RobotState:
         """Return the mock's echo with the test's pose."""
+        self._use_link()
         echo = super().read()
         return RobotState(
-            echo.joint_positions_rad,
+            echo.joint_positions_rad if self.joints_rad is None else self.joints_rad,
             echo.stamp_s,
             measured=True,
             base_position_world=self.position_world,
             base_quaternion_world=self.quaternion_world,
+            age_s=self.age_s,
             healthy=self.healthy,
         )
+
+    def write(self, targets: JointTargets) -> JointTargets:
+        """Take the targets over at once, if the link is whole."""
+        self._use_link()
+        return super().write(targets)
+
+    def close(self) -> None:
+        """Stop answering; says so if the link is not whole."""
+        super().close()
+        self._use_link()
 
     def lean(self, degrees: float) -> None:
         """Let it say that its body leans to the side."""
         half = math.radians(degrees) / 2
         self.quaternion_world = np.array([math.cos(half), math.sin(half), 0.0, 0.0])
+
+    def spoil(self, part: str) -> None:
+        """Let one part of its state say nothing: `joints`, `position`, `quaternion` or `age`."""
+        if part == "joints":
+            self.joints_rad = self.robot.stance_angles_rad.copy()
+            self.joints_rad[11] = math.nan
+        elif part == "position":
+            self.position_world = np.array([0.0, math.nan, 0.1])
+        elif part == "quaternion":
+            self.quaternion_world = np.array([math.inf, 0.0, 0.0, 0.0])
+        else:
+            self.age_s = 0.21
+
+    def fail_with(self, error: Exception) -> None:
+        """Let every use of its link raise an error from now on."""
+        self._broken = error
+
+    def _use_link(self) -> None:
+        if self._broken is not None:
+            raise self._broken

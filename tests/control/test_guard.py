@@ -11,7 +11,10 @@ from hexctl.backends.base import LegServos
 from hexctl.backends.mock import MockServos
 from hexctl.backends.sim.servos import SimServos
 from hexctl.control.guard import Guard
-from hexctl.errors import CommandRefusedError, EStopError
+from hexctl.control.plan import TrialPlan
+from hexctl.control.trial import run_trial
+from hexctl.errors import CommandRefusedError, EStopError, InputError, RobotFaultError
+from hexctl.gait.named import make_gait
 from hexctl.robot.messages import FloatArray, JointTargets
 from tests.backends.conformance import LegServosConformance, move
 from tests.backends.fake_time import FakeTime
@@ -144,9 +147,9 @@ def test_a_stale_command_is_refused(age_s: float, accepted: bool) -> None:
     if accepted:
         guard.write(stale)
         return
-    with pytest.raises(CommandRefusedError, match=r"got .* s old; allowed: 0.2 s"):
+    with pytest.raises(CommandRefusedError, match=r"got .* s old; allowed: 0 to 0.2 s"):
         guard.write(stale)
-    assert servos.sent == []
+    assert len(servos.sent) == 0
     assert guard.counters.refused == 1
 
 
@@ -154,7 +157,75 @@ def test_a_command_without_a_time_is_refused() -> None:
     guard, servos = _connected()
     with pytest.raises(CommandRefusedError):
         guard.write(JointTargets(STANCE, math.nan))
-    assert servos.sent == []
+    assert len(servos.sent) == 0
+
+
+def test_a_command_from_the_future_is_refused() -> None:
+    guard, servos = _connected()
+    guard.write(JointTargets(STANCE, guard.clock.now_s + 0.015))
+    with pytest.raises(CommandRefusedError, match="old"):
+        guard.write(JointTargets(STANCE, guard.clock.now_s + 0.5))
+    assert len(servos.sent) == 1
+
+
+def test_many_commands_in_one_period_move_no_further_than_one() -> None:
+    guard, _ = _connected()
+    step = guard.robot.joint_max_speed_rad_s * 0.02
+    for _ in range(3):
+        guard.clock.tick()
+        before = guard.accepted_rad().copy()
+        for _ in range(6):
+            sent = _send(guard, STANCE + 0.5)
+        np.testing.assert_allclose(sent - before, np.minimum(step, STANCE + 0.5 - before), atol=1e-12)
+
+
+@pytest.mark.parametrize("expiry_s", [0.0, -1.0, 1.5, math.inf, math.nan])
+def test_the_expiry_has_no_off(expiry_s: float) -> None:
+    with pytest.raises(InputError, match="expiry"):
+        Guard(PosedMock(), expiry_s=expiry_s)
+
+
+def test_two_trials_with_a_pause_between_them() -> None:
+    guard, servos = _connected()
+    plan = TrialPlan(gait=make_gait(guard.robot, "tripod"), duration_s=1)
+    for _ in range(2):
+        result = run_trial(guard, plan)
+        assert (result.status, result.stopped) == ("ok", None)
+        servos.time.work(7.3)
+    assert guard.clock.overruns == 0
+
+
+@pytest.mark.parametrize("part", ["joints", "position", "quaternion", "age"])
+def test_a_state_that_says_nothing_stops_the_robot(part: str) -> None:
+    guard, servos = _connected()
+    guard.read()
+    servos.spoil(part)
+    guard.read()
+    assert guard.stopped == "state"
+
+
+def test_a_pose_that_is_gone_stops_the_robot() -> None:
+    guard, servos = _connected()
+    guard.read()
+    servos.position_world = servos.quaternion_world = None
+    guard.read()
+    assert guard.stopped == "pose lost"
+
+
+def test_a_robot_that_does_not_know_its_joints_is_not_moved() -> None:
+    guard, servos = _connected()
+    servos.spoil("joints")
+    with pytest.raises(RobotFaultError, match="not finite"):
+        _send(guard, STANCE)
+    assert len(servos.sent) == 0
+
+
+@pytest.mark.parametrize("error", [BrokenPipeError("gone"), TimeoutError("late"), OSError("port")])
+def test_a_link_that_fails_is_a_fault_of_the_robot(error: OSError) -> None:
+    guard, servos = _connected()
+    servos.fail_with(error)
+    with pytest.raises(RobotFaultError, match="link"):
+        guard.read()
 
 
 def test_silence_after_a_command_freezes_the_robot() -> None:

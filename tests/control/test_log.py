@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hexctl.backends.clock import Tick
-from hexctl.control.log import PHASES, TickLog
+from hexctl.control.log import CHUNK_ROWS, PHASES, TickLog
 from hexctl.robot.messages import JointTargets, RobotState
 
 
@@ -18,7 +18,8 @@ def _record(log: TickLog, index: int, *, posed: bool = True) -> None:
         foot_contacts=np.arange(6) == index % 6,
     )
     sent = JointTargets(np.full(18, index + 0.4), 0.02 * index)
-    log.record(Tick(index, 0.02 * index, 1e-4 * index), state, np.full(18, index + 0.3), sent, 2e-5)
+    log.record(Tick(index, 0.02 * index, 1e-4 * index), state, np.full(18, index + 0.3), sent)
+    log.took(2e-5)
 
 
 def test_every_tick_is_kept_as_it_came_however_many_there_are() -> None:
@@ -61,19 +62,53 @@ def test_phases_are_found_again() -> None:
     assert [log.rows_of(phase) for phase in PHASES] == [slice(0, 3), slice(0, 0), slice(3, 8), slice(8, 10)]
 
 
-def test_a_pose_that_was_missing_once_is_told() -> None:
+def test_a_pose_that_is_missing_is_told_and_has_no_numbers() -> None:
     log = TickLog()
-    _record(log, 0)
-    assert log.pose_known
-    _record(log, 1, posed=False)
-    _record(log, 2)
-    assert not log.pose_known
+    known = []
+    for index, posed in enumerate((True, False, True)):
+        _record(log, index, posed=posed)
+        known.append(log.pose_known)
+    assert known == [True, False, True]
+    assert np.isnan(log["base_position_world"]).all(axis=-1).tolist() == [False, True, False]
+    assert np.isnan(log["base_quaternion_world"]).all(axis=-1).tolist() == [False, True, False]
+
+
+def test_rows_are_the_same_across_chunks() -> None:
+    log = TickLog()
+    for index in range(2 * CHUNK_ROWS + 5):
+        _record(log, index)
+    whole = log["time_s"]
+    for start, stop in ((0, 1), (CHUNK_ROWS - 1, CHUNK_ROWS + 1), (10, 2 * CHUNK_ROWS + 5), (7, 7)):
+        np.testing.assert_array_equal(log.rows("time_s", start, stop), whole[start:stop])
+
+
+def test_the_work_of_a_tick_is_kept_with_it() -> None:
+    log = TickLog()
+    for index in range(3):
+        _record(log, index)
+    assert log["work_s"].tolist() == [2e-5] * 3
+
+
+def test_a_sink_that_fails_is_kept_for_later_and_left_alone() -> None:
+    calls = []
+
+    def sink(_: TickLog, first: int, __: int) -> None:
+        calls.append(first)
+        raise OSError("disk full")
+
+    log = TickLog(sink, block_ticks=2)
+    for index in range(7):
+        _record(log, index)
+    log.flush()
+    assert calls == [0]
+    assert isinstance(log.sink_error, OSError)
+    assert len(log) == 7
 
 
 def test_a_log_is_not_changed_by_what_happens_to_the_messages_later() -> None:
     log, wanted = TickLog(), np.zeros(18)
     state = RobotState(wanted, 0.0, measured=True)
-    log.record(Tick(1, 0.02), state, wanted, JointTargets(wanted, 0.02), 0.0)
+    log.record(Tick(1, 0.02), state, wanted, JointTargets(wanted, 0.02))
     wanted[:] = 9
     assert (log["measured_rad"] == 0).all()
     assert (log["wanted_rad"] == 0).all()

@@ -28,12 +28,14 @@ class _Rows:
     """Keeps what is recorded."""
 
     def __init__(self) -> None:
-        self.rows: list[tuple[Tick, RobotState, FloatArray, JointTargets, float]] = []
+        self.rows: list[tuple[Tick, RobotState, FloatArray, JointTargets]] = []
+        self.work_s: list[float] = []
 
-    def record(
-        self, tick: Tick, state: RobotState, wanted_rad: FloatArray, sent: JointTargets, work_s: float
-    ) -> None:
-        self.rows.append((tick, state, wanted_rad, sent, work_s))
+    def record(self, tick: Tick, state: RobotState, wanted_rad: FloatArray, sent: JointTargets) -> None:
+        self.rows.append((tick, state, wanted_rad, sent))
+
+    def took(self, work_s: float) -> None:
+        self.work_s.append(work_s)
 
 
 def _connected() -> tuple[Guard, PosedMock, _Nudge, _Rows]:
@@ -51,19 +53,20 @@ def test_each_tick_reads_what_the_last_one_wrote_and_is_recorded() -> None:
     read = [stance, *(stance + 0.01 * step for step in range(9))]
     np.testing.assert_allclose([joint for _, joint in controller.asked], read)
     assert len(rows.rows) == len(servos.sent) == 10
-    for tick, recorded, wanted, sent, work_s in rows.rows:
+    for tick, recorded, wanted, sent in rows.rows:
         assert sent.stamp_s == tick.time_s
         np.testing.assert_array_equal(sent.positions_rad, wanted)
-        assert work_s >= 0
         assert recorded.stamp_s == pytest.approx(tick.time_s)
     assert rows.rows[-1][1] is state
+    assert len(rows.work_s) == 10
+    assert all(work_s >= 0 for work_s in rows.work_s)
 
 
 def test_what_was_sent_is_recorded_beside_what_was_wanted() -> None:
     guard, _, _, rows = _connected()
     far = _Nudge(guard.robot.stance_angles_rad + 1.0)
     drive(guard, far, rows, lambda step, _: step >= 3)
-    for _, _, wanted, sent, _ in rows.rows[:1]:
+    for _, _, wanted, sent in rows.rows[:1]:
         assert (sent.positions_rad != wanted).all()
 
 

@@ -40,6 +40,7 @@ def _score(
         TrialPlan(gait=gait_of(shipped()), **plan),
         status=status,
         duration_s=duration_s,
+        turned_rad=0.0,
         clipped_ticks=3,
         frame=TrialFrame(origin, heading, 0.0 if yaws is None else float(yaws[0])),
         positions_world=world,
@@ -98,9 +99,14 @@ def test_less_than_half_the_ideal_distance_is_no_progress(share: float, status: 
 
 
 @pytest.mark.parametrize(("share", "status"), [(0.49, "no_progress"), (0.51, "ok")])
-def test_a_walk_shorter_than_its_soft_start_has_a_fair_floor(share: float, status: str) -> None:
-    distance = share * SPEED * 1.0**2 / 4  # the integral of t / 2 over one second
-    assert _score(_along(distance, np.zeros(5)), duration_s=1.0).status == status
+def test_the_floor_allows_for_the_soft_start(share: float, status: str) -> None:
+    distance = share * SPEED * (3.0 - 1.0)  # a ramp of two seconds loses one
+    assert _score(_along(distance, np.zeros(5)), duration_s=3.0).status == status
+
+
+def test_a_walk_shorter_than_its_soft_start_has_no_floor() -> None:
+    assert _score(_along(0.0, np.zeros(5)), duration_s=1.9).status == "ok"
+    assert _score(_along(0.0, np.zeros(5)), duration_s=2.1).status == "no_progress"
 
 
 @pytest.mark.parametrize("plan", [{"travel": 0.0}, {"turn_rate_rad_s": 0.2}])

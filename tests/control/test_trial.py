@@ -135,9 +135,8 @@ def test_after_the_self_rotation_it_walks_along_the_heading_that_it_was_given(
     assert result.deviation is not None
     assert result.deviation.final < 0.15
     walked = outcome.log["base_position_world"][outcome.log.rows_of("walk")]
-    np.testing.assert_array_equal(
-        frame.origin_world[:2], outcome.log["base_position_world"][outcome.log.rows_of("walk").start - 1, :2]
-    )
+    start = outcome.log["base_position_world"][outcome.log.rows_of("walk").start - 1]
+    np.testing.assert_allclose(frame.origin_world[:2], start[:2], atol=1e-3)
     way = walked[-1] - walked[0]
     assert math.degrees(math.atan2(way[1], way[0])) == pytest.approx(heading_deg, abs=15)
 

@@ -3,6 +3,7 @@
 import json
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,12 +12,14 @@ import pytest
 from hexctl.backends.mock import MockServos
 from hexctl.backends.sim.servos import SimServos
 from hexctl.backends.sim.world import World
+from hexctl.control.batch import SimTrial, run_sim_trials
+from hexctl.control.controller import check_walk
 from hexctl.control.guard import Guard
 from hexctl.control.log import TickLog
 from hexctl.control.plan import TrialPlan
 from hexctl.control.result import TrialResult
 from hexctl.control.trial import run_trial
-from hexctl.errors import LimitError, ReachError, RobotFaultError
+from hexctl.errors import InputError, LimitError, ReachError, RobotFaultError
 from hexctl.gait.gait import Gait
 from hexctl.robot.failure import Failure
 from hexctl.robot.messages import RobotState
@@ -175,10 +178,12 @@ def test_a_robot_that_loses_its_pose_is_not_scored_with_a_made_up_one() -> None:
         result = run_trial(
             guard, TrialPlan(gait=gait_of(shipped()), duration_s=3), log, stop_requested=lose_it
         )
-    assert (result.distance_m, result.deviation) == (None, None)
+    assert (result.status, result.stopped) == ("aborted", "pose lost")
+    assert not result.valid
+    assert result.duration_s <= 0.05
 
 
-def test_a_robot_that_loses_its_pose_in_the_turn_is_at_fault() -> None:
+def test_a_robot_that_loses_its_pose_in_the_turn_is_stopped_at_once() -> None:
     servos, log = PosedMock(), TickLog()
 
     def lose_it() -> bool:
@@ -187,8 +192,43 @@ def test_a_robot_that_loses_its_pose_in_the_turn_is_at_fault() -> None:
         return False
 
     plan = TrialPlan(gait=gait_of(shipped()), failure=Failure(leg=2), duration_s=3)
-    with Guard(servos) as guard, pytest.raises(RobotFaultError, match="lost its pose"):
-        run_trial(guard, plan, log, stop_requested=lose_it)
+    with Guard(servos) as guard:
+        result = run_trial(guard, plan, log, stop_requested=lose_it)
+    turning = log.rows_of("turn")
+    assert turning.stop - turning.start <= 2
+    assert (result.status, result.stopped, result.distance_m) == ("aborted", "pose lost", None)
+
+
+def test_a_stop_while_it_settles_starts_no_turn() -> None:
+    result, log, _ = _stopped("settle", 10, failure=Failure(leg=2))
+    assert (result.status, result.stopped) == ("aborted", "requested")
+    assert log.rows_of("turn") == slice(0, 0)
+
+
+def test_a_stop_asked_for_in_the_soft_stop_leaves_the_walk_whole() -> None:
+    result, _, _ = _stopped("stop", 20, duration_s=3)
+    assert (result.status, result.stopped) == ("ok", None)
+    assert result.duration_s == pytest.approx(3)
+
+
+def test_a_plan_with_another_failure_than_the_simulation_is_refused() -> None:
+    plan = TrialPlan(gait=gait_of(shipped()), failure=Failure(leg=5))
+    with Guard(SimServos(shipped())) as guard, pytest.raises(InputError, match="failure"):
+        run_trial(guard, plan)
+
+
+def test_a_walk_that_the_legs_cannot_make_after_the_turn_is_refused_before_it() -> None:
+    """Forward the gait is possible, sideways, where the self-rotation leads, it is not."""
+    robot, failure = shipped("phantomx"), Failure(leg=2)
+    gait = replace(gait_of(robot), amplitude=0.13)
+    plan = TrialPlan(gait=gait, failure=failure, duration_s=1)
+    check_walk(robot, gait, plan.motion(0.0))
+    log = TickLog()
+    with Guard(SimServos(robot, failure=failure)) as guard, pytest.raises((ReachError, LimitError)):
+        run_trial(guard, plan, log)
+    assert len(log) == 0
+    with pytest.raises((ReachError, LimitError)):
+        run_sim_trials([SimTrial(robot=robot, plan=plan)])
 
 
 @pytest.mark.parametrize(("amplitude", "height"), [(0.6, 0.02), (0.05, 0.3)])
@@ -197,7 +237,7 @@ def test_a_gait_beyond_the_legs_is_refused_before_anything_moves(amplitude: floa
     gait = Gait(slots=(1, 4, 2, 6, 3, 5), pace_hz=0.9, amplitude=amplitude, height=height)
     with Guard(servos) as guard, pytest.raises((ReachError, LimitError), match=r"leg \d"):
         run_trial(guard, TrialPlan(gait=gait), TickLog())
-    assert servos.sent == []
+    assert len(servos.sent) == 0
 
 
 class _Dying(PosedMock):

@@ -136,7 +136,7 @@ def test_blocks_that_come_fast_wait_for_the_end(trial: Trial, read: ReadBack, tm
 
 def test_without_a_pose_the_robot_stands_at_the_origin(trial: Trial, tmp_path: Path) -> None:
     log = TickLog()
-    log.columns, log._length, log.pose_known = trial.log.columns, len(trial.log), False
+    log._chunks, log._length, log.pose_known = trial.log._chunks, len(trial.log), False
     path = tmp_path / "blind.rrd"
     with Recording(path, trial.robot, make_plan(trial.robot), title="blind") as recording:
         recording.write_block(log, 0, len(log))
@@ -211,7 +211,7 @@ def _start(script: str, path: Path, trial: Trial) -> "subprocess.Popen[bytes]":
     import pickle
 
     log = TickLog()
-    log.columns, log._length, log.frame = trial.log.columns, len(trial.log), trial.log.frame
+    log._chunks, log._length, log.frame = trial.log._chunks, len(trial.log), trial.log.frame
     content = {"robot": trial.robot, "plan": trial.plan, "log": log, "result": trial.result}
     child = subprocess.Popen(
         [sys.executable, "-c", script, str(path)], stdin=subprocess.PIPE, stdout=subprocess.PIPE

@@ -1,5 +1,6 @@
 """Robot files: the shipped numbers, a robot that is not symmetric, and what is refused in one line."""
 
+import pickle
 import re
 from pathlib import Path
 
@@ -7,6 +8,7 @@ import numpy as np
 import pytest
 
 from hexctl.errors import InputError
+from hexctl.ik.kinematics import solve_legs
 from hexctl.robot.file import load_robot
 from hexctl.robot.joints import N_JOINTS
 from tests.robots import ROBOT_NAMES, Content, Edit, drop, edited_file, put, shipped
@@ -77,6 +79,9 @@ def test_a_robot_cannot_be_changed_by_accident(name: str) -> None:
     assert robot.stance_angles_rad.shape == (N_JOINTS,)
 
 
+RAISED = [(1, 0.04, 0.0692820323, 60), (4, -0.04, -0.0692820323, 240)]
+
+
 def test_a_mount_of_its_own_moves_that_leg_only(tmp_path: Path) -> None:
     odd = {"position_m": [0.03, -0.10, 0.01], "yaw_deg": -75}
     robot = load_robot(edited_file(tmp_path, put("mounts", 5, odd)))
@@ -85,8 +90,32 @@ def test_a_mount_of_its_own_moves_that_leg_only(tmp_path: Path) -> None:
     yaw = np.radians(-75)
     np.testing.assert_allclose(
         robot.stance_feet_body[5],
-        [0.03 + 0.124 * np.cos(yaw), -0.10 + 0.124 * np.sin(yaw), 0.01 - 0.121],
+        [0.03 + 0.124 * np.cos(yaw), -0.10 + 0.124 * np.sin(yaw), -0.121],
     )
+
+
+def test_mounts_of_different_heights_stand_on_one_floor(tmp_path: Path) -> None:
+    edits = [put("mounts", leg, {"position_m": [x, y, 0.02], "yaw_deg": yaw}) for leg, x, y, yaw in RAISED]
+    robot = load_robot(edited_file(tmp_path, *edits))
+    assert np.ptp(robot.stance_feet_body[:, 2]) == 0
+    angles = robot.stance_angles_rad.reshape(6, 3)
+    assert not np.allclose(angles[0], angles[1])
+    np.testing.assert_allclose(
+        solve_legs(robot, robot.stance_feet_body).joint_positions_rad, robot.stance_angles_rad, atol=1e-12
+    )
+
+
+def test_equal_descriptions_have_equal_fingerprints(tmp_path: Path) -> None:
+    assert load_robot("ant").fingerprint == load_robot("ant").fingerprint
+    other = load_robot(edited_file(tmp_path, put("body", "mass_kg", 0.11)))
+    assert other.fingerprint != load_robot("ant").fingerprint
+
+
+def test_a_robot_that_travelled_is_still_read_only() -> None:
+    robot = pickle.loads(pickle.dumps(shipped("ant")))  # noqa: S301
+    with pytest.raises(ValueError, match="read-only"):
+        robot.stance_angles_rad[0] = 1.0
+    assert robot.fingerprint == shipped("ant").fingerprint
 
 
 def test_a_path_without_a_suffix_or_with_one_both_work(tmp_path: Path) -> None:

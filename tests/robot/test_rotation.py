@@ -25,7 +25,7 @@ def test_yaw_and_tilt_of_a_turned_body(yaw: float, pitch: float, roll: float) ->
     assert math.remainder(float(yaw_rad(quaternion)) - yaw, math.tau) == pytest.approx(0, abs=1e-9)
     up = np.zeros(3)
     mujoco.mju_rotVecQuat(up, np.array([0.0, 0.0, 1.0]), quaternion)
-    assert float(cos_tilt(quaternion)) == pytest.approx(up[2], abs=1e-12)
+    assert float(cos_tilt(float(quaternion[1]), float(quaternion[2]))) == pytest.approx(up[2], abs=1e-12)
 
 
 def test_many_orientations_at_once_equal_each_alone() -> None:

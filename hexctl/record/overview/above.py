@@ -1,6 +1,6 @@
 """The trajectories of a session from above: travel to the right of the picture, left of the line upward.
 
-A picture's second axis points down, so a deviation y is drawn at −y.
+A picture's second axis points down, so a deviation y is drawn at -y.
 """
 
 from typing import Any
@@ -15,7 +15,6 @@ from hexctl.record.overview.colors import (
     LEGEND_M,
     LINE_COLOR,
     TEXT_COLOR,
-    Color,
     deviation_color,
 )
 from hexctl.record.overview.trials import Overview, OverviewTrial, deviation_text
@@ -27,7 +26,7 @@ SIDE_LIMIT, END_LIMIT = 0.75, 0.25
 SIDE_LEAST, MARGIN = 0.15, 0.06
 
 #: Line widths in points of the screen; negative is how Rerun tells them from metres.
-THIN, TRACK, BOLD = -0.5, -1.0, -2.5
+THIN, TRACK, BOLD, MARK = -0.5, -1.0, -1.75, -5.0
 
 #: What covers what.
 AXIS_ORDER, BAND_ORDER, LINE_ORDER, TRACK_ORDER, BEST_ORDER, MARK_ORDER = range(0, 60, 10)
@@ -66,72 +65,63 @@ def _send_axes(stream: Any, overview: Overview) -> None:
     across = np.arange(np.ceil(y_low / step), y_high / step) * step
     lines = [[(x, y_low), (x, y_high)] for x in along] + [[(x_low, y), (x_high, y)] for y in across]
     look = {"colors": [AXIS_COLOR], "radii": [THIN], "draw_order": AXIS_ORDER}
-    strips = picture(np.array(lines))
-    stream.log(paths.AXES, load_rerun().LineStrips2D(strips, **look), static=True)
-    marks = [((x, y_low), f"{x:g} m") for x in along if x] + [
-        ((x_low, y), f"{y:+g} m" if y else "0") for y in across
-    ]
-    _send_labels(stream, f"{paths.AXES}/names", marks, TEXT_COLOR)
+    strips = load_rerun().LineStrips2D(picture(np.array(lines)), **look)
+    stream.log(paths.AXES, strips, static=True)
+    foot = y_low + MARGIN * overview.course_m
+    names = [((x, foot), f"{x:g} m") for x in along if x]
+    names += [((x_low, y), f"{y:+g} m") for y in across if y]
+    _send_names(stream, f"{paths.AXES}/names", names)
 
 
 def _send_course(stream: Any, overview: Overview) -> None:
     """Send the target bands, the line of travel and the start."""
     rr, length = load_rerun(), overview.course_m
-    line = np.array([[0.0, 0.0], [length, 0.0]])
     for order, (half_width_m, color, _) in enumerate(BANDS):
-        corners = {"mins": [[0.0, -half_width_m]], "sizes": [[length, 2 * half_width_m]]}
-        band = _band(corners, color, BAND_ORDER + order)
-        stream.log(f"{paths.BANDS}/{order + 1}", band, static=True)
+        # A line as wide as the band; its round ends reach half the width further.
+        ends = [[(half_width_m, 0.0), (length - half_width_m, 0.0)]]
+        look = {"colors": [color], "radii": [half_width_m], "draw_order": BAND_ORDER + order}
+        stream.log(f"{paths.BANDS}/{order + 1}", rr.LineStrips2D(ends, **look), static=True)
     look = {"colors": [LINE_COLOR], "radii": [THIN], "draw_order": LINE_ORDER}
-    stream.log(paths.LINE, rr.LineStrips2D([line], **look), static=True)
-    marks = [((length, half_width_m), name) for half_width_m, _, name in BANDS]
-    _send_labels(stream, f"{paths.BANDS}/names", marks, TEXT_COLOR)
-    start = rr.Points2D(
-        [[0.0, 0.0]], radii=[-5.0], colors=[LINE_COLOR], labels=["start"], draw_order=MARK_ORDER
-    )
+    stream.log(paths.LINE, rr.LineStrips2D([[(0.0, 0.0), (length, 0.0)]], **look), static=True)
+    targets = "targets " + ", ".join(name for *_, name in reversed(BANDS))
+    names = [((0.92 * length, BANDS[0][0] + MARGIN * length / 2), targets), ((-MARGIN * length, 0.0), "start")]
+    _send_names(stream, f"{paths.BANDS}/names", names)
+    start = rr.Points2D([[0.0, 0.0]], radii=[MARK], colors=[LINE_COLOR], draw_order=MARK_ORDER)
     stream.log(paths.START, start, static=True)
-
-
-def _band(corners: dict[str, Any], color: Color, order: int) -> Any:
-    """Return a filled rectangle: a line as wide as the band is."""
-    (x, y), (length, width) = corners["mins"][0], corners["sizes"][0]
-    middle = y + width / 2
-    return load_rerun().LineStrips2D(
-        [[(x, middle), (x + length, middle)]], colors=[color], radii=[width / 2], draw_order=order
-    )
 
 
 def _send_legend(stream: Any, overview: Overview) -> None:
     """Send the colours of the deviations, at the top of the picture."""
     (x_low, _), (x_high, y_high) = visible_m(overview)
-    xs = x_low + (x_high - x_low) * np.linspace(0.1, 0.55, len(LEGEND_M))
-    points = picture(np.column_stack([xs, np.full(len(xs), y_high)]))
-    names = [f"{mark:g} m" for mark in LEGEND_M]
-    names[-1] += " or more"
+    xs = x_low + (x_high - x_low) * np.linspace(0.1, 0.6, len(LEGEND_M))
+    places = np.column_stack([xs, np.full(len(xs), y_high - MARGIN * overview.course_m / 4)])
     colors = [deviation_color(mark, valid=True) for mark in LEGEND_M]
-    legend = load_rerun().Points2D(
-        points, radii=[-6.0], colors=colors, labels=names, show_labels=True, draw_order=MARK_ORDER
-    )
-    stream.log(paths.LEGEND, legend, static=True)
+    dots = load_rerun().Points2D(picture(places), radii=[MARK], colors=colors, draw_order=MARK_ORDER)
+    stream.log(paths.LEGEND, dots, static=True)
+    names = [f"{mark:g} m" for mark in LEGEND_M]
+    names[0], names[-1] = "deviation 0", f"{names[-1]} or more"
+    _send_names(stream, f"{paths.LEGEND}/names", list(zip(places, names, strict=True)))
 
 
-def _send_labels(stream: Any, path: str, marks: list[tuple[Any, str]], color: Color) -> None:
-    """Send names without a point, each at its place (progress, deviation) in m."""
-    points = picture(np.array([place for place, _ in marks]))
-    labels = load_rerun().Points2D(
-        points, radii=[0.0], colors=[color], labels=[name for _, name in marks], show_labels=True
-    )
+def _send_names(stream: Any, path: str, names: list[tuple[Any, str]]) -> None:
+    """Send texts without a mark, each just below its place (progress, deviation) in m."""
+    points = picture(np.array([place for place, _ in names]))
+    texts = [text for _, text in names]
+    labels = load_rerun().Points2D(points, radii=[0.0], colors=[TEXT_COLOR], labels=texts, show_labels=True)
     stream.log(path, labels, static=True)
 
 
 def _send_trial(stream: Any, trial: OverviewTrial) -> None:
-    """Send a trajectory that appears with its trial."""
+    """Send a trajectory that appears with its trial, the straighter the further in front."""
     if not len(trial.path_m):
         return
-    rr = load_rerun()
     color = deviation_color(trial.deviation_m, valid=trial.score_m is not None)
-    look = rr.LineStrips2D.columns(
-        strips=[picture(trial.path_m)], colors=[color], radii=[TRACK], draw_order=[TRACK_ORDER]
+    off_m = min(abs(trial.deviation_m or 0.0), LEGEND_M[-1]) if trial.score_m is not None else LEGEND_M[-1]
+    look = load_rerun().LineStrips2D.columns(
+        strips=[picture(trial.path_m)],
+        colors=[color],
+        radii=[TRACK],
+        draw_order=[TRACK_ORDER + LEGEND_M[-1] - off_m],
     )
     stream.send_columns(paths.trial_path(trial.index), [paths.at([trial.index])], look)
 
@@ -151,8 +141,8 @@ def _send_best(stream: Any, overview: Overview) -> None:
         end = rr.Points2D.columns(
             positions=[picture(best.end_m)],
             colors=[BEST_COLOR],
-            radii=[-5.0],
+            radii=[MARK],
             labels=[label],
             draw_order=[MARK_ORDER],
         )
-        stream.send_columns(f"{paths.BEST}/end", when, end)
+        stream.send_columns(paths.BEST_END, when, end)

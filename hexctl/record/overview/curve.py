@@ -10,6 +10,12 @@ from hexctl.record.overview.trials import Overview
 from hexctl.record.sdk import load_rerun
 
 
+def score_top_m(overview: Overview) -> float:
+    """Return a score above those of all valid trials: where the invalid ones are drawn."""
+    scores_m = [trial.score_m for trial in overview.trials if trial.score_m is not None]
+    return 1.1 * max([BANDS[0][0], *scores_m])
+
+
 def send_curve(stream: Any, overview: Overview) -> None:
     """Send scores, best so far and targets to a recording stream."""
     _send_scores(stream, overview)
@@ -40,10 +46,9 @@ def _send_invalid(stream: Any, overview: Overview) -> None:
     indices = [trial.index for trial in overview.trials if trial.score_m is None]
     if not indices:
         return
-    top_m = 1.1 * max([0.1, *(trial.score_m for trial in overview.trials if trial.score_m is not None)])
     look = rr.SeriesPoints(names=["invalid"], markers=["cross"], marker_sizes=[4.0], colors=[INVALID_COLOR])
     stream.log(paths.INVALID, look, static=True)
-    scalars = rr.Scalars.columns(scalars=np.full(len(indices), top_m))
+    scalars = rr.Scalars.columns(scalars=np.full(len(indices), score_top_m(overview)))
     stream.send_columns(paths.INVALID, [paths.at(indices)], scalars)
 
 

@@ -5,6 +5,7 @@ from typing import Any
 from hexctl.record import style
 from hexctl.record.overview import paths
 from hexctl.record.overview.above import picture, visible_m
+from hexctl.record.overview.curve import score_top_m
 from hexctl.record.overview.trials import Overview
 
 
@@ -35,12 +36,24 @@ def _above_view(overview: Overview) -> Any:
         name="trajectories from above (m)",
         background=[*style.BACKGROUND],
         visual_bounds=rrb.VisualBounds2D(x_range=[x_low, x_high], y_range=[top, bottom]),
+        overrides={path: rrb.EntityBehavior(interactive=False) for path in paths.SCENERY},
     )
 
 
 def _curve_view(overview: Overview) -> Any:
     import rerun.blueprint as rrb
 
+    first, last = overview.trials[0].index, overview.trials[-1].index
+    top_m = score_top_m(overview)
     return rrb.TimeSeriesView(
-        origin=paths.CURVE, name=f"{overview.objective} (m)", plot_legend=rrb.Corner2D.RightTop
+        origin=paths.CURVE,
+        name=f"{overview.objective} (m)",
+        plot_legend=rrb.Corner2D.RightTop,
+        axis_x=rrb.TimeAxis(
+            view_range=rrb.TimeRange(
+                start=rrb.TimeRangeBoundary.absolute(seq=first - 1),
+                end=rrb.TimeRangeBoundary.absolute(seq=last + 1),
+            )
+        ),
+        axis_y=rrb.ScalarAxis(range=(-0.05 * top_m, 1.05 * top_m)),
     )

@@ -17,6 +17,11 @@ LINE = "above/line_of_travel"
 START = "above/start"
 LEGEND = "above/legend"
 BEST = "above/best"
+BEST_END = "above/best/end"
+
+#: What is there to read the rest by, and not to be touched.
+SCENERY = (AXES, BANDS, LEGEND, LINE)
+
 CURVE = "curve"
 SCORE = "curve/score"
 INVALID = "curve/invalid"

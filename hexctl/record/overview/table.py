@@ -18,8 +18,8 @@ def make_table(overview: Overview) -> str:
 
 
 def _cells(trial: OverviewTrial, best: OverviewTrial | None) -> tuple[str, ...]:
-    distance = "–" if trial.distance_m is None else f"{trial.distance_m:.2f} m"
-    so_far = "–" if best is None or best.score_m is None else f"{best.score_m:.3f} m"
+    distance = "-" if trial.distance_m is None else f"{trial.distance_m:.2f} m"
+    so_far = "-" if best is None or best.score_m is None else f"{best.score_m:.3f} m"
     slots = ",".join(str(slot) for slot in trial.slots)
     off = deviation_text(trial.deviation_m)
     return str(trial.index), str(trial.code), slots, off, distance, trial.status, so_far

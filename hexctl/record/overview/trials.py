@@ -8,6 +8,9 @@ import numpy as np
 
 from hexctl.robot.messages import FloatArray
 
+#: No walk of a trial gets this far; a simulation that has diverged does.
+FAR_M = 1000.0
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OverviewTrial:
@@ -75,16 +78,12 @@ class Overview:
 def deviation_text(deviation_m: float | None) -> str:
     """Return a signed deviation for a reader, such as `0.006 m left`."""
     if deviation_m is None or not math.isfinite(deviation_m):
-        return "–"
+        return "-"
     return f"{abs(deviation_m):.3f} m {'left' if deviation_m > 0 else 'right'}"
 
 
 def drawable(path_m: FloatArray) -> FloatArray:
-    """Return the points of a path that can be drawn: a diverged simulation ends in numbers that cannot."""
-    sane = np.isfinite(path_m).all(axis=1)
-    kept: FloatArray = path_m[sane & (np.abs(np.where(sane[:, np.newaxis], path_m, 0.0)) < FAR_M).all(axis=1)]
+    """Return the points of a path, (N, 2) in m, that can be drawn: a diverged simulation has others."""
+    sane = np.nan_to_num(np.abs(path_m), nan=np.inf) < FAR_M
+    kept: FloatArray = path_m[np.all(sane, axis=1)]
     return kept
-
-
-#: No walk of a trial gets this far; a simulation that has diverged does.
-FAR_M = 1000.0

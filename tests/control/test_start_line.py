@@ -1,0 +1,55 @@
+"""Where a walk starts and which way it goes, with sensors that err."""
+
+import math
+
+import numpy as np
+import pytest
+
+from hexctl.backends.sim.servos import SimServos
+from hexctl.backends.sim.world import SensorNoise, World
+from hexctl.control.frame import TrialFrame
+from hexctl.control.guard import Guard
+from hexctl.control.log import TickLog
+from hexctl.control.plan import TrialPlan
+from hexctl.control.trial import run_trial
+from hexctl.robot.failure import Failure
+from hexctl.robot.rotation import yaw_rad
+from tests.robots import shipped
+from tests.trials import gait_of
+
+YAW_NOISE_DEG = 2.0
+POSITION_NOISE_M = 0.01
+NOISY = World(sensor_noise=SensorNoise(yaw_deg=YAW_NOISE_DEG, position_m=POSITION_NOISE_M))
+
+
+def _start(seed: int, failure: Failure | None = None) -> tuple[TrialFrame, float]:
+    """Return the frame of a trial among the noise, and the true yaw of the body as its walk begins."""
+    plan = TrialPlan(gait=gait_of(shipped()), failure=failure, duration_s=0.02)
+    with SimServos(shipped(), world=NOISY, failure=failure, seed=seed) as servos:
+        log = TickLog()
+        run_trial(Guard(servos), plan, log, soft_stop=False)
+        true_yaw_rad = float(yaw_rad(servos.simulation.physics.data.qpos[3:7].copy()))
+    assert log.frame is not None
+    return log.frame, true_yaw_rad
+
+
+def test_the_line_of_travel_errs_far_less_than_a_single_measurement() -> None:
+    frames = [_start(seed)[0] for seed in range(20)]
+    assert np.degrees([frame.heading_rad for frame in frames]).std() < 0.4 * YAW_NOISE_DEG
+    assert np.degrees([frame.yaw_rad for frame in frames]).std() < 0.4 * YAW_NOISE_DEG
+    origins = np.array([frame.origin_world for frame in frames])
+    assert (origins.std(axis=0) < 0.4 * POSITION_NOISE_M).all()
+
+
+def test_after_a_self_rotation_the_start_errs_as_little() -> None:
+    starts = [_start(seed, Failure(leg=3)) for seed in range(8)]
+    errors_deg = [math.degrees(math.remainder(frame.yaw_rad - true, math.tau)) for frame, true in starts]
+    assert np.std(errors_deg) < 0.4 * YAW_NOISE_DEG
+
+
+@pytest.mark.parametrize("leg", [1, 2, 5])
+@pytest.mark.parametrize("seed", range(4))
+def test_a_noisy_compass_does_not_spoil_the_self_rotation(leg: int, seed: int) -> None:
+    _, true_yaw_rad = _start(seed, Failure(leg=leg))
+    leg_points_to = true_yaw_rad + float(shipped().leg_azimuths_rad[leg - 1])
+    assert abs(math.degrees(math.remainder(leg_points_to - math.pi, math.tau))) < 12

@@ -1,0 +1,158 @@
+"""What a trial's result counts, and what happens around the walk that must not change it."""
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hexctl.backends.mock import MockServos
+from hexctl.control.guard import Guard
+from hexctl.control.log import TickLog
+from hexctl.control.plan import TrialPlan
+from hexctl.control.result import TrialResult
+from hexctl.control.trial import run_trial
+from hexctl.robot.failure import Failure
+from hexctl.robot.messages import JointTargets
+from tests.backends.fake_time import FakeTime
+from tests.control.posed import PosedMock
+from tests.robots import shipped
+from tests.trials import gait_of, walk
+
+STANCE = shipped().stance_angles_rad
+
+
+def _plan(**changes: Any) -> TrialPlan:
+    return TrialPlan(gait=gait_of(shipped()), **{"duration_s": 1.0, **changes})
+
+
+class _Rounding(PosedMock):
+    """Servos that take whole hundredths of a radian."""
+
+    def write(self, targets: JointTargets) -> JointTargets:
+        return super().write(JointTargets(np.round(targets.positions_rad, 2), targets.stamp_s))
+
+
+def test_what_the_servos_round_is_recorded_and_is_no_clipping() -> None:
+    servos, log = _Rounding(), TickLog()
+    gait = gait_of(shipped())
+    slow = TrialPlan(gait=type(gait)(slots=gait.slots, pace_hz=0.2, amplitude=0.05, height=0.02), duration_s=2)
+    with Guard(servos) as guard:
+        result = run_trial(guard, slow, log)
+    assert result.clipped_ticks == guard.counters.clipped == 0
+    assert (log["sent_rad"] != log["wanted_rad"]).any()
+    np.testing.assert_array_equal(log["sent_rad"], np.round(log["wanted_rad"], 2))
+
+
+def test_ticks_are_counted_as_clipped_in_the_walk_only() -> None:
+    servos, log = PosedMock(), TickLog()
+    servos.connect()
+    servos.write(JointTargets(STANCE - 0.6, 0.0))
+    guard = Guard(servos)
+    result = run_trial(guard, _plan(settle_s=0.2), log)
+    changed = (log["sent_rad"] != log["wanted_rad"]).any(axis=-1)
+    assert changed[log.rows_of("settle")].any()
+    assert guard.counters.clipped == changed.sum()
+    assert result.clipped_ticks == changed[log.rows_of("walk")].sum()
+
+
+class _StopsAt:
+    """The sink of a log that does something to the robot in a phase."""
+
+    def __init__(self, phase: str, happen: Any) -> None:
+        self._phase, self._happen = phase, happen
+
+    def __call__(self, log: TickLog, start: int, stop: int) -> None:
+        if log.phase == self._phase:
+            self._happen()
+
+
+def _run(servos: PosedMock, phase: str, happen: Any) -> tuple[TrialResult, Guard, TickLog]:
+    guard, log = Guard(servos), TickLog(_StopsAt(phase, happen), block_ticks=1)
+    servos.connect()
+    return run_trial(guard, _plan(), log), guard, log
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [({"healthy": False}, "fault"), ({"position_world": None}, "pose lost"), ({"age_s": 1.0}, "state")],
+)
+@pytest.mark.parametrize("phase", ["settle", "walk", "stop"])
+def test_what_goes_wrong_aborts_the_walk_unless_it_is_over(
+    phase: str, change: dict[str, Any], reason: str
+) -> None:
+    servos = PosedMock()
+    result, guard, log = _run(servos, phase, lambda: vars(servos).update(change))
+    assert guard.stopped == reason
+    ends = log.rows_of(phase)
+    assert ends.stop - ends.start == 1, "it stands at once"
+    if phase == "stop":
+        assert (result.status, result.stopped, result.valid) == ("ok", None, True)
+        assert result.duration_s == pytest.approx(1)
+    else:
+        assert (result.status, result.stopped, result.valid) == ("aborted", reason, False)
+    assert result.numbers()["stopped"] == result.stopped
+
+
+def test_a_fall_in_the_soft_stop_leaves_the_walk_as_it_was() -> None:
+    servos = PosedMock()
+    result, guard, log = _run(servos, "stop", lambda: servos.lean(90))
+    assert guard.stopped == "fell"
+    assert log.rows_of("stop").stop - log.rows_of("stop").start < 20
+    assert (result.status, result.stopped) == ("ok", None)
+    assert result.valid
+
+
+def test_a_stop_requested_in_the_soft_stop_leaves_the_walk_as_it_was() -> None:
+    asked = []
+    servos, log = PosedMock(), TickLog(_StopsAt("stop", lambda: asked.append(1)), block_ticks=1)
+    with Guard(servos) as guard:
+        result = run_trial(guard, _plan(), log, stop_requested=lambda: bool(asked))
+    assert asked
+    assert (result.status, result.stopped) == ("ok", None)
+
+
+def test_a_stop_requested_says_so_in_the_numbers() -> None:
+    log = TickLog()
+    with Guard(PosedMock()) as guard:
+        result = run_trial(guard, _plan(), log, stop_requested=lambda: log.walked_ticks == 20)
+    assert result.duration_s == pytest.approx(0.4)
+    assert result.numbers()["status"] == "aborted"
+    assert result.numbers()["stopped"] == "requested"
+
+
+def test_a_sink_that_fails_lets_the_robot_walk_on_to_the_end() -> None:
+    def fail() -> None:
+        raise OSError("no space left")
+
+    result, guard, log = _run(PosedMock(), "walk", fail)
+    assert (result.status, guard.stopped) == ("ok", None)
+    assert str(log.sink_error) == "no space left"
+    assert log.walked_ticks == 50
+    np.testing.assert_allclose(log["sent_rad"][-1], STANCE, atol=1e-9)
+
+
+def test_without_a_deviation_a_trial_is_ok_and_cannot_be_ranked() -> None:
+    with Guard(MockServos(shipped(), clock=FakeTime().clock())) as guard:
+        result = run_trial(guard, _plan(duration_s=3.0))
+    assert (result.status, result.deviation, result.valid) == ("ok", None, False)
+
+
+@pytest.mark.parametrize(("leg", "degrees"), [(3, 60), (5, -60), (4, 0)])
+def test_how_far_the_self_rotation_turned_is_in_the_result(leg: int, degrees: float) -> None:
+    result = walk(failure=Failure(leg=leg), duration_s=0.1).result
+    assert math.degrees(result.turned_rad) == pytest.approx(degrees, abs=8)
+    assert result.numbers()["self_rotation_deg"] == pytest.approx(math.degrees(result.turned_rad))
+    assert result.numbers()["stopped"] is None
+
+
+def test_three_trials_in_a_row_on_one_guard_are_each_their_own() -> None:
+    servos = PosedMock()
+    with Guard(servos) as guard:
+        for _ in range(3):
+            log = TickLog()
+            result = run_trial(guard, _plan(), log)
+            assert (result.status, result.stopped, result.duration_s) == ("ok", None, pytest.approx(1))
+            assert log.walked_ticks == 50
+            servos.time.work(3600.0)
+    assert guard.clock.overruns == 0

@@ -1,0 +1,76 @@
+"""Landscapes for tests: made up in an instant, or really walked for a moment."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from hexctl.backends.sim.world import World
+from hexctl.robot.messages import FloatArray
+from hexctl.study.findings import Findings, search_all
+from hexctl.study.landscape import NUMBERS, Landscape, LandscapeSpec, Rows, empty_landscape, with_rows
+from hexctl.study.plan import ROTATIONS, StudyPlan
+from tests.robots import shipped
+
+ALL = tuple(range(1, 121))
+
+
+def spec(leg: int = 5, self_rotation: str = "none", duration_s: float = 0.4, codes: Sequence[int] = ALL,
+         seed: int = 0, world: World | None = None) -> LandscapeSpec:  # fmt: skip
+    return LandscapeSpec(
+        robot=shipped(),
+        world=world or World(),
+        leg=leg,
+        self_rotation=self_rotation,
+        duration_s=duration_s,
+        seed=seed,
+        codes=tuple(codes),
+    )
+
+
+def made_up(leg: int, self_rotation: str, signed_m: FloatArray, invalid: Sequence[int] = ()) -> Landscape:
+    """Return a landscape with these signed deviations; `invalid` are codes that made no progress."""
+    empty = empty_landscape(spec(leg, self_rotation, duration_s=1.0))
+    numbers = np.zeros((120, len(NUMBERS)))
+    numbers[:, NUMBERS.index("signed_m")] = signed_m
+    numbers[:, NUMBERS.index("distance_m")] = 4.0
+    status = np.where(np.isin(empty.codes, list(invalid)), "no_progress", "ok").astype("<U16")
+    paths = np.zeros((120, empty.spec.n_points, 2), dtype=np.float32)
+    paths[..., 0] = np.linspace(0, 4, empty.spec.n_points)
+    paths[..., 1] = signed_m[:, np.newaxis] * np.linspace(0, 1, empty.spec.n_points)
+    return with_rows(empty, Rows(codes=empty.codes, status=status, numbers=numbers, paths_m=paths))
+
+
+def spread_out(worst_m: float, sign: FloatArray | float = 1.0) -> FloatArray:
+    """Return 120 deviations, evenly from 0 to the worst, in an order that no search finds smooth."""
+    order = np.random.default_rng(1).permutation(120)
+    return np.asarray(np.linspace(0.001, worst_m, 120)[order] * sign)
+
+
+def made_up_findings(
+    rotated_m: FloatArray,
+    left: dict[int, float] | None = None,
+    *,
+    legs: tuple[int, ...] = (1, 2, 3, 4, 5, 6),
+    optimizers: tuple[str, ...] = ("pso", "psosp", "dps", "debest", "derand", "random"),
+    runs: int = 3,
+    budget: int = 120,
+) -> Findings:
+    """Return findings in which each leg has a share of its gaits on the left without self-rotation."""
+    left = left or {1: 0.5, 2: 1.0, 3: 1.0, 4: 0.5, 5: 0.0, 6: 0.0}
+    plan = StudyPlan(
+        robot=shipped(), legs=legs, optimizers=optimizers, runs=runs, budget=budget, duration_s=1.0
+    )
+    landscapes = []
+    for leg in legs:
+        sign = np.where(np.arange(120) < 120 * left[leg], 1.0, -1.0)
+        signed = (spread_out(2.0, sign), rotated_m)
+        landscapes += [made_up(leg, rotation, m) for rotation, m in zip(ROTATIONS, signed, strict=True)]
+    return search_all(plan, landscapes)
+
+
+def same(one: Rows, other: Rows) -> bool:
+    """Return whether all numbers of two landscapes are equal to the last bit."""
+    return all(
+        np.array_equal(getattr(one, name), getattr(other, name), equal_nan=name in ("numbers", "paths_m"))
+        for name in ("codes", "status", "numbers", "paths_m")
+    )

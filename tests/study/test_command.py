@@ -1,0 +1,130 @@
+"""`hexctl study` as a user calls it, on walks of a moment."""
+
+import json
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hexctl.cli.main import exit_code
+from hexctl.study.cache import LandscapeCache
+from hexctl.study.evaluate import fill, simulate_here
+from tests.study.landscapes import same, spec
+from tests.study.watching import Remembering
+
+TINY = [
+    "study",
+    "--legs",
+    "2",
+    "--duration",
+    "0.2",
+    "--runs",
+    "2",
+    "--budget",
+    "5",
+    "--optimizers",
+    "pso,random",
+]
+CACHE = Path("runs") / "study-cache"
+
+
+def test_a_study_from_end_to_end_and_again_from_the_cache(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert exit_code([*TINY, "--out", "first", "--json"]) == 0
+    first = capsys.readouterr()
+    outcome = json.loads(first.out)
+    assert outcome["legs"] == [2]
+    assert len(outcome["claims"]) == 10
+    assert Path(outcome["report"]).read_text(encoding="utf-8").startswith("<!doctype html>")
+    assert json.loads((tmp_path / "first" / "study.json").read_text()) == outcome
+    assert "leg 2 without self-rotation: 120 of 120 gaits valid" in first.err
+
+    assert exit_code(TINY) == 0
+    again = capsys.readouterr()
+    assert again.err.count("from the cache") == 2
+    (report,) = Path("runs").glob("study-2*/report.html")
+    assert f"report: {report}" in again.out
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--legs", "0"], "--legs"),
+        (["--legs", "1,7"], "--legs: got [7]; allowed: 1..6"),
+        (["--legs", "one"], "--legs: got 'one'"),
+        (["--runs", "0"], "--runs: got 0; allowed: 1..999"),
+        (["--budget", "-1"], "--budget"),
+        (["--jobs", "0"], "--jobs"),
+        (["--duration", "nan"], "duration"),
+        (["--seed", "-1"], "--seed"),
+        (["--optimizers", "annealing"], "allowed: pso, psosp, dps"),
+        (["--robot", "spot"], "allowed: ant"),
+        (["--world", "moon"], "allowed: flat"),
+        (["--out", "a-file"], "--out"),
+        (["--out", "full"], "holds other things"),
+        (["--dask", "nonsense"], "--dask"),
+    ],
+)
+def test_bad_input_is_one_line_before_anything_runs(
+    options: list[str],
+    message: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "a-file").touch()
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full" / "thesis.tex").touch()
+    assert exit_code([*TINY, *options]) == 2
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert len(printed.err.splitlines()) == 1
+    assert message in printed.err
+    assert not list(tmp_path.rglob("*.npz"))
+    assert not list(tmp_path.rglob("report.html"))
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupted_study_goes_on(number: signal.Signals, tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "hexctl", "study", "--legs", "2", "--duration", "8", "--jobs", "1"]
+    study = subprocess.Popen(
+        [*command, "--out", "out"], cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    deadline = time.monotonic() + 120
+    while not list((tmp_path / CACHE).glob("leg*.npz")) and time.monotonic() < deadline:
+        time.sleep(0.02)
+    study.send_signal(number)
+    out, err = study.communicate(timeout=60)
+    assert (study.returncode, out) == (130, "")
+    assert "of 240 gaits are saved" in err.splitlines()[-1]
+    assert not (tmp_path / "out").exists()
+
+    # What is saved is whole chunks of what an uninterrupted study has.
+    cache = LandscapeCache(tmp_path / CACHE)
+    asked = spec(2, "none", 8.0)
+    saved = cache.load(asked)
+    done = saved.codes[saved.done]
+    assert (done.size > 0, done.size % 40, cache.notes) == (True, 0, [])
+    assert np.array_equal(done, np.arange(1, done.size + 1))
+
+
+def test_what_was_interrupted_ends_as_if_it_had_not_been(tmp_path: Path) -> None:
+    asked = [spec(2, rotation, 0.2) for rotation in ("none", "rear")]
+    cut = LandscapeCache(tmp_path / "cut")
+
+    class Interrupts(Remembering):
+        def advance(self, landscape: object, gaits: int) -> None:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        fill(asked, cut, simulate_here(), Interrupts())
+    ended = fill(asked, cut, simulate_here(), Remembering())
+    whole = fill(asked, LandscapeCache(tmp_path / "whole"), simulate_here(), Remembering())
+    assert all(same(one, other) for one, other in zip(ended, whole, strict=True))

@@ -1,0 +1,116 @@
+import math
+
+import numpy as np
+import pytest
+
+from hexctl.adapt.catalogue import OPTIMIZERS, make_optimizer
+from hexctl.adapt.counting import FreshCodes
+from hexctl.adapt.objective import INVALID_SCORE
+from hexctl.errors import InputError
+from hexctl.robot.messages import FloatArray
+from hexctl.study.convergence import codes_until_stuck, curve_of, search_landscape
+from hexctl.study.landscape import Landscape, empty_landscape
+from tests.study.landscapes import made_up, made_up_findings, spec, spread_out
+
+SEEDS = (5000, 5001, 5002, 5003)
+INVALID = range(1, 100, 2)
+
+
+@pytest.fixture(scope="module")
+def landscape() -> Landscape:
+    return made_up(5, "rear", spread_out(2.0), invalid=list(INVALID))
+
+
+def brute_force(landscape: Landscape, name: str, seed: int, budget: int, *, paper_count: bool) -> list[float]:
+    """Return the best valid deviation after each evaluation, step by step and without arrays."""
+    search = FreshCodes(make_optimizer(name, landscape.spec.space, seed), seed, paper_count=paper_count)
+    best, curve = math.nan, []
+    for _ in range(budget):
+        if not search.exhausted:
+            (code,) = search.ask(1)
+            final_m = abs(float(landscape.number("signed_m")[code - 1]))
+            valid = landscape.status[code - 1] == "ok"
+            search.tell([code], [final_m if valid else INVALID_SCORE])
+            if valid and not best <= final_m:
+                best = final_m
+        curve.append(best)
+    return curve
+
+
+@pytest.mark.parametrize("name", list(OPTIMIZERS))
+def test_curves_are_those_of_a_step_by_step_search(landscape: Landscape, name: str) -> None:
+    for search in search_landscape(landscape, name, SEEDS, 130):
+        expected = [brute_force(landscape, name, seed, 130, paper_count=search.paper_count) for seed in SEEDS]
+        np.testing.assert_array_equal(search.best_m, expected)
+
+
+def test_the_fresh_count_pays_for_each_code_once_and_ends_with_all(landscape: Landscape) -> None:
+    fresh, paper = search_landscape(landscape, "pso", SEEDS, 130)
+    assert fresh.distinct.tolist() == [120] * 4
+    assert (fresh.codes[:, 120:] == 0).all()
+    assert (fresh.best_m[:, -1] == landscape.best_m).all()
+    assert (paper.distinct < 120).all()
+    assert (paper.codes > 0).all()
+
+
+def test_random_draws_as_well_as_theory_says() -> None:
+    ranks = np.arange(1.0, 121.0)
+    fresh, _ = search_landscape(made_up(5, "rear", ranks), "random", range(1500), 20)
+    assert fresh.curve.mean[-1] == pytest.approx(121 / 21, rel=0.05)
+
+
+def test_statistics_leave_out_runs_without_a_valid_gait() -> None:
+    nan = math.nan
+    curve = curve_of(np.array([[nan, 3.0, 1.0], [nan, nan, 2.0], [nan, 5.0, 3.0]]))
+    np.testing.assert_allclose(curve.mean, [nan, 4.0, 2.0])
+    np.testing.assert_allclose(curve.median, [nan, 4.0, 2.0])
+    np.testing.assert_allclose(curve.std, [nan, 1.0, math.sqrt(2 / 3)])
+    np.testing.assert_allclose(curve.p10, [nan, 3.2, 1.2])
+    np.testing.assert_allclose(curve.share, [0, 2 / 3, 1])
+
+
+def test_statistics_of_nothing_are_nothing() -> None:
+    curve = curve_of(np.full((2, 3), math.nan))
+    assert np.isnan(curve.mean).all()
+    assert curve.share.tolist() == [0, 0, 0]
+
+
+def test_a_landscape_without_a_valid_gait_has_no_best() -> None:
+    nowhere = made_up(5, "rear", spread_out(2.0), invalid=range(1, 121))
+    for search in search_landscape(nowhere, "derand", SEEDS, 30):
+        assert np.isnan(search.best_m).all()
+        assert search.best_codes.size == 0
+
+
+def test_best_codes_are_the_best_of_each_run(landscape: Landscape) -> None:
+    _, paper = search_landscape(landscape, "debest", SEEDS, 60)
+    assert landscape.final_m[paper.best_codes - 1].tolist() == paper.best_m[:, -1].tolist()
+
+
+def test_searches_get_stuck_and_random_does_not(landscape: Landscape) -> None:
+    scores: FloatArray = landscape.scores
+    stuck = codes_until_stuck("pso", landscape.spec.space, 1, scores)
+    assert 10 <= stuck < 120
+    assert codes_until_stuck("random", landscape.spec.space, 1, scores) == 120
+    # What is asked for until then is what the fresh count evaluates first.
+    fresh, _ = search_landscape(landscape, "pso", [1], 120)
+    assert fresh.own_codes.tolist() == [stuck]
+
+
+def test_half_a_landscape_is_not_searched() -> None:
+    with pytest.raises(InputError, match="got 0 gaits"):
+        search_landscape(empty_landscape(spec(duration_s=0.2)), "random", SEEDS, 10)
+
+
+def test_means_are_over_legs_and_runs() -> None:
+    findings = made_up_findings(spread_out(1.0), legs=(1, 4), optimizers=("random",), runs=4, budget=20)
+    each = [findings.searches[leg, "random", False].best_m[:, 19] for leg in (1, 4)]
+    assert findings.mean_at("random", 20, paper_count=False) == pytest.approx(np.concatenate(each).mean())
+    assert math.isnan(findings.mean_at("random", 21, paper_count=False))
+
+
+def test_runs_have_seeds_of_their_own_that_adapt_takes() -> None:
+    plan = made_up_findings(spread_out(1.0), legs=(1, 4), optimizers=("random",), runs=4, budget=5).plan
+    seeds = [plan.seed_of(leg, run) for leg in plan.legs for run in range(4)]
+    assert len(set(seeds)) == 8
+    assert min(seeds) >= 0

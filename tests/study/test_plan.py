@@ -1,0 +1,45 @@
+from typing import Any
+
+import pytest
+
+from hexctl.errors import InputError
+from hexctl.study.plan import ROTATIONS, StudyPlan
+from tests.robots import shipped
+
+
+def plan(**options: Any) -> StudyPlan:
+    return StudyPlan(robot=shipped(), **options)
+
+
+def test_the_default_is_the_papers_study() -> None:
+    default = plan()
+    default.check()
+    specs = default.specs()
+    assert {(spec.leg, spec.self_rotation) for spec in specs} == {
+        (leg, rotation) for leg in range(1, 7) for rotation in ROTATIONS
+    }
+    assert {len(spec.codes) for spec in specs} == {120}
+    assert {spec.duration_s for spec in specs} == {30.0}
+    assert (default.runs, default.budget) == (30, 120)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"legs": ()}, "--legs"),
+        ({"legs": (0,)}, "--legs: got .0.; allowed: 1..6"),
+        ({"legs": (1, 1)}, "each leg once"),
+        ({"runs": 0}, "--runs"),
+        ({"runs": 1000}, "--runs"),
+        ({"budget": 0}, "--budget"),
+        ({"seed": -1}, "--seed"),
+        ({"duration_s": 0.0}, "duration"),
+        ({"duration_s": float("nan")}, "duration"),
+        ({"optimizers": ()}, "--optimizers"),
+        ({"optimizers": ("pso", "genetic")}, "genetic.*pso, psosp"),
+        ({"optimizers": ("pso", "pso")}, "each name once"),
+    ],
+)
+def test_what_is_not_allowed_is_said(options: dict[str, Any], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        plan(**options).check()
