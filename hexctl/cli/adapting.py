@@ -84,9 +84,10 @@ def execute(spec: SessionSpec | None, *, resume: str | None, record: bool, as_js
         interrupt = stack.enter_context(StopOnInterrupt())
         table = stack.enter_context(SessionTable(session, quiet=as_json))
         ended = _adapt(session, store, table, interrupt, record=record)
-    _write_overview(session, store, record=record)
     outcome = {**session.as_json(), "ended": ended, "wall_s": round(time.perf_counter() - began_s, 3)}
     say(json.dumps(outcome) if as_json else closing_lines(session, ended))
+    # After the result: a picture that fails must not cost it.
+    _write_overview(session, store, record=record)
     return INTERRUPTED if ended == "interrupted" else DONE
 
 

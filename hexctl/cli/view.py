@@ -1,17 +1,20 @@
-"""`hexctl view`: open a recording in Rerun."""
+"""`hexctl view`: open recordings and sessions in Rerun."""
 
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
 
 def view(
-    recordings: Annotated[
-        list[Path] | None, typer.Argument(help="Recordings (.rrd).  [default: the newest under runs/]")
+    names: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="[RECORDING|SESSION]...",
+            help="Recordings (.rrd) or names of sessions.  [default: the newest under runs/]",
+        ),
     ] = None,
 ) -> None:
-    """Open recordings in the Rerun viewer and wait until it is closed."""
-    from hexctl.record.viewer import newest_recording, open_viewer
+    """Open recordings or whole sessions in the Rerun viewer and wait until it is closed."""
+    from hexctl.cli.viewing import open_all
 
-    raise typer.Exit(open_viewer(recordings or [newest_recording(Path("runs"))]))
+    raise typer.Exit(open_all(names or []))

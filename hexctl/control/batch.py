@@ -53,7 +53,10 @@ def run_sim_trials(trials: Sequence[SimTrial], threads: int = 0) -> list[TrialRe
 
     Trials with the same robot, world, seed, failure and heading settle and turn once and walk together.
     Best for many gaits in few worlds. `threads` 0 uses all cores.
+    Raises ReachError or LimitError for a walk that the legs cannot make, before any trial runs.
     """
+    for trial in trials:
+        check_plan(trial.robot, trial.plan)
     groups: dict[tuple[object, ...], list[int]] = {}
     for index, trial in enumerate(trials):
         groups.setdefault(trial.shared_start(), []).append(index)
@@ -67,8 +70,6 @@ def run_sim_trials(trials: Sequence[SimTrial], threads: int = 0) -> list[TrialRe
 def _run_group(trials: Sequence[SimTrial], threads: int) -> list[TrialResult]:
     """Run trials that share their start."""
     robot, plans = trials[0].robot, [trial.plan for trial in trials]
-    for plan in plans:
-        check_plan(robot, plan)
     with trials[0].servos() as servos:
         guard = Guard(servos)
         try:

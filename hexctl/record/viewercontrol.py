@@ -3,15 +3,18 @@
 import json
 import subprocess
 import time
-from collections.abc import Sequence
+from collections.abc import Callable
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
 from hexctl.errors import RecordingError
 
-#: Until the viewer listens, and until it has loaded everything: with many files and no GPU that takes long.
-CONNECT_S, LOAD_S = 20.0, 300.0
+#: A viewer that does not listen by then never will.
+CONNECT_S = 30.0
+
+#: When no more recordings have come for so long, all have.
+SETTLED_S = 10.0
 
 POLL_S = 0.2
 
@@ -24,7 +27,15 @@ class ViewerControl:
     The control program speaks the Model Context Protocol: a line of JSON-RPC there, a line back.
     """
 
-    def __init__(self, binary: Path, port: int) -> None:
+    def __init__(self, binary: Path, port: int, alive: Callable[[], bool]) -> None:
+        """Start the control program.
+
+        Args:
+            binary: Rerun's program.
+            port: where the viewer listens.
+            alive: whether the viewer is open; when it is not, waiting ends.
+        """
+        self._alive = alive
         self._endpoint = f"http://127.0.0.1:{port}"
         command = [str(binary), "viewer-mcp"]
         pipe = subprocess.PIPE
@@ -49,27 +60,31 @@ class ViewerControl:
         self._say({"method": "notifications/initialized"})
         until_s = time.monotonic() + CONNECT_S
         while self._try("rerun_connect", endpoint=self._endpoint) is None:
-            self._pause(until_s)
+            if time.monotonic() > until_s:
+                raise RecordingError("the viewer does not listen")
+            self._pause()
 
     def show(self, recording_id: str, of: int) -> None:
-        """Show a recording once all of so many are loaded; raises RecordingError when they are not."""
-        until_s = time.monotonic() + LOAD_S
-        while (location := self._location(recording_id, of)) is None:
-            self._pause(until_s)
-        self._try("rerun_set_location", location=location)
+        """Show a recording once so many are loaded, because each that is loaded shows itself.
 
-    def _location(self, recording_id: str, of: int) -> str | None:
-        """Return where a recording is shown, or None while not all are loaded."""
-        state = self._try("rerun_get_state") or {}
-        recordings: Sequence[dict[str, Any]] = state.get("recordings", [])
-        if len(recordings) < of or state.get("loading"):
-            return None
-        found = (str(each["location"]) for each in recordings if recording_id in each["store_id"])
-        return next(found, None)
+        Waits no longer for those that cannot be loaded. Raises RecordingError when it is not among them.
+        """
+        loaded: list[dict[str, Any]] = []
+        grown_s = time.monotonic()
+        while len(loaded) < of and time.monotonic() < grown_s + SETTLED_S:
+            self._pause()
+            state = self._try("rerun_get_state") or {}
+            recordings = state.get("recordings", [])
+            if len(recordings) > len(loaded):
+                loaded, grown_s = recordings, time.monotonic()
+        found = [each["location"] for each in loaded if recording_id in each["store_id"]]
+        if not found:
+            raise RecordingError("the viewer did not load the overview")
+        self._try("rerun_set_location", location=found[0])
 
-    def _pause(self, until_s: float) -> None:
-        if time.monotonic() > until_s:
-            raise RecordingError("the viewer does not answer")
+    def _pause(self) -> None:
+        if not self._alive():
+            raise RecordingError("the viewer was closed")
         time.sleep(POLL_S)
 
     def _try(self, tool: str, **arguments: Any) -> dict[str, Any] | None:
@@ -77,7 +92,8 @@ class ViewerControl:
         said = self._ask("tools/call", name=tool, arguments=arguments).get("result")
         if said is None or said.get("isError"):
             return None
-        return said.get("structuredContent") or {}
+        content: dict[str, Any] = json.loads(said["content"][0]["text"])
+        return content
 
     def _ask(self, method: str, **params: Any) -> dict[str, Any]:
         self._sent += 1

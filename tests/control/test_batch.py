@@ -1,13 +1,17 @@
 """A trial in a batch is the same trial alone, to the last bit."""
 
 import pickle
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from hexctl import Failure, Robot, SimTrial, TrialPlan, World, load_robot, make_gait, run_sim_trials
+from hexctl.backends.sim.servos import SimServos
 from hexctl.control.batch import run_sim_trial
+from hexctl.control.controller import check_walk
 from hexctl.control.result import TrialResult
+from hexctl.errors import LimitError, ReachError
 
 WORLDS = {
     "flat": World(),
@@ -72,6 +76,40 @@ def test_trials_travel_between_processes(ant: Robot) -> None:
     elsewhere = pickle.loads(pickle.dumps(trials))  # noqa: S301
     for made, alone in zip(run_sim_trials(elsewhere), run_sim_trials(trials), strict=True):
         assert_same(made, alone)
+
+
+def test_robots_loaded_one_by_one_start_together() -> None:
+    """What counts is what a robot is, not which object holds it."""
+    trials = [trial(load_robot("ant"), code, failure=Failure(leg=5), duration_s=1.0) for code in "123"]
+    assert len({made.shared_start() for made in trials}) == 1
+    assert len({made.shared_start() for made in pickle.loads(pickle.dumps(trials))}) == 1  # noqa: S301
+    others = [trial(load_robot("pexod"), "1", failure=Failure(leg=5)), trial(load_robot("ant"), "1")]
+    assert len({made.shared_start() for made in [*trials, *others]}) == 3
+
+
+def test_equal_robots_share_one_start_in_a_batch(monkeypatch: pytest.MonkeyPatch) -> None:
+    connected = []
+    connect = SimServos.connect
+    monkeypatch.setattr(SimServos, "connect", lambda servos: (connected.append(1), connect(servos))[1])
+    results = run_sim_trials([trial(load_robot("ant"), code, duration_s=0.5) for code in "123"])
+    assert len(results) == 3
+    assert len(connected) == 1
+
+
+@pytest.mark.parametrize("place", [0, 1, 2])
+def test_a_plan_that_the_legs_cannot_make_is_refused_before_any_robot_is_built(
+    place: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Forward the gait is possible; sideways, where the self-rotation leads, it is not."""
+    phantomx = load_robot("phantomx")
+    bad = trial(phantomx, "1", failure=Failure(leg=2))
+    bad = replace(bad, plan=replace(bad.plan, gait=replace(bad.plan.gait, amplitude=0.13)))
+    check_walk(phantomx, bad.plan.gait, bad.plan.motion(0.0))
+    trials = [trial(phantomx, "1", failure=Failure(leg=leg)) for leg in (2, 3)]
+    trials.insert(place, bad)
+    monkeypatch.setattr(SimServos, "connect", lambda servos: pytest.fail("a robot was built"))
+    with pytest.raises((ReachError, LimitError), match="leg"):
+        run_sim_trials(trials)
 
 
 def test_a_fall_in_a_batch_ends_that_trial_as_it_does_alone(ant: Robot) -> None:

@@ -105,6 +105,33 @@ def test_a_sink_that_fails_is_kept_for_later_and_left_alone() -> None:
     assert len(log) == 7
 
 
+def test_contacts_that_are_missing_are_told_and_are_no_touch() -> None:
+    log, stance = TickLog(), np.zeros(18)
+    known = []
+    for contacts in (np.ones(6, dtype=bool), None, np.ones(6, dtype=bool)):
+        state = RobotState(stance, 0.0, measured=True, foot_contacts=contacts)
+        log.record(Tick(1, 0.02), state, stance, JointTargets(stance, 0.02))
+        known.append(log.contacts_known)
+    assert known == [True, False, True]
+    assert log["foot_contacts"].any(axis=-1).tolist() == [True, False, True]
+
+
+def test_the_ticks_of_the_walk_are_counted() -> None:
+    log = TickLog()
+    for phase, ticks in zip(PHASES, (3, 2, 5, 4), strict=True):
+        log.phase = phase
+        for _ in range(ticks):
+            _record(log, 0)
+    assert log.walked_ticks == 5
+
+
+def test_an_empty_log_has_columns_without_rows() -> None:
+    log = TickLog()
+    assert log["sent_rad"].shape == (0, 18)
+    assert log["time_s"].shape == (0,)
+    assert log.rows_of("walk") == slice(0, 0)
+
+
 def test_a_log_is_not_changed_by_what_happens_to_the_messages_later() -> None:
     log, wanted = TickLog(), np.zeros(18)
     state = RobotState(wanted, 0.0, measured=True)

@@ -131,6 +131,8 @@ def test_the_numbers_are_plain_json_with_the_promised_keys() -> None:
         "deviation_m",
         "yaw_change_deg",
         "status",
+        "stopped",
+        "self_rotation_deg",
         "clipped_ticks",
     }
     assert set(numbers["deviation_m"]) == {"final", "mean", "max", "signed"}

@@ -22,6 +22,13 @@ from tests.robots import ROBOT_NAMES, edited_file, put, shipped
 from tests.trials import gait_of, walk
 
 
+#: Directions of six legs around the body (x, y), how high they begin, and their yaws.
+UNEVEN_MOUNTS = [
+    (math.cos(math.radians(yaw)), math.sin(math.radians(yaw)), z, yaw)
+    for yaw, z in ((0, 0.0), (60, 0.015), (120, -0.01), (180, 0.02), (240, 0.0), (300, -0.015))
+]
+
+
 def _all_finite(result: TrialResult) -> bool:
     """Return whether the numbers of a result survive strict JSON, which knows no NaN."""
     json.dumps(result.numbers(), allow_nan=False)
@@ -107,6 +114,21 @@ def test_a_robot_with_an_odd_leg_of_its_own_walks(tmp_path: Path) -> None:
     assert result.status == "ok"
     assert result.distance_m is not None
     assert result.distance_m > 0.6 * result.ideal_distance_m
+
+
+def test_a_robot_whose_mounts_differ_in_height_stands_level_and_walks(tmp_path: Path) -> None:
+    raised = [{"position_m": [0.08 * x, 0.08 * y, z], "yaw_deg": yaw} for x, y, z, yaw in UNEVEN_MOUNTS]
+    robot = load_robot(edited_file(tmp_path, put("mounts", raised), put("name", "uneven")))
+    outcome = walk("tripod", robot=robot, duration_s=8)
+    stood = outcome.log.rows_of("walk").start - 1
+    _, x, y, _ = outcome.log["base_quaternion_world"][stood]
+    assert math.degrees(2 * math.hypot(x, y)) < 1
+    assert outcome.log["foot_contacts"][stood].all()
+    assert outcome.result.status == "ok"
+    assert outcome.result.distance_m is not None
+    assert outcome.result.deviation is not None
+    assert outcome.result.distance_m > 0.8 * outcome.result.ideal_distance_m
+    assert outcome.result.deviation.final < 0.1
 
 
 @pytest.mark.parametrize("kind", FAILURE_KINDS)

@@ -1,6 +1,8 @@
 """What a trial's result counts, and what happens around the walk that must not change it."""
 
 import math
+from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -35,10 +37,9 @@ class _Rounding(PosedMock):
 
 def test_what_the_servos_round_is_recorded_and_is_no_clipping() -> None:
     servos, log = _Rounding(), TickLog()
-    gait = gait_of(shipped())
-    slow = TrialPlan(gait=type(gait)(slots=gait.slots, pace_hz=0.2, amplitude=0.05, height=0.02), duration_s=2)
+    slow = replace(gait_of(shipped()), pace_hz=0.2, amplitude=0.05)
     with Guard(servos) as guard:
-        result = run_trial(guard, slow, log)
+        result = run_trial(guard, TrialPlan(gait=slow, duration_s=2), log)
     assert result.clipped_ticks == guard.counters.clipped == 0
     assert (log["sent_rad"] != log["wanted_rad"]).any()
     np.testing.assert_array_equal(log["sent_rad"], np.round(log["wanted_rad"], 2))
@@ -47,7 +48,7 @@ def test_what_the_servos_round_is_recorded_and_is_no_clipping() -> None:
 def test_ticks_are_counted_as_clipped_in_the_walk_only() -> None:
     servos, log = PosedMock(), TickLog()
     servos.connect()
-    servos.write(JointTargets(STANCE - 0.6, 0.0))
+    servos.write(JointTargets(STANCE - 0.8, 0.0))
     guard = Guard(servos)
     result = run_trial(guard, _plan(settle_s=0.2), log)
     changed = (log["sent_rad"] != log["wanted_rad"]).any(axis=-1)
@@ -56,10 +57,10 @@ def test_ticks_are_counted_as_clipped_in_the_walk_only() -> None:
     assert result.clipped_ticks == changed[log.rows_of("walk")].sum()
 
 
-class _StopsAt:
+class _Meddler:
     """The sink of a log that does something to the robot in a phase."""
 
-    def __init__(self, phase: str, happen: Any) -> None:
+    def __init__(self, phase: str, happen: Callable[[], object]) -> None:
         self._phase, self._happen = phase, happen
 
     def __call__(self, log: TickLog, start: int, stop: int) -> None:
@@ -67,8 +68,8 @@ class _StopsAt:
             self._happen()
 
 
-def _run(servos: PosedMock, phase: str, happen: Any) -> tuple[TrialResult, Guard, TickLog]:
-    guard, log = Guard(servos), TickLog(_StopsAt(phase, happen), block_ticks=1)
+def _run(servos: PosedMock, phase: str, happen: Callable[[], object]) -> tuple[TrialResult, Guard, TickLog]:
+    guard, log = Guard(servos), TickLog(_Meddler(phase, happen), block_ticks=1)
     servos.connect()
     return run_trial(guard, _plan(), log), guard, log
 
@@ -105,7 +106,7 @@ def test_a_fall_in_the_soft_stop_leaves_the_walk_as_it_was() -> None:
 
 def test_a_stop_requested_in_the_soft_stop_leaves_the_walk_as_it_was() -> None:
     asked = []
-    servos, log = PosedMock(), TickLog(_StopsAt("stop", lambda: asked.append(1)), block_ticks=1)
+    servos, log = PosedMock(), TickLog(_Meddler("stop", lambda: asked.append(1)), block_ticks=1)
     with Guard(servos) as guard:
         result = run_trial(guard, _plan(), log, stop_requested=lambda: bool(asked))
     assert asked

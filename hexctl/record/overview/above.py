@@ -84,7 +84,10 @@ def _send_course(stream: Any, overview: Overview) -> None:
     look = {"colors": [LINE_COLOR], "radii": [THIN], "draw_order": LINE_ORDER}
     stream.log(paths.LINE, rr.LineStrips2D([[(0.0, 0.0), (length, 0.0)]], **look), static=True)
     targets = "targets " + ", ".join(name for *_, name in reversed(BANDS))
-    names = [((0.92 * length, BANDS[0][0] + MARGIN * length / 2), targets), ((-MARGIN * length, 0.0), "start")]
+    names = [
+        ((0.92 * length, BANDS[0][0] + MARGIN * length / 2), targets),
+        ((-MARGIN * length, 0.0), "start"),
+    ]
     _send_names(stream, f"{paths.BANDS}/names", names)
     start = rr.Points2D([[0.0, 0.0]], radii=[MARK], colors=[LINE_COLOR], draw_order=MARK_ORDER)
     stream.log(paths.START, start, static=True)

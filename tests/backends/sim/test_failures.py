@@ -1,5 +1,7 @@
 """Each failure breaks the leg physically, whatever the controller sends."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -7,10 +9,11 @@ from hexctl.backends.sim.servos import SimServos
 from hexctl.backends.sim.world import World
 from hexctl.errors import InputError
 from hexctl.robot.failure import FAILURE_KINDS, Failure
+from hexctl.robot.file import load_robot
 from hexctl.robot.joints import JOINT_KINDS, leg_slice
 from hexctl.robot.messages import FloatArray, JointTargets
 from tests.backends.conformance import move
-from tests.robots import ROBOT_NAMES, shipped
+from tests.robots import ROBOT_NAMES, edited_file, put, shipped
 from tests.trials import walk
 
 LEG = 2
@@ -92,6 +95,17 @@ def test_a_missing_leg_touches_nothing_and_weighs_nothing(name: str) -> None:
     assert not contacts[:, LEG - 1].any()
     assert contacts[:, [leg for leg in range(6) if leg != LEG - 1]].any(axis=0).all()
     with SimServos(robot, failure=Failure(leg=LEG, kind="missing")) as servos:
+        mass = servos.simulation.physics.model.body_mass.sum()
+    assert mass == pytest.approx(robot.mass_kg - robot.link_masses_kg.sum(), rel=1e-3)
+
+
+def test_a_robot_that_is_called_like_its_missing_leg_keeps_the_others(tmp_path: Path) -> None:
+    robot = load_robot(edited_file(tmp_path, put("name", "leg3")))
+    failure = Failure(leg=3, kind="missing")
+    contacts = walk(robot=robot, failure=failure, self_rotation="none", duration_s=3).log["foot_contacts"]
+    assert not contacts[:, 2].any()
+    assert contacts[:, [0, 1, 3, 4, 5]].any(axis=0).all()
+    with SimServos(robot, failure=failure) as servos:
         mass = servos.simulation.physics.model.body_mass.sum()
     assert mass == pytest.approx(robot.mass_kg - robot.link_masses_kg.sum(), rel=1e-3)
 

@@ -82,6 +82,26 @@ def test_a_bump_is_as_wide_as_the_world_says() -> None:
         assert abs(far) < 0.2
 
 
+@pytest.mark.parametrize("seed", [0, 3])
+def test_a_rough_floor_sinks_to_its_lowest_point_within_its_last_metre(seed: int) -> None:
+    """Nothing steps up or down where the even floor beyond the bumps begins."""
+    world = World(roughness_m=0.05, roughness_length_m=0.3)
+    heights = make_floor(world, seed).heights_m
+    assert heights is not None
+    lowest = heights.min()
+    axis = np.linspace(-ROUGH_HALF_SIZE_M, ROUGH_HALF_SIZE_M, ROUGH_CELLS)
+    to_edge = np.minimum(*np.meshgrid(ROUGH_HALF_SIZE_M - np.abs(axis), ROUGH_HALF_SIZE_M - np.abs(axis)))
+    share = np.clip(to_edge, 0, 1)
+    assert (heights - lowest <= share * 10 * world.roughness_m + 1e-12).all()
+    assert heights[to_edge >= 1].std() == pytest.approx(world.roughness_m, rel=0.1)
+    side = np.linspace(-7, 7, 30)
+    inside, outside = (
+        _heights_below(world, np.column_stack([np.full(30, x), side]), seed=seed) for x in (7.999, 8.001)
+    )
+    np.testing.assert_allclose(inside, outside, atol=1e-3)
+    np.testing.assert_allclose(outside, lowest, atol=1e-6)
+
+
 def test_bumps_follow_the_seed() -> None:
     world = World(roughness_m=0.01)
     first, same, other = (make_floor(world, seed).heights_m for seed in (1, 1, 2))

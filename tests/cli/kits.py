@@ -1,0 +1,85 @@
+"""LegServos of one's own, as modules named on the command line: each has a trouble of its own."""
+
+from hexctl.robot.messages import JointTargets, RobotState
+from hexctl.robot.model import Robot
+from tests.control.posed import PosedMock
+
+
+class Kit(PosedMock):
+    """A robot in good health, in a time of its own that passes at once.
+
+    Attributes:
+        made: all kits made so far, newest last.
+        closed: how often it was closed.
+    """
+
+    made: "list[Kit]" = []  # noqa: RUF012  shared on purpose: the command line makes the kits
+
+    def __init__(self, robot: Robot) -> None:
+        super().__init__(robot)
+        self.closed = 0
+        Kit.made.append(self)
+
+    def close(self) -> None:
+        """Count, and close."""
+        self.closed += 1
+        super().close()
+
+
+class Sick(Kit):
+    """Reports a fault of its own after two seconds."""
+
+    def read(self) -> RobotState:
+        """Return the state, at fault from two seconds on."""
+        self.healthy = self.clock.now_s < 2.0
+        return super().read()
+
+
+class Lost(Kit):
+    """Knows no pose any more after two seconds."""
+
+    def read(self) -> RobotState:
+        """Return the state, without a pose from two seconds on."""
+        if self.clock.now_s >= 2.0:
+            self.position_world = self.quaternion_world = None
+        return super().read()
+
+
+class _Breaking(Kit):
+    """Its link breaks two seconds after the start."""
+
+    error: Exception
+
+    def write(self, targets: JointTargets) -> JointTargets:
+        """Send targets as long as the link holds."""
+        if self.clock.now_s >= 2.0:
+            self.fail_with(self.error)
+        return super().write(targets)
+
+
+class PipeBreaks(_Breaking):
+    """A program at the other end of a pipe dies."""
+
+    error = BrokenPipeError(32, "Broken pipe")
+
+
+class PortBreaks(_Breaking):
+    """A serial port is pulled out."""
+
+    error = OSError(5, "Input/output error")
+
+
+class NoPipe(Kit):
+    """Cannot be connected: the program at the other end is dead."""
+
+    def connect(self) -> None:
+        """Fail."""
+        raise BrokenPipeError(32, "Broken pipe")
+
+
+class NoPort(Kit):
+    """Cannot be connected: there is no such port."""
+
+    def connect(self) -> None:
+        """Fail."""
+        raise FileNotFoundError(2, "No such file or directory", "/dev/ttyUSB7")
