@@ -51,10 +51,14 @@ class _Walked:
 
     Attributes:
         status: `ok` once the whole duration was walked.
+        stopped: why it was aborted, if it was.
+        turned_rad: how far the self-rotation turned.
         clipped_ticks: ticks in which the guard changed the targets.
     """
 
     status: str = "aborted"
+    stopped: str | None = None
+    turned_rad: float = 0.0
     clipped_ticks: int = 0
 
 
@@ -78,37 +82,44 @@ def run_trial(
     check_same_failure(servos, plan)
     check_plan(servos.robot, plan)
     servos.rest()
-    walked, turned_rad, stopped = _Walked(), 0.0, None
     try:
-        start = prepare(servos, plan, log, stop_requested)
-        turned_rad = start.turned_rad
-        if not stop_requested():
-            _walk(servos, plan, start, log, stop_requested, walked, soft_stop)
-        else:
-            stopped = "requested"
-    except EStopError:
-        walked.status = "fell" if servos.stopped == "fell" else "aborted"
-    except CommandRefusedError as error:
-        walked.status, stopped = "aborted", str(error)
-    except SimulationDivergedError:
-        walked.status = "diverged"
+        walked = _attempt(servos, plan, log, stop_requested, soft_stop)
     finally:
         log.flush()
-    if walked.status == "aborted" and stopped is None:
-        stopped = servos.stopped or "requested"
     rows = log.rows_of("walk")
     return score(
         servos.robot,
         plan,
         status=walked.status,
-        stopped=stopped,
+        stopped=walked.stopped,
         duration_s=_walked_s(log, rows, servos.clock.period_s),
-        turned_rad=turned_rad,
+        turned_rad=walked.turned_rad,
         clipped_ticks=walked.clipped_ticks,
         frame=log.frame,
         positions_world=log["base_position_world"][rows],
         quaternions_world=log["base_quaternion_world"][rows],
     )
+
+
+def _attempt(
+    servos: Guard, plan: TrialPlan, log: TickLog, stop_requested: StopRequested, soft_stop: bool
+) -> _Walked:
+    """Settle, turn, walk and stop, and return how far that went and why no further."""
+    walked = _Walked()
+    try:
+        start = prepare(servos, plan, log, stop_requested)
+        walked.turned_rad = start.turned_rad
+        if not stop_requested():
+            _walk(servos, plan, start, log, stop_requested, walked, soft_stop)
+    except EStopError:
+        walked.status = "fell" if servos.stopped == "fell" else "aborted"
+    except CommandRefusedError as error:
+        walked.status, walked.stopped = "aborted", str(error)
+    except SimulationDivergedError:
+        walked.status = "diverged"
+    if walked.status == "aborted" and walked.stopped is None:
+        walked.stopped = servos.stopped or "requested"
+    return walked
 
 
 def check_same_failure(servos: LegServos, plan: TrialPlan) -> None:

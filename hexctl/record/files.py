@@ -13,9 +13,9 @@ def create_file(path: Path) -> None:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.open("xb").close()
-    except FileExistsError:
-        raise InputError(f"recording: {path} exists; allowed: a new file, nothing is replaced") from None
     except OSError as error:
+        if isinstance(error, FileExistsError) and path.exists():
+            raise InputError(f"recording: {path} exists; allowed: a new file, nothing is replaced") from None
         raise InputError(
             f"recording: {path} cannot be written ({error.strerror}); allowed: a new file"
         ) from error

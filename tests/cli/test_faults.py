@@ -11,6 +11,7 @@ import pytest
 
 from hexctl.cli.main import exit_code
 from hexctl.record import recording
+from hexctl.record.columns import BlockWriter
 from tests.cli.kits import Kit
 
 KITS = "tests.cli.kits"
@@ -104,11 +105,11 @@ def test_a_file_where_the_recordings_go_is_refused(
 def test_a_recording_that_fails_costs_neither_the_walk_nor_its_result(
     block_ticks: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def fail(writer: object) -> None:
+    def fail(_: object) -> None:
         raise RuntimeError("no space\nleft")
 
     monkeypatch.setattr(recording, "BLOCK_TICKS", block_ticks)
-    monkeypatch.setattr(recording.BlockWriter, "write", fail)
+    monkeypatch.setattr(BlockWriter, "write", fail)
     assert _run("Kit", "--turn", "5", "--json") == 3
     printed = capsys.readouterr()
     outcome = _strict(printed.out)

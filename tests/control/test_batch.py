@@ -88,9 +88,14 @@ def test_robots_loaded_one_by_one_start_together() -> None:
 
 
 def test_equal_robots_share_one_start_in_a_batch(monkeypatch: pytest.MonkeyPatch) -> None:
-    connected = []
+    connected: list[SimServos] = []
     connect = SimServos.connect
-    monkeypatch.setattr(SimServos, "connect", lambda servos: (connected.append(1), connect(servos))[1])
+
+    def note(servos: SimServos) -> None:
+        connected.append(servos)
+        connect(servos)
+
+    monkeypatch.setattr(SimServos, "connect", note)
     results = run_sim_trials([trial(load_robot("ant"), code, duration_s=0.5) for code in "123"])
     assert len(results) == 3
     assert len(connected) == 1
@@ -107,7 +112,7 @@ def test_a_plan_that_the_legs_cannot_make_is_refused_before_any_robot_is_built(
     check_walk(phantomx, bad.plan.gait, bad.plan.motion(0.0))
     trials = [trial(phantomx, "1", failure=Failure(leg=leg)) for leg in (2, 3)]
     trials.insert(place, bad)
-    monkeypatch.setattr(SimServos, "connect", lambda servos: pytest.fail("a robot was built"))
+    monkeypatch.setattr(SimServos, "connect", lambda _: pytest.fail("a robot was built"))
     with pytest.raises((ReachError, LimitError), match="leg"):
         run_sim_trials(trials)
 

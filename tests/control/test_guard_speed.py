@@ -73,7 +73,7 @@ def test_whatever_is_written_whenever_the_joints_go_no_faster_than_they_may(
 def test_ticks_that_come_late_are_clipped_no_more_than_ticks_on_time() -> None:
     """A late tick and the next one on time are nearer to one another than a period."""
     guard, servos = _connected()
-    direction = np.where(STANCE + 6 * STEP < shipped().joint_upper_rad, 0.99, -0.99)
+    direction = np.where(shipped().joint_upper_rad > STANCE + 6 * STEP, 0.99, -0.99)
     for step in range(1, 7):
         servos.time.work(0.017 if step % 2 else 0.001)
         wanted = STANCE + step * direction * STEP

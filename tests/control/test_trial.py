@@ -21,7 +21,6 @@ from tests.control.posed import PosedMock
 from tests.robots import ROBOT_NAMES, edited_file, put, shipped
 from tests.trials import gait_of, walk
 
-
 #: Directions of six legs around the body (x, y), how high they begin, and their yaws.
 UNEVEN_MOUNTS = [
     (math.cos(math.radians(yaw)), math.sin(math.radians(yaw)), z, yaw)

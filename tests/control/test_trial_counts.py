@@ -153,7 +153,8 @@ def test_three_trials_in_a_row_on_one_guard_are_each_their_own() -> None:
         for _ in range(3):
             log = TickLog()
             result = run_trial(guard, _plan(), log)
-            assert (result.status, result.stopped, result.duration_s) == ("ok", None, pytest.approx(1))
+            assert (result.status, result.stopped) == ("ok", None)
+            assert result.duration_s == pytest.approx(1)
             assert log.walked_ticks == 50
             servos.time.work(3600.0)
     assert guard.clock.overruns == 0

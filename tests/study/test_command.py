@@ -93,7 +93,7 @@ def test_bad_input_is_one_line_before_anything_runs(
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_an_interrupted_study_goes_on(number: signal.Signals, tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "hexctl", "study", "--legs", "2", "--duration", "8", "--jobs", "1"]
+    command = [sys.executable, "-m", "hexctl", "study", "--legs", "2", "--duration", "3", "--jobs", "1"]
     study = subprocess.Popen(
         [*command, "--out", "out"], cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     )
@@ -108,7 +108,7 @@ def test_an_interrupted_study_goes_on(number: signal.Signals, tmp_path: Path) ->
 
     # What is saved is whole chunks of what an uninterrupted study has.
     cache = LandscapeCache(tmp_path / CACHE)
-    asked = spec(2, "none", 8.0)
+    asked = spec(2, "none", 3.0)
     saved = cache.load(asked)
     done = saved.codes[saved.done]
     assert (done.size > 0, done.size % 40, cache.notes) == (True, 0, [])
@@ -116,7 +116,7 @@ def test_an_interrupted_study_goes_on(number: signal.Signals, tmp_path: Path) ->
 
 
 def test_what_was_interrupted_ends_as_if_it_had_not_been(tmp_path: Path) -> None:
-    asked = [spec(2, rotation, 0.2) for rotation in ("none", "rear")]
+    asked = [spec(leg, "none", 0.2, range(1, 61)) for leg in (2, 3)]
     cut = LandscapeCache(tmp_path / "cut")
 
     class Interrupts(Remembering):

@@ -23,7 +23,7 @@ PNG = b"\x89PNG\r\n\x1a\n"
 def findings() -> Findings:
     left = {2: 0.5, 6: 0.0}
     return made_up_findings(
-        spread_out(0.5), left, legs=(2, 6), optimizers=("pso", "random"), runs=3, budget=60
+        spread_out(0.5), left, legs=(2, 6), optimizers=("pso", "random"), runs=3, budget=25
     )
 
 
@@ -78,14 +78,14 @@ def test_every_figure_is_there_as_png_and_svg(folder: Path) -> None:
 def test_tables_hold_every_gait_evaluation_and_run(findings: Findings, folder: Path) -> None:
     gaits, curves, runs = (pq.read_table(folder / name).to_pydict() for name in TABLES)
     assert len(gaits["code"]) == 2 * 2 * 120
-    assert len(curves["mean_m"]) == 2 * 2 * 2 * 60
-    assert len(runs["best_m"]) == 2 * 2 * 2 * 3 * 60
+    assert len(curves["mean_m"]) == 2 * 2 * 2 * 25
+    assert len(runs["best_m"]) == 2 * 2 * 2 * 3 * 25
     landscape = findings.without(2)
     assert gaits["signed_m"][:120] == landscape.number("signed_m").tolist()
     assert gaits["path_deviation_m"][7] == landscape.paths_m[7, :, 1].tolist()
     search = findings.searches[2, "pso", False]
-    assert curves["mean_m"][:60] == search.curve.mean.tolist()
-    assert np.array_equal(np.reshape(runs["code"][: 3 * 60], (3, 60)), search.codes)
+    assert curves["mean_m"][:25] == search.curve.mean.tolist()
+    assert np.array_equal(np.reshape(runs["code"][: 3 * 25], (3, 25)), search.codes)
 
 
 def test_the_summary_is_plain_json(findings: Findings) -> None:

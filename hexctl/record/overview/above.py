@@ -25,6 +25,10 @@ from hexctl.robot.messages import FloatArray
 SIDE_LIMIT, END_LIMIT = 0.75, 0.25
 SIDE_LEAST, MARGIN = 0.15, 0.06
 
+#: Distances between grid lines: the first that needs no more than so many along the course.
+GRID_STEPS_M = (0.25, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0)
+MAX_LINES = 6
+
 #: Line widths in points of the screen; negative is how Rerun tells them from metres.
 THIN, TRACK, BOLD, MARK = -0.5, -1.0, -1.75, -5.0
 
@@ -58,9 +62,9 @@ def send_above(stream: Any, overview: Overview) -> None:
 
 
 def _send_axes(stream: Any, overview: Overview) -> None:
-    """Send a line and its name for every metre, or every few on a long course."""
+    """Send grid lines and their names, a few to a course."""
     (x_low, y_low), (x_high, y_high) = visible_m(overview)
-    step = max(1.0, np.ceil(overview.course_m / 8))
+    step = next((step for step in GRID_STEPS_M if overview.course_m <= MAX_LINES * step), GRID_STEPS_M[-1])
     along = np.arange(np.ceil(x_low / step), x_high / step) * step
     across = np.arange(np.ceil(y_low / step), y_high / step) * step
     lines = [[(x, y_low), (x, y_high)] for x in along] + [[(x_low, y), (x_high, y)] for y in across]
@@ -69,7 +73,8 @@ def _send_axes(stream: Any, overview: Overview) -> None:
     stream.log(paths.AXES, strips, static=True)
     foot = y_low + MARGIN * overview.course_m
     names = [((x, foot), f"{x:g} m") for x in along if x]
-    names += [((x_low, y), f"{y:+g} m") for y in across if y]
+    side = x_low + MARGIN * overview.course_m / 2
+    names += [((side, y), f"{y:+g} m") for y in across if y]
     _send_names(stream, f"{paths.AXES}/names", names)
 
 
@@ -86,7 +91,7 @@ def _send_course(stream: Any, overview: Overview) -> None:
     targets = "targets " + ", ".join(name for *_, name in reversed(BANDS))
     names = [
         ((0.92 * length, BANDS[0][0] + MARGIN * length / 2), targets),
-        ((-MARGIN * length, 0.0), "start"),
+        ((0.0, -BANDS[0][0]), "start"),
     ]
     _send_names(stream, f"{paths.BANDS}/names", names)
     start = rr.Points2D([[0.0, 0.0]], radii=[MARK], colors=[LINE_COLOR], draw_order=MARK_ORDER)

@@ -26,23 +26,32 @@ def write_overview_file(path: Path, overview: Overview) -> None:
     """
     if not overview.trials:
         raise InputError(f"overview: {overview.title} has no trials; allowed: one or more")
-    rr = load_rerun()
+    load_rerun()
     # Not an .rrd until it is whole: nobody shall take it for a recording.
     aside = path.with_name(f".{path.stem}-{uuid.uuid4().hex[:8]}.part")
     create_file(aside)
     try:
-        stream = rr.RecordingStream(APPLICATION_ID, recording_id=str(uuid.uuid4()))
-        stream.save(str(aside), default_blueprint=make_layout(overview))
-        try:
-            _send(stream, overview)
-            flush(stream, path)
-        finally:
-            stream.disconnect()
+        _write(aside, path, overview)
+        _put_in_place(aside, path)
+    finally:
+        aside.unlink(missing_ok=True)
+
+
+def _write(aside: Path, path: Path, overview: Overview) -> None:
+    stream = load_rerun().RecordingStream(APPLICATION_ID, recording_id=str(uuid.uuid4()))
+    stream.save(str(aside), default_blueprint=make_layout(overview))
+    try:
+        _send(stream, overview)
+        flush(stream, path)
+    finally:
+        stream.disconnect()
+
+
+def _put_in_place(aside: Path, path: Path) -> None:
+    try:
         aside.replace(path)
     except OSError as error:
         raise RecordingError(f"{path}: the overview cannot be written: {error.strerror}") from error
-    finally:
-        aside.unlink(missing_ok=True)
 
 
 def _send(stream: Any, overview: Overview) -> None:

@@ -1,0 +1,211 @@
+"""The overview recording of made-up sessions, read back."""
+
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import rerun as rr
+
+from hexctl.errors import InputError, RecordingError
+from hexctl.record.overview import file as module
+from hexctl.record.overview.above import visible_m
+from hexctl.record.overview.colors import INVALID_COLOR, deviation_color
+from hexctl.record.overview.file import write_overview_file
+from hexctl.record.overview.table import make_table
+from hexctl.record.overview.trials import Overview, OverviewTrial, drawable
+from hexctl.record.viewer import viewer_binary
+from tests.record.conftest import ReadBack
+
+
+def make_trial(index: int, deviation_m: float, *, valid: bool = True) -> OverviewTrial:
+    return OverviewTrial(
+        index=index,
+        code=10 * index,
+        slots=(1, 2, 3, 4, 5, 6),
+        score_m=abs(deviation_m) if valid else None,
+        deviation_m=deviation_m,
+        distance_m=4.0,
+        status="ok" if valid else "fell",
+        path_m=np.linspace([0.0, 0.0], [4.0, deviation_m], 20),
+    )
+
+
+def make_overview(*trials: OverviewTrial) -> Overview:
+    return Overview(
+        title="a session", facts=("leg 5",), objective="deviation at the end", course_m=4.5, trials=trials
+    )
+
+
+SESSION = make_overview(
+    make_trial(1, -0.8), make_trial(2, 0.0, valid=False), make_trial(3, 0.3), make_trial(4, 1.2)
+)
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("session") / "overview.rrd"
+    write_overview_file(path, SESSION)
+    return path
+
+
+def rows(path: Path, entity: str, component: str) -> dict[int, Any]:
+    """Return what an entity shows from which trial on."""
+    found: dict[int, Any] = {}
+    for chunk in rr.chunk.RrdReader(path).stream().to_chunks():
+        batch = chunk.to_record_batch()
+        if chunk.entity_path == entity and {"trial", component} <= set(batch.schema.names):
+            found |= dict(
+                zip(batch.column("trial").to_pylist(), batch.column(component).to_pylist(), strict=True)
+            )
+    return dict(sorted(found.items()))
+
+
+def packed(color: tuple[int, int, int]) -> int:
+    red, green, blue = color
+    return red << 24 | green << 16 | blue << 8 | 0xFF
+
+
+def test_each_trajectory_appears_with_its_trial_left_of_the_line_upward(written: Path) -> None:
+    for trial in SESSION.trials:
+        strips = rows(written, f"/above/trials/{trial.index:03d}", "LineStrips2D:strips")
+        assert list(strips) == [trial.index]
+        (strip,) = strips[trial.index]
+        np.testing.assert_allclose(strip, trial.path_m * [1, -1], atol=1e-6)
+
+
+def test_trajectories_are_coloured_by_deviation_and_invalid_ones_are_grey(written: Path) -> None:
+    for trial in SESSION.trials:
+        colors = rows(written, f"/above/trials/{trial.index:03d}", "LineStrips2D:colors")[trial.index]
+        valid = trial.score_m is not None
+        assert colors == [packed(deviation_color(trial.deviation_m, valid=valid) if valid else INVALID_COLOR)]
+
+
+def test_the_best_so_far_changes_where_it_is_beaten(written: Path) -> None:
+    assert list(rows(written, "/above/best", "LineStrips2D:strips")) == [1, 3]
+    labels = rows(written, "/above/best/end", "Points2D:labels")
+    assert labels == {
+        1: ["best: trial 1, code 10, 0.800 m right"],
+        3: ["best: trial 3, code 30, 0.300 m left"],
+    }
+
+
+def test_the_curve_has_scores_best_so_far_and_invalid_trials_above(written: Path) -> None:
+    scores = rows(written, "/curve/score", "Scalars:scalars")
+    best = rows(written, "/curve/best_so_far", "Scalars:scalars")
+    invalid = rows(written, "/curve/invalid", "Scalars:scalars")
+    assert scores == {1: [0.8], 3: [0.3], 4: [1.2]}
+    assert best == {1: [0.8], 2: [0.8], 3: [0.3], 4: [0.3]}
+    assert list(invalid) == [2]
+    assert invalid[2][0] > 1.2
+    assert rows(written, "/curve/targets/2", "Scalars:scalars") == {1: [0.025], 4: [0.025]}
+
+
+def test_line_bands_start_table_and_layout_are_in_the_file(written: Path) -> None:
+    read = ReadBack(written)
+    half_widths = [read.values(f"/above/bands/{band}", "LineStrips2D:radii")[0][0] for band in (1, 2)]
+    assert half_widths == pytest.approx([0.1, 0.025])
+    (line,) = read.values("/above/line_of_travel", "LineStrips2D:strips")[0]
+    assert line == [[0.0, 0.0], [4.5, 0.0]]
+    assert read.values("/above/start", "Points2D:positions") == [[[0.0, 0.0]]]
+    assert read.values("/table", "TextDocument:text") == [[make_table(SESSION)]]
+    assert len(read.blueprints) == 1
+    assert read.blueprints[0].application_id == read.recordings[0].application_id
+
+
+def test_the_table_has_the_best_trial_in_bold() -> None:
+    lines = make_table(SESSION).splitlines()
+    bold = [line for line in lines if line.startswith("| **")]
+    assert len(bold) == 1
+    assert "**0.300 m left** | **4.00 m** | **ok** | **0.300 m**" in bold[0]
+    assert "| 2 | 20 | 1,2,3,4,5,6 | 0.000 m right | 4.00 m | fell | 0.800 m |" in lines
+
+
+def test_straighter_is_brighter() -> None:
+    luminances = [
+        np.dot(deviation_color(off_m, valid=True), [0.21, 0.72, 0.07]) for off_m in (0.0, 0.1, 0.3, 0.6)
+    ]
+    assert luminances == sorted(luminances, reverse=True)
+    assert deviation_color(-0.3, valid=True) == deviation_color(0.3, valid=True)
+    assert deviation_color(9.0, valid=True) == deviation_color(1.5, valid=True)
+
+
+def test_a_trial_that_flew_away_does_not_shrink_the_picture() -> None:
+    flown = make_overview(make_trial(1, 0.1), make_trial(2, 900.0, valid=False))
+    low, high = visible_m(flown)
+    assert (high - low < 2 * flown.course_m).all()
+
+
+def test_points_that_cannot_be_drawn_are_left_out() -> None:
+    path = np.array([[0.0, 0.0], [0.1, 0.0], [np.nan, 0.0], [np.inf, 1.0], [0.0, -1e9]])
+    np.testing.assert_array_equal(drawable(path), path[:2])
+    assert drawable(np.zeros((0, 2))).shape == (0, 2)
+
+
+@pytest.mark.parametrize(
+    "trials",
+    [
+        (make_trial(1, 0.4),),
+        (make_trial(1, 0.0, valid=False), make_trial(2, 0.0, valid=False)),
+        (
+            OverviewTrial(
+                index=1,
+                code=1,
+                slots=(1, 2, 3, 4, 5, 6),
+                score_m=None,
+                deviation_m=None,
+                distance_m=None,
+                status="aborted",
+                path_m=np.zeros((0, 2)),
+            ),
+        ),
+    ],
+    ids=["one", "none valid", "never set out"],
+)
+def test_rerun_finds_nothing_wrong_with_any_session(
+    trials: tuple[OverviewTrial, ...], tmp_path: Path
+) -> None:
+    path = tmp_path / "overview.rrd"
+    write_overview_file(path, make_overview(*trials))
+    done = subprocess.run(
+        [str(viewer_binary()), "rrd", "verify", str(path)], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+
+
+def test_a_later_overview_takes_the_place_of_an_earlier_one(tmp_path: Path) -> None:
+    path = tmp_path / "overview.rrd"
+    write_overview_file(path, make_overview(make_trial(1, 0.4)))
+    with path.open("rb") as reader:
+        write_overview_file(path, SESSION)
+        assert len(ReadBack(path).recordings) == 1
+        assert reader.read(3) == b"RRF"
+    assert list(rows(path, "/curve/score", "Scalars:scalars")) == [1, 3, 4]
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_what_fails_leaves_the_earlier_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object) -> None:
+        raise RecordingError("the disk is full")
+
+    path = tmp_path / "overview.rrd"
+    write_overview_file(path, SESSION)
+    before = path.read_bytes()
+    monkeypatch.setattr(module, "flush", refuse)
+    with pytest.raises(RecordingError, match="full"):
+        write_overview_file(path, SESSION)
+    assert path.read_bytes() == before
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_bad_places_and_empty_sessions_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    with pytest.raises(InputError, match="cannot be written"):
+        write_overview_file(tmp_path / "file" / "overview.rrd", SESSION)
+    with pytest.raises(InputError, match="no trials"):
+        write_overview_file(tmp_path / "overview.rrd", make_overview())
+    (tmp_path / "overview.rrd").mkdir()
+    with pytest.raises(RecordingError, match="cannot be written"):
+        write_overview_file(tmp_path / "overview.rrd", SESSION)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["file", "overview.rrd"]
