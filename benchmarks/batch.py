@@ -43,7 +43,7 @@ THREADS = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else 
 def batch_rows(scale: Scale) -> Iterator[Row]:
     """Physics steps per second of a batch of trials over bare mj_step on as many threads."""
     plans = recovery_plans(FAILED_LEG, scale.codes, scale.batch_walk_s, "rear")
-    work = _BatchWork([SimTrial(robot=ant(), plan=plan) for plan in plans])
+    work = BatchWork([SimTrial(robot=ant(), plan=plan) for plan in plans])
     pairs = alternate(work.ours, work.bare, scale.rounds)
     walks = [(bare.walk_s, ours.walk_s) for ours, bare in pairs]
     wholes = [(bare.whole_s, ours.whole_s) for ours, bare in pairs]
@@ -86,7 +86,7 @@ class _Keeping(SimBatch):
         return np.asarray(self._qpos.copy())
 
 
-class _BatchWork:
+class BatchWork:
     """The trials and their controls, recorded once and checked against the reference."""
 
     def __init__(self, trials: list[SimTrial]) -> None:

@@ -10,6 +10,7 @@ from benchmarks.rows import Row
 from benchmarks.scale import Scale
 from benchmarks.single import single_rows
 from benchmarks.startup import startup_rows
+from benchmarks.study import study_rows
 from benchmarks.tick import tick_rows
 
 Benchmark = Callable[[Scale], Iterator[Row]]
@@ -22,6 +23,7 @@ BENCHMARKS: dict[str, Benchmark] = {
     "single": single_rows,
     "recording": recording_rows,
     "batch": batch_rows,
+    "study": study_rows,
     **landscape_benchmarks(),
 }
 

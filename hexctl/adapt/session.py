@@ -15,6 +15,7 @@ class SessionSpec:
 
     Attributes:
         robot: name or path of the robot file.
+        robot_fingerprint: of the description that the file held when the session began.
         backend: as in `hexctl run`.
         world: name or path of the world file; None on a real robot.
         failed_leg: the leg that failed.
@@ -33,6 +34,7 @@ class SessionSpec:
     """
 
     robot: str = "ant"
+    robot_fingerprint: str = ""
     backend: str = "sim"
     world: str | None = "flat"
     failed_leg: int = 5

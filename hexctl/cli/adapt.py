@@ -4,7 +4,7 @@ from typing import Annotated
 
 import typer
 
-from hexctl.cli.options import JsonOption, RobotOption
+from hexctl.cli.options import JsonOption
 
 
 def adapt(
@@ -53,35 +53,39 @@ def adapt(
     backend: Annotated[
         str | None, typer.Option("--backend", help="As in hexctl run.  [default: sim]")
     ] = None,
-    robot: RobotOption = "ant",
+    robot: Annotated[str | None, typer.Option("--robot", help="As in hexctl run.  [default: ant]")] = None,
     world: Annotated[str | None, typer.Option("--world", help="As in hexctl run.  [default: flat]")] = None,
     resume: Annotated[
         str | None, typer.Option("--resume", help="Continue this session; everything else stays as it was.")
     ] = None,
     no_record: Annotated[bool, typer.Option("--no-record", help="Leave no recordings.")] = False,
-    seed: Annotated[int, typer.Option("--seed", help="Seed of optimizer and simulation, 0 or more.")] = 0,
+    seed: Annotated[
+        int | None,
+        typer.Option("--seed", help="Seed of optimizer and simulation, 0 or more.  [default: 0]"),
+    ] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Find a gait for a failed leg in few trials; every trial is kept and recorded. Ctrl-C and --resume."""
-    from hexctl.cli.adapting import execute, new_spec
+    from hexctl.cli.adapting import check_resumed_alone, execute, new_spec
 
-    spec = None
-    if resume is None:
-        spec = new_spec(
-            robot=robot,
-            backend=backend,
-            world=world,
-            failed_leg=failed_leg,
-            failure=failure,
-            optimizer=optimizer,
-            objective=objective,
-            budget=budget,
-            target_m=target,
-            confirm=confirm,
-            count_repeats=count_repeats or None,
-            duration_s=duration,
-            heading_deg=heading,
-            self_rotation=self_rotation,
-            seed=seed,
-        )
+    options = {
+        "robot": robot,
+        "backend": backend,
+        "world": world,
+        "failed_leg": failed_leg,
+        "failure": failure,
+        "optimizer": optimizer,
+        "objective": objective,
+        "budget": budget,
+        "target_m": target,
+        "confirm": confirm,
+        "count_repeats": count_repeats or None,
+        "duration_s": duration,
+        "heading_deg": heading,
+        "self_rotation": self_rotation,
+        "seed": seed,
+    }
+    if resume is not None:
+        check_resumed_alone(resume, **options)
+    spec = new_spec(**options) if resume is None else None
     raise typer.Exit(execute(spec, resume=resume, record=not no_record, as_json=as_json))

@@ -8,6 +8,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import typer
+
 from hexctl.adapt.catalogue import make_optimizer
 from hexctl.adapt.counting import FreshCodes
 from hexctl.adapt.loop import AdaptLoop
@@ -24,7 +26,7 @@ from hexctl.cli.table import SessionTable, closing_lines
 from hexctl.cli.values import finite
 from hexctl.control.plan import TrialPlan
 from hexctl.control.turning import check_plan
-from hexctl.errors import InputError
+from hexctl.errors import HexctlError, InputError
 from hexctl.gait.encoding import Slots
 from hexctl.gait.named import make_gait
 from hexctl.robot.failure import parse_failure
@@ -50,11 +52,19 @@ def new_spec(**options: Any) -> SessionSpec:
     given = {name: value for name, value in options.items() if value is not None}
     if not simulated:
         given["world"] = None
-    spec = SessionSpec(**given)
+    robot = load_robot(given.get("robot", "ant"))
+    spec = SessionSpec(**given, robot_fingerprint=robot.fingerprint)
     _check_numbers(spec)
     check_objective(spec.objective)
     make_optimizer(spec.optimizer, GaitSpace((spec.failed_leg,)), spec.seed)
     return spec
+
+
+def check_resumed_alone(resume: str, **options: Any) -> None:
+    """Raise InputError for options that a resumed session would silently not follow."""
+    given = [f"--{name.replace('_', '-')}" for name, value in options.items() if value is not None]
+    if given:
+        raise InputError(f"--resume: got {', '.join(given)} too; allowed: {resume} goes on as it was begun")
 
 
 def _check_numbers(spec: SessionSpec) -> None:
@@ -122,6 +132,11 @@ def _adapt(
 def _walk_parts(spec: SessionSpec) -> tuple[Robot, World | None, TrialPlan]:
     """Return robot, world and the plan with the demo gait, refused if it cannot be walked."""
     robot = load_robot(spec.robot)
+    if robot.fingerprint != spec.robot_fingerprint:
+        raise InputError(
+            f"session: robot {spec.robot} is not the one that it began with; "
+            "allowed: the same robot file, or a new session"
+        )
     world = load_world(spec.world) if spec.world is not None else None
     plan = TrialPlan(
         gait=make_gait(robot, "demo"),
@@ -139,9 +154,12 @@ def _with_slots(plan: TrialPlan, slots: Slots) -> TrialPlan:
 
 
 def _write_overview(session: Session, store: SessionStore, *, record: bool) -> None:
-    """Write the session's overview recording beside those of its trials."""
+    """Write the session's overview beside its trials; `hexctl view` makes it too, so trouble is a warning."""
     if not record or not session.trials:
         return
     from hexctl.adapt.overview import write_overview
 
-    write_overview(session, store.folder_of(session.name))
+    try:
+        write_overview(session, store.folder_of(session.name))
+    except HexctlError as error:
+        typer.echo(f"hexctl: no overview: {error}", err=True)

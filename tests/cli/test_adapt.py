@@ -11,7 +11,10 @@ from typing import Any
 
 import pytest
 
+from hexctl.adapt.walker import Walker
 from hexctl.cli.main import exit_code
+from hexctl.robot.configs import config_root
+from tests.adapt.walking import Landscape
 
 PATIENCE_S = 90.0
 QUICK = ["adapt", "--failed-leg", "4", "--duration", "3", "--budget", "3"]
@@ -85,6 +88,9 @@ def test_the_table_and_the_sessions(capsys: pytest.CaptureFixture[str]) -> None:
 REFUSED = [
     (["adapt"], ["--failed-leg", "1..6"]),
     (["adapt", "--failed-leg", "7"], ["failed leg", "7", "1..6"]),
+    (["adapt", "--failed-leg", "0"], ["failed leg", "0", "1..6"]),
+    (["adapt", "--failed-leg", "5", "--budget", "-1"], ["--budget", "-1", "1.."]),
+    (["adapt", "--resume", "some", "--budget", "30"], ["--resume", "--budget"]),
     (["adapt", "--failed-leg", "5", "--budget", "0"], ["--budget", "0", "1.."]),
     (["adapt", "--failed-leg", "5", "--optimizer", "magic"], ["magic", "pso"]),
     (["adapt", "--failed-leg", "5", "--objective", "speed"], ["speed", "final, mean, max, progress"]),
@@ -155,3 +161,59 @@ def test_a_session_cut_off_goes_on_to_the_same_end(
     resumed = run_json(capsys, "adapt", "--resume", listed["session"], "--no-record")
     assert course(resumed) == course(whole)
     assert resumed["best"]["code"] == whole["best"]["code"]
+
+
+def test_a_budget_beyond_the_space_ends_when_every_gait_was_tried(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(Walker, "walk", lambda _, index, code, slots: Landscape()(index, code, slots))
+    outcome = run_json(capsys, "adapt", "--failed-leg", "5", "--budget", "500", "--no-record")
+    assert outcome["ended"] == "exhausted"
+    assert len(outcome["trials"]) == 120
+    assert exit_code(["adapt", "--failed-leg", "5", "--budget", "121", "--no-record"]) == 0
+    assert "exhausted after 120 trials" in capsys.readouterr().out
+
+
+def test_a_session_is_not_continued_with_another_robot(capsys: pytest.CaptureFixture[str]) -> None:
+    text = (config_root() / "robots" / "ant.yaml").read_text()
+    Path("mine.yaml").write_text(text)
+    outcome = run_json(capsys, *QUICK, "--robot", "./mine.yaml", "--no-record")
+    Path("mine.yaml").write_text(text.replace("mass_kg: 0.100", "mass_kg: 0.200"))
+    assert exit_code(["adapt", "--resume", outcome["session"]]) == 2
+    assert "robot ./mine.yaml" in capsys.readouterr().err
+    Path("mine.yaml").write_text(text)
+    again = run_json(capsys, "adapt", "--resume", outcome["session"], "--no-record")
+    assert course(again) == course(outcome)
+
+
+def test_a_store_that_is_none_is_refused_and_kept(capsys: pytest.CaptureFixture[str]) -> None:
+    Path("runs").mkdir()
+    store = Path("runs/sessions.sqlite")
+    store.write_bytes(b"my diary, not a database\n" * 50)
+    before = store.read_bytes()
+    assert exit_code([*QUICK, "--no-record"]) == 3
+    printed = capsys.readouterr()
+    assert len(printed.err.splitlines()) == 1
+    assert "sessions.sqlite" in printed.err
+    assert store.read_bytes() == before
+
+
+FULL_DISK = """
+import resource, signal, sys
+from hexctl.cli.main import exit_code
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+resource.setrlimit(resource.RLIMIT_FSIZE, (120_000, 120_000))
+sys.exit(exit_code(["adapt", "--failed-leg", "5", "--budget", "60", "--duration", "2.5", "--no-record"]))
+"""
+
+
+def test_a_full_disk_ends_in_one_line_and_loses_no_kept_trial(capsys: pytest.CaptureFixture[str]) -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", FULL_DISK], capture_output=True, text=True, timeout=PATIENCE_S, check=False
+    )
+    assert done.returncode == 3, done.stderr
+    assert len(done.stderr.splitlines()) == 1
+    assert "cannot be kept" in done.stderr
+    shown = [line for line in done.stdout.splitlines() if "  ok  " in line or "no_progress" in line]
+    (listed,) = run_json(capsys, "sessions", "list")
+    assert listed["trials"] == len(shown) > 0

@@ -1,0 +1,56 @@
+"""The paper's whole study, from an empty cache to the report, over the bare physics of its landscapes.
+
+The bare physics is that of one landscape (leg 5, with self-rotation, all of its gaits), stepped before and
+after the study and counted once for each landscape: all have the same number of gaits and of walked seconds.
+"""
+
+import json
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from statistics import mean
+
+from benchmarks.batch import THREADS, BatchWork
+from benchmarks.plans import N_CODES, ant, recovery_plans
+from benchmarks.rows import Bar, Row
+from benchmarks.scale import Scale
+from hexctl.control.batch import SimTrial
+from hexctl.robot.joints import N_LEGS
+
+LEG = 5
+
+#: With and without self-rotation.
+WAYS = 2
+
+
+def study_rows(scale: Scale) -> Iterator[Row]:
+    """Yield the wall time of `hexctl study` over its bare physics, and the batch bar on its landscape."""
+    legs = N_LEGS if scale.codes == N_CODES else 1
+    plans = recovery_plans(LEG, N_CODES, scale.walk_s, "rear")
+    work = BatchWork([SimTrial(robot=ant(), plan=plan) for plan in plans])
+    bare_s = [work.bare().whole_s]
+    ours_s = work.ours().whole_s
+    wall_s = _run_study(legs, scale)
+    bare_s.append(work.bare().whole_s)
+    landscapes = WAYS * legs
+    ratio = wall_s / (landscapes * mean(bare_s))
+    note = f"{wall_s:.0f} s for {landscapes} landscapes; bare {bare_s[0]:.1f} and {bare_s[1]:.1f} s each"
+    yield Row("study.wall", ratio, "ratio", Bar(high=1.2), f"{note}, {THREADS} threads")
+    yield Row("study.landscape", mean(bare_s) / ours_s, "ratio", Bar(low=0.9), "steps per second over bare")
+
+
+def _run_study(legs: int, scale: Scale) -> float:
+    """Run the study in a process of its own, in an empty folder, and return its wall time in s."""
+    command = [sys.executable, "-m", "hexctl", "study", "--json", "--duration", f"{scale.walk_s:g}"]
+    if legs < N_LEGS:
+        command += ["--legs", str(LEG), "--runs", "2", "--budget", "10", "--optimizers", "random"]
+    with tempfile.TemporaryDirectory() as folder:
+        began_s = time.perf_counter()
+        done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+        wall_s = time.perf_counter() - began_s
+    if done.returncode:
+        raise RuntimeError(f"hexctl study failed: {done.stderr.strip()}")
+    json.loads(done.stdout)
+    return wall_s

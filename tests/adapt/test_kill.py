@@ -1,0 +1,55 @@
+"""`kill -9` at random moments: the session goes on to the same end every time."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+
+from hexctl.adapt.loop import AdaptLoop
+from hexctl.adapt.store import SessionStore
+from tests.adapt.killing import SPEC_TO_KILL, optimizer_of
+from tests.adapt.walking import Landscape
+
+KILLS = 20
+SESSIONS = 5
+
+
+def _killed_after(delay_s: float, *arguments: str) -> None:
+    """Run the session in a process of its own and kill it some time after it began to walk."""
+    command = [sys.executable, "-m", "tests.adapt.killing", *arguments]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE)
+    try:
+        assert process.stdout is not None
+        assert process.stdout.readline() == b"walking\n"
+        time.sleep(delay_s)
+        os.kill(process.pid, signal.SIGKILL)
+    finally:
+        process.kill()
+        process.wait()
+        if process.stdout is not None:
+            process.stdout.close()
+
+
+def test_kill_9_at_twenty_random_moments_never_changes_the_result(tmp_path: Path) -> None:
+    with SessionStore(tmp_path / "whole") as store:
+        whole = store.create(SPEC_TO_KILL)
+        AdaptLoop(whole, store, optimizer_of(SPEC_TO_KILL), Landscape()).run()
+    random = np.random.default_rng(11)
+    cut_inside = 0
+    for number in range(SESSIONS):
+        folder = tmp_path / str(number)
+        name: list[str] = []
+        for _ in range(KILLS // SESSIONS):
+            _killed_after(float(random.uniform(0.0, 0.15)), str(folder), *name)
+            with SessionStore(folder) as store:
+                name = store.names()
+                cut_inside += 0 < len(store.load(name[0]).trials) < SPEC_TO_KILL.budget
+        with SessionStore(folder) as store, store.held(name[0]):
+            session = store.load(name[0])
+            AdaptLoop(session, store, optimizer_of(SPEC_TO_KILL), Landscape()).run()
+            assert store.load(name[0]).trials == whole.trials
+    assert cut_inside >= KILLS / 2, "most kills came while it walked"
