@@ -50,6 +50,11 @@ class SessionStore:
         self.path = folder / "sessions.sqlite"
         try:
             folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise InputError(
+                f"sessions: {folder} cannot be used ({error.strerror}); allowed: a folder"
+            ) from error
+        try:
             self._connection = sqlite3.connect(self.path, timeout=BUSY_TIMEOUT_S, isolation_level=None)
             self._prepare()
         except (OSError, sqlite3.Error) as error:

@@ -52,20 +52,24 @@ class Walker:
         )
         recording = self._open_recording(index, code, plan)
         try:
-            with make_servos(self.spec.backend, options) as servos:
+            with Guard(make_servos(self.spec.backend, options)) as servos:
+                self._require_pose(servos)
                 log = TickLog(recording.write_block if recording else None)
-                result = run_trial(Guard(servos), plan, log, stop_requested=self.stop_requested)
-            if result.status == "ok" and result.deviation is None:
-                raise RobotFaultError(
-                    f"backend {self.spec.backend} knows no position, so a trial cannot be scored; "
-                    "use a robot with odometry or motion capture, or --backend sim"
-                )
+                result = run_trial(servos, plan, log, stop_requested=self.stop_requested)
             if recording is not None:
                 recording.finish(result, self._facts(index, code))
         finally:
             if recording is not None:
                 recording.close()
         return result, recording.path if recording is not None else None
+
+    def _require_pose(self, servos: Guard) -> None:
+        """Refuse, before anything moves, a robot whose walk could not be scored."""
+        if servos.read().base_position_world is None:
+            raise RobotFaultError(
+                f"backend {self.spec.backend} knows no position, so a trial cannot be scored; "
+                "use a robot with odometry or motion capture, or --backend sim"
+            )
 
     def _open_recording(self, index: int, code: int, plan: TrialPlan) -> Recording | None:
         if self.folder is None:

@@ -11,15 +11,15 @@ def adapt(
     failed_leg: Annotated[int | None, typer.Option("--failed-leg", help="Leg that failed, 1..6.")] = None,
     failure: Annotated[
         str | None,
-        typer.Option("--failure", help="As in hexctl run.  [default: locked]"),
+        typer.Option("--failure", help="As in hexctl run. (default: locked)"),
     ] = None,
     budget: Annotated[
-        int | None, typer.Option("--budget", help="Trials to walk, 1 or more.  [default: 20]")
+        int | None, typer.Option("--budget", help="Trials to walk, 1 or more. (default: 20)")
     ] = None,
     optimizer: Annotated[
         str | None,
         typer.Option(
-            "--optimizer", help="pso, psosp, dps, debest, derand, random or exhaustive.  [default: random]"
+            "--optimizer", help="pso, psosp, dps, debest, derand, random or exhaustive. (default: random)"
         ),
     ] = None,
     objective: Annotated[
@@ -27,7 +27,7 @@ def adapt(
         typer.Option(
             "--objective",
             help="What to make small: final, mean or max deviation, or progress (final deviation per share "
-            "of the ideal distance).  [default: final]",
+            "of the ideal distance). (default: final)",
         ),
     ] = None,
     target: Annotated[
@@ -35,33 +35,31 @@ def adapt(
     ] = None,
     confirm: Annotated[
         int | None,
-        typer.Option("--confirm", help="Of the budget, trials that repeat the best gait.  [default: 0]"),
+        typer.Option("--confirm", help="Of the budget, trials that repeat the best gait. (default: 0)"),
     ] = None,
     count_repeats: Annotated[
         bool,
         typer.Option("--count-repeats", help="Walk a gait again when the optimizer asks for it again."),
     ] = False,
     duration: Annotated[
-        float | None, typer.Option("--duration", help="Seconds that each trial walks.  [default: 30]")
+        float | None, typer.Option("--duration", help="Seconds that each trial walks. (default: 30)")
     ] = None,
     heading: Annotated[
-        float | None, typer.Option("--heading", help="Direction of travel in degrees.  [default: 0]")
+        float | None, typer.Option("--heading", help="Direction of travel in degrees. (default: 0)")
     ] = None,
     self_rotation: Annotated[
-        str | None, typer.Option("--self-rotation", help="rear, front or none.  [default: rear]")
+        str | None, typer.Option("--self-rotation", help="rear, front or none. (default: rear)")
     ] = None,
-    backend: Annotated[
-        str | None, typer.Option("--backend", help="As in hexctl run.  [default: sim]")
-    ] = None,
-    robot: Annotated[str | None, typer.Option("--robot", help="As in hexctl run.  [default: ant]")] = None,
-    world: Annotated[str | None, typer.Option("--world", help="As in hexctl run.  [default: flat]")] = None,
+    backend: Annotated[str | None, typer.Option("--backend", help="As in hexctl run. (default: sim)")] = None,
+    robot: Annotated[str | None, typer.Option("--robot", help="As in hexctl run. (default: ant)")] = None,
+    world: Annotated[str | None, typer.Option("--world", help="As in hexctl run. (default: flat)")] = None,
     resume: Annotated[
         str | None, typer.Option("--resume", help="Continue this session; everything else stays as it was.")
     ] = None,
     no_record: Annotated[bool, typer.Option("--no-record", help="Leave no recordings.")] = False,
     seed: Annotated[
         int | None,
-        typer.Option("--seed", help="Seed of optimizer and simulation, 0 or more.  [default: 0]"),
+        typer.Option("--seed", help="Seed of optimizer and simulation, 0 or more. (default: 0)"),
     ] = None,
     as_json: JsonOption = False,
 ) -> None:

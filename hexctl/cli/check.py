@@ -12,7 +12,6 @@ from hexctl.cli.options import (
     HeightOption,
     JsonOption,
     PaceOption,
-    RobotOption,
     TurnOption,
 )
 from hexctl.cli.output import say
@@ -22,11 +21,13 @@ def check(
     robot_name: Annotated[
         str | None, typer.Argument(metavar="[ROBOT]", help="Robot name or YAML file, as with --robot.")
     ] = None,
-    robot: RobotOption = "ant",
+    robot: Annotated[
+        str | None, typer.Option("--robot", help="The same as an option. (default: ant)")
+    ] = None,
     gait: GaitOption = "demo",
     heading: Annotated[
         float | None,
-        typer.Option("--heading", help="Degrees from forward, counter-clockwise.  [default: all, in 15s]"),
+        typer.Option("--heading", help="Degrees from forward, counter-clockwise. (default: all, in 15s)"),
     ] = None,
     turn: TurnOption = None,
     pace: PaceOption = None,
@@ -35,15 +36,18 @@ def check(
     as_json: JsonOption = False,
 ) -> None:
     """Check a robot file: reach, joint ranges and speeds of a gait, with numbers."""
-    from hexctl.cli.values import finite
+    from hexctl.cli.values import finite, turn_rate_deg_s
     from hexctl.control.feasibility import gait_demand
+    from hexctl.errors import InputError
     from hexctl.gait.named import make_gait
     from hexctl.robot.file import load_robot
 
-    described = load_robot(robot_name or robot)
+    if robot_name is not None and robot is not None and robot_name != robot:
+        raise InputError(f"check: got robots {robot_name} and {robot}; allowed: one")
+    described = load_robot(robot_name or robot or "ant")
     walked = make_gait(described, gait, pace_hz=pace, amplitude=amplitude, height=height)
     headings = range(0, 360, 15) if heading is None else [finite("--heading", heading)]
-    motions = _motions(headings, finite("--turn", turn), in_place=turn is not None and heading is None)
+    motions = _motions(headings, turn_rate_deg_s(turn), in_place=turn is not None and heading is None)
     demand = gait_demand(described, walked, motions)
     report = _report(described, walked, demand)
     say(json.dumps(report) if as_json else "\n".join(_lines(described, walked, report)))
@@ -131,5 +135,11 @@ def _verdict(report: dict[str, Any]) -> list[str]:
         f"range: exceeded by {outside}" if outside else "range: kept",
         f"speed: kept{upto}" if report["speed_holds"] else f"speed: too fast, the guard will clip it{upto}",
         f"feet: {spacing:g} m apart or more" + ("" if report["feet_stay_apart"] else ": they touch"),
-        "this robot can walk this gait" if report["possible"] else "this robot cannot walk this gait",
+        _conclusion(report),
     ]
+
+
+def _conclusion(report: dict[str, Any]) -> str:
+    if not report["possible"]:
+        return "this robot cannot walk this gait"
+    return "this robot can walk this gait" + ("" if report["speed_holds"] else ", clipped at its fastest")

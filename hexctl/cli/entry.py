@@ -10,5 +10,6 @@ def main() -> None:
 
         code = exit_code()
     except KeyboardInterrupt:
+        sys.stderr.write("hexctl: ended at once\n")
         code = 130
     sys.exit(code)

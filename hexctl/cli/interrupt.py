@@ -1,6 +1,8 @@
 """Ctrl-C as a request: the first asks for a soft stop, the second ends the program."""
 
+import os
 import signal
+import sys
 from types import FrameType, TracebackType
 from typing import Any, Self
 
@@ -33,3 +35,5 @@ class StopOnInterrupt:
         if self._requested:
             raise KeyboardInterrupt
         self._requested = True
+        if sys.stderr.isatty():
+            os.write(sys.stderr.fileno(), b"\nstopping softly; Ctrl-C again ends at once\n")

@@ -58,12 +58,14 @@ def exit_code(arguments: Sequence[str] | None = None) -> int:
     except HexctlError as error:
         return _complain(str(error), FAULT)
     except KeyboardInterrupt:
-        return INTERRUPTED
+        return _complain("ended at once; what was kept and recorded so far stays", INTERRUPTED)
     return code if isinstance(code, int) else 0
 
 
 def _complain(message: str, code: int) -> int:
     """Print an error; a help text stays as it is, everything else becomes one line."""
+    if not message.strip():
+        return code
     text = message if message.lstrip().startswith("Usage") else "hexctl: " + " ".join(message.split())
     typer.echo(text, err=True)
     return code

@@ -16,18 +16,18 @@ GaitOption = Annotated[
     ),
 ]
 PaceOption = Annotated[
-    float | None, typer.Option("--pace", help="Gait cycles per second, up to 10.  [default: the robot's]")
+    float | None, typer.Option("--pace", help="Gait cycles per second, up to 10. (default: the robot's)")
 ]
 AmplitudeOption = Annotated[
     float | None,
     typer.Option(
-        "--amplitude", help="Step amplitude as a fraction of the robot's size, 0..1.  [default: the robot's]"
+        "--amplitude", help="Step amplitude as a fraction of the robot's size, 0..1. (default: the robot's)"
     ),
 ]
 HeightOption = Annotated[
     float | None,
     typer.Option(
-        "--height", help="Step height as a fraction of the robot's size, 0..1.  [default: the robot's]"
+        "--height", help="Step height as a fraction of the robot's size, 0..1. (default: the robot's)"
     ),
 ]
 TurnOption = Annotated[
@@ -35,7 +35,7 @@ TurnOption = Annotated[
     typer.Option(
         "--turn",
         help="Yaw rate in degrees per second, counter-clockwise positive; alone it turns in place, "
-        "with --heading it is blended with the walk.  [default: 0]",
+        "with --heading it is blended with the walk. (default: 0)",
     ),
 ]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout and nothing else.")]

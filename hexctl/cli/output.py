@@ -5,6 +5,8 @@ import sys
 
 import typer
 
+from hexctl.errors import RobotFaultError
+
 
 def say(text: str) -> None:
     """Print text on stdout."""
@@ -14,3 +16,6 @@ def say(text: str) -> None:
     except BrokenPipeError:
         # Python must not complain about the closed pipe again while it exits.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    except OSError as error:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        raise RobotFaultError(f"the result cannot be printed: {error.strerror}") from error

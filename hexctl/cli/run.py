@@ -25,7 +25,7 @@ def run(
         str | None,
         typer.Option(
             "--world",
-            help="World of the simulation: flat, slippery, slope, rough, or a YAML file.  [default: flat]",
+            help="World of the simulation: flat, slippery, slope, rough, or a YAML file. (default: flat)",
         ),
     ] = None,
     gait: GaitOption = "demo",
@@ -34,7 +34,7 @@ def run(
         typer.Option(
             "--heading",
             help="Direction of travel in degrees from where the body points at the start, "
-            "counter-clockwise.  [default: 0]",
+            "counter-clockwise. (default: 0)",
         ),
     ] = None,
     turn: TurnOption = None,
@@ -48,7 +48,7 @@ def run(
         typer.Option(
             "--failure",
             help="locked, limp, missing, weak[:FRACTION of torque 0..1, 0.3], "
-            "stuck[:JOINT[:DEGREES]] (coxa at 0).  [default: locked]",
+            "stuck[:JOINT[:DEGREES]] (coxa at 0). (default: locked)",
         ),
     ] = None,
     self_rotation: Annotated[
@@ -60,7 +60,7 @@ def run(
     ] = False,
     record: Annotated[
         Path | None,
-        typer.Option("--record", help="Recording to write (.rrd).  [default: a new one in runs/]"),
+        typer.Option("--record", help="Recording to write (.rrd). (default: a new one in runs/)"),
     ] = None,
     no_record: Annotated[bool, typer.Option("--no-record", help="Leave no recording.")] = False,
     view: Annotated[bool, typer.Option("--view", help="Open the recording in Rerun afterwards.")] = False,
@@ -70,7 +70,7 @@ def run(
     """Walk, record it for Rerun, and say how it went. Ctrl-C stops softly."""
     from math import radians
 
-    from hexctl.cli.values import finite, make_failure
+    from hexctl.cli.values import finite, make_failure, turn_rate_deg_s
     from hexctl.cli.walking import Request, execute
     from hexctl.control.plan import TrialPlan
     from hexctl.gait.named import make_gait
@@ -90,7 +90,7 @@ def run(
         ),
         heading_rad=radians(finite("--heading", heading)),
         travel=0.0 if in_place else 1.0,
-        turn_rate_rad_s=radians(finite("--turn", turn)),
+        turn_rate_rad_s=radians(turn_rate_deg_s(turn)),
         duration_s=duration,
         failure=failed,
         self_rotation=self_rotation,

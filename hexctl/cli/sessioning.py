@@ -46,13 +46,21 @@ def delete_one(name: str, *, yes: bool) -> None:
     """Delete a session and its recordings, asking first."""
     with _open_store(name) as store:
         trials = len(store.load(name).trials)
-        if not yes and not typer.confirm(f"delete session {name}, its {trials} trials and their recordings?"):
+        if not yes and not _agreed(f"delete session {name}, its {trials} trials and their recordings?"):
             say("nothing deleted")
             return
         with store.held(name):
             store.delete(name)
             shutil.rmtree(store.folder_of(name), ignore_errors=True)
     say(f"deleted {name}")
+
+
+def _agreed(question: str) -> bool:
+    """Ask; raises InputError where nobody can answer."""
+    try:
+        return typer.confirm(question)
+    except typer.Abort:
+        raise InputError("sessions delete: got no answer; allowed: y or n, or --yes to go without") from None
 
 
 def _open_store(name: str) -> SessionStore:

@@ -23,11 +23,11 @@ def study(
     world: Annotated[str, typer.Option("--world", help="As in hexctl run.")] = "flat",
     out: Annotated[
         Path | None,
-        typer.Option("--out", help="Folder for the report.  [default: runs/study-TIME]", show_default=False),
+        typer.Option("--out", help="Folder for the report. (default: runs/study-TIME)", show_default=False),
     ] = None,
     jobs: Annotated[
         int | None,
-        typer.Option("--jobs", help="Threads of each batch of gaits.  [default: all cores; with --dask 1]"),
+        typer.Option("--jobs", help="Threads of each batch of gaits. (default: all cores; with --dask 1)"),
     ] = None,
     dask: Annotated[
         str | None,

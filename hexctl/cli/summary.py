@@ -40,13 +40,11 @@ def report(
 
 def summary(outcome: dict[str, Any]) -> str:
     """Return the outcome for a person."""
-    slots = ",".join(str(slot) for slot in outcome["gait"]["slots"])
-    code = "" if outcome["gait"]["code"] is None else f", code {outcome['gait']['code']}"
     where = f"in world {outcome['world']}" if outcome["world"] else f"on {outcome['backend']}"
     failed = f", leg {outcome['failed_leg']} {outcome['failure']}" if outcome["failed_leg"] else ""
     lines = [
         f"{outcome['robot']} {where}{failed}",
-        f"gait       {outcome['gait']['name']} (slots {slots}{code})",
+        f"gait       {_gait_text(outcome['gait'])}",
         *_distance_lines(outcome),
         f"status     {outcome['status']}" + (f" ({outcome['stopped']})" if outcome["stopped"] else ""),
         _clipped_line(outcome),
@@ -57,6 +55,14 @@ def summary(outcome: dict[str, Any]) -> str:
         lines.append(f"recording  {outcome['recording']}")
         lines.append(f"look at it with: hexctl view {outcome['recording']}")
     return "\n".join(lines)
+
+
+def _gait_text(gait: dict[str, Any]) -> str:
+    """Return name, slots and code, each once."""
+    slots = ",".join(str(slot) for slot in gait["slots"])
+    named = gait["name"] not in (slots, str(gait["code"]))
+    code = "" if gait["code"] is None else f", code {gait['code']}"
+    return f"{gait['name']} (slots {slots}{code})" if named else f"slots {slots}{code}"
 
 
 def _distance_lines(outcome: dict[str, Any]) -> list[str]:
@@ -72,7 +78,7 @@ def _distance_lines(outcome: dict[str, Any]) -> list[str]:
         f"walked     {outcome['duration_s']:.1f} s, {outcome['distance_m']:.3f} m{share}",
         f"deviation  {abs(signed):.3f} m to the {side} at the end, "
         f"{outcome['deviation_m']['mean']:.3f} m on average",
-        f"turned     {outcome['yaw_change_deg']:.1f} degrees",
+        f"turned     {outcome['yaw_change_deg'] + 0.0:.1f} degrees",
     ]
 
 

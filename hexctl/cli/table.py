@@ -102,7 +102,8 @@ def closing_lines(session: Session, ended: str) -> str:
     lines = [f"ended: {ended} after {len(session.trials)} trials", *_milestone_lines(session)]
     if ended == "interrupted":
         lines.append(f"go on with: hexctl adapt --resume {session.name}")
-    lines.append(f"look at it with: hexctl view {session.name}")
+    if any(trial.recording for trial in session.trials):
+        lines.append(f"look at it with: hexctl view {session.name}")
     return "\n".join(lines)
 
 
@@ -110,7 +111,8 @@ def _milestone_lines(session: Session) -> list[str]:
     """Return the best trial and how soon the milestones were reached."""
     best = session.best
     if best is None:
-        lines = ["no valid trial yet: every gait fell or made no progress"]
+        why = "every gait fell or made no progress" if session.trials else "none has been walked"
+        lines = [f"no valid trial yet: {why}"]
     else:
         slots = ",".join(str(slot) for slot in best.slots)
         lines = [f"best: trial {best.index}, code {best.code} (slots {slots}), {best.score:.3f} m"]

@@ -5,6 +5,8 @@ import math
 from hexctl.errors import InputError
 from hexctl.robot.failure import Failure, parse_failure
 
+MAX_TURN_DEG_S = 360.0
+
 
 def finite(option: str, value: float | None) -> float:
     """Return the value of an option, 0 where it was not given.
@@ -16,6 +18,17 @@ def finite(option: str, value: float | None) -> float:
     if not math.isfinite(value):
         raise InputError(f"{option}: got {value}; allowed: a finite number")
     return value
+
+
+def turn_rate_deg_s(value: float | None) -> float:
+    """Return the value of --turn, 0 where it was not given.
+
+    Raises InputError beyond a full turn per second.
+    """
+    rate = finite("--turn", value)
+    if abs(rate) > MAX_TURN_DEG_S:
+        raise InputError(f"--turn: got {rate:g}; allowed: -{MAX_TURN_DEG_S:g} to {MAX_TURN_DEG_S:g} deg/s")
+    return rate
 
 
 def make_failure(failed_leg: int | None, failure: str | None) -> Failure | None:

@@ -10,7 +10,7 @@ def view(
         list[str] | None,
         typer.Argument(
             metavar="[RECORDING|SESSION]...",
-            help="Recordings (.rrd) or names of sessions.  [default: the newest under runs/]",
+            help="Recordings (.rrd) or names of sessions. (default: the newest under runs/)",
         ),
     ] = None,
 ) -> None:

@@ -26,7 +26,11 @@ def _newest() -> str:
     """Return the recording that was written last, or the session that it belongs to."""
     # An overview is written anew whenever its session is viewed.
     path = newest_recording(RUNS, leave_out=FILE_NAME)
-    return path.parent.name if path.parent.name in _session_names() else str(path)
+    session = path.parent.name
+    if session not in _session_names():
+        return str(path)
+    with SessionStore(RUNS) as store:
+        return session if store.load(session).trials else str(path)
 
 
 def _files(name: str) -> list[Path]:

@@ -8,6 +8,8 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import typer
+
 from hexctl.backends.base import LegServos
 from hexctl.backends.clock import request_realtime_priority
 from hexctl.backends.sim.terrain import Floor, make_floor
@@ -80,7 +82,10 @@ def execute(request: Request) -> int:
     if request.view and recording is not None and not interrupt.requested():
         from hexctl.record.viewer import open_viewer
 
-        open_viewer([recording.path])
+        try:
+            open_viewer([recording.path])
+        except RecordingError as error:
+            typer.echo(f"hexctl: {error}", err=True)
     return INTERRUPTED if interrupt.requested() else code_of(result)
 
 
@@ -98,7 +103,7 @@ def _check(request: Request) -> World:
         check_plan(request.robot, request.plan)
     except (ReachError, LimitError) as error:
         raise InputError(f"{error}; ask for a smaller --amplitude, --height or --turn") from error
-    return load_world(request.world or "flat")
+    return load_world("flat" if request.world is None else request.world)
 
 
 def _servos(request: Request, world: World) -> LegServos:

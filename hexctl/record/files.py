@@ -4,6 +4,9 @@ from pathlib import Path
 
 from hexctl.errors import InputError
 
+#: Rerun tells its files by this ending.
+SUFFIX = ".rrd"
+
 
 def create_file(path: Path) -> None:
     """Make an empty file and the folders above it, because Rerun overwrites an existing one without a word.
@@ -21,7 +24,14 @@ def create_file(path: Path) -> None:
         ) from error
 
 
+def check_name(path: Path) -> None:
+    """Raise InputError for a name that Rerun would not open."""
+    if path.suffix != SUFFIX:
+        raise InputError(f"recording: got {path}; allowed: a name that ends in {SUFFIX}")
+
+
 def probe_file(path: Path) -> None:
-    """Raise InputError unless `create_file` can make the file; leave nothing behind."""
+    """Raise InputError unless `create_file` can make the file, which is then removed again; folders stay."""
+    check_name(path)
     create_file(path)
     path.unlink()

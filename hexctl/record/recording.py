@@ -15,7 +15,7 @@ from hexctl.control.result import TrialResult
 from hexctl.record import paths
 from hexctl.record.blueprint import make_blueprint
 from hexctl.record.columns import BlockWriter, Subject
-from hexctl.record.files import create_file
+from hexctl.record.files import check_name, create_file
 from hexctl.record.scene import LEVEL, send_scene
 from hexctl.record.sdk import flush, load_rerun
 from hexctl.record.summary import make_markdown, make_properties
@@ -63,6 +63,7 @@ class Recording:
         self._title = title
         self._pending: _Pending | None = None
         self._written, self._written_at_s = 0, time.monotonic()
+        check_name(path)
         create_file(path)
         self._stream: Any = rr.RecordingStream(APPLICATION_ID, recording_id=str(uuid.uuid4()))
         floor = self._subject.floor

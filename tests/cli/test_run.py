@@ -11,7 +11,9 @@ from typing import Any
 
 import pytest
 
+from hexctl.backends import mock
 from hexctl.cli.main import exit_code
+from tests.backends.fake_time import FakeTime
 
 SHORT = ["run", "--no-record", "--duration", "3"]
 
@@ -111,6 +113,13 @@ def test_two_runs_at_once_leave_two_recordings(tmp_path: Path, monkeypatch: pyte
     assert len(list((tmp_path / "runs").iterdir())) == 2
 
 
+@pytest.fixture
+def _no_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Give the mock robot a time that passes at once."""
+    monkeypatch.setattr(mock, "WallClock", lambda: FakeTime().clock())
+
+
+@pytest.mark.usefixtures("_no_waiting")
 def test_the_mock_knows_no_position(capsys: pytest.CaptureFixture[str]) -> None:
     outcome = run_json(capsys, "run", "--backend", "mock", "--no-record", "--duration", "0.1")
     assert outcome["status"] == "ok"
@@ -118,6 +127,7 @@ def test_the_mock_knows_no_position(capsys: pytest.CaptureFixture[str]) -> None:
     assert outcome["deviation_m"]["final"] is None
 
 
+@pytest.mark.usefixtures("_no_waiting")
 def test_servos_of_your_own(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -34,7 +34,7 @@ def _start(seed: int, failure: Failure | None = None) -> tuple[TrialFrame, float
 
 
 def test_the_line_of_travel_errs_far_less_than_a_single_measurement() -> None:
-    frames = [_start(seed)[0] for seed in range(20)]
+    frames = [_start(seed)[0] for seed in range(14)]
     assert np.degrees([frame.heading_rad for frame in frames]).std() < 0.4 * YAW_NOISE_DEG
     assert np.degrees([frame.yaw_rad for frame in frames]).std() < 0.4 * YAW_NOISE_DEG
     origins = np.array([frame.origin_world for frame in frames])
@@ -42,12 +42,12 @@ def test_the_line_of_travel_errs_far_less_than_a_single_measurement() -> None:
 
 
 def test_after_a_self_rotation_the_start_errs_as_little() -> None:
-    starts = [_start(seed, Failure(leg=3)) for seed in range(8)]
+    starts = [_start(seed, Failure(leg=3)) for seed in range(6)]
     errors_deg = [math.degrees(math.remainder(frame.yaw_rad - true, math.tau)) for frame, true in starts]
     assert np.std(errors_deg) < 0.4 * YAW_NOISE_DEG
 
 
-@pytest.mark.parametrize("leg", [1, 2, 5])
+@pytest.mark.parametrize("leg", [2, 6])
 @pytest.mark.parametrize("seed", range(4))
 def test_a_noisy_compass_does_not_spoil_the_self_rotation(leg: int, seed: int) -> None:
     _, true_yaw_rad = _start(seed, Failure(leg=leg))

@@ -30,7 +30,8 @@ def hexctl_lines() -> list[str]:
 def shortened(arguments: list[str]) -> list[str]:
     """Return a command that shows the same in less time and opens no window."""
     arguments = [argument for argument in arguments if argument not in ("--view", "--realtime")]
-    return [*arguments, "--duration", "1"] if arguments[0] == "run" else arguments
+    less = {"run": ["--duration", "1"], "adapt": ["--duration", "3", "--budget", "3"]}
+    return [*arguments, *less.get(arguments[0], [])]
 
 
 @pytest.mark.parametrize("line", [line for line in hexctl_lines() if not line.startswith("hexctl view")])
