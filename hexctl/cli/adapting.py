@@ -44,6 +44,7 @@ def new_spec(**options: Any) -> SessionSpec:
     """
     if options["failed_leg"] is None:
         raise InputError("--failed-leg: is missing; allowed: 1..6 (or --resume SESSION)")
+    parse_failure(options["failed_leg"], options["failure"] or "locked")
     simulated = options["backend"] in (None, "sim")
     if not simulated and options["world"] is not None:
         raise InputError(
