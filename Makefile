@@ -13,7 +13,7 @@ help:
 	@echo "make demo   find a gait for a hexapod whose leg 5 has failed, in simulation"
 	@echo "make test   style, types and tests"
 	@echo "make smoke  the built wheel, installed alone"
-	@echo "make bench  the numbers hexctl promises, measured (about 15 minutes)"
+	@echo "make bench  the numbers hexctl promises, measured (about 20 minutes)"
 	@echo "make clean  remove what the others made, recordings excepted"
 
 setup: $(INSTALLED)
