@@ -12,6 +12,7 @@ from hexctl.adapt.session import Session, TrialRecord
 from hexctl.adapt.store import SessionStore
 from hexctl.control.result import TrialResult
 from hexctl.control.trial import StopRequested, never
+from hexctl.errors import RobotFaultError
 from hexctl.gait.encoding import Slots
 
 #: Every so many ticks a point of the path is kept with the trial: 5 Hz.
@@ -59,12 +60,14 @@ class AdaptLoop:
         return ended
 
     def _search(self) -> str:
-        session, spec = self._session, self._session.spec
+        _session, spec = self._session, self._session.spec
         while self._searched() < spec.budget - spec.confirm:
-            if spec.target_m is not None and session.best and session.best.score <= spec.target_m:
+            if self._reached():
                 return "target"
             if self._optimizer.exhausted:
                 return "exhausted"
+            if self._stop_requested():
+                return "interrupted"
             (code,) = self._optimizer.ask(1)
             result, recording = self._try(code)
             if result.status == "aborted":
@@ -72,7 +75,12 @@ class AdaptLoop:
             score = score_of(result, spec.objective)
             self._optimizer.tell([code], [score])
             self._keep(code, score, result, recording, confirms=False)
-        return "budget"
+        return "target" if self._reached() else "budget"
+
+    def _reached(self) -> bool:
+        """Return whether the best trial so far is within the target."""
+        target_m, best = self._session.spec.target_m, self._session.best
+        return target_m is not None and best is not None and best.score <= target_m
 
     def _confirm(self) -> bool:
         """Repeat the best gait as often as asked; return False when interrupted."""
@@ -92,7 +100,12 @@ class AdaptLoop:
         return sum(trial.confirms for trial in self._session.trials)
 
     def _try(self, code: int) -> tuple[TrialResult, Path | None]:
-        return self._walk(len(self._session.trials) + 1, code, self._optimizer.space.slots_of(code))
+        """Walk a code; raises RobotFaultError when the robot, not the operator, stopped it."""
+        index = len(self._session.trials) + 1
+        result, recording = self._walk(index, code, self._optimizer.space.slots_of(code))
+        if result.status == "aborted" and result.stopped != "requested":
+            raise RobotFaultError(f"trial {index}: the robot was stopped: {result.stopped}; nothing is lost")
+        return result, recording
 
     def _keep(
         self, code: int, score: float, result: TrialResult, recording: Path | None, *, confirms: bool

@@ -21,8 +21,9 @@ def score_of(result: TrialResult, objective: str) -> float:
     if not result.valid or deviation is None or distance_m is None:
         return INVALID_SCORE
     if objective == "progress":
-        # A valid trial has made half the ideal distance at least.
-        return deviation.final * result.ideal_distance_m / max(distance_m, 1e-9)
+        # A short walk may have got nowhere: still ahead of every invalid one.
+        score = deviation.final * result.ideal_distance_m / max(distance_m, 1e-9)
+        return min(score, 0.99 * INVALID_SCORE)
     return {"final": deviation.final, "mean": deviation.mean, "max": deviation.max}[objective]
 
 

@@ -44,7 +44,7 @@ class SessionStore:
     def __init__(self, folder: Path) -> None:
         """Open or make the store `sessions.sqlite` in a folder.
 
-        Raises StoreError for a folder or file that cannot be used.
+        Raises InputError for a folder that cannot be used, StoreError for the file.
         """
         self.folder = folder
         self.path = folder / "sessions.sqlite"
@@ -57,6 +57,8 @@ class SessionStore:
         try:
             self._connection = sqlite3.connect(self.path, timeout=BUSY_TIMEOUT_S, isolation_level=None)
             self._prepare()
+        except StoreError:
+            raise
         except (OSError, sqlite3.Error) as error:
             raise StoreError(f"session store: {self.path} cannot be used: {error}") from error
 
@@ -179,6 +181,7 @@ class SessionStore:
         try:
             yield
         except BaseException:
-            self._connection.execute("ROLLBACK")
+            if self._connection.in_transaction:
+                self._connection.execute("ROLLBACK")
             raise
         self._connection.execute("COMMIT")

@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 import time
 from contextlib import ExitStack
 from dataclasses import replace
@@ -63,7 +64,11 @@ def new_spec(**options: Any) -> SessionSpec:
 
 def check_resumed_alone(resume: str, **options: Any) -> None:
     """Raise InputError for options that a resumed session would silently not follow."""
-    given = [f"--{name.replace('_', '-')}" for name, value in options.items() if value is not None]
+    given = [
+        f"--{re.sub('_(m|s|deg)$', '', name).replace('_', '-')}"
+        for name, value in options.items()
+        if value is not None
+    ]
     if given:
         raise InputError(f"--resume: got {', '.join(given)} too; allowed: {resume} goes on as it was begun")
 
@@ -92,6 +97,8 @@ def execute(spec: SessionSpec | None, *, resume: str | None, record: bool, as_js
         store = stack.enter_context(SessionStore(RUNS))
         session = store.create(spec) if spec is not None else store.load(resume or "")
         stack.enter_context(store.held(session.name))
+        # As it stands now that nobody else adds to it.
+        session = store.load(session.name)
         interrupt = stack.enter_context(StopOnInterrupt())
         table = stack.enter_context(SessionTable(session, quiet=as_json))
         ended = _adapt(session, store, table, interrupt, record=record)

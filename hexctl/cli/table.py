@@ -15,7 +15,7 @@ HEADER = "trial  code  slots        deviation     distance  status        best"
 class SessionTable:
     """Prints a line per trial on stdout, and a progress bar with the time left on stderr.
 
-    Silent when told so; without a terminal only the bar is left out.
+    Silent when told so; the bar is shown only where both are terminals.
     """
 
     def __init__(self, session: Session, *, quiet: bool) -> None:
@@ -31,7 +31,7 @@ class SessionTable:
         typer.echo(HEADER)
         for trial in self._session.trials:
             typer.echo(trial_line(self._session, trial))
-        if sys.stderr.isatty():
+        if sys.stderr.isatty() and sys.stdout.isatty():
             self._open_bar()
         return self
 
@@ -111,7 +111,7 @@ def _milestone_lines(session: Session) -> list[str]:
     """Return the best trial and how soon the milestones were reached."""
     best = session.best
     if best is None:
-        why = "every gait fell or made no progress" if session.trials else "none has been walked"
+        why = "every gait fell, diverged or made no progress" if session.trials else "none has been walked"
         lines = [f"no valid trial yet: {why}"]
     else:
         slots = ",".join(str(slot) for slot in best.slots)

@@ -17,7 +17,7 @@ def result_of(deviation_m: float, status: str = "ok") -> TrialResult:
     off = abs(deviation_m)
     return TrialResult(
         status=status,
-        stopped=None,
+        stopped="requested" if status == "aborted" else None,
         duration_s=30.0,
         turned_rad=0.0,
         distance_m=4.0,
