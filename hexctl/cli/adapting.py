@@ -6,7 +6,6 @@ import re
 import time
 from contextlib import ExitStack
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import typer
@@ -23,6 +22,7 @@ from hexctl.backends.sim.world import World, load_world
 from hexctl.cli.exits import DONE, INTERRUPTED
 from hexctl.cli.interrupt import StopOnInterrupt
 from hexctl.cli.output import say
+from hexctl.cli.places import RUNS
 from hexctl.cli.table import SessionTable, closing_lines
 from hexctl.cli.values import finite
 from hexctl.control.plan import TrialPlan
@@ -34,7 +34,6 @@ from hexctl.robot.failure import parse_failure
 from hexctl.robot.file import load_robot
 from hexctl.robot.model import Robot
 
-RUNS = Path("runs")
 MAX_BUDGET = 100_000
 
 

@@ -5,6 +5,7 @@ from types import TracebackType
 from typing import Any, Self
 
 from hexctl.backends.clock import PERIOD_S
+from hexctl.cli.bar import make_bar
 from hexctl.control.log import TickLog
 from hexctl.control.plan import TrialPlan
 
@@ -19,17 +20,7 @@ class WalkProgress:
 
     def __enter__(self) -> Self:
         if not self._quiet:
-            from rich.console import Console
-            from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
-
-            self._bar = Progress(
-                TextColumn("{task.description}"),
-                BarColumn(),
-                TextColumn("{task.completed:.0f} of {task.total:.0f} s"),
-                TimeRemainingColumn(),
-                console=Console(stderr=True),
-                transient=True,
-            )
+            self._bar = make_bar("{task.completed:.0f} of {task.total:.0f} s")
             self._task = self._bar.add_task(_doing("settle"), total=self._total_s)
             self._bar.start()
         return self

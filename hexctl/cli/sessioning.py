@@ -11,10 +11,9 @@ from hexctl.adapt.export import export
 from hexctl.adapt.session import Session
 from hexctl.adapt.store import SessionStore
 from hexctl.cli.output import say
+from hexctl.cli.places import RUNS
 from hexctl.cli.table import session_lines
 from hexctl.errors import InputError
-
-RUNS = Path("runs")
 
 
 def list_all(*, as_json: bool) -> None:

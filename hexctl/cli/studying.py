@@ -15,6 +15,7 @@ from hexctl.backends.sim.world import load_world
 from hexctl.cli.exits import DONE, INTERRUPTED
 from hexctl.cli.interrupt import SIGNALS
 from hexctl.cli.output import say
+from hexctl.cli.places import RUNS
 from hexctl.cli.studyprogress import StudyProgress
 from hexctl.errors import InputError
 from hexctl.robot.file import load_robot
@@ -30,7 +31,6 @@ from hexctl.study.plan import StudyPlan
 from hexctl.study.report import REPORT, write_report
 from hexctl.study.summary import summary_json
 
-RUNS = Path("runs")
 CACHE = RUNS / "study-cache"
 MAX_JOBS = 1024
 

@@ -8,6 +8,7 @@ from typing import Any, Self
 
 import typer
 
+from hexctl.cli.bar import make_bar
 from hexctl.study.landscape import Landscape
 
 
@@ -21,17 +22,7 @@ class StudyProgress:
 
     def __enter__(self) -> Self:
         if sys.stderr.isatty():
-            from rich.console import Console
-            from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
-            self._bar = Progress(
-                TextColumn("{task.description}"),
-                BarColumn(),
-                MofNCompleteColumn(),
-                TimeRemainingColumn(),
-                console=Console(stderr=True),
-                transient=True,
-            )
+            self._bar = make_bar()
             self._bar.start()
         return self
 

@@ -8,6 +8,7 @@ from typing import Any, Self
 import typer
 
 from hexctl.adapt.session import MILESTONES_M, Session, TrialRecord
+from hexctl.cli.bar import make_bar
 
 HEADER = "trial  code  slots        deviation     distance  status        best"
 
@@ -53,19 +54,11 @@ class SessionTable:
         self._bar.update(self._task, completed=len(session.trials))
 
     def _open_bar(self) -> None:
-        from rich.console import Console
-        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
-        self._bar = Progress(
-            TextColumn("trials (Ctrl-C stops, --resume goes on)"),
-            BarColumn(),
-            MofNCompleteColumn(),
-            TimeRemainingColumn(),
-            console=Console(stderr=True),
-            transient=True,
-        )
+        self._bar = make_bar()
         done = len(self._session.trials)
-        self._task = self._bar.add_task("trials", total=self._session.spec.budget, completed=done)
+        self._task = self._bar.add_task(
+            "trials (Ctrl-C stops, --resume goes on)", total=self._session.spec.budget, completed=done
+        )
         self._bar.start()
 
 

@@ -6,10 +6,9 @@ from pathlib import Path
 from hexctl.adapt.overview import FILE_NAME, write_overview
 from hexctl.adapt.session import Session
 from hexctl.adapt.store import SessionStore
+from hexctl.cli.places import RUNS
 from hexctl.errors import HexctlError, InputError
 from hexctl.record.viewer import newest_recording, open_viewer
-
-RUNS = Path("runs")
 
 
 def open_all(names: Sequence[str]) -> int:

@@ -18,6 +18,7 @@ from hexctl.backends.table import BackendOptions, make_servos
 from hexctl.cli.exits import INTERRUPTED, code_of
 from hexctl.cli.interrupt import StopOnInterrupt
 from hexctl.cli.output import say
+from hexctl.cli.places import RUNS
 from hexctl.cli.progress import WalkProgress
 from hexctl.cli.summary import report, summary
 from hexctl.control.guard import Guard
@@ -33,7 +34,6 @@ from hexctl.robot.model import Robot
 if TYPE_CHECKING:
     from hexctl.record.recording import Recording
 
-RUNS = Path("runs")
 
 #: A simulated walk shorter than this needs no progress bar.
 SHORT_S = 120.0

@@ -176,6 +176,8 @@ def _wait_until_it_walks(path: Path, process: "subprocess.Popen[str]") -> None:
     while len(sizes) < 5:
         assert time.monotonic() < deadline_s
         assert process.poll() is None
-        if path.exists():
+        if path.exists() and path.stat().st_size not in sizes:
             sizes.add(path.stat().st_size)
+            # The scene is written in several pieces at once; the walk follows one block a second.
+            time.sleep(0.5)
         time.sleep(0.02)
