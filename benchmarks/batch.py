@@ -23,7 +23,6 @@ from benchmarks.rows import Bar, Row
 from benchmarks.scale import Scale
 from benchmarks.timing import alternate, median_ratio, spread
 from hexctl.backends.sim.batch import SimBatch
-from hexctl.backends.sim.physics import STEPS_PER_TICK
 from hexctl.backends.sim.servos import SimServos
 from hexctl.control.batch import SimTrial, run_sim_trials
 from hexctl.control.guard import Guard
@@ -95,7 +94,7 @@ class BatchWork:
         self._run_with(lambda *given: kept.append(_Keeping(*given)) or kept[0])  # type: ignore[func-returns-value]
         each = np.stack(kept[0].controls, axis=1)  # (n, ticks + 1, 18)
         self._controls = [list(row[:ticks]) for row, ticks in zip(each, kept[0].ticks, strict=True)]
-        self.steps = int(kept[0].ticks.sum()) * STEPS_PER_TICK
+        self.steps = int(kept[0].ticks.sum()) * trials[0].world.steps_per_tick
         with trials[0].servos() as servos:
             self._start = Start.of(servos)
             log = TickLog()

@@ -8,8 +8,9 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from hexctl.backends.sim.physics import STEPS_PER_TICK
+from hexctl.backends.clock import PERIOD_S
 from hexctl.backends.sim.servos import SimServos
+from hexctl.backends.sim.train import ServoTrain
 from hexctl.control.log import TickLog
 from hexctl.robot.messages import FloatArray
 
@@ -46,9 +47,10 @@ def state_of(model: Any, data: Any) -> FloatArray:
 def bare_steps(model: Any, data: Any, controls: Sequence[FloatArray]) -> None:
     """Step physics by one control period per row of controls, and do nothing else; the GIL is released."""
     step, ctrl = mujoco.mj_step, data.ctrl
+    steps = round(PERIOD_S / model.opt.timestep)
     for row in controls:
         ctrl[:] = row
-        step(model, data, STEPS_PER_TICK)
+        step(model, data, steps)
 
 
 def controls_of(log: TickLog, servos: SimServos) -> list[FloatArray]:
@@ -57,7 +59,8 @@ def controls_of(log: TickLog, servos: SimServos) -> list[FloatArray]:
     What a tick sends acts from the next one on; the first is stepped with the controls of the start state.
     """
     sent = [servos.robot.stance_angles_rad, *log["sent_rad"][:-1]]
-    return [servos.simulation.controls(row) for row in sent]
+    train = ServoTrain.at_rest(servos.simulation, servos.robot.stance_angles_rad)
+    return [train.drive(row) for row in sent]
 
 
 def require_same_end(ours: FloatArray, bare: FloatArray, what: str) -> None:

@@ -24,21 +24,36 @@ from hexctl.robot.model import Robot
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SimTrial:
-    """One simulated trial, picklable: evaluating it is a pure function of this value."""
+    """One simulated trial, picklable: evaluating it is a pure function of this value.
+
+    Attributes:
+        robot: who walks.
+        plan: what it shall do.
+        world: where.
+        seed: of the simulation.
+        facing_rad: yaw in which the robot is put down; the plan's heading counts from there.
+    """
 
     robot: Robot
     plan: TrialPlan
     world: World = field(default_factory=World)
     seed: int = 0
+    facing_rad: float = 0.0
 
     def servos(self) -> SimServos:
         """Return the simulated robot of this trial, not yet connected."""
-        return SimServos(self.robot, world=self.world, failure=self.plan.failure, seed=self.seed)
+        return SimServos(
+            self.robot,
+            world=self.world,
+            failure=self.plan.failure,
+            seed=self.seed,
+            facing_rad=self.facing_rad,
+        )
 
     def shared_start(self) -> tuple[object, ...]:
         """Return what trials must have in common to start their walks from one state."""
         plan = self.plan
-        start = (plan.heading_rad, plan.self_rotation, plan.settle_s)
+        start = (self.facing_rad, plan.heading_rad, plan.self_rotation, plan.settle_s)
         return (self.robot.fingerprint, self.world, self.seed, plan.failure, start)
 
 

@@ -18,7 +18,7 @@ from hexctl.robot.rotation import yaw_rad
 PROGRESS_FLOOR = 0.5
 
 #: `ok` is the only valid outcome; the others rank behind every valid trial.
-STATUSES = ("ok", "fell", "diverged", "no_progress", "aborted")
+STATUSES = ("ok", "fell", "diverged", "no_progress", "cut_short", "aborted")
 
 
 @dataclass(frozen=True, slots=True)

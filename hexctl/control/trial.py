@@ -17,7 +17,7 @@ from hexctl.control.plan import TrialPlan
 from hexctl.control.result import TrialResult, score
 from hexctl.control.turning import CLOSE_ENOUGH_RAD, Turn, check_plan, turn_needed_rad
 from hexctl.errors import CommandRefusedError, EStopError, InputError, SimulationDivergedError
-from hexctl.robot.messages import FloatArray
+from hexctl.robot.messages import FloatArray, RobotState
 from hexctl.robot.rotation import wrapped_rad, yaw_rad
 
 #: Rest between the self-rotation and the walk.
@@ -38,6 +38,12 @@ class StartLine:
 
 
 StopRequested = Callable[[], bool]
+
+#: Is asked now and then with the walk's path so far, (T, 2), and says whether it has shown enough.
+Enough = Callable[[FloatArray], bool]
+
+#: Every so many ticks a walk that may end early is looked at.
+LOOK_TICKS = 50
 
 
 def never() -> bool:
@@ -68,11 +74,13 @@ def run_trial(
     log: TickLog | None = None,
     *,
     stop_requested: StopRequested = never,
+    enough: Enough | None = None,
     soft_stop: bool = True,
 ) -> TrialResult:
     """Run a plan on connected servos, keep every tick in the log if there is one, and return the result.
 
-    A fall, a latched stop, a diverged simulation or a requested stop is a status of the result.
+    A fall, a latched stop, a diverged simulation or a requested stop is a status of the result; so is
+    `cut_short`, when `enough` ends the walk.
     `soft_stop=False` leaves out the stop after the walk, which is never scored.
 
     Raises InputError when a simulated robot has another failure than the plan, ReachError or LimitError for a
@@ -83,7 +91,7 @@ def run_trial(
     check_plan(servos.robot, plan)
     servos.rest()
     try:
-        walked = _attempt(servos, plan, log, stop_requested, soft_stop)
+        walked = _attempt(servos, plan, log, stop_requested, enough, soft_stop)
     finally:
         log.flush()
     rows = log.rows_of("walk")
@@ -102,7 +110,12 @@ def run_trial(
 
 
 def _attempt(
-    servos: Guard, plan: TrialPlan, log: TickLog, stop_requested: StopRequested, soft_stop: bool
+    servos: Guard,
+    plan: TrialPlan,
+    log: TickLog,
+    stop_requested: StopRequested,
+    enough: Enough | None,
+    soft_stop: bool,
 ) -> _Walked:
     """Settle, turn, walk and stop, and return how far that went and why no further."""
     walked = _Walked()
@@ -110,7 +123,7 @@ def _attempt(
         start = prepare(servos, plan, log, stop_requested)
         walked.turned_rad = start.turned_rad
         if not stop_requested():
-            _walk(servos, plan, start, log, stop_requested, walked, soft_stop)
+            _walk(servos, plan, start, log, stop_requested, enough, walked, soft_stop)
     except EStopError:
         walked.status = "fell" if servos.stopped == "fell" else "aborted"
     except CommandRefusedError as error:
@@ -182,23 +195,37 @@ def _walk(
     start: StartLine,
     log: TickLog,
     stop_requested: StopRequested,
+    enough: Enough | None,
     walked: _Walked,
     soft_stop: bool,
 ) -> None:
-    """Walk for the plan's duration, or until a stop is requested, and let the strides run out."""
+    """Walk for the plan's duration, or until a stop or no more is wanted, and let the strides run out."""
     last = ticks_of(servos, plan.duration_s) - 1
     motion = plan.motion(start.turned_rad)
     period_s = servos.clock.period_s
     walk = Walk(servos.robot, plan.gait, motion, period_s=period_s, held_legs=plan.held_legs)
     log.phase, log.frame = "walk", start.frame
     clipped_before = servos.counters.clipped
+
+    def over(step: int, _state: RobotState) -> bool:
+        if step >= last:
+            walked.status = "ok"
+        elif enough is not None and (step + 1) % LOOK_TICKS == 0 and enough(_path_so_far(log)):
+            walked.status = "cut_short"
+        return walked.status != "aborted" or stop_requested()
+
     try:
-        step, _ = drive(servos, walk, log, lambda step, _: step >= last or stop_requested())
+        step, _ = drive(servos, walk, log, over)
     finally:
         walked.clipped_ticks = servos.counters.clipped - clipped_before
-    walked.status = "ok" if step >= last else "aborted"
     if soft_stop:
         _stop_softly(servos, walk, log, step + 1)
+
+
+def _path_so_far(log: TickLog) -> FloatArray:
+    """Return progress and deviation at each tick of the walk that the log is in, (T, 2)."""
+    positions = log["base_position_world"][log.rows_of("walk")]
+    return np.zeros((0, 2)) if log.frame is None else log.frame.path(positions)
 
 
 def _stop_softly(servos: Guard, walk: Walk, log: TickLog, step: int) -> None:

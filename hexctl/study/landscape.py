@@ -3,7 +3,7 @@
 import hashlib
 import json
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -17,6 +17,7 @@ from hexctl.backends.sim.world import World
 from hexctl.control.batch import SimTrial
 from hexctl.control.plan import TrialPlan
 from hexctl.control.result import TrialResult
+from hexctl.control.turning import turn_needed_rad
 from hexctl.gait.gait import Gait
 from hexctl.robot.failure import Failure
 from hexctl.robot.messages import BoolArray, FloatArray
@@ -44,7 +45,10 @@ class LandscapeSpec:
         duration_s: how long each gait walks.
         failure: the kind of failure.
         seed: of the simulation.
+        placed: True to put the robot down as its self-rotation would leave it, instead of turning.
+        miss_rad: yaw by which that self-rotation would have turned too far; only with `placed`.
         codes: the gaits, ascending.
+        place: what people call the world, where there are several; decides nothing.
     """
 
     robot: Robot
@@ -54,7 +58,10 @@ class LandscapeSpec:
     duration_s: float = 30.0
     failure: str = "locked"
     seed: int = 0
+    placed: bool = False
+    miss_rad: float = 0.0
     codes: tuple[int, ...] = tuple(range(1, N_CODES + 1))
+    place: str = ""
 
     @cached_property
     def space(self) -> GaitSpace:
@@ -65,7 +72,7 @@ class LandscapeSpec:
     def title(self) -> str:
         """Return the landscape's name for people."""
         turned = {"none": "without self-rotation"}.get(self.self_rotation, "with self-rotation")
-        return f"leg {self.leg} {turned}"
+        return f"leg {self.leg} {turned}" + (f", {self.place}" if self.place else "")
 
     @property
     def n_points(self) -> int:
@@ -87,12 +94,19 @@ class LandscapeSpec:
             failure=Failure(leg=self.leg, kind=self.failure),
             self_rotation=self.self_rotation,
         )
-        return SimTrial(robot=self.robot, plan=plan, world=self.world, seed=self.seed)
+        if not self.placed:
+            return SimTrial(robot=self.robot, plan=plan, world=self.world, seed=self.seed)
+        facing_rad = turn_needed_rad(self.robot, plan) + self.miss_rad
+        plan = replace(plan, self_rotation="none", heading_rad=-facing_rad)
+        return SimTrial(robot=self.robot, plan=plan, world=self.world, seed=self.seed, facing_rad=facing_rad)
 
     def identity(self) -> dict[str, Any]:
         """Return as plain JSON values what makes two landscapes the same: the question and the code."""
         failure = asdict(Failure(leg=self.leg, kind=self.failure))
-        settings = {"self_rotation": self.self_rotation, "duration_s": self.duration_s, "seed": self.seed}
+        settings = {
+            name: getattr(self, name)
+            for name in ("self_rotation", "duration_s", "seed", "placed", "miss_rad")
+        }
         return {
             "robot": self.robot.fingerprint,
             "world": self.world.model_dump(mode="json"),

@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 from mujoco.batch import Batch, SimulationError
 
-from hexctl.backends.sim.physics import FIRST_JOINT, STEPS_PER_TICK
+from hexctl.backends.sim.physics import FIRST_JOINT
 from hexctl.backends.sim.servos import SimServos
 from hexctl.robot.messages import BoolArray, FloatArray
 
@@ -42,6 +42,8 @@ class SimBatch:
     def __init__(self, servos: SimServos, n: int, threads: int = 0) -> None:
         self._simulation = servos.simulation
         self._noise = copy.deepcopy(servos.noise)
+        self._train = servos.train.copies(n)
+        self._nstep = servos.world.steps_per_tick
         physics = self._simulation.physics
         model, data = physics.model.ptr, physics.data.ptr
         self._batch = Batch(model, n, threads)
@@ -56,7 +58,7 @@ class SimBatch:
         """Step every running simulation by one control period."""
         everyone = self.running.all()
         try:
-            self._batch.step(None if everyone else np.flatnonzero(self.running), nstep=STEPS_PER_TICK)
+            self._batch.step(None if everyone else np.flatnonzero(self.running), nstep=self._nstep)
         except SimulationError as error:
             self.running[error.ids] = False
         if self._batch.warning.any():
@@ -76,4 +78,4 @@ class SimBatch:
 
     def write(self, positions_rad: FloatArray) -> None:
         """Give targets (n, 18) to the simulated servos."""
-        self._ctrl[:] = self._simulation.controls(positions_rad)
+        self._ctrl[:] = self._train.drive(positions_rad)

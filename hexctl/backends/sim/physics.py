@@ -1,23 +1,21 @@
 """Compile robot, world and failure into one dm_control Physics in its start state."""
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from hexctl.backends.clock import PERIOD_S
 from hexctl.backends.sim.body import NO_CONTACT, make_body
 from hexctl.backends.sim.dm import mjcf
 from hexctl.backends.sim.failures import inject_failure
 from hexctl.backends.sim.terrain import ROUGH_CELLS, ROUGH_HALF_SIZE_M, Floor, make_floor
 from hexctl.backends.sim.world import World
+from hexctl.errors import InputError
 from hexctl.robot.failure import Failure
 from hexctl.robot.joints import JOINT_KINDS, N_JOINTS, N_LEGS
 from hexctl.robot.messages import BoolArray, FloatArray
 from hexctl.robot.model import Robot
-
-TIME_STEP_S = 0.002
-STEPS_PER_TICK = round(PERIOD_S / TIME_STEP_S)
 
 #: Where the joints begin in qpos: after the free joint's position and quaternion.
 FIRST_JOINT = 7
@@ -29,6 +27,7 @@ class Simulation:
 
     Attributes:
         physics: dm_control Physics; qpos is base position, base quaternion, 18 joints.
+        world: what it was made from.
         floor: the floor it stands on.
         joint_offsets_rad: calibration error per joint: true angle - angle the servo believes, (18,).
         jammed: joints that hold `jammed_at_rad` whatever they are told, (18,).
@@ -36,20 +35,23 @@ class Simulation:
     """
 
     physics: Any
+    world: World
     floor: Floor
     joint_offsets_rad: FloatArray
     jammed: BoolArray
     jammed_at_rad: FloatArray
 
-    def controls(self, positions_rad: FloatArray) -> FloatArray:
-        """Return what the actuators get for joint targets, any leading shape + (18,)."""
-        return np.where(self.jammed, self.jammed_at_rad, positions_rad + self.joint_offsets_rad)
 
+def make_simulation(
+    robot: Robot, world: World, failure: Failure | None = None, seed: int = 0, facing_rad: float = 0.0
+) -> Simulation:
+    """Return the simulation of a robot that stands in a world, with a failed leg if one is given.
 
-def make_simulation(robot: Robot, world: World, failure: Failure | None = None, seed: int = 0) -> Simulation:
-    """Return the simulation of a robot that stands in a world, with a failed leg if one is given."""
+    `facing_rad` is the yaw in which it is put down.
+    """
     floor = make_floor(world, seed)
     body = make_body(robot)
+    _load_trunk(body, robot, world)
     _load_payload(body, world)
     root = _make_world(world, floor)
     root.attach(body).add("freejoint")
@@ -60,9 +62,32 @@ def make_simulation(robot: Robot, world: World, failure: Failure | None = None, 
     _fill_heights(physics, floor)
     _scale_servos(physics, world)
     jammed, jammed_at = inject_failure(physics, robot, failure)
-    _set_start_state(physics, robot, floor)
+    _set_start_state(physics, robot, floor, facing_rad)
     offsets = _joint_offsets(world, seed)
-    return Simulation(physics, floor, offsets, jammed, jammed_at)
+    return Simulation(physics, world, floor, offsets, jammed, jammed_at)
+
+
+def _load_trunk(body: Any, robot: Robot, world: World) -> None:
+    """Make the trunk heavier or lighter and shift its mass; its shape stays where it is."""
+    if not world.added_mass_share and not any(world.body_mass_shift_m):
+        return
+    mass_kg = robot.body.mass_kg + world.added_mass_share * robot.mass_kg
+    if mass_kg <= 0:
+        least = -robot.body.mass_kg / robot.mass_kg
+        raise InputError(
+            f"added_mass_share: got {world.added_mass_share:g}; allowed for {robot.name}: above {least:.3g}"
+        )
+    shape = body.find("geom", "trunk")
+    body.find("body", "trunk").add(
+        "geom",
+        name="ballast",
+        type=shape.type,
+        size=shape.size,
+        pos=world.body_mass_shift_m,
+        mass=mass_kg,
+        **NO_CONTACT,
+    )
+    shape.mass = 0
 
 
 def _load_payload(body: Any, world: World) -> None:
@@ -84,13 +109,15 @@ def _make_world(world: World, floor: Floor) -> Any:
     """Return an mjcf model with the physics options and the floor."""
     root = mjcf.RootElement(model="world")
     root.compiler.angle = "radian"
-    root.option.timestep = TIME_STEP_S
+    root.option.timestep = world.time_step_s
     root.option.integrator = "implicitfast"
-    contact = {
+    root.option.cone = world.friction_cone
+    contact: dict[str, Any] = {
         "contype": 1,
         "conaffinity": 0,
         "friction": [world.friction, 0.005, 0.0001],
-        "priority": 1,  # the floor's friction counts, whatever the feet are made of
+        "solref": [world.contact_time_s, 1],
+        "priority": 1,  # the floor's friction and softness count, whatever the feet are made of
         "quat": floor.quaternion_world,
     }
     depth = 0.0
@@ -139,13 +166,13 @@ def _scale_servos(physics: Any, world: World) -> None:
     model.actuator_biasprm[:, 1] *= world.servo_stiffness
 
 
-def _set_start_state(physics: Any, robot: Robot, floor: Floor) -> None:
+def _set_start_state(physics: Any, robot: Robot, floor: Floor, facing_rad: float) -> None:
     """Put the robot on the floor in its nominal stance."""
     radius = robot.stance_radius_m + 2 * robot.foot_radius_m
     height = robot.standing_height_m + max(0.0, floor.highest_near_origin_m(radius))
     data = physics.data
     data.qpos[:3] = height * floor.normal_world
-    data.qpos[3:FIRST_JOINT] = floor.quaternion_world
+    data.qpos[3:FIRST_JOINT] = _turned(floor.quaternion_world, facing_rad)
     data.qpos[FIRST_JOINT:] = robot.stance_angles_rad
     data.ctrl[:] = robot.stance_angles_rad
     physics.forward()
@@ -158,3 +185,10 @@ def _joint_offsets(world: World, seed: int) -> FloatArray:
         return np.radians(given)
     # A stream of its own, so that bumps and offsets do not depend on one another.
     return np.random.default_rng([seed, 1]).normal(scale=np.radians(given), size=N_JOINTS)
+
+
+def _turned(quaternion: FloatArray, yaw_rad: float) -> FloatArray:
+    """Return an orientation (w, x, y, z) after a turn about the body's own vertical."""
+    cos, sin = math.cos(yaw_rad / 2), math.sin(yaw_rad / 2)
+    w, x, y, z = quaternion
+    return np.array([w * cos - z * sin, x * cos + y * sin, y * cos - x * sin, z * cos + w * sin])

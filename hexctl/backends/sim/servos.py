@@ -8,7 +8,8 @@ from hexctl.backends.clock import Clock, WallClock
 from hexctl.backends.sim.clock import SimClock
 from hexctl.backends.sim.dm import PhysicsError
 from hexctl.backends.sim.noise import Noise
-from hexctl.backends.sim.physics import FIRST_JOINT, STEPS_PER_TICK, Simulation, make_simulation
+from hexctl.backends.sim.physics import FIRST_JOINT, Simulation, make_simulation
+from hexctl.backends.sim.train import ServoTrain
 from hexctl.backends.sim.world import World
 from hexctl.errors import SimulationDivergedError
 from hexctl.robot.failure import Failure
@@ -21,7 +22,8 @@ class SimServos(LegServos):
 
     Deterministic for the same robot, world, failure, seed, trial and library versions: the seed draws the
     world, bumps and calibration errors included, and with the trial's number the noise of its sensors.
-    With `realtime` the clock waits for the wall; otherwise physics runs as fast as it can.
+    `facing_rad` is the yaw in which it is put down. With `realtime` the clock waits for the wall; otherwise
+    physics runs as fast as it can.
     """
 
     injects_failure = True
@@ -34,6 +36,7 @@ class SimServos(LegServos):
         failure: Failure | None = None,
         seed: int = 0,
         trial: int = 0,
+        facing_rad: float = 0.0,
         realtime: bool = False,
     ) -> None:
         self._robot = robot
@@ -41,6 +44,7 @@ class SimServos(LegServos):
         self.failure = failure
         self.seed = seed
         self.trial = trial
+        self.facing_rad = facing_rad
         self._clock = SimClock(self._step, WallClock() if realtime else None)
         self._simulation: Simulation | None = None
 
@@ -68,21 +72,24 @@ class SimServos(LegServos):
         """Compile the model and stand the robot on the floor."""
         if self._simulation is not None:
             return
-        simulation = make_simulation(self._robot, self.world, self.failure, self.seed)
+        simulation = make_simulation(
+            self._robot, self.world, self.failure, self.seed, facing_rad=self.facing_rad
+        )
         self._simulation = simulation
         self.noise = Noise(self.world.sensor_noise, self.seed, self.trial)
         data = simulation.physics.data.ptr
         # Views of MuJoCo's own memory: they stay valid and save the wrapper's cost on every tick.
         self._qpos, self._ctrl, self._touch = data.qpos, data.ctrl, data.sensordata
-        self._plain = not (simulation.jammed.any() or simulation.joint_offsets_rad.any())
+        self.train = ServoTrain.at_rest(simulation, self._robot.stance_angles_rad)
+        self._offsets_rad = simulation.joint_offsets_rad if simulation.joint_offsets_rad.any() else None
 
     def read(self) -> RobotState:
         """Return the state after the last tick, with the world's sensor noise."""
         check_connected(self._simulation is not None, "the simulated robot")
         qpos = self._qpos.copy()
         joints, position, quaternion = qpos[FIRST_JOINT:], qpos[:3], qpos[3:FIRST_JOINT]
-        if not self._plain:
-            joints = joints - self.simulation.joint_offsets_rad
+        if self._offsets_rad is not None:
+            joints = joints - self._offsets_rad
         if not self.noise.silent:
             joints = joints + self.noise.joints_rad
             position = position + self.noise.position_m
@@ -95,7 +102,7 @@ class SimServos(LegServos):
         check_connected(self._simulation is not None, "the simulated robot")
         check_targets(targets)
         positions = targets.positions_rad
-        np.copyto(self._ctrl, positions if self._plain else self.simulation.controls(positions))
+        np.copyto(self._ctrl, positions if self.train.plain else self.train.drive(positions))
         return targets
 
     def close(self) -> None:
@@ -108,7 +115,7 @@ class SimServos(LegServos):
     def _step(self) -> None:
         """Step the physics by one control period."""
         try:
-            self.simulation.physics.step(STEPS_PER_TICK)
+            self.simulation.physics.step(self.world.steps_per_tick)
         except PhysicsError as error:
             raise SimulationDivergedError(f"the simulation became unstable: {error}") from error
         self.noise.draw()

@@ -1,0 +1,78 @@
+"""What a prior is built from: which robot, failure and trial, in which worlds."""
+
+import math
+from dataclasses import dataclass
+
+from hexctl.backends.sim.family import Spread, WorldFamily
+from hexctl.control.turning import check_plan
+from hexctl.errors import InputError, LimitError, ReachError
+from hexctl.robot.joints import N_LEGS
+from hexctl.robot.model import Robot
+from hexctl.study.landscape import LandscapeSpec
+
+#: Each leg has worlds of its own, so that six legs see six times as many; a block is spread evenly by itself.
+WORLDS_PER_LEG = 1024
+
+#: How far self-rotations miss their goal, in degrees: seen in `transfer` worlds, +2 to -4.
+MISS_DEG = Spread(low=-4.0, high=4.0, scale="normal")
+
+
+@dataclass(frozen=True, kw_only=True)
+class PriorPlan:
+    """One prior.
+
+    Attributes:
+        robot: who walks.
+        family: the worlds that are plausible.
+        worlds: how many of them each leg walks in.
+        legs: the failed legs, ascending.
+        failure: the kind of failure.
+        self_rotation: where the failed leg points during the walk.
+        duration_s: how long each gait walks.
+    """
+
+    robot: Robot
+    family: WorldFamily
+    worlds: int = 16
+    legs: tuple[int, ...] = tuple(range(1, N_LEGS + 1))
+    failure: str = "locked"
+    self_rotation: str = "rear"
+    duration_s: float = 30.0
+
+    def specs(self) -> list[LandscapeSpec]:
+        """Return the landscapes to walk, world by world, so that a part of them already serves all legs.
+
+        The robot is put down as its self-rotation would leave it, which misses its goal a little.
+        """
+        by_leg = [self._specs_of(leg) for leg in self.legs]
+        return [specs[index] for index in range(self.worlds) for specs in by_leg]
+
+    def _specs_of(self, leg: int) -> list[LandscapeSpec]:
+        first = (leg - 1) * WORLDS_PER_LEG
+        worlds = self.family.members(first, self.worlds)
+        misses_deg = self.family.spare(MISS_DEG, first, self.worlds).tolist()
+        return [
+            LandscapeSpec(
+                robot=self.robot,
+                world=world,
+                leg=leg,
+                self_rotation=self.self_rotation,
+                duration_s=self.duration_s,
+                failure=self.failure,
+                placed=True,
+                miss_rad=math.radians(miss_deg) if self.self_rotation != "none" else 0.0,
+                place=f"world {index + 1}",
+            )
+            for index, (world, miss_deg) in enumerate(zip(worlds, misses_deg, strict=True))
+        ]
+
+    def check(self) -> None:
+        """Raise InputError for anything that is not allowed, before anything runs."""
+        if not 2 <= self.worlds <= WORLDS_PER_LEG:
+            raise InputError(f"--worlds: got {self.worlds}; allowed: 2..{WORLDS_PER_LEG}")
+        for leg in self.legs:
+            spec = self._specs_of(leg)[0]
+            try:
+                check_plan(self.robot, spec.trial(spec.codes[0]).plan)
+            except (ReachError, LimitError) as error:
+                raise InputError(f"{self.robot.name}, {spec.title}: {error}") from error
