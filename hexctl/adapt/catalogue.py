@@ -21,6 +21,9 @@ OPTIMIZERS: dict[str, type[Optimizer]] = {
     "exhaustive": ExhaustiveSearch,
 }
 
+#: Needs a prior, and is therefore made by `hexctl.adapt.search`.
+BAYES = "bayes"
+
 
 def make_optimizer(name: str, space: GaitSpace, seed: int) -> Optimizer:
     """Return a fresh optimizer.
@@ -30,6 +33,8 @@ def make_optimizer(name: str, space: GaitSpace, seed: int) -> Optimizer:
     """
     if name in OPTIMIZERS:
         return OPTIMIZERS[name](space, seed)
+    if name == BAYES:
+        raise InputError(f"optimizer: got {BAYES} without a prior; allowed: {', '.join(OPTIMIZERS)}")
     if ":" in name:
         return _own(name)(space, seed)
     raise InputError(

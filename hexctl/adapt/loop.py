@@ -6,12 +6,14 @@ from typing import Protocol
 
 import numpy as np
 
+from hexctl.adapt.expectation import Expectation
 from hexctl.adapt.objective import score_of
 from hexctl.adapt.optimizer import Optimizer
 from hexctl.adapt.session import Session, TrialRecord
+from hexctl.adapt.shown import Shown
 from hexctl.adapt.store import SessionStore
 from hexctl.control.result import TrialResult
-from hexctl.control.trial import StopRequested, never
+from hexctl.control.trial import Enough, StopRequested, never
 from hexctl.errors import RobotFaultError
 from hexctl.gait.encoding import Slots
 
@@ -22,8 +24,10 @@ PATH_STRIDE = 10
 class Walk(Protocol):
     """Walks a gait and returns the result and the recording of it."""
 
-    def __call__(self, index: int, code: int, slots: Slots) -> tuple[TrialResult, Path | None]:
-        """Walk the trial with this index."""
+    def __call__(
+        self, index: int, code: int, slots: Slots, enough: Enough | None = None
+    ) -> tuple[TrialResult, Path | None]:
+        """Walk the trial with this index, until its path has shown enough where that is asked."""
 
 
 OnTrial = Callable[[Session, TrialRecord], None]
@@ -53,8 +57,12 @@ class AdaptLoop:
             optimizer.restore(session.optimizer_state)
 
     def run(self) -> str:
-        """Run trials and return why it ended: `budget`, `target`, `exhausted` or `interrupted`."""
+        """Run trials and return why it ended.
+
+        `budget`, `target`, `confirmed` (the optimizer is sure of a gait), `exhausted` or `interrupted`.
+        """
         ended = self._search()
+        self._note_surety()
         if ended != "interrupted" and not self._confirm():
             return "interrupted"
         return ended
@@ -64,21 +72,35 @@ class AdaptLoop:
         while self._searched() < spec.budget - spec.confirm:
             if self._reached():
                 return "target"
+            if self._optimizer.finished:
+                return "confirmed"
             if self._optimizer.exhausted:
                 return "exhausted"
             if self._stop_requested():
                 return "interrupted"
             (code,) = self._optimizer.ask(1)
-            result, recording = self._try(code)
+            expected = self._optimizer.expect(code)
+            enough = self._optimizer.enough(code) if spec.early_stop else None
+            result, recording = self._try(code, enough)
             if result.status == "aborted":
                 return "interrupted"
             score = score_of(result, spec.objective)
-            self._optimizer.tell([code], [score])
-            self._keep(code, score, result, recording, confirms=False)
+            self._optimizer.tell([code], [score], [Shown.of(result)])
+            self._keep(code, score, result, recording, expected=expected)
+        if self._optimizer.finished:
+            return "confirmed"
         return "target" if self._reached() else "budget"
 
+    def _note_surety(self) -> None:
+        """Keep how sure the optimizer is of the best gait."""
+        best = self._session.best
+        expected = self._optimizer.expect(best.code) if best is not None else None
+        self._session.surety = expected.chance if expected is not None else None
+
     def _reached(self) -> bool:
-        """Return whether the best trial so far is within the target."""
+        """Return whether the best trial so far is within the target, and nobody else judges that."""
+        if self._optimizer.judges_target:
+            return False
         target_m, best = self._session.spec.target_m, self._session.best
         return target_m is not None and best is not None and best.score <= target_m
 
@@ -90,7 +112,8 @@ class AdaptLoop:
             result, recording = self._try(best.code)
             if result.status == "aborted":
                 return False
-            self._keep(best.code, score_of(result, spec.objective), result, recording, confirms=True)
+            score = score_of(result, spec.objective)
+            self._keep(best.code, score, result, recording, confirms=True)
         return True
 
     def _searched(self) -> int:
@@ -99,16 +122,23 @@ class AdaptLoop:
     def _repeats(self) -> int:
         return sum(trial.confirms for trial in self._session.trials)
 
-    def _try(self, code: int) -> tuple[TrialResult, Path | None]:
+    def _try(self, code: int, enough: Enough | None = None) -> tuple[TrialResult, Path | None]:
         """Walk a code; raises RobotFaultError when the robot, not the operator, stopped it."""
         index = len(self._session.trials) + 1
-        result, recording = self._walk(index, code, self._optimizer.space.slots_of(code))
+        result, recording = self._walk(index, code, self._optimizer.space.slots_of(code), enough)
         if result.status == "aborted" and result.stopped != "requested":
             raise RobotFaultError(f"trial {index}: the robot was stopped: {result.stopped}; nothing is lost")
         return result, recording
 
     def _keep(
-        self, code: int, score: float, result: TrialResult, recording: Path | None, *, confirms: bool
+        self,
+        code: int,
+        score: float,
+        result: TrialResult,
+        recording: Path | None,
+        *,
+        confirms: bool = False,
+        expected: Expectation | None = None,
     ) -> None:
         """Make the trial durable and say so."""
         trial = TrialRecord(
@@ -120,6 +150,7 @@ class AdaptLoop:
             path_m=np.round(result.path_m[::PATH_STRIDE], 4).tolist(),
             recording=None if recording is None else str(recording),
             confirms=confirms,
+            expected=None if expected is None else expected.as_json(),
         )
         self._store.add_trial(self._session, trial, self._optimizer.state())
         if self._on_trial is not None:

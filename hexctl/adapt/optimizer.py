@@ -8,7 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from hexctl.adapt.expectation import Expectation
+from hexctl.adapt.shown import Shown
 from hexctl.adapt.space import GaitSpace
+from hexctl.control.trial import Enough
 from hexctl.errors import HexctlError, InputError
 
 
@@ -27,6 +30,9 @@ class Optimizer(ABC):
     #: Name on the command line.
     name: str
 
+    #: True for a search that says by itself, by `finished`, when the target is reached.
+    judges_target = False
+
     def __init__(self, space: GaitSpace, seed: int) -> None:
         if seed < 0:
             raise InputError(f"seed: got {seed}; allowed: 0 or more")
@@ -38,6 +44,19 @@ class Optimizer(ABC):
     def exhausted(self) -> bool:
         """Return True when there is nothing left to ask for; searches that may repeat codes never are."""
         return False
+
+    @property
+    def finished(self) -> bool:
+        """Return True when a good enough gait is known for sure; most searches never know."""
+        return False
+
+    def expect(self, code: int) -> Expectation | None:
+        """Return what is believed of a gait now; None from searches that believe nothing."""
+        return None
+
+    def enough(self, code: int) -> Enough | None:
+        """Return what tells from a walk's path so far that its end is no longer open, or None."""
+        return None
 
     def ask(self, count: int = 1) -> list[int]:
         """Return up to `count` codes to try, at least one.
@@ -51,8 +70,15 @@ class Optimizer(ABC):
         self._asked = self._suggest(count)
         return list(self._asked)
 
-    def tell(self, codes: Sequence[int], scores: Sequence[float]) -> None:
+    def tell(
+        self,
+        codes: Sequence[int],
+        scores: Sequence[float],
+        shown: Sequence[Shown | None] | None = None,
+    ) -> None:
         """Take the scores of the codes of the last ask, in their order; lower is better.
+
+        `shown` is what else the trials showed, for searches that learn from it.
 
         Raises OptimizerMisuseError without an ask, InputError for other codes, or scores that are no finite
         numbers; then nothing is taken over.
@@ -66,8 +92,12 @@ class Optimizer(ABC):
             )
         if not all(isinstance(score, Real) and math.isfinite(score) for score in scores):
             raise InputError(f"{self.name}: got scores {list(scores)}; allowed: finite numbers")
+        if shown is not None and len(shown) != len(codes):
+            raise InputError(f"{self.name}: got {len(shown)} walks; allowed: one for each of {self._asked}")
         self._asked = None
-        self._learn([int(code) for code in codes], [float(score) for score in scores])
+        self._learn_shown(
+            [int(code) for code in codes], [float(score) for score in scores], shown or [None] * len(codes)
+        )
 
     def state(self) -> dict[str, Any]:
         """Return everything that decides what comes next, as JSON values."""
@@ -106,6 +136,10 @@ class Optimizer(ABC):
     @abstractmethod
     def _suggest(self, count: int) -> list[int]:
         """Return 1 to `count` codes."""
+
+    def _learn_shown(self, codes: list[int], scores: list[float], shown: Sequence[Shown | None]) -> None:
+        """Take over what the codes last suggested showed; most searches want their scores alone."""
+        self._learn(codes, scores)
 
     @abstractmethod
     def _learn(self, codes: list[int], scores: list[float]) -> None:

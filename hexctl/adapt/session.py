@@ -31,6 +31,9 @@ class SessionSpec:
         heading_deg: direction of travel.
         self_rotation: where the failed leg points during the walk.
         seed: of the optimizer and of the simulation.
+        prior: path of the prior that the optimizer believes, or None.
+        prior_digest: of what the prior held when the session began.
+        early_stop: True to end a walk once its outcome is known well enough.
     """
 
     robot: str = "ant"
@@ -49,6 +52,9 @@ class SessionSpec:
     heading_deg: float = 0.0
     self_rotation: str = "rear"
     seed: int = 0
+    prior: str | None = None
+    prior_digest: str = ""
+    early_stop: bool = False
 
     def as_json(self) -> dict[str, Any]:
         """Return the spec as JSON values."""
@@ -68,6 +74,7 @@ class TrialRecord:
         path_m: progress and signed deviation along the walk, five points a second.
         recording: path of the recording, or None.
         confirms: True for a repeat of the best gait.
+        expected: what the optimizer expected of the trial, as `Expectation.as_json` says, or None.
     """
 
     index: int
@@ -78,6 +85,7 @@ class TrialRecord:
     path_m: list[list[float]]
     recording: str | None
     confirms: bool = False
+    expected: dict[str, Any] | None = None
 
     @property
     def valid(self) -> bool:
@@ -97,6 +105,8 @@ class TrialRecord:
             "status": self.outcome["status"],
             "clipped_ticks": self.outcome["clipped_ticks"],
             "confirms": self.confirms,
+            "walked_s": self.outcome["duration_s"],
+            "expected": self.expected,
             "recording": self.recording,
         }
 
@@ -111,6 +121,7 @@ class Session:
         trials: in the order in which they were walked.
         optimizer_state: the state after the last trial, or None before the first.
         created: when it began, ISO 8601.
+        surety: probability that the best gait is within the target, where the optimizer knows one.
     """
 
     name: str
@@ -118,6 +129,12 @@ class Session:
     created: str
     trials: list[TrialRecord] = field(default_factory=list)
     optimizer_state: dict[str, Any] | None = None
+    surety: float | None = None
+
+    @property
+    def walked_s(self) -> float:
+        """Return how many seconds all trials together walked."""
+        return float(sum(trial.outcome["duration_s"] for trial in self.trials))
 
     @property
     def best(self) -> TrialRecord | None:
@@ -138,6 +155,8 @@ class Session:
             **self.spec.as_json(),
             "trials": [trial.as_json() for trial in self.trials],
             "best": None if best is None else best.as_json(),
+            "walked_s": round(self.walked_s, 3),
+            "surety": self.surety,
             **{
                 f"trials_to_{milestone:.{digits}f}_m": self.trials_to(milestone)
                 for milestone, digits in _DIGITS

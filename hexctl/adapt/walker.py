@@ -13,7 +13,7 @@ from hexctl.control.guard import Guard
 from hexctl.control.log import TickLog
 from hexctl.control.plan import TrialPlan
 from hexctl.control.result import TrialResult
-from hexctl.control.trial import StopRequested, never, run_trial
+from hexctl.control.trial import Enough, StopRequested, never, run_trial
 from hexctl.errors import RobotFaultError
 from hexctl.gait.encoding import Slots
 from hexctl.record.recording import Recording
@@ -40,7 +40,9 @@ class Walker:
     folder: Path | None
     stop_requested: StopRequested = never
 
-    def walk(self, index: int, code: int, slots: Slots) -> tuple[TrialResult, Path | None]:
+    def walk(
+        self, index: int, code: int, slots: Slots, enough: Enough | None = None
+    ) -> tuple[TrialResult, Path | None]:
         """Run one trial and return its result and recording.
 
         Raises RobotFaultError for a robot that does not know where it is: without a pose there is nothing to
@@ -55,7 +57,7 @@ class Walker:
             with Guard(make_servos(self.spec.backend, options)) as servos:
                 self._require_pose(servos)
                 log = TickLog(recording.write_block if recording else None)
-                result = run_trial(servos, plan, log, stop_requested=self.stop_requested)
+                result = run_trial(servos, plan, log, stop_requested=self.stop_requested, enough=enough)
             if recording is not None:
                 recording.finish(result, self._facts(index, code))
         finally:

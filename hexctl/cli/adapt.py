@@ -19,9 +19,23 @@ def adapt(
     optimizer: Annotated[
         str | None,
         typer.Option(
-            "--optimizer", help="pso, psosp, dps, debest, derand, random or exhaustive. (default: random)"
+            "--optimizer",
+            help="bayes, pso, psosp, dps, debest, derand, random or exhaustive. "
+            "(default: bayes where a prior fits, else random)",
         ),
     ] = None,
+    prior: Annotated[
+        str | None,
+        typer.Option(
+            "--prior",
+            help="What bayes believes before the first trial: auto (made by hexctl prior build, or shipped), "
+            "a file, or none. (default: auto)",
+        ),
+    ] = None,
+    early_stop: Annotated[
+        bool,
+        typer.Option("--early-stop", help="End a walk once it is clear that it misses; with bayes."),
+    ] = False,
     objective: Annotated[
         str | None,
         typer.Option(
@@ -31,7 +45,12 @@ def adapt(
         ),
     ] = None,
     target: Annotated[
-        float | None, typer.Option("--target", help="Stop once the objective is this small, in metres.")
+        float | None,
+        typer.Option(
+            "--target",
+            help="Stop once the objective is this small, in metres; bayes once it is 90 % sure of it. "
+            "(default: 0.025 with bayes, else none)",
+        ),
     ] = None,
     confirm: Annotated[
         int | None,
@@ -73,6 +92,8 @@ def adapt(
         "failed_leg": failed_leg,
         "failure": failure,
         "optimizer": optimizer,
+        "prior": prior,
+        "early_stop": early_stop or None,
         "objective": objective,
         "budget": budget,
         "target_m": target,

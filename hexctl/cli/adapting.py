@@ -10,19 +10,22 @@ from typing import Any
 
 import typer
 
-from hexctl.adapt.catalogue import make_optimizer
-from hexctl.adapt.counting import FreshCodes
+from hexctl.adapt.catalogue import BAYES, make_optimizer
 from hexctl.adapt.loop import AdaptLoop
 from hexctl.adapt.objective import check_objective
+from hexctl.adapt.prior.question import Question
+from hexctl.adapt.search import make_search
 from hexctl.adapt.session import Session, SessionSpec
 from hexctl.adapt.space import GaitSpace
 from hexctl.adapt.store import SessionStore
 from hexctl.adapt.walker import Walker
-from hexctl.backends.sim.world import World, load_world
+from hexctl.backends.sim.family import load_any_world
+from hexctl.backends.sim.world import World
 from hexctl.cli.exits import DONE, INTERRUPTED
 from hexctl.cli.interrupt import StopOnInterrupt
-from hexctl.cli.output import say
+from hexctl.cli.output import say, say_aside
 from hexctl.cli.places import RUNS
+from hexctl.cli.prioring import with_prior
 from hexctl.cli.table import SessionTable, closing_lines
 from hexctl.cli.values import finite
 from hexctl.control.plan import TrialPlan
@@ -51,14 +54,19 @@ def new_spec(**options: Any) -> SessionSpec:
             f"--world: got {options['world']} with --backend {options['backend']}; allowed: with sim"
         )
     given = {name: value for name, value in options.items() if value is not None}
+    wanted_prior = given.pop("prior", None)
     if not simulated:
         given["world"] = None
     robot = load_robot(given.get("robot", "ant"))
     spec = SessionSpec(**given, robot_fingerprint=robot.fingerprint)
     _check_numbers(spec)
     check_objective(spec.objective)
-    make_optimizer(spec.optimizer, GaitSpace((spec.failed_leg,)), spec.seed)
-    return spec
+    if spec.optimizer != BAYES:
+        make_optimizer(spec.optimizer, GaitSpace((spec.failed_leg,)), spec.seed)
+    _robot, _world, plan = _walk_parts(spec)
+    return with_prior(
+        spec, Question.of(robot, plan), optimizer=options["optimizer"], wanted=wanted_prior, say=say_aside
+    )
 
 
 def check_resumed_alone(resume: str, **options: Any) -> None:
@@ -89,9 +97,6 @@ def _check_numbers(spec: SessionSpec) -> None:
 def execute(spec: SessionSpec | None, *, resume: str | None, record: bool, as_json: bool) -> int:
     """Run a new session, or continue one, and return the exit code."""
     began_s = time.perf_counter()
-    if spec is not None:
-        # Refuse what cannot be walked before the session exists.
-        _walk_parts(spec)
     with ExitStack() as stack:
         store = stack.enter_context(SessionStore(RUNS))
         session = store.create(spec) if spec is not None else store.load(resume or "")
@@ -117,11 +122,7 @@ def _adapt(
     def plan_for(slots: Slots) -> TrialPlan:
         return _with_slots(plan, slots)
 
-    optimizer = FreshCodes(
-        make_optimizer(spec.optimizer, GaitSpace((spec.failed_leg,)), spec.seed),
-        spec.seed,
-        paper_count=spec.count_repeats,
-    )
+    optimizer = make_search(spec, robot, plan)
     walker = Walker(
         spec=spec,
         robot=robot,
@@ -144,7 +145,7 @@ def _walk_parts(spec: SessionSpec) -> tuple[Robot, World | None, TrialPlan]:
             f"session: robot {spec.robot} is not the one that it began with; "
             "allowed: the same robot file, or a new session"
         )
-    world = load_world(spec.world) if spec.world is not None else None
+    world = load_any_world(spec.world) if spec.world is not None else None
     plan = TrialPlan(
         gait=make_gait(robot, "demo"),
         heading_rad=math.radians(spec.heading_deg),

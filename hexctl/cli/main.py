@@ -9,6 +9,7 @@ from typer.exceptions import TyperException
 from hexctl.cli.adapt import adapt
 from hexctl.cli.check import check
 from hexctl.cli.exits import BAD_INPUT, FAULT, INTERRUPTED
+from hexctl.cli.prior import prior
 from hexctl.cli.run import run
 from hexctl.cli.sessions import sessions
 from hexctl.cli.study import study
@@ -26,6 +27,7 @@ app.command()(adapt)
 app.command()(study)
 app.command()(check)
 app.command()(view)
+app.add_typer(prior, name="prior")
 app.add_typer(sessions, name="sessions")
 
 

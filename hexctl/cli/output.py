@@ -19,3 +19,8 @@ def say(text: str) -> None:
     except OSError as error:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         raise RobotFaultError(f"the result cannot be printed: {error.strerror}") from error
+
+
+def say_aside(text: str) -> None:
+    """Print a line on stderr, for a person who watches."""
+    typer.echo(text, err=True)

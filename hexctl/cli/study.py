@@ -40,7 +40,8 @@ def study(
 
     Gaits are walked once and kept under runs/study-cache; Ctrl-C, then the same command goes on.
     """
-    from hexctl.cli.studying import StudyRequest, execute, listed, listed_legs
+    from hexctl.cli.simulating import listed, listed_legs
+    from hexctl.cli.studying import StudyRequest, execute
 
     request = StudyRequest(
         legs=listed_legs(legs),

@@ -1,21 +1,24 @@
 """What `hexctl study` does with its options: check, simulate, search, report."""
 
 import json
-import signal
 import time
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from datetime import datetime
 from itertools import pairwise
 from pathlib import Path
-from types import FrameType
 
-from hexctl.backends.sim.world import load_world
+from hexctl.backends.sim.family import load_any_world
 from hexctl.cli.exits import DONE, INTERRUPTED
-from hexctl.cli.interrupt import SIGNALS
 from hexctl.cli.output import say
 from hexctl.cli.places import RUNS
+from hexctl.cli.simulating import (
+    CACHE,
+    check_jobs,
+    say_interrupted,
+    simulate_with,
+    terminated_as_interrupted,
+)
 from hexctl.cli.studyprogress import StudyProgress
 from hexctl.errors import InputError
 from hexctl.robot.file import load_robot
@@ -24,15 +27,12 @@ from hexctl.study.cache import LandscapeCache
 from hexctl.study.claim import cm
 from hexctl.study.claims import claims_of
 from hexctl.study.drawing import check_drawing
-from hexctl.study.evaluate import Simulate, fill, simulate_here
+from hexctl.study.evaluate import fill
 from hexctl.study.figures import FIGURES
 from hexctl.study.findings import Findings, search_all
 from hexctl.study.plan import StudyPlan
 from hexctl.study.report import REPORT, write_report
 from hexctl.study.summary import summary_json
-
-CACHE = RUNS / "study-cache"
-MAX_JOBS = 1024
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -53,19 +53,6 @@ class StudyRequest:
     as_json: bool
 
 
-def listed(text: str) -> tuple[str, ...]:
-    """Return the parts of a text between commas."""
-    return tuple(part.strip() for part in text.split(",") if part.strip())
-
-
-def listed_legs(text: str) -> tuple[int, ...]:
-    """Return the legs of a text such as `2,5`, ascending; raises InputError for anything but numbers."""
-    try:
-        return tuple(sorted(int(part) for part in listed(text)))
-    except ValueError:
-        raise InputError(f"--legs: got {text!r}; allowed: numbers 1..6 with commas, such as 2,5") from None
-
-
 def execute(request: StudyRequest) -> int:
     """Run a study and return the exit code."""
     plan = _checked_plan(request)
@@ -73,10 +60,10 @@ def execute(request: StudyRequest) -> int:
     cache = LandscapeCache(CACHE)
     cache.probe()
     try:
-        with _terminated_as_interrupted(), StudyProgress() as progress:
+        with terminated_as_interrupted(), StudyProgress() as progress:
             findings, times = _study(request, plan, cache, progress, folder)
     except KeyboardInterrupt:
-        say_interrupted(plan, cache)
+        say_interrupted(plan.specs(), cache)
         return INTERRUPTED
     finally:
         # An empty folder helps nobody; one with anything in it stays.
@@ -100,7 +87,7 @@ def _study(
     """Simulate what is missing, search, report; return the findings and how long each part took."""
     marks_s = [time.perf_counter()]
     with ExitStack() as stack:
-        landscapes = fill(plan.specs(), cache, _simulate(request, stack), progress)
+        landscapes = fill(plan.specs(), cache, simulate_with(request.jobs, request.dask, stack), progress)
     for note in cache.notes:
         progress.note(note)
     marks_s.append(time.perf_counter())
@@ -116,12 +103,11 @@ def _study(
 
 def _checked_plan(request: StudyRequest) -> StudyPlan:
     """Refuse what cannot be done before anything runs; return the plan."""
-    if request.jobs is not None and not 1 <= request.jobs <= MAX_JOBS:
-        raise InputError(f"--jobs: got {request.jobs}; allowed: 1..{MAX_JOBS}")
+    check_jobs(request.jobs)
     check_drawing()
     plan = StudyPlan(
         robot=load_robot(request.robot),
-        world=load_world(request.world),
+        world=load_any_world(request.world),
         legs=request.legs,
         optimizers=request.optimizers,
         runs=request.runs,
@@ -131,15 +117,6 @@ def _checked_plan(request: StudyRequest) -> StudyPlan:
     )
     plan.check()
     return plan
-
-
-def _simulate(request: StudyRequest, stack: ExitStack) -> Simulate:
-    """Return the way to simulate: on the workers of a cluster, or here."""
-    if request.dask is None:
-        return simulate_here(request.jobs or 0)
-    from hexctl.study.cluster import dask_executor, simulate_on
-
-    return simulate_on(stack.enter_context(dask_executor(request.dask)), request.jobs or 1)
 
 
 def _new_folder(out: Path | None) -> Path:
@@ -155,34 +132,6 @@ def _new_folder(out: Path | None) -> Path:
     if others:
         raise InputError(f"--out: {folder} holds other things; allowed: a new or empty folder")
     return folder
-
-
-@contextmanager
-def _terminated_as_interrupted() -> Iterator[None]:
-    """Take SIGTERM for Ctrl-C meanwhile, and Ctrl-C for itself even where a shell has switched it off."""
-
-    def interrupt(_number: int, _frame: FrameType | None) -> None:
-        raise KeyboardInterrupt
-
-    before = {number: signal.signal(number, interrupt) for number in SIGNALS}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
-
-
-def say_interrupted(plan: StudyPlan, cache: LandscapeCache) -> None:
-    """Tell on stderr what is saved and how to go on."""
-    import typer
-
-    landscapes = [cache.load(spec) for spec in plan.specs()]
-    done = sum(int(landscape.done.sum()) for landscape in landscapes)
-    total = sum(len(landscape.codes) for landscape in landscapes)
-    typer.echo(
-        f"interrupted: {done} of {total} gaits are saved in {cache.folder}; the same command goes on",
-        err=True,
-    )
 
 
 def closing_text(findings: Findings, folder: Path, times: dict[str, float]) -> str:

@@ -12,8 +12,9 @@ import typer
 
 from hexctl.backends.base import LegServos
 from hexctl.backends.clock import request_realtime_priority
+from hexctl.backends.sim.family import load_any_world
 from hexctl.backends.sim.terrain import Floor, make_floor
-from hexctl.backends.sim.world import World, load_world
+from hexctl.backends.sim.world import World
 from hexctl.backends.table import BackendOptions, make_servos
 from hexctl.cli.exits import INTERRUPTED, code_of
 from hexctl.cli.interrupt import StopOnInterrupt
@@ -103,7 +104,7 @@ def _check(request: Request) -> World:
         check_plan(request.robot, request.plan)
     except (ReachError, LimitError) as error:
         raise InputError(f"{error}; ask for a smaller --amplitude, --height or --turn") from error
-    return load_world("flat" if request.world is None else request.world)
+    return load_any_world("flat" if request.world is None else request.world)
 
 
 def _servos(request: Request, world: World) -> LegServos:

@@ -12,6 +12,7 @@ from hexctl.adapt.session import SessionSpec
 from hexctl.adapt.space import GaitSpace
 from hexctl.adapt.store import SessionStore
 from hexctl.control.result import TrialResult
+from hexctl.control.trial import Enough
 from hexctl.gait.encoding import Slots
 from tests.adapt.walking import SPEC, Landscape
 
@@ -28,9 +29,11 @@ def optimizer_of(spec: SessionSpec) -> Optimizer:
 class SlowLandscape(Landscape):
     """A landscape whose trials take a moment."""
 
-    def __call__(self, index: int, code: int, slots: Slots) -> tuple[TrialResult, Path | None]:
+    def __call__(
+        self, index: int, code: int, slots: Slots, enough: Enough | None = None
+    ) -> tuple[TrialResult, Path | None]:
         time.sleep(TRIAL_S)
-        return super().__call__(index, code, slots)
+        return super().__call__(index, code, slots, enough)
 
 
 def main(folder: str, name: str | None = None) -> None:

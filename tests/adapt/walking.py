@@ -6,6 +6,7 @@ import numpy as np
 
 from hexctl.adapt.session import SessionSpec
 from hexctl.control.result import Deviation, TrialResult
+from hexctl.control.trial import Enough
 from hexctl.gait.encoding import Slots
 
 SPEC = SessionSpec(failed_leg=5, optimizer="pso", budget=12, seed=3)
@@ -36,7 +37,9 @@ class Landscape:
         self.walked: list[int] = []
         self._cut_after = cut_after
 
-    def __call__(self, index: int, code: int, slots: Slots) -> tuple[TrialResult, Path | None]:
+    def __call__(
+        self, index: int, code: int, slots: Slots, enough: Enough | None = None
+    ) -> tuple[TrialResult, Path | None]:
         if self._cut_after is not None and len(self.walked) >= self._cut_after:
             return result_of(0.0, "aborted"), None
         self.walked.append(code)

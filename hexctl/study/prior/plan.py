@@ -4,8 +4,11 @@ import math
 from dataclasses import dataclass
 
 from hexctl.backends.sim.family import Spread, WorldFamily
+from hexctl.control.plan import TrialPlan
 from hexctl.control.turning import check_plan
 from hexctl.errors import InputError, LimitError, ReachError
+from hexctl.gait.named import make_gait
+from hexctl.robot.failure import Failure
 from hexctl.robot.joints import N_LEGS
 from hexctl.robot.model import Robot
 from hexctl.study.landscape import LandscapeSpec
@@ -15,6 +18,10 @@ WORLDS_PER_LEG = 1024
 
 #: How far self-rotations miss their goal, in degrees: seen in `transfer` worlds, +2 to -4.
 MISS_DEG = Spread(low=-4.0, high=4.0, scale="normal")
+
+
+#: A shorter walk is soft start for the most part, and has no five points a second to keep.
+MIN_DURATION_S = 5.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,8 +73,24 @@ class PriorPlan:
             for index, (world, miss_deg) in enumerate(zip(worlds, misses_deg, strict=True))
         ]
 
+    def trial_plan(self) -> TrialPlan:
+        """Return a trial as a session walks it, self-rotation included; its gait is one of many."""
+        failure = Failure(leg=self.legs[0], kind=self.failure)
+        return TrialPlan(
+            gait=make_gait(self.robot, "demo"),
+            duration_s=self.duration_s,
+            failure=failure,
+            self_rotation=self.self_rotation,
+        )
+
     def check(self) -> None:
         """Raise InputError for anything that is not allowed, before anything runs."""
+        if not self.legs or not set(self.legs) <= set(range(1, N_LEGS + 1)):
+            raise InputError(f"--legs: got {list(self.legs)}; allowed: one or more of 1..{N_LEGS}")
+        if len(set(self.legs)) != len(self.legs):
+            raise InputError(f"--legs: got {list(self.legs)}; allowed: each leg once")
+        if self.duration_s < MIN_DURATION_S:
+            raise InputError(f"--duration: got {self.duration_s:g}; allowed: {MIN_DURATION_S:g} s or more")
         if not 2 <= self.worlds <= WORLDS_PER_LEG:
             raise InputError(f"--worlds: got {self.worlds}; allowed: 2..{WORLDS_PER_LEG}")
         for leg in self.legs:

@@ -1,0 +1,197 @@
+"""What is believed of all gaits: a Gaussian process whose mean and covariance come from simulated worlds.
+
+Prior: the 120 gaits times N_FEATURES numbers are jointly normal, with the mean of the simulated worlds and
+their covariance, plus a part that the worlds do not explain. That part has the shape over a walk (deviation
+grows with time, and late deviations go with early ones) that walks differ in anyway, and is more alike for
+gaits whose legs move in similar phases. Trials are conditioned on as usual (Rasmussen & Williams 2006,
+eq. 2.23 and 2.24), every number that a walk showed at once. When the ends of walks surprise more than
+believed, all of the prior is widened: so a world unlike any simulated one is not explained away.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hexctl.adapt.prior.samples import DISTANCE, FINAL, N_FEATURES, Samples
+from hexctl.adapt.space import GaitSpace
+from hexctl.robot.messages import FloatArray
+
+#: Variance that the worlds do not explain, as a share of that between the worlds. This and the two below
+#: were chosen by leaving one world out of the shipped prior of `ant`, never on worlds of `transfer`.
+UNEXPLAINED = 0.15
+
+#: Shares of the unexplained: what all gaits have in common (a slope, a bent leg, pull to one side), and what
+#: similar gaits have, which may be so far apart (mean phase difference between legs, in cycles).
+COMMON_SHARE = 0.4
+ALIKE_SHARE = 0.4
+ALIKE_CYCLES = 0.15
+
+#: What a walk shows on its way is blurred by this share of the unexplained: bumps and sway that no end tells.
+BLUR = 0.1
+
+#: So many trials' worth of trust has the believed spread when trials speak against it.
+TRUST_TRIALS = 4.0
+
+#: Weight, in repeats, of the noise that is assumed before any gait was repeated.
+NOISE_WEIGHT = 2.0
+
+
+@dataclass(frozen=True, eq=False)
+class Forecast:
+    """What is believed of the final deviation and the distance of every gait.
+
+    Attributes:
+        mean_m: signed final deviation, (gaits,).
+        covariance_m2: of the signed final deviations, without the noise of a trial, (gaits, gaits).
+        distance_m: progress at the end, (gaits,).
+        distance_sd_m: its standard deviation, (gaits,).
+        noise_m: standard deviation of one trial around what its gait does on average.
+        widened: how much wider the prior was made because trials surprised, 1 or more.
+    """
+
+    mean_m: FloatArray
+    covariance_m2: FloatArray
+    distance_m: FloatArray
+    distance_sd_m: FloatArray
+    noise_m: float
+    widened: float
+
+    @property
+    def sd_m(self) -> FloatArray:
+        """Return the standard deviations of the signed final deviations, (gaits,)."""
+        return np.sqrt(np.maximum(np.diagonal(self.covariance_m2), 1e-10))
+
+
+_END_FIRST = np.array([FINAL, *(feature for feature in range(N_FEATURES) if feature != FINAL)])
+
+
+@dataclass(eq=False)
+class _Seen:
+    """What trials showed, flat: one entry for each number."""
+
+    trial: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    gait: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    feature: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    value: FloatArray = field(default_factory=lambda: np.zeros(0))
+
+    def plus(self, gait: int, features: FloatArray) -> "_Seen":
+        # The end first: what it surprises by is then seen apart from how the walk got there.
+        known = _END_FIRST[np.isfinite(features[_END_FIRST])]
+        trial = int(self.trial[-1]) + 1 if self.trial.size else 0
+        return _Seen(
+            np.append(self.trial, np.full(known.size, trial)),
+            np.append(self.gait, np.full(known.size, gait)),
+            np.append(self.feature, known),
+            np.append(self.value, features[known]),
+        )
+
+
+class Belief:
+    """What is believed of the 120 gaits of a failed leg, after any number of trials."""
+
+    def __init__(self, samples: Samples, *, noise_m: float) -> None:
+        worlds = len(samples.features)
+        self._mean = samples.features.mean(axis=0)  # (gaits, N_FEATURES)
+        apart = samples.features - self._mean
+        # Square root of the worlds' covariance: columns are gait-major, as all flat arrays here.
+        self._root = apart.reshape(worlds, -1) / np.sqrt(max(worlds - 1, 1))
+        self._shape = UNEXPLAINED * np.einsum("mgi,mgj->ij", apart, apart) / (worlds * len(self._mean))
+        self._alike = _likeness(samples.leg) * _outer(_spread(apart[..., FINAL]))
+        self._noise_m = noise_m
+        self._seen = _Seen()
+
+    def observe(self, code: int, features: FloatArray) -> None:
+        """Take in a trial of a gait: what it showed, (N_FEATURES,), NaN for what it did not."""
+        self._seen = self._seen.plus(code - 1, features)
+
+    def forecast(self) -> Forecast:
+        """Return what is believed of all gaits now."""
+        noise_m = self._noise_now_m()
+        widened = self._widened(noise_m)
+        mean_m, covariance = self._conditioned(self._seen, FINAL, noise_m, widened)
+        distance_m, distance_covariance = self._conditioned(self._seen, DISTANCE, noise_m, widened)
+        return Forecast(
+            mean_m=mean_m,
+            covariance_m2=covariance,
+            distance_m=distance_m,
+            distance_sd_m=np.sqrt(np.maximum(np.diagonal(distance_covariance), 1e-10)),
+            noise_m=noise_m,
+            widened=widened,
+        )
+
+    def end_of(self, code: int, features: FloatArray) -> tuple[float, float]:
+        """Return mean and standard deviation of the end of a walk that has shown some features so far."""
+        noise_m = self._noise_now_m()
+        seen = self._seen.plus(code - 1, features)
+        mean_m, covariance = self._conditioned(seen, FINAL, noise_m, self._widened(noise_m))
+        return float(mean_m[code - 1]), float(np.sqrt(max(covariance[code - 1, code - 1], 1e-10)))
+
+    def _conditioned(
+        self, seen: _Seen, feature: int, noise_m: float, widened: float
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return mean (gaits,) and covariance (gaits, gaits) of one feature of all gaits."""
+        wanted = self._root[:, feature::N_FEATURES]
+        mean = self._mean[:, feature]
+        covariance = widened * (wanted.T @ wanted + self._alike * self._shape[feature, feature])
+        if not seen.value.size:
+            return mean.copy(), covariance
+        root, residual = self._decomposed(seen, noise_m, widened)
+        columns = self._root[:, seen.gait * N_FEATURES + seen.feature]
+        across = wanted.T @ columns + self._alike[:, seen.gait] * self._shape[feature, seen.feature]
+        explained = np.linalg.solve(root, widened * across.T)
+        return mean + explained.T @ residual, covariance - explained.T @ explained
+
+    def _decomposed(self, seen: _Seen, noise_m: float, widened: float) -> tuple[FloatArray, FloatArray]:
+        """Return the Cholesky root of the covariance of what was seen, and the whitened surprise."""
+        columns = self._root[:, seen.gait * N_FEATURES + seen.feature]
+        shape = self._shape[np.ix_(seen.feature, seen.feature)]
+        believed = widened * (columns.T @ columns + self._alike[np.ix_(seen.gait, seen.gait)] * shape)
+        # The noise of a trial has the same course over a walk as everything else that bends it.
+        together = seen.trial[:, np.newaxis] == seen.trial
+        noise = np.where(together, shape * (noise_m**2 / self._shape[FINAL, FINAL]), 0.0)
+        covariance = believed + noise
+        blur = np.where(seen.feature == FINAL, 0.0, BLUR * np.diagonal(shape))
+        covariance[np.diag_indices_from(covariance)] += blur + 1e-9 * np.diagonal(covariance) + 1e-12
+        root = np.linalg.cholesky(covariance)
+        surprise = seen.value - self._mean[seen.gait, seen.feature]
+        return root, np.linalg.solve(root, surprise)
+
+    def _widened(self, noise_m: float) -> float:
+        """Return by how much the ends of the walks are wider spread than believed, 1 at least."""
+        ends = self._seen.feature == FINAL
+        if not ends.any():
+            return 1.0
+        _, surprise = self._decomposed(self._seen, noise_m, 1.0)
+        # Whitened in the order of the trials: each end against what was believed just before it.
+        squares = float((surprise[ends] ** 2).sum())
+        return max(1.0, (TRUST_TRIALS + squares) / (TRUST_TRIALS + int(ends.sum())))
+
+    def _noise_now_m(self) -> float:
+        """Return the noise of a trial: what was assumed, corrected by how far repeats of a gait differ."""
+        final = self._seen.feature == FINAL
+        gaits, values = self._seen.gait[final], self._seen.value[final]
+        squares, repeats = NOISE_WEIGHT * self._noise_m**2, NOISE_WEIGHT
+        for gait in np.unique(gaits):
+            again = values[gaits == gait]
+            squares += float(((again - again.mean()) ** 2).sum())
+            repeats += again.size - 1
+        return float(np.sqrt(squares / repeats))
+
+
+def _likeness(leg: int) -> FloatArray:
+    """Return how much the unexplained of two gaits has in common, 0..1, (gaits, gaits)."""
+    apart_cycles = GaitSpace((leg,)).phase_distance
+    alike = ALIKE_SHARE * np.exp(-apart_cycles / ALIKE_CYCLES)
+    own = 1 - COMMON_SHARE - ALIKE_SHARE
+    return np.asarray(COMMON_SHARE + alike + own * np.eye(len(apart_cycles)))
+
+
+def _spread(apart: FloatArray) -> FloatArray:
+    """Return each gait's spread over the worlds relative to that of all: touchy gaits surprise more."""
+    spread = apart.std(axis=0)
+    return np.asarray(spread / np.sqrt((spread**2).mean()))
+
+
+def _outer(values: FloatArray) -> FloatArray:
+    return np.asarray(values[:, np.newaxis] * values)

@@ -1,0 +1,165 @@
+"""A prior: what became of every gait of each failed leg in many simulated worlds; and its file."""
+
+import hashlib
+import io
+import json
+import os
+import zipfile
+import zlib
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hexctl.adapt.prior.question import Question
+from hexctl.adapt.space import GaitSpace
+from hexctl.errors import HexctlError, InputError
+from hexctl.robot.messages import FloatArray
+
+FORMAT = "hexctl prior"
+VERSION = 1
+
+#: Points of a walk that are kept, evenly spread, the last one at its end.
+CHECKPOINTS = 10
+
+_ARRAYS = ("signed_m", "progress_m", "yaw_rad")
+
+
+#: Half precision is 2 mm at 4 m and finer nearer to the line: below what a simulation is good for.
+STORED = np.float16
+
+
+class PriorFileError(HexctlError, OSError):
+    """A prior cannot be written."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Prior:
+    """What simulations say about one question; row i of the legs belongs to `legs[i]`, gait j to code j + 1.
+
+    Attributes:
+        question: what it is an answer to.
+        legs: the failed legs, ascending.
+        origin: where it comes from, for people: family of worlds, versions, when.
+        signed_m: deviation at the checkpoints, positive to the left, (legs, worlds, gaits, CHECKPOINTS); NaN
+            where the walk was over.
+        progress_m: distance along the heading at the checkpoints, likewise.
+        yaw_rad: how far the body had turned at the end, likewise NaN, (legs, worlds, gaits).
+    """
+
+    question: Question
+    legs: tuple[int, ...]
+    origin: dict[str, Any]
+    signed_m: FloatArray
+    progress_m: FloatArray
+    yaw_rad: FloatArray
+
+    def __post_init__(self) -> None:
+        worlds = self.signed_m.shape[1] if self.signed_m.ndim > 1 else 0
+        shape = (len(self.legs), worlds, GaitSpace((1,)).size)
+        allowed = {"signed_m": (*shape, CHECKPOINTS), "progress_m": (*shape, CHECKPOINTS)}
+        for name in _ARRAYS:
+            got, wanted = getattr(self, name).shape, allowed.get(name, shape)
+            if got != wanted or not worlds or not self.legs:
+                raise ValueError(f"{name} has shape {got}, expected {wanted}")
+
+    @property
+    def worlds(self) -> int:
+        """Return in how many worlds each leg has walked."""
+        return int(self.signed_m.shape[1])
+
+    @property
+    def head(self) -> dict[str, Any]:
+        """Return what is no array, as JSON values."""
+        return {"question": self.question.as_json(), "legs": list(self.legs), "origin": self.origin}
+
+    def digest(self) -> str:
+        """Return a text that changes with anything in the prior."""
+        digest = hashlib.sha256(json.dumps(self.head, sort_keys=True).encode())
+        for name in _ARRAYS:
+            digest.update(getattr(self, name).astype(STORED).tobytes())
+        return digest.hexdigest()[:32]
+
+
+def save_prior(prior: Prior, path: Path) -> None:
+    """Write a prior; the file is the old one or the new one at any moment.
+
+    Raises PriorFileError when the disk refuses.
+    """
+    head = {"format": FORMAT, "version": VERSION, "digest": prior.digest(), **prior.head}
+    arrays = {name: getattr(prior, name).astype(STORED) for name in _ARRAYS}
+    buffer = io.BytesIO()
+    np.savez_compressed(buffer, allow_pickle=False, head=np.array(json.dumps(head)), **arrays)
+    temporary = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        temporary.write_bytes(buffer.getvalue())
+        temporary.replace(path)
+    except OSError as error:
+        raise PriorFileError(f"prior: {path} cannot be written: {error.strerror}") from error
+    finally:
+        with suppress(OSError):
+            temporary.unlink(missing_ok=True)
+
+
+def load_prior(path: Path) -> Prior:
+    """Return the prior of a file.
+
+    Raises InputError for a file that is none, is of another version, is cut off or was altered.
+    """
+    head = read_head(path)
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            arrays = {name: file[name] for name in _ARRAYS}
+        prior = Prior(
+            question=Question(**head["question"]),
+            legs=tuple(head["legs"]),
+            origin=head["origin"],
+            **{name: array.astype(float) for name, array in arrays.items()},
+        )
+    except _DAMAGE as error:
+        raise _refused(path, f"it is damaged ({_reason(error)})") from error
+    if prior.digest() != head.get("digest"):
+        raise _refused(path, "it was altered after it was built")
+    return prior
+
+
+def read_head(path: Path) -> dict[str, Any]:
+    """Return the head of a prior's file, which says what it is an answer to.
+
+    Raises InputError for a file that is no prior of this version.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            head = json.loads(str(file["head"]))
+    except FileNotFoundError:
+        raise InputError(f"prior: no file at {str(path)!r}; allowed: a prior, auto or none") from None
+    except _DAMAGE as error:
+        raise _refused(path, f"it is no prior, or damaged ({_reason(error)})") from error
+    if not isinstance(head, dict) or head.get("format") != FORMAT:
+        raise _refused(path, "it is no prior")
+    if head.get("version") != VERSION:
+        raise _refused(path, f"it has version {head.get('version')}, this hexctl reads {VERSION}")
+    return head
+
+
+_DAMAGE = (
+    OSError,
+    EOFError,
+    ValueError,
+    KeyError,
+    TypeError,
+    NotImplementedError,
+    zipfile.BadZipFile,
+    zlib.error,
+)
+
+
+def _refused(path: Path, why: str) -> InputError:
+    return InputError(f"prior {path}: {why}; allowed: a prior as hexctl prior build writes it")
+
+
+def _reason(error: BaseException) -> str:
+    return " ".join(str(error).split())[:120] or type(error).__name__

@@ -1,0 +1,85 @@
+"""A prior's simulations as samples of what one failed leg's 120 gaits might do."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from hexctl.adapt.prior.prior import CHECKPOINTS, Prior
+from hexctl.adapt.prior.symmetry import Symmetries, Symmetry
+from hexctl.adapt.shown import Shown
+from hexctl.errors import InputError
+from hexctl.robot.messages import FloatArray
+from hexctl.robot.model import Robot
+
+#: What a walk shows, in this order: deviation at the checkpoints, progress at half time and at the end, yaw.
+PROGRESS_AT = (CHECKPOINTS // 2 - 1, CHECKPOINTS - 1)
+N_FEATURES = CHECKPOINTS + len(PROGRESS_AT) + 1
+FINAL, DISTANCE, YAW = CHECKPOINTS - 1, N_FEATURES - 2, N_FEATURES - 1
+
+#: What changes its sign in a mirror.
+MIRRORED = np.ones(N_FEATURES)
+MIRRORED[: FINAL + 1] = MIRRORED[YAW] = -1.0
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """Worlds as samples.
+
+    Attributes:
+        leg: the failed leg.
+        features: what each gait showed in each world, (worlds, gaits, N_FEATURES).
+        finished: the share of worlds in which each gait walked to the end, (gaits,).
+    """
+
+    leg: int
+    features: FloatArray
+    finished: FloatArray
+
+
+def samples_of(prior: Prior, robot: Robot, leg: int) -> Samples:
+    """Return the samples for a failed leg: of its own worlds, and by the robot's symmetries of other legs'.
+
+    Another leg's gait, turned or mirrored onto this one, begins at another point of its cycle. That makes it
+    a plausible walk of this leg, not the same one, and a sample is no more than plausible anyway.
+    Raises InputError when nothing in the prior says anything about the leg.
+    """
+    moved = [
+        _moved(prior, symmetry, source)
+        for symmetry in Symmetries(robot).all
+        for source in prior.legs
+        if symmetry.legs[source - 1] == leg
+    ]
+    if not moved:
+        legs = ", ".join(str(known) for known in prior.legs)
+        raise InputError(f"prior: got failed leg {leg}; allowed: {legs}")
+    features = np.concatenate(moved)
+    finished = np.isfinite(features[..., FINAL]).mean(axis=0)
+    return Samples(leg=leg, features=_filled(features), finished=finished)
+
+
+def features_of(shown: Shown, duration_s: float) -> FloatArray:
+    """Return what a walk of a planned duration showed, (N_FEATURES,), NaN for what it did not."""
+    times_s = duration_s * np.arange(1, CHECKPOINTS + 1) / CHECKPOINTS
+    rows = shown.at(times_s)
+    yaw_rad = shown.yaw_change_rad if shown.finished else None
+    return np.concatenate([rows[:, 1], rows[PROGRESS_AT, 0], [np.nan if yaw_rad is None else yaw_rad]])
+
+
+def _moved(prior: Prior, symmetry: Symmetry, source: int) -> FloatArray:
+    """Return the worlds of a leg, moved by a symmetry, (worlds, gaits, N_FEATURES)."""
+    row = prior.legs.index(source)
+    progress = prior.progress_m[row][..., PROGRESS_AT]
+    features = np.concatenate([prior.signed_m[row], progress, prior.yaw_rad[row][..., np.newaxis]], axis=-1)
+    if symmetry.mirrored:
+        features = features * MIRRORED
+    moved = np.empty_like(features)
+    moved[:, symmetry.codes(source) - 1] = features
+    return moved
+
+
+def _filled(features: FloatArray) -> FloatArray:
+    """Return the features with what fallen robots did not show replaced by the mean of those that walked."""
+    known = np.isfinite(features)
+    counts = np.maximum(known.sum(axis=0), 1)
+    means = np.where(known, features, 0.0).sum(axis=0) / counts
+    return np.where(known, features, means)

@@ -1,0 +1,56 @@
+"""The optimizer of a session, as its spec says."""
+
+from pathlib import Path
+
+from hexctl.adapt.bayes import REAL_NOISE_M, SIMULATED_NOISE_M, Bayes
+from hexctl.adapt.catalogue import make_optimizer
+from hexctl.adapt.counting import FreshCodes
+from hexctl.adapt.optimizer import Optimizer
+from hexctl.adapt.prior.find import check_prior
+from hexctl.adapt.prior.prior import load_prior
+from hexctl.adapt.prior.question import Question
+from hexctl.adapt.prior.samples import samples_of
+from hexctl.adapt.session import SessionSpec
+from hexctl.adapt.space import GaitSpace
+from hexctl.control.plan import TrialPlan
+from hexctl.control.result import PROGRESS_FLOOR
+from hexctl.errors import InputError
+from hexctl.gait.gait import ideal_speed_m_s
+from hexctl.gait.ramp import RAMP_DURATION_S
+from hexctl.robot.model import Robot
+
+#: The paper's finer deviation: what `bayes` looks for unless told otherwise.
+DEFAULT_TARGET_M = 0.025
+
+
+def make_search(spec: SessionSpec, robot: Robot, plan: TrialPlan) -> Optimizer:
+    """Return the optimizer of a session, fresh.
+
+    Raises InputError for a prior that is none, is for something else or is not the session's any more.
+    """
+    space = GaitSpace((spec.failed_leg,))
+    if spec.prior is None:
+        inner = make_optimizer(spec.optimizer, space, spec.seed)
+        return FreshCodes(inner, spec.seed, paper_count=spec.count_repeats)
+    path = Path(spec.prior)
+    check_prior(path, Question.of(robot, plan))
+    prior = load_prior(path)
+    if spec.prior_digest and prior.digest() != spec.prior_digest:
+        raise InputError(
+            f"prior {path}: is not the one the session began with; allowed: the same file, or a new session"
+        )
+    return Bayes(
+        space,
+        spec.seed,
+        samples=samples_of(prior, robot, spec.failed_leg),
+        target_m=DEFAULT_TARGET_M if spec.target_m is None else spec.target_m,
+        duration_s=spec.duration_s,
+        floor_m=progress_floor_m(robot, plan),
+        noise_m=SIMULATED_NOISE_M if spec.backend == "sim" else REAL_NOISE_M,
+    )
+
+
+def progress_floor_m(robot: Robot, plan: TrialPlan) -> float:
+    """Return the distance below which a trial counts as one without progress (see `score`)."""
+    full_stride_s = max(0.0, plan.duration_s - RAMP_DURATION_S / 2)
+    return PROGRESS_FLOOR * ideal_speed_m_s(robot, plan.gait, plan.motion(0.0)) * full_stride_s

@@ -1,0 +1,87 @@
+"""What `hexctl prior build` does with its options: check, simulate what is missing, write."""
+
+import json
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+
+from hexctl.adapt.prior.find import SUFFIX
+from hexctl.adapt.prior.prior import save_prior
+from hexctl.backends.sim.family import load_family
+from hexctl.cli.exits import DONE, INTERRUPTED
+from hexctl.cli.output import say
+from hexctl.cli.prioring import PRIORS, summary_of
+from hexctl.cli.simulating import (
+    CACHE,
+    check_jobs,
+    say_interrupted,
+    simulate_with,
+    terminated_as_interrupted,
+)
+from hexctl.cli.studyprogress import StudyProgress
+from hexctl.errors import InputError
+from hexctl.robot.file import load_robot
+from hexctl.study.cache import LandscapeCache
+from hexctl.study.evaluate import fill
+from hexctl.study.prior.build import prior_of
+from hexctl.study.prior.plan import PriorPlan
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PriorRequest:
+    """The options of `hexctl prior build` as values."""
+
+    robot: str
+    worlds: int
+    legs: tuple[int, ...]
+    failure: str
+    self_rotation: str
+    duration_s: float
+    family: str
+    out: Path | None
+    jobs: int | None
+    dask: str | None
+    as_json: bool
+
+
+def execute(request: PriorRequest) -> int:
+    """Build a prior and return the exit code."""
+    check_jobs(request.jobs)
+    plan = _checked_plan(request)
+    path = request.out or PRIORS / _name_of(plan)
+    if path.suffix != SUFFIX or path.is_dir():
+        raise InputError(f"--out: got {path}; allowed: a file whose name ends in {SUFFIX}")
+    cache = LandscapeCache(CACHE)
+    cache.probe()
+    try:
+        with terminated_as_interrupted(), StudyProgress() as progress, ExitStack() as stack:
+            simulate = simulate_with(request.jobs, request.dask, stack)
+            landscapes = fill(plan.specs(), cache, simulate, progress)
+            for note in cache.notes:
+                progress.note(note)
+    except KeyboardInterrupt:
+        say_interrupted(plan.specs(), cache)
+        return INTERRUPTED
+    prior = prior_of(plan, landscapes)
+    save_prior(prior, path)
+    outcome = {"prior": str(path), **summary_of(path)}
+    say(json.dumps(outcome) if request.as_json else f"prior: {path} ({path.stat().st_size / 1e3:.0f} kB)")
+    return DONE
+
+
+def _checked_plan(request: PriorRequest) -> PriorPlan:
+    plan = PriorPlan(
+        robot=load_robot(request.robot),
+        family=load_family(request.family),
+        worlds=request.worlds,
+        legs=request.legs,
+        failure=request.failure,
+        self_rotation=request.self_rotation,
+        duration_s=request.duration_s,
+    )
+    plan.check()
+    return plan
+
+
+def _name_of(plan: PriorPlan) -> str:
+    return f"{plan.robot.name}-{plan.failure}-{plan.self_rotation}-{plan.duration_s:g}s{SUFFIX}"

@@ -1,0 +1,114 @@
+"""Which prior a session believes, from what was asked for; and what priors there are."""
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from hexctl.adapt.catalogue import BAYES
+from hexctl.adapt.prior.find import check_prior, find_prior, prior_files, shipped_priors
+from hexctl.adapt.prior.prior import load_prior
+from hexctl.adapt.prior.question import Question
+from hexctl.adapt.session import SessionSpec
+from hexctl.cli import output
+from hexctl.cli.places import RUNS
+from hexctl.errors import InputError
+
+#: Where `hexctl prior build` puts what it built.
+PRIORS = RUNS / "priors"
+
+
+def with_prior(
+    spec: SessionSpec,
+    question: Question,
+    *,
+    optimizer: str | None,
+    wanted: str | None,
+    say: Callable[[str], None],
+) -> SessionSpec:
+    """Return the spec with optimizer and prior chosen.
+
+    Args:
+        spec: what was asked for otherwise.
+        question: what a prior must answer.
+        optimizer: as it was asked for, None for whatever fits.
+        wanted: `auto`, `none` or a path; None is `auto`.
+        say: is told why a session goes without a prior that nobody refused.
+
+    Raises InputError for what contradicts itself, and for a prior that does not fit.
+    """
+    if optimizer not in (None, BAYES):
+        _refuse_without_bayes(spec, wanted)
+        return spec
+    if wanted == "none" or (optimizer is None and wanted is None and spec.count_repeats):
+        if optimizer == BAYES:
+            raise InputError("--prior: got none with --optimizer bayes; allowed: auto or a file")
+        _refuse_without_bayes(spec, None)
+        return spec
+    if spec.count_repeats:
+        raise InputError(
+            "--count-repeats: got it with bayes; allowed: without, bayes repeats a gait when that tells most"
+        )
+    reason = _other_objective(spec)
+    if not reason and wanted not in (None, "auto"):
+        check_prior(Path(str(wanted)), question)
+        return _believing(spec, Path(str(wanted)))
+    if not reason:
+        found = find_prior(question, [PRIORS, shipped_priors()])
+        if found.path is not None:
+            return _believing(spec, found.path)
+        reason = found.reason
+    if optimizer == BAYES or wanted is not None or spec.early_stop:
+        raise InputError(
+            f"prior: there is none for these trials ({reason}); allowed: hexctl prior build first"
+        )
+    say(f"hexctl: no prior for these trials ({reason}); searching with {spec.optimizer} instead")
+    return spec
+
+
+def _believing(spec: SessionSpec, path: Path) -> SessionSpec:
+    return replace(spec, optimizer=BAYES, prior=str(path), prior_digest=load_prior(path).digest())
+
+
+def _other_objective(spec: SessionSpec) -> str:
+    if spec.objective == "final":
+        return ""
+    return f"priors are for the objective final, not {spec.objective}"
+
+
+def _refuse_without_bayes(spec: SessionSpec, wanted: str | None) -> None:
+    """Refuse options that only bayes follows."""
+    if wanted not in (None, "none"):
+        raise InputError(f"--prior: got {wanted} with --optimizer {spec.optimizer}; allowed: with bayes")
+    if spec.early_stop:
+        raise InputError("--early-stop: got it without a prior; allowed: with bayes and a prior")
+
+
+def show(file: str | None, *, as_json: bool) -> None:
+    """Print what one prior, or each that would be found, is for."""
+    paths = [Path(file)] if file is not None else prior_files([PRIORS, shipped_priors()])
+    summaries = [{"prior": str(path), **summary_of(path)} for path in paths]
+    if as_json:
+        output.say(json.dumps(summaries))
+    else:
+        output.say("\n".join(_line(summary) for summary in summaries) or "no priors yet")
+
+
+def summary_of(path: Path) -> dict[str, Any]:
+    """Return what a prior is for as plain JSON values; raises InputError for a damaged one."""
+    prior = load_prior(path)
+    return {
+        **prior.question.as_json(),
+        "legs": list(prior.legs),
+        "worlds": prior.worlds,
+        "bytes": path.stat().st_size,
+    }
+
+
+def _line(summary: dict[str, Any]) -> str:
+    legs = ",".join(str(leg) for leg in summary["legs"])
+    return (
+        f"{summary['prior']}: {summary['robot']}, legs {legs} {summary['failure']}, self-rotation "
+        f"{summary['self_rotation']}, {summary['duration_s']:g} s, {summary['worlds']} worlds a leg"
+    )

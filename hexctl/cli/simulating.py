@@ -1,0 +1,68 @@
+"""What commands share that simulate for minutes or hours: where, on what, and how they are stopped."""
+
+import signal
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from types import FrameType
+
+from hexctl.cli.interrupt import SIGNALS
+from hexctl.cli.output import say_aside
+from hexctl.cli.places import RUNS
+from hexctl.errors import InputError
+from hexctl.study.cache import LandscapeCache
+from hexctl.study.evaluate import Simulate, simulate_here
+from hexctl.study.landscape import LandscapeSpec
+
+CACHE = RUNS / "study-cache"
+MAX_JOBS = 1024
+
+
+def listed(text: str) -> tuple[str, ...]:
+    """Return the parts of a text between commas."""
+    return tuple(part.strip() for part in text.split(",") if part.strip())
+
+
+def listed_legs(text: str) -> tuple[int, ...]:
+    """Return the legs of a text such as `2,5`, ascending; raises InputError for anything but numbers."""
+    try:
+        return tuple(sorted(int(part) for part in listed(text)))
+    except ValueError:
+        raise InputError(f"--legs: got {text!r}; allowed: numbers 1..6 with commas, such as 2,5") from None
+
+
+def check_jobs(jobs: int | None) -> None:
+    """Raise InputError for a number of threads that no machine has."""
+    if jobs is not None and not 1 <= jobs <= MAX_JOBS:
+        raise InputError(f"--jobs: got {jobs}; allowed: 1..{MAX_JOBS}")
+
+
+def simulate_with(jobs: int | None, dask: str | None, stack: ExitStack) -> Simulate:
+    """Return the way to simulate: on the workers of a cluster until the stack ends, or here."""
+    if dask is None:
+        return simulate_here(jobs or 0)
+    from hexctl.study.cluster import dask_executor, simulate_on
+
+    return simulate_on(stack.enter_context(dask_executor(dask)), jobs or 1)
+
+
+@contextmanager
+def terminated_as_interrupted() -> Iterator[None]:
+    """Take SIGTERM for Ctrl-C meanwhile, and Ctrl-C for itself even where a shell has switched it off."""
+
+    def interrupt(_number: int, _frame: FrameType | None) -> None:
+        raise KeyboardInterrupt
+
+    before = {number: signal.signal(number, interrupt) for number in SIGNALS}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def say_interrupted(specs: Sequence[LandscapeSpec], cache: LandscapeCache) -> None:
+    """Tell on stderr what is saved and how to go on."""
+    landscapes = [cache.load(spec) for spec in specs]
+    done = sum(int(landscape.done.sum()) for landscape in landscapes)
+    total = sum(len(landscape.codes) for landscape in landscapes)
+    say_aside(f"interrupted: {done} of {total} gaits are saved in {cache.folder}; the same command goes on")
