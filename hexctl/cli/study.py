@@ -10,17 +10,39 @@ from hexctl.cli.options import JsonOption, RobotOption
 
 def study(
     legs: Annotated[str, typer.Option("--legs", help="Failed legs, such as 2,5.")] = "1,2,3,4,5,6",
+    transfer: Annotated[
+        bool,
+        typer.Option("--transfer", help="Instead, try all optimizers in worlds unlike the prior's."),
+    ] = False,
     optimizers: Annotated[
-        str,
+        str | None,
         typer.Option(
-            "--optimizers", help="Of pso, psosp, dps, debest, derand, random, exhaustive, or your own."
+            "--optimizers",
+            help="Of pso, psosp, dps, debest, derand, random, exhaustive, or your own; with --transfer also "
+            "bayes and bayes-early. (default: those six and the bayes ones)",
         ),
-    ] = "pso,psosp,dps,debest,derand,random",
-    runs: Annotated[int, typer.Option("--runs", help="Seeded runs of each optimizer on each leg.")] = 30,
-    budget: Annotated[int, typer.Option("--budget", help="Evaluations of a run.")] = 120,
+    ] = None,
+    runs: Annotated[
+        int | None,
+        typer.Option(
+            "--runs", help="Seeded runs of each optimizer on each leg. (default: 30; with --transfer 5)"
+        ),
+    ] = None,
+    budget: Annotated[
+        int | None, typer.Option("--budget", help="Evaluations of a run. (default: 120; with --transfer 60)")
+    ] = None,
+    worlds: Annotated[
+        int | None, typer.Option("--worlds", help="With --transfer, how many unseen worlds. (default: 30)")
+    ] = None,
+    prior: Annotated[
+        str | None,
+        typer.Option("--prior", help="With --transfer, what bayes believes: auto or a file. (default: auto)"),
+    ] = None,
     duration: Annotated[float, typer.Option("--duration", help="Seconds that each gait walks.")] = 30.0,
     robot: RobotOption = "ant",
-    world: Annotated[str, typer.Option("--world", help="As in hexctl run.")] = "flat",
+    world: Annotated[
+        str | None, typer.Option("--world", help="As in hexctl run, not with --transfer. (default: flat)")
+    ] = None,
     out: Annotated[
         Path | None,
         typer.Option("--out", help="Folder for the report. (default: runs/study-TIME)", show_default=False),
@@ -45,9 +67,11 @@ def study(
 
     request = StudyRequest(
         legs=listed_legs(legs),
-        optimizers=listed(optimizers),
+        optimizers=None if optimizers is None else listed(optimizers),
         runs=runs,
         budget=budget,
+        worlds=worlds,
+        prior=prior,
         duration_s=duration,
         robot=robot,
         world=world,
@@ -57,4 +81,8 @@ def study(
         seed=seed,
         as_json=as_json,
     )
+    if transfer:
+        from hexctl.cli.transferring import execute_transfer
+
+        raise typer.Exit(execute_transfer(request))
     raise typer.Exit(execute(request))

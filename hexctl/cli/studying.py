@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 from hexctl.backends.sim.family import load_any_world
 from hexctl.cli.exits import DONE, INTERRUPTED
@@ -40,12 +41,14 @@ class StudyRequest:
     """The options of `hexctl study` as values."""
 
     legs: tuple[int, ...]
-    optimizers: tuple[str, ...]
-    runs: int
-    budget: int
+    optimizers: tuple[str, ...] | None
+    runs: int | None
+    budget: int | None
+    worlds: int | None
+    prior: str | None
     duration_s: float
     robot: str
-    world: str
+    world: str | None
     out: Path | None
     jobs: int | None
     dask: str | None
@@ -56,7 +59,7 @@ class StudyRequest:
 def execute(request: StudyRequest) -> int:
     """Run a study and return the exit code."""
     plan = _checked_plan(request)
-    folder = _new_folder(request.out)
+    folder = new_folder(request.out)
     cache = LandscapeCache(CACHE)
     cache.probe()
     try:
@@ -105,28 +108,35 @@ def _checked_plan(request: StudyRequest) -> StudyPlan:
     """Refuse what cannot be done before anything runs; return the plan."""
     check_jobs(request.jobs)
     check_drawing()
+    for name in ("worlds", "prior"):
+        if getattr(request, name) is not None:
+            raise InputError(f"--{name}: got {getattr(request, name)}; allowed: with --transfer")
     plan = StudyPlan(
         robot=load_robot(request.robot),
-        world=load_any_world(request.world),
+        world=load_any_world(request.world or "flat"),
         legs=request.legs,
-        optimizers=request.optimizers,
-        runs=request.runs,
-        budget=request.budget,
         duration_s=request.duration_s,
         seed=request.seed,
+        **chosen(request, "optimizers", "runs", "budget"),
     )
     plan.check()
     return plan
 
 
-def _new_folder(out: Path | None) -> Path:
+def chosen(request: StudyRequest, *names: str) -> dict[str, Any]:
+    """Return those options that were given; the plan has the defaults of the others."""
+    given = {name: getattr(request, name) for name in names}
+    return {name: value for name, value in given.items() if value is not None}
+
+
+def new_folder(out: Path | None, report: str = REPORT) -> Path:
     """Return the folder of the report: new, empty, or one with an earlier study, which is replaced."""
     folder = out or RUNS / f"study-{datetime.now():%Y%m%d-%H%M%S}"
     try:
         folder.mkdir(parents=True, exist_ok=True)
         (folder / ".probe").touch()
         (folder / ".probe").unlink()
-        others = any(folder.iterdir()) and not (folder / REPORT).exists()
+        others = any(folder.iterdir()) and not (folder / report).exists()
     except OSError as error:
         raise InputError(f"--out: {folder} cannot be used ({error.strerror}); allowed: a folder") from error
     if others:

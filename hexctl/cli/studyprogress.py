@@ -11,6 +11,9 @@ import typer
 from hexctl.cli.bar import make_bar
 from hexctl.study.landscape import Landscape
 
+#: More landscapes than this are counted, not named one by one.
+MOST_NAMED = 12
+
 
 class StudyProgress:
     """Watches landscapes being simulated, and what comes after them."""
@@ -36,9 +39,12 @@ class StudyProgress:
         """Say what is known already and how many gaits there are to walk."""
         self._now_s = time.perf_counter()
         left = [landscape for landscape in landscapes if not landscape.complete]
-        for landscape in landscapes:
-            if landscape.complete:
-                self._line(f"{landscape.spec.title}: from the cache")
+        known = [landscape for landscape in landscapes if landscape.complete]
+        if len(known) > MOST_NAMED:
+            self._line(f"{len(known)} of {len(landscapes)} sets of gaits: from the cache")
+            known = []
+        for landscape in known:
+            self._line(f"{landscape.spec.title}: from the cache")
         gaits = sum(len(landscape.missing) for landscape in left)
         if gaits:
             self._stage("gaits walked (Ctrl-C stops, the same command goes on)", gaits)

@@ -18,8 +18,10 @@ OPTIMIZER_COLORS = {
     "derand": "#CC79A7",
     "random": "#000000",
     "exhaustive": "#999999",
+    "bayes": "#C0392B",
+    "bayes-early": "#E69F00",
 }
-OTHER_COLORS = ("#E69F00", "#8C564B", "#7F3C8D")
+OTHER_COLORS = ("#B8860B", "#8C564B", "#7F3C8D")
 LINE_COLOR = "#B03A2E"
 
 #: Pixels per inch of the PNG files.

@@ -1,0 +1,1 @@
+"""How well adaptation does in worlds that nobody has simulated before."""

@@ -1,0 +1,111 @@
+"""What a transfer benchmark asks: which unseen worlds, legs, optimizers, runs and trials."""
+
+from dataclasses import dataclass
+
+from hexctl.adapt.catalogue import BAYES
+from hexctl.adapt.prior.prior import Prior
+from hexctl.adapt.prior.question import Question
+from hexctl.backends.sim.family import WorldFamily
+from hexctl.control.plan import TrialPlan
+from hexctl.errors import InputError
+from hexctl.robot.joints import N_LEGS
+from hexctl.robot.model import Robot
+from hexctl.study.landscape import LandscapeSpec
+from hexctl.study.plan import BASELINE, HEURISTICS, StudyPlan
+
+#: The first worlds of the family were looked at while `bayes` was made; the benchmark begins after them.
+FIRST_WORLD = 10
+
+#: `bayes` that ends a walk once its outcome is known well enough.
+EARLY = "bayes-early"
+
+PRIORED = (BAYES, EARLY)
+
+MAX_WORLDS = 1000
+
+
+@dataclass(frozen=True, kw_only=True)
+class TransferPlan:
+    """The questions of one benchmark.
+
+    Attributes:
+        robot: who walks.
+        family: the unseen worlds, never those of a prior.
+        prior: what `bayes` believes.
+        worlds: how many of the family.
+        legs: the failed legs, ascending.
+        optimizers: names as in `hexctl.adapt.catalogue`, `bayes` and `bayes-early`.
+        runs: seeded runs of each optimizer in each world and leg; `bayes` has no seed and one run.
+        budget: trials of a run.
+        duration_s: how long each gait walks.
+        target_m: what `bayes` looks for.
+        seed: of the searches.
+    """
+
+    robot: Robot
+    family: WorldFamily
+    prior: Prior
+    worlds: int = 30
+    legs: tuple[int, ...] = tuple(range(1, N_LEGS + 1))
+    optimizers: tuple[str, ...] = (*PRIORED, *HEURISTICS, BASELINE)
+    runs: int = 5
+    budget: int = 60
+    duration_s: float = 30.0
+    target_m: float = 0.025
+    seed: int = 0
+
+    def specs(self) -> list[LandscapeSpec]:
+        """Return the landscapes, world by world; each world's bumps are drawn with its own number."""
+        numbers = range(FIRST_WORLD, FIRST_WORLD + self.worlds)
+        worlds = self.family.members(FIRST_WORLD, self.worlds)
+        return [
+            LandscapeSpec(
+                robot=self.robot,
+                world=world,
+                leg=leg,
+                self_rotation="rear",
+                duration_s=self.duration_s,
+                seed=number,
+                place=f"world {number} ({self.family.kind(number).name})",
+            )
+            for number, world in zip(numbers, worlds, strict=True)
+            for leg in self.legs
+        ]
+
+    def kind_of(self, spec: LandscapeSpec) -> str:
+        """Return the kind of a landscape's world."""
+        return self.family.kind(spec.seed).name
+
+    def runs_of(self, optimizer: str) -> int:
+        """Return how many runs of an optimizer differ."""
+        return 1 if optimizer in PRIORED else self.runs
+
+    def seed_of(self, spec: LandscapeSpec, run: int) -> int:
+        """Return the seed of a run."""
+        return ((self.seed * MAX_WORLDS + spec.seed) * N_LEGS + spec.leg) * 1_000 + run
+
+    def check(self) -> None:
+        """Raise InputError for anything that is not allowed, before anything runs."""
+        if not 1 <= self.worlds <= MAX_WORLDS:
+            raise InputError(f"--worlds: got {self.worlds}; allowed: 1..{MAX_WORLDS}")
+        others = tuple(name for name in self.optimizers if name not in PRIORED) or (BASELINE,)
+        StudyPlan(
+            robot=self.robot,
+            legs=self.legs,
+            optimizers=others,
+            runs=self.runs,
+            budget=self.budget,
+            duration_s=self.duration_s,
+            seed=self.seed,
+        ).check()
+        if len(set(self.optimizers)) != len(self.optimizers):
+            raise InputError(f"--optimizers: got {','.join(self.optimizers)}; allowed: each name once")
+        if self.family.seed == self.prior.origin.get("family", {}).get("seed"):
+            raise InputError("transfer: the prior was built from these worlds; allowed: a family of others")
+        differences = self.prior.question.differences(Question.of(self.robot, self.trial_plan()))
+        if differences:
+            raise InputError(f"prior: is for {', '.join(differences)}; allowed: a prior for these trials")
+
+    def trial_plan(self) -> TrialPlan:
+        """Return the plan of one trial; its gait is one of many."""
+        return self.specs()[0].trial(1).plan
