@@ -2,6 +2,7 @@
 
 import sys
 import time
+from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
@@ -71,8 +72,9 @@ def session_lines(session: Session) -> list[str]:
 def opening_line(session: Session) -> str:
     """Return what a session was asked for."""
     spec = session.spec
+    believing = f" with the prior {Path(spec.prior).name}" if spec.prior else ""
     return (
-        f"session {session.name}: leg {spec.failed_leg} {spec.failure}, {spec.optimizer}, "
+        f"session {session.name}: leg {spec.failed_leg} {spec.failure}, {spec.optimizer}{believing}, "
         f"{spec.budget} trials"
     )
 
@@ -92,12 +94,21 @@ def trial_line(session: Session, trial: TrialRecord) -> str:
 
 def closing_lines(session: Session, ended: str) -> str:
     """Return what a person wants to know at the end of a session."""
-    lines = [f"ended: {ended} after {len(session.trials)} trials", *_milestone_lines(session)]
+    walked = f"{len(session.trials)} trials, {session.walked_s:.0f} s walked"
+    lines = [f"ended: {ended} after {walked}", *_milestone_lines(session), *_surety_lines(session)]
     if ended == "interrupted":
         lines.append(f"go on with: hexctl adapt --resume {session.name}")
     if any(trial.recording for trial in session.trials):
         lines.append(f"look at it with: hexctl view {session.name}")
     return "\n".join(lines)
+
+
+def _surety_lines(session: Session) -> list[str]:
+    """Return how sure the optimizer is that its best gait is good enough."""
+    best, surety = session.best, session.surety
+    if best is None or surety is None or best.expected is None:
+        return []
+    return [f"sure to {100 * surety:.0f} % that gait {best.code} ends within {best.expected['target_m']:g} m"]
 
 
 def _milestone_lines(session: Session) -> list[str]:

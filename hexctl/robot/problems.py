@@ -88,7 +88,8 @@ def _keys_beside(schema: type[BaseModel], location: Location) -> Sequence[str]:
     here: Any = schema
     for part in location[:-1]:
         fields: Mapping[str, Any] = here.model_fields
-        if isinstance(part, int):
+        # A place in a list, or a key in a mapping of models, which has been gone into already.
+        if isinstance(part, int) or part not in fields:
             continue
         annotation = fields[part].annotation
         inner = [annotation, *getattr(annotation, "__args__", ())]

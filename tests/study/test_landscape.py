@@ -1,12 +1,21 @@
+import math
 import pickle
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from hexctl.adapt.objective import INVALID_SCORE, score_of
-from hexctl.control.batch import run_sim_trial
+from hexctl.backends.sim.world import World
+from hexctl.control.batch import SimTrial, run_sim_trial, run_sim_trials
+from hexctl.control.guard import Guard
+from hexctl.control.log import TickLog
+from hexctl.control.result import TrialResult
+from hexctl.control.trial import run_trial
+from hexctl.robot.messages import FloatArray
 from hexctl.study.chunk import Chunk, chunks_of, simulate_chunk
-from hexctl.study.landscape import NUMBERS, empty_landscape, with_rows
+from hexctl.study.landscape import NUMBERS, LandscapeSpec, empty_landscape, with_rows
+from tests.robots import shipped
 from tests.study.landscapes import made_up, same, spec, spread_out
 
 CODES = (3, 40, 77, 120)
@@ -77,12 +86,19 @@ def test_what_is_missing_can_be_told() -> None:
 
 
 def test_another_question_has_another_fingerprint() -> None:
-    from hexctl.backends.sim.world import World
-
     asked = [spec(), spec(leg=4), spec(self_rotation="rear"), spec(duration_s=0.5), spec(seed=1),
-             spec(codes=CODES), spec(world=World(friction=0.5))]  # fmt: skip
+             spec(codes=CODES), spec(world=World(friction=0.5)), replace(spec(), placed=True),
+             *(replace(spec(), placed=True, miss_rad=miss_rad) for miss_rad in (0.1, -0.1))]  # fmt: skip
     assert len({each.fingerprint for each in asked}) == len(asked)
     assert spec().fingerprint == spec().fingerprint
+
+
+def test_what_people_call_a_place_is_in_the_title_and_decides_nothing() -> None:
+    named = replace(spec(), place="world 3")
+    assert named.title == "leg 5 without self-rotation, world 3"
+    assert named.identity() == spec().identity()
+    assert named.fingerprint == spec().fingerprint
+    assert spec().title == "leg 5 without self-rotation"
 
 
 def test_numbers_are_named() -> None:
@@ -90,3 +106,72 @@ def test_numbers_are_named() -> None:
     assert landscape.number("signed_m")[0] == -0.3
     assert landscape.final_m[0] == 0.3
     assert len(NUMBERS) == landscape.numbers.shape[1]
+
+
+def placed(leg: int, self_rotation: str, *, miss_deg: float = 0.0, duration_s: float = 0.4) -> LandscapeSpec:
+    asked = spec(leg, self_rotation, duration_s, CODES)
+    return replace(asked, placed=True, miss_rad=math.radians(miss_deg))
+
+
+def _watched(trial: SimTrial) -> tuple[TrialResult, TickLog]:
+    log = TickLog()
+    with trial.servos() as servos:
+        return run_trial(Guard(servos), trial.plan, log, soft_stop=False), log
+
+
+def _off_rad(angle_rad: float, wanted_rad: float) -> float:
+    return abs(math.remainder(angle_rad - wanted_rad, math.tau))
+
+
+@pytest.mark.parametrize(("self_rotation", "points_to_deg"), [("rear", 180.0), ("front", 0.0)])
+@pytest.mark.parametrize("miss_deg", [0.0, 6.0])
+@pytest.mark.parametrize("leg", [1, 2, 5])
+def test_a_robot_that_is_put_down_stands_as_its_self_rotation_would_leave_it(
+    leg: int, self_rotation: str, points_to_deg: float, miss_deg: float
+) -> None:
+    result, log = _watched(placed(leg, self_rotation, miss_deg=miss_deg, duration_s=0.1).trial(3))
+    assert log.frame is not None
+    assert log.rows_of("turn") == slice(0, 0)
+    assert result.turned_rad == 0.0
+    leg_points_to_rad = log.frame.yaw_rad + float(shipped().leg_azimuths_rad[leg - 1])
+    assert _off_rad(leg_points_to_rad, math.radians(points_to_deg + miss_deg)) < math.radians(0.5)
+    assert _off_rad(log.frame.heading_rad, 0.0) < math.radians(0.5), "it still travels along the world's x"
+
+
+def test_a_robot_without_self_rotation_is_put_down_as_it_is() -> None:
+    asked = spec(5, "none", 0.4, CODES)
+    standing, turned = (run_sim_trial(each.trial(40)) for each in (replace(asked, placed=True), asked))
+    assert standing.numbers() == turned.numbers()
+    np.testing.assert_array_equal(standing.path_m, turned.path_m)
+
+
+def _moved_m(log: TickLog) -> FloatArray:
+    """Return how far a walk went in the world, (2,)."""
+    positions = log["base_position_world"][log.rows_of("walk")]
+    return np.asarray((positions[-1] - positions[0])[:2])
+
+
+def test_a_robot_that_is_put_down_walks_the_line_of_one_that_has_turned() -> None:
+    asked = spec(3, "rear", 4.0, CODES)
+    turned, turned_log = _watched(asked.trial(40))
+    assert turned_log.rows_of("turn").stop > 0
+    assert turned_log.frame is not None
+    missed_rad = turned.turned_rad - math.radians(60)
+    standing, log = _watched(replace(asked, placed=True, miss_rad=missed_rad).trial(40))
+    assert log.frame is not None
+    assert _off_rad(log.frame.yaw_rad, turned_log.frame.yaw_rad) < math.radians(0.5)
+    assert _off_rad(log.frame.heading_rad, turned_log.frame.heading_rad) < math.radians(0.5)
+    np.testing.assert_allclose(_moved_m(log), _moved_m(turned_log), atol=0.03)
+    assert standing.distance_m == pytest.approx(turned.distance_m, abs=0.03)
+    assert _moved_m(log)[0] > 0.2
+
+
+def test_robots_put_down_differently_do_not_share_a_start() -> None:
+    trials = [
+        placed(5, "rear", miss_deg=miss_deg).trial(code) for miss_deg in (-3.0, 3.0) for code in (3, 40)
+    ]
+    trials.append(replace(trials[0], facing_rad=0.5))
+    assert len({trial.shared_start() for trial in trials}) == 3
+    for made, alone in zip(run_sim_trials(trials), map(run_sim_trial, trials), strict=True):
+        assert made.numbers() == alone.numbers()
+        np.testing.assert_array_equal(made.path_m, alone.path_m)

@@ -20,6 +20,9 @@ MAX_MEMBERS = 1 << 20
 #: Quantities of a world that are lists: a family spreads their parts one by one.
 _PARTS = {"body_mass_shift_m": 3, "payload_position_m": 3, "joint_offset_deg": N_JOINTS}
 
+#: Quantities that know steps only; a kind may set them.
+_IN_STEPS = ("time_step_s", "servo_delay_s", "friction_cone", "sensor_noise")
+
 Finite = Annotated[Number, Field(allow_inf_nan=False)]
 
 
@@ -98,9 +101,12 @@ class WorldFamily(BaseModel):
     @model_validator(mode="after")
     def _makes_worlds(self) -> "WorldFamily":
         """Refuse ranges whose corners are no worlds."""
-        unknown = [key for key in self.ranges if key not in World.model_fields]
+        unknown = [key for key in self.ranges if key not in World.model_fields or key in _IN_STEPS]
         if unknown or not self.kinds:
-            raise ValueError(f"got {unknown or 'no kinds'}; allowed: keys of a world file, and kinds")
+            raise ValueError(
+                f"got {', '.join(unknown) or 'no kinds'}; allowed: quantities of a world file that have no "
+                "steps, and kinds"
+            )
         for share in (0.0, 1.0):
             self._world(np.full(self._dimensions, share), self.kinds[0])
         return self
@@ -162,12 +168,12 @@ def load_any_world(name_or_path: str) -> World:
     Raises InputError in one line.
     """
     family, colon, number = name_or_path.rpartition(":")
-    if not colon:
+    if not colon or Path(name_or_path).is_file():
         if "ranges" in read_mapping(find_config("worlds", name_or_path)):
             raise InputError(
                 f"world {name_or_path!r} is a family; allowed: one of it, such as {name_or_path}:7"
             )
         return load_world(name_or_path)
-    if not number.isdecimal():
+    if not (number.isdecimal() and len(number) <= len(str(MAX_MEMBERS))):
         raise InputError(f"world: got {name_or_path!r}; allowed: the number of a member, as in {family}:7")
     return load_family(family).members(int(number), 1)[0]

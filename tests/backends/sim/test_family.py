@@ -1,0 +1,318 @@
+"""Families of worlds: the same members every time, spread evenly, and files that say what they mean."""
+
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.special import ndtr
+
+from hexctl.backends.sim.family import MAX_MEMBERS, Spread, WorldFamily, load_any_world, load_family
+from hexctl.backends.sim.physics import make_simulation
+from hexctl.backends.sim.world import World, load_world
+from hexctl.errors import InputError
+from hexctl.robot.messages import FloatArray
+from hexctl.study.prior.plan import WORLDS_PER_LEG
+from tests.robots import ROBOT_NAMES, shipped
+
+FAMILIES = ("randomised", "transfer")
+
+#: The least that a file of a family says.
+SMALL = "seed: 1\nranges:\n  friction: {low: 0.4, high: 1.0}\n"
+
+numbers = st.integers(0, MAX_MEMBERS - 1)
+
+
+@cache
+def family(name: str = "randomised") -> WorldFamily:
+    return load_family(name)
+
+
+def _written(text: str, folder: Path) -> str:
+    path = folder / "family.yaml"
+    path.write_text(text, encoding="utf-8")
+    return str(path)
+
+
+def _values(worlds: list[World], key: str) -> FloatArray:
+    """Return one quantity of some worlds, a column for each of its parts."""
+    return np.array([np.atleast_1d(getattr(world, key)) for world in worlds])
+
+
+def _shares(worlds: list[World], key: str, spread: Spread) -> FloatArray:
+    """Return which share of the family lies below each value, 0..1."""
+    values = _values(worlds, key)
+    if spread.scale == "log":
+        return np.asarray(np.log(values / spread.low) / np.log(spread.high / spread.low))
+    if spread.scale == "normal":
+        return np.asarray(ndtr((values - (spread.low + spread.high) / 2) / ((spread.high - spread.low) / 4)))
+    return (values - spread.low) / (spread.high - spread.low)
+
+
+@pytest.mark.parametrize("name", FAMILIES)
+def test_a_member_is_the_same_every_time(name: str) -> None:
+    first, again = (load_family(name).members(40, 8) for _ in range(2))
+    assert first == again
+    assert len(set(first)) == 8
+
+
+@given(first=st.integers(0, MAX_MEMBERS - 8), count=st.integers(1, 8), at=st.integers(0, 7))
+def test_a_member_does_not_depend_on_what_it_is_asked_with(first: int, count: int, at: int) -> None:
+    at = min(at, count - 1)
+    for name in FAMILIES:
+        assert family(name).members(first, count)[at] == family(name).members(first + at, 1)[0]
+
+
+def test_another_seed_draws_other_worlds() -> None:
+    other = family().model_copy(update={"seed": 21})
+    assert set(family().members(0, 16)).isdisjoint(other.members(0, 16))
+
+
+@given(first=numbers)
+def test_members_lie_within_their_ranges(first: int) -> None:
+    for name in FAMILIES:
+        (world,) = family(name).members(first, 1)
+        for key, spread in family(name).ranges.items():
+            values = _values([world], key)
+            # A normal range ends at two standard deviations; nothing lies beyond five.
+            room = 0.75 * (spread.high - spread.low) if spread.scale == "normal" else 1e-12
+            assert (values >= spread.low - room).all()
+            assert (values <= spread.high + room).all()
+
+
+def test_a_normal_range_holds_nineteen_of_twenty() -> None:
+    offsets = np.abs(_values(family().members(0, 256), "joint_offset_deg"))
+    assert (offsets <= 1.8).mean() == pytest.approx(0.9545, abs=0.01)
+    assert offsets.std() == pytest.approx(np.sqrt(0.9**2 - offsets.mean() ** 2), rel=0.05)
+
+
+@given(block=st.integers(0, MAX_MEMBERS // 16 - 1))
+def test_each_sixteen_members_are_spread_evenly(block: int) -> None:
+    """One in each sixteenth of every range, and so eight in each of its halves."""
+    kinds_touch = {key for kind in family("transfer").kinds for key in kind.world}
+    for name in FAMILIES:
+        worlds = family(name).members(16 * block, 16)
+        for key, spread in family(name).ranges.items():
+            assert key not in kinds_touch
+            shares = _shares(worlds, key, spread)
+            assert ((shares < 0.5).sum(axis=0) == 8).all(), (name, key)
+            sixteenths = np.sort(np.floor(shares * 16), axis=0)
+            assert (sixteenths == np.arange(16)[:, np.newaxis]).all(), (name, key)
+
+
+@given(block=st.integers(0, MAX_MEMBERS // 16 - 1))
+def test_what_belongs_to_a_member_and_not_to_its_world_is_spread_as_evenly(block: int) -> None:
+    spread = Spread(low=-4.0, high=4.0)
+    spare = family().spare(spread, 16 * block, 16)
+    assert sorted(np.floor((spare + 4) * 2).tolist()) == list(range(16))
+    assert spare[5] == family().spare(spread, 16 * block + 5, 1)[0]
+
+
+def test_the_parts_of_a_list_are_spread_one_by_one() -> None:
+    worlds = family().members(0, 256)
+    for key, parts in (("joint_offset_deg", 18), ("body_mass_shift_m", 3)):
+        values = _values(worlds, key)
+        assert values.shape == (256, parts)
+        assert np.abs(np.corrcoef(values.T) - np.eye(parts)).max() < 0.3
+
+
+def test_kinds_take_turns() -> None:
+    transfer = family("transfer")
+    names = [transfer.kind(number).name for number in range(20)]
+    assert names[:10] == ["plain", "rough", "plain", "backlash", "plain", "delay", "plain", "elliptic",
+                          "plain", "timestep"]  # fmt: skip
+    assert names[10:] == names[:10]
+    for first in (0, 10, 7):
+        for number, world in enumerate(transfer.members(first, 10), first):
+            plain = {key: getattr(World(), key) for key in World.model_fields if key not in transfer.ranges}
+            wanted = plain | transfer.kind(number).world
+            assert {key: getattr(world, key) for key in wanted} == wanted
+
+
+def test_a_kind_comes_before_a_range(tmp_path: Path) -> None:
+    text = SMALL + "kinds: [{name: plain}, {name: icy, world: {friction: 0.05}}]\n"
+    first, icy, third = load_family(_written(text, tmp_path)).members(0, 3)
+    assert icy.friction == 0.05
+    assert min(first.friction, third.friction) >= 0.4
+
+
+def test_a_family_without_kinds_has_one(tmp_path: Path) -> None:
+    small = load_family(_written(SMALL, tmp_path))
+    assert [kind.name for kind in small.kinds] == ["plain"]
+    (world,) = small.members(3, 1)
+    assert world == World(friction=world.friction)
+
+
+@pytest.mark.parametrize("scale", ["even", "log", "normal"])
+@given(shares=st.lists(st.floats(0, 1), min_size=2, max_size=20))
+def test_a_greater_share_lies_below_a_greater_value(scale: str, shares: list[float]) -> None:
+    spread = Spread.model_validate({"low": 0.5, "high": 2.0, "scale": scale})
+    values = spread.at(np.sort(shares))
+    assert np.isfinite(values).all()
+    assert (np.diff(values) >= 0).all()
+
+
+@pytest.mark.parametrize(
+    ("scale", "shares", "values"),
+    [
+        ("even", [0.0, 0.25, 1.0], [0.5, 0.875, 2.0]),
+        ("log", [0.0, 0.5, 1.0], [0.5, 1.0, 2.0]),
+        ("normal", [0.02275, 0.5, 0.97725], [0.5, 1.25, 2.0]),
+    ],
+)
+def test_a_scale_says_how_a_range_is_filled(scale: str, shares: list[float], values: list[float]) -> None:
+    spread = Spread.model_validate({"low": 0.5, "high": 2.0, "scale": scale})
+    np.testing.assert_allclose(spread.at(np.array(shares)), values, atol=1e-4)
+
+
+def test_a_range_of_one_value_is_that_value() -> None:
+    for scale in ("even", "log", "normal"):
+        spread = Spread.model_validate({"low": 0.7, "high": 0.7, "scale": scale})
+        np.testing.assert_allclose(spread.at(np.array([0.0, 0.3, 1.0])), 0.7)
+
+
+@pytest.mark.parametrize("name", FAMILIES)
+def test_a_member_is_a_world_by_name(name: str) -> None:
+    assert load_any_world(f"{name}:7") == family(name).members(7, 1)[0]
+    assert load_any_world(f"{name}:{MAX_MEMBERS - 1}") == family(name).members(MAX_MEMBERS - 1, 1)[0]
+
+
+def test_a_member_of_a_file_is_a_world_by_its_path(tmp_path: Path) -> None:
+    path = _written(SMALL, tmp_path)
+    assert load_any_world(f"{path}:3") == load_family(path).members(3, 1)[0]
+
+
+def test_a_world_that_is_no_family_is_what_it_was() -> None:
+    assert load_any_world("slope") == load_world("slope")
+
+
+@pytest.mark.parametrize(
+    ("name", "parts"),
+    [
+        ("randomised", ["'randomised' is a family", "randomised:7"]),
+        ("randomised:x", ["got 'randomised:x'", "randomised:7"]),
+        ("randomised:", ["got 'randomised:'", "randomised:7"]),
+        ("randomised:-1", ["got 'randomised:-1'", "randomised:7"]),
+        ("randomised:1.5", ["got 'randomised:1.5'", "randomised:7"]),
+        (f"randomised:{MAX_MEMBERS}", [f"got member {MAX_MEMBERS}", f"0..{MAX_MEMBERS - 1}"]),
+        ("randomised:99999999999999999999", ["got 'randomised:99999999999999999999'", "number of a member"]),
+        ("flat:3", ["flat.yaml", "no `ranges`", "a family of worlds"]),
+        ("mars:3", ["unknown world 'mars'", "randomised", "transfer"]),
+        ("mars", ["unknown world 'mars'", "randomised", "transfer"]),
+        (":7", ["unknown world ''"]),
+    ],
+)
+def test_a_member_that_is_not_there_is_refused_in_one_line(name: str, parts: list[str]) -> None:
+    with pytest.raises(InputError) as refused:
+        load_any_world(name)
+    message = str(refused.value)
+    assert "\n" not in message
+    for part in parts:
+        assert part in message
+
+
+@pytest.mark.parametrize(("first", "count"), [(-1, 1), (0, 0), (MAX_MEMBERS - 1, 2), (MAX_MEMBERS, 1)])
+def test_members_that_a_family_does_not_have_are_refused(first: int, count: int) -> None:
+    with pytest.raises(InputError, match=f"0..{MAX_MEMBERS - 1}"):
+        family().members(first, count)
+
+
+@pytest.mark.parametrize(
+    ("text", "parts"),
+    [
+        (
+            "seed: 1\nranges: {friction: {low: 1, high: 0.4}}",
+            ["ranges.friction", "1 to 0.4", "low up to high"],
+        ),
+        ("seed: 1\nranges: {slope_deg: {low: 0, high: 1, scale: log}}", ["0 to 1", "above 0", "log"]),
+        ("seed: 1\nranges: {friction: {low: -1, high: 1, scale: log}}", ["-1 to 1", "above 0", "log"]),
+        ("seed: 1\nranges: {friction: {low: .nan, high: 1}}", ["ranges.friction.low", "nan", "finite"]),
+        ("seed: 1\nranges: {friction: {low: 0.4, high: .inf}}", ["ranges.friction.high", "inf", "finite"]),
+        ("seed: 1\nranges: {friction: {low: no, high: 1}}", ["ranges.friction.low", "False", "a number"]),
+        (
+            "seed: 1\nranges: {friction: {low: 1, high: 2, scale: cubic}}",
+            ["'cubic'", "'even', 'log' or 'normal'"],
+        ),
+        ("seed: 1\nranges: {friction: 1}", ["ranges.friction", "got 1", "mapping"]),
+        ("seed: 1\nranges: {fricton: {low: 0.4, high: 1}}", ["fricton", "quantities of a world file"]),
+        ("seed: 1\nranges: {slope_deg: {low: 0, high: 90}}", ["slope_deg", "got 90", "40 or less"]),
+        ("seed: 1\nranges: {friction: {low: -1, high: 1}}", ["friction", "got -1", "above 0"]),
+        ("seed: 1\nranges: {friction_cone: {low: 0, high: 1}}", ["friction_cone", "have no steps"]),
+        ("seed: 1\nranges: 1", ["ranges", "got 1"]),
+        ("seed: 1\n", ["no `ranges`", "a family of worlds"]),
+        ("friction: 1\n", ["no `ranges`", "a family of worlds"]),
+        ("", ["no `ranges`", "a family of worlds"]),
+        (SMALL.removeprefix("seed: 1\n"), ["seed is missing"]),
+        (SMALL.replace("seed: 1", "seed: -1"), ["seed", "got -1", "0 or more"]),
+        (SMALL.replace("seed: 1", "seed: 1.5"), ["seed", "got 1.5", "integer"]),
+        (SMALL + "kindz: []", ["unknown key kindz", "kinds, ranges, seed"]),
+        (SMALL + "kinds: []", ["no kinds"]),
+        (SMALL + "kinds: [{world: {friction: 1}}]", ["kinds[0].name is missing"]),
+        (SMALL + "kinds: [{name: a, world: {fricton: 1}}]", ["unknown key kinds[0].world.fricton"]),
+        (
+            SMALL + "kinds: [{name: a}, {name: b, world: {friction: -1}}]",
+            ["kinds[1].world.friction", "got -1"],
+        ),
+        pytest.param(
+            "seed: 1\nranges: {friction: {low: 1, hi: 2}}",
+            ["unknown key ranges.friction.hi"],
+        ),
+        pytest.param("seed: 1\nranges: {friction: {low: 1}}", ["ranges.friction.high"]),
+    ],
+)
+def test_a_bad_family_is_refused_in_one_line(text: str, parts: list[str], tmp_path: Path) -> None:
+    path = _written(text, tmp_path)
+    with pytest.raises(InputError) as refused:
+        load_family(path)
+    message = str(refused.value)
+    assert message.startswith(f"{path}: ")
+    assert "\n" not in message
+    for part in parts:
+        assert part in message.removeprefix(path)
+
+
+@pytest.mark.parametrize(
+    "spread", ["servo_delay_s: {low: 0, high: 0.04}", "time_step_s: {low: 0.001, high: 0.005}"]
+)
+def test_a_quantity_that_knows_steps_only_cannot_be_spread(spread: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=spread.partition(":")[0]):
+        load_family(_written(f"seed: 1\nranges: {{{spread}}}", tmp_path)).members(0, 8)
+
+
+def _worlds_of_legs(name: str, count: int) -> Iterator[World]:
+    """Give the first worlds of each leg of a prior."""
+    for leg in range(6):
+        yield from family(name).members(leg * WORLDS_PER_LEG, count)
+
+
+def test_no_world_that_a_prior_is_tried_on_is_one_that_it_was_built_from() -> None:
+    built_from = set(_worlds_of_legs("randomised", 64))
+    tried_on = set(_worlds_of_legs("transfer", 64)) | set(family("transfer").members(0, 256))
+    assert len(built_from) == 6 * 64
+    assert built_from.isdisjoint(tried_on)
+
+
+def test_a_prior_is_tried_on_wider_ranges_and_other_kinds_than_it_was_built_from() -> None:
+    built, tried = family("randomised"), family("transfer")
+    assert built.ranges.keys() == tried.ranges.keys()
+    for key, spread in built.ranges.items():
+        assert tried.ranges[key].low <= spread.low, key
+        assert tried.ranges[key].high >= spread.high, key
+        assert tried.ranges[key].scale == spread.scale, key
+    others = [kind for kind in tried.kinds if kind.world]
+    assert len(others) == len(tried.kinds) / 2
+    for kind in others:
+        assert not built.ranges.keys() & kind.world.keys(), "no range makes such a world"
+        assert World.model_validate(kind.world) != World()
+
+
+@pytest.mark.parametrize("robot", ROBOT_NAMES)
+@pytest.mark.parametrize("name", FAMILIES)
+def test_every_shipped_robot_can_be_as_light_and_as_heavy_as_a_family_has_it(robot: str, name: str) -> None:
+    spread = family(name).ranges["added_mass_share"]
+    for share in (spread.low, spread.high):
+        model = make_simulation(shipped(robot), World(added_mass_share=share)).physics.model
+        assert model.body_mass.sum() == pytest.approx((1 + share) * shipped(robot).mass_kg)
