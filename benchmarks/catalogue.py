@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Sequence
 
+from benchmarks.adapt import adapt_rows
 from benchmarks.batch import batch_rows
 from benchmarks.clock import clock_rows
 from benchmarks.landscape import landscape_benchmarks
@@ -23,6 +24,7 @@ BENCHMARKS: dict[str, Benchmark] = {
     "single": single_rows,
     "recording": recording_rows,
     "batch": batch_rows,
+    "adapt": adapt_rows,
     "study": study_rows,
     **landscape_benchmarks(),
 }

@@ -77,7 +77,7 @@ class Bayes(Optimizer):
 
     def expect(self, code: int) -> Expectation:
         """Return what is believed of a gait now."""
-        forecast = self._forecast()
+        forecast = self.forecast()
         row = code - 1
         return Expectation(
             signed_m=float(forecast.mean_m[row]),
@@ -120,14 +120,14 @@ class Bayes(Optimizer):
         if tried.all() or self._worth_repeating(chances, known):
             pool = known if known.any() else tried
             return [int(np.argmax(np.where(pool, chances, -1.0))) + 1]
-        return [most_useful(self._forecast(), self._chance_valid(), tried, self._best_m) + 1]
+        return [most_useful(self.forecast(), self._chance_valid(), tried, self._best_m) + 1]
 
     def _worth_repeating(self, chances: FloatArray, known: BoolArray) -> bool:
         """Return whether a gait that was tried is the likeliest to be within the target."""
         if not known.any():
             return False
         row = int(np.argmax(np.where(known, chances, -1.0)))
-        within = abs(float(self._forecast().mean_m[row])) <= self._target_m
+        within = abs(float(self.forecast().mean_m[row])) <= self._target_m
         return within and bool(chances[row] >= chances[~known].max(initial=0.0))
 
     def _learn(self, codes: list[int], scores: list[float]) -> None:
@@ -157,14 +157,15 @@ class Bayes(Optimizer):
         self._trials: list[list[Any]] = []
         self._best_m, self._known = np.inf, None
 
-    def _forecast(self) -> Forecast:
+    def forecast(self) -> Forecast:
+        """Return what is believed of all gaits now."""
         if self._known is None:
             self._known = self._belief.forecast()
         return self._known
 
     def _chance_valid(self) -> FloatArray:
         """Return the probability that each gait walks to the end and makes progress, (gaits,)."""
-        forecast = self._forecast()
+        forecast = self.forecast()
         progress = chance_above(forecast.distance_m, forecast.distance_sd_m, self._floor_m)
         worlds = len(self._samples.features)
         # Rule of succession: never seen to fall is not never.
@@ -173,7 +174,7 @@ class Bayes(Optimizer):
 
     def _chances(self) -> FloatArray:
         """Return the probability that each gait is within the target and valid, (gaits,)."""
-        forecast = self._forecast()
+        forecast = self.forecast()
         valid = np.where(self._succeeded(), 1.0, self._chance_valid())
         return chance_within(forecast.mean_m, forecast.sd_m, self._target_m) * valid
 

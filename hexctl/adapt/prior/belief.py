@@ -88,6 +88,23 @@ class _Seen:
         )
 
 
+@dataclass(frozen=True, eq=False)
+class _Evidence:
+    """What trials showed, ready to be conditioned on.
+
+    Attributes:
+        seen: the numbers.
+        root: Cholesky root of their covariance.
+        surprise: how far they are from their means, whitened.
+        widened: by how much the prior's variance was multiplied.
+    """
+
+    seen: _Seen
+    root: FloatArray
+    surprise: FloatArray
+    widened: float
+
+
 class Belief:
     """What is believed of the 120 gaits of a failed leg, after any number of trials."""
 
@@ -109,64 +126,67 @@ class Belief:
     def forecast(self) -> Forecast:
         """Return what is believed of all gaits now."""
         noise_m = self._noise_now_m()
-        widened = self._widened(noise_m)
-        mean_m, covariance = self._conditioned(self._seen, FINAL, noise_m, widened)
-        distance_m, distance_covariance = self._conditioned(self._seen, DISTANCE, noise_m, widened)
+        evidence = self._weighed(self._seen, noise_m)
+        mean_m, covariance = self._conditioned(evidence, FINAL)
+        distance_m, distance_covariance = self._conditioned(evidence, DISTANCE)
         return Forecast(
             mean_m=mean_m,
             covariance_m2=covariance,
             distance_m=distance_m,
             distance_sd_m=np.sqrt(np.maximum(np.diagonal(distance_covariance), 1e-10)),
             noise_m=noise_m,
-            widened=widened,
+            widened=evidence.widened,
         )
 
     def end_of(self, code: int, features: FloatArray) -> tuple[float, float]:
         """Return mean and standard deviation of the end of a walk that has shown some features so far."""
         noise_m = self._noise_now_m()
-        seen = self._seen.plus(code - 1, features)
-        mean_m, covariance = self._conditioned(seen, FINAL, noise_m, self._widened(noise_m))
+        widened = self._weighed(self._seen, noise_m).widened
+        evidence = self._decomposed(self._seen.plus(code - 1, features), noise_m, widened)
+        mean_m, covariance = self._conditioned(evidence, FINAL)
         return float(mean_m[code - 1]), float(np.sqrt(max(covariance[code - 1, code - 1], 1e-10)))
 
-    def _conditioned(
-        self, seen: _Seen, feature: int, noise_m: float, widened: float
-    ) -> tuple[FloatArray, FloatArray]:
+    def _conditioned(self, evidence: "_Evidence", feature: int) -> tuple[FloatArray, FloatArray]:
         """Return mean (gaits,) and covariance (gaits, gaits) of one feature of all gaits."""
+        from scipy.linalg import solve_triangular
+
+        seen, widened = evidence.seen, evidence.widened
         wanted = self._root[:, feature::N_FEATURES]
         mean = self._mean[:, feature]
         covariance = widened * (wanted.T @ wanted + self._alike * self._shape[feature, feature])
         if not seen.value.size:
             return mean.copy(), covariance
-        root, residual = self._decomposed(seen, noise_m, widened)
         columns = self._root[:, seen.gait * N_FEATURES + seen.feature]
         across = wanted.T @ columns + self._alike[:, seen.gait] * self._shape[feature, seen.feature]
-        explained = np.linalg.solve(root, widened * across.T)
-        return mean + explained.T @ residual, covariance - explained.T @ explained
+        explained = solve_triangular(evidence.root, widened * across.T, lower=True)
+        return mean + explained.T @ evidence.surprise, covariance - explained.T @ explained
 
-    def _decomposed(self, seen: _Seen, noise_m: float, widened: float) -> tuple[FloatArray, FloatArray]:
-        """Return the Cholesky root of the covariance of what was seen, and the whitened surprise."""
+    def _weighed(self, seen: _Seen, noise_m: float) -> "_Evidence":
+        """Return the evidence, with the prior as wide as the ends of the walks ask for, 1 at least."""
+        evidence = self._decomposed(seen, noise_m, 1.0)
+        ends = seen.feature == FINAL
+        # Whitened in the order of the trials: each end against what was believed just before it.
+        squares = float((evidence.surprise[ends] ** 2).sum())
+        widened = (TRUST_TRIALS + squares) / (TRUST_TRIALS + int(ends.sum()))
+        return evidence if widened <= 1 else self._decomposed(seen, noise_m, widened)
+
+    def _decomposed(self, seen: _Seen, noise_m: float, widened: float) -> "_Evidence":
+        """Return what was seen, whitened by its own covariance."""
+        from scipy.linalg import cholesky, solve_triangular
+
         columns = self._root[:, seen.gait * N_FEATURES + seen.feature]
         shape = self._shape[np.ix_(seen.feature, seen.feature)]
-        believed = widened * (columns.T @ columns + self._alike[np.ix_(seen.gait, seen.gait)] * shape)
+        covariance = widened * (columns.T @ columns + self._alike[np.ix_(seen.gait, seen.gait)] * shape)
         # The noise of a trial has the same course over a walk as everything else that bends it.
         together = seen.trial[:, np.newaxis] == seen.trial
-        noise = np.where(together, shape * (noise_m**2 / self._shape[FINAL, FINAL]), 0.0)
-        covariance = believed + noise
+        covariance += np.where(together, shape * (noise_m**2 / self._shape[FINAL, FINAL]), 0.0)
         blur = np.where(seen.feature == FINAL, 0.0, BLUR * np.diagonal(shape))
         covariance[np.diag_indices_from(covariance)] += blur + 1e-9 * np.diagonal(covariance) + 1e-12
-        root = np.linalg.cholesky(covariance)
         surprise = seen.value - self._mean[seen.gait, seen.feature]
-        return root, np.linalg.solve(root, surprise)
-
-    def _widened(self, noise_m: float) -> float:
-        """Return by how much the ends of the walks are wider spread than believed, 1 at least."""
-        ends = self._seen.feature == FINAL
-        if not ends.any():
-            return 1.0
-        _, surprise = self._decomposed(self._seen, noise_m, 1.0)
-        # Whitened in the order of the trials: each end against what was believed just before it.
-        squares = float((surprise[ends] ** 2).sum())
-        return max(1.0, (TRUST_TRIALS + squares) / (TRUST_TRIALS + int(ends.sum())))
+        if not seen.value.size:
+            return _Evidence(seen, covariance, surprise, widened)
+        root = cholesky(covariance, lower=True)
+        return _Evidence(seen, root, solve_triangular(root, surprise, lower=True), widened)
 
     def _noise_now_m(self) -> float:
         """Return the noise of a trial: what was assumed, corrected by how far repeats of a gait differ."""
