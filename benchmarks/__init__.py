@@ -8,8 +8,6 @@ import os
 # dm_control looks for a display when it is imported; no benchmark draws anything.
 os.environ.setdefault("MUJOCO_GL", "disable")
 
-import os
-
 # As the command does, and for the same reason; before anything imports NumPy.
 for _variable in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_variable, "1")

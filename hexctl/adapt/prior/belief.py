@@ -20,11 +20,11 @@ from hexctl.robot.messages import FloatArray
 #: Variance that the worlds do not explain, as a share of that between the worlds. This and the numbers below
 #: were chosen by leaving worlds out of the prior of `ant`, and on the worlds of `transfer` that come before
 #: those of its benchmark.
-UNEXPLAINED = 0.3
+UNEXPLAINED = 0.2
 
 #: Shares of the unexplained: what all gaits have in common (a slope, a bent leg, pull to one side), and what
 #: similar gaits have, which may be so far apart (mean phase difference between legs, in cycles).
-COMMON_SHARE = 0.4
+COMMON_SHARE = 0.25
 ALIKE_SHARE = 0.4
 ALIKE_CYCLES = 0.15
 
