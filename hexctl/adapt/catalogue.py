@@ -34,7 +34,10 @@ def make_optimizer(name: str, space: GaitSpace, seed: int) -> Optimizer:
     if name in OPTIMIZERS:
         return OPTIMIZERS[name](space, seed)
     if name == BAYES:
-        raise InputError(f"optimizer: got {BAYES} without a prior; allowed: {', '.join(OPTIMIZERS)}")
+        raise InputError(
+            f"optimizer: got {BAYES} without a prior; allowed: {', '.join(OPTIMIZERS)} "
+            f"({BAYES} with hexctl adapt and hexctl study --transfer)"
+        )
     if ":" in name:
         return _own(name)(space, seed)
     raise InputError(

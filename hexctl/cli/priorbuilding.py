@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from hexctl.adapt.prior.find import SUFFIX
-from hexctl.adapt.prior.prior import save_prior
+from hexctl.adapt.prior.prior import check_place, save_prior
 from hexctl.backends.sim.family import load_family
 from hexctl.cli.exits import DONE, INTERRUPTED
 from hexctl.cli.output import say
@@ -53,6 +53,7 @@ def execute(request: PriorRequest) -> int:
         raise InputError(f"--out: got {path}; allowed: a file whose name ends in {SUFFIX}")
     cache = LandscapeCache(CACHE)
     cache.probe()
+    check_place(path)
     try:
         with terminated_as_interrupted(), StudyProgress() as progress, ExitStack() as stack:
             simulate = simulate_with(request.jobs, request.dask, stack)

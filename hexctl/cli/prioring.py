@@ -60,9 +60,7 @@ def with_prior(
             return _believing(spec, found.path)
         reason = found.reason
     if optimizer == BAYES or wanted is not None or spec.early_stop:
-        raise InputError(
-            f"prior: there is none for these trials ({reason}); allowed: hexctl prior build first"
-        )
+        raise InputError(f"prior: there is none for these trials ({reason}); hexctl prior build makes one")
     say(f"hexctl: no prior for these trials ({reason}); searching with {spec.optimizer} instead")
     return spec
 

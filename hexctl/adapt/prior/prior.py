@@ -104,6 +104,17 @@ def save_prior(prior: Prior, path: Path) -> None:
             temporary.unlink(missing_ok=True)
 
 
+def check_place(path: Path) -> None:
+    """Raise PriorFileError, before hours are spent, unless a prior can be written there."""
+    probe = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        probe.touch()
+        probe.unlink()
+    except OSError as error:
+        raise PriorFileError(f"prior: {path} cannot be written: {error.strerror}") from error
+
+
 def load_prior(path: Path) -> Prior:
     """Return the prior of a file.
 
@@ -137,7 +148,7 @@ def read_head(path: Path) -> dict[str, Any]:
     except FileNotFoundError:
         raise InputError(f"prior: no file at {str(path)!r}; allowed: a prior, auto or none") from None
     except _DAMAGE as error:
-        raise _refused(path, f"it is no prior, or damaged ({_reason(error)})") from error
+        raise _refused(path, "it is no prior, or cut off") from error
     if not isinstance(head, dict) or head.get("format") != FORMAT:
         raise _refused(path, "it is no prior")
     if head.get("version") != VERSION:
