@@ -12,6 +12,7 @@ from hexctl.adapt.session import MILESTONES_M, Session, TrialRecord
 from hexctl.cli.bar import make_bar
 
 HEADER = "trial  code  slots        deviation     distance  status        best"
+EXPECTED = "  expected, 9 of 10"
 
 
 class SessionTable:
@@ -30,7 +31,7 @@ class SessionTable:
         if self._quiet:
             return self
         typer.echo(opening_line(self._session))
-        typer.echo(HEADER)
+        typer.echo(header_line(self._session))
         for trial in self._session.trials:
             typer.echo(trial_line(self._session, trial))
         if sys.stderr.isatty() and sys.stdout.isatty():
@@ -66,7 +67,12 @@ class SessionTable:
 def session_lines(session: Session) -> list[str]:
     """Return a whole session for a person: what was asked, every trial, what came of it."""
     lines = [trial_line(session, trial) for trial in session.trials]
-    return [opening_line(session), HEADER, *lines, *_milestone_lines(session)]
+    return [opening_line(session), header_line(session), *lines, *_milestone_lines(session)]
+
+
+def header_line(session: Session) -> str:
+    """Return the names of the columns."""
+    return HEADER + (EXPECTED if session.spec.prior else "")
 
 
 def opening_line(session: Session) -> str:
@@ -84,12 +90,24 @@ def trial_line(session: Session, trial: TrialRecord) -> str:
     scores = [other.score for other in session.trials[: trial.index] if other.valid]
     best = f"{min(scores):.3f}" if scores else "-"
     signed, distance_m = trial.outcome["deviation_m"]["signed"], trial.outcome["distance_m"]
-    deviation = "-" if signed is None else f"{abs(signed):.3f} {'left' if signed > 0 else 'right'}"
+    deviation = "-" if signed is None else _side(signed)
     distance = "-" if distance_m is None else f"{distance_m:.2f} m"
     status = trial.outcome["status"] + (" (repeat)" if trial.confirms else "")
     slots = ",".join(str(slot) for slot in trial.slots)
     numbers = f"{trial.index:>5} {trial.code:>5}  {slots:<11}  {deviation:<12} {distance:>9}"
-    return f"{numbers}  {status:<12} {best:>6}"
+    return f"{numbers}  {status:<12} {best:>6}{_expected(trial)}"
+
+
+def _expected(trial: TrialRecord) -> str:
+    """Return where the optimizer expected the trial to end, from right to left, if it did."""
+    if trial.expected is None:
+        return ""
+    low_m, high_m = trial.expected["low_m"], trial.expected["high_m"]
+    return f"  {_side(low_m)} to {_side(high_m)}"
+
+
+def _side(signed_m: float) -> str:
+    return f"{abs(signed_m):.3f} {'left' if signed_m > 0 else 'right'}"
 
 
 def closing_lines(session: Session, ended: str) -> str:
@@ -108,7 +126,10 @@ def _surety_lines(session: Session) -> list[str]:
     best, surety = session.best, session.surety
     if best is None or surety is None or best.expected is None:
         return []
-    return [f"sure to {100 * surety:.0f} % that gait {best.code} ends within {best.expected['target_m']:g} m"]
+    target_m = best.expected["target_m"]
+    if best.score > target_m:
+        return [f"no gait is known to end within {target_m:g} m"]
+    return [f"sure to {100 * surety:.0f} % that gait {best.code} ends within {target_m:g} m"]
 
 
 def _milestone_lines(session: Session) -> list[str]:

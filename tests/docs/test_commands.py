@@ -30,7 +30,7 @@ def hexctl_lines() -> list[str]:
 def shortened(arguments: list[str]) -> list[str]:
     """Return a command that shows the same in less time and opens no window."""
     arguments = [argument for argument in arguments if argument not in ("--view", "--realtime")]
-    less = {"run": ["--duration", "1"], "adapt": ["--duration", "3", "--budget", "3"]}
+    less = {"run": ["--duration", "1"], "adapt": ["--budget", "3"]}
     return [*arguments, *less.get(arguments[0], [])]
 
 

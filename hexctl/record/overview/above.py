@@ -113,7 +113,7 @@ def _send_legend(stream: Any, overview: Overview) -> None:
 
 def _send_names(stream: Any, path: str, names: list[tuple[Any, str]]) -> None:
     """Send texts without a mark, each just below its place (progress, deviation) in m."""
-    points = picture(np.array([place for place, _ in names]))
+    points = picture(np.array([place for place, _ in names]).reshape(-1, 2))
     texts = [text for _, text in names]
     labels = load_rerun().Points2D(points, radii=[0.0], colors=[TEXT_COLOR], labels=texts, show_labels=True)
     stream.log(path, labels, static=True)
