@@ -101,7 +101,9 @@ def test_each_trial_is_on_disk_before_the_next_begins(store: SessionStore, tmp_p
     seen: list[int] = []
 
     class Watching(Landscape):
-        def __call__(self, index: int, code: int, slots: tuple[int, ...]) -> object:  # type: ignore[override]
+        def __call__(  # type: ignore[override]
+            self, index: int, code: int, slots: tuple[int, ...], enough: object = None
+        ) -> object:
             with SessionStore(tmp_path) as other:
                 seen.append(len(other.load(other.names()[-1]).trials))
             return super().__call__(index, code, slots)

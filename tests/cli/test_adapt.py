@@ -17,7 +17,7 @@ from hexctl.robot.configs import config_root
 from tests.adapt.walking import Landscape
 
 PATIENCE_S = 90.0
-QUICK = ["adapt", "--failed-leg", "4", "--duration", "3", "--budget", "3"]
+QUICK = ["adapt", "--failed-leg", "4", "--duration", "3", "--budget", "3", "--prior", "none"]
 
 
 @pytest.fixture(autouse=True)
@@ -166,11 +166,12 @@ def test_a_session_cut_off_goes_on_to_the_same_end(
 def test_a_budget_beyond_the_space_ends_when_every_gait_was_tried(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(Walker, "walk", lambda _, index, code, slots: Landscape()(index, code, slots))
-    outcome = run_json(capsys, "adapt", "--failed-leg", "5", "--budget", "500", "--no-record")
+    monkeypatch.setattr(Walker, "walk", lambda _, index, code, slots, enough: Landscape()(index, code, slots))
+    words = ["adapt", "--failed-leg", "5", "--optimizer", "random", "--no-record"]
+    outcome = run_json(capsys, *words, "--budget", "500")
     assert outcome["ended"] == "exhausted"
     assert len(outcome["trials"]) == 120
-    assert exit_code(["adapt", "--failed-leg", "5", "--budget", "121", "--no-record"]) == 0
+    assert exit_code([*words, "--budget", "121"]) == 0
     assert "exhausted after 120 trials" in capsys.readouterr().out
 
 
@@ -203,7 +204,8 @@ import resource, signal, sys
 from hexctl.cli.main import exit_code
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 resource.setrlimit(resource.RLIMIT_FSIZE, (120_000, 120_000))
-sys.exit(exit_code(["adapt", "--failed-leg", "5", "--budget", "60", "--duration", "2.5", "--no-record"]))
+words = "adapt --failed-leg 5 --budget 60 --duration 2.5 --prior none --no-record"
+sys.exit(exit_code(words.split()))
 """
 
 
