@@ -1,6 +1,6 @@
 """The optimizer that knows before it tries: it believes a prior, and each trial tells which world this is."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -8,8 +8,13 @@ import numpy as np
 from hexctl.adapt.expectation import Expectation
 from hexctl.adapt.optimizer import Optimizer
 from hexctl.adapt.prior.belief import Belief, Forecast
-from hexctl.adapt.prior.choice import chance_above, chance_within, most_useful
-from hexctl.adapt.prior.prior import CHECKPOINTS
+from hexctl.adapt.prior.choice import (
+    WORST_M,
+    chance_above,
+    chance_within,
+    expected_size_m,
+    most_useful,
+)
 from hexctl.adapt.prior.samples import N_FEATURES, Samples, features_of
 from hexctl.adapt.shown import Shown
 from hexctl.adapt.space import GaitSpace
@@ -23,6 +28,9 @@ SURE = 0.9
 
 #: A walk goes on while the chance that it ends better than what is known, or within the target, is this.
 HOPE = 0.01
+
+#: Share of a walk before which nothing is concluded from it: what shows there is the soft start.
+EARLIEST = 0.3
 
 #: What a trial of one and the same gait differs by, until repeats tell: simulated, and on a real floor.
 SIMULATED_NOISE_M = 0.001
@@ -65,15 +73,19 @@ class Bayes(Optimizer):
         self._samples, self._target_m = samples, target_m
         self._duration_s, self._noise_m = duration_s, noise_m
         self._floor_m = floor_m
-        self._best_m = np.inf
         self._known: Forecast | None = None
         self._forget()
 
     @property
     def finished(self) -> bool:
         """Return whether some gait is known to be within the target, surely enough."""
-        tried = self._tried()
-        return bool(tried.any() and self._chances()[tried].max() >= SURE)
+        code = self.recommended()
+        return code is not None and bool(self._chances()[code - 1] >= SURE)
+
+    def recommended(self) -> int | None:
+        """Return the gait that was walked and is likeliest to be within the target, None before any."""
+        known = self._known_good()
+        return int(np.argmax(np.where(known, self._chances(), -1.0))) + 1 if known.any() else None
 
     def expect(self, code: int) -> Expectation:
         """Return what is believed of a gait now."""
@@ -87,48 +99,47 @@ class Bayes(Optimizer):
             target_m=self._target_m,
         )
 
+    def repeat(self, code: int, score: float, shown: Shown) -> None:
+        """Take in a walk of a gait that was not asked for."""
+        self._learn_shown([code], [score], [shown])
+
     def enough(self, code: int) -> Enough:
         """Return what says of a walk of a gait, from its path so far, whether its end is no longer open."""
-        bound_m = max(self._target_m, min(self._best_m, 1.0))
-        looked_at = 0
+        bound_m = max(self._target_m, min(self._best_m(), WORST_M))
+        # All that is costly happens here, before the walk: it is asked between two ticks.
+        course = self._belief.course_of(code)
 
         def shown_enough(path_m: FloatArray) -> bool:
-            nonlocal looked_at
-            if not np.isfinite(path_m).all():
+            walked_s = len(path_m) * PERIOD_S
+            if walked_s < EARLIEST * self._duration_s or not np.isfinite(path_m).all():
                 return False
-            features, points = self._partial(path_m)
-            # Before a third of the walk it is the soft start that shows.
-            if points < CHECKPOINTS // 3 or points == looked_at:
-                return False
-            looked_at = points
-            mean_m, sd_m = self._belief.end_of(code, features)
+            shown = Shown(path_m=path_m, duration_s=walked_s, yaw_change_rad=None, status="cut_short")
+            mean_m, sd_m = course.end(features_of(shown, self._duration_s))
             return float(chance_within(np.array(mean_m), np.array(sd_m), bound_m)) < HOPE
 
         return shown_enough
 
-    def _partial(self, path_m: FloatArray) -> tuple[FloatArray, int]:
-        """Return what a walk shows so far, one row per tick, and at how many checkpoints."""
-        walked_s = len(path_m) * PERIOD_S
-        shown = Shown(path_m=path_m, duration_s=walked_s, yaw_change_rad=None, status="cut_short")
-        return features_of(shown, self._duration_s), int(walked_s / self._duration_s * CHECKPOINTS + 1e-9)
-
     def _suggest(self, count: int) -> list[int]:
         """Return one gait, whatever the count: the next choice wants its outcome."""
-        tried, failed = self._tried(), self._failed()
-        chances = self._chances()
-        known = tried & ~failed
-        if tried.all() or self._worth_repeating(chances, known):
-            pool = known if known.any() else tried
-            return [int(np.argmax(np.where(pool, chances, -1.0))) + 1]
-        return [most_useful(self.forecast(), self._chance_valid(), tried, self._best_m) + 1]
+        tried, best = self._tried(), self.recommended()
+        if best is not None and (tried.all() or self._worth_repeating(best)):
+            return [best]
+        if tried.all():
+            # Every gait has failed: the one that is believed to go farthest, rather than none.
+            return [int(np.argmax(self.forecast().distance_m)) + 1]
+        return [most_useful(self.forecast(), self._chance_valid(), tried, self._best_m()) + 1]
 
-    def _worth_repeating(self, chances: FloatArray, known: BoolArray) -> bool:
-        """Return whether a gait that was tried is the likeliest to be within the target."""
-        if not known.any():
-            return False
-        row = int(np.argmax(np.where(known, chances, -1.0)))
-        within = abs(float(self.forecast().mean_m[row])) <= self._target_m
-        return within and bool(chances[row] >= chances[~known].max(initial=0.0))
+    def _worth_repeating(self, code: int) -> bool:
+        """Return whether a gait that was walked is the likeliest of all to be within the target."""
+        chances = self._chances()
+        within = abs(float(self.forecast().mean_m[code - 1])) <= self._target_m
+        return within and bool(chances[code - 1] >= chances[~self._known_good()].max(initial=0.0))
+
+    def _best_m(self) -> float:
+        """Return the smallest deviation that is expected of a gait that was walked, infinity before any."""
+        known, forecast = self._known_good(), self.forecast()
+        sizes_m = expected_size_m(forecast.mean_m, forecast.sd_m)
+        return float(sizes_m[known].min(initial=np.inf))
 
     def _learn(self, codes: list[int], scores: list[float]) -> None:
         self._learn_shown(codes, scores, [None] * len(codes))
@@ -143,19 +154,19 @@ class Bayes(Optimizer):
     def _take(self, trial: list[Any]) -> None:
         """Take in one trial as it stands in the saved state."""
         code, score, status, numbers = int(trial[0]), float(trial[1]), str(trial[2]), trial[3]
+        if not 1 <= code <= self.space.size:
+            raise ValueError(f"a trial of code {code}")
         self._trials.append([code, score, status, list(numbers)])
         features = np.array([np.nan if number is None else float(number) for number in numbers])
         if features.shape != (N_FEATURES,):
             raise ValueError(f"a trial with {features.size} numbers")
         self._belief.observe(code, features)
-        if status == "ok" and np.isfinite(features[CHECKPOINTS - 1]):
-            self._best_m = min(self._best_m, abs(float(features[CHECKPOINTS - 1])))
         self._known = None
 
     def _forget(self) -> None:
         self._belief = Belief(self._samples, noise_m=self._noise_m)
         self._trials: list[list[Any]] = []
-        self._best_m, self._known = np.inf, None
+        self._known = None
 
     def forecast(self) -> Forecast:
         """Return what is believed of all gaits now."""
@@ -175,19 +186,21 @@ class Bayes(Optimizer):
     def _chances(self) -> FloatArray:
         """Return the probability that each gait is within the target and valid, (gaits,)."""
         forecast = self.forecast()
-        valid = np.where(self._succeeded(), 1.0, self._chance_valid())
+        valid = np.where(self._known_good(), 1.0, self._chance_valid())
         return chance_within(forecast.mean_m, forecast.sd_m, self._target_m) * valid
 
     def _tried(self) -> BoolArray:
-        return self._with_status(lambda _: True)
-
-    def _succeeded(self) -> BoolArray:
-        return self._with_status(lambda status: status == "ok")
+        return self._walked(lambda _: True)
 
     def _failed(self) -> BoolArray:
-        return self._with_status(lambda status: status not in ("ok", "unknown")) & ~self._succeeded()
+        """Return which gaits ever fell, made no progress or were cut short: they are not asked for again."""
+        return self._walked(lambda status: status not in ("ok", "unknown"))
 
-    def _with_status(self, wanted: Any) -> BoolArray:
+    def _known_good(self) -> BoolArray:
+        """Return which gaits walked to the end every time."""
+        return self._walked(lambda status: status == "ok") & ~self._failed()
+
+    def _walked(self, wanted: Callable[[str], bool]) -> BoolArray:
         rows = np.zeros(self.space.size, dtype=bool)
         rows[[code - 1 for code, _, status, _ in self._trials if wanted(status)]] = True
         return rows

@@ -62,13 +62,13 @@ class AdaptLoop:
         `budget`, `target`, `confirmed` (the optimizer is sure of a gait), `exhausted` or `interrupted`.
         """
         ended = self._search()
-        self._note_surety()
         if ended != "interrupted" and not self._confirm():
-            return "interrupted"
+            ended = "interrupted"
+        self._note_surety()
         return ended
 
     def _search(self) -> str:
-        _session, spec = self._session, self._session.spec
+        spec = self._session.spec
         while self._searched() < spec.budget - spec.confirm:
             if self._reached():
                 return "target"
@@ -92,10 +92,10 @@ class AdaptLoop:
         return "target" if self._reached() else "budget"
 
     def _note_surety(self) -> None:
-        """Keep how sure the optimizer is of the best gait."""
-        best = self._session.best
-        expected = self._optimizer.expect(best.code) if best is not None else None
-        self._session.surety = expected.chance if expected is not None else None
+        """Keep which gait the optimizer settles on, and how sure it is of it."""
+        code = self._optimizer.recommended()
+        expected = self._optimizer.expect(code) if code is not None else None
+        self._session.settled_on = None if expected is None else {"code": code, **expected.as_json()}
 
     def _reached(self) -> bool:
         """Return whether the best trial so far is within the target, and nobody else judges that."""
@@ -107,13 +107,17 @@ class AdaptLoop:
     def _confirm(self) -> bool:
         """Repeat the best gait as often as asked; return False when interrupted."""
         session, spec = self._session, self._session.spec
-        best = session.best
-        while best is not None and self._repeats() < spec.confirm and len(session.trials) < spec.budget:
-            result, recording = self._try(best.code)
+        while self._repeats() < spec.confirm and len(session.trials) < spec.budget:
+            code = self._optimizer.recommended() or (session.best.code if session.best else None)
+            if code is None:
+                break
+            expected = self._optimizer.expect(code)
+            result, recording = self._try(code)
             if result.status == "aborted":
                 return False
             score = score_of(result, spec.objective)
-            self._keep(best.code, score, result, recording, confirms=True)
+            self._optimizer.repeat(code, score, Shown.of(result))
+            self._keep(code, score, result, recording, confirms=True, expected=expected)
         return True
 
     def _searched(self) -> int:

@@ -50,6 +50,14 @@ class Optimizer(ABC):
         """Return True when a good enough gait is known for sure; most searches never know."""
         return False
 
+    def recommended(self) -> int | None:
+        """Return the gait that the search would settle on; None where the best score decides."""
+        return None
+
+    def repeat(self, code: int, score: float, shown: Shown) -> None:
+        """Take in a walk that was not asked for, such as a repeat of the best gait; most searches do not."""
+        return
+
     def expect(self, code: int) -> Expectation | None:
         """Return what is believed of a gait now; None from searches that believe nothing."""
         return None

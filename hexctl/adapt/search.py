@@ -6,10 +6,10 @@ from hexctl.adapt.bayes import REAL_NOISE_M, SIMULATED_NOISE_M, Bayes
 from hexctl.adapt.catalogue import make_optimizer
 from hexctl.adapt.counting import FreshCodes
 from hexctl.adapt.optimizer import Optimizer
-from hexctl.adapt.prior.find import check_prior
+from hexctl.adapt.prior.find import Serves, check_prior
 from hexctl.adapt.prior.prior import load_prior
 from hexctl.adapt.prior.question import Question
-from hexctl.adapt.prior.samples import samples_of
+from hexctl.adapt.prior.samples import samples_of, serves
 from hexctl.adapt.session import SessionSpec
 from hexctl.adapt.space import GaitSpace
 from hexctl.control.plan import TrialPlan
@@ -33,7 +33,7 @@ def make_search(spec: SessionSpec, robot: Robot, plan: TrialPlan) -> Optimizer:
         inner = make_optimizer(spec.optimizer, space, spec.seed)
         return FreshCodes(inner, spec.seed, paper_count=spec.count_repeats)
     path = Path(spec.prior)
-    check_prior(path, Question.of(robot, plan))
+    check_prior(path, Question.of(robot, plan), serves=serving(robot, plan))
     prior = load_prior(path)
     if spec.prior_digest and prior.digest() != spec.prior_digest:
         raise InputError(
@@ -48,6 +48,12 @@ def make_search(spec: SessionSpec, robot: Robot, plan: TrialPlan) -> Optimizer:
         floor_m=progress_floor_m(robot, plan),
         noise_m=SIMULATED_NOISE_M if spec.backend == "sim" else REAL_NOISE_M,
     )
+
+
+def serving(robot: Robot, plan: TrialPlan) -> Serves:
+    """Return what says whether a prior of some legs serves the trials of a session."""
+    (leg,) = plan.failed_legs
+    return lambda legs: serves(robot, plan.self_rotation, legs, leg)
 
 
 def progress_floor_m(robot: Robot, plan: TrialPlan) -> float:

@@ -121,7 +121,8 @@ class Session:
         trials: in the order in which they were walked.
         optimizer_state: the state after the last trial, or None before the first.
         created: when it began, ISO 8601.
-        surety: probability that the best gait is within the target, where the optimizer knows one.
+        settled_on: the gait that the optimizer settles on and what it expects of it, as `Expectation.as_json`
+            says, where it knows one.
     """
 
     name: str
@@ -129,7 +130,7 @@ class Session:
     created: str
     trials: list[TrialRecord] = field(default_factory=list)
     optimizer_state: dict[str, Any] | None = None
-    surety: float | None = None
+    settled_on: dict[str, Any] | None = None
 
     @property
     def walked_s(self) -> float:
@@ -156,7 +157,7 @@ class Session:
             "trials": [trial.as_json() for trial in self.trials],
             "best": None if best is None else best.as_json(),
             "walked_s": round(self.walked_s, 3),
-            "surety": self.surety,
+            "settled_on": self.settled_on,
             **{
                 f"trials_to_{milestone:.{digits}f}_m": self.trials_to(milestone)
                 for milestone, digits in _DIGITS

@@ -14,7 +14,7 @@ from hexctl.adapt.catalogue import BAYES, make_optimizer
 from hexctl.adapt.loop import AdaptLoop
 from hexctl.adapt.objective import check_objective
 from hexctl.adapt.prior.question import Question
-from hexctl.adapt.search import make_search
+from hexctl.adapt.search import make_search, serving
 from hexctl.adapt.session import Session, SessionSpec
 from hexctl.adapt.space import GaitSpace
 from hexctl.adapt.store import SessionStore
@@ -65,7 +65,12 @@ def new_spec(**options: Any) -> SessionSpec:
         make_optimizer(spec.optimizer, GaitSpace((spec.failed_leg,)), spec.seed)
     _robot, _world, plan = _walk_parts(spec)
     return with_prior(
-        spec, Question.of(robot, plan), optimizer=options["optimizer"], wanted=wanted_prior, say=say_aside
+        spec,
+        Question.of(robot, plan),
+        serves=serving(robot, plan),
+        optimizer=options["optimizer"],
+        wanted=wanted_prior,
+        say=say_aside,
     )
 
 

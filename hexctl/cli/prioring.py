@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from hexctl.adapt.catalogue import BAYES
-from hexctl.adapt.prior.find import check_prior, find_prior, prior_files, shipped_priors
+from hexctl.adapt.prior.find import Serves, check_prior, find_prior, prior_files, shipped_priors
 from hexctl.adapt.prior.prior import load_prior
 from hexctl.adapt.prior.question import Question
 from hexctl.adapt.session import SessionSpec
@@ -23,6 +23,7 @@ def with_prior(
     spec: SessionSpec,
     question: Question,
     *,
+    serves: Serves,
     optimizer: str | None,
     wanted: str | None,
     say: Callable[[str], None],
@@ -32,6 +33,7 @@ def with_prior(
     Args:
         spec: what was asked for otherwise.
         question: what a prior must answer.
+        serves: says whether a prior of some legs serves this one.
         optimizer: as it was asked for, None for whatever fits.
         wanted: `auto`, `none` or a path; None is `auto`.
         say: is told why a session goes without a prior that nobody refused.
@@ -52,14 +54,14 @@ def with_prior(
         )
     reason = _other_objective(spec)
     if not reason and wanted not in (None, "auto"):
-        check_prior(Path(str(wanted)), question)
+        check_prior(Path(str(wanted)), question, serves=serves)
         return _believing(spec, Path(str(wanted)))
     if not reason:
-        found = find_prior(question, [PRIORS, shipped_priors()])
+        found = find_prior(question, [PRIORS, shipped_priors()], serves=serves)
         if found.path is not None:
             return _believing(spec, found.path)
         reason = found.reason
-    if optimizer == BAYES or wanted is not None or spec.early_stop:
+    if optimizer == BAYES or wanted not in (None, "auto") or spec.early_stop:
         raise InputError(f"prior: there is none for these trials ({reason}); hexctl prior build makes one")
     say(f"hexctl: no prior for these trials ({reason}); searching with {spec.optimizer} instead")
     return spec

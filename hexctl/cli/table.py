@@ -122,14 +122,14 @@ def closing_lines(session: Session, ended: str) -> str:
 
 
 def _surety_lines(session: Session) -> list[str]:
-    """Return how sure the optimizer is that its best gait is good enough."""
-    best, surety = session.best, session.surety
-    if best is None or surety is None or best.expected is None:
+    """Return which gait the optimizer settles on and how sure it is, where it says."""
+    settled = session.settled_on
+    if settled is None:
         return []
-    target_m = best.expected["target_m"]
-    if best.score > target_m:
-        return [f"no gait is known to end within {target_m:g} m"]
-    return [f"sure to {100 * surety:.0f} % that gait {best.code} ends within {target_m:g} m"]
+    within, sure = f"within {settled['target_m']:g} m", 100 * settled["chance"]
+    if sure < 1:
+        return [f"no gait is known to end {within}"]
+    return [f"sure to {sure:.0f} % that gait {settled['code']} ends {within}"]
 
 
 def _milestone_lines(session: Session) -> list[str]:

@@ -206,12 +206,15 @@ def _walk(
     walk = Walk(servos.robot, plan.gait, motion, period_s=period_s, held_legs=plan.held_legs)
     log.phase, log.frame = "walk", start.frame
     clipped_before = servos.counters.clipped
+    looks = 0
 
     def over(step: int, _state: RobotState) -> bool:
+        nonlocal looks
         if step >= last:
             walked.status = "ok"
-        elif enough is not None and (step + 1) % LOOK_TICKS == 0 and enough(_path_so_far(log)):
-            walked.status = "cut_short"
+        elif enough is not None and (step + 1) // LOOK_TICKS > looks:
+            looks = (step + 1) // LOOK_TICKS
+            walked.status = "cut_short" if enough(_path_so_far(log)) else "aborted"
         return walked.status != "aborted" or stop_requested()
 
     try:

@@ -166,7 +166,7 @@ def test_a_session_cut_off_goes_on_to_the_same_end(
 def test_a_budget_beyond_the_space_ends_when_every_gait_was_tried(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(Walker, "walk", lambda _, index, code, slots, enough: Landscape()(index, code, slots))
+    monkeypatch.setattr(Walker, "walk", lambda _, *trial: Landscape()(*trial))
     words = ["adapt", "--failed-leg", "5", "--optimizer", "random", "--no-record"]
     outcome = run_json(capsys, *words, "--budget", "500")
     assert outcome["ended"] == "exhausted"

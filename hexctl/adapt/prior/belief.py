@@ -89,6 +89,32 @@ class _Seen:
 
 
 @dataclass(frozen=True, eq=False)
+class Course:
+    """What is believed of one walk, number by number.
+
+    Attributes:
+        mean: (N_FEATURES,).
+        covariance: (N_FEATURES, N_FEATURES).
+        blur: variance of what shows on the way around what its end tells, (N_FEATURES,).
+    """
+
+    mean: FloatArray
+    covariance: FloatArray
+    blur: FloatArray
+
+    def end(self, features: FloatArray) -> tuple[float, float]:
+        """Return mean and standard deviation of the end in m, given what has shown, NaN for what has not."""
+        known = np.flatnonzero(np.isfinite(features))
+        if not known.size:
+            return float(self.mean[FINAL]), float(np.sqrt(self.covariance[FINAL, FINAL]))
+        among = self.covariance[np.ix_(known, known)] + np.diag(self.blur[known])
+        weights = np.linalg.solve(among, self.covariance[known, FINAL])
+        mean_m = self.mean[FINAL] + weights @ (features[known] - self.mean[known])
+        variance = self.covariance[FINAL, FINAL] - weights @ self.covariance[known, FINAL]
+        return float(mean_m), float(np.sqrt(max(variance, 1e-10)))
+
+
+@dataclass(frozen=True, eq=False)
 class _Evidence:
     """What trials showed, ready to be conditioned on.
 
@@ -138,13 +164,24 @@ class Belief:
             widened=evidence.widened,
         )
 
-    def end_of(self, code: int, features: FloatArray) -> tuple[float, float]:
-        """Return mean and standard deviation of the end of a walk that has shown some features so far."""
-        noise_m = self._noise_now_m()
-        widened = self._weighed(self._seen, noise_m).widened
-        evidence = self._decomposed(self._seen.plus(code - 1, features), noise_m, widened)
-        mean_m, covariance = self._conditioned(evidence, FINAL)
-        return float(mean_m[code - 1]), float(np.sqrt(max(covariance[code - 1, code - 1], 1e-10)))
+    def course_of(self, code: int) -> "Course":
+        """Return what is believed of one walk of a gait, its own noise included."""
+        from scipy.linalg import solve_triangular
+
+        noise_m, gait = self._noise_now_m(), code - 1
+        evidence = self._weighed(self._seen, noise_m)
+        seen, widened = evidence.seen, evidence.widened
+        own = self._root[:, gait * N_FEATURES : (gait + 1) * N_FEATURES]
+        mean = self._mean[gait].copy()
+        covariance = widened * (own.T @ own + self._alike[gait, gait] * self._shape)
+        if seen.value.size:
+            columns = self._root[:, seen.gait * N_FEATURES + seen.feature]
+            across = own.T @ columns + self._alike[gait, seen.gait] * self._shape[:, seen.feature]
+            explained = solve_triangular(evidence.root, widened * across.T, lower=True)
+            mean += explained.T @ evidence.surprise
+            covariance -= explained.T @ explained
+        noise = self._shape * (noise_m**2 / self._shape[FINAL, FINAL])
+        return Course(mean=mean, covariance=covariance + noise, blur=BLUR * np.diagonal(self._shape))
 
     def _conditioned(self, evidence: "_Evidence", feature: int) -> tuple[FloatArray, FloatArray]:
         """Return mean (gaits,) and covariance (gaits, gaits) of one feature of all gaits."""
@@ -211,6 +248,8 @@ def _likeness(leg: int) -> FloatArray:
 def _spread(apart: FloatArray) -> FloatArray:
     """Return each gait's spread over the worlds relative to that of all: touchy gaits surprise more."""
     spread = apart.std(axis=0)
+    # A gait that always fell has shown no spread; that is ignorance, not certainty.
+    spread = np.maximum(spread, max(float(np.median(spread)) / 2, 1e-3))
     return np.asarray(spread / np.sqrt((spread**2).mean()))
 
 

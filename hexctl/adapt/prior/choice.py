@@ -34,6 +34,15 @@ def chance_above(mean_m: FloatArray, sd_m: FloatArray, bound_m: float) -> FloatA
     return np.asarray(ndtr((mean_m - bound_m) / sd_m))
 
 
+def expected_size_m(mean_m: FloatArray, sd_m: FloatArray) -> FloatArray:
+    """Return the expected absolute value of normal deviations: the mean of the folded normal."""
+    from scipy.special import erf
+
+    score = mean_m / sd_m
+    tails = sd_m * math.sqrt(2 / math.pi) * np.exp(-0.5 * score * score)
+    return np.asarray(tails + mean_m * erf(score / math.sqrt(2)))
+
+
 def expected_gain_m(mean_m: FloatArray, sd_m: FloatArray, best_m: FloatArray | float) -> FloatArray:
     """Return by how much the absolute value of normal deviations is expected to undercut a best, in m.
 
@@ -59,19 +68,21 @@ def most_useful(forecast: Forecast, chance_valid: FloatArray, tried: BoolArray, 
         forecast: what is believed.
         chance_valid: probability that each gait walks at all, (gaits,).
         tried: gaits that are left out, (gaits,).
-        best_m: the smallest deviation so far, infinity before any.
+        best_m: the smallest deviation expected of a gait that was walked, infinity before any.
     """
     best_m = min(best_m, WORST_M)
     allowed = np.where(tried, 0.0, chance_valid)
     sd_m = forecast.sd_m
     now = expected_gain_m(forecast.mean_m, sd_m, best_m) * allowed
     rows = _candidates(now, np.where(tried, 0.0, sd_m), tried)
-    pull = forecast.covariance_m2[:, rows] / sd_m[rows]  # change of every gait per standard score of a trial
+    trial_sd_m = np.hypot(sd_m[rows], forecast.noise_m)
+    pull = forecast.covariance_m2[:, rows] / trial_sd_m  # change of every gait per standard score of a trial
     then_mean = forecast.mean_m[:, np.newaxis, np.newaxis] + pull[:, :, np.newaxis] * _SCORES
     then_sd = np.sqrt(np.maximum(sd_m[:, np.newaxis] ** 2 - pull**2, 1e-8))[:, :, np.newaxis]
-    outcome = forecast.mean_m[rows][:, np.newaxis] + sd_m[rows][:, np.newaxis] * _SCORES
+    # What the gait itself will be believed to do; a noisy trial tells less of it than it shows.
+    own = forecast.mean_m[rows][:, np.newaxis] + (sd_m[rows] ** 2 / trial_sd_m)[:, np.newaxis] * _SCORES
     valid = chance_valid[rows][:, np.newaxis]
-    then_best = valid * np.minimum(best_m, np.abs(outcome)) + (1 - valid) * best_m
+    then_best = valid * np.minimum(best_m, np.abs(own)) + (1 - valid) * best_m
     second = expected_gain_m(then_mean, then_sd, then_best) * allowed[:, np.newaxis, np.newaxis]
     second[rows, np.arange(rows.size)] = 0.0
     gain = ((best_m - then_best) + second.max(axis=0)) @ _WEIGHTS

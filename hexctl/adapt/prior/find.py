@@ -1,6 +1,6 @@
 """Find the prior that answers a session's question: given by path, made before, or shipped."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -30,15 +30,24 @@ def shipped_priors() -> Path:
     return config_root() / "priors"
 
 
-def find_prior(question: Question, folders: Iterable[Path]) -> Found:
+Serves = Callable[[tuple[int, ...]], bool]
+
+
+def any_legs(_legs: tuple[int, ...]) -> bool:
+    """Return True: the legs of a prior do not matter."""
+    return True
+
+
+def find_prior(question: Question, folders: Iterable[Path], *, serves: Serves = any_legs) -> Found:
     """Return the first prior in some folders that answers a question, or why none does.
 
-    A file that cannot be read is passed over: it may be anything.
+    `serves` is asked whether a prior of some legs says anything about those that matter. A file that cannot
+    be read is passed over: it may be anything.
     """
     nearest: tuple[int, str] | None = None
     for path in prior_files(folders):
         try:
-            differences = _question_of(path).differences(question)
+            differences = _differences(path, question, serves)
         except InputError:
             continue
         if not differences:
@@ -48,19 +57,24 @@ def find_prior(question: Question, folders: Iterable[Path]) -> Found:
     return Found(None, nearest[1] if nearest else "none has been built")
 
 
-def check_prior(path: Path, question: Question) -> None:
+def check_prior(path: Path, question: Question, *, serves: Serves = any_legs) -> None:
     """Raise InputError unless the prior of a file answers a question."""
-    differences = _question_of(path).differences(question)
+    differences = _differences(path, question, serves)
     if differences:
         raise InputError(
             f"prior {path}: is for {', '.join(differences)}; allowed: a prior for the same trials"
         )
 
 
-def _question_of(path: Path) -> Question:
-    """Return the question of a prior's file; raises InputError for a file that is none."""
+def _differences(path: Path, question: Question, serves: Serves) -> list[str]:
+    """Return in what a prior's file differs from what is asked; raises InputError for a file that is none."""
+    head = read_head(path)
     try:
-        return Question(**read_head(path)["question"])
+        differences = Question(**head["question"]).differences(question)
+        legs = tuple(int(leg) for leg in head["legs"])
+        if not serves(legs):
+            differences.append(f"failed leg {', '.join(str(leg) for leg in legs)}")
+        return differences
     except (KeyError, TypeError) as error:
         raise InputError(
             f"prior {path}: it is damaged ({error}); allowed: a prior as it was built"

@@ -1,5 +1,6 @@
 """What a prior is an answer to, and whether that is what a session asks."""
 
+import math
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -16,6 +17,7 @@ class Question:
         robot_fingerprint: of its description.
         failure: as the command line writes it, whichever leg it is.
         self_rotation: where the failed leg points during the walk.
+        heading_deg: direction of travel as seen from the body; 0 where a self-rotation has turned it there.
         duration_s: how long a trial walks.
         pace_hz: of the gaits.
         amplitude: of the gaits.
@@ -26,6 +28,7 @@ class Question:
     robot_fingerprint: str
     failure: str
     self_rotation: str
+    heading_deg: float
     duration_s: float
     pace_hz: float
     amplitude: float
@@ -40,6 +43,7 @@ class Question:
             robot_fingerprint=robot.fingerprint,
             failure=str(plan.failure),
             self_rotation=plan.self_rotation,
+            heading_deg=math.degrees(plan.heading_rad) if plan.self_rotation == "none" else 0.0,
             duration_s=plan.duration_s,
             pace_hz=gait.pace_hz,
             amplitude=gait.amplitude,
@@ -68,6 +72,7 @@ class Question:
 
 _LABELS = {
     "self_rotation": ("self-rotation", ""),
+    "heading_deg": ("heading", " deg"),
     "duration_s": ("duration", " s"),
     "pace_hz": ("pace", " Hz"),
 }

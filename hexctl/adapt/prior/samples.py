@@ -44,17 +44,38 @@ def samples_of(prior: Prior, robot: Robot, leg: int) -> Samples:
     Raises InputError when nothing in the prior says anything about the leg.
     """
     moved = [
-        _moved(prior, symmetry, source)
-        for symmetry in Symmetries(robot).all
-        for source in prior.legs
-        if symmetry.legs[source - 1] == leg
+        _moved_worlds(prior, symmetry, source)
+        for symmetry, source in _sources(robot, prior.question.self_rotation, prior.legs, leg)
     ]
     if not moved:
         legs = ", ".join(str(known) for known in prior.legs)
         raise InputError(f"prior: got failed leg {leg}; allowed: {legs}")
     features = np.concatenate(moved)
+    if not np.isfinite(features[..., FINAL]).any():
+        raise InputError(
+            f"prior: leg {leg} fell with every gait in every world; nothing can be told from that"
+        )
     finished = np.isfinite(features[..., FINAL]).mean(axis=0)
     return Samples(leg=leg, features=_filled(features), finished=finished)
+
+
+def serves(robot: Robot, self_rotation: str, legs: tuple[int, ...], leg: int) -> bool:
+    """Return whether a prior of some legs says anything about a failed leg."""
+    return bool(_sources(robot, self_rotation, legs, leg))
+
+
+def _sources(robot: Robot, self_rotation: str, legs: tuple[int, ...], leg: int) -> list[tuple[Symmetry, int]]:
+    """Return by which symmetries which legs become a failed leg.
+
+    Without self-rotation the body does not follow the failed leg, and only what leaves the direction of
+    travel as it is will do.
+    """
+    return [
+        (symmetry, source)
+        for symmetry in Symmetries(robot).all
+        for source in legs
+        if symmetry.legs[source - 1] == leg and (self_rotation != "none" or symmetry.keeps_heading)
+    ]
 
 
 def features_of(shown: Shown, duration_s: float) -> FloatArray:
@@ -65,7 +86,7 @@ def features_of(shown: Shown, duration_s: float) -> FloatArray:
     return np.concatenate([rows[:, 1], rows[PROGRESS_AT, 0], [np.nan if yaw_rad is None else yaw_rad]])
 
 
-def _moved(prior: Prior, symmetry: Symmetry, source: int) -> FloatArray:
+def _moved_worlds(prior: Prior, symmetry: Symmetry, source: int) -> FloatArray:
     """Return the worlds of a leg, moved by a symmetry, (worlds, gaits, N_FEATURES)."""
     row = prior.legs.index(source)
     progress = prior.progress_m[row][..., PROGRESS_AT]
@@ -78,8 +99,13 @@ def _moved(prior: Prior, symmetry: Symmetry, source: int) -> FloatArray:
 
 
 def _filled(features: FloatArray) -> FloatArray:
-    """Return the features with what fallen robots did not show replaced by the mean of those that walked."""
+    """Return the features with what fallen robots did not show replaced by the mean of those that walked.
+
+    What those that walked differ by is stretched, so that a gait which seldom walks is not believed the more
+    alike in all worlds.
+    """
     known = np.isfinite(features)
     counts = np.maximum(known.sum(axis=0), 1)
     means = np.where(known, features, 0.0).sum(axis=0) / counts
-    return np.where(known, features, means)
+    stretched = means + (features - means) * np.sqrt(len(features) / counts)
+    return np.asarray(np.where(known, stretched, means))

@@ -23,15 +23,17 @@ class Symmetry:
     Attributes:
         legs: leg `legs[k - 1]` is where leg k comes to lie.
         mirrored: True when left and right change places; deviations then change their sign.
+        turn_rad: by how much the body is turned, after the mirroring.
     """
 
     legs: tuple[int, ...]
     mirrored: bool
+    turn_rad: float = 0.0
 
     @property
-    def sign(self) -> float:
-        """Return what a signed deviation is multiplied by."""
-        return -1.0 if self.mirrored else 1.0
+    def keeps_heading(self) -> bool:
+        """Return whether what points forward still does."""
+        return abs(math.remainder(self.turn_rad, 2 * math.pi)) < SAME
 
     def keeps_phase(self, leg: int) -> bool:
         """Return whether a gait also keeps its start phase when this leg failed.
@@ -81,7 +83,7 @@ class Symmetries:
             if at is None:
                 return None
             legs.append(at + 1)
-        return Symmetry(tuple(legs), mirrored)
+        return Symmetry(tuple(legs), mirrored, turn_rad)
 
     def _trunk_allows(self, turn_rad: float) -> bool:
         """Return whether the trunk looks the same after a turn; every trunk does after a mirroring."""

@@ -20,8 +20,11 @@ WORLDS_PER_LEG = 1024
 MISS_DEG = Spread(low=-4.0, high=4.0, scale="normal")
 
 
-#: A shorter walk is soft start for the most part, and has no five points a second to keep.
-MIN_DURATION_S = 5.0
+#: A shorter walk is soft start for the most part.
+MIN_DURATION_S = 6.0
+
+#: Walks last multiples of this, so that ten checkpoints fall on points that are kept, five a second.
+WHOLE_S = 2.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,6 +69,10 @@ class PriorPlan:
                 self_rotation=self.self_rotation,
                 duration_s=self.duration_s,
                 failure=self.failure,
+                # Floors with bumps are drawn with the seed, and each world has its own.
+                seed=first + index
+                if world.roughness_m or not isinstance(world.joint_offset_deg, tuple)
+                else 0,
                 placed=True,
                 miss_rad=math.radians(miss_deg) if self.self_rotation != "none" else 0.0,
                 place=f"world {index + 1}",
@@ -89,8 +96,12 @@ class PriorPlan:
             raise InputError(f"--legs: got {list(self.legs)}; allowed: one or more of 1..{N_LEGS}")
         if len(set(self.legs)) != len(self.legs):
             raise InputError(f"--legs: got {list(self.legs)}; allowed: each leg once")
-        if self.duration_s < MIN_DURATION_S:
-            raise InputError(f"--duration: got {self.duration_s:g}; allowed: {MIN_DURATION_S:g} s or more")
+        whole = abs(self.duration_s / WHOLE_S - round(self.duration_s / WHOLE_S)) < 1e-9
+        if not (whole and self.duration_s >= MIN_DURATION_S):
+            raise InputError(
+                f"--duration: got {self.duration_s:g}; allowed: {MIN_DURATION_S:g} s or more, in steps of "
+                f"{WHOLE_S:g} s"
+            )
         if not 2 <= self.worlds <= WORLDS_PER_LEG:
             raise InputError(f"--worlds: got {self.worlds}; allowed: 2..{WORLDS_PER_LEG}")
         for leg in self.legs:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hexctl.adapt.prior.samples import samples_of
+from hexctl.errors import RobotFaultError
 from hexctl.robot.messages import FloatArray
 from hexctl.study.landscape import Landscape
 from hexctl.study.transfer.course import Course, run_course
@@ -97,16 +98,11 @@ class TransferFindings:
         held = np.concatenate([course.held for course in self._courses(optimizer, places)])
         return (float(held.mean()) if held.size else float("nan")), int(held.size)
 
-    def sure_share(self, optimizer: str, places: Sequence[int]) -> tuple[float, float, float]:
-        """Return the share of runs that ended sure, their mean trials, and the share that was right."""
-        sure = [
-            (course, place) for place in places for course in self.courses[place, optimizer] if course.sure
-        ]
-        if not sure:
-            return 0.0, float("nan"), float("nan")
-        total = len(self._courses(optimizer, places))
-        right = np.mean([course.best_m[-1] <= self.plan.target_m for course, _ in sure])
-        return len(sure) / total, float(np.mean([len(course.codes) for course, _ in sure])), float(right)
+    def sure_share(self, optimizer: str, places: Sequence[int]) -> tuple[float, float]:
+        """Return the share of runs that ended sure of their target, and their mean trials."""
+        courses = self._courses(optimizer, places)
+        trials = [len(course.codes) for course in courses if course.sure]
+        return len(trials) / len(courses), float(np.mean(trials)) if trials else float("nan")
 
     def _courses(self, optimizer: str, places: Sequence[int]) -> list[Course]:
         return [course for place in places for course in self.courses[place, optimizer]]
@@ -117,6 +113,8 @@ def run_transfer(
 ) -> TransferFindings:
     """Run every optimizer in every landscape."""
     usable = [landscape for landscape in landscapes if landscape.valid.any()]
+    if not usable:
+        raise RobotFaultError("transfer: no gait is valid in any world and leg; there is nothing to search")
     samples = {leg: samples_of(plan.prior, plan.robot, leg) for leg in plan.legs}
     courses = {}
     for place, landscape in enumerate(usable):

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from hexctl.adapt.catalogue import BAYES
 from hexctl.adapt.prior.prior import Prior
 from hexctl.adapt.prior.question import Question
+from hexctl.adapt.prior.samples import serves
 from hexctl.backends.sim.family import WorldFamily
 from hexctl.control.plan import TrialPlan
 from hexctl.errors import InputError
@@ -12,6 +13,7 @@ from hexctl.robot.joints import N_LEGS
 from hexctl.robot.model import Robot
 from hexctl.study.landscape import LandscapeSpec
 from hexctl.study.plan import BASELINE, HEURISTICS, StudyPlan
+from hexctl.study.prior.plan import WHOLE_S
 
 #: The first worlds of the family were looked at while `bayes` was made; the benchmark begins after them.
 FIRST_WORLD = 10
@@ -100,8 +102,13 @@ class TransferPlan:
         ).check()
         if len(set(self.optimizers)) != len(self.optimizers):
             raise InputError(f"--optimizers: got {','.join(self.optimizers)}; allowed: each name once")
-        if self.family.seed == self.prior.origin.get("family", {}).get("seed"):
+        if self.family.model_dump(mode="json") == self.prior.origin.get("family"):
             raise InputError("transfer: the prior was built from these worlds; allowed: a family of others")
+        missing = [leg for leg in self.legs if not serves(self.robot, "rear", self.prior.legs, leg)]
+        if missing:
+            raise InputError(f"prior: has nothing on legs {missing}; allowed: --legs {list(self.prior.legs)}")
+        if abs(self.duration_s / WHOLE_S - round(self.duration_s / WHOLE_S)) > 1e-9:
+            raise InputError(f"--duration: got {self.duration_s:g}; allowed: multiples of {WHOLE_S:g} s")
         differences = self.prior.question.differences(Question.of(self.robot, self.trial_plan()))
         if differences:
             raise InputError(f"prior: is for {', '.join(differences)}; allowed: a prior for these trials")
