@@ -40,18 +40,8 @@ def with_prior(
 
     Raises InputError for what contradicts itself, and for a prior that does not fit.
     """
-    if optimizer not in (None, BAYES):
-        _refuse_without_bayes(spec, wanted)
+    if not _may_believe(spec, optimizer, wanted):
         return spec
-    if wanted == "none" or (optimizer is None and wanted is None and spec.count_repeats):
-        if optimizer == BAYES:
-            raise InputError("--prior: got none with --optimizer bayes; allowed: auto or a file")
-        _refuse_without_bayes(spec, None)
-        return spec
-    if spec.count_repeats:
-        raise InputError(
-            "--count-repeats: got it with bayes; allowed: without, bayes repeats a gait when that tells most"
-        )
     reason = _other_objective(spec)
     if not reason and wanted not in (None, "auto"):
         check_prior(Path(str(wanted)), question, serves=serves)
@@ -65,6 +55,21 @@ def with_prior(
         raise InputError(f"prior: there is none for these trials ({reason}); hexctl prior build makes one")
     say(f"hexctl: no prior for these trials ({reason}); searching with {spec.optimizer} instead")
     return spec
+
+
+def _may_believe(spec: SessionSpec, optimizer: str | None, wanted: str | None) -> bool:
+    """Return whether a prior is wanted, if there is one; raises InputError for what contradicts itself."""
+    unasked_count = spec.count_repeats and optimizer is None and wanted is None
+    if optimizer not in (None, BAYES) or wanted == "none" or unasked_count:
+        if optimizer == BAYES:
+            raise InputError("--prior: got none with --optimizer bayes; allowed: auto or a file")
+        _refuse_without_bayes(spec, wanted)
+        return False
+    if spec.count_repeats:
+        raise InputError(
+            "--count-repeats: got it with bayes; allowed: without, bayes repeats a gait when that tells most"
+        )
+    return True
 
 
 def _believing(spec: SessionSpec, path: Path) -> SessionSpec:

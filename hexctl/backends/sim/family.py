@@ -135,8 +135,9 @@ class WorldFamily(BaseModel):
         from scipy.stats.qmc import Sobol
 
         sequence = Sobol(self._dimensions, scramble=True, rng=np.random.default_rng(self.seed))
+        if first:
+            sequence.fast_forward(first)
         # One at a time keeps SciPy from warning about the balance of what is left out.
-        sequence.fast_forward(first) if first else None
         return np.asarray(np.concatenate([sequence.random(1) for _ in range(count)]))
 
     def _world(self, shares: Sequence[float] | FloatArray, kind: Kind) -> World:
