@@ -29,7 +29,12 @@ def spec(leg: int = 5, self_rotation: str = "none", duration_s: float = 0.4, cod
 
 def made_up(leg: int, self_rotation: str, signed_m: FloatArray, invalid: Sequence[int] = ()) -> Landscape:
     """Return a landscape with these signed deviations; `invalid` are codes that made no progress."""
-    empty = empty_landscape(spec(leg, self_rotation, duration_s=1.0))
+    return made_up_in(spec(leg, self_rotation, duration_s=1.0), signed_m, invalid)
+
+
+def made_up_in(asked: LandscapeSpec, signed_m: FloatArray, invalid: Sequence[int] = ()) -> Landscape:
+    """Return the landscape of a spec, made up likewise."""
+    empty = empty_landscape(asked)
     numbers = np.zeros((120, len(NUMBERS)))
     numbers[:, NUMBERS.index("signed_m")] = signed_m
     numbers[:, NUMBERS.index("distance_m")] = 4.0

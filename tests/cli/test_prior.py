@@ -1,0 +1,416 @@
+"""`hexctl prior` and sessions that believe one, as a user calls them; one small prior is really built."""
+
+import json
+import shutil
+import sqlite3
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hexctl.adapt.prior.find import shipped_priors
+from hexctl.adapt.prior.prior import load_prior, save_prior
+from hexctl.adapt.walker import Walker
+from hexctl.cli.main import exit_code
+from hexctl.robot.failure import Failure
+from tests.adapt.priors import MadeUpModel, MadeUpWorld, made_up_prior, question_of
+from tests.robots import shipped
+
+DURATION = "6"
+BUILD = ["prior", "build", "--duration", DURATION, "--worlds", "2", "--legs", "5"]
+ADAPT = ["adapt", "--failed-leg", "5", "--duration", DURATION, "--no-record"]
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
+    """Build the one prior of these tests: 2 worlds of 120 gaits of 6 seconds."""
+    folder = tmp_path_factory.mktemp("built")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        printed: list[str] = []
+        patch.setattr("hexctl.cli.priorbuilding.say", printed.append)
+        assert exit_code([*BUILD, "--out", "mine/x.npz", "--json"]) == 0
+    return folder / "mine" / "x.npz", json.loads(printed[0])
+
+
+@pytest.fixture(autouse=True)
+def _in_an_empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+
+
+@pytest.fixture
+def prior(built: tuple[Path, dict[str, Any]], tmp_path: Path) -> str:
+    """Return a copy of the built prior as a user names it."""
+    shutil.copy(built[0], tmp_path / "x.npz")
+    return "x.npz"
+
+
+def run(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[Any, str]:
+    """Return the JSON of a command and what it said on stderr."""
+    capsys.readouterr()
+    assert exit_code([*arguments, "--json"]) == 0
+    printed = capsys.readouterr()
+    return json.loads(printed.out), printed.err
+
+
+def refused(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
+    """Return the one line with which a command is refused before anything has happened."""
+    capsys.readouterr()
+    assert exit_code([*arguments]) == 2
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert len(printed.err.splitlines()) == 1
+    assert not list(Path("runs").glob("*-leg*"))
+    return printed.err
+
+
+def test_building_says_what_was_built(built: tuple[Path, dict[str, Any]]) -> None:
+    path, outcome = built
+    assert outcome["prior"] == "mine/x.npz"
+    assert (outcome["robot"], outcome["failure"], outcome["self_rotation"]) == ("ant", "locked", "rear")
+    assert (outcome["legs"], outcome["worlds"], outcome["duration_s"]) == ([5], 2, 6.0)
+    assert outcome["bytes"] == path.stat().st_size < 100_000
+    prior = load_prior(path)
+    assert prior.question == question_of(duration_s=6.0)
+    # Robots walk forward, a good part of half a metre; and no two worlds are the same.
+    assert 0.2 < np.nanmedian(prior.progress_m[..., -1]) < 1.0
+    assert not np.array_equal(prior.signed_m[0, 0], prior.signed_m[0, 1])
+    assert [entry.name for entry in path.parent.iterdir()] == ["x.npz"]
+
+
+def test_a_prior_that_was_built_before_comes_from_the_cache(
+    built: tuple[Path, dict[str, Any]], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(built[0].parents[1])
+    assert exit_code([*BUILD, "--out", "again.npz"]) == 0
+    printed = capsys.readouterr()
+    assert printed.out.startswith("prior: again.npz (")
+    assert printed.err.count("from the cache") == 2
+    assert Path("again.npz").read_bytes() == built[0].read_bytes()
+    Path("again.npz").unlink()
+
+
+def test_show_says_what_a_prior_is_for(prior: str, capsys: pytest.CaptureFixture[str]) -> None:
+    (summary,), err = run(capsys, "prior", "show", prior)
+    assert err == ""
+    assert summary["prior"] == prior
+    assert (summary["robot"], summary["legs"], summary["worlds"]) == ("ant", [5], 2)
+    assert exit_code(["prior", "show", prior]) == 0
+    assert capsys.readouterr().out == (
+        "x.npz: ant, legs 5 locked, self-rotation rear, 6 s, 2 worlds a leg\n"
+    )
+
+
+def test_show_lists_those_that_would_be_found_ones_own_first(
+    prior: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (Path("runs") / "priors").mkdir(parents=True)
+    shutil.move(prior, "runs/priors/x.npz")
+    listed, _ = run(capsys, "prior", "show")
+    names = [Path(summary["prior"]).name for summary in listed]
+    assert names == ["x.npz", *sorted(path.name for path in shipped_priors().glob("*.npz"))]
+
+
+def test_show_refuses_what_is_no_prior(capsys: pytest.CaptureFixture[str]) -> None:
+    Path("diary.npz").write_text("my diary")
+    assert "diary.npz: it is no prior" in refused(capsys, "prior", "show", "diary.npz")
+    assert "no file at 'nowhere.npz'" in refused(capsys, "prior", "show", "nowhere.npz")
+
+
+def test_a_session_believes_the_prior_that_it_is_given(
+    prior: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    outcome, err = run(capsys, *ADAPT, "--prior", prior, "--budget", "3", "--target", "0.002")
+    assert err == ""
+    assert (outcome["optimizer"], outcome["prior"]) == ("bayes", prior)
+    assert outcome["prior_digest"] == load_prior(Path(prior)).digest()
+    assert 1 <= len(outcome["trials"]) <= 3
+    for trial in outcome["trials"]:
+        expected = trial["expected"]
+        assert expected["low_m"] < expected["signed_m"] < expected["high_m"]
+        assert 0 <= expected["chance"] <= 1
+        assert expected["target_m"] == 0.002
+        assert trial["walked_s"] == 6.0
+    assert outcome["walked_s"] == 6.0 * len(outcome["trials"])
+    assert outcome["ended"] in ("budget", "confirmed")
+    assert 0 <= outcome["settled_on"]["chance"] <= 1
+
+
+def test_the_seed_of_a_session_that_believes_changes_nothing(
+    prior: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = [*ADAPT, "--prior", prior, "--budget", "2", "--target", "0.001"]
+    first, other = (run(capsys, *words, "--seed", seed)[0] for seed in ("0", "7"))
+    assert [trial["code"] for trial in first["trials"]] == [trial["code"] for trial in other["trials"]]
+
+
+def test_the_table_says_what_is_believed_and_how_sure_it_ended(
+    prior: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert exit_code([*ADAPT, "--prior", prior, "--budget", "4", "--target", "0.1"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert "bayes with the prior x.npz" in lines[0]
+    assert any("s walked" in line for line in lines)
+    assert any(line.startswith("ended: confirmed after") for line in lines)
+    (sure,) = [line for line in lines if line.startswith("sure to ")]
+    assert "ends within 0.1 m" in sure
+    assert int(sure.split()[2]) >= 90
+
+
+def test_another_leg_of_a_round_robot_is_served_too(prior: str, capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["adapt", "--failed-leg", "2", "--duration", DURATION, "--no-record", "--budget", "1"]
+    assert run(capsys, *words, "--prior", prior)[0]["optimizer"] == "bayes"
+
+
+def test_a_prior_in_its_place_is_found_by_itself(prior: str, capsys: pytest.CaptureFixture[str]) -> None:
+    (Path("runs") / "priors").mkdir(parents=True)
+    (Path("runs") / "priors" / "a.npz").write_text("my diary")
+    shutil.move(prior, "runs/priors/x.npz")
+    outcome, err = run(capsys, *ADAPT, "--budget", "1")
+    assert (outcome["optimizer"], outcome["prior"], err) == ("bayes", "runs/priors/x.npz", "")
+    named, _ = run(capsys, *ADAPT, "--budget", "1", "--prior", "auto", "--optimizer", "bayes")
+    assert named["prior"] == "runs/priors/x.npz"
+    unbelieving, err = run(capsys, *ADAPT, "--budget", "1", "--prior", "none")
+    assert (unbelieving["optimizer"], unbelieving["prior"], err) == ("random", None, "")
+    asked, err = run(capsys, *ADAPT, "--budget", "1", "--optimizer", "pso")
+    assert (asked["optimizer"], asked["prior"], err) == ("pso", None, "")
+
+
+@pytest.mark.parametrize(("words", "reason"), [
+    (["--duration", "2.5"], "duration 30 s, not 2.5 s"),
+    (["--duration", "2.5", "--prior", "auto"], "duration 30 s, not 2.5 s"),
+    (["--duration", "2.5", "--objective", "mean"], "priors are for the objective final, not mean"),
+], ids=str)  # fmt: skip
+def test_without_a_prior_that_fits_it_says_so_and_searches_at_random(
+    words: list[str], reason: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    outcome, err = run(capsys, "adapt", "--failed-leg", "5", "--no-record", "--budget", "1", *words)
+    assert (outcome["optimizer"], outcome["prior"], outcome["settled_on"]) == ("random", None, None)
+    assert len(err.splitlines()) == 1
+    assert err.startswith("hexctl: no prior for these trials (")
+    assert reason in err
+    assert err.rstrip().endswith("searching with random instead")
+
+
+def test_the_papers_count_goes_without_a_prior_and_without_words(capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["adapt", "--failed-leg", "5", "--duration", "2.5", "--no-record", "--budget", "1"]
+    outcome, err = run(capsys, *words, "--count-repeats")
+    assert (outcome["optimizer"], err) == ("random", "")
+
+
+def test_the_shipped_prior_is_believed_by_default(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    world = MadeUpWorld(MadeUpModel(3).worlds(1, 0)[0])
+    monkeypatch.setattr(Walker, "walk", lambda _, *trial: world(*trial))
+    outcome, err = run(capsys, "adapt", "--failed-leg", "5", "--no-record", "--budget", "3")
+    assert (outcome["optimizer"], err) == ("bayes", "")
+    assert Path(outcome["prior"]).name == "ant-locked-rear-30s.npz"
+    assert world.walked == [trial["code"] for trial in outcome["trials"]]
+
+
+def save(name: str, **options: Any) -> str:
+    robot = options.pop("robot", shipped())
+    legs = options.pop("legs", (5,))
+    save_prior(made_up_prior(question_of(robot, **{"duration_s": 6.0, **options}), legs=legs), Path(name))
+    return name
+
+
+@pytest.mark.parametrize(("options", "words"), [
+    ({"duration_s": 8.0}, "is for duration 8 s, not 6 s"),
+    ({"robot": shipped("phantomx")}, "is for robot phantomx, not ant"),
+    ({"self_rotation": "front"}, "is for self-rotation front, not rear"),
+    ({"failure": Failure(leg=5, kind="limp")}, "is for failure limp, not locked"),
+], ids=lambda value: value if isinstance(value, str) else "-")  # fmt: skip
+def test_a_prior_for_something_else_is_refused(
+    options: dict[str, Any], words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert words in refused(capsys, *ADAPT, "--prior", save("other.npz", **options))
+
+
+def test_without_self_rotation_a_prior_is_for_one_heading(capsys: pytest.CaptureFixture[str]) -> None:
+    name = save("none.npz", self_rotation="none")
+    words = [*ADAPT, "--prior", name, "--self-rotation", "none", "--heading", "90"]
+    assert "heading 0 deg, not 90 deg" in refused(capsys, *words)
+
+
+def test_a_prior_of_a_robot_that_was_changed_is_refused(
+    prior: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = (shipped_priors().parent / "robots" / "ant.yaml").read_text(encoding="utf-8")
+    Path("ant.yaml").write_text(text.replace("mass_kg: 0.100", "mass_kg: 0.200"), encoding="utf-8")
+    message = refused(capsys, *ADAPT, "--robot", "./ant.yaml", "--prior", prior)
+    assert "is for another description of ant" in message
+
+
+def test_a_prior_that_knows_nothing_of_the_leg_is_refused_or_passed_over(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    words = ["adapt", "--robot", "pexod", "--failed-leg", "2", "--duration", DURATION, "--no-record"]
+    name = save("legs.npz", robot=shipped("pexod"), legs=(1,))
+    assert "is for failed leg 1" in refused(capsys, *words, "--prior", name)
+    (Path("runs") / "priors").mkdir(parents=True, exist_ok=True)
+    shutil.move(name, "runs/priors/legs.npz")
+    outcome, err = run(capsys, *words, "--budget", "1")
+    assert outcome["optimizer"] == "random"
+    assert "legs.npz is for failed leg 1" in err
+
+
+def test_a_file_that_is_no_whole_prior_is_refused(prior: str, capsys: pytest.CaptureFixture[str]) -> None:
+    content = Path(prior).read_bytes()
+    altered = bytearray(content)
+    altered[len(altered) // 2] ^= 0xFF
+    for name, bad in (("cut.npz", content[:-100]), ("altered.npz", altered), ("text.npz", b"my diary")):
+        Path(name).write_bytes(bad)
+        assert f"prior {name}: it is" in refused(capsys, *ADAPT, "--prior", name)
+    assert "no file at 'nowhere.npz'" in refused(capsys, *ADAPT, "--prior", "nowhere.npz")
+
+
+@pytest.mark.parametrize(("words", "message"), [
+    (["--prior", "x.npz", "--optimizer", "pso"], "--prior: got x.npz with --optimizer pso; allowed"),
+    (["--prior", "auto", "--optimizer", "random"], "--prior: got auto with --optimizer random; allowed"),
+    (["--early-stop", "--optimizer", "random"], "--early-stop: got it without a prior; allowed"),
+    (["--early-stop", "--prior", "none"], "--early-stop: got it without a prior; allowed"),
+    (["--early-stop", "--duration", "2.5"], "prior: there is none for these trials"),
+    (["--prior", "none", "--optimizer", "bayes"], "--prior: got none with --optimizer bayes; allowed"),
+    (["--objective", "mean", "--optimizer", "bayes"], "priors are for the objective final, not mean"),
+    (["--objective", "max", "--prior", "x.npz"], "priors are for the objective final, not max"),
+    (["--count-repeats", "--optimizer", "bayes"], "--count-repeats: got it with bayes; allowed"),
+    (["--optimizer", "bayes", "--duration", "2.5"], "prior: there is none for these trials"),
+    (["--world", "randomised"], "world 'randomised' is a family; allowed: one of it, such as randomised:7"),
+    (["--world", "randomised:-1"], "randomised:-1"),
+    (["--world", "randomised:x"], "randomised:x"),
+    (["--world", "nobody:3"], "nobody"),
+], ids=lambda value: " ".join(value) if isinstance(value, list) else "-")  # fmt: skip
+def test_what_contradicts_itself_is_refused(
+    words: list[str], message: str, prior: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert message in refused(capsys, *ADAPT, *words)
+
+
+def test_a_member_of_a_family_is_a_world(prior: str, capsys: pytest.CaptureFixture[str]) -> None:
+    words = [*ADAPT, "--budget", "1", "--prior", prior]
+    third, _ = run(capsys, *words, "--world", "randomised:3")
+    flat, _ = run(capsys, *words)
+    assert third["world"] == "randomised:3"
+    assert third["trials"][0]["code"] == flat["trials"][0]["code"]
+    assert third["trials"][0]["deviation_m"] != flat["trials"][0]["deviation_m"]
+    assert run(capsys, *words, "--world", "randomised:3")[0]["trials"][0]["deviation_m"] == (
+        third["trials"][0]["deviation_m"]
+    )
+
+
+def interrupted_after(
+    count: int, capsys: pytest.CaptureFixture[str], *words: str
+) -> str:
+    """Begin a session, and let it be as if it had been cut off after some trials; return its name."""
+    outcome, _ = run(capsys, *words, "--budget", str(count))
+    with sqlite3.connect(Path("runs") / "sessions.sqlite") as connection:
+        (text,) = connection.execute(
+            "SELECT spec FROM sessions WHERE name = ?", (outcome["session"],)
+        ).fetchone()
+        spec = json.loads(text) | {"budget": count + 1}
+        connection.execute(
+            "UPDATE sessions SET spec = ? WHERE name = ?", (json.dumps(spec), outcome["session"])
+        )
+    return str(outcome["session"])
+
+
+def test_a_session_that_believes_goes_on_where_it_was(
+    prior: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = [*ADAPT, "--prior", prior, "--target", "0.001"]
+    whole, _ = run(capsys, *words, "--budget", "3")
+    name = interrupted_after(2, capsys, *words)
+    resumed, err = run(capsys, "adapt", "--resume", name, "--no-record")
+    assert err == ""
+    assert resumed["trials"] == whole["trials"]
+    assert resumed["settled_on"] == whole["settled_on"]
+
+
+def test_a_session_does_not_go_on_with_another_prior(
+    prior: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    name = interrupted_after(1, capsys, *ADAPT, "--prior", prior, "--target", "0.001")
+    original = Path(prior).read_bytes()
+    resume = ["adapt", "--resume", name]
+
+    def resumed_with(content: bytes | None) -> str:
+        Path(prior).unlink()
+        if content is not None:
+            Path(prior).write_bytes(content)
+        else:
+            save(prior)
+        capsys.readouterr()
+        assert exit_code(resume) == 2
+        (line,) = capsys.readouterr().err.splitlines()
+        return line
+
+    assert "is not the one the session began with; allowed: the same file, or a new session" in (
+        resumed_with(None)
+    )
+    assert "cut off" in resumed_with(original[:-50])
+    Path(prior).write_bytes(original)
+    assert len(run(capsys, *resume)[0]["trials"]) == 2
+    Path(prior).unlink()
+    assert exit_code(resume) == 2
+    assert "no file at 'x.npz'" in capsys.readouterr().err
+
+
+def test_resume_takes_no_prior(prior: str, capsys: pytest.CaptureFixture[str]) -> None:
+    message = refused(capsys, "adapt", "--resume", "some", "--prior", prior, "--early-stop")
+    assert "--resume: got --prior, --early-stop too" in message
+
+
+def test_walks_that_go_astray_end_early_where_that_is_asked(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    features = MadeUpModel(3).worlds(1, 0)[0]
+    features[:, :10] = 6.0 * (np.arange(1, 11) / 10) ** 1.5
+    world = MadeUpWorld(features)
+    monkeypatch.setattr(Walker, "walk", lambda _, *trial: world(*trial))
+    words = ["adapt", "--failed-leg", "5", "--no-record", "--budget", "2", "--early-stop"]
+    outcome, _ = run(capsys, *words)
+    assert [trial["status"] for trial in outcome["trials"]] == ["cut_short"] * 2
+    assert outcome["best"] is None
+    assert outcome["walked_s"] < 60.0
+    assert outcome["early_stop"] is True
+
+
+@pytest.mark.parametrize(("words", "message"), [
+    (["--worlds", "1"], "--worlds: got 1; allowed: 2..1024"),
+    (["--legs", "0"], "--legs"),
+    (["--legs", ""], "--legs"),
+    (["--legs", "5,5"], "--legs: got [5, 5]; allowed: each leg once"),
+    (["--legs", "five"], "--legs: got 'five'"),
+    (["--duration", "5"], "--duration: got 5; allowed: 6 s or more"),
+    (["--duration", "7"], "--duration: got 7; allowed"),
+    (["--duration", "nan"], "duration"),
+    (["--failure", "tired"], "tired"),
+    (["--self-rotation", "left"], "left"),
+    (["--family", "flat"], "ranges"),
+    (["--family", "nobody"], "nobody"),
+    (["--robot", "bob"], "bob"),
+    (["--jobs", "0"], "--jobs"),
+    (["--out", "x.zip"], "--out: got x.zip; allowed: a file whose name ends in .npz"),
+    (["--out", "folder.npz"], "--out: got folder.npz"),
+    (["--dask", "nonsense"], "--dask"),
+], ids=lambda value: " ".join(value) if isinstance(value, list) else "-")  # fmt: skip
+def test_a_prior_that_cannot_be_built_is_refused_before_anything_runs(
+    words: list[str], message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    Path("folder.npz").mkdir()
+    assert message in refused(capsys, *BUILD, *words)
+    assert not list(Path("runs").rglob("*.npz"))
+
+
+def test_a_place_that_cannot_be_written_is_said_before_anything_runs(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    Path("a-file").touch()
+    assert exit_code([*BUILD, "--out", "a-file/x.npz"]) != 0
+    printed = capsys.readouterr()
+    assert len(printed.err.splitlines()) == 1
+    assert "a-file/x.npz cannot be written" in printed.err
+    assert not list(Path("runs").rglob("leg*.npz"))
