@@ -1,4 +1,4 @@
-"""For all tests: no display, hypothesis without deadlines or luck, and no priority over other programs."""
+"""For all tests: no display, one thread for matrices, hypothesis without deadlines or luck, no priority."""
 
 import os
 
@@ -6,6 +6,8 @@ import pytest
 from hypothesis import settings
 
 os.environ.setdefault("MUJOCO_GL", "disable")
+# As the command line has it; read when NumPy is imported, which is later.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 settings.register_profile("hexctl", deadline=None, derandomize=True)
 settings.load_profile("hexctl")

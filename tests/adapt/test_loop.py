@@ -2,18 +2,34 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 
+from hexctl.adapt.bayes import REAL_NOISE_M, Bayes
 from hexctl.adapt.catalogue import make_optimizer
 from hexctl.adapt.counting import FreshCodes
 from hexctl.adapt.loop import AdaptLoop
 from hexctl.adapt.objective import INVALID_SCORE
 from hexctl.adapt.optimizer import Optimizer
+from hexctl.adapt.prior.samples import FINAL
 from hexctl.adapt.session import Session, SessionSpec
 from hexctl.adapt.space import GaitSpace
 from hexctl.adapt.store import SessionStore
-from tests.adapt.walking import SPEC, Landscape
+from hexctl.control.result import TrialResult
+from hexctl.control.trial import Enough
+from hexctl.gait.encoding import Slots
+from hexctl.robot.messages import FloatArray
+from tests.adapt.priors import BAYES_SPEC, MadeUpModel, MadeUpWorld, made_up_bayes, shown_of
+from tests.adapt.walking import SPEC, Landscape, result_of
+
+MODEL = MadeUpModel()
+_WORLDS = MODEL.worlds(40, 500)
+_BEST_M = np.abs(_WORLDS[..., FINAL]).min(axis=1)
+
+#: A made-up world in which some gait is within the target that is no first choice, and one without any.
+KIND, HARD = _WORLDS[np.flatnonzero(_BEST_M < 0.01)[3]], _WORLDS[np.flatnonzero(_BEST_M > 0.03)[0]]
 
 NAMES = ("pso", "psosp", "dps", "debest", "derand", "random", "exhaustive")
 
@@ -110,3 +126,172 @@ def test_each_trial_is_on_disk_before_the_next_begins(store: SessionStore, tmp_p
 
     run(store, SPEC, Watching())
     assert seen == list(range(12))
+
+
+def believing(spec: SessionSpec = BAYES_SPEC, **options: Any) -> Bayes:
+    return made_up_bayes(MODEL.samples(48), **options)
+
+
+def with_a_bad_start() -> FloatArray:
+    """Return the kind world, but the gait that is tried first goes astray."""
+    world = KIND.copy()
+    world[believing().ask()[0] - 1, : FINAL + 1] = 2.5 * (np.arange(1, 11) / 10) ** 1.5
+    return world
+
+
+def walked_by_bayes(
+    store: SessionStore, world: MadeUpWorld, spec: SessionSpec = BAYES_SPEC, **options: Any
+) -> tuple[Session, str]:
+    session = store.create(spec)
+    return session, AdaptLoop(session, store, believing(spec, **options), world).run()
+
+
+def test_a_search_that_is_sure_ends_confirmed(store: SessionStore) -> None:
+    session, ended = walked_by_bayes(store, MadeUpWorld(KIND))
+    assert ended == "confirmed"
+    assert len(session.trials) < 12
+    assert session.best is not None
+    assert session.best.score <= 0.025
+    assert session.settled_on is not None
+    assert session.settled_on["code"] == session.best.code
+    assert 0.9 <= session.settled_on["chance"] <= 1.0
+    assert session.as_json()["settled_on"] == session.settled_on
+
+
+def test_what_was_expected_is_kept_with_each_trial(store: SessionStore) -> None:
+    session, _ = walked_by_bayes(store, MadeUpWorld(KIND))
+    kept = store.load(session.name).trials
+    assert kept == session.trials
+    fresh = believing()
+    for trial in kept:
+        (code,) = fresh.ask()
+        assert trial.expected == fresh.expect(code).as_json()
+        assert trial.expected["low_m"] < trial.expected["signed_m"] < trial.expected["high_m"]
+        assert trial.as_json()["expected"] == trial.expected
+        fresh.tell([code], [trial.score], [shown_of(KIND[code - 1])])
+
+
+def test_searches_that_expect_nothing_keep_nothing_of_it(store: SessionStore) -> None:
+    session, _ = run(store, SPEC)
+    assert all(trial.expected is None for trial in session.trials)
+    assert session.settled_on is None
+
+
+def test_where_no_gait_is_good_enough_the_budget_is_spent_and_it_says_how_sure_it_is(
+    store: SessionStore,
+) -> None:
+    session, ended = walked_by_bayes(store, MadeUpWorld(HARD))
+    assert ended == "budget"
+    assert len(session.trials) == 12
+    assert session.settled_on is not None
+    assert session.settled_on["chance"] < 0.9
+
+
+def test_a_target_that_the_optimizer_judges_is_not_judged_by_one_lucky_trial(store: SessionStore) -> None:
+    """On a real floor one trial within the target is not yet the end, though the best score is below it."""
+    spec = replace(BAYES_SPEC, target_m=0.025, budget=30)
+    session, ended = walked_by_bayes(store, MadeUpWorld(KIND), spec, noise_m=REAL_NOISE_M)
+    assert ended == "confirmed"
+    first = next(trial.index for trial in session.trials if trial.score <= 0.025)
+    assert first < len(session.trials)
+    assert session.trials[-1].code in [trial.code for trial in session.trials[:-1]]
+
+
+def test_an_early_stop_is_an_invalid_trial_that_took_less_time(store: SessionStore) -> None:
+    spec = replace(BAYES_SPEC, early_stop=True)
+    session, ended = walked_by_bayes(store, MadeUpWorld(with_a_bad_start()), spec)
+    cut = [trial for trial in session.trials if trial.outcome["status"] == "cut_short"]
+    assert cut
+    for trial in cut:
+        assert trial.score == INVALID_SCORE
+        assert not trial.valid
+        assert trial.as_json()["score"] is None
+        assert 0 < trial.as_json()["walked_s"] < 30.0
+    assert ended == "confirmed"
+    assert session.best is not None
+    assert session.best.outcome["status"] == "ok"
+    # Nothing of a walk that was cut short is asked for again.
+    codes = [trial.code for trial in session.trials]
+    assert len(set(codes)) == len(codes)
+
+
+def test_without_early_stop_every_walk_is_whole(store: SessionStore) -> None:
+    session, _ = walked_by_bayes(store, MadeUpWorld(KIND))
+    assert {trial.outcome["duration_s"] for trial in session.trials} == {30.0}
+
+
+def test_the_seconds_walked_are_those_of_all_trials(store: SessionStore) -> None:
+    world = with_a_bad_start()
+    whole, _ = walked_by_bayes(store, MadeUpWorld(world))
+    assert whole.walked_s == pytest.approx(30.0 * len(whole.trials))
+    early, _ = walked_by_bayes(store, MadeUpWorld(world), replace(BAYES_SPEC, early_stop=True))
+    assert early.walked_s == pytest.approx(sum(trial.outcome["duration_s"] for trial in early.trials))
+    assert early.walked_s < 30.0 * len(early.trials)
+    assert early.as_json()["walked_s"] == pytest.approx(early.walked_s, abs=1e-3)
+
+
+def test_a_search_without_an_opinion_never_ends_a_walk_early(store: SessionStore) -> None:
+    session, _ = run(store, replace(SPEC, early_stop=True))
+    assert {trial.outcome["status"] for trial in session.trials} <= {"ok", "no_progress"}
+
+
+def test_robots_that_fall_do_not_stop_the_search(store: SessionStore) -> None:
+    first = believing().ask()[0]
+    session, _ = walked_by_bayes(store, MadeUpWorld(KIND, fallen=(first,)))
+    assert [trial.code for trial in session.trials].count(first) == 1
+    assert session.trials[0].outcome["status"] == "fell"
+    assert session.best is not None
+    assert session.best.code != first
+
+
+def test_repeats_are_of_the_gait_that_it_settles_on_and_are_learned_from(store: SessionStore) -> None:
+    spec = replace(BAYES_SPEC, budget=30, confirm=2)
+    session, ended = walked_by_bayes(store, MadeUpWorld(KIND), spec, noise_m=REAL_NOISE_M)
+    assert ended == "confirmed"
+    assert [trial.confirms for trial in session.trials[-3:]] == [False, True, True]
+    assert session.settled_on is not None
+    assert {trial.code for trial in session.trials[-2:]} == {session.settled_on["code"]}
+    alone, _ = walked_by_bayes(
+        store, MadeUpWorld(KIND), replace(spec, budget=28, confirm=0), noise_m=REAL_NOISE_M
+    )
+    assert alone.settled_on is not None
+    assert session.settled_on["chance"] > alone.settled_on["chance"]
+
+
+class CutOff(MadeUpWorld):
+    """Is interrupted after a number of trials."""
+
+    def __init__(self, features: FloatArray, after: int) -> None:
+        super().__init__(features)
+        self._after = after
+
+    def __call__(
+        self, index: int, code: int, slots: Slots, enough: Enough | None = None
+    ) -> tuple[TrialResult, Path | None]:
+        if len(self.walked) >= self._after:
+            return result_of(0.0, "aborted"), None
+        return super().__call__(index, code, slots, enough)
+
+
+@pytest.mark.parametrize("early_stop", [False, True])
+@pytest.mark.parametrize("cut", [0, 1, 4, 9])
+def test_a_session_that_believes_and_was_cut_ends_as_if_it_had_not_been(
+    cut: int, early_stop: bool, store: SessionStore
+) -> None:
+    spec = replace(BAYES_SPEC, early_stop=early_stop, budget=10, confirm=1)
+    whole, ended = walked_by_bayes(store, MadeUpWorld(HARD), spec)
+    session = store.create(spec)
+    assert AdaptLoop(session, store, believing(spec), CutOff(HARD, cut)).run() == "interrupted"
+    resumed = store.load(session.name)
+    assert len(resumed.trials) == cut
+    assert AdaptLoop(resumed, store, believing(spec), MadeUpWorld(HARD)).run() == ended
+    assert resumed.trials == whole.trials
+    assert resumed.settled_on == whole.settled_on
+
+
+def test_a_session_that_was_sure_ends_at_once_when_it_is_continued(store: SessionStore) -> None:
+    session, _ = walked_by_bayes(store, MadeUpWorld(KIND))
+    again, world = store.load(session.name), MadeUpWorld(KIND)
+    assert AdaptLoop(again, store, believing(), world).run() == "confirmed"
+    assert world.walked == []
+    assert again.settled_on == session.settled_on

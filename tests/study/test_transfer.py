@@ -143,7 +143,7 @@ def test_a_prior_that_knows_the_worlds_needs_fewer_trials_than_random(findings: 
 
 def test_seconds_and_trials_tell_the_same_story(findings: TransferFindings) -> None:
     places, budget = findings.places(), findings.plan.budget
-    ends_s = DURATION_S * np.arange(1, budget + 1) + 1e-6
+    ends_s = np.asarray(DURATION_S * np.arange(1, budget + 1) + 1e-6, dtype=np.float64)
     for name in ("pso", "random"):
         by_seconds = findings.by_seconds(name, places, ends_s).mean
         assert np.abs(by_seconds - findings.by_trials(name, places).mean).max() < 1e-12
