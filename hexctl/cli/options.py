@@ -38,4 +38,12 @@ TurnOption = Annotated[
         "with --heading it is blended with the walk. (default: 0)",
     ),
 ]
+JobsOption = Annotated[
+    int | None,
+    typer.Option("--jobs", help="Threads of each batch of gaits. (default: all cores; with --dask 1)"),
+]
+DaskOption = Annotated[
+    str | None,
+    typer.Option("--dask", help="Address of a Dask scheduler whose workers simulate: tcp://HOST:PORT."),
+]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout and nothing else.")]

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from hexctl.cli.options import JsonOption, RobotOption
+from hexctl.cli.options import DaskOption, JobsOption, JsonOption, RobotOption
 
 prior = typer.Typer(help="What adaptation believes before its first trial.", no_args_is_help=True)
 
@@ -33,14 +33,8 @@ def build(
             show_default=False,
         ),
     ] = None,
-    jobs: Annotated[
-        int | None,
-        typer.Option("--jobs", help="Threads of each batch of gaits. (default: all cores; with --dask 1)"),
-    ] = None,
-    dask: Annotated[
-        str | None,
-        typer.Option("--dask", help="Address of a Dask scheduler whose workers simulate: tcp://HOST:PORT."),
-    ] = None,
+    jobs: JobsOption = None,
+    dask: DaskOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Walk all 120 gaits of each failed leg in many plausible worlds, and keep what became of them.

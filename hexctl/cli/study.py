@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from hexctl.cli.options import JsonOption, RobotOption
+from hexctl.cli.options import DaskOption, JobsOption, JsonOption, RobotOption
 
 
 def study(
@@ -47,14 +47,8 @@ def study(
         Path | None,
         typer.Option("--out", help="Folder for the report. (default: runs/study-TIME)", show_default=False),
     ] = None,
-    jobs: Annotated[
-        int | None,
-        typer.Option("--jobs", help="Threads of each batch of gaits. (default: all cores; with --dask 1)"),
-    ] = None,
-    dask: Annotated[
-        str | None,
-        typer.Option("--dask", help="Address of a Dask scheduler whose workers simulate: tcp://HOST:PORT."),
-    ] = None,
+    jobs: JobsOption = None,
+    dask: DaskOption = None,
     seed: Annotated[int, typer.Option("--seed", help="Seed of searches and simulation.")] = 0,
     as_json: JsonOption = False,
 ) -> None:

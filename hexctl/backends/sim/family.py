@@ -170,10 +170,6 @@ def load_any_world(name_or_path: str) -> World:
     """
     family, colon, number = name_or_path.rpartition(":")
     if not colon or Path(name_or_path).is_file():
-        if "ranges" in read_mapping(find_config("worlds", name_or_path)):
-            raise InputError(
-                f"world {name_or_path!r} is a family; allowed: one of it, such as {name_or_path}:7"
-            )
         return load_world(name_or_path)
     if not (number.isdecimal() and len(number) <= len(str(MAX_MEMBERS))):
         raise InputError(f"world: got {name_or_path!r}; allowed: the number of a member, as in {family}:7")

@@ -6,6 +6,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, field_validator
 
 from hexctl.backends.clock import PERIOD_S
+from hexctl.errors import InputError
 from hexctl.robot.configs import Number, find_config, read_mapping, validate
 from hexctl.robot.joints import N_JOINTS
 from hexctl.robot.problems import shown
@@ -121,4 +122,9 @@ def load_world(name_or_path: str | Path = "flat") -> World:
     A file may set one key only; the rest is the flat world's. Raises InputError in one line.
     """
     path = find_config("worlds", name_or_path)
-    return validate(World, read_mapping(path), path)
+    content = read_mapping(path)
+    if "ranges" in content:
+        raise InputError(
+            f"world {str(name_or_path)!r} is a family; allowed: one of it, as --world {name_or_path}:7"
+        )
+    return validate(World, content, path)
