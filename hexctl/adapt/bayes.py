@@ -153,6 +153,8 @@ class Bayes(Optimizer):
 
     def _take(self, trial: list[Any]) -> None:
         """Take in one trial as it stands in the saved state."""
+        if len(trial) != 4:
+            raise ValueError(f"a trial of {len(trial)} parts")
         code, score, status, numbers = int(trial[0]), float(trial[1]), str(trial[2]), trial[3]
         if not 1 <= code <= self.space.size:
             raise ValueError(f"a trial of code {code}")

@@ -52,7 +52,8 @@ def with_prior(
             return _believing(spec, found.path)
         reason = found.reason
     if optimizer == BAYES or wanted not in (None, "auto") or spec.early_stop:
-        raise InputError(f"prior: there is none for these trials ({reason}); hexctl prior build makes one")
+        advice = "" if _other_objective(spec) else "; hexctl prior build makes one"
+        raise InputError(f"prior: there is none for these trials ({reason}){advice}")
     say(f"hexctl: no prior for these trials ({reason}); searching with {spec.optimizer} instead")
     return spec
 
@@ -93,11 +94,21 @@ def _refuse_without_bayes(spec: SessionSpec, wanted: str | None) -> None:
 def show(file: str | None, *, as_json: bool) -> None:
     """Print what one prior, or each that would be found, is for."""
     paths = [Path(file)] if file is not None else prior_files([PRIORS, shipped_priors()])
-    summaries = [{"prior": str(path), **summary_of(path)} for path in paths]
+    summaries = [{"prior": str(path), **summary_of(path)} for path in paths if file or _readable(path)]
     if as_json:
         output.say(json.dumps(summaries))
     else:
         output.say("\n".join(_line(summary) for summary in summaries) or "no priors yet")
+
+
+def _readable(path: Path) -> bool:
+    """Return whether a file is a prior; says so of one that is not."""
+    try:
+        load_prior(path)
+    except InputError as error:
+        output.say_aside(f"hexctl: passed over: {error}")
+        return False
+    return True
 
 
 def summary_of(path: Path) -> dict[str, Any]:

@@ -128,13 +128,13 @@ def test_each_trial_is_on_disk_before_the_next_begins(store: SessionStore, tmp_p
     assert seen == list(range(12))
 
 
-def believing(spec: SessionSpec = BAYES_SPEC, **options: Any) -> Bayes:
+def believing(**options: Any) -> Bayes:
     return made_up_bayes(MODEL.samples(48), **options)
 
 
 def with_a_bad_start() -> FloatArray:
     """Return the kind world, but the gait that is tried first goes astray."""
-    world = KIND.copy()
+    world: FloatArray = KIND.copy()
     world[believing().ask()[0] - 1, : FINAL + 1] = 2.5 * (np.arange(1, 11) / 10) ** 1.5
     return world
 
@@ -143,7 +143,7 @@ def walked_by_bayes(
     store: SessionStore, world: MadeUpWorld, spec: SessionSpec = BAYES_SPEC, **options: Any
 ) -> tuple[Session, str]:
     session = store.create(spec)
-    return session, AdaptLoop(session, store, believing(spec, **options), world).run()
+    return session, AdaptLoop(session, store, believing(**options), world).run()
 
 
 def test_a_search_that_is_sure_ends_confirmed(store: SessionStore) -> None:
@@ -281,10 +281,10 @@ def test_a_session_that_believes_and_was_cut_ends_as_if_it_had_not_been(
     spec = replace(BAYES_SPEC, early_stop=early_stop, budget=10, confirm=1)
     whole, ended = walked_by_bayes(store, MadeUpWorld(HARD), spec)
     session = store.create(spec)
-    assert AdaptLoop(session, store, believing(spec), CutOff(HARD, cut)).run() == "interrupted"
+    assert AdaptLoop(session, store, believing(), CutOff(HARD, cut)).run() == "interrupted"
     resumed = store.load(session.name)
     assert len(resumed.trials) == cut
-    assert AdaptLoop(resumed, store, believing(spec), MadeUpWorld(HARD)).run() == ended
+    assert AdaptLoop(resumed, store, believing(), MadeUpWorld(HARD)).run() == ended
     assert resumed.trials == whole.trials
     assert resumed.settled_on == whole.settled_on
 

@@ -165,6 +165,7 @@ _DAMAGE = (
     NotImplementedError,
     zipfile.BadZipFile,
     zlib.error,
+    RuntimeError,  # zipfile, of a file that claims to be encrypted
 )
 
 

@@ -96,6 +96,8 @@ class PriorPlan:
             raise InputError(f"--legs: got {list(self.legs)}; allowed: one or more of 1..{N_LEGS}")
         if len(set(self.legs)) != len(self.legs):
             raise InputError(f"--legs: got {list(self.legs)}; allowed: each leg once")
+        if not math.isfinite(self.duration_s):
+            raise InputError(f"--duration: got {self.duration_s:g}; allowed: {MIN_DURATION_S:g} s or more")
         whole = abs(self.duration_s / WHOLE_S - round(self.duration_s / WHOLE_S)) < 1e-9
         if not (whole and self.duration_s >= MIN_DURATION_S):
             raise InputError(

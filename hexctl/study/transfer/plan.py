@@ -100,8 +100,9 @@ class TransferPlan:
             duration_s=self.duration_s,
             seed=self.seed,
         ).check()
-        if len(set(self.optimizers)) != len(self.optimizers):
-            raise InputError(f"--optimizers: got {','.join(self.optimizers)}; allowed: each name once")
+        if not self.optimizers or len(set(self.optimizers)) != len(self.optimizers):
+            given = ",".join(self.optimizers) or "none"
+            raise InputError(f"--optimizers: got {given}; allowed: one or more names, each once")
         if self.family.model_dump(mode="json") == self.prior.origin.get("family"):
             raise InputError("transfer: the prior was built from these worlds; allowed: a family of others")
         missing = [leg for leg in self.legs if not serves(self.robot, "rear", self.prior.legs, leg)]

@@ -1,0 +1,258 @@
+"""The belief against dense Gaussian conditioning, written out from the docstrings, and what it does."""
+
+import math
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from hexctl.adapt.prior.belief import NOISE_WEIGHT, TRUST_TRIALS, Belief, Forecast
+from hexctl.adapt.prior.samples import DISTANCE, FINAL, N_FEATURES, Samples
+from hexctl.robot.messages import FloatArray
+from tests.adapt.prior.dense import Dense, Trial
+from tests.adapt.priors import GAITS, MadeUpModel
+
+MODEL = MadeUpModel()
+SAMPLES = MODEL.samples(12)
+NOISE_M = 0.01
+
+
+def believed(trials: list[Trial], samples: Samples = SAMPLES, noise_m: float = NOISE_M) -> Belief:
+    belief = Belief(samples, noise_m=noise_m)
+    for code, features in trials:
+        belief.observe(code, features)
+    return belief
+
+
+def world(seed: int) -> FloatArray:
+    return np.asarray(MODEL.worlds(1, 1000 + seed)[0])
+
+
+def trials_in(seed: int, codes: list[int]) -> list[Trial]:
+    return [(code, world(seed)[code - 1].copy()) for code in codes]
+
+
+def ordinary(codes: list[int]) -> list[Trial]:
+    """Return trials in a world that is just as believed, or nearly: nothing is widened."""
+    mean, some = SAMPLES.features.mean(axis=0), SAMPLES.features[3]
+    return [(code, mean[code - 1] + 0.3 * (some - mean)[code - 1]) for code in codes]
+
+
+def partly_blind(trials: list[Trial]) -> list[Trial]:
+    """Return trials of which some show only their beginning, or nothing but their end."""
+    for index, (_, features) in enumerate(trials):
+        if index % 3 == 1:
+            features[4:FINAL] = np.nan
+        if index % 3 == 2:
+            features[5:] = np.nan
+    return trials
+
+
+def assert_agrees(forecast: Forecast, dense: Dense, tolerance: float = 1e-8) -> None:
+    for feature, mean, spread in (
+        (FINAL, forecast.mean_m, forecast.sd_m),
+        (DISTANCE, forecast.distance_m, forecast.distance_sd_m),
+    ):
+        wanted, covariance = dense.posterior(feature)
+        np.testing.assert_allclose(mean, wanted, atol=tolerance, rtol=0)
+        np.testing.assert_allclose(spread**2, np.diagonal(covariance), atol=tolerance, rtol=0)
+        if feature == FINAL:
+            np.testing.assert_allclose(forecast.covariance_m2, covariance, atol=tolerance, rtol=0)
+
+
+def test_before_any_trial_it_is_the_prior() -> None:
+    forecast = believed([]).forecast()
+    np.testing.assert_allclose(forecast.mean_m, SAMPLES.features[..., FINAL].mean(axis=0))
+    assert forecast.noise_m == pytest.approx(NOISE_M)
+    assert forecast.widened == 1.0
+    assert_agrees(forecast, Dense(SAMPLES, NOISE_M))
+
+
+@pytest.mark.parametrize("codes", [[17], [17, 90], [1, 30, 77, 120, 64]], ids=str)
+def test_it_agrees_with_dense_conditioning(codes: list[int]) -> None:
+    trials = partly_blind(ordinary(codes))
+    forecast = believed(trials).forecast()
+    assert forecast.widened == 1.0
+    assert_agrees(forecast, Dense(SAMPLES, NOISE_M, seen=trials))
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_it_agrees_with_dense_conditioning_when_worlds_surprise(seed: int) -> None:
+    """By how much it is widened comes from each end against what was believed just before it."""
+    trials = partly_blind(trials_in(seed, [5, 88, 31, 62]))
+    for _, features in trials:
+        features += 0.8 * (1 + seed)
+    forecast = believed(trials).forecast()
+    dense = Dense(SAMPLES, NOISE_M, seen=trials)
+    surprise = dense.surprise()
+    widened = (TRUST_TRIALS + sum(one**2 for one in surprise)) / (TRUST_TRIALS + len(surprise))
+    assert forecast.widened == pytest.approx(max(1.0, widened), rel=1e-6)
+    assert widened > 1
+    assert_agrees(forecast, Dense(SAMPLES, NOISE_M, widened=forecast.widened, seen=trials), 1e-7)
+
+
+def test_it_agrees_with_dense_conditioning_when_a_gait_is_repeated() -> None:
+    trials = [*ordinary([40, 41]), *ordinary([40])]
+    trials[2][1][FINAL] += 0.005
+    forecast = believed(trials).forecast()
+    assert forecast.widened == 1.0
+    assert_agrees(forecast, Dense(SAMPLES, forecast.noise_m, seen=trials))
+
+
+@pytest.mark.parametrize("shown", [0, 3, 6, 9])
+@pytest.mark.parametrize("trials", [[], [12, 70], [33, 33]], ids=str)
+def test_the_end_of_a_walk_that_is_on_its_way_agrees_with_dense_conditioning(
+    trials: list[int], shown: int
+) -> None:
+    features = ordinary([33])[0][1]
+    features[shown:] = np.nan
+    belief = believed(ordinary(trials))
+    noise_m = belief.forecast().noise_m
+    mean_m, sd_m = belief.course_of(33).end(features)
+    wanted_m, wanted_sd_m = Dense(SAMPLES, noise_m, seen=ordinary(trials)).end_of_trial(33, features)
+    assert mean_m == pytest.approx(wanted_m, abs=1e-6)
+    assert sd_m == pytest.approx(wanted_sd_m, abs=1e-6)
+
+
+def test_watching_a_walk_teaches_nothing() -> None:
+    belief, undisturbed = believed(ordinary([12])), believed(ordinary([12]))
+    for _ in range(3):
+        belief.course_of(50).end(world(1)[49])
+    np.testing.assert_array_equal(belief.forecast().mean_m, undisturbed.forecast().mean_m)
+
+
+def test_a_trial_that_shows_nothing_changes_nothing() -> None:
+    nothing = np.full(N_FEATURES, np.nan)
+    for trials in ([], ordinary([3, 70])):
+        before = believed(trials).forecast()
+        after = believed([*trials, (55, nothing)]).forecast()
+        for name in ("mean_m", "covariance_m2", "distance_m", "distance_sd_m", "noise_m", "widened"):
+            np.testing.assert_array_equal(getattr(after, name), getattr(before, name))
+
+
+def test_what_is_not_shown_is_ignored_and_the_rest_is_not() -> None:
+    whole = ordinary([60])
+    end_only = [(60, np.full(N_FEATURES, np.nan))]
+    end_only[0][1][FINAL] = whole[0][1][FINAL]
+    forecasts = [believed(trials).forecast() for trials in ([], end_only, whole)]
+    assert all(np.isfinite(forecast.mean_m).all() for forecast in forecasts)
+    unsure = [float(forecast.sd_m.sum()) for forecast in forecasts]
+    assert unsure[0] > unsure[1] > unsure[2]
+
+
+def test_a_gait_that_was_walked_is_believed_to_end_where_it_ended() -> None:
+    trials = trials_in(2, [9, 100])
+    forecast = believed(trials, noise_m=0.001).forecast()
+    for code, features in trials:
+        assert forecast.mean_m[code - 1] == pytest.approx(features[FINAL], abs=0.003)
+        assert forecast.sd_m[code - 1] <= 0.0011
+        assert forecast.distance_m[code - 1] == pytest.approx(features[DISTANCE], abs=0.1)
+
+
+def test_a_noisy_trial_is_believed_less() -> None:
+    trials = trials_in(2, [9])
+    quiet, noisy = (believed(trials, noise_m=noise_m).forecast() for noise_m in (0.001, 0.1))
+    off = [abs(forecast.mean_m[8] - trials[0][1][FINAL]) for forecast in (quiet, noisy)]
+    assert off[0] < off[1]
+    assert quiet.sd_m[8] < 0.1 * noisy.sd_m[8]
+
+
+def test_no_trial_makes_any_gait_less_known_as_long_as_nothing_surprises() -> None:
+    sds = [believed(ordinary([9, 44, 101])[:count]).forecast().sd_m for count in range(4)]
+    for before, after in pairwise(sds):
+        assert (after <= before + 1e-9).all()
+
+
+def test_the_order_of_trials_does_not_matter() -> None:
+    trials = ordinary([7, 55, 110, 31])
+    first = believed(trials).forecast()
+    for order in ([3, 2, 1, 0], [1, 3, 0, 2]):
+        other = believed([trials[place] for place in order]).forecast()
+        assert first.widened == other.widened == 1.0
+        np.testing.assert_allclose(other.mean_m, first.mean_m, atol=1e-8)
+        np.testing.assert_allclose(other.covariance_m2, first.covariance_m2, atol=1e-8)
+        np.testing.assert_allclose(other.distance_m, first.distance_m, atol=1e-8)
+
+
+def test_trials_in_a_world_of_the_model_tell_of_gaits_that_were_not_tried() -> None:
+    """The worlds carry what gaits have in common: three trials at best explain four hidden numbers."""
+    before, after = [], []
+    for seed in range(20):
+        true = world(seed)[:, FINAL]
+        belief = believed([], MODEL.samples(64), noise_m=0.001)
+        before.append(np.abs(belief.forecast().mean_m - true).mean())
+        for code in (10, 40, 75, 111):
+            belief.observe(code, world(seed)[code - 1])
+        after.append(np.abs(belief.forecast().mean_m - true).mean())
+    assert np.mean(after) < 0.5 * np.mean(before)
+
+
+def test_outcomes_as_believed_widen_nothing() -> None:
+    mean = SAMPLES.features.mean(axis=0)
+    assert believed([(code, mean[code - 1]) for code in (4, 60, 99)]).forecast().widened == 1.0
+
+
+def test_the_more_a_world_surprises_the_more_is_widened() -> None:
+    mean = SAMPLES.features.mean(axis=0)
+    widened = []
+    for off_m in (0.0, 0.5, 1.0, 2.0, 4.0):
+        trials = [(code, mean[code - 1] + off_m * np.array([1, -1])[code % 2]) for code in (4, 61, 98)]
+        widened.append(believed(trials).forecast().widened)
+    assert widened[0] == 1.0
+    assert (np.diff(widened[1:]) > 0).all()
+    assert widened[-1] > 3
+
+
+def test_a_widened_belief_is_less_sure_of_gaits_that_were_not_tried() -> None:
+    mean = SAMPLES.features.mean(axis=0)
+    calm, wild = (believed([(4, mean[3] + off_m), (61, mean[60] - off_m)]).forecast() for off_m in (0.0, 3.0))
+    untried = np.delete(np.arange(GAITS), [3, 60])
+    assert (wild.sd_m[untried] > 1.2 * calm.sd_m[untried]).all()
+
+
+def repeated(*finals_m: float) -> Forecast:
+    mean = SAMPLES.features.mean(axis=0)[49]
+    trials = []
+    for final_m in finals_m:
+        features = np.full(N_FEATURES, np.nan)
+        features[FINAL] = mean[FINAL] + final_m
+        trials.append((50, features))
+    return believed(trials).forecast()
+
+
+def test_repeats_that_differ_raise_the_noise_and_equal_ones_lower_it() -> None:
+    assert repeated().noise_m == pytest.approx(NOISE_M)
+    assert repeated(0.0).noise_m == pytest.approx(NOISE_M)
+    assert repeated(0.0, 0.0).noise_m == pytest.approx(NOISE_M * math.sqrt(NOISE_WEIGHT / (NOISE_WEIGHT + 1)))
+    assert repeated(0.0, 0.0, 0.0).noise_m < repeated(0.0, 0.0).noise_m
+    squares = NOISE_WEIGHT * NOISE_M**2 + 2 * 0.05**2
+    assert repeated(-0.05, 0.05).noise_m == pytest.approx(math.sqrt(squares / (NOISE_WEIGHT + 1)))
+    assert repeated(-0.05, 0.05, -0.05, 0.05).noise_m > repeated(-0.05, 0.05).noise_m > NOISE_M
+
+
+def test_many_repeats_tell_the_noise() -> None:
+    finals = np.random.default_rng(0).normal(0, 0.04, 200)
+    assert repeated(*finals.tolist()).noise_m == pytest.approx(finals.std(ddof=1), rel=0.02)
+
+
+def test_trials_of_different_gaits_say_nothing_about_the_noise() -> None:
+    assert believed(trials_in(0, [1, 2, 3, 4])).forecast().noise_m == pytest.approx(NOISE_M)
+
+
+def test_many_trials_of_all_gaits_do_no_harm() -> None:
+    """All that a world can show, gaits repeated exactly: no square root of a negative number, no NaN."""
+    codes = [*range(1, 121, 4), *[60] * 5, *range(1, 121, 4)]
+    forecast = believed(trials_in(7, codes), noise_m=0.001).forecast()
+    for name in ("mean_m", "covariance_m2", "distance_m", "distance_sd_m", "sd_m"):
+        assert np.isfinite(getattr(forecast, name)).all()
+    true = world(7)[:, FINAL]
+    np.testing.assert_allclose(forecast.mean_m[::4], true[::4], atol=0.002)
+
+
+def test_a_gait_that_always_fell_is_not_believed_to_be_certain() -> None:
+    """Its numbers are all the same, because nobody has seen them: that is ignorance."""
+    features = SAMPLES.features.copy()
+    features[:, 30] = features[:, 30].mean(axis=0)
+    forecast = believed([], Samples(leg=5, features=features, finished=SAMPLES.finished)).forecast()
+    assert forecast.sd_m[30] > 0.1 * np.median(forecast.sd_m)
+    assert_agrees(forecast, Dense(Samples(leg=5, features=features, finished=SAMPLES.finished), NOISE_M))

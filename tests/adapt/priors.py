@@ -1,0 +1,163 @@
+"""Made-up priors: worlds in which a few hidden numbers move the ends of all gaits, and walks in them."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hexctl.adapt.bayes import Bayes
+from hexctl.adapt.prior.prior import CHECKPOINTS, Prior
+from hexctl.adapt.prior.question import Question
+from hexctl.adapt.prior.samples import DISTANCE, FINAL, N_FEATURES, YAW, Samples
+from hexctl.adapt.session import SessionSpec
+from hexctl.adapt.shown import Shown
+from hexctl.adapt.space import GaitSpace
+from hexctl.backends.clock import PERIOD_S
+from hexctl.control.plan import TrialPlan
+from hexctl.control.result import Deviation, TrialResult
+from hexctl.control.trial import LOOK_TICKS, Enough
+from hexctl.gait.encoding import Slots
+from hexctl.gait.named import make_gait
+from hexctl.robot.failure import Failure
+from hexctl.robot.messages import FloatArray
+from hexctl.robot.model import Robot
+from tests.robots import shipped
+
+GAITS = 120
+
+#: Numbers that a made-up world hides: as friction, payload, slope and bent joints would be.
+HIDDEN = 4
+
+DURATION_S = 30.0
+
+
+class MadeUpModel:
+    """One low-rank model of worlds: the same seed gives the same gaits, however many worlds are drawn."""
+
+    def __init__(self, seed: int = 0, *, spread_m: float = 0.3) -> None:
+        random = np.random.default_rng(seed)
+        self._middle_m = random.uniform(-1.5, 1.5, GAITS)
+        self._pull_m = random.normal(0, spread_m / np.sqrt(HIDDEN), (HIDDEN, GAITS))
+        self._bow_m = random.normal(0, spread_m / 4, (HIDDEN, GAITS))
+        self._haste_m = random.normal(0, 0.05, (HIDDEN, GAITS))
+
+    def worlds(self, count: int, seed: int) -> FloatArray:
+        """Return what every gait shows in some worlds, (count, gaits, N_FEATURES)."""
+        random = np.random.default_rng([seed, 1])
+        hidden = random.normal(size=(count, HIDDEN))
+        final = self._middle_m + hidden @ self._pull_m
+        bow, distance = hidden @ self._bow_m, 3.2 + hidden @ self._haste_m
+        share = np.arange(1, CHECKPOINTS + 1) / CHECKPOINTS
+        features = np.empty((count, GAITS, N_FEATURES))
+        features[..., :CHECKPOINTS] = (
+            final[..., np.newaxis] * share**1.5 + bow[..., np.newaxis] * share * (1 - share) * 4
+        )
+        features[..., DISTANCE - 1], features[..., DISTANCE] = 0.49 * distance, distance
+        features[..., YAW] = 0.4 * final + 0.5 * bow
+        return features
+
+    def samples(self, count: int = 32, seed: int = 0, leg: int = 5) -> Samples:
+        """Return worlds as a belief takes them; every gait walks to its end."""
+        return Samples(leg=leg, features=self.worlds(count, seed), finished=np.ones(GAITS))
+
+
+def made_up_bayes(samples: Samples, **options: Any) -> Bayes:
+    """Return a search that believes samples."""
+    defaults = {"target_m": 0.025, "duration_s": DURATION_S, "floor_m": 1.0}
+    return Bayes(GaitSpace((samples.leg,)), 0, samples=samples, **{**defaults, **options})
+
+
+def path_of(features: FloatArray) -> FloatArray:
+    """Return the path through a walk's features, one row for each checkpoint."""
+    half = CHECKPOINTS // 2
+    at = np.interp(np.arange(1, CHECKPOINTS + 1), [0, half, CHECKPOINTS], [0, *features[-3:-1]])
+    return np.column_stack([at, features[: FINAL + 1]])
+
+
+def shown_of(features: FloatArray, status: str = "ok", duration_s: float = DURATION_S) -> Shown:
+    """Return a walk that shows just these features."""
+    return Shown(
+        path_m=path_of(features), duration_s=duration_s, yaw_change_rad=float(features[YAW]), status=status
+    )
+
+
+def tell(search: Bayes, code: int, features: FloatArray, status: str = "ok") -> None:
+    """Tell a search the trial that it has just asked for."""
+    score = abs(float(features[FINAL])) if status == "ok" else 1e6
+    search.tell([code], [score], [shown_of(features, status)])
+
+
+class MadeUpWorld:
+    """Walks the gaits of one made-up world as the loop wants it, and keeps their codes."""
+
+    def __init__(self, features: FloatArray, fallen: tuple[int, ...] = ()) -> None:
+        self.walked: list[int] = []
+        self._features, self._fallen = features, fallen
+
+    def __call__(
+        self, index: int, code: int, slots: Slots, enough: Enough | None = None
+    ) -> tuple[TrialResult, Path | None]:
+        self.walked.append(code)
+        path = path_of(self._features[code - 1])
+        ticks = round(DURATION_S / PERIOD_S)
+        knots = np.linspace(0, ticks, CHECKPOINTS + 1)
+        whole = np.column_stack(
+            [np.interp(np.arange(1, ticks + 1), knots, [0, *path[:, column]]) for column in (0, 1)]
+        )
+        status, walked = ("fell", ticks // 4) if code in self._fallen else ("ok", ticks)
+        for tick in range(LOOK_TICKS, walked, LOOK_TICKS):
+            if enough is not None and enough(whole[:tick]):
+                status, walked = "cut_short", tick
+                break
+        made = whole[:walked]
+        signed = float(made[-1, 1])
+        result = TrialResult(
+            status=status,
+            stopped=None,
+            duration_s=walked * PERIOD_S,
+            turned_rad=0.0,
+            distance_m=float(made[-1, 0]),
+            ideal_distance_m=4.455,
+            deviation=Deviation(abs(signed), abs(signed) / 2, abs(signed), signed),
+            yaw_change_rad=float(self._features[code - 1, YAW]),
+            clipped_ticks=0,
+            path_m=made,
+        )
+        return result, None
+
+
+def plan_of(robot: Robot, **options: Any) -> TrialPlan:
+    """Return the plan of a session's trials."""
+    failure = options.pop("failure", Failure(leg=5))
+    return TrialPlan(gait=make_gait(robot, "demo"), failure=failure, **options)
+
+
+def question_of(robot: Robot | None = None, **options: Any) -> Question:
+    """Return the question of a session's trials."""
+    robot = robot or shipped()
+    return Question.of(robot, plan_of(robot, **options))
+
+
+def made_up_prior(
+    question: Question | None = None,
+    legs: tuple[int, ...] = (5,),
+    worlds: int = 3,
+    seed: int = 0,
+    model: MadeUpModel | None = None,
+) -> Prior:
+    """Return a prior whose legs all walk in the worlds of one model."""
+    model = model or MadeUpModel()
+    features = np.stack([model.worlds(worlds, seed + leg) for leg in legs])
+    paths = np.array([path_of(row) for row in features.reshape(-1, N_FEATURES)])
+    paths = paths.reshape(*features.shape[:-1], CHECKPOINTS, 2)
+    return Prior(
+        question=question or question_of(),
+        legs=legs,
+        origin={"family": {"seed": 20}, "worlds": worlds, "code": {"hexctl": "made up"}},
+        signed_m=paths[..., 1],
+        progress_m=paths[..., 0],
+        yaw_rad=features[..., YAW],
+    )
+
+
+BAYES_SPEC = SessionSpec(failed_leg=5, optimizer="bayes", budget=12, prior="made-up.npz")
