@@ -83,9 +83,17 @@ class Bayes(Optimizer):
         return code is not None and bool(self._chances()[code - 1] >= SURE)
 
     def recommended(self) -> int | None:
-        """Return the gait that was walked and is likeliest to be within the target, None before any."""
-        known = self._known_good()
-        return int(np.argmax(np.where(known, self._chances(), -1.0))) + 1 if known.any() else None
+        """Return the gait that was walked and is likeliest to be within the target, None before any.
+
+        Where none is likely to be, the one that is believed to end nearest.
+        """
+        known, forecast = self._known_good(), self.forecast()
+        if not known.any():
+            return None
+        worth = self._chances()
+        if worth[known].max() < HOPE:
+            worth = -expected_size_m(forecast.mean_m, forecast.sd_m)
+        return int(np.argmax(np.where(known, worth, -np.inf))) + 1
 
     def expect(self, code: int) -> Expectation:
         """Return what is believed of a gait now."""

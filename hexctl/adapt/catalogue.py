@@ -41,7 +41,7 @@ def make_optimizer(name: str, space: GaitSpace, seed: int) -> Optimizer:
     if ":" in name:
         return _own(name)(space, seed)
     raise InputError(
-        f"optimizer: got {name!r}; allowed: {', '.join(OPTIMIZERS)}, "
+        f"optimizer: got {name!r}; allowed: {BAYES} (with a prior), {', '.join(OPTIMIZERS)}, "
         "or package.module:Class for your own Optimizer"
     )
 

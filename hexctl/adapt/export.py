@@ -7,6 +7,9 @@ from typing import Any
 from hexctl.adapt.session import Session
 from hexctl.errors import InputError, MissingExtraError
 
+#: What was expected of a trial, a column each.
+EXPECTED = ("signed_m", "low_m", "high_m", "chance")
+
 FORMATS = (".csv", ".parquet")
 
 
@@ -16,6 +19,8 @@ def flat_rows(session: Session) -> list[dict[str, Any]]:
     for trial in session.trials:
         values = trial.as_json()
         deviation = values.pop("deviation_m")
+        expected = values.pop("expected") or {}
+        values |= {f"expected_{name}": expected.get(name) for name in EXPECTED}
         values["slots"] = " ".join(str(slot) for slot in trial.slots)
         values |= {f"deviation_{name}_m": value for name, value in deviation.items()}
         spec = session.spec

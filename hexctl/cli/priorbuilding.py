@@ -21,6 +21,7 @@ from hexctl.cli.simulating import (
 from hexctl.cli.studyprogress import StudyProgress
 from hexctl.errors import InputError
 from hexctl.robot.file import load_robot
+from hexctl.robot.joints import N_LEGS
 from hexctl.study.cache import LandscapeCache
 from hexctl.study.evaluate import fill
 from hexctl.study.prior.build import prior_of
@@ -48,7 +49,7 @@ def execute(request: PriorRequest) -> int:
     """Build a prior and return the exit code."""
     check_jobs(request.jobs)
     plan = _checked_plan(request)
-    path = request.out or PRIORS / _name_of(plan)
+    path = request.out or PRIORS / _name_of(plan, request.family)
     if path.suffix != SUFFIX or path.is_dir():
         raise InputError(f"--out: got {path}; allowed: a file whose name ends in {SUFFIX}")
     cache = LandscapeCache(CACHE)
@@ -84,5 +85,11 @@ def _checked_plan(request: PriorRequest) -> PriorPlan:
     return plan
 
 
-def _name_of(plan: PriorPlan) -> str:
-    return f"{plan.robot.name}-{plan.failure}-{plan.self_rotation}-{plan.duration_s:g}s{SUFFIX}"
+def _name_of(plan: PriorPlan, family: str) -> str:
+    """Return a name that tells priors apart, those of fewer legs or other worlds included."""
+    parts = [plan.robot.name, plan.failure, plan.self_rotation, f"{plan.duration_s:g}s"]
+    if len(plan.legs) < N_LEGS:
+        parts.append("leg" + "".join(str(leg) for leg in plan.legs))
+    if family != "randomised":
+        parts.append(Path(family).stem)
+    return "-".join(parts) + SUFFIX

@@ -10,6 +10,7 @@ from hexctl.adapt.catalogue import BAYES
 from hexctl.adapt.prior.find import Serves, check_prior, find_prior, prior_files, shipped_priors
 from hexctl.adapt.prior.prior import load_prior
 from hexctl.adapt.prior.question import Question
+from hexctl.adapt.search import DEFAULT_TARGET_M
 from hexctl.adapt.session import SessionSpec
 from hexctl.cli import output
 from hexctl.cli.places import RUNS
@@ -74,7 +75,9 @@ def _may_believe(spec: SessionSpec, optimizer: str | None, wanted: str | None) -
 
 
 def _believing(spec: SessionSpec, path: Path) -> SessionSpec:
-    return replace(spec, optimizer=BAYES, prior=str(path), prior_digest=load_prior(path).digest())
+    target_m = DEFAULT_TARGET_M if spec.target_m is None else spec.target_m
+    digest = load_prior(path).digest()
+    return replace(spec, optimizer=BAYES, target_m=target_m, prior=str(path), prior_digest=digest)
 
 
 def _other_objective(spec: SessionSpec) -> str:

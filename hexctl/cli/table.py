@@ -92,10 +92,15 @@ def trial_line(session: Session, trial: TrialRecord) -> str:
     signed, distance_m = trial.outcome["deviation_m"]["signed"], trial.outcome["distance_m"]
     deviation = "-" if signed is None else _side(signed)
     distance = "-" if distance_m is None else f"{distance_m:.2f} m"
-    status = trial.outcome["status"] + (" (repeat)" if trial.confirms else "")
+    again = any(other.code == trial.code for other in session.trials[: trial.index - 1])
+    status = trial.outcome["status"] + (" (repeat)" if again and not session.spec.count_repeats else "")
     slots = ",".join(str(slot) for slot in trial.slots)
     numbers = f"{trial.index:>5} {trial.code:>5}  {slots:<11}  {deviation:<12} {distance:>9}"
     return f"{numbers}  {status:<12} {best:>6}{_expected(trial)}"
+
+
+def _after(trials: int) -> str:
+    return f"after {trials} trial" + ("" if trials == 1 else "s")
 
 
 def _expected(trial: TrialRecord) -> str:
@@ -143,5 +148,5 @@ def _milestone_lines(session: Session) -> list[str]:
         lines = [f"best: trial {best.index}, code {best.code} (slots {slots}), {best.score:.3f} m"]
     for milestone in MILESTONES_M:
         reached = session.trials_to(milestone)
-        lines.append(f"within {milestone:g} m: " + (f"after {reached} trials" if reached else "not reached"))
+        lines.append(f"within {milestone:g} m: " + (_after(reached) if reached else "not reached"))
     return lines

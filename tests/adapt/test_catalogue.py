@@ -18,9 +18,8 @@ def test_an_optimizer_has_the_name_it_is_listed_under(name: str) -> None:
 
 
 def test_an_unknown_name_lists_the_known_ones() -> None:
-    with pytest.raises(
-        InputError, match="got 'genetic'; allowed: pso, psosp, dps, debest, derand, random, exh"
-    ):
+    known = r"bayes \(with a prior\), pso, psosp, dps, debest, derand, random, exh"
+    with pytest.raises(InputError, match=f"got 'genetic'; allowed: {known}"):
         make_optimizer("genetic", ONE_FAILED, 0)
 
 

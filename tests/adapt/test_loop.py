@@ -198,7 +198,7 @@ def test_a_target_that_the_optimizer_judges_is_not_judged_by_one_lucky_trial(sto
 
 
 def test_an_early_stop_is_an_invalid_trial_that_took_less_time(store: SessionStore) -> None:
-    spec = replace(BAYES_SPEC, early_stop=True)
+    spec = replace(BAYES_SPEC, early_stop=True, budget=60)
     session, ended = walked_by_bayes(store, MadeUpWorld(with_a_bad_start()), spec)
     cut = [trial for trial in session.trials if trial.outcome["status"] == "cut_short"]
     assert cut
