@@ -63,7 +63,7 @@ def test_a_study_from_end_to_end_and_again_from_the_cache(
         (["--jobs", "0"], "--jobs"),
         (["--duration", "nan"], "duration"),
         (["--seed", "-1"], "--seed"),
-        (["--optimizers", "annealing"], "allowed: pso, psosp, dps"),
+        (["--optimizers", "annealing"], "pso, psosp, dps"),
         (["--robot", "spot"], "allowed: ant"),
         (["--world", "moon"], "allowed: flat"),
         (["--out", "a-file"], "--out"),
