@@ -16,8 +16,8 @@ from hexctl.adapt.expectation import NINETY_PERCENT
 from hexctl.adapt.prior.find import shipped_priors
 from hexctl.adapt.prior.prior import load_prior
 from hexctl.adapt.prior.samples import samples_of
-from hexctl.adapt.search import progress_floor_m
 from hexctl.backends.sim.family import load_any_world
+from hexctl.control.result import progress_floor_m
 from hexctl.robot.file import load_robot
 from hexctl.study.cache import LandscapeCache
 from hexctl.study.drawing import LINE_COLOR, label_axes, new_figure
@@ -86,7 +86,7 @@ def main(path: Path) -> None:
         samples=samples_of(prior, robot, LEG),
         target_m=0.025,
         duration_s=truth.spec.duration_s,
-        floor_m=progress_floor_m(robot, truth.spec.trial(1).plan),
+        floor_m=progress_floor_m(robot, truth.spec.trial(1).plan, truth.spec.duration_s),
     )
     order = np.argsort(search.forecast().mean_m)
     figure, panels = new_figure(1, len(AFTER), (12.0, 4.0))

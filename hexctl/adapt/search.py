@@ -13,10 +13,8 @@ from hexctl.adapt.prior.samples import samples_of, serves
 from hexctl.adapt.session import SessionSpec
 from hexctl.adapt.space import GaitSpace
 from hexctl.control.plan import TrialPlan
-from hexctl.control.result import PROGRESS_FLOOR
+from hexctl.control.result import progress_floor_m
 from hexctl.errors import InputError
-from hexctl.gait.gait import ideal_speed_m_s
-from hexctl.gait.ramp import RAMP_DURATION_S
 from hexctl.robot.model import Robot
 
 #: The paper's finer deviation: what `bayes` looks for unless told otherwise.
@@ -45,7 +43,7 @@ def make_search(spec: SessionSpec, robot: Robot, plan: TrialPlan) -> Optimizer:
         samples=samples_of(prior, robot, spec.failed_leg),
         target_m=DEFAULT_TARGET_M if spec.target_m is None else spec.target_m,
         duration_s=spec.duration_s,
-        floor_m=progress_floor_m(robot, plan),
+        floor_m=progress_floor_m(robot, plan, plan.duration_s),
         noise_m=SIMULATED_NOISE_M if spec.backend == "sim" else REAL_NOISE_M,
     )
 
@@ -54,9 +52,3 @@ def serving(robot: Robot, plan: TrialPlan) -> Serves:
     """Return what says whether a prior of some legs serves the trials of a session."""
     (leg,) = plan.failed_legs
     return lambda legs: serves(robot, plan.self_rotation, legs, leg)
-
-
-def progress_floor_m(robot: Robot, plan: TrialPlan) -> float:
-    """Return the distance below which a trial counts as one without progress (see `score`)."""
-    full_stride_s = max(0.0, plan.duration_s - RAMP_DURATION_S / 2)
-    return PROGRESS_FLOOR * ideal_speed_m_s(robot, plan.gait, plan.motion(0.0)) * full_stride_s

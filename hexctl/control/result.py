@@ -123,8 +123,7 @@ def score(
     ideal_speed = ideal_speed_m_s(robot, plan.gait, plan.motion(0.0))
     long_enough = duration_s >= RAMP_DURATION_S
     if status == "ok" and distance_m is not None and long_enough and _goes_straight(plan):
-        floor_m = PROGRESS_FLOOR * ideal_speed * _ramped_duration_s(duration_s)
-        status = "ok" if distance_m >= floor_m else "no_progress"
+        status = "ok" if distance_m >= progress_floor_m(robot, plan, duration_s) else "no_progress"
     return TrialResult(
         status=status,
         stopped=stopped,
@@ -137,6 +136,12 @@ def score(
         clipped_ticks=clipped_ticks,
         path_m=path,
     )
+
+
+def progress_floor_m(robot: Robot, plan: TrialPlan, duration_s: float) -> float:
+    """Return the distance below which a walk of a duration made no progress."""
+    ideal_speed = ideal_speed_m_s(robot, plan.gait, plan.motion(0.0))
+    return PROGRESS_FLOOR * ideal_speed * _ramped_duration_s(duration_s)
 
 
 def _deviation(signed_m: FloatArray) -> Deviation:

@@ -153,8 +153,8 @@ class Belief:
         """Return what is believed of all gaits now."""
         noise_m = self._noise_now_m()
         evidence = self._weighed(self._seen, noise_m)
-        mean_m, covariance = self._conditioned(evidence, FINAL)
-        distance_m, distance_covariance = self._conditioned(evidence, DISTANCE)
+        mean_m, covariance = self._of_all_gaits(evidence, FINAL)
+        distance_m, distance_covariance = self._of_all_gaits(evidence, DISTANCE)
         return Forecast(
             mean_m=mean_m,
             covariance_m2=covariance,
@@ -164,41 +164,54 @@ class Belief:
             widened=evidence.widened,
         )
 
-    def course_of(self, code: int) -> "Course":
+    def course_of(self, code: int) -> Course:
         """Return what is believed of one walk of a gait, its own noise included."""
-        from scipy.linalg import solve_triangular
-
-        noise_m, gait = self._noise_now_m(), code - 1
-        evidence = self._weighed(self._seen, noise_m)
-        seen, widened = evidence.seen, evidence.widened
-        own = self._root[:, gait * N_FEATURES : (gait + 1) * N_FEATURES]
-        mean = self._mean[gait].copy()
-        covariance = widened * (own.T @ own + self._alike[gait, gait] * self._shape)
-        if seen.value.size:
-            columns = self._root[:, seen.gait * N_FEATURES + seen.feature]
-            across = own.T @ columns + self._alike[gait, seen.gait] * self._shape[:, seen.feature]
-            explained = solve_triangular(evidence.root, widened * across.T, lower=True)
-            mean += explained.T @ evidence.surprise
-            covariance -= explained.T @ explained
-        noise = self._shape * (noise_m**2 / self._shape[FINAL, FINAL])
+        noise_m = self._noise_now_m()
+        features = np.arange(N_FEATURES)
+        gaits = np.full(N_FEATURES, code - 1)
+        mean, covariance = self._conditioned(self._weighed(self._seen, noise_m), gaits, features)
+        noise = self._noise(noise_m, features)
         return Course(mean=mean, covariance=covariance + noise, blur=BLUR * np.diagonal(self._shape))
 
-    def _conditioned(self, evidence: "_Evidence", feature: int) -> tuple[FloatArray, FloatArray]:
+    def _of_all_gaits(self, evidence: _Evidence, feature: int) -> tuple[FloatArray, FloatArray]:
         """Return mean (gaits,) and covariance (gaits, gaits) of one feature of all gaits."""
+        gaits = np.arange(len(self._mean))
+        return self._conditioned(evidence, gaits, np.full(gaits.size, feature))
+
+    def _conditioned(
+        self, evidence: _Evidence, gaits: NDArray[np.int64], features: NDArray[np.int64]
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return mean (n,) and covariance (n, n) of n numbers, each a feature of a gait."""
         from scipy.linalg import solve_triangular
 
         seen, widened = evidence.seen, evidence.widened
-        wanted = self._root[:, feature::N_FEATURES]
-        mean = self._mean[:, feature]
-        covariance = widened * (wanted.T @ wanted + self._alike * self._shape[feature, feature])
+        mean = self._mean[gaits, features]
+        covariance = widened * self._covariance(gaits, features, gaits, features)
         if not seen.value.size:
-            return mean.copy(), covariance
-        columns = self._root[:, seen.gait * N_FEATURES + seen.feature]
-        across = wanted.T @ columns + self._alike[:, seen.gait] * self._shape[feature, seen.feature]
-        explained = solve_triangular(evidence.root, widened * across.T, lower=True)
+            return mean, covariance
+        across = widened * self._covariance(seen.gait, seen.feature, gaits, features)
+        explained = solve_triangular(evidence.root, across, lower=True)
         return mean + explained.T @ evidence.surprise, covariance - explained.T @ explained
 
-    def _weighed(self, seen: _Seen, noise_m: float) -> "_Evidence":
+    def _covariance(
+        self,
+        gaits: NDArray[np.int64],
+        features: NDArray[np.int64],
+        other_gaits: NDArray[np.int64],
+        other_features: NDArray[np.int64],
+    ) -> FloatArray:
+        """Return the prior covariance of n numbers with m others, (n, m)."""
+        ours = self._root[:, gaits * N_FEATURES + features]
+        theirs = self._root[:, other_gaits * N_FEATURES + other_features]
+        shape = self._shape[np.ix_(features, other_features)]
+        return np.asarray(ours.T @ theirs + self._alike[np.ix_(gaits, other_gaits)] * shape)
+
+    def _noise(self, noise_m: float, features: NDArray[np.int64]) -> FloatArray:
+        """Return the covariance of a trial's noise; it bends a walk as everything else that does."""
+        shape = self._shape[np.ix_(features, features)]
+        return np.asarray(shape * (noise_m**2 / self._shape[FINAL, FINAL]))
+
+    def _weighed(self, seen: _Seen, noise_m: float) -> _Evidence:
         """Return the evidence, with the prior as wide as the ends of the walks ask for, 1 at least."""
         evidence = self._decomposed(seen, noise_m, 1.0)
         ends = seen.feature == FINAL
@@ -207,17 +220,14 @@ class Belief:
         widened = (TRUST_TRIALS + squares) / (TRUST_TRIALS + int(ends.sum()))
         return evidence if widened <= 1 else self._decomposed(seen, noise_m, widened)
 
-    def _decomposed(self, seen: _Seen, noise_m: float, widened: float) -> "_Evidence":
+    def _decomposed(self, seen: _Seen, noise_m: float, widened: float) -> _Evidence:
         """Return what was seen, whitened by its own covariance."""
         from scipy.linalg import cholesky, solve_triangular
 
-        columns = self._root[:, seen.gait * N_FEATURES + seen.feature]
-        shape = self._shape[np.ix_(seen.feature, seen.feature)]
-        covariance = widened * (columns.T @ columns + self._alike[np.ix_(seen.gait, seen.gait)] * shape)
-        # The noise of a trial has the same course over a walk as everything else that bends it.
+        covariance = widened * self._covariance(seen.gait, seen.feature, seen.gait, seen.feature)
         together = seen.trial[:, np.newaxis] == seen.trial
-        covariance += np.where(together, shape * (noise_m**2 / self._shape[FINAL, FINAL]), 0.0)
-        blur = np.where(seen.feature == FINAL, 0.0, BLUR * np.diagonal(shape))
+        covariance += np.where(together, self._noise(noise_m, seen.feature), 0.0)
+        blur = np.where(seen.feature == FINAL, 0.0, BLUR * np.diagonal(self._shape)[seen.feature])
         covariance[np.diag_indices_from(covariance)] += blur + 1e-9 * np.diagonal(covariance) + 1e-12
         surprise = seen.value - self._mean[seen.gait, seen.feature]
         if not seen.value.size:

@@ -42,7 +42,7 @@ class Prior:
     Attributes:
         question: what it is an answer to.
         legs: the failed legs, ascending.
-        origin: where it comes from, for people: family of worlds, versions, when.
+        origin: where it comes from, for people: family of worlds, versions.
         signed_m: deviation at the checkpoints, positive to the left, (legs, worlds, gaits, CHECKPOINTS); NaN
             where the walk was over.
         progress_m: distance along the heading at the checkpoints, likewise.

@@ -11,9 +11,9 @@ from hexctl.adapt.counting import FreshCodes
 from hexctl.adapt.objective import INVALID_SCORE
 from hexctl.adapt.optimizer import Optimizer
 from hexctl.adapt.prior.samples import Samples
-from hexctl.adapt.search import progress_floor_m
 from hexctl.adapt.shown import Shown
 from hexctl.backends.clock import PERIOD_S
+from hexctl.control.result import progress_floor_m
 from hexctl.control.trial import LOOK_TICKS, Enough
 from hexctl.robot.messages import BoolArray, FloatArray
 from hexctl.study.landscape import PATH_STRIDE, Landscape
@@ -109,5 +109,5 @@ def _search(
         samples=samples,
         target_m=plan.target_m,
         duration_s=plan.duration_s,
-        floor_m=progress_floor_m(plan.robot, plan.trial_plan()),
+        floor_m=progress_floor_m(plan.robot, landscape.spec.trial(1).plan, plan.duration_s),
     )
