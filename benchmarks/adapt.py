@@ -1,15 +1,12 @@
 """Adaptation: how long bayes takes to choose a trial, and how long a whole session takes."""
 
-import json
-import subprocess
-import sys
-import tempfile
 import time
 from collections.abc import Iterator
 
 import numpy as np
 
 from benchmarks.plans import N_CODES, ant
+from benchmarks.process import timed_hexctl
 from benchmarks.rows import Bar, Row
 from benchmarks.scale import Scale
 from hexctl.adapt.bayes import Bayes
@@ -70,14 +67,8 @@ def _session_s(scale: Scale) -> tuple[float, int]:
 
     The target is one that is never reached, so that it walks its whole budget.
     """
-    command = [sys.executable, "-m", "hexctl", "adapt", "--failed-leg", str(LEG), "--json"]
-    command += ["--budget", str(TRIALS), "--target", "1e-6"]
+    arguments = ["adapt", "--failed-leg", str(LEG), "--budget", str(TRIALS), "--target", "1e-6"]
     if scale.codes < N_CODES:
-        command += ["--duration", f"{scale.walk_s:g}", "--budget", "2"]
-    with tempfile.TemporaryDirectory() as folder:
-        began_s = time.perf_counter()
-        done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
-        wall_s = time.perf_counter() - began_s
-    if done.returncode:
-        raise RuntimeError(f"hexctl adapt failed: {done.stderr.strip()}")
-    return wall_s, len(json.loads(done.stdout)["trials"])
+        arguments += ["--duration", f"{scale.walk_s:g}", "--budget", "2"]
+    wall_s, outcome = timed_hexctl(*arguments)
+    return wall_s, len(outcome["trials"])

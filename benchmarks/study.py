@@ -4,16 +4,12 @@ The bare physics is that of one landscape (leg 5, with self-rotation, all of its
 after the study and counted once for each landscape: all have the same number of gaits and of walked seconds.
 """
 
-import json
-import subprocess
-import sys
-import tempfile
-import time
 from collections.abc import Iterator
 from statistics import mean
 
 from benchmarks.batch import THREADS, BatchWork
 from benchmarks.plans import N_CODES, ant, recovery_plans
+from benchmarks.process import timed_hexctl
 from benchmarks.rows import Bar, Row
 from benchmarks.scale import Scale
 from hexctl.control.batch import SimTrial
@@ -43,14 +39,8 @@ def study_rows(scale: Scale) -> Iterator[Row]:
 
 def _run_study(legs: int, scale: Scale) -> float:
     """Run the study in a process of its own, in an empty folder, and return its wall time in s."""
-    command = [sys.executable, "-m", "hexctl", "study", "--json", "--duration", f"{scale.walk_s:g}"]
+    arguments = ["study", "--duration", f"{scale.walk_s:g}"]
     if legs < N_LEGS:
-        command += ["--legs", str(LEG), "--runs", "2", "--budget", "10", "--optimizers", "random"]
-    with tempfile.TemporaryDirectory() as folder:
-        began_s = time.perf_counter()
-        done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
-        wall_s = time.perf_counter() - began_s
-    if done.returncode:
-        raise RuntimeError(f"hexctl study failed: {done.stderr.strip()}")
-    json.loads(done.stdout)
+        arguments += ["--legs", str(LEG), "--runs", "2", "--budget", "10", "--optimizers", "random"]
+    wall_s, _ = timed_hexctl(*arguments)
     return wall_s

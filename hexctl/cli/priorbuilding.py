@@ -1,7 +1,6 @@
 """What `hexctl prior build` does with its options: check, simulate what is missing, write."""
 
 import json
-from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,18 +11,16 @@ from hexctl.cli.exits import DONE, INTERRUPTED
 from hexctl.cli.output import say
 from hexctl.cli.prioring import PRIORS, summary_of
 from hexctl.cli.simulating import (
-    CACHE,
     check_jobs,
+    open_cache,
     say_interrupted,
-    simulate_with,
     terminated_as_interrupted,
+    walked,
 )
 from hexctl.cli.studyprogress import StudyProgress
 from hexctl.errors import InputError
 from hexctl.robot.file import load_robot
 from hexctl.robot.joints import N_LEGS
-from hexctl.study.cache import LandscapeCache
-from hexctl.study.evaluate import fill
 from hexctl.study.prior.build import prior_of
 from hexctl.study.prior.plan import PriorPlan
 
@@ -52,15 +49,11 @@ def execute(request: PriorRequest) -> int:
     path = request.out or PRIORS / _name_of(plan, request.family)
     if path.suffix != SUFFIX or path.is_dir():
         raise InputError(f"--out: got {path}; allowed: a file whose name ends in {SUFFIX}")
-    cache = LandscapeCache(CACHE)
-    cache.probe()
+    cache = open_cache()
     check_place(path)
     try:
-        with terminated_as_interrupted(), StudyProgress() as progress, ExitStack() as stack:
-            simulate = simulate_with(request.jobs, request.dask, stack)
-            landscapes = fill(plan.specs(), cache, simulate, progress)
-            for note in cache.notes:
-                progress.note(note)
+        with terminated_as_interrupted(), StudyProgress() as progress:
+            landscapes = walked(plan.specs(), cache, progress, jobs=request.jobs, dask=request.dask)
     except KeyboardInterrupt:
         say_interrupted(plan.specs(), cache)
         return INTERRUPTED

@@ -8,10 +8,11 @@ from types import FrameType
 from hexctl.cli.interrupt import SIGNALS
 from hexctl.cli.output import say_aside
 from hexctl.cli.places import RUNS
+from hexctl.cli.studyprogress import StudyProgress
 from hexctl.errors import InputError
 from hexctl.study.cache import LandscapeCache
-from hexctl.study.evaluate import Simulate, simulate_here
-from hexctl.study.landscape import LandscapeSpec
+from hexctl.study.evaluate import Simulate, fill, simulate_here
+from hexctl.study.landscape import Landscape, LandscapeSpec
 
 CACHE = RUNS / "study-cache"
 MAX_JOBS = 1024
@@ -36,7 +37,30 @@ def check_jobs(jobs: int | None) -> None:
         raise InputError(f"--jobs: got {jobs}; allowed: 1..{MAX_JOBS}")
 
 
-def simulate_with(jobs: int | None, dask: str | None, stack: ExitStack) -> Simulate:
+def open_cache() -> LandscapeCache:
+    """Return the cache of all commands; raises CacheError at once where it cannot be written."""
+    cache = LandscapeCache(CACHE)
+    cache.probe()
+    return cache
+
+
+def walked(
+    specs: Sequence[LandscapeSpec],
+    cache: LandscapeCache,
+    progress: StudyProgress,
+    *,
+    jobs: int | None,
+    dask: str | None,
+) -> list[Landscape]:
+    """Return the landscapes of some specs, what the cache lacks simulated, and tell what was wrong in it."""
+    with ExitStack() as stack:
+        landscapes = fill(specs, cache, _simulate_with(jobs, dask, stack), progress)
+    for note in cache.notes:
+        progress.note(note)
+    return landscapes
+
+
+def _simulate_with(jobs: int | None, dask: str | None, stack: ExitStack) -> Simulate:
     """Return the way to simulate: on the workers of a cluster until the stack ends, or here."""
     if dask is None:
         return simulate_here(jobs or 0)

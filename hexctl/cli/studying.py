@@ -2,7 +2,7 @@
 
 import json
 import time
-from contextlib import ExitStack, suppress
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import datetime
 from itertools import pairwise
@@ -14,11 +14,11 @@ from hexctl.cli.exits import DONE, INTERRUPTED
 from hexctl.cli.output import say
 from hexctl.cli.places import RUNS
 from hexctl.cli.simulating import (
-    CACHE,
     check_jobs,
+    open_cache,
     say_interrupted,
-    simulate_with,
     terminated_as_interrupted,
+    walked,
 )
 from hexctl.cli.studyprogress import StudyProgress
 from hexctl.errors import InputError
@@ -28,7 +28,6 @@ from hexctl.study.cache import LandscapeCache
 from hexctl.study.claim import cm
 from hexctl.study.claims import claims_of
 from hexctl.study.drawing import check_drawing
-from hexctl.study.evaluate import fill
 from hexctl.study.figures import FIGURES
 from hexctl.study.findings import Findings, search_all
 from hexctl.study.plan import StudyPlan
@@ -60,8 +59,7 @@ def execute(request: StudyRequest) -> int:
     """Run a study and return the exit code."""
     plan = _checked_plan(request)
     folder = new_folder(request.out)
-    cache = LandscapeCache(CACHE)
-    cache.probe()
+    cache = open_cache()
     try:
         with terminated_as_interrupted(), StudyProgress() as progress:
             findings, times = _study(request, plan, cache, progress, folder)
@@ -89,10 +87,7 @@ def _study(
 ) -> tuple[Findings, dict[str, float]]:
     """Simulate what is missing, search, report; return the findings and how long each part took."""
     marks_s = [time.perf_counter()]
-    with ExitStack() as stack:
-        landscapes = fill(plan.specs(), cache, simulate_with(request.jobs, request.dask, stack), progress)
-    for note in cache.notes:
-        progress.note(note)
+    landscapes = walked(plan.specs(), cache, progress, jobs=request.jobs, dask=request.dask)
     marks_s.append(time.perf_counter())
     progress.stage("searches, leg by leg", len(plan.legs))
     findings = search_all(plan, landscapes, lambda _: progress.step())

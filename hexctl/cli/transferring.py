@@ -1,7 +1,7 @@
 """What `hexctl study --transfer` does: check, walk all gaits in unseen worlds, search, report."""
 
 import json
-from contextlib import ExitStack, suppress
+from contextlib import suppress
 from pathlib import Path
 
 from hexctl.adapt.prior.find import find_prior, shipped_priors
@@ -13,11 +13,11 @@ from hexctl.cli.exits import DONE, INTERRUPTED
 from hexctl.cli.output import say
 from hexctl.cli.prioring import PRIORS
 from hexctl.cli.simulating import (
-    CACHE,
     check_jobs,
+    open_cache,
     say_interrupted,
-    simulate_with,
     terminated_as_interrupted,
+    walked,
 )
 from hexctl.cli.studying import StudyRequest, chosen, new_folder
 from hexctl.cli.studyprogress import StudyProgress
@@ -29,7 +29,6 @@ from hexctl.robot.file import load_robot
 from hexctl.robot.model import Robot
 from hexctl.study.cache import LandscapeCache
 from hexctl.study.drawing import check_drawing
-from hexctl.study.evaluate import fill
 from hexctl.study.transfer.bars import transfer_bars
 from hexctl.study.transfer.findings import TransferFindings, run_transfer
 from hexctl.study.transfer.plan import TransferPlan
@@ -44,8 +43,7 @@ def execute_transfer(request: StudyRequest) -> int:
     check_drawing()
     plan = _checked_plan(request)
     folder = new_folder(request.out, REPORT)
-    cache = LandscapeCache(CACHE)
-    cache.probe()
+    cache = open_cache()
     try:
         with terminated_as_interrupted(), StudyProgress() as progress:
             findings = _transfer(request, plan, cache, progress)
@@ -67,11 +65,7 @@ def _transfer(
     request: StudyRequest, plan: TransferPlan, cache: LandscapeCache, progress: StudyProgress
 ) -> TransferFindings:
     """Simulate what is missing and search in it."""
-    with ExitStack() as stack:
-        simulate = simulate_with(request.jobs, request.dask, stack)
-        landscapes = fill(plan.specs(), cache, simulate, progress)
-    for note in cache.notes:
-        progress.note(note)
+    landscapes = walked(plan.specs(), cache, progress, jobs=request.jobs, dask=request.dask)
     progress.stage("searches, world by world", len(landscapes))
     return run_transfer(plan, landscapes, lambda _: progress.step())
 

@@ -1,6 +1,7 @@
 """What a study asks: which legs, optimizers, runs and evaluations."""
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 from hexctl.adapt.catalogue import make_optimizer
@@ -80,7 +81,7 @@ class StudyPlan:
         _require(0 <= self.seed <= MAX_SEED, "--seed", self.seed, f"0..{MAX_SEED}")
         _require(math.isfinite(self.duration_s), "--duration", self.duration_s, "a finite time")
         self._check_optimizers()
-        self._check_walks()
+        check_walks(self.specs())
 
     def _check_optimizers(self) -> None:
         names = self.optimizers
@@ -89,13 +90,14 @@ class StudyPlan:
         for name in names:
             make_optimizer(name, GaitSpace((self.legs[0],)), self.seed)
 
-    def _check_walks(self) -> None:
-        """Refuse a robot that cannot walk the gaits; all gaits of a leg have the same joint ranges."""
-        for spec in self.specs():
-            try:
-                check_plan(self.robot, spec.trial(spec.codes[0]).plan)
-            except (ReachError, LimitError) as error:
-                raise InputError(f"{self.robot.name}, {spec.title}: {error}") from error
+
+def check_walks(specs: Iterable[LandscapeSpec]) -> None:
+    """Raise InputError for a robot that cannot walk the gaits; those of a leg have the same joint ranges."""
+    for spec in specs:
+        try:
+            check_plan(spec.robot, spec.trial(spec.codes[0]).plan)
+        except (ReachError, LimitError) as error:
+            raise InputError(f"{spec.robot.name}, {spec.title}: {error}") from error
 
 
 def _require(holds: bool, what: str, got: object, allowed: str) -> None:

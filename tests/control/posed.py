@@ -5,6 +5,7 @@ import math
 import numpy as np
 
 from hexctl.backends.mock import MockServos
+from hexctl.control.guard import Guard
 from hexctl.robot.messages import FloatArray, JointTargets, RobotState
 from hexctl.robot.model import Robot
 from tests.backends.fake_time import FakeTime
@@ -86,3 +87,17 @@ class PosedMock(MockServos):
     def _use_link(self) -> None:
         if self._broken is not None:
             raise self._broken
+
+
+def connected() -> tuple[Guard, PosedMock]:
+    """Return a guard and the servos behind it, in the first tick."""
+    servos = PosedMock()
+    guard = Guard(servos)
+    guard.connect()
+    guard.clock.tick()
+    return guard, servos
+
+
+def send(guard: Guard, wanted: FloatArray) -> FloatArray:
+    """Return what of the wanted angles the guard lets pass now."""
+    return guard.write(JointTargets(wanted, guard.clock.now_s)).positions_rad

@@ -15,10 +15,10 @@ from hexctl.control.plan import TrialPlan
 from hexctl.control.trial import run_trial
 from hexctl.errors import CommandRefusedError, EStopError, InputError, RobotFaultError
 from hexctl.gait.named import make_gait
-from hexctl.robot.messages import FloatArray, JointTargets
+from hexctl.robot.messages import JointTargets
 from tests.backends.conformance import LegServosConformance, move
 from tests.backends.fake_time import FakeTime
-from tests.control.posed import PosedMock
+from tests.control.posed import PosedMock, connected, send
 from tests.robots import ROBOT_NAMES, shipped
 
 ANT = shipped()
@@ -36,33 +36,21 @@ class TestGuardedSim(LegServosConformance):
         return Guard(SimServos(ANT))
 
 
-def _connected() -> tuple[Guard, PosedMock]:
-    servos = PosedMock()
-    guard = Guard(servos)
-    guard.connect()
-    guard.clock.tick()
-    return guard, servos
-
-
-def _send(guard: Guard, wanted: FloatArray) -> FloatArray:
-    return guard.write(JointTargets(wanted, guard.clock.now_s)).positions_rad
-
-
 def test_what_is_within_the_limits_passes_unchanged() -> None:
-    guard, servos = _connected()
-    sent = _send(guard, STANCE + 0.05)
+    guard, servos = connected()
+    sent = send(guard, STANCE + 0.05)
     np.testing.assert_array_equal(sent, STANCE + 0.05)
     np.testing.assert_array_equal(servos.sent[-1].positions_rad, sent)
     assert (guard.counters.accepted, guard.counters.clipped, guard.counters.refused) == (1, 0, 0)
 
 
 def test_a_jump_is_slewed_at_the_joints_own_speed_from_the_last_accepted_target() -> None:
-    guard, servos = _connected()
+    guard, servos = connected()
     wanted = STANCE.copy()
     wanted[0] += 0.5
     steps = []
     for _ in range(6):
-        steps.append(_send(guard, wanted)[0] - STANCE[0])
+        steps.append(send(guard, wanted)[0] - STANCE[0])
         guard.clock.tick()
     np.testing.assert_allclose(steps, np.minimum(np.arange(1, 7) * STEP[0], 0.5))
     assert guard.counters.clipped == 3
@@ -70,29 +58,29 @@ def test_a_jump_is_slewed_at_the_joints_own_speed_from_the_last_accepted_target(
 
 
 def test_the_first_step_is_measured_from_where_the_joints_are() -> None:
-    guard, servos = _connected()
+    guard, servos = connected()
     servos.write(JointTargets(STANCE - 0.4, 0.0))
-    np.testing.assert_allclose(_send(guard, STANCE), STANCE - 0.4 + STEP)
+    np.testing.assert_allclose(send(guard, STANCE), STANCE - 0.4 + STEP)
 
 
 def test_no_target_leaves_the_range_of_its_joint() -> None:
-    guard, _ = _connected()
+    guard, _ = connected()
     for far, limit in ((100.0, ANT.joint_upper_rad), (-100.0, ANT.joint_lower_rad)):
         for _ in range(60):
-            sent = _send(guard, np.full(18, far))
+            sent = send(guard, np.full(18, far))
             guard.clock.tick()
         np.testing.assert_array_equal(sent, limit)
 
 
 @pytest.mark.parametrize("side", [-1, 1])
 def test_a_joint_found_outside_its_range_comes_back_no_faster_than_it_may(side: int) -> None:
-    guard, servos = _connected()
+    guard, servos = connected()
     beyond = ANT.joint_upper_rad + 0.5 if side > 0 else ANT.joint_lower_rad - 0.5
     limit = ANT.joint_upper_rad if side > 0 else ANT.joint_lower_rad
     servos.write(JointTargets(beyond, 0.0))
     before = beyond
     for _ in range(20):
-        sent = _send(guard, STANCE)
+        sent = send(guard, STANCE)
         assert (np.abs(sent - before) <= STEP + 1e-12).all()
         assert (side * (sent - before) <= 0).all()
         before = sent
@@ -117,7 +105,7 @@ def test_whatever_is_written_what_is_sent_keeps_range_and_speed(
         for wanted in sequence:
             guard.clock.tick()
             servos.time.work(0.02 * skipped)
-            _send(guard, np.array(wanted))
+            send(guard, np.array(wanted))
             sent = servos.sent[-1].positions_rad
             assert (sent >= robot.joint_lower_rad).all()
             assert (sent <= robot.joint_upper_rad).all()
@@ -127,21 +115,21 @@ def test_whatever_is_written_what_is_sent_keeps_range_and_speed(
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
 def test_targets_that_are_not_finite_are_refused_and_the_last_stay_in_force(bad: float) -> None:
-    guard, servos = _connected()
-    _send(guard, STANCE + 0.05)
+    guard, servos = connected()
+    send(guard, STANCE + 0.05)
     wanted = STANCE + 0.05
     wanted[7] = bad
     with pytest.raises(CommandRefusedError, match="finite"):
-        _send(guard, wanted)
+        send(guard, wanted)
     assert len(servos.sent) == 1
     assert (guard.counters.accepted, guard.counters.refused) == (1, 1)
     guard.clock.tick()
-    np.testing.assert_array_equal(_send(guard, STANCE + 0.06), STANCE + 0.06)
+    np.testing.assert_array_equal(send(guard, STANCE + 0.06), STANCE + 0.06)
 
 
 @pytest.mark.parametrize(("age_s", "accepted"), [(0.0, True), (0.15, True), (0.25, False), (100.0, False)])
 def test_a_stale_command_is_refused(age_s: float, accepted: bool) -> None:
-    guard, servos = _connected()
+    guard, servos = connected()
     stale = JointTargets(STANCE, guard.clock.now_s)
     servos.time.work(age_s)
     if accepted:
@@ -154,14 +142,14 @@ def test_a_stale_command_is_refused(age_s: float, accepted: bool) -> None:
 
 
 def test_a_command_without_a_time_is_refused() -> None:
-    guard, servos = _connected()
+    guard, servos = connected()
     with pytest.raises(CommandRefusedError):
         guard.write(JointTargets(STANCE, math.nan))
     assert len(servos.sent) == 0
 
 
 def test_a_command_from_the_future_is_refused() -> None:
-    guard, servos = _connected()
+    guard, servos = connected()
     guard.write(JointTargets(STANCE, guard.clock.now_s + 0.015))
     with pytest.raises(CommandRefusedError, match="old"):
         guard.write(JointTargets(STANCE, guard.clock.now_s + 0.5))
@@ -169,13 +157,13 @@ def test_a_command_from_the_future_is_refused() -> None:
 
 
 def test_many_commands_in_one_period_move_no_further_than_one() -> None:
-    guard, _ = _connected()
+    guard, _ = connected()
     step = guard.robot.joint_max_speed_rad_s * 0.02
     for _ in range(3):
         guard.clock.tick()
         before = guard.accepted_rad().copy()
         for _ in range(6):
-            sent = _send(guard, STANCE + 0.5)
+            sent = send(guard, STANCE + 0.5)
         np.testing.assert_allclose(sent - before, np.minimum(step, STANCE + 0.5 - before), atol=1e-12)
 
 
@@ -186,7 +174,7 @@ def test_the_expiry_has_no_off(expiry_s: float) -> None:
 
 
 def test_two_trials_with_a_pause_between_them() -> None:
-    guard, servos = _connected()
+    guard, servos = connected()
     plan = TrialPlan(gait=make_gait(guard.robot, "tripod"), duration_s=1)
     for _ in range(2):
         result = run_trial(guard, plan)
@@ -197,7 +185,7 @@ def test_two_trials_with_a_pause_between_them() -> None:
 
 @pytest.mark.parametrize("part", ["joints", "position", "quaternion", "age"])
 def test_a_state_that_says_nothing_stops_the_robot(part: str) -> None:
-    guard, servos = _connected()
+    guard, servos = connected()
     guard.read()
     servos.spoil(part)
     guard.read()
@@ -205,7 +193,7 @@ def test_a_state_that_says_nothing_stops_the_robot(part: str) -> None:
 
 
 def test_a_pose_that_is_gone_stops_the_robot() -> None:
-    guard, servos = _connected()
+    guard, servos = connected()
     guard.read()
     servos.position_world = servos.quaternion_world = None
     guard.read()
@@ -213,24 +201,24 @@ def test_a_pose_that_is_gone_stops_the_robot() -> None:
 
 
 def test_a_robot_that_does_not_know_its_joints_is_not_moved() -> None:
-    guard, servos = _connected()
+    guard, servos = connected()
     servos.spoil("joints")
     with pytest.raises(RobotFaultError, match="not finite"):
-        _send(guard, STANCE)
+        send(guard, STANCE)
     assert len(servos.sent) == 0
 
 
 @pytest.mark.parametrize("error", [BrokenPipeError("gone"), TimeoutError("late"), OSError("port")])
 def test_a_link_that_fails_is_a_fault_of_the_robot(error: OSError) -> None:
-    guard, servos = _connected()
+    guard, servos = connected()
     servos.fail_with(error)
     with pytest.raises(RobotFaultError, match="link"):
         guard.read()
 
 
 def test_silence_after_a_command_freezes_the_robot() -> None:
-    guard, servos = _connected()
-    _send(guard, STANCE)
+    guard, servos = connected()
+    send(guard, STANCE)
     servos.time.work(0.19)
     guard.read()
     assert guard.stopped is None
@@ -238,19 +226,19 @@ def test_silence_after_a_command_freezes_the_robot() -> None:
     guard.read()
     assert guard.stopped == "expired"
     with pytest.raises(EStopError, match=r"expired.*clear"):
-        _send(guard, STANCE)
+        send(guard, STANCE)
 
 
 def test_silence_before_the_first_command_is_no_fault() -> None:
-    guard, servos = _connected()
+    guard, servos = connected()
     servos.time.work(10)
     guard.read()
     assert guard.stopped is None
 
 
 def test_after_clearing_silence_counts_from_the_next_command() -> None:
-    guard, servos = _connected()
-    _send(guard, STANCE)
+    guard, servos = connected()
+    send(guard, STANCE)
     servos.time.work(1.0)
     guard.read()
     assert guard.stopped == "expired"
@@ -258,14 +246,14 @@ def test_after_clearing_silence_counts_from_the_next_command() -> None:
     guard.clock.tick()
     guard.read()
     assert guard.stopped is None, "or nobody could ever go on after a silence"
-    _send(guard, STANCE)
+    send(guard, STANCE)
     servos.time.work(0.3)
     guard.read()
     assert guard.stopped == "expired"
 
 
 def test_a_body_that_leans_too_far_for_a_fifth_of_a_second_has_fallen() -> None:
-    guard, servos = _connected()
+    guard, servos = connected()
     servos.lean(60)
     for _ in range(9):
         guard.read()
@@ -281,7 +269,7 @@ def test_a_body_that_leans_too_far_for_a_fifth_of_a_second_has_fallen() -> None:
 
 @pytest.mark.parametrize("degrees", [-120, -60, 60, 180])
 def test_a_fall_to_any_side_is_one(degrees: float) -> None:
-    guard, servos = _connected()
+    guard, servos = connected()
     servos.lean(degrees)
     for _ in range(10):
         guard.read()
@@ -295,51 +283,51 @@ def test_a_robot_that_lies_on_its_back_in_the_simulation_has_fallen() -> None:
         for _ in range(9):
             guard.clock.tick()
             guard.read()
-            _send(guard, STANCE)
+            send(guard, STANCE)
         guard.clock.tick()
         guard.read()
         with pytest.raises(EStopError, match="fell"):
-            _send(guard, STANCE)
+            send(guard, STANCE)
 
 
 def test_a_fault_that_the_robot_reports_stops_it() -> None:
-    guard, servos = _connected()
+    guard, servos = connected()
     servos.healthy = False
     guard.read()
     with pytest.raises(EStopError, match="fault"):
-        _send(guard, STANCE)
+        send(guard, STANCE)
 
 
 def test_a_stop_stays_until_it_is_cleared_and_keeps_its_first_reason() -> None:
-    guard, servos = _connected()
-    _send(guard, STANCE)
+    guard, servos = connected()
+    send(guard, STANCE)
     guard.stop("by hand")
     guard.stop("again")
     for _ in range(3):
         guard.clock.tick()
         guard.read()
         with pytest.raises(EStopError, match="stopped: by hand; clear"):
-            _send(guard, STANCE + 0.01)
+            send(guard, STANCE + 0.01)
     assert len(servos.sent) == 1
     assert (guard.counters.accepted, guard.counters.refused) == (1, 3)
     guard.clear()
     guard.clock.tick()
-    _send(guard, STANCE + 0.01)
+    send(guard, STANCE + 0.01)
     assert len(servos.sent) == 2
 
 
 def test_a_stop_stays_over_closing_and_connecting_again() -> None:
-    guard, _ = _connected()
+    guard, _ = connected()
     guard.stop("by hand")
     guard.close()
     guard.connect()
     with pytest.raises(EStopError):
-        _send(guard, STANCE)
+        send(guard, STANCE)
 
 
 def test_a_robot_that_is_reached_again_starts_anew_from_where_its_joints_are() -> None:
-    guard, servos = _connected()
-    _send(guard, STANCE + 0.1)
+    guard, servos = connected()
+    send(guard, STANCE + 0.1)
     guard.close()
     servos.time.work(60.0)
     guard.connect()
@@ -347,17 +335,17 @@ def test_a_robot_that_is_reached_again_starts_anew_from_where_its_joints_are() -
     guard.clock.tick()
     guard.read()
     assert guard.stopped is None, "nobody was silent: nobody was connected"
-    np.testing.assert_allclose(_send(guard, STANCE), STANCE - 0.6 + STEP)
+    np.testing.assert_allclose(send(guard, STANCE), STANCE - 0.6 + STEP)
 
 
 def test_after_clearing_the_robot_goes_on_from_where_its_joints_are() -> None:
-    guard, servos = _connected()
-    _send(guard, STANCE + 0.1)
+    guard, servos = connected()
+    send(guard, STANCE + 0.1)
     guard.stop("by hand")
     servos.write(JointTargets(STANCE - 0.6, 0.0))  # somebody moves it
     guard.clear()
     guard.clock.tick()
-    np.testing.assert_allclose(_send(guard, STANCE), STANCE - 0.6 + STEP)
+    np.testing.assert_allclose(send(guard, STANCE), STANCE - 0.6 + STEP)
 
 
 def test_the_simulated_robot_holds_its_last_targets_when_stopped() -> None:

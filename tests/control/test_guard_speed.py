@@ -6,46 +6,32 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hexctl.control.guard import Guard
-from hexctl.robot.messages import FloatArray, JointTargets
-from tests.control.posed import PosedMock
+from tests.control.posed import connected, send
 from tests.robots import shipped
 
 STANCE = shipped().stance_angles_rad
 STEP = shipped().joint_max_speed_rad_s * 0.02
 
 
-def _connected() -> tuple[Guard, PosedMock]:
-    servos = PosedMock()
-    guard = Guard(servos)
-    guard.connect()
-    guard.clock.tick()
-    return guard, servos
-
-
-def _send(guard: Guard, wanted: FloatArray) -> FloatArray:
-    return guard.write(JointTargets(wanted, guard.clock.now_s)).positions_rad
-
-
 def test_a_burst_within_one_period_moves_no_further_than_one_command() -> None:
-    guard, servos = _connected()
+    guard, servos = connected()
     for _ in range(30):
-        sent = _send(guard, STANCE + 1.0)
+        sent = send(guard, STANCE + 1.0)
         servos.time.work(0.0006)
     np.testing.assert_allclose(sent, STANCE + STEP)
 
 
 def test_a_burst_that_swings_stays_within_one_step_to_either_side() -> None:
-    guard, _ = _connected()
+    guard, _ = connected()
     for _ in range(5):
-        np.testing.assert_allclose(_send(guard, STANCE + 1.0), STANCE + STEP)
-        np.testing.assert_allclose(_send(guard, STANCE - 1.0), STANCE - STEP)
+        np.testing.assert_allclose(send(guard, STANCE + 1.0), STANCE + STEP)
+        np.testing.assert_allclose(send(guard, STANCE - 1.0), STANCE - STEP)
 
 
 def test_a_controller_at_twice_the_pace_does_not_move_at_twice_the_speed() -> None:
-    guard, servos = _connected()
+    guard, servos = connected()
     for _ in range(20):
-        sent = _send(guard, STANCE + 10.0)
+        sent = send(guard, STANCE + 10.0)
         servos.time.work(0.01)
         guard.read()
     np.testing.assert_allclose(sent, np.minimum(STANCE + 10 * STEP, shipped().joint_upper_rad))
@@ -59,11 +45,11 @@ def test_a_controller_at_twice_the_pace_does_not_move_at_twice_the_speed() -> No
 def test_whatever_is_written_whenever_the_joints_go_no_faster_than_they_may(
     bursts: list[list[tuple[float, float]]],
 ) -> None:
-    guard, servos = _connected()
+    guard, servos = connected()
     began_s = servos.time.now_s
     for burst in bursts:
         for wanted, pause_s in burst:
-            sent = _send(guard, np.full(18, wanted))
+            sent = send(guard, np.full(18, wanted))
             periods = math.floor((servos.time.now_s - began_s) / 0.02 + 1e-6) + 1
             assert (np.abs(sent - STANCE) <= periods * STEP + 1e-9).all()
             servos.time.work(pause_s)
@@ -72,19 +58,19 @@ def test_whatever_is_written_whenever_the_joints_go_no_faster_than_they_may(
 
 def test_ticks_that_come_late_are_clipped_no_more_than_ticks_on_time() -> None:
     """A late tick and the next one on time are nearer to one another than a period."""
-    guard, servos = _connected()
+    guard, servos = connected()
     direction = np.where(shipped().joint_upper_rad > STANCE + 6 * STEP, 0.99, -0.99)
     for step in range(1, 7):
         servos.time.work(0.017 if step % 2 else 0.001)
         wanted = STANCE + step * direction * STEP
-        np.testing.assert_array_equal(_send(guard, wanted), wanted)
+        np.testing.assert_array_equal(send(guard, wanted), wanted)
         guard.clock.tick()
     assert guard.counters.clipped == 0
 
 
 def test_where_the_joints_are_is_asked_once_and_is_then_what_was_accepted() -> None:
-    guard, servos = _connected()
+    guard, servos = connected()
     np.testing.assert_array_equal(guard.accepted_rad(), STANCE)
-    sent = _send(guard, STANCE + 1.0)
+    sent = send(guard, STANCE + 1.0)
     servos.joints_rad = STANCE - 0.5  # a measurement that lags behind
     np.testing.assert_array_equal(guard.accepted_rad(), sent)

@@ -13,7 +13,7 @@ from hexctl.robot.joints import N_LEGS
 from hexctl.robot.model import Robot
 from hexctl.study.landscape import LandscapeSpec
 from hexctl.study.plan import BASELINE, HEURISTICS, StudyPlan
-from hexctl.study.prior.plan import WHOLE_S
+from hexctl.study.prior.plan import WHOLE_S, in_whole_steps
 
 #: The first worlds of the family were looked at while `bayes` was made; the benchmark begins after them.
 FIRST_WORLD = 10
@@ -108,7 +108,7 @@ class TransferPlan:
         missing = [leg for leg in self.legs if not serves(self.robot, "rear", self.prior.legs, leg)]
         if missing:
             raise InputError(f"prior: has nothing on legs {missing}; allowed: --legs {list(self.prior.legs)}")
-        if abs(self.duration_s / WHOLE_S - round(self.duration_s / WHOLE_S)) > 1e-9:
+        if not in_whole_steps(self.duration_s):
             raise InputError(f"--duration: got {self.duration_s:g}; allowed: multiples of {WHOLE_S:g} s")
         differences = self.prior.question.differences(Question.of(self.robot, self.trial_plan()))
         if differences:
