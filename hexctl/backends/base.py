@@ -55,6 +55,10 @@ class LegServos(ABC):
         RobotFaultError when not connected.
         """
 
+    def relax(self) -> bool:
+        """Let the joints go limp until the next `write`; return False where the servos cannot."""
+        return False
+
     @abstractmethod
     def close(self) -> None:
         """Let go of the robot and everything opened; a second call changes nothing."""

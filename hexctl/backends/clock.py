@@ -50,6 +50,11 @@ class Clock(ABC):
     def now_s(self) -> float:
         """Return the time since the clock began, on the axis of `Tick.time_s`."""
 
+    @property
+    def due_in_s(self) -> float:
+        """Return how long the next `tick` would wait; 0 where it does not wait or nobody knows."""
+        return 0.0
+
     @abstractmethod
     def rest(self) -> None:
         """Say that nobody wanted ticks until now: points missed before the next tick are no overruns."""
@@ -81,6 +86,11 @@ class WallClock(Clock):
     def now_s(self) -> float:
         """Return the time since the first tick was asked for."""
         return 0.0 if self._origin_s is None else self._monotonic_s() - self._origin_s
+
+    @property
+    def due_in_s(self) -> float:
+        """Return the time until the next grid point."""
+        return 0.0 if self._origin_s is None else max(0.0, (self._index + 1) * self.period_s - self.now_s)
 
     def rest(self) -> None:
         """Count no overruns for the time until the next tick."""

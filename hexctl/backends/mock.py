@@ -18,7 +18,7 @@ class MockServos(LegServos):
     """Echoes its targets, as hobby servos without position feedback do.
 
     It knows no base pose and no contacts, so a walk on it has neither distance nor deviation. It keeps what
-    it was sent in `sent`, newest last.
+    it was sent in `sent`, newest last, and whether it is limp in `relaxed`.
     """
 
     def __init__(self, robot: Robot, *, clock: Clock | None = None) -> None:
@@ -27,6 +27,7 @@ class MockServos(LegServos):
         self._connected = False
         self._positions_rad = robot.stance_angles_rad.copy()
         self.sent: deque[JointTargets] = deque(maxlen=KEPT_COMMANDS)
+        self.relaxed = False
 
     @property
     def robot(self) -> Robot:
@@ -53,7 +54,14 @@ class MockServos(LegServos):
         check_targets(targets)
         np.copyto(self._positions_rad, targets.positions_rad)
         self.sent.append(targets)
+        self.relaxed = False
         return targets
+
+    def relax(self) -> bool:
+        """Go limp until the next targets."""
+        check_connected(self._connected, "the mock robot")
+        self.relaxed = True
+        return True
 
     def close(self) -> None:
         """Stop answering."""

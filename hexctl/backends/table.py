@@ -5,6 +5,7 @@ import os
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from hexctl.backends.base import LegServos
@@ -27,6 +28,11 @@ class BackendOptions:
         seed: of everything random in a simulation.
         trial: number of the trial, which has sensor noise of its own.
         realtime: pace a simulation with the wall clock.
+        robot_file: name or path that the robot was loaded from; the servo map of `mavlink` is in it.
+        connect: where the robot is: a Zenoh endpoint, or a MAVLink port; None for the backend's default.
+        credentials: folder with the certificates of a link beyond loopback, or None.
+        insecure: True to let a link beyond loopback do without.
+        link: name or path of a link file, or None.
     """
 
     robot: Robot
@@ -35,6 +41,11 @@ class BackendOptions:
     seed: int = 0
     trial: int = 0
     realtime: bool = False
+    robot_file: str = "ant"
+    connect: str | None = None
+    credentials: Path | None = None
+    insecure: bool = False
+    link: str | None = None
 
 
 def make_servos(name: str, options: BackendOptions) -> LegServos:

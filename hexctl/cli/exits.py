@@ -11,12 +11,13 @@ FAULT = 3
 ABORTED = 4
 INTERRUPTED = 130
 
-#: Stops that are the robot's or the link's fault rather than somebody's wish or a fall.
+#: Stops that are the robot's or the link's fault rather than somebody's wish or a fall; `fault` may say more
+#: after a colon.
 FAULTS = ("fault", "state", "pose lost", "expired")
 
 
 def code_of(result: "TrialResult") -> int:
     """Return the exit code of a trial that nobody interrupted."""
-    if result.status == "diverged" or result.stopped in FAULTS:
+    if result.status == "diverged" or (result.stopped or "").partition(":")[0] in FAULTS:
         return FAULT
     return ABORTED if result.status in ("fell", "aborted") else DONE

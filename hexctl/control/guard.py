@@ -48,8 +48,8 @@ class Guard(LegServos):
 
     Attributes:
         counters: what passed and what did not.
-        stopped: why the robot is stopped, or None: `fell`; `fault` (the robot says so); `state` (not finite
-            or too old), `pose lost`; `expired` (no command came); or the reason given to `stop`.
+        stopped: why the robot is stopped, or None: `fell`; `fault`, with what the robot says of it; `state`
+            (not finite or too old), `pose lost`; `expired` (no command came); or the reason given to `stop`.
         leaning_ticks: for how many ticks the body has leant too far.
     """
 
@@ -165,6 +165,13 @@ class Guard(LegServos):
         self.stopped = None
         self._forget()
 
+    def relax(self) -> bool:
+        """Let the joints go limp, where the servos can; return whether they did."""
+        relaxed = self._servos.relax()
+        if relaxed:
+            self._accepted_rad = self._baseline_rad = None
+        return relaxed
+
     def rest(self) -> None:
         """Say that no command is due until the next one, as between two trials; a stop stays latched."""
         self._accepted_at_s = None
@@ -211,7 +218,7 @@ class Guard(LegServos):
         if not (math.isfinite(np.add.reduce(state.joint_positions_rad)) and state.age_s <= self._expiry_s):
             self.stop("state")
         if not state.healthy:
-            self.stop("fault")
+            self.stop("fault" if state.fault is None else f"fault: {state.fault}")
         if self._accepted_at_s is not None and self.clock.now_s - self._accepted_at_s > self._expiry_s:
             self.stop("expired")
 

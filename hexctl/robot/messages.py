@@ -35,6 +35,9 @@ class RobotState:
         foot_contacts: which feet touch the floor, (6,), or None where unknown.
         age_s: how old the measurement was when it was read.
         healthy: False when the robot reports a fault of its own.
+        fault: what is wrong, in few words, where the robot says so.
+        battery_v: voltage of the battery, or None where unknown.
+        battery_share: what is left of it, 0 to 1, or None where unknown.
     """
 
     joint_positions_rad: FloatArray
@@ -45,3 +48,6 @@ class RobotState:
     foot_contacts: BoolArray | None = None
     age_s: float = 0.0
     healthy: bool = True
+    fault: str | None = None
+    battery_v: float | None = None
+    battery_share: float | None = None

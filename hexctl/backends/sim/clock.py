@@ -22,6 +22,11 @@ class SimClock(Clock):
         """Return the simulated time."""
         return self._index * self.period_s
 
+    @property
+    def due_in_s(self) -> float:
+        """Return how long the pace will wait before the next step; 0 without one."""
+        return 0.0 if self._pace is None else self._pace.due_in_s
+
     def rest(self) -> None:
         """Count no overruns of the pace for the time until the next tick."""
         if self._pace is not None:

@@ -47,6 +47,7 @@ class SimServos(LegServos):
         self.facing_rad = facing_rad
         self._clock = SimClock(self._step, WallClock() if realtime else None)
         self._simulation: Simulation | None = None
+        self._limp = False
 
     @property
     def robot(self) -> Robot:
@@ -76,6 +77,10 @@ class SimServos(LegServos):
             self._robot, self.world, self.failure, self.seed, facing_rad=self.facing_rad
         )
         self._simulation = simulation
+        self._limp = False
+        model = simulation.physics.model
+        self._springs = [(model.actuator_gainprm[:, 0], model.actuator_gainprm[:, 0].copy())]
+        self._springs += [(model.actuator_biasprm[:, 1], model.actuator_biasprm[:, 1].copy())]
         self.noise = Noise(self.world.sensor_noise, self.seed, self.trial)
         data = simulation.physics.data.ptr
         # Views of MuJoCo's own memory: they stay valid and save the wrapper's cost on every tick.
@@ -101,16 +106,29 @@ class SimServos(LegServos):
         """Give the targets to the simulated servos; a jammed joint ignores them."""
         check_connected(self._simulation is not None, "the simulated robot")
         check_targets(targets)
+        if self._limp:
+            self._set_springs(1.0)
         positions = targets.positions_rad
         np.copyto(self._ctrl, positions if self.train.plain else self.train.drive(positions))
         return targets
+
+    def relax(self) -> bool:
+        """Take the springs out of the servos until the next targets; their damping stays."""
+        check_connected(self._simulation is not None, "the simulated robot")
+        self._set_springs(0.0)
+        return True
 
     def close(self) -> None:
         """Free the simulation."""
         if self._simulation is not None:
             self._simulation.physics.free()
             self._simulation = None
-            del self._qpos, self._ctrl, self._touch
+            del self._qpos, self._ctrl, self._touch, self._springs
+
+    def _set_springs(self, share: float) -> None:
+        for in_force, whole in self._springs:
+            in_force[:] = share * whole
+        self._limp = share == 0
 
     def _step(self) -> None:
         """Step the physics by one control period."""

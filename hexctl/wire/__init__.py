@@ -1,0 +1,1 @@
+"""What travels over Zenoh: keys, payloads, protocol version, and the sessions that carry them."""
