@@ -47,5 +47,9 @@ class SimulationDivergedError(RobotFaultError):
     """The physics has become unstable; states after this are meaningless."""
 
 
+class MessageError(HexctlError, ValueError):
+    """Bytes from the network that are not what they should be; they are dropped and counted."""
+
+
 class RecordingError(HexctlError, OSError):
     """A recording could not be written or opened."""

@@ -55,6 +55,9 @@ class LegServos(ABC):
         RobotFaultError when not connected.
         """
 
+    def rest(self) -> None:  # noqa: B027  most servos have nobody to tell
+        """Say that no command is due until the next one, to a robot that would take silence for a failure."""
+
     def relax(self) -> bool:
         """Let the joints go limp until the next `write`; return False where the servos cannot."""
         return False

@@ -87,6 +87,11 @@ class WallClock(Clock):
         """Return the time since the first tick was asked for."""
         return 0.0 if self._origin_s is None else self._monotonic_s() - self._origin_s
 
+    def begin(self, at_s: float) -> None:
+        """Let the grid begin at a moment of its monotonic time, unless it has begun."""
+        if self._origin_s is None:
+            self._origin_s = at_s
+
     @property
     def due_in_s(self) -> float:
         """Return the time until the next grid point."""

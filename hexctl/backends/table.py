@@ -85,6 +85,19 @@ def _mock(options: BackendOptions) -> LegServos:
     return MockServos(options.robot)
 
 
+def _zenoh(options: BackendOptions) -> LegServos:
+    from hexctl.backends.zenoh.servos import ZenohServos
+    from hexctl.wire.linkfile import load_link
+
+    link = load_link(
+        options.link,
+        endpoint=options.connect,
+        credentials=options.credentials,
+        insecure=options.insecure,
+    )
+    return ZenohServos(options.robot, link=link)
+
+
 def _own(name: str, options: BackendOptions) -> LegServos:
     module_name, _, class_name = name.partition(":")
     if os.getcwd() not in sys.path:
@@ -101,4 +114,8 @@ def _own(name: str, options: BackendOptions) -> LegServos:
     return made
 
 
-BACKENDS: dict[str, Callable[[BackendOptions], LegServos]] = {"sim": _sim, "mock": _mock}
+BACKENDS: dict[str, Callable[[BackendOptions], LegServos]] = {
+    "sim": _sim,
+    "zenoh": _zenoh,
+    "mock": _mock,
+}

@@ -8,10 +8,13 @@ from typer.exceptions import TyperException
 
 from hexctl.cli.adapt import adapt
 from hexctl.cli.check import check
+from hexctl.cli.estop import estop
 from hexctl.cli.exits import BAD_INPUT, FAULT, INTERRUPTED
 from hexctl.cli.prior import prior
 from hexctl.cli.run import run
+from hexctl.cli.serve import serve
 from hexctl.cli.sessions import sessions
+from hexctl.cli.status import status
 from hexctl.cli.study import study
 from hexctl.cli.view import view
 from hexctl.errors import HexctlError, InputError, LimitError, MissingExtraError, ReachError
@@ -25,6 +28,9 @@ app = typer.Typer(
 app.command()(run)
 app.command()(adapt)
 app.command()(study)
+app.command()(serve)
+app.command()(status)
+app.command()(estop)
 app.command()(check)
 app.command()(view)
 app.add_typer(prior, name="prior")

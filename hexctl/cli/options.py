@@ -1,5 +1,6 @@
 """Options that several commands share. Light to import: `hexctl --help` needs only these."""
 
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -47,3 +48,23 @@ DaskOption = Annotated[
     typer.Option("--dask", help="Address of a Dask scheduler whose workers simulate: tcp://HOST:PORT."),
 ]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout and nothing else.")]
+ConnectOption = Annotated[
+    str | None,
+    typer.Option(
+        "--connect",
+        help="Where the robot is: for zenoh a Zenoh endpoint, for mavlink a port such as "
+        "udpout:127.0.0.1:14550 or /dev/ttyACM0:115200. (default: tcp/127.0.0.1:7447, "
+        "udpout:127.0.0.1:14550)",
+    ),
+]
+KeysOption = Annotated[
+    Path | None,
+    typer.Option("--keys", help="Folder that hexctl keys new made, for a link beyond this computer."),
+]
+InsecureOption = Annotated[
+    bool, typer.Option("--insecure", help="Let a link beyond this computer do without certificates.")
+]
+LinkOption = Annotated[
+    str | None,
+    typer.Option("--link", help="Link file (YAML) with endpoint, certificates and key names of a robot."),
+]

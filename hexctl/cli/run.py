@@ -7,9 +7,13 @@ import typer
 
 from hexctl.cli.options import (
     AmplitudeOption,
+    ConnectOption,
     GaitOption,
     HeightOption,
+    InsecureOption,
     JsonOption,
+    KeysOption,
+    LinkOption,
     PaceOption,
     RobotOption,
     TurnOption,
@@ -18,7 +22,12 @@ from hexctl.cli.options import (
 
 def run(
     backend: Annotated[
-        str, typer.Option("--backend", help="sim, mock, or package.module:Class for your own LegServos.")
+        str,
+        typer.Option(
+            "--backend",
+            help="sim, zenoh (a robot that hexctl serve puts on the network), mavlink, mock, "
+            "or package.module:Class for your own LegServos.",
+        ),
     ] = "sim",
     robot: RobotOption = "ant",
     world: Annotated[
@@ -65,6 +74,10 @@ def run(
     no_record: Annotated[bool, typer.Option("--no-record", help="Leave no recording.")] = False,
     view: Annotated[bool, typer.Option("--view", help="Open the recording in Rerun afterwards.")] = False,
     seed: Annotated[int, typer.Option("--seed", help="Seed of everything random, 0 or more.")] = 0,
+    connect: ConnectOption = None,
+    keys: KeysOption = None,
+    insecure: InsecureOption = False,
+    link: LinkOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Walk, record it for Rerun, and say how it went. Ctrl-C stops softly."""
@@ -106,6 +119,11 @@ def run(
         no_record=no_record,
         view=view,
         seed=seed,
+        robot_file=robot,
+        connect=connect,
+        credentials=keys,
+        insecure=insecure,
+        link=link,
         as_json=as_json,
     )
     raise typer.Exit(execute(request))

@@ -36,6 +36,9 @@ if TYPE_CHECKING:
     from hexctl.record.recording import Recording
 
 
+#: Backends with a link that options describe.
+LINKED = ("zenoh", "mavlink")
+
 #: A simulated walk shorter than this needs no progress bar.
 SHORT_S = 120.0
 
@@ -54,6 +57,11 @@ class Request:
     no_record: bool
     view: bool
     seed: int
+    robot_file: str
+    connect: str | None
+    credentials: Path | None
+    insecure: bool
+    link: str | None
     as_json: bool
 
     @property
@@ -96,6 +104,8 @@ def _check(request: Request) -> World:
         raise InputError(f"--seed: got {request.seed}; allowed: 0 or more")
     if not request.simulated and request.world is not None:
         raise InputError(f"--world: got {request.world} with --backend {request.backend}; allowed: with sim")
+    if request.backend not in LINKED and (request.connect or request.link):
+        raise InputError(f"--connect, --link: got one with --backend {request.backend}; allowed: with zenoh")
     if request.no_record and (request.record is not None or request.view):
         raise InputError("--no-record: got --record or --view too; allowed: one or the other")
     if request.record is not None:
@@ -114,6 +124,11 @@ def _servos(request: Request, world: World) -> LegServos:
         failure=request.plan.failure,
         seed=request.seed,
         realtime=request.realtime,
+        robot_file=request.robot_file,
+        connect=request.connect,
+        credentials=request.credentials,
+        insecure=request.insecure,
+        link=request.link,
     )
     return make_servos(request.backend, options)
 

@@ -49,7 +49,8 @@ class Guard(LegServos):
     Attributes:
         counters: what passed and what did not.
         stopped: why the robot is stopped, or None: `fell`; `fault`, with what the robot says of it; `state`
-            (not finite or too old), `pose lost`; `expired` (no command came); or the reason given to `stop`.
+            (not finite or too old), `pose lost`; `expired` (no command came); the reason that the robot's own
+            guard gives; or the reason given to `stop`.
         leaning_ticks: for how many ticks the body has leant too far.
     """
 
@@ -78,6 +79,11 @@ class Guard(LegServos):
     def clock(self) -> Clock:
         """Return the clock of the servos behind the guard."""
         return self._servos.clock
+
+    @property
+    def expects_commands(self) -> bool:
+        """Return whether silence now is a failure: somebody has commanded and has not rested since."""
+        return self._accepted_at_s is not None
 
     def accepted_rad(self) -> FloatArray:
         """Return the last accepted targets, or where the joints are before the first command, (18,).
@@ -138,6 +144,42 @@ class Guard(LegServos):
         if self.stopped is not None:
             self.counters.refused += 1
             raise EStopError(f"stopped: {self.stopped}; clear it explicitly before the robot moves again")
+        return self._pass(targets)
+
+    def ease(self, targets: JointTargets) -> JointTargets:
+        """Move although stopped for silence, limited as ever: how a robot that nobody commands sits down.
+
+        Raises EStopError for any other stop, and otherwise what `write` raises.
+        """
+        if self.stopped not in (None, "expired"):
+            raise EStopError(f"stopped: {self.stopped}; the robot holds its pose")
+        return self._pass(targets)
+
+    def stop(self, reason: str) -> None:
+        """Latch a stop; the servos hold the last accepted targets. Any other reason outweighs silence."""
+        if self.stopped in (None, "expired"):
+            self.stopped = reason
+
+    def clear(self) -> None:
+        """Let the robot move again, from where its joints are now; silence counts from the next command."""
+        self.stopped = None
+        self._forget()
+
+    def relax(self) -> bool:
+        """Let the joints go limp, where the servos can; return whether they did."""
+        relaxed = self._servos.relax()
+        if relaxed:
+            self._accepted_rad = self._baseline_rad = None
+        return relaxed
+
+    def rest(self) -> None:
+        """Say that no command is due until the next one, as between two trials; a stop stays latched."""
+        self._accepted_at_s = None
+        self._servos.rest()
+        self.clock.rest()
+
+    def _pass(self, targets: JointTargets) -> JointTargets:
+        """Limit targets and send them on."""
         now_s = self.clock.now_s
         self._check(targets, now_s)
         allowed_rad = self._limits.apply(targets.positions_rad, self._baseline(now_s))
@@ -155,27 +197,6 @@ class Guard(LegServos):
         self._accepted_rad = allowed_rad
         self._accepted_at_s = now_s
         return sent
-
-    def stop(self, reason: str) -> None:
-        """Latch a stop; the servos hold the last accepted targets."""
-        self.stopped = self.stopped or reason
-
-    def clear(self) -> None:
-        """Let the robot move again, from where its joints are now; silence counts from the next command."""
-        self.stopped = None
-        self._forget()
-
-    def relax(self) -> bool:
-        """Let the joints go limp, where the servos can; return whether they did."""
-        relaxed = self._servos.relax()
-        if relaxed:
-            self._accepted_rad = self._baseline_rad = None
-        return relaxed
-
-    def rest(self) -> None:
-        """Say that no command is due until the next one, as between two trials; a stop stays latched."""
-        self._accepted_at_s = None
-        self.clock.rest()
 
     def _forget(self) -> None:
         """Know of no command, no pose and no fall, as before the first one."""
@@ -217,6 +238,8 @@ class Guard(LegServos):
         # A sum is finite only if every term is, and is cheaper than asking each one.
         if not (math.isfinite(np.add.reduce(state.joint_positions_rad)) and state.age_s <= self._expiry_s):
             self.stop("state")
+        if state.stopped is not None:
+            self.stop(state.stopped)
         if not state.healthy:
             self.stop("fault" if state.fault is None else f"fault: {state.fault}")
         if self._accepted_at_s is not None and self.clock.now_s - self._accepted_at_s > self._expiry_s:

@@ -36,6 +36,7 @@ class RobotState:
         age_s: how old the measurement was when it was read.
         healthy: False when the robot reports a fault of its own.
         fault: what is wrong, in few words, where the robot says so.
+        stopped: why the robot's own guard is stopped, or None.
         battery_v: voltage of the battery, or None where unknown.
         battery_share: what is left of it, 0 to 1, or None where unknown.
     """
@@ -49,5 +50,6 @@ class RobotState:
     age_s: float = 0.0
     healthy: bool = True
     fault: str | None = None
+    stopped: str | None = None
     battery_v: float | None = None
     battery_share: float | None = None

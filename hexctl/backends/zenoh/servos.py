@@ -1,0 +1,240 @@
+"""A robot on the network as LegServos."""
+
+import time
+from contextlib import ExitStack
+from dataclasses import replace
+
+import zenoh
+
+from hexctl.backends.base import LegServos
+from hexctl.backends.checks import check_connected, check_targets
+from hexctl.backends.clock import Clock, Tick, WallClock
+from hexctl.backends.zenoh.asking import ask_until
+from hexctl.backends.zenoh.mailbox import Letter, Mailbox
+from hexctl.backends.zenoh.tenancy import Tenancy
+from hexctl.errors import MessageError, RobotFaultError
+from hexctl.robot.messages import FloatArray, JointTargets, RobotState
+from hexctl.robot.model import Robot
+from hexctl.wire.command import decode_positions, encode_positions
+from hexctl.wire.describe import check_same_robot
+from hexctl.wire.link import Link
+from hexctl.wire.protocol import TIME_TO_LIVE_S
+from hexctl.wire.session import Role, open_session
+from hexctl.wire.state import contacts_of, decode_battery, decode_pose
+from hexctl.wire.tags import CommandTag, StateTag
+
+#: How long a robot may take to say who it is, and to send its first state.
+PATIENCE_S = 3.0
+
+#: A robot that has said nothing for this long has gone.
+GONE_AFTER_S = 1.0
+
+#: A pose older than this is none.
+STALE_POSE_S = 0.2
+
+#: Where in the robot's period this end's ticks fall: as far from its ticks as can be.
+PHASE = 0.5
+
+WHO = "the robot on the network"
+
+
+class TickedClock(WallClock):
+    """A wall clock that counts its ticks.
+
+    Attributes:
+        ticks: ticks so far.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.ticks = 0
+
+    def tick(self) -> Tick:
+        """Wait for the next grid point and count it."""
+        tick = super().tick()
+        self.ticks += 1
+        return tick
+
+
+class ZenohServos(LegServos):
+    """The controller's end of a robot that `hexctl serve` puts on the network.
+
+    Connecting compares both ends' robot descriptions and takes the robot's lease; closing gives it back. The
+    clock is this end's wall clock. `read` returns the newest state that came before the tick.
+    """
+
+    def __init__(self, robot: Robot, *, link: Link) -> None:
+        self._robot, self._link = robot, link
+        self._keys = link.keys(robot.name)
+        self._clock = TickedClock()
+        self._opened: ExitStack | None = None
+        self._mailbox = Mailbox()
+        self._sequence = 0
+        self._snapshot: tuple[int, RobotState] | None = None
+
+    @property
+    def robot(self) -> Robot:
+        """Return the robot that is expected at the other end."""
+        return self._robot
+
+    @property
+    def clock(self) -> Clock:
+        """Return this end's clock."""
+        return self._clock
+
+    def connect(self) -> None:
+        """Open the link, make sure that it is the same robot, take its lease and hear its first state.
+
+        Raises InputError for a link that is not allowed, and RobotFaultError that says what to check for
+        everything else.
+        """
+        if self._opened is not None:
+            return
+        with ExitStack() as opening:
+            session = opening.enter_context(open_session(self._link, Role.CONTROLLER, self._keys))
+            self._check_robot(session)
+            self._mailbox = Mailbox()
+            for kind in ("joint_states", "odom", "battery"):
+                self._listen(session, kind)
+            self._tenancy = Tenancy(session, self._keys.lease)
+            self._tenancy.acquire()
+            opening.callback(self._tenancy.release)
+            self._publisher = session.declare_publisher(
+                self._keys.command,
+                congestion_control=zenoh.CongestionControl.DROP,
+                priority=zenoh.Priority.REAL_TIME,
+                express=True,
+            )
+            self._sequence = 0
+            self._snapshot = None
+            self._await_state()
+            self._opened = opening.pop_all()
+
+    def read(self) -> RobotState:
+        """Return the newest state; the same one until the next tick.
+
+        Raises RobotFaultError when not connected, when the robot is silent, or when the lease is lost.
+        """
+        check_connected(self._opened is not None, WHO)
+        if self._snapshot is None or self._snapshot[0] != self._clock.ticks:
+            self._snapshot = (self._clock.ticks, self._newest())
+        return _copy(self._snapshot[1])
+
+    def write(self, targets: JointTargets) -> JointTargets:
+        """Send targets to the robot, whose guard has the last word."""
+        check_connected(self._opened is not None, WHO)
+        check_targets(targets)
+        if self._tenancy.lost is not None:
+            raise RobotFaultError(f"the robot is no longer ours: {self._tenancy.lost}")
+        self._sequence += 1
+        tag = CommandTag(
+            sequence=self._sequence,
+            stamp_ns=time.monotonic_ns(),
+            time_to_live_ms=round(1000 * TIME_TO_LIVE_S),
+            lease_id=self._tenancy.lease_id,
+            lease_sequence=self._tenancy.sequence,
+        )
+        self._publisher.put(encode_positions(targets.positions_rad), attachment=tag.packed())
+        return targets
+
+    def rest(self) -> None:
+        """Tell the robot that no command is due until the next one."""
+        if self._opened is not None:
+            self._tenancy.rest()
+
+    def close(self) -> None:
+        """Give the lease back and close the link."""
+        if self._opened is not None:
+            opened, self._opened = self._opened, None
+            opened.close()
+
+    def _check_robot(self, session: zenoh.Session) -> None:
+        """Refuse to talk to another robot than the one expected."""
+        answers = ask_until(session, self._keys.describe, patience_s=PATIENCE_S)
+        if not answers:
+            raise RobotFaultError(
+                f"no robot called {self._robot.name} answers at {self._link.endpoint}; "
+                "is hexctl serve running there, with the same --robot?"
+            )
+        if len(answers) > 1:
+            raise RobotFaultError(
+                f"{len(answers)} robots called {self._robot.name} answer at {self._link.endpoint}; "
+                "give them different names"
+            )
+        check_same_robot(answers[0], self._robot)
+
+    def _listen(self, session: zenoh.Session, kind: str) -> None:
+        mailbox = self._mailbox
+        session.declare_subscriber(getattr(self._keys, kind), lambda sample: mailbox.put(kind, sample))
+
+    def _await_state(self) -> None:
+        """Wait for the first state, and let this end's ticks fall into the middle of the robot's."""
+        until_s = time.monotonic() + PATIENCE_S
+        while (letter := self._mailbox.newest("joint_states")) is None:
+            if time.monotonic() > until_s:
+                raise RobotFaultError(
+                    f"the robot sends no state at {self._keys.joint_states}; see hexctl status"
+                )
+            time.sleep(0.001)
+        self._clock.begin(letter.at_s - self._clock.period_s * PHASE)
+
+    def _newest(self) -> RobotState:
+        """Return the state that the newest letters hold."""
+        if self._tenancy.lost is not None:
+            raise RobotFaultError(f"the robot is no longer ours: {self._tenancy.lost}")
+        letter = self._mailbox.newest("joint_states")
+        now_s = time.monotonic()
+        if letter is None or now_s - letter.at_s > GONE_AFTER_S:
+            raise RobotFaultError(
+                f"the robot has been silent for {GONE_AFTER_S:g} s; "
+                "see hexctl status, or start hexctl serve again"
+            )
+        try:
+            positions_rad = decode_positions(letter.payload)
+            tag = StateTag.unpacked(letter.attachment or b"")
+        except MessageError as error:
+            raise RobotFaultError(f"the robot sends states that are none: {error}") from error
+        position, quaternion = self._pose(now_s)
+        battery_v, battery_share = self._battery()
+        return RobotState(
+            positions_rad,
+            stamp_s=max(0.0, self._clock.now_s - (now_s - letter.at_s)),
+            measured=tag.measured,
+            base_position_world=position,
+            base_quaternion_world=quaternion,
+            foot_contacts=contacts_of(tag),
+            age_s=now_s - letter.at_s + tag.age_us / 1e6,
+            healthy=tag.healthy,
+            fault=tag.fault,
+            stopped=tag.stopped,
+            battery_v=battery_v,
+            battery_share=battery_share,
+        )
+
+    def _pose(self, now_s: float) -> tuple[FloatArray | None, FloatArray | None]:
+        letter = self._mailbox.newest("odom")
+        if letter is None or now_s - letter.at_s > STALE_POSE_S:
+            return None, None
+        try:
+            return decode_pose(letter.payload)
+        except MessageError:
+            return None, None
+
+    def _battery(self) -> tuple[float | None, float | None]:
+        letter: Letter | None = self._mailbox.newest("battery")
+        try:
+            return (None, None) if letter is None else decode_battery(letter.payload)
+        except MessageError:
+            return None, None
+
+
+def _copy(state: RobotState) -> RobotState:
+    """Return a state whose arrays the caller may change."""
+    position, quaternion = state.base_position_world, state.base_quaternion_world
+    return replace(
+        state,
+        joint_positions_rad=state.joint_positions_rad.copy(),
+        base_position_world=None if position is None else position.copy(),
+        base_quaternion_world=None if quaternion is None else quaternion.copy(),
+        foot_contacts=None if state.foot_contacts is None else state.foot_contacts.copy(),
+    )

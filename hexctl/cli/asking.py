@@ -1,0 +1,110 @@
+"""What `hexctl status` and `hexctl estop` do: ask every robot on a link, and show its answer."""
+
+import json
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import zenoh
+from rich.console import Console
+from rich.live import Live
+from rich.table import Table
+
+from hexctl.backends.zenoh.asking import ask, ask_until
+from hexctl.cli.exits import DONE
+from hexctl.cli.interrupt import StopOnInterrupt
+from hexctl.cli.output import say, say_aside
+from hexctl.errors import InputError, RobotFaultError
+from hexctl.wire.keys import KeyMap
+from hexctl.wire.link import Link
+from hexctl.wire.linkfile import load_link
+from hexctl.wire.session import Role, open_session
+
+#: In place of a robot's name: whichever robot is on the link.
+ANY_ROBOT = "*"
+
+#: How long a robot may take to answer.
+PATIENCE_S = 2.0
+
+WATCH_PERIOD_S = 0.25
+
+
+def show_status(*, watch: bool, as_json: bool, **options: Any) -> int:
+    """Print what the robots on a link say of themselves and return the exit code."""
+    if watch and as_json:
+        raise InputError("--watch: got --json too; allowed: one or the other")
+    with _session(Role.VIEWER, **options) as (session, keys, link):
+        answers = ask_until(session, keys.describe, patience_s=PATIENCE_S)
+        if not answers:
+            raise _silence(link)
+        if watch:
+            _watch(session, keys)
+        elif as_json:
+            say(json.dumps(_statuses(answers)[0]))
+        else:
+            Console().print(_table(_statuses(answers)))
+    return DONE
+
+
+def stop_or_clear(*, clear: bool, as_json: bool, **options: Any) -> int:
+    """Stop the robots on a link, or clear their stops, and return the exit code.
+
+    Raises RobotFaultError unless a robot has confirmed it.
+    """
+    with _session(Role.CONTROLLER, **options) as (session, keys, link):
+        wanted = {"op": "clear" if clear else "stop"}
+        answers = ask_until(session, keys.estop, wanted, patience_s=PATIENCE_S)
+        if not answers:
+            raise _silence(link)
+    stopped = answers[0].get("stopped")
+    if as_json:
+        say(json.dumps({"stopped": stopped}))
+    elif stopped is None:
+        say("cleared; the robot moves when somebody commands it")
+    else:
+        say(f"stopped ({stopped}); hexctl estop --clear when it may move again")
+    if clear and stopped is not None:
+        say_aside(f"hexctl: the robot stopped again at once: {stopped}")
+    return DONE
+
+
+@contextmanager
+def _session(
+    role: Role, *, endpoint: str | None, credentials: Path | None, insecure: bool, link: str | None
+) -> Iterator[tuple[zenoh.Session, KeyMap, Link]]:
+    settings = load_link(link, endpoint=endpoint, credentials=credentials, insecure=insecure)
+    keys = KeyMap.of(ANY_ROBOT).renamed(dict(settings.names))
+    with open_session(settings, role, keys) as session:
+        yield session, keys, settings
+
+
+def _silence(link: Link) -> RobotFaultError:
+    return RobotFaultError(
+        f"no robot answers at {link.endpoint}; is hexctl serve running there, and may this end ask?"
+    )
+
+
+def _statuses(answers: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    return [answer.get("status", {}) for answer in answers]
+
+
+def _watch(session: zenoh.Session, keys: KeyMap) -> None:
+    """Show the status again and again until interrupted."""
+    with StopOnInterrupt() as interrupt, Live(refresh_per_second=8) as live:
+        while not interrupt.requested():
+            answers = ask(session, keys.describe, patience_s=PATIENCE_S)
+            live.update(_table(_statuses(answers)) if answers else "the robot is silent")
+            time.sleep(WATCH_PERIOD_S)
+
+
+def _table(statuses: list[dict[str, Any]]) -> Table:
+    """Return the statuses as two columns, nested counts on lines of their own."""
+    table = Table(show_header=False, box=None, pad_edge=False)
+    for status in statuses:
+        for name, value in status.items():
+            counts = value if isinstance(value, dict) else None
+            shown = ", ".join(f"{key} {n}" for key, n in counts.items()) if counts is not None else value
+            table.add_row(name.replace("_", " "), "-" if shown is None else str(shown))
+    return table

@@ -1,0 +1,27 @@
+"""`hexctl estop`: stop a robot from anywhere, without a lease; or clear the stop."""
+
+from typing import Annotated
+
+import typer
+
+from hexctl.cli.options import ConnectOption, InsecureOption, JsonOption, KeysOption, LinkOption
+
+
+def estop(
+    clear: Annotated[
+        bool, typer.Option("--clear", help="Clear the stop: the robot may be commanded again.")
+    ] = False,
+    connect: ConnectOption = None,
+    keys: KeysOption = None,
+    insecure: InsecureOption = False,
+    link: LinkOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Stop the robot at once; it holds its pose until the stop is cleared and somebody commands it anew."""
+    from hexctl.cli.asking import stop_or_clear
+
+    raise typer.Exit(
+        stop_or_clear(
+            clear=clear, endpoint=connect, credentials=keys, insecure=insecure, link=link, as_json=as_json
+        )
+    )

@@ -1,0 +1,99 @@
+"""Which commands are obeyed: those of the lease in force, in order, on time."""
+
+from dataclasses import dataclass, fields
+
+from hexctl.control.guard import EXPIRY_S
+from hexctl.errors import CommandRefusedError, MessageError
+from hexctl.serve.lease import Lease
+from hexctl.serve.transit import Transit
+from hexctl.wire.command import Command, decode_command
+
+
+@dataclass(slots=True)
+class CommandCounters:
+    """What became of the commands that arrived since the server began.
+
+    Attributes:
+        accepted: reached the guard and passed it.
+        refused: reached the guard, which refused them.
+        malformed: were no command.
+        stale_owner: came without a lease, under an old or under another's.
+        out_of_order: repeated a sequence number or came after a later one.
+        late: took longer than their time to live.
+        lost: sequence numbers that never came.
+        overflowed: pushed out of a full inbox, with whatever else was in it.
+    """
+
+    accepted: int = 0
+    refused: int = 0
+    malformed: int = 0
+    stale_owner: int = 0
+    out_of_order: int = 0
+    late: int = 0
+    lost: int = 0
+    overflowed: int = 0
+
+    def as_json(self) -> dict[str, int]:
+        """Return all counts."""
+        return {field.name: getattr(self, field.name) for field in fields(self)}
+
+
+@dataclass(frozen=True, slots=True)
+class Checked:
+    """A command to obey.
+
+    Attributes:
+        command: what it says.
+        delay_s: how much longer than usual it was on its way.
+        good_for_s: how long it is good for from now.
+    """
+
+    command: Command
+    delay_s: float
+    good_for_s: float
+
+
+class CommandDesk:
+    """Judges every command that arrives. Counts what it drops."""
+
+    def __init__(self) -> None:
+        self.counters = CommandCounters()
+        self.newest_sequence = 0
+        self._lease_sequence = 0
+        self._transit = Transit()
+
+    def check(self, payload: bytes, attachment: bytes | None, lease: Lease | None, at_s: float) -> Checked:
+        """Return a command that is to be obeyed.
+
+        Raises MessageError or CommandRefusedError, counted, for every other.
+        """
+        try:
+            command = decode_command(payload, attachment)
+        except MessageError:
+            self.counters.malformed += 1
+            raise
+        tag = command.tag
+        if lease is None or tag.lease_id != lease.lease_id or tag.lease_sequence != lease.sequence:
+            self.counters.stale_owner += 1
+            raise CommandRefusedError(f"command: got lease {tag.lease_sequence}; allowed: the one in force")
+        if lease.sequence != self._lease_sequence:
+            self._lease_sequence, self.newest_sequence, self._transit = lease.sequence, 0, Transit()
+        return self._in_order_and_on_time(command, at_s)
+
+    def _in_order_and_on_time(self, command: Command, at_s: float) -> Checked:
+        tag = command.tag
+        delay_s = self._transit.delay_s(tag.stamp_ns / 1e9, at_s)
+        if tag.sequence <= self.newest_sequence:
+            self.counters.out_of_order += 1
+            raise CommandRefusedError(
+                f"command: got sequence {tag.sequence}; allowed: above {self.newest_sequence}"
+            )
+        self.counters.lost += tag.sequence - self.newest_sequence - 1
+        self.newest_sequence = tag.sequence
+        good_for_s = min(tag.time_to_live_ms / 1000, EXPIRY_S) - delay_s
+        if good_for_s < 0:
+            self.counters.late += 1
+            raise CommandRefusedError(
+                f"command: got {1000 * delay_s:.0f} ms late; allowed: {tag.time_to_live_ms} ms"
+            )
+        return Checked(command, delay_s, good_for_s)

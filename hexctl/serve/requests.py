@@ -1,0 +1,120 @@
+"""What a robot is asked, and what it answers: leases and stops."""
+
+from typing import Any
+
+from hexctl.control.guard import Guard
+from hexctl.errors import HexctlError, MessageError
+from hexctl.serve.lease import LeaseDesk
+from hexctl.wire.describe import decode_json
+
+#: The reason of a stop that somebody asked for.
+ESTOP = "estop"
+
+#: The stop that a new lease lifts; every other one is cleared explicitly.
+LIFTED_BY_LEASE = "expired"
+
+
+class RequestDesk:
+    """Answers requests about the lease and the stop of one robot.
+
+    Attributes:
+        malformed: requests so far that were none.
+    """
+
+    def __init__(self, guard: Guard, leases: LeaseDesk) -> None:
+        self._guard, self._leases = guard, leases
+        self.malformed = 0
+
+    def urgent(self, payload: bytes) -> None:
+        """Stop at once if a payload at `estop` asks for it; an empty one does. On any thread."""
+        try:
+            wanted = _stop_or_clear(payload)
+        except MessageError:
+            return
+        if wanted == "stop":
+            self._guard.stop(ESTOP)
+
+    def estop(self, payload: bytes) -> dict[str, Any]:
+        """Answer a request at `estop`: say what the robot is stopped for, or clear it."""
+        try:
+            wanted = _stop_or_clear(payload)
+        except MessageError as error:
+            return self._misunderstood(error)
+        if wanted == "clear":
+            self._guard.clear()
+        else:
+            self._guard.stop(ESTOP)
+        self._leases.revoke()
+        return {"stopped": self._guard.stopped}
+
+    def lease(self, payload: bytes, now_s: float) -> dict[str, Any]:
+        """Answer a request at `lease`: acquire, renew, rest or release."""
+        try:
+            content = decode_json(payload)
+            wanted = _one_of(content, "op", ("acquire", "renew", "rest", "release"))
+            owner, lease_id = _owner(content), _lease_id(content)
+        except MessageError as error:
+            return self._misunderstood(error)
+        try:
+            if wanted == "acquire":
+                return self._acquire(owner, now_s)
+            return self._keep(wanted, lease_id, now_s)
+        except HexctlError as error:
+            return {"error": str(error)}
+
+    def _acquire(self, owner: str, now_s: float) -> dict[str, Any]:
+        stopped = self._guard.stopped
+        if stopped not in (None, LIFTED_BY_LEASE):
+            self._leases.refused += 1
+            return {
+                "error": f"the robot is stopped: {stopped}; see to it, then hexctl estop --clear"
+            }
+        lease = self._leases.acquire(owner, now_s)
+        if stopped is not None:
+            self._guard.clear()
+        self._guard.rest()
+        return {
+            "lease": lease.lease_id.hex(),
+            "sequence": lease.sequence,
+            "duration_s": self._leases.duration_s,
+        }
+
+    def _keep(self, wanted: str, lease_id: bytes, now_s: float) -> dict[str, Any]:
+        if wanted == "release":
+            self._leases.release(lease_id, now_s)
+            self._guard.rest()
+            return {"released": True}
+        lease = self._leases.renew(lease_id, now_s)
+        if wanted == "rest":
+            self._guard.rest()
+        return {"sequence": lease.sequence}
+
+    def _misunderstood(self, error: MessageError) -> dict[str, Any]:
+        self.malformed += 1
+        return {"error": str(error)}
+
+
+def _stop_or_clear(payload: bytes) -> str:
+    return "stop" if not payload else _one_of(decode_json(payload), "op", ("stop", "clear"))
+
+
+def _one_of(content: dict[str, Any], key: str, allowed: tuple[str, ...]) -> str:
+    value = content.get(key)
+    if value not in allowed:
+        raise MessageError(f"{key}: got {str(value)[:40]!r}; allowed: {', '.join(allowed)}")
+    return str(value)
+
+
+def _owner(content: dict[str, Any]) -> str:
+    owner = content.get("owner", "somebody")
+    if not isinstance(owner, str) or not owner.isprintable():
+        raise MessageError("owner: got something else than a name; allowed: printable text")
+    return owner
+
+
+def _lease_id(content: dict[str, Any]) -> bytes:
+    text = content.get("lease", "")
+    try:
+        return bytes.fromhex(text)
+    except (TypeError, ValueError) as error:
+        raise MessageError("lease: got no hexadecimal text; allowed: the one that was given") from error

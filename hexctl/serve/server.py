@@ -1,0 +1,186 @@
+"""A robot on the network: one thread that alone moves it, tick by tick and command by command."""
+
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+from hexctl.backends.base import LegServos
+from hexctl.control.guard import Guard
+from hexctl.errors import CommandRefusedError, EStopError, MessageError
+from hexctl.robot.messages import JointTargets, RobotState
+from hexctl.serve.commands import CommandDesk
+from hexctl.serve.inbox import CAPACITY, Arrival, Inbox
+from hexctl.serve.lease import LeaseDesk
+from hexctl.serve.posing import PosedServos
+from hexctl.serve.posture import SIT_AFTER_S, Posture
+from hexctl.serve.requests import RequestDesk
+from hexctl.serve.station import Station, attachment_of, payload_of
+from hexctl.wire.command import encode_positions
+from hexctl.wire.describe import describe, encode_json
+from hexctl.wire.link import Link
+from hexctl.wire.state import decode_pose, encode_battery, encode_pose, tag_of
+
+#: The next tick is left alone for this long before it is due, so that it is not late.
+SPARE_S = 0.0003
+
+#: Status goes out every so many ticks, the battery every so many.
+STATUS_TICKS = 10
+BATTERY_TICKS = 50
+
+
+class RobotServer:
+    """Serves connected-to-be servos on a link until told to stop.
+
+    Between two ticks it obeys commands as they come, so that a command waits for nobody; at each tick it
+    reads the servos, looks after silence and falls, and says how the robot is.
+    """
+
+    def __init__(
+        self, servos: LegServos, link: Link, *, backend: str, sit_after_s: float = SIT_AFTER_S
+    ) -> None:
+        self._servos = PosedServos(servos)
+        self._guard = Guard(self._servos)
+        self._backend, self._link = backend, link
+        self._leases = LeaseDesk()
+        self._commands = CommandDesk()
+        self._requests = RequestDesk(self._guard, self._leases)
+        self._posture = Posture(self._guard, sit_after_s=sit_after_s)
+        self._inbox = Inbox()
+        self._station = Station(link, servos.robot.name, self._inbox, self._requests.urgent)
+        self._description = describe(servos.robot)
+        self._state: RobotState | None = None
+        self._sequence = self._ticks = 0
+        self._good_until_s: float | None = None
+        self._malformed_poses = 0
+
+    def run(self, until: Callable[[], bool], *, ready: Callable[[], None] = lambda: None) -> None:
+        """Serve until asked to stop; `ready` is called once clients may come.
+
+        Raises InputError for a link that is not allowed, RobotFaultError when the servos or the address
+        cannot be had, or the servos have gone.
+        """
+        with self._guard, self._station:
+            self._guard.clock.tick()
+            ready()
+            while not until():
+                self._listen()
+                self._tick()
+
+    def _listen(self) -> None:
+        """Do what the network asks for until the next tick is due."""
+        while (patience_s := self._guard.clock.due_in_s - SPARE_S) > 0:
+            arrival = self._inbox.take(patience_s)
+            if arrival is not None:
+                self._handle(arrival)
+        for _ in range(CAPACITY):  # for a clock that does not say when it is due
+            arrival = self._inbox.take(0)
+            if arrival is None:
+                break
+            self._handle(arrival)
+
+    def _handle(self, arrival: Arrival) -> None:
+        """Obey or answer one arrival; nothing that comes may end the robot's loop."""
+        item = arrival.item
+        if arrival.kind == "command":
+            self._obey(payload_of(item), attachment_of(item), arrival.at_s)
+        elif arrival.kind == "pose":
+            self._place(payload_of(item), arrival.at_s)
+        elif arrival.kind == "lease":
+            self._station.reply(item, self._requests.lease(payload_of(item), arrival.at_s))
+        elif arrival.kind == "estop":
+            self._station.reply(item, self._requests.estop(payload_of(item)))
+        else:
+            self._station.reply(item, {**self._description, "status": self.status()})
+
+    def _obey(self, payload: bytes, attachment: bytes | None, at_s: float) -> None:
+        lease = self._leases.holder(at_s)
+        try:
+            checked = self._commands.check(payload, attachment, lease, at_s)
+        except (MessageError, CommandRefusedError):
+            return
+        now_s = self._guard.clock.now_s
+        stamp_s = now_s - max(0.0, checked.delay_s)
+        try:
+            self._guard.write(JointTargets(checked.command.positions_rad, stamp_s))
+        except (CommandRefusedError, EStopError):
+            self._commands.counters.refused += 1
+            return
+        self._commands.counters.accepted += 1
+        self._good_until_s = at_s + checked.good_for_s
+        self._posture.commanded(now_s)
+        self._say(self._servos.read())
+
+    def _place(self, payload: bytes, at_s: float) -> None:
+        try:
+            self._servos.place(*decode_pose(payload), at_s)
+        except MessageError:
+            self._malformed_poses += 1
+
+    def _tick(self) -> None:
+        """Let one control period pass: read, look after silence, say how the robot is."""
+        self._guard.clock.tick()
+        self._ticks += 1
+        state = self._guard.read()
+        self._look_after_silence()
+        self._posture.tick(self._guard.clock.now_s)
+        self._say(state)
+        if self._ticks % STATUS_TICKS == 0:
+            self._station.publish("status", encode_json(self.status()))
+        if self._ticks % BATTERY_TICKS == 0:
+            self._station.publish("battery", encode_battery(state.battery_v, state.battery_share))
+
+    def _look_after_silence(self) -> None:
+        """Freeze when commands ran out, and take the lease from whoever fell silent."""
+        now_s = time.monotonic()
+        resting = not self._guard.expects_commands
+        if self._good_until_s is not None and not resting and now_s > self._good_until_s:
+            self._guard.stop("expired")
+        if resting:
+            self._good_until_s = None
+        if self._guard.stopped == "expired":
+            self._leases.revoke()
+
+    def _say(self, state: RobotState) -> None:
+        """Publish a state."""
+        self._state = state
+        self._sequence += 1
+        tag = tag_of(
+            replace(state, stopped=self._guard.stopped),
+            sequence=self._sequence,
+            stamp_ns=time.monotonic_ns(),
+            command_sequence=self._commands.newest_sequence,
+        ).packed()
+        if state.base_position_world is not None and state.base_quaternion_world is not None:
+            pose = encode_pose(state.base_position_world, state.base_quaternion_world)
+            self._station.publish("odom", pose, tag)
+        self._station.publish("joint_states", encode_positions(state.joint_positions_rad), tag)
+
+    def status(self) -> dict[str, Any]:
+        """Return what the robot says of itself, as JSON values."""
+        now_s = time.monotonic()
+        lease, state, guard = self._leases.holder(now_s), self._state, self._guard
+        self._commands.counters.overflowed = self._inbox.overflowed
+        return {
+            "robot": guard.robot.name,
+            "backend": self._backend,
+            "stopped": guard.stopped,
+            "posture": self._posture.name,
+            "controller": None if lease is None else lease.owner,
+            "controller_since_s": None if lease is None else round(now_s - lease.since_s, 1),
+            "leases_refused": self._leases.refused,
+            "commands": self._commands.counters.as_json(),
+            "clipped": guard.counters.clipped,
+            "malformed": {"requests": self._requests.malformed, "poses": self._malformed_poses},
+            "ticks": self._ticks,
+            "overruns": guard.clock.overruns,
+            "joints": None if state is None else ("measured" if state.measured else "echoed"),
+            "pose": state is not None and state.base_position_world is not None,
+            "state_age_s": None if state is None else round(state.age_s, 3),
+            "fault": None if state is None else state.fault,
+            "battery_v": None if state is None else state.battery_v,
+            "battery_share": None if state is None else state.battery_share,
+            "endpoint": self._link.endpoint,
+            "secured": self._link.credentials is not None,
+            "insecure": self._link.insecure,
+        }

@@ -1,0 +1,101 @@
+"""The robot's end of the network: what it publishes, and everything that comes, into one inbox."""
+
+from collections.abc import Callable
+from types import TracebackType
+from typing import Any, Self
+
+import zenoh
+
+from hexctl.serve.inbox import Inbox
+from hexctl.wire.describe import encode_json
+from hexctl.wire.keys import KeyMap
+from hexctl.wire.link import Link
+from hexctl.wire.session import Role, open_session
+
+#: What the robot says, and with which priority.
+PUBLISHED = {
+    "joint_states": zenoh.Priority.REAL_TIME,
+    "odom": zenoh.Priority.REAL_TIME,
+    "battery": zenoh.Priority.DATA_LOW,
+    "status": zenoh.Priority.DATA,
+}
+HEARD = ("command", "pose")
+ASKED = ("describe", "lease", "estop")
+
+
+class Station:
+    """Opens a robot's session; callbacks only put what came into the inbox.
+
+    `urgent` is called at once, on Zenoh's thread, with the payload of whatever arrives at `estop`.
+    """
+
+    def __init__(self, link: Link, robot_name: str, inbox: Inbox, urgent: Callable[[bytes], None]) -> None:
+        self._link = link
+        self.keys: KeyMap = link.keys(robot_name)
+        self._inbox = inbox
+        self._urgent = urgent
+        self._session: zenoh.Session | None = None
+        self._publishers: dict[str, zenoh.Publisher] = {}
+
+    def __enter__(self) -> Self:
+        """Open the session and declare everything.
+
+        Raises InputError for a link that is not allowed, RobotFaultError when nobody can listen there.
+        """
+        self._session = open_session(self._link, Role.ROBOT, self.keys)
+        try:
+            self._declare(self._session)
+        except BaseException:
+            self._session.close()  # type: ignore[no-untyped-call]
+            raise
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._session is not None:
+            self._session.close()  # type: ignore[no-untyped-call]
+
+    def publish(self, kind: str, payload: bytes, attachment: bytes | None = None) -> None:
+        """Send a message to whoever listens; never waits for one who is slow."""
+        self._publishers[kind].put(payload, attachment=attachment)
+
+    def reply(self, query: Any, content: dict[str, Any]) -> None:
+        """Answer a query with JSON and let it go."""
+        try:
+            query.reply(str(query.key_expr), encode_json(content))
+        except zenoh.ZError:
+            pass  # whoever asked has gone
+        finally:
+            query.drop()
+
+    def _declare(self, session: zenoh.Session) -> None:
+        for kind, priority in PUBLISHED.items():
+            self._publishers[kind] = session.declare_publisher(
+                getattr(self.keys, kind),
+                congestion_control=zenoh.CongestionControl.DROP,
+                priority=priority,
+                express=True,
+            )
+        for kind in HEARD:
+            session.declare_subscriber(getattr(self.keys, kind), self._putter(kind))
+        for kind in ASKED:
+            session.declare_queryable(getattr(self.keys, kind), self._putter(kind))
+
+    def _putter(self, kind: str) -> Callable[[Any], None]:
+        def put(item: Any) -> None:
+            if kind == "estop":
+                self._urgent(payload_of(item))
+            self._inbox.put(kind, item)
+
+        return put
+
+
+def payload_of(item: Any) -> bytes:
+    """Return the payload of a sample or a query; nothing is empty."""
+    return bytes(item.payload) if item.payload is not None else b""
+
+
+def attachment_of(item: Any) -> bytes | None:
+    """Return the attachment of a sample, or None."""
+    return bytes(item.attachment) if item.attachment is not None else None

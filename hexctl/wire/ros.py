@@ -1,0 +1,57 @@
+"""ROS 2 messages in CDR: what crosses the standard Zenoh bridge is what ROS 2 tools expect."""
+
+import struct
+from functools import cache
+from typing import Any
+
+from rosbags.serde import SerdeError
+from rosbags.typesys import Stores, get_typestore
+
+from hexctl.errors import MessageError
+from hexctl.wire.protocol import MAX_PAYLOAD_BYTES
+
+JOINT_STATE = "sensor_msgs/msg/JointState"
+ODOMETRY = "nav_msgs/msg/Odometry"
+BATTERY_STATE = "sensor_msgs/msg/BatteryState"
+
+NANOSECONDS = 1_000_000_000
+
+
+@cache
+def _store() -> Any:
+    return get_typestore(Stores.ROS2_HUMBLE)
+
+
+def make(kind: str, **fields: Any) -> Any:
+    """Return a message of a ROS 2 type such as `sensor_msgs/msg/JointState`."""
+    return _store().types[kind](**fields)
+
+
+def header(stamp_ns: int, frame: str = "") -> Any:
+    """Return a std_msgs/Header.
+
+    Args:
+        stamp_ns: nanoseconds since 1970, as ROS 2 tools expect.
+        frame: name of the frame.
+    """
+    seconds, rest = divmod(stamp_ns, NANOSECONDS)
+    stamp = make("builtin_interfaces/msg/Time", sec=seconds & 0x7FFFFFFF, nanosec=rest)
+    return make("std_msgs/msg/Header", stamp=stamp, frame_id=frame)
+
+
+def encode(message: Any) -> bytes:
+    """Return a message as little-endian CDR with its encapsulation header."""
+    return bytes(_store().serialize_cdr(message, message.__msgtype__))
+
+
+def decode(kind: str, payload: bytes) -> Any:
+    """Return the message of a type that CDR bytes hold.
+
+    Raises MessageError for anything else: cut off, too long, another type.
+    """
+    if len(payload) > MAX_PAYLOAD_BYTES:
+        raise MessageError(f"{kind}: got {len(payload)} bytes; allowed: {MAX_PAYLOAD_BYTES} at most")
+    try:
+        return _store().deserialize_cdr(payload, kind)
+    except (SerdeError, ValueError, TypeError, IndexError, OverflowError, struct.error) as error:
+        raise MessageError(f"{kind}: got {len(payload)} bytes that are not one ({error})") from error
