@@ -7,13 +7,14 @@ INSTALLED := $(VENV)/.installed
 # No display is needed or looked for; set MUJOCO_GL yourself to render.
 export MUJOCO_GL ?= disable
 
-.PHONY: help setup demo test lint smoke bench clean
+.PHONY: help setup demo test lint smoke bench soak clean
 
 help:
 	@echo "make demo   find a gait for a hexapod whose leg 5 has failed, in simulation"
 	@echo "make test   style, types and tests"
 	@echo "make smoke  the built wheel, installed alone"
 	@echo "make bench  the numbers hexctl promises, measured (about 20 minutes)"
+	@echo "make soak   the long tests: a hundred stops, hostile input without end"
 	@echo "make clean  remove what the others made, recordings excepted"
 
 setup: $(INSTALLED)
@@ -45,6 +46,9 @@ smoke: $(INSTALLED)
 
 bench: $(INSTALLED)
 	$(BIN)/python -m benchmarks
+
+soak: $(INSTALLED)
+	$(BIN)/pytest -m soak
 
 clean:
 	rm -rf $(VENV) build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis

@@ -83,7 +83,7 @@ def decode_pose(payload: bytes) -> tuple[FloatArray, FloatArray]:
     position = np.array([pose.position.x, pose.position.y, pose.position.z])
     turned = pose.orientation
     quaternion = np.array([turned.w, turned.x, turned.y, turned.z])
-    norm = float(np.linalg.norm(quaternion))
+    norm = math.hypot(*quaternion.tolist())
     if not (np.isfinite(position).all() and math.isfinite(norm) and abs(norm - 1) < 0.01):
         raise MessageError("pose: got numbers that are no pose; allowed: finite metres and a unit quaternion")
     return position, quaternion / norm

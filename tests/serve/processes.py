@@ -1,0 +1,165 @@
+"""Robots and controllers in processes of their own, on loopback and free ports, each ended by its id."""
+
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from tests.serve.recorded import VARIABLE, ServoLog
+
+ROOT = Path(__file__).parents[2]
+RECORDED = "tests.serve.recorded:RecordedServos"
+
+#: Longest a process may take to come up on a busy machine.
+PATIENCE_S = 60.0
+
+
+def free_port() -> int:
+    """Return a TCP port that nobody uses now."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+def wait_until(condition: Callable[[], Any], what: str, patience_s: float = PATIENCE_S) -> Any:
+    """Return the condition's value once it is true; fail when it never is."""
+    until_s = time.monotonic() + patience_s
+    while not (value := condition()):
+        assert time.monotonic() < until_s, f"{what} never came"
+        time.sleep(0.01)
+    return value
+
+
+@dataclass
+class Program:
+    """A running hexctl or test program.
+
+    Attributes:
+        process: its process.
+        lines: what it has printed so far, with stderr.
+    """
+
+    process: subprocess.Popen[str]
+    output: Path
+    name: str
+
+    def said(self) -> str:
+        """Return everything it has printed."""
+        return self.output.read_text(encoding="utf-8")
+
+    def wait_for(self, text: str) -> None:
+        """Wait until it has printed a text."""
+
+        def there() -> bool:
+            if text in self.said():
+                return True
+            assert self.process.poll() is None, f"{self.name} ended: {self.said()}"
+            return False
+
+        wait_until(there, f"{text!r} of {self.name}")
+
+    def signal(self, number: signal.Signals) -> float:
+        """Send a signal and return when, on time.monotonic."""
+        self.process.send_signal(number)
+        return time.monotonic()
+
+    def end(self) -> int:
+        """End it softly, or by force when that takes too long, and return its exit code."""
+        if self.process.poll() is None:
+            self.process.send_signal(signal.SIGCONT)
+            self.process.send_signal(signal.SIGTERM)
+            try:
+                self.process.wait(10)
+            except subprocess.TimeoutExpired:
+                self.process.kill()
+        return self.process.wait()
+
+    def wait(self) -> int:
+        """Wait for its own end and return its exit code."""
+        return self.process.wait(PATIENCE_S)
+
+
+@contextmanager
+def program(folder: Path, name: str, *arguments: str, **variables: str) -> Iterator[Program]:
+    """Run `python -m ...` from the checkout until the block ends."""
+    output = folder / f"{name}.out"
+    with output.open("w", encoding="utf-8") as file:
+        process = subprocess.Popen(
+            [sys.executable, "-u", "-m", *arguments],
+            cwd=ROOT,
+            env={**os.environ, **variables},
+            stdin=subprocess.DEVNULL,
+            stdout=file,
+            stderr=subprocess.STDOUT,
+            text=True,
+        )
+    running = Program(process, output, name)
+    try:
+        yield running
+    finally:
+        running.end()
+
+
+@dataclass
+class Served(Program):
+    """A robot that `hexctl serve` puts on the network.
+
+    Attributes:
+        endpoint: where it listens.
+        log_path: what its servos were told, for the recorded mock.
+    """
+
+    endpoint: str = ""
+    log_path: Path = field(default_factory=Path)
+
+    def log(self) -> ServoLog:
+        """Return what its servos were told so far."""
+        return ServoLog.read(self.log_path)
+
+    def status(self) -> dict[str, Any]:
+        """Return what `hexctl status` says of it."""
+        answer = hexctl("status", "--json", "--connect", self.endpoint)
+        assert answer.returncode == 0, answer.stderr
+        content: dict[str, Any] = json.loads(answer.stdout)
+        return content
+
+
+@contextmanager
+def served(
+    folder: Path, *options: str, backend: str = RECORDED, port: int | None = None, name: str = "robot"
+) -> Iterator[Served]:
+    """Serve a robot in a process of its own until the block ends."""
+    endpoint = f"tcp/127.0.0.1:{port or free_port()}"
+    log_path = folder / f"{name}.servos"
+    log_path.touch()
+    arguments = ("hexctl", "serve", "--backend", backend, "--listen", endpoint, *options)
+    with program(folder, name, *arguments, **{VARIABLE: str(log_path)}) as running:
+        running.wait_for("serving")
+        yield Served(running.process, running.output, name, endpoint, log_path)
+
+
+@contextmanager
+def controlling(folder: Path, endpoint: str, *options: str, name: str = "controller") -> Iterator[Program]:
+    """Let a controller of its own process sway all joints until the block ends."""
+    with program(folder, name, "tests.serve.swaying", endpoint, *options) as running:
+        yield running
+
+
+def hexctl(*arguments: str) -> subprocess.CompletedProcess[str]:
+    """Run the command to its end."""
+    return subprocess.run(
+        [sys.executable, "-m", "hexctl", *arguments],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE_S,
+        check=False,
+    )

@@ -1,0 +1,82 @@
+"""Servos that write down what they were told, for tests that look at another process's robot."""
+
+import os
+import struct
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from hexctl.backends.mock import MockServos
+from hexctl.robot.messages import FloatArray, JointTargets
+from hexctl.robot.model import Robot
+
+VARIABLE = "HEXCTL_TEST_SERVO_LOG"
+
+JUMP_VARIABLE = "HEXCTL_TEST_JUMP_S"
+JUMP_AT = 50
+
+_ROW = struct.Struct("<dB18d")
+_WRITE, _RELAX = 0, 1
+
+
+class RecordedServos(MockServos):
+    """A mock robot that appends every write and every relaxing to a file, with the time.
+
+    With $HEXCTL_TEST_JUMP_S the wall's clock of its process jumps by so much at the 50th write.
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        super().__init__(robot)
+        self._writes = 0
+        self._jump_ns = round(float(os.environ.get(JUMP_VARIABLE, "0")) * 1e9)
+        self._log = open(os.environ[VARIABLE], "ab", buffering=0)  # noqa: SIM115  for as long as it lives
+
+    def write(self, targets: JointTargets) -> JointTargets:
+        """Take the targets over and write them down."""
+        sent = super().write(targets)
+        self._writes += 1
+        if self._writes == JUMP_AT and self._jump_ns:
+            wall = time.time_ns
+            time.time_ns = lambda: wall() + self._jump_ns
+        self._log.write(_ROW.pack(time.monotonic(), _WRITE, *sent.positions_rad))
+        return sent
+
+    def relax(self) -> bool:
+        """Go limp and write that down."""
+        self._log.write(_ROW.pack(time.monotonic(), _RELAX, *self._positions_rad))
+        return super().relax()
+
+
+@dataclass(frozen=True)
+class ServoLog:
+    """What the servos were told.
+
+    Attributes:
+        times_s: on time.monotonic, (n,).
+        positions_rad: (n, 18).
+        relaxed: which rows are a relaxing, (n,).
+    """
+
+    times_s: FloatArray
+    positions_rad: FloatArray
+    relaxed: FloatArray
+
+    @classmethod
+    def read(cls, path: Path) -> "ServoLog":
+        """Read the log of a robot that may still be running."""
+        data = path.read_bytes()
+        rows = np.array(list(_ROW.iter_unpack(data[: len(data) // _ROW.size * _ROW.size]))).reshape(-1, 20)
+        return cls(rows[:, 0], rows[:, 2:], rows[:, 1] == _RELAX)
+
+    def moved_after(self, time_s: float) -> float:
+        """Return how long after a moment the servos were last told to go elsewhere; 0 if never."""
+        changed = np.flatnonzero((np.diff(self.positions_rad, axis=0) != 0).any(axis=1)) + 1
+        last_s = self.times_s[changed[-1]] if changed.size else time_s
+        return max(0.0, float(last_s - time_s))
+
+    def between(self, start_s: float, end_s: float) -> "ServoLog":
+        """Return the part of the log within a time."""
+        rows = (self.times_s >= start_s) & (self.times_s <= end_s)
+        return ServoLog(self.times_s[rows], self.positions_rad[rows], self.relaxed[rows])

@@ -1,0 +1,98 @@
+"""A controller that sways all joints until it is stopped: `-m tests.serve.swaying ENDPOINT [OPTION ...]`.
+
+Options: `loss=SHARE` and `reorder=SHARE` of the commands; `jump=SECONDS` of the wall's clock after a second;
+`again=1` to take a new lease whenever one is lost.
+"""
+
+import random
+import sys
+import time
+from typing import Any
+
+import numpy as np
+
+from hexctl.backends.zenoh.servos import ZenohServos
+from hexctl.control.guard import Guard
+from hexctl.errors import HexctlError
+from hexctl.robot.messages import JointTargets
+from hexctl.wire.link import Link
+from tests.robots import shipped
+
+SWAY_RAD = 0.25
+SWAY_HZ = 0.8
+
+
+class LossyPublisher:
+    """Loses some commands and lets some be overtaken by the next one."""
+
+    def __init__(self, publisher: Any, *, loss: float, reorder: float) -> None:
+        self._publisher, self._loss, self._reorder = publisher, loss, reorder
+        self._held: tuple[bytes, bytes] | None = None
+        self._random = random.Random(1)  # noqa: S311  no secret
+
+    def put(self, payload: bytes, *, attachment: bytes) -> None:
+        """Send a command, or not, or after the next."""
+        if self._random.random() < self._loss:
+            return
+        if self._held is None and self._random.random() < self._reorder:
+            self._held = (payload, attachment)
+            return
+        self._publisher.put(payload, attachment=attachment)
+        if self._held is not None:
+            self._publisher.put(self._held[0], attachment=self._held[1])
+            self._held = None
+
+
+def say(text: str) -> None:
+    """Print a line at once."""
+    sys.stdout.write(f"{text}\n")
+    sys.stdout.flush()
+
+
+def main(endpoint: str, *options: str) -> int:
+    """Sway until killed or refused; print what happens."""
+    given = dict(option.split("=") for option in options)
+    while "again" in given:
+        control(endpoint, given)
+        time.sleep(0.02)
+    return control(endpoint, given)
+
+
+def control(endpoint: str, given: dict[str, str]) -> int:
+    """Take the lease and sway until something goes wrong."""
+    servos = ZenohServos(shipped(), link=Link(endpoint=endpoint))
+    try:
+        with Guard(servos) as guard:
+            if "loss" in given or "reorder" in given:
+                lossy: Any = LossyPublisher(
+                    servos._publisher,
+                    loss=float(given.get("loss", 0)),
+                    reorder=float(given.get("reorder", 0)),
+                )
+                servos._publisher = lossy
+            sway(guard, float(given.get("jump", 0)))
+    except HexctlError as error:
+        say(f"ended: {type(error).__name__}: {error}")
+        return 3
+    return 0
+
+
+def sway(guard: Guard, jump_s: float) -> None:
+    """Command a slow wave, and say when the joints move."""
+    robot, wall = guard.robot, time.time_ns
+    step = 0
+    while True:
+        tick = guard.clock.tick()
+        guard.read()
+        angle = SWAY_RAD * np.sin(2 * np.pi * SWAY_HZ * step * guard.clock.period_s)
+        guard.write(JointTargets(robot.stance_angles_rad + angle, tick.time_s))
+        step += 1
+        if step == 25:
+            say("moving")
+        if step == 50 and jump_s:
+            time.time_ns = lambda: wall() + round(jump_s * 1e9)
+            say("jumped")
+
+
+if __name__ == "__main__":
+    sys.exit(main(*sys.argv[1:]))

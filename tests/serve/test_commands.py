@@ -1,0 +1,99 @@
+"""Which commands are obeyed."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hexctl.errors import CommandRefusedError, MessageError
+from hexctl.serve.commands import CommandDesk
+from hexctl.serve.lease import Lease, LeaseDesk
+from hexctl.wire.command import encode_positions
+from hexctl.wire.tags import CommandTag
+
+PAYLOAD = encode_positions(np.zeros(18))
+
+
+def tag_for(lease: Lease, sequence: int, stamp_s: float = 0.0) -> CommandTag:
+    return CommandTag(
+        sequence=sequence,
+        stamp_ns=round(stamp_s * 1e9),
+        time_to_live_ms=200,
+        lease_id=lease.lease_id,
+        lease_sequence=lease.sequence,
+    )
+
+
+@pytest.fixture
+def lease() -> Lease:
+    return LeaseDesk().acquire("alice", 0.0)
+
+
+def test_commands_in_order_and_on_time_are_obeyed(lease: Lease) -> None:
+    desk = CommandDesk()
+    for sequence in range(1, 20):
+        checked = desk.check(
+            PAYLOAD, tag_for(lease, sequence, sequence * 0.02).packed(), lease, sequence * 0.02
+        )
+        assert checked.command.tag.sequence == sequence
+        assert checked.good_for_s == pytest.approx(0.2, abs=1e-3)
+    assert sum(desk.counters.as_json().values()) == 0
+
+
+def test_repeated_and_overtaken_commands_are_dropped_and_counted(lease: Lease) -> None:
+    desk = CommandDesk()
+    for sequence in (1, 3):
+        desk.check(PAYLOAD, tag_for(lease, sequence).packed(), lease, 0.0)
+    assert desk.counters.lost == 1
+    for sequence in (3, 2, 1, 0):
+        with pytest.raises(CommandRefusedError, match="sequence"):
+            desk.check(PAYLOAD, tag_for(lease, sequence).packed(), lease, 0.0)
+    assert desk.counters.out_of_order == 4
+
+
+def test_a_command_that_waited_longer_than_its_time_to_live_is_dropped(lease: Lease) -> None:
+    desk = CommandDesk()
+    desk.check(PAYLOAD, tag_for(lease, 1, 0.0).packed(), lease, 100.0)
+    with pytest.raises(CommandRefusedError, match="late"):
+        desk.check(PAYLOAD, tag_for(lease, 2, 0.02).packed(), lease, 100.3)
+    assert desk.counters.late == 1
+    assert desk.check(PAYLOAD, tag_for(lease, 3, 0.3).packed(), lease, 100.3).delay_s < 1e-3
+
+
+def test_a_longer_time_to_live_than_the_robots_own_is_cut(lease: Lease) -> None:
+    tag = replace(tag_for(lease, 1), time_to_live_ms=60_000)
+    assert CommandDesk().check(PAYLOAD, tag.packed(), lease, 0.0).good_for_s == 0.2
+
+
+def test_a_shorter_time_to_live_counts(lease: Lease) -> None:
+    tag = replace(tag_for(lease, 1), time_to_live_ms=50)
+    assert CommandDesk().check(PAYLOAD, tag.packed(), lease, 0.0).good_for_s == pytest.approx(0.05)
+
+
+def test_commands_of_nobody_of_an_old_lease_or_of_a_guess_are_dropped(lease: Lease) -> None:
+    desk = CommandDesk()
+    tag = tag_for(lease, 1)
+    strangers = [replace(tag, lease_id=bytes(16)), replace(tag, lease_sequence=lease.sequence + 1)]
+    for other in strangers:
+        with pytest.raises(CommandRefusedError, match="lease"):
+            desk.check(PAYLOAD, other.packed(), lease, 0.0)
+    with pytest.raises(CommandRefusedError, match="lease"):
+        desk.check(PAYLOAD, tag.packed(), None, 0.0)
+    assert desk.counters.stale_owner == 3
+
+
+def test_a_new_lease_counts_from_one_again(lease: Lease) -> None:
+    desk = CommandDesk()
+    desk.check(PAYLOAD, tag_for(lease, 500).packed(), lease, 0.0)
+    following = replace(lease, lease_id=bytes(range(16)), sequence=lease.sequence + 1)
+    desk.check(PAYLOAD, tag_for(following, 1, -1000.0).packed(), following, 5.0)
+    assert desk.newest_sequence == 1
+
+
+def test_what_is_no_command_is_counted(lease: Lease) -> None:
+    desk = CommandDesk()
+    good = tag_for(lease, 1).packed()
+    for payload, attachment in ((b"", good), (PAYLOAD, None), (PAYLOAD, b"x"), (PAYLOAD[:50], good)):
+        with pytest.raises(MessageError):
+            desk.check(payload, attachment, lease, 0.0)
+    assert desk.counters.malformed == 4

@@ -1,0 +1,228 @@
+"""What the servos do when a controller, a robot or the link between them fails: all in separate processes."""
+
+import signal
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hexctl.backends.clock import PERIOD_S
+from hexctl.backends.zenoh.asking import ask
+from hexctl.wire.keys import KeyMap
+from hexctl.wire.link import Link
+from hexctl.wire.session import Role, open_session
+from tests.robots import shipped
+from tests.serve.cable import Cable
+from tests.serve.processes import Served, controlling, hexctl, served, wait_until
+from tests.serve.recorded import JUMP_AT, JUMP_VARIABLE, ServoLog
+
+#: A stopped robot's targets rest after this, e-stop or silence.
+STILL_AFTER_S = 0.25
+
+
+def check_limits(log: ServoLog) -> None:
+    """Check that no servo was ever told to leave its range, or to go faster than it may within a period."""
+    robot = shipped()
+    assert np.isfinite(log.positions_rad).all()
+    assert (log.positions_rad >= robot.joint_lower_rad - 1e-9).all()
+    assert (log.positions_rad <= robot.joint_upper_rad + 1e-9).all()
+    steps = np.abs(np.diff(log.positions_rad, axis=0)) / (robot.joint_max_speed_rad_s * PERIOD_S)
+    assert steps.max(initial=0.0) <= 1 + 1e-9
+
+
+def stopped(robot: Served) -> str | None:
+    reason = robot.status()["stopped"]
+    assert reason is None or isinstance(reason, str)
+    return reason
+
+
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGSTOP])
+def test_a_controller_that_is_killed_or_stopped_leaves_the_robot_frozen_until_a_new_lease(
+    tmp_path: Path, how: signal.Signals
+) -> None:
+    with served(tmp_path) as robot:
+        with controlling(tmp_path, robot.endpoint) as controller:
+            controller.wait_for("moving")
+            at_s = controller.signal(how)
+            wait_until(lambda: stopped(robot) == "expired", "the stop")
+            assert robot.log().moved_after(at_s) <= STILL_AFTER_S
+            time.sleep(0.3)
+            if how is signal.SIGSTOP:
+                controller.signal(signal.SIGCONT)
+                controller.wait()
+                assert "ended" in controller.said()
+            assert robot.log().moved_after(at_s) <= STILL_AFTER_S
+        with controlling(tmp_path, robot.endpoint, name="next") as following:
+            following.wait_for("moving")
+            assert stopped(robot) is None
+        check_limits(robot.log())
+
+
+def test_after_a_longer_silence_the_robot_sits_down_and_relaxes(tmp_path: Path) -> None:
+    with served(tmp_path, "--sit-after", "1") as robot:
+        with controlling(tmp_path, robot.endpoint) as controller:
+            controller.wait_for("moving")
+            controller.signal(signal.SIGKILL)
+        wait_until(lambda: robot.log().relaxed.any(), "relaxing")
+        log = robot.log()
+        assert robot.status()["posture"] == "limp"
+        knees = log.positions_rad[:, 1::3]
+        assert (knees[-1] > shipped().stance_angles_rad[1] + 0.5).all()
+        check_limits(log)
+        with controlling(tmp_path, robot.endpoint, name="next") as following:
+            following.wait_for("moving")
+        check_limits(robot.log())
+
+
+def test_an_estop_ends_motion_and_nothing_resumes_without_a_clear_and_a_new_lease(tmp_path: Path) -> None:
+    with served(tmp_path) as robot:
+        with controlling(tmp_path, robot.endpoint) as controller:
+            controller.wait_for("moving")
+            at_s = time.monotonic()
+            answer = hexctl("estop", "--connect", robot.endpoint)
+            assert answer.returncode == 0
+            assert "stopped (estop)" in answer.stdout
+            controller.wait()
+            assert "estop" in controller.said()
+            confirmed_s = time.monotonic()
+        with controlling(tmp_path, robot.endpoint, name="barred") as barred:
+            barred.wait()
+            assert "the robot is stopped: estop" in barred.said()
+        assert hexctl("estop", "--clear", "--connect", robot.endpoint).returncode == 0
+        time.sleep(0.3)
+        assert robot.log().moved_after(confirmed_s) == 0
+        assert at_s < confirmed_s
+        with controlling(tmp_path, robot.endpoint, name="next") as following:
+            following.wait_for("moving")
+        check_limits(robot.log())
+
+
+def test_a_second_controller_is_told_who_holds_the_robot_and_moves_nothing(tmp_path: Path) -> None:
+    with served(tmp_path) as robot, controlling(tmp_path, robot.endpoint) as first:
+        first.wait_for("moving")
+        with controlling(tmp_path, robot.endpoint, name="second") as second:
+            second.wait()
+            assert f"process {first.process.pid}" in second.said()
+        status = robot.status()
+        assert str(first.process.pid) in status["controller"]
+        assert status["leases_refused"] >= 1
+        assert status["commands"]["stale_owner"] == 0
+        assert first.process.poll() is None
+
+
+def test_a_robot_that_is_killed_is_noticed_and_can_be_used_again_when_it_is_back(tmp_path: Path) -> None:
+    with served(tmp_path) as robot, controlling(tmp_path, robot.endpoint) as controller:
+        controller.wait_for("moving")
+        robot.signal(signal.SIGKILL)
+        assert controller.wait() == 3
+        assert "ended" in controller.said()
+        port = int(robot.endpoint.rpartition(":")[2])
+    with (
+        served(tmp_path, port=port, name="back") as back,
+        controlling(tmp_path, back.endpoint, name="next") as following,
+    ):
+        following.wait_for("moving")
+        check_limits(back.log())
+
+
+def test_a_robot_that_stalls_for_a_second_does_not_act_on_what_waited(tmp_path: Path) -> None:
+    with served(tmp_path) as robot, controlling(tmp_path, robot.endpoint) as controller:
+        controller.wait_for("moving")
+        at_s = robot.signal(signal.SIGSTOP)
+        time.sleep(1.0)
+        robot.signal(signal.SIGCONT)
+        controller.wait()
+        wait_until(lambda: stopped(robot) == "expired", "the stop")
+        # At most what was on its way to the servos when the process froze, and one tick after it woke.
+        later = robot.log().between(at_s + 0.1, at_s + 60)
+        assert len(np.unique(later.positions_rad, axis=0)) <= 2
+        check_limits(robot.log())
+
+
+@pytest.mark.parametrize("loss", [0.01, 0.1, 0.3])
+def test_lost_and_overtaken_commands_are_counted_and_the_motion_stays_within_limits(
+    tmp_path: Path, loss: float
+) -> None:
+    with (
+        served(tmp_path) as robot,
+        controlling(tmp_path, robot.endpoint, f"loss={loss}", "reorder=0.1") as controller,
+    ):
+        controller.wait_for("moving")
+        wait_until(lambda: robot.status()["commands"]["lost"] > 0, "a loss")
+        time.sleep(1.0)
+        status = robot.status()
+        assert status["stopped"] is None, controller.said()
+        assert status["commands"]["out_of_order"] > 0
+        assert status["commands"]["accepted"] > 0
+        check_limits(robot.log())
+
+
+@pytest.mark.parametrize("jump_s", [-86_400.0, 86_400.0])
+@pytest.mark.parametrize("side", ["controller", "robot"])
+def test_a_jump_of_the_walls_clock_on_either_side_changes_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, jump_s: float, side: str
+) -> None:
+    if side == "robot":
+        monkeypatch.setenv(JUMP_VARIABLE, str(jump_s))
+    options = [f"jump={jump_s}"] if side == "controller" else []
+    with served(tmp_path) as robot, controlling(tmp_path, robot.endpoint, *options) as controller:
+        controller.wait_for("moving")
+        wait_until(lambda: len(robot.log().times_s) > JUMP_AT + 25, "the time after the jump")
+        status = robot.status()
+        assert status["stopped"] is None
+        assert status["commands"]["late"] == 0
+        assert controller.process.poll() is None
+
+
+@pytest.mark.parametrize("how", ["hold", "close"])
+def test_a_link_that_is_cut_freezes_the_robot_and_what_waited_in_it_moves_nothing(
+    tmp_path: Path, how: str
+) -> None:
+    with served(tmp_path) as robot, Cable(robot.endpoint) as cable:
+        with controlling(tmp_path, cable.endpoint) as controller:
+            controller.wait_for("moving")
+            at_s = cable.cut(how)
+            wait_until(lambda: stopped(robot) == "expired", "the stop")
+            cable.mend()
+            assert controller.wait() == 3
+            time.sleep(0.5)
+            assert robot.log().moved_after(at_s) <= STILL_AFTER_S
+        with controlling(tmp_path, cable.endpoint, name="next") as following:
+            following.wait_for("moving")
+        check_limits(robot.log())
+
+
+def wait_for_motion(robot: Served) -> None:
+    """Wait until a robot moves from now on."""
+    now_s = time.monotonic()
+    wait_until(lambda: robot.log().moved_after(now_s + 0.1) > 0, "motion")
+
+
+def stop_often(folder: Path, times: int) -> None:
+    """Stop a swaying robot again and again, and check how long it moves on each time."""
+    pause = np.random.default_rng(0).uniform(0.05, 0.25, times)
+    with (
+        served(folder) as robot,
+        controlling(folder, robot.endpoint, "again=1"),
+        open_session(Link(endpoint=robot.endpoint), Role.CONTROLLER, KeyMap.of("ant")) as session,
+    ):
+        key = KeyMap.of("ant").estop
+        for pause_s in pause.tolist():
+            wait_for_motion(robot)
+            time.sleep(pause_s)
+            at_s = time.monotonic()
+            assert ask(session, key, {"op": "stop"}) == [{"stopped": "estop"}]
+            time.sleep(STILL_AFTER_S + 0.1)
+            assert robot.log().moved_after(at_s) <= STILL_AFTER_S
+            assert ask(session, key, {"op": "clear"}) == [{"stopped": None}]
+        check_limits(robot.log())
+
+
+def test_an_estop_while_moving_ends_the_motion_every_time(tmp_path: Path) -> None:
+    stop_often(tmp_path, times=15)
+
+
+@pytest.mark.soak
+def test_an_estop_while_moving_ends_the_motion_a_hundred_times_of_a_hundred(tmp_path: Path) -> None:
+    stop_often(tmp_path, times=100)

@@ -1,0 +1,103 @@
+"""A robot that nobody commands holds, sits down after a while, and goes limp."""
+
+import numpy as np
+
+from hexctl.backends.clock import PERIOD_S
+from hexctl.control.guard import Guard
+from hexctl.control.sitting import SITTING_S, sitting_angles_rad
+from hexctl.ik.kinematics import solve_legs
+from hexctl.serve.posture import Posture
+from tests.control.posed import PosedMock, connected, send
+from tests.robots import ROBOT_NAMES, shipped
+
+
+def let_pass(guard_and_servos: tuple[Guard, PosedMock], posture: Posture, duration_s: float) -> None:
+    guard, _ = guard_and_servos
+    for _ in range(round(duration_s / PERIOD_S)):
+        guard.clock.tick()
+        guard.read()
+        posture.tick(guard.clock.now_s)
+
+
+def commanded_once() -> tuple[tuple[Guard, PosedMock], Posture]:
+    guard, servos = connected()
+    posture = Posture(guard, sit_after_s=1.0)
+    send(guard, guard.robot.stance_angles_rad)
+    posture.commanded(guard.clock.now_s)
+    return (guard, servos), posture
+
+
+def test_it_holds_after_silence_then_sits_within_limits_and_relaxes() -> None:
+    (guard, servos), posture = commanded_once()
+    let_pass((guard, servos), posture, 0.5)
+    assert (guard.stopped, posture.name) == ("expired", "holding")
+    n_before = len(servos.sent)
+    let_pass((guard, servos), posture, 0.6)
+    assert posture.name == "sitting"
+    let_pass((guard, servos), posture, SITTING_S + 0.1)
+    assert posture.name == "limp"
+    assert servos.relaxed
+    sat = np.array([targets.positions_rad for targets in list(servos.sent)[n_before:]])
+    np.testing.assert_allclose(sat[-1], sitting_angles_rad(guard.robot), atol=0.05)
+    assert (np.abs(np.diff(sat, axis=0)) <= guard.robot.joint_max_speed_rad_s * PERIOD_S + 1e-9).all()
+    assert guard.stopped == "expired"
+
+
+def test_after_any_other_stop_it_holds_for_good() -> None:
+    (guard, servos), posture = commanded_once()
+    guard.stop("estop")
+    let_pass((guard, servos), posture, 5.0)
+    assert posture.name == "holding"
+    assert len(servos.sent) == 1
+    assert not servos.relaxed
+
+
+def test_a_stop_while_sitting_down_ends_the_motion() -> None:
+    (guard, servos), posture = commanded_once()
+    let_pass((guard, servos), posture, 1.5)
+    assert posture.name == "sitting"
+    guard.stop("estop")
+    n_before = len(servos.sent)
+    let_pass((guard, servos), posture, 5.0)
+    assert len(servos.sent) == n_before
+    assert not servos.relaxed
+
+
+def test_a_robot_whose_controller_left_in_good_order_sits_down_too() -> None:
+    (guard, servos), posture = commanded_once()
+    guard.rest()
+    let_pass((guard, servos), posture, 4.0)
+    assert posture.name == "limp"
+    assert guard.stopped is None
+
+
+def test_before_the_first_command_nothing_moves() -> None:
+    guard, servos = connected()
+    posture = Posture(guard, sit_after_s=1.0)
+    let_pass((guard, servos), posture, 5.0)
+    assert posture.name == "idle"
+    assert not servos.sent
+
+
+def test_a_command_ends_the_sitting() -> None:
+    (guard, servos), posture = commanded_once()
+    let_pass((guard, servos), posture, 1.5)
+    guard.clear()
+    send(guard, guard.robot.stance_angles_rad)
+    posture.commanded(guard.clock.now_s)
+    posture.tick(guard.clock.now_s)
+    assert posture.name == "commanded"
+
+
+def test_every_shipped_robot_sits_lower_than_it_stands_within_its_ranges() -> None:
+    for name in ROBOT_NAMES:
+        robot = shipped(name)
+        pose = sitting_angles_rad(robot)
+        assert (pose >= robot.joint_lower_rad).all()
+        assert (pose <= robot.joint_upper_rad).all()
+        assert not np.allclose(pose, robot.stance_angles_rad)
+        assert solve_legs(robot, robot.stance_feet_body).reachable.all()
+
+
+def test_the_posed_mock_is_what_the_other_tests_take_it_for() -> None:
+    assert isinstance(connected()[1], PosedMock)

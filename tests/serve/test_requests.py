@@ -1,0 +1,97 @@
+"""What a robot answers about its lease and its stop."""
+
+import pytest
+
+from hexctl.control.guard import Guard
+from hexctl.errors import EStopError
+from hexctl.serve.lease import LeaseDesk
+from hexctl.serve.requests import RequestDesk
+from hexctl.wire.describe import encode_json
+from tests.control.posed import connected, send
+
+
+@pytest.fixture
+def guard() -> Guard:
+    return connected()[0]
+
+
+@pytest.fixture
+def desk(guard: Guard) -> RequestDesk:
+    return RequestDesk(guard, LeaseDesk())
+
+
+def ask(desk: RequestDesk, now_s: float = 0.0, **content: str) -> dict[str, object]:
+    return desk.lease(encode_json(content), now_s)
+
+
+def test_a_lease_is_given_renewed_and_released(desk: RequestDesk) -> None:
+    given = ask(desk, op="acquire", owner="alice")
+    lease = str(given["lease"])
+    assert ask(desk, 0.3, op="renew", lease=lease) == {"sequence": given["sequence"]}
+    assert "alice" in str(ask(desk, 0.6, op="acquire", owner="bob")["error"])
+    assert ask(desk, 0.6, op="release", lease=lease) == {"released": True}
+    assert "lease" in ask(desk, 0.7, op="acquire", owner="bob")
+
+
+def test_silence_is_lifted_by_a_new_lease_and_every_other_stop_is_not(
+    guard: Guard, desk: RequestDesk
+) -> None:
+    guard.stop("expired")
+    assert "lease" in ask(desk, op="acquire", owner="alice")
+    assert guard.stopped is None
+    for reason in ("estop", "fell", "fault: low battery", "state", "pose lost"):
+        guard.clear()
+        guard.stop(reason)
+        assert reason in str(ask(desk, 10.0, op="acquire", owner="bob")["error"])
+        assert guard.stopped == reason
+
+
+def test_a_stop_outweighs_silence_and_takes_the_lease_away(guard: Guard, desk: RequestDesk) -> None:
+    lease = str(ask(desk, op="acquire", owner="alice")["lease"])
+    guard.stop("expired")
+    assert desk.estop(b"") == {"stopped": "estop"}
+    assert "error" in ask(desk, 0.1, op="renew", lease=lease)
+    assert "estop" in str(ask(desk, 0.1, op="acquire", owner="alice")["error"])
+
+
+def test_a_stop_works_at_once_and_is_cleared_explicitly(guard: Guard, desk: RequestDesk) -> None:
+    desk.urgent(encode_json({"op": "stop"}))
+    with pytest.raises(EStopError, match="estop"):
+        send(guard, guard.robot.stance_angles_rad)
+    desk.urgent(encode_json({"op": "clear"}))
+    assert guard.stopped == "estop"
+    assert desk.estop(encode_json({"op": "clear"})) == {"stopped": None}
+    send(guard, guard.robot.stance_angles_rad)
+
+
+@pytest.mark.parametrize("payload", [b"x", b"[]", b"{}", b'{"op": "go"}', b'{"op": 1}'])
+def test_what_is_no_request_changes_nothing_and_is_counted(
+    guard: Guard, desk: RequestDesk, payload: bytes
+) -> None:
+    guard.stop("fell")
+    desk.urgent(payload)
+    assert "error" in desk.estop(payload)
+    assert "error" in desk.lease(payload, 0.0)
+    assert guard.stopped == "fell"
+    assert desk.malformed == 2
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        {"op": "renew", "lease": "no hex"},
+        {"op": "renew", "lease": 5},
+        {"op": "acquire", "owner": 5},
+        {"op": "acquire", "owner": "a\nb"},
+    ],
+)
+def test_a_lease_request_with_bad_values_is_refused(desk: RequestDesk, content: dict[str, object]) -> None:
+    assert "allowed" in str(desk.lease(encode_json(content), 0.0)["error"])
+
+
+def test_resting_is_no_silence(guard: Guard, desk: RequestDesk) -> None:
+    lease = str(ask(desk, op="acquire", owner="alice")["lease"])
+    send(guard, guard.robot.stance_angles_rad)
+    assert guard.expects_commands
+    assert "sequence" in ask(desk, 0.1, op="rest", lease=lease)
+    assert not guard.expects_commands
