@@ -6,6 +6,7 @@ from benchmarks.adapt import adapt_rows
 from benchmarks.batch import batch_rows
 from benchmarks.clock import clock_rows
 from benchmarks.landscape import landscape_benchmarks
+from benchmarks.link import link_rows
 from benchmarks.recording import recording_rows
 from benchmarks.rows import Row
 from benchmarks.scale import Scale
@@ -21,6 +22,7 @@ BENCHMARKS: dict[str, Benchmark] = {
     "startup": startup_rows,
     "tick": tick_rows,
     "clock": clock_rows,
+    "link": link_rows,
     "single": single_rows,
     "recording": recording_rows,
     "batch": batch_rows,

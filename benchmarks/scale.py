@@ -15,6 +15,8 @@ class Scale:
         walk_s: duration of a single walk and of the walks of a landscape.
         ticks: control ticks per round of the tick benchmark.
         clock_s: how long the wall clock is watched.
+        link_s: how long round trips over the link are measured.
+        twin_s: how long a robot at the other end of the link walks.
         starts: how often a process is started.
     """
 
@@ -25,14 +27,34 @@ class Scale:
     walk_s: float
     ticks: int
     clock_s: float
+    link_s: float
+    twin_s: float
     starts: int
 
 
 FULL = Scale(
-    rounds=7, trial_rounds=21, codes=120, batch_walk_s=10.0, walk_s=30.0, ticks=5000, clock_s=60.0, starts=7
+    rounds=7,
+    trial_rounds=21,
+    codes=120,
+    batch_walk_s=10.0,
+    walk_s=30.0,
+    ticks=5000,
+    clock_s=60.0,
+    link_s=60.0,
+    twin_s=600.0,
+    starts=7,
 )
 
 #: A smoke test: every number comes out, none of them means much.
 QUICK = Scale(
-    rounds=2, trial_rounds=2, codes=6, batch_walk_s=1.0, walk_s=3.0, ticks=500, clock_s=1.0, starts=2
+    rounds=2,
+    trial_rounds=2,
+    codes=6,
+    batch_walk_s=1.0,
+    walk_s=3.0,
+    ticks=500,
+    clock_s=1.0,
+    link_s=1.0,
+    twin_s=3.0,
+    starts=2,
 )

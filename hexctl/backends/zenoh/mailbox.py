@@ -31,6 +31,10 @@ class Mailbox:
         attachment = None if sample.attachment is None else bytes(sample.attachment)
         self._newest[kind] = Letter(bytes(sample.payload), attachment, time.monotonic())
 
+    def clear(self) -> None:
+        """Throw everything away."""
+        self._newest.clear()
+
     def newest(self, kind: str) -> Letter | None:
         """Return the newest letter of a kind, or None before the first."""
         return self._newest.get(kind)

@@ -63,12 +63,12 @@ class ZenohServos(LegServos):
     clock is this end's wall clock. `read` returns the newest state that came before the tick.
     """
 
-    def __init__(self, robot: Robot, *, link: Link) -> None:
+    def __init__(self, robot: Robot, *, link: Link, mailbox: Mailbox | None = None) -> None:
         self._robot, self._link = robot, link
         self._keys = link.keys(robot.name)
         self._clock = TickedClock()
         self._opened: ExitStack | None = None
-        self._mailbox = Mailbox()
+        self._mailbox = mailbox or Mailbox()
         self._sequence = 0
         self._snapshot: tuple[int, RobotState] | None = None
 
@@ -93,7 +93,7 @@ class ZenohServos(LegServos):
         with ExitStack() as opening:
             session = opening.enter_context(open_session(self._link, Role.CONTROLLER, self._keys))
             self._check_robot(session)
-            self._mailbox = Mailbox()
+            self._mailbox.clear()
             for kind in ("joint_states", "odom", "battery"):
                 self._listen(session, kind)
             self._tenancy = Tenancy(session, self._keys.lease)
