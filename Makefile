@@ -43,6 +43,7 @@ smoke: $(INSTALLED)
 	$(PYTHON) -m venv build/smoke/venv
 	build/smoke/venv/bin/python -m pip install --quiet --disable-pip-version-check -c constraints.txt build/smoke/*.whl
 	cd build/smoke && venv/bin/hexctl check pexod && venv/bin/hexctl run --backend mock --no-record --duration 0.2
+	cd build/smoke && venv/bin/python ../../tests/smoke.py venv/bin/hexctl
 
 bench: $(INSTALLED)
 	$(BIN)/python -m benchmarks

@@ -22,6 +22,7 @@ class PosedMock(MockServos):
         joints_rad: where it says its joints are; None is the mock's echo.
         age_s: how old it says its state is.
         healthy: what it says of itself.
+        fault: what it says is wrong.
     """
 
     def __init__(self, robot: Robot | None = None) -> None:
@@ -32,6 +33,7 @@ class PosedMock(MockServos):
         self.joints_rad: FloatArray | None = None
         self.age_s = 0.0
         self.healthy = True
+        self.fault: str | None = None
         self._broken: Exception | None = None
 
     def connect(self) -> None:
@@ -51,6 +53,7 @@ class PosedMock(MockServos):
             base_quaternion_world=self.quaternion_world,
             age_s=self.age_s,
             healthy=self.healthy,
+            fault=self.fault,
         )
 
     def write(self, targets: JointTargets) -> JointTargets:

@@ -5,12 +5,14 @@ import shlex
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
+import typer
 import yaml
 
 from hexctl.backends.sim.world import World
-from hexctl.cli.main import exit_code
+from hexctl.cli.main import app, exit_code
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -21,8 +23,8 @@ def blocks(page: Path, language: str) -> list[str]:
 
 
 def hexctl_lines() -> list[str]:
-    """Return the commands of all pages but the one whose files a test of its own makes."""
-    pages = [page for page in PAGES if page.name != "own-servos.md"]
+    """Return the commands of all pages but those whose files a test of their own makes."""
+    pages = [page for page in PAGES if page.name not in ("own-servos.md", "real-robot.md")]
     lines = [line for page in pages for block in blocks(page, "sh") for line in block.splitlines()]
     return [line.split("#")[0].strip() for line in lines if line.startswith("hexctl ")]
 
@@ -93,3 +95,34 @@ def test_the_servos_of_the_docs(tmp_path: Path) -> None:
 def test_links_lead_somewhere(page: Path) -> None:
     for target in re.findall(r"\]\(([^)#]+)\)", page.read_text(encoding="utf-8")):
         assert "://" in target or (page.parent / target).exists(), target
+
+
+def test_the_commands_of_the_real_robots_page_with_a_kit_in_the_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    page = ROOT / "docs" / "real-robot.md"
+    lines = [line for block in blocks(page, "sh") for line in block.splitlines()]
+    assert lines[0].startswith("cp configs/robots/")
+    source, target = lines[0].split()[1:]
+    (tmp_path / target).write_bytes((ROOT / source).read_bytes())
+    for line in lines[1:]:
+        assert exit_code(shortened(shlex.split(line)[1:])) == 0
+
+
+def test_every_command_of_the_pages_exists_with_its_options() -> None:
+    """The commands that need hardware, certificates or minutes: at least they are what hexctl takes."""
+    lines = [line for page in PAGES for block in blocks(page, "text") for line in block.splitlines()]
+    commands = [shlex.split(line, comments=True) for line in lines if line.startswith("hexctl ")]
+    assert len(commands) >= 10
+    for command in commands:
+        assert_options_exist([word for word in command[1:] if word != "\u2026"])
+
+
+def assert_options_exist(arguments: list[str]) -> None:
+    command: Any = typer.main.get_command(app)
+    while hasattr(command, "commands") and arguments:
+        command = command.commands[arguments.pop(0)]
+    known = {name for parameter in command.params for name in parameter.opts}
+    for argument in arguments:
+        assert not argument.startswith("--") or argument in known, f"{argument} of {command.name}"

@@ -1,0 +1,181 @@
+"""The robot's side of the link, tick by tick, with the network left out."""
+
+import json
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hexctl.serve.inbox import Arrival
+from hexctl.serve.server import RobotServer
+from hexctl.serve.station import Station
+from hexctl.wire.command import decode_positions, encode_positions
+from hexctl.wire.link import Link
+from hexctl.wire.state import encode_pose
+from hexctl.wire.tags import CommandTag, StateTag
+from tests.control.posed import PosedMock
+from tests.serve.test_hostile_input import Item
+
+
+class Bench:
+    """A server on a robot whose time and network the test holds."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, *, sit_after_s: float = 10.0) -> None:
+        self.servos = PosedMock()
+        self.said: list[tuple[str, bytes, bytes | None]] = []
+        monkeypatch.setattr(Station, "publish", lambda _, *message: self.said.append((*message, None)[:3]))
+        monkeypatch.setattr("time.monotonic", lambda: self.servos.time.now_s)
+        self.server = RobotServer(self.servos, Link(), backend="mock", sit_after_s=sit_after_s)
+        self.servos.connect()
+        self.servos.clock.tick()
+        self.lease: dict[str, Any] = {}
+        self.sequence = 0
+
+    def ask(self, kind: str, content: dict[str, Any] | None = None) -> dict[str, Any]:
+        item: Any = Item(b"" if content is None else json.dumps(content).encode(), None)
+        if kind == "estop":
+            self.server._station._urgent(item.payload)
+        self.server._handle(Arrival(kind, item, self.servos.time.now_s))
+        answer: dict[str, Any] = json.loads(item.answers[0])
+        return answer
+
+    def acquire(self) -> dict[str, Any]:
+        self.lease, self.sequence = self.ask("lease", {"op": "acquire", "owner": "test"}), 0
+        return self.lease
+
+    def command(self, positions_rad: Any, *, ttl_ms: int = 200) -> None:
+        self.sequence += 1
+        tag = CommandTag(
+            sequence=self.sequence,
+            stamp_ns=round(self.servos.time.now_s * 1e9),
+            time_to_live_ms=ttl_ms,
+            lease_id=bytes.fromhex(self.lease["lease"]),
+            lease_sequence=self.lease["sequence"],
+        )
+        item: Any = Item(encode_positions(positions_rad), tag.packed())
+        self.server._handle(Arrival("command", item, self.servos.time.now_s))
+
+    def ticks(self, times: int) -> None:
+        for _ in range(times):
+            self.server._tick()
+
+    def last_state(self) -> tuple[Any, StateTag]:
+        payload, tag = next((p, t) for kind, p, t in reversed(self.said) if kind == "joint_states")
+        assert tag is not None
+        return decode_positions(payload), StateTag.unpacked(tag)
+
+
+@pytest.fixture
+def bench(monkeypatch: pytest.MonkeyPatch) -> Bench:
+    return Bench(monkeypatch)
+
+
+def test_a_command_reaches_the_servos_at_once_and_comes_back_as_a_state(bench: Bench) -> None:
+    bench.acquire()
+    wanted = bench.servos.robot.stance_angles_rad + 0.01
+    bench.command(wanted)
+    np.testing.assert_array_equal(bench.servos.sent[-1].positions_rad, wanted)
+    assert bench.last_state()[1].command_sequence == 1
+
+
+def test_a_short_time_to_live_ends_the_motion_sooner(bench: Bench) -> None:
+    bench.acquire()
+    bench.command(bench.servos.robot.stance_angles_rad, ttl_ms=50)
+    bench.ticks(2)
+    assert bench.server.status()["stopped"] is None
+    bench.ticks(2)
+    assert bench.server.status()["stopped"] == "expired"
+    assert bench.last_state()[1].stopped == "expired"
+
+
+def test_silence_takes_the_lease_away_and_a_new_one_lifts_the_stop(bench: Bench) -> None:
+    bench.acquire()
+    bench.command(bench.servos.robot.stance_angles_rad)
+    bench.ticks(12)
+    assert bench.server.status()["stopped"] == "expired"
+    assert bench.server.status()["controller"] is None
+    n_before = len(bench.servos.sent)
+    bench.command(bench.servos.robot.stance_angles_rad + 0.05)
+    assert len(bench.servos.sent) == n_before
+    assert bench.server.status()["commands"]["stale_owner"] == 1
+    bench.acquire()
+    bench.command(bench.servos.robot.stance_angles_rad + 0.05)
+    assert len(bench.servos.sent) == n_before + 1
+
+
+def test_a_controller_that_rests_is_not_silent(bench: Bench) -> None:
+    bench.acquire()
+    bench.command(bench.servos.robot.stance_angles_rad)
+    bench.ask("lease", {"op": "rest", "lease": bench.lease["lease"]})
+    bench.ticks(30)
+    assert bench.server.status()["stopped"] is None
+
+
+def test_a_stop_reaches_a_robot_in_the_middle_of_commands(bench: Bench) -> None:
+    bench.acquire()
+    bench.command(bench.servos.robot.stance_angles_rad)
+    assert bench.ask("estop") == {"stopped": "estop"}
+    n_before = len(bench.servos.sent)
+    bench.command(bench.servos.robot.stance_angles_rad + 0.1)
+    bench.ticks(1000)
+    assert len(bench.servos.sent) == n_before
+    assert "error" in bench.acquire()
+    assert bench.ask("estop", {"op": "clear"}) == {"stopped": None}
+    assert "lease" in bench.acquire()
+
+
+@pytest.mark.parametrize("fault", ["low battery 9.6 V", None])
+def test_a_fault_stops_the_robot_and_is_said_in_words(bench: Bench, fault: str | None) -> None:
+    bench.acquire()
+    bench.servos.healthy = False
+    bench.servos.fault = fault
+    bench.ticks(1)
+    reason = "fault" if fault is None else f"fault: {fault}"
+    assert bench.server.status()["stopped"] == reason
+    assert bench.last_state()[1].fault == fault
+    bench.ask("lease", {"op": "release", "lease": bench.lease["lease"]})
+    assert reason in bench.acquire()["error"]
+
+
+def test_lost_servo_feedback_is_a_fault(bench: Bench) -> None:
+    bench.acquire()
+    bench.servos.age_s = 0.3
+    bench.ticks(1)
+    assert bench.server.status()["stopped"] == "state"
+
+
+def test_a_fall_is_latched_until_it_is_cleared(bench: Bench) -> None:
+    bench.acquire()
+    bench.servos.lean(80)
+    bench.ticks(20)
+    assert bench.server.status()["stopped"] == "fell"
+    bench.servos.lean(0)
+    bench.ticks(20)
+    assert bench.server.status()["stopped"] == "fell"
+    assert bench.ask("estop", {"op": "clear"}) == {"stopped": None}
+
+
+def test_a_pose_from_outside_wins_and_one_that_stops_coming_is_a_fault(bench: Bench) -> None:
+    position, quaternion = np.array([1.0, 2.0, 0.1]), np.array([1.0, 0.0, 0.0, 0.0])
+    bench.servos.position_world = bench.servos.quaternion_world = None
+    item: Any = Item(encode_pose(position, quaternion), None)
+    bench.server._handle(Arrival("pose", item, bench.servos.time.now_s))
+    bench.ticks(2)
+    assert [kind for kind, _, _ in bench.said].count("odom") == 2
+    assert bench.server.status()["pose"]
+    bench.ticks(12)
+    assert bench.server.status()["stopped"] == "pose lost"
+
+
+def test_status_and_battery_go_out_now_and_then(bench: Bench) -> None:
+    bench.ticks(100)
+    kinds = [kind for kind, _, _ in bench.said]
+    assert kinds.count("joint_states") == 100
+    assert kinds.count("status") == 10
+    assert kinds.count("battery") == 2
+
+
+def test_who_asks_who_it_is_gets_the_description_and_the_status(bench: Bench) -> None:
+    answer = bench.ask("describe")
+    assert answer["robot"]["name"] == "ant"
+    assert answer["status"]["backend"] == "mock"
