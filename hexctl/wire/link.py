@@ -20,12 +20,15 @@ class Link:
         credentials: folder that `hexctl keys new` made, or None for a link without certificates.
         insecure: True where somebody typed that a link beyond loopback may do without certificates.
         names: keys of a robot that has names of its own, by kind.
+        plain: True for a robot that speaks the ROS 2 messages and nothing else of hexctl's: no description is
+            compared, no lease taken, and what happens when commands stop coming is up to it.
     """
 
     endpoint: str = DEFAULT_ENDPOINT
     credentials: Path | None = None
     insecure: bool = False
     names: Mapping[str, str] = field(default_factory=dict)
+    plain: bool = False
 
     def keys(self, robot_name: str) -> KeyMap:
         """Return the keys of a robot on this link.

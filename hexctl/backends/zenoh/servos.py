@@ -21,7 +21,7 @@ from hexctl.wire.link import Link
 from hexctl.wire.protocol import TIME_TO_LIVE_S
 from hexctl.wire.session import Role, open_session
 from hexctl.wire.state import contacts_of, decode_battery, decode_pose
-from hexctl.wire.tags import CommandTag, StateTag
+from hexctl.wire.tags import LEASE_ID_BYTES, CommandTag, StateTag
 
 #: How long a robot may take to say who it is, and to send its first state.
 PATIENCE_S = 3.0
@@ -34,6 +34,13 @@ STALE_POSE_S = 0.2
 
 #: Where in the robot's period this end's ticks fall: as far from its ticks as can be.
 PHASE = 0.5
+
+NO_LEASE = bytes(LEASE_ID_BYTES)
+
+#: What is taken for granted of a robot that sends no tags.
+PLAIN_TAG = StateTag(
+    sequence=0, stamp_ns=0, age_us=0, command_sequence=0, measured=True, healthy=True, contacts=None
+)
 
 WHO = "the robot on the network"
 
@@ -69,6 +76,7 @@ class ZenohServos(LegServos):
         self._clock = TickedClock()
         self._opened: ExitStack | None = None
         self._mailbox = mailbox or Mailbox()
+        self._tenancy: Tenancy | None = None
         self._sequence = 0
         self._snapshot: tuple[int, RobotState] | None = None
 
@@ -92,13 +100,15 @@ class ZenohServos(LegServos):
             return
         with ExitStack() as opening:
             session = opening.enter_context(open_session(self._link, Role.CONTROLLER, self._keys))
-            self._check_robot(session)
+            if not self._link.plain:
+                self._check_robot(session)
             self._mailbox.clear()
             for kind in ("joint_states", "odom", "battery"):
                 self._listen(session, kind)
-            self._tenancy = Tenancy(session, self._keys.lease)
-            self._tenancy.acquire()
-            opening.callback(self._tenancy.release)
+            if not self._link.plain:
+                self._tenancy = Tenancy(session, self._keys.lease)
+                self._tenancy.acquire()
+                opening.callback(self._tenancy.release)
             self._publisher = session.declare_publisher(
                 self._keys.command,
                 congestion_control=zenoh.CongestionControl.DROP,
@@ -124,22 +134,14 @@ class ZenohServos(LegServos):
         """Send targets to the robot, whose guard has the last word."""
         check_connected(self._opened is not None, WHO)
         check_targets(targets)
-        if self._tenancy.lost is not None:
-            raise RobotFaultError(f"the robot is no longer ours: {self._tenancy.lost}")
+        self._check_ours()
         self._sequence += 1
-        tag = CommandTag(
-            sequence=self._sequence,
-            stamp_ns=time.monotonic_ns(),
-            time_to_live_ms=round(1000 * TIME_TO_LIVE_S),
-            lease_id=self._tenancy.lease_id,
-            lease_sequence=self._tenancy.sequence,
-        )
-        self._publisher.put(encode_positions(targets.positions_rad), attachment=tag.packed())
+        self._publisher.put(encode_positions(targets.positions_rad), attachment=self._tag())
         return targets
 
     def rest(self) -> None:
         """Tell the robot that no command is due until the next one."""
-        if self._opened is not None:
+        if self._opened is not None and self._tenancy is not None:
             self._tenancy.rest()
 
     def close(self) -> None:
@@ -178,10 +180,25 @@ class ZenohServos(LegServos):
             time.sleep(0.001)
         self._clock.begin(letter.at_s - self._clock.period_s * PHASE)
 
+    def _check_ours(self) -> None:
+        """Raise RobotFaultError when somebody else has the robot now, or nobody."""
+        if self._tenancy is not None and self._tenancy.lost is not None:
+            raise RobotFaultError(f"the robot is no longer ours: {self._tenancy.lost}")
+
+    def _tag(self) -> bytes:
+        """Return what travels beside the next command."""
+        tenancy = self._tenancy
+        return CommandTag(
+            sequence=self._sequence,
+            stamp_ns=time.monotonic_ns(),
+            time_to_live_ms=round(1000 * TIME_TO_LIVE_S),
+            lease_id=NO_LEASE if tenancy is None else tenancy.lease_id,
+            lease_sequence=0 if tenancy is None else tenancy.sequence,
+        ).packed()
+
     def _newest(self) -> RobotState:
         """Return the state that the newest letters hold."""
-        if self._tenancy.lost is not None:
-            raise RobotFaultError(f"the robot is no longer ours: {self._tenancy.lost}")
+        self._check_ours()
         letter = self._mailbox.newest("joint_states")
         now_s = time.monotonic()
         if letter is None or now_s - letter.at_s > GONE_AFTER_S:
@@ -191,7 +208,7 @@ class ZenohServos(LegServos):
             )
         try:
             positions_rad = decode_positions(letter.payload)
-            tag = StateTag.unpacked(letter.attachment or b"")
+            tag = PLAIN_TAG if self._link.plain else StateTag.unpacked(letter.attachment or b"")
         except MessageError as error:
             raise RobotFaultError(f"the robot sends states that are none: {error}") from error
         position, quaternion = self._pose(now_s)
