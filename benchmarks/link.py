@@ -30,6 +30,9 @@ from hexctl.wire.link import Link
 from hexctl.wire.session import Role, open_session
 from hexctl.wire.tags import CommandTag, StateTag
 
+#: Round trips of a window: a pause of the machine that hits one of the two spoils one window, not the figure.
+WINDOW = 250
+
 #: In seconds, on the same machine: what is lost after this is lost.
 PATIENCE_S = 0.5
 
@@ -37,10 +40,13 @@ PATIENCE_S = 0.5
 def link_rows(scale: Scale) -> Iterator[Row]:
     """Round trips at 50 Hz, the robot's and the bare echo's in turn, and a walk of minutes over the link."""
     ours, bare = _round_trips_us(round(scale.link_s / PERIOD_S))
-    note = f"command to state of a served mock over a bare echo, {len(ours)} of each in turn"
+    note = (
+        f"command to state of a served mock over a bare echo, {len(ours)} of each in turn; "
+        f"median over windows of {WINDOW}"
+    )
     for percent, bar in ((50, None), (99, Bar(high=1.5))):
-        ratio = float(np.percentile(ours, percent) / np.percentile(bare, percent))
-        yield Row(f"link.latency.p{percent}.ratio", ratio, "ratio", bar, note)
+        ratios = _by_window(ours, percent) / _by_window(bare, percent)
+        yield Row(f"link.latency.p{percent}.ratio", float(np.median(ratios)), "ratio", bar, note)
         yield Row(f"link.latency.p{percent}", float(np.percentile(ours, percent)), "us")
     yield from _walk_rows(scale.twin_s)
 
@@ -131,6 +137,13 @@ def _since_us(first_s: dict[int, float], sent_s: list[float]) -> FloatArray:
     """Return how long each of the numbers 1, 2 ... took; one that never came took for ever."""
     took_s = [first_s.get(index, np.inf) - at_s for index, at_s in enumerate(sent_s, start=1)]
     return 1e6 * np.array(took_s)
+
+
+def _by_window(times_us: FloatArray, percent: float) -> FloatArray:
+    """Return a percentile of each window of round trips; of all of them where they are fewer."""
+    size = min(WINDOW, len(times_us))
+    windows = times_us[: len(times_us) // size * size].reshape(-1, size)
+    return np.percentile(windows, percent, axis=1)
 
 
 def _walk_rows(duration_s: float) -> Iterator[Row]:
