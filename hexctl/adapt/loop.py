@@ -11,11 +11,12 @@ from hexctl.adapt.objective import score_of
 from hexctl.adapt.optimizer import Optimizer
 from hexctl.adapt.session import Session, TrialRecord
 from hexctl.adapt.shown import Shown
+from hexctl.adapt.stops import RobotStoppedError
 from hexctl.adapt.store import SessionStore
 from hexctl.control.result import TrialResult
 from hexctl.control.trial import Enough, StopRequested, never
-from hexctl.errors import RobotFaultError
 from hexctl.gait.encoding import Slots
+from hexctl.robot.messages import FloatArray
 
 #: Every so many ticks a point of the path is kept with the trial: 5 Hz.
 PATH_STRIDE = 10
@@ -127,11 +128,12 @@ class AdaptLoop:
         return sum(trial.confirms for trial in self._session.trials)
 
     def _try(self, code: int, enough: Enough | None = None) -> tuple[TrialResult, Path | None]:
-        """Walk a code; raises RobotFaultError when the robot, not the operator, stopped it."""
+        """Walk a code; raises RobotStoppedError when the robot, not the operator, stopped it."""
         index = len(self._session.trials) + 1
         result, recording = self._walk(index, code, self._optimizer.space.slots_of(code), enough)
         if result.status == "aborted" and result.stopped != "requested":
-            raise RobotFaultError(f"trial {index}: the robot was stopped: {result.stopped}; nothing is lost")
+            reason = result.stopped or "for no known reason"
+            raise RobotStoppedError(f"trial {index}: the robot was stopped: {reason}", reason)
         return result, recording
 
     def _keep(
@@ -151,7 +153,7 @@ class AdaptLoop:
             slots=self._optimizer.space.slots_of(code),
             score=score,
             outcome=result.numbers(),
-            path_m=np.round(result.path_m[::PATH_STRIDE], 4).tolist(),
+            path_m=_kept(result.path_m),
             recording=None if recording is None else str(recording),
             confirms=confirms,
             expected=None if expected is None else expected.as_json(),
@@ -159,3 +161,10 @@ class AdaptLoop:
         self._store.add_trial(self._session, trial, self._optimizer.state())
         if self._on_trial is not None:
             self._on_trial(self._session, trial)
+
+
+def _kept(path_m: FloatArray) -> list[list[float]]:
+    """Return what is kept of a path: points now and then, where there are any."""
+    points = np.round(path_m[::PATH_STRIDE], 4)
+    kept: list[list[float]] = points[np.isfinite(points).all(axis=1)].tolist()
+    return kept

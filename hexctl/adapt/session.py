@@ -34,6 +34,13 @@ class SessionSpec:
         prior: path of the prior that the optimizer believes, or None.
         prior_digest: of what the prior held when the session began.
         early_stop: True to end a walk once its outcome is known well enough.
+        connect: where the robot is, as in `hexctl run`; None for the backend's default.
+        credentials: folder with the certificates of its link, or None.
+        insecure: True to let a link beyond this computer do without.
+        link: name or path of a link file, or None.
+        arena_m: radius around `home_m` in which a robot that stays between trials is kept, or None.
+        home_m: where it stood when the session began, x and y in the world; None without an arena.
+        ask: True where a person puts the robot down before each trial and measures after it.
     """
 
     robot: str = "ant"
@@ -55,6 +62,18 @@ class SessionSpec:
     prior: str | None = None
     prior_digest: str = ""
     early_stop: bool = False
+    connect: str | None = None
+    credentials: str | None = None
+    insecure: bool = False
+    link: str | None = None
+    arena_m: float | None = None
+    home_m: list[float] | None = None
+    ask: bool = False
+
+    @property
+    def simulated(self) -> bool:
+        """Return whether each trial has a simulation of its own, and so begins at the same place."""
+        return self.backend == "sim"
 
     def as_json(self) -> dict[str, Any]:
         """Return the spec as JSON values."""
@@ -103,6 +122,7 @@ class TrialRecord:
             "distance_m": self.outcome["distance_m"],
             "yaw_change_deg": self.outcome["yaw_change_deg"],
             "status": self.outcome["status"],
+            "stopped": self.outcome.get("stopped"),
             "clipped_ticks": self.outcome["clipped_ticks"],
             "confirms": self.confirms,
             "walked_s": self.outcome["duration_s"],

@@ -14,15 +14,20 @@ from hexctl.control.log import TickLog
 from hexctl.control.plan import TrialPlan
 from hexctl.control.result import TrialResult
 from hexctl.control.trial import Enough, StopRequested, never, run_trial
-from hexctl.errors import RobotFaultError
 from hexctl.gait.encoding import Slots
 from hexctl.record.recording import Recording
 from hexctl.robot.model import Robot
 
+#: What ends a walk early, for the walk that a log will be of.
+EnoughOf = Callable[[TickLog], Enough | None]
+
+#: Puts a result right before it is recorded.
+Completed = Callable[[TrialResult], TrialResult]
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Walker:
-    """Walks the gaits of one session, each from the same start.
+    """Walks the gaits of one session in simulation, each from the same start.
 
     Attributes:
         spec: what the session was asked for.
@@ -43,35 +48,36 @@ class Walker:
     def walk(
         self, index: int, code: int, slots: Slots, enough: Enough | None = None
     ) -> tuple[TrialResult, Path | None]:
-        """Run one trial and return its result and recording.
-
-        Raises RobotFaultError for a robot that does not know where it is: without a pose there is nothing to
-        score.
-        """
+        """Run one trial on a simulation of its own and return its result and recording."""
         plan = self.plan_for(slots)
         options = BackendOptions(
             robot=self.robot, world=self.world, failure=plan.failure, seed=self.spec.seed, trial=index
         )
+        with Guard(make_servos(self.spec.backend, options)) as servos:
+            return self.walk_on(servos, plan, index, code, lambda _: enough)
+
+    def walk_on(
+        self,
+        servos: Guard,
+        plan: TrialPlan,
+        index: int,
+        code: int,
+        enough_of: EnoughOf,
+        completed: Completed = lambda result: result,
+    ) -> tuple[TrialResult, Path | None]:
+        """Run one trial on connected servos and return its result, completed, and its recording."""
         recording = self._open_recording(index, code, plan)
         try:
-            with Guard(make_servos(self.spec.backend, options)) as servos:
-                self._require_pose(servos)
-                log = TickLog(recording.write_block if recording else None)
-                result = run_trial(servos, plan, log, stop_requested=self.stop_requested, enough=enough)
+            log = TickLog(recording.write_block if recording else None)
+            stop = self.stop_requested
+            result = run_trial(servos, plan, log, stop_requested=stop, enough=enough_of(log))
+            result = completed(result)
             if recording is not None:
                 recording.finish(result, self._facts(index, code))
         finally:
             if recording is not None:
                 recording.close()
         return result, recording.path if recording is not None else None
-
-    def _require_pose(self, servos: Guard) -> None:
-        """Refuse, before anything moves, a robot whose walk could not be scored."""
-        if servos.read().base_position_world is None:
-            raise RobotFaultError(
-                f"backend {self.spec.backend} knows no position, so a trial cannot be scored; "
-                "use a robot with odometry or motion capture, or --backend sim"
-            )
 
     def _open_recording(self, index: int, code: int, plan: TrialPlan) -> Recording | None:
         if self.folder is None:

@@ -4,7 +4,7 @@ from typing import Annotated
 
 import typer
 
-from hexctl.cli.options import JsonOption
+from hexctl.cli.options import ConnectOption, InsecureOption, JsonOption, KeysOption, LinkOption
 
 
 def adapt(
@@ -72,6 +72,26 @@ def adapt(
     backend: Annotated[str | None, typer.Option("--backend", help="As in hexctl run. (default: sim)")] = None,
     robot: Annotated[str | None, typer.Option("--robot", help="As in hexctl run. (default: ant)")] = None,
     world: Annotated[str | None, typer.Option("--world", help="As in hexctl run. (default: flat)")] = None,
+    connect: ConnectOption = None,
+    keys: KeysOption = None,
+    insecure: InsecureOption = False,
+    link: LinkOption = None,
+    arena: Annotated[
+        float | None,
+        typer.Option(
+            "--arena",
+            help="On a robot that stays where a walk ends: the radius in metres, above 0, around its place "
+            "at the session's start that it is kept in. (default: none, it wanders)",
+        ),
+    ] = None,
+    ask: Annotated[
+        bool,
+        typer.Option(
+            "--ask",
+            help="On a robot that does not know where it is: you put it on its mark before each trial and "
+            "type in, in metres, where it ended.",
+        ),
+    ] = False,
     resume: Annotated[
         str | None, typer.Option("--resume", help="Continue this session; everything else stays as it was.")
     ] = None,
@@ -103,6 +123,12 @@ def adapt(
         "heading_deg": heading,
         "self_rotation": self_rotation,
         "seed": seed,
+        "connect": connect,
+        "credentials": str(keys) if keys is not None else None,
+        "insecure": insecure or None,
+        "link": link,
+        "arena_m": arena,
+        "ask": ask or None,
     }
     if resume is not None:
         check_resumed_alone(resume, **options)

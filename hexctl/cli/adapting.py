@@ -17,20 +17,32 @@ from hexctl.adapt.prior.question import Question
 from hexctl.adapt.search import make_search, serving
 from hexctl.adapt.session import Session, SessionSpec
 from hexctl.adapt.space import GaitSpace
+from hexctl.adapt.staying import StayingWalker
 from hexctl.adapt.store import SessionStore
 from hexctl.adapt.walker import Walker
 from hexctl.backends.sim.family import load_any_world
 from hexctl.backends.sim.world import World
+from hexctl.cli.adaptrobot import (
+    arena_of,
+    at_home,
+    check_robot_options,
+    code_of_stop,
+    connected,
+    how_to_go_on,
+    note_of,
+)
 from hexctl.cli.exits import DONE, INTERRUPTED
 from hexctl.cli.interrupt import StopOnInterrupt
+from hexctl.cli.operator import Prompt
 from hexctl.cli.output import say, say_aside
 from hexctl.cli.places import RUNS
 from hexctl.cli.prioring import with_prior
 from hexctl.cli.table import SessionTable, closing_lines
 from hexctl.cli.values import finite
+from hexctl.control.guard import Guard
 from hexctl.control.plan import TrialPlan
 from hexctl.control.turning import check_plan
-from hexctl.errors import HexctlError, InputError
+from hexctl.errors import HexctlError, InputError, RobotFaultError
 from hexctl.gait.encoding import Slots
 from hexctl.gait.named import make_gait
 from hexctl.robot.failure import parse_failure
@@ -61,9 +73,11 @@ def new_spec(**options: Any) -> SessionSpec:
     spec = SessionSpec(**given, robot_fingerprint=robot.fingerprint)
     _check_numbers(spec)
     check_objective(spec.objective)
+    check_robot_options(spec)
     if spec.optimizer != BAYES:
         make_optimizer(spec.optimizer, GaitSpace((spec.failed_leg,)), spec.seed)
     _robot, _world, plan = _walk_parts(spec)
+    note_of(spec, robot, plan)
     return with_prior(
         spec,
         Question.of(robot, plan),
@@ -77,7 +91,7 @@ def new_spec(**options: Any) -> SessionSpec:
 def check_resumed_alone(resume: str, **options: Any) -> None:
     """Raise InputError for options that a resumed session would silently not follow."""
     given = [
-        f"--{re.sub('_(m|s|deg)$', '', name).replace('_', '-')}"
+        f"--{re.sub('_(m|s|deg)$', '', name).replace('_', '-').replace('credentials', 'keys')}"
         for name, value in options.items()
         if value is not None
     ]
@@ -104,23 +118,54 @@ def execute(spec: SessionSpec | None, *, resume: str | None, record: bool, as_js
     began_s = time.perf_counter()
     with ExitStack() as stack:
         store = stack.enter_context(SessionStore(RUNS))
-        session = store.create(spec) if spec is not None else store.load(resume or "")
-        stack.enter_context(store.held(session.name))
-        # As it stands now that nobody else adds to it.
-        session = store.load(session.name)
         interrupt = stack.enter_context(StopOnInterrupt())
+        session, servos = _begin(spec, resume, store, stack)
         table = stack.enter_context(SessionTable(session, quiet=as_json))
-        ended = _adapt(session, store, table, interrupt, record=record)
+        ended, trouble = _adapt(session, store, table, interrupt, servos, record=record)
     outcome = {**session.as_json(), "ended": ended, "wall_s": round(time.perf_counter() - began_s, 3)}
     say(json.dumps(outcome) if as_json else closing_lines(session, ended))
     # After the result: a picture that fails must not cost it.
     _write_overview(session, store, record=record)
+    if trouble is not None:
+        say_aside(f"hexctl: {trouble}; nothing is lost: {how_to_go_on(session.spec, session.name, trouble)}")
+        return code_of_stop(trouble)
     return INTERRUPTED if ended == "interrupted" else DONE
 
 
+def _begin(
+    spec: SessionSpec | None, resume: str | None, store: SessionStore, stack: ExitStack
+) -> tuple[Session, Guard | None]:
+    """Return the session, new or continued and held, and its robot, connected.
+
+    A session to be continued is held before its robot is touched, a new one made when its robot is there.
+    """
+    session = None
+    if spec is None:
+        stack.enter_context(store.held(store.load(resume or "").name))
+        # As it stands now that nobody else adds to it.
+        session = store.load(resume or "")
+        spec = session.spec
+    robot, _world, plan = _walk_parts(spec)
+    note = note_of(spec, robot, plan)
+    if note is not None:
+        say_aside(f"hexctl: {note}")
+    servos = stack.enter_context(connected(spec, robot, plan))
+    if session is None:
+        session = store.create(at_home(spec, servos))
+        stack.enter_context(store.held(session.name))
+    return session, servos
+
+
 def _adapt(
-    session: Session, store: SessionStore, table: SessionTable, interrupt: StopOnInterrupt, *, record: bool
-) -> str:
+    session: Session,
+    store: SessionStore,
+    table: SessionTable,
+    interrupt: StopOnInterrupt,
+    servos: Guard | None,
+    *,
+    record: bool,
+) -> tuple[str, RobotFaultError | None]:
+    """Return why the search ended, and what is wrong with the robot if it was that."""
     spec = session.spec
     robot, world, plan = _walk_parts(spec)
 
@@ -136,10 +181,15 @@ def _adapt(
         folder=store.folder_of(session.name) if record else None,
         stop_requested=interrupt.requested,
     )
-    loop = AdaptLoop(
-        session, store, optimizer, walker.walk, stop_requested=interrupt.requested, on_trial=table.add
-    )
-    return loop.run()
+    walk = walker.walk
+    if servos is not None:
+        operator = Prompt(spec, interrupt.requested) if spec.ask else None
+        walk = StayingWalker(walker=walker, servos=servos, arena=arena_of(spec), operator=operator).walk
+    loop = AdaptLoop(session, store, optimizer, walk, stop_requested=interrupt.requested, on_trial=table.add)
+    try:
+        return loop.run(), None
+    except RobotFaultError as error:
+        return "stopped", error
 
 
 def _walk_parts(spec: SessionSpec) -> tuple[Robot, World | None, TrialPlan]:

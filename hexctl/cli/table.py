@@ -34,7 +34,8 @@ class SessionTable:
         typer.echo(header_line(self._session))
         for trial in self._session.trials:
             typer.echo(trial_line(self._session, trial))
-        if sys.stderr.isatty() and sys.stdout.isatty():
+        # A bar and a question would write over one another.
+        if sys.stderr.isatty() and sys.stdout.isatty() and not self._session.spec.ask:
             self._open_bar()
         return self
 
@@ -93,10 +94,16 @@ def trial_line(session: Session, trial: TrialRecord) -> str:
     deviation = "-" if signed is None else _side(signed)
     distance = "-" if distance_m is None else f"{distance_m:.2f} m"
     again = any(other.code == trial.code for other in session.trials[: trial.index - 1])
-    status = trial.outcome["status"] + (" (repeat)" if again and not session.spec.count_repeats else "")
+    status = _status(trial) + (" (repeat)" if again and not session.spec.count_repeats else "")
     slots = ",".join(str(slot) for slot in trial.slots)
     numbers = f"{trial.index:>5} {trial.code:>5}  {slots:<11}  {deviation:<12} {distance:>9}"
     return f"{numbers}  {status:<12} {best:>6}{_expected(trial)}"
+
+
+def _status(trial: TrialRecord) -> str:
+    """Return how a trial ended, and why where it was cut short for something other than its course."""
+    status, stopped = trial.outcome["status"], trial.outcome.get("stopped")
+    return f"cut ({stopped})" if status == "cut_short" and stopped else str(status)
 
 
 def _after(trials: int) -> str:

@@ -23,6 +23,8 @@ class TrialPlan:
         duration_s: how long to walk, the soft start included and the soft stop not.
         failure: the failed leg; a `locked` one is held in its stance pose by the controller too.
         self_rotation: where the failed leg shall point before the walk: `rear`, `front` or `none` (as it is).
+        turn_rad: how far to turn before the walk instead, where somebody knows better; None to go by
+            `self_rotation`.
         settle_s: time to reach the stance and come to rest.
     """
 
@@ -33,6 +35,7 @@ class TrialPlan:
     duration_s: float = 30.0
     failure: Failure | None = None
     self_rotation: str = "rear"
+    turn_rad: float | None = None
     settle_s: float = 1.0
 
     def __post_init__(self) -> None:
@@ -44,6 +47,8 @@ class TrialPlan:
             raise InputError(f"self-rotation: got {self.self_rotation}; allowed: {', '.join(SELF_ROTATIONS)}")
         if not (math.isfinite(self.settle_s) and self.settle_s > 0):
             raise InputError(f"settle time: got {self.settle_s:g}; allowed: above 0 s")
+        if self.turn_rad is not None and not math.isfinite(self.turn_rad):
+            raise InputError(f"turn before the walk: got {self.turn_rad}; allowed: a finite angle")
         self.motion(0.0)
 
     def motion(self, yaw_rad: float) -> Motion:

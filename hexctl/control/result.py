@@ -1,5 +1,6 @@
 """What a trial came to: distance, the four deviations and a status."""
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -27,8 +28,8 @@ class Deviation:
 
     Attributes:
         final: at the end, absolute (the paper's F).
-        mean: mean of the absolute deviation over the walk.
-        max: greatest absolute deviation.
+        mean: mean of the absolute deviation over the walk; nan where only the end was measured.
+        max: greatest absolute deviation; nan likewise.
         signed: at the end, positive to the left.
     """
 
@@ -44,7 +45,8 @@ class TrialResult:
 
     Attributes:
         status: one of `STATUSES`.
-        stopped: why an aborted trial was stopped: `requested`, or what the guard says; None otherwise.
+        stopped: why an aborted trial was stopped: `requested`, or what the guard says; why one was cut short,
+            where it was not for what it showed; None otherwise.
         duration_s: how long it walked.
         turned_rad: how far the self-rotation before the walk turned.
         distance_m: progress along the heading.
@@ -52,7 +54,7 @@ class TrialResult:
         deviation: from the line of travel.
         yaw_change_rad: how far the body turned during the walk, counter-clockwise, whole turns counted.
         clipped_ticks: ticks in which the guard changed the targets.
-        path_m: progress and signed deviation at each tick of the walk, (T, 2).
+        path_m: progress and signed deviation at each tick of the walk, (T, 2); nan where nobody measured.
     """
 
     status: str
@@ -79,7 +81,7 @@ class TrialResult:
             "distance_m": self.distance_m,
             "ideal_distance_m": self.ideal_distance_m,
             "deviation_m": {
-                name: None if deviation is None else getattr(deviation, name)
+                name: None if deviation is None else _known(getattr(deviation, name))
                 for name in ("final", "mean", "max", "signed")
             },
             "yaw_change_deg": None if self.yaw_change_rad is None else float(np.degrees(self.yaw_change_rad)),
@@ -88,6 +90,10 @@ class TrialResult:
             "stopped": self.stopped,
             "clipped_ticks": self.clipped_ticks,
         }
+
+
+def _known(value: float) -> float | None:
+    return value if math.isfinite(value) else None
 
 
 def score(

@@ -94,6 +94,8 @@ def run_trial(
         walked = _attempt(servos, plan, log, stop_requested, enough, soft_stop)
     finally:
         log.flush()
+    # What comes now takes its time, and silence must not be taken for a failure.
+    servos.rest()
     rows = log.rows_of("walk")
     return score(
         servos.robot,

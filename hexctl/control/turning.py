@@ -32,6 +32,8 @@ def turn_gait(robot: Robot) -> Gait:
 
 def turn_needed_rad(robot: Robot, plan: TrialPlan) -> float:
     """Return how far to turn, counter-clockwise positive, before the walk of a plan."""
+    if plan.turn_rad is not None:
+        return plan.turn_rad
     if plan.failure is None or plan.self_rotation == "none":
         return 0.0
     wanted_rad = plan.heading_rad + (math.pi if plan.self_rotation == "rear" else 0.0)

@@ -67,7 +67,8 @@ def _result_rows(result: TrialResult) -> Iterator[Row]:
         yield "distance", f"{result.distance_m:.3f} m of {result.ideal_distance_m:.3f} m without slip"
     if result.deviation is not None:
         off = result.deviation
-        yield "**deviation**", f"**{off.final:.3f} m** at the end, {off.mean:.3f} mean, {off.max:.3f} max"
+        whole = f", {off.mean:.3f} mean, {off.max:.3f} max" if math.isfinite(off.mean) else ", by hand"
+        yield "**deviation**", f"**{off.final:.3f} m** at the end{whole}"
     if result.yaw_change_rad is not None:
         yield "turned", f"{math.degrees(result.yaw_change_rad):+.1f}°"
     yield "clipped ticks", str(result.clipped_ticks)

@@ -29,7 +29,7 @@ PATIENCE_S = 3.0
 #: A robot that has said nothing for this long has gone.
 GONE_AFTER_S = 1.0
 
-#: A pose older than this is none.
+#: A pose this much older than the joints' state is none.
 STALE_POSE_S = 0.2
 
 #: Where in the robot's period this end's ticks fall: as far from its ticks as can be.
@@ -211,7 +211,7 @@ class ZenohServos(LegServos):
             tag = PLAIN_TAG if self._link.plain else StateTag.unpacked(letter.attachment or b"")
         except MessageError as error:
             raise RobotFaultError(f"the robot sends states that are none: {error}") from error
-        position, quaternion = self._pose(now_s)
+        position, quaternion = self._pose(letter.at_s)
         battery_v, battery_share = self._battery()
         return RobotState(
             positions_rad,
@@ -228,9 +228,10 @@ class ZenohServos(LegServos):
             battery_share=battery_share,
         )
 
-    def _pose(self, now_s: float) -> tuple[FloatArray | None, FloatArray | None]:
+    def _pose(self, state_at_s: float) -> tuple[FloatArray | None, FloatArray | None]:
+        """Return the newest pose; it is lost when states go on without it, not when all is silent."""
         letter = self._mailbox.newest("odom")
-        if letter is None or now_s - letter.at_s > STALE_POSE_S:
+        if letter is None or state_at_s - letter.at_s > STALE_POSE_S:
             return None, None
         try:
             return decode_pose(letter.payload)

@@ -1,0 +1,97 @@
+"""The arena: a circle on the floor that a robot which nobody puts back stays in. Pure geometry."""
+
+import math
+from dataclasses import dataclass
+
+from hexctl.errors import InputError
+from hexctl.robot.messages import FloatArray
+
+#: Nearer to home than this, the direction home means nothing.
+AT_HOME_M = 0.05
+
+#: A walk to a better start goes this much farther than it need, because it may end this much short of it.
+SPARE_M = 0.1
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Arena:
+    """Where the middle of the body may be, seen from above. Positions are in the world, x and y first.
+
+    Attributes:
+        home_m: middle of the arena, where the robot stood when its session began.
+        radius_m: of the arena.
+    """
+
+    home_m: tuple[float, float]
+    radius_m: float
+
+    def distance_m(self, position: FloatArray) -> float:
+        """Return how far a position is from home."""
+        return math.hypot(*self._from_home(position))
+
+    def aim_rad(self, position: FloatArray, otherwise_rad: float) -> float:
+        """Return the world heading of the longest straight walk from a position: home and beyond.
+
+        At home all are as long; there it is `otherwise_rad`.
+        """
+        x, y = self._from_home(position)
+        return math.atan2(-y, -x) if math.hypot(x, y) > AT_HOME_M else otherwise_rad
+
+    def room_m(self, position: FloatArray, heading_rad: float) -> float:
+        """Return how far a straight walk goes until it leaves the arena, 0 if it never enters."""
+        x, y = self._from_home(position)
+        along = x * math.cos(heading_rad) + y * math.sin(heading_rad)
+        inside = along**2 - x**2 - y**2 + self.radius_m**2
+        return max(0.0, math.sqrt(inside) - along) if inside > 0 else 0.0
+
+    def leaves(self, position: FloatArray, ahead: FloatArray) -> bool:
+        """Return whether a robot that is on its way to a position ahead leaves the arena, or is leaving it.
+
+        One that comes back from outside is not.
+        """
+        away_m = self.distance_m(ahead)
+        return away_m > self.radius_m and away_m > self.distance_m(position)
+
+    def start(self, reach_m: float) -> "Arena":
+        """Return the circle on whose edge a straight walk of a length best begins: half of it from home."""
+        radius_m = min(reach_m / 2 + SPARE_M, self.radius_m)
+        return Arena(home_m=self.home_m, radius_m=radius_m)
+
+    def too_near(self, position: FloatArray, reach_m: float) -> bool:
+        """Return whether a walk of a length needs another start, farther from home, to have room."""
+        short_m = self.start(reach_m).radius_m - self.distance_m(position)
+        return self.radius_m + self.distance_m(position) < reach_m and short_m > SPARE_M
+
+    def _from_home(self, position: FloatArray) -> tuple[float, float]:
+        return float(position[0]) - self.home_m[0], float(position[1]) - self.home_m[1]
+
+
+def check_radius(radius_m: float, *, ideal_m: float, least_m: float) -> str | None:
+    """Return what a person should know of an arena before the first trial, or None.
+
+    Args:
+        radius_m: of the arena.
+        ideal_m: how far a walk goes that loses nothing.
+        least_m: how far it must go to be valid.
+
+    Raises InputError for a radius that is none, and for an arena in which no valid walk is straight.
+    """
+    if not (math.isfinite(radius_m) and radius_m > 0):
+        raise InputError(f"--arena: got {radius_m}; allowed: above 0 m")
+    advice = f"allowed: {ideal_m / 2:.2f} m or more, or a shorter --duration"
+    if 2 * radius_m < least_m:
+        raise InputError(
+            f"--arena: got {radius_m:g} m, where no straight walk is long enough ({least_m:.2f} m); {advice}"
+        )
+    if 2 * radius_m < ideal_m:
+        return (
+            f"the arena is {2 * radius_m:g} m across, and a straight walk is up to {ideal_m:.2f} m: gaits "
+            "that go far will be cut short at its edge and count for nothing; "
+            f"better: --arena {math.ceil(50 * ideal_m) / 100:g} or more, or a shorter --duration"
+        )
+    if radius_m < ideal_m:
+        return (
+            f"a straight walk is up to {ideal_m:.2f} m and begins {ideal_m / 2:.2f} m from the middle of the "
+            "arena; the robot walks there first where it must"
+        )
+    return None

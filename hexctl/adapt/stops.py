@@ -1,0 +1,15 @@
+"""A robot that is stopped and waits for a person."""
+
+from hexctl.errors import RobotFaultError
+
+
+class RobotStoppedError(RobotFaultError):
+    """The guard, the robot's or this end's, has latched a stop; the session can be resumed after it.
+
+    Attributes:
+        reason: what the guard says.
+    """
+
+    def __init__(self, message: str, reason: str) -> None:
+        super().__init__(message)
+        self.reason = reason

@@ -1,0 +1,254 @@
+"""Trials on a robot that stays where the last one ended: inside its arena, and worth the same."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hexctl.adapt import walker as walker_module
+from hexctl.adapt.arena import Arena
+from hexctl.adapt.session import SessionSpec
+from hexctl.adapt.space import GaitSpace
+from hexctl.adapt.staying import StayingWalker, await_ready
+from hexctl.adapt.stops import RobotStoppedError
+from hexctl.adapt.walker import Walker
+from hexctl.backends.sim.servos import SimServos
+from hexctl.control.guard import Guard
+from hexctl.control.log import TickLog
+from hexctl.control.plan import TrialPlan
+from hexctl.control.result import TrialResult
+from hexctl.control.trial import run_trial
+from hexctl.errors import RobotFaultError
+from hexctl.gait.encoding import Slots
+from hexctl.gait.named import make_gait
+from hexctl.robot.failure import Failure
+from hexctl.robot.messages import FloatArray
+from hexctl.robot.rotation import wrapped_rad
+from tests.adapt.staying import ISOTROPIC, StayingSim
+from tests.control.posed import PosedMock
+from tests.robots import shipped
+
+ROBOT = shipped()
+SPACE = GaitSpace((5,))
+PLAN = TrialPlan(gait=make_gait(ROBOT, "demo"), failure=Failure(leg=5), duration_s=12.0)
+
+#: The 12 s walk goes up to 1.78 m: this arena is about as small as it may be.
+ARENA = Arena(home_m=(0.0, 0.0), radius_m=1.0)
+
+#: How far beyond the edge a robot that is told to stop may come.
+MARGIN_M = 0.15
+
+
+@pytest.fixture(autouse=True)
+def _in_an_empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(StayingSim, "farthest_m", 0.0)
+
+
+def plan_for(slots: Slots) -> TrialPlan:
+    return replace(PLAN, gait=replace(PLAN.gait, slots=slots))
+
+
+def walker_of(servos: Guard, plan: TrialPlan = PLAN, **more: Any) -> StayingWalker:
+    spec = SessionSpec(backend="tests.adapt.staying:StayingSim", duration_s=plan.duration_s)
+    walker = Walker(
+        spec=spec,
+        robot=ROBOT,
+        world=None,
+        plan_for=lambda slots: replace(plan, gait=replace(plan.gait, slots=slots)),
+        folder=None,
+    )
+    return StayingWalker(walker=walker, servos=servos, **more)
+
+
+@pytest.fixture
+def robot() -> Iterator[Guard]:
+    with Guard(StayingSim(ROBOT)) as servos:
+        yield servos
+
+
+@pytest.mark.parametrize("code", [17, 57])
+def test_a_gait_is_worth_the_same_after_any_self_rotation(code: int) -> None:
+    """A short turn, a long one and none: a few centimetres, which is what the turn misses its goal by."""
+    ends = []
+    for turn_deg in (0.0, 60.0, 170.0):
+        plan = replace(plan_for(SPACE.slots_of(code)), duration_s=30.0)
+        # Seen from the body, the walk goes at 60 degrees: opposite to leg 5.
+        plan = replace(plan, heading_rad=math.radians(60 + turn_deg), turn_rad=math.radians(turn_deg))
+        servos = SimServos(ROBOT, world=ISOTROPIC, failure=plan.failure)
+        with Guard(servos) as guard:
+            result = run_trial(guard, plan)
+        assert math.degrees(result.turned_rad) == pytest.approx(turn_deg, abs=2.0)
+        assert result.deviation is not None
+        assert result.distance_m is not None
+        ends.append((result.distance_m, result.deviation.signed))
+    assert np.ptp(ends, axis=0) == pytest.approx([0.0, 0.0], abs=0.06)
+
+
+def test_many_trials_of_good_and_bad_gaits_stay_in_the_arena(
+    robot: Guard, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    logs: list[TickLog] = []
+
+    def watched(servos: Guard, plan: TrialPlan, log: TickLog, **more: Any) -> TrialResult:
+        logs.append(log)
+        return run_trial(servos, plan, log, **more)
+
+    monkeypatch.setattr(walker_module, "run_trial", watched)
+    walker, results = walker_of(robot, arena=ARENA), []
+    for index in range(1, 13):
+        code = 10 * index
+        result, _ = walker.walk(index, code, SPACE.slots_of(code))
+        results.append(result)
+        self_check(logs[-1], result)
+    assert StayingSim.farthest_m < ARENA.radius_m + MARGIN_M
+    statuses = [result.status for result in results]
+    assert statuses.count("ok") > 6, "most walks fit"
+    assert set(statuses) <= {"ok", "no_progress", "cut_short"}
+    for result in results:
+        assert result.stopped == ("arena" if result.status == "cut_short" else None)
+        assert result.valid == (result.status == "ok")
+        assert result.distance_m is not None
+
+
+def place_of(robot: Guard) -> FloatArray:
+    position = await_ready(robot).base_position_world
+    assert position is not None
+    return position
+
+
+def self_check(log: TickLog, result: TrialResult) -> None:
+    """Look at the robot's own positions: the line led through home, and the numbers are of that line."""
+    assert log.frame is not None
+    positions = log["base_position_world"][log.rows_of("walk")][:, :2]
+    origin, heading_rad = log.frame.origin_world[:2], log.frame.heading_rad
+    if np.hypot(*origin) > 0.3:
+        assert abs(wrapped_rad(heading_rad - math.atan2(-origin[1], -origin[0]))) < math.radians(6)
+    # The failed leg, at 240 degrees seen from the body, trails.
+    trailing_rad = log.frame.yaw_rad + math.radians(240)
+    assert abs(wrapped_rad(trailing_rad + math.pi - heading_rad)) < math.radians(4)
+    along = np.array([math.cos(heading_rad), math.sin(heading_rad)])
+    moved = positions[-1] - origin
+    assert result.distance_m == pytest.approx(float(moved @ along))
+    assert result.deviation is not None
+    assert result.deviation.signed == pytest.approx(float(along[0] * moved[1] - along[1] * moved[0]))
+
+
+def test_a_walk_that_leaves_is_cut_short_and_the_next_one_aims_back(robot: Guard) -> None:
+    """The arena is much smaller than the walk."""
+    arena = Arena(home_m=(0.0, 0.0), radius_m=0.6)
+    walker = walker_of(robot, arena=arena)
+    first, _ = walker.walk(1, 17, SPACE.slots_of(17))
+    assert (first.status, first.stopped, first.valid) == ("cut_short", "arena", False)
+    assert 0 < first.duration_s < PLAN.duration_s
+    edge_m = arena.distance_m(place_of(robot))
+    assert 0.4 < edge_m < arena.radius_m + MARGIN_M
+    second, _ = walker.walk(2, 17, SPACE.slots_of(17))
+    assert second.distance_m is not None
+    assert second.distance_m > edge_m, "it came through the middle"
+    assert StayingSim.farthest_m < arena.radius_m + MARGIN_M
+
+
+@pytest.mark.parametrize("self_rotation", ["front", "none"])
+def test_other_self_rotations_stay_in_it_too(self_rotation: str, robot: Guard) -> None:
+    plan = replace(PLAN, self_rotation=self_rotation, heading_rad=math.radians(20))
+    walker = walker_of(robot, plan, arena=ARENA)
+    for index in range(1, 5):
+        result, _ = walker.walk(index, 17, SPACE.slots_of(17))
+        assert result.status != "fell"
+    assert StayingSim.farthest_m < ARENA.radius_m + MARGIN_M
+
+
+def test_without_an_arena_every_trial_begins_where_the_last_ended(robot: Guard) -> None:
+    walker = walker_of(robot, replace(PLAN, duration_s=3.0))
+    places = []
+    for index in (1, 2):
+        walker.walk(index, 17, SPACE.slots_of(17))
+        places.append(place_of(robot))
+    assert np.hypot(*(places[1] - places[0])[:2]) > 0.1
+    assert walker.servos.stopped is None
+
+
+def test_a_robot_left_behind_is_found_where_it_was(robot: Guard) -> None:
+    walker_of(robot, replace(PLAN, duration_s=3.0)).walk(1, 17, SPACE.slots_of(17))
+    before = place_of(robot)
+    robot.close()
+    with Guard(StayingSim(ROBOT)) as again:
+        assert np.allclose(before, place_of(again), atol=0.01)
+
+
+def test_a_robot_without_a_position_is_refused_unless_somebody_measures() -> None:
+    servos = PosedMock(ROBOT)
+    servos.position_world = servos.quaternion_world = None
+    with Guard(servos) as guard:
+        with pytest.raises(RobotFaultError, match=r"knows no position.*--ask"):
+            await_ready(guard)
+        assert await_ready(guard, needs_pose=False).base_position_world is None
+    assert not servos.sent, "nothing moved"
+
+
+def test_a_pose_may_be_a_moment_late() -> None:
+    servos = PosedMock(ROBOT)
+    known, servos.position_world = servos.position_world, None
+    began_s = servos.time.now_s
+
+    class Late(Guard):
+        def read(self) -> Any:
+            if servos.time.now_s > began_s + 0.5:
+                servos.position_world = known
+            return super().read()
+
+    with Late(servos) as guard:
+        assert await_ready(guard).base_position_world is not None
+
+
+def test_a_robot_that_lies_on_its_side_is_not_walked_and_not_scored() -> None:
+    servos = PosedMock(ROBOT)
+    servos.lean(85.0)
+    with Guard(servos) as guard, pytest.raises(RobotStoppedError, match="stopped: fell") as raised:
+        walker_of(guard, arena=ARENA).walk(1, 17, SPACE.slots_of(17))
+    assert raised.value.reason == "fell"
+    assert not servos.sent
+
+
+def test_a_fall_on_the_way_to_the_start_is_not_the_gaits_fault() -> None:
+    servos = PosedMock(ROBOT)
+    began_s = servos.time.now_s
+
+    class Falling(Guard):
+        def read(self) -> Any:
+            if servos.time.now_s > began_s + 3.0:
+                servos.lean(85.0)
+            return super().read()
+
+    with Falling(servos) as guard:
+        result, recording = walker_of(guard, arena=ARENA).walk(1, 17, SPACE.slots_of(17))
+    assert (result.status, result.stopped, recording) == ("aborted", "fell", None)
+
+
+def test_a_robot_that_sat_down_between_trials_is_stood_up_from_there() -> None:
+    servos = PosedMock(ROBOT)
+    with Guard(servos) as guard:
+        walker = walker_of(guard, replace(PLAN, duration_s=0.5, self_rotation="none"))
+        walker.walk(1, 17, SPACE.slots_of(17))
+        sat_rad = ROBOT.stance_angles_rad + 0.4
+        servos.joints_rad = sat_rad
+        servos.sent.clear()
+        walker.walk(2, 17, SPACE.slots_of(17))
+    steps = np.abs(servos.sent[0].positions_rad - sat_rad)
+    assert steps.max() < 0.1, "the first command is near where the joints are"
+
+
+def test_after_a_trial_silence_is_no_failure() -> None:
+    """A person who measures takes longer than the guard's patience."""
+    servos = PosedMock(ROBOT)
+    with Guard(servos) as guard:
+        walker_of(guard, replace(PLAN, duration_s=0.5, self_rotation="none")).walk(1, 17, SPACE.slots_of(17))
+        assert not guard.expects_commands
+        servos.time.sleep(60.0)
+        guard.read()
+        assert guard.stopped is None

@@ -1,0 +1,56 @@
+"""Robots for `hexctl adapt`, named on its command line: they live in a time of their own."""
+
+from dataclasses import replace
+
+from hexctl.robot.messages import RobotState
+from hexctl.robot.model import Robot
+from tests.cli.kits import Kit
+
+#: In the walk of the second trial, where each settles for 1 s, walks for 1 s and stops for 2 s.
+IN_TRIAL_2_S = 5.5
+
+
+class Blind(Kit):
+    """Does not know where it is."""
+
+    def __init__(self, robot: Robot) -> None:
+        super().__init__(robot)
+        self.position_world = self.quaternion_world = None
+
+
+class FallsOnce(Kit):
+    """Falls in its second trial; whoever connects again has stood it up."""
+
+    def read(self) -> RobotState:
+        """Return the state, on its side from some time on."""
+        if Kit.made[0] is self and self.clock.now_s > IN_TRIAL_2_S:
+            self.lean(85.0)
+        return super().read()
+
+
+class EStopped(Kit):
+    """Is stopped in its second trial by its own guard, as `hexctl estop` does."""
+
+    def read(self) -> RobotState:
+        """Return the state, stopped from some time on."""
+        stopped = "estop" if Kit.made[0] is self and self.clock.now_s > IN_TRIAL_2_S else None
+        return replace(super().read(), stopped=stopped)
+
+
+class Faulty(Kit):
+    """Reports a fault of its own in its second trial."""
+
+    def read(self) -> RobotState:
+        """Return the state, at fault from some time on."""
+        self.healthy = Kit.made[0] is not self or self.clock.now_s < IN_TRIAL_2_S
+        return super().read()
+
+
+class Unplugged(Kit):
+    """Its link breaks in its second trial."""
+
+    def read(self) -> RobotState:
+        """Return the state as long as the link holds."""
+        if Kit.made[0] is self and self.clock.now_s > IN_TRIAL_2_S:
+            self.fail_with(OSError(5, "Input/output error"))
+        return super().read()
