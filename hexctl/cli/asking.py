@@ -3,7 +3,7 @@
 import json
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -91,11 +91,17 @@ def _statuses(answers: list[dict[str, Any]]) -> list[dict[str, Any]]:
 
 
 def _watch(session: zenoh.Session, keys: KeyMap) -> None:
-    """Show the status again and again until interrupted."""
-    with StopOnInterrupt() as interrupt, Live(refresh_per_second=8) as live:
+    """Show the status again and again until interrupted: in place on a screen, one after the other else."""
+    console = Console()
+    with StopOnInterrupt() as interrupt, ExitStack() as stack:
+        live = stack.enter_context(Live(console=console, auto_refresh=False)) if console.is_terminal else None
         while not interrupt.requested():
             answers = ask(session, keys.describe, patience_s=PATIENCE_S)
-            live.update(_table(_statuses(answers)) if answers else "the robot is silent")
+            shown = _table(_statuses(answers)) if answers else "the robot is silent"
+            if live is not None:
+                live.update(shown, refresh=True)
+            else:
+                console.print(shown)
             time.sleep(WATCH_PERIOD_S)
 
 

@@ -1,0 +1,89 @@
+"""`hexctl serve`, `status` and `estop` as a user meets them: bad input, what they print, how they end."""
+
+import json
+import signal
+import socket
+from pathlib import Path
+
+import pytest
+
+from hexctl.cli.main import exit_code
+from tests.serve.processes import hexctl, program, served
+
+REFUSED = [
+    (["serve", "--backend", "zenoh"], ["--backend", "zenoh", "sim, mavlink, mock"]),
+    (["serve", "--backend", "warp"], ["backend", "'warp'"]),
+    (["serve", "--robot", "bob"], ["robot", "'bob'"]),
+    (["serve", "--backend", "mock", "--world", "flat"], ["--world", "mock", "sim"]),
+    (["serve", "--backend", "mock", "--failed-leg", "5"], ["--failed-leg", "mock", "sim"]),
+    (["serve", "--failed-leg", "9"], ["failed leg", "9", "1..6"]),
+    (["serve", "--failure", "limp"], ["--failure", "--failed-leg"]),
+    (["serve", "--device", "/dev/null"], ["--device", "sim", "mavlink"]),
+    (["serve", "--seed", "-1"], ["--seed", "-1"]),
+    (["serve", "--sit-after", "nan"], ["--sit-after", "nan", "1 to 3600"]),
+    (["serve", "--sit-after", "0"], ["--sit-after", "0", "1 to 3600"]),
+    (["status", "--watch", "--json"], ["--watch", "--json"]),
+    (["run", "--connect", "tcp/127.0.0.1:1"], ["--connect", "sim", "zenoh"]),
+]
+
+
+@pytest.mark.parametrize(("arguments", "words"), REFUSED, ids=lambda value: " ".join(value)[:40])
+def test_refused_in_one_line(
+    arguments: list[str], words: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert exit_code(arguments) == 2
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert len(printed.err.splitlines()) == 1
+    for word in words:
+        assert word in printed.err
+
+
+def test_an_address_that_is_taken_is_said_in_one_line() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        endpoint = f"tcp/127.0.0.1:{taken.getsockname()[1]}"
+        answer = hexctl("serve", "--backend", "mock", "--listen", endpoint)
+    assert answer.returncode == 3
+    assert len(answer.stderr.splitlines()) == 1
+    assert endpoint in answer.stderr
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_it_ends_softly_when_asked(tmp_path: Path, number: signal.Signals) -> None:
+    with served(tmp_path, backend="mock") as robot:
+        robot.signal(number)
+        assert robot.wait() == 0
+        assert "Traceback" not in robot.said()
+
+
+def test_what_status_says_is_one_json_object_or_a_table(tmp_path: Path) -> None:
+    with served(tmp_path, backend="mock") as robot:
+        said = json.loads(hexctl("status", "--json", "--connect", robot.endpoint).stdout)
+        assert said["robot"] == "ant"
+        assert said["stopped"] is None
+        assert said["insecure"] is False
+        table = hexctl("status", "--connect", robot.endpoint).stdout
+        assert "ant" in table
+        assert "accepted 0" in table
+
+
+def test_watching_ends_with_an_interrupt(tmp_path: Path) -> None:
+    with (
+        served(tmp_path, backend="mock") as robot,
+        program(tmp_path, "watch", "hexctl", "status", "--watch", "--connect", robot.endpoint) as watch,
+    ):
+        watch.wait_for("posture")
+        watch.signal(signal.SIGINT)
+        assert watch.wait() == 0
+
+
+def test_a_walk_over_the_link_says_what_a_walk_in_process_says(tmp_path: Path) -> None:
+    options = ("--gait", "tripod", "--duration", "2", "--json", "--no-record")
+    with served(tmp_path, backend="sim") as robot:
+        far = hexctl("run", "--backend", "zenoh", "--connect", robot.endpoint, *options)
+        assert far.returncode == 0, far.stderr
+    there, here = json.loads(far.stdout), json.loads(hexctl("run", *options).stdout)
+    assert there.keys() == here.keys()
+    assert there["status"] == here["status"] == "ok"
+    assert there["distance_m"] == pytest.approx(here["distance_m"], abs=0.02)
+    assert there["ticks"] == pytest.approx(here["ticks"], abs=3)
