@@ -9,7 +9,8 @@ import zenoh
 
 from hexctl.wire.keys import KeyMap
 from hexctl.wire.link import Link
-from hexctl.wire.session import Role, open_session
+from hexctl.wire.role import Role
+from hexctl.wire.session import open_session
 
 THERE, BACK = "bench/there", "bench/back"
 

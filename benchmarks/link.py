@@ -27,7 +27,8 @@ from hexctl.robot.messages import FloatArray, JointTargets
 from hexctl.wire.command import encode_positions
 from hexctl.wire.keys import KeyMap
 from hexctl.wire.link import Link
-from hexctl.wire.session import Role, open_session
+from hexctl.wire.role import Role
+from hexctl.wire.session import open_session
 from hexctl.wire.tags import CommandTag, StateTag
 
 #: Round trips of a window: a pause of the machine that hits one of the two spoils one window, not the figure.

@@ -20,7 +20,8 @@ from hexctl.errors import InputError, RobotFaultError
 from hexctl.wire.keys import KeyMap
 from hexctl.wire.link import Link
 from hexctl.wire.linkfile import load_link
-from hexctl.wire.session import Role, open_session
+from hexctl.wire.role import Role
+from hexctl.wire.session import open_session
 
 #: In place of a robot's name: whichever robot is on the link.
 ANY_ROBOT = "*"

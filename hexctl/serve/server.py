@@ -87,11 +87,11 @@ class RobotServer:
         elif arrival.kind == "pose":
             self._place(payload_of(item), arrival.at_s)
         elif arrival.kind == "lease":
-            self._station.reply(item, self._requests.lease(payload_of(item), arrival.at_s))
+            self._station.reply(arrival.kind, item, self._requests.lease(payload_of(item), arrival.at_s))
         elif arrival.kind == "estop":
-            self._station.reply(item, self._requests.estop(payload_of(item)))
+            self._station.reply(arrival.kind, item, self._requests.estop(payload_of(item)))
         else:
-            self._station.reply(item, {**self._description, "status": self.status()})
+            self._station.reply(arrival.kind, item, {**self._description, "status": self.status()})
 
     def _obey(self, payload: bytes, attachment: bytes | None, at_s: float) -> None:
         lease = self._leases.holder(at_s)

@@ -10,7 +10,8 @@ from hexctl.serve.inbox import Inbox
 from hexctl.wire.describe import encode_json
 from hexctl.wire.keys import KeyMap
 from hexctl.wire.link import Link
-from hexctl.wire.session import Role, open_session
+from hexctl.wire.role import Role
+from hexctl.wire.session import open_session
 
 #: What the robot says, and with which priority.
 PUBLISHED = {
@@ -60,10 +61,10 @@ class Station:
         """Send a message to whoever listens; never waits for one who is slow."""
         self._publishers[kind].put(payload, attachment=attachment)
 
-    def reply(self, query: Any, content: dict[str, Any]) -> None:
-        """Answer a query with JSON and let it go."""
+    def reply(self, kind: str, query: Any, content: dict[str, Any]) -> None:
+        """Answer a query of a kind with JSON, under the robot's own key, and let it go."""
         try:
-            query.reply(str(query.key_expr), encode_json(content))
+            query.reply(getattr(self.keys, kind), encode_json(content))
         except zenoh.ZError:
             pass  # whoever asked has gone
         finally:

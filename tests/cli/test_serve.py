@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from hexctl.cli.main import exit_code
-from tests.serve.processes import hexctl, program, served
+from tests.serve.processes import free_port, hexctl, program, served
 
 REFUSED = [
     (["serve", "--backend", "zenoh"], ["--backend", "zenoh", "sim, mavlink, mock"]),
@@ -87,3 +87,25 @@ def test_a_walk_over_the_link_says_what_a_walk_in_process_says(tmp_path: Path) -
     assert there["status"] == here["status"] == "ok"
     assert there["distance_m"] == pytest.approx(here["distance_m"], abs=0.02)
     assert there["ticks"] == pytest.approx(here["ticks"], abs=3)
+
+
+def test_with_certificates_controllers_command_and_viewers_look(tmp_path: Path) -> None:
+    keys = tmp_path / "keys"
+    assert hexctl("keys", "new", str(keys)).returncode == 0
+    endpoint = f"tls/127.0.0.1:{free_port()}"
+    serve = ("serve", "--backend", "mock", "--listen", endpoint, "--keys", str(keys))
+    with program(tmp_path, "robot", "hexctl", *serve) as robot:
+        robot.wait_for("certificates")
+        here = ("--connect", endpoint, "--keys")
+        walk = ("run", "--backend", "zenoh", "--no-record", "--duration", "0.5", "--json")
+        assert hexctl(*walk, *here, str(keys)).returncode == 0
+        status = hexctl("status", "--json", *here, str(keys / "viewer"))
+        assert json.loads(status.stdout)["secured"] is True
+        for command in (walk, ("estop",)):
+            refused = hexctl(*command, *here, str(keys / "viewer"))
+            assert refused.returncode == 2
+            assert "is for 'viewer'; allowed here: controller" in refused.stderr
+        assert hexctl("estop", *here, str(keys / "controller")).returncode == 0
+        stranger = hexctl("status", "--connect", endpoint.replace("tls", "tcp"))
+        assert stranger.returncode == 3
+        assert "--keys" in stranger.stderr

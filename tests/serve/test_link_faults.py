@@ -11,7 +11,8 @@ from hexctl.backends.clock import PERIOD_S
 from hexctl.backends.zenoh.asking import ask
 from hexctl.wire.keys import KeyMap
 from hexctl.wire.link import Link
-from hexctl.wire.session import Role, open_session
+from hexctl.wire.role import Role
+from hexctl.wire.session import open_session
 from tests.robots import shipped
 from tests.serve.cable import Cable
 from tests.serve.processes import Served, controlling, hexctl, served, wait_until

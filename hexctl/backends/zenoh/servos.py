@@ -19,7 +19,8 @@ from hexctl.wire.command import decode_positions, encode_positions
 from hexctl.wire.describe import check_same_robot
 from hexctl.wire.link import Link
 from hexctl.wire.protocol import TIME_TO_LIVE_S
-from hexctl.wire.session import Role, open_session
+from hexctl.wire.role import Role
+from hexctl.wire.session import open_session
 from hexctl.wire.state import contacts_of, decode_battery, decode_pose
 from hexctl.wire.tags import LEASE_ID_BYTES, CommandTag, StateTag
 

@@ -15,7 +15,8 @@ from hexctl.robot.messages import JointTargets
 from hexctl.wire.command import decode_positions, encode_positions
 from hexctl.wire.keys import KeyMap
 from hexctl.wire.link import Link
-from hexctl.wire.session import Role, open_session
+from hexctl.wire.role import Role
+from hexctl.wire.session import open_session
 from tests.robots import shipped
 from tests.serve.processes import free_port, wait_until
 

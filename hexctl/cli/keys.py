@@ -1,0 +1,37 @@
+"""`hexctl keys`: certificates for links beyond this computer."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+keys = typer.Typer(help="Make and show certificates for links beyond this computer.", no_args_is_help=True)
+
+FolderArgument = Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder of the certificates.")]
+
+
+@keys.command()
+def new(
+    folder: FolderArgument = Path("keys"),
+    host: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--host",
+            help="Name or address under which clients reach the robot; repeat it for more. "
+            "(default: this computer's name; loopback is always in)",
+        ),
+    ] = None,
+    days: Annotated[int, typer.Option("--days", help="Days that they are valid, 1..3650.")] = 825,
+) -> None:
+    """Make an authority, and certificates for a robot, its controllers and its viewers."""
+    from hexctl.cli.keymaking import make
+
+    make(folder, hosts=host or [], days=days)
+
+
+@keys.command()
+def show(folder: FolderArgument = Path("keys")) -> None:
+    """Show whose certificates a folder holds, for which hosts, and until when."""
+    from hexctl.cli.keymaking import show_all
+
+    show_all(folder)

@@ -1,0 +1,134 @@
+"""Make the certificates of a robot and of those who may talk to it: one authority, one certificate a role."""
+
+import ipaddress
+import os
+import shutil
+import tempfile
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+from cryptography import x509
+from cryptography.hazmat.primitives import hashes
+from cryptography.hazmat.primitives.asymmetric import ec
+from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat
+from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
+
+from hexctl.errors import InputError
+from hexctl.wire.credentials import AUTHORITY_FILE, CERTIFICATE_FILE, KEY_FILE
+from hexctl.wire.role import Role
+
+AUTHORITY_FOLDER = "authority"
+AUTHORITY_NAME = "hexctl authority"
+
+MIN_DAYS, MAX_DAYS = 1, 3650
+
+#: Clocks of two computers may differ by so much.
+HEAD_START = timedelta(hours=1)
+
+Key = ec.EllipticCurvePrivateKey
+
+
+@dataclass(frozen=True, slots=True)
+class _Issuer:
+    """The authority: its certificate and its key."""
+
+    certificate: x509.Certificate
+    key: Key
+
+
+def make_certificates(folder: Path, *, hosts: list[str], days: int) -> None:
+    """Make a new folder with an authority, and a folder for each role with all that it needs.
+
+    Args:
+        folder: must not exist yet; it is there whole or not at all.
+        hosts: names and addresses under which clients reach the robot.
+        days: how long all of it is valid.
+
+    Raises InputError for a folder that exists or cannot be made, a host that is none, days out of range.
+    """
+    if not MIN_DAYS <= days <= MAX_DAYS:
+        raise InputError(f"--days: got {days}; allowed: {MIN_DAYS} to {MAX_DAYS}")
+    if folder.exists():
+        raise InputError(f"{folder}: is there already; allowed: a new folder, keys are never overwritten")
+    names = [_host(host) for host in hosts]
+    issuer = _make_authority(days)
+    try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        half = Path(tempfile.mkdtemp(prefix=f".{folder.name}-", dir=folder.parent))  # mode 0700
+        try:
+            _write(half / AUTHORITY_FOLDER, issuer, issuer.certificate, issuer.key)
+            for role in Role:
+                key = _new_key()
+                _write(half / role.value, issuer, _certify(role.value, key, names, issuer, days), key)
+            half.rename(folder)
+        except BaseException:
+            shutil.rmtree(half, ignore_errors=True)
+            raise
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be made ({error.strerror}); allowed: a new folder") from error
+
+
+def _write(folder: Path, issuer: _Issuer, certificate: x509.Certificate, key: Key) -> None:
+    """Write what one role needs; its private key is for its owner's eyes only."""
+    folder.mkdir(mode=0o700)
+    (folder / AUTHORITY_FILE).write_bytes(issuer.certificate.public_bytes(Encoding.PEM))
+    (folder / CERTIFICATE_FILE).write_bytes(certificate.public_bytes(Encoding.PEM))
+    secret = key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption())
+    with open(os.open(folder / KEY_FILE, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as file:
+        file.write(secret)
+
+
+def _make_authority(days: int) -> _Issuer:
+    key = _new_key()
+    name = _name(AUTHORITY_NAME)
+    builder = _builder(name, name, key, days).add_extension(
+        x509.BasicConstraints(ca=True, path_length=0), critical=True
+    )
+    return _Issuer(builder.sign(key, hashes.SHA256()), key)
+
+
+def _certify(
+    common_name: str, key: Key, hosts: list[x509.GeneralName], issuer: _Issuer, days: int
+) -> x509.Certificate:
+    """Return a certificate for both ends of a link."""
+    usage = [ExtendedKeyUsageOID.SERVER_AUTH, ExtendedKeyUsageOID.CLIENT_AUTH]
+    builder = (
+        _builder(_name(common_name), issuer.certificate.subject, key, days)
+        .add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
+        .add_extension(x509.SubjectAlternativeName(hosts), critical=False)
+        .add_extension(x509.ExtendedKeyUsage(usage), critical=False)
+    )
+    return builder.sign(issuer.key, hashes.SHA256())
+
+
+def _builder(subject: x509.Name, issuer: x509.Name, key: Key, days: int) -> x509.CertificateBuilder:
+    now = datetime.now(UTC)
+    return (
+        x509.CertificateBuilder()
+        .subject_name(subject)
+        .issuer_name(issuer)
+        .public_key(key.public_key())
+        .serial_number(x509.random_serial_number())
+        .not_valid_before(now - HEAD_START)
+        .not_valid_after(now + timedelta(days=days))
+    )
+
+
+def _new_key() -> Key:
+    return ec.generate_private_key(ec.SECP256R1())
+
+
+def _name(common_name: str) -> x509.Name:
+    return x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, common_name)])
+
+
+def _host(text: str) -> x509.GeneralName:
+    """Return a host as certificates name it: an address or a name."""
+    try:
+        return x509.IPAddress(ipaddress.ip_address(text))
+    except ValueError:
+        pass
+    if not text or not all(sign.isalnum() or sign in "-._" for sign in text) or not text.isascii():
+        raise InputError(f"--host: got {text!r}; allowed: a name or an address, without protocol and port")
+    return x509.DNSName(text)

@@ -1,0 +1,58 @@
+"""Who may do what on a robot's session: nothing, unless a rule says so. Zenoh enforces it per certificate."""
+
+from typing import Any
+
+from hexctl.wire.keys import ROOT, KeyMap
+from hexctl.wire.role import Role
+
+#: What a robot publishes, what it is told, what it answers.
+SAID = ("joint_states", "odom", "battery", "status")
+HEARD = ("command", "pose")
+ANSWERED = ("describe", "lease", "estop")
+
+#: Asked of whatever robot is on a link: its name need not be known.
+ASKED_OF_ANY = ("describe", "estop")
+
+
+def access_control(keys: KeyMap) -> dict[str, Any]:
+    """Return the `access_control` section of a robot's Zenoh configuration.
+
+    Controllers and viewers get what the robot says and may ask who it is; only controllers may command, say
+    where it is, and ask for lease and stop. Nobody but the robot may say anything in its name, or answer.
+    """
+    answered = _asked(keys, ANSWERED)
+    rules = [
+        _rule("says", "egress", ["put"], _keys(keys, SAID)),
+        _rule("is listened to", "ingress", ["declare_subscriber"], _keys(keys, SAID)),
+        _rule("offers answers", "egress", ["declare_queryable", "reply"], _keys(keys, ANSWERED)),
+        _rule("wants to hear", "egress", ["declare_subscriber"], _keys(keys, HEARD)),
+        _rule("is asked who it is", "ingress", ["query"], _asked(keys, ("describe",))),
+        _rule("is commanded", "ingress", ["put"], _keys(keys, HEARD)),
+        _rule("is asked", "ingress", ["query"], answered),
+    ]
+    names = [str(rule["id"]) for rule in rules]
+    return {
+        "enabled": True,
+        "default_permission": "deny",
+        "rules": rules,
+        "subjects": [
+            {"id": role.value, "cert_common_names": [role.value]} for role in (Role.CONTROLLER, Role.VIEWER)
+        ],
+        "policies": [
+            {"rules": names, "subjects": [Role.CONTROLLER.value]},
+            {"rules": names[:-2], "subjects": [Role.VIEWER.value]},
+        ],
+    }
+
+
+def _rule(name: str, flow: str, messages: list[str], keys: list[str]) -> dict[str, Any]:
+    return {"id": name, "permission": "allow", "flows": [flow], "messages": messages, "key_exprs": keys}
+
+
+def _keys(keys: KeyMap, kinds: tuple[str, ...]) -> list[str]:
+    return [getattr(keys, kind) for kind in kinds]
+
+
+def _asked(keys: KeyMap, kinds: tuple[str, ...]) -> list[str]:
+    """Return the keys of a robot's answers, and the expressions that ask any robot."""
+    return _keys(keys, kinds) + [f"{ROOT}/*/{kind}" for kind in kinds if kind in ASKED_OF_ANY]

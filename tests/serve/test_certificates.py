@@ -1,0 +1,117 @@
+"""Certificates: made whole or not at all, private where they must be, and refused before a link is tried."""
+
+import shutil
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import pytest
+
+from hexctl.cli.main import exit_code
+from hexctl.errors import InputError
+from hexctl.serve import certificates
+from hexctl.serve.certificates import make_certificates
+from hexctl.wire.credentials import find_credentials
+from hexctl.wire.role import Role
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    folder = tmp_path / "keys"
+    make_certificates(folder, hosts=["robot.local", "192.168.1.20", "::1"], days=10)
+    return folder
+
+
+def test_every_role_finds_its_own_in_the_common_folder_or_in_its_part_of_it(folder: Path) -> None:
+    for role in Role:
+        whole = find_credentials(folder, role)
+        assert whole.certificate == folder / role.value / "certificate.pem"
+        assert find_credentials(folder / role.value, role) == whole
+
+
+def test_private_keys_are_for_their_owner_only(folder: Path) -> None:
+    for place in (folder, *(path for path in folder.iterdir())):
+        assert place.stat().st_mode & 0o077 == 0
+    for key in folder.glob("*/key.pem"):
+        assert key.stat().st_mode & 0o077 == 0
+
+
+def test_who_may_command_may_also_look_but_not_the_other_way_round(folder: Path) -> None:
+    shutil.rmtree(folder / "viewer")
+    assert find_credentials(folder, Role.VIEWER).certificate.parent.name == "controller"
+    shutil.rmtree(folder / "controller")
+    for role in (Role.VIEWER, Role.CONTROLLER):
+        with pytest.raises(InputError, match="hexctl keys new"):
+            find_credentials(folder, role)
+
+
+def test_another_roles_certificate_is_refused(folder: Path) -> None:
+    with pytest.raises(InputError, match="is for 'viewer'; allowed here: controller"):
+        find_credentials(folder / "viewer", Role.CONTROLLER)
+
+
+def test_keys_are_never_overwritten(folder: Path) -> None:
+    before = (folder / "robot" / "key.pem").read_bytes()
+    with pytest.raises(InputError, match="is there already"):
+        make_certificates(folder, hosts=["a"], days=1)
+    assert (folder / "robot" / "key.pem").read_bytes() == before
+
+
+def test_expired_and_future_certificates_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name, days in (("old", -30), ("new", 30)):
+
+        class Elsewhen(datetime):
+            shift = timedelta(days=days)
+
+            @classmethod
+            def now(cls, _tz: object = None) -> "datetime":  # type: ignore[override]
+                return datetime.now(UTC) + cls.shift
+
+        monkeypatch.setattr(certificates, "datetime", Elsewhen)
+        make_certificates(tmp_path / name, hosts=["a"], days=5)
+        with pytest.raises(InputError, match=r"is valid from .* and now it is"):
+            find_credentials(tmp_path / name, Role.ROBOT)
+
+
+@pytest.mark.parametrize("missing", ["ca.pem", "key.pem"])
+def test_a_missing_or_broken_file_is_named(folder: Path, missing: str) -> None:
+    path = folder / "robot" / missing
+    path.write_text("nonsense")
+    with pytest.raises(InputError, match=missing):
+        find_credentials(folder, Role.ROBOT)
+    path.unlink()
+    with pytest.raises(InputError, match=missing):
+        find_credentials(folder, Role.ROBOT)
+
+
+def test_files_that_do_not_belong_together_are_refused(folder: Path, tmp_path: Path) -> None:
+    other = tmp_path / "other"
+    make_certificates(other, hosts=["a"], days=1)
+    shutil.copy(folder / "viewer" / "key.pem", folder / "robot" / "key.pem")
+    with pytest.raises(InputError, match="does not belong to"):
+        find_credentials(folder, Role.ROBOT)
+    shutil.copy(other / "robot" / "ca.pem", folder / "controller" / "ca.pem")
+    with pytest.raises(InputError, match="was not signed by"):
+        find_credentials(folder, Role.CONTROLLER)
+
+
+def test_the_command_makes_and_shows_them(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert exit_code(["keys", "new", "--host", "robot.local", "--days", "30"]) == 0
+    assert "keys/controller" in capsys.readouterr().out
+    assert exit_code(["keys", "show"]) == 0
+    shown = capsys.readouterr().out
+    assert "robot.local" in shown
+    assert "127.0.0.1" in shown
+    for arguments in (
+        ["keys", "new"],
+        ["keys", "new", "b", "--days", "0"],
+        ["keys", "new", "b", "--host", "tcp/a:1"],
+        ["keys", "new", "/proc/b"],
+        ["keys", "show", "nowhere"],
+    ):
+        assert exit_code(arguments) == 2
+        assert len(capsys.readouterr().err.splitlines()) == 1
+    assert not (tmp_path / "b").exists()
+    assert [path.name for path in tmp_path.iterdir()] == ["keys"]
