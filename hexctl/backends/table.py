@@ -98,6 +98,20 @@ def _zenoh(options: BackendOptions) -> LegServos:
     return ZenohServos(options.robot, link=link)
 
 
+def _mavlink(options: BackendOptions) -> LegServos:
+    from hexctl.backends.mavlink.address import DEFAULT_PORT
+    from hexctl.backends.mavlink.key import read_signing_key
+    from hexctl.backends.mavlink.servos import MavlinkServos
+    from hexctl.robot.servomap import load_servo_map
+
+    return MavlinkServos(
+        options.robot,
+        servo_map=load_servo_map(options.robot_file),
+        port=options.connect or DEFAULT_PORT,
+        signing_key=read_signing_key(options.credentials),
+    )
+
+
 def _own(name: str, options: BackendOptions) -> LegServos:
     module_name, _, class_name = name.partition(":")
     if os.getcwd() not in sys.path:
@@ -117,5 +131,6 @@ def _own(name: str, options: BackendOptions) -> LegServos:
 BACKENDS: dict[str, Callable[[BackendOptions], LegServos]] = {
     "sim": _sim,
     "zenoh": _zenoh,
+    "mavlink": _mavlink,
     "mock": _mock,
 }

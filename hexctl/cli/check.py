@@ -35,21 +35,23 @@ def check(
     height: HeightOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Check a robot file: reach, joint ranges and speeds of a gait, with numbers."""
+    """Check a robot file: reach, joint ranges and speeds of a gait, servo pulses, with numbers."""
     from hexctl.cli.values import finite, turn_rate_deg_s
     from hexctl.control.feasibility import gait_demand
     from hexctl.errors import InputError
     from hexctl.gait.named import make_gait
     from hexctl.robot.file import load_robot
+    from hexctl.robot.servomap import load_servo_map
 
     if robot_name is not None and robot is not None and robot_name != robot:
         raise InputError(f"check: got robots {robot_name} and {robot}; allowed: one")
     described = load_robot(robot_name or robot or "ant")
+    servo_map = load_servo_map(robot_name or robot or "ant")
     walked = make_gait(described, gait, pace_hz=pace, amplitude=amplitude, height=height)
     headings = range(0, 360, 15) if heading is None else [finite("--heading", heading)]
     motions = _motions(headings, turn_rate_deg_s(turn), in_place=turn is not None and heading is None)
     demand = gait_demand(described, walked, motions)
-    report = _report(described, walked, demand)
+    report = {**_report(described, walked, demand), **_pulses(described, servo_map, demand)}
     say(json.dumps(report) if as_json else "\n".join(_lines(described, walked, report)))
     if not demand.possible:
         raise typer.Exit(BAD_INPUT)
@@ -105,6 +107,22 @@ def _report(robot: Any, gait: Any, demand: Any) -> dict[str, Any]:
     }
 
 
+def _pulses(robot: Any, servo_map: Any, demand: Any) -> dict[str, Any]:
+    """Return whether a servo board could drive it: each joint's range as pulses, and what does not fit."""
+    from hexctl.robot.joints import JOINT_NAMES
+    from hexctl.robot.servomap import joints_beyond_pulses
+
+    ends = [servo_map.pulses_us(limit) for limit in (robot.joint_lower_rad, robot.joint_upper_rad)]
+    needed = [servo_map.outside(angles) for angles in (demand.lowest_rad, demand.highest_rad)]
+    return {
+        "pulses_us": {
+            name: sorted(round(float(end[joint])) for end in ends) for joint, name in enumerate(JOINT_NAMES)
+        },
+        "joints_beyond_pulses": list(joints_beyond_pulses(servo_map, robot)),
+        "gait_fits_pulses": not bool((needed[0] | needed[1]).any()),
+    }
+
+
 def _lines(robot: Any, gait: Any, report: dict[str, Any]) -> list[str]:
     """Return the report for a person."""
     slots = ",".join(str(slot) for slot in gait.slots)
@@ -135,8 +153,17 @@ def _verdict(report: dict[str, Any]) -> list[str]:
         f"range: exceeded by {outside}" if outside else "range: kept",
         f"speed: kept{upto}" if report["speed_holds"] else f"speed: too fast, the guard will clip it{upto}",
         f"feet: {spacing:g} m apart or more" + ("" if report["feet_stay_apart"] else ": they touch"),
+        _pulse_verdict(report),
         _conclusion(report),
     ]
+
+
+def _pulse_verdict(report: dict[str, Any]) -> str:
+    beyond = report["joints_beyond_pulses"]
+    if not beyond:
+        return "servos: every range fits into the pulse limits"
+    gait = "this gait is not" if report["gait_fits_pulses"] else "this gait too"
+    return f"servos: range beyond the pulse limits for {', '.join(beyond)}; a board clips it, {gait}"
 
 
 def _conclusion(report: dict[str, Any]) -> str:

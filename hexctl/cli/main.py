@@ -7,9 +7,12 @@ import typer
 from typer.exceptions import TyperException
 
 from hexctl.cli.adapt import adapt
+from hexctl.cli.board import board
+from hexctl.cli.calibrate import calibrate
 from hexctl.cli.check import check
 from hexctl.cli.estop import estop
 from hexctl.cli.exits import BAD_INPUT, FAULT, INTERRUPTED
+from hexctl.cli.keys import keys
 from hexctl.cli.prior import prior
 from hexctl.cli.run import run
 from hexctl.cli.serve import serve
@@ -31,8 +34,11 @@ app.command()(study)
 app.command()(serve)
 app.command()(status)
 app.command()(estop)
+app.command()(board)
+app.command()(calibrate)
 app.command()(check)
 app.command()(view)
+app.add_typer(keys, name="keys")
 app.add_typer(prior, name="prior")
 app.add_typer(sessions, name="sessions")
 

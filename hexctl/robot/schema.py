@@ -2,10 +2,10 @@
 
 from typing import Annotated, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, field_validator, model_validator
 
 from hexctl.robot.configs import Number
-from hexctl.robot.joints import N_LEGS
+from hexctl.robot.joints import N_JOINTS, N_LEGS
 
 Length = Annotated[Number, Field(gt=0, le=10, allow_inf_nan=False)]
 Coordinate = Annotated[Number, Field(ge=-10, le=10, allow_inf_nan=False)]
@@ -13,6 +13,26 @@ Mass = Annotated[Number, Field(gt=0, le=1000, allow_inf_nan=False)]
 Positive = Annotated[Number, Field(gt=0, allow_inf_nan=False)]
 AngleDeg = Annotated[Number, Field(ge=-360, le=360, allow_inf_nan=False)]
 Fraction = Annotated[Number, Field(gt=0, le=1, allow_inf_nan=False)]
+
+
+def _whole(value: float) -> int:
+    """Refuse fractions where only whole numbers have a meaning."""
+    if value != int(value):
+        raise ValueError(f"got {value:g}; allowed: a whole number")
+    return int(value)
+
+
+def _direction(value: float) -> int:
+    """Refuse anything but the two directions of a servo."""
+    if value not in (1, -1):
+        raise ValueError(f"got {value:g}; allowed: 1 or -1")
+    return int(value)
+
+
+#: A servo's pulse width in microseconds, far beyond what any servo takes at both ends.
+PulseUs = Annotated[Number, Field(ge=100, le=5000, allow_inf_nan=False), AfterValidator(_whole)]
+Channel = Annotated[Number, Field(ge=1, le=N_JOINTS, allow_inf_nan=False), AfterValidator(_whole)]
+Direction = Annotated[Number, AfterValidator(_direction)]
 
 
 class Section(BaseModel):
@@ -118,6 +138,50 @@ class GaitSection(Section):
     height: Fraction
 
 
+class KindServoSection(Section):
+    """What the servos of one joint kind have in common; a key left out keeps its default."""
+
+    sign: Direction | None = None
+    offset_deg: AngleDeg | None = None
+    min_us: PulseUs | None = None
+    max_us: PulseUs | None = None
+
+
+class JointServoSection(KindServoSection):
+    """The servo of one joint; a key left out is as for its joint kind."""
+
+    channel: Channel | None = None
+
+
+class ServosSection(Section):
+    """How joint angles become pulses on a servo board: pulse = centre + scale * (sign * angle + offset)."""
+
+    us_per_deg: Annotated[Number, Field(gt=0, le=1000, allow_inf_nan=False)] = 1000 / 90
+    centre_us: PulseUs = 1500
+    low_battery_v: Positive | None = None
+    coxa: KindServoSection = KindServoSection()
+    femur: KindServoSection = KindServoSection()
+    tibia: KindServoSection = KindServoSection()
+    leg1_coxa: JointServoSection = JointServoSection()
+    leg1_femur: JointServoSection = JointServoSection()
+    leg1_tibia: JointServoSection = JointServoSection()
+    leg2_coxa: JointServoSection = JointServoSection()
+    leg2_femur: JointServoSection = JointServoSection()
+    leg2_tibia: JointServoSection = JointServoSection()
+    leg3_coxa: JointServoSection = JointServoSection()
+    leg3_femur: JointServoSection = JointServoSection()
+    leg3_tibia: JointServoSection = JointServoSection()
+    leg4_coxa: JointServoSection = JointServoSection()
+    leg4_femur: JointServoSection = JointServoSection()
+    leg4_tibia: JointServoSection = JointServoSection()
+    leg5_coxa: JointServoSection = JointServoSection()
+    leg5_femur: JointServoSection = JointServoSection()
+    leg5_tibia: JointServoSection = JointServoSection()
+    leg6_coxa: JointServoSection = JointServoSection()
+    leg6_femur: JointServoSection = JointServoSection()
+    leg6_tibia: JointServoSection = JointServoSection()
+
+
 class RobotSchema(Section):
     """A whole robot file."""
 
@@ -132,6 +196,7 @@ class RobotSchema(Section):
     stance: StanceSection
     servo: ServoSection
     gait: GaitSection
+    servos: ServosSection = ServosSection()
 
     @field_validator("mounts")
     @classmethod

@@ -153,13 +153,13 @@ def controlling(folder: Path, endpoint: str, *options: str, name: str = "control
         yield running
 
 
-def hexctl(*arguments: str) -> subprocess.CompletedProcess[str]:
+def hexctl(*arguments: str, patience_s: float = PATIENCE_S) -> subprocess.CompletedProcess[str]:
     """Run the command to its end."""
     return subprocess.run(
         [sys.executable, "-m", "hexctl", *arguments],
         cwd=ROOT,
         capture_output=True,
         text=True,
-        timeout=PATIENCE_S,
+        timeout=patience_s,
         check=False,
     )

@@ -1,0 +1,1 @@
+"""MAVLink 2: the wire to a servo board, used by both ends."""

@@ -1,0 +1,176 @@
+"""Bytes to MAVLink 2 messages and back, with signatures if there is a key. Knows no port and no robot."""
+
+import hashlib
+import hmac
+import struct
+import time
+from dataclasses import dataclass
+from typing import Any
+
+from pymavlink.dialects.v20 import common
+
+from hexctl.errors import InputError
+
+#: First byte of a MAVLink 2 frame, length of its header, its checksum, and its signature.
+MAGIC, HEADER, CHECKSUM, SIGNATURE = 0xFD, 10, 2, 13
+
+#: The only flag a receiver may meet that changes how a frame is read.
+SIGNED = 0x01
+
+#: Time stamps of signatures count tens of microseconds since 2015-01-01.
+EPOCH_2015_S = 1_420_070_400
+STAMPS_PER_S = 100_000
+
+#: How far behind the receiver's clock a new stream of signed frames may begin.
+NEW_STREAM_SLACK_S = 60
+
+KEY_BYTES = 32
+
+#: What decoding may raise for bytes that are none of ours, whatever they are.
+DECODING_ERRORS = (common.MAVError, ValueError, TypeError, IndexError, KeyError, struct.error)
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """A whole message that came.
+
+    Attributes:
+        message: as pymavlink decodes it.
+        kind: its name, such as `HEARTBEAT`.
+        sequence: its number modulo 256.
+        system: who sent it.
+        component: which part of it.
+    """
+
+    message: Any
+    kind: str
+    sequence: int
+    system: int
+    component: int
+
+
+class Codec:
+    """One end's encoder and decoder.
+
+    MAVLink 1 is not understood. A frame whose checksum is wrong costs only its first byte, so that garbage in
+    front of a good frame does not swallow it. With a key, frames are signed and unsigned ones refused.
+
+    Attributes:
+        malformed: runs of bytes so far that were no frame, and frames that were wrong or not signed with
+            the key.
+    """
+
+    def __init__(self, system: int, component: int, *, signing_key: bytes | None = None) -> None:
+        if signing_key is not None and len(signing_key) != KEY_BYTES:
+            raise InputError(f"signing key: got {len(signing_key)} bytes; allowed: {KEY_BYTES}")
+        self.malformed = 0
+        self._mavlink = _Mavlink(None, system, component)
+        self._waiting = bytearray()
+        self._in_garbage = False
+        if signing_key is not None:
+            self._mavlink.signing.secret_key = signing_key
+            self._mavlink.signing.sign_outgoing = True
+            self._mavlink.signing.timestamp = _stamp_now()
+
+    def encode(self, message: Any, sequence: int) -> bytes:
+        """Return the frame of a message, numbered modulo 256."""
+        mavlink = self._mavlink
+        if mavlink.signing.sign_outgoing:
+            # pymavlink counts one up per frame; as time it stays true to what the receiver compares it with.
+            mavlink.signing.timestamp = max(mavlink.signing.timestamp, _stamp_now())
+        mavlink.seq = sequence % 256
+        frame: bytes = message.pack(mavlink)
+        return frame
+
+    def decode(self, data: bytes, *, whole: bool) -> list[Frame]:
+        """Return the messages in bytes that came.
+
+        Args:
+            data: what came, anything.
+            whole: True for a datagram, which holds whole frames only; False for a stream, whose last frame
+                may go on in the next bytes.
+        """
+        if whole:
+            self._in_garbage = False
+        self._waiting += data
+        frames, at = self._scan(self._waiting)
+        if whole and at < len(self._waiting):
+            self._garbage()
+        self._waiting = bytearray() if whole else self._waiting[at:]
+        return frames
+
+    def _scan(self, data: bytearray) -> tuple[list[Frame], int]:
+        """Return the frames in bytes and where the last unfinished one begins."""
+        frames: list[Frame] = []
+        at = 0
+        while True:
+            start = data.find(MAGIC, at)
+            if start != at and at < len(data):
+                self._garbage()
+            if start < 0:
+                return frames, len(data)
+            at = start
+            length = _frame_length(data, at)
+            if length is None or at + length > len(data):
+                return frames, at
+            frame = self._frame(data[at : at + length]) if length else None
+            if frame is None:
+                self._garbage()
+                at += 1
+            else:
+                self._in_garbage = False
+                frames.append(frame)
+                at += length
+
+    def _garbage(self) -> None:
+        """Count a run of bytes that are no frame, once."""
+        self.malformed += 0 if self._in_garbage else 1
+        self._in_garbage = True
+
+    def _frame(self, data: bytearray) -> Frame | None:
+        """Return the message in the bytes of one frame, or None."""
+        if int.from_bytes(data[7:10], "little") not in common.mavlink_map:
+            return None
+        try:
+            message = self._mavlink.decode(data)
+        except DECODING_ERRORS:
+            return None
+        return Frame(message, message.get_type(), data[4], data[5], data[6])
+
+
+def _frame_length(data: bytearray, at: int) -> int | None:
+    """Return the length of the frame that begins here, None while that is not known, 0 if none does."""
+    if len(data) < at + 3:
+        return None
+    payload, flags = data[at + 1], data[at + 2]
+    if flags & ~SIGNED:
+        return 0
+    return HEADER + payload + CHECKSUM + (SIGNATURE if flags & SIGNED else 0)
+
+
+def _stamp_now() -> int:
+    """Return the time stamp of a signature made now."""
+    return int((time.time() - EPOCH_2015_S) * STAMPS_PER_S)
+
+
+class _Mavlink(common.MAVLink):  # type: ignore[misc]  # pymavlink has no types
+    """pymavlink's protocol with one hole closed.
+
+    As it comes, it takes over the time stamp of a frame before it looks at the signature: one forged frame
+    from the far future locks out the owner of the key.
+    """
+
+    def check_signature(self, msgbuf: bytearray, srcSystem: int, srcComponent: int) -> bool:  # noqa: N803
+        """Return whether a signed frame is ours and newer than all before it on its stream."""
+        signing = self.signing
+        signature = hashlib.sha256(signing.secret_key + msgbuf[:-6]).digest()[:6]
+        if not hmac.compare_digest(signature, bytes(msgbuf[-6:])):
+            return False
+        stamp = int.from_bytes(msgbuf[-12:-6], "little")
+        stream = (msgbuf[-13], srcSystem, srcComponent)
+        oldest = max(signing.timestamp, _stamp_now()) - NEW_STREAM_SLACK_S * STAMPS_PER_S
+        if stamp <= signing.stream_timestamps.get(stream, oldest):
+            return False
+        signing.stream_timestamps[stream] = stamp
+        signing.timestamp = max(signing.timestamp, stamp)
+        return True

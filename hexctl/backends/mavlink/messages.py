@@ -1,0 +1,189 @@
+"""The MAVLink messages that a controller and a servo board exchange, as values; no port, no thread.
+
+Every number that comes is checked here: what is not finite, or cannot be, is no message.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from pymavlink.dialects.v20 import common
+
+from hexctl.backends.mavlink.frames import flipped_quaternion, flipped_vector, quaternion_of_euler
+from hexctl.errors import MessageError
+from hexctl.robot.joints import N_JOINTS
+from hexctl.robot.messages import BoolArray, FloatArray
+
+#: Who we are: a ground system's number, as overrides come from one, and an onboard computer's component.
+CONTROLLER_SYSTEM = 255
+CONTROLLER_COMPONENT = common.MAV_COMP_ID_ONBOARD_COMPUTER
+
+#: Who a servo board is.
+BOARD_SYSTEM = 1
+BOARD_COMPONENT = common.MAV_COMP_ID_AUTOPILOT1
+
+#: Types under which a servo board may show itself; 13 is a drone with six rotors.
+BOARD_TYPES = (common.MAV_TYPE_GENERIC, common.MAV_TYPE_ONBOARD_CONTROLLER)
+
+#: States of a system, as its heartbeat has them.
+STANDBY, ACTIVE, CRITICAL, EMERGENCY, POWEROFF = (
+    common.MAV_STATE_STANDBY,
+    common.MAV_STATE_ACTIVE,
+    common.MAV_STATE_CRITICAL,
+    common.MAV_STATE_EMERGENCY,
+    common.MAV_STATE_POWEROFF,
+)
+
+#: In an override: leave this channel alone; let it go (channels 1..8, and 9..18, where 0 is "not commanded").
+IGNORE_US, RELEASE_LOW_US, RELEASE_HIGH_US = 65535, 0, 65534
+FIRST_HIGH = 8
+
+#: Pulses that a channel in use may report.
+LEAST_US, MOST_US = 100.0, 5000.0
+
+#: How far from 1 the length of an orientation may be.
+QUATERNION_SLACK = 0.1
+
+#: Name of the NAMED_VALUE_INT that says whether joint positions are measured (1) or an echo (0).
+MEASURED_NAME = "measured"
+
+#: Frames in which ODOMETRY is understood: x forward or north, y right or east, z down.
+ODOMETRY_FRAMES = (common.MAV_FRAME_LOCAL_NED, common.MAV_FRAME_LOCAL_FRD)
+
+
+@dataclass(frozen=True, slots=True)
+class Outputs:
+    """What a board says of its channels.
+
+    Attributes:
+        pulses_us: by channel, (18,).
+        active: which channels are driven, (18,).
+    """
+
+    pulses_us: FloatArray
+    active: BoolArray
+
+
+@dataclass(frozen=True, slots=True)
+class Battery:
+    """What a board says of its battery; None where it does not know."""
+
+    voltage_v: float | None
+    share: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class Pose:
+    """Position (3,) in m and orientation (w, x, y, z) of the body, x forward, y left, z up."""
+
+    position_world: FloatArray
+    quaternion_world: FloatArray
+
+
+def heartbeat(kind: int, autopilot: int, state: int) -> Any:
+    """Return a HEARTBEAT."""
+    return common.MAVLink_heartbeat_message(kind, autopilot, 0, 0, state, 3)
+
+
+def controller_heartbeat(state: int = ACTIVE) -> Any:
+    """Return the HEARTBEAT of whoever commands."""
+    return heartbeat(common.MAV_TYPE_ONBOARD_CONTROLLER, common.MAV_AUTOPILOT_INVALID, state)
+
+
+def override(pulses_us: FloatArray, system: int, component: int) -> Any:
+    """Return the one message that moves all servos; pulses by channel (18,) become whole microseconds."""
+    channels = [round(pulse) for pulse in pulses_us.tolist()]
+    return common.MAVLink_rc_channels_override_message(system, component, *channels)
+
+
+def release(system: int, component: int) -> Any:
+    """Return the message that lets all servos go."""
+    channels = [RELEASE_LOW_US] * FIRST_HIGH + [RELEASE_HIGH_US] * (N_JOINTS - FIRST_HIGH)
+    return common.MAVLink_rc_channels_override_message(system, component, *channels)
+
+
+def channels_of(message: Any) -> list[int]:
+    """Return the 18 raw values of an RC_CHANNELS_OVERRIDE."""
+    return [getattr(message, f"chan{channel}_raw") for channel in range(1, N_JOINTS + 1)]
+
+
+def outputs_of(message: Any) -> Outputs:
+    """Return what an ACTUATOR_OUTPUT_STATUS says.
+
+    Raises MessageError for a pulse in use that no servo has.
+    """
+    pulses = np.array(message.actuator[:N_JOINTS], dtype=float)
+    active = np.array([message.active >> channel & 1 for channel in range(N_JOINTS)], dtype=bool)
+    plausible = (pulses >= LEAST_US) & (pulses <= MOST_US)  # false for nan too
+    if not (plausible | ~active).all():
+        raise MessageError(f"ACTUATOR_OUTPUT_STATUS: got {pulses.tolist()}; allowed: pulses in microseconds")
+    return Outputs(np.where(plausible, pulses, np.nan), active)
+
+
+def orientation_of(message: Any) -> FloatArray:
+    """Return the orientation, REP 103, of an ATTITUDE or ATTITUDE_QUATERNION, (w, x, y, z).
+
+    Raises MessageError for one that is none.
+    """
+    if message.get_type() == "ATTITUDE":
+        return flipped_quaternion(
+            quaternion_of_euler(
+                *(_finite(angle, "ATTITUDE") for angle in (message.roll, message.pitch, message.yaw))
+            )
+        )
+    return _unit([message.q1, message.q2, message.q3, message.q4], "ATTITUDE_QUATERNION")
+
+
+def position_of(message: Any) -> FloatArray:
+    """Return the position, z up, of a LOCAL_POSITION_NED, (3,) in m.
+
+    Raises MessageError for one that is not finite.
+    """
+    return flipped_vector(
+        np.array([_finite(value, "LOCAL_POSITION_NED") for value in (message.x, message.y, message.z)])
+    )
+
+
+def pose_of(message: Any) -> Pose:
+    """Return the pose of an ODOMETRY.
+
+    Raises MessageError for another frame than x forward, z down, and for what is not finite.
+    """
+    if message.frame_id not in ODOMETRY_FRAMES:
+        raise MessageError(f"ODOMETRY: got frame {message.frame_id}; allowed: {ODOMETRY_FRAMES}")
+    position = np.array([_finite(value, "ODOMETRY") for value in (message.x, message.y, message.z)])
+    return Pose(flipped_vector(position), _unit(list(message.q), "ODOMETRY"))
+
+
+def battery_of(message: Any) -> Battery:
+    """Return what a BATTERY_STATUS or SYS_STATUS says of the battery."""
+    share = message.battery_remaining / 100 if 0 <= message.battery_remaining <= 100 else None
+    if message.get_type() == "SYS_STATUS":
+        known = [message.voltage_battery] if message.voltage_battery != 65535 else []
+    else:
+        known = [cell for cell in message.voltages if cell != 65535]
+        known += [cell for cell in message.voltages_ext if cell not in (0, 65535)]
+    return Battery(sum(known) / 1000 if known else None, share)
+
+
+def name_of(message: Any) -> str:
+    """Return the name of a NAMED_VALUE_INT, or the text of a STATUSTEXT, printable characters only."""
+    raw = message.name if message.get_type() == "NAMED_VALUE_INT" else message.text
+    text = raw.decode("ascii", errors="replace") if isinstance(raw, bytes) else str(raw)
+    return "".join(letter for letter in text.split("\0")[0] if letter.isprintable()).strip()
+
+
+def _finite(value: float, what: str) -> float:
+    if not math.isfinite(value):
+        raise MessageError(f"{what}: got {value}; allowed: finite numbers")
+    return value
+
+
+def _unit(components: list[float], what: str) -> FloatArray:
+    """Return an orientation of length 1, flipped to REP 103."""
+    quaternion = np.array(components, dtype=float)
+    length = float(np.linalg.norm(quaternion))
+    if not abs(length - 1) < QUATERNION_SLACK:  # false for nan too
+        raise MessageError(f"{what}: got an orientation of length {length:g}; allowed: 1")
+    return flipped_quaternion(quaternion / length)
