@@ -72,7 +72,13 @@ def run(
         typer.Option("--record", help="Recording to write (.rrd). (default: a new one in runs/)"),
     ] = None,
     no_record: Annotated[bool, typer.Option("--no-record", help="Leave no recording.")] = False,
-    view: Annotated[bool, typer.Option("--view", help="Open the recording in Rerun afterwards.")] = False,
+    view: Annotated[
+        bool,
+        typer.Option(
+            "--view",
+            help="Show the walk in Rerun: while it goes on where the clock paces it, afterwards else.",
+        ),
+    ] = False,
     seed: Annotated[int, typer.Option("--seed", help="Seed of everything random, 0 or more.")] = 0,
     connect: ConnectOption = None,
     keys: KeysOption = None,

@@ -40,6 +40,9 @@ def serve(
             "--sit-after", help="Seconds without a command until the robot sits and relaxes, 1..3600."
         ),
     ] = 10.0,
+    view: Annotated[
+        bool, typer.Option("--view", help="Show the robot in Rerun while it is served, as hexctl view does.")
+    ] = False,
     keys: KeysOption = None,
     insecure: InsecureOption = False,
     link: LinkOption = None,
@@ -57,6 +60,7 @@ def serve(
         failure=failure,
         seed=seed,
         sit_after_s=sit_after,
+        view=view,
         credentials=keys,
         insecure=insecure,
         link=link,

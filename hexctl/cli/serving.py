@@ -1,5 +1,9 @@
 """What `hexctl serve` does with its options: check, open, serve until told to stop."""
 
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -36,6 +40,7 @@ class Service:
     failure: str | None
     seed: int
     sit_after_s: float
+    view: bool
     credentials: Path | None
     insecure: bool
     link: str | None
@@ -49,10 +54,31 @@ def execute(service: Service) -> int:
     )
     servos = _servos(service)
     server = RobotServer(servos, link, backend=service.backend, sit_after_s=service.sit_after_s)
-    with StopOnInterrupt() as interrupt:
+    with StopOnInterrupt() as interrupt, ExitStack() as stack:
         realtime = request_realtime_priority()
-        server.run(interrupt.requested, ready=lambda: say_aside(_greeting(service, servos, link, realtime)))
+
+        def ready() -> None:
+            say_aside(_greeting(service, servos, link, realtime))
+            if service.view:
+                stack.enter_context(_viewer(service, link))
+
+        server.run(interrupt.requested, ready=ready)
     return DONE
+
+
+@contextmanager
+def _viewer(service: Service, link: Link) -> Iterator[None]:
+    """Show the robot by a process that is a viewer like any other: it cannot hold the robot up."""
+    here = link.endpoint.replace("/0.0.0.0:", "/127.0.0.1:").replace("/[::]:", "/[::1]:")
+    command = [sys.executable, "-m", "hexctl", "view", "--connect", here]
+    command += ["--keys", str(link.credentials)] if link.credentials is not None else []
+    command += ["--link", service.link] if service.link is not None else []
+    viewer = subprocess.Popen(command, stdin=subprocess.DEVNULL, start_new_session=True)
+    try:
+        yield
+    finally:
+        viewer.terminate()
+        viewer.wait()
 
 
 def _check(service: Service) -> None:

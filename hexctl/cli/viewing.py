@@ -1,24 +1,42 @@
 """What `hexctl view` does: find the files of recordings and sessions, and open them together."""
 
+import time
 from collections.abc import Sequence
 from pathlib import Path
 
 from hexctl.adapt.overview import FILE_NAME, write_overview
 from hexctl.adapt.session import Session
 from hexctl.adapt.store import SessionStore
+from hexctl.cli.exits import DONE
+from hexctl.cli.interrupt import StopOnInterrupt
+from hexctl.cli.output import say_aside
 from hexctl.cli.places import RUNS
 from hexctl.errors import HexctlError, InputError
 from hexctl.record.viewer import newest_recording, open_viewer
+from hexctl.record.webviewer import serve_web
 
 
-def open_all(names: Sequence[str]) -> int:
+def open_all(names: Sequence[str], *, web: bool = False) -> int:
     """Open recordings and sessions, or the newest one, and return the viewer's exit code.
 
-    The overview of the first session is shown first. Raises InputError for a name that is neither.
+    The overview of the first session is shown first, though not in a browser. Raises InputError for a name
+    that is neither.
     """
     files = [file for name in names or [_newest()] for file in _files(name)]
     overviews = [file for file in files if file.name == FILE_NAME]
+    if web:
+        return _serve(files)
     return open_viewer(files, front=overviews[0] if overviews else None)
+
+
+def _serve(files: Sequence[Path]) -> int:
+    """Serve recordings to browsers on this computer until interrupted."""
+    with StopOnInterrupt() as interrupt, serve_web(files) as served:
+        say_aside(f"open {served.url} in a browser; Ctrl-C ends it")
+        while not interrupt.requested():
+            served.check()
+            time.sleep(0.1)
+    return DONE
 
 
 def _newest() -> str:

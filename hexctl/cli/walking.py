@@ -18,12 +18,12 @@ from hexctl.backends.sim.world import World
 from hexctl.backends.table import BackendOptions, make_servos
 from hexctl.cli.exits import INTERRUPTED, code_of
 from hexctl.cli.interrupt import StopOnInterrupt
-from hexctl.cli.output import say
+from hexctl.cli.output import say, say_aside
 from hexctl.cli.places import RUNS
 from hexctl.cli.progress import WalkProgress
 from hexctl.cli.summary import report, summary
 from hexctl.control.guard import Guard
-from hexctl.control.log import TickLog
+from hexctl.control.log import BLOCK_TICKS, TickLog
 from hexctl.control.plan import TrialPlan
 from hexctl.control.result import TrialResult
 from hexctl.control.trial import run_trial
@@ -33,6 +33,7 @@ from hexctl.record.files import probe_file
 from hexctl.robot.model import Robot
 
 if TYPE_CHECKING:
+    from hexctl.record.live import LiveView
     from hexctl.record.recording import Recording
 
 
@@ -70,6 +71,11 @@ class Request:
         return self.backend == "sim"
 
     @property
+    def shows_live(self) -> bool:
+        """Return whether the walk is shown while it goes on; one that runs ahead of time is shown after."""
+        return self.view and not self.as_fast_as_possible
+
+    @property
     def as_fast_as_possible(self) -> bool:
         """Return whether no wall clock paces the walk."""
         return self.simulated and not self.realtime
@@ -84,11 +90,16 @@ def execute(request: Request) -> int:
         recording = _open_recording(request, world)
         if recording is not None:
             stack.enter_context(recording)
-        result, outcome, trouble = _walk(request, guard, recording, interrupt)
+        live = stack.enter_context(_open_live(request, world)) if request.shows_live else None
+        result, outcome, trouble = _walk(request, guard, recording, live, interrupt)
     say(json.dumps(outcome) if request.as_json else summary(outcome))
     if trouble is not None:
         raise RecordingError(f"the walk is done, its recording is not whole: {trouble}") from trouble
-    if request.view and recording is not None and not interrupt.requested():
+    if live is not None and live.lost is not None:
+        say_aside(f"hexctl: {live.lost}; the walk and its recording are whole")
+    elif live is not None and not interrupt.requested():
+        live.wait()
+    elif request.view and recording is not None and not interrupt.requested():
         from hexctl.record.viewer import open_viewer
 
         try:
@@ -134,7 +145,11 @@ def _servos(request: Request, world: World) -> LegServos:
 
 
 def _walk(
-    request: Request, guard: Guard, recording: "Recording | None", interrupt: StopOnInterrupt
+    request: Request,
+    guard: Guard,
+    recording: "Recording | None",
+    live: "LiveView | None",
+    interrupt: StopOnInterrupt,
 ) -> tuple[TrialResult, dict[str, Any], Exception | None]:
     """Walk and return result, report, and what went wrong with the recording, which never stops a robot."""
     if not request.as_fast_as_possible:
@@ -146,8 +161,10 @@ def _walk(
         progress.show(log, start, stop)
         if recording is not None:
             recording.write_block(log, start, stop)
+        if live is not None:
+            live.write_block(log, start, stop)
 
-    log = TickLog(sink)
+    log = TickLog(sink, BLOCK_TICKS if live is None else live.block_ticks)
     with progress:
         began_s = time.perf_counter()
         result = run_trial(guard, request.plan, log, stop_requested=interrupt.requested)
@@ -187,12 +204,26 @@ def _open_recording(request: Request, world: World) -> "Recording | None":
     from hexctl.record.recording import Recording
 
     path = request.record or _new_path(request)
-    floor: Floor | None = make_floor(world, request.seed) if request.simulated else None
+    floor = _floor(request, world)
     title = f"{request.robot.name} {request.gait_text}"
     try:
         return Recording(path, request.robot, request.plan, title=title, floor=floor)
     except MissingExtraError as error:
         raise MissingExtraError("recording (or walk with --no-record)", "view") from error
+
+
+def _open_live(request: Request, world: World) -> "LiveView":
+    """Return a viewer that shows the walk of a request."""
+    from hexctl.record.live import LiveView
+
+    live = LiveView()
+    title = f"{request.robot.name} {request.gait_text}"
+    live.begin(request.robot, request.plan, title=title, floor=_floor(request, world))
+    return live
+
+
+def _floor(request: Request, world: World) -> Floor | None:
+    return make_floor(world, request.seed) if request.simulated else None
 
 
 def _new_path(request: Request) -> Path:

@@ -1,6 +1,6 @@
 """The log of a trial: every tick as rows of arrays, handed on in blocks."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -27,6 +27,9 @@ COLUMNS: tuple[tuple[str, int, type], ...] = (
     ("foot_contacts", N_LEGS, bool),
 )
 
+#: Rows that are handed on together: a second.
+BLOCK_TICKS = 50
+
 #: Rows of one chunk; a full one is never copied, so that a long walk costs no tick its time.
 CHUNK_ROWS = 2048
 
@@ -47,7 +50,7 @@ class TickLog:
     """
 
     def __init__(
-        self, sink: Callable[["TickLog", int, int], None] | None = None, block_ticks: int = 50
+        self, sink: Callable[["TickLog", int, int], None] | None = None, block_ticks: int = BLOCK_TICKS
     ) -> None:
         self.phase = PHASES[0]
         self.frame: TrialFrame | None = None
@@ -101,6 +104,21 @@ class TickLog:
         self._length += 1
         if self._length - self._handed_on >= self._block_ticks:
             self.flush()
+
+    def extend(self, rows: Mapping[str, Any]) -> None:
+        """Keep rows that another process recorded, all columns of `COLUMNS`, and hand them on."""
+        count, done = len(rows["time_s"]), 0
+        while done < count:
+            row = self._length % CHUNK_ROWS
+            if row == 0:
+                self._chunks.append(_new_chunk())
+            fits = min(count - done, CHUNK_ROWS - row)
+            for name, _, _ in COLUMNS:
+                self._chunks[-1][name][row : row + fits] = rows[name][done : done + fits]
+            self._length += fits
+            done += fits
+        self.walked_ticks += int((rows["phase"] == PHASES.index("walk")).sum())
+        self.flush()
 
     def took(self, work_s: float) -> None:
         """Keep how long the last tick's work took, its recording included."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from hexctl.errors import MessageError, RobotFaultError
 from hexctl.robot.joints import JOINT_NAMES
-from hexctl.robot.model import Robot
+from hexctl.robot.model import Body, GaitDefaults, Robot, ServoModel
 from hexctl.wire.protocol import MAX_PAYLOAD_BYTES, PROTOCOL_VERSION
 
 #: Numbers of two descriptions that differ by no more are equal.
@@ -63,6 +63,27 @@ def check_same_robot(answer: dict[str, Any], robot: Robot) -> None:
             f"the robot at the other end is another one: {different[0]}{more}; "
             "give both ends the same --robot file"
         )
+
+
+def robot_of(answer: dict[str, Any]) -> Robot:
+    """Return the robot that an answer describes.
+
+    Raises RobotFaultError for one of another protocol, or one that is no robot.
+    """
+    content = answer.get("robot")
+    if answer.get("protocol") != PROTOCOL_VERSION or not isinstance(content, dict):
+        raise RobotFaultError("the robot at the other end describes itself in another way; update hexctl")
+    parts: dict[str, Any] = {"body": Body, "servo": ServoModel, "gait": GaitDefaults}
+    try:
+        values: dict[str, Any] = {name: _array(value) for name, value in content.items()}
+        values |= {name: part(**content[name]) for name, part in parts.items() if name in content}
+        return Robot(**values)
+    except (TypeError, ValueError) as error:
+        raise RobotFaultError(f"the robot at the other end describes itself badly: {error}") from error
+
+
+def _array(value: Any) -> Any:
+    return np.array(value, dtype=float) if isinstance(value, list) else value
 
 
 def _plain(value: object) -> Any:

@@ -11,7 +11,7 @@ from hexctl.robot.joints import JOINT_NAMES
 from hexctl.robot.messages import RobotState
 from hexctl.wire import ros
 from hexctl.wire.command import decode_command, decode_positions, encode_positions
-from hexctl.wire.describe import check_same_robot, decode_json, describe, encode_json
+from hexctl.wire.describe import check_same_robot, decode_json, describe, encode_json, robot_of
 from hexctl.wire.protocol import MAX_PAYLOAD_BYTES
 from hexctl.wire.state import (
     contacts_of,
@@ -152,6 +152,7 @@ def test_contacts_travel_in_the_tag() -> None:
 def test_a_robot_recognises_its_own_description(name: str) -> None:
     answer = decode_json(encode_json(describe(shipped(name))))
     check_same_robot(answer, shipped(name))
+    check_same_robot(answer, robot_of(answer))
 
 
 def test_another_robot_is_refused_with_the_place_where_it_differs() -> None:
@@ -174,3 +175,9 @@ def test_another_protocol_or_other_joints_are_refused() -> None:
 def test_what_is_no_json_object_is_refused(payload: bytes) -> None:
     with pytest.raises(MessageError, match="JSON: got"):
         decode_json(payload)
+
+
+@pytest.mark.parametrize("spoil", [{}, {"protocol": 1, "robot": {"name": "x"}}, {"protocol": 1, "robot": 5}])
+def test_a_description_of_no_robot_is_refused(spoil: dict[str, object]) -> None:
+    with pytest.raises(RobotFaultError, match="describes itself"):
+        robot_of(spoil)

@@ -10,38 +10,27 @@ from hexctl.backends.base import LegServos
 from hexctl.backends.checks import check_connected, check_targets
 from hexctl.backends.clock import Clock, Tick, WallClock
 from hexctl.backends.zenoh.asking import ask_until
-from hexctl.backends.zenoh.mailbox import Letter, Mailbox
+from hexctl.backends.zenoh.ear import Ear
+from hexctl.backends.zenoh.mailbox import Mailbox
 from hexctl.backends.zenoh.tenancy import Tenancy
-from hexctl.errors import MessageError, RobotFaultError
-from hexctl.robot.messages import FloatArray, JointTargets, RobotState
+from hexctl.errors import RobotFaultError
+from hexctl.robot.messages import JointTargets, RobotState
 from hexctl.robot.model import Robot
-from hexctl.wire.command import decode_positions, encode_positions
+from hexctl.wire.command import encode_positions
 from hexctl.wire.describe import check_same_robot
 from hexctl.wire.link import Link
 from hexctl.wire.protocol import TIME_TO_LIVE_S
 from hexctl.wire.role import Role
 from hexctl.wire.session import open_session
-from hexctl.wire.state import contacts_of, decode_battery, decode_pose
-from hexctl.wire.tags import LEASE_ID_BYTES, CommandTag, StateTag
+from hexctl.wire.tags import LEASE_ID_BYTES, CommandTag
 
-#: How long a robot may take to say who it is, and to send its first state.
+#: How long a robot may take to say who it is.
 PATIENCE_S = 3.0
-
-#: A robot that has said nothing for this long has gone.
-GONE_AFTER_S = 1.0
-
-#: A pose this much older than the joints' state is none.
-STALE_POSE_S = 0.2
 
 #: Where in the robot's period this end's ticks fall: as far from its ticks as can be.
 PHASE = 0.5
 
 NO_LEASE = bytes(LEASE_ID_BYTES)
-
-#: What is taken for granted of a robot that sends no tags.
-PLAIN_TAG = StateTag(
-    sequence=0, stamp_ns=0, age_us=0, command_sequence=0, measured=True, healthy=True, contacts=None
-)
 
 WHO = "the robot on the network"
 
@@ -76,7 +65,7 @@ class ZenohServos(LegServos):
         self._keys = link.keys(robot.name)
         self._clock = TickedClock()
         self._opened: ExitStack | None = None
-        self._mailbox = mailbox or Mailbox()
+        self._ear = Ear(self._keys, mailbox or Mailbox(), plain=link.plain)
         self._tenancy: Tenancy | None = None
         self._sequence = 0
         self._snapshot: tuple[int, RobotState] | None = None
@@ -103,9 +92,7 @@ class ZenohServos(LegServos):
             session = opening.enter_context(open_session(self._link, Role.CONTROLLER, self._keys))
             if not self._link.plain:
                 self._check_robot(session)
-            self._mailbox.clear()
-            for kind in ("joint_states", "odom", "battery"):
-                self._listen(session, kind)
+            self._ear.listen(session)
             if not self._link.plain:
                 self._tenancy = Tenancy(session, self._keys.lease)
                 self._tenancy.acquire()
@@ -118,7 +105,8 @@ class ZenohServos(LegServos):
             )
             self._sequence = 0
             self._snapshot = None
-            self._await_state()
+            # This end's ticks fall into the middle of the robot's.
+            self._clock.begin(self._ear.await_first_s() - self._clock.period_s * PHASE)
             self._opened = opening.pop_all()
 
     def read(self) -> RobotState:
@@ -128,7 +116,8 @@ class ZenohServos(LegServos):
         """
         check_connected(self._opened is not None, WHO)
         if self._snapshot is None or self._snapshot[0] != self._clock.ticks:
-            self._snapshot = (self._clock.ticks, self._newest())
+            self._check_ours()
+            self._snapshot = (self._clock.ticks, self._ear.newest(self._clock.now_s))
         return _copy(self._snapshot[1])
 
     def write(self, targets: JointTargets) -> JointTargets:
@@ -166,21 +155,6 @@ class ZenohServos(LegServos):
             )
         check_same_robot(answers[0], self._robot)
 
-    def _listen(self, session: zenoh.Session, kind: str) -> None:
-        mailbox = self._mailbox
-        session.declare_subscriber(getattr(self._keys, kind), lambda sample: mailbox.put(kind, sample))
-
-    def _await_state(self) -> None:
-        """Wait for the first state, and let this end's ticks fall into the middle of the robot's."""
-        until_s = time.monotonic() + PATIENCE_S
-        while (letter := self._mailbox.newest("joint_states")) is None:
-            if time.monotonic() > until_s:
-                raise RobotFaultError(
-                    f"the robot sends no state at {self._keys.joint_states}; see hexctl status"
-                )
-            time.sleep(0.001)
-        self._clock.begin(letter.at_s - self._clock.period_s * PHASE)
-
     def _check_ours(self) -> None:
         """Raise RobotFaultError when somebody else has the robot now, or nobody."""
         if self._tenancy is not None and self._tenancy.lost is not None:
@@ -196,55 +170,6 @@ class ZenohServos(LegServos):
             lease_id=NO_LEASE if tenancy is None else tenancy.lease_id,
             lease_sequence=0 if tenancy is None else tenancy.sequence,
         ).packed()
-
-    def _newest(self) -> RobotState:
-        """Return the state that the newest letters hold."""
-        self._check_ours()
-        letter = self._mailbox.newest("joint_states")
-        now_s = time.monotonic()
-        if letter is None or now_s - letter.at_s > GONE_AFTER_S:
-            raise RobotFaultError(
-                f"the robot has been silent for {GONE_AFTER_S:g} s; "
-                "see hexctl status, or start hexctl serve again"
-            )
-        try:
-            positions_rad = decode_positions(letter.payload)
-            tag = PLAIN_TAG if self._link.plain else StateTag.unpacked(letter.attachment or b"")
-        except MessageError as error:
-            raise RobotFaultError(f"the robot sends states that are none: {error}") from error
-        position, quaternion = self._pose(letter.at_s)
-        battery_v, battery_share = self._battery()
-        return RobotState(
-            positions_rad,
-            stamp_s=max(0.0, self._clock.now_s - (now_s - letter.at_s)),
-            measured=tag.measured,
-            base_position_world=position,
-            base_quaternion_world=quaternion,
-            foot_contacts=contacts_of(tag),
-            age_s=now_s - letter.at_s + tag.age_us / 1e6,
-            healthy=tag.healthy,
-            fault=tag.fault,
-            stopped=tag.stopped,
-            battery_v=battery_v,
-            battery_share=battery_share,
-        )
-
-    def _pose(self, state_at_s: float) -> tuple[FloatArray | None, FloatArray | None]:
-        """Return the newest pose; it is lost when states go on without it, not when all is silent."""
-        letter = self._mailbox.newest("odom")
-        if letter is None or state_at_s - letter.at_s > STALE_POSE_S:
-            return None, None
-        try:
-            return decode_pose(letter.payload)
-        except MessageError:
-            return None, None
-
-    def _battery(self) -> tuple[float | None, float | None]:
-        letter: Letter | None = self._mailbox.newest("battery")
-        try:
-            return (None, None) if letter is None else decode_battery(letter.payload)
-        except MessageError:
-            return None, None
 
 
 def _copy(state: RobotState) -> RobotState:

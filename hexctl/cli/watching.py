@@ -1,0 +1,81 @@
+"""What `hexctl view --connect` does: show a robot on the network while it moves, without commanding it."""
+
+from typing import Any
+
+from hexctl.backends.clock import PERIOD_S, WallClock
+from hexctl.backends.zenoh.asking import ask_until
+from hexctl.backends.zenoh.ear import Ear
+from hexctl.backends.zenoh.mailbox import Mailbox
+from hexctl.cli.exits import DONE
+from hexctl.cli.interrupt import StopOnInterrupt
+from hexctl.cli.output import say_aside
+from hexctl.control.frame import TrialFrame
+from hexctl.control.log import TickLog
+from hexctl.control.plan import TrialPlan
+from hexctl.errors import RobotFaultError
+from hexctl.gait.named import make_gait
+from hexctl.record.live import LIVE_BLOCK_TICKS, LiveView
+from hexctl.robot.messages import JointTargets
+from hexctl.robot.model import Robot
+from hexctl.robot.rotation import yaw_rad
+from hexctl.wire.describe import robot_of
+from hexctl.wire.keys import KeyMap
+from hexctl.wire.link import Link
+from hexctl.wire.linkfile import load_link
+from hexctl.wire.role import Role
+from hexctl.wire.session import open_session
+
+#: How long a robot may take to say who it is.
+PATIENCE_S = 3.0
+
+
+def watch(*, web: bool, **options: Any) -> int:
+    """Show the robot of a link until the viewer is closed or somebody interrupts; return the exit code.
+
+    Raises RobotFaultError for a robot that is not there or falls silent.
+    """
+    link = load_link(options.pop("link"), **options)
+    anybody = KeyMap.of("*").renamed(dict(link.names))
+    with open_session(link, Role.VIEWER, anybody) as session, StopOnInterrupt() as interrupt:
+        answers = ask_until(session, anybody.describe, patience_s=PATIENCE_S)
+        if not answers:
+            raise RobotFaultError(f"no robot answers at {link.endpoint}; is hexctl serve running there?")
+        robot = robot_of(answers[0])
+        ear = Ear(link.keys(robot.name), Mailbox(), plain=link.plain)
+        ear.listen(session)
+        ear.await_first_s()
+        with LiveView(web=web) as live:
+            live.begin(robot, _any_walk(robot), title=f"{robot.name} at {link.endpoint}")
+            if live.url is not None:
+                say_aside(f"open {live.url} in a browser; Ctrl-C ends it")
+            try:
+                _pass_on(ear, live, link, interrupt)
+            except RobotFaultError:
+                # A window keeps showing the last that came; a browser cannot ask for more.
+                live.close(leave_viewer=not web)
+                raise
+            live.close(leave_viewer=False)
+    return DONE
+
+
+def _pass_on(ear: Ear, live: LiveView, link: Link, interrupt: StopOnInterrupt) -> None:
+    """Read a robot's states at 50 Hz and show them."""
+    log = TickLog(live.write_block, LIVE_BLOCK_TICKS)
+    log.phase = "walk"
+    clock = WallClock(PERIOD_S)
+    while not interrupt.requested() and live.lost is None and live.open:
+        tick = clock.tick()
+        state = ear.newest(tick.time_s)
+        if log.frame is None and state.base_position_world is not None:
+            assert state.base_quaternion_world is not None  # noqa: S101  they come together
+            yaw = float(yaw_rad(state.base_quaternion_world))
+            log.frame = TrialFrame(state.base_position_world, yaw, yaw)
+        positions_rad = state.joint_positions_rad
+        log.record(tick, state, positions_rad, JointTargets(positions_rad, tick.time_s))
+    if live.lost is not None:
+        raise RobotFaultError(f"{live.lost}; {link.endpoint} itself is as it was")
+
+
+def _any_walk(robot: Robot) -> TrialPlan:
+    """Return a plan for the layout: what the robot is told to do is not for a viewer to know."""
+    return TrialPlan(gait=make_gait(robot, "demo"))

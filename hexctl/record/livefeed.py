@@ -1,0 +1,91 @@
+"""The process between a walk and its live viewer: `python -m hexctl.record.livefeed PORT` reads rows."""
+
+import pickle
+import signal
+import socket
+import sys
+import time
+import uuid
+from collections.abc import Iterator
+from typing import Any, BinaryIO
+
+from hexctl.control.log import TickLog
+from hexctl.record.blueprint import make_blueprint
+from hexctl.record.columns import BlockWriter, Subject
+from hexctl.record.recording import APPLICATION_ID
+from hexctl.record.scene import LEVEL, send_scene
+from hexctl.record.sdk import load_rerun
+from hexctl.record.viewer import LOCAL
+
+#: How long a viewer may take to open its window.
+VIEWER_PATIENCE_S = 30.0
+
+
+class Feed:
+    """Shows one walk in a viewer."""
+
+    def __init__(self, address: str, header: dict[str, Any]) -> None:
+        rr = load_rerun()
+        robot, plan, floor = header["robot"], header["plan"], header["floor"] or LEVEL
+        self._subject = Subject(robot, plan, floor)
+        self._log = TickLog()
+        self._stream: Any = rr.RecordingStream(APPLICATION_ID, recording_id=str(uuid.uuid4()))
+        self._stream.connect_grpc(address, default_blueprint=make_blueprint(robot, plan, floor))
+        self._stream.send_recording_name(header["title"])
+        send_scene(self._stream, robot, plan, floor)
+
+    def show(self, block: dict[str, Any]) -> None:
+        """Show the rows of a block."""
+        log, start = self._log, len(self._log)
+        log.frame = block["frame"]
+        log.pose_known, log.contacts_known = block["pose_known"], block["contacts_known"]
+        log.extend(block["rows"])
+        BlockWriter(self._stream, self._subject, log, start, len(log)).write()
+
+    def close(self) -> None:
+        """Let the viewer have what is left."""
+        self._stream.disconnect()
+
+
+def await_viewer(port: int) -> None:
+    """Wait until a viewer listens: what is sent before that is lost."""
+    for _ in range(round(VIEWER_PATIENCE_S / 0.1)):
+        try:
+            socket.create_connection((LOCAL, port), timeout=1.0).close()
+        except OSError:
+            time.sleep(0.1)
+        else:
+            return
+    sys.exit(1)
+
+
+def main(port: str) -> None:
+    """Show what comes on stdin until it ends."""
+    # Ctrl-C is for the walk; this ends when the walk closes the pipe.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    await_viewer(int(port))
+    address = f"rerun+http://{LOCAL}:{port}/proxy"
+    feed: Feed | None = None
+    for message in messages(sys.stdin.buffer):
+        if "robot" in message:
+            if feed is not None:
+                feed.close()
+            feed = Feed(address, message)
+        elif feed is not None:
+            feed.show(message)
+    if feed is not None:
+        feed.close()
+
+
+def messages(source: BinaryIO) -> Iterator[dict[str, Any]]:
+    """Yield the messages that `LiveView` wrote, until they end or one is cut off."""
+    while len(head := source.read(4)) == 4:
+        size = int.from_bytes(head, "little")
+        data = source.read(size)
+        if len(data) < size:
+            return
+        yield pickle.loads(data)  # noqa: S301  from our own parent process
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

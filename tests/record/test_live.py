@@ -1,0 +1,135 @@
+"""A walk that is shown while it goes on: it arrives whole, and no viewer can hold the robot up."""
+
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hexctl.backends.sim.servos import SimServos
+from hexctl.control.guard import Guard
+from hexctl.control.log import COLUMNS, TickLog
+from hexctl.control.plan import TrialPlan
+from hexctl.control.result import TrialResult
+from hexctl.control.trial import run_trial
+from hexctl.gait.named import make_gait
+from hexctl.record import live as live_module
+from hexctl.record.live import LiveView
+from hexctl.record.recording import Recording
+from hexctl.record.sdk import load_rerun
+from tests.robots import shipped
+
+PLAN = TrialPlan(gait=make_gait(shipped(), "tripod"), duration_s=3.0)
+#: Has a row for each tick.
+ROBOT = "world/robot"
+
+TICKS = 50 + 150 + 101
+
+
+def walk(log: TickLog) -> TrialResult:
+    with Guard(SimServos(shipped())) as servos:
+        return run_trial(servos, PLAN, log)
+
+
+@contextmanager
+def viewing(saved: Path) -> Iterator[LiveView]:
+    """Show walks to a viewer that needs no screen and saves what it is sent, until the block ends."""
+    live = LiveView(options=("--save", str(saved)))
+    try:
+        yield live
+    finally:
+        live.close(leave_viewer=False)
+
+
+def rows_at(path: Path, entity: str) -> int:
+    """Return how many rows a recording has of an entity; 0 while it cannot be read yet."""
+    try:
+        stream = load_rerun().chunk.RrdReader(path).stream()
+        chunks = [chunk for chunk in stream if str(chunk.entity_path) == f"/{entity}"]
+    except (OSError, RuntimeError, ValueError):
+        return 0
+    return sum(chunk.num_rows for chunk in chunks if not chunk.is_static)
+
+
+def test_what_is_shown_is_the_whole_walk(tmp_path: Path) -> None:
+    """The viewer's place is taken by one that saves what it is sent."""
+    saved = tmp_path / "shown.rrd"
+    with viewing(saved) as live:
+        live.begin(shipped(), PLAN, title="walk")
+        log = TickLog(live.write_block, live.block_ticks)
+        assert walk(log).status == "ok"
+        assert len(log) == TICKS
+        live.close()
+        assert live.lost is None
+        live._viewer.send_signal(signal.SIGINT)
+        live._viewer.wait(30)
+    assert rows_at(saved, ROBOT) == TICKS
+
+
+@pytest.mark.parametrize("who", ["viewer", "feeder"])
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGSTOP])
+def test_a_viewer_that_dies_or_hangs_holds_nothing_up(tmp_path: Path, who: str, how: signal.Signals) -> None:
+    with (
+        viewing(tmp_path / "shown.rrd") as live,
+        Recording(tmp_path / "walk.rrd", shipped(), PLAN, title="walk") as recording,
+    ):
+        live.begin(shipped(), PLAN, title="walk")
+        process = live._viewer if who == "viewer" else live._feeder
+
+        def sink(log: TickLog, start: int, stop: int) -> None:
+            recording.write_block(log, start, stop)
+            live.write_block(log, start, stop)
+            if start <= 100 < stop:
+                process.send_signal(how)
+
+        log = TickLog(sink, live.block_ticks)
+        result = walk(log)
+        assert result.status == "ok"
+        assert len(log) == TICKS
+        assert log.sink_error is None
+        recording.finish(result, {})
+        live.close(leave_viewer=False)
+    assert rows_at(tmp_path / "walk.rrd", ROBOT) == TICKS
+    assert not live.open
+
+
+def test_what_a_slow_viewer_leaves_waiting_is_bounded(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(live_module, "MAX_WAITING_BYTES", 100_000)
+    with viewing(tmp_path / "shown.rrd") as live:
+        live._feeder.send_signal(signal.SIGSTOP)
+        live.begin(shipped(), PLAN, title="walk")
+        walk(TickLog(live.write_block, live.block_ticks))
+        assert live.lost is not None
+        assert "too slow" in live.lost
+        live.close(leave_viewer=False)
+
+
+def test_rows_that_cross_the_pipe_are_the_rows_of_the_log() -> None:
+    log, other = TickLog(), TickLog()
+    walk(log)
+    for start in range(0, len(log), 7):
+        other.extend({name: log.rows(name, start, min(start + 7, len(log))) for name, _, _ in COLUMNS})
+    assert len(other) == len(log)
+    assert other.walked_ticks == log.walked_ticks
+    for name, _, _ in COLUMNS:
+        np.testing.assert_array_equal(other[name], log[name])
+
+
+def test_a_feeder_without_a_viewer_ends_by_itself() -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", SHORT_PATIENCE], stdin=subprocess.DEVNULL, timeout=60, check=False
+    )
+    assert done.returncode == 1
+
+
+SHORT_PATIENCE = """
+from hexctl.record import livefeed
+livefeed.VIEWER_PATIENCE_S = 0.3
+livefeed.main("9")
+"""
