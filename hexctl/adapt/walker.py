@@ -15,6 +15,7 @@ from hexctl.control.plan import TrialPlan
 from hexctl.control.result import TrialResult
 from hexctl.control.trial import Enough, StopRequested, never, run_trial
 from hexctl.gait.encoding import Slots
+from hexctl.record.live import LiveView
 from hexctl.record.recording import Recording
 from hexctl.robot.model import Robot
 
@@ -36,6 +37,7 @@ class Walker:
         plan_for: the trial plan for slots.
         folder: where recordings go, or None to leave none.
         stop_requested: asked every tick.
+        live: shows the walks while they go on, or None.
     """
 
     spec: SessionSpec
@@ -44,6 +46,7 @@ class Walker:
     plan_for: Callable[[Slots], TrialPlan]
     folder: Path | None
     stop_requested: StopRequested = never
+    live: LiveView | None = None
 
     def walk(
         self, index: int, code: int, slots: Slots, enough: Enough | None = None
@@ -68,7 +71,7 @@ class Walker:
         """Run one trial on connected servos and return its result, completed, and its recording."""
         recording = self._open_recording(index, code, plan)
         try:
-            log = TickLog(recording.write_block if recording else None)
+            log = self._open_log(recording, plan, f"trial {index}: gait {code}")
             stop = self.stop_requested
             result = run_trial(servos, plan, log, stop_requested=stop, enough=enough_of(log))
             result = completed(result)
@@ -78,6 +81,20 @@ class Walker:
             if recording is not None:
                 recording.close()
         return result, recording.path if recording is not None else None
+
+    def _open_log(self, recording: Recording | None, plan: TrialPlan, title: str) -> TickLog:
+        """Return a log whose rows are recorded, shown, both or neither."""
+        live = self.live
+        if live is None:
+            return TickLog(recording.write_block if recording else None)
+        live.begin(self.robot, plan, title=title)
+
+        def sink(log: TickLog, start: int, stop: int) -> None:
+            if recording is not None:
+                recording.write_block(log, start, stop)
+            live.write_block(log, start, stop)
+
+        return TickLog(sink, live.block_ticks)
 
     def _open_recording(self, index: int, code: int, plan: TrialPlan) -> Recording | None:
         if self.folder is None:

@@ -95,6 +95,13 @@ def adapt(
     resume: Annotated[
         str | None, typer.Option("--resume", help="Continue this session; everything else stays as it was.")
     ] = None,
+    view: Annotated[
+        bool,
+        typer.Option(
+            "--view",
+            help="Show a real robot's trials in Rerun while they go on, and the session when it has ended.",
+        ),
+    ] = False,
     no_record: Annotated[bool, typer.Option("--no-record", help="Leave no recordings.")] = False,
     seed: Annotated[
         int | None,
@@ -133,4 +140,4 @@ def adapt(
     if resume is not None:
         check_resumed_alone(resume, **options)
     spec = new_spec(**options) if resume is None else None
-    raise typer.Exit(execute(spec, resume=resume, record=not no_record, as_json=as_json))
+    raise typer.Exit(execute(spec, resume=resume, record=not no_record, view=view, as_json=as_json))

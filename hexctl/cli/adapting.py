@@ -39,12 +39,14 @@ from hexctl.cli.places import RUNS
 from hexctl.cli.prioring import with_prior
 from hexctl.cli.table import SessionTable, closing_lines
 from hexctl.cli.values import finite
+from hexctl.cli.viewing import open_all
 from hexctl.control.guard import Guard
 from hexctl.control.plan import TrialPlan
 from hexctl.control.turning import check_plan
 from hexctl.errors import HexctlError, InputError, RobotFaultError
 from hexctl.gait.encoding import Slots
 from hexctl.gait.named import make_gait
+from hexctl.record.live import LiveView
 from hexctl.robot.failure import parse_failure
 from hexctl.robot.file import load_robot
 from hexctl.robot.model import Robot
@@ -113,15 +115,18 @@ def _check_numbers(spec: SessionSpec) -> None:
     finite("--heading", spec.heading_deg)
 
 
-def execute(spec: SessionSpec | None, *, resume: str | None, record: bool, as_json: bool) -> int:
+def execute(spec: SessionSpec | None, *, resume: str | None, record: bool, view: bool, as_json: bool) -> int:
     """Run a new session, or continue one, and return the exit code."""
+    if view and not record:
+        raise InputError("--no-record: got --view too; allowed: one or the other")
     began_s = time.perf_counter()
     with ExitStack() as stack:
         store = stack.enter_context(SessionStore(RUNS))
         interrupt = stack.enter_context(StopOnInterrupt())
         session, servos = _begin(spec, resume, store, stack)
         table = stack.enter_context(SessionTable(session, quiet=as_json))
-        ended, trouble = _adapt(session, store, table, interrupt, servos, record=record)
+        live = stack.enter_context(LiveView()) if view and servos is not None else None
+        ended, trouble = _adapt(session, store, table, interrupt, servos, live, record=record)
     outcome = {**session.as_json(), "ended": ended, "wall_s": round(time.perf_counter() - began_s, 3)}
     say(json.dumps(outcome) if as_json else closing_lines(session, ended))
     # After the result: a picture that fails must not cost it.
@@ -129,6 +134,8 @@ def execute(spec: SessionSpec | None, *, resume: str | None, record: bool, as_js
     if trouble is not None:
         say_aside(f"hexctl: {trouble}; nothing is lost: {how_to_go_on(session.spec, session.name, trouble)}")
         return code_of_stop(trouble)
+    if view and session.trials and ended != "interrupted":
+        open_all([session.name])
     return INTERRUPTED if ended == "interrupted" else DONE
 
 
@@ -162,6 +169,7 @@ def _adapt(
     table: SessionTable,
     interrupt: StopOnInterrupt,
     servos: Guard | None,
+    live: LiveView | None,
     *,
     record: bool,
 ) -> tuple[str, RobotFaultError | None]:
@@ -180,6 +188,7 @@ def _adapt(
         plan_for=plan_for,
         folder=store.folder_of(session.name) if record else None,
         stop_requested=interrupt.requested,
+        live=live,
     )
     walk = walker.walk
     if servos is not None:
