@@ -1,5 +1,6 @@
 """The link: how long a command takes to come back as a state, beside a bare Zenoh echo; and a long walk."""
 
+import os
 import socket
 import subprocess
 import sys
@@ -14,7 +15,7 @@ from benchmarks.echo import BACK, THERE
 from benchmarks.plans import ant
 from benchmarks.rows import Bar, Row
 from benchmarks.scale import Scale
-from hexctl.backends.clock import PERIOD_S, WallClock
+from hexctl.backends.clock import PERIOD_S, WallClock, request_realtime_priority
 from hexctl.backends.zenoh.asking import ask
 from hexctl.backends.zenoh.mailbox import Mailbox
 from hexctl.backends.zenoh.servos import ZenohServos
@@ -154,18 +155,30 @@ def _walk_rows(duration_s: float) -> Iterator[Row]:
     with _robot(port, "sim"):
         plan = TrialPlan(gait=make_gait(ant(), "tripod"), duration_s=duration_s)
         log = TickLog()
-        with Guard(ZenohServos(ant(), link=link)) as servos:
+        with _realtime(), Guard(ZenohServos(ant(), link=link)) as servos:
             result = run_trial(servos, plan, log)
             overruns = servos.clock.overruns
         with open_session(link, Role.VIEWER, KeyMap.of("ant")) as session:
             counts = ask(session, KeyMap.of("ant").describe)[0]["status"]["commands"]
     rows = log.rows_of("walk")
     expected = round(duration_s / PERIOD_S)
-    note = f"of {duration_s:g} s over the link, {result.status}, {overruns} grid points skipped"
+    ended = result.status if result.stopped is None else f"{result.status} ({result.stopped})"
+    note = f"of {duration_s:g} s over the link, {ended}, {overruns} grid points skipped"
     yield Row("link.twin.ticks", rows.stop - rows.start, "ticks", Bar(expected - 10, expected + 10), note)
     dropped = sum(counts[kind] for kind in ("lost", "late", "out_of_order", "malformed", "overflowed"))
     note = f"commands of {len(log)} lost, late or refused on loopback"
     yield Row("link.twin.lost", dropped + counts["refused"], "commands", Bar(high=0), note)
+
+
+@contextmanager
+def _realtime() -> Iterator[None]:
+    """Have the priority that `hexctl run` asks for on a real robot, where it is given."""
+    given = request_realtime_priority()
+    try:
+        yield
+    finally:
+        if given:
+            os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
 
 
 @contextmanager

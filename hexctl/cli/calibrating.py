@@ -10,7 +10,7 @@ from hexctl.backends.mavlink.servos import MavlinkServos
 from hexctl.cli.calibrationhands import Hands, Lines, QuitError
 from hexctl.cli.exits import DONE, INTERRUPTED
 from hexctl.cli.interrupt import StopOnInterrupt
-from hexctl.control.guard import Guard
+from hexctl.control.guard import MAX_EXPIRY_S, Guard
 from hexctl.errors import InputError
 from hexctl.robot.calibration import flipped, limited, reference_deg, referenced, taken_over
 from hexctl.robot.configs import find_config
@@ -41,6 +41,10 @@ AT_ZERO = {
 STEPS_DEG = {"+": 1.0, "-": -1.0, "++": 5.0, "--": -5.0}
 FARTHEST_DEG = 45.0
 
+READY = (
+    "Hold the robot up so that its legs hang free. Servos that nobody drives jump to their places now. "
+    "Enter when ready:"
+)
 STEP_HELP = "+ or - 1 deg, ++ or -- 5, a number of degrees"
 
 
@@ -53,10 +57,12 @@ def execute(robot_name: str, *, connect: str | None, joints: str | None, keys: P
     servos = MavlinkServos(
         robot, servo_map=servo_map, port=connect or DEFAULT_PORT, signing_key=read_signing_key(keys)
     )
-    with StopOnInterrupt() as interrupt, Guard(servos) as guard:
+    # One joint at a time, slowly: a computer that is busy for a moment need not end a long sitting.
+    guarded = Guard(servos, expiry_s=MAX_EXPIRY_S)
+    with StopOnInterrupt() as interrupt, guarded as guard:
         guard.clock.tick()
         hands = Hands(guard, servos, Lines(sys.stdin.fileno()), interrupt.requested)
-        hands.tell("Hold the robot so that its legs hang free. skip leaves a step as it is, quit ends.")
+        hands.tell("skip leaves a step as it is, quit ends; every joint done is saved at once.")
         Calibration(robot, path, servo_map, hands).run(chosen)
         return INTERRUPTED if interrupt.requested() else DONE
 
@@ -88,6 +94,7 @@ class Calibration:
         """Calibrate some joints, 0..17, until done or told to quit."""
         done: list[str] = []
         try:
+            self._hands.ask(READY, holding=False)
             for number, joint in enumerate(joints, start=1):
                 channel = self._hands.servo_map.channels[joint]
                 name = JOINT_NAMES[joint]
@@ -114,6 +121,8 @@ class Calibration:
         at_deg = hands.angle_deg(joint)
         up = at_deg + NUDGE_DEG <= math.degrees(self._robot.joint_upper_rad[joint])
         seen = SEEN[kind][0 if up else 1]
+        if hands.ask("  watch this joint. Enter to move it, skip:") == "skip":
+            return
         while True:
             hands.move(joint, at_deg + (NUDGE_DEG if up else -NUDGE_DEG))
             answer = hands.ask(f"  did it move {seen}? yes, no, again, skip:")

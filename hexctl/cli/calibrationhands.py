@@ -83,19 +83,25 @@ class Hands:
         self._targets_rad = servo_map.angles_rad(pulses)
         self._guard.clear()
 
-    def ask(self, prompt: str) -> str:
-        """Return what the person answers, in lower case, holding all joints meanwhile.
+    def ask(self, prompt: str, *, holding: bool = True) -> str:
+        """Return what the person answers, in lower case, holding all joints meanwhile, or sending nothing.
 
         Raises QuitError for `quit`, Ctrl-C and the end of the input.
         """
         sys.stderr.write(f"{prompt} ")
         sys.stderr.flush()
-        while (line := self._lines.poll()) is None:
-            self._tick()
-        answer = line.lower()
-        if answer in ("quit", "q"):
-            raise QuitError
-        return answer
+        try:
+            while (line := self._lines.poll()) is None:
+                self._tick(holding=holding)
+            if line.lower() in ("quit", "q"):
+                raise QuitError
+        except QuitError:
+            say_aside("")
+            raise
+        if not sys.stdin.isatty():
+            # Nobody pressed the key that ends the line on the screen.
+            say_aside("")
+        return line.lower()
 
     def move(self, joint: int, to_deg: float) -> bool:
         """Move one joint slowly; return whether it got there, or False where a limit is nearer."""
@@ -128,8 +134,8 @@ class Hands:
         if servo_map is not self._servos.servo_map:
             self.remap(servo_map)
 
-    def _tick(self) -> None:
-        """Hold, or take the next step, and take over what was really sent."""
+    def _tick(self, *, holding: bool = True) -> None:
+        """Hold, or take the next step, and take over what was really sent; or only look."""
         if self._interrupted():
             raise QuitError
         tick = self._guard.clock.tick()
@@ -138,6 +144,8 @@ class Hands:
             raise RobotFaultError(
                 f"stopped: {self._guard.stopped}; every joint done is saved, the same command goes on"
             )
+        if not holding:
+            return
         self._targets_rad = self._guard.write(
             JointTargets(self._targets_rad, tick.time_s)
         ).positions_rad.copy()

@@ -53,7 +53,8 @@ class Codec:
     """One end's encoder and decoder.
 
     MAVLink 1 is not understood. A frame whose checksum is wrong costs only its first byte, so that garbage in
-    front of a good frame does not swallow it. With a key, frames are signed and unsigned ones refused.
+    front of a good frame does not swallow it. With a key, frames are signed and unsigned ones
+    refused; without one, signed frames are.
 
     Attributes:
         malformed: runs of bytes so far that were no frame, and frames that were wrong or not signed with
@@ -130,6 +131,9 @@ class Codec:
     def _frame(self, data: bytearray) -> Frame | None:
         """Return the message in the bytes of one frame, or None."""
         if int.from_bytes(data[7:10], "little") not in common.mavlink_map:
+            return None
+        if data[2] & SIGNED and self._mavlink.signing.secret_key is None:
+            # Whoever signs wants signatures: taken here, its commands' answers would look like a good link.
             return None
         try:
             message = self._mavlink.decode(data)

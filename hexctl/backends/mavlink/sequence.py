@@ -23,10 +23,6 @@ class SequenceCount:
     _newest: int | None = None
     _at_s: float = 0.0
 
-    def restart(self) -> None:
-        """Take whatever number comes next: the sender says that it ends."""
-        self._newest = None
-
     def in_order(self, number: int, at_s: float) -> bool:
         """Return whether a frame is newer than all before it, and count what is missing between them.
 

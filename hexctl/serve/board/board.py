@@ -126,7 +126,7 @@ class ServoBoard:
         """Obey or answer one message; nothing that comes may end the loop."""
         frame = arrival.frame
         peer, new = self._peers.hear(arrival.sender, frame.system, frame.component, arrival.at_s)
-        if peer is None or not peer.sequence.in_order(frame.sequence, arrival.at_s):
+        if not peer.sequence.in_order(frame.sequence, arrival.at_s):
             return
         if new:
             self._introduce(peer)
@@ -136,16 +136,10 @@ class ServoBoard:
             self._override(frame.message, peer, arrival.at_s)
         elif frame.kind == "HEARTBEAT":
             if frame.message.system_status == messages.POWEROFF:
-                self._farewell(peer)
+                self._peers.farewell(peer)
         elif frame.kind == "PING" or (frame.kind == "COMMAND_LONG" and _for_us(frame.message)):
             for answer in telemetry.answers(frame.kind, frame.message, peer.system, peer.component):
                 self._link.send(answer, peer.address)
-
-    def _farewell(self, peer: Peer) -> None:
-        """Let the next one command at once when this one says that it ends."""
-        peer.sequence.restart()
-        if peer is self._peers.commander:
-            self._peers.commander = None
 
     def _override(self, message: Any, peer: Peer, at_s: float) -> None:
         """Move the servos if the sender may."""

@@ -43,7 +43,7 @@ class Peers:
         commander: whoever moves the servos, or None.
         lost: frames of all peers so far that never came.
         out_of_order: frames that came too late or twice.
-        crowded_out: frames of others while the board had as many peers as it can speak to.
+        crowded_out: peers so far that were forgotten because others came.
     """
 
     def __init__(self) -> None:
@@ -66,16 +66,19 @@ class Peers:
         """Return where to send what is for all; a stream has the one address None."""
         return list(dict.fromkeys(peer.address for peer in self._known))
 
-    def hear(self, address: Address, system: int, component: int, at_s: float) -> tuple[Peer | None, bool]:
-        """Return who said something, None when there are too many, and whether it is new."""
-        self._forget(at_s)
+    def hear(self, address: Address, system: int, component: int, at_s: float) -> tuple[Peer, bool]:
+        """Return who said something, and whether it is new."""
+        for peer in [peer for peer in self._known if at_s - peer.heard_at_s > FORGET_AFTER_S]:
+            self._drop(peer)
         for peer in self._known:
             if (peer.address, peer.system, peer.component) == (address, system, component):
                 peer.heard_at_s = at_s
                 return peer, False
         if len(self._known) >= MOST_PEERS:
+            # The quietest goes: a flood of senders must not keep out whoever wants to command.
+            others = [peer for peer in self._known if peer is not self.commander]
+            self._drop(min(others, key=lambda peer: peer.heard_at_s))
             self.crowded_out += 1
-            return None, False
         self._known.append(Peer(address, system, component, at_s))
         return self._known[-1], True
 
@@ -84,9 +87,13 @@ class Peers:
         holder = self.commander
         return holder is None or holder is peer or at_s - holder.heard_at_s > FREE_AFTER_S
 
-    def _forget(self, at_s: float) -> None:
-        gone = [peer for peer in self._known if at_s - peer.heard_at_s > FORGET_AFTER_S]
-        for peer in gone:
-            self._known.remove(peer)
-            self._lost_before += peer.sequence.lost
-            self._late_before += peer.sequence.out_of_order
+    def farewell(self, peer: Peer) -> None:
+        """Forget a peer that says that it ends; the next may command at once."""
+        self._drop(peer)
+        if peer is self.commander:
+            self.commander = None
+
+    def _drop(self, peer: Peer) -> None:
+        self._known.remove(peer)
+        self._lost_before += peer.sequence.lost
+        self._late_before += peer.sequence.out_of_order

@@ -1,0 +1,100 @@
+"""A MAVLink client for tests that says exactly what it is told to, and keeps what it hears."""
+
+import socket
+import time
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+
+from hexctl.backends.mavlink import messages
+from hexctl.backends.mavlink.codec import Codec, Frame
+from hexctl.robot.messages import FloatArray
+from tests.backends.mavlink.boards import PATIENCE_S
+
+
+class Client:
+    """Speaks UDP with a board, as a system of its own.
+
+    Attributes:
+        heard: all frames so far, newest last.
+        sequence: number of the next frame.
+    """
+
+    def __init__(self, port: str, *, system: int = 255, key: bytes | None = None) -> None:
+        _, host, number = port.split(":")
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.connect((host, int(number)))
+        self._socket.settimeout(0.02)
+        self._codec = Codec(system, 191, signing_key=key)
+        self.heard: list[Frame] = []
+        self.sequence = 0
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._socket.close()
+
+    def say(self, message: Any, *, sequence: int | None = None) -> None:
+        """Send a message, with its own number if it has one."""
+        if sequence is not None:
+            self.sequence = sequence
+        self._socket.send(self._codec.encode(message, self.sequence))
+        self.sequence += 1
+
+    def hail(self, state: int = messages.ACTIVE) -> None:
+        self.say(messages.controller_heartbeat(state))
+
+    def drive(self, pulses: FloatArray | list[int], *, times: int = 5, to: tuple[int, int] = (1, 1)) -> None:
+        """Send the same override at 50 Hz for a while."""
+        for _ in range(times):
+            self.say(messages.override(np.asarray(pulses, dtype=float), *to))
+            self.listen(0.02)
+
+    def listen(self, duration_s: float) -> None:
+        """Keep what comes for a while."""
+        until_s = time.monotonic() + duration_s
+        while time.monotonic() < until_s:
+            try:
+                self.heard += self._codec.decode(self._socket.recv(2048), whole=True)
+            except TimeoutError:
+                continue
+
+    def drain(self) -> None:
+        """Take everything that has come so far."""
+        self._socket.setblocking(False)
+        try:
+            while True:
+                self.heard += self._codec.decode(self._socket.recv(2048), whole=True)
+        except BlockingIOError:
+            self._socket.settimeout(0.02)
+
+    def newest(self, kind: str) -> Any:
+        """Return the newest message of a kind; fails when there was none."""
+        return next(frame.message for frame in reversed(self.heard) if frame.kind == kind)
+
+    def outputs(self) -> messages.Outputs:
+        """Return what the board says of its channels next; what waited unread is old."""
+        self.drain()
+        self.heard.clear()
+        self.until(lambda: any(frame.kind == "ACTUATOR_OUTPUT_STATUS" for frame in self.heard))
+        return messages.outputs_of(self.newest("ACTUATOR_OUTPUT_STATUS"))
+
+    def until(self, condition: Any, *, hailing: bool = False) -> None:
+        """Listen until something is so."""
+        until_s = time.monotonic() + PATIENCE_S
+        while not condition():
+            assert time.monotonic() < until_s, [frame.kind for frame in self.heard[-20:]]
+            if hailing:
+                self.hail()
+            self.listen(0.1 if hailing else 0.01)
+
+    def state(self) -> int:
+        """Return MAV_STATE of the board's next heartbeat."""
+        self.drain()
+        self.heard.clear()
+        self.until(lambda: any(frame.kind == "HEARTBEAT" for frame in self.heard), hailing=True)
+        return int(self.newest("HEARTBEAT").system_status)

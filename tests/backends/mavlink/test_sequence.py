@@ -1,0 +1,42 @@
+"""Losses and disorder, counted from sequence numbers."""
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hexctl.backends.mavlink.sequence import FORGET_AFTER_S, SequenceCount
+
+
+def follow(numbers: list[int], count: SequenceCount | None = None) -> tuple[SequenceCount, list[bool]]:
+    count = count or SequenceCount()
+    return count, [count.in_order(number % 256, 0.001 * index) for index, number in enumerate(numbers)]
+
+
+def test_a_gap_is_a_loss() -> None:
+    count, accepted = follow([3, 4, 8, 9])
+    assert (count.lost, count.out_of_order, accepted) == (3, 0, [True] * 4)
+
+
+def test_a_frame_that_comes_late_is_not_used_and_was_not_lost() -> None:
+    count, accepted = follow([1, 2, 4, 3, 5])
+    assert (count.lost, count.out_of_order) == (0, 1)
+    assert accepted == [True, True, True, False, True]
+
+
+def test_a_frame_that_comes_twice_is_used_once() -> None:
+    count, accepted = follow([1, 2, 2, 3])
+    assert (count.lost, count.out_of_order, accepted) == (0, 1, [True, True, False, True])
+
+
+def test_a_sender_that_begins_anew_after_a_silence_is_heard_at_once() -> None:
+    count, _ = follow([200, 201])
+    assert count.in_order(0, 1 + FORGET_AFTER_S)
+    assert count.lost == 0
+
+
+@given(st.lists(st.booleans(), min_size=1, max_size=600))
+def test_what_is_dropped_on_the_way_is_counted(arrives: list[bool]) -> None:
+    """Every loss before the last arrival, as long as fewer than 127 are lost in a row."""
+    kept = [index for index, there in enumerate(arrives) if there or index % 100 == 0]
+    count, accepted = follow(kept)
+    assert all(accepted)
+    assert count.lost == kept[-1] + 1 - len(kept)

@@ -1,0 +1,95 @@
+"""`hexctl board` as a user calls it."""
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from hexctl.cli.main import exit_code
+from tests.backends.mavlink.boards import PATIENCE_S, board, free_port
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--backend", "zenoh"], "--backend: got zenoh; allowed: sim, mock"),
+        (["--port", "COM3"], "port: got 'COM3'; allowed: udpin:HOST:PORT"),
+        (["--port", "udpin:127.0.0.1:1", "--pty"], "--pty: got --port udpin:127.0.0.1:1 too"),
+        (["--port", "udpin:192.168.1.2:14550"], "anybody on the network could move the servos"),
+        (["--expiry", "0"], "--expiry: got 0; allowed: 0.05 to 1 s"),
+        (["--expiry", "nan"], "--expiry: got nan; allowed"),
+        (["--release-after", "0.5"], "--release-after: got 0.5; allowed: 1 to 3600 s"),
+        (["--seed", "-1"], "--seed: got -1; allowed: 0 or more"),
+        (
+            ["--backend", "mock", "--world", "flat"],
+            "--world: got flat with --backend mock; allowed: with sim",
+        ),
+        (["--failure", "limp"], "--failure: got limp without a leg"),
+        (["--keys", "no-such-folder"], "no-such-folder/mavlink.key: cannot be read"),
+        (["--robot", "elephant"], "unknown robot 'elephant'"),
+    ],
+)
+def test_bad_input_is_one_line(
+    arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert exit_code(["board", *arguments]) == 2
+    err = capsys.readouterr().err
+    assert message in err
+    assert err.count("\n") == 1
+
+
+def test_a_port_in_use_is_a_fault(capsys: pytest.CaptureFixture[str]) -> None:
+    with board("--backend", "mock") as running:
+        port = running.port.replace("udpout", "udpin")
+        assert exit_code(["board", "--backend", "mock", "--port", port]) == 3
+        assert "cannot be opened" in capsys.readouterr().err
+        report = running.end()
+    assert report["ticks"] > 0
+    assert report["overrides"] == 0
+
+
+def test_it_says_where_it_is_and_ends_with_ctrl_c(tmp_path: Path) -> None:
+    process = subprocess.Popen(
+        [
+            sys.executable,
+            "-m",
+            "hexctl",
+            "board",
+            "--backend",
+            "mock",
+            "--port",
+            f"udpin:127.0.0.1:{free_port()}",
+        ],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        cwd=tmp_path,
+        env={**os.environ, "MUJOCO_GL": "disable"},
+    )
+    try:
+        assert process.stderr is not None
+        greeting = process.stderr.readline()
+        process.send_signal(signal.SIGINT)
+        out, err = process.communicate(timeout=PATIENCE_S)
+    finally:
+        if process.poll() is None:
+            process.kill()
+            process.communicate()
+    assert greeting.startswith("board of ant (mock) at udpin:127.0.0.1:")
+    assert (process.returncode, out, err) == (0, "", "")
+
+
+def test_help_is_there_without_mavlink() -> None:
+    """The command line loads neither pymavlink nor a serial port to say what it can do."""
+    code = (
+        "import sys; from hexctl.cli.main import exit_code; exit_code(['--help']); "
+        "print([name for name in sys.modules if name.split('.')[0] in ('pymavlink', 'serial', 'numpy')])"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=PATIENCE_S, check=True
+    )
+    assert done.stdout.splitlines()[-1] == "[]"
+    assert "calibrate" in done.stdout

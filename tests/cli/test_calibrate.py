@@ -1,0 +1,256 @@
+"""`hexctl calibrate` with a board that is wired and mounted otherwise than the file says.
+
+The person beside the robot is played by a program that sees the true angles, as the board has them, and
+answers the questions that are asked on stderr.
+"""
+
+import os
+import re
+import select
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Self
+
+import numpy as np
+import pytest
+
+from hexctl.cli.calibrating import chosen_joints
+from hexctl.cli.main import exit_code
+from hexctl.robot.configs import config_root
+from hexctl.robot.joints import JOINT_NAMES
+from hexctl.robot.messages import FloatArray
+from hexctl.robot.servomap import ServoMap, load_servo_map
+from tests.backends.mavlink.boards import PATIENCE_S, BoardProcess, board, fitting_file
+from tests.backends.mavlink.clients import Client
+
+#: How the robot is really wired: one servo turned round and mounted off, one only mounted off.
+TRUE_WIRING = {
+    "leg1_coxa": {"sign": -1, "offset_deg": 12},
+    "leg2_tibia": {"sign": -1, "offset_deg": -84},
+}
+
+
+class Person:
+    """Sits beside the robot, sees its legs, and types.
+
+    Attributes:
+        screen: everything that was asked and said.
+        seen_deg: the true joint angles that were seen at each prompt, each (18,).
+    """
+
+    def __init__(self, running: BoardProcess, wiring: ServoMap, file: Path, *options: str) -> None:
+        self._eyes = Client(running.port, system=254)
+        self._wiring = wiring
+        self.screen = ""
+        self.seen_deg: list[FloatArray] = []
+        self.process = subprocess.Popen(
+            [sys.executable, "-m", "hexctl", "calibrate", str(file), "--connect", running.port, *options],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            env={**os.environ, "MUJOCO_GL": "disable"},
+        )
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._eyes.__exit__(None, None, None)
+        if self.process.poll() is None:
+            self.process.kill()
+        self.process.communicate()
+
+    def look(self) -> FloatArray:
+        """Return the true joint angles in degrees, (18,)."""
+        self._eyes.hail()
+        self.seen_deg.append(np.degrees(self._wiring.to_rad(self._eyes.outputs().pulses_us)))
+        return self.seen_deg[-1]
+
+    def reads(self, pattern: str) -> str:
+        """Wait for a prompt on the screen and return what is new on it up to there."""
+        assert self.process.stderr is not None
+        until_s, begin = time.monotonic() + PATIENCE_S, len(self.screen)
+        while not re.search(pattern, self.screen[begin:]):
+            assert time.monotonic() < until_s, self.screen
+            if select.select([self.process.stderr], [], [], 0.1)[0]:
+                data = os.read(self.process.stderr.fileno(), 4096).decode()
+                assert data, self.screen
+                self.screen += data
+        # The last step of a movement is on its way when its prompt is read.
+        time.sleep(0.2)
+        return self.screen[begin:]
+
+    def types(self, answer: str) -> None:
+        assert self.process.stdin is not None
+        self.process.stdin.write(f"{answer}\n".encode())
+        self.process.stdin.flush()
+
+    def ends(self) -> str:
+        """Wait for the end and return what was said last."""
+        _, err = self.process.communicate(timeout=PATIENCE_S)
+        self.screen += err.decode()
+        return self.screen.splitlines()[-1]
+
+    def begins(self) -> None:
+        """Hold the robot up."""
+        self.reads(r"when ready: ")
+        self.types("")
+
+    def judges_sign(self, joint: int) -> None:
+        """Watch the joint, and answer whether it moved as asked."""
+        self.reads(r"move it, skip: ")
+        before_deg = self.look()[joint]
+        self.types("")
+        asked = self.reads(r"again, skip: ")
+        rose = self.look()[joint] > before_deg
+        wants_rise = " counter-clockwise" in asked or " up" in asked
+        self.types("yes" if rose == wants_rise else "no")
+
+    def trims(self, joint: int) -> None:
+        """Turn the joint to the angle that is asked for."""
+        asked = self.reads(r"measured, ok, skip: ")
+        found = re.search(r"turn it to (-?\d+) deg", asked)
+        assert found
+        for _ in range(10):
+            missing_deg = float(found[1]) - self.look()[joint]
+            if abs(missing_deg) < 0.2:
+                break
+            self.types(f"{np.clip(missing_deg, -40, 40):.2f}")
+            self.reads(r"measured, ok, skip: ")
+        self.types("ok")
+
+    def limits(self, *answers: str) -> None:
+        """Answer for both ends of the travel."""
+        for answer in answers:
+            self.reads(r"end of its travel .*ok, skip: ")
+            self.types(answer)
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    path = fitting_file(tmp_path)
+    path.write_text("# my robot\n" + path.read_text())
+    return path
+
+
+@pytest.fixture
+def wiring(tmp_path: Path) -> ServoMap:
+    return load_servo_map(wired_file(tmp_path))
+
+
+def wired_file(tmp_path: Path) -> Path:
+    (tmp_path / "wired").mkdir(exist_ok=True)
+    return fitting_file(tmp_path / "wired", TRUE_WIRING)
+
+
+@pytest.fixture
+def running(tmp_path: Path) -> Iterator[BoardProcess]:
+    with board("--backend", "mock", "--robot", str(wired_file(tmp_path))) as made:
+        yield made
+
+
+def test_a_robot_wired_otherwise_is_found_out(running: BoardProcess, wiring: ServoMap, file: Path) -> None:
+    coxa, tibia = JOINT_NAMES.index("leg1_coxa"), JOINT_NAMES.index("leg2_tibia")
+    with Person(running, wiring, file, "--joints", "leg2_tibia,leg1_coxa") as person:
+        person.begins()
+        for joint in (coxa, tibia):
+            person.judges_sign(joint)
+            person.trims(joint)
+            person.limits("skip", "skip")
+        last = person.ends()
+    assert person.process.returncode == 0
+    assert last.startswith("saved leg1_coxa, leg2_tibia in")
+    found = load_servo_map(file)
+    np.testing.assert_array_equal(found.signs, wiring.signs)
+    np.testing.assert_allclose(found.offsets_deg, wiring.offsets_deg, atol=0.5)
+    assert file.read_text().startswith("# my robot\n")
+    assert "servos" in (file.parent / "robot.yaml.bak").read_text()
+    others = [joint for joint in range(18) if joint not in (coxa, tibia)]
+    for seen_deg in person.seen_deg:
+        np.testing.assert_allclose(seen_deg[others], person.seen_deg[0][others], atol=0.2)
+    assert running.end()["refused"] == 0
+
+
+def test_limits_are_where_the_person_says(running: BoardProcess, wiring: ServoMap, file: Path) -> None:
+    joint = JOINT_NAMES.index("leg3_femur")
+    with Person(running, wiring, file, "--joints", "leg3_femur") as person:
+        person.begins()
+        person.judges_sign(joint)
+        person.trims(joint)
+        person.limits("-15", "-5", "ok", "25", "15", "ok")
+        assert person.ends().startswith("saved leg3_femur in")
+    found = load_servo_map(file)
+    assert found.min_us[joint] == pytest.approx(1500 - 20 * 1000 / 90, abs=5)
+    assert found.max_us[joint] == pytest.approx(1500 + 20 * 1000 / 90, abs=5)
+
+
+def test_ctrl_c_keeps_what_was_saved(running: BoardProcess, wiring: ServoMap, file: Path) -> None:
+    joint = JOINT_NAMES.index("leg1_coxa")
+    with Person(running, wiring, file, "--joints", "leg1") as person:
+        person.begins()
+        person.judges_sign(joint)
+        person.reads(r"measured, ok, skip: ")
+        person.types("at 3")
+        person.limits("skip", "skip")
+        person.reads(r"move it, skip: ")
+        person.process.send_signal(signal.SIGINT)
+        last = person.ends()
+    assert person.process.returncode == 130
+    assert last.startswith("saved leg1_coxa in")
+    found = load_servo_map(file)
+    assert found.signs[:3].tolist() == [-1, 1, 1]
+    assert found.offsets_deg[1:3].tolist() == [0, 75]
+
+
+def test_an_input_that_ends_changes_nothing(running: BoardProcess, wiring: ServoMap, file: Path) -> None:
+    before = file.read_text()
+    with Person(running, wiring, file) as person:
+        person.begins()
+        person.reads(r"move it, skip: ")
+        assert person.process.stdin is not None
+        person.process.stdin.close()
+        person.process.stdin = None
+        assert person.ends().endswith("nothing was changed")
+    assert file.read_text() == before
+    assert list(file.parent.glob("*.bak*")) == []
+
+
+def test_nonsense_is_answered_and_asked_again(running: BoardProcess, wiring: ServoMap, file: Path) -> None:
+    with Person(running, wiring, file, "--joints", "leg1_coxa") as person:
+        person.begins()
+        person.reads(r"move it, skip: ")
+        person.types("")
+        person.reads(r"again, skip: ")
+        person.types("perhaps")
+        person.reads(r"again, skip: ")
+        person.types("skip")
+        person.reads(r"measured, ok, skip: ")
+        for nonsense in ("up", "nan", "1e9", "at home", "at 400"):
+            person.types(nonsense)
+            assert "allowed" in person.reads(r"allowed.*\n.*ok, skip: ")
+        person.types("quit")
+        assert person.ends().endswith("nothing was changed")
+
+
+def test_a_shipped_robot_is_refused_with_how_to_copy_it(capsys: pytest.CaptureFixture[str]) -> None:
+    for name in ("ant", str(config_root() / "robots" / "ant.yaml")):
+        assert exit_code(["calibrate", name]) == 2
+        err = capsys.readouterr().err
+        assert "shipped robot" in err
+        assert "my-ant.yaml" in err
+        assert err.count("\n") == 1
+
+
+def test_a_joint_that_there_is_not(file: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert exit_code(["calibrate", str(file), "--joints", "leg7"]) == 2
+    assert "--joints: got 'leg7'; allowed: leg1_coxa" in capsys.readouterr().err
+
+
+def test_joints_are_named_alone_or_by_the_leg() -> None:
+    assert chosen_joints(None) == list(range(18))
+    assert chosen_joints("leg6_tibia, leg1") == [0, 1, 2, 17]
+    assert chosen_joints("leg2,leg2_coxa") == [3, 4, 5]

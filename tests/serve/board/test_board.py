@@ -1,0 +1,222 @@
+"""The servo board, in a process of its own, as a controller that behaves well or badly sees it."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from pymavlink.dialects.v20 import common
+
+from hexctl.backends.mavlink import messages
+from hexctl.robot.messages import FloatArray
+from hexctl.robot.servomap import load_servo_map
+from hexctl.serve.board.peers import FREE_AFTER_S, MOST_PEERS, Peers
+from tests.backends.mavlink.boards import BoardProcess, board, fitting_file, stance_us
+from tests.backends.mavlink.clients import Client
+
+LOOSE_US = 2.0
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    return fitting_file(tmp_path)
+
+
+@pytest.fixture
+def running(file: Path) -> Iterator[BoardProcess]:
+    with board("--backend", "mock", "--robot", str(file), "--release-after", "1.5") as made:
+        yield made
+
+
+@pytest.fixture
+def client(running: BoardProcess) -> Iterator[Client]:
+    with Client(running.port) as made:
+        made.hail()
+        yield made
+
+
+@pytest.fixture
+def stance(file: Path) -> FloatArray:
+    return stance_us(load_servo_map(file))
+
+
+def shows(client: Client, pulses: FloatArray) -> bool:
+    return bool(np.allclose(client.outputs().pulses_us, pulses, atol=LOOSE_US))
+
+
+def test_who_comes_is_told_at_once_who_is_there(client: Client) -> None:
+    client.until(lambda: any(frame.kind == "NAMED_VALUE_INT" for frame in client.heard))
+    kinds = [frame.kind for frame in client.heard]
+    assert kinds[:2] == ["HEARTBEAT", "NAMED_VALUE_INT"]
+    beat = client.newest("HEARTBEAT")
+    assert (beat.type, beat.system_status) == (common.MAV_TYPE_GENERIC, messages.STANDBY)
+    assert messages.name_of(client.newest("NAMED_VALUE_INT")) == "measured"
+    assert client.newest("NAMED_VALUE_INT").value == 0
+
+
+def test_an_override_moves_and_silence_holds(
+    running: BoardProcess, client: Client, stance: FloatArray
+) -> None:
+    moved = stance + 30
+    client.drive(moved, times=60)
+    states = {frame.message.system_status for frame in client.heard if frame.kind == "HEARTBEAT"}
+    assert messages.ACTIVE in states
+    client.until(lambda: client.state() == messages.CRITICAL)
+    assert shows(client, moved)
+    assert client.outputs().active.all()
+    client.drive(stance, times=10)
+    client.until(lambda: shows(client, stance))
+    report = running.end()
+    assert report["expired"] >= 1
+    assert (report["overrides"], report["refused"], report["released"]) == (70, 0, 0)
+
+
+def test_without_a_controller_the_servos_are_let_go(
+    running: BoardProcess, client: Client, stance: FloatArray
+) -> None:
+    client.drive(stance)
+    with Client(running.port, system=254) as watcher:
+        watcher.hail()
+        watcher.until(lambda: not released(watcher), hailing=True)
+        watcher.until(lambda: released(watcher), hailing=True)
+    assert running.end()["released"] == 1
+
+
+def released(client: Client) -> bool:
+    return not client.outputs().active.any()
+
+
+def test_heartbeats_of_who_commanded_keep_the_pose_held(
+    running: BoardProcess, client: Client, stance: FloatArray
+) -> None:
+    client.drive(stance)
+    for _ in range(25):
+        client.hail()
+        client.listen(0.1)
+    assert client.outputs().active.all()
+    assert running.end()["released"] == 0
+
+
+def test_letting_go_on_command_and_driving_again(
+    running: BoardProcess, client: Client, stance: FloatArray
+) -> None:
+    client.drive(stance)
+    client.say(messages.release(1, 1))
+    client.until(lambda: released(client))
+    client.drive(stance + 20, times=10)
+    client.until(lambda: shows(client, stance + 20))
+    assert running.end()["released"] == 1
+
+
+@pytest.mark.parametrize("to", [(2, 1), (1, 2)], ids=["system", "component"])
+def test_what_is_for_others_moves_nothing(client: Client, stance: FloatArray, to: tuple[int, int]) -> None:
+    client.drive(stance + 100, to=to)
+    assert shows(client, stance)
+    assert released(client)
+
+
+def test_0_as_target_is_for_everybody(client: Client, stance: FloatArray) -> None:
+    client.drive(stance + 20, to=(0, 0))
+    client.until(lambda: shows(client, stance + 20))
+
+
+def test_a_void_override_moves_nothing_and_is_counted(
+    running: BoardProcess, client: Client, stance: FloatArray
+) -> None:
+    client.drive([*[1500] * 17, 99])
+    assert shows(client, stance)
+    report = running.end()
+    assert (report["refused"], report["overrides"]) == (5, 0)
+
+
+def test_losses_and_disorder_are_counted_and_old_overrides_not_obeyed(
+    running: BoardProcess, client: Client, stance: FloatArray
+) -> None:
+    client.say(messages.override(stance, 1, 1), sequence=10)
+    client.say(messages.override(stance, 1, 1), sequence=14)
+    client.say(messages.override(stance + 50, 1, 1), sequence=12)
+    client.say(messages.override(stance, 1, 1), sequence=14)
+    client.say(messages.override(stance, 1, 1), sequence=15)
+    client.listen(0.1)
+    assert shows(client, stance)
+    report = running.end()
+    # 1..9 after the heartbeat's 0, then 11 and 13.
+    assert (report["lost"], report["out_of_order"], report["overrides"]) == (11, 2, 3)
+
+
+def test_a_controller_that_vanished_is_replaced_after_a_while(
+    running: BoardProcess, client: Client, stance: FloatArray
+) -> None:
+    client.drive(stance)
+    with Client(running.port) as second:
+        second.drive(stance + 20)
+        second.until(lambda: any(frame.kind == "STATUSTEXT" for frame in second.heard))
+        assert messages.name_of(second.newest("STATUSTEXT")) == "another controller holds the servos"
+        assert shows(second, stance)
+        second.until(lambda: driven(second, stance + 20))
+
+
+def driven(client: Client, pulses: FloatArray) -> bool:
+    client.drive(pulses)
+    return shows(client, pulses)
+
+
+def test_who_says_goodbye_makes_room_at_once(
+    running: BoardProcess, client: Client, stance: FloatArray
+) -> None:
+    client.drive(stance)
+    client.hail(messages.POWEROFF)
+    with Client(running.port) as second:
+        second.drive(stance + 20)
+        second.until(lambda: shows(second, stance + 20))
+    assert running.end()["of_others"] == 0
+
+
+def test_it_answers_who_asks_for_its_version_or_pings(client: Client) -> None:
+    def ask(command: int, parameter: float) -> Any:
+        client.heard.clear()
+        client.say(common.MAVLink_command_long_message(1, 1, command, 0, parameter, 0, 0, 0, 0, 0, 0))
+        client.until(lambda: any(frame.kind == "COMMAND_ACK" for frame in client.heard))
+        client.listen(0.1)
+        return client.newest("COMMAND_ACK")
+
+    for command, parameter in ((520, 1.0), (512, 148.0)):
+        answer = ask(command, parameter)
+        assert (answer.command, answer.result) == (command, common.MAV_RESULT_ACCEPTED)
+        assert client.newest("AUTOPILOT_VERSION").capabilities & 8192
+    for command, parameter in ((512, 30.0), (400, 1.0), (512, float("nan"))):
+        assert ask(command, parameter).result == common.MAV_RESULT_UNSUPPORTED
+    client.say(common.MAVLink_ping_message(12345, 7, 0, 0))
+    client.until(lambda: any(frame.kind == "PING" for frame in client.heard))
+    ping = client.newest("PING")
+    assert (ping.time_usec, ping.seq, ping.target_system, ping.target_component) == (12345, 7, 255, 191)
+
+
+def test_a_board_with_a_key_obeys_signed_frames_only(file: Path, tmp_path: Path, stance: FloatArray) -> None:
+    key = bytes(range(32))
+    (tmp_path / "mavlink.key").write_text(key.hex())
+    with board("--backend", "mock", "--robot", str(file), "--keys", str(tmp_path)) as running:
+        with Client(running.port) as unsigned:
+            unsigned.drive(stance + 50)
+            assert unsigned.heard == []
+        with Client(running.port, key=key) as signed:
+            signed.drive(stance + 20)
+            signed.until(lambda: shows(signed, stance + 20))
+        report = running.end()
+        assert report["malformed"] == 5
+        assert report["of_others"] == 0
+
+
+def test_a_flood_of_senders_does_not_keep_out_who_commands() -> None:
+    peers = Peers()
+    commander, new = peers.hear("commander", 255, 191, 0.0)
+    assert new
+    peers.commander = commander
+    for number in range(10 * MOST_PEERS):
+        peers.hear(f"flood {number}", 9, 9, 0.001 * number)
+    assert len(peers.addresses()) == MOST_PEERS
+    assert peers.hear("commander", 255, 191, 1.0) == (commander, False)
+    late, _ = peers.hear("late", 255, 191, 1.0)
+    assert not peers.may_command(late, 1.0)
+    assert peers.may_command(late, 1.0 + FREE_AFTER_S + 0.1)
