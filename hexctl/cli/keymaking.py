@@ -7,6 +7,7 @@ from hexctl.cli.output import say
 from hexctl.errors import InputError
 from hexctl.serve.certificates import AUTHORITY_FOLDER, make_certificates
 from hexctl.wire.credentials import CERTIFICATE_FILE, common_name, load_certificate
+from hexctl.wire.endpoint import Endpoint
 from hexctl.wire.role import Role
 
 LOOPBACK = ("localhost", "127.0.0.1", "::1")
@@ -19,7 +20,7 @@ def make(folder: Path, *, hosts: list[str], days: int) -> None:
     make_certificates(folder, hosts=everywhere, days=days)
     for part, use in (
         (Role.ROBOT.value, "to the robot: hexctl serve --listen tls/0.0.0.0:7447 --keys"),
-        (Role.CONTROLLER.value, f"to whoever may command it: --connect tls/{wanted[0]}:7447 --keys"),
+        (Role.CONTROLLER.value, f"to whoever may command it: --connect {Endpoint('tls', wanted[0], 7447)} --keys"),
         (Role.VIEWER.value, "to whoever may only look"),
         (AUTHORITY_FOLDER, "stays here, out of reach: it can make more of them"),
     ):

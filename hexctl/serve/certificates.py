@@ -2,6 +2,7 @@
 
 import ipaddress
 import os
+import secrets
 import shutil
 import tempfile
 from dataclasses import dataclass
@@ -23,8 +24,8 @@ AUTHORITY_NAME = "hexctl authority"
 
 MIN_DAYS, MAX_DAYS = 1, 3650
 
-#: Clocks of two computers may differ by so much.
-HEAD_START = timedelta(hours=1)
+#: Valid from so long ago: a robot's computer without a battery for its clock wakes up in the past.
+HEAD_START = timedelta(days=1)
 
 Key = ec.EllipticCurvePrivateKey
 
@@ -57,10 +58,11 @@ def make_certificates(folder: Path, *, hosts: list[str], days: int) -> None:
         folder.parent.mkdir(parents=True, exist_ok=True)
         half = Path(tempfile.mkdtemp(prefix=f".{folder.name}-", dir=folder.parent))  # mode 0700
         try:
+            (half / ".gitignore").write_text("*\n")  # keys do not belong into anybody's repository
             _write(half / AUTHORITY_FOLDER, issuer, issuer.certificate, issuer.key)
             for role in Role:
                 key = _new_key()
-                _write(half / role.value, issuer, _certify(role.value, key, names, issuer, days), key)
+                _write(half / role.value, issuer, _certify(role, key, names, issuer, days), key)
             half.rename(folder)
         except BaseException:
             shutil.rmtree(half, ignore_errors=True)
@@ -81,7 +83,8 @@ def _write(folder: Path, issuer: _Issuer, certificate: x509.Certificate, key: Ke
 
 def _make_authority(days: int) -> _Issuer:
     key = _new_key()
-    name = _name(AUTHORITY_NAME)
+    # Two authorities must not have one name: who mixes them up would be told of a bad signature.
+    name = _name(f"{AUTHORITY_NAME} {secrets.token_hex(4)}")
     builder = _builder(name, name, key, days).add_extension(
         x509.BasicConstraints(ca=True, path_length=0), critical=True
     )
@@ -89,16 +92,22 @@ def _make_authority(days: int) -> _Issuer:
 
 
 def _certify(
-    common_name: str, key: Key, hosts: list[x509.GeneralName], issuer: _Issuer, days: int
+    role: Role, key: Key, hosts: list[x509.GeneralName], issuer: _Issuer, days: int
 ) -> x509.Certificate:
-    """Return a certificate for both ends of a link."""
-    usage = [ExtendedKeyUsageOID.SERVER_AUTH, ExtendedKeyUsageOID.CLIENT_AUTH]
+    """Return the certificate of a role.
+
+    Only a robot's is good for listening, under the hosts it is made for: with a client's somebody between
+    a robot and its controllers could pose as the robot.
+    """
+    listens = role is Role.ROBOT
+    usage = ExtendedKeyUsageOID.SERVER_AUTH if listens else ExtendedKeyUsageOID.CLIENT_AUTH
     builder = (
-        _builder(_name(common_name), issuer.certificate.subject, key, days)
+        _builder(_name(role.value), issuer.certificate.subject, key, days)
         .add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
-        .add_extension(x509.SubjectAlternativeName(hosts), critical=False)
-        .add_extension(x509.ExtendedKeyUsage(usage), critical=False)
+        .add_extension(x509.ExtendedKeyUsage([usage]), critical=True)
     )
+    if listens:
+        builder = builder.add_extension(x509.SubjectAlternativeName(hosts), critical=False)
     return builder.sign(issuer.key, hashes.SHA256())
 
 

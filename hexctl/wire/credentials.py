@@ -1,5 +1,6 @@
 """Certificates of one end of a link: found, and checked before anything is opened."""
 
+import stat
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -97,8 +98,11 @@ def _check_key(found: Credentials, certificate: "Certificate") -> None:
     from cryptography.hazmat.primitives.serialization import load_pem_private_key
 
     try:
+        readable_by_all = found.key.stat().st_mode & stat.S_IROTH
         key = load_pem_private_key(found.key.read_bytes(), password=None)
     except (OSError, ValueError, TypeError) as error:
         raise InputError(f"{found.key}: is no private key ({error}); allowed: a PEM file") from error
+    if readable_by_all:
+        raise InputError(f"{found.key}: everybody on this computer can read it; chmod 600 {found.key}")
     if key.public_key() != certificate.public_key():
         raise InputError(f"{found.key}: does not belong to {found.certificate}")

@@ -1,14 +1,14 @@
 """Open Zenoh sessions: a robot's, a controller's, a viewer's. Closed by default."""
 
 import json
-import socket
 from typing import Any
 
 import zenoh
 
 from hexctl.errors import InputError, RobotFaultError
 from hexctl.wire.access import access_control
-from hexctl.wire.credentials import find_credentials
+from hexctl.wire.credentials import Credentials, find_credentials
+from hexctl.wire.diagnosis import why_not_connected, why_not_listening
 from hexctl.wire.endpoint import Endpoint
 from hexctl.wire.keys import KeyMap
 from hexctl.wire.link import Link
@@ -17,6 +17,9 @@ from hexctl.wire.role import Role
 
 #: How long a client tries to reach a robot.
 CONNECT_MS = 3000
+
+#: Longest pause between two tries, then and when a robot has gone: it may come back at any time.
+RETRY_MS = 1000
 
 #: A peer whose computer hangs or whose cable is pulled is gone after this; Zenoh's own default is 10 s.
 LEASE_MS = 1000
@@ -28,21 +31,28 @@ WAIT_BEFORE_DROP_US = 10_000
 MAX_MESSAGE_BYTES = 2 * MAX_PAYLOAD_BYTES
 
 
-def check_link(link: Link) -> Endpoint:
+def check_link(link: Link, role: Role) -> Endpoint:
     """Return a link's endpoint.
 
     Raises InputError for one that cannot be, and for one that would be open to strangers.
     """
     endpoint = Endpoint.parse(link.endpoint)
-    if endpoint.encrypted:
-        if link.credentials is None:
-            raise InputError(
-                f"{link.endpoint}: needs certificates; give --keys FOLDER, made with hexctl keys new"
-            )
-    elif not (endpoint.is_loopback or link.insecure):
+    if endpoint.encrypted and link.credentials is None:
+        raise InputError(f"{endpoint}: needs certificates; give --keys FOLDER, made with hexctl keys new")
+    if not endpoint.encrypted and link.credentials is not None:
         raise InputError(
-            f"{link.endpoint}: goes beyond this computer without certificates; use tls/{endpoint.host}:"
-            f"{endpoint.port} with --keys FOLDER (hexctl keys new), or say --insecure and mean it"
+            f"{endpoint}: got --keys {link.credentials}, and tcp knows no certificates; "
+            f"use tls/{endpoint.place}"
+        )
+    if not (endpoint.encrypted or endpoint.is_loopback or link.insecure):
+        raise InputError(
+            f"{endpoint}: goes beyond this computer without certificates; use tls/{endpoint.place} "
+            "with --keys FOLDER (hexctl keys new), or say --insecure and mean it"
+        )
+    if endpoint.is_everywhere and role is not Role.ROBOT:
+        raise InputError(
+            f"{endpoint}: stands for all addresses, where a robot listens; allowed here: the robot's own, "
+            f"on this computer {endpoint.protocol}/127.0.0.1:{endpoint.port}"
         )
     return endpoint
 
@@ -53,44 +63,50 @@ def open_session(link: Link, role: Role, keys: KeyMap) -> zenoh.Session:
     A robot listens at the link's endpoint, everybody else connects to it. Raises InputError for a link that
     is not allowed, and RobotFaultError when there is no way to listen or to connect.
     """
-    endpoint = check_link(link)
-    settings = _settings(link, endpoint, role, keys)
+    endpoint = check_link(link, role)
+    found = None if link.credentials is None else find_credentials(link.credentials, role)
     config = zenoh.Config()
-    for key, value in settings.items():
+    for key, value in _settings(endpoint, role, keys, found).items():
         config.insert_json5(key, json.dumps(value))
     try:
         return zenoh.open(config)
     except zenoh.ZError as error:
-        raise RobotFaultError(_reason(link, endpoint, role, error)) from error
+        listens = role is Role.ROBOT
+        reason = why_not_listening(endpoint) if listens else why_not_connected(endpoint, found)
+        raise RobotFaultError(reason) from error
 
 
-def _settings(link: Link, endpoint: Endpoint, role: Role, keys: KeyMap) -> dict[str, Any]:
+def _settings(endpoint: Endpoint, role: Role, keys: KeyMap, found: Credentials | None) -> dict[str, Any]:
     """Return Zenoh's settings of a session."""
+    listens = role is Role.ROBOT
     settings: dict[str, Any] = {
-        # A robot is a peer, not a router: it talks with those who connect and passes nothing on between them.
-        "mode": "peer" if role is Role.ROBOT else "client",
+        # A robot is a peer, not a router: it keeps no map of the network that others could write into. Like a
+        # router it does pass on what one client says to another; with certificates access control forbids it.
+        "mode": "peer" if listens else "client",
         "scouting/multicast/enabled": False,
         "scouting/gossip/enabled": False,
-        "listen/endpoints": [link.endpoint] if role is Role.ROBOT else [],
-        "connect/endpoints": [] if role is Role.ROBOT else [link.endpoint],
+        "listen/endpoints": [str(endpoint)] if listens else [],
+        "connect/endpoints": [] if listens else [str(endpoint)],
         "connect/timeout_ms": CONNECT_MS,
         "connect/exit_on_failure": True,
+        "connect/retry": {"period_init_ms": 100, "period_max_ms": RETRY_MS, "period_increase_factor": 2.0},
+        # Whoever connects and says nothing takes up a place no longer than this.
+        "transport/unicast/accept_timeout": CONNECT_MS,
         "transport/link/tx/lease": LEASE_MS,
         "transport/link/tx/queue/congestion_control/drop/wait_before_drop": WAIT_BEFORE_DROP_US,
         "transport/link/rx/max_message_size": MAX_MESSAGE_BYTES,
+        # Long messages of this computer would come through shared memory, past the limit above.
+        "transport/shared_memory/enabled": False,
     }
-    if endpoint.encrypted and link.credentials is not None:
-        settings |= _tls(link, role)
-        if role is Role.ROBOT:
+    if found is not None:
+        settings |= _tls(found, "listen" if listens else "connect")
+        if listens:
             settings["access_control"] = access_control(keys)
     return settings
 
 
-def _tls(link: Link, role: Role) -> dict[str, Any]:
+def _tls(found: Credentials, side: str) -> dict[str, Any]:
     """Return the settings of an encrypted link on which both ends show certificates."""
-    assert link.credentials is not None  # noqa: S101  asked for before
-    found = find_credentials(link.credentials, role)
-    side = "listen" if role is Role.ROBOT else "connect"
     return {
         "transport/link/tls/root_ca_certificate": str(found.authority),
         f"transport/link/tls/{side}_certificate": str(found.certificate),
@@ -99,26 +115,3 @@ def _tls(link: Link, role: Role) -> dict[str, Any]:
         "transport/link/tls/verify_name_on_connect": True,
         "transport/link/tls/close_link_on_expiration": True,
     }
-
-
-def _reason(link: Link, endpoint: Endpoint, role: Role, error: zenoh.ZError) -> str:
-    """Say what to check: Zenoh itself says little more than that there was a timeout."""
-    if role is Role.ROBOT:
-        why = str(error).partition(" at /")[0]
-        return f"cannot listen at {link.endpoint} ({why}); is another robot served there already?"
-    if endpoint.protocol != "quic" and not _somebody_listens(endpoint):
-        return f"nothing listens at {link.endpoint}; is hexctl serve running there?"
-    if endpoint.encrypted:
-        return (
-            f"{link.endpoint} does not accept this end; are --keys of the same authority on both ends, and "
-            f"was the robot's certificate made for {endpoint.host}?"
-        )
-    return f"what listens at {link.endpoint} is no robot without certificates; does it want tls/ and --keys?"
-
-
-def _somebody_listens(endpoint: Endpoint) -> bool:
-    try:
-        with socket.create_connection((endpoint.host, endpoint.port), timeout=1.0):
-            return True
-    except OSError:
-        return False

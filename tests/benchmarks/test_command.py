@@ -12,7 +12,18 @@ from benchmarks.catalogue import BENCHMARKS
 from benchmarks.rows import Row
 from benchmarks.scale import Scale
 
-TINY = Scale(rounds=1, trial_rounds=1, codes=3, batch_walk_s=0.2, walk_s=0.2, ticks=20, clock_s=0.2, link_s=0.5, twin_s=2.0, starts=1)
+TINY = Scale(
+    rounds=1,
+    trial_rounds=1,
+    codes=3,
+    batch_walk_s=0.2,
+    walk_s=0.2,
+    ticks=20,
+    clock_s=0.2,
+    link_s=0.5,
+    twin_s=2.0,
+    starts=1,
+)
 
 SOME_LANDSCAPES = ("landscape.straight.leg1", "landscape.rotated.leg4")
 EACH_KIND = [name for name in BENCHMARKS if "landscape" not in name or name in SOME_LANDSCAPES]

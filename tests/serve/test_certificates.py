@@ -5,12 +5,13 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import pytest
+from cryptography.x509 import SubjectAlternativeName
 
 from hexctl.cli.main import exit_code
 from hexctl.errors import InputError
 from hexctl.serve import certificates
 from hexctl.serve.certificates import make_certificates
-from hexctl.wire.credentials import find_credentials
+from hexctl.wire.credentials import CERTIFICATE_FILE, find_credentials, load_certificate
 from hexctl.wire.role import Role
 
 
@@ -29,10 +30,21 @@ def test_every_role_finds_its_own_in_the_common_folder_or_in_its_part_of_it(fold
 
 
 def test_private_keys_are_for_their_owner_only(folder: Path) -> None:
-    for place in (folder, *(path for path in folder.iterdir())):
+    for place in (folder, *(path for path in folder.iterdir() if path.is_dir())):
         assert place.stat().st_mode & 0o077 == 0
     for key in folder.glob("*/key.pem"):
         assert key.stat().st_mode & 0o077 == 0
+        key.chmod(0o644)
+    with pytest.raises(InputError, match=r"can read it; chmod 600 .*robot/key\.pem"):
+        find_credentials(folder, Role.ROBOT)
+
+
+def test_only_the_robots_names_hosts_and_keys_stay_out_of_repositories(folder: Path) -> None:
+    for role in Role:
+        extensions = load_certificate(folder / role.value / CERTIFICATE_FILE).extensions
+        named = any(isinstance(extension.value, SubjectAlternativeName) for extension in extensions)
+        assert named == (role is Role.ROBOT)
+    assert (folder / ".gitignore").read_text() == "*\n"
 
 
 def test_who_may_command_may_also_look_but_not_the_other_way_round(folder: Path) -> None:

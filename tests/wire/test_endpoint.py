@@ -21,6 +21,7 @@ from hexctl.wire.endpoint import Endpoint
 )
 def test_an_endpoint_is_understood(text: str, expected: Endpoint, loopback: bool) -> None:
     assert Endpoint.parse(text) == expected
+    assert str(expected) == text
     assert expected.is_loopback == loopback
     assert expected.encrypted == (expected.protocol != "tcp")
 
@@ -39,6 +40,14 @@ def test_an_endpoint_is_understood(text: str, expected: Endpoint, loopback: bool
         "tcp/a b:1",
         "tcp/127.0.0.1:7447\n",
         "TCP/127.0.0.1:7447",
+        "tcp/999.0.0.1:7447",
+        "tcp/127.1:7447",
+        "tcp/[127.0.0.1]:7447",
+        "tcp/[:::]:7447",
+        "tcp/::1:7447",
+        "tcp/224.0.0.1:7447",
+        "tls/robot.local:7447#enable_mtls=false",
+        "tcp/127.0.0.1:7447?rel=0",
     ],
 )
 def test_anything_else_is_refused(text: str) -> None:
