@@ -13,6 +13,7 @@ from hexctl.wire.role import Role
 from hexctl.wire.session import open_session
 
 THERE, BACK = "bench/there", "bench/back"
+KEYS = KeyMap.of("echo").renamed({"command": THERE, "joint_states": BACK})
 
 
 def main(port: str) -> None:
@@ -20,7 +21,7 @@ def main(port: str) -> None:
     over = threading.Event()
     signal.signal(signal.SIGTERM, lambda *_: over.set())
     link = Link(endpoint=f"tcp/127.0.0.1:{port}")
-    with open_session(link, Role.ROBOT, KeyMap.of("echo")) as session:
+    with open_session(link, Role.ROBOT, KEYS) as session:
         publisher = session.declare_publisher(
             BACK,
             congestion_control=zenoh.CongestionControl.DROP,

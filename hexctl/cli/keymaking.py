@@ -20,7 +20,10 @@ def make(folder: Path, *, hosts: list[str], days: int) -> None:
     make_certificates(folder, hosts=everywhere, days=days)
     for part, use in (
         (Role.ROBOT.value, "to the robot: hexctl serve --listen tls/0.0.0.0:7447 --keys"),
-        (Role.CONTROLLER.value, f"to whoever may command it: --connect {Endpoint('tls', wanted[0], 7447)} --keys"),
+        (
+            Role.CONTROLLER.value,
+            f"to whoever may command it: --connect {Endpoint('tls', wanted[0], 7447)} --keys",
+        ),
         (Role.VIEWER.value, "to whoever may only look"),
         (AUTHORITY_FOLDER, "stays here, out of reach: it can make more of them"),
     ):

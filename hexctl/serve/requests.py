@@ -66,9 +66,7 @@ class RequestDesk:
         stopped = self._guard.stopped
         if stopped not in (None, LIFTED_BY_LEASE):
             self._leases.refused += 1
-            return {
-                "error": f"the robot is stopped: {stopped}; see to it, then hexctl estop --clear"
-            }
+            return {"error": f"the robot is stopped: {stopped}; see to it, then hexctl estop --clear"}
         lease = self._leases.acquire(owner, now_s)
         if stopped is not None:
             self._guard.clear()

@@ -14,8 +14,10 @@ ANSWERED = ("describe", "lease", "estop")
 ASKED_OF_ANY = ("describe", "estop")
 
 
-def access_control(keys: KeyMap) -> dict[str, Any]:
+def access_control(keys: KeyMap, *, certified: bool) -> dict[str, Any]:
     """Return the `access_control` section of a robot's Zenoh configuration.
+
+    Without certificates everybody is a controller: a subject without properties is anybody.
 
     Controllers and viewers get what the robot says and may ask who it is; only controllers may command, say
     where it is, and ask for lease and stop. Nobody but the robot may say anything in its name, or answer.
@@ -31,16 +33,17 @@ def access_control(keys: KeyMap) -> dict[str, Any]:
         _rule("is asked", "ingress", ["query"], answered),
     ]
     names = [str(rule["id"]) for rule in rules]
+    roles = (Role.CONTROLLER, Role.VIEWER) if certified else (Role.CONTROLLER,)
     return {
         "enabled": True,
         "default_permission": "deny",
         "rules": rules,
         "subjects": [
-            {"id": role.value, "cert_common_names": [role.value]} for role in (Role.CONTROLLER, Role.VIEWER)
+            {"id": role.value, **({"cert_common_names": [role.value]} if certified else {})} for role in roles
         ],
         "policies": [
-            {"rules": names, "subjects": [Role.CONTROLLER.value]},
-            {"rules": names[:-2], "subjects": [Role.VIEWER.value]},
+            {"rules": names if role is Role.CONTROLLER else names[:-2], "subjects": [role.value]}
+            for role in roles
         ],
     }
 

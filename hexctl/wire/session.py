@@ -81,7 +81,7 @@ def _settings(endpoint: Endpoint, role: Role, keys: KeyMap, found: Credentials |
     listens = role is Role.ROBOT
     settings: dict[str, Any] = {
         # A robot is a peer, not a router: it keeps no map of the network that others could write into. Like a
-        # router it does pass on what one client says to another; with certificates access control forbids it.
+        # router it would pass on what one client says to another, did access control not forbid it.
         "mode": "peer" if listens else "client",
         "scouting/multicast/enabled": False,
         "scouting/gossip/enabled": False,
@@ -100,8 +100,8 @@ def _settings(endpoint: Endpoint, role: Role, keys: KeyMap, found: Credentials |
     }
     if found is not None:
         settings |= _tls(found, "listen" if listens else "connect")
-        if listens:
-            settings["access_control"] = access_control(keys)
+    if listens:
+        settings["access_control"] = access_control(keys, certified=found is not None)
     return settings
 
 

@@ -3,6 +3,7 @@
 import socket
 import threading
 import time
+from contextlib import suppress
 from types import TracebackType
 from typing import Self
 
@@ -39,7 +40,8 @@ class Cable:
         self._flows.clear()
         if how == "close":
             for end in self._sockets:
-                end.shutdown(socket.SHUT_RDWR)
+                with suppress(OSError):
+                    end.shutdown(socket.SHUT_RDWR)
             self._sockets.clear()
         return time.monotonic()
 

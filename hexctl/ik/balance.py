@@ -1,0 +1,105 @@
+"""Static balance: the centre of gravity from the links' masses, and the polygon of the feet that stand.
+
+The paper wants the centre of gravity, projected to the floor, within the convex hull of the feet on it (its
+figure on the concept of stability). Everything is vectorised over any leading axes.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from hexctl.ik.kinematics import link_points_body
+from hexctl.robot.messages import BoolArray, FloatArray
+from hexctl.robot.model import Robot
+
+#: Feet nearer to one another than this are one corner.
+SAME_PLACE_M = 1e-6
+
+
+@dataclass(frozen=True, slots=True)
+class Support:
+    """The polygon that carries the robot, seen from above, and how far inside it a point is.
+
+    Attributes:
+        corners: counter-clockwise, leading shape + (6, 2) in m; the last one is repeated until there are six.
+        margin_m: distance of the point from the nearest side, negative outside, leading shape; -inf where
+            fewer than two feet stand.
+    """
+
+    corners: FloatArray
+    margin_m: FloatArray
+
+
+def centre_of_mass_body(robot: Robot, joint_positions_rad: FloatArray) -> FloatArray:
+    """Return the robot's centre of mass in the body frame, leading shape + (3,) in m.
+
+    The trunk's mass sits at the origin of the body frame, a link's in the middle of its solid. What a world
+    adds to the robot, a payload for one, is not part of its description.
+
+    Args:
+        robot: geometry and masses.
+        joint_positions_rad: leading shape + (18,).
+    """
+    points = link_points_body(robot, joint_positions_rad)  # (..., 6, 4, 3)
+    starts, ends = points[..., :-1, :], points[..., 1:, :]
+    middles = starts + 0.5 * _solid_shares(robot)[:, np.newaxis] * (ends - starts)
+    return np.asarray(np.einsum("...lkc,k->...c", middles, robot.link_masses_kg) / robot.mass_kg)
+
+
+def _solid_shares(robot: Robot) -> FloatArray:
+    """Return how much of each link its solid takes up, (3,): the tibia's ends where the foot begins."""
+    length = float(np.hypot(*robot.link_vectors_m[-1]))
+    return np.array([1.0, 1.0, max(0.5, 1 - robot.foot_radius_m / length)])
+
+
+def to_world(points_body: FloatArray, position_world: FloatArray, quaternion_world: FloatArray) -> FloatArray:
+    """Return points of the body in the world, leading shape + (N, 3) in m.
+
+    Args:
+        points_body: leading shape + (N, 3).
+        position_world: origin of the body frame, leading shape + (3,).
+        quaternion_world: its orientation (w, x, y, z), leading shape + (4,).
+    """
+    w, axis = quaternion_world[..., np.newaxis, :1], quaternion_world[..., np.newaxis, 1:]
+    twice = 2 * np.cross(axis, points_body)
+    return np.asarray(position_world[..., np.newaxis, :] + points_body + w * twice + np.cross(axis, twice))
+
+
+def support(feet: FloatArray, standing: BoolArray, point: FloatArray) -> Support:
+    """Return the convex hull of the feet that stand and the margin of a point, all seen from above.
+
+    A side of the hull is a line between two feet that has all the others on its left.
+
+    Args:
+        feet: leading shape + (6, 2) in m.
+        standing: which of them carry the robot, leading shape + (6,).
+        point: the projected centre of gravity, leading shape + (2,).
+    """
+    sides = feet[..., np.newaxis, :, :] - feet[..., :, np.newaxis, :]  # (..., from, to, 2)
+    lengths = np.hypot(sides[..., 0], sides[..., 1])
+    left = _cross(sides[..., :, np.newaxis, :], sides[..., np.newaxis, :, :])  # (..., from, to, foot)
+    right_of = left < -SAME_PLACE_M * lengths[..., np.newaxis]
+    outer = ~(right_of & standing[..., np.newaxis, np.newaxis, :]).any(axis=-1)
+    outer &= standing[..., :, np.newaxis] & standing[..., np.newaxis, :] & (lengths > SAME_PLACE_M)
+    to_point = (point[..., np.newaxis, :] - feet)[..., np.newaxis, :]  # (..., from, 1, 2)
+    distance = _cross(sides, to_point) / np.maximum(lengths, SAME_PLACE_M)
+    margin = np.where(outer, distance, np.inf).min(axis=(-2, -1))
+    return Support(_corners(feet, standing, outer), np.where(np.isposinf(margin), -np.inf, margin))
+
+
+def _corners(feet: FloatArray, standing: BoolArray, outer: BoolArray) -> FloatArray:
+    """Return the feet that sides begin at, in order around their middle; a foot that stands alone is one."""
+    corner = outer.any(axis=-1)
+    corner = np.where(corner.any(axis=-1, keepdims=True), corner, standing)
+    count = corner.sum(axis=-1, keepdims=True)
+    middle = np.where(corner[..., np.newaxis], feet, 0.0).sum(axis=-2) / np.maximum(count, 1)
+    around = feet - middle[..., np.newaxis, :]
+    angles = np.where(corner, np.arctan2(around[..., 1], around[..., 0]), np.inf)
+    rank = np.minimum(np.arange(corner.shape[-1]), np.maximum(count - 1, 0))
+    order = np.take_along_axis(np.argsort(angles, axis=-1), rank, axis=-1)
+    return np.take_along_axis(feet, order[..., np.newaxis], axis=-2)
+
+
+def _cross(first: FloatArray, second: FloatArray) -> FloatArray:
+    """Return the z component of cross products in the plane, positive where the second is on the left."""
+    return np.asarray(first[..., 0] * second[..., 1] - first[..., 1] * second[..., 0])

@@ -1,0 +1,81 @@
+"""The centre of gravity against MuJoCo, the support polygon against SciPy's hull."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial import ConvexHull
+
+from hexctl.backends.sim.physics import FIRST_JOINT, make_simulation
+from hexctl.backends.sim.world import World
+from hexctl.ik.balance import centre_of_mass_body, support, to_world
+from hexctl.robot.joints import N_JOINTS
+from tests.robots import ROBOT_NAMES, shipped
+
+ALL = np.ones(6, dtype=bool)
+HEXAGON = np.stack([np.cos(np.arange(6) * np.pi / 3), np.sin(np.arange(6) * np.pi / 3)], axis=-1)
+plane = st.lists(st.floats(-1, 1), min_size=12, max_size=12).map(lambda xy: np.reshape(xy, (6, 2)))
+
+
+@pytest.mark.parametrize("name", ROBOT_NAMES)
+def test_the_centre_of_mass_is_that_of_the_simulated_body(name: str) -> None:
+    robot = shipped(name)
+    simulation = make_simulation(robot, World())
+    data = simulation.physics.data
+    random = np.random.default_rng(3)
+    poses = [robot.stance_angles_rad + random.normal(0, 0.4, N_JOINTS) for _ in range(5)]
+    for joints in poses:
+        quaternion = random.normal(size=4)
+        quaternion /= np.linalg.norm(quaternion)
+        data.qpos[:3], data.qpos[3:FIRST_JOINT] = [0.3, -0.2, 0.5], quaternion
+        data.qpos[FIRST_JOINT:] = joints
+        simulation.physics.forward()
+        trunk = simulation.physics.model.jnt_bodyid[0]
+        expected = np.array(data.subtree_com[trunk])
+        mine = to_world(centre_of_mass_body(robot, joints)[np.newaxis], np.array(data.qpos[:3]), quaternion)
+        np.testing.assert_allclose(mine[0], expected, atol=1e-9)
+
+
+def test_many_poses_at_once_equal_one_at_a_time() -> None:
+    robot = shipped("phantomx")
+    joints = robot.stance_angles_rad + np.random.default_rng(0).normal(0, 0.3, (4, 5, N_JOINTS))
+    together = centre_of_mass_body(robot, joints)
+    assert together.shape == (4, 5, 3)
+    np.testing.assert_allclose(together[2, 3], centre_of_mass_body(robot, joints[2, 3]), atol=1e-15)
+
+
+def test_a_robot_that_stands_is_in_the_middle_of_its_feet() -> None:
+    found = support(HEXAGON, ALL, np.zeros(2))
+    assert found.margin_m == pytest.approx(np.cos(np.pi / 6))
+    np.testing.assert_allclose(np.sort(found.corners, axis=0), np.sort(HEXAGON, axis=0))
+
+
+@given(feet=plane, point=st.tuples(st.floats(-1, 1), st.floats(-1, 1)).map(np.array))
+def test_the_polygon_is_the_convex_hull(feet: np.ndarray, point: np.ndarray) -> None:
+    feet = np.round(feet, 3)
+    try:
+        hull = ConvexHull(feet)
+    except Exception:  # noqa: BLE001  all feet on a line
+        return
+    found = support(feet, ALL, point)
+    sides = hull.equations[:, :2] @ point + hull.equations[:, 2]
+    assert found.margin_m == pytest.approx(-sides.max(), abs=1e-9)
+    x, y = found.corners.T
+    area = 0.5 * (x * np.roll(y, -1) - y * np.roll(x, -1)).sum()
+    assert area == pytest.approx(hull.volume, abs=1e-9)
+
+
+@pytest.mark.parametrize("legs", [(), (1,), (1, 4)])
+def test_too_few_feet_carry_nothing(legs: tuple[int, ...]) -> None:
+    standing = np.isin(np.arange(1, 7), legs)
+    found = support(HEXAGON, standing, np.array([0.1, 0.05]))
+    assert found.margin_m < 0
+    assert np.isfinite(found.corners).all()
+
+
+def test_a_foot_in_the_air_does_not_carry() -> None:
+    standing = np.array([False, True, True, False, True, True])
+    forward = np.array([0.6, 0.0])
+    inside, outside = (support(HEXAGON, which, forward).margin_m for which in (ALL, standing))
+    assert inside > 0
+    assert outside == pytest.approx(-0.1)

@@ -1,0 +1,200 @@
+"""Who is not let in, by the real thing, and what a user reads then. Each beside somebody who is let in."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import Any
+
+import pytest
+import zenoh
+from cryptography.hazmat.primitives.serialization import load_pem_private_key
+
+from hexctl.errors import InputError, RobotFaultError
+from hexctl.serve import certificates
+from hexctl.serve.certificates import make_certificates
+from hexctl.wire import session
+from hexctl.wire.credentials import load_certificate
+from hexctl.wire.link import Link
+from hexctl.wire.role import Role
+from hexctl.wire.session import open_session
+from tests.serve.processes import free_port
+from tests.wire.knocking import KEYS, ListeningRobot, answers, knocking, posing_as_robot, tls
+
+
+@pytest.fixture(autouse=True)
+def short(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nobody who is refused in these tests would be let in later."""
+    monkeypatch.setattr(session, "CONNECT_MS", 1500)
+
+
+@pytest.fixture
+def link(authority: Path) -> Link:
+    return Link(endpoint=f"tls/127.0.0.1:{free_port()}", credentials=authority)
+
+
+@pytest.fixture
+def robot(link: Link) -> Iterator[ListeningRobot]:
+    with open_session(link, Role.ROBOT, KEYS) as opened:
+        robot = ListeningRobot(link, opened)
+        robot.listen()
+        yield robot
+
+
+def let_in(link: Link, role: Role = Role.CONTROLLER) -> bool:
+    with open_session(link, role, KEYS) as opened:
+        return answers(opened, KEYS.describe) == [b"robot"]
+
+
+def refused(link: Link) -> str:
+    with pytest.raises(RobotFaultError) as error:
+        open_session(link, Role.CONTROLLER, KEYS)
+    assert "\n" not in str(error.value)
+    return str(error.value)
+
+
+def expired(authority: Path, folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Make a controller's certificate of an authority that was good until some weeks ago."""
+
+    class LongAgo(datetime):
+        @classmethod
+        def now(cls, _tz: object = None) -> "datetime":  # type: ignore[override]
+            return datetime.now(UTC) - timedelta(days=30)
+
+    home = authority / certificates.AUTHORITY_FOLDER
+    secret: Any = load_pem_private_key((home / "key.pem").read_bytes(), password=None)
+    issuer = certificates._Issuer(load_certificate(home / "certificate.pem"), secret)
+    monkeypatch.setattr(certificates, "datetime", LongAgo)
+    key = certificates._new_key()
+    certificate = certificates._certify(Role.CONTROLLER, key, [], issuer, days=5)
+    certificates._write(folder, issuer, certificate, key)
+    return folder
+
+
+def test_who_knocks_without_a_good_certificate_is_not_let_in(
+    robot: ListeningRobot,
+    authority: Path,
+    other_authority: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    (stranger := tmp_path / "stranger").mkdir()
+    for name, home in (
+        ("ca.pem", authority),
+        ("certificate.pem", other_authority),
+        ("key.pem", other_authority),
+    ):
+        (stranger / name).write_bytes((home / "controller" / name).read_bytes())
+    good = tls(authority / "controller", "connect")
+    for settings in (
+        {"transport/link/tls/root_ca_certificate": good["transport/link/tls/root_ca_certificate"]},
+        tls(stranger, "connect"),
+        tls(authority / "robot", "connect"),
+        tls(expired(authority, tmp_path / "expired", monkeypatch), "connect"),
+    ):
+        with pytest.raises(zenoh.ZError):
+            knocking(robot.link.endpoint, settings)
+    assert not robot.heard
+    with knocking(robot.link.endpoint, good) as opened:
+        assert answers(opened, KEYS.lease) == [b"robot"]
+
+
+def test_only_a_robots_certificate_is_good_for_a_robot(link: Link, authority: Path) -> None:
+    for role, trusted in ((Role.VIEWER, False), (Role.CONTROLLER, False), (Role.ROBOT, True)):
+        with posing_as_robot(link.endpoint, tls(authority / role.value, "listen")) as posing:
+            ListeningRobot(link, posing).listen()
+            if trusted:
+                assert let_in(link)
+            else:
+                assert "is not good here (unsuitable certificate purpose)" in refused(link)
+
+
+def test_a_certificate_of_another_authority(robot: ListeningRobot, other_authority: Path) -> None:
+    message = refused(replace(robot.link, credentials=other_authority))
+    assert "unable to get local issuer certificate" in message
+    assert "same authority on both ends" in message
+    assert not robot.heard
+    assert let_in(robot.link)
+
+
+def test_a_robot_under_another_name_than_its_certificates(tmp_path: Path) -> None:
+    make_certificates(tmp_path / "keys", hosts=["localhost"], days=1)
+    link = Link(endpoint=f"tls/127.0.0.1:{free_port()}", credentials=tmp_path / "keys")
+    with open_session(link, Role.ROBOT, KEYS) as opened:
+        ListeningRobot(link, opened).listen()
+        assert "made for 127.0.0.1?" in refused(link)
+        assert let_in(replace(link, endpoint=link.endpoint.replace("127.0.0.1", "localhost")))
+
+
+def test_plain_to_secured_and_secured_to_plain(robot: ListeningRobot, authority: Path) -> None:
+    plain = Link(endpoint=robot.link.endpoint.replace("tls/", "tcp/"))
+    assert "does it want tls/ and --keys?" in refused(plain)
+    assert not robot.heard
+    open_one = Link(endpoint=f"tcp/127.0.0.1:{free_port()}")
+    with open_session(open_one, Role.ROBOT, KEYS) as opened:
+        ListeningRobot(open_one, opened).listen()
+        secured = Link(endpoint=open_one.endpoint.replace("tcp/", "tls/"), credentials=authority)
+        assert "is it hexctl serve with --keys?" in refused(secured)
+        assert let_in(open_one, Role.VIEWER)
+
+
+@pytest.mark.parametrize(
+    ("endpoint", "words"),
+    [
+        ("tcp/127.0.0.1:{}", "nothing listens at"),
+        ("tcp/nowhere.invalid:{}", "no computer called nowhere.invalid"),
+        ("quic/127.0.0.1:{}", "no robot lets this end in at"),
+    ],
+)
+def test_where_nobody_is(endpoint: str, words: str, authority: Path) -> None:
+    keys = authority if endpoint.startswith("quic") else None
+    link = Link(endpoint=endpoint.format(free_port()), credentials=keys, insecure=True)
+    assert words in refused(link)
+
+
+def test_where_a_robot_cannot_listen(robot: ListeningRobot) -> None:
+    for link, words in (
+        (robot.link, "already in use; is another robot served there?"),
+        (
+            Link(endpoint="tcp/192.0.2.1:7447", insecure=True),
+            "192.0.2.1 is none of this computer's addresses",
+        ),
+    ):
+        with pytest.raises(RobotFaultError, match="cannot listen at") as error:
+            open_session(link, Role.ROBOT, KEYS)
+        assert words in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("endpoint", "words"),
+    [
+        ("tcp/0.0.0.0:7447", "without certificates"),
+        ("tcp/192.168.1.20:7447", "without certificates"),
+        ("tcp/robot.local:7447", "--insecure"),
+        ("tcp/[::]:7447", r"use tls/\[::\]:7447"),
+        ("tls/127.0.0.1:7447", "needs certificates"),
+        ("quic/0.0.0.0:7447", "needs certificates"),
+    ],
+)
+@pytest.mark.parametrize("role", list(Role))
+def test_beyond_this_computer_nothing_opens_without_certificates(
+    endpoint: str, words: str, role: Role
+) -> None:
+    with pytest.raises(InputError, match=words):
+        open_session(Link(endpoint=endpoint), role, KEYS)
+
+
+def test_certificates_that_would_not_be_used_are_not_taken(authority: Path) -> None:
+    for role in Role:
+        with pytest.raises(InputError, match=r"tcp knows no certificates; use tls/127\.0\.0\.1:7447"):
+            open_session(Link(credentials=authority), role, KEYS)
+
+
+def test_all_addresses_are_for_listening_only() -> None:
+    everywhere = Link(endpoint=f"tcp/0.0.0.0:{free_port()}", insecure=True)
+    with pytest.raises(InputError, match="where a robot listens"):
+        open_session(everywhere, Role.VIEWER, KEYS)
+    with open_session(everywhere, Role.ROBOT, KEYS) as opened:
+        ListeningRobot(everywhere, opened).listen()
+        near = Link(endpoint=everywhere.endpoint.replace("0.0.0.0", "127.0.0.1"))  # noqa: S104  meant so
+        assert let_in(near, Role.VIEWER)
