@@ -4,14 +4,14 @@ from typing import Annotated
 
 import typer
 
-from hexctl.cli.options import ConnectOption, InsecureOption, JsonOption, KeysOption, LinkOption
+from hexctl.cli.options import InsecureOption, JsonOption, KeysOption, LinkOption, ZenohConnectOption
 
 
 def estop(
     clear: Annotated[
         bool, typer.Option("--clear", help="Clear the stop: the robot may be commanded again.")
     ] = False,
-    connect: ConnectOption = None,
+    connect: ZenohConnectOption = None,
     keys: KeysOption = None,
     insecure: InsecureOption = False,
     link: LinkOption = None,

@@ -57,6 +57,10 @@ ConnectOption = Annotated[
         "udpout:127.0.0.1:14550)",
     ),
 ]
+ZenohConnectOption = Annotated[
+    str | None,
+    typer.Option("--connect", help="Zenoh endpoint where the robot listens. (default: tcp/127.0.0.1:7447)"),
+]
 KeysOption = Annotated[
     Path | None,
     typer.Option("--keys", help="Folder that hexctl keys new made, for a link beyond this computer."),

@@ -4,11 +4,11 @@ from typing import Annotated
 
 import typer
 
-from hexctl.cli.options import ConnectOption, InsecureOption, JsonOption, KeysOption, LinkOption
+from hexctl.cli.options import InsecureOption, JsonOption, KeysOption, LinkOption, ZenohConnectOption
 
 
 def status(
-    connect: ConnectOption = None,
+    connect: ZenohConnectOption = None,
     keys: KeysOption = None,
     insecure: InsecureOption = False,
     link: LinkOption = None,

@@ -10,6 +10,15 @@ from hexctl.control.log import TickLog
 from hexctl.control.plan import TrialPlan
 from hexctl.control.result import TrialResult
 
+#: What to look at after a stop that a person did not ask for.
+HINTS = {
+    "state": "the robot's state did not come, or not in time; is the robot still there?",
+    "expired": "commands did not reach the robot in time; a busy computer, or a bad link",
+    "pose lost": "the robot no longer says where it is",
+    "estop": "hexctl estop --clear when it may move again",
+    "fault": "see to it, then hexctl estop --clear",
+}
+
 
 def report(
     plan: TrialPlan,
@@ -46,7 +55,7 @@ def summary(outcome: dict[str, Any]) -> str:
         f"{outcome['robot']} {where}{failed}",
         f"gait       {_gait_text(outcome['gait'])}",
         *_distance_lines(outcome),
-        f"status     {outcome['status']}" + (f" ({outcome['stopped']})" if outcome["stopped"] else ""),
+        f"status     {outcome['status']}" + _why(outcome["stopped"]),
         _clipped_line(outcome),
         f"ticks      {outcome['ticks']}, {outcome['overruns']} overruns, "
         f"{outcome['realtime_factor']:g} x real time",
@@ -55,6 +64,14 @@ def summary(outcome: dict[str, Any]) -> str:
         lines.append(f"recording  {outcome['recording']}")
         lines.append(f"look at it with: hexctl view {outcome['recording']}")
     return "\n".join(lines)
+
+
+def _why(stopped: str | None) -> str:
+    """Return why a walk was stopped, and where to look."""
+    if stopped is None:
+        return ""
+    hint = HINTS.get(stopped.partition(":")[0])
+    return f" ({stopped})" if hint is None else f" ({stopped}): {hint}"
 
 
 def _gait_text(gait: dict[str, Any]) -> str:

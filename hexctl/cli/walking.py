@@ -28,7 +28,14 @@ from hexctl.control.plan import TrialPlan
 from hexctl.control.result import TrialResult
 from hexctl.control.trial import run_trial
 from hexctl.control.turning import check_plan
-from hexctl.errors import InputError, LimitError, MissingExtraError, ReachError, RecordingError
+from hexctl.errors import (
+    InputError,
+    LimitError,
+    MissingExtraError,
+    ReachError,
+    RecordingError,
+    RobotFaultError,
+)
 from hexctl.record.files import probe_file
 from hexctl.robot.model import Robot
 
@@ -86,7 +93,12 @@ def execute(request: Request) -> int:
     world = _check(request)
     with ExitStack() as stack:
         interrupt = stack.enter_context(StopOnInterrupt())
-        guard = stack.enter_context(Guard(_servos(request, world)))
+        try:
+            guard = stack.enter_context(Guard(_servos(request, world)))
+        except RobotFaultError:
+            if interrupt.requested():
+                return INTERRUPTED
+            raise
         recording = _open_recording(request, world)
         if recording is not None:
             stack.enter_context(recording)

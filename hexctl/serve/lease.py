@@ -103,5 +103,5 @@ class LeaseDesk:
         if holder is None or not secrets.compare_digest(holder.lease_id, lease_id):
             self.refused += 1
             now = "nobody holds the robot" if holder is None else f"{holder.owner} holds the robot"
-            raise LeaseRefusedError(f"this lease has ended and {now} now; take a new one")
+            raise LeaseRefusedError(f"this lease has ended and {now} now")
         return holder

@@ -24,7 +24,7 @@ from hexctl.robot.servomap import ServoMap
 #: How long a board may take to beat, and then to say where its servos are.
 PATIENCE_S = 3.0
 
-#: A pose older than this is none.
+#: A pose this much older than the outputs is none.
 STALE_POSE_S = 0.2
 
 #: A battery reading older than this is none.
@@ -212,7 +212,7 @@ class MavlinkServos(LegServos):
         age_s = max(0.0, now_s - outputs.at_s)
         told = self._receiver.newest("measured")
         measured = told is not None and bool(told.value)
-        position, quaternion = self._pose(now_s)
+        position, quaternion = self._pose(outputs.at_s)
         battery = self._battery(now_s)
         fault = self._fault(now_s, battery)
         return RobotState(
@@ -240,12 +240,12 @@ class MavlinkServos(LegServos):
             unknown |= ~outputs.active[self._map.channels - 1]
         return np.where(unknown, self._assumed_rad, told)
 
-    def _pose(self, now_s: float) -> tuple[FloatArray | None, FloatArray | None]:
-        """Return position and orientation while both are fresh."""
-        if (odometry := _fresh(self._receiver.newest("odometry"), now_s, STALE_POSE_S)) is not None:
+    def _pose(self, outputs_at_s: float) -> tuple[FloatArray | None, FloatArray | None]:
+        """Return position and orientation; lost when outputs go on without them, not when all is silent."""
+        if (odometry := _fresh(self._receiver.newest("odometry"), outputs_at_s, STALE_POSE_S)) is not None:
             return odometry.value.position_world, odometry.value.quaternion_world
-        position = _fresh(self._receiver.newest("position"), now_s, STALE_POSE_S)
-        attitude = _fresh(self._receiver.newest("attitude"), now_s, STALE_POSE_S)
+        position = _fresh(self._receiver.newest("position"), outputs_at_s, STALE_POSE_S)
+        attitude = _fresh(self._receiver.newest("attitude"), outputs_at_s, STALE_POSE_S)
         if position is None or attitude is None:
             return None, None
         return position.value, attitude.value

@@ -18,8 +18,8 @@ HEARD = ("joint_states", "odom", "battery")
 #: How long a robot may take to send its first state.
 PATIENCE_S = 3.0
 
-#: A robot that has said nothing for this long has gone.
-GONE_AFTER_S = 1.0
+#: A robot that has said nothing for this long has gone; long before, the guard has stopped for an old state.
+GONE_AFTER_S = 5.0
 
 #: A pose this much older than the joints' state is none.
 STALE_POSE_S = 0.2

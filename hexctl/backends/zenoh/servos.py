@@ -27,6 +27,9 @@ from hexctl.wire.tags import LEASE_ID_BYTES, CommandTag
 #: How long a robot may take to say who it is.
 PATIENCE_S = 3.0
 
+#: How long the reason of a lost lease may take to come.
+STOP_PATIENCE_S = 0.3
+
 #: Where in the robot's period this end's ticks fall: as far from its ticks as can be.
 PHASE = 0.5
 
@@ -116,15 +119,15 @@ class ZenohServos(LegServos):
         """
         check_connected(self._opened is not None, WHO)
         if self._snapshot is None or self._snapshot[0] != self._clock.ticks:
-            self._check_ours()
-            self._snapshot = (self._clock.ticks, self._ear.newest(self._clock.now_s))
+            state = self._ear.newest(self._clock.now_s)
+            self._check_ours(state)
+            self._snapshot = (self._clock.ticks, state)
         return _copy(self._snapshot[1])
 
     def write(self, targets: JointTargets) -> JointTargets:
         """Send targets to the robot, whose guard has the last word."""
         check_connected(self._opened is not None, WHO)
         check_targets(targets)
-        self._check_ours()
         self._sequence += 1
         self._publisher.put(encode_positions(targets.positions_rad), attachment=self._tag())
         return targets
@@ -155,10 +158,16 @@ class ZenohServos(LegServos):
             )
         check_same_robot(answers[0], self._robot)
 
-    def _check_ours(self) -> None:
-        """Raise RobotFaultError when somebody else has the robot now, or nobody."""
-        if self._tenancy is not None and self._tenancy.lost is not None:
-            raise RobotFaultError(f"the robot is no longer ours: {self._tenancy.lost}")
+    def _check_ours(self, state: RobotState) -> None:
+        """Raise RobotFaultError when somebody else has the robot now, or nobody.
+
+        A stop takes the lease away too, and says more: states that tell of it may still be on their way.
+        """
+        tenancy = self._tenancy
+        if tenancy is None or tenancy.lost is None or state.stopped is not None:
+            return
+        if time.monotonic() - tenancy.lost_at_s > STOP_PATIENCE_S:
+            raise RobotFaultError(f"the robot is no longer ours: {tenancy.lost}")
 
     def _tag(self) -> bytes:
         """Return what travels beside the next command."""

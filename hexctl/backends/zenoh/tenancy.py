@@ -27,6 +27,7 @@ class Tenancy:
         lease_id: what commands carry.
         sequence: number of the lease.
         lost: why the lease is gone, or None while it is in force.
+        lost_at_s: since when, on time.monotonic.
     """
 
     def __init__(self, session: zenoh.Session, key: str) -> None:
@@ -34,6 +35,7 @@ class Tenancy:
         self.lease_id = b""
         self.sequence = 0
         self.lost: str | None = None
+        self.lost_at_s = 0.0
         self._duration_s = 0.0
         self._over = threading.Event()
         self._keeper: threading.Thread | None = None
@@ -75,9 +77,10 @@ class Tenancy:
         while not self._over.wait(self._duration_s / 3) and self.lost is None:
             answer = self._tell("renew")
             if answer is not None:
-                heard_s = time.monotonic()
+                heard_s = self.lost_at_s = time.monotonic()
                 self.lost = answer.get("error")
             elif time.monotonic() - heard_s > self._duration_s:
+                self.lost_at_s = time.monotonic()
                 self.lost = f"the robot has not answered for {time.monotonic() - heard_s:.1f} s"
 
     def _tell(self, op: str) -> dict[str, Any] | None:

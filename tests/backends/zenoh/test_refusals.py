@@ -5,11 +5,12 @@ from pathlib import Path
 import pytest
 
 from hexctl.backends.zenoh.servos import ZenohServos
+from hexctl.control.guard import Guard
 from hexctl.errors import RobotFaultError
 from hexctl.robot.file import load_robot
 from hexctl.wire.link import Link
 from tests.robots import edited_file, put, shipped
-from tests.serve.processes import free_port, hexctl, served
+from tests.serve.processes import Served, free_port, hexctl, served
 
 
 def test_nobody_there() -> None:
@@ -33,17 +34,29 @@ def test_another_robot_is_refused_and_the_message_says_where_it_differs(tmp_path
             ZenohServos(shipped("pexod"), link=link).connect()
 
 
-def test_a_lease_that_is_taken_away_ends_the_controller(tmp_path: Path) -> None:
-    with served(tmp_path, backend="mock") as robot:
-        servos = ZenohServos(shipped(), link=Link(endpoint=robot.endpoint))
-        with servos:
-            assert hexctl("estop", "--connect", robot.endpoint).returncode == 0
-            with pytest.raises(RobotFaultError, match="no longer ours"):
-                read_for(servos, seconds=10)
+def test_a_stop_by_somebody_else_is_told_to_the_controller_as_a_stop(tmp_path: Path) -> None:
+    with served(tmp_path, backend="mock") as robot, Guard(servos_of(robot)) as guard:
+        assert hexctl("estop", "--connect", robot.endpoint).returncode == 0
+        for _ in range(100):
+            guard.clock.tick()
+            guard.read()
+        assert guard.stopped == "estop"
+
+
+def test_a_lease_that_is_lost_ends_the_controller(tmp_path: Path) -> None:
+    """As when somebody clears a stop, and with it takes the lease away, before this end has seen it."""
+    with served(tmp_path, backend="mock") as robot, servos_of(robot) as servos:
+        assert hexctl("estop", "--clear", "--connect", robot.endpoint).returncode == 0
+        with pytest.raises(RobotFaultError, match="no longer ours"):
+            read_for(servos, seconds=10)
+
+
+def servos_of(robot: Served) -> ZenohServos:
+    return ZenohServos(shipped(), link=Link(endpoint=robot.endpoint))
 
 
 def read_for(servos: ZenohServos, *, seconds: float) -> None:
     """Read at every tick for a while."""
     for _ in range(round(seconds / servos.clock.period_s)):
         servos.clock.tick()
-        assert servos.read().stopped in (None, "estop")
+        servos.read()
