@@ -128,7 +128,7 @@ class Guard(LegServos):
         Raises RobotFaultError when the robot has gone.
         """
         state = self._read()
-        if self.stopped is None:
+        if self.stopped in (None, "expired"):  # anything graver outweighs silence
             self._watch(state)
         return state
 

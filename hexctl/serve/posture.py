@@ -2,7 +2,7 @@
 
 from hexctl.control.guard import Guard
 from hexctl.control.sitting import SITTING_S, sitting_angles_rad
-from hexctl.errors import CommandRefusedError, EStopError
+from hexctl.errors import CommandRefusedError, EStopError, RobotFaultError
 from hexctl.robot.messages import FloatArray, JointTargets
 
 #: A robot without commands for this long sits down.
@@ -38,10 +38,17 @@ class Posture:
         elif self.name == "sitting":
             self._sit(now_s)
         elif now_s - self._commanded_at_s > self._sit_after_s:
-            self.name, self._sitting_since_s = "sitting", now_s
-            self._start_rad = self._guard.accepted_rad()
+            self._begin_to_sit(now_s)
         elif self._guard.stopped is not None:
             self.name = "holding"
+
+    def _begin_to_sit(self, now_s: float) -> None:
+        try:
+            self._start_rad = self._guard.accepted_rad()
+        except RobotFaultError:
+            self.name = "holding"  # nobody knows where the joints are
+        else:
+            self.name, self._sitting_since_s = "sitting", now_s
 
     def _sit(self, now_s: float) -> None:
         """Come a tick nearer to the floor; on it, let the joints go."""

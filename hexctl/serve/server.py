@@ -1,5 +1,6 @@
 """A robot on the network: one thread that alone moves it, tick by tick and command by command."""
 
+import math
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -7,7 +8,7 @@ from typing import Any
 
 from hexctl.backends.base import LegServos
 from hexctl.control.guard import Guard
-from hexctl.errors import CommandRefusedError, EStopError, MessageError
+from hexctl.errors import CommandRefusedError, EStopError, MessageError, RobotFaultError
 from hexctl.robot.messages import JointTargets, RobotState
 from hexctl.serve.commands import CommandDesk
 from hexctl.serve.inbox import CAPACITY, Arrival, Inbox
@@ -103,7 +104,8 @@ class RobotServer:
         stamp_s = now_s - max(0.0, checked.delay_s)
         try:
             self._guard.write(JointTargets(checked.command.positions_rad, stamp_s))
-        except (CommandRefusedError, EStopError):
+        except (CommandRefusedError, EStopError, RobotFaultError):
+            # Servos that have gone are noticed at the next tick.
             self._commands.counters.refused += 1
             return
         self._commands.counters.accepted += 1
@@ -176,11 +178,16 @@ class RobotServer:
             "overruns": guard.clock.overruns,
             "joints": None if state is None else ("measured" if state.measured else "echoed"),
             "pose": state is not None and state.base_position_world is not None,
-            "state_age_s": None if state is None else round(state.age_s, 3),
+            "state_age_s": None if state is None else _number(state.age_s),
             "fault": None if state is None else state.fault,
-            "battery_v": None if state is None else state.battery_v,
-            "battery_share": None if state is None else state.battery_share,
+            "battery_v": None if state is None else _number(state.battery_v),
+            "battery_share": None if state is None else _number(state.battery_share),
             "endpoint": self._link.endpoint,
             "secured": self._link.credentials is not None,
             "insecure": self._link.insecure,
         }
+
+
+def _number(value: float | None) -> float | None:
+    """Return a reading as JSON takes it: what is no number is unknown."""
+    return None if value is None or not math.isfinite(value) else round(value, 3)

@@ -14,6 +14,8 @@ from hexctl.wire.tags import StateTag
 WORLD_FRAME = "odom"
 BODY_FRAME = "base_link"
 
+MAX_AGE_US = 0xFFFFFFFF
+
 _NO_COVARIANCE = np.zeros(36)
 _NAN = math.nan
 
@@ -30,7 +32,7 @@ def tag_of(state: RobotState, *, sequence: int, stamp_ns: int, command_sequence:
     return StateTag(
         sequence=sequence,
         stamp_ns=stamp_ns,
-        age_us=min(round(state.age_s * 1e6), 0xFFFFFFFF) if math.isfinite(state.age_s) else 0xFFFFFFFF,
+        age_us=_microseconds(state.age_s),
         command_sequence=command_sequence,
         measured=state.measured,
         healthy=state.healthy,
@@ -122,6 +124,11 @@ def decode_battery(payload: bytes) -> tuple[float | None, float | None]:
     message = ros.decode(ros.BATTERY_STATE, payload)
     voltage, share = float(message.voltage), float(message.percentage)
     return voltage if math.isfinite(voltage) else None, share if math.isfinite(share) else None
+
+
+def _microseconds(age_s: float) -> int:
+    """Return an age as it fits into the tag; one that is no number is as old as can be."""
+    return min(max(0, round(age_s * 1e6)), MAX_AGE_US) if math.isfinite(age_s) else MAX_AGE_US
 
 
 def _bits(contacts: BoolArray) -> int:

@@ -137,6 +137,26 @@ def test_a_fault_stops_the_robot_and_is_said_in_words(bench: Bench, fault: str |
     assert reason in bench.acquire()["error"]
 
 
+def test_a_fall_while_it_is_silent_is_no_longer_mere_silence(bench: Bench) -> None:
+    bench.acquire()
+    bench.command(bench.servos.robot.stance_angles_rad)
+    bench.ticks(12)
+    assert bench.server.status()["stopped"] == "expired"
+    bench.servos.lean(80)
+    bench.ticks(20)
+    assert bench.server.status()["stopped"] == "fell"
+    assert "fell" in bench.acquire()["error"]
+
+
+@pytest.mark.parametrize("age_s", [np.nan, np.inf, -0.5])
+def test_readings_that_are_no_numbers_do_not_end_the_robot(bench: Bench, age_s: float) -> None:
+    bench.servos.age_s = age_s
+    bench.servos.joints_rad = np.full(18, np.nan)
+    bench.ticks(60)
+    assert bench.server.status()["stopped"] == "state"
+    assert json.dumps(bench.server.status(), allow_nan=False)
+
+
 def test_lost_servo_feedback_is_a_fault(bench: Bench) -> None:
     bench.acquire()
     bench.servos.age_s = 0.3
