@@ -59,7 +59,7 @@ def stop_or_clear(*, clear: bool, as_json: bool, **options: Any) -> int:
         answers = ask_until(session, keys.estop, wanted, patience_s=PATIENCE_S)
         if not answers:
             raise _silence(link)
-    stopped = answers[0].get("stopped")
+    stopped = _confirmed(answers, clear=clear)
     if as_json:
         say(json.dumps({"stopped": stopped}))
     elif stopped is None:
@@ -69,6 +69,17 @@ def stop_or_clear(*, clear: bool, as_json: bool, **options: Any) -> int:
     if clear and stopped is not None:
         say_aside(f"hexctl: the robot stopped again at once: {stopped}")
     return DONE
+
+
+def _confirmed(answers: list[dict[str, Any]], *, clear: bool) -> str | None:
+    """Return why the robots are stopped now, None where all are free.
+
+    Raises RobotFaultError unless every one of them has done what was asked.
+    """
+    for answer in answers:
+        if "stopped" not in answer or (answer["stopped"] is None and not clear):
+            raise RobotFaultError(f"a robot did not do it: {answer.get('error', answer)}")
+    return next((str(answer["stopped"]) for answer in answers if answer["stopped"] is not None), None)
 
 
 @contextmanager

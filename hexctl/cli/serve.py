@@ -1,5 +1,6 @@
 """`hexctl serve`: put a robot on the network."""
 
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -23,6 +24,10 @@ def serve(
     device: Annotated[
         str | None,
         typer.Option("--device", help="With mavlink, its port. (default: udpout:127.0.0.1:14550)"),
+    ] = None,
+    signing: Annotated[
+        Path | None,
+        typer.Option("--device-keys", help="With mavlink, folder with mavlink.key: signed frames only."),
     ] = None,
     world: Annotated[
         str | None, typer.Option("--world", help="With sim, its world, as in hexctl run. (default: flat)")
@@ -55,6 +60,7 @@ def serve(
         robot=robot,
         listen=listen,
         device=device,
+        device_keys=signing,
         world=world,
         failed_leg=failed_leg,
         failure=failure,

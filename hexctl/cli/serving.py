@@ -35,6 +35,7 @@ class Service:
     robot: str
     listen: str | None
     device: str | None
+    device_keys: Path | None
     world: str | None
     failed_leg: int | None
     failure: str | None
@@ -94,10 +95,11 @@ def _check(service: Service) -> None:
                     f"--{option.replace('_', '-')}: got {value} with --backend {service.backend}; "
                     "allowed: with sim"
                 )
-    if service.backend != "mavlink" and service.device is not None:
-        raise InputError(
-            f"--device: got {service.device} with --backend {service.backend}; allowed: with mavlink"
+    if service.backend != "mavlink" and (service.device is not None or service.device_keys is not None):
+        option, value = (
+            ("--device", service.device) if service.device else ("--device-keys", service.device_keys)
         )
+        raise InputError(f"{option}: got {value} with --backend {service.backend}; allowed: with mavlink")
     if service.seed < 0:
         raise InputError(f"--seed: got {service.seed}; allowed: 0 or more")
     if not MIN_SIT_AFTER_S <= service.sit_after_s <= MAX_SIT_AFTER_S:  # false for nan too
@@ -116,6 +118,7 @@ def _servos(service: Service) -> LegServos:
         realtime=True,
         robot_file=service.robot,
         connect=service.device,
+        credentials=service.device_keys,
     )
     return make_servos(service.backend, options)
 

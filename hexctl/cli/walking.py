@@ -128,7 +128,9 @@ def _check(request: Request) -> World:
     if not request.simulated and request.world is not None:
         raise InputError(f"--world: got {request.world} with --backend {request.backend}; allowed: with sim")
     if request.backend not in LINKED and (request.connect or request.link):
-        raise InputError(f"--connect, --link: got one with --backend {request.backend}; allowed: with zenoh")
+        raise InputError(
+            f"--connect, --link: got one with --backend {request.backend}; allowed: with zenoh and mavlink"
+        )
     if request.no_record and (request.record is not None or request.view):
         raise InputError("--no-record: got --record or --view too; allowed: one or the other")
     if request.record is not None:

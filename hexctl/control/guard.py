@@ -5,6 +5,7 @@ On by default, latched, and with no "off": a stop stays until `clear` is called.
 
 import math
 from dataclasses import dataclass
+from threading import Lock
 
 import numpy as np
 
@@ -63,6 +64,7 @@ class Guard(LegServos):
         self.injects_failure, self.failure = servos.injects_failure, servos.failure
         self.counters = GuardCounters()
         self.stopped: str | None = None
+        self._latch = Lock()
         self._accepted_rad: FloatArray | None = None
         self._accepted_at_s: float | None = None
         self._baseline_rad: FloatArray | None = None
@@ -156,14 +158,28 @@ class Guard(LegServos):
         return self._pass(targets)
 
     def stop(self, reason: str) -> None:
-        """Latch a stop; the servos hold the last accepted targets. Any other reason outweighs silence."""
-        if self.stopped in (None, "expired"):
-            self.stopped = reason
+        """Latch a stop; the servos hold the last accepted targets. Any other reason outweighs silence.
+
+        May be called from any thread.
+        """
+        with self._latch:
+            if self.stopped is None or (self.stopped == "expired" and reason != "expired"):
+                self.stopped = reason
 
     def clear(self) -> None:
         """Let the robot move again, from where its joints are now; silence counts from the next command."""
-        self.stopped = None
+        with self._latch:
+            self.stopped = None
         self._forget()
+
+    def lift_silence(self) -> bool:
+        """Clear a stop for silence, and no other, not even one that comes at this moment; return whether."""
+        with self._latch:
+            if self.stopped not in (None, "expired"):
+                return False
+            self.stopped = None
+        self._forget()
+        return True
 
     def relax(self) -> bool:
         """Let the joints go limp, where the servos can; return whether they did."""

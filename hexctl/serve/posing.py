@@ -53,6 +53,10 @@ class PosedServos(LegServos):
         """Write to the servos."""
         return self._servos.write(targets)
 
+    def rest(self) -> None:
+        """Tell the servos that no command is due until the next one."""
+        self._servos.rest()
+
     def relax(self) -> bool:
         """Let the servos go limp."""
         return self._servos.relax()

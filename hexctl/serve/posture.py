@@ -12,6 +12,9 @@ SIT_AFTER_S = 10.0
 class Posture:
     """Follows the silence after the last command; any stop but silence makes it hold the pose.
 
+    After such a stop it moves no more until the next command, whenever the stop is cleared: whoever clears it
+    may have their hands on the robot.
+
     Attributes:
         name: `idle` before the first command, then `commanded`, `holding`, `sitting` or `limp`.
     """
@@ -23,18 +26,21 @@ class Posture:
         self._end_rad = sitting_angles_rad(guard.robot)
         self._start_rad: FloatArray = self._end_rad
         self._commanded_at_s = 0.0
+        self._held = False
         self._sitting_since_s = 0.0
 
     def commanded(self, now_s: float) -> None:
         """Say that a command reached the servos."""
-        self.name, self._commanded_at_s = "commanded", now_s
+        self.name, self._commanded_at_s, self._held = "commanded", now_s, False
 
     def tick(self, now_s: float) -> None:
         """Do what the silence asks for; times are on the clock of the servos."""
         if self.name in ("idle", "limp"):
             return
         if self._guard.stopped not in (None, "expired"):
-            self.name = "holding"
+            self.name, self._held = "holding", True
+        elif self._held:
+            self.name = "idle"
         elif self.name == "sitting":
             self._sit(now_s)
         elif now_s - self._commanded_at_s > self._sit_after_s:

@@ -1,5 +1,7 @@
 """What a robot is asked, and what it answers: leases and stops."""
 
+import math
+import time
 from typing import Any
 
 from hexctl.control.guard import Guard
@@ -24,6 +26,7 @@ class RequestDesk:
     def __init__(self, guard: Guard, leases: LeaseDesk) -> None:
         self._guard, self._leases = guard, leases
         self.malformed = 0
+        self._stopped_at_s = -math.inf
 
     def urgent(self, payload: bytes) -> None:
         """Stop at once if a payload at `estop` asks for it; an empty one does. On any thread."""
@@ -32,16 +35,23 @@ class RequestDesk:
         except MessageError:
             return
         if wanted == "stop":
+            self._stopped_at_s = time.monotonic()
             self._guard.stop(ESTOP)
 
-    def estop(self, payload: bytes) -> dict[str, Any]:
-        """Answer a request at `estop`: say what the robot is stopped for, or clear it."""
+    def estop(self, payload: bytes, at_s: float) -> dict[str, Any]:
+        """Answer a request at `estop`: say what the robot is stopped for, or clear it.
+
+        Args:
+            payload: what was asked.
+            at_s: when it came, on time.monotonic: it clears no stop that came after it.
+        """
         try:
             wanted = _stop_or_clear(payload)
         except MessageError as error:
             return self._misunderstood(error)
         if wanted == "clear":
-            self._guard.clear()
+            if at_s >= self._stopped_at_s:
+                self._guard.clear()
         else:
             self._guard.stop(ESTOP)
         self._leases.revoke()
@@ -68,8 +78,9 @@ class RequestDesk:
             self._leases.refused += 1
             return {"error": f"the robot is stopped: {stopped}; see to it, then hexctl estop --clear"}
         lease = self._leases.acquire(owner, now_s)
-        if stopped is not None:
-            self._guard.clear()
+        if not self._guard.lift_silence():
+            self._leases.revoke()
+            return {"error": f"the robot has just been stopped: {self._guard.stopped}"}
         self._guard.rest()
         return {
             "lease": lease.lease_id.hex(),

@@ -90,18 +90,22 @@ class RobotServer:
         elif arrival.kind == "lease":
             self._station.reply(arrival.kind, item, self._requests.lease(payload_of(item), arrival.at_s))
         elif arrival.kind == "estop":
-            self._station.reply(arrival.kind, item, self._requests.estop(payload_of(item)))
+            self._station.reply(arrival.kind, item, self._requests.estop(payload_of(item), arrival.at_s))
         else:
             self._station.reply(arrival.kind, item, {**self._description, "status": self.status()})
 
     def _obey(self, payload: bytes, attachment: bytes | None, at_s: float) -> None:
-        lease = self._leases.holder(at_s)
+        now_s = time.monotonic()
+        lease = self._leases.holder(now_s)
         try:
             checked = self._commands.check(payload, attachment, lease, at_s)
         except (MessageError, CommandRefusedError):
             return
-        now_s = self._guard.clock.now_s
-        stamp_s = now_s - max(0.0, checked.delay_s)
+        if now_s - at_s > checked.good_for_s:  # it waited here, while this thread was held up
+            self._commands.counters.late += 1
+            return
+        servo_s = self._guard.clock.now_s
+        stamp_s = servo_s - max(0.0, checked.delay_s + now_s - at_s)
         try:
             self._guard.write(JointTargets(checked.command.positions_rad, stamp_s))
         except (CommandRefusedError, EStopError, RobotFaultError):
@@ -110,7 +114,7 @@ class RobotServer:
             return
         self._commands.counters.accepted += 1
         self._good_until_s = at_s + checked.good_for_s
-        self._posture.commanded(now_s)
+        self._posture.commanded(servo_s)
         self._say(self._servos.read())
 
     def _place(self, payload: bytes, at_s: float) -> None:

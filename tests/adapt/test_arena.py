@@ -37,7 +37,7 @@ def test_no_heading_has_more_room_than_the_one_it_aims(
     arena = Arena(home_m=(x, y), radius_m=radius_m)
     position = at(arena, share * radius_m, angle_rad)
     room_m = arena.room_m(position, arena.aim_rad(position, 0.0))
-    assert room_m >= arena.room_m(position, other_rad) - 0.06  # at home, anywhere will do
+    assert room_m >= arena.room_m(position, other_rad) - 0.11  # at home, anywhere will do
     assert room_m == pytest.approx(radius_m + share * radius_m, abs=0.11)
 
 

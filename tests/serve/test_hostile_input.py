@@ -3,6 +3,7 @@
 import json
 import random
 import struct
+import time
 from typing import Any
 
 import numpy as np
@@ -105,7 +106,7 @@ def test_spoiled_commands_of_whoever_holds_the_lease_never_leave_the_limits(
     servos.connect()
     servos.clock.tick()
     item: Any = Item(b'{"op": "acquire", "owner": "mallory"}', None)
-    server._handle(Arrival("lease", item, 0.0))
+    server._handle(Arrival("lease", item, time.monotonic()))
     given = json.loads(item.answers[0])
     for sequence in range(1, 10_000):
         tag = CommandTag(
@@ -116,7 +117,7 @@ def test_spoiled_commands_of_whoever_holds_the_lease_never_leave_the_limits(
             lease_sequence=given["sequence"],
         )
         command: Any = Item(spoiled(GOOD["command"], chance), tag.packed())
-        server._handle(Arrival("command", command, 0.0))
+        server._handle(Arrival("command", command, time.monotonic()))
     robot = servos.robot
     sent = np.array([targets.positions_rad for targets in servos.sent])
     assert len(sent) == server.status()["commands"]["accepted"] > 100

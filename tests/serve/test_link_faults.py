@@ -57,9 +57,8 @@ def test_a_controller_that_is_killed_or_stopped_leaves_the_robot_frozen_until_a_
                 controller.wait()
                 assert "ended" in controller.said()
             assert robot.log().moved_after(at_s) <= STILL_ON_A_BUSY_MACHINE_S
-        with controlling(tmp_path, robot.endpoint, name="next") as following:
+        with controlling(tmp_path, robot.endpoint, "again=1", name="next") as following:
             following.wait_for("moving")
-            assert stopped(robot) is None
         check_limits(robot.log())
 
 
@@ -74,7 +73,7 @@ def test_after_a_longer_silence_the_robot_sits_down_and_relaxes(tmp_path: Path) 
         knees = log.positions_rad[:, 1::3]
         assert (knees[-1] > shipped().stance_angles_rad[1] + 0.5).all()
         check_limits(log)
-        with controlling(tmp_path, robot.endpoint, name="next") as following:
+        with controlling(tmp_path, robot.endpoint, "again=1", name="next") as following:
             following.wait_for("moving")
         check_limits(robot.log())
 
@@ -83,7 +82,6 @@ def test_an_estop_ends_motion_and_nothing_resumes_without_a_clear_and_a_new_leas
     with served(tmp_path) as robot:
         with controlling(tmp_path, robot.endpoint) as controller:
             controller.wait_for("moving")
-            at_s = time.monotonic()
             answer = hexctl("estop", "--connect", robot.endpoint)
             assert answer.returncode == 0
             assert "stopped (estop)" in answer.stdout
@@ -96,8 +94,7 @@ def test_an_estop_ends_motion_and_nothing_resumes_without_a_clear_and_a_new_leas
         assert hexctl("estop", "--clear", "--connect", robot.endpoint).returncode == 0
         time.sleep(0.3)
         assert robot.log().moved_after(confirmed_s) == 0
-        assert at_s < confirmed_s
-        with controlling(tmp_path, robot.endpoint, name="next") as following:
+        with controlling(tmp_path, robot.endpoint, "again=1", name="next") as following:
             following.wait_for("moving")
         check_limits(robot.log())
 
@@ -124,7 +121,7 @@ def test_a_robot_that_is_killed_is_noticed_and_can_be_used_again_when_it_is_back
         port = int(robot.endpoint.rpartition(":")[2])
     with (
         served(tmp_path, port=port, name="back") as back,
-        controlling(tmp_path, back.endpoint, name="next") as following,
+        controlling(tmp_path, back.endpoint, "again=1", name="next") as following,
     ):
         following.wait_for("moving")
         check_limits(back.log())
@@ -192,7 +189,7 @@ def test_a_link_that_is_cut_freezes_the_robot_and_what_waited_in_it_moves_nothin
             assert controller.wait() == 3
             time.sleep(0.5)
             assert robot.log().moved_after(at_s) <= STILL_ON_A_BUSY_MACHINE_S
-        with controlling(tmp_path, cable.endpoint, name="next") as following:
+        with controlling(tmp_path, cable.endpoint, "again=1", name="next") as following:
             following.wait_for("moving")
         check_limits(robot.log())
 

@@ -99,5 +99,17 @@ def test_every_shipped_robot_sits_lower_than_it_stands_within_its_ranges() -> No
         assert solve_legs(robot, robot.stance_feet_body).reachable.all()
 
 
-def test_the_posed_mock_is_what_the_other_tests_take_it_for() -> None:
-    assert isinstance(connected()[1], PosedMock)
+def test_after_a_stop_is_cleared_nothing_moves_before_the_next_command() -> None:
+    (guard, servos), posture = commanded_once()
+    guard.stop("estop")
+    let_pass((guard, servos), posture, 60.0)
+    guard.clear()
+    n_before = len(servos.sent)
+    let_pass((guard, servos), posture, 30.0)
+    assert posture.name == "idle"
+    assert len(servos.sent) == n_before
+    assert not servos.relaxed
+    send(guard, guard.robot.stance_angles_rad)
+    posture.commanded(guard.clock.now_s)
+    let_pass((guard, servos), posture, 5.0)
+    assert posture.name == "limp"

@@ -1,5 +1,7 @@
 """What a robot answers about its lease and its stop."""
 
+import time
+
 import pytest
 
 from hexctl.control.guard import Guard
@@ -49,7 +51,7 @@ def test_silence_is_lifted_by_a_new_lease_and_every_other_stop_is_not(
 def test_a_stop_outweighs_silence_and_takes_the_lease_away(guard: Guard, desk: RequestDesk) -> None:
     lease = str(ask(desk, op="acquire", owner="alice")["lease"])
     guard.stop("expired")
-    assert desk.estop(b"") == {"stopped": "estop"}
+    assert desk.estop(b"", 0.1) == {"stopped": "estop"}
     assert "error" in ask(desk, 0.1, op="renew", lease=lease)
     assert "estop" in str(ask(desk, 0.1, op="acquire", owner="alice")["error"])
 
@@ -60,7 +62,9 @@ def test_a_stop_works_at_once_and_is_cleared_explicitly(guard: Guard, desk: Requ
         send(guard, guard.robot.stance_angles_rad)
     desk.urgent(encode_json({"op": "clear"}))
     assert guard.stopped == "estop"
-    assert desk.estop(encode_json({"op": "clear"})) == {"stopped": None}
+    stop_s = time.monotonic()
+    assert desk.estop(encode_json({"op": "clear"}), stop_s - 100) == {"stopped": "estop"}
+    assert desk.estop(encode_json({"op": "clear"}), stop_s) == {"stopped": None}
     send(guard, guard.robot.stance_angles_rad)
 
 
@@ -70,7 +74,7 @@ def test_what_is_no_request_changes_nothing_and_is_counted(
 ) -> None:
     guard.stop("fell")
     desk.urgent(payload)
-    assert "error" in desk.estop(payload)
+    assert "error" in desk.estop(payload, 0.0)
     assert "error" in desk.lease(payload, 0.0)
     assert guard.stopped == "fell"
     assert desk.malformed == 2

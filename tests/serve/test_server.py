@@ -43,17 +43,17 @@ class Bench:
         self.lease, self.sequence = self.ask("lease", {"op": "acquire", "owner": "test"}), 0
         return self.lease
 
-    def command(self, positions_rad: Any, *, ttl_ms: int = 200) -> None:
+    def command(self, positions_rad: Any, *, ttl_ms: int = 200, waited_s: float = 0.0) -> None:
         self.sequence += 1
         tag = CommandTag(
             sequence=self.sequence,
-            stamp_ns=round(self.servos.time.now_s * 1e9),
+            stamp_ns=round((self.servos.time.now_s - waited_s) * 1e9),
             time_to_live_ms=ttl_ms,
             lease_id=bytes.fromhex(self.lease["lease"]),
             lease_sequence=self.lease["sequence"],
         )
         item: Any = Item(encode_positions(positions_rad), tag.packed())
-        self.server._handle(Arrival("command", item, self.servos.time.now_s))
+        self.server._handle(Arrival("command", item, self.servos.time.now_s - waited_s))
 
     def ticks(self, times: int) -> None:
         for _ in range(times):
@@ -135,6 +135,16 @@ def test_a_fault_stops_the_robot_and_is_said_in_words(bench: Bench, fault: str |
     assert bench.last_state()[1].fault == fault
     bench.ask("lease", {"op": "release", "lease": bench.lease["lease"]})
     assert reason in bench.acquire()["error"]
+
+
+def test_a_command_that_waited_while_the_robot_was_held_up_is_late(bench: Bench) -> None:
+    bench.acquire()
+    bench.command(bench.servos.robot.stance_angles_rad)
+    n_before = len(bench.servos.sent)
+    bench.servos.time.work(0.3)
+    bench.command(bench.servos.robot.stance_angles_rad + 0.05, waited_s=0.3)
+    assert len(bench.servos.sent) == n_before
+    assert bench.server.status()["commands"]["late"] == 1
 
 
 def test_a_fall_while_it_is_silent_is_no_longer_mere_silence(bench: Bench) -> None:

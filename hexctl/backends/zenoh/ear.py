@@ -45,6 +45,10 @@ class Ear:
         for kind in HEARD:
             session.declare_subscriber(getattr(self._keys, kind), partial(self._mailbox.put, kind))
 
+    def forget(self) -> None:
+        """Take nothing that was heard so far for true."""
+        self._mailbox.clear()
+
     def await_first_s(self) -> float:
         """Wait for the first state and return when it came, on time.monotonic.
 

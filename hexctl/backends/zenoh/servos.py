@@ -100,6 +100,7 @@ class ZenohServos(LegServos):
                 self._tenancy = Tenancy(session, self._keys.lease)
                 self._tenancy.acquire()
                 opening.callback(self._tenancy.release)
+                self._ear.forget()  # a state from before may tell of a stop that the lease has lifted
             self._publisher = session.declare_publisher(
                 self._keys.command,
                 congestion_control=zenoh.CongestionControl.DROP,

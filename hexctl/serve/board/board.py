@@ -121,6 +121,8 @@ class ServoBoard:
         while (patience_s := self._guard.clock.due_in_s - SPARE_S) > 0:
             for arrival in self._link.receive(patience_s):
                 self._handle(arrival)
+        for arrival in self._link.receive(0.0):  # even when a tick took all its time
+            self._handle(arrival)
 
     def _handle(self, arrival: Arrival) -> None:
         """Obey or answer one message; nothing that comes may end the loop."""
