@@ -13,16 +13,35 @@ Row = tuple[str, str]
 
 
 def make_markdown(
-    title: str, robot: Robot, plan: TrialPlan, result: TrialResult | None, facts: Mapping[str, Any]
+    title: str,
+    robot: Robot,
+    plan: TrialPlan,
+    result: TrialResult | None,
+    stability: float | None,
+    facts: Mapping[str, Any],
 ) -> str:
-    """Return the text panel; without a result the trial was not finished."""
-    outcome = [("**result**", "*not finished*")] if result is None else _result_rows(result)
+    """Return the text panel; without a result the trial was not finished.
+
+    Args:
+        title: heading.
+        robot: who walked.
+        plan: what was asked for.
+        result: what it came to.
+        stability: share of the walk with the centre of gravity above the feet that stand, None if unknown.
+        facts: anything else, a row each.
+    """
+    outcome = [("**result**", "*not finished*")] if result is None else _result_rows(result, stability)
     more = ((_cell(key), _cell(value)) for key, value in facts.items())
     return f"## {_cell(title)}\n\n{_table([*outcome, *_plan_rows(robot, plan), *more])}\n"
 
 
 def make_properties(
-    title: str, robot: Robot, plan: TrialPlan, result: TrialResult, facts: Mapping[str, Any]
+    title: str,
+    robot: Robot,
+    plan: TrialPlan,
+    result: TrialResult,
+    stability: float | None,
+    facts: Mapping[str, Any],
 ) -> dict[str, Any]:
     """Return title, plan, result and facts as named plain values; what has no value is left out."""
     gait = plan.gait
@@ -38,6 +57,7 @@ def make_properties(
         "failed_leg": plan.failure.leg if plan.failure else None,
         "failure": str(plan.failure) if plan.failure else None,
         "self_rotation": plan.self_rotation,
+        "stability": stability,
     }
     numbers = result.numbers()
     deviation = numbers.pop("deviation_m")
@@ -61,7 +81,7 @@ def _plan_rows(robot: Robot, plan: TrialPlan) -> Iterator[Row]:
         yield "turn", f"{math.degrees(plan.turn_rate_rad_s):g} °/s"
 
 
-def _result_rows(result: TrialResult) -> Iterator[Row]:
+def _result_rows(result: TrialResult, stability: float | None) -> Iterator[Row]:
     yield "**result**", f"**{result.status}** after {result.duration_s:.1f} s"
     if result.distance_m is not None:
         yield "distance", f"{result.distance_m:.3f} m of {result.ideal_distance_m:.3f} m without slip"
@@ -71,6 +91,8 @@ def _result_rows(result: TrialResult) -> Iterator[Row]:
         yield "**deviation**", f"**{off.final:.3f} m** at the end{whole}"
     if result.yaw_change_rad is not None:
         yield "turned", f"{math.degrees(result.yaw_change_rad):+.1f}°"
+    if stability is not None:
+        yield "**stability**", f"**{100 * stability:.0f} %** of the walk above the feet that stand"
     yield "clipped ticks", str(result.clipped_ticks)
 
 
