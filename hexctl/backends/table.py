@@ -99,17 +99,16 @@ def _zenoh(options: BackendOptions) -> LegServos:
 
 
 def _mavlink(options: BackendOptions) -> LegServos:
-    from hexctl.backends.mavlink.address import DEFAULT_PORT
+    from hexctl.backends.mavlink.address import DEFAULT_PORT, check_guarded, parse_port
     from hexctl.backends.mavlink.key import read_signing_key
     from hexctl.backends.mavlink.servos import MavlinkServos
     from hexctl.robot.servomap import load_servo_map
 
-    return MavlinkServos(
-        options.robot,
-        servo_map=load_servo_map(options.robot_file),
-        port=options.connect or DEFAULT_PORT,
-        signing_key=read_signing_key(options.credentials),
-    )
+    port, signing_key = options.connect or DEFAULT_PORT, read_signing_key(options.credentials)
+    signed = signing_key is not None
+    check_guarded(parse_port(port), option="port", text=port, signed=signed, insecure=options.insecure)
+    servo_map = load_servo_map(options.robot_file)
+    return MavlinkServos(options.robot, servo_map=servo_map, port=port, signing_key=signing_key)
 
 
 def _own(name: str, options: BackendOptions) -> LegServos:

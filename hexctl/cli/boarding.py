@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from hexctl.backends.base import LegServos
 from hexctl.backends.clock import request_realtime_priority
-from hexctl.backends.mavlink.address import DEFAULT_BOARD_PORT, PortAddress, parse_port
+from hexctl.backends.mavlink.address import DEFAULT_BOARD_PORT, PortAddress, check_guarded, parse_port
 from hexctl.backends.mavlink.key import read_signing_key
 from hexctl.backends.mavlink.port import Port, PtyPort, open_port
 from hexctl.backends.table import BackendOptions, make_servos
@@ -90,10 +90,13 @@ def _check(request: BoardRequest) -> PortAddress:
     _check_between("--expiry", request.expiry_s, MIN_EXPIRY_S, MAX_EXPIRY_S)
     _check_between("--release-after", request.release_after_s, MIN_RELEASE_S, MAX_RELEASE_S)
     address = parse_port(request.port or DEFAULT_BOARD_PORT)
-    if not (request.pty or address.local or request.keys or request.insecure):
-        raise InputError(
-            f"--port: got {request.port}, where anybody on the network could move the servos; "
-            "allowed: this computer, --keys FOLDER with a mavlink.key, or --insecure"
+    if not request.pty:
+        check_guarded(
+            address,
+            option="--port",
+            text=str(request.port),
+            signed=request.keys is not None,
+            insecure=request.insecure,
         )
     return address
 

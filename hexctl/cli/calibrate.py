@@ -5,6 +5,8 @@ from typing import Annotated
 
 import typer
 
+from hexctl.cli.options import InsecureOption
+
 
 def calibrate(
     robot: Annotated[str, typer.Argument(help="Robot file (YAML) to write to; copy a shipped one first.")],
@@ -24,6 +26,7 @@ def calibrate(
         Path | None,
         typer.Option("--keys", help="Folder with mavlink.key, for a board that wants signatures."),
     ] = None,
+    insecure: InsecureOption = False,
 ) -> None:
     """Find sign, offset and limits of the servos, one at a time, and write them to the robot file.
 
@@ -31,4 +34,4 @@ def calibrate(
     """
     from hexctl.cli.calibrating import execute
 
-    raise typer.Exit(execute(robot, connect=connect, joints=joints, keys=keys))
+    raise typer.Exit(execute(robot, connect=connect, joints=joints, keys=keys, insecure=insecure))

@@ -4,7 +4,7 @@ import math
 import sys
 from pathlib import Path
 
-from hexctl.backends.mavlink.address import DEFAULT_PORT
+from hexctl.backends.mavlink.address import DEFAULT_PORT, check_guarded, parse_port
 from hexctl.backends.mavlink.key import read_signing_key
 from hexctl.backends.mavlink.servos import MavlinkServos
 from hexctl.cli.calibrationhands import Hands, Lines, QuitError
@@ -48,15 +48,18 @@ READY = (
 STEP_HELP = "+ or - 1 deg, ++ or -- 5, a number of degrees"
 
 
-def execute(robot_name: str, *, connect: str | None, joints: str | None, keys: Path | None) -> int:
+def execute(
+    robot_name: str, *, connect: str | None, joints: str | None, keys: Path | None, insecure: bool
+) -> int:
     """Calibrate as requested and return the exit code."""
     path = find_config("robots", robot_name)
     check_writable(path)
     robot, servo_map = load_robot(path), load_servo_map(path)
     chosen = chosen_joints(joints)
-    servos = MavlinkServos(
-        robot, servo_map=servo_map, port=connect or DEFAULT_PORT, signing_key=read_signing_key(keys)
-    )
+    port, signing_key = connect or DEFAULT_PORT, read_signing_key(keys)
+    signed = signing_key is not None
+    check_guarded(parse_port(port), option="--connect", text=port, signed=signed, insecure=insecure)
+    servos = MavlinkServos(robot, servo_map=servo_map, port=port, signing_key=signing_key)
     # One joint at a time, slowly: a computer that is busy for a moment need not end a long sitting.
     guarded = Guard(servos, expiry_s=MAX_EXPIRY_S)
     with StopOnInterrupt() as interrupt, guarded as guard:

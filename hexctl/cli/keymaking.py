@@ -1,11 +1,13 @@
-"""What `hexctl keys` does: make certificates and say where they go; show what is there."""
+"""What `hexctl keys` does: make certificates and say where they go; renew them; show what is there."""
 
 import socket
+from datetime import UTC, datetime
 from pathlib import Path
 
+from hexctl.backends.mavlink.key import write_signing_key
 from hexctl.cli.output import say
 from hexctl.errors import InputError
-from hexctl.serve.certificates import AUTHORITY_FOLDER, make_certificates
+from hexctl.serve.certificates import AUTHORITY_FOLDER, hosts_of, make_certificates, renew_certificates
 from hexctl.wire.credentials import CERTIFICATE_FILE, common_name, load_certificate
 from hexctl.wire.endpoint import Endpoint
 from hexctl.wire.role import Role
@@ -30,6 +32,19 @@ def make(folder: Path, *, hosts: list[str], days: int) -> None:
         say(f"{folder / part}  {use}")
 
 
+def renew(folder: Path, *, days: int) -> None:
+    """Make the certificates of a folder valid anew and say what is to be done with them."""
+    renew_certificates(folder, days=days)
+    show_all(folder)
+    say("give each end its folder again; until then the old ones are good for as long as they say")
+
+
+def make_signing_key(folder: Path) -> None:
+    """Make the key that signs MAVLink frames in a folder and say where it goes."""
+    path = write_signing_key(folder)
+    say(f"{path}  to both ends: hexctl serve --device-keys {folder}, hexctl board --keys {folder}")
+
+
 def show_all(folder: Path) -> None:
     """Print one line for each certificate of a folder.
 
@@ -38,18 +53,10 @@ def show_all(folder: Path) -> None:
     places = sorted([*folder.glob(CERTIFICATE_FILE), *folder.glob(f"*/{CERTIFICATE_FILE}")])
     if not places:
         raise InputError(f"{folder}: has no certificates; allowed: a folder that hexctl keys new made")
+    now = datetime.now(UTC)
     for place in places:
         certificate = load_certificate(place)
-        until = f"{certificate.not_valid_after_utc:%Y-%m-%d}"
-        say(f"{place.parent}: {common_name(certificate)}, until {until}{_hosts_of(place)}")
-
-
-def _hosts_of(place: Path) -> str:
-    """Return for which hosts a certificate is, as the end of a sentence."""
-    from cryptography import x509
-
-    try:
-        names = load_certificate(place).extensions.get_extension_for_class(x509.SubjectAlternativeName).value
-    except x509.ExtensionNotFound:
-        return ""
-    return ", for " + ", ".join(str(name.value) for name in names)
+        end = certificate.not_valid_after_utc
+        until = f"until {end:%Y-%m-%d}" + (", EXPIRED: hexctl keys renew" if end < now else "")
+        hosts = ", ".join(str(name.value) for name in hosts_of(certificate))
+        say(f"{place.parent}: {common_name(certificate)}, {until}" + (f", for {hosts}" if hosts else ""))

@@ -1,4 +1,4 @@
-"""`hexctl keys`: certificates for links beyond this computer."""
+"""`hexctl keys`: certificates for links beyond this computer, and the key of a servo board."""
 
 from pathlib import Path
 from typing import Annotated
@@ -8,6 +8,8 @@ import typer
 keys = typer.Typer(help="Make and show certificates for links beyond this computer.", no_args_is_help=True)
 
 FolderArgument = Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder of the certificates.")]
+
+DaysOption = Annotated[int, typer.Option("--days", help="Days that they are valid, 1..3650.")]
 
 
 @keys.command()
@@ -21,12 +23,28 @@ def new(
             "(default: this computer's name; loopback is always in)",
         ),
     ] = None,
-    days: Annotated[int, typer.Option("--days", help="Days that they are valid, 1..3650.")] = 825,
+    days: DaysOption = 825,
 ) -> None:
     """Make an authority, and certificates for a robot, its controllers and its viewers."""
     from hexctl.cli.keymaking import make
 
     make(folder, hosts=host or [], days=days)
+
+
+@keys.command()
+def renew(folder: FolderArgument = Path("keys"), days: DaysOption = 825) -> None:
+    """Make the certificates of a folder valid anew, for the same hosts; needs the folder's authority."""
+    from hexctl.cli.keymaking import renew as make_valid
+
+    make_valid(folder, days=days)
+
+
+@keys.command()
+def mavlink(folder: FolderArgument = Path("keys")) -> None:
+    """Make mavlink.key, the secret that lets a servo board and its controller sign their frames."""
+    from hexctl.cli.keymaking import make_signing_key
+
+    make_signing_key(folder)
 
 
 @keys.command()

@@ -54,7 +54,9 @@ def execute(service: Service) -> int:
         service.link, endpoint=service.listen, credentials=service.credentials, insecure=service.insecure
     )
     servos = _servos(service)
-    server = RobotServer(servos, link, backend=service.backend, sit_after_s=service.sit_after_s)
+    server = RobotServer(
+        servos, link, backend=service.backend, sit_after_s=service.sit_after_s, say=say_aside
+    )
     with StopOnInterrupt() as interrupt, ExitStack() as stack:
         realtime = request_realtime_priority()
 
@@ -119,6 +121,7 @@ def _servos(service: Service) -> LegServos:
         robot_file=service.robot,
         connect=service.device,
         credentials=service.device_keys,
+        insecure=service.insecure,
     )
     return make_servos(service.backend, options)
 

@@ -144,12 +144,17 @@ def _surety_lines(session: Session) -> list[str]:
     return [f"sure to {sure:.0f} % that gait {settled['code']} ends {within}"]
 
 
+def _why_none(session: Session) -> str:
+    """Return what became of the trials of a session without a valid one."""
+    ends = dict.fromkeys(_status(trial) for trial in session.trials)
+    return ", ".join(ends) if ends else "none has been walked"
+
+
 def _milestone_lines(session: Session) -> list[str]:
     """Return the best trial and how soon the milestones were reached."""
     best = session.best
     if best is None:
-        why = "every gait fell, diverged or made no progress" if session.trials else "none has been walked"
-        lines = [f"no valid trial yet: {why}"]
+        lines = [f"no valid trial yet: {_why_none(session)}"]
     else:
         slots = ",".join(str(slot) for slot in best.slots)
         lines = [f"best: trial {best.index}, code {best.code} (slots {slots}), {best.score:.3f} m"]

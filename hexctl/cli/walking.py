@@ -127,6 +127,12 @@ def _check(request: Request) -> World:
         raise InputError(f"--seed: got {request.seed}; allowed: 0 or more")
     if not request.simulated and request.world is not None:
         raise InputError(f"--world: got {request.world} with --backend {request.backend}; allowed: with sim")
+    if request.backend in LINKED and (request.seed or request.realtime):
+        option = f"--seed: got {request.seed}" if request.seed else "--realtime: got it"
+        raise InputError(
+            f"{option} with --backend {request.backend}, whose robot has its own chance and time; "
+            "allowed: with sim"
+        )
     if request.backend not in LINKED and (request.connect or request.link):
         raise InputError(
             f"--connect, --link: got one with --backend {request.backend}; allowed: with zenoh and mavlink"

@@ -12,11 +12,16 @@ from pathlib import Path
 from cryptography import x509
 from cryptography.hazmat.primitives import hashes
 from cryptography.hazmat.primitives.asymmetric import ec
-from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat
+from cryptography.hazmat.primitives.serialization import (
+    Encoding,
+    NoEncryption,
+    PrivateFormat,
+    load_pem_private_key,
+)
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
 from hexctl.errors import InputError
-from hexctl.wire.credentials import AUTHORITY_FILE, CERTIFICATE_FILE, KEY_FILE
+from hexctl.wire.credentials import AUTHORITY_FILE, CERTIFICATE_FILE, KEY_FILE, load_certificate
 from hexctl.wire.role import Role
 
 AUTHORITY_FOLDER = "authority"
@@ -48,8 +53,7 @@ def make_certificates(folder: Path, *, hosts: list[str], days: int) -> None:
 
     Raises InputError for a folder that exists or cannot be made, a host that is none, days out of range.
     """
-    if not MIN_DAYS <= days <= MAX_DAYS:
-        raise InputError(f"--days: got {days}; allowed: {MIN_DAYS} to {MAX_DAYS}")
+    _check_days(days)
     if folder.exists():
         raise InputError(f"{folder}: is there already; allowed: a new folder, keys are never overwritten")
     names = [_host(host) for host in hosts]
@@ -71,6 +75,61 @@ def make_certificates(folder: Path, *, hosts: list[str], days: int) -> None:
         raise InputError(f"{folder}: cannot be made ({error.strerror}); allowed: a new folder") from error
 
 
+def renew_certificates(folder: Path, *, days: int) -> None:
+    """Make all certificates of a folder valid anew, for the same hosts and with the same private keys.
+
+    An end with its old certificate and one with its new still understand each other, as long as both are
+    valid. Raises InputError for a folder without its authority, or one that cannot be written.
+    """
+    _check_days(days)
+    owner = folder / AUTHORITY_FOLDER
+    key = _load_key(owner / KEY_FILE)
+    authority = load_certificate(owner / CERTIFICATE_FILE)
+    issuer = _Issuer(_sign_authority(authority.subject, key, days), key)
+    renewed = {owner: issuer.certificate}
+    for role in Role:
+        place = folder / role.value
+        if place.is_dir():
+            hosts = hosts_of(load_certificate(place / CERTIFICATE_FILE))
+            renewed[place] = _certify(role, _load_key(place / KEY_FILE), hosts, issuer, days)
+    try:
+        for place, certificate in renewed.items():
+            _replace(place / CERTIFICATE_FILE, certificate)
+            _replace(place / AUTHORITY_FILE, issuer.certificate)
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be written ({error.strerror})") from error
+
+
+def hosts_of(certificate: x509.Certificate) -> list[x509.GeneralName]:
+    """Return under which hosts the owner of a certificate may listen."""
+    try:
+        return list(certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value)
+    except x509.ExtensionNotFound:
+        return []
+
+
+def _check_days(days: int) -> None:
+    if not MIN_DAYS <= days <= MAX_DAYS:
+        raise InputError(f"--days: got {days}; allowed: {MIN_DAYS} to {MAX_DAYS}")
+
+
+def _load_key(path: Path) -> Key:
+    try:
+        key = load_pem_private_key(path.read_bytes(), password=None)
+    except (OSError, ValueError, TypeError) as error:
+        raise InputError(f"{path}: is no private key ({error}); allowed: one of hexctl keys new") from error
+    if not isinstance(key, Key):
+        raise InputError(f"{path}: is no key of hexctl's kind; allowed: what hexctl keys new made")
+    return key
+
+
+def _replace(path: Path, certificate: x509.Certificate) -> None:
+    """Put a certificate in the place of another, whole or not at all."""
+    new = path.with_name(f".{path.name}")
+    new.write_bytes(certificate.public_bytes(Encoding.PEM))
+    new.replace(path)
+
+
 def _write(folder: Path, issuer: _Issuer, certificate: x509.Certificate, key: Key) -> None:
     """Write what one role needs; its private key is for its owner's eyes only."""
     folder.mkdir(mode=0o700)
@@ -85,10 +144,14 @@ def _make_authority(days: int) -> _Issuer:
     key = _new_key()
     # Two authorities must not have one name: who mixes them up would be told of a bad signature.
     name = _name(f"{AUTHORITY_NAME} {secrets.token_hex(4)}")
-    builder = _builder(name, name, key, days).add_extension(
-        x509.BasicConstraints(ca=True, path_length=0), critical=True
+    return _Issuer(_sign_authority(name, key, days), key)
+
+
+def _sign_authority(name: x509.Name, key: Key, days: int) -> x509.Certificate:
+    constraints = x509.BasicConstraints(ca=True, path_length=0)
+    return (
+        _builder(name, name, key, days).add_extension(constraints, critical=True).sign(key, hashes.SHA256())
     )
-    return _Issuer(builder.sign(key, hashes.SHA256()), key)
 
 
 def _certify(
@@ -106,7 +169,7 @@ def _certify(
         .add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
         .add_extension(x509.ExtendedKeyUsage([usage]), critical=True)
     )
-    if listens:
+    if listens and hosts:
         builder = builder.add_extension(x509.SubjectAlternativeName(hosts), critical=False)
     return builder.sign(issuer.key, hashes.SHA256())
 

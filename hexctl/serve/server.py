@@ -12,6 +12,7 @@ from hexctl.errors import CommandRefusedError, EStopError, MessageError, RobotFa
 from hexctl.robot.messages import JointTargets, RobotState
 from hexctl.serve.commands import CommandDesk
 from hexctl.serve.inbox import CAPACITY, Arrival, Inbox
+from hexctl.serve.journal import Journal
 from hexctl.serve.lease import LeaseDesk
 from hexctl.serve.posing import PosedServos
 from hexctl.serve.posture import SIT_AFTER_S, Posture
@@ -38,8 +39,15 @@ class RobotServer:
     """
 
     def __init__(
-        self, servos: LegServos, link: Link, *, backend: str, sit_after_s: float = SIT_AFTER_S
+        self,
+        servos: LegServos,
+        link: Link,
+        *,
+        backend: str,
+        sit_after_s: float = SIT_AFTER_S,
+        say: Callable[[str], None] = lambda _: None,
     ) -> None:
+        """Take servos and a link; `say` is told, in a line each, what a person beside the robot would ask."""
         self._servos = PosedServos(servos)
         self._guard = Guard(self._servos)
         self._backend, self._link = backend, link
@@ -47,6 +55,7 @@ class RobotServer:
         self._commands = CommandDesk()
         self._requests = RequestDesk(self._guard, self._leases)
         self._posture = Posture(self._guard, sit_after_s=sit_after_s)
+        self._journal = Journal(say)
         self._inbox = Inbox()
         self._station = Station(link, servos.robot.name, self._inbox, self._requests.urgent)
         self._description = describe(servos.robot)
@@ -131,6 +140,7 @@ class RobotServer:
         self._look_after_silence()
         self._posture.tick(self._guard.clock.now_s)
         self._say(state)
+        self._note()
         if self._ticks % STATUS_TICKS == 0:
             self._station.publish("status", encode_json(self.status()))
         if self._ticks % BATTERY_TICKS == 0:
@@ -146,6 +156,15 @@ class RobotServer:
             self._good_until_s = None
         if self._guard.stopped == "expired":
             self._leases.revoke()
+
+    def _note(self) -> None:
+        """Tell whoever stands beside the robot what has changed."""
+        lease = self._leases.holder(time.monotonic())
+        self._journal.note(
+            controller=None if lease is None else lease.owner,
+            stopped=self._guard.stopped,
+            posture=self._posture.name,
+        )
 
     def _say(self, state: RobotState) -> None:
         """Publish a state."""

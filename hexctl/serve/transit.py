@@ -1,7 +1,8 @@
 """How much longer than usual a message was on its way, from the sender's stamps alone."""
 
-#: Two clocks that never jump still drift apart, by less than this share.
-DRIFT = 200e-6
+#: Two clocks that never jump still drift apart, by less than this share: 100 ppm each for their crystals, and
+#: up to 500 ppm for time services that slew one of them. A faster one (chrony may) makes commands late.
+DRIFT = 1000e-6
 
 
 class Transit:

@@ -23,6 +23,8 @@ REFUSED = [
     (["serve", "--sit-after", "nan"], ["--sit-after", "nan", "1 to 3600"]),
     (["serve", "--sit-after", "0"], ["--sit-after", "0", "1 to 3600"]),
     (["status", "--watch", "--json"], ["--watch", "--json"]),
+    (["run", "--backend", "zenoh", "--seed", "3"], ["--seed", "zenoh", "sim"]),
+    (["run", "--backend", "zenoh", "--realtime"], ["--realtime", "zenoh", "sim"]),
     (["run", "--connect", "tcp/127.0.0.1:1"], ["--connect", "sim", "zenoh"]),
 ]
 
@@ -51,6 +53,8 @@ def test_an_address_that_is_taken_is_said_in_one_line() -> None:
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_it_ends_softly_when_asked(tmp_path: Path, number: signal.Signals) -> None:
     with served(tmp_path, backend="mock") as robot:
+        assert hexctl("estop", "--connect", robot.endpoint).returncode == 0
+        robot.wait_for("STOPPED: estop")
         robot.signal(number)
         assert robot.wait() == 0
         assert "Traceback" not in robot.said()

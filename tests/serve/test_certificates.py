@@ -10,8 +10,8 @@ from cryptography.x509 import SubjectAlternativeName
 from hexctl.cli.main import exit_code
 from hexctl.errors import InputError
 from hexctl.serve import certificates
-from hexctl.serve.certificates import make_certificates
-from hexctl.wire.credentials import CERTIFICATE_FILE, find_credentials, load_certificate
+from hexctl.serve.certificates import hosts_of, make_certificates, renew_certificates
+from hexctl.wire.credentials import AUTHORITY_FILE, CERTIFICATE_FILE, find_credentials, load_certificate
 from hexctl.wire.role import Role
 
 
@@ -68,7 +68,9 @@ def test_keys_are_never_overwritten(folder: Path) -> None:
     assert (folder / "robot" / "key.pem").read_bytes() == before
 
 
-def test_expired_and_future_certificates_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_expired_and_future_certificates_are_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     for name, days in (("old", -30), ("new", 30)):
 
         class Elsewhen(datetime):
@@ -82,6 +84,27 @@ def test_expired_and_future_certificates_are_refused(tmp_path: Path, monkeypatch
         make_certificates(tmp_path / name, hosts=["a"], days=5)
         with pytest.raises(InputError, match=r"is valid from .* and now it is"):
             find_credentials(tmp_path / name, Role.ROBOT)
+        assert exit_code(["keys", "show", str(tmp_path / name)]) == 0
+        assert ("EXPIRED" in capsys.readouterr().out) == (name == "old")
+
+
+def test_renewed_certificates_are_good_for_longer_and_beside_the_old(folder: Path, tmp_path: Path) -> None:
+    old = shutil.copytree(folder, tmp_path / "old")
+    renew_certificates(folder, days=900)
+    for role in Role:
+        before, after = (load_certificate(place / role.value / CERTIFICATE_FILE) for place in (old, folder))
+        assert after.not_valid_after_utc - before.not_valid_after_utc > timedelta(days=889)
+        assert hosts_of(after) == hosts_of(before)
+        find_credentials(folder, role)
+        # An end with the old ones trusts one with the new, and the other way round.
+        for certificate, place in ((after, old), (before, folder)):
+            certificate.verify_directly_issued_by(load_certificate(place / role.value / AUTHORITY_FILE))
+
+
+def test_a_folder_without_its_authority_cannot_be_renewed(folder: Path) -> None:
+    shutil.rmtree(folder / "authority")
+    with pytest.raises(InputError, match=r"authority/key\.pem"):
+        renew_certificates(folder, days=10)
 
 
 @pytest.mark.parametrize("missing", ["ca.pem", "key.pem"])
@@ -116,12 +139,18 @@ def test_the_command_makes_and_shows_them(
     shown = capsys.readouterr().out
     assert "robot.local" in shown
     assert "127.0.0.1" in shown
+    assert exit_code(["keys", "renew", "--days", "60"]) == 0
+    renewed = capsys.readouterr().out
+    assert "robot.local" in renewed
+    assert renewed.splitlines()[:-1] != shown.splitlines()
     for arguments in (
         ["keys", "new"],
         ["keys", "new", "b", "--days", "0"],
         ["keys", "new", "b", "--host", "tcp/a:1"],
         ["keys", "new", "/proc/b"],
         ["keys", "show", "nowhere"],
+        ["keys", "renew", "nowhere"],
+        ["keys", "renew", "--days", "0"],
     ):
         assert exit_code(arguments) == 2
         assert len(capsys.readouterr().err.splitlines()) == 1

@@ -60,3 +60,12 @@ def parse_port(text: str) -> PortAddress:
             raise InputError(f"port: got {baud} baud in {text!r}; allowed: 1200 to {MAX_BAUD}")
         return PortAddress("serial", serial[1], baud)
     raise InputError(f"port: got {text!r}; allowed: {ALLOWED}")
+
+
+def check_guarded(address: PortAddress, *, option: str, text: str, signed: bool, insecure: bool) -> None:
+    """Raise InputError for a port that others on the network reach, without a signature, unless told to."""
+    if not (address.local or signed or insecure):
+        raise InputError(
+            f"{option}: got {text}, where anybody on the network could move the servos; "
+            "allowed: this computer, a folder with a mavlink.key (hexctl keys mavlink), or --insecure"
+        )

@@ -1,0 +1,56 @@
+"""What changes on a robot that is served, told to a person in words."""
+
+import queue
+import threading
+import time
+from collections.abc import Callable
+from contextlib import suppress
+
+#: Lines that wait for a slow reader; what comes after them is left out.
+WAITING_LINES = 256
+
+#: What a posture means; `commanded` needs no line, its controller has one.
+POSTURES = {
+    "holding": "holds its pose",
+    "sitting": "sits down: no commands any more",
+    "limp": "sits, joints limp",
+}
+
+
+class Journal:
+    """Tells who commands the robot, what stopped it and how it stands, whenever that changes.
+
+    Lines are written by a thread of their own: a terminal that somebody holds must not hold up the robot.
+    """
+
+    def __init__(self, say: Callable[[str], None]) -> None:
+        self._say = say
+        self._lines: queue.Queue[str] = queue.Queue(WAITING_LINES)
+        self._controller: str | None = None
+        self._stopped: str | None = None
+        self._posture = "idle"
+        self._begun = False
+
+    def note(self, *, controller: str | None, stopped: str | None, posture: str) -> None:
+        """Tell what is not as it was when this was last called."""
+        if controller != self._controller:
+            self._tell(f"commanded by {controller}" if controller else f"{self._controller} has left")
+        if stopped != self._stopped:
+            self._tell(f"STOPPED: {stopped}" if stopped else f"no longer stopped ({self._stopped})")
+        if posture != self._posture and posture in POSTURES:
+            self._tell(POSTURES[posture])
+        self._controller, self._stopped, self._posture = controller, stopped, posture
+
+    def _tell(self, what: str) -> None:
+        if not self._begun:
+            self._begun = True
+            threading.Thread(target=self._write, name="journal", daemon=True).start()
+        with suppress(queue.Full):
+            self._lines.put_nowait(f"{time.strftime('%H:%M:%S')} {what}")
+
+    def _write(self) -> None:
+        while True:
+            try:
+                self._say(self._lines.get())
+            except OSError:
+                return  # whoever read it has gone

@@ -1,0 +1,56 @@
+"""What a robot's keeper reads: every change once, in order, and never at the robot's expense."""
+
+import threading
+
+from hexctl.serve.journal import WAITING_LINES, Journal
+
+PATIENCE_S = 10.0
+
+
+class Reader:
+    """Collects lines, and may be held up."""
+
+    def __init__(self) -> None:
+        self.lines: list[str] = []
+        self.go = threading.Event()
+        self.read = threading.Semaphore(0)
+
+    def say(self, line: str) -> None:
+        self.go.wait(PATIENCE_S)
+        self.lines.append(line.partition(" ")[2])
+        self.read.release()
+
+    def await_lines(self, count: int) -> list[str]:
+        for _ in range(count):
+            assert self.read.acquire(timeout=PATIENCE_S)
+        return self.lines
+
+
+def test_changes_are_told_once_and_in_order() -> None:
+    reader = Reader()
+    reader.go.set()
+    journal = Journal(reader.say)
+    for _ in range(3):
+        journal.note(controller=None, stopped=None, posture="idle")
+    for _ in range(3):
+        journal.note(controller="mia", stopped=None, posture="commanded")
+    journal.note(controller=None, stopped="expired", posture="holding")
+    journal.note(controller=None, stopped=None, posture="limp")
+    assert reader.await_lines(6) == [
+        "commanded by mia",
+        "mia has left",
+        "STOPPED: expired",
+        "holds its pose",
+        "no longer stopped (expired)",
+        "sits, joints limp",
+    ]
+
+
+def test_a_reader_who_is_held_up_holds_nothing_up() -> None:
+    reader = Reader()
+    journal = Journal(reader.say)
+    for number in range(10 * WAITING_LINES):
+        journal.note(controller=f"number {number}", stopped=None, posture="commanded")
+    assert reader.lines == []
+    reader.go.set()
+    assert reader.await_lines(WAITING_LINES)[0] == "commanded by number 0"
