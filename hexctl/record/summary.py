@@ -31,8 +31,8 @@ def make_markdown(
         facts: anything else, a row each.
     """
     outcome = [("**result**", "*not finished*")] if result is None else _result_rows(result, stability)
-    more = ((_cell(key), _cell(value)) for key, value in facts.items())
-    return f"## {_cell(title)}\n\n{_table([*outcome, *_plan_rows(robot, plan), *more])}\n"
+    rows = [*outcome, *_plan_rows(robot, plan), *_fact_rows(result, facts)]
+    return f"## {_cell(title)}\n\n{_table(rows)}\n"
 
 
 def make_properties(
@@ -96,6 +96,14 @@ def _result_rows(result: TrialResult, stability: float | None) -> Iterator[Row]:
     yield "clipped ticks", str(result.clipped_ticks)
 
 
+def _fact_rows(result: TrialResult | None, facts: Mapping[str, Any]) -> Iterator[Row]:
+    """Yield the facts that are known and not told before, as plan or result."""
+    told = {"robot", "gait", "failed_leg", "failure", *(result.numbers() if result is not None else ())}
+    for key, value in facts.items():
+        if key not in told and value is not None:
+            yield _cell(key), _cell(value)
+
+
 def _table(rows: Any) -> str:
     lines = [f"| {name} | {value} |" for name, value in rows]
     return "\n".join(["| | |", "|---|---|", *lines])
@@ -103,6 +111,8 @@ def _table(rows: Any) -> str:
 
 def _cell(value: Any) -> str:
     """Return a value as text that cannot break a table."""
+    if isinstance(value, Mapping):
+        value = ", ".join(f"{key} {each}" for key, each in value.items())
     text = f"{value:g}" if isinstance(value, float) else str(value)
     return " ".join(text.split()).replace("|", "\\|")
 
