@@ -7,7 +7,7 @@ import numpy as np
 from hexctl.control.log import TickLog
 from hexctl.record import paths
 from hexctl.record.balance import Tally, send_balance
-from hexctl.record.block import Block, Subject
+from hexctl.record.block import Block, Rows, Subject
 from hexctl.record.course import send_course, send_deviation, send_ribbon, send_trail
 from hexctl.record.events import send_events
 from hexctl.record.lanes import send_feet, send_gait, send_guard, send_phases
@@ -44,8 +44,7 @@ class BlockWriter:
         send_gait(block)
         send_guard(block)
         send_events(block)
-        if block.log.contacts_known:
-            send_feet(block)
+        send_feet(block)
         if not block.log.pose_known:
             return Tally()
         send_trail(block)
@@ -57,21 +56,19 @@ class BlockWriter:
 
 def _send_base(block: Block) -> None:
     """Send the pose of the body, or put it where a standing robot's is while none is known."""
+    rows: Rows = slice(None)
     if block.log.pose_known:
         position, quaternion = block.column("base_position_world"), block.column("base_quaternion_world")
-        rows = slice(None)
-    elif block.start == 0:
-        position, quaternion = (
-            np.array([[0, 0, block.subject.robot.standing_height_m]]),
-            np.array([[1, 0, 0, 0]]),
-        )
-        rows = slice(0, 1)
     else:
-        return
-    pose = load_rerun().Transform3D.columns(
-        translation=position.astype(np.float32), quaternion=xyzw(quaternion).astype(np.float32)
-    )
-    block.send(paths.ROBOT, rows, pose)
+        # The robot is drawn at one place, but the viewer's eye only follows what comes again and again.
+        rows = block.sparse()
+        position = np.tile([0, 0, block.subject.robot.standing_height_m], (rows.size, 1))
+        quaternion = np.tile([1, 0, 0, 0], (rows.size, 1))
+    if len(position):
+        pose = load_rerun().Transform3D.columns(
+            translation=position.astype(np.float32), quaternion=xyzw(quaternion).astype(np.float32)
+        )
+        block.send(paths.ROBOT, rows, pose)
 
 
 def _send_joints(block: Block) -> None:

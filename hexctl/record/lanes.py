@@ -50,9 +50,11 @@ def send_gait(block: Block) -> None:
 
 
 def send_feet(block: Block) -> None:
-    """Send which feet touch the floor, where that changes, as the foot's colour."""
+    """Send which feet touch the floor, where that changes, as the foot's colour; one for all if unfelt."""
     touching = block.led("foot_contacts")
-    colors = np.array([style.packed(style.LIFTED_COLOR), style.packed(style.TOUCHING_COLOR)], dtype=np.uint32)
+    felt = (style.LIFTED_COLOR, style.TOUCHING_COLOR)
+    shown = felt if block.log.contacts_known else (style.UNFELT_COLOR, style.UNFELT_COLOR)
+    colors = np.array([style.packed(color) for color in shown], dtype=np.uint32)
     for leg in paths.LEGS:
         rows = block.changes(touching[:, leg - 1])
         if rows.size:

@@ -11,6 +11,7 @@ LINK_COLORS = {"coxa": (126, 144, 164), "femur": (186, 198, 212), "tibia": (226,
 FAILED_COLORS = {"coxa": (190, 44, 30), "femur": (226, 66, 42), "tibia": (246, 98, 66)}
 TOUCHING_COLOR = (64, 220, 120)
 LIFTED_COLOR = (96, 108, 124)
+UNFELT_COLOR = (206, 212, 220)
 TRAIL_COLOR = (255, 190, 40)
 COURSE_COLOR = (120, 170, 255)
 DEVIATION_COLOR = (255, 200, 60)

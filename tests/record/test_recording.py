@@ -158,8 +158,8 @@ def test_without_a_pose_the_robot_stands_at_the_origin(trial: Trial, tmp_path: P
     with Recording(path, trial.robot, make_plan(trial.robot), title="blind") as recording:
         recording.write_block(log, 0, len(log))
     read = ReadBack(path)
-    (position,) = read.values("/world/robot", "Transform3D:translation")
-    np.testing.assert_allclose(position[0], [0, 0, trial.robot.standing_height_m], atol=1e-6)
+    positions = np.array(read.values("/world/robot", "Transform3D:translation"))[:, 0]
+    np.testing.assert_allclose(positions, [[0, 0, trial.robot.standing_height_m]] * len(positions), atol=1e-6)
     assert not read.values("/deviation", "Scalars:scalars")
     assert len(_joints(read, 1)) == len(log)
 
