@@ -1,7 +1,7 @@
 """Walk one gait of a session and record it: what the loop calls a trial."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,7 @@ from hexctl.control.trial import Enough, StopRequested, never, run_trial
 from hexctl.gait.encoding import Slots
 from hexctl.record.live import LiveView
 from hexctl.record.recording import Recording
+from hexctl.robot.meshes import Meshes
 from hexctl.robot.model import Robot
 
 #: What ends a walk early, for the walk that a log will be of.
@@ -38,6 +39,7 @@ class Walker:
         folder: where recordings go, or None to leave none.
         stop_requested: asked every tick.
         live: shows the walks while they go on, or None.
+        meshes: what the robot looks like in recordings.
     """
 
     spec: SessionSpec
@@ -47,6 +49,7 @@ class Walker:
     folder: Path | None
     stop_requested: StopRequested = never
     live: LiveView | None = None
+    meshes: Meshes = field(default_factory=dict)
 
     def walk(
         self, index: int, code: int, slots: Slots, enough: Enough | None = None
@@ -87,7 +90,7 @@ class Walker:
         live = self.live
         if live is None:
             return TickLog(recording.write_block if recording else None)
-        live.begin(self.robot, plan, title=title)
+        live.begin(self.robot, plan, title=title, meshes=self.meshes)
 
         def sink(log: TickLog, start: int, stop: int) -> None:
             if recording is not None:
@@ -101,7 +104,8 @@ class Walker:
             return None
         floor = make_floor(self.world, self.spec.seed) if self.world is not None else None
         path = _new_path(self.folder, index)
-        return Recording(path, self.robot, plan, title=f"trial {index}: gait {code}", floor=floor)
+        title = f"trial {index}: gait {code}"
+        return Recording(path, self.robot, plan, title=title, floor=floor, meshes=self.meshes)
 
     def _facts(self, index: int, code: int) -> dict[str, Any]:
         spec = self.spec

@@ -49,6 +49,7 @@ from hexctl.gait.named import make_gait
 from hexctl.record.live import LiveView
 from hexctl.robot.failure import parse_failure
 from hexctl.robot.file import load_robot
+from hexctl.robot.meshes import load_meshes
 from hexctl.robot.model import Robot
 
 MAX_BUDGET = 100_000
@@ -79,6 +80,7 @@ def new_spec(**options: Any) -> SessionSpec:
     if spec.optimizer != BAYES:
         make_optimizer(spec.optimizer, GaitSpace((spec.failed_leg,)), spec.seed)
     _robot, _world, plan = _walk_parts(spec)
+    load_meshes(spec.robot)  # refused before a session exists
     note_of(spec, robot, plan)
     return with_prior(
         spec,
@@ -189,6 +191,7 @@ def _adapt(
         folder=store.folder_of(session.name) if record else None,
         stop_requested=interrupt.requested,
         live=live,
+        meshes=load_meshes(spec.robot) if record or live is not None else {},
     )
     walk = walker.walk
     if servos is not None:

@@ -41,17 +41,23 @@ def check(
     from hexctl.errors import InputError
     from hexctl.gait.named import make_gait
     from hexctl.robot.file import load_robot
+    from hexctl.robot.meshes import load_meshes
     from hexctl.robot.servomap import load_servo_map
 
     if robot_name is not None and robot is not None and robot_name != robot:
         raise InputError(f"check: got robots {robot_name} and {robot}; allowed: one")
     described = load_robot(robot_name or robot or "ant")
     servo_map = load_servo_map(robot_name or robot or "ant")
+    meshes = load_meshes(robot_name or robot or "ant")
     walked = make_gait(described, gait, pace_hz=pace, amplitude=amplitude, height=height)
     headings = range(0, 360, 15) if heading is None else [finite("--heading", heading)]
     motions = _motions(headings, turn_rate_deg_s(turn), in_place=turn is not None and heading is None)
     demand = gait_demand(described, walked, motions)
-    report = {**_report(described, walked, demand), **_pulses(described, servo_map, demand)}
+    report = {
+        **_report(described, walked, demand),
+        **_pulses(described, servo_map, demand),
+        "meshes": list(meshes),
+    }
     say(json.dumps(report) if as_json else "\n".join(_lines(described, walked, report)))
     if not demand.possible:
         raise typer.Exit(BAD_INPUT)
@@ -129,6 +135,7 @@ def _lines(robot: Any, gait: Any, report: dict[str, Any]) -> list[str]:
     lines = [
         f"{robot.name}: {report['mass_kg']:g} kg, stands {report['standing_height_m']:g} m high",
         f"gait slots {slots} at {gait.pace_hz:g} Hz: ideal speed {report['ideal_speed_m_s']:g} m/s",
+        *([f"meshes for {', '.join(report['meshes'])}, solids for the rest"] if report["meshes"] else []),
         "",
         f"{'joint':<12}{'needs (deg)':>20}{'range (deg)':>20}{'peak deg/s':>12}{'limit':>8}",
     ]

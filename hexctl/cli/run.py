@@ -94,6 +94,7 @@ def run(
     from hexctl.control.plan import TrialPlan
     from hexctl.gait.named import make_gait
     from hexctl.robot.file import load_robot
+    from hexctl.robot.meshes import load_meshes
 
     described = load_robot(robot)
     failed = make_failure(failed_leg, failure)
@@ -126,6 +127,7 @@ def run(
         view=view,
         seed=seed,
         robot_file=robot,
+        meshes={} if no_record else load_meshes(robot),
         connect=connect,
         credentials=keys,
         insecure=insecure,

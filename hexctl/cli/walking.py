@@ -37,6 +37,7 @@ from hexctl.errors import (
     RobotFaultError,
 )
 from hexctl.record.files import probe_file
+from hexctl.robot.meshes import Meshes
 from hexctl.robot.model import Robot
 
 if TYPE_CHECKING:
@@ -66,6 +67,7 @@ class Request:
     view: bool
     seed: int
     robot_file: str
+    meshes: Meshes
     connect: str | None
     credentials: Path | None
     insecure: bool
@@ -227,7 +229,7 @@ def _open_recording(request: Request, world: World) -> "Recording | None":
     floor = _floor(request, world)
     title = f"{request.robot.name} {request.gait_text}"
     try:
-        return Recording(path, request.robot, request.plan, title=title, floor=floor)
+        return Recording(path, request.robot, request.plan, title=title, floor=floor, meshes=request.meshes)
     except MissingExtraError as error:
         raise MissingExtraError("recording (or walk with --no-record)", "view") from error
 
@@ -238,7 +240,8 @@ def _open_live(request: Request, world: World) -> "LiveView":
 
     live = LiveView()
     title = f"{request.robot.name} {request.gait_text}"
-    live.begin(request.robot, request.plan, title=title, floor=_floor(request, world))
+    floor = _floor(request, world)
+    live.begin(request.robot, request.plan, title=title, floor=floor, meshes=request.meshes)
     return live
 
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hexctl.ik.kinematics import link_points_body
+from hexctl.robot.joints import JOINTS_PER_LEG
 from hexctl.robot.messages import BoolArray, FloatArray
 from hexctl.robot.model import Robot
 
@@ -33,23 +34,50 @@ class Support:
 def centre_of_mass_body(robot: Robot, joint_positions_rad: FloatArray) -> FloatArray:
     """Return the robot's centre of mass in the body frame, leading shape + (3,) in m.
 
-    The trunk's mass sits at the origin of the body frame, a link's in the middle of its solid. What a world
-    adds to the robot, a payload for one, is not part of its description.
-
     Args:
         robot: geometry and masses.
         joint_positions_rad: leading shape + (18,).
     """
-    points = link_points_body(robot, joint_positions_rad)  # (..., 6, 4, 3)
-    starts, ends = points[..., :-1, :], points[..., 1:, :]
-    middles = starts + 0.5 * _solid_shares(robot)[:, np.newaxis] * (ends - starts)
-    return np.asarray(np.einsum("...lkc,k->...c", middles, robot.link_masses_kg) / robot.mass_kg)
+    return centre_of_mass_of(robot, link_points_body(robot, joint_positions_rad))
+
+
+def centre_of_mass_of(robot: Robot, link_points: FloatArray) -> FloatArray:
+    """Return the centre of mass of a robot whose links begin and end at points, leading shape + (3,) in m.
+
+    The trunk's mass sits at the origin of the body frame, a link's in the middle of its solid. What a world
+    adds to the robot, a payload for one, is not part of its description.
+
+    Args:
+        robot: masses.
+        link_points: what `link_points_body` returns, leading shape + (6, 4, 3) in m.
+    """
+    # A link's mass times its middle is so much of its start and so much of its end.
+    at_end = 0.5 * _solid_shares(robot) * robot.link_masses_kg
+    weights = np.zeros(len(at_end) + 1)
+    weights[:-1] += robot.link_masses_kg - at_end
+    weights[1:] += at_end
+    return np.asarray(np.einsum("...lpc,p->...c", link_points, weights) / robot.mass_kg)
 
 
 def _solid_shares(robot: Robot) -> FloatArray:
     """Return how much of each link its solid takes up, (3,): the tibia's ends where the foot begins."""
     length = float(np.hypot(*robot.link_vectors_m[-1]))
     return np.array([1.0, 1.0, max(0.5, 1 - robot.foot_radius_m / length)])
+
+
+def foot_heights_body(robot: Robot, joint_positions_rad: FloatArray) -> FloatArray:
+    """Return the heights of the feet's centres in the body frame, leading shape + (6,) in m.
+
+    Args:
+        robot: geometry.
+        joint_positions_rad: leading shape + (18,).
+    """
+    femur, knee = joint_positions_rad[..., 1::JOINTS_PER_LEG], joint_positions_rad[..., 2::JOINTS_PER_LEG]
+    (_, hip_up), (femur_out, femur_up), (tibia_out, tibia_up) = robot.link_vectors_m
+    tibia = femur + knee
+    up = femur_out * np.sin(femur) + femur_up * np.cos(femur)
+    up += tibia_out * np.sin(tibia) + tibia_up * np.cos(tibia)
+    return np.asarray(robot.mount_positions_body[:, 2] + hip_up + up)
 
 
 def to_world(points_body: FloatArray, position_world: FloatArray, quaternion_world: FloatArray) -> FloatArray:
@@ -65,6 +93,21 @@ def to_world(points_body: FloatArray, position_world: FloatArray, quaternion_wor
     return np.asarray(position_world[..., np.newaxis, :] + points_body + w * twice + np.cross(axis, twice))
 
 
+def carried(feet: FloatArray, standing: BoolArray, point: FloatArray) -> BoolArray:
+    """Return whether a point is within the convex hull of the feet that stand, leading shape.
+
+    It is, if the feet are all around it: no half turn is without one. Takes what `support` takes, and is
+    quicker where the margin is not wanted.
+    """
+    toward = feet - point[..., np.newaxis, :]
+    angles = np.arctan2(toward[..., 1], toward[..., 0])
+    # A foot in the air goes where one stands, and so leaves the gaps between the others as they are.
+    first = np.where(standing, angles, np.pi).min(axis=-1, keepdims=True)
+    angles = np.sort(np.where(standing, angles, first), axis=-1)
+    gaps = np.diff(angles, axis=-1, append=angles[..., :1] + 2 * np.pi)
+    return np.asarray(standing.any(axis=-1) & (gaps < np.pi).all(axis=-1))
+
+
 def support(feet: FloatArray, standing: BoolArray, point: FloatArray) -> Support:
     """Return the convex hull of the feet that stand and the margin of a point, all seen from above.
 
@@ -75,9 +118,13 @@ def support(feet: FloatArray, standing: BoolArray, point: FloatArray) -> Support
         standing: which of them carry the robot, leading shape + (6,).
         point: the projected centre of gravity, leading shape + (2,).
     """
-    sides = feet[..., np.newaxis, :, :] - feet[..., :, np.newaxis, :]  # (..., from, to, 2)
+    # The cross product of two feet, seen from a third, is a sum of their products seen from the origin.
+    seen = feet - feet[..., :1, :]
+    products = _cross(seen[..., :, np.newaxis, :], seen[..., np.newaxis, :, :])  # (..., from, to)
+    left = products[..., np.newaxis] + products[..., np.newaxis, :, :]  # (..., from, to, foot)
+    left -= products[..., :, np.newaxis, :]
+    sides = seen[..., np.newaxis, :, :] - seen[..., :, np.newaxis, :]  # (..., from, to, 2)
     lengths = np.hypot(sides[..., 0], sides[..., 1])
-    left = _cross(sides[..., :, np.newaxis, :], sides[..., np.newaxis, :, :])  # (..., from, to, foot)
     right_of = left < -SAME_PLACE_M * lengths[..., np.newaxis]
     outer = ~(right_of & standing[..., np.newaxis, np.newaxis, :]).any(axis=-1)
     outer &= standing[..., :, np.newaxis] & standing[..., np.newaxis, :] & (lengths > SAME_PLACE_M)

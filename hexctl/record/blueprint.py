@@ -19,8 +19,17 @@ def make_blueprint(robot: Robot, plan: TrialPlan, floor: Floor) -> Any:
     """Return the blueprint of a trial's recording."""
     import rerun.blueprint as rrb
 
-    scene = rrb.Vertical(scene_view(robot, plan, floor), _states_view(), row_shares=[5, 4])
-    side = rrb.Vertical(_summary_view(), _deviation_view(), _joints_tabs(), row_shares=[6, 3, 5])
+    scene = rrb.Vertical(scene_view(robot, plan, floor), _lanes_view(), row_shares=[1, 1])
+    hidden = rrb.PlotLegend(visible=False)
+    side = rrb.Vertical(
+        rrb.Tabs(_summary_view(), _events_view()),
+        rrb.Tabs(
+            _plot(paths.DEVIATION, "deviation (m)", plot_legend=hidden),
+            _plot(paths.MARGIN, "stability margin (m)", plot_legend=hidden),
+        ),
+        rrb.Tabs(*(_plot(paths.leg_path(leg), f"leg {leg} (rad)") for leg in paths.LEGS)),
+        row_shares=[6, 3, 5],
+    )
     return rrb.Blueprint(
         rrb.Horizontal(scene, side, column_shares=[5, 3]),
         rrb.BlueprintPanel(state="hidden"),
@@ -32,7 +41,7 @@ def make_blueprint(robot: Robot, plan: TrialPlan, floor: Floor) -> Any:
 
 
 def scene_view(robot: Robot, plan: TrialPlan, floor: Floor) -> Any:
-    """Return the 3-D view: the eye rides along with the robot, and the trail ends at the time cursor."""
+    """Return the 3-D view: the eye rides along with the robot, trail and ribbon end at the time cursor."""
     import rerun.blueprint as rrb
 
     cos, sin = math.cos(plan.heading_rad), math.sin(plan.heading_rad)
@@ -60,6 +69,7 @@ def scene_view(robot: Robot, plan: TrialPlan, floor: Floor) -> Any:
         ),
         overrides={
             paths.TRAIL: _up_to_cursor(),
+            paths.RIBBON: _up_to_cursor(),
             paths.GROUND: rrb.EntityBehavior(interactive=False),
         },
     )
@@ -76,20 +86,21 @@ def _up_to_cursor() -> Any:
     )
 
 
-def _states_view() -> Any:
-    """Return the lanes of the trial's phase and of the six feet; a foot's colour says enough."""
+def _lanes_view() -> Any:
+    """Return the lanes of gait, guard and the trial's parts; where a colour says enough, no word does."""
     import rerun.blueprint as rrb
 
-    states = load_rerun().StateConfiguration(
-        values=list(style.STATE_COLORS),
-        colors=list(style.STATE_COLORS.values()),
-        labels=[" " if state in (style.TOUCHING, style.LIFTED) else state for state in style.STATE_COLORS],
+    lanes = load_rerun().StateConfiguration(
+        values=list(style.LANE_COLORS),
+        colors=list(style.LANE_COLORS.values()),
+        labels=[" " if state in style.WORDLESS else state for state in style.LANE_COLORS],
     )
     return rrb.StateTimelineView(
         origin="/",
-        contents=[f"+ {paths.PHASE}", "+ touch/**"],
-        name="phase and foot contacts",
-        defaults=[states],
+        contents=[f"+ {paths.PHASE}", f"+ {paths.GUARD}", "+ gait/**"],
+        name="gait diagram: light is stance, orange hangs, red drags",
+        defaults=[lanes],
+        time_view=_linked(),
     )
 
 
@@ -99,17 +110,20 @@ def _summary_view() -> Any:
     return rrb.TextDocumentView(origin=paths.SUMMARY, name="trial")
 
 
-def _deviation_view() -> Any:
+def _events_view() -> Any:
     import rerun.blueprint as rrb
 
-    return rrb.TimeSeriesView(
-        origin=paths.DEVIATION, name="deviation (m)", plot_legend=rrb.PlotLegend(visible=False)
-    )
+    return rrb.TextLogView(origin=paths.EVENTS, name="events")
 
 
-def _joints_tabs() -> Any:
-    """Return one plot per leg."""
+def _plot(origin: str, name: str, **more: Any) -> Any:
     import rerun.blueprint as rrb
 
-    views = [rrb.TimeSeriesView(origin=paths.leg_path(leg), name=f"leg {leg} (rad)") for leg in paths.LEGS]
-    return rrb.Tabs(*views)
+    return rrb.TimeSeriesView(origin=origin, name=name, axis_x=_linked(), **more)
+
+
+def _linked() -> Any:
+    """Return a time axis that all views share, so that zooming into one zooms into all."""
+    import rerun.blueprint as rrb
+
+    return rrb.TimeAxis(link="LinkToGlobal")

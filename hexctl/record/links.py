@@ -10,12 +10,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from hexctl.record.block import KEPT_BITS, rounded
 from hexctl.record.sdk import load_rerun
 from hexctl.robot.joints import JOINT_KINDS
-from hexctl.robot.model import Robot
+from hexctl.robot.messages import FloatArray
 
 #: A positive coxa turns counter-clockwise from above; a positive femur or tibia lifts what points along x.
 AXES = {"coxa": (0.0, 0.0, 1.0), "femur": (0.0, -1.0, 0.0), "tibia": (0.0, -1.0, 0.0)}
+
+
+#: Binary places that a drawn angle is rounded to: a fiftieth of a degree.
+DRAWN_BITS = 11
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,19 +35,16 @@ class ArrowBatch:
 
 
 class LinkColumns:
-    """Makes the transform columns of links for a number of ticks; what all legs share is made once."""
+    """Makes the columns of links for a number of ticks; what all legs share is made once.
 
-    def __init__(self, robot: Robot, ticks: int) -> None:
+    Where a link begins on the one before never changes, and is not in here.
+    """
+
+    def __init__(self, ticks: int) -> None:
         self._offsets = np.arange(ticks + 1, dtype=np.int32)
         self._axes = {kind: _vectors(AXES[kind], ticks) for kind in JOINT_KINDS}
-        # Each joint sits at the end of the link before it; the coxa's is the mount itself.
-        starts = [(0.0, 0.0), *robot.link_vectors_m[:-1]]
-        self._starts = {
-            kind: self._column("translation", _vectors((outward, 0.0, up), ticks))
-            for kind, (outward, up) in zip(JOINT_KINDS, starts, strict=True)
-        }
 
-    def columns(self, kind: str, angles_rad: NDArray[np.float32]) -> list[Any]:
+    def columns(self, kind: str, angles_rad: FloatArray) -> list[Any]:
         """Return the columns of a link of this kind: it turns through the measured angle.
 
         Args:
@@ -52,23 +54,21 @@ class LinkColumns:
         import pyarrow as pa
 
         axis = self._axes[kind]
-        angle = pa.array(np.ascontiguousarray(angles_rad[:, 1]))
+        angle = pa.array(rounded(angles_rad[:, 1], DRAWN_BITS).astype(np.float32))
         fields = [
             pa.field("axis", axis.type, nullable=False),
             pa.field("angle", pa.float32(), nullable=False),
         ]
         turn = pa.StructArray.from_arrays([axis, angle], fields=fields)
-        # Rerun's scalars are doubles; the values stay those of single precision.
-        both = pa.array(angles_rad.astype(np.float64).ravel())
-        scalars = load_rerun().ComponentColumn(
-            load_rerun().Scalars.descriptor_scalars(), ArrowBatch(both), offsets=2 * self._offsets
-        )
-        return [self._column("rotation_axis_angle", turn), self._starts[kind], scalars]
-
-    def _column(self, name: str, values: Any) -> Any:
+        both = pa.array(rounded(angles_rad, KEPT_BITS).ravel())
         rr = load_rerun()
-        descriptor = getattr(rr.Transform3D, f"descriptor_{name}")()
-        return rr.ComponentColumn(descriptor, ArrowBatch(values), offsets=self._offsets)
+        return [
+            self._column(rr.Transform3D.descriptor_rotation_axis_angle(), turn, self._offsets),
+            self._column(rr.Scalars.descriptor_scalars(), both, 2 * self._offsets),
+        ]
+
+    def _column(self, descriptor: Any, values: Any, offsets: NDArray[np.int32]) -> Any:
+        return load_rerun().ComponentColumn(descriptor, ArrowBatch(values), offsets=offsets)
 
 
 def _vectors(vector: tuple[float, ...], ticks: int) -> Any:

@@ -15,6 +15,7 @@ from hexctl.control.plan import TrialPlan
 from hexctl.errors import RecordingError
 from hexctl.record.viewer import LOCAL, viewer_binary
 from hexctl.record.webviewer import free_port, web_options, web_url
+from hexctl.robot.meshes import Meshes
 from hexctl.robot.model import Robot
 
 #: Ticks of one block: ten pictures a second.
@@ -71,9 +72,17 @@ class LiveView:
     ) -> None:
         self.close()
 
-    def begin(self, robot: Robot, plan: TrialPlan, *, title: str, floor: Floor | None = None) -> None:
+    def begin(
+        self,
+        robot: Robot,
+        plan: TrialPlan,
+        *,
+        title: str,
+        floor: Floor | None = None,
+        meshes: Meshes | None = None,
+    ) -> None:
         """Say that another walk begins, and of whom."""
-        self._send({"robot": robot, "plan": plan, "title": title, "floor": floor})
+        self._send({"robot": robot, "plan": plan, "title": title, "floor": floor, "meshes": meshes})
 
     def write_block(self, log: TickLog, start: int, stop: int) -> None:
         """Pass rows [start, stop) of a log on."""

@@ -32,7 +32,8 @@ class Feed:
         self._stream: Any = rr.RecordingStream(APPLICATION_ID, recording_id=str(uuid.uuid4()))
         self._stream.connect_grpc(address, default_blueprint=make_blueprint(robot, plan, floor))
         self._stream.send_recording_name(header["title"])
-        send_scene(self._stream, robot, plan, floor)
+        send_scene(self._stream, robot, plan, floor, header["meshes"] or {})
+        self._began_at_s: float | None = None
 
     def show(self, block: dict[str, Any]) -> None:
         """Show the rows of a block."""
@@ -40,7 +41,10 @@ class Feed:
         log.frame = block["frame"]
         log.pose_known, log.contacts_known = block["pose_known"], block["contacts_known"]
         log.extend(block["rows"])
-        BlockWriter(self._stream, self._subject, log, start, len(log)).write()
+        if self._began_at_s is None:
+            times_s = log["time_s"]
+            self._began_at_s = time.time() - float(times_s[-1] - times_s[0])
+        BlockWriter(self._stream, self._subject, log, start, len(log), self._began_at_s).write()
 
     def close(self) -> None:
         """Let the viewer have what is left."""

@@ -13,12 +13,16 @@ from hexctl.control.log import TickLog
 from hexctl.control.plan import TrialPlan
 from hexctl.control.result import TrialResult
 from hexctl.record import paths
+from hexctl.record.balance import Tally
+from hexctl.record.block import Block
 from hexctl.record.blueprint import make_blueprint
 from hexctl.record.columns import BlockWriter, Subject
+from hexctl.record.events import send_outcome
 from hexctl.record.files import check_name, create_file
 from hexctl.record.scene import LEVEL, send_scene
 from hexctl.record.sdk import flush, load_rerun
 from hexctl.record.summary import make_markdown, make_properties
+from hexctl.robot.meshes import Meshes
 from hexctl.robot.model import Robot
 
 APPLICATION_ID = "hexctl"
@@ -43,7 +47,14 @@ class Recording:
     """
 
     def __init__(
-        self, path: Path, robot: Robot, plan: TrialPlan, *, title: str, floor: Floor | None = None
+        self,
+        path: Path,
+        robot: Robot,
+        plan: TrialPlan,
+        *,
+        title: str,
+        floor: Floor | None = None,
+        meshes: Meshes | None = None,
     ) -> None:
         """Create the file, with the scene and the layout in it.
 
@@ -53,6 +64,7 @@ class Recording:
             plan: what it shall do.
             title: heading of the text panel and name of the recording.
             floor: what it walks on; None is an even, level floor.
+            meshes: what the robot's parts look like; None is solids of its own geometry.
 
         Raises InputError for a file that exists or cannot be written, and
         MissingExtraError without Rerun.
@@ -62,6 +74,9 @@ class Recording:
         self._subject = Subject(robot, plan, floor or LEVEL)
         self._title = title
         self._pending: _Pending | None = None
+        self._created_at_s, self._began_at_s = time.time(), 0.0
+        self._tally = Tally()
+        self._last: Block | None = None
         self._written, self._written_at_s = 0, time.monotonic()
         check_name(path)
         create_file(path)
@@ -69,7 +84,7 @@ class Recording:
         floor = self._subject.floor
         self._stream.save(str(path), default_blueprint=make_blueprint(robot, plan, floor))
         self._stream.send_recording_name(title)
-        send_scene(self._stream, robot, plan, floor)
+        send_scene(self._stream, robot, plan, floor, meshes or {})
         self._send_summary(None, {})
 
     def __enter__(self) -> Self:
@@ -85,6 +100,8 @@ class Recording:
 
         A simulation's blocks come faster than they are worth a chunk each, and are written together.
         """
+        if start == 0:
+            self._began_at_s = self._beginning_s(log, stop)
         self._pending = _Pending(log, stop)
         waited_s = time.monotonic() - self._written_at_s
         if stop - self._written >= BLOCK_TICKS or waited_s >= BLOCK_S:
@@ -102,8 +119,11 @@ class Recording:
         rr = load_rerun()
         self._write_pending()
         self._send_summary(result, facts)
-        properties = make_properties(self._title, self._subject.robot, self._subject.plan, result, facts)
+        subject, share = self._subject, self._tally.share
+        properties = make_properties(self._title, subject.robot, subject.plan, result, share, facts)
         self._stream.send_property("trial", rr.AnyValues(**properties))
+        if self._last is not None:
+            send_outcome(self._last, result)
         flush(self._stream, self.path)
 
     def close(self) -> None:
@@ -114,7 +134,8 @@ class Recording:
             stream.disconnect()
 
     def _send_summary(self, result: TrialResult | None, facts: Mapping[str, Any]) -> None:
-        text = make_markdown(self._title, self._subject.robot, self._subject.plan, result, facts)
+        subject, share = self._subject, self._tally.share
+        text = make_markdown(self._title, subject.robot, subject.plan, result, share, facts)
         document = load_rerun().TextDocument(text, media_type="text/markdown")
         self._stream.log(paths.SUMMARY, document, static=True)
 
@@ -126,4 +147,14 @@ class Recording:
         # Rows that cannot be sent are not tried again: closing the file must go well then too.
         self._written, self._written_at_s, self._pending = stop, time.monotonic(), None
         if stop > start:
-            BlockWriter(self._stream, self._subject, log, start, stop).write()
+            writer = BlockWriter(self._stream, self._subject, log, start, stop, self._began_at_s)
+            self._tally += writer.write()
+            self._last = writer.block
+
+    def _beginning_s(self, log: TickLog, stop: int) -> float:
+        """Return when the first tick of a log was, in s since 1970.
+
+        A simulation's first block spans more of its own time than has passed since there is a recording.
+        """
+        times_s = log.rows("time_s", 0, stop)
+        return max(self._created_at_s, time.time() - float(times_s[-1] - times_s[0]))

@@ -1,4 +1,4 @@
-"""What never changes in a recording: floor, solids of the robot, names and colours of the plots."""
+"""What never changes in a recording: the floor, the robot's parts, names and colours of the rest."""
 
 import math
 from typing import Any
@@ -12,7 +12,9 @@ from hexctl.gait.gait import ideal_speed_m_s
 from hexctl.record import paths, style
 from hexctl.record.ground import SUNK_M, make_mesh
 from hexctl.record.sdk import load_rerun
-from hexctl.robot.joints import JOINT_KINDS
+from hexctl.record.solids import send_body, send_leg
+from hexctl.robot.joints import N_LEGS
+from hexctl.robot.meshes import Meshes
 from hexctl.robot.messages import FloatArray
 from hexctl.robot.model import Robot
 
@@ -43,22 +45,38 @@ def path_end_m(robot: Robot, plan: TrialPlan) -> FloatArray:
     return length * np.array([math.cos(plan.heading_rad), math.sin(plan.heading_rad)])
 
 
-def send_scene(stream: Any, robot: Robot, plan: TrialPlan, floor: Floor) -> None:
+def send_scene(stream: Any, robot: Robot, plan: TrialPlan, floor: Floor, meshes: Meshes) -> None:
     """Send everything that stays as it is to a recording stream."""
     rr = load_rerun()
     stream.log(paths.WORLD, rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
     _send_floor(stream, floor, path_end_m(robot, plan))
-    _send_body(stream, robot)
+    send_body(stream, robot, meshes)
     for leg in paths.LEGS:
-        _send_leg(stream, robot, plan, leg)
+        send_leg(stream, robot, plan, meshes, leg)
+    _send_looks(stream, robot)
+    for path, name, color in (
+        (paths.DEVIATION, "left of the line (m)", style.DEVIATION_COLOR),
+        (paths.MARGIN, "inside the feet (m)", style.MARGIN_COLOR),
+    ):
+        line = rr.SeriesLines(colors=[color], names=[name], widths=[2.0])
+        stream.log(path, line, static=True)
+
+
+def _send_looks(stream: Any, robot: Robot) -> None:
+    """Send what is the same at all times about what is drawn on the floor."""
+    rr, foot_m = load_rerun(), robot.foot_radius_m
     for path, color, radius in (
-        (paths.TRAIL, style.TRAIL_COLOR, robot.foot_radius_m / 3),
-        (paths.COURSE, style.COURSE_COLOR, robot.foot_radius_m / 4),
+        (paths.TRAIL, style.TRAIL_COLOR, foot_m / 3),
+        (paths.COURSE, style.COURSE_COLOR, foot_m / 4),
+        (paths.CENTRE, style.PLUMB_COLOR, foot_m / 6),
     ):
         look = rr.LineStrips3D.from_fields(colors=[color], radii=[radius])
         stream.log(path, look, static=True)
-    line = rr.SeriesLines(colors=[style.DEVIATION_COLOR], names=["left of the line (m)"], widths=[2.0])
-    stream.log(paths.DEVIATION, line, static=True)
+    stream.log(paths.CENTRE, rr.Points3D.from_fields(radii=[1.2 * foot_m]), static=True)
+    quad = rr.Mesh3D.from_fields(triangle_indices=[[0, 2, 3], [0, 3, 1]])
+    stream.log(paths.RIBBON, quad, static=True)
+    fan = rr.Mesh3D.from_fields(triangle_indices=[[0, corner, corner + 1] for corner in range(1, N_LEGS - 1)])
+    stream.log(paths.POLYGON, fan, static=True)
 
 
 def _send_floor(stream: Any, floor: Floor, end_m: FloatArray) -> None:
@@ -72,56 +90,3 @@ def _send_floor(stream: Any, floor: Floor, end_m: FloatArray) -> None:
     )
     pose = rr.Transform3D(quaternion=xyzw(floor.quaternion_world))
     stream.log(paths.GROUND, solid, pose, static=True)
-
-
-def _send_body(stream: Any, robot: Robot) -> None:
-    """Send the trunk and a mark at its front: the `ant` looks alike from all sides."""
-    rr = load_rerun()
-    length, width, height = robot.body.size_m
-    look = {"colors": [style.BODY_COLOR], "fill_mode": "solid"}
-    if robot.body.shape == "box":
-        trunk = rr.Boxes3D(half_sizes=[[length / 2, width / 2, height / 2]], **look)
-    else:
-        trunk = rr.Cylinders3D(lengths=[height], radii=[length / 2], **look)
-    stream.log(paths.BODY, trunk, static=True)
-    size = 0.12 * length
-    nose = rr.Boxes3D(
-        centers=[[length / 2 - 1.5 * size, 0, height / 2]],
-        half_sizes=[[size, size / 2, 0.1 * size]],
-        colors=[style.NOSE_COLOR],
-        fill_mode="solid",
-    )
-    stream.log(f"{paths.BODY}/front", nose, static=True)
-
-
-def _send_leg(stream: Any, robot: Robot, plan: TrialPlan, leg: int) -> None:
-    """Send mount, links and foot of a leg; a failed one in its own colours, a missing one as an outline."""
-    rr = load_rerun()
-    failure = plan.failure if plan.failure and plan.failure.leg == leg else None
-    colors = style.FAILED_COLORS if failure else style.LINK_COLORS
-    fill = "majorwireframe" if failure and failure.kind == "missing" else "solid"
-    yaw = rr.RotationAxisAngle([0, 0, 1], radians=float(robot.mount_yaws_rad[leg - 1]))
-    mount = rr.Transform3D(translation=robot.mount_positions_body[leg - 1], rotation=yaw)
-    stream.log(paths.leg_path(leg), mount, static=True)
-    for kind, (outward, up), radius in zip(
-        JOINT_KINDS, robot.link_vectors_m, robot.link_radii_m, strict=True
-    ):
-        tilt = math.atan2(outward, up)  # a capsule points along z until it is turned
-        solid = rr.Capsules3D(
-            lengths=[math.hypot(outward, up)],
-            radii=[radius],
-            quaternions=[[0, math.sin(tilt / 2), 0, math.cos(tilt / 2)]],
-            colors=[colors[kind]],
-            fill_mode=fill,
-        )
-        stream.log(paths.link_path(leg, kind), solid, _series(kind), static=True)
-    outward, up = robot.link_vectors_m[-1]
-    label = {"labels": [f"leg {leg} {failure}"], "show_labels": True} if failure else {}
-    foot = rr.Points3D([[outward, 0, up]], radii=[1.3 * robot.foot_radius_m], **label)
-    stream.log(paths.foot_path(leg), foot, static=True)
-
-
-def _series(kind: str) -> Any:
-    """Return names and looks of a joint's two plotted angles."""
-    names = [f"{kind} commanded", f"{kind} measured"]
-    return load_rerun().SeriesLines(names=names, colors=style.SERIES[kind], widths=[3.0, 1.2])

@@ -1,5 +1,7 @@
 """The colours of a recording, (red, green, blue), and the series of the plots."""
 
+Color = tuple[int, ...]
+
 BACKGROUND = (24, 28, 36)
 GROUND_COLOR = (52, 60, 70)
 GRID_COLOR = (255, 255, 255, 26)
@@ -9,9 +11,20 @@ LINK_COLORS = {"coxa": (126, 144, 164), "femur": (186, 198, 212), "tibia": (226,
 FAILED_COLORS = {"coxa": (190, 44, 30), "femur": (226, 66, 42), "tibia": (246, 98, 66)}
 TOUCHING_COLOR = (64, 220, 120)
 LIFTED_COLOR = (96, 108, 124)
+UNFELT_COLOR = (206, 212, 220)
 TRAIL_COLOR = (255, 190, 40)
 COURSE_COLOR = (120, 170, 255)
 DEVIATION_COLOR = (255, 200, 60)
+MARGIN_COLOR = (90, 214, 140)
+
+#: The ribbon between line and trail, by the side that the robot is on; the fourth number is the opacity.
+LEFT_COLOR = (70, 190, 230, 110)
+RIGHT_COLOR = (226, 96, 190, 110)
+
+#: The feet that carry and the centre of gravity, as long as it is above them, and when it is not.
+STEADY_COLOR, STEADY_FILL = (90, 230, 140), (60, 200, 110, 70)
+UNSTEADY_COLOR, UNSTEADY_FILL = (255, 70, 60), (255, 60, 50, 110)
+PLUMB_COLOR = (200, 206, 214)
 
 #: Commanded pale, measured strong; one hue per joint.
 SERIES = {
@@ -20,13 +33,35 @@ SERIES = {
     "tibia": ((160, 240, 180), (30, 190, 90)),
 }
 
-#: The states of a foot and the parts of a trial, in the timelines.
-TOUCHING, LIFTED = "touching", "lifted"
-STATE_COLORS = {
-    TOUCHING: (44, 150, 84),
-    LIFTED: (44, 50, 60),
+#: The states of a foot: commanded to be in stance or swing; and with what is felt: lifted or touching.
+STANCE, SWING = "stance", "swing"
+COMMANDED_STATES = (STANCE, SWING)
+HANGS, DRAGS = "stance without contact", "swing with contact"
+FELT_STATES = (HANGS, STANCE, SWING, DRAGS)
+
+#: What the guard and the clock do.
+GUARD_STATES = ("as commanded", "clipped", "ticks missed")
+STOPPED = "stopped"
+
+#: What the lanes say, and in what colour; a foot's colour and the ordinary say enough without a word.
+LANE_COLORS = {
+    STANCE: (206, 212, 220),
+    SWING: (38, 43, 52),
+    HANGS: (214, 140, 40),
+    DRAGS: (190, 60, 70),
     "settle": (96, 104, 118),
     "turn": (130, 90, 180),
     "walk": (50, 100, 160),
     "stop": (96, 104, 118),
+    GUARD_STATES[0]: (38, 43, 52),
+    GUARD_STATES[1]: (226, 150, 40),
+    GUARD_STATES[2]: (226, 66, 42),
+    STOPPED: (226, 66, 42),
 }
+WORDLESS = (*FELT_STATES, *GUARD_STATES[:2])
+
+
+def packed(color: Color) -> int:
+    """Return a colour, with its opacity if it has one, as Rerun packs it, 0xRRGGBBAA."""
+    red, green, blue, alpha = (*color, 255)[:4]
+    return red << 24 | green << 16 | blue << 8 | alpha

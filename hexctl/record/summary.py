@@ -13,16 +13,35 @@ Row = tuple[str, str]
 
 
 def make_markdown(
-    title: str, robot: Robot, plan: TrialPlan, result: TrialResult | None, facts: Mapping[str, Any]
+    title: str,
+    robot: Robot,
+    plan: TrialPlan,
+    result: TrialResult | None,
+    stability: float | None,
+    facts: Mapping[str, Any],
 ) -> str:
-    """Return the text panel; without a result the trial was not finished."""
-    outcome = [("**result**", "*not finished*")] if result is None else _result_rows(result)
-    more = ((_cell(key), _cell(value)) for key, value in facts.items())
-    return f"## {_cell(title)}\n\n{_table([*outcome, *_plan_rows(robot, plan), *more])}\n"
+    """Return the text panel; without a result the trial was not finished.
+
+    Args:
+        title: heading.
+        robot: who walked.
+        plan: what was asked for.
+        result: what it came to.
+        stability: share of the walk with the centre of gravity above the feet that stand, None if unknown.
+        facts: anything else, a row each.
+    """
+    outcome = [("**result**", "*not finished*")] if result is None else _result_rows(result, stability)
+    rows = [*outcome, *_plan_rows(robot, plan), *_fact_rows(result, facts)]
+    return f"## {_cell(title)}\n\n{_table(rows)}\n"
 
 
 def make_properties(
-    title: str, robot: Robot, plan: TrialPlan, result: TrialResult, facts: Mapping[str, Any]
+    title: str,
+    robot: Robot,
+    plan: TrialPlan,
+    result: TrialResult,
+    stability: float | None,
+    facts: Mapping[str, Any],
 ) -> dict[str, Any]:
     """Return title, plan, result and facts as named plain values; what has no value is left out."""
     gait = plan.gait
@@ -38,6 +57,7 @@ def make_properties(
         "failed_leg": plan.failure.leg if plan.failure else None,
         "failure": str(plan.failure) if plan.failure else None,
         "self_rotation": plan.self_rotation,
+        "stability": stability,
     }
     numbers = result.numbers()
     deviation = numbers.pop("deviation_m")
@@ -61,7 +81,7 @@ def _plan_rows(robot: Robot, plan: TrialPlan) -> Iterator[Row]:
         yield "turn", f"{math.degrees(plan.turn_rate_rad_s):g} °/s"
 
 
-def _result_rows(result: TrialResult) -> Iterator[Row]:
+def _result_rows(result: TrialResult, stability: float | None) -> Iterator[Row]:
     yield "**result**", f"**{result.status}** after {result.duration_s:.1f} s"
     if result.distance_m is not None:
         yield "distance", f"{result.distance_m:.3f} m of {result.ideal_distance_m:.3f} m without slip"
@@ -71,7 +91,17 @@ def _result_rows(result: TrialResult) -> Iterator[Row]:
         yield "**deviation**", f"**{off.final:.3f} m** at the end{whole}"
     if result.yaw_change_rad is not None:
         yield "turned", f"{math.degrees(result.yaw_change_rad):+.1f}°"
+    if stability is not None:
+        yield "**stability**", f"**{100 * stability:.0f} %** of the walk above the feet that stand"
     yield "clipped ticks", str(result.clipped_ticks)
+
+
+def _fact_rows(result: TrialResult | None, facts: Mapping[str, Any]) -> Iterator[Row]:
+    """Yield the facts that are known and not told before, as plan or result."""
+    told = {"robot", "gait", "failed_leg", "failure", *(result.numbers() if result is not None else ())}
+    for key, value in facts.items():
+        if key not in told and value is not None:
+            yield _cell(key), _cell(value)
 
 
 def _table(rows: Any) -> str:
@@ -81,6 +111,8 @@ def _table(rows: Any) -> str:
 
 def _cell(value: Any) -> str:
     """Return a value as text that cannot break a table."""
+    if isinstance(value, Mapping):
+        value = ", ".join(f"{key} {each}" for key, each in value.items())
     text = f"{value:g}" if isinstance(value, float) else str(value)
     return " ".join(text.split()).replace("|", "\\|")
 

@@ -182,6 +182,24 @@ class ServosSection(Section):
     leg6_tibia: JointServoSection = JointServoSection()
 
 
+class MeshSection(Section):
+    """The mesh that one part is drawn with: a file beside this one, and its pose in the part's frame."""
+
+    file: Annotated[str, Field(min_length=1)]
+    scale: Annotated[Number, Field(gt=0, le=1000, allow_inf_nan=False)] = 1.0
+    position_m: tuple[Coordinate, Coordinate, Coordinate] = (0.0, 0.0, 0.0)
+    rotation_deg: tuple[AngleDeg, AngleDeg, AngleDeg] = (0.0, 0.0, 0.0)
+
+
+class MeshesSection(Section):
+    """Meshes instead of solids, in recordings; a part left out stays a solid."""
+
+    body: MeshSection | None = None
+    coxa: MeshSection | None = None
+    femur: MeshSection | None = None
+    tibia: MeshSection | None = None
+
+
 class RobotSchema(Section):
     """A whole robot file."""
 
@@ -197,6 +215,7 @@ class RobotSchema(Section):
     servo: ServoSection
     gait: GaitSection
     servos: ServosSection = ServosSection()
+    meshes: MeshesSection = MeshesSection()
 
     @field_validator("mounts")
     @classmethod

@@ -8,7 +8,8 @@ from scipy.spatial import ConvexHull
 
 from hexctl.backends.sim.physics import FIRST_JOINT, make_simulation
 from hexctl.backends.sim.world import World
-from hexctl.ik.balance import centre_of_mass_body, support, to_world
+from hexctl.ik.balance import carried, centre_of_mass_body, foot_heights_body, support, to_world
+from hexctl.ik.kinematics import foot_positions_body
 from hexctl.robot.joints import N_JOINTS
 from tests.robots import ROBOT_NAMES, shipped
 
@@ -44,6 +45,14 @@ def test_many_poses_at_once_equal_one_at_a_time() -> None:
     np.testing.assert_allclose(together[2, 3], centre_of_mass_body(robot, joints[2, 3]), atol=1e-15)
 
 
+@pytest.mark.parametrize("name", ROBOT_NAMES)
+def test_foot_heights_are_those_of_the_kinematics(name: str) -> None:
+    robot = shipped(name)
+    joints = robot.stance_angles_rad + np.random.default_rng(1).normal(0, 0.5, (7, N_JOINTS))
+    expected = foot_positions_body(robot, joints)[..., 2]
+    np.testing.assert_allclose(foot_heights_body(robot, joints), expected, atol=1e-12)
+
+
 def test_a_robot_that_stands_is_in_the_middle_of_its_feet() -> None:
     found = support(HEXAGON, ALL, np.zeros(2))
     assert found.margin_m == pytest.approx(np.cos(np.pi / 6))
@@ -63,6 +72,14 @@ def test_the_polygon_is_the_convex_hull(feet: np.ndarray, point: np.ndarray) -> 
     x, y = found.corners.T
     area = 0.5 * (x * np.roll(y, -1) - y * np.roll(x, -1)).sum()
     assert area == pytest.approx(hull.volume, abs=1e-9)
+
+
+@given(feet=plane, standing=st.lists(st.booleans(), min_size=6, max_size=6).map(np.array))
+def test_the_quick_answer_is_that_of_the_margin(feet: np.ndarray, standing: np.ndarray) -> None:
+    point = np.array([0.0312, -0.0177])
+    margin = float(support(feet, standing, point).margin_m)
+    if abs(margin) > 1e-6:
+        assert bool(carried(feet, standing, point)) == (margin > 0)
 
 
 @pytest.mark.parametrize("legs", [(), (1,), (1, 4)])

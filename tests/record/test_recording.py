@@ -6,17 +6,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import rerun as rr
 
 from hexctl.control.log import PHASES, TickLog
 from hexctl.errors import HexctlError, InputError
 from hexctl.ik.kinematics import foot_positions_body
+from hexctl.record import paths
 from hexctl.record import recording as module
 from hexctl.record.recording import Recording
 from hexctl.record.viewer import viewer_binary
 from hexctl.robot.joints import JOINT_KINDS
 from tests.record.conftest import ReadBack, Trial, make_plan, write
-
-LINK = "/world/robot/leg{leg}/" + "/".join(JOINT_KINDS)
 
 
 @pytest.fixture(scope="module")
@@ -33,8 +33,8 @@ def _joints(read: ReadBack, which: int) -> np.ndarray:
     """Return commanded (0) or measured (1) angles, (ticks, 18)."""
     columns = []
     for leg in range(1, 7):
-        for depth in range(1, 4):
-            path = f"/world/robot/leg{leg}/" + "/".join(JOINT_KINDS[:depth])
+        for kind in JOINT_KINDS:
+            path = f"/{paths.link_path(leg, kind)}"
             columns.append([value[which] for value in read.values(path, "Scalars:scalars")])
     return np.array(columns).T
 
@@ -44,28 +44,45 @@ def test_every_tick_is_recorded_from_time_zero(read: ReadBack, trial: Trial) -> 
     np.testing.assert_allclose(times, trial.log["time_s"] - trial.log["time_s"][0], atol=1e-9)
 
 
+def test_the_wall_clock_runs_along(written: Path) -> None:
+    written_at_s = written.stat().st_mtime
+    for chunk in rr.chunk.RrdReader(written).stream().to_chunks():
+        batch = chunk.to_record_batch()
+        if "trial_time" not in batch.schema.names:
+            continue
+        trial_s, wall_s = (
+            np.array(batch.column(name).cast("int64")) / 1e9 for name in ("trial_time", "wall_time")
+        )
+        np.testing.assert_allclose(wall_s - trial_s, written_at_s, atol=60)
+        assert np.ptp(wall_s - trial_s) <= 0.5
+
+
 def test_joint_angles_are_those_of_the_log(read: ReadBack, trial: Trial) -> None:
-    np.testing.assert_allclose(_joints(read, 0), trial.log["sent_rad"], atol=1e-6)
-    np.testing.assert_allclose(_joints(read, 1), trial.log["measured_rad"], atol=1e-6)
+    np.testing.assert_allclose(_joints(read, 0), trial.log["sent_rad"], atol=1e-5)
+    np.testing.assert_allclose(_joints(read, 1), trial.log["measured_rad"], atol=1e-5)
 
 
 def test_the_drawn_feet_are_where_the_kinematics_put_them(read: ReadBack, trial: Trial) -> None:
     row = len(trial.log) // 2
     expected = foot_positions_body(trial.robot, trial.log["measured_rad"][row])
     for leg in range(1, 7):
-        point = np.array(read.values(f"{LINK.format(leg=leg)}/foot", "Points3D:positions")[0][0])
-        for depth in (3, 2, 1):
-            path = f"/world/robot/leg{leg}/" + "/".join(JOINT_KINDS[:depth])
+        path = f"/{paths.foot_path(leg)}"
+        point = np.array(read.values(path, "Points3D:positions")[0][0])
+        while (path := path.rpartition("/")[0]) != "/world/robot":
             point = _placed(read, path, row, point)
-        np.testing.assert_allclose(
-            _placed(read, f"/world/robot/leg{leg}", 0, point), expected[leg - 1], atol=1e-5
-        )
+        np.testing.assert_allclose(point, expected[leg - 1], atol=2e-4)
 
 
 def _placed(read: ReadBack, path: str, row: int, point: np.ndarray) -> np.ndarray:
-    """Return a point of an entity in its parent."""
-    turn = read.values(path, "Transform3D:rotation_axis_angle")[row][0]
-    start = np.array(read.values(path, "Transform3D:translation")[row][0])
+    """Return a point of an entity in its parent; what is static has one row."""
+    starts, turns = (
+        read.values(path, f"Transform3D:{part}") for part in ("translation", "rotation_axis_angle")
+    )
+    start = np.array(starts[0][0]) if starts else np.zeros(3)
+    if not turns:
+        moved: np.ndarray = point + start
+        return moved
+    turn = turns[min(row, len(turns) - 1)][0]
     axis, angle = np.array(turn["axis"]), turn["angle"]
     turned = (
         point * np.cos(angle)
@@ -80,17 +97,12 @@ def test_deviation_ends_with_the_result(read: ReadBack, trial: Trial) -> None:
     deviation = [value[0] for value in read.values("/deviation", "Scalars:scalars")]
     assert trial.result.deviation is not None
     assert len(deviation) == len(trial.result.path_m)
-    assert deviation[-1] == pytest.approx(trial.result.deviation.signed, abs=1e-6)
+    assert deviation[-1] == pytest.approx(trial.result.deviation.signed, abs=1e-5)
 
 
-def test_phases_contacts_trail_and_layout_are_in_the_file(read: ReadBack, trial: Trial) -> None:
+def test_phases_trail_and_layout_are_in_the_file(read: ReadBack, trial: Trial) -> None:
     phases = [value[0] for value in read.values("/phase", "StateChange:state")]
     assert phases == list(PHASES)
-    for leg in range(1, 7):
-        touching = trial.log["foot_contacts"][:, leg - 1]
-        states = [value[0] for value in read.values(f"/touch/leg{leg}", "StateChange:state")]
-        assert len(states) == 1 + np.count_nonzero(touching[1:] != touching[:-1])
-        assert states[0] == ("touching" if touching[0] else "lifted")
     assert len(read.values("/world/trail", "LineStrips3D:strips")) == (len(trial.log) - 1) // 5
     assert len(read.values("/world/course", "LineStrips3D:strips")) == 1
     assert len(read.blueprints) == 1
@@ -98,7 +110,9 @@ def test_phases_contacts_trail_and_layout_are_in_the_file(read: ReadBack, trial:
 
 
 def test_the_failed_leg_has_another_colour(read: ReadBack) -> None:
-    color = {leg: read.values(f"/world/robot/leg{leg}/coxa", "Capsules3D:colors")[0] for leg in range(1, 7)}
+    color = {
+        leg: read.values(f"/{paths.link_path(leg, 'coxa')}", "Capsules3D:colors")[0] for leg in range(1, 7)
+    }
     assert all(color[leg] == color[1] for leg in (2, 3, 4, 6))
     assert color[5] != color[1]
 
@@ -111,6 +125,9 @@ def test_outcome_is_text_and_properties(read: ReadBack) -> None:
     )
     assert read.values("/__properties/trial", "failed_leg") == [[5]]
     assert read.values("/__properties/trial", "gait_slots") == [[1, 4, 2, 6, 3, 5]]
+    ((stability,),) = read.values("/__properties/trial", "stability")
+    assert 0.5 < stability < 1
+    assert any(f"**{100 * stability:.0f} %** of the walk" in text for text in texts)
 
 
 def test_rerun_finds_nothing_wrong_with_the_file(written: Path) -> None:
@@ -141,8 +158,8 @@ def test_without_a_pose_the_robot_stands_at_the_origin(trial: Trial, tmp_path: P
     with Recording(path, trial.robot, make_plan(trial.robot), title="blind") as recording:
         recording.write_block(log, 0, len(log))
     read = ReadBack(path)
-    (position,) = read.values("/world/robot", "Transform3D:translation")
-    np.testing.assert_allclose(position[0], [0, 0, trial.robot.standing_height_m], atol=1e-6)
+    positions = np.array(read.values("/world/robot", "Transform3D:translation"))[:, 0]
+    np.testing.assert_allclose(positions, [[0, 0, trial.robot.standing_height_m]] * len(positions), atol=1e-6)
     assert not read.values("/deviation", "Scalars:scalars")
     assert len(_joints(read, 1)) == len(log)
 

@@ -1,0 +1,120 @@
+"""Rows of a log on their way into a recording."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hexctl.backends.sim.terrain import Floor
+from hexctl.control.log import PHASES, TickLog
+from hexctl.control.plan import TrialPlan
+from hexctl.ik.balance import foot_heights_body
+from hexctl.record import paths
+from hexctl.record.sdk import load_rerun
+from hexctl.robot.messages import BoolArray, FloatArray
+from hexctl.robot.model import Robot
+
+Rows = NDArray[np.int64] | slice
+
+#: What need not follow every tick is sent every so many of them: ten times a second.
+SPARSE_TICKS = 5
+
+#: The wall clock is kept to half a second: finer, it would cost more than it says.
+WALL_STEP_NS = 500_000_000
+
+#: Binary places that numbers are kept to: 8 micrometres or microradians off at most, which no robot feels.
+KEPT_BITS = 16
+
+#: A foot that is commanded higher than this above its place in the stance is meant to be in the air.
+LIFTED_M = 1e-5
+
+
+@dataclass(frozen=True, slots=True)
+class Subject:
+    """Who walks, what it shall do, and on what floor."""
+
+    robot: Robot
+    plan: TrialPlan
+    floor: Floor
+
+
+class Block:
+    """Rows [start, stop) of a log, their times, and what several parts of a recording make of them.
+
+    Rows are counted from the start of the block.
+
+    Attributes:
+        subject: whose log it is.
+        log: the log.
+        start: its first row in the log.
+        stop: the row after its last.
+    """
+
+    def __init__(
+        self, stream: Any, subject: Subject, log: TickLog, start: int, stop: int, began_at_s: float
+    ) -> None:
+        """Take rows of a log whose first tick was at a time of the wall clock, in s since 1970."""
+        self.subject, self.log, self.start, self.stop = subject, log, start, stop
+        self._stream, self._rr = stream, load_rerun()
+        elapsed_s = self.column("time_s") - log.rows("time_s", 0, 1)
+        elapsed_ns = np.round(elapsed_s * 1e9).astype(np.int64)
+        self._times = elapsed_ns.astype("timedelta64[ns]")
+        wall_ns = (elapsed_ns + round(began_at_s * 1e9)) // WALL_STEP_NS * WALL_STEP_NS
+        self._wall_times = wall_ns.astype("datetime64[ns]")
+
+    def column(self, name: str) -> Any:
+        """Return the block's rows of a column."""
+        return self.log.rows(name, self.start, self.stop)
+
+    def led(self, name: str) -> Any:
+        """Return the block's rows of a column, led by the row before them if there is one."""
+        return self.log.rows(name, max(self.start - 1, 0), self.stop)
+
+    def changes(self, led: Any) -> NDArray[np.int64]:
+        """Return the rows in which values (led, plain or by row) change, and the first tick of the log."""
+        changed = led[1:] != led[:-1]
+        rows = np.flatnonzero(changed if changed.ndim == 1 else changed.any(axis=-1))
+        return rows if self.start else np.concatenate([[0], rows + 1])
+
+    def in_walk(self) -> BoolArray:
+        """Return which rows belong to the walk, (rows,)."""
+        return np.asarray(self.column("phase") == PHASES.index("walk"))
+
+    def sparse(self) -> NDArray[np.int64]:
+        """Return the rows whose tick is a multiple of `SPARSE_TICKS`."""
+        return np.arange(-self.start % SPARSE_TICKS, self.stop - self.start, SPARSE_TICKS)
+
+    @cached_property
+    def led_swing(self) -> BoolArray:
+        """Return which feet are commanded to be in the air, led, (rows, 6); none while settling."""
+        robot = self.subject.robot
+        height = foot_heights_body(robot, self.led("wanted_rad")) - robot.stance_feet_body[:, 2]
+        moving = self.led("phase") != PHASES.index("settle")
+        return np.asarray((height > LIFTED_M) & moving[:, np.newaxis])
+
+    @cached_property
+    def standing(self) -> BoolArray:
+        """Return which feet touch the floor, or shall where the robot does not feel it, (rows, 6)."""
+        if self.log.contacts_known:
+            return np.asarray(self.column("foot_contacts"))
+        return np.asarray(~self.led_swing[len(self.led_swing) - (self.stop - self.start) :])
+
+    def send(self, path: str, rows: Rows, columns: Any) -> None:
+        """Send columns for rows."""
+        times = [
+            self._rr.TimeColumn(paths.TIMELINE, duration=self._times[rows]),
+            self._rr.TimeColumn(paths.WALL_TIMELINE, timestamp=self._wall_times[rows]),
+        ]
+        self._stream.send_columns(path, times, columns, strict=True)
+
+
+def compact(points_m: FloatArray) -> NDArray[np.float32]:
+    """Return points to half a millimetre: what is only looked at need not be exact, and then packs well."""
+    return rounded(points_m, 10).astype(np.float32)
+
+
+def rounded(values: FloatArray, bits: int) -> FloatArray:
+    """Return values rounded to so many binary places: numbers that end in zeros pack well."""
+    return np.asarray(np.round(values * 2.0**bits) / 2.0**bits)

@@ -1,0 +1,99 @@
+"""The meshes that a robot is drawn with: the `meshes:` section of a robot file.
+
+They are looks, not the robot: they change no `Robot`, and so no prior, session or link that belongs to it.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from hexctl.errors import InputError
+from hexctl.robot.configs import find_config, read_mapping, validate
+from hexctl.robot.joints import JOINT_KINDS
+from hexctl.robot.meshfiles import check_mesh, media_type
+from hexctl.robot.messages import FloatArray
+from hexctl.robot.schema import MeshSection, RobotSchema
+
+#: What can have a mesh.
+PARTS = ("body", *JOINT_KINDS)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class PartMesh:
+    """The mesh of the trunk or of one link of every leg, with its pose in that part's frame.
+
+    The trunk's frame is the body frame; a link's begins at its joint, x outward and z up at angle zero.
+
+    Attributes:
+        file: where it came from.
+        content: the file's bytes.
+        media_type: what they are, such as `model/stl`.
+        scale: metres per unit of the file.
+        position_m: origin of the mesh in the part's frame, (3,).
+        quaternion: its orientation there (w, x, y, z), (4,).
+    """
+
+    file: Path
+    content: bytes = field(repr=False)
+    media_type: str
+    scale: float
+    position_m: FloatArray
+    quaternion: FloatArray
+
+    @property
+    def coloured(self) -> bool:
+        """Return whether the file may bring colours of its own."""
+        return self.media_type != "model/stl"
+
+
+#: Meshes by part, one of `PARTS`; a part without one is drawn as a solid.
+Meshes = Mapping[str, PartMesh]
+
+
+def load_meshes(name_or_path: str | Path = "ant") -> Meshes:
+    """Return the meshes of a robot file, by shipped name or path; files are relative to it.
+
+    Raises InputError that says file, key, value and what is allowed, also for a mesh missing or broken.
+    """
+    path = find_config("robots", name_or_path)
+    section = validate(RobotSchema, read_mapping(path), path).meshes
+    parts = {part: getattr(section, part) for part in PARTS}
+    return {part: _load(path, part, mesh) for part, mesh in parts.items() if mesh is not None}
+
+
+def _load(robot_file: Path, part: str, section: MeshSection) -> PartMesh:
+    file = robot_file.parent / section.file
+    try:
+        content = file.read_bytes()
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise InputError(f"{robot_file}: meshes.{part}.file: {file} cannot be read ({reason})") from error
+    try:
+        kind = media_type(file)
+        check_mesh(content, kind)
+    except InputError as error:
+        raise InputError(f"{robot_file}: meshes.{part}.file: {file}: {error}") from error
+    return PartMesh(
+        file=file,
+        content=content,
+        media_type=kind,
+        scale=section.scale,
+        position_m=np.array(section.position_m),
+        quaternion=_quaternion(*(math.radians(angle) for angle in section.rotation_deg)),
+    )
+
+
+def _quaternion(roll: float, pitch: float, yaw: float) -> FloatArray:
+    """Return a turn about the fixed axes x, then y, then z, as (w, x, y, z)."""
+    (cr, sr), (cp, sp), (cy, sy) = ((math.cos(a / 2), math.sin(a / 2)) for a in (roll, pitch, yaw))
+    return np.array(
+        [
+            cr * cp * cy + sr * sp * sy,
+            sr * cp * cy - cr * sp * sy,
+            cr * sp * cy + sr * cp * sy,
+            cr * cp * sy - sr * sp * cy,
+        ]
+    )

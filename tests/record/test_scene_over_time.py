@@ -1,0 +1,182 @@
+"""What is drawn about a walk: gait diagram, ribbon, support polygon, centre of gravity, guard and events."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hexctl.backends.sim.servos import SimServos
+from hexctl.control.guard import Guard
+from hexctl.control.log import COLUMNS, PHASES, TickLog
+from hexctl.control.trial import run_trial
+from hexctl.gait.feet import gait_feet_body
+from hexctl.ik.balance import centre_of_mass_body, support, to_world
+from hexctl.ik.kinematics import foot_positions_body
+from hexctl.record import paths, style
+from hexctl.record.recording import Recording
+from tests.record.conftest import ReadBack, Trial, make_plan, write
+from tests.robots import shipped
+
+WALK = PHASES.index("walk")
+
+
+@pytest.fixture(scope="module")
+def read(trial: Trial, tmp_path_factory: pytest.TempPathFactory) -> ReadBack:
+    return ReadBack(write(tmp_path_factory.mktemp("drawn") / "trial.rrd", trial))
+
+
+def rewritten(trial: Trial, **columns: np.ndarray) -> TickLog:
+    """Return the trial's log with other columns."""
+    log = TickLog()
+    log.frame = trial.log.frame
+    log.extend({name: columns.get(name, trial.log[name]) for name, _, _ in COLUMNS})
+    return log
+
+
+def recorded(trial: Trial, log: TickLog, path: Path) -> ReadBack:
+    return ReadBack(write(path, replace(trial, log=log)))
+
+
+def lane(read: ReadBack, path: str, ticks: int) -> list[str]:
+    """Return the state at each tick."""
+    at = np.round(read.times_s(f"/{path}", "StateChange:state") * 50).astype(int)
+    states = [value[0] for value in read.values(f"/{path}", "StateChange:state")]
+    rows = np.searchsorted(at, np.arange(ticks), side="right") - 1
+    return [states[row] for row in rows]
+
+
+def commanded_swing(trial: Trial) -> np.ndarray:
+    """Return which feet the gait of the walk has in the air at each tick of it, (ticks, 6)."""
+    log, plan, robot = trial.log, trial.plan, trial.robot
+    ticks = np.count_nonzero(log["phase"] == WALK)
+    feet = gait_feet_body(robot, plan.gait, plan.motion(trial.result.turned_rad), np.arange(ticks) * 0.02)
+    swing = np.asarray(feet[..., 2] > robot.stance_feet_body[:, 2] + 1e-5)
+    swing[:, [leg - 1 for leg in plan.held_legs]] = False
+    return swing
+
+
+def test_the_gait_diagram_says_what_is_commanded_and_what_is_felt(read: ReadBack, trial: Trial) -> None:
+    log = trial.log
+    swing, touching = commanded_swing(trial), log["foot_contacts"][log["phase"] == WALK]
+    for leg in range(1, 7):
+        drawn = np.array(lane(read, paths.gait_path(leg), len(log)))[log["phase"] == WALK]
+        np.testing.assert_array_equal(np.isin(drawn, [style.SWING, style.DRAGS]), swing[:, leg - 1])
+        np.testing.assert_array_equal(np.isin(drawn, [style.STANCE, style.DRAGS]), touching[:, leg - 1])
+
+
+def test_without_contacts_the_gait_diagram_is_as_commanded(trial: Trial, tmp_path: Path) -> None:
+    log = rewritten(trial)
+    log.contacts_known = False
+    read = recorded(trial, log, tmp_path / "unfelt.rrd")
+    drawn = np.array(lane(read, paths.gait_path(2), len(log)))[log["phase"] == WALK]
+    np.testing.assert_array_equal(drawn == style.SWING, commanded_swing(trial)[:, 1])
+    assert set(drawn) == {style.STANCE, style.SWING}
+    assert read.values(f"/{paths.foot_path(2)}", "Points3D:colors")[0] == [style.packed(style.UNFELT_COLOR)]
+
+
+def test_polygon_and_centre_of_gravity_are_those_of_the_measured_robot(read: ReadBack, trial: Trial) -> None:
+    log, robot = trial.log, trial.robot
+    rows = np.arange(0, len(log), 5)
+    pose = log["base_position_world"][rows], log["base_quaternion_world"][rows]
+    joints = log["measured_rad"][rows]
+    feet = to_world(foot_positions_body(robot, joints), *pose)[..., :2]
+    centre = to_world(centre_of_mass_body(robot, joints)[:, np.newaxis], *pose)[:, 0]
+    found = support(feet, log["foot_contacts"][rows], centre[:, :2])
+    drawn = np.array(read.values(f"/{paths.POLYGON}", "Mesh3D:vertex_positions"))
+    np.testing.assert_allclose(drawn[..., :2], found.corners, atol=1e-3)
+    lines = np.array(read.values(f"/{paths.CENTRE}", "LineStrips3D:strips"))[:, 0]
+    np.testing.assert_allclose(lines[:, 1], centre, atol=1e-3)
+    np.testing.assert_allclose(lines[:, 0, :2], centre[:, :2], atol=1e-3)
+    colors = [value[0] for value in read.values(f"/{paths.CENTRE}", "Points3D:colors")]
+    steady, unsteady = (style.packed(color) for color in (style.STEADY_COLOR, style.UNSTEADY_COLOR))
+    assert colors == [steady if margin > 0 else unsteady for margin in found.margin_m]
+
+
+def test_the_margin_is_negative_where_the_centre_is_outside(read: ReadBack) -> None:
+    margins = [value[0] for value in read.values(f"/{paths.MARGIN}", "Scalars:scalars")]
+    assert min(margins) < 0 < max(margins) < shipped().stance_radius_m
+
+
+def test_stability_is_the_share_of_the_walk(trial: Trial, tmp_path: Path) -> None:
+    """A robot of which only the feet of the tripod ever touch stands on it all the time or never."""
+    felt = np.zeros((len(trial.log), 6), dtype=bool)
+    read = recorded(trial, rewritten(trial, foot_contacts=felt), tmp_path / "flying.rrd")
+    assert read.values("/__properties/trial", "stability") == [[0.0]]
+    felt[:] = True
+    read = recorded(trial, rewritten(trial, foot_contacts=felt), tmp_path / "standing.rrd")
+    assert read.values("/__properties/trial", "stability") == [[1.0]]
+
+
+def test_the_ribbon_lies_between_line_and_trail_and_shows_the_side(read: ReadBack, trial: Trial) -> None:
+    frame = trial.log.frame
+    assert frame is not None
+    quads = np.array(read.values(f"/{paths.RIBBON}", "Mesh3D:vertex_positions"))
+    assert abs(len(quads) - len(trial.result.path_m) // 10) <= 1
+    deviation = frame.path(quads.reshape(-1, 3))[:, 1].reshape(-1, 4)
+    np.testing.assert_allclose(deviation[:, [1, 3]], 0, atol=2e-3)
+    ends = np.round(read.times_s(f"/{paths.RIBBON}", "Mesh3D:vertex_positions") * 50).astype(int)
+    expected = frame.path(trial.log["base_position_world"][ends])[:, 1]
+    np.testing.assert_allclose(deviation[:, 2], expected, atol=2e-3)
+    colors = np.array([value[0] for value in read.values(f"/{paths.RIBBON}", "Mesh3D:albedo_factor")])
+    left, right = style.packed(style.LEFT_COLOR), style.packed(style.RIGHT_COLOR)
+    np.testing.assert_array_equal(colors, np.where(expected >= 0, left, right))
+
+
+def test_clipped_targets_and_missed_ticks_are_marked_and_told(trial: Trial, tmp_path: Path) -> None:
+    sent = trial.log["wanted_rad"].copy()
+    sent[60:63, 4] += 0.01
+    times = trial.log["time_s"].copy()
+    times[100:] += 0.06
+    log = rewritten(trial, sent_rad=sent, time_s=times)
+    read = recorded(trial, log, tmp_path / "troubled.rrd")
+    at = np.round(read.times_s(f"/{paths.GUARD}", "StateChange:state") * 50).astype(int).tolist()
+    states = [value[0] for value in read.values(f"/{paths.GUARD}", "StateChange:state")]
+    usual, clipped, missed = style.GUARD_STATES
+    assert list(zip(at, states, strict=True)) == [
+        (0, usual), (60, clipped), (63, usual), (103, missed), (104, usual)
+    ]  # fmt: skip
+    told = [value[0] for value in read.values(f"/{paths.EVENTS}", "TextLog:text")]
+    assert "clipped: leg2_femur" in told
+    assert "missed 3 ticks: the one before took too long" in told
+    assert [text for text in told if text.endswith("begins")] == [f"{phase} begins" for phase in PHASES]
+    assert told[-1] == "trial over, ok"
+
+
+def test_a_stop_is_marked_with_its_reason(tmp_path: Path) -> None:
+    robot = shipped()
+    plan = make_plan(robot, duration_s=3.0)
+    path = tmp_path / "stopped.rrd"
+    with (
+        Recording(path, robot, plan, title="stopped") as recording,
+        Guard(SimServos(robot)) as guard,
+    ):
+        log = TickLog(recording.write_block)
+
+        def stop_soon() -> bool:
+            if len(log) == 80:
+                guard.stop("estop")
+            return False
+
+        result = run_trial(guard, plan, log, stop_requested=stop_soon)
+        recording.finish(result, {})
+    read = ReadBack(path)
+    assert result.status == "aborted"
+    assert lane(read, paths.GUARD, len(log))[-1] == style.STOPPED
+    assert read.values(f"/{paths.EVENTS}", "TextLog:text")[-1] == ["trial over, aborted: estop"]
+    assert read.values(f"/{paths.EVENTS}", "TextLog:level")[-1] == ["ERROR"]
+
+
+def test_the_text_tells_everything_once(trial: Trial, tmp_path: Path) -> None:
+    facts = {"robot": "ant", "gait": {"name": "57"}, "failed_leg": 5, "status": "ok", "world": None}
+    facts |= {"seed": 7, "tick_us": {"p50": 1.5, "p99": 3.0}}
+    path = tmp_path / "told.rrd"
+    with Recording(path, trial.robot, trial.plan, title="told", floor=trial.floor) as recording:
+        recording.write_block(trial.log, 0, len(trial.log))
+        recording.finish(trial.result, facts)
+    (text,) = ReadBack(path).values(f"/{paths.SUMMARY}", "TextDocument:text")[-1]
+    rows = [line.split(" | ")[0].strip("| *") for line in text.splitlines() if line.startswith("| ")][1:]
+    assert len(rows) == len(set(rows))
+    assert {"result", "deviation", "stability", "failed leg", "gait", "seed", "tick_us"} <= set(rows)
+    assert "| tick_us | p50 1.5, p99 3.0 |" in text
+    assert "None" not in text
