@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-keys = typer.Typer(help="Make and show certificates for links beyond this computer.", no_args_is_help=True)
+keys = typer.Typer(help="Make and show certificates for robots beyond this computer.", no_args_is_help=True)
 
 FolderArgument = Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder of the certificates.")]
 
@@ -21,7 +21,7 @@ def new(
             "(default: this computer's name; loopback is always in)",
         ),
     ] = None,
-    days: Annotated[int, typer.Option("--days", help="Days that they are valid, 1..3650.")] = 825,
+    days: Annotated[int, typer.Option("--days", help="Days that the certificates are valid, 1..3650.")] = 825,
 ) -> None:
     """Make an authority, and certificates for a robot, its controllers and its viewers."""
     from hexctl.cli.keymaking import make
