@@ -26,7 +26,6 @@ SHORTER = {
     "run": "--duration 0.5",
     "adapt": "--budget 2",
     "study": "--legs 5 --duration 0.5 --runs 2 --budget 10",
-    "prior build": "--legs 5 --duration 6 --worlds 2",
 }
 #: Appended to walks on a robot that is served, which take as long as they say.
 SHORTER_SERVED = {
@@ -43,6 +42,7 @@ PARSED = {
     ("adapt", "--ask"): "asks a person where the robot is",
     ("adapt", "tls/robot.local:7447"): "needs a robot on another computer",
     ("study", "--transfer"): "simulates for an hour; tests/study has a small one",
+    ("prior", "build"): "walks 120 gaits a world, half a minute at least; tests/cli/test_prior.py has it",
     ("--dask",): "needs a cluster; tests/study has one",
 }
 
