@@ -7,7 +7,7 @@ INSTALLED := $(VENV)/.installed
 # No display is needed or looked for; set MUJOCO_GL yourself to render.
 export MUJOCO_GL ?= disable
 
-.PHONY: help setup demo test lint smoke bench soak clean
+.PHONY: help setup demo docs test lint smoke bench soak clean
 
 help:
 	@echo "make demo   find a gait for a hexapod whose leg 5 has failed, in simulation"
@@ -15,6 +15,7 @@ help:
 	@echo "make smoke  the built wheel, installed alone"
 	@echo "make bench  the numbers hexctl promises, measured (about 20 minutes)"
 	@echo "make soak   the long tests: a hundred stops, hostile input without end"
+	@echo "make docs   the documentation as a site, in build/site"
 	@echo "make clean  remove what the others made, recordings excepted"
 
 setup: $(INSTALLED)
@@ -50,6 +51,9 @@ bench: $(INSTALLED)
 
 soak: $(INSTALLED)
 	$(BIN)/pytest -m soak
+
+docs: $(INSTALLED)
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
 clean:
 	rm -rf $(VENV) build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis

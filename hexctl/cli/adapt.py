@@ -4,23 +4,38 @@ from typing import Annotated
 
 import typer
 
-from hexctl.cli.options import ConnectOption, InsecureOption, JsonOption, KeysOption, LinkOption
+from hexctl.cli.options import (
+    FAILED_LEG_HELP,
+    FAILURE_HELP,
+    SEED_HELP,
+    SELF_ROTATION_HELP,
+    WORLD_HELP,
+    ConnectOption,
+    InsecureOption,
+    JsonOption,
+    KeysOption,
+    LinkOption,
+)
 
 
 def adapt(
-    failed_leg: Annotated[int | None, typer.Option("--failed-leg", help="Leg that failed, 1..6.")] = None,
+    failed_leg: Annotated[
+        int | None,
+        typer.Option("--failed-leg", help=f"{FAILED_LEG_HELP} Needed, unless --resume. (default: none)"),
+    ] = None,
     failure: Annotated[
         str | None,
-        typer.Option("--failure", help="As in hexctl run. (default: locked)"),
+        typer.Option("--failure", help=f"{FAILURE_HELP} (default: locked)"),
     ] = None,
     budget: Annotated[
-        int | None, typer.Option("--budget", help="Trials to walk, 1 or more. (default: 20)")
+        int | None, typer.Option("--budget", help="Most trials to walk, 1..100000. (default: 20)")
     ] = None,
     optimizer: Annotated[
         str | None,
         typer.Option(
             "--optimizer",
-            help="bayes, pso, psosp, dps, debest, derand, random or exhaustive. "
+            help="What chooses the next gait: bayes (knows simulated worlds), random, exhaustive, or one of "
+            "the paper's pso, psosp, dps, debest, derand; or package.module:Class. "
             "(default: bayes where a prior fits, else random)",
         ),
     ] = None,
@@ -28,50 +43,69 @@ def adapt(
         str | None,
         typer.Option(
             "--prior",
-            help="What bayes believes before the first trial: auto (made by hexctl prior build, or shipped), "
-            "a file, or none. (default: auto)",
+            help="Prior, what bayes believes before the first trial: auto (made by hexctl prior build, or "
+            "shipped), a file, or none. (default: auto)",
         ),
     ] = None,
     early_stop: Annotated[
         bool,
-        typer.Option("--early-stop", help="End a walk once it is clear that it misses; with bayes."),
+        typer.Option("--early-stop", help="With bayes: end a walk as soon as it is clear that it misses."),
     ] = False,
     objective: Annotated[
         str | None,
         typer.Option(
             "--objective",
-            help="What to make small: final, mean or max deviation, or progress (final deviation per share "
-            "of the ideal distance). (default: final)",
+            help="What to make small: final, mean or max distance from the line of travel, or progress "
+            "(final, per share of the ideal distance walked). (default: final)",
         ),
     ] = None,
     target: Annotated[
         float | None,
         typer.Option(
             "--target",
-            help="Stop once the objective is this small, in metres; bayes once it is 90 % sure of it. "
+            help="Stop once the objective is this small, in metres, above 0; bayes once it is 90 % sure. "
             "(default: 0.025 with bayes, else none)",
         ),
     ] = None,
     confirm: Annotated[
         int | None,
-        typer.Option("--confirm", help="Of the budget, trials that repeat the best gait. (default: 0)"),
+        typer.Option(
+            "--confirm", help="Of the budget, trials kept to repeat the best gait, 0 or more. (default: 0)"
+        ),
     ] = None,
     count_repeats: Annotated[
         bool,
         typer.Option("--count-repeats", help="Walk a gait again when the optimizer asks for it again."),
     ] = False,
     duration: Annotated[
-        float | None, typer.Option("--duration", help="Seconds that each trial walks. (default: 30)")
+        float | None,
+        typer.Option("--duration", help="Seconds that each trial walks, above 0 up to 86400. (default: 30)"),
     ] = None,
     heading: Annotated[
-        float | None, typer.Option("--heading", help="Direction of travel in degrees. (default: 0)")
+        float | None,
+        typer.Option(
+            "--heading",
+            help="Direction of travel in degrees, any number, counter-clockwise from forward. (default: 0)",
+        ),
     ] = None,
     self_rotation: Annotated[
-        str | None, typer.Option("--self-rotation", help="rear, front or none. (default: rear)")
+        str | None, typer.Option("--self-rotation", help=f"{SELF_ROTATION_HELP} (default: rear)")
     ] = None,
-    backend: Annotated[str | None, typer.Option("--backend", help="As in hexctl run. (default: sim)")] = None,
-    robot: Annotated[str | None, typer.Option("--robot", help="As in hexctl run. (default: ant)")] = None,
-    world: Annotated[str | None, typer.Option("--world", help="As in hexctl run. (default: flat)")] = None,
+    backend: Annotated[
+        str | None,
+        typer.Option(
+            "--backend",
+            help="What moves: sim, zenoh (a robot that hexctl serve puts on the network), mavlink (a servo "
+            "board), or package.module:Class for servos of your own. (default: sim)",
+        ),
+    ] = None,
+    robot: Annotated[
+        str | None,
+        typer.Option("--robot", help="Robot: ant, phantomx, pexod, or a path to a YAML file. (default: ant)"),
+    ] = None,
+    world: Annotated[
+        str | None, typer.Option("--world", help=f"{WORLD_HELP} Only with sim. (default: flat)")
+    ] = None,
     connect: ConnectOption = None,
     keys: KeysOption = None,
     insecure: InsecureOption = False,
@@ -93,23 +127,31 @@ def adapt(
         ),
     ] = False,
     resume: Annotated[
-        str | None, typer.Option("--resume", help="Continue this session; everything else stays as it was.")
+        str | None,
+        typer.Option(
+            "--resume",
+            help="Go on with this session, by its name in hexctl sessions list. (default: begin a new one)",
+        ),
     ] = None,
     view: Annotated[
         bool,
         typer.Option(
             "--view",
-            help="Show a real robot's trials in Rerun while they go on, and the session when it has ended.",
+            help="Show a real robot's trials in Rerun while they go on, and the session at its end.",
         ),
     ] = False,
     no_record: Annotated[bool, typer.Option("--no-record", help="Leave no recordings.")] = False,
     seed: Annotated[
         int | None,
-        typer.Option("--seed", help="Seed of optimizer and simulation, 0 or more. (default: 0)"),
+        typer.Option("--seed", help=f"{SEED_HELP} (default: 0)"),
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Find a gait for a failed leg in few trials; every trial is kept and recorded. Ctrl-C and --resume."""
+    """Find a gait for a failed leg in few trials; each is kept and recorded.
+
+    A trial walks one of the 120 gaits and is scored by how far off the line it ends. Ctrl-C ends a session,
+    --resume goes on with it.
+    """
     from hexctl.cli.adapting import check_resumed_alone, execute, new_spec
 
     options = {

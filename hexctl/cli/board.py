@@ -5,7 +5,14 @@ from typing import Annotated
 
 import typer
 
-from hexctl.cli.options import JsonOption, RobotOption
+from hexctl.cli.options import (
+    FAILED_LEG_HELP,
+    FAILURE_HELP,
+    SEED_HELP,
+    WORLD_HELP,
+    JsonOption,
+    RobotOption,
+)
 
 
 def board(
@@ -13,27 +20,31 @@ def board(
         str | None,
         typer.Option(
             "--port",
-            help="udpin:HOST:PORT, udpout:HOST:PORT or a serial device such as /dev/ttyACM0:115200. "
+            help="Where controllers reach it: udpin:HOST:PORT (waits), udpout:HOST:PORT (calls) or a serial "
+            "device such as /dev/ttyACM0:115200. "
             "(default: udpin:127.0.0.1:14550)",
         ),
     ] = None,
     pty: Annotated[
-        bool, typer.Option("--pty", help="Make a pseudo-terminal instead and say which device it is.")
+        bool, typer.Option("--pty", help="Make a serial device instead, a pseudo-terminal, and say its name.")
     ] = False,
     backend: Annotated[
-        str, typer.Option("--backend", help="What the servos move: sim (in real time) or mock.")
+        str,
+        typer.Option(
+            "--backend", help="What the servos move: sim (simulation in real time) or mock (nothing)."
+        ),
     ] = "sim",
     robot: RobotOption = "ant",
     world: Annotated[
-        str | None, typer.Option("--world", help="With sim, its world, as in hexctl run. (default: flat)")
+        str | None, typer.Option("--world", help=f"{WORLD_HELP} Only with sim. (default: flat)")
     ] = None,
     failed_leg: Annotated[
-        int | None, typer.Option("--failed-leg", help="With sim, the leg that failed, 1..6.")
+        int | None, typer.Option("--failed-leg", help=f"{FAILED_LEG_HELP} Only with sim. (default: none)")
     ] = None,
     failure: Annotated[
-        str | None, typer.Option("--failure", help="With sim, as in hexctl run. (default: locked)")
+        str | None, typer.Option("--failure", help=f"{FAILURE_HELP} Only with sim. (default: locked)")
     ] = None,
-    seed: Annotated[int, typer.Option("--seed", help="With sim, of everything random, 0 or more.")] = 0,
+    seed: Annotated[int, typer.Option("--seed", help=SEED_HELP)] = 0,
     expiry: Annotated[
         float, typer.Option("--expiry", help="Seconds without a command until the pose is held, 0.05..1.")
     ] = 0.2,
@@ -44,14 +55,22 @@ def board(
         ),
     ] = 10.0,
     keys: Annotated[
-        Path | None, typer.Option("--keys", help="Folder with mavlink.key: obey signed frames only.")
+        Path | None,
+        typer.Option(
+            "--keys",
+            help="Folder with mavlink.key, the board's secret: only what it "
+            "signed is obeyed. (default: none)",
+        ),
     ] = None,
     insecure: Annotated[
-        bool, typer.Option("--insecure", help="Let others than this computer command without signatures.")
+        bool, typer.Option("--insecure", help="Let others than this computer command without that secret.")
     ] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Be a servo board that speaks MAVLink 2, the stand-in for firmware. Ctrl-C ends it."""
+    """Be a servo board that speaks MAVLink 2, to try things without one.
+
+    It runs until Ctrl-C. hexctl run --backend mavlink walks its simulated robot.
+    """
     from hexctl.cli.boarding import BoardRequest, execute
 
     request = BoardRequest(

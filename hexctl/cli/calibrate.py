@@ -20,15 +20,21 @@ def calibrate(
     ] = None,
     joints: Annotated[
         str | None,
-        typer.Option("--joints", help="Only these, such as leg1_coxa,leg2_tibia or leg3. (default: all)"),
+        typer.Option(
+            "--joints", help="Only these joints, such as leg1_coxa,leg2_tibia or leg3. (default: all 18)"
+        ),
     ] = None,
     keys: Annotated[
         Path | None,
-        typer.Option("--keys", help="Folder with mavlink.key, for a board that wants signatures."),
+        typer.Option(
+            "--keys",
+            help="Folder with mavlink.key, the board's secret, for a board that "
+            "obeys it only. (default: none)",
+        ),
     ] = None,
     insecure: InsecureOption = False,
 ) -> None:
-    """Find sign, offset and limits of the servos, one at a time, and write them to the robot file.
+    """Find direction, offset and limits of each servo, and write them to the robot file.
 
     Hold the robot so that its legs hang free. Every joint done is saved at once; Ctrl-C ends it.
     """

@@ -19,15 +19,22 @@ from hexctl.cli.output import say
 
 def check(
     robot_name: Annotated[
-        str | None, typer.Argument(metavar="[ROBOT]", help="Robot name or YAML file, as with --robot.")
+        str | None,
+        typer.Argument(
+            metavar="[ROBOT]", help="Robot: ant, phantomx, pexod, or a path to a YAML file. (default: ant)"
+        ),
     ] = None,
     robot: Annotated[
-        str | None, typer.Option("--robot", help="The same as an option. (default: ant)")
+        str | None, typer.Option("--robot", help="The robot, as an option. (default: ant)")
     ] = None,
     gait: GaitOption = "demo",
     heading: Annotated[
         float | None,
-        typer.Option("--heading", help="Degrees from forward, counter-clockwise. (default: all, in 15s)"),
+        typer.Option(
+            "--heading",
+            help="Direction of travel in degrees, any number, counter-clockwise from forward. "
+            "(default: all round, every 15)",
+        ),
     ] = None,
     turn: TurnOption = None,
     pace: PaceOption = None,
@@ -35,7 +42,7 @@ def check(
     height: HeightOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Check a robot file: reach, joint ranges and speeds of a gait, servo pulses, with numbers."""
+    """Check a robot file: can the robot walk a gait, in reach, angles, speeds and servo pulses."""
     from hexctl.cli.values import finite, turn_rate_deg_s
     from hexctl.control.feasibility import gait_demand
     from hexctl.errors import InputError

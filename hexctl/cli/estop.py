@@ -17,7 +17,10 @@ def estop(
     link: LinkOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Stop the robot at once; it holds its pose until the stop is cleared and somebody commands it anew."""
+    """Stop a robot on the network at once, from anywhere, whoever commands it.
+
+    It holds its pose until the stop is cleared and somebody commands it anew.
+    """
     from hexctl.cli.asking import stop_or_clear
 
     raise typer.Exit(

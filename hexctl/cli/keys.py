@@ -5,11 +5,11 @@ from typing import Annotated
 
 import typer
 
-keys = typer.Typer(help="Make and show certificates for links beyond this computer.", no_args_is_help=True)
+keys = typer.Typer(help="Make and show certificates for robots beyond this computer.", no_args_is_help=True)
 
 FolderArgument = Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder of the certificates.")]
 
-DaysOption = Annotated[int, typer.Option("--days", help="Days that they are valid, 1..3650.")]
+DaysOption = Annotated[int, typer.Option("--days", help="Days that the certificates are valid, 1..3650.")]
 
 
 @keys.command()

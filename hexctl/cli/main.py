@@ -28,19 +28,21 @@ app = typer.Typer(
     no_args_is_help=True,
     pretty_exceptions_enable=False,
 )
-app.command()(run)
-app.command()(adapt)
-app.command()(study)
-app.command()(serve)
-app.command()(status)
-app.command()(estop)
-app.command()(board)
-app.command()(calibrate)
-app.command()(check)
-app.command()(view)
-app.add_typer(keys, name="keys")
-app.add_typer(prior, name="prior")
-app.add_typer(sessions, name="sessions")
+WALK, ROBOT, NETWORK, STUDY = "Walk and adapt", "Your robot", "Over the network", "Simulate a lot"
+
+app.command(rich_help_panel=WALK)(run)
+app.command(rich_help_panel=WALK)(adapt)
+app.command(rich_help_panel=WALK)(view)
+app.add_typer(sessions, name="sessions", rich_help_panel=WALK)
+app.command(rich_help_panel=ROBOT)(check)
+app.command(rich_help_panel=ROBOT)(calibrate)
+app.command(rich_help_panel=ROBOT)(board)
+app.command(rich_help_panel=NETWORK)(serve)
+app.command(rich_help_panel=NETWORK)(status)
+app.command(rich_help_panel=NETWORK)(estop)
+app.add_typer(keys, name="keys", rich_help_panel=NETWORK)
+app.command(rich_help_panel=STUDY)(study)
+app.add_typer(prior, name="prior", rich_help_panel=STUDY)
 
 
 def _print_version(wanted: bool) -> None:

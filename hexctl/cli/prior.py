@@ -5,9 +5,18 @@ from typing import Annotated
 
 import typer
 
-from hexctl.cli.options import DaskOption, JobsOption, JsonOption, RobotOption
+from hexctl.cli.options import (
+    FAILURE_HELP,
+    SELF_ROTATION_HELP,
+    DaskOption,
+    JobsOption,
+    JsonOption,
+    RobotOption,
+)
 
-prior = typer.Typer(help="What adaptation believes before its first trial.", no_args_is_help=True)
+prior = typer.Typer(
+    help="Make and show priors: what hexctl adapt believes before its first trial.", no_args_is_help=True
+)
 
 
 @prior.command()
@@ -16,20 +25,21 @@ def build(
     worlds: Annotated[
         int, typer.Option("--worlds", help="Worlds that each failed leg's gaits walk in, 2..1024.")
     ] = 16,
-    legs: Annotated[str, typer.Option("--legs", help="Failed legs, such as 2,5.")] = "1,2,3,4,5,6",
-    failure: Annotated[
-        str, typer.Option("--failure", help="locked, limp, stuck, weak or missing.")
-    ] = "locked",
-    self_rotation: Annotated[str, typer.Option("--self-rotation", help="rear, front or none.")] = "rear",
-    duration: Annotated[float, typer.Option("--duration", help="Seconds that each gait walks.")] = 30.0,
+    legs: Annotated[str, typer.Option("--legs", help="Failed legs, of 1..6, with commas.")] = "1,2,3,4,5,6",
+    failure: Annotated[str, typer.Option("--failure", help=FAILURE_HELP)] = "locked",
+    self_rotation: Annotated[str, typer.Option("--self-rotation", help=SELF_ROTATION_HELP)] = "rear",
+    duration: Annotated[
+        float, typer.Option("--duration", help="Seconds that each gait walks, above 0 up to 86400.")
+    ] = 30.0,
     family: Annotated[
-        str, typer.Option("--family", help="Family of worlds: randomised, or a path to a YAML file.")
+        str,
+        typer.Option("--family", help="Family of worlds to draw from: randomised, or a path to a YAML file."),
     ] = "randomised",
     out: Annotated[
         Path | None,
         typer.Option(
             "--out",
-            help="File to write. (default: runs/priors/ROBOT-FAILURE-ROTATION-SECONDS.npz)",
+            help="File to write, .npz. (default: runs/priors/ROBOT-FAILURE-ROTATION-SECONDS.npz)",
             show_default=False,
         ),
     ] = None,
@@ -63,7 +73,9 @@ def build(
 
 @prior.command()
 def show(
-    file: Annotated[str | None, typer.Argument(help="A prior. (default: all there are)")] = None,
+    file: Annotated[
+        str | None, typer.Argument(help="Prior to show, an .npz file. (default: all there are)")
+    ] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Say what priors are for: robot, failure, trial, worlds."""

@@ -6,6 +6,11 @@ from typing import Annotated
 import typer
 
 from hexctl.cli.options import (
+    FAILED_LEG_HELP,
+    FAILURE_HELP,
+    SEED_HELP,
+    SELF_ROTATION_HELP,
+    WORLD_HELP,
     AmplitudeOption,
     ConnectOption,
     GaitOption,
@@ -25,8 +30,9 @@ def run(
         str,
         typer.Option(
             "--backend",
-            help="sim, zenoh (a robot that hexctl serve puts on the network), mavlink, mock, "
-            "or package.module:Class for your own LegServos.",
+            help="What moves: sim (simulation), zenoh (a robot that hexctl serve puts on the network), "
+            "mavlink (a servo board), mock (servos without a robot), or package.module:Class for servos of "
+            "your own.",
         ),
     ] = "sim",
     robot: RobotOption = "ant",
@@ -34,7 +40,7 @@ def run(
         str | None,
         typer.Option(
             "--world",
-            help="World of the simulation: flat, slippery, slope, rough, or a YAML file. (default: flat)",
+            help=f"{WORLD_HELP} Only with sim. (default: flat)",
         ),
     ] = None,
     gait: GaitOption = "demo",
@@ -42,51 +48,57 @@ def run(
         float | None,
         typer.Option(
             "--heading",
-            help="Direction of travel in degrees from where the body points at the start, "
-            "counter-clockwise. (default: 0)",
+            help="Direction of travel in degrees, any number, counter-clockwise from where the body points "
+            "at the start: 90 goes to the left. (default: 0)",
         ),
     ] = None,
     turn: TurnOption = None,
-    duration: Annotated[float, typer.Option("--duration", help="Seconds to walk, up to 86400.")] = 30.0,
+    duration: Annotated[
+        float, typer.Option("--duration", help="Seconds to walk, above 0 up to 86400.")
+    ] = 30.0,
     pace: PaceOption = None,
     amplitude: AmplitudeOption = None,
     height: HeightOption = None,
-    failed_leg: Annotated[int | None, typer.Option("--failed-leg", help="Leg that failed, 1..6.")] = None,
+    failed_leg: Annotated[
+        int | None, typer.Option("--failed-leg", help=f"{FAILED_LEG_HELP} (default: none)")
+    ] = None,
     failure: Annotated[
         str | None,
-        typer.Option(
-            "--failure",
-            help="locked, limp, missing, weak[:FRACTION of torque 0..1, 0.3], "
-            "stuck[:JOINT[:DEGREES]] (coxa at 0). (default: locked)",
-        ),
+        typer.Option("--failure", help=f"{FAILURE_HELP} (default: locked)"),
     ] = None,
     self_rotation: Annotated[
         str,
-        typer.Option("--self-rotation", help="Turn until the failed leg is at the rear, front, or none."),
+        typer.Option("--self-rotation", help=SELF_ROTATION_HELP),
     ] = "rear",
     realtime: Annotated[
-        bool, typer.Option("--realtime", help="Pace the simulation with the wall clock.")
+        bool,
+        typer.Option("--realtime", help="Simulate at the speed of a real robot, not as fast as possible."),
     ] = False,
     record: Annotated[
         Path | None,
-        typer.Option("--record", help="Recording to write (.rrd). (default: a new one in runs/)"),
+        typer.Option("--record", help="Recording to write, a new .rrd file. (default: one in runs/)"),
     ] = None,
     no_record: Annotated[bool, typer.Option("--no-record", help="Leave no recording.")] = False,
     view: Annotated[
         bool,
         typer.Option(
             "--view",
-            help="Show the walk in Rerun: while it goes on where the clock paces it, afterwards else.",
+            help="Show the walk in the Rerun viewer: while it goes on with --realtime or on a robot, "
+            "afterwards else.",
         ),
     ] = False,
-    seed: Annotated[int, typer.Option("--seed", help="Seed of everything random, 0 or more.")] = 0,
+    seed: Annotated[int, typer.Option("--seed", help=SEED_HELP)] = 0,
     connect: ConnectOption = None,
     keys: KeysOption = None,
     insecure: InsecureOption = False,
     link: LinkOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Walk, record it for Rerun, and say how it went. Ctrl-C stops softly."""
+    """Walk, record it, and say how it went.
+
+    Ctrl-C stops softly and keeps the recording. Exit codes: 0 done, 2 bad input, 3 fault of robot or link,
+    4 fell or was stopped, 130 interrupted.
+    """
     from math import radians
 
     from hexctl.cli.values import finite, make_failure, turn_rate_deg_s

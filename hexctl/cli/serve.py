@@ -5,7 +5,16 @@ from typing import Annotated
 
 import typer
 
-from hexctl.cli.options import InsecureOption, KeysOption, LinkOption, RobotOption
+from hexctl.cli.options import (
+    FAILED_LEG_HELP,
+    FAILURE_HELP,
+    SEED_HELP,
+    WORLD_HELP,
+    InsecureOption,
+    KeysOption,
+    LinkOption,
+    RobotOption,
+)
 
 
 def serve(
@@ -13,32 +22,45 @@ def serve(
         str,
         typer.Option(
             "--backend",
-            help="Whose servos: sim (paced in real time), mavlink, mock, or package.module:Class.",
+            help="What moves: sim (simulation in real time), mavlink (a servo board), mock (servos without a "
+            "robot), or package.module:Class for servos of your own.",
         ),
     ] = "sim",
     robot: RobotOption = "ant",
     listen: Annotated[
         str | None,
-        typer.Option("--listen", help="Zenoh endpoint to listen at. (default: tcp/127.0.0.1:7447)"),
+        typer.Option(
+            "--listen",
+            help="Where to listen: PROTOCOL/HOST:PORT with tcp, tls or quic, such as tls/0.0.0.0:7447. "
+            "(default: tcp/127.0.0.1:7447)",
+        ),
     ] = None,
     device: Annotated[
         str | None,
-        typer.Option("--device", help="With mavlink, its port. (default: udpout:127.0.0.1:14550)"),
+        typer.Option(
+            "--device",
+            help="With mavlink, the servo board's port: /dev/ttyACM0:115200, udpout:HOST:PORT or "
+            "udpin:HOST:PORT. (default: udpout:127.0.0.1:14550)",
+        ),
     ] = None,
     signing: Annotated[
         Path | None,
-        typer.Option("--device-keys", help="With mavlink, folder with mavlink.key: signed frames only."),
+        typer.Option(
+            "--device-keys",
+            help="With mavlink, folder with mavlink.key, the board's secret: only what it "
+            "signed is believed. (default: none)",
+        ),
     ] = None,
     world: Annotated[
-        str | None, typer.Option("--world", help="With sim, its world, as in hexctl run. (default: flat)")
+        str | None, typer.Option("--world", help=f"{WORLD_HELP} Only with sim. (default: flat)")
     ] = None,
     failed_leg: Annotated[
-        int | None, typer.Option("--failed-leg", help="With sim, the leg that failed, 1..6.")
+        int | None, typer.Option("--failed-leg", help=f"{FAILED_LEG_HELP} Only with sim. (default: none)")
     ] = None,
     failure: Annotated[
-        str | None, typer.Option("--failure", help="With sim, as in hexctl run. (default: locked)")
+        str | None, typer.Option("--failure", help=f"{FAILURE_HELP} Only with sim. (default: locked)")
     ] = None,
-    seed: Annotated[int, typer.Option("--seed", help="With sim, of everything random, 0 or more.")] = 0,
+    seed: Annotated[int, typer.Option("--seed", help=SEED_HELP)] = 0,
     sit_after: Annotated[
         float,
         typer.Option(
@@ -46,13 +68,16 @@ def serve(
         ),
     ] = 10.0,
     view: Annotated[
-        bool, typer.Option("--view", help="Show the robot in Rerun while it is served, as hexctl view does.")
+        bool, typer.Option("--view", help="Show the robot in the Rerun viewer while it is served.")
     ] = False,
     keys: KeysOption = None,
     insecure: InsecureOption = False,
     link: LinkOption = None,
 ) -> None:
-    """Put a robot, real or simulated, on the network, with a guard and a stop of its own. Ctrl-C ends it."""
+    """Put a robot, real or simulated, on the network, with a guard and a stop of its own.
+
+    It runs until Ctrl-C. hexctl run --backend zenoh walks it.
+    """
     from hexctl.cli.serving import Service, execute
 
     service = Service(

@@ -9,7 +9,9 @@ from hexctl.cli.options import JsonOption
 
 sessions = typer.Typer(help="List, show, export and delete sessions of hexctl adapt.", no_args_is_help=True)
 
-NameArgument = Annotated[str, typer.Argument(metavar="SESSION", help="Name, as in hexctl sessions list.")]
+NameArgument = Annotated[
+    str, typer.Argument(metavar="SESSION", help="Name of a session, as hexctl sessions list has it.")
+]
 
 
 @sessions.command("list")

@@ -15,7 +15,7 @@ def status(
     watch: Annotated[bool, typer.Option("--watch", help="Keep showing it, until Ctrl-C.")] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Show what the robot says of itself: who commands it, why it is stopped, what was dropped."""
+    """Show who commands a robot on the network, why it is stopped, what was dropped."""
     from hexctl.cli.asking import show_status
 
     raise typer.Exit(

@@ -5,54 +5,68 @@ from typing import Annotated
 
 import typer
 
-from hexctl.cli.options import DaskOption, JobsOption, JsonOption, RobotOption
+from hexctl.cli.options import SEED_HELP, WORLD_HELP, DaskOption, JobsOption, JsonOption, RobotOption
 
 
 def study(
-    legs: Annotated[str, typer.Option("--legs", help="Failed legs, such as 2,5.")] = "1,2,3,4,5,6",
+    legs: Annotated[str, typer.Option("--legs", help="Failed legs, of 1..6, with commas.")] = "1,2,3,4,5,6",
     transfer: Annotated[
         bool,
-        typer.Option("--transfer", help="Instead, try all optimizers in worlds unlike the prior's."),
+        typer.Option(
+            "--transfer",
+            help="Ask another question: how do all searches do in worlds that no prior has seen.",
+        ),
     ] = False,
     optimizers: Annotated[
         str | None,
         typer.Option(
             "--optimizers",
-            help="Of pso, psosp, dps, debest, derand, random, exhaustive, or your own; with --transfer also "
+            help="Searches, with commas: of pso, psosp, dps, debest, derand, random, exhaustive, or your "
+            "own package.module:Class; with --transfer also "
             "bayes and bayes-early. (default: those six and the bayes ones)",
         ),
     ] = None,
     runs: Annotated[
         int | None,
         typer.Option(
-            "--runs", help="Seeded runs of each optimizer on each leg. (default: 30; with --transfer 5)"
+            "--runs",
+            help="Runs of each optimizer on each leg, 1 or more. (default: 30; with --transfer 5)",
         ),
     ] = None,
     budget: Annotated[
-        int | None, typer.Option("--budget", help="Evaluations of a run. (default: 120; with --transfer 60)")
+        int | None,
+        typer.Option("--budget", help="Trials of a run, 1 or more. (default: 120; with --transfer 60)"),
     ] = None,
     worlds: Annotated[
-        int | None, typer.Option("--worlds", help="With --transfer, how many unseen worlds. (default: 30)")
+        int | None,
+        typer.Option("--worlds", help="With --transfer, how many worlds, 1..1000. (default: 30)"),
     ] = None,
     prior: Annotated[
         str | None,
         typer.Option("--prior", help="With --transfer, what bayes believes: auto or a file. (default: auto)"),
     ] = None,
-    duration: Annotated[float, typer.Option("--duration", help="Seconds that each gait walks.")] = 30.0,
+    duration: Annotated[
+        float, typer.Option("--duration", help="Seconds that each gait walks, above 0 up to 86400.")
+    ] = 30.0,
     robot: RobotOption = "ant",
     world: Annotated[
-        str | None, typer.Option("--world", help="As in hexctl run, not with --transfer. (default: flat)")
+        str | None,
+        typer.Option("--world", help=f"{WORLD_HELP} Not with --transfer. (default: flat)"),
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option("--out", help="Folder for the report. (default: runs/study-TIME)", show_default=False),
+        typer.Option(
+            "--out",
+            help="Folder for the report, new or empty. (default: runs/study-TIME)",
+            show_default=False,
+        ),
     ] = None,
     jobs: JobsOption = None,
     dask: DaskOption = None,
-    seed: Annotated[int, typer.Option("--seed", help="Seed of searches and simulation.")] = 0,
+    seed: Annotated[int, typer.Option("--seed", help=SEED_HELP)] = 0,
     as_json: JsonOption = False,
 ) -> None:
-    """Walk all 120 gaits of each failed leg, search them with all optimizers, and report.
+    """Repeat the paper's experiments: all gaits of each failed leg, all searches, one report.
 
     Gaits are walked once and kept under runs/study-cache; Ctrl-C, then the same command goes on.
     """

@@ -1,128 +1,86 @@
-"""What README and docs tell a user to type works as it stands."""
+"""What README and docs tell a user to type works as it stands, page by page."""
 
 import re
-import shlex
-import subprocess
-import sys
 from pathlib import Path
-from typing import Any
 
 import pytest
 import typer
-import yaml
 
-from hexctl.backends.sim.world import World
-from hexctl.cli.main import app, exit_code
+from tests.docs.pages import LANGUAGES, PAGES, ROOT, blocks, commands, inline_commands
+from tests.docs.shell import Shell, parse
 
-ROOT = Path(__file__).resolve().parents[2]
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
-
-
-def blocks(page: Path, language: str) -> list[str]:
-    return re.findall(rf"```{language}\n(.*?)```", page.read_text(encoding="utf-8"), flags=re.DOTALL)
+#: The beginning of a line that somebody would type.
+COMMAND = re.compile(r"\s*(\$ |# )?(hexctl|make|pip|python3?|git|sudo|mkdocs|dask)\s")
 
 
-def hexctl_lines() -> list[str]:
-    """Return the commands of all pages but those whose files a test of their own makes."""
-    pages = [page for page in PAGES if page.name not in ("own-servos.md", "real-robot.md")]
-    lines = [line for page in pages for block in blocks(page, "sh") for line in block.splitlines()]
-    return [line.split("#")[0].strip() for line in lines if line.startswith("hexctl ")]
+def save_programs(page: Path, folder: Path) -> None:
+    """Save the Python of a page under the name that its text gives."""
+    names = re.findall(r"[Ss]aved? (?:it )?as `(\w+\.py)`", page.read_text(encoding="utf-8"))
+    for name, block in zip(names, blocks(page, "python"), strict=False):
+        (folder / name).write_text(block.text, encoding="utf-8")
 
 
-def shortened(arguments: list[str]) -> list[str]:
-    """Return a command that shows the same in less time and opens no window."""
-    arguments = [argument for argument in arguments if argument not in ("--view", "--realtime")]
-    less = {"run": ["--duration", "1"], "adapt": ["--budget", "3"]}
-    return [*arguments, *less.get(arguments[0], [])]
-
-
-@pytest.mark.parametrize("line", [line for line in hexctl_lines() if not line.startswith("hexctl view")])
-def test_commands(line: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("page", [page for page in PAGES if commands(page)], ids=lambda page: page.name)
+def test_the_commands_of_a_page(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    assert exit_code(shortened(shlex.split(line)[1:])) == 0
+    monkeypatch.syspath_prepend(tmp_path)
+    # For the programs it starts: no display, one thread.
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=":")
+    save_programs(page, tmp_path)
+    with Shell(tmp_path) as shell:
+        for words in commands(page):
+            shell.do(words)
 
 
-def test_the_readme_names_many_commands() -> None:
-    assert len(hexctl_lines()) >= 8
-
-
-def test_the_python_program_of_the_readme(tmp_path: Path) -> None:
-    (program,) = blocks(ROOT / "README.md", "python")
-    assert len([line for line in program.splitlines() if line]) <= 12
-    done = subprocess.run(
-        [sys.executable, "-c", program],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
-    assert re.fullmatch(r"ok: \d\.\d\d m, 0\.\d{3} m off the line\n", done.stdout)
-
-
-def test_the_world_file_of_the_readme() -> None:
-    (text,) = blocks(ROOT / "README.md", "yaml")
-    World.model_validate(yaml.safe_load(text))
-
-
-def test_the_servos_of_the_docs(tmp_path: Path) -> None:
-    page = ROOT / "docs" / "own-servos.md"
-    (program,) = blocks(page, "python")
-    (tmp_path / "mykit.py").write_text(program)
-    (tmp_path / "mykit.yaml").write_text((ROOT / "configs" / "robots" / "phantomx.yaml").read_text())
-    commands = [line for block in blocks(page, "sh") for line in block.splitlines()]
-    for command in commands:
-        arguments = shlex.split(command)
-        arguments = arguments[3:] if arguments[0] == "python" else arguments[1:]
-        done = subprocess.run(
-            [
-                sys.executable,
-                "-m",
-                "hexctl",
-                *[{"5": "0.2"}.get(argument, argument) for argument in arguments],
-            ],
-            cwd=tmp_path,
-            capture_output=True,
-            text=True,
-            timeout=120,
-            check=False,
-        )
-        assert done.returncode == 0, done.stderr
+def test_there_are_many_commands() -> None:
+    assert sum(len(commands(page)) for page in PAGES) >= 50
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
-def test_links_lead_somewhere(page: Path) -> None:
-    for target in re.findall(r"\]\(([^)#]+)\)", page.read_text(encoding="utf-8")):
-        assert "://" in target or (page.parent / target).exists(), target
+def test_no_command_escapes(page: Path) -> None:
+    """Commands stand in `sh` blocks, where they are run."""
+    for block in blocks(page):
+        assert block.language in LANGUAGES, f"a block of {block.language!r}"
+        if block.language != "sh":
+            assert not [line for line in block.lines if COMMAND.match(line)], block.language
 
 
-def test_the_commands_of_the_real_robots_page_with_a_kit_in_the_folder(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    page = ROOT / "docs" / "real-robot.md"
-    lines = [line for block in blocks(page, "sh") for line in block.splitlines()]
-    assert lines[0].startswith("cp configs/robots/")
-    source, target = lines[0].split()[1:]
-    (tmp_path / target).write_bytes((ROOT / source).read_bytes())
-    for line in lines[1:]:
-        assert exit_code(shortened(shlex.split(line)[1:])) == 0
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_commands_in_the_text_exist_with_their_options(page: Path) -> None:
+    for words in inline_commands(page, "hexctl"):
+        assert_exists(words[1:])
+    makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
+    for words in inline_commands(page, "make"):
+        for target in (word for word in words[1:] if "=" not in word):
+            assert re.search(rf"^{target}:", makefile, re.MULTILINE), f"make {target}"
 
 
-def test_every_command_of_the_pages_exists_with_its_options() -> None:
-    """The commands that need hardware, certificates or minutes: at least they are what hexctl takes."""
-    lines = [line for page in PAGES for block in blocks(page, "text") for line in block.splitlines()]
-    commands = [shlex.split(line, comments=True) for line in lines if line.startswith("hexctl ")]
-    assert len(commands) >= 10
-    for command in commands:
-        assert_options_exist([word for word in command[1:] if word != "\u2026"])
+def assert_exists(words: list[str]) -> None:
+    """Check a command that may have placeholders: SESSION, FILE or three dots."""
+    command = typer.main.get_command(app_of())
+    while hasattr(command, "commands") and words and not words[0].startswith("-"):
+        command = command.commands[words[0]]
+        words = words[1:]
+    known = {name for parameter in command.params for name in getattr(parameter, "opts", ())}
+    known |= {"--help", "--version"}
+    for word in words:
+        assert not word.startswith("--") or word in known, f"{word} of {command.name}"
 
 
-def assert_options_exist(arguments: list[str]) -> None:
-    command: Any = typer.main.get_command(app)
-    while hasattr(command, "commands") and arguments:
-        command = command.commands[arguments.pop(0)]
-    known = {name for parameter in command.params for name in parameter.opts}
-    for argument in arguments:
-        assert not argument.startswith("--") or argument in known, f"{argument} of {command.name}"
+def app_of() -> typer.Typer:
+    from hexctl.cli.main import app
+
+    return app
+
+
+@pytest.mark.parametrize(
+    "line", ["run --gaitt 5", "run --duration soon", "walk", "estop now", "prior build --world flat"]
+)
+def test_parsing_finds_what_hexctl_refuses(line: str) -> None:
+    with pytest.raises(Exception, match=r"(?i)no such|valid number|walk|unexpected"):
+        parse(line.split())
+
+
+def test_a_command_that_no_rule_covers_fails(tmp_path: Path) -> None:
+    with Shell(tmp_path) as shell, pytest.raises(KeyError):
+        shell.do(["rm", "-r", "runs"])

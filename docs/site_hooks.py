@@ -1,0 +1,26 @@
+"""What the site needs beside the pages: the shipped files that they link to, which lie outside docs/."""
+
+import re
+from pathlib import Path
+from typing import Any
+
+from mkdocs.structure.files import File, Files
+
+ROOT = Path(__file__).resolve().parents[1]
+LINK = re.compile(r"\]\(\.\./(configs/[^)#]+)\)")
+
+
+def on_files(files: Files, config: Any) -> Files:
+    """Put every file under configs/ that a page links to into the site."""
+    linked = {
+        name for page in ROOT.glob("docs/*.md") for name in LINK.findall(page.read_text(encoding="utf-8"))
+    }
+    for name in sorted(linked):
+        if (ROOT / name).is_file():
+            files.append(File.generated(config, name, abs_src_path=str(ROOT / name)))
+    return files
+
+
+def on_page_markdown(markdown: str, **_: Any) -> str:
+    """Point links to such files at their place in the site."""
+    return LINK.sub(r"](\1)", markdown)

@@ -1,0 +1,86 @@
+"""The programs and files that README and docs show do what the text says."""
+
+import re
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from hexctl.backends.sim.world import World
+from hexctl.cli.main import exit_code
+from hexctl.robot.meshes import load_meshes
+from hexctl.robot.schema import MountSection, RobotSchema
+from hexctl.wire.linkfile import load_link
+from tests.docs.pages import PAGES, ROOT, blocks
+from tests.robot.meshmaking import MAKERS
+from tests.robots import edited_file, put
+
+
+def a_link(values: dict[str, Any], folder: Path) -> None:
+    from hexctl.cli.keymaking import make
+
+    make(folder / "keys", hosts=["robot.local"], days=2)
+    (folder / "link.yaml").write_text(yaml.safe_dump({**values, "plain": False}))
+    load_link(str(folder / "link.yaml"))
+
+
+def servos(values: dict[str, Any], _folder: Path) -> None:
+    robot = yaml.safe_load((ROOT / "configs" / "robots" / "ant.yaml").read_text())
+    RobotSchema.model_validate({**robot, **values})
+
+
+def mounts(values: list[dict[str, Any]], _folder: Path) -> None:
+    for value in values:
+        MountSection.model_validate(value)
+
+
+def meshes(values: dict[str, Any], folder: Path) -> None:
+    (folder / "looks").mkdir()
+    for part in values["meshes"].values():
+        (folder / part["file"]).write_bytes(MAKERS[f"box{Path(part['file']).suffix}"]())
+    assert set(load_meshes(edited_file(folder, put("meshes", values["meshes"])))) == set(values["meshes"])
+
+
+#: What a page's YAML is.
+FILES: dict[str, Callable[[Any, Path], object]] = {
+    "walking.md": lambda values, _folder: World.model_validate(values),
+    "robots.md": mounts,
+    "recordings.md": meshes,
+    "firmware.md": servos,
+    "protocol.md": a_link,
+}
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if blocks(page, "yaml")], ids=lambda page: page.name)
+def test_the_files_of_a_page_are_accepted(page: Path, tmp_path: Path) -> None:
+    for block in blocks(page, "yaml"):
+        FILES[page.name](yaml.safe_load(block.text), tmp_path)
+
+
+#: What the programs of a page need: a command of hexctl that makes it.
+NEEDED = {"recordings.md": ["run", "--duration", "0.5", "--json", "--record", "walk.rrd"]}
+
+
+@pytest.mark.parametrize(
+    "page", [page for page in PAGES if blocks(page, "python")], ids=lambda page: page.name
+)
+def test_the_programs_of_a_page_run(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert page.name not in NEEDED or exit_code(NEEDED[page.name]) == 0
+    for block in blocks(page, "python"):
+        done = subprocess.run(
+            [sys.executable, "-c", block.text],
+            cwd=tmp_path,
+            capture_output=True,
+            text=True,
+            timeout=120,
+            check=False,
+        )
+        assert done.returncode == 0, done.stderr
+        if page.name == "README.md":
+            assert re.fullmatch(r"ok: \d\.\d\d m, 0\.\d{3} m off the line\n", done.stdout)
+            assert len(block.lines) <= 12
