@@ -12,7 +12,7 @@ from hexctl.record.sdk import load_rerun
 from hexctl.robot.model import Robot
 
 #: The eye, as seen along the line of travel, in stance radii: behind, to the right, above.
-EYE = (-1.3, -2.5, 1.8)
+EYE = (-1.1, -2.1, 1.5)
 
 
 def make_blueprint(robot: Robot, plan: TrialPlan, floor: Floor) -> Any:
@@ -65,7 +65,7 @@ def scene_view(robot: Robot, plan: TrialPlan, floor: Floor) -> Any:
             position=position,
             look_target=[0.0, 0.0, 0.5 * robot.standing_height_m],
             eye_up=[0.0, 0.0, 1.0],
-            tracking_entity=paths.BODY,
+            tracking_entity=paths.FRAME,
         ),
         overrides={
             paths.TRAIL: _up_to_cursor(),

@@ -15,6 +15,8 @@ POLYGON = "world/support_polygon"
 CENTRE = "world/centre_of_gravity"
 ROBOT = "world/robot"
 BODY = "world/robot/body"
+#: Nothing to be seen, as large as the robot: what the viewer's eye follows and fits into its picture.
+FRAME = "world/robot/frame"
 DEVIATION = "deviation"
 MARGIN = "stability_margin"
 PHASE = "phase"

@@ -18,6 +18,10 @@ from hexctl.robot.meshes import Meshes
 from hexctl.robot.messages import FloatArray
 from hexctl.robot.model import Robot
 
+#: How far the eye shall see to each side of the robot, in stance radii. The viewer goes by this size or by
+#: the layout's eye, whichever it has first: both give the same picture.
+FRAME_SHARE = 1.3
+
 LEVEL = Floor(np.array([1.0, 0.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0]), None)
 
 
@@ -53,6 +57,7 @@ def send_scene(stream: Any, robot: Robot, plan: TrialPlan, floor: Floor, meshes:
     send_body(stream, robot, meshes)
     for leg in paths.LEGS:
         send_leg(stream, robot, plan, meshes, leg)
+    _send_frame(stream, robot)
     _send_looks(stream, robot)
     for path, name, color in (
         (paths.DEVIATION, "left of the line (m)", style.DEVIATION_COLOR),
@@ -60,6 +65,15 @@ def send_scene(stream: Any, robot: Robot, plan: TrialPlan, floor: Floor, meshes:
     ):
         line = rr.SeriesLines(colors=[color], names=[name], widths=[2.0])
         stream.log(path, line, static=True)
+
+
+def _send_frame(stream: Any, robot: Robot) -> None:
+    """Send a triangle without area that spans what the eye shall see of the robot and around it."""
+    reach = FRAME_SHARE * robot.stance_radius_m
+    corners = [[-reach, -reach, -robot.standing_height_m], [reach, reach, 0.0]]
+    stream.log(
+        paths.FRAME, load_rerun().Mesh3D(vertex_positions=corners, triangle_indices=[[0, 1, 1]]), static=True
+    )
 
 
 def _send_looks(stream: Any, robot: Robot) -> None:
