@@ -4,14 +4,20 @@ from typing import Annotated
 
 import typer
 
+from hexctl.cli import completing
 from hexctl.cli.options import ConnectOption, InsecureOption, JsonOption, KeysOption, LinkOption
 
 
 def adapt(
-    failed_leg: Annotated[int | None, typer.Option("--failed-leg", help="Leg that failed, 1..6.")] = None,
+    failed_leg: Annotated[
+        int | None,
+        typer.Option("--failed-leg", autocompletion=completing.legs, help="Leg that failed, 1..6."),
+    ] = None,
     failure: Annotated[
         str | None,
-        typer.Option("--failure", help="As in hexctl run. (default: locked)"),
+        typer.Option(
+            "--failure", autocompletion=completing.failures, help="As in hexctl run. (default: locked)"
+        ),
     ] = None,
     budget: Annotated[
         int | None, typer.Option("--budget", help="Trials to walk, 1 or more. (default: 20)")
@@ -20,6 +26,7 @@ def adapt(
         str | None,
         typer.Option(
             "--optimizer",
+            autocompletion=completing.optimizers,
             help="bayes, pso, psosp, dps, debest, derand, random or exhaustive. "
             "(default: bayes where a prior fits, else random)",
         ),
@@ -28,6 +35,7 @@ def adapt(
         str | None,
         typer.Option(
             "--prior",
+            autocompletion=completing.priors,
             help="What bayes believes before the first trial: auto (made by hexctl prior build, or shipped), "
             "a file, or none. (default: auto)",
         ),
@@ -40,6 +48,7 @@ def adapt(
         str | None,
         typer.Option(
             "--objective",
+            autocompletion=completing.objectives,
             help="What to make small: final, mean or max deviation, or progress (final deviation per share "
             "of the ideal distance). (default: final)",
         ),
@@ -67,11 +76,27 @@ def adapt(
         float | None, typer.Option("--heading", help="Direction of travel in degrees. (default: 0)")
     ] = None,
     self_rotation: Annotated[
-        str | None, typer.Option("--self-rotation", help="rear, front or none. (default: rear)")
+        str | None,
+        typer.Option(
+            "--self-rotation",
+            autocompletion=completing.self_rotations,
+            help="rear, front or none. (default: rear)",
+        ),
     ] = None,
-    backend: Annotated[str | None, typer.Option("--backend", help="As in hexctl run. (default: sim)")] = None,
-    robot: Annotated[str | None, typer.Option("--robot", help="As in hexctl run. (default: ant)")] = None,
-    world: Annotated[str | None, typer.Option("--world", help="As in hexctl run. (default: flat)")] = None,
+    backend: Annotated[
+        str | None,
+        typer.Option(
+            "--backend", autocompletion=completing.backends, help="As in hexctl run. (default: sim)"
+        ),
+    ] = None,
+    robot: Annotated[
+        str | None,
+        typer.Option("--robot", autocompletion=completing.robots, help="As in hexctl run. (default: ant)"),
+    ] = None,
+    world: Annotated[
+        str | None,
+        typer.Option("--world", autocompletion=completing.worlds, help="As in hexctl run. (default: flat)"),
+    ] = None,
     connect: ConnectOption = None,
     keys: KeysOption = None,
     insecure: InsecureOption = False,
@@ -93,7 +118,12 @@ def adapt(
         ),
     ] = False,
     resume: Annotated[
-        str | None, typer.Option("--resume", help="Continue this session; everything else stays as it was.")
+        str | None,
+        typer.Option(
+            "--resume",
+            autocompletion=completing.sessions,
+            help="Continue this session; everything else stays as it was.",
+        ),
     ] = None,
     view: Annotated[
         bool,

@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from hexctl.cli import completing
 from hexctl.cli.options import JsonOption, RobotOption
 
 
@@ -21,17 +22,35 @@ def board(
         bool, typer.Option("--pty", help="Make a pseudo-terminal instead and say which device it is.")
     ] = False,
     backend: Annotated[
-        str, typer.Option("--backend", help="What the servos move: sim (in real time) or mock.")
+        str,
+        typer.Option(
+            "--backend",
+            autocompletion=completing.board_backends,
+            help="What the servos move: sim (in real time) or mock.",
+        ),
     ] = "sim",
     robot: RobotOption = "ant",
     world: Annotated[
-        str | None, typer.Option("--world", help="With sim, its world, as in hexctl run. (default: flat)")
+        str | None,
+        typer.Option(
+            "--world",
+            autocompletion=completing.worlds,
+            help="With sim, its world, as in hexctl run. (default: flat)",
+        ),
     ] = None,
     failed_leg: Annotated[
-        int | None, typer.Option("--failed-leg", help="With sim, the leg that failed, 1..6.")
+        int | None,
+        typer.Option(
+            "--failed-leg", autocompletion=completing.legs, help="With sim, the leg that failed, 1..6."
+        ),
     ] = None,
     failure: Annotated[
-        str | None, typer.Option("--failure", help="With sim, as in hexctl run. (default: locked)")
+        str | None,
+        typer.Option(
+            "--failure",
+            autocompletion=completing.failures,
+            help="With sim, as in hexctl run. (default: locked)",
+        ),
     ] = None,
     seed: Annotated[int, typer.Option("--seed", help="With sim, of everything random, 0 or more.")] = 0,
     expiry: Annotated[

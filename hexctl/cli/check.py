@@ -5,6 +5,7 @@ from typing import Annotated, Any
 
 import typer
 
+from hexctl.cli import completing
 from hexctl.cli.exits import BAD_INPUT
 from hexctl.cli.options import (
     AmplitudeOption,
@@ -19,10 +20,18 @@ from hexctl.cli.output import say
 
 def check(
     robot_name: Annotated[
-        str | None, typer.Argument(metavar="[ROBOT]", help="Robot name or YAML file, as with --robot.")
+        str | None,
+        typer.Argument(
+            metavar="[ROBOT]",
+            autocompletion=completing.robots,
+            help="Robot name or YAML file, as with --robot.",
+        ),
     ] = None,
     robot: Annotated[
-        str | None, typer.Option("--robot", help="The same as an option. (default: ant)")
+        str | None,
+        typer.Option(
+            "--robot", autocompletion=completing.robots, help="The same as an option. (default: ant)"
+        ),
     ] = None,
     gait: GaitOption = "demo",
     heading: Annotated[

@@ -5,13 +5,21 @@ from typing import Annotated
 
 import typer
 
+from hexctl.cli import completing
+
 RobotOption = Annotated[
-    str, typer.Option("--robot", help="Robot: ant, phantomx, pexod, or a path to a YAML file.")
+    str,
+    typer.Option(
+        "--robot",
+        autocompletion=completing.robots,
+        help="Robot: ant, phantomx, pexod, or a path to a YAML file.",
+    ),
 ]
 GaitOption = Annotated[
     str,
     typer.Option(
         "--gait",
+        autocompletion=completing.gaits,
         help="demo, tripod, wave, ripple; a code (1..720, with a failed leg 1..120) such as 57; "
         "or phase slots of legs 1..6 such as 5,1,2,4,3,6.",
     ),

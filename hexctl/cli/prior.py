@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from hexctl.cli import completing
 from hexctl.cli.options import DaskOption, JobsOption, JsonOption, RobotOption
 
 prior = typer.Typer(help="What adaptation believes before its first trial.", no_args_is_help=True)
@@ -18,12 +19,25 @@ def build(
     ] = 16,
     legs: Annotated[str, typer.Option("--legs", help="Failed legs, such as 2,5.")] = "1,2,3,4,5,6",
     failure: Annotated[
-        str, typer.Option("--failure", help="locked, limp, stuck, weak or missing.")
+        str,
+        typer.Option(
+            "--failure", autocompletion=completing.failures, help="locked, limp, stuck, weak or missing."
+        ),
     ] = "locked",
-    self_rotation: Annotated[str, typer.Option("--self-rotation", help="rear, front or none.")] = "rear",
+    self_rotation: Annotated[
+        str,
+        typer.Option(
+            "--self-rotation", autocompletion=completing.self_rotations, help="rear, front or none."
+        ),
+    ] = "rear",
     duration: Annotated[float, typer.Option("--duration", help="Seconds that each gait walks.")] = 30.0,
     family: Annotated[
-        str, typer.Option("--family", help="Family of worlds: randomised, or a path to a YAML file.")
+        str,
+        typer.Option(
+            "--family",
+            autocompletion=completing.families,
+            help="Family of worlds: randomised, or a path to a YAML file.",
+        ),
     ] = "randomised",
     out: Annotated[
         Path | None,

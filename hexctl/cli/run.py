@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from hexctl.cli import completing
 from hexctl.cli.options import (
     AmplitudeOption,
     ConnectOption,
@@ -25,6 +26,7 @@ def run(
         str,
         typer.Option(
             "--backend",
+            autocompletion=completing.backends,
             help="sim, zenoh (a robot that hexctl serve puts on the network), mavlink, mock, "
             "or package.module:Class for your own LegServos.",
         ),
@@ -34,6 +36,7 @@ def run(
         str | None,
         typer.Option(
             "--world",
+            autocompletion=completing.worlds,
             help="World of the simulation: flat, slippery, slope, rough, or a YAML file. (default: flat)",
         ),
     ] = None,
@@ -51,18 +54,26 @@ def run(
     pace: PaceOption = None,
     amplitude: AmplitudeOption = None,
     height: HeightOption = None,
-    failed_leg: Annotated[int | None, typer.Option("--failed-leg", help="Leg that failed, 1..6.")] = None,
+    failed_leg: Annotated[
+        int | None,
+        typer.Option("--failed-leg", autocompletion=completing.legs, help="Leg that failed, 1..6."),
+    ] = None,
     failure: Annotated[
         str | None,
         typer.Option(
             "--failure",
+            autocompletion=completing.failures,
             help="locked, limp, missing, weak[:FRACTION of torque 0..1, 0.3], "
             "stuck[:JOINT[:DEGREES]] (coxa at 0). (default: locked)",
         ),
     ] = None,
     self_rotation: Annotated[
         str,
-        typer.Option("--self-rotation", help="Turn until the failed leg is at the rear, front, or none."),
+        typer.Option(
+            "--self-rotation",
+            autocompletion=completing.self_rotations,
+            help="Turn until the failed leg is at the rear, front, or none.",
+        ),
     ] = "rear",
     realtime: Annotated[
         bool, typer.Option("--realtime", help="Pace the simulation with the wall clock.")

@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from hexctl.cli import completing
 from hexctl.cli.options import InsecureOption, KeysOption, LinkOption, RobotOption
 
 
@@ -13,6 +14,7 @@ def serve(
         str,
         typer.Option(
             "--backend",
+            autocompletion=completing.served_backends,
             help="Whose servos: sim (paced in real time), mavlink, mock, or package.module:Class.",
         ),
     ] = "sim",
@@ -30,13 +32,26 @@ def serve(
         typer.Option("--device-keys", help="With mavlink, folder with mavlink.key: signed frames only."),
     ] = None,
     world: Annotated[
-        str | None, typer.Option("--world", help="With sim, its world, as in hexctl run. (default: flat)")
+        str | None,
+        typer.Option(
+            "--world",
+            autocompletion=completing.worlds,
+            help="With sim, its world, as in hexctl run. (default: flat)",
+        ),
     ] = None,
     failed_leg: Annotated[
-        int | None, typer.Option("--failed-leg", help="With sim, the leg that failed, 1..6.")
+        int | None,
+        typer.Option(
+            "--failed-leg", autocompletion=completing.legs, help="With sim, the leg that failed, 1..6."
+        ),
     ] = None,
     failure: Annotated[
-        str | None, typer.Option("--failure", help="With sim, as in hexctl run. (default: locked)")
+        str | None,
+        typer.Option(
+            "--failure",
+            autocompletion=completing.failures,
+            help="With sim, as in hexctl run. (default: locked)",
+        ),
     ] = None,
     seed: Annotated[int, typer.Option("--seed", help="With sim, of everything random, 0 or more.")] = 0,
     sit_after: Annotated[

@@ -5,11 +5,17 @@ from typing import Annotated
 
 import typer
 
+from hexctl.cli import completing
 from hexctl.cli.options import JsonOption
 
 sessions = typer.Typer(help="List, show, export and delete sessions of hexctl adapt.", no_args_is_help=True)
 
-NameArgument = Annotated[str, typer.Argument(metavar="SESSION", help="Name, as in hexctl sessions list.")]
+NameArgument = Annotated[
+    str,
+    typer.Argument(
+        metavar="SESSION", autocompletion=completing.sessions, help="Name, as in hexctl sessions list."
+    ),
+]
 
 
 @sessions.command("list")

@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from hexctl.cli import completing
 from hexctl.cli.options import DaskOption, JobsOption, JsonOption, RobotOption
 
 
@@ -36,12 +37,21 @@ def study(
     ] = None,
     prior: Annotated[
         str | None,
-        typer.Option("--prior", help="With --transfer, what bayes believes: auto or a file. (default: auto)"),
+        typer.Option(
+            "--prior",
+            autocompletion=completing.priors,
+            help="With --transfer, what bayes believes: auto or a file. (default: auto)",
+        ),
     ] = None,
     duration: Annotated[float, typer.Option("--duration", help="Seconds that each gait walks.")] = 30.0,
     robot: RobotOption = "ant",
     world: Annotated[
-        str | None, typer.Option("--world", help="As in hexctl run, not with --transfer. (default: flat)")
+        str | None,
+        typer.Option(
+            "--world",
+            autocompletion=completing.worlds,
+            help="As in hexctl run, not with --transfer. (default: flat)",
+        ),
     ] = None,
     out: Annotated[
         Path | None,

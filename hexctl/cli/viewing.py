@@ -6,7 +6,7 @@ from pathlib import Path
 
 from hexctl.adapt.overview import FILE_NAME, write_overview
 from hexctl.adapt.session import Session
-from hexctl.adapt.store import SessionStore
+from hexctl.adapt.store import SessionStore, stored_names
 from hexctl.cli.exits import DONE
 from hexctl.cli.interrupt import StopOnInterrupt
 from hexctl.cli.output import say_aside
@@ -44,7 +44,7 @@ def _newest() -> str:
     # An overview is written anew whenever its session is viewed.
     path = newest_recording(RUNS, leave_out=FILE_NAME)
     session = path.parent.name
-    if session not in _session_names():
+    if session not in stored_names(RUNS):
         return str(path)
     with SessionStore(RUNS) as store:
         return session if store.load(session).trials else str(path)
@@ -57,18 +57,10 @@ def _files(name: str) -> list[Path]:
         return [path]
     # A folder as the shell completes it: runs/SESSION/
     session = path.name if path.parent == RUNS else name
-    if session not in _session_names():
-        known = ", ".join(_session_names()[-5:]) or "none yet, hexctl adapt makes one"
+    if session not in stored_names(RUNS):
+        known = ", ".join(stored_names(RUNS)[-5:]) or "none yet, hexctl adapt makes one"
         raise InputError(f"view: got {name!r}; allowed: an .rrd file or a session (newest last): {known}")
     return _session_files(session)
-
-
-def _session_names() -> list[str]:
-    """Return the names of all sessions, newest last, without making a store where there is none."""
-    if not (RUNS / "sessions.sqlite").is_file():
-        return []
-    with SessionStore(RUNS) as store:
-        return store.names()
 
 
 def _session_files(name: str) -> list[Path]:
