@@ -45,6 +45,10 @@ class Window:
         """Wait until a view is laid out."""
         self._wait(lambda: name in self.views, f"no view {name!r}")
 
+    def open(self, url: str) -> None:
+        """Open another recording, as a click on a link to it does."""
+        self._client.open(url)
+
     def show_trial(self, index: int) -> None:
         """Put the time cursor of a session's overview on a trial."""
         self._client.set_time("trial", sequence=index, play_state="paused")
@@ -63,7 +67,7 @@ class Window:
         return now
 
     def part(self, view: str) -> Picture | None:
-        """Return what one view looks like now, settled or not, or None when it is not on the screen: a tab behind another."""
+        """Return what one view looks like now, settled or not; None for one behind another, such as a tab."""
         try:
             return self._taken(self.views[view].view_id)
         except ConnectionError as error:

@@ -1,6 +1,7 @@
 """What must be seen of a recording; each check fails with what is missing."""
 
 from hexctl.record import style
+from hexctl.record.overview import colors
 from pictures.picture import Color, Picture
 from pictures.window import Window
 
@@ -39,6 +40,18 @@ def check_robot(scene: Picture) -> None:
     assert not scene.blank, "the scene is blank"
     assert scene.share(style.BODY_COLOR, SHADED) > BODY_SHARE, "no trunk is seen"
     assert scene.share(style.FAILED_COLORS["femur"], SHADED) > LEG_SHARE, "no failed leg is seen"
+
+
+def check_session(window: Window) -> None:
+    """Fail unless the window shows a session: trajectories from above, the curve, the table."""
+    check_views(window, SESSION_VIEWS)
+    whole = window.picture()
+    assert not whole.blank, "the window is blank"
+    above = of_kind(window, "2D")
+    assert above.share(colors.LINE_COLOR) > LINE_SHARE, "no line of travel is seen"
+    assert above.share(colors.BEST_COLOR) > LINE_SHARE, "no best trajectory is seen"
+    assert of_kind(window, "TimeSeries").share(colors.BEST_COLOR) > LINE_SHARE, "no convergence is seen"
+    assert of_kind(window, "TextDocument").share(TEXT_COLOR) > TEXT_SHARE, "no table is seen"
 
 
 def check_trial(window: Window) -> None:

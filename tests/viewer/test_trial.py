@@ -1,5 +1,6 @@
 """A trial as the viewer shows it."""
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -16,8 +17,8 @@ BEGUN_S, WALKED_S = 0.5, 5.0 + WALK_S
 
 
 @pytest.fixture(scope="module")
-def window(opened: Opener, trial: Path) -> Window:
-    """Return a viewer that shows the trial, in mid-walk."""
+def window(opened: Opener, trial: Path) -> Iterator[Window]:
+    """Yield a viewer that shows the trial, in mid-walk."""
     with opened(trial) as window:
         window.await_shown()
         window.show_time(WALKED_S)
