@@ -33,9 +33,9 @@ class Window:
         return self._client.get_state()
 
     @property
-    def views(self) -> dict[str, Any]:
-        """Return the views that are laid out, by name."""
-        return {view.name: view for view in self.state.views}
+    def views(self) -> list[Any]:
+        """Return the views that are laid out: name, class, what they complain of."""
+        return list(self.state.views)
 
     def await_shown(self) -> None:
         """Wait until something is laid out and nothing is being loaded."""
@@ -43,7 +43,7 @@ class Window:
 
     def await_view(self, name: str) -> None:
         """Wait until a view is laid out."""
-        self._wait(lambda: name in self.views, f"no view {name!r}")
+        self._wait(lambda: name in [view.name for view in self.views], f"no view {name!r}")
 
     def open(self, url: str) -> None:
         """Open another recording, as a click on a link to it does."""
@@ -66,10 +66,10 @@ class Window:
             before, now = now, self._taken()
         return now
 
-    def part(self, view: str) -> Picture | None:
+    def part(self, view: Any) -> Picture | None:
         """Return what one view looks like now, settled or not; None for one behind another, such as a tab."""
         try:
-            return self._taken(self.views[view].view_id)
+            return self._taken(view.view_id)
         except ConnectionError as error:
             if "NotFound" not in str(error):
                 raise

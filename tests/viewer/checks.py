@@ -20,16 +20,17 @@ TEXT_COLOR: Color = (230, 230, 230)
 
 def check_views(window: Window, kinds: dict[str, int]) -> None:
     """Fail unless there are views of all kinds, and none of them complains."""
-    found = [view.view_class for view in window.views.values()]
+    views = window.views
+    found = [view.view_class for view in views]
     missing = {kind: count - found.count(kind) for kind, count in kinds.items() if found.count(kind) < count}
     assert not missing, f"views are missing: {missing}, there are {found}"
-    troubles = {name: view.reports for name, view in window.views.items() if view.reports}
+    troubles = {view.name: view.reports for view in views if view.reports}
     assert not troubles, f"views complain: {troubles}"
 
 
 def of_kind(window: Window, kind: str) -> Picture:
     """Return the picture of the first view of a kind that is on the screen."""
-    views = [name for name, view in window.views.items() if view.view_class == kind]
+    views = [view for view in window.views if view.view_class == kind]
     seen = next(filter(None, map(window.part, views)), None)
     assert seen is not None, f"no view of kind {kind} is on the screen"
     return seen

@@ -11,7 +11,10 @@ import pytest
 from tests.record.test_live import ROBOT, rows_at
 from tests.serve.processes import Program, program, wait_until
 from tests.trials import walk as walk_alone
-from tests.viewer.conftest import WALK_S, Place
+from tests.viewer.conftest import Place
+
+#: Walks this long; with settling before and coming to a stand after.
+WALK_S = 2.0
 
 
 def viewer_of(walk: Program) -> int:
@@ -38,7 +41,7 @@ def test_a_window_that_dies_or_hangs_loses_no_tick(how: signal.Signals, place: P
     with program(tmp_path, "walk", "hexctl", *walking, **place.home, DISPLAY=place.screen) as walk:
         viewer = viewer_of(walk)
         wait_until(path.is_file, "the recording")
-        time.sleep(1.5)
+        time.sleep(1.0)
         os.kill(viewer, how)
         try:
             walk.wait_for("realtime_factor")

@@ -16,7 +16,7 @@ ROOT = Path(__file__).parents[2]
 def test_what_is_missing_is_named_with_the_packages(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(shutil, "which", lambda _: None)
     with (
-        pytest.raises(MissingProgramError, match="Xvfb is missing.*apt-get install"),
+        pytest.raises(MissingProgramError, match=r"Xvfb is missing.*apt-get install"),
         virtual_screen((64, 64)),
     ):
         pass

@@ -3,36 +3,43 @@
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from hexctl.adapt.overview import recordings_of, write_overview
-from hexctl.adapt.session import Session
+from hexctl.adapt.session import Session, TrialRecord
 from hexctl.adapt.store import SessionStore
-from hexctl.cli.main import exit_code
 from pictures.window import Window
+from tests.adapt.walking import SPEC, result_of
 from tests.viewer.checks import check_robot, check_session, check_trial, of_kind
-from tests.viewer.conftest import WALK_S, Opener
+from tests.viewer.conftest import Opener
 
-TRIALS = 4
+#: Where the trials end, left of the line positive.
+DEVIATIONS_M = (0.8, -0.5, 0.2, 1.2)
 
 
 @pytest.fixture(scope="module")
-def session(tmp_path_factory: pytest.TempPathFactory) -> tuple[Session, Path]:
-    """Return a session of short walks and its folder, whose name is one that URLs must quote."""
-    folder = tmp_path_factory.mktemp("a session") / "übung 1%"
-    folder.mkdir()
-    options = {
-        "--failed-leg": "5",
-        "--budget": str(TRIALS),
-        "--optimizer": "random",
-        "--duration": str(WALK_S),
-    }
-    with pytest.MonkeyPatch.context() as patch:
-        patch.chdir(folder)
-        assert exit_code(["adapt", "--json", *(word for pair in options.items() for word in pair)]) == 0
-    with SessionStore(folder / "runs") as store:
-        (name,) = store.names()
-        return store.load(name), store.folder_of(name)
+def session(tmp_path_factory: pytest.TempPathFactory, trial: Path) -> tuple[Session, Path]:
+    """Return a session and the folder of its recordings, whose name is one that URLs must quote."""
+    with SessionStore(tmp_path_factory.mktemp("a session") / "übung 1%") as store:
+        session = store.create(SPEC)
+        folder = store.folder_of(session.name)
+        folder.mkdir()
+        for index, off_m in enumerate(DEVIATIONS_M, start=1):
+            result = result_of(off_m)
+            recording = folder / f"trial-{index:03d}.rrd"
+            recording.hardlink_to(trial)
+            record = TrialRecord(
+                index=index,
+                code=index,
+                slots=(1, 2, 3, 4, 5, 6),
+                score=abs(off_m),
+                outcome=result.numbers(),
+                path_m=np.round(result.path_m[::10], 4).tolist(),
+                recording=str(recording),
+            )
+            store.add_trial(session, record, {})
+        return session, folder
 
 
 @pytest.fixture(scope="module")
@@ -50,7 +57,7 @@ def test_a_session_opens_with_all_its_panels(window: Window) -> None:
 
 def test_trajectories_and_points_appear_trial_by_trial(window: Window) -> None:
     pictures = []
-    for trial in (1, TRIALS):
+    for trial in (1, len(DEVIATIONS_M)):
         window.show_trial(trial)
         window.picture()
         pictures.append((of_kind(window, "2D"), of_kind(window, "TimeSeries")))
