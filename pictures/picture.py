@@ -33,8 +33,13 @@ class Picture:
     @property
     def blank(self) -> bool:
         """Return whether there is nothing to be seen."""
-        packed = self.pixels.astype(np.uint32) @ np.array([1 << 16, 1 << 8, 1], dtype=np.uint32)
-        return len(np.unique(packed)) < BLANK_COLORS
+        return len(np.unique(self._packed())) < BLANK_COLORS
+
+    @property
+    def filled(self) -> float:
+        """Return the share that has another colour than most of the picture."""
+        _, counts = np.unique(self._packed(), return_counts=True)
+        return 1.0 - float(counts.max()) / float(counts.sum())
 
     def share(self, color: Color, near: int = NEAR) -> float:
         """Return the share of the picture that has about a colour."""
@@ -59,6 +64,13 @@ class Picture:
     def save(self, path: Path) -> None:
         """Write it as a small PNG file."""
         Image.fromarray(self.pixels).save(path, optimize=True)
+
+    def _packed(self) -> NDArray[np.uint32]:
+        """Return one number per pixel."""
+        packed: NDArray[np.uint32] = self.pixels.astype(np.uint32) @ np.array(
+            [1 << 16, 1 << 8, 1], dtype=np.uint32
+        )
+        return packed
 
     def _has(self, color: Color, near: int) -> NDArray[np.bool_]:
         apart = np.abs(self.pixels.astype(np.int16) - np.array(color, dtype=np.int16))

@@ -16,8 +16,11 @@ KEPT_BY_XDG = ("XDG_CONFIG_HOME", "XDG_DATA_HOME", "XDG_CACHE_HOME", "XDG_STATE_
 
 
 @contextmanager
-def virtual_screen(size: tuple[int, int]) -> Iterator[str]:
+def virtual_screen(window: tuple[int, int]) -> Iterator[str]:
     """Run an X server on a free display until the block ends, and yield the display's name.
+
+    Its screen is more than twice as wide and high as a window: the pointer, which stands in the middle, shall
+    not be in the window and make it show what lies under it.
 
     Raises MissingProgramError where it is not installed or does not start.
     """
@@ -25,7 +28,7 @@ def virtual_screen(size: tuple[int, int]) -> Iterator[str]:
     if program is None:
         raise MissingProgramError("Xvfb")
     read_end, write_end = os.pipe()
-    width, height = size
+    width, height = (2 * side + 100 for side in window)
     server = subprocess.Popen(
         [
             program,
