@@ -7,13 +7,14 @@ INSTALLED := $(VENV)/.installed
 # No display is needed or looked for; set MUJOCO_GL yourself to render.
 export MUJOCO_GL ?= disable
 
-.PHONY: help setup demo docs test lint smoke bench soak clean
+.PHONY: help setup demo docs test lint smoke bench pictures soak clean
 
 help:
 	@echo "make demo   find a gait for a hexapod whose leg 5 has failed, in simulation"
 	@echo "make test   style, types and tests"
 	@echo "make smoke  the built wheel, installed alone"
 	@echo "make bench  the numbers hexctl promises, measured (about 20 minutes)"
+	@echo "make pictures  the pictures of the documentation, made anew (about 7 minutes)"
 	@echo "make soak   the long tests: a hundred stops, hostile input without end"
 	@echo "make docs   the documentation as a site, in build/site"
 	@echo "make clean  remove what the others made, recordings excepted"
@@ -48,6 +49,10 @@ smoke: $(INSTALLED)
 
 bench: $(INSTALLED)
 	$(BIN)/python -m benchmarks
+
+# Needs a screen that nobody sees, and says which packages that takes.
+pictures: $(INSTALLED)
+	$(BIN)/python -m pictures
 
 soak: $(INSTALLED)
 	$(BIN)/pytest -m soak

@@ -14,6 +14,7 @@ from benchmarks.single import single_rows
 from benchmarks.startup import startup_rows
 from benchmarks.study import study_rows
 from benchmarks.tick import tick_rows
+from benchmarks.view import view_rows
 
 Benchmark = Callable[[Scale], Iterator[Row]]
 
@@ -22,6 +23,7 @@ BENCHMARKS: dict[str, Benchmark] = {
     "startup": startup_rows,
     "tick": tick_rows,
     "clock": clock_rows,
+    "view": view_rows,
     "link": link_rows,
     "single": single_rows,
     "recording": recording_rows,

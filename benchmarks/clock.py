@@ -10,7 +10,7 @@ import json
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 
 import numpy as np
@@ -36,7 +36,7 @@ DRIFT_US = 1000.0
 def clock_rows(scale: Scale) -> Iterator[Row]:
     """Ticks, drift and lateness of hexctl's loop on the wall clock beside a bare deadline loop."""
     expected = round(scale.clock_s / PERIOD_S)
-    loops = _run_together(expected)
+    loops = run_together(("hexctl", "bare") * PAIRS, expected)
     ours = loops["hexctl"]
     realtime = all(loop.realtime for of_kind in loops.values() for loop in of_kind)
     priority = "real-time priority" if realtime else "ordinary priority, real-time was not given"
@@ -45,28 +45,34 @@ def clock_rows(scale: Scale) -> Iterator[Row]:
     yield Row("clock.ticks", count, "ticks", Bar(expected - 1, expected + 1), note)
     note = "last fifth of the ticks against the first, median lateness on a clock of its own"
     yield Row("clock.drift", max(abs(_drift_us(loop)) for loop in ours), "us", Bar(high=DRIFT_US), note)
-    yield from _lateness_rows(loops, scale.clock_s)
-
-
-def _lateness_rows(loops: dict[str, list[LoopLog]], duration_s: float) -> Iterator[Row]:
-    """Yield how late hexctl's loops are, over the bare ones and in µs."""
     for percent in (50, 99):
-        windows = [_by_window(loops[kind], percent, duration_s) for kind in ("hexctl", "bare")]
+        name = f"clock.lateness_p{percent}"
         note = f"p{percent} over a bare loop at the same time; median over windows of {WINDOW_S:g} s"
-        ratios = windows[0] / windows[1]
-        value = float(np.median(ratios[np.isfinite(ratios)]))
-        yield Row(f"clock.lateness_p{percent}", value, "ratio", Bar(high=1.1), note)
+        value = lateness_ratio(loops["hexctl"], loops["bare"], percent, scale.clock_s)
+        yield Row(name, value, "ratio", Bar(high=1.1), note)
+    yield from late_rows("clock", loops)
+
+
+def lateness_ratio(ours: list[LoopLog], others: list[LoopLog], percent: int, duration_s: float) -> float:
+    """Return how late loops are over others at the same time, the median over the windows."""
+    ratios = _by_window(ours, percent, duration_s) / _by_window(others, percent, duration_s)
+    return float(np.median(ratios[np.isfinite(ratios)]))
+
+
+def late_rows(name: str, loops: dict[str, list[LoopLog]]) -> Iterator[Row]:
+    """Yield how late each kind of loop is, in µs."""
     for kind, of_kind in loops.items():
         late_us = np.concatenate([loop.late_s for loop in of_kind]) * 1e6
         p50, p99, worst = np.percentile(late_us, [50, 99, 100])
         note = f"p99 lateness of the {kind} loops; p50 {p50:.0f}, max {worst:.0f} us"
-        yield Row(f"clock.p99_{kind}", float(p99), "us", None, note)
+        yield Row(f"{name}.p99_{kind}", float(p99), "us", None, note)
 
 
-def _run_together(ticks: int) -> dict[str, list[LoopLog]]:
-    """Run all loops at the same time and return what they did, by kind."""
-    start_s = time.monotonic() + HEAD_START_S
-    kinds = ("hexctl", "bare") * PAIRS
+def run_together(
+    kinds: Sequence[str], ticks: int, head_start_s: float = HEAD_START_S
+) -> dict[str, list[LoopLog]]:
+    """Run loops of some kinds at the same time and return what they did, by kind."""
+    start_s = time.monotonic() + head_start_s
     logs: dict[str, list[LoopLog]] = {kind: [] for kind in kinds}
     with ExitStack() as stack:
         processes = []

@@ -1,7 +1,7 @@
-"""The two loops of the clock benchmark, each a process: hexctl's own, and one that only sleeps.
+"""The loops of the clock benchmark, each a process: hexctl's own, seen or not, and one that only sleeps.
 
-`python -m benchmarks.loops hexctl|bare START_S TICKS` waits for a time on the monotonic clock, runs, and
-prints a `LoopLog` as JSON. Both ask for real-time priority, as `hexctl run` does on a real robot.
+`python -m benchmarks.loops hexctl|viewed|bare START_S TICKS` waits for a time on the monotonic clock,
+runs, and prints a `LoopLog` as JSON. All ask for real-time priority, as `hexctl run` does on a real robot.
 """
 
 import json
@@ -10,6 +10,8 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import asdict, dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from benchmarks.plans import ant, default_gait
 from hexctl.backends.clock import PERIOD_S, WallClock, request_realtime_priority
@@ -18,8 +20,10 @@ from hexctl.control.controller import Walk
 from hexctl.control.guard import Guard
 from hexctl.control.log import TickLog
 from hexctl.control.loop import drive
+from hexctl.control.plan import TrialPlan
 from hexctl.errors import EStopError
 from hexctl.gait.gait import Motion
+from hexctl.record.live import LiveView
 from hexctl.robot.messages import RobotState
 
 
@@ -44,7 +48,21 @@ class LoopLog:
 
 def hexctl_loop(start_s: float, ticks: int, realtime: bool) -> LoopLog:
     """Walk on a mock robot with a wall clock: gait, guard and log, everything but a robot."""
-    log, over_s = TickLog(), []
+    return _walk(TickLog(), start_s, ticks, realtime)
+
+
+def viewed_loop(start_s: float, ticks: int, realtime: bool) -> LoopLog:
+    """Do the same, shown live to a viewer that saves what it is sent, for want of a screen."""
+    with TemporaryDirectory() as folder, LiveView(options=("--save", str(Path(folder, "seen.rrd")))) as live:
+        live.begin(ant(), TrialPlan(gait=default_gait()), title="benchmark")
+        log = _walk(TickLog(live.write_block, live.block_ticks), start_s, ticks, realtime)
+        live.close(leave_viewer=False)
+    return log
+
+
+def _walk(log: TickLog, start_s: float, ticks: int, realtime: bool) -> LoopLog:
+    """Walk and log until so many ticks are over."""
+    over_s: list[float] = []
     with MockServos(ant(), clock=WallClock()) as servos:
         clock, guard = servos.clock, Guard(servos)
         walk = Walk(ant(), default_gait(), Motion(), period_s=clock.period_s)
@@ -82,7 +100,11 @@ def bare_loop(start_s: float, ticks: int, realtime: bool) -> LoopLog:
     return LoopLog(realtime=realtime, overruns=0, time_s=time_s, late_s=late_s, over_s=over_s)
 
 
-LOOPS: dict[str, Callable[[float, int, bool], LoopLog]] = {"hexctl": hexctl_loop, "bare": bare_loop}
+LOOPS: dict[str, Callable[[float, int, bool], LoopLog]] = {
+    "hexctl": hexctl_loop,
+    "viewed": viewed_loop,
+    "bare": bare_loop,
+}
 
 
 def _wait_until(start_s: float) -> None:

@@ -1,6 +1,9 @@
 """The overview of a session: what `hexctl.record.overview` draws, from what the store keeps."""
 
+from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
+from urllib.parse import quote
 
 import numpy as np
 
@@ -19,26 +22,42 @@ OBJECTIVE_NAMES = {
 }
 
 
-def write_overview(session: Session, folder: Path) -> Path:
-    """Write `overview.rrd` into a session's folder, in place of an earlier one, and return its path.
+def write_overview(session: Session, folder: Path, *, into: Path | None = None, base: str = "") -> Path:
+    """Write `overview.rrd`, in place of an earlier one, and return its path.
+
+    Args:
+        session: what is shown.
+        folder: where the recordings of its trials are.
+        into: the folder to write to; None is the session's.
+        base: URL under which the recordings are found, with a slash at its end; without one they are files.
 
     Raises InputError for a session without trials or a folder that cannot be written, RecordingError when the
     disk did not take everything, and MissingExtraError without Rerun.
     """
-    path = folder / FILE_NAME
-    write_overview_file(path, make_overview(session))
+    path = (into or folder) / FILE_NAME
+    addresses = {
+        index: base + quote(recording.name) if base else recording.resolve().as_uri()
+        for index, recording in recordings_of(session, folder).items()
+    }
+    write_overview_file(path, make_overview(session, addresses))
     return path
 
 
-def make_overview(session: Session) -> Overview:
-    """Return a session as its overview shows it."""
+def recordings_of(session: Session, folder: Path) -> dict[int, Path]:
+    """Return the recordings in a folder that there are, by trial."""
+    files = {trial.index: folder / Path(trial.recording).name for trial in session.trials if trial.recording}
+    return {index: path for index, path in files.items() if path.is_file()}
+
+
+def make_overview(session: Session, addresses: Mapping[int, str] = MappingProxyType({})) -> Overview:
+    """Return a session as its overview shows it, its trials' recordings at some addresses."""
     ideals_m = [trial.outcome["ideal_distance_m"] for trial in session.trials]
     return Overview(
         title=session.name,
         facts=tuple(_facts(session)),
         objective=OBJECTIVE_NAMES[session.spec.objective],
         course_m=max(ideals_m, default=0.0) or 1.0,
-        trials=tuple(_trial(trial) for trial in session.trials),
+        trials=tuple(_trial(trial, addresses.get(trial.index)) for trial in session.trials),
     )
 
 
@@ -62,7 +81,7 @@ def _facts(session: Session) -> list[str]:
     return lines
 
 
-def _trial(trial: TrialRecord) -> OverviewTrial:
+def _trial(trial: TrialRecord, address: str | None) -> OverviewTrial:
     outcome = trial.outcome
     return OverviewTrial(
         index=trial.index,
@@ -73,6 +92,7 @@ def _trial(trial: TrialRecord) -> OverviewTrial:
         distance_m=outcome["distance_m"],
         status=outcome["status"] + (" (repeat)" if trial.confirms else ""),
         path_m=_path(trial),
+        address=address,
     )
 
 

@@ -4,7 +4,7 @@ import fcntl
 import json
 import sqlite3
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import asdict
 from datetime import datetime
 from pathlib import Path
@@ -36,6 +36,26 @@ CREATE TABLE IF NOT EXISTS trials (
 
 class StoreError(HexctlError, OSError):
     """The store cannot be read or written."""
+
+
+def stored_names(folder: Path) -> list[str]:
+    """Return the names of all sessions in a folder, newest last, without making or writing anything.
+
+    Raises StoreError for a store that cannot be read now.
+    """
+    path = folder / "sessions.sqlite"
+    if not path.is_file():
+        return []
+    try:
+        with closing(sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro", uri=True, timeout=0.1)) as reader:
+            return _names(reader)
+    except sqlite3.Error as error:
+        raise StoreError(f"session store: {path} cannot be read: {error}") from error
+
+
+def _names(connection: sqlite3.Connection) -> list[str]:
+    rows = connection.execute("SELECT name FROM sessions ORDER BY created, rowid")
+    return [name for (name,) in rows]
 
 
 class SessionStore:
@@ -124,8 +144,7 @@ class SessionStore:
 
     def names(self) -> list[str]:
         """Return the names of all sessions, newest last."""
-        rows = self._connection.execute("SELECT name FROM sessions ORDER BY created, rowid")
-        return [name for (name,) in rows]
+        return _names(self._connection)
 
     def delete(self, name: str) -> None:
         """Remove a session from the store; its recordings are left to the caller.

@@ -4,6 +4,7 @@ from typing import Annotated
 
 import typer
 
+from hexctl.cli import completing
 from hexctl.cli.options import (
     FAILED_LEG_HELP,
     FAILURE_HELP,
@@ -21,11 +22,17 @@ from hexctl.cli.options import (
 def adapt(
     failed_leg: Annotated[
         int | None,
-        typer.Option("--failed-leg", help=f"{FAILED_LEG_HELP} Needed, unless --resume. (default: none)"),
+        typer.Option(
+            "--failed-leg",
+            autocompletion=completing.legs,
+            help=f"{FAILED_LEG_HELP} Needed, unless --resume. (default: none)",
+        ),
     ] = None,
     failure: Annotated[
         str | None,
-        typer.Option("--failure", help=f"{FAILURE_HELP} (default: locked)"),
+        typer.Option(
+            "--failure", autocompletion=completing.failures, help=f"{FAILURE_HELP} (default: locked)"
+        ),
     ] = None,
     budget: Annotated[
         int | None, typer.Option("--budget", help="Most trials to walk, 1..100000. (default: 20)")
@@ -34,6 +41,7 @@ def adapt(
         str | None,
         typer.Option(
             "--optimizer",
+            autocompletion=completing.optimizers,
             help="What chooses the next gait: bayes (knows simulated worlds), random, exhaustive, or one of "
             "the paper's pso, psosp, dps, debest, derand; or package.module:Class. "
             "(default: bayes where a prior fits, else random)",
@@ -43,6 +51,7 @@ def adapt(
         str | None,
         typer.Option(
             "--prior",
+            autocompletion=completing.priors,
             help="Prior, what bayes believes before the first trial: auto (made by hexctl prior build, or "
             "shipped), a file, or none. (default: auto)",
         ),
@@ -55,6 +64,7 @@ def adapt(
         str | None,
         typer.Option(
             "--objective",
+            autocompletion=completing.objectives,
             help="What to make small: final, mean or max distance from the line of travel, or progress "
             "(final, per share of the ideal distance walked). (default: final)",
         ),
@@ -89,22 +99,35 @@ def adapt(
         ),
     ] = None,
     self_rotation: Annotated[
-        str | None, typer.Option("--self-rotation", help=f"{SELF_ROTATION_HELP} (default: rear)")
+        str | None,
+        typer.Option(
+            "--self-rotation",
+            autocompletion=completing.self_rotations,
+            help=f"{SELF_ROTATION_HELP} (default: rear)",
+        ),
     ] = None,
     backend: Annotated[
         str | None,
         typer.Option(
             "--backend",
+            autocompletion=completing.backends,
             help="What moves: sim, zenoh (a robot that hexctl serve puts on the network), mavlink (a servo "
             "board), or package.module:Class for servos of your own. (default: sim)",
         ),
     ] = None,
     robot: Annotated[
         str | None,
-        typer.Option("--robot", help="Robot: ant, phantomx, pexod, or a path to a YAML file. (default: ant)"),
+        typer.Option(
+            "--robot",
+            autocompletion=completing.robots,
+            help="Robot: ant, phantomx, pexod, or a path to a YAML file. (default: ant)",
+        ),
     ] = None,
     world: Annotated[
-        str | None, typer.Option("--world", help=f"{WORLD_HELP} Only with sim. (default: flat)")
+        str | None,
+        typer.Option(
+            "--world", autocompletion=completing.worlds, help=f"{WORLD_HELP} Only with sim. (default: flat)"
+        ),
     ] = None,
     connect: ConnectOption = None,
     keys: KeysOption = None,
@@ -130,6 +153,7 @@ def adapt(
         str | None,
         typer.Option(
             "--resume",
+            autocompletion=completing.sessions,
             help="Go on with this session, by its name in hexctl sessions list. (default: begin a new one)",
         ),
     ] = None,

@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from hexctl.cli import completing
 from hexctl.cli.options import (
     FAILED_LEG_HELP,
     FAILURE_HELP,
@@ -31,18 +32,33 @@ def board(
     backend: Annotated[
         str,
         typer.Option(
-            "--backend", help="What the servos move: sim (simulation in real time) or mock (nothing)."
+            "--backend",
+            autocompletion=completing.board_backends,
+            help="What the servos move: sim (simulation in real time) or mock (nothing).",
         ),
     ] = "sim",
     robot: RobotOption = "ant",
     world: Annotated[
-        str | None, typer.Option("--world", help=f"{WORLD_HELP} Only with sim. (default: flat)")
+        str | None,
+        typer.Option(
+            "--world", autocompletion=completing.worlds, help=f"{WORLD_HELP} Only with sim. (default: flat)"
+        ),
     ] = None,
     failed_leg: Annotated[
-        int | None, typer.Option("--failed-leg", help=f"{FAILED_LEG_HELP} Only with sim. (default: none)")
+        int | None,
+        typer.Option(
+            "--failed-leg",
+            autocompletion=completing.legs,
+            help=f"{FAILED_LEG_HELP} Only with sim. (default: none)",
+        ),
     ] = None,
     failure: Annotated[
-        str | None, typer.Option("--failure", help=f"{FAILURE_HELP} Only with sim. (default: locked)")
+        str | None,
+        typer.Option(
+            "--failure",
+            autocompletion=completing.failures,
+            help=f"{FAILURE_HELP} Only with sim. (default: locked)",
+        ),
     ] = None,
     seed: Annotated[int, typer.Option("--seed", help=SEED_HELP)] = 0,
     expiry: Annotated[

@@ -5,6 +5,7 @@ from typing import Annotated, Any
 
 import typer
 
+from hexctl.cli import completing
 from hexctl.cli.exits import BAD_INPUT
 from hexctl.cli.options import (
     AmplitudeOption,
@@ -21,11 +22,16 @@ def check(
     robot_name: Annotated[
         str | None,
         typer.Argument(
-            metavar="[ROBOT]", help="Robot: ant, phantomx, pexod, or a path to a YAML file. (default: ant)"
+            autocompletion=completing.robots,
+            metavar="[ROBOT]",
+            help="Robot: ant, phantomx, pexod, or a path to a YAML file. (default: ant)",
         ),
     ] = None,
     robot: Annotated[
-        str | None, typer.Option("--robot", help="The robot, as an option. (default: ant)")
+        str | None,
+        typer.Option(
+            "--robot", autocompletion=completing.robots, help="The robot, as an option. (default: ant)"
+        ),
     ] = None,
     gait: GaitOption = "demo",
     heading: Annotated[

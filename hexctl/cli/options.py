@@ -5,6 +5,8 @@ from typing import Annotated
 
 import typer
 
+from hexctl.cli import completing
+
 WORLD_HELP = (
     "Simulated world: flat, slippery, slope, rough, a YAML file, or one of a family such as randomised:7."
 )
@@ -19,12 +21,18 @@ SELF_ROTATION_HELP = (
 SEED_HELP = "Seed of everything random, a whole number, 0 or more: the same seed gives the same result."
 
 RobotOption = Annotated[
-    str, typer.Option("--robot", help="Robot: ant, phantomx, pexod, or a path to a YAML file.")
+    str,
+    typer.Option(
+        "--robot",
+        autocompletion=completing.robots,
+        help="Robot: ant, phantomx, pexod, or a path to a YAML file.",
+    ),
 ]
 GaitOption = Annotated[
     str,
     typer.Option(
         "--gait",
+        autocompletion=completing.gaits,
         help="Gait: demo, tripod, wave, ripple; a code, 1..720, or 1..120 with a failed leg; "
         "or when in the cycle legs 1..6 step, six slots such as 5,1,2,4,3,6.",
     ),

@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from hexctl.cli import completing
 from hexctl.cli.options import (
     FAILURE_HELP,
     SELF_ROTATION_HELP,
@@ -26,14 +27,23 @@ def build(
         int, typer.Option("--worlds", help="Worlds that each failed leg's gaits walk in, 2..1024.")
     ] = 16,
     legs: Annotated[str, typer.Option("--legs", help="Failed legs, of 1..6, with commas.")] = "1,2,3,4,5,6",
-    failure: Annotated[str, typer.Option("--failure", help=FAILURE_HELP)] = "locked",
-    self_rotation: Annotated[str, typer.Option("--self-rotation", help=SELF_ROTATION_HELP)] = "rear",
+    failure: Annotated[
+        str, typer.Option("--failure", autocompletion=completing.failures, help=FAILURE_HELP)
+    ] = "locked",
+    self_rotation: Annotated[
+        str,
+        typer.Option("--self-rotation", autocompletion=completing.self_rotations, help=SELF_ROTATION_HELP),
+    ] = "rear",
     duration: Annotated[
         float, typer.Option("--duration", help="Seconds that each gait walks, above 0 up to 86400.")
     ] = 30.0,
     family: Annotated[
         str,
-        typer.Option("--family", help="Family of worlds to draw from: randomised, or a path to a YAML file."),
+        typer.Option(
+            "--family",
+            autocompletion=completing.families,
+            help="Family of worlds to draw from: randomised, or a path to a YAML file.",
+        ),
     ] = "randomised",
     out: Annotated[
         Path | None,

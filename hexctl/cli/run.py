@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from hexctl.cli import completing
 from hexctl.cli.options import (
     FAILED_LEG_HELP,
     FAILURE_HELP,
@@ -30,6 +31,7 @@ def run(
         str,
         typer.Option(
             "--backend",
+            autocompletion=completing.backends,
             help="What moves: sim (simulation), zenoh (a robot that hexctl serve puts on the network), "
             "mavlink (a servo board), mock (servos without a robot), or package.module:Class for servos of "
             "your own.",
@@ -40,6 +42,7 @@ def run(
         str | None,
         typer.Option(
             "--world",
+            autocompletion=completing.worlds,
             help=f"{WORLD_HELP} Only with sim. (default: flat)",
         ),
     ] = None,
@@ -60,15 +63,20 @@ def run(
     amplitude: AmplitudeOption = None,
     height: HeightOption = None,
     failed_leg: Annotated[
-        int | None, typer.Option("--failed-leg", help=f"{FAILED_LEG_HELP} (default: none)")
+        int | None,
+        typer.Option(
+            "--failed-leg", autocompletion=completing.legs, help=f"{FAILED_LEG_HELP} (default: none)"
+        ),
     ] = None,
     failure: Annotated[
         str | None,
-        typer.Option("--failure", help=f"{FAILURE_HELP} (default: locked)"),
+        typer.Option(
+            "--failure", autocompletion=completing.failures, help=f"{FAILURE_HELP} (default: locked)"
+        ),
     ] = None,
     self_rotation: Annotated[
         str,
-        typer.Option("--self-rotation", help=SELF_ROTATION_HELP),
+        typer.Option("--self-rotation", autocompletion=completing.self_rotations, help=SELF_ROTATION_HELP),
     ] = "rear",
     realtime: Annotated[
         bool,

@@ -5,12 +5,18 @@ from typing import Annotated
 
 import typer
 
+from hexctl.cli import completing
 from hexctl.cli.options import JsonOption
 
 sessions = typer.Typer(help="List, show, export and delete sessions of hexctl adapt.", no_args_is_help=True)
 
 NameArgument = Annotated[
-    str, typer.Argument(metavar="SESSION", help="Name of a session, as hexctl sessions list has it.")
+    str,
+    typer.Argument(
+        autocompletion=completing.sessions,
+        metavar="SESSION",
+        help="Name of a session, as hexctl sessions list has it.",
+    ),
 ]
 
 

@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from hexctl.cli import completing
 from hexctl.cli.options import SEED_HELP, WORLD_HELP, DaskOption, JobsOption, JsonOption, RobotOption
 
 
@@ -43,7 +44,11 @@ def study(
     ] = None,
     prior: Annotated[
         str | None,
-        typer.Option("--prior", help="With --transfer, what bayes believes: auto or a file. (default: auto)"),
+        typer.Option(
+            "--prior",
+            autocompletion=completing.priors,
+            help="With --transfer, what bayes believes: auto or a file. (default: auto)",
+        ),
     ] = None,
     duration: Annotated[
         float, typer.Option("--duration", help="Seconds that each gait walks, above 0 up to 86400.")
@@ -51,7 +56,11 @@ def study(
     robot: RobotOption = "ant",
     world: Annotated[
         str | None,
-        typer.Option("--world", help=f"{WORLD_HELP} Not with --transfer. (default: flat)"),
+        typer.Option(
+            "--world",
+            autocompletion=completing.worlds,
+            help=f"{WORLD_HELP} Not with --transfer. (default: flat)",
+        ),
     ] = None,
     out: Annotated[
         Path | None,

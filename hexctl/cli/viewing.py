@@ -3,39 +3,60 @@
 import time
 from collections.abc import Sequence
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
-from hexctl.adapt.overview import FILE_NAME, write_overview
+from hexctl.adapt.overview import FILE_NAME, recordings_of, write_overview
 from hexctl.adapt.session import Session
-from hexctl.adapt.store import SessionStore
+from hexctl.adapt.store import SessionStore, stored_names
 from hexctl.cli.exits import DONE
 from hexctl.cli.interrupt import StopOnInterrupt
 from hexctl.cli.output import say_aside
 from hexctl.cli.places import RUNS
 from hexctl.errors import HexctlError, InputError
+from hexctl.record.fileserver import FileServer
 from hexctl.record.viewer import newest_recording, open_viewer
-from hexctl.record.webviewer import serve_web
+from hexctl.record.webviewer import free_port, serve_web, web_origin
+
+#: A session, and the folder of its trials' recordings.
+Shown = tuple[Session, Path]
 
 
 def open_all(names: Sequence[str], *, web: bool = False) -> int:
     """Open recordings and sessions, or the newest one, and return the viewer's exit code.
 
-    The overview of the first session is shown first, though not in a browser. Raises InputError for a name
-    that is neither.
+    A session opens as its overview, from which its trials are opened. Raises InputError for a name that is
+    neither.
     """
-    files = [file for name in names or [_newest()] for file in _files(name)]
-    overviews = [file for file in files if file.name == FILE_NAME]
+    chosen = [_chosen(name) for name in names or [_newest()]]
     if web:
-        return _serve(files)
-    return open_viewer(files, front=overviews[0] if overviews else None)
+        return _serve(chosen)
+    return open_viewer([one if isinstance(one, Path) else _overview(*one) for one in chosen])
 
 
-def _serve(files: Sequence[Path]) -> int:
-    """Serve recordings to browsers on this computer until interrupted."""
-    with StopOnInterrupt() as interrupt, serve_web(files) as served:
-        say_aside(f"open {served.url} in a browser; Ctrl-C ends it")
-        while not interrupt.requested():
-            served.check()
-            time.sleep(0.1)
+def _serve(chosen: Sequence[Path | Shown]) -> int:
+    """Serve recordings and sessions to browsers on this computer until interrupted."""
+    port = free_port()
+    with (
+        StopOnInterrupt() as interrupt,
+        FileServer(web_origin(port)) as files,
+        TemporaryDirectory() as aside,
+    ):
+        urls = []
+        for number, one in enumerate(chosen):
+            if isinstance(one, Path):
+                urls.append(files.add(str(number), one))
+            else:
+                session, folder = one
+                for recording in recordings_of(session, folder).values():
+                    files.add(session.name, recording)
+                into = Path(aside, str(number))
+                overview = write_overview(session, folder, into=into, base=files.base(session.name))
+                urls.append(files.add(session.name, overview))
+        with serve_web(port, urls) as served:
+            say_aside(f"open {served.url} in a browser; Ctrl-C ends it")
+            while not interrupt.requested():
+                served.check()
+                time.sleep(0.1)
     return DONE
 
 
@@ -44,40 +65,29 @@ def _newest() -> str:
     # An overview is written anew whenever its session is viewed.
     path = newest_recording(RUNS, leave_out=FILE_NAME)
     session = path.parent.name
-    if session not in _session_names():
+    if session not in stored_names(RUNS):
         return str(path)
     with SessionStore(RUNS) as store:
         return session if store.load(session).trials else str(path)
 
 
-def _files(name: str) -> list[Path]:
-    """Return the recording of that path, or a session's overview and the recordings of its trials."""
+def _chosen(name: str) -> Path | Shown:
+    """Return the recording of that path, or a session and the folder of its recordings."""
     path = Path(name)
     if path.suffix == ".rrd" or path.is_file():
-        return [path]
+        return path
     # A folder as the shell completes it: runs/SESSION/
     session = path.name if path.parent == RUNS else name
-    if session not in _session_names():
-        known = ", ".join(_session_names()[-5:]) or "none yet, hexctl adapt makes one"
+    if session not in stored_names(RUNS):
+        known = ", ".join(stored_names(RUNS)[-5:]) or "none yet, hexctl adapt makes one"
         raise InputError(f"view: got {name!r}; allowed: an .rrd file or a session (newest last): {known}")
-    return _session_files(session)
-
-
-def _session_names() -> list[str]:
-    """Return the names of all sessions, newest last, without making a store where there is none."""
-    if not (RUNS / "sessions.sqlite").is_file():
-        return []
     with SessionStore(RUNS) as store:
-        return store.names()
-
-
-def _session_files(name: str) -> list[Path]:
-    with SessionStore(RUNS) as store:
-        session, folder = store.load(name), store.folder_of(name)
-    if not session.trials:
-        raise InputError(f"session {name}: has no trial yet; hexctl adapt --resume {name} goes on with it")
-    trials = (folder / Path(trial.recording).name for trial in session.trials if trial.recording)
-    return [_overview(session, folder), *(path for path in trials if path.is_file())]
+        loaded, folder = store.load(session), store.folder_of(session)
+    if not loaded.trials:
+        raise InputError(
+            f"session {session}: has no trial yet; hexctl adapt --resume {session} goes on with it"
+        )
+    return loaded, folder
 
 
 def _overview(session: Session, folder: Path) -> Path:

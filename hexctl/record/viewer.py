@@ -1,16 +1,11 @@
 """Open recordings in Rerun's own viewer."""
 
 import importlib.util
-import socket
 import subprocess
 from collections.abc import Sequence
-from contextlib import suppress
 from pathlib import Path
-from threading import Thread
 
-from hexctl.errors import HexctlError, InputError, MissingExtraError, RecordingError
-from hexctl.record.sdk import load_rerun
-from hexctl.record.viewercontrol import ViewerControl
+from hexctl.errors import InputError, MissingExtraError, RecordingError
 
 #: How an .rrd file begins.
 MAGIC = b"RRF"
@@ -18,12 +13,8 @@ MAGIC = b"RRF"
 LOCAL = "127.0.0.1"
 
 
-def open_viewer(paths: Sequence[Path], *, front: Path | None = None) -> int:
+def open_viewer(paths: Sequence[Path]) -> int:
     """Start the native viewer on recordings, wait until it is closed, and return its exit code.
-
-    Args:
-        paths: the recordings.
-        front: the one of them to be shown first; None leaves it to the viewer, which shows the last it loads.
 
     Raises InputError for a missing file or a file of another kind, RecordingError for a viewer that cannot
     start, and MissingExtraError without Rerun.
@@ -31,14 +22,11 @@ def open_viewer(paths: Sequence[Path], *, front: Path | None = None) -> int:
     for path in paths:
         check_recording(path)
     # A port of its own: another viewer that is open keeps what it shows.
-    port = _free_port()
-    command = [str(viewer_binary()), "--bind", LOCAL, "--port", str(port), *map(str, paths)]
+    command = [str(viewer_binary()), "--bind", LOCAL, "--port", "auto", *map(str, paths)]
     try:
         viewer = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, errors="replace")
     except OSError as error:
         raise RecordingError(f"{command[0]}: the viewer does not start: {error.strerror}") from error
-    if front is not None and len(paths) > 1:
-        Thread(target=_show, args=(viewer, port, front, len(paths)), daemon=True).start()
     with viewer:
         try:
             _, messages = viewer.communicate()
@@ -48,23 +36,6 @@ def open_viewer(paths: Sequence[Path], *, front: Path | None = None) -> int:
     if viewer.returncode > 0:
         raise RecordingError(_why(messages, paths))
     return viewer.returncode
-
-
-def _free_port() -> int:
-    """Return a port of this machine that nobody listens at."""
-    with socket.socket() as probe:
-        probe.bind((LOCAL, 0))
-        port: int = probe.getsockname()[1]
-        return port
-
-
-def _show(viewer: "subprocess.Popen[str]", port: int, front: Path, of: int) -> None:
-    """Have a viewer show a recording when all are loaded; if that fails, it can still be chosen by hand."""
-    with suppress(OSError, ValueError, KeyError, HexctlError):
-        (recording,) = load_rerun().chunk.RrdReader(front).recordings()
-        with ViewerControl(viewer_binary(), port, lambda: viewer.poll() is None) as control:
-            control.connect()
-            control.show(recording.recording_id, of)
 
 
 def newest_recording(folder: Path, *, leave_out: str | None = None) -> Path:

@@ -5,10 +5,10 @@ import subprocess
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from pathlib import Path
+from urllib.parse import quote
 
 from hexctl.errors import RecordingError
-from hexctl.record.viewer import LOCAL, check_recording, viewer_binary
+from hexctl.record.viewer import LOCAL, viewer_binary
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,27 +40,37 @@ def web_url(port: int, web_port: int) -> str:
 
 
 @contextmanager
-def serve_web(paths: Sequence[Path]) -> Iterator[WebViewer]:
-    """Serve recordings to browsers until the block ends.
+def serve_web(web_port: int, urls: Sequence[str]) -> Iterator[WebViewer]:
+    """Serve the viewer, showing recordings at some URLs, to browsers until the block ends.
 
-    Raises InputError for a missing file or a file of another kind, RecordingError for a server that cannot
-    start, MissingExtraError without Rerun.
+    Raises RecordingError for a server that cannot start, MissingExtraError without Rerun.
     """
-    for path in paths:
-        check_recording(path)
-    port, web_port = free_port(), free_port()
-    command = [str(viewer_binary()), *web_options(port, web_port), *map(str, paths)]
+    command = [
+        str(viewer_binary()),
+        "--bind",
+        LOCAL,
+        "--serve-web",
+        "--web-viewer-port",
+        str(web_port),
+        *urls,
+    ]
     try:
         process = subprocess.Popen(
             command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
         )
     except OSError as error:
         raise RecordingError(f"{command[0]}: the viewer does not start: {error.strerror}") from error
+    query = "&".join(f"url={quote(url, safe='')}" for url in urls)
     try:
-        yield WebViewer(web_url(port, web_port), process)
+        yield WebViewer(f"{web_origin(web_port)}/?{query}", process)
     finally:
         process.kill()
         process.wait()
+
+
+def web_origin(web_port: int) -> str:
+    """Return where the viewer is served from."""
+    return f"http://{LOCAL}:{web_port}"
 
 
 def free_port() -> int:

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import rerun as rr
 
 from hexctl.adapt.session import TrialRecord
 from hexctl.adapt.store import SessionStore
@@ -18,7 +19,7 @@ def _in_an_empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None
     """Work in an empty folder, with a viewer that notes what it is to open."""
     monkeypatch.chdir(tmp_path)
     program = tmp_path / "viewer"
-    program.write_text('#!/bin/sh\n[ "$1" = viewer-mcp ] || printf "%s\\n" "$@" > opened\n')
+    program.write_text('#!/bin/sh\nprintf "%s\\n" "$@" > opened\n')
     program.chmod(0o755)
     monkeypatch.setattr(viewer, "viewer_binary", lambda: program)
 
@@ -56,20 +57,21 @@ def session(trials: int, *, age_s: int = 10, missing: tuple[int, ...] = ()) -> s
     return made.name
 
 
-def test_a_session_opens_its_overview_and_then_its_trials() -> None:
+def table_of(overview: Path) -> str:
+    """Return the table of an overview, with its links."""
+    chunks = rr.chunk.RrdReader(overview).stream().to_chunks()
+    (table,) = [chunk.to_record_batch() for chunk in chunks if chunk.entity_path == "/table"]
+    text: str = table.column("TextDocument:text").to_pylist()[0][0]
+    return text
+
+
+def test_a_session_opens_as_its_overview_with_a_link_to_each_trial() -> None:
     name = session(3)
     assert exit_code(["view", name]) == 0
-    expected = ["overview.rrd", "trial-001.rrd", "trial-002.rrd", "trial-003.rrd"]
-    assert opened() == [f"runs/{name}/{file}" for file in expected]
-    assert Path(opened()[0]).read_bytes()[:3] == b"RRF"
-
-
-def test_the_overview_is_shown_first(monkeypatch: pytest.MonkeyPatch) -> None:
-    shown: list[object] = []
-    monkeypatch.setattr(viewer, "_show", lambda *arguments: shown.extend(arguments))
-    name = session(2)
-    assert exit_code(["view", name]) == 0
-    assert shown[2:] == [Path("runs", name, "overview.rrd"), 3]
+    assert opened() == [f"runs/{name}/overview.rrd"]
+    table = table_of(Path(opened()[0]))
+    for index in (1, 2, 3):
+        assert f"[▶ {index}]({Path.cwd().as_uri()}/runs/{name}/trial-00{index}.rrd)" in table
 
 
 def test_an_overview_from_before_the_last_trials_is_made_anew() -> None:
@@ -83,20 +85,23 @@ def test_an_overview_from_before_the_last_trials_is_made_anew() -> None:
 def test_a_folder_as_the_shell_completes_it_is_a_session_too() -> None:
     name = session(1)
     assert exit_code(["view", f"runs/{name}/"]) == 0
-    assert len(opened()) == 2
+    assert opened() == [f"runs/{name}/overview.rrd"]
 
 
-def test_deleted_recordings_are_left_out() -> None:
+def test_deleted_recordings_have_no_link() -> None:
     name = session(3, missing=(2,))
     assert exit_code(["view", name]) == 0
-    assert [Path(path).name for path in opened()] == ["overview.rrd", "trial-001.rrd", "trial-003.rrd"]
+    table = table_of(Path(opened()[0]))
+    assert "▶ 1" in table
+    assert "▶ 2" not in table
+    assert "▶ 3" in table
 
 
 def test_recordings_and_sessions_open_together() -> None:
     name = session(1)
     recording(Path("mine.rrd"), 0)
     assert exit_code(["view", "mine.rrd", name]) == 0
-    assert [Path(path).name for path in opened()] == ["mine.rrd", "overview.rrd", "trial-001.rrd"]
+    assert [Path(path).name for path in opened()] == ["mine.rrd", "overview.rrd"]
 
 
 def test_without_a_name_the_newest_is_opened_session_or_recording() -> None:

@@ -67,12 +67,12 @@ def _send_best_so_far(stream: Any, overview: Overview) -> None:
 
 
 def _send_targets(stream: Any, overview: Overview) -> None:
-    """Send the targets as lines from the first trial to the last."""
+    """Send the targets as lines that grow with the trials."""
     rr = load_rerun()
     for number, (half_width_m, _, name) in enumerate(BANDS, start=1):
         path = f"{paths.TARGETS}/{number}"
         look = rr.SeriesLines(names=[name.removeprefix("±")], colors=[TEXT_COLOR], widths=[1.0])
         stream.log(path, look, static=True)
-        ends = sorted({overview.trials[0].index, overview.trials[-1].index})
-        scalars = rr.Scalars.columns(scalars=np.full(len(ends), half_width_m))
-        stream.send_columns(path, [paths.at(ends)], scalars)
+        indices = [trial.index for trial in overview.trials]
+        scalars = rr.Scalars.columns(scalars=np.full(len(indices), half_width_m))
+        stream.send_columns(path, [paths.at(indices)], scalars)

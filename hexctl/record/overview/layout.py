@@ -8,6 +8,9 @@ from hexctl.record.overview.above import picture, visible_m
 from hexctl.record.overview.curve import score_top_m
 from hexctl.record.overview.trials import Overview
 
+#: Share of the curve's width that is kept free for its legend.
+LEGEND_SHARE = 0.15
+
 
 def make_layout(overview: Overview) -> Any:
     """Return the blueprint of an overview."""
@@ -17,8 +20,7 @@ def make_layout(overview: Overview) -> Any:
     table = rrb.TextDocumentView(origin=paths.TABLE, name="trials")
     return rrb.Blueprint(
         rrb.Horizontal(left, table, column_shares=[5, 3]),
-        # Open: it lists the recordings of the trials, to be chosen from.
-        rrb.BlueprintPanel(state="expanded"),
+        rrb.BlueprintPanel(state="hidden"),
         rrb.SelectionPanel(state="hidden"),
         # Following: the time cursor begins at the last trial, so that all are shown.
         rrb.TimePanel(state="collapsed", timeline=paths.TIMELINE, play_state="following", fps=4.0),
@@ -44,6 +46,8 @@ def _curve_view(overview: Overview) -> Any:
     import rerun.blueprint as rrb
 
     first, last = overview.trials[0].index, overview.trials[-1].index
+    # Room for the legend.
+    last += max(1, round(LEGEND_SHARE * (last - first)))
     top_m = score_top_m(overview)
     return rrb.TimeSeriesView(
         origin=paths.CURVE,
@@ -52,8 +56,14 @@ def _curve_view(overview: Overview) -> Any:
         axis_x=rrb.TimeAxis(
             view_range=rrb.TimeRange(
                 start=rrb.TimeRangeBoundary.absolute(seq=first - 1),
-                end=rrb.TimeRangeBoundary.absolute(seq=last + 1),
+                end=rrb.TimeRangeBoundary.absolute(seq=last),
             )
+        ),
+        # The points appear with their trials.
+        time_ranges=rrb.VisibleTimeRanges(
+            timeline=paths.TIMELINE,
+            start=rrb.TimeRangeBoundary.infinite(),
+            end=rrb.TimeRangeBoundary.cursor_relative(),
         ),
         axis_y=rrb.ScalarAxis(range=(-0.05 * top_m, 1.05 * top_m)),
     )

@@ -25,6 +25,7 @@ class OverviewTrial:
         distance_m: progress along the heading, or None.
         status: how it ended, in words.
         path_m: progress along the heading and signed deviation, positive to the left, (N, 2).
+        address: URL of its recording, which a viewer opens; None where there is none.
     """
 
     index: int
@@ -35,6 +36,7 @@ class OverviewTrial:
     distance_m: float | None
     status: str
     path_m: FloatArray
+    address: str | None = None
 
     @property
     def end_m(self) -> FloatArray:

@@ -1,0 +1,108 @@
+"""What the shell offers for the values of options, once `hexctl --install-completion` has been typed.
+
+Each function is called with what has been typed so far, and imports what it asks only then: `hexctl --help`
+stays quick, and so does the Tab key. Where none of a function's words fits, the shell offers files.
+"""
+
+from collections.abc import Callable, Iterable
+
+from hexctl.cli.places import RUNS
+from hexctl.errors import HexctlError
+
+Words = list[str]
+
+
+def _offered(words: Callable[[], Iterable[str]]) -> Callable[[str], Words]:
+    """Return a completion of words; in the middle of a command line nothing may complain."""
+
+    def complete(incomplete: str) -> Words:
+        try:
+            return [word for word in words() if word.startswith(incomplete)]
+        except (HexctlError, OSError):
+            return []
+
+    return complete
+
+
+def _robots() -> Iterable[str]:
+    from hexctl.robot.configs import config_names
+
+    return config_names("robots")
+
+
+def _worlds() -> Iterable[str]:
+    from hexctl.robot.configs import config_names, find_config, read_mapping
+
+    # A family is not a world: its members have numbers, which nobody can list.
+    return [
+        name for name in config_names("worlds") if "ranges" not in read_mapping(find_config("worlds", name))
+    ]
+
+
+def _gaits() -> Iterable[str]:
+    from hexctl.gait.named import NAMED_SLOTS
+
+    return NAMED_SLOTS
+
+
+def _failures() -> Iterable[str]:
+    from hexctl.robot.failure import FAILURE_KINDS
+
+    return FAILURE_KINDS
+
+
+def _legs() -> Iterable[str]:
+    from hexctl.robot.joints import N_LEGS
+
+    return map(str, range(1, N_LEGS + 1))
+
+
+def _self_rotations() -> Iterable[str]:
+    from hexctl.control.plan import SELF_ROTATIONS
+
+    return SELF_ROTATIONS
+
+
+def _backends() -> Iterable[str]:
+    from hexctl.backends.table import BACKENDS
+
+    return BACKENDS
+
+
+def _optimizers() -> Iterable[str]:
+    from hexctl.adapt.catalogue import BAYES, OPTIMIZERS
+
+    return [BAYES, *OPTIMIZERS]
+
+
+def _objectives() -> Iterable[str]:
+    from hexctl.adapt.objective import OBJECTIVES
+
+    return OBJECTIVES
+
+
+def _sessions() -> Iterable[str]:
+    from hexctl.adapt.store import stored_names
+
+    return stored_names(RUNS)
+
+
+def _viewable() -> Iterable[str]:
+    return [*_sessions(), *map(str, RUNS.glob("*.rrd"))]
+
+
+robots = _offered(_robots)
+worlds = _offered(_worlds)
+gaits = _offered(_gaits)
+failures = _offered(_failures)
+legs = _offered(_legs)
+self_rotations = _offered(_self_rotations)
+backends = _offered(_backends)
+served_backends = _offered(lambda: [name for name in _backends() if name != "zenoh"])
+board_backends = _offered(lambda: ("sim", "mock"))
+optimizers = _offered(_optimizers)
+objectives = _offered(_objectives)
+priors = _offered(lambda: ("auto", "none"))
+families = _offered(lambda: ("randomised",))
+sessions = _offered(_sessions)
+viewable = _offered(_viewable)

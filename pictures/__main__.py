@@ -1,0 +1,56 @@
+"""Make pictures of the documentation anew: `python -m pictures [NAME]...`, all of them without a name."""
+
+import contextlib
+import io
+import os
+import runpy
+import sys
+import tempfile
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+os.environ.setdefault("MUJOCO_GL", "disable")
+
+from pictures import convergence, session, walking
+from pictures.needed import MissingProgramError
+from pictures.picture import Picture
+
+DOCS = Path(__file__).parents[1] / "docs"
+
+
+def _prior(folder: Path) -> Picture:
+    """Return the figure that has a program of its own, because its numbers are explained there."""
+    path = folder / "prior.png"
+    runpy.run_path(str(DOCS / "make_prior_figure.py"))["main"](path)
+    return Picture.from_png(path.read_bytes())
+
+
+#: Each picture by the name of its file; what it draws goes into an empty folder.
+PICTURES: dict[str, Callable[[Path], Picture]] = {
+    "walking": walking.draw,
+    "session": session.draw,
+    "prior": _prior,
+    "convergence": convergence.draw,
+}
+
+
+def main(names: Sequence[str]) -> int:
+    """Make the pictures of some names and return the exit code."""
+    unknown = [name for name in names if name not in PICTURES]
+    if unknown:
+        sys.stderr.write(f"pictures: got {', '.join(unknown)}; allowed: {', '.join(PICTURES)}\n")
+        return 2
+    for name in names or PICTURES:
+        path = DOCS / "images" / f"{name}.png"
+        sys.stderr.write(f"{path.name} …\n")
+        try:
+            with tempfile.TemporaryDirectory() as folder, contextlib.redirect_stdout(io.StringIO()):
+                PICTURES[name](Path(folder)).save(path)
+        except MissingProgramError as error:
+            sys.stderr.write(f"pictures: {error}\n")
+            return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,14 @@
+"""The programs that are needed beside Python's, and what to do where they are missing."""
+
+#: The packages of Debian, and of systems made from it.
+PACKAGES = (
+    "xvfb mesa-vulkan-drivers libvulkan1 libxkbcommon-x11-0 libxcursor1 libxi6 libxrandr2 "
+    "chromium fonts-dejavu-core"
+)
+
+
+class MissingProgramError(Exception):
+    """Something that draws or shows is not installed."""
+
+    def __init__(self, what: str) -> None:
+        super().__init__(f"{what} is missing; on Debian: apt-get install --no-install-recommends {PACKAGES}")

@@ -1,0 +1,78 @@
+"""What a screen shows, as numbers."""
+
+from dataclasses import dataclass
+from io import BytesIO
+from pathlib import Path
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+Color = tuple[int, int, int]
+
+#: How far each of red, green and blue may be off for a colour to be another's: smoothing, shading.
+NEAR = 40
+
+#: A screen with fewer colours has nothing on it.
+BLANK_COLORS = 24
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """A picture: (height, width, 3), red, green, blue."""
+
+    pixels: NDArray[np.uint8]
+
+    @classmethod
+    def from_png(cls, data: bytes) -> Self:
+        """Return a picture from the bytes of a PNG file."""
+        with Image.open(BytesIO(data)) as image:
+            return cls(np.asarray(image.convert("RGB")))
+
+    @property
+    def blank(self) -> bool:
+        """Return whether there is nothing to be seen."""
+        return len(np.unique(self._packed())) < BLANK_COLORS
+
+    @property
+    def filled(self) -> float:
+        """Return the share that has another colour than most of the picture."""
+        _, counts = np.unique(self._packed(), return_counts=True)
+        return 1.0 - float(counts.max()) / float(counts.sum())
+
+    def share(self, color: Color, near: int = NEAR) -> float:
+        """Return the share of the picture that has about a colour."""
+        return float(np.mean(self._has(color, near)))
+
+    def middle(self, color: Color, near: int = NEAR) -> NDArray[np.float64]:
+        """Return the middle (x, y) in pixels of what has about a colour."""
+        rows, columns = np.nonzero(self._has(color, near))
+        return np.array([columns.mean(), rows.mean()])
+
+    def difference(self, other: "Picture") -> float:
+        """Return the share of the pixels that differ visibly; 1 for another size."""
+        if self.pixels.shape != other.pixels.shape:
+            return 1.0
+        apart = np.abs(self.pixels.astype(np.int16) - other.pixels.astype(np.int16)).max(axis=2)
+        return float(np.mean(apart > NEAR / 2))
+
+    def cut(self, left: int, top: int, width: int, height: int) -> "Picture":
+        """Return a part."""
+        return Picture(self.pixels[top : top + height, left : left + width])
+
+    def save(self, path: Path) -> None:
+        """Write it as a small PNG file."""
+        Image.fromarray(self.pixels).save(path, optimize=True)
+
+    def _packed(self) -> NDArray[np.uint32]:
+        """Return one number per pixel."""
+        packed: NDArray[np.uint32] = self.pixels.astype(np.uint32) @ np.array(
+            [1 << 16, 1 << 8, 1], dtype=np.uint32
+        )
+        return packed
+
+    def _has(self, color: Color, near: int) -> NDArray[np.bool_]:
+        apart = np.abs(self.pixels.astype(np.int16) - np.array(color, dtype=np.int16))
+        has: NDArray[np.bool_] = apart.max(axis=2) <= near
+        return has

@@ -1,0 +1,133 @@
+"""The Tab key, asked as the shells ask it."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from hexctl.adapt.store import SessionStore
+from hexctl.cli import completing
+from tests.adapt.walking import SPEC
+
+#: Calls hexctl as its console script does, and says on stderr what it has loaded.
+HEXCTL = """
+import atexit, sys
+sys.argv[0] = "hexctl"
+loaded = ("mujoco", "dm_control", "rerun", "scipy", "zenoh", "pymavlink", "matplotlib", "distributed")
+atexit.register(lambda: print([name for name in loaded if name in sys.modules], file=sys.stderr))
+from hexctl.cli.entry import main
+main()
+"""
+
+SHELLS = ("bash", "zsh", "fish")
+
+
+def asked(shell: str, line: str, folder: Path) -> list[str]:
+    """Return what a shell is offered for the last word of a line."""
+    words = line.split(" ")
+    variables = {
+        "_HEXCTL_COMPLETE": f"complete_{shell}",
+        "COMP_WORDS": line,
+        "COMP_CWORD": str(len(words) - 1),
+        "_TYPER_COMPLETE_ARGS": line,
+        "_TYPER_COMPLETE_FISH_ACTION": "get-args",
+    }
+    done = subprocess.run(
+        [sys.executable, "-c", HEXCTL],
+        cwd=folder,
+        env=os.environ | variables,
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stderr.strip() == "[]", "a Tab must not wait for these to load"
+    if shell == "zsh":
+        return [word for line in done.stdout.splitlines() for word in line.split('"')[1:2]]
+    return [line.split("\t")[0] for line in done.stdout.splitlines() if line]
+
+
+@pytest.mark.parametrize(
+    ("line", "offered"),
+    [
+        ("hexctl ru", ["run"]),
+        ("hexctl run --robot ", ["ant", "pexod", "phantomx"]),
+        ("hexctl run --robot p", ["pexod", "phantomx"]),
+        ("hexctl run --world s", ["slippery", "slope"]),
+        ("hexctl run --gait ", ["demo", "tripod", "wave", "ripple"]),
+        ("hexctl run --failed-leg ", ["1", "2", "3", "4", "5", "6"]),
+        ("hexctl run --failure l", ["locked", "limp"]),
+        ("hexctl run --self-rotation ", ["rear", "front", "none"]),
+        ("hexctl run --backend m", ["mavlink", "mock"]),
+        ("hexctl serve --backend ", ["sim", "mavlink", "mock"]),
+        ("hexctl adapt --optimizer de", ["debest", "derand"]),
+        ("hexctl adapt --objective m", ["mean", "max"]),
+        ("hexctl check a", ["ant"]),
+    ],
+)
+def test_values_are_offered(line: str, offered: list[str], tmp_path: Path) -> None:
+    assert asked("bash", line, tmp_path) == offered
+
+
+@pytest.mark.parametrize("shell", SHELLS)
+def test_all_shells_are_answered(shell: str, tmp_path: Path) -> None:
+    assert asked(shell, "hexctl run --robot ph", tmp_path) == ["phantomx"]
+
+
+@pytest.mark.parametrize("line", ["hexctl adapt --resume ", "hexctl sessions show ", "hexctl view "])
+def test_sessions_are_offered(line: str, tmp_path: Path) -> None:
+    with SessionStore(tmp_path / "runs") as store:
+        name = store.create(SPEC).name
+    assert asked("bash", line, tmp_path) == [name]
+
+
+def test_recordings_are_offered_to_view(tmp_path: Path) -> None:
+    (tmp_path / "runs").mkdir()
+    (tmp_path / "runs" / "walk.rrd").touch()
+    assert asked("bash", "hexctl view ru", tmp_path) == ["runs/walk.rrd"]
+
+
+@pytest.mark.parametrize("line", ["hexctl run --robot ./m", "hexctl run --record ", "hexctl view mine"])
+def test_where_no_word_fits_the_shell_offers_files(line: str, tmp_path: Path) -> None:
+    assert asked("bash", line, tmp_path) == []
+
+
+def test_nothing_is_made_and_nothing_complains(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert completing.sessions("") == []
+    assert not list(tmp_path.iterdir())
+    (tmp_path / "runs").mkdir()
+    (tmp_path / "runs" / "sessions.sqlite").write_text("not a database")
+    assert completing.sessions("") == []
+    assert completing.viewable("") == []
+
+
+BASH = """
+set -e
+hexctl() {{ {python} -m hexctl "$@"; }}
+hexctl --install-completion
+source "$HOME/.bash_completions/hexctl.sh"
+COMP_WORDS=(hexctl run --gait t)
+COMP_CWORD=3
+_hexctl_completion {hexctl}
+echo "offered: ${{COMPREPLY[*]}}"
+"""
+
+
+def test_bash_completes_once_it_is_installed(tmp_path: Path) -> None:
+    bash, hexctl = shutil.which("bash"), Path(sys.executable).with_name("hexctl")
+    if bash is None or not hexctl.is_file():
+        pytest.skip("needs bash and the installed hexctl")
+    done = subprocess.run(
+        [bash, "--norc", "-c", BASH.format(python=sys.executable, hexctl=hexctl)],
+        env=os.environ | {"HOME": str(tmp_path)},
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert "offered: tripod" in done.stdout, done.stderr
