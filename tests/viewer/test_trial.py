@@ -40,7 +40,6 @@ def test_the_robot_moves_with_the_time_cursor(window: Window) -> None:
     assert walked.difference(begun) > 0.01
 
 
-@pytest.mark.xfail(strict=False, reason="the eye follows the trunk, and comes close to it as often as not")
 def test_all_of_the_robot_is_in_the_picture(window: Window) -> None:
     window.picture()
     check_whole(of_kind(window, "3D"))
