@@ -28,7 +28,7 @@ $(INSTALLED): pyproject.toml constraints.txt
 	touch $@
 
 demo: $(INSTALLED)
-	$(BIN)/hexctl adapt --failed-leg 5 --budget 20
+	$(BIN)/hexctl adapt --failed-leg 5 --budget 20 --view
 
 lint: $(INSTALLED)
 	$(BIN)/ruff check .

@@ -43,7 +43,7 @@ from hexctl.cli.viewing import open_all
 from hexctl.control.guard import Guard
 from hexctl.control.plan import TrialPlan
 from hexctl.control.turning import check_plan
-from hexctl.errors import HexctlError, InputError, RobotFaultError
+from hexctl.errors import HexctlError, InputError, RecordingError, RobotFaultError
 from hexctl.gait.encoding import Slots
 from hexctl.gait.named import make_gait
 from hexctl.record.live import LiveView
@@ -137,8 +137,16 @@ def execute(spec: SessionSpec | None, *, resume: str | None, record: bool, view:
         say_aside(f"hexctl: {trouble}; nothing is lost: {how_to_go_on(session.spec, session.name, trouble)}")
         return code_of_stop(trouble)
     if view and session.trials and ended != "interrupted":
-        open_all([session.name])
+        _show(session.name)
     return INTERRUPTED if ended == "interrupted" else DONE
+
+
+def _show(name: str) -> None:
+    """Open a session; where there is no screen, that is no reason for the search to have failed."""
+    try:
+        open_all([name])
+    except RecordingError as error:
+        say_aside(f"hexctl: {error}")
 
 
 def _begin(

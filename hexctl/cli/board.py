@@ -7,12 +7,12 @@ import typer
 
 from hexctl.cli import completing
 from hexctl.cli.options import (
-    FAILED_LEG_HELP,
-    FAILURE_HELP,
-    SEED_HELP,
-    WORLD_HELP,
     JsonOption,
     RobotOption,
+    SeedOption,
+    SimFailedLegOption,
+    SimFailureOption,
+    SimWorldOption,
 )
 
 
@@ -38,29 +38,10 @@ def board(
         ),
     ] = "sim",
     robot: RobotOption = "ant",
-    world: Annotated[
-        str | None,
-        typer.Option(
-            "--world", autocompletion=completing.worlds, help=f"{WORLD_HELP} Only with sim. (default: flat)"
-        ),
-    ] = None,
-    failed_leg: Annotated[
-        int | None,
-        typer.Option(
-            "--failed-leg",
-            autocompletion=completing.legs,
-            help=f"{FAILED_LEG_HELP} Only with sim. (default: none)",
-        ),
-    ] = None,
-    failure: Annotated[
-        str | None,
-        typer.Option(
-            "--failure",
-            autocompletion=completing.failures,
-            help=f"{FAILURE_HELP} Only with sim. (default: locked)",
-        ),
-    ] = None,
-    seed: Annotated[int, typer.Option("--seed", help=SEED_HELP)] = 0,
+    world: SimWorldOption = None,
+    failed_leg: SimFailedLegOption = None,
+    failure: SimFailureOption = None,
+    seed: SeedOption = 0,
     expiry: Annotated[
         float, typer.Option("--expiry", help="Seconds without a command until the pose is held, 0.05..1.")
     ] = 0.2,
@@ -88,16 +69,14 @@ def board(
     It runs until Ctrl-C. hexctl run --backend mavlink walks its simulated robot.
     """
     from hexctl.cli.boarding import BoardRequest, execute
+    from hexctl.cli.twin import Twin
 
     request = BoardRequest(
         port=port,
         pty=pty,
-        backend=backend,
-        robot=robot,
-        world=world,
-        failed_leg=failed_leg,
-        failure=failure,
-        seed=seed,
+        twin=Twin(
+            backend=backend, robot=robot, world=world, failed_leg=failed_leg, failure=failure, seed=seed
+        ),
         expiry_s=expiry,
         release_after_s=release_after,
         keys=keys,

@@ -3,25 +3,19 @@
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from hexctl.backends.base import LegServos
 from hexctl.backends.clock import request_realtime_priority
 from hexctl.backends.mavlink.address import DEFAULT_BOARD_PORT, PortAddress, check_guarded, parse_port
 from hexctl.backends.mavlink.key import read_signing_key
 from hexctl.backends.mavlink.port import Port, PtyPort, open_port
-from hexctl.backends.table import BackendOptions, make_servos
+from hexctl.backends.table import make_servos
 from hexctl.cli.exits import DONE
 from hexctl.cli.interrupt import StopOnInterrupt
 from hexctl.cli.output import say, say_aside
-from hexctl.cli.values import make_failure
+from hexctl.cli.twin import Twin
 from hexctl.errors import InputError
-from hexctl.robot.file import load_robot
 from hexctl.robot.servomap import load_servo_map
 from hexctl.serve.board.board import ServoBoard
-
-if TYPE_CHECKING:
-    from hexctl.backends.sim.world import World
 
 BACKENDS = ("sim", "mock")
 MIN_EXPIRY_S, MAX_EXPIRY_S = 0.05, 1.0
@@ -34,12 +28,7 @@ class BoardRequest:
 
     port: str | None
     pty: bool
-    backend: str
-    robot: str
-    world: str | None
-    failed_leg: int | None
-    failure: str | None
-    seed: int
+    twin: Twin
     expiry_s: float
     release_after_s: float
     keys: Path | None
@@ -51,8 +40,8 @@ def execute(request: BoardRequest) -> int:
     """Be a board as requested until interrupted, and return the exit code."""
     address = _check(request)
     key = read_signing_key(request.keys)
-    servo_map = load_servo_map(request.robot)
-    servos = _servos(request)
+    servo_map = load_servo_map(request.twin.robot)
+    servos = make_servos(request.twin.backend, request.twin.options())
     port, place = _open(request, address)
     board = ServoBoard(
         servos,
@@ -63,7 +52,7 @@ def execute(request: BoardRequest) -> int:
         release_after_s=request.release_after_s,
     )
     signed = "signed frames only" if key is not None else "not signed"
-    greeting = f"board of {servos.robot.name} ({request.backend}) at {place}, {signed}; Ctrl-C ends it"
+    greeting = f"board of {servos.robot.name} ({request.twin.backend}) at {place}, {signed}; Ctrl-C ends it"
     with StopOnInterrupt() as interrupt:
         request_realtime_priority()
         board.run(interrupt.requested, ready=lambda: say_aside(greeting))
@@ -74,19 +63,11 @@ def execute(request: BoardRequest) -> int:
 
 def _check(request: BoardRequest) -> PortAddress:
     """Refuse what no board can be, before anything is opened."""
-    if request.backend not in BACKENDS:
-        raise InputError(f"--backend: got {request.backend}; allowed: {', '.join(BACKENDS)}")
-    if request.backend != "sim":
-        for option in ("world", "failed_leg", "failure"):
-            if (value := getattr(request, option)) is not None:
-                raise InputError(
-                    f"--{option.replace('_', '-')}: got {value} with --backend {request.backend}; "
-                    "allowed: with sim"
-                )
+    if request.twin.backend not in BACKENDS:
+        raise InputError(f"--backend: got {request.twin.backend}; allowed: {', '.join(BACKENDS)}")
+    request.twin.check()
     if request.pty and request.port is not None:
         raise InputError(f"--pty: got --port {request.port} too; allowed: one or the other")
-    if request.seed < 0:
-        raise InputError(f"--seed: got {request.seed}; allowed: 0 or more")
     _check_between("--expiry", request.expiry_s, MIN_EXPIRY_S, MAX_EXPIRY_S)
     _check_between("--release-after", request.release_after_s, MIN_RELEASE_S, MAX_RELEASE_S)
     address = parse_port(request.port or DEFAULT_BOARD_PORT)
@@ -104,25 +85,6 @@ def _check(request: BoardRequest) -> PortAddress:
 def _check_between(option: str, value: float, lowest: float, highest: float) -> None:
     if not lowest <= value <= highest:  # false for nan too
         raise InputError(f"{option}: got {value:g}; allowed: {lowest:g} to {highest:g} s")
-
-
-def _servos(request: BoardRequest) -> LegServos:
-    options = BackendOptions(
-        robot=load_robot(request.robot),
-        world=_world(request),
-        failure=make_failure(request.failed_leg, request.failure),
-        seed=request.seed,
-        realtime=True,
-    )
-    return make_servos(request.backend, options)
-
-
-def _world(request: BoardRequest) -> "World | None":
-    if request.backend != "sim":
-        return None
-    from hexctl.backends.sim.family import load_any_world
-
-    return load_any_world(request.world or "flat")
 
 
 def _open(request: BoardRequest, address: PortAddress) -> tuple[Port, str]:

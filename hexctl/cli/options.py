@@ -113,3 +113,26 @@ LinkOption = Annotated[
         "(docs/protocol.md). (default: none)",
     ),
 ]
+SeedOption = Annotated[int, typer.Option("--seed", help=SEED_HELP)]
+SimWorldOption = Annotated[
+    str | None,
+    typer.Option(
+        "--world", autocompletion=completing.worlds, help=f"{WORLD_HELP} Only with sim. (default: flat)"
+    ),
+]
+SimFailedLegOption = Annotated[
+    int | None,
+    typer.Option(
+        "--failed-leg",
+        autocompletion=completing.legs,
+        help=f"{FAILED_LEG_HELP} Only with sim. (default: none)",
+    ),
+]
+SimFailureOption = Annotated[
+    str | None,
+    typer.Option(
+        "--failure",
+        autocompletion=completing.failures,
+        help=f"{FAILURE_HELP} Only with sim. (default: locked)",
+    ),
+]

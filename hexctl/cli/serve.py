@@ -7,14 +7,14 @@ import typer
 
 from hexctl.cli import completing
 from hexctl.cli.options import (
-    FAILED_LEG_HELP,
-    FAILURE_HELP,
-    SEED_HELP,
-    WORLD_HELP,
     InsecureOption,
     KeysOption,
     LinkOption,
     RobotOption,
+    SeedOption,
+    SimFailedLegOption,
+    SimFailureOption,
+    SimWorldOption,
 )
 
 
@@ -53,29 +53,10 @@ def serve(
             "signed is believed. (default: none)",
         ),
     ] = None,
-    world: Annotated[
-        str | None,
-        typer.Option(
-            "--world", autocompletion=completing.worlds, help=f"{WORLD_HELP} Only with sim. (default: flat)"
-        ),
-    ] = None,
-    failed_leg: Annotated[
-        int | None,
-        typer.Option(
-            "--failed-leg",
-            autocompletion=completing.legs,
-            help=f"{FAILED_LEG_HELP} Only with sim. (default: none)",
-        ),
-    ] = None,
-    failure: Annotated[
-        str | None,
-        typer.Option(
-            "--failure",
-            autocompletion=completing.failures,
-            help=f"{FAILURE_HELP} Only with sim. (default: locked)",
-        ),
-    ] = None,
-    seed: Annotated[int, typer.Option("--seed", help=SEED_HELP)] = 0,
+    world: SimWorldOption = None,
+    failed_leg: SimFailedLegOption = None,
+    failure: SimFailureOption = None,
+    seed: SeedOption = 0,
     sit_after: Annotated[
         float,
         typer.Option(
@@ -94,17 +75,15 @@ def serve(
     It runs until Ctrl-C. hexctl run --backend zenoh walks it.
     """
     from hexctl.cli.serving import Service, execute
+    from hexctl.cli.twin import Twin
 
     service = Service(
-        backend=backend,
-        robot=robot,
+        twin=Twin(
+            backend=backend, robot=robot, world=world, failed_leg=failed_leg, failure=failure, seed=seed
+        ),
         listen=listen,
         device=device,
         device_keys=signing,
-        world=world,
-        failed_leg=failed_leg,
-        failure=failure,
-        seed=seed,
         sit_after_s=sit_after,
         view=view,
         credentials=keys,

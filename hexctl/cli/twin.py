@@ -1,0 +1,53 @@
+"""The robot behind `hexctl serve` and `hexctl board`: whose servos; simulated, in which world, how failed."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from hexctl.backends.table import BackendOptions
+from hexctl.cli.values import make_failure
+from hexctl.errors import InputError
+from hexctl.robot.file import load_robot
+
+if TYPE_CHECKING:
+    from hexctl.backends.sim.world import World
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Twin:
+    """The options that say what moves, as values."""
+
+    backend: str
+    robot: str
+    world: str | None
+    failed_leg: int | None
+    failure: str | None
+    seed: int
+
+    def check(self) -> None:
+        """Raise InputError for options that only a simulation knows, before anything is opened."""
+        for option in ("world", "failed_leg", "failure"):
+            if self.backend != "sim" and (value := getattr(self, option)) is not None:
+                raise InputError(
+                    f"--{option.replace('_', '-')}: got {value} with --backend {self.backend}; "
+                    "allowed: with sim"
+                )
+        if self.seed < 0:
+            raise InputError(f"--seed: got {self.seed}; allowed: 0 or more")
+
+    def options(self) -> BackendOptions:
+        """Return what its backend is made with: in real time, from the robot's file."""
+        return BackendOptions(
+            robot=load_robot(self.robot),
+            world=self._world(),
+            failure=make_failure(self.failed_leg, self.failure),
+            seed=self.seed,
+            realtime=True,
+            robot_file=self.robot,
+        )
+
+    def _world(self) -> "World | None":
+        if self.backend != "sim":
+            return None
+        from hexctl.backends.sim.family import load_any_world
+
+        return load_any_world(self.world or "flat")
