@@ -68,9 +68,9 @@ class Block:
         """Return the block's rows of a column."""
         return self.log.rows(name, self.start, self.stop)
 
-    def led(self, name: str) -> Any:
-        """Return the block's rows of a column, led by the row before them if there is one."""
-        return self.log.rows(name, max(self.start - 1, 0), self.stop)
+    def led(self, name: str, lead: int = 1) -> Any:
+        """Return the block's rows of a column, led by so many rows before them as far as there are any."""
+        return self.log.rows(name, max(self.start - lead, 0), self.stop)
 
     def changes(self, led: Any) -> NDArray[np.int64]:
         """Return the rows in which values (led, plain or by row) change, and the first tick of the log."""
@@ -88,10 +88,14 @@ class Block:
 
     @cached_property
     def led_swing(self) -> BoolArray:
+        """Return which feet are commanded to be in the air, led by one row, (rows, 6)."""
+        return self.swing(1)
+
+    def swing(self, lead: int) -> BoolArray:
         """Return which feet are commanded to be in the air, led, (rows, 6); none while settling."""
         robot = self.subject.robot
-        height = foot_heights_body(robot, self.led("wanted_rad")) - robot.stance_feet_body[:, 2]
-        moving = self.led("phase") != PHASES.index("settle")
+        height = foot_heights_body(robot, self.led("wanted_rad", lead)) - robot.stance_feet_body[:, 2]
+        moving = self.led("phase", lead) != PHASES.index("settle")
         return np.asarray((height > LIFTED_M) & moving[:, np.newaxis])
 
     @cached_property

@@ -19,16 +19,14 @@ def make_blueprint(robot: Robot, plan: TrialPlan, floor: Floor) -> Any:
     """Return the blueprint of a trial's recording."""
     import rerun.blueprint as rrb
 
-    scene = rrb.Vertical(scene_view(robot, plan, floor), _lanes_view(), row_shares=[1, 1])
+    scene = rrb.Vertical(scene_view(robot, plan, floor), _lanes_view(), row_shares=[6, 5])
     hidden = rrb.PlotLegend(visible=False)
     side = rrb.Vertical(
         rrb.Tabs(_summary_view(), _events_view()),
-        rrb.Tabs(
-            _plot(paths.DEVIATION, "deviation (m)", plot_legend=hidden),
-            _plot(paths.MARGIN, "stability margin (m)", plot_legend=hidden),
-        ),
+        _plot(paths.DEVIATION, "deviation from the line (m), left is up", plot_legend=hidden),
+        _plot(paths.MARGIN, "stability margin (m), below 0 the feet do not carry it", plot_legend=hidden),
         rrb.Tabs(*(_plot(paths.leg_path(leg), f"leg {leg} (rad)") for leg in paths.LEGS)),
-        row_shares=[6, 3, 5],
+        row_shares=[10, 4, 4, 6],
     )
     return rrb.Blueprint(
         rrb.Horizontal(scene, side, column_shares=[5, 3]),

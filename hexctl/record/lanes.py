@@ -1,10 +1,11 @@
 """The lanes under the scene: parts of the trial, the gait diagram, and the guard's interventions.
 
 The gait diagram shows stance and swing as they are commanded, as papers draw them, and in other colours
-where a foot does something else: stands in the air, or drags over the floor.
+where a foot does something else for a while: stands in the air, or drags over the floor.
 """
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hexctl.backends.clock import PERIOD_S
 from hexctl.control.log import PHASES
@@ -15,6 +16,9 @@ from hexctl.robot.messages import BoolArray, FloatArray
 
 #: Targets that differ by less were not changed, only rounded on their way.
 ROUNDING_RAD = 1e-5
+
+#: A foot does something else once it has for so many ticks: what rattles and rebounds is no other gait.
+STEADY_TICKS = 5
 
 
 def clipped_joints(wanted_rad: FloatArray, sent_rad: FloatArray) -> BoolArray:
@@ -37,9 +41,7 @@ def send_phases(block: Block) -> None:
 
 def send_gait(block: Block) -> None:
     """Send stance and swing of each foot where they change, as commanded and, if it is felt, as they are."""
-    states = block.led_swing.astype(int)
-    if block.log.contacts_known:
-        states = 2 * states + block.led("foot_contacts")
+    states = _felt(block) if block.log.contacts_known else block.led_swing.astype(int)
     names = np.array(style.FELT_STATES if block.log.contacts_known else style.COMMANDED_STATES)
     lead = len(states) - (block.stop - block.start)
     for leg in paths.LEGS:
@@ -47,6 +49,23 @@ def send_gait(block: Block) -> None:
         if rows.size:
             state = names[states[rows + lead, leg - 1]]
             block.send(paths.gait_path(leg), rows, load_rerun().StateChange.columns(state=state))
+
+
+def _felt(block: Block) -> NDArray[np.int64]:
+    """Return the states of the feet as indices of `style.FELT_STATES`, led by one row, (rows, 6)."""
+    swing = block.swing(STEADY_TICKS)
+    other = steadily(swing == block.led("foot_contacts", STEADY_TICKS))
+    states = 2 * swing.astype(np.int64) + (swing == other)
+    return np.asarray(states[max(min(block.start, STEADY_TICKS) - 1, 0) :])
+
+
+def steadily(is_so: BoolArray) -> BoolArray:
+    """Return what has been so for `STEADY_TICKS` rows in a row, the last of them included, same shape."""
+    steady = is_so.copy()
+    for back in range(1, STEADY_TICKS):
+        steady[back:] &= is_so[:-back]
+        steady[:back] = False
+    return steady
 
 
 def send_feet(block: Block) -> None:
