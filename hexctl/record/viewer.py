@@ -87,8 +87,8 @@ def _why(messages: str, paths: Sequence[Path]) -> str:
     names = " ".join(map(str, paths))
     if any(word in messages for word in ("DISPLAY", "WAYLAND", "neither", "NoDisplay", "XOpenDisplay")):
         return (
-            f"the viewer finds no display; serve {names} to a browser with hexctl view --web, "
-            "or copy it to a machine with one"
+            f"the viewer finds no display; hexctl view --web shows the same in a browser, "
+            f"or copy {names} to a machine with one"
         )
     lines = [line.strip() for line in messages.splitlines() if line.strip()]
     last = next((line for line in reversed(lines) if "rror" in line), lines[-1] if lines else "no message")

@@ -59,7 +59,7 @@ def test_the_viewer_gets_the_file_and_listens_to_this_machine_only(
 def test_a_missing_display_comes_with_a_way_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     message = "Error: winit EventLoopError: neither WAYLAND_DISPLAY nor WAYLAND_SOCKET nor DISPLAY is set."
     recording = _viewer(tmp_path, f'echo "{message}" >&2; exit 1', monkeypatch)
-    with pytest.raises(RecordingError, match=r"no display.*--web-viewer") as refusal:
+    with pytest.raises(RecordingError, match=r"no display; hexctl view --web .*trial\.rrd") as refusal:
         open_viewer([recording])
     assert "\n" not in str(refusal.value)
 
