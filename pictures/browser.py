@@ -130,7 +130,8 @@ def browser(size: tuple[int, int], home: Path) -> Iterator[Browser]:
         page = Browser(to_browser[1], from_browser[0])
         yield page
         page.close()
-        process.wait(END_PATIENCE_S)
+        with suppress(subprocess.TimeoutExpired):
+            process.wait(END_PATIENCE_S)
     finally:
         # What is left of it: it has processes of its own.
         with suppress(ProcessLookupError):

@@ -64,6 +64,8 @@ class Window:
         while (now.blank or now.difference(before) > SETTLED) and time.monotonic() < until_s:
             time.sleep(POLL_S)
             before, now = now, self._taken()
+        if now.blank:
+            raise RuntimeError("the viewer: its picture stays blank")
         return now
 
     def part(self, view: Any) -> Picture | None:

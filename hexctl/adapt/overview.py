@@ -10,6 +10,7 @@ import numpy as np
 from hexctl.adapt.session import MILESTONES_M, Session, TrialRecord
 from hexctl.record.overview.file import write_overview_file
 from hexctl.record.overview.trials import Overview, OverviewTrial, drawable
+from hexctl.record.viewer import is_recording
 from hexctl.robot.messages import FloatArray
 
 FILE_NAME = "overview.rrd"
@@ -44,9 +45,9 @@ def write_overview(session: Session, folder: Path, *, into: Path | None = None, 
 
 
 def recordings_of(session: Session, folder: Path) -> dict[int, Path]:
-    """Return the recordings in a folder that there are, by trial."""
+    """Return the recordings in a folder that there are and that can be opened, by trial."""
     files = {trial.index: folder / Path(trial.recording).name for trial in session.trials if trial.recording}
-    return {index: path for index, path in files.items() if path.is_file()}
+    return {index: path for index, path in files.items() if is_recording(path)}
 
 
 def make_overview(session: Session, addresses: Mapping[int, str] = MappingProxyType({})) -> Overview:

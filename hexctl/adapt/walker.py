@@ -10,7 +10,7 @@ from hexctl.backends.sim.terrain import make_floor
 from hexctl.backends.sim.world import World
 from hexctl.backends.table import BackendOptions, make_servos
 from hexctl.control.guard import Guard
-from hexctl.control.log import TickLog
+from hexctl.control.log import BLOCK_TICKS, PACED_BLOCK_TICKS, TickLog
 from hexctl.control.plan import TrialPlan
 from hexctl.control.result import TrialResult
 from hexctl.control.trial import Enough, StopRequested, never, run_trial
@@ -89,8 +89,9 @@ class Walker:
         """Return a log whose rows are recorded, shown, both or neither."""
         live = self.live
         if live is None:
-            return TickLog(recording.write_block if recording else None)
-        live.begin(self.robot, plan, title=title, meshes=self.meshes)
+            at_once = BLOCK_TICKS if self.spec.simulated else PACED_BLOCK_TICKS
+            return TickLog(recording.write_block if recording else None, at_once)
+        live.begin(self.robot, plan, title=title, looks=self.spec.robot)
 
         def sink(log: TickLog, start: int, stop: int) -> None:
             if recording is not None:

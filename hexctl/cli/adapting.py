@@ -80,7 +80,6 @@ def new_spec(**options: Any) -> SessionSpec:
     if spec.optimizer != BAYES:
         make_optimizer(spec.optimizer, GaitSpace((spec.failed_leg,)), spec.seed)
     _robot, _world, plan = _walk_parts(spec)
-    load_meshes(spec.robot)  # refused before a session exists
     note_of(spec, robot, plan)
     return with_prior(
         spec,
@@ -121,6 +120,8 @@ def execute(spec: SessionSpec | None, *, resume: str | None, record: bool, view:
     """Run a new session, or continue one, and return the exit code."""
     if view and not record:
         raise InputError("--no-record: got --view too; allowed: one or the other")
+    if spec is not None and record:
+        load_meshes(spec.robot)  # refused before a session exists
     began_s = time.perf_counter()
     with ExitStack() as stack:
         store = stack.enter_context(SessionStore(RUNS))
@@ -199,7 +200,7 @@ def _adapt(
         folder=store.folder_of(session.name) if record else None,
         stop_requested=interrupt.requested,
         live=live,
-        meshes=load_meshes(spec.robot) if record or live is not None else {},
+        meshes=load_meshes(spec.robot) if record else {},
     )
     walk = walker.walk
     if servos is not None:

@@ -6,7 +6,7 @@ from typing import Any, Self
 
 from hexctl.backends.clock import PERIOD_S
 from hexctl.cli.bar import make_bar
-from hexctl.control.log import TickLog
+from hexctl.control.log import BLOCK_TICKS, TickLog
 from hexctl.control.plan import TrialPlan
 
 
@@ -32,8 +32,8 @@ class WalkProgress:
             self._bar.stop()
 
     def show(self, log: TickLog, start: int, stop: int) -> None:
-        """Move the bar to where the log is; has the form of a log's sink."""
-        if self._bar is not None:
+        """Move the bar to where the log is, once a second; has the form of a log's sink."""
+        if self._bar is not None and start // BLOCK_TICKS != stop // BLOCK_TICKS:
             walked_s = min(self._total_s, log.walked_ticks * PERIOD_S)
             self._bar.update(self._task, completed=walked_s, description=_doing(log.phase))
 

@@ -16,8 +16,10 @@ from hexctl.cli.output import say_aside
 from hexctl.cli.twin import Twin
 from hexctl.errors import InputError
 from hexctl.serve.server import RobotServer
+from hexctl.wire.credentials import find_credentials
 from hexctl.wire.link import Link
 from hexctl.wire.linkfile import load_link
+from hexctl.wire.role import Role
 
 MIN_SIT_AFTER_S, MAX_SIT_AFTER_S = 1.0, 3600.0
 
@@ -43,6 +45,8 @@ def execute(service: Service) -> int:
     link = load_link(
         service.link, endpoint=service.listen, credentials=service.credentials, insecure=service.insecure
     )
+    if service.view and link.credentials is not None:
+        find_credentials(link.credentials, Role.VIEWER)  # the robot's own do not let a viewer in
     servos = _servos(service)
     server = RobotServer(
         servos, link, backend=service.twin.backend, sit_after_s=service.sit_after_s, say=say_aside
@@ -66,6 +70,7 @@ def _viewer(service: Service, link: Link) -> Iterator[None]:
     command = [sys.executable, "-m", "hexctl", "view", "--connect", here]
     command += ["--keys", str(link.credentials)] if link.credentials is not None else []
     command += ["--link", service.link] if service.link is not None else []
+    command += ["--insecure"] if link.insecure else []
     viewer = subprocess.Popen(command, stdin=subprocess.DEVNULL, start_new_session=True)
     try:
         yield

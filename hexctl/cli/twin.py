@@ -33,6 +33,8 @@ class Twin:
                 )
         if self.seed < 0:
             raise InputError(f"--seed: got {self.seed}; allowed: 0 or more")
+        if self.seed and self.backend == "mavlink":
+            raise InputError(f"--seed: got {self.seed} with --backend mavlink; allowed: with sim")
 
     def options(self) -> BackendOptions:
         """Return what its backend is made with: in real time, from the robot's file."""

@@ -23,7 +23,7 @@ from hexctl.cli.places import RUNS
 from hexctl.cli.progress import WalkProgress
 from hexctl.cli.summary import report, summary
 from hexctl.control.guard import Guard
-from hexctl.control.log import BLOCK_TICKS, TickLog
+from hexctl.control.log import BLOCK_TICKS, PACED_BLOCK_TICKS, TickLog
 from hexctl.control.plan import TrialPlan
 from hexctl.control.result import TrialResult
 from hexctl.control.trial import run_trial
@@ -186,7 +186,8 @@ def _walk(
         if live is not None:
             live.write_block(log, start, stop)
 
-    log = TickLog(sink, BLOCK_TICKS if live is None else live.block_ticks)
+    at_once = BLOCK_TICKS if request.as_fast_as_possible else PACED_BLOCK_TICKS
+    log = TickLog(sink, at_once if live is None else live.block_ticks)
     with progress:
         began_s = time.perf_counter()
         result = run_trial(guard, request.plan, log, stop_requested=interrupt.requested)
@@ -241,7 +242,7 @@ def _open_live(request: Request, world: World) -> "LiveView":
     live = LiveView()
     title = f"{request.robot.name} {request.gait_text}"
     floor = _floor(request, world)
-    live.begin(request.robot, request.plan, title=title, floor=floor, meshes=request.meshes)
+    live.begin(request.robot, request.plan, title=title, floor=floor, looks=request.robot_file)
     return live
 
 

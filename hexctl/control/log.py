@@ -30,6 +30,9 @@ COLUMNS: tuple[tuple[str, int, type], ...] = (
 #: Rows that are handed on together: a second.
 BLOCK_TICKS = 50
 
+#: A walk that keeps time hands on every tick: what is to be done for a second is then done bit by bit.
+PACED_BLOCK_TICKS = 1
+
 #: Rows of one chunk; a full one is never copied, so that a long walk costs no tick its time.
 CHUNK_ROWS = 2048
 
@@ -44,6 +47,7 @@ class TickLog:
         phase: the part of the trial that the next ticks belong to, one of `PHASES`.
         frame: the trial frame, from the start of the walk on.
         pose_known: whether the last tick came with a base pose.
+        posed_from: the first row with a base pose, None before any.
         contacts_known: whether the last tick came with foot contacts.
         walked_ticks: how many ticks belong to the walk.
         sink_error: what went wrong in the sink, which is then left alone: a robot in mid-stride comes first.
@@ -55,6 +59,7 @@ class TickLog:
         self.phase = PHASES[0]
         self.frame: TrialFrame | None = None
         self.pose_known = True
+        self.posed_from: int | None = None
         self.contacts_known = True
         self.walked_ticks = 0
         self.sink_error: Exception | None = None
@@ -97,6 +102,7 @@ class TickLog:
         if self.pose_known:
             columns["base_position_world"][row] = state.base_position_world
             columns["base_quaternion_world"][row] = state.base_quaternion_world
+            self.posed_from = self._length if self.posed_from is None else self.posed_from
         self.contacts_known = state.foot_contacts is not None
         if self.contacts_known:
             columns["foot_contacts"][row] = state.foot_contacts
@@ -108,6 +114,9 @@ class TickLog:
     def extend(self, rows: Mapping[str, Any]) -> None:
         """Keep rows that another process recorded, all columns of `COLUMNS`, and hand them on."""
         count, done = len(rows["time_s"]), 0
+        posed = np.flatnonzero(np.isfinite(rows["base_position_world"]).all(axis=-1))
+        if self.posed_from is None and posed.size:
+            self.posed_from = self._length + int(posed[0])
         while done < count:
             row = self._length % CHUNK_ROWS
             if row == 0:

@@ -87,6 +87,11 @@ class Block:
         return np.arange(-self.start % SPARSE_TICKS, self.stop - self.start, SPARSE_TICKS)
 
     @cached_property
+    def posed(self) -> BoolArray:
+        """Return in which rows the base pose is known, (rows,)."""
+        return posed_rows(self.log, self.start, self.stop)
+
+    @cached_property
     def led_swing(self) -> BoolArray:
         """Return which feet are commanded to be in the air, led by one row, (rows, 6)."""
         return self.swing(1)
@@ -112,6 +117,12 @@ class Block:
             self._rr.TimeColumn(paths.WALL_TIMELINE, timestamp=self._wall_times[rows]),
         ]
         self._stream.send_columns(path, times, columns, strict=True)
+
+
+def posed_rows(log: TickLog, start: int, stop: int) -> BoolArray:
+    """Return in which rows [start, stop) of a log the base pose is known, (rows,)."""
+    pose = log.rows("base_position_world", start, stop), log.rows("base_quaternion_world", start, stop)
+    return np.asarray(np.isfinite(np.concatenate(pose, axis=-1)).all(axis=-1))
 
 
 def compact(points_m: FloatArray) -> NDArray[np.float32]:

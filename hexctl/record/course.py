@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from hexctl.control.frame import TrialFrame
 from hexctl.control.log import PHASES
 from hexctl.record import paths, style
-from hexctl.record.block import KEPT_BITS, SPARSE_TICKS, Block, compact, rounded
+from hexctl.record.block import KEPT_BITS, SPARSE_TICKS, Block, compact, posed_rows, rounded
 from hexctl.record.scene import course_world, on_floor, path_end_m
 from hexctl.record.sdk import load_rerun
 from hexctl.robot.messages import FloatArray
@@ -60,7 +60,7 @@ def send_ribbon(block: Block) -> None:
 def send_deviation(block: Block) -> None:
     """Send the distance from the line of travel during the walk, positive to its left."""
     frame = block.log.frame
-    rows = np.flatnonzero(block.in_walk())
+    rows = np.flatnonzero(block.in_walk() & block.posed)
     if frame is not None and rows.size:
         deviation = frame.path(block.column("base_position_world")[rows])[:, 1]
         columns = load_rerun().Scalars.columns(scalars=rounded(deviation, KEPT_BITS))
@@ -70,11 +70,14 @@ def send_deviation(block: Block) -> None:
 def _pieces(block: Block, step: int) -> tuple[NDArray[np.int64], int]:
     """Return where pieces between ticks that are multiples of a step end in a block, (N,), and a first tick.
 
-    The ends count from that tick of the log, which is the one that the first piece begins at.
+    Only pieces whose ends are known count. The ends count from that tick of the log, which is the one that
+    the first piece begins at.
     """
     first = max(block.start, step)
     first += -first % step - step
-    return np.arange(step, block.stop - first, step), first
+    at = np.arange(step, block.stop - first, step)
+    posed = posed_rows(block.log, first, block.stop)
+    return at[posed[at] & posed[at - step]], first
 
 
 def _across(frame: TrialFrame, points_m: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -17,8 +17,9 @@ Event = tuple[int, str, str]
 
 INFO, WARNING, ERROR = "INFO", "WARN", "ERROR"
 
-#: How a trial ends before its time, other than by being asked to.
+#: How a trial ends before its time, and why when nothing is wrong: somebody asked for it.
 STOPS = ("fell", "diverged", "aborted")
+REQUESTED = "requested"
 
 #: More joints than this are counted, not named.
 MAX_NAMES = 3
@@ -63,8 +64,9 @@ def send_outcome(last: Block, result: TrialResult) -> None:
     """Send how the trial ended, at the last tick of its last block; the guard's lane shows a stop too."""
     rr, row = load_rerun(), np.array([last.stop - last.start - 1])
     why = f": {result.stopped}" if result.stopped else ""
-    level = INFO if result.valid else ERROR
+    stopped = result.status in STOPS and result.stopped != REQUESTED
+    level = ERROR if stopped else WARNING if result.status == "no_progress" else INFO
     columns = rr.TextLog.columns(text=[f"trial over, {result.status}{why}"], level=[level])
     last.send(paths.EVENTS, row, columns)
-    if result.status in STOPS:
+    if stopped:
         last.send(paths.GUARD, row, rr.StateChange.columns(state=[style.STOPPED]))

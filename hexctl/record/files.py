@@ -1,11 +1,16 @@
 """The file of a recording: always a new one. Needs no Rerun."""
 
+import os
 from pathlib import Path
+from typing import BinaryIO
 
 from hexctl.errors import InputError
 
 #: Rerun tells its files by this ending.
 SUFFIX = ".rrd"
+
+#: Rerun 0.41 hangs for good where layout and scene find no room, which is less than this.
+ROOM_BYTES = 500_000
 
 
 def create_file(path: Path) -> None:
@@ -15,13 +20,24 @@ def create_file(path: Path) -> None:
     """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.open("xb").close()
+        with path.open("xb") as file:
+            _check_room(file, path)
     except OSError as error:
         if isinstance(error, FileExistsError) and path.exists():
             raise InputError(f"recording: {path} exists; allowed: a new file, nothing is replaced") from None
         raise InputError(
             f"recording: {path} cannot be written ({error.strerror}); allowed: a new file"
         ) from error
+
+
+def _check_room(file: BinaryIO, path: Path) -> None:
+    """Raise OSError where a recording could not even begin, and leave no file then."""
+    try:
+        os.posix_fallocate(file.fileno(), 0, ROOM_BYTES)
+        file.truncate(0)
+    except OSError:
+        path.unlink()
+        raise
 
 
 def check_name(path: Path) -> None:

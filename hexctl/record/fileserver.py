@@ -48,8 +48,14 @@ class FileServer:
     def _handler(self, origin: str) -> type[BaseHTTPRequestHandler]:
         files = self._files
 
+        def server_port() -> int:
+            return self._server.server_port
+
         class Handler(BaseHTTPRequestHandler):
             def do_GET(self) -> None:
+                if self.headers.get("Host") != f"{LOCAL}:{server_port()}":
+                    self.send_error(HTTPStatus.FORBIDDEN)  # a page of another name that leads here
+                    return
                 try:
                     file = files[unquote(self.path)].open("rb")
                 except (KeyError, OSError):

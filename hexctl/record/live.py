@@ -15,7 +15,6 @@ from hexctl.control.plan import TrialPlan
 from hexctl.errors import RecordingError
 from hexctl.record.viewer import LOCAL, viewer_binary
 from hexctl.record.webviewer import free_port, web_options, web_url
-from hexctl.robot.meshes import Meshes
 from hexctl.robot.model import Robot
 
 #: Ticks of one block: ten pictures a second.
@@ -79,16 +78,16 @@ class LiveView:
         *,
         title: str,
         floor: Floor | None = None,
-        meshes: Meshes | None = None,
+        looks: str | None = None,
     ) -> None:
-        """Say that another walk begins, and of whom."""
-        self._send({"robot": robot, "plan": plan, "title": title, "floor": floor, "meshes": meshes})
+        """Say that another walk begins, and of whom; `looks` is the robot file whose meshes are drawn."""
+        self._send({"robot": robot, "plan": plan, "title": title, "floor": floor, "looks": looks})
 
     def write_block(self, log: TickLog, start: int, stop: int) -> None:
         """Pass rows [start, stop) of a log on."""
         rows = {name: log.rows(name, start, stop) for name, _, _ in COLUMNS}
         facts = {"frame": log.frame, "pose_known": log.pose_known, "contacts_known": log.contacts_known}
-        self._send({"rows": rows, **facts})
+        self._send({"rows": rows, "at_s": time.time(), **facts})
 
     @property
     def open(self) -> bool:

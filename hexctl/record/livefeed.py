@@ -10,12 +10,14 @@ from collections.abc import Iterator
 from typing import Any, BinaryIO
 
 from hexctl.control.log import TickLog
+from hexctl.errors import InputError
 from hexctl.record.blueprint import make_blueprint
 from hexctl.record.columns import BlockWriter, Subject
 from hexctl.record.recording import APPLICATION_ID
 from hexctl.record.scene import LEVEL, send_scene
 from hexctl.record.sdk import load_rerun
 from hexctl.record.viewer import LOCAL
+from hexctl.robot.meshes import Meshes, load_meshes
 
 #: How long a viewer may take to open its window.
 VIEWER_PATIENCE_S = 30.0
@@ -32,7 +34,7 @@ class Feed:
         self._stream: Any = rr.RecordingStream(APPLICATION_ID, recording_id=str(uuid.uuid4()))
         self._stream.connect_grpc(address, default_blueprint=make_blueprint(robot, plan, floor))
         self._stream.send_recording_name(header["title"])
-        send_scene(self._stream, robot, plan, floor, header["meshes"] or {})
+        send_scene(self._stream, robot, plan, floor, _meshes(header["looks"]))
         self._began_at_s: float | None = None
 
     def show(self, block: dict[str, Any]) -> None:
@@ -43,12 +45,20 @@ class Feed:
         log.extend(block["rows"])
         if self._began_at_s is None:
             times_s = log["time_s"]
-            self._began_at_s = time.time() - float(times_s[-1] - times_s[0])
+            self._began_at_s = block["at_s"] - float(times_s[-1] - times_s[0])
         BlockWriter(self._stream, self._subject, log, start, len(log), self._began_at_s).write()
 
     def close(self) -> None:
         """Let the viewer have what is left."""
         self._stream.disconnect()
+
+
+def _meshes(looks: str | None) -> Meshes:
+    """Return the meshes of a robot file, if one is named; what has gone since then is drawn as solids."""
+    try:
+        return load_meshes(looks) if looks is not None else {}
+    except InputError:
+        return {}
 
 
 def await_viewer(port: int) -> None:

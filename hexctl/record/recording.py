@@ -2,7 +2,7 @@
 
 import time
 import uuid
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -77,6 +77,8 @@ class Recording:
         self._created_at_s, self._began_at_s = time.time(), 0.0
         self._tally = Tally()
         self._last: Block | None = None
+        self._writer: BlockWriter | None = None
+        self._steps: Iterator[None] = iter(())
         self._written, self._written_at_s = 0, time.monotonic()
         check_name(path)
         create_file(path)
@@ -98,14 +100,18 @@ class Recording:
     def write_block(self, log: TickLog, start: int, stop: int) -> None:
         """Add rows [start, stop) of a log; blocks come in order and without gaps.
 
-        A simulation's blocks come faster than they are worth a chunk each, and are written together.
+        A simulation's blocks come faster than they are worth a chunk each, and are written together. What is
+        due is written part by part, one at each call: a robot in mid-stride waits for none of it long.
         """
         if start == 0:
             self._began_at_s = self._beginning_s(log, stop)
         self._pending = _Pending(log, stop)
+        if self._writer is not None:
+            self._write_part()
+            return
         waited_s = time.monotonic() - self._written_at_s
         if stop - self._written >= BLOCK_TICKS or waited_s >= BLOCK_S:
-            self._write_pending()
+            self._begin_to_write()
 
     def finish(self, result: TrialResult, facts: Mapping[str, Any]) -> None:
         """Add the outcome, as text and as properties, and make sure that all of it is on the disk.
@@ -140,16 +146,38 @@ class Recording:
         self._stream.log(paths.SUMMARY, document, static=True)
 
     def _write_pending(self) -> None:
-        """Send the rows that have been handed over and not sent."""
+        """Send the rows that have been handed over and not sent, all of them."""
+        self._write_rest()
+        self._begin_to_write()
+        self._write_rest()
+
+    def _write_rest(self) -> None:
+        while self._writer is not None:
+            self._write_part()
+
+    def _begin_to_write(self) -> None:
+        """Take the rows that have been handed over; they are sent by `_write_part`."""
         if self._pending is None or self._stream is None:
             return
         log, start, stop = self._pending.log, self._written, self._pending.stop
-        # Rows that cannot be sent are not tried again: closing the file must go well then too.
         self._written, self._written_at_s, self._pending = stop, time.monotonic(), None
         if stop > start:
-            writer = BlockWriter(self._stream, self._subject, log, start, stop, self._began_at_s)
-            self._tally += writer.write()
-            self._last = writer.block
+            self._writer = BlockWriter(self._stream, self._subject, log, start, stop, self._began_at_s)
+            self._steps = self._writer.steps()
+
+    def _write_part(self) -> None:
+        """Send another part of the rows that were taken."""
+        writer, self._writer = self._writer, None
+        if writer is None:
+            return
+        # What comes after rows that cannot be sent is not tried: closing the file must go well then too.
+        pending, self._pending = self._pending, None
+        for _ in self._steps:
+            self._writer, self._pending = writer, pending
+            return
+        self._pending = pending
+        self._tally += writer.tally
+        self._last = writer.block
 
     def _beginning_s(self, log: TickLog, stop: int) -> float:
         """Return when the first tick of a log was, in s since 1970.

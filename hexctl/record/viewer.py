@@ -64,6 +64,15 @@ def check_recording(path: Path) -> None:
         raise InputError(f"{path}: is not a Rerun recording; give an .rrd file that hexctl wrote")
 
 
+def is_recording(path: Path) -> bool:
+    """Return whether a file is there and is a recording."""
+    try:
+        check_recording(path)
+    except InputError:
+        return False
+    return True
+
+
 def viewer_binary() -> Path:
     """Return Rerun's program itself; the `rerun` on the PATH is a wrapper that would outlive a signal.
 

@@ -38,7 +38,7 @@ def _check_stl(content: bytes) -> None:
         if triangles and len(content) == STL_HEAD + STL_TRIANGLE * triangles:
             return
     text = content.lstrip()
-    if text.startswith(b"solid") and b"facet" in text and b"endsolid" in text:
+    if text.startswith(b"solid") and b"vertex" in text and b"endsolid" in text:
         return
     raise InputError("is no whole STL mesh; allowed: binary or text STL with one triangle or more")
 
@@ -48,7 +48,7 @@ def _check_obj(content: bytes) -> None:
         words = [line.split(maxsplit=1)[:1] for line in content.decode("utf-8").splitlines()]
     except UnicodeDecodeError:
         words = []
-    if ["v"] not in words or ["f"] not in words:
+    if words.count(["v"]) < 3 or ["f"] not in words:
         raise InputError("is no OBJ mesh; allowed: a text with vertices (v) and faces (f)")
 
 

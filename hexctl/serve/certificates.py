@@ -8,6 +8,7 @@ import tempfile
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
+from typing import Any
 
 from cryptography import x509
 from cryptography.hazmat.primitives import hashes
@@ -66,7 +67,7 @@ def make_certificates(folder: Path, *, hosts: list[str], days: int) -> None:
             _write(half / AUTHORITY_FOLDER, issuer, issuer.certificate, issuer.key)
             for role in Role:
                 key = _new_key()
-                _write(half / role.value, issuer, _certify(role, key, names, issuer, days), key)
+                _write(half / role.value, issuer, _certify(role, key.public_key(), names, issuer, days), key)
             half.rename(folder)
         except BaseException:
             shutil.rmtree(half, ignore_errors=True)
@@ -90,8 +91,8 @@ def renew_certificates(folder: Path, *, days: int) -> None:
     for role in Role:
         place = folder / role.value
         if place.is_dir():
-            hosts = hosts_of(load_certificate(place / CERTIFICATE_FILE))
-            renewed[place] = _certify(role, _load_key(place / KEY_FILE), hosts, issuer, days)
+            old = load_certificate(place / CERTIFICATE_FILE)
+            renewed[place] = _certify(role, old.public_key(), hosts_of(old), issuer, days)
     try:
         for place, certificate in renewed.items():
             _replace(place / CERTIFICATE_FILE, certificate)
@@ -150,14 +151,16 @@ def _make_authority(days: int) -> _Issuer:
 def _sign_authority(name: x509.Name, key: Key, days: int) -> x509.Certificate:
     constraints = x509.BasicConstraints(ca=True, path_length=0)
     return (
-        _builder(name, name, key, days).add_extension(constraints, critical=True).sign(key, hashes.SHA256())
+        _builder(name, name, key.public_key(), days)
+        .add_extension(constraints, critical=True)
+        .sign(key, hashes.SHA256())
     )
 
 
 def _certify(
-    role: Role, key: Key, hosts: list[x509.GeneralName], issuer: _Issuer, days: int
+    role: Role, key: Any, hosts: list[x509.GeneralName], issuer: _Issuer, days: int
 ) -> x509.Certificate:
-    """Return the certificate of a role.
+    """Return the certificate of a role for a public key.
 
     Only a robot's is good for listening, under the hosts it is made for: with a client's somebody between
     a robot and its controllers could pose as the robot.
@@ -174,13 +177,13 @@ def _certify(
     return builder.sign(issuer.key, hashes.SHA256())
 
 
-def _builder(subject: x509.Name, issuer: x509.Name, key: Key, days: int) -> x509.CertificateBuilder:
+def _builder(subject: x509.Name, issuer: x509.Name, key: Any, days: int) -> x509.CertificateBuilder:
     now = datetime.now(UTC)
     return (
         x509.CertificateBuilder()
         .subject_name(subject)
         .issuer_name(issuer)
-        .public_key(key.public_key())
+        .public_key(key)
         .serial_number(x509.random_serial_number())
         .not_valid_before(now - HEAD_START)
         .not_valid_after(now + timedelta(days=days))

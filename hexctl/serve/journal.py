@@ -6,8 +6,11 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 
-#: Lines that wait for a slow reader; what comes after them is left out.
+#: Lines that wait for a slow reader; what comes after them is left out, and counted.
 WAITING_LINES = 256
+
+#: How long the last lines may take to be read.
+END_PATIENCE_S = 0.5
 
 #: What a posture means; `commanded` needs no line, its controller has one.
 POSTURES = {
@@ -25,11 +28,12 @@ class Journal:
 
     def __init__(self, say: Callable[[str], None]) -> None:
         self._say = say
-        self._lines: queue.Queue[str] = queue.Queue(WAITING_LINES)
+        self._lines: queue.Queue[str | None] = queue.Queue(WAITING_LINES)
         self._controller: str | None = None
         self._stopped: str | None = None
         self._posture = "idle"
-        self._begun = False
+        self._writer: threading.Thread | None = None
+        self._left_out = 0
 
     def note(self, *, controller: str | None, stopped: str | None, posture: str) -> None:
         """Tell what is not as it was when this was last called."""
@@ -41,16 +45,27 @@ class Journal:
             self._tell(POSTURES[posture])
         self._controller, self._stopped, self._posture = controller, stopped, posture
 
+    def close(self) -> None:
+        """Let what waits be told, as long as the reader takes it soon."""
+        if self._writer is not None:
+            with suppress(queue.Full):
+                self._lines.put_nowait(None)
+            self._writer.join(END_PATIENCE_S)
+
     def _tell(self, what: str) -> None:
-        if not self._begun:
-            self._begun = True
-            threading.Thread(target=self._write, name="journal", daemon=True).start()
-        with suppress(queue.Full):
-            self._lines.put_nowait(f"{time.strftime('%H:%M:%S')} {what}")
+        if self._writer is None:
+            self._writer = threading.Thread(target=self._write, name="journal", daemon=True)
+            self._writer.start()
+        before = f" ({self._left_out} lines left out)" if self._left_out else ""
+        try:
+            self._lines.put_nowait(f"{time.strftime('%H:%M:%S')}{before} {what}")
+            self._left_out = 0
+        except queue.Full:
+            self._left_out += 1
 
     def _write(self) -> None:
-        while True:
+        while (line := self._lines.get()) is not None:
             try:
-                self._say(self._lines.get())
+                self._say(line)
             except OSError:
                 return  # whoever read it has gone

@@ -70,12 +70,15 @@ class RobotServer:
         Raises InputError for a link that is not allowed, RobotFaultError when the servos or the address
         cannot be had, or the servos have gone.
         """
-        with self._guard, self._station:
-            self._guard.clock.tick()
-            ready()
-            while not until():
-                self._listen()
-                self._tick()
+        try:
+            with self._guard, self._station:
+                self._guard.clock.tick()
+                ready()
+                while not until():
+                    self._listen()
+                    self._tick()
+        finally:
+            self._journal.close()
 
     def _listen(self) -> None:
         """Do what the network asks for until the next tick is due."""

@@ -4,6 +4,7 @@ import json
 import os
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ import pytest
 from hexctl.cli.main import exit_code
 from hexctl.record import recording
 from hexctl.record.columns import BlockWriter
+from hexctl.record.files import ROOM_BYTES
 from tests.cli.kits import Kit
 
 KITS = "tests.cli.kits"
@@ -105,11 +107,12 @@ def test_a_file_where_the_recordings_go_is_refused(
 def test_a_recording_that_fails_costs_neither_the_walk_nor_its_result(
     block_ticks: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def fail(_: object) -> None:
+    def fail(_: object) -> Iterator[None]:
+        yield
         raise RuntimeError("no space\nleft")
 
     monkeypatch.setattr(recording, "BLOCK_TICKS", block_ticks)
-    monkeypatch.setattr(BlockWriter, "write", fail)
+    monkeypatch.setattr(BlockWriter, "steps", fail)
     assert _run("Kit", "--turn", "5", "--json") == 3
     printed = capsys.readouterr()
     outcome = _strict(printed.out)
@@ -121,21 +124,33 @@ FULL_DISK = """
 import resource, signal, sys
 from hexctl.cli.main import exit_code
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-resource.setrlimit(resource.RLIMIT_FSIZE, (60_000, 60_000))
-sys.exit(exit_code(["run", "--duration", "4", "--json"]))
+resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[1]), int(sys.argv[1])))
+sys.exit(exit_code(["run", "--duration", "20", "--json"]))
 """
 
 
-def test_a_full_disk_costs_neither_the_walk_nor_its_result(tmp_path: Path) -> None:
-    done = subprocess.run(
-        [sys.executable, "-c", FULL_DISK],
-        cwd=tmp_path,
+def test_a_disk_without_room_is_said_before_the_walk(tmp_path: Path) -> None:
+    done = _run_on_a_small_disk(tmp_path, ROOM_BYTES - 1)
+    assert done.returncode == 2, done.stderr
+    assert done.stdout == ""
+    assert "cannot be written (File too large)" in _one_line(done.stderr)
+    assert not list(tmp_path.glob("runs/*"))
+
+
+def _run_on_a_small_disk(folder: Path, size_bytes: int) -> "subprocess.CompletedProcess[str]":
+    return subprocess.run(
+        [sys.executable, "-c", FULL_DISK, str(size_bytes)],
+        cwd=folder,
         env={**os.environ, "RUST_LOG": "off"},
         capture_output=True,
         text=True,
         timeout=120,
         check=False,
     )
+
+
+def test_a_full_disk_costs_neither_the_walk_nor_its_result(tmp_path: Path) -> None:
+    done = _run_on_a_small_disk(tmp_path, ROOM_BYTES)
     assert done.returncode == 3, done.stderr
     assert _strict(done.stdout)["status"] == "ok"
     line = _one_line(done.stderr)

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from hexctl.cli.main import exit_code
+from hexctl.serve.certificates import make_certificates
 from tests.serve.processes import free_port, hexctl, program, served
 
 REFUSED = [
@@ -19,6 +20,7 @@ REFUSED = [
     (["serve", "--failed-leg", "9"], ["failed leg", "9", "1..6"]),
     (["serve", "--failure", "limp"], ["--failure", "--failed-leg"]),
     (["serve", "--device", "/dev/null"], ["--device", "sim", "mavlink"]),
+    (["serve", "--backend", "mavlink", "--seed", "5"], ["--seed", "5", "mavlink"]),
     (["serve", "--seed", "-1"], ["--seed", "-1"]),
     (["serve", "--sit-after", "nan"], ["--sit-after", "nan", "1 to 3600"]),
     (["serve", "--sit-after", "0"], ["--sit-after", "0", "1 to 3600"]),
@@ -39,6 +41,21 @@ def test_refused_in_one_line(
     assert len(printed.err.splitlines()) == 1
     for word in words:
         assert word in printed.err
+
+
+def test_a_view_without_a_viewers_certificate_is_refused_before_anything_is_served(tmp_path: Path) -> None:
+    make_certificates(tmp_path / "keys", hosts=["localhost"], days=1)
+    options = (
+        "--view",
+        "--listen",
+        f"tls/127.0.0.1:{free_port()}",
+        "--keys",
+        str(tmp_path / "keys" / "robot"),
+    )
+    answer = hexctl("serve", "--backend", "mock", *options)
+    assert answer.returncode == 2
+    assert "allowed here: viewer or controller" in answer.stderr
+    assert len(answer.stderr.splitlines()) == 1
 
 
 def test_an_address_that_is_taken_is_said_in_one_line() -> None:

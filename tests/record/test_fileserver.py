@@ -1,7 +1,7 @@
 from collections.abc import Iterator
 from pathlib import Path
 from urllib.error import HTTPError
-from urllib.request import urlopen
+from urllib.request import Request, urlopen
 
 import pytest
 
@@ -54,3 +54,9 @@ def test_only_recordings_are_served(server: FileServer, tmp_path: Path) -> None:
     (tmp_path / "notes.rrd").write_text("hello")
     with pytest.raises(InputError, match="not a Rerun recording"):
         server.add("here", tmp_path / "notes.rrd")
+
+
+def test_a_page_of_another_name_that_leads_here_is_refused(server: FileServer, tmp_path: Path) -> None:
+    request = Request(server.add("here", recording(tmp_path, "trial.rrd")), headers={"Host": "evil.example"})  # noqa: S310
+    with pytest.raises(HTTPError, match="403"):
+        urlopen(request)  # noqa: S310  loopback

@@ -3,12 +3,13 @@ import signal
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import rerun as rr
 
-from hexctl.control.log import PHASES, TickLog
+from hexctl.control.log import COLUMNS, PHASES, TickLog
 from hexctl.errors import HexctlError, InputError
 from hexctl.ik.kinematics import foot_positions_body
 from hexctl.record import paths
@@ -153,7 +154,8 @@ def test_blocks_that_come_fast_wait_for_the_end(trial: Trial, read: ReadBack, tm
 
 def test_without_a_pose_the_robot_stands_at_the_origin(trial: Trial, tmp_path: Path) -> None:
     log = TickLog()
-    log._chunks, log._length, log.pose_known = trial.log._chunks, len(trial.log), False
+    nowhere = {"base_position_world": np.nan, "base_quaternion_world": np.nan}
+    log.extend({name: trial.log[name] * nowhere.get(name, 1) for name, _, _ in COLUMNS})
     path = tmp_path / "blind.rrd"
     with Recording(path, trial.robot, make_plan(trial.robot), title="blind") as recording:
         recording.write_block(log, 0, len(log))
@@ -162,6 +164,58 @@ def test_without_a_pose_the_robot_stands_at_the_origin(trial: Trial, tmp_path: P
     np.testing.assert_allclose(positions, [[0, 0, trial.robot.standing_height_m]] * len(positions), atol=1e-6)
     assert not read.values("/deviation", "Scalars:scalars")
     assert len(_joints(read, 1)) == len(log)
+
+
+def test_where_the_position_is_lost_for_a_while_nothing_is_drawn(trial: Trial, tmp_path: Path) -> None:
+    lost = slice(100, 110)
+    position = trial.log["base_position_world"].copy()
+    position[lost] = np.nan
+    log = TickLog()
+    log.frame = trial.log.frame
+    log.extend({name: trial.log[name] for name, _, _ in COLUMNS} | {"base_position_world": position})
+    paths_read = []
+    for block_ticks in (len(log), 7):
+        path = tmp_path / f"{block_ticks}.rrd"
+        with Recording(path, trial.robot, trial.plan, title="lost", floor=trial.floor) as recording:
+            for stop in range(block_ticks, len(log) + block_ticks, block_ticks):
+                recording.write_block(log, stop - block_ticks, min(stop, len(log)))
+        paths_read.append(ReadBack(path))
+    whole, parts = paths_read
+    assert whole.temporal() == parts.temporal()
+    ticks = np.round(whole.times_s("/world/robot", "Transform3D:translation") * 50).astype(int)
+    np.testing.assert_array_equal(ticks, np.delete(np.arange(len(log)), lost))
+    for entity, component in (
+        ("/world/trail", "LineStrips3D:strips"),
+        ("/world/ribbon", "Mesh3D:vertex_positions"),
+    ):
+        assert np.isfinite(
+            np.concatenate([np.ravel(value) for value in whole.values(entity, component)])
+        ).all()
+
+
+def test_a_walk_that_keeps_time_writes_a_part_at_each_tick(
+    trial: Trial, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "BLOCK_TICKS", 50)
+    sent: list[int] = []
+    with Recording(tmp_path / "a.rrd", trial.robot, trial.plan, title="a", floor=trial.floor) as recording:
+        stream = recording._stream
+        monkeypatch.setattr(type(stream), "send_columns", _counting(type(stream).send_columns, sent))
+        most = 0
+        for stop in range(1, len(trial.log) + 1):
+            before = len(sent)
+            recording.write_block(trial.log, stop - 1, stop)
+            most = max(most, len(sent) - before)
+        assert 0 < most <= 6, "a leg, or the lanes of all legs"
+        recording.finish(trial.result, {"world": "flat", "seed": 0})
+
+
+def _counting(send: Any, sent: list[int]) -> Any:
+    def counted(*arguments: Any, **named: Any) -> Any:
+        sent.append(1)
+        return send(*arguments, **named)
+
+    return counted
 
 
 def test_an_existing_file_is_refused_and_kept(trial: Trial, tmp_path: Path) -> None:
@@ -201,6 +255,8 @@ KILLED = (
     CHILD
     + """
 recording.write_block(trial["log"], 0, 200)
+while recording._writer is not None:  # each tick writes a part
+    recording.write_block(trial["log"], 0, 200)
 time.sleep(1.0)
 print("written", flush=True)
 time.sleep(60)

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -184,3 +185,30 @@ def test_the_text_tells_everything_once(trial: Trial, tmp_path: Path) -> None:
     assert {"result", "deviation", "stability", "failed leg", "gait", "seed", "tick_us"} <= set(rows)
     assert "| tick_us | p50 1.5, p99 3.0 |" in text
     assert "None" not in text
+
+
+def ended(path: Path, trial: Trial, changes: dict[str, Any]) -> tuple[list[str], str]:
+    """Return level and text of how a trial is said to have ended, and the guard's last state."""
+    result = replace(trial.result, **changes)
+    with Recording(path, trial.robot, trial.plan, title="ended", floor=trial.floor) as recording:
+        recording.write_block(trial.log, 0, len(trial.log))
+        recording.finish(result, {})
+    read = ReadBack(path)
+    (level,), (text,) = (read.values(f"/{paths.EVENTS}", f"TextLog:{what}")[-1] for what in ("level", "text"))
+    return [level, text], lane(read, paths.GUARD, len(trial.log))[-1]
+
+
+def test_only_what_went_wrong_is_an_error(trial: Trial, tmp_path: Path) -> None:
+    no_pose = {"deviation": None, "distance_m": None}
+    cases: list[tuple[dict[str, Any], str, bool]] = [
+        ({"status": "ok", **no_pose}, "INFO", False),
+        ({"status": "cut_short"}, "INFO", False),
+        ({"status": "no_progress"}, "WARN", False),
+        ({"status": "aborted", "stopped": "requested"}, "INFO", False),
+        ({"status": "aborted", "stopped": "estop"}, "ERROR", True),
+        ({"status": "fell"}, "ERROR", True),
+    ]
+    for number, (changes, level, stopped) in enumerate(cases):
+        said, guard = ended(tmp_path / f"{number}.rrd", trial, changes)
+        assert said[0] == level, said
+        assert (guard == style.STOPPED) == stopped, said

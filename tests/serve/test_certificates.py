@@ -101,6 +101,15 @@ def test_renewed_certificates_are_good_for_longer_and_beside_the_old(folder: Pat
             certificate.verify_directly_issued_by(load_certificate(place / role.value / AUTHORITY_FILE))
 
 
+def test_private_keys_that_have_gone_to_their_owners_are_not_needed(folder: Path) -> None:
+    (folder / "controller" / "key.pem").rename(folder.with_name("key.pem"))
+    before = load_certificate(folder / "controller" / CERTIFICATE_FILE)
+    renew_certificates(folder, days=900)
+    after = load_certificate(folder / "controller" / CERTIFICATE_FILE)
+    assert after.public_key() == before.public_key()
+    assert after.not_valid_after_utc > before.not_valid_after_utc
+
+
 def test_a_folder_without_its_authority_cannot_be_renewed(folder: Path) -> None:
     shutil.rmtree(folder / "authority")
     with pytest.raises(InputError, match=r"authority/key\.pem"):

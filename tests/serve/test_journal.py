@@ -54,3 +54,24 @@ def test_a_reader_who_is_held_up_holds_nothing_up() -> None:
     assert reader.lines == []
     reader.go.set()
     assert reader.await_lines(WAITING_LINES)[0] == "commanded by number 0"
+
+
+def test_what_was_told_last_is_read_before_the_end() -> None:
+    reader = Reader()
+    reader.go.set()
+    journal = Journal(reader.say)
+    journal.note(controller="mia", stopped="fell", posture="holding")
+    journal.close()
+    assert reader.lines == ["commanded by mia", "STOPPED: fell", "holds its pose"]
+
+
+def test_lines_that_were_left_out_are_counted() -> None:
+    reader = Reader()
+    journal = Journal(reader.say)
+    for number in range(WAITING_LINES + 10):
+        journal.note(controller=f"number {number}", stopped=None, posture="commanded")
+    reader.go.set()
+    reader.await_lines(WAITING_LINES)
+    journal.note(controller="mia", stopped=None, posture="commanded")
+    journal.close()
+    assert reader.lines[-1].endswith("lines left out) commanded by mia")

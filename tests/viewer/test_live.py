@@ -4,6 +4,7 @@ import json
 import os
 import signal
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -40,13 +41,13 @@ def test_a_window_that_dies_or_hangs_loses_no_tick(how: signal.Signals, place: P
     walking = ("run", "--realtime", "--view", "--json", "--duration", str(WALK_S), "--record", str(path))
     with program(tmp_path, "walk", "hexctl", *walking, **place.home, DISPLAY=place.screen) as walk:
         viewer = viewer_of(walk)
-        wait_until(path.is_file, "the recording")
-        time.sleep(1.0)
-        os.kill(viewer, how)
         try:
+            wait_until(path.is_file, "the recording")
+            time.sleep(1.0)
+            os.kill(viewer, how)
             walk.wait_for("realtime_factor")
         finally:
-            if how is signal.SIGSTOP:
+            with suppress(ProcessLookupError):
                 os.kill(viewer, signal.SIGKILL)
         assert walk.wait() == 0
     outcome = json.loads(next(line for line in walk.said().splitlines() if line.startswith("{")))
