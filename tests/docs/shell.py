@@ -175,9 +175,10 @@ class Shell:
             check=True,
             timeout=60,
         )
-        for line in shown.stdout.splitlines():
-            if line.startswith(".venv/bin/hexctl "):
-                self.hexctl(line.split()[1:])
+        ours = [line.split() for line in shown.stdout.splitlines() if line.startswith(".venv/bin/hexctl ")]
+        _require(bool(ours) == (words == ["demo"]))
+        for _, *arguments in ours:
+            self.hexctl(arguments)
 
     def _copy(self, words: list[str]) -> None:
         """Copy a file of the repository into the folder."""

@@ -104,13 +104,17 @@ def test_the_margin_is_negative_where_the_centre_is_outside(read: ReadBack) -> N
 
 
 def test_stability_is_the_share_of_the_walk(trial: Trial, tmp_path: Path) -> None:
-    """A robot of which only the feet of the tripod ever touch stands on it all the time or never."""
+    """A robot without a foot on the floor never stands, one with all of them always."""
     felt = np.zeros((len(trial.log), 6), dtype=bool)
     read = recorded(trial, rewritten(trial, foot_contacts=felt), tmp_path / "flying.rrd")
     assert read.values("/__properties/trial", "stability") == [[0.0]]
     felt[:] = True
     read = recorded(trial, rewritten(trial, foot_contacts=felt), tmp_path / "standing.rrd")
     assert read.values("/__properties/trial", "stability") == [[1.0]]
+    walk = np.flatnonzero(trial.log["phase"] == WALK)
+    felt[walk[: walk.size // 4]] = False
+    read = recorded(trial, rewritten(trial, foot_contacts=felt), tmp_path / "both.rrd")
+    assert read.values("/__properties/trial", "stability") == [[pytest.approx(0.75, abs=0.01)]]
 
 
 def test_the_ribbon_lies_between_line_and_trail_and_shows_the_side(read: ReadBack, trial: Trial) -> None:
