@@ -99,7 +99,10 @@ def check_resumed_alone(resume: str, **options: Any) -> None:
         if value is not None
     ]
     if given:
-        raise InputError(f"--resume: got {', '.join(given)} too; allowed: {resume} goes on as it was begun")
+        raise InputError(
+            f"--resume: got {', '.join(given)} too, but a session goes on as it was begun; "
+            f"allowed: --resume {resume} alone"
+        )
 
 
 def _check_numbers(spec: SessionSpec) -> None:

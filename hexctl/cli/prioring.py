@@ -55,7 +55,8 @@ def with_prior(
     if optimizer == BAYES or wanted not in (None, "auto") or spec.early_stop:
         advice = "" if _other_objective(spec) else "; hexctl prior build makes one"
         raise InputError(f"prior: there is none for these trials ({reason}){advice}")
-    say(f"hexctl: no prior for these trials ({reason}); searching with {spec.optimizer} instead")
+    advice = "" if _other_objective(spec) else " (hexctl prior build makes one, in half an hour)"
+    say(f"hexctl: no prior for these trials ({reason}); searching with {spec.optimizer} instead{advice}")
     return spec
 
 

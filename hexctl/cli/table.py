@@ -8,7 +8,7 @@ from typing import Any, Self
 
 import typer
 
-from hexctl.adapt.session import MILESTONES_M, Session, TrialRecord
+from hexctl.adapt.session import MILESTONES_M, Session, SessionSpec, TrialRecord
 from hexctl.cli.bar import make_bar
 
 HEADER = "trial  code  slots        deviation     distance  status        best"
@@ -81,9 +81,15 @@ def opening_line(session: Session) -> str:
     spec = session.spec
     believing = f" with the prior {Path(spec.prior).name}" if spec.prior else ""
     return (
-        f"session {session.name}: leg {spec.failed_leg} {spec.failure}, {spec.optimizer}{believing}, "
-        f"{spec.budget} trials"
+        f"session {session.name}: {subject(spec)}, {spec.optimizer}{believing}, "
+        f"{spec.budget} trials of {spec.duration_s:g} s"
     )
+
+
+def subject(spec: SessionSpec) -> str:
+    """Return who walks where, and what is wrong with it."""
+    where = f"in {spec.world}" if spec.world is not None else f"over {spec.backend}"
+    return f"{Path(spec.robot).stem} {where}, leg {spec.failed_leg} {spec.failure}"
 
 
 def trial_line(session: Session, trial: TrialRecord) -> str:

@@ -112,6 +112,7 @@ def execute(request: Request) -> int:
     if live is not None and live.lost is not None:
         say_aside(f"hexctl: {live.lost}; the walk and its recording are whole")
     elif live is not None and not interrupt.requested():
+        say_aside("close the viewer, or press Ctrl-C, to end")
         live.wait()
     elif request.view and recording is not None and not interrupt.requested():
         from hexctl.record.viewer import open_viewer

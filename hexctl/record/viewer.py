@@ -96,8 +96,8 @@ def _why(messages: str, paths: Sequence[Path]) -> str:
     names = " ".join(map(str, paths))
     if any(word in messages for word in ("DISPLAY", "WAYLAND", "neither", "NoDisplay", "XOpenDisplay")):
         return (
-            f"the viewer finds no display; hexctl view --web shows the same in a browser, "
-            f"or copy {names} to a machine with one"
+            "the viewer finds no display; hexctl view --web shows the same in a browser; or copy the folder "
+            f"of {names} to a machine with one"
         )
     lines = [line.strip() for line in messages.splitlines() if line.strip()]
     last = next((line for line in reversed(lines) if "rror" in line), lines[-1] if lines else "no message")

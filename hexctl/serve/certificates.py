@@ -8,11 +8,11 @@ import tempfile
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from typing import Any
 
 from cryptography import x509
 from cryptography.hazmat.primitives import hashes
 from cryptography.hazmat.primitives.asymmetric import ec
+from cryptography.hazmat.primitives.asymmetric.types import CertificatePublicKeyTypes
 from cryptography.hazmat.primitives.serialization import (
     Encoding,
     NoEncryption,
@@ -158,7 +158,7 @@ def _sign_authority(name: x509.Name, key: Key, days: int) -> x509.Certificate:
 
 
 def _certify(
-    role: Role, key: Any, hosts: list[x509.GeneralName], issuer: _Issuer, days: int
+    role: Role, key: CertificatePublicKeyTypes, hosts: list[x509.GeneralName], issuer: _Issuer, days: int
 ) -> x509.Certificate:
     """Return the certificate of a role for a public key.
 
@@ -177,7 +177,9 @@ def _certify(
     return builder.sign(issuer.key, hashes.SHA256())
 
 
-def _builder(subject: x509.Name, issuer: x509.Name, key: Any, days: int) -> x509.CertificateBuilder:
+def _builder(
+    subject: x509.Name, issuer: x509.Name, key: CertificatePublicKeyTypes, days: int
+) -> x509.CertificateBuilder:
     now = datetime.now(UTC)
     return (
         x509.CertificateBuilder()

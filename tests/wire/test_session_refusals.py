@@ -66,7 +66,7 @@ def expired(authority: Path, folder: Path, monkeypatch: pytest.MonkeyPatch) -> P
     issuer = certificates._Issuer(load_certificate(home / "certificate.pem"), secret)
     monkeypatch.setattr(certificates, "datetime", LongAgo)
     key = certificates._new_key()
-    certificate = certificates._certify(Role.CONTROLLER, key, [], issuer, days=5)
+    certificate = certificates._certify(Role.CONTROLLER, key.public_key(), [], issuer, days=5)
     certificates._write(folder, issuer, certificate, key)
     return folder
 
