@@ -13,6 +13,7 @@ from hexctl.adapt.prior.choice import (
     chance_above,
     chance_within,
     expected_size_m,
+    most_promising,
     most_useful,
 )
 from hexctl.adapt.prior.samples import N_FEATURES, Samples, features_of
@@ -21,6 +22,7 @@ from hexctl.adapt.space import GaitSpace
 from hexctl.backends.clock import PERIOD_S
 from hexctl.control.trial import Enough
 from hexctl.errors import InputError
+from hexctl.robot.joints import N_JOINTS
 from hexctl.robot.messages import BoolArray, FloatArray
 
 #: A gait is confirmed when it is within the target with this probability.
@@ -31,6 +33,9 @@ HOPE = 0.01
 
 #: Share of a walk before which nothing is concluded from it: what shows there is the soft start.
 EARLIEST = 0.3
+
+#: After so many trials the next one is chosen for itself alone, no longer for what it tells as well.
+LOOKING_AHEAD = 2
 
 #: What a trial of one and the same gait differs by, until repeats tell: simulated, and on a real floor.
 SIMULATED_NOISE_M = 0.001
@@ -74,7 +79,18 @@ class Bayes(Optimizer):
         self._duration_s, self._noise_m = duration_s, noise_m
         self._floor_m = floor_m
         self._known: Forecast | None = None
+        self._sag_rad: FloatArray | None = None
         self._forget()
+
+    def stood(self, sag_rad: FloatArray) -> None:
+        """Take in how the robot stood before its first trial: by how much each joint stayed behind, (18,)."""
+        sag_rad = np.asarray(sag_rad, dtype=float)
+        if sag_rad.shape != (N_JOINTS,):
+            raise InputError(f"{self.name}: got a sag of shape {sag_rad.shape}; allowed: ({N_JOINTS},)")
+        trials, self._sag_rad = self._trials, sag_rad
+        self._forget()
+        for trial in trials:
+            self._take(trial)
 
     @property
     def finished(self) -> bool:
@@ -135,7 +151,8 @@ class Bayes(Optimizer):
         if tried.all():
             # Every gait has failed: the one that is believed to go farthest, rather than none.
             return [int(np.argmax(self.forecast().distance_m)) + 1]
-        return [most_useful(self.forecast(), self._chance_valid(), tried, self._best_m()) + 1]
+        choose = most_useful if tried.sum() < LOOKING_AHEAD else most_promising
+        return [choose(self.forecast(), self._chance_valid(), tried, self._best_m()) + 1]
 
     def _worth_repeating(self, code: int) -> bool:
         """Return whether a gait that was walked is the likeliest of all to be within the target."""
@@ -174,7 +191,7 @@ class Bayes(Optimizer):
         self._known = None
 
     def _forget(self) -> None:
-        self._belief = Belief(self._samples, noise_m=self._noise_m)
+        self._belief = Belief(self._samples, noise_m=self._noise_m, sag_rad=self._sag_rad)
         self._trials: list[list[Any]] = []
         self._known = None
 
@@ -216,10 +233,16 @@ class Bayes(Optimizer):
         return rows
 
     def _search_state(self) -> dict[str, Any]:
-        return {"trials": [[*trial[:3], list(trial[3])] for trial in self._trials]}
+        sag = None if self._sag_rad is None else [None if np.isnan(x) else float(x) for x in self._sag_rad]
+        return {"trials": [[*trial[:3], list(trial[3])] for trial in self._trials], "sag_rad": sag}
 
     def _restore_search(self, state: dict[str, Any]) -> None:
-        trials = list(state["trials"])
+        trials, sag = list(state["trials"]), state.get("sag_rad")
+        if sag is not None:
+            sag = np.array([np.nan if number is None else float(number) for number in sag])
+            if sag.shape != (N_JOINTS,):
+                raise ValueError(f"a sag of {sag.size} joints")
+        self._sag_rad = sag
         self._forget()
         for trial in trials:
             self._take(trial)

@@ -2,6 +2,8 @@
 
 from pathlib import Path
 
+import numpy as np
+
 from hexctl.adapt.bayes import REAL_NOISE_M, SIMULATED_NOISE_M, Bayes
 from hexctl.adapt.catalogue import make_optimizer
 from hexctl.adapt.counting import FreshCodes
@@ -37,7 +39,7 @@ def make_search(spec: SessionSpec, robot: Robot, plan: TrialPlan) -> Optimizer:
         raise InputError(
             f"prior {path}: is not the one the session began with; allowed: the same file, or a new session"
         )
-    return Bayes(
+    search = Bayes(
         space,
         spec.seed,
         samples=samples_of(prior, robot, spec.failed_leg),
@@ -46,6 +48,17 @@ def make_search(spec: SessionSpec, robot: Robot, plan: TrialPlan) -> Optimizer:
         floor_m=progress_floor_m(robot, plan, plan.duration_s),
         noise_m=SIMULATED_NOISE_M if spec.backend == "sim" else REAL_NOISE_M,
     )
+    if spec.sag_rad is not None:
+        search.stood(np.array(spec.sag_rad))
+    return search
+
+
+def knows_stances(spec: SessionSpec) -> bool:
+    """Return whether the session's prior can tell anything from how the robot stands.
+
+    Raises InputError for a prior that is none.
+    """
+    return spec.prior is not None and load_prior(Path(spec.prior)).sag_rad is not None
 
 
 def serving(robot: Robot, plan: TrialPlan) -> Serves:

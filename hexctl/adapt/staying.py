@@ -7,7 +7,7 @@ from hexctl.adapt.aiming import aimed, as_placed
 from hexctl.adapt.arena import Arena
 from hexctl.adapt.fence import LEFT_THE_ARENA, Fence
 from hexctl.adapt.measuring import Operator, measured, not_walked
-from hexctl.adapt.stops import RobotStoppedError
+from hexctl.adapt.stops import check_not_stopped
 from hexctl.adapt.walker import Walker
 from hexctl.control.guard import Guard
 from hexctl.control.log import TickLog
@@ -153,9 +153,3 @@ def await_ready(servos: Guard, *, needs_pose: bool = True) -> RobotState:
         "the robot knows no position, so a trial cannot be scored; use one with odometry or motion capture, "
         "or measure by hand with --ask"
     )
-
-
-def check_not_stopped(servos: Guard) -> None:
-    """Raise RobotStoppedError for a robot that must not move before somebody has looked at it."""
-    if servos.stopped is not None:
-        raise RobotStoppedError(f"the robot is stopped: {servos.stopped}", servos.stopped)

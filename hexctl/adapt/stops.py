@@ -1,5 +1,6 @@
 """A robot that is stopped and waits for a person."""
 
+from hexctl.control.guard import Guard
 from hexctl.errors import RobotFaultError
 
 
@@ -13,3 +14,9 @@ class RobotStoppedError(RobotFaultError):
     def __init__(self, message: str, reason: str) -> None:
         super().__init__(message)
         self.reason = reason
+
+
+def check_not_stopped(servos: Guard) -> None:
+    """Raise RobotStoppedError for a robot that must not move before somebody has looked at it."""
+    if servos.stopped is not None:
+        raise RobotStoppedError(f"the robot is stopped: {servos.stopped}", servos.stopped)

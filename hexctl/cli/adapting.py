@@ -24,6 +24,7 @@ from hexctl.backends.sim.family import load_any_world
 from hexctl.backends.sim.world import World
 from hexctl.cli.adaptrobot import (
     arena_of,
+    as_it_stands,
     at_home,
     check_robot_options,
     code_of_stop,
@@ -166,13 +167,14 @@ def _begin(
         # As it stands now that nobody else adds to it.
         session = store.load(resume or "")
         spec = session.spec
-    robot, _world, plan = _walk_parts(spec)
+    robot, world, plan = _walk_parts(spec)
     note = note_of(spec, robot, plan)
     if note is not None:
         say_aside(f"hexctl: {note}")
     servos = stack.enter_context(connected(spec, robot, plan))
     if session is None:
-        session = store.create(at_home(spec, servos))
+        spec = as_it_stands(at_home(spec, servos), robot, world, plan, servos)
+        session = store.create(spec)
         stack.enter_context(store.held(session.name))
     return session, servos
 

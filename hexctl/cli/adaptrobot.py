@@ -7,10 +7,13 @@ from pathlib import Path
 
 from hexctl.adapt.arena import Arena, check_radius
 from hexctl.adapt.measuring import OBJECTIVES_OF_THE_END
+from hexctl.adapt.search import knows_stances
 from hexctl.adapt.session import SessionSpec
+from hexctl.adapt.stance import sag_here_rad, simulated_sag_rad
 from hexctl.adapt.staying import await_ready
 from hexctl.adapt.stops import RobotStoppedError
 from hexctl.backends.clock import request_realtime_priority
+from hexctl.backends.sim.world import World
 from hexctl.backends.table import BackendOptions, make_servos
 from hexctl.cli.exits import ABORTED, FAULT, FAULTS
 from hexctl.cli.operator import check_answerable
@@ -112,13 +115,39 @@ def at_home(spec: SessionSpec, servos: Guard | None) -> SessionSpec:
     """
     if servos is None or spec.ask:
         return spec
-    try:
+    with _nothing_begun(spec):
         position = await_ready(servos).base_position_world
-    except RobotStoppedError as error:
-        raise RobotFaultError(f"{error}; {', '.join([*_clearing(spec, error), 'begin again'])}") from error
     if spec.arena_m is None or position is None:
         return spec
     return replace(spec, home_m=[float(position[0]), float(position[1])])
+
+
+def as_it_stands(
+    spec: SessionSpec, robot: Robot, world: World | None, plan: TrialPlan, servos: Guard | None
+) -> SessionSpec:
+    """Return the spec of a session that knows how its robot stands, where that tells its optimizer anything.
+
+    A connected robot stands up for that. Not where a person puts it down: it then moves only when that person
+    says so, and by then the first gait is chosen.
+    Raises RobotFaultError for a robot that is stopped meanwhile or has gone.
+    """
+    if spec.ask or not knows_stances(spec):
+        return spec
+    if servos is None:
+        sag_rad = simulated_sag_rad(robot, world, plan, spec.seed)
+    else:
+        with _nothing_begun(spec):
+            sag_rad = sag_here_rad(servos, plan)
+    return spec if sag_rad is None else replace(spec, sag_rad=sag_rad.tolist())
+
+
+@contextmanager
+def _nothing_begun(spec: SessionSpec) -> Iterator[None]:
+    """Say of a robot that is stopped what to do before there is a session; raises RobotFaultError for it."""
+    try:
+        yield
+    except RobotStoppedError as error:
+        raise RobotFaultError(f"{error}; {', '.join([*_clearing(spec, error), 'begin again'])}") from error
 
 
 def arena_of(spec: SessionSpec) -> Arena | None:

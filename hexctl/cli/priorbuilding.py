@@ -23,6 +23,7 @@ from hexctl.robot.file import load_robot
 from hexctl.robot.joints import N_LEGS
 from hexctl.study.prior.build import prior_of
 from hexctl.study.prior.plan import PriorPlan
+from hexctl.study.prior.stances import sags_of
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -54,10 +55,11 @@ def execute(request: PriorRequest) -> int:
     try:
         with terminated_as_interrupted(), StudyProgress() as progress:
             landscapes = walked(plan.specs(), cache, progress, jobs=request.jobs, dask=request.dask)
+            sags_rad = sags_of(plan)
     except KeyboardInterrupt:
         say_interrupted(plan.specs(), cache)
         return INTERRUPTED
-    prior = prior_of(plan, landscapes)
+    prior = prior_of(plan, landscapes, sags_rad)
     save_prior(prior, path)
     outcome = {"prior": str(path), **summary_of(path)}
     say(json.dumps(outcome) if request.as_json else f"prior: {path} ({path.stat().st_size / 1e3:.0f} kB)")

@@ -1,8 +1,11 @@
-"""A session in a process of its own, for tests that kill it: `-m tests.adapt.killing FOLDER [NAME]`."""
+"""A session in a process of its own, to be killed: `-m tests.adapt.killing FOLDER OPTIMIZER [NAME]`."""
 
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
+
+import numpy as np
 
 from hexctl.adapt.catalogue import make_optimizer
 from hexctl.adapt.counting import FreshCodes
@@ -14,6 +17,7 @@ from hexctl.adapt.store import SessionStore
 from hexctl.control.result import TrialResult
 from hexctl.control.trial import Enough
 from hexctl.gait.encoding import Slots
+from tests.adapt.priors import MadeUpModel, made_up_bayes, standing_samples
 from tests.adapt.walking import SPEC, Landscape
 
 #: Long enough that a kill falls anywhere in a trial, its writing and its telling.
@@ -21,7 +25,11 @@ TRIAL_S = 0.002
 
 
 def optimizer_of(spec: SessionSpec) -> Optimizer:
-    """Return the optimizer that `hexctl adapt` makes for a spec."""
+    """Return the optimizer that `hexctl adapt` makes for a spec; `bayes` with a made-up prior."""
+    if spec.optimizer == "bayes":
+        search = made_up_bayes(standing_samples(MadeUpModel(), 12), target_m=1e-6)
+        search.stood(np.array(spec.sag_rad))
+        return search
     inner = make_optimizer(spec.optimizer, GaitSpace((spec.failed_leg,)), spec.seed)
     return FreshCodes(inner, spec.seed, paper_count=spec.count_repeats)
 
@@ -36,17 +44,20 @@ class SlowLandscape(Landscape):
         return super().__call__(index, code, slots, enough)
 
 
-def main(folder: str, name: str | None = None) -> None:
+def main(folder: str, optimizer: str, name: str | None = None) -> None:
     """Run a session, or continue one, and say when it begins to walk."""
     with SessionStore(Path(folder)) as store:
-        session = store.create(SPEC_TO_KILL) if name is None else store.load(name)
+        session = store.create(SPECS_TO_KILL[optimizer]) if name is None else store.load(name)
         with store.held(session.name):
             sys.stdout.write("walking\n")
             sys.stdout.flush()
             AdaptLoop(session, store, optimizer_of(session.spec), SlowLandscape()).run()
 
 
-SPEC_TO_KILL = SessionSpec(**{**SPEC.as_json(), "optimizer": "dps", "budget": 100})
+SPECS_TO_KILL = {
+    "dps": replace(SPEC, optimizer="dps", budget=100),
+    "bayes": replace(SPEC, optimizer="bayes", budget=60, sag_rad=MadeUpModel().sags(1, 700)[0].tolist()),
+}
 
 if __name__ == "__main__":
     main(*sys.argv[1:])

@@ -1,5 +1,6 @@
 """Made-up priors: worlds in which a few hidden numbers move the ends of all gaits, and walks in them."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ from hexctl.control.trial import LOOK_TICKS, Enough
 from hexctl.gait.encoding import Slots
 from hexctl.gait.named import make_gait
 from hexctl.robot.failure import Failure
+from hexctl.robot.joints import N_JOINTS
 from hexctl.robot.messages import FloatArray
 from hexctl.robot.model import Robot
 from tests.robots import shipped
@@ -40,6 +42,7 @@ class MadeUpModel:
         self._pull_m = random.normal(0, spread_m / np.sqrt(HIDDEN), (HIDDEN, GAITS))
         self._bow_m = random.normal(0, spread_m / 4, (HIDDEN, GAITS))
         self._haste_m = random.normal(0, 0.05, (HIDDEN, GAITS))
+        self._bend = random.normal(0, 1 / np.sqrt(HIDDEN), (HIDDEN, N_JOINTS))
 
     def worlds(self, count: int, seed: int) -> FloatArray:
         """Return what every gait shows in some worlds, (count, gaits, N_FEATURES)."""
@@ -56,9 +59,20 @@ class MadeUpModel:
         features[..., YAW] = 0.4 * final + 0.5 * bow
         return features
 
+    def sags(self, count: int, seed: int) -> FloatArray:
+        """Return how the robot stands in the same worlds, (count, 18): by what they hide, and noise."""
+        hidden = np.random.default_rng([seed, 1]).normal(size=(count, HIDDEN))
+        other = np.random.default_rng([seed, 2]).normal(size=(count, N_JOINTS))
+        return np.asarray(0.02 + 0.01 * hidden @ self._bend + 0.003 * other)
+
     def samples(self, count: int = 32, seed: int = 0, leg: int = 5) -> Samples:
         """Return worlds as a belief takes them; every gait walks to its end."""
         return Samples(leg=leg, features=self.worlds(count, seed), finished=np.ones(GAITS))
+
+
+def standing_samples(model: MadeUpModel, count: int = 32, seed: int = 0) -> Samples:
+    """Return worlds of a model of which it is known how the robot stands in them."""
+    return replace(model.samples(count, seed), sag_rad=model.sags(count, seed))
 
 
 def made_up_bayes(samples: Samples, **options: Any) -> Bayes:

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from hexctl.adapt.baselines import RandomSearch
-from hexctl.adapt.bayes import REAL_NOISE_M, SURE, Bayes
+from hexctl.adapt.bayes import LOOKING_AHEAD, REAL_NOISE_M, SURE, Bayes
 from hexctl.adapt.optimizer import Optimizer
+from hexctl.adapt.prior.choice import expected_size_m, most_promising, most_useful
 from hexctl.adapt.prior.samples import FINAL, N_FEATURES, Samples
 from hexctl.adapt.shown import Shown
 from hexctl.adapt.space import GaitSpace
@@ -24,12 +25,14 @@ from tests.adapt.priors import (
     made_up_bayes,
     path_of,
     shown_of,
+    standing_samples,
     tell,
 )
 from tests.adapt.searching import ONE_FAILED, TWO_FAILED, search, slope
 
 MODEL = MadeUpModel()
 SAMPLES = MODEL.samples(24)
+STANDING = standing_samples(MODEL, 24)
 BELIEVED = MODEL.samples(48)
 
 
@@ -389,6 +392,80 @@ def test_a_damaged_trial_in_a_state_is_refused_and_nothing_is_taken_over() -> No
             optimizer.restore(damaged)
         assert optimizer.state() == before
     assert json.loads(json.dumps(before, allow_nan=False)) == before
+
+
+def stood(trials: int = 0) -> Bayes:
+    """Return a search that was told how a world stands, and then of trials in it."""
+    optimizer, world = made_up_bayes(STANDING, target_m=1e-6), worlds(1)[0]
+    optimizer.stood(MODEL.sags(1, 500)[0])
+    for _ in range(trials):
+        (code,) = optimizer.ask()
+        tell(optimizer, code, world[code - 1])
+    return optimizer
+
+
+def test_how_the_robot_stands_tells_which_world_this_is() -> None:
+    """Before any trial, the ends of all gaits are believed nearer to where they are."""
+    off_m: dict[bool, list[float]] = {True: [], False: []}
+    for world, sag_rad in zip(worlds(20), MODEL.sags(20, 500), strict=True):
+        for told_so in (True, False):
+            optimizer = made_up_bayes(STANDING)
+            if told_so:
+                optimizer.stood(sag_rad)
+            off_m[told_so].append(float(np.abs(optimizer.forecast().mean_m - world[:, FINAL]).mean()))
+    assert np.mean(off_m[True]) < 0.8 * np.mean(off_m[False])
+
+
+@pytest.mark.parametrize("trials", [0, 1, 5])
+def test_a_restored_search_knows_how_the_robot_stood(trials: int) -> None:
+    original, restored = stood(trials), made_up_bayes(STANDING, target_m=1e-6)
+    restored.restore(travelled(original.state()))
+    np.testing.assert_array_equal(restored.forecast().mean_m, original.forecast().mean_m)
+    assert restored.state() == original.state()
+    assert adapt(restored, worlds(1)[0], 4) == adapt(original, worlds(1)[0], 4)
+
+
+def test_it_may_be_told_after_the_first_trials_just_as_well() -> None:
+    early = stood(3)
+    late = made_up_bayes(STANDING, target_m=1e-6)
+    late.restore(
+        {**travelled(early.state()), "search": {"trials": travelled(early.state())["search"]["trials"]}}
+    )
+    late.stood(MODEL.sags(1, 500)[0])
+    np.testing.assert_array_equal(late.forecast().mean_m, early.forecast().mean_m)
+    assert late.state() == early.state()
+
+
+@pytest.mark.parametrize("sag", [[0.1] * 17, "low", 3, [["a"] * 18], [[0.1] * 18]], ids=str)
+def test_a_damaged_sag_in_a_state_is_refused_and_nothing_is_taken_over(sag: object) -> None:
+    optimizer = stood(2)
+    before = travelled(optimizer.state())
+    damaged = travelled(optimizer.state())
+    damaged["search"]["sag_rad"] = sag
+    with pytest.raises(InputError, match=r"optimizer state of bayes: damaged"):
+        optimizer.restore(damaged)
+    assert optimizer.state() == before
+
+
+def test_a_sag_of_other_joints_is_refused() -> None:
+    with pytest.raises(InputError, match=r"got a sag of shape \(3,\); allowed: \(18,\)"):
+        made_up_bayes(STANDING).stood(np.zeros(3))
+
+
+def test_after_two_trials_it_takes_what_promises_most_by_itself() -> None:
+    """It looks ahead while most is open; then the gait with the greatest gain over one trial is due."""
+    optimizer, world = made_up_bayes(SAMPLES, target_m=1e-6), worlds(1)[0]
+    for trial in range(6):
+        forecast = optimizer.forecast()
+        tried = np.zeros(GAITS, dtype=bool)
+        tried[[row[0] - 1 for row in optimizer.state()["search"]["trials"]]] = True
+        sizes_m = expected_size_m(forecast.mean_m, forecast.sd_m)
+        best_m = float(sizes_m[tried].min(initial=np.inf))
+        choose = most_useful if trial < LOOKING_AHEAD else most_promising
+        wanted = choose(forecast, optimizer._chance_valid(), tried, best_m) + 1
+        (code,) = optimizer.ask()
+        assert code == wanted
+        tell(optimizer, code, world[code - 1])
 
 
 @pytest.fixture(scope="module")

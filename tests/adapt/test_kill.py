@@ -8,10 +8,11 @@ import time
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from hexctl.adapt.loop import AdaptLoop
 from hexctl.adapt.store import SessionStore
-from tests.adapt.killing import SPEC_TO_KILL, optimizer_of
+from tests.adapt.killing import SPECS_TO_KILL, optimizer_of
 from tests.adapt.walking import Landscape
 
 KILLS = 20
@@ -34,22 +35,26 @@ def _killed_after(delay_s: float, *arguments: str) -> None:
             process.stdout.close()
 
 
-def test_kill_9_at_twenty_random_moments_never_changes_the_result(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("optimizer", "within_s"), [("dps", 0.15), ("bayes", 0.6)])
+def test_kill_9_at_twenty_random_moments_never_changes_the_result(
+    optimizer: str, within_s: float, tmp_path: Path
+) -> None:
+    spec = SPECS_TO_KILL[optimizer]
     with SessionStore(tmp_path / "whole") as store:
-        whole = store.create(SPEC_TO_KILL)
-        AdaptLoop(whole, store, optimizer_of(SPEC_TO_KILL), Landscape()).run()
+        whole = store.create(spec)
+        AdaptLoop(whole, store, optimizer_of(spec), Landscape()).run()
     random = np.random.default_rng(11)
     cut_inside = 0
     for number in range(SESSIONS):
         folder = tmp_path / str(number)
         name: list[str] = []
         for _ in range(KILLS // SESSIONS):
-            _killed_after(float(random.uniform(0.0, 0.15)), str(folder), *name)
+            _killed_after(float(random.uniform(0.0, within_s)), str(folder), optimizer, *name)
             with SessionStore(folder) as store:
                 name = store.names()
-                cut_inside += 0 < len(store.load(name[0]).trials) < SPEC_TO_KILL.budget
+                cut_inside += 0 < len(store.load(name[0]).trials) < spec.budget
         with SessionStore(folder) as store, store.held(name[0]):
             session = store.load(name[0])
-            AdaptLoop(session, store, optimizer_of(SPEC_TO_KILL), Landscape()).run()
+            AdaptLoop(session, store, optimizer_of(spec), Landscape()).run()
             assert store.load(name[0]).trials == whole.trials
     assert cut_inside >= KILLS / 2, "most kills came while it walked"

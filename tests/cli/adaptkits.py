@@ -18,6 +18,18 @@ class Blind(Kit):
         self.position_world = self.quaternion_world = None
 
 
+class Straight(Kit):
+    """Its joints are where they are told to be."""
+
+
+class Echoing(Kit):
+    """Says where its joints were told to be, and that it measures nothing."""
+
+    def read(self) -> RobotState:
+        """Return the state, echoed."""
+        return replace(super().read(), measured=False)
+
+
 class FallsOnce(Kit):
     """Falls in its second trial; whoever connects again has stood it up."""
 

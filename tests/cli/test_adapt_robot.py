@@ -6,14 +6,17 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from hexctl.adapt.prior.prior import Prior, save_prior
 from hexctl.adapt.store import SessionStore
 from hexctl.cli.main import exit_code
+from tests.adapt.priors import MadeUpModel, made_up_prior, question_of
 from tests.adapt.staying import PLACE, StayingSim
 from tests.cli.kits import Kit
 
@@ -240,6 +243,38 @@ def test_a_twin_goes_back_and_forth_in_its_arena(
     rows = [line for line in printed.out.splitlines() if line[:5].strip().isdigit()]
     assert len(rows) == 5
     assert 0.3 < StayingSim.farthest_m < 0.75
+
+
+@pytest.mark.parametrize(("backend", "knows"), [
+    ("tests.adapt.staying:StayingSim", True), (f"{KITS}:Echoing", False), (f"{KITS}:Straight", True),
+], ids=str)  # fmt: skip
+def test_how_a_robot_stands_is_measured_where_it_measures(
+    backend: str, knows: bool, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Before the session is made, and so before its first gait is chosen."""
+    save_prior(standing_prior(), Path("x.npz"))
+    words = ["adapt", "--failed-leg", "5", "--backend", backend, "--no-record", "--duration", "6"]
+    outcome = json_of(capsys, *words, "--prior", "x.npz", "--budget", "1")
+    assert (outcome["sag_rad"] is not None) == knows
+    if "Straight" in backend:
+        assert np.abs(outcome["sag_rad"]).max() < 1e-9
+
+
+def test_a_robot_that_a_person_puts_down_does_not_stand_up_before_it_was_asked_for(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    save_prior(standing_prior(), Path("x.npz"))
+    answer(monkeypatch, "quit\n")
+    words = ["--ask", "--prior", "x.npz", "--self-rotation", "rear", "--duration", "6"]
+    assert adapt("Straight", *words) == 130
+    assert not Kit.made[0].sent
+
+
+def standing_prior() -> Prior:
+    """Return a made-up prior for trials of 6 s that knows how robots stand."""
+    model = MadeUpModel()
+    prior = made_up_prior(question_of(duration_s=6.0), worlds=6, model=model)
+    return replace(prior, sag_rad=model.sags(6, 5)[np.newaxis])
 
 
 def test_the_arena_stays_where_it_was_after_a_kill(capsys: pytest.CaptureFixture[str]) -> None:

@@ -3,6 +3,7 @@
 import json
 import shutil
 import sqlite3
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ from hexctl.adapt.walker import Walker
 from hexctl.cli.main import exit_code
 from hexctl.robot.failure import Failure
 from tests.adapt.priors import MadeUpModel, MadeUpWorld, made_up_prior, question_of
-from tests.robots import shipped
+from tests.robots import ROBOT_NAMES, shipped
 
 DURATION = "6"
 BUILD = ["prior", "build", "--duration", DURATION, "--worlds", "2", "--legs", "5"]
@@ -199,6 +200,16 @@ def test_the_papers_count_goes_without_a_prior_and_without_words(capsys: pytest.
     assert (outcome["optimizer"], err) == ("random", "")
 
 
+@pytest.mark.parametrize("robot", ROBOT_NAMES)
+def test_shipped_priors_are_small_and_know_how_robots_stand(robot: str) -> None:
+    (path,) = shipped_priors().glob(f"{robot}-*.npz")
+    prior = load_prior(path)
+    assert path.stat().st_size < 500_000
+    assert prior.question.robot_fingerprint == shipped(robot).fingerprint
+    assert prior.sag_rad is not None
+    assert np.isfinite(prior.sag_rad).all()
+
+
 def test_the_shipped_prior_is_believed_by_default(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -295,7 +306,7 @@ def test_a_member_of_a_family_is_a_world(prior: str, capsys: pytest.CaptureFixtu
     third, _ = run(capsys, *words, "--world", "randomised:3")
     flat, _ = run(capsys, *words)
     assert third["world"] == "randomised:3"
-    assert third["trials"][0]["code"] == flat["trials"][0]["code"]
+    assert third["sag_rad"] != flat["sag_rad"]
     assert third["trials"][0]["deviation_m"] != flat["trials"][0]["deviation_m"]
     assert (
         run(capsys, *words, "--world", "randomised:3")[0]["trials"][0]["deviation_m"]
@@ -325,6 +336,43 @@ def test_a_session_that_believes_goes_on_where_it_was(prior: str, capsys: pytest
     assert err == ""
     assert resumed["trials"] == whole["trials"]
     assert resumed["settled_on"] == whole["settled_on"]
+
+
+def test_how_the_robot_stood_is_kept_with_the_session_and_told_again(
+    prior: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Cut off before its first trial: it goes on with what it saw when it began, and does not look again."""
+    words = [*ADAPT, "--prior", prior, "--target", "0.001", "--budget", "2"]
+    whole, _ = run(capsys, *words)
+    assert len(whole["sag_rad"]) == 18
+    with monkeypatch.context() as patch:
+        patch.setattr("hexctl.cli.adapting.AdaptLoop.run", lambda _: "interrupted")
+        assert exit_code([*words, "--json"]) == 130
+    cut = json.loads(capsys.readouterr().out)
+    assert (cut["trials"], cut["sag_rad"]) == ([], whole["sag_rad"])
+    monkeypatch.setattr("hexctl.cli.adaptrobot.simulated_sag_rad", None)
+    resumed, _ = run(capsys, "adapt", "--resume", cut["session"], "--no-record")
+    assert resumed["trials"] == whole["trials"]
+
+
+def test_a_robot_that_stands_otherwise_is_believed_otherwise(
+    prior: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    words = [*ADAPT, "--prior", prior, "--target", "0.001", "--budget", "1"]
+    seen = run(capsys, *words)[0]["trials"][0]["expected"]
+    monkeypatch.setattr("hexctl.cli.adaptrobot.simulated_sag_rad", lambda *_: None)
+    blind, err = run(capsys, *words)
+    assert (blind["sag_rad"], err) == (None, "")
+    assert blind["trials"][0]["expected"] != seen
+
+
+def test_a_prior_that_knows_no_stances_does_not_look(
+    prior: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    save_prior(replace(load_prior(Path(prior)), sag_rad=None), Path(prior))
+    monkeypatch.setattr("hexctl.cli.adaptrobot.simulated_sag_rad", None)
+    outcome, err = run(capsys, *ADAPT, "--prior", prior, "--budget", "1")
+    assert (outcome["optimizer"], outcome["sag_rad"], err) == ("bayes", None, "")
 
 
 def test_a_session_does_not_go_on_with_another_prior(prior: str, capsys: pytest.CaptureFixture[str]) -> None:

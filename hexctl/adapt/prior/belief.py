@@ -14,7 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hexctl.adapt.prior.samples import DISTANCE, FINAL, N_FEATURES, Samples
+from hexctl.adapt.prior.standing import narrowed
 from hexctl.adapt.space import GaitSpace
+from hexctl.robot.joints import JOINTS_PER_LEG
 from hexctl.robot.messages import FloatArray
 
 #: Variance that the worlds do not explain, as a share of that between the worlds. This and the numbers below
@@ -132,9 +134,16 @@ class _Evidence:
 
 
 class Belief:
-    """What is believed of the 120 gaits of a failed leg, after any number of trials."""
+    """What is believed of the 120 gaits of a failed leg, after any number of trials.
 
-    def __init__(self, samples: Samples, *, noise_m: float) -> None:
+    Args:
+        samples: the prior's worlds.
+        noise_m: standard deviation of trials of the same gait, as far as it is known before.
+        sag_rad: by how much each joint stayed behind in the stance, NaN where nobody knows, (18,). The
+            failed leg's is left out: a real one may be locked anywhere, or hang.
+    """
+
+    def __init__(self, samples: Samples, *, noise_m: float, sag_rad: FloatArray | None = None) -> None:
         worlds = len(samples.features)
         self._mean = samples.features.mean(axis=0)  # (gaits, N_FEATURES)
         apart = samples.features - self._mean
@@ -144,6 +153,10 @@ class Belief:
         self._alike = _likeness(samples.leg) * _outer(_spread(apart[..., FINAL]))
         self._noise_m = noise_m
         self._seen = _Seen()
+        if sag_rad is not None and samples.sag_rad is not None:
+            shift, shrink = narrowed(samples.sag_rad, _of_walking_legs(sag_rad, samples.leg))
+            self._mean = self._mean + (shift @ self._root).reshape(self._mean.shape)
+            self._root = shrink @ self._root
 
     def observe(self, code: int, features: FloatArray) -> None:
         """Take in a trial of a gait: what it showed, (N_FEATURES,), NaN for what it did not."""
@@ -245,6 +258,13 @@ class Belief:
             squares += float(((again - again.mean()) ** 2).sum())
             repeats += again.size - 1
         return float(np.sqrt(squares / repeats))
+
+
+def _of_walking_legs(sag_rad: FloatArray, failed_leg: int) -> FloatArray:
+    """Return a sag of which the failed leg's joints say nothing, (18,)."""
+    known = np.array(sag_rad, dtype=float)
+    known[JOINTS_PER_LEG * (failed_leg - 1) : JOINTS_PER_LEG * failed_leg] = np.nan
+    return known
 
 
 def _likeness(leg: int) -> FloatArray:

@@ -16,6 +16,7 @@ import numpy as np
 from hexctl.adapt.prior.question import Question
 from hexctl.adapt.space import GaitSpace
 from hexctl.errors import HexctlError, InputError
+from hexctl.robot.joints import N_JOINTS
 from hexctl.robot.messages import FloatArray
 
 FORMAT = "hexctl prior"
@@ -25,6 +26,9 @@ VERSION = 1
 CHECKPOINTS = 10
 
 _ARRAYS = ("signed_m", "progress_m", "yaw_rad")
+
+#: What a prior may have or lack.
+_STANDING = "sag_rad"
 
 
 #: Half precision is 2 mm at 4 m and finer nearer to the line: below what a simulation is good for.
@@ -47,6 +51,8 @@ class Prior:
             where the walk was over.
         progress_m: distance along the heading at the checkpoints, likewise.
         yaw_rad: how far the body had turned at the end, likewise NaN, (legs, worlds, gaits).
+        sag_rad: by how much each joint stayed behind what it was told, at rest in the stance before any turn,
+            (legs, worlds, 18); None in priors that were built without.
     """
 
     question: Question
@@ -55,6 +61,7 @@ class Prior:
     signed_m: FloatArray
     progress_m: FloatArray
     yaw_rad: FloatArray
+    sag_rad: FloatArray | None = None
 
     def __post_init__(self) -> None:
         worlds = self.signed_m.shape[1] if self.signed_m.ndim > 1 else 0
@@ -64,6 +71,8 @@ class Prior:
             got, wanted = getattr(self, name).shape, allowed.get(name, shape)
             if got != wanted or not worlds or not self.legs:
                 raise ValueError(f"{name} has shape {got}, expected {wanted}")
+        if self.sag_rad is not None and self.sag_rad.shape != (*shape[:2], N_JOINTS):
+            raise ValueError(f"sag_rad has shape {self.sag_rad.shape}, expected {(*shape[:2], N_JOINTS)}")
 
     @property
     def worlds(self) -> int:
@@ -78,9 +87,15 @@ class Prior:
     def digest(self) -> str:
         """Return a text that changes with anything in the prior."""
         digest = hashlib.sha256(json.dumps(self.head, sort_keys=True).encode())
-        for name in _ARRAYS:
-            digest.update(getattr(self, name).astype(STORED).tobytes())
+        for array in self.arrays.values():
+            digest.update(array.astype(STORED).tobytes())
         return digest.hexdigest()[:32]
+
+    @property
+    def arrays(self) -> dict[str, FloatArray]:
+        """Return the arrays that there are, by name."""
+        arrays: dict[str, FloatArray] = {name: getattr(self, name) for name in _ARRAYS}
+        return arrays if self.sag_rad is None else {**arrays, _STANDING: self.sag_rad}
 
 
 def save_prior(prior: Prior, path: Path) -> None:
@@ -89,7 +104,7 @@ def save_prior(prior: Prior, path: Path) -> None:
     Raises PriorFileError when the disk refuses.
     """
     head = {"format": FORMAT, "version": VERSION, "digest": prior.digest(), **prior.head}
-    arrays = {name: getattr(prior, name).astype(STORED) for name in _ARRAYS}
+    arrays = {name: array.astype(STORED) for name, array in prior.arrays.items()}
     buffer = io.BytesIO()
     np.savez_compressed(buffer, allow_pickle=False, head=np.array(json.dumps(head)), **arrays)
     temporary = path.with_name(f".{path.name}.{os.getpid()}")
@@ -123,7 +138,8 @@ def load_prior(path: Path) -> Prior:
     head = read_head(path)
     try:
         with np.load(path, allow_pickle=False) as file:
-            arrays = {name: file[name] for name in _ARRAYS}
+            names = (*_ARRAYS, _STANDING) if _STANDING in file else _ARRAYS
+            arrays = {name: file[name] for name in names}
         prior = Prior(
             question=Question(**head["question"]),
             legs=tuple(head["legs"]),

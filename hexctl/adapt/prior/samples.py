@@ -29,11 +29,13 @@ class Samples:
         leg: the failed leg.
         features: what each gait showed in each world, (worlds, gaits, N_FEATURES).
         finished: the share of worlds in which each gait walked to the end, (gaits,).
+        sag_rad: by how much the joints stayed behind in the stance, (worlds, 18); None where nobody looked.
     """
 
     leg: int
     features: FloatArray
     finished: FloatArray
+    sag_rad: FloatArray | None = None
 
 
 def samples_of(prior: Prior, robot: Robot, leg: int) -> Samples:
@@ -43,10 +45,8 @@ def samples_of(prior: Prior, robot: Robot, leg: int) -> Samples:
     a plausible walk of this leg, not the same one, and a sample is no more than plausible anyway.
     Raises InputError when nothing in the prior says anything about the leg.
     """
-    moved = [
-        _moved_worlds(prior, symmetry, source)
-        for symmetry, source in _sources(robot, prior.question.self_rotation, prior.legs, leg)
-    ]
+    sources = _sources(robot, prior.question.self_rotation, prior.legs, leg)
+    moved = [_moved_worlds(prior, symmetry, source) for symmetry, source in sources]
     if not moved:
         legs = ", ".join(str(known) for known in prior.legs)
         raise InputError(f"prior: got failed leg {leg}; allowed: {legs}")
@@ -56,7 +56,9 @@ def samples_of(prior: Prior, robot: Robot, leg: int) -> Samples:
             f"prior: leg {leg} fell with every gait in every world; nothing can be told from that"
         )
     finished = np.isfinite(features[..., FINAL]).mean(axis=0)
-    return Samples(leg=leg, features=_filled(features), finished=finished)
+    return Samples(
+        leg=leg, features=_filled(features), finished=finished, sag_rad=_moved_sags(prior, sources)
+    )
 
 
 def serves(robot: Robot, self_rotation: str, legs: tuple[int, ...], leg: int) -> bool:
@@ -98,6 +100,14 @@ def _moved_worlds(prior: Prior, symmetry: Symmetry, source: int) -> FloatArray:
     moved = np.empty_like(features)
     moved[:, symmetry.codes(source) - 1] = features
     return moved
+
+
+def _moved_sags(prior: Prior, sources: list[tuple[Symmetry, int]]) -> FloatArray | None:
+    """Return how the joints stood in the worlds of some legs, moved by symmetries, (worlds, 18)."""
+    if prior.sag_rad is None:
+        return None
+    rows = [symmetry.joints(prior.sag_rad[prior.legs.index(source)]) for symmetry, source in sources]
+    return np.concatenate(rows)
 
 
 def _filled(features: FloatArray) -> FloatArray:

@@ -52,6 +52,15 @@ class Symmetry:
         after = GaitSpace((moved_leg,))
         return np.array([after.code_of(row) for row in ((slots + shift - 1) % N_LEGS + 1).tolist()])
 
+    def joints(self, angles_rad: FloatArray) -> FloatArray:
+        """Return angles of all joints, (..., 18), as the moved robot has them; a mirror turns coxae over."""
+        before = angles_rad.reshape(*angles_rad.shape[:-1], N_LEGS, JOINTS_PER_LEG)
+        moved = np.empty_like(before)
+        moved[..., np.array(self.legs) - 1, :] = before
+        if self.mirrored:
+            moved[..., 0] = -moved[..., 0]
+        return moved.reshape(angles_rad.shape)
+
 
 class Symmetries:
     """All symmetries of a robot, the identity first."""

@@ -13,8 +13,14 @@ from hexctl.study.prior.plan import PriorPlan
 from hexctl.study.versions import code_versions
 
 
-def prior_of(plan: PriorPlan, landscapes: Sequence[Landscape]) -> Prior:
-    """Return the prior of a plan from its landscapes, complete and in the order of `plan.specs()`."""
+def prior_of(plan: PriorPlan, landscapes: Sequence[Landscape], sags_rad: FloatArray | None = None) -> Prior:
+    """Return the prior of a plan from its landscapes, complete and in the order of `plan.specs()`.
+
+    Args:
+        plan: what was asked.
+        landscapes: what became of the gaits.
+        sags_rad: how the joints stay behind in the stance, (legs, worlds, 18), if that is known.
+    """
     by_leg = [[one for one in landscapes if one.spec.leg == leg] for leg in plan.legs]
     paths = np.array([[checkpoints_of(one) for one in some] for some in by_leg])
     yaws = np.array([[one.number("yaw_change_rad") for one in some] for some in by_leg])
@@ -26,6 +32,7 @@ def prior_of(plan: PriorPlan, landscapes: Sequence[Landscape]) -> Prior:
         signed_m=paths[..., 1],
         progress_m=paths[..., 0],
         yaw_rad=np.where(finished, yaws, np.nan),
+        sag_rad=sags_rad,
     )
 
 

@@ -42,10 +42,20 @@ class Course:
 
 
 def run_course(
-    plan: TransferPlan, landscape: Landscape, optimizer: str, run: int, samples: Samples | None
+    plan: TransferPlan,
+    landscape: Landscape,
+    optimizer: str,
+    run: int,
+    samples: Samples | None,
+    sag_rad: FloatArray | None = None,
 ) -> Course:
-    """Return the course of one run of an optimizer that looks up every walk in a landscape."""
+    """Return the course of one run of an optimizer that looks up every walk in a landscape.
+
+    `sag_rad` is how the robot stands there, for optimizers with a prior that knows how robots stand.
+    """
     search = _search(plan, landscape, optimizer, run, samples)
+    if sag_rad is not None and isinstance(search, Bayes):
+        search.stood(sag_rad)
     codes: list[int] = []
     bests, walked, held = [], [], []
     best_m, walked_s = float(landscape.final_m[landscape.valid].max()), 0.0

@@ -9,6 +9,7 @@ from hexctl.adapt.prior.samples import samples_of
 from hexctl.errors import RobotFaultError
 from hexctl.robot.messages import FloatArray
 from hexctl.study.landscape import Landscape
+from hexctl.study.prior.stances import sag_of
 from hexctl.study.transfer.course import Course, run_course
 from hexctl.study.transfer.plan import PRIORED, TransferPlan
 
@@ -118,10 +119,12 @@ def run_transfer(
     samples = {leg: samples_of(plan.prior, plan.robot, leg) for leg in plan.legs}
     courses = {}
     for place, landscape in enumerate(usable):
+        spec = landscape.spec
+        sag_rad = None if plan.prior.sag_rad is None else sag_of(spec)
         for name in plan.optimizers:
-            known = samples[landscape.spec.leg] if name in PRIORED else None
+            known = samples[spec.leg] if name in PRIORED else None
             courses[place, name] = [
-                run_course(plan, landscape, name, run, known) for run in range(plan.runs_of(name))
+                run_course(plan, landscape, name, run, known, sag_rad) for run in range(plan.runs_of(name))
             ]
         on_landscape(landscape)
     return TransferFindings(

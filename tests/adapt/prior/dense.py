@@ -7,6 +7,7 @@ import numpy as np
 
 from hexctl.adapt.prior.belief import ALIKE_CYCLES, ALIKE_SHARE, BLUR, COMMON_SHARE, UNEXPLAINED
 from hexctl.adapt.prior.samples import FINAL, N_FEATURES, Samples
+from hexctl.adapt.prior.standing import NEGLIGIBLE, NOISE
 from hexctl.adapt.space import GaitSpace
 from hexctl.robot.messages import FloatArray
 from tests.adapt.priors import GAITS
@@ -39,6 +40,22 @@ class Dense:
         spread /= math.sqrt((spread**2).mean())
         alike *= np.outer(spread, spread)
         self.prior = flat.T @ flat / (worlds - 1) + np.kron(alike, self.shape)
+
+    def stand(self, sag_rad: FloatArray) -> None:
+        """Condition the worlds' part on a sag, (18,): joints by their spread, along what worlds share."""
+        assert self.samples.sag_rad is not None
+        failed = slice(3 * (self.samples.leg - 1), 3 * self.samples.leg)
+        sags, sag_rad = (np.delete(array, failed, axis=-1) for array in (self.samples.sag_rad, sag_rad))
+        spread = sags.std(axis=0)
+        apart = (sags - sags.mean(axis=0)) / spread
+        flat = (self.samples.features - self.samples.features.mean(axis=0)).reshape(len(sags), -1)
+        variances, directions = np.linalg.eigh(apart.T @ apart / (len(sags) - 1))
+        told = directions[:, variances > NEGLIGIBLE]
+        across = flat.T @ apart @ told / (len(sags) - 1)
+        among = told.T @ apart.T @ apart @ told / (len(sags) - 1) + NOISE * np.eye(told.shape[1])
+        seen = told.T @ ((sag_rad - sags.mean(axis=0)) / spread)
+        self.mean = self.mean + across @ np.linalg.solve(among, seen)
+        self.prior = self.prior - across @ np.linalg.solve(among, across.T)
 
     def numbers(self) -> tuple[list[int], list[int], list[float]]:
         """Return place, trial and value of every number seen."""

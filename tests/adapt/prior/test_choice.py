@@ -16,6 +16,7 @@ from hexctl.adapt.prior.choice import (
     chance_within,
     expected_gain_m,
     expected_size_m,
+    most_promising,
     most_useful,
 )
 from hexctl.robot.messages import FloatArray
@@ -169,6 +170,17 @@ def test_a_gait_that_tells_of_others_is_worth_more_than_its_twin_that_does_not()
     covariance[np.diag_indices(120)] = sd**2
     telling = replace(plain, covariance_m2=covariance)
     assert most_useful(telling, np.where(np.arange(120) < 2, 1.0, 0.9), NOBODY, 0.5) != 0
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_most_promising_gait_has_the_greatest_gain_of_those_that_may_be_tried(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    mean, sd = random.uniform(-1, 1, 120), random.uniform(0.05, 0.3, 120)
+    walks, tried = random.uniform(0.5, 1.0, 120), random.uniform(size=120) < 0.3
+    row = most_promising(forecast(mean, sd), walks, tried, 0.3)
+    gains = expected_gain_m(mean, sd, 0.3) * walks
+    assert not tried[row]
+    assert gains[row] == gains[~tried].max()
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -22,7 +22,10 @@ from hexctl.adapt.prior.prior import (
 from hexctl.errors import HexctlError, InputError
 from tests.adapt.priors import made_up_prior, question_of
 
-ARRAYS = ("signed_m", "progress_m", "yaw_rad")
+ARRAYS = ("signed_m", "progress_m", "yaw_rad", "sag_rad")
+
+#: What a prior may have or lack.
+STANDING = "sag_rad"
 
 
 @cache
@@ -31,7 +34,9 @@ def prior_with_a_fall() -> Prior:
     for array in (prior.signed_m, prior.progress_m):
         array[1, 0, 7, 4:] = np.nan
     prior.yaw_rad[1, 0, 7] = np.nan
-    return prior
+    sag_rad = np.random.default_rng(8).normal(0.0, 0.05, (2, 2, 18))
+    sag_rad[0, 1] = np.nan  # did not stay on its legs
+    return replace(prior, sag_rad=sag_rad)
 
 
 @cache
@@ -43,6 +48,7 @@ def small_prior() -> Prior:
         signed_m=np.round(prior.signed_m[:, :, :1] * np.ones((1, 1, 120, 1)), 1),
         progress_m=np.round(prior.progress_m[:, :, :1] * np.ones((1, 1, 120, 1)), 1),
         yaw_rad=np.zeros((1, 1, 120)),
+        sag_rad=np.full((1, 1, 18), 0.02),
     )
 
 
@@ -101,6 +107,14 @@ def test_the_digest_survives_the_file_and_a_second_one(path: Path, tmp_path: Pat
 def test_the_digest_changes_with_anything(change: Any) -> None:
     prior = prior_with_a_fall()
     assert change(prior).digest() != prior.digest()
+
+
+def test_a_prior_that_knows_no_stances_is_one_too(tmp_path: Path) -> None:
+    prior = replace(prior_with_a_fall(), sag_rad=None)
+    save_prior(prior, tmp_path / "some.npz")
+    loaded = load_prior(tmp_path / "some.npz")
+    assert loaded.sag_rad is None
+    assert loaded.digest() == prior.digest() != prior_with_a_fall().digest()
 
 
 def test_the_head_says_what_it_is_for(path: Path) -> None:
@@ -204,12 +218,12 @@ def test_numbers_that_were_altered_are_refused(name: str, path: Path) -> None:
 @pytest.mark.parametrize("name", ARRAYS)
 def test_numbers_that_do_not_fit_are_refused(name: str, path: Path) -> None:
     head, arrays = parts_of(path)
-    for other in (arrays[name][:, :1], arrays[name][:, :, :60], np.float16(1.0), np.zeros(3)):
+    for other in (arrays[name][:, :1], arrays[name][..., :9], np.float16(1.0), np.zeros(3)):
         write(path, head, **{**arrays, name: other})
         assert "damaged" in refusal(path)
     del arrays[name]
     write(path, head, **arrays)
-    assert "damaged" in refusal(path)
+    assert ("altered" if name == STANDING else "damaged") in refusal(path)
 
 
 def test_a_prior_of_no_world_or_no_leg_cannot_be_made() -> None:

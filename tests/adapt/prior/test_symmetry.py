@@ -13,6 +13,7 @@ from hexctl.backends.sim.world import World
 from hexctl.control.batch import run_sim_trials
 from hexctl.robot.messages import FloatArray
 from hexctl.study.landscape import LandscapeSpec
+from hexctl.study.prior.stances import sag_of
 from tests.robots import ROBOT_NAMES, shipped
 
 HOW_MANY = {"ant": 12, "phantomx": 4, "pexod": 2}
@@ -227,3 +228,31 @@ def test_a_turned_robot_walks_nearly_the_same_with_another_leg_failed() -> None:
     spread = true.std(axis=0)
     assert np.median(np.abs(true - seen), axis=0)[0] < 0.5 * spread[0]
     assert np.corrcoef(true[:, 0], seen[:, 0])[0, 1] > 0.8
+
+
+def standing(world: World, leg: int) -> FloatArray:
+    return sag_of(LandscapeSpec(robot=shipped(), world=world, leg=leg, self_rotation="rear"))
+
+
+def test_a_mirrored_world_gives_the_mirrored_stance() -> None:
+    (symmetry,) = [one for one in symmetries("ant") if one.mirrored and one.keeps_heading]
+    true, seen = standing(WORLD, 2), standing(mirrored(WORLD, symmetry), symmetry.legs[1])
+    np.testing.assert_allclose(symmetry.joints(true), seen, atol=1e-6)
+    assert np.abs(true - seen).max() > 1e-3, "the mirror is no formality"
+
+
+@pytest.mark.parametrize("symmetry", [one for one in symmetries("ant") if not one.mirrored], ids=ids)
+def test_a_turned_payload_and_bent_joints_give_the_turned_stance(symmetry: Symmetry) -> None:
+    """Not on a slope: the robot stands there as it is, and turns only then."""
+    plain = WORLD.model_copy(update={"slope_deg": 0.0, "friction_cone": "elliptic"})
+    x, y, z = plain.body_mass_shift_m
+    cos, sin = math.cos(symmetry.turn_rad), math.sin(symmetry.turn_rad)
+    turned = plain.model_copy(
+        update={
+            "body_mass_shift_m": (cos * x - sin * y, sin * x + cos * y, z),
+            "joint_offset_deg": tuple(symmetry.joints(np.array(plain.joint_offset_deg)).tolist()),
+        }
+    )
+    true, seen = standing(plain, 5), standing(turned, symmetry.legs[4])
+    np.testing.assert_allclose(symmetry.joints(true), seen, atol=1e-4)
+    assert symmetry.legs == tuple(LEGS) or np.abs(true - seen).max() > 1e-3
