@@ -5,7 +5,7 @@ import json
 import sqlite3
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from datetime import datetime
 from pathlib import Path
 from typing import Any, Self
@@ -120,6 +120,15 @@ class SessionStore:
             ) from error
         session.trials.append(trial)
         session.optimizer_state = optimizer_state
+
+    def extend(self, session: Session, budget: int) -> None:
+        """Give a session another budget, on the disk when this returns; all else stays as it was begun."""
+        spec = replace(session.spec, budget=budget)
+        with self._transaction():
+            self._connection.execute(
+                "UPDATE sessions SET spec = ? WHERE name = ?", (json.dumps(spec.as_json()), session.name)
+            )
+        session.spec = spec
 
     def load(self, name: str) -> Session:
         """Return a session with all its trials.

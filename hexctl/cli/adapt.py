@@ -154,7 +154,8 @@ def adapt(
         typer.Option(
             "--resume",
             autocompletion=completing.sessions,
-            help="Go on with this session, by its name in hexctl sessions list. (default: begin a new one)",
+            help="Go on with this session, by its name in hexctl sessions list; --budget gives it another "
+            "budget. (default: begin a new one)",
         ),
     ] = None,
     view: Annotated[
@@ -204,6 +205,8 @@ def adapt(
         "ask": ask or None,
     }
     if resume is not None:
-        check_resumed_alone(resume, **options)
+        check_resumed_alone(resume, **{**options, "budget": None})
     spec = new_spec(**options) if resume is None else None
-    raise typer.Exit(execute(spec, resume=resume, record=not no_record, view=view, as_json=as_json))
+    raise typer.Exit(
+        execute(spec, resume=resume, budget=budget, record=not no_record, view=view, as_json=as_json)
+    )

@@ -102,7 +102,7 @@ def check_resumed_alone(resume: str, **options: Any) -> None:
     if given:
         raise InputError(
             f"--resume: got {', '.join(given)} too, but a session goes on as it was begun; "
-            f"allowed: --resume {resume} alone"
+            f"allowed: --resume {resume} alone, or with --budget"
         )
 
 
@@ -120,8 +120,16 @@ def _check_numbers(spec: SessionSpec) -> None:
     finite("--heading", spec.heading_deg)
 
 
-def execute(spec: SessionSpec | None, *, resume: str | None, record: bool, view: bool, as_json: bool) -> int:
-    """Run a new session, or continue one, and return the exit code."""
+def execute(
+    spec: SessionSpec | None,
+    *,
+    resume: str | None,
+    budget: int | None,
+    record: bool,
+    view: bool,
+    as_json: bool,
+) -> int:
+    """Run a new session, or continue one, with another budget if there is one, and return the exit code."""
     if view and not record:
         raise InputError("--no-record: got --view too; allowed: one or the other")
     if spec is not None and record:
@@ -130,7 +138,7 @@ def execute(spec: SessionSpec | None, *, resume: str | None, record: bool, view:
     with ExitStack() as stack:
         store = stack.enter_context(SessionStore(RUNS))
         interrupt = stack.enter_context(StopOnInterrupt())
-        session, servos = _begin(spec, resume, store, stack)
+        session, servos = _begin(spec, resume, budget, store, stack)
         table = stack.enter_context(SessionTable(session, quiet=as_json))
         live = stack.enter_context(LiveView()) if view and servos is not None else None
         ended, trouble = _adapt(session, store, table, interrupt, servos, live, record=record)
@@ -155,7 +163,11 @@ def _show(name: str) -> None:
 
 
 def _begin(
-    spec: SessionSpec | None, resume: str | None, store: SessionStore, stack: ExitStack
+    spec: SessionSpec | None,
+    resume: str | None,
+    budget: int | None,
+    store: SessionStore,
+    stack: ExitStack,
 ) -> tuple[Session, Guard | None]:
     """Return the session, new or continued and held, and its robot, connected.
 
@@ -166,6 +178,8 @@ def _begin(
         stack.enter_context(store.held(store.load(resume or "").name))
         # As it stands now that nobody else adds to it.
         session = store.load(resume or "")
+        if budget is not None:
+            _extend(session, budget, store)
         spec = session.spec
     robot, world, plan = _walk_parts(spec)
     note = note_of(spec, robot, plan)
@@ -177,6 +191,15 @@ def _begin(
         session = store.create(spec)
         stack.enter_context(store.held(session.name))
     return session, servos
+
+
+def _extend(session: Session, budget: int, store: SessionStore) -> None:
+    """Give a session another budget, refused before anything moves if it is already walked."""
+    walked = len(session.trials)
+    if budget <= walked:
+        raise InputError(f"--budget: got {budget}, of which {walked} are walked; allowed: more than {walked}")
+    _check_numbers(replace(session.spec, budget=budget))
+    store.extend(session, budget)
 
 
 def _adapt(

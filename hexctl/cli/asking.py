@@ -10,12 +10,12 @@ from typing import Any
 import zenoh
 from rich.console import Console
 from rich.live import Live
-from rich.table import Table
 
 from hexctl.backends.zenoh.asking import ask, ask_until
 from hexctl.cli.exits import DONE
 from hexctl.cli.interrupt import StopOnInterrupt
 from hexctl.cli.output import say, say_aside
+from hexctl.cli.statustext import status_table
 from hexctl.errors import InputError, RobotFaultError
 from hexctl.wire.keys import KeyMap
 from hexctl.wire.link import Link
@@ -45,7 +45,7 @@ def show_status(*, watch: bool, as_json: bool, **options: Any) -> int:
         elif as_json:
             say(json.dumps(_statuses(answers)[0]))
         else:
-            Console().print(_table(_statuses(answers)))
+            Console().print(status_table(_statuses(answers)))
     return DONE
 
 
@@ -109,20 +109,9 @@ def _watch(session: zenoh.Session, keys: KeyMap) -> None:
         live = stack.enter_context(Live(console=console, auto_refresh=False)) if console.is_terminal else None
         while not interrupt.requested():
             answers = ask(session, keys.describe, patience_s=PATIENCE_S)
-            shown = _table(_statuses(answers)) if answers else "the robot is silent"
+            shown = status_table(_statuses(answers)) if answers else "the robot is silent"
             if live is not None:
                 live.update(shown, refresh=True)
             else:
                 console.print(shown)
             time.sleep(WATCH_PERIOD_S)
-
-
-def _table(statuses: list[dict[str, Any]]) -> Table:
-    """Return the statuses as two columns, nested counts on lines of their own."""
-    table = Table(show_header=False, box=None, pad_edge=False)
-    for status in statuses:
-        for name, value in status.items():
-            counts = value if isinstance(value, dict) else None
-            shown = ", ".join(f"{key} {n}" for key, n in counts.items()) if counts is not None else value
-            table.add_row(name.replace("_", " "), "-" if shown is None else str(shown))
-    return table

@@ -31,12 +31,21 @@ def _robots() -> Iterable[str]:
 
 
 def _worlds() -> Iterable[str]:
-    from hexctl.robot.configs import config_names, find_config, read_mapping
+    # A family is not a world; its members have numbers, of which one shows how they are named.
+    families = set(_families())
+    return [f"{name}:0" if name in families else name for name in _world_files()]
 
-    # A family is not a world: its members have numbers, which nobody can list.
-    return [
-        name for name in config_names("worlds") if "ranges" not in read_mapping(find_config("worlds", name))
-    ]
+
+def _families() -> Iterable[str]:
+    from hexctl.robot.configs import find_config, read_mapping
+
+    return [name for name in _world_files() if "ranges" in read_mapping(find_config("worlds", name))]
+
+
+def _world_files() -> Iterable[str]:
+    from hexctl.robot.configs import config_names
+
+    return config_names("worlds")
 
 
 def _gaits() -> Iterable[str]:
@@ -103,6 +112,6 @@ board_backends = _offered(lambda: ("sim", "mock"))
 optimizers = _offered(_optimizers)
 objectives = _offered(_objectives)
 priors = _offered(lambda: ("auto", "none"))
-families = _offered(lambda: ("randomised",))
+families = _offered(_families)
 sessions = _offered(_sessions)
 viewable = _offered(_viewable)

@@ -52,6 +52,7 @@ class Prompt:
         while (said := self._ask(question)) != "":
             if said == "quit":
                 return False
+            question = f"got {said!r}; allowed: Enter to walk, quit: "
         return True
 
     def measure(self, index: int, *, at_most_m: float) -> Answer:

@@ -49,7 +49,12 @@ def execute(service: Service) -> int:
         find_credentials(link.credentials, Role.VIEWER)  # the robot's own do not let a viewer in
     servos = _servos(service)
     server = RobotServer(
-        servos, link, backend=service.twin.backend, sit_after_s=service.sit_after_s, say=say_aside
+        servos,
+        link,
+        backend=service.twin.backend,
+        simulated=service.twin.words(),
+        sit_after_s=service.sit_after_s,
+        say=say_aside,
     )
     with StopOnInterrupt() as interrupt, ExitStack() as stack:
         realtime = request_realtime_priority()

@@ -1,5 +1,6 @@
 """The outcome of a run: the JSON object, and the same for a person."""
 
+import math
 from typing import Any
 
 import numpy as np
@@ -38,6 +39,7 @@ def report(
         "failed_leg": plan.failure.leg if plan.failure else None,
         "failure": str(plan.failure) if plan.failure else None,
         **result.numbers(),
+        "ideal_yaw_change_deg": math.degrees(plan.turn_rate_rad_s * result.duration_s),
         "ticks": len(log),
         "overruns": guard.clock.overruns,
         "refused_commands": guard.counters.refused,
@@ -91,11 +93,13 @@ def _distance_lines(outcome: dict[str, Any]) -> list[str]:
     share = f" of {ideal:.3f} m ideal ({100 * outcome['distance_m'] / ideal:.0f} %)" if ideal else ""
     signed = outcome["deviation_m"]["signed"]
     side = "left" if signed > 0 else "right"
+    ideal_deg = outcome["ideal_yaw_change_deg"]
+    of_ideal = f" of {ideal_deg:.1f} asked for" if ideal_deg else ""
     return [
         f"walked     {outcome['duration_s']:.1f} s, {outcome['distance_m']:.3f} m{share}",
         f"deviation  {abs(signed):.3f} m to the {side} at the end, "
         f"{outcome['deviation_m']['mean']:.3f} m on average",
-        f"turned     {outcome['yaw_change_deg'] + 0.0:.1f} degrees",
+        f"turned     {outcome['yaw_change_deg'] + 0.0:.1f} degrees{of_ideal}",
     ]
 
 

@@ -11,6 +11,9 @@ from hexctl.robot.file import load_robot
 if TYPE_CHECKING:
     from hexctl.backends.sim.world import World
 
+#: Where it stands when nobody says.
+DEFAULT_WORLD = "flat"
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Twin:
@@ -47,9 +50,19 @@ class Twin:
             robot_file=self.robot,
         )
 
+    def words(self) -> dict[str, str] | None:
+        """Return `world` and `failure` of a simulation, as a person would say them; None of real servos."""
+        if self.backend != "sim":
+            return None
+        failure = make_failure(self.failed_leg, self.failure)
+        return {
+            "world": self.world or DEFAULT_WORLD,
+            "failure": "none" if failure is None else f"leg {failure.leg} {failure}",
+        }
+
     def _world(self) -> "World | None":
         if self.backend != "sim":
             return None
         from hexctl.backends.sim.family import load_any_world
 
-        return load_any_world(self.world or "flat")
+        return load_any_world(self.world or DEFAULT_WORLD)

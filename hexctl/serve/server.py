@@ -2,7 +2,7 @@
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -44,13 +44,24 @@ class RobotServer:
         link: Link,
         *,
         backend: str,
+        simulated: Mapping[str, str] | None = None,
         sit_after_s: float = SIT_AFTER_S,
         say: Callable[[str], None] = lambda _: None,
     ) -> None:
-        """Take servos and a link; `say` is told, in a line each, what a person beside the robot would ask."""
+        """Take servos and a link.
+
+        Args:
+            servos: what is moved, not yet connected.
+            link: where it is put.
+            backend: the servos' name for people.
+            simulated: of a simulation, what to tell of it: `world` and `failure`.
+            sit_after_s: seconds without commands after which it sits down.
+            say: told, in a line each, what a person beside the robot would ask.
+        """
         self._servos = PosedServos(servos)
         self._guard = Guard(self._servos)
         self._backend, self._link = backend, link
+        self._simulated = None if simulated is None else dict(simulated)
         self._leases = LeaseDesk()
         self._commands = CommandDesk()
         self._requests = RequestDesk(self._guard, self._leases)
@@ -192,6 +203,7 @@ class RobotServer:
         return {
             "robot": guard.robot.name,
             "backend": self._backend,
+            "simulated": self._simulated,
             "stopped": guard.stopped,
             "posture": self._posture.name,
             "controller": None if lease is None else lease.owner,

@@ -107,6 +107,20 @@ def test_a_session_that_was_cut_ends_as_if_it_had_not_been(name: str, cut: int, 
     assert store.load(session.name).trials == whole.trials
 
 
+@pytest.mark.parametrize("name", NAMES)
+def test_a_session_that_gets_a_greater_budget_ends_as_if_it_had_had_it(
+    name: str, store: SessionStore
+) -> None:
+    spec = replace(SPEC, optimizer=name, budget=14)
+    whole, _ = run(store, spec)
+    session, _ = run(store, replace(spec, budget=6))
+    store.extend(session, 14)
+    longer = store.load(session.name)
+    assert longer.spec == spec
+    assert AdaptLoop(longer, store, optimizer_of(spec), Landscape()).run() == "budget"
+    assert longer.trials == whole.trials
+
+
 def test_an_aborted_trial_is_not_kept(store: SessionStore) -> None:
     session, ended = run(store, SPEC, Landscape(cut_after=3))
     assert ended == "interrupted"

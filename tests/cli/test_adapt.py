@@ -90,7 +90,8 @@ REFUSED = [
     (["adapt", "--failed-leg", "7"], ["failed leg", "7", "1..6"]),
     (["adapt", "--failed-leg", "0"], ["failed leg", "0", "1..6"]),
     (["adapt", "--failed-leg", "5", "--budget", "-1"], ["--budget", "-1", "1.."]),
-    (["adapt", "--resume", "some", "--budget", "30"], ["--resume", "--budget"]),
+    (["adapt", "--resume", "some", "--seed", "30"], ["--resume", "--seed", "--budget"]),
+    (["adapt", "--resume", "some", "--budget", "30"], ["some"]),
     (["adapt", "--failed-leg", "5", "--budget", "0"], ["--budget", "0", "1.."]),
     (["adapt", "--failed-leg", "5", "--optimizer", "magic"], ["magic", "pso"]),
     (["adapt", "--failed-leg", "5", "--objective", "speed"], ["speed", "final, mean, max, progress"]),
@@ -173,6 +174,22 @@ def test_a_budget_beyond_the_space_ends_when_every_gait_was_tried(
     assert len(outcome["trials"]) == 120
     assert exit_code([*words, "--budget", "121"]) == 0
     assert "exhausted after 120 trials" in capsys.readouterr().out
+
+
+def test_a_finished_session_goes_on_with_another_budget(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(Walker, "walk", lambda _, *trial: Landscape()(*trial))
+    begun = ["adapt", "--failed-leg", "5", "--optimizer", "derand", "--no-record", "--budget"]
+    whole, part = run_json(capsys, *begun, "15"), run_json(capsys, *begun, "4")
+    go_on = ["adapt", "--resume", part["session"], "--no-record"]
+    for budget in ("4", "0", "1000000"):
+        assert exit_code([*go_on, "--budget", budget]) == 2
+        assert f"--budget: got {budget}" in capsys.readouterr().err
+    longer = run_json(capsys, *go_on, "--budget", "15")
+    assert (longer["budget"], longer["ended"]) == (15, "budget")
+    assert course(longer) == course(whole)
+    assert run_json(capsys, *go_on)["trials"] == longer["trials"]
 
 
 def test_a_session_is_not_continued_with_another_robot(capsys: pytest.CaptureFixture[str]) -> None:

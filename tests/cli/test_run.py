@@ -26,6 +26,7 @@ JSON_KEYS = {
     "distance_m",
     "deviation_m",
     "yaw_change_deg",
+    "ideal_yaw_change_deg",
     "self_rotation_deg",
     "status",
     "stopped",
@@ -80,6 +81,7 @@ def test_heading_is_where_the_body_goes(capsys: pytest.CaptureFixture[str]) -> N
 def test_turn_alone_turns_in_place_and_with_heading_is_blended(capsys: pytest.CaptureFixture[str]) -> None:
     in_place = run_json(capsys, *SHORT, "--turn", "-20")
     assert in_place["yaw_change_deg"] < -0.6 * 20 * 2
+    assert in_place["ideal_yaw_change_deg"] == pytest.approx(-20 * 3)
     assert abs(in_place["distance_m"]) < 0.05
     blended = run_json(capsys, *SHORT, "--turn", "10", "--heading", "0", "--amplitude", "0.08")
     assert blended["yaw_change_deg"] > 0.6 * 10 * 2

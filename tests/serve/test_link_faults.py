@@ -2,7 +2,9 @@
 
 import signal
 import time
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,12 +19,16 @@ from tests.robots import shipped
 from tests.serve.cable import Cable
 from tests.serve.processes import Served, controlling, hexctl, served, wait_until
 from tests.serve.recorded import JUMP_AT, JUMP_VARIABLE, ServoLog
+from tests.serve.swaying import HELD_UP
 
 #: A stopped robot's targets rest after this, e-stop or silence, on a machine that has time for it.
 STILL_AFTER_S = 0.25
 
 #: The same on a machine that runs other tests beside: what must not go on does not, timing aside.
 STILL_ON_A_BUSY_MACHINE_S = 1.0
+
+#: How often a machine may be too busy for a controller.
+ATTEMPTS = 4
 
 
 def check_limits(log: ServoLog) -> None:
@@ -39,6 +45,23 @@ def stopped(robot: Served) -> str | None:
     reason = robot.status()["stopped"]
     assert reason is None or isinstance(reason, str)
     return reason
+
+
+def status_when(folder: Path, come: Callable[[Served], bool], *options: str) -> dict[str, Any]:
+    """Return what a robot that is swayed says of itself once something has come.
+
+    All of it again where the machine held the controller up for so long that its silence was real.
+    """
+    for attempt in range(ATTEMPTS):
+        (place := folder / str(attempt)).mkdir()
+        with served(place) as robot, controlling(place, robot.endpoint, *options) as controller:
+            controller.wait_for("moving")
+            wait_until(lambda: come(robot) or controller.process.poll() is not None, "what is waited for")
+            status = robot.status()
+            check_limits(robot.log())
+        if status["stopped"] is None or HELD_UP not in controller.said():
+            break
+    return status
 
 
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGSTOP])
@@ -145,18 +168,16 @@ def test_a_robot_that_stalls_for_a_second_does_not_act_on_what_waited(tmp_path: 
 def test_lost_and_overtaken_commands_are_counted_and_the_motion_stays_within_limits(
     tmp_path: Path, loss: float
 ) -> None:
-    with (
-        served(tmp_path) as robot,
-        controlling(tmp_path, robot.endpoint, f"loss={loss}", "reorder=0.1") as controller,
-    ):
-        controller.wait_for("moving")
-        wait_until(lambda: robot.status()["commands"]["lost"] > 0, "a loss")
-        time.sleep(1.0)
-        status = robot.status()
-        assert status["stopped"] is None, controller.said()
-        assert status["commands"]["out_of_order"] > 0
-        assert status["commands"]["accepted"] > 0
-        check_limits(robot.log())
+
+    def has_lost(robot: Served) -> bool:
+        counts = robot.status()["commands"]
+        return bool(counts["lost"] and counts["out_of_order"])
+
+    status = status_when(tmp_path, has_lost, f"loss={loss}", "reorder=0.1")
+    assert status["stopped"] is None
+    assert status["commands"]["lost"] > 0
+    assert status["commands"]["out_of_order"] > 0
+    assert status["commands"]["accepted"] > 0
 
 
 @pytest.mark.parametrize("jump_s", [-86_400.0, 86_400.0])
@@ -166,14 +187,14 @@ def test_a_jump_of_the_walls_clock_on_either_side_changes_nothing(
 ) -> None:
     if side == "robot":
         monkeypatch.setenv(JUMP_VARIABLE, str(jump_s))
-    options = [f"jump={jump_s}"] if side == "controller" else []
-    with served(tmp_path) as robot, controlling(tmp_path, robot.endpoint, *options) as controller:
-        controller.wait_for("moving")
-        wait_until(lambda: len(robot.log().times_s) > JUMP_AT + 25, "the time after the jump")
-        status = robot.status()
-        assert status["stopped"] is None
-        assert status["commands"]["late"] == 0
-        assert controller.process.poll() is None
+
+    def is_past(robot: Served) -> bool:
+        return len(robot.log().times_s) > JUMP_AT + 25
+
+    status = status_when(tmp_path, is_past, *([f"jump={jump_s}"] if side == "controller" else []))
+    assert status["stopped"] is None
+    assert status["commands"]["late"] == 0
+    assert status["controller"] is not None
 
 
 @pytest.mark.parametrize("how", ["hold", "close"])

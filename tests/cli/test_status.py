@@ -1,0 +1,118 @@
+"""What `hexctl status` shows of robots in several troubles, and of one that is served."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from rich.console import Console
+
+from hexctl.cli.statustext import status_rows, status_table
+from hexctl.cli.twin import Twin
+from tests.serve.processes import hexctl, served
+
+CALM: dict[str, Any] = {
+    "robot": "ant",
+    "backend": "sim",
+    "simulated": {"world": "rough", "failure": "leg 5 locked"},
+    "stopped": None,
+    "posture": "idle",
+    "controller": None,
+    "controller_since_s": None,
+    "leases_refused": 0,
+    "commands": {"accepted": 7, "refused": 0, "late": 0},
+    "clipped": 2,
+    "malformed": {"requests": 0, "poses": 0},
+    "ticks": 100,
+    "overruns": 0,
+    "joints": "measured",
+    "pose": True,
+    "state_age_s": 0.0021,
+    "fault": None,
+    "battery_v": None,
+    "battery_share": None,
+    "endpoint": "tcp/127.0.0.1:7447",
+    "secured": False,
+    "insecure": False,
+}
+
+
+def test_a_calm_robot() -> None:
+    assert dict(status_rows(CALM)) == {
+        "robot": "ant (sim), world rough, failure leg 5 locked",
+        "stopped": "no",
+        "posture": "waiting for its first command",
+        "controller": "nobody",
+        "battery": "does not say",
+        "joints": "measured, 2 ms old",
+        "position": "known",
+        "commands": "7 obeyed; none dropped",
+        "guard": "2 targets limited to what the joints can do",
+        "loop": "100 ticks of 20 ms, 0 skipped",
+        "link": "tcp/127.0.0.1:7447, no certificates",
+    }
+
+
+@pytest.mark.parametrize(
+    ("changed", "row", "shown"),
+    [
+        ({"stopped": "fell"}, "stopped", "FELL: hexctl estop --clear lifts it"),
+        ({"stopped": "expired"}, "stopped", "EXPIRED: the next controller lifts it"),
+        ({"controller": "lab", "controller_since_s": 3.5}, "controller", "lab, for 3.5 s"),
+        ({"battery_v": 11.13, "battery_share": 0.4}, "battery", "11.1 V, 40%"),
+        ({"fault": "low battery"}, "fault", "low battery"),
+        ({"joints": None}, "joints", "nothing heard of them yet"),
+        (
+            {"joints": "echoed", "state_age_s": None},
+            "joints",
+            "echoed: what was sent comes back, nobody measures",
+        ),
+        ({"pose": False}, "position", "not known, so no trial can be scored"),
+        (
+            {"commands": {"accepted": 7, "late": 2, "stale_owner": 1}},
+            "commands",
+            "7 obeyed; 2 late, 1 stale owner",
+        ),
+        (
+            {"malformed": {"requests": 4, "poses": 0}, "leases_refused": 1},
+            "dropped",
+            "4 requests, 1 leases refused",
+        ),
+        (
+            {"insecure": True},
+            "link",
+            "tcp/127.0.0.1:7447, INSECURE: no certificates beyond that computer",
+        ),
+        ({"secured": True}, "link", "tcp/127.0.0.1:7447, certificates"),
+        ({"simulated": None, "backend": "mavlink"}, "robot", "ant (mavlink)"),
+    ],
+    ids=str,
+)
+def test_what_a_person_must_see(changed: dict[str, Any], row: str, shown: str) -> None:
+    assert dict(status_rows({**CALM, **changed}))[row] == shown
+
+
+def test_a_robot_that_says_nothing_does_not_break_it() -> None:
+    console = Console(width=100)
+    with console.capture() as shown:
+        console.print(status_table([{}, CALM]))
+    assert "ant (sim)" in shown.get()
+
+
+def test_only_a_simulation_tells_of_its_world() -> None:
+    def words(backend: str, leg: int | None = None) -> dict[str, str] | None:
+        return Twin(backend=backend, robot="ant", world=None, failed_leg=leg, failure=None, seed=0).words()
+
+    assert words("mock") is None
+    assert words("sim") == {"world": "flat", "failure": "none"}
+    assert words("sim", 2) == {"world": "flat", "failure": "leg 2 locked"}
+
+
+def test_a_served_simulation_says_what_it_is(tmp_path: Path) -> None:
+    with served(
+        tmp_path, "--world", "rough", "--failed-leg", "5", "--failure", "limp", backend="sim"
+    ) as robot:
+        shown = hexctl("status", "--connect", robot.endpoint)
+        simulated = robot.status()["simulated"]
+    assert simulated == {"world": "rough", "failure": "leg 5 limp"}
+    assert "ant (sim), world rough, failure leg 5 limp" in shown.stdout, shown.stderr
+    assert "nobody" in shown.stdout
