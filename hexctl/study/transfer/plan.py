@@ -16,7 +16,7 @@ from hexctl.study.plan import BASELINE, HEURISTICS, StudyPlan
 from hexctl.study.prior.plan import WHOLE_S, in_whole_steps
 
 #: The first worlds of the family were looked at while `bayes` was made; the benchmark begins after them.
-FIRST_WORLD = 10
+FIRST_WORLD = 35
 
 #: `bayes` that ends a walk once its outcome is known well enough.
 EARLY = "bayes-early"
