@@ -33,6 +33,11 @@ class LegServos(ABC):
     def clock(self) -> Clock:
         """Return the clock that says when the next tick is due."""
 
+    @property
+    def link_counts(self) -> dict[str, int]:
+        """Return what became of messages on the way to a robot so far, by name; empty without such a way."""
+        return {}
+
     @abstractmethod
     def connect(self) -> None:
         """Reach the robot; a second call changes nothing.

@@ -47,6 +47,7 @@ def status_rows(status: Status) -> list[tuple[str, str]]:
         ("commands", _commands(status.get("commands", {}))),
         ("guard", f"{status.get('clipped', 0)} targets limited to what the joints can do"),
         ("dropped", _counts(status.get("malformed", {}), leases_refused=status.get("leases_refused", 0))),
+        ("servo link", _servo_link(status.get("servo_link"))),
         ("loop", f"{status.get('ticks', 0)} ticks of 20 ms, {status.get('overruns', 0)} skipped"),
         ("link", _link(status)),
     ]
@@ -85,6 +86,13 @@ def _joints(status: Status) -> str:
 def _commands(counts: Mapping[str, int]) -> str:
     dropped = _counts({name: n for name, n in counts.items() if name != "accepted"})
     return f"{counts.get('accepted', 0)} obeyed; {dropped or 'none dropped'}"
+
+
+def _servo_link(counts: Mapping[str, int] | None) -> str:
+    if not counts:
+        return ""
+    troubles = _counts({name: n for name, n in counts.items() if name != "received"})
+    return f"{counts.get('received', 0)} messages came; {troubles or 'none lost'}"
 
 
 def _counts(counts: Mapping[str, int], **more: int) -> str:

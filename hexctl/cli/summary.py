@@ -43,6 +43,7 @@ def report(
         "ticks": len(log),
         "overruns": guard.clock.overruns,
         "refused_commands": guard.counters.refused,
+        "servo_link": guard.link_counts or None,
         "tick_us": dict(zip(("p50", "p99", "max"), (round(float(q), 1) for q in quantiles), strict=True)),
         "realtime_factor": round(len(log) * PERIOD_S / wall_s, 2) if wall_s > 0 else None,
         **facts,
@@ -59,6 +60,7 @@ def summary(outcome: dict[str, Any]) -> str:
         *_distance_lines(outcome),
         f"status     {outcome['status']}" + _why(outcome["stopped"]),
         _clipped_line(outcome),
+        *_link_lines(outcome["servo_link"]),
         f"ticks      {outcome['ticks']}, {outcome['overruns']} overruns, "
         f"{outcome['realtime_factor']:g} x real time",
     ]
@@ -101,6 +103,14 @@ def _distance_lines(outcome: dict[str, Any]) -> list[str]:
         f"{outcome['deviation_m']['mean']:.3f} m on average",
         f"turned     {outcome['yaw_change_deg'] + 0.0:.1f} degrees{of_ideal}",
     ]
+
+
+def _link_lines(counts: dict[str, int] | None) -> list[str]:
+    """Return what became of the messages to and from a servo board, where there is one."""
+    if not counts:
+        return []
+    troubles = [f"{n} {name.replace('_', ' ')}" for name, n in counts.items() if n and name != "received"]
+    return [f"link       {counts.get('received', 0)} messages came; {', '.join(troubles) or 'none lost'}"]
 
 
 def _clipped_line(outcome: dict[str, Any]) -> str:

@@ -83,6 +83,11 @@ class Guard(LegServos):
         return self._servos.clock
 
     @property
+    def link_counts(self) -> dict[str, int]:
+        """Return what became of the messages on the way to the servos behind the guard."""
+        return self._servos.link_counts
+
+    @property
     def expects_commands(self) -> bool:
         """Return whether silence now is a failure: somebody has commanded and has not rested since."""
         return self._accepted_at_s is not None

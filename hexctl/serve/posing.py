@@ -32,6 +32,11 @@ class PosedServos(LegServos):
         """Return the clock of the servos."""
         return self._servos.clock
 
+    @property
+    def link_counts(self) -> dict[str, int]:
+        """Return what became of the messages on the way to the servos."""
+        return self._servos.link_counts
+
     def place(self, position_world: FloatArray, quaternion_world: FloatArray, at_s: float) -> None:
         """Take a pose over: position (3,) in m, (w, x, y, z), and when it came on time.monotonic."""
         self._pose, self._pose_at_s = (position_world, quaternion_world), at_s

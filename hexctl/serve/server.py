@@ -211,6 +211,7 @@ class RobotServer:
             "leases_refused": self._leases.refused,
             "commands": self._commands.counters.as_json(),
             "clipped": guard.counters.clipped,
+            "servo_link": guard.link_counts or None,
             "malformed": {"requests": self._requests.malformed, "poses": self._malformed_poses},
             "ticks": self._ticks,
             "overruns": guard.clock.overruns,

@@ -8,6 +8,7 @@ import pytest
 
 from hexctl.backends.base import LegServos
 from hexctl.backends.clock import PERIOD_S
+from hexctl.control.guard import Guard
 from hexctl.errors import CommandRefusedError, RobotFaultError
 from hexctl.robot.joints import N_JOINTS, N_LEGS
 from hexctl.robot.messages import FloatArray, JointTargets, RobotState
@@ -132,6 +133,12 @@ class LegServosConformance:
                 array[:] = 1
         for array, untouched in zip(arrays_of(servos.read()), arrays_of(expected), strict=True):
             np.testing.assert_array_equal(array, untouched)
+
+    def test_what_became_of_messages_is_counted(self, servos: LegServos) -> None:
+        servos.clock.tick()
+        servos.read()
+        assert all(isinstance(n, int) and n >= 0 for n in servos.link_counts.values())
+        assert Guard(servos).link_counts == servos.link_counts
 
     def test_write_returns_what_was_sent(self, servos: LegServos) -> None:
         servos.clock.tick()

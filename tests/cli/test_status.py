@@ -82,6 +82,12 @@ def test_a_calm_robot() -> None:
             "link",
             "tcp/127.0.0.1:7447, INSECURE: no certificates beyond that computer",
         ),
+        (
+            {"servo_link": {"received": 90, "lost": 2, "out_of_order": 0, "dropped": 1}},
+            "servo link",
+            "90 messages came; 2 lost, 1 dropped",
+        ),
+        ({"servo_link": {"received": 90, "lost": 0}}, "servo link", "90 messages came; none lost"),
         ({"secured": True}, "link", "tcp/127.0.0.1:7447, certificates"),
         ({"simulated": None, "backend": "mavlink"}, "robot", "ant (mavlink)"),
     ],

@@ -82,6 +82,11 @@ class MavlinkServos(LegServos):
         return self._clock
 
     @property
+    def link_counts(self) -> dict[str, int]:
+        """Return `counters` as the interface wants them."""
+        return self.counters.as_json()
+
+    @property
     def servo_map(self) -> ServoMap:
         """Return the servo map in use."""
         return self._map

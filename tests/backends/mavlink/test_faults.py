@@ -143,6 +143,7 @@ def test_a_walk_on_a_board_that_dies_ends_with_exit_code_3(tmp_path: Path) -> No
     outcome = json.loads(out)
     assert outcome["status"] == "aborted"
     assert outcome["stopped"] in ("state", "pose lost", "expired")
+    assert outcome["servo_link"]["received"] > 0
 
 
 def await_commands(port: str) -> None:
