@@ -22,28 +22,31 @@ def access_control(keys: KeyMap, *, certified: bool) -> dict[str, Any]:
     Controllers and viewers get what the robot says and may ask who it is; only controllers may command, say
     where it is, and ask for lease and stop. Nobody but the robot may say anything in its name, or answer.
     """
-    answered = _asked(keys, ANSWERED)
-    rules = [
+    looking = [
         _rule("says", "egress", ["put"], _keys(keys, SAID)),
         _rule("is listened to", "ingress", ["declare_subscriber"], _keys(keys, SAID)),
         _rule("offers answers", "egress", ["declare_queryable", "reply"], _keys(keys, ANSWERED)),
         _rule("wants to hear", "egress", ["declare_subscriber"], _keys(keys, HEARD)),
         _rule("is asked who it is", "ingress", ["query"], _asked(keys, ("describe",))),
-        _rule("is commanded", "ingress", ["put"], _keys(keys, HEARD)),
-        _rule("is asked", "ingress", ["query"], answered),
     ]
-    names = [str(rule["id"]) for rule in rules]
-    roles = (Role.CONTROLLER, Role.VIEWER) if certified else (Role.CONTROLLER,)
+    commanding = [
+        _rule("is commanded", "ingress", ["put"], _keys(keys, HEARD)),
+        _rule("is asked", "ingress", ["query"], _asked(keys, ANSWERED)),
+    ]
+    allowed = {Role.CONTROLLER: looking + commanding}
+    if certified:
+        allowed[Role.VIEWER] = looking
     return {
         "enabled": True,
         "default_permission": "deny",
-        "rules": rules,
+        "rules": looking + commanding,
         "subjects": [
-            {"id": role.value, **({"cert_common_names": [role.value]} if certified else {})} for role in roles
+            {"id": role.value, **({"cert_common_names": [role.value]} if certified else {})}
+            for role in allowed
         ],
         "policies": [
-            {"rules": names if role is Role.CONTROLLER else names[:-2], "subjects": [role.value]}
-            for role in roles
+            {"rules": [rule["id"] for rule in rules], "subjects": [role.value]}
+            for role, rules in allowed.items()
         ],
     }
 
