@@ -1,5 +1,6 @@
 """What `hexctl view --connect` does: show a robot on the network while it moves, without commanding it."""
 
+import time
 from typing import Any
 
 from hexctl.backends.clock import PERIOD_S, WallClock
@@ -28,6 +29,9 @@ from hexctl.wire.session import open_session
 #: How long a robot may take to say who it is.
 PATIENCE_S = 3.0
 
+#: After an hour another recording begins: what a recording holds is kept in memory, here and by its feeder.
+TICKS_AT_ONCE = 180_000
+
 
 def watch(*, web: bool, **options: Any) -> int:
     """Show the robot of a link until the viewer is closed or somebody interrupts; return the exit code.
@@ -45,11 +49,13 @@ def watch(*, web: bool, **options: Any) -> int:
         ear.listen(session)
         ear.await_first_s()
         with LiveView(web=web) as live:
-            live.begin(robot, _any_walk(robot), title=f"{robot.name} at {link.endpoint}")
             if live.url is not None:
                 say_aside(f"open {live.url} in a browser; Ctrl-C ends it")
             try:
-                _pass_on(ear, live, link, interrupt)
+                while not interrupt.requested() and live.open:
+                    title = f"{robot.name} at {link.endpoint}, from {time.strftime('%H:%M:%S')}"
+                    live.begin(robot, _any_walk(robot), title=title)
+                    _pass_on(ear, live, link, interrupt)
             except RobotFaultError:
                 # A window keeps showing the last that came; a browser cannot ask for more.
                 live.close(leave_viewer=not web)
@@ -59,11 +65,11 @@ def watch(*, web: bool, **options: Any) -> int:
 
 
 def _pass_on(ear: Ear, live: LiveView, link: Link, interrupt: StopOnInterrupt) -> None:
-    """Read a robot's states at 50 Hz and show them."""
+    """Read a robot's states at 50 Hz and show them, for as long as one recording may last."""
     log = TickLog(live.write_block, LIVE_BLOCK_TICKS)
     log.phase = "walk"
     clock = WallClock(PERIOD_S)
-    while not interrupt.requested() and live.lost is None and live.open:
+    while not interrupt.requested() and live.lost is None and live.open and len(log) < TICKS_AT_ONCE:
         tick = clock.tick()
         state = ear.newest(tick.time_s)
         if log.frame is None and state.base_position_world is not None:

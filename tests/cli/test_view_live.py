@@ -4,8 +4,13 @@ import re
 import signal
 import urllib.request
 from pathlib import Path
+from typing import Any
 
+import pytest
+
+from hexctl.cli import watching
 from hexctl.cli.main import exit_code
+from hexctl.control.log import TickLog
 from tests.serve.processes import PATIENCE_S, Program, controlling, hexctl, program, served, wait_until
 
 
@@ -59,6 +64,49 @@ def test_a_robot_that_ends_is_said_in_one_line(tmp_path: Path) -> None:
             assert viewer.wait() == 3
             assert "silent" in viewer.said()
             assert "Traceback" not in viewer.said()
+
+
+class MadeUpView:
+    """Counts what it is shown, and is closed by its user in the third recording."""
+
+    lost: str | None = None
+    url: str | None = None
+
+    def __init__(self, **_: Any) -> None:
+        self.rows: list[int] = []
+
+    def __enter__(self) -> "MadeUpView":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        shown.append(self.rows)
+
+    @property
+    def open(self) -> bool:
+        return len(self.rows) < 3
+
+    def begin(self, *_: Any, **__: Any) -> None:
+        self.rows.append(0)
+
+    def write_block(self, _log: TickLog, start: int, stop: int) -> None:
+        self.rows[-1] += stop - start
+
+    def close(self, **_: Any) -> None:
+        pass
+
+
+shown: list[list[int]] = []
+
+
+def test_a_long_watch_is_shown_in_parts_that_fit_into_memory(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(watching, "LiveView", MadeUpView)
+    monkeypatch.setattr(watching, "TICKS_AT_ONCE", 20)
+    shown.clear()
+    with served(tmp_path, backend="mock") as robot:
+        assert exit_code(["view", "--connect", robot.endpoint]) == 0
+    assert shown == [[20, 20, 0]]
 
 
 def test_bad_input() -> None:
