@@ -69,7 +69,7 @@ class Guard(LegServos):
         self._accepted_at_s: float | None = None
         self._baseline_rad: FloatArray | None = None
         self._baseline_period = 0
-        self._pose_known = False
+        self._position_known = self._tilt_known = False
         self.leaning_ticks = 0
 
     @property
@@ -222,7 +222,7 @@ class Guard(LegServos):
     def _forget(self) -> None:
         """Know of no command, no pose and no fall, as before the first one."""
         self._accepted_rad = self._accepted_at_s = self._baseline_rad = None
-        self._pose_known = False
+        self._position_known = self._tilt_known = False
         self.leaning_ticks = 0
 
     def _baseline(self, now_s: float) -> FloatArray:
@@ -267,13 +267,19 @@ class Guard(LegServos):
             self.stop("expired")
 
     def _watch_pose(self, state: RobotState) -> None:
-        if state.base_quaternion_world is None or state.base_position_world is None:
-            if self._pose_known:
-                self.stop("pose lost")
+        """Latch a stop for a fall, and for a position or an orientation that is none or comes no more."""
+        position, quaternion = state.base_position_world, state.base_quaternion_world
+        if (position is None and self._position_known) or (quaternion is None and self._tilt_known):
+            self.stop("pose lost")
+        if position is not None:
+            self._position_known = True
+            if not math.isfinite(sum(position.tolist())):
+                self.stop("state")
+        if quaternion is None:
             return
-        self._pose_known = True
-        w, x, y, z = state.base_quaternion_world.tolist()
-        if not math.isfinite(w + x + y + z + sum(state.base_position_world.tolist())):
+        self._tilt_known = True
+        w, x, y, z = quaternion.tolist()
+        if not math.isfinite(w + x + y + z):
             self.stop("state")
         self.leaning_ticks = self.leaning_ticks + 1 if cos_tilt(x, y) < FALL_COS_TILT else 0
         if self.leaning_ticks >= FALL_TICKS:

@@ -92,6 +92,24 @@ def test_half_a_pose_that_is_gone_is_a_pose_lost() -> None:
     assert guard.stopped == "pose lost"
 
 
+def test_an_inertial_sensor_alone_tells_of_a_fall_and_that_it_has_gone() -> None:
+    guard, servos = _connected()
+    servos.position_world = None
+    guard.read()
+    assert guard.stopped is None
+    servos.lean(60)
+    for _ in range(100):
+        guard.read()
+    assert guard.stopped == "fell"
+    guard.clear()
+    servos.lean(0)
+    guard.read()
+    assert guard.stopped is None
+    servos.quaternion_world = None
+    guard.read()
+    assert guard.stopped == "pose lost"
+
+
 def test_a_robot_that_never_knew_a_pose_has_not_lost_one() -> None:
     guard, servos = _connected()
     servos.position_world = servos.quaternion_world = None

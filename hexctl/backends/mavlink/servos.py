@@ -246,14 +246,17 @@ class MavlinkServos(LegServos):
         return np.where(unknown, self._assumed_rad, told)
 
     def _pose(self, outputs_at_s: float) -> tuple[FloatArray | None, FloatArray | None]:
-        """Return position and orientation; lost when outputs go on without them, not when all is silent."""
+        """Return position and orientation; lost when outputs go on without them, not when all is silent.
+
+        A board with an inertial sensor and nothing more knows its orientation alone.
+        """
         if (odometry := _fresh(self._receiver.newest("odometry"), outputs_at_s, STALE_POSE_S)) is not None:
             return odometry.value.position_world, odometry.value.quaternion_world
         position = _fresh(self._receiver.newest("position"), outputs_at_s, STALE_POSE_S)
         attitude = _fresh(self._receiver.newest("attitude"), outputs_at_s, STALE_POSE_S)
-        if position is None or attitude is None:
+        if attitude is None:
             return None, None
-        return position.value, attitude.value
+        return None if position is None else position.value, attitude.value
 
     def _battery(self, now_s: float) -> messages.Battery:
         """Return the newest reading of the battery; BATTERY_STATUS goes before SYS_STATUS."""

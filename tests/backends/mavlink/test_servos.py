@@ -97,6 +97,18 @@ def test_the_pose_comes_from_ned(tmp_path: Path) -> None:
         assert turned.base_quaternion_world[3] == pytest.approx(-math.sin(0.25), abs=1e-6)
 
 
+def test_an_inertial_sensor_alone_tells_how_the_body_leans(tmp_path: Path) -> None:
+    with ScriptedBoard() as board, servos_at(board, tmp_path) as servos:
+        state = state_after(servos, board, attitude(0.5, 0, 0))
+        assert state.base_position_world is None
+        assert state.base_quaternion_world is not None
+        np.testing.assert_allclose(
+            state.base_quaternion_world, [math.cos(0.25), math.sin(0.25), 0, 0], atol=1e-6
+        )
+        board.extra = []
+        eventually(lambda: next_state(servos).base_quaternion_world is None)
+
+
 def test_odometry_is_a_pose_by_itself(tmp_path: Path) -> None:
     def odometry(frame: int) -> Any:
         unknown = [nan] * 21
