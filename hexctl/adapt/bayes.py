@@ -151,7 +151,7 @@ class Bayes(Optimizer):
         if tried.all():
             # Every gait has failed: the one that is believed to go farthest, rather than none.
             return [int(np.argmax(self.forecast().distance_m)) + 1]
-        choose = most_useful if tried.sum() < LOOKING_AHEAD else most_promising
+        choose = most_useful if len(self._trials) < LOOKING_AHEAD else most_promising
         return [choose(self.forecast(), self._chance_valid(), tried, self._best_m()) + 1]
 
     def _worth_repeating(self, code: int) -> bool:

@@ -1,6 +1,7 @@
 """The trial-based loop: ask for a gait, walk it, keep it, tell what came of it."""
 
 from collections.abc import Callable
+from itertools import takewhile
 from pathlib import Path
 from typing import Protocol
 
@@ -70,7 +71,7 @@ class AdaptLoop:
 
     def _search(self) -> str:
         spec = self._session.spec
-        while self._searched() < spec.budget - spec.confirm:
+        while len(self._session.trials) < spec.budget - spec.confirm:
             if self._reached():
                 return "target"
             if self._optimizer.finished:
@@ -121,11 +122,9 @@ class AdaptLoop:
             self._keep(code, score, result, recording, confirms=True, expected=expected)
         return True
 
-    def _searched(self) -> int:
-        return len(self._session.trials) - self._repeats()
-
     def _repeats(self) -> int:
-        return sum(trial.confirms for trial in self._session.trials)
+        """Return how often the best gait was repeated since the last trial of the search."""
+        return sum(1 for _ in takewhile(lambda trial: trial.confirms, reversed(self._session.trials)))
 
     def _try(self, code: int, enough: Enough | None = None) -> tuple[TrialResult, Path | None]:
         """Walk a code; raises RobotStoppedError when the robot, not the operator, stopped it."""

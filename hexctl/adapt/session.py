@@ -41,8 +41,8 @@ class SessionSpec:
         arena_m: radius around `home_m` in which a robot that stays between trials is kept, or None.
         home_m: where it stood when the session began, x and y in the world; None without an arena.
         ask: True where a person puts the robot down before each trial and measures after it.
-        sag_rad: by how much each joint stayed behind as the robot stood before its first trial, 18 numbers;
-            None where the prior or the robot says nothing of that.
+        sag_rad: by how much each joint stayed behind as the robot stood before its first trial, 18 numbers,
+            None for a joint that nobody measures; None where the prior or the robot says nothing of that.
     """
 
     robot: str = "ant"
@@ -71,7 +71,7 @@ class SessionSpec:
     arena_m: float | None = None
     home_m: list[float] | None = None
     ask: bool = False
-    sag_rad: list[float] | None = None
+    sag_rad: list[float | None] | None = None
 
     @property
     def simulated(self) -> bool:

@@ -1,5 +1,7 @@
 """How a robot stands before its first trial: what `bayes` knows it by before it has walked."""
 
+import math
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -10,46 +12,77 @@ from hexctl.backends.table import BackendOptions, make_servos
 from hexctl.control.guard import Guard
 from hexctl.control.log import TickLog
 from hexctl.control.plan import TrialPlan
-from hexctl.control.trial import prepare, ticks_of
+from hexctl.control.trial import StopRequested, never, prepare, ticks_of
 from hexctl.errors import CommandRefusedError, EStopError, SimulationDivergedError
 from hexctl.robot.messages import FloatArray
 from hexctl.robot.model import Robot
 
-#: The last share of the settling over which is averaged: the robot has come to rest by then.
+#: The last share of the settling over which is averaged: the robot should have come to rest by then.
 AT_REST = 0.25
 
+#: Joints that between the halves of that rest move by more than this, root mean square, are still moving.
+MOVING_RAD = math.radians(0.5)
 
-def stance_sag_rad(servos: Guard, plan: TrialPlan) -> FloatArray | None:
+#: How often a robot may stand up, for it to come to rest and for every command to be taken.
+ATTEMPTS = 2
+
+
+def stance_sag_rad(
+    servos: Guard, plan: TrialPlan, stop_requested: StopRequested = never
+) -> FloatArray | None:
     """Stand as before a trial of a plan, without its turn, and return how far each joint stays behind.
 
-    What a joint was sent minus what it says, the mean over the rest, (18,). None, without a move, from a
-    robot that only echoes what it was sent. Raises what `drive` raises.
+    What a joint was sent minus what it says, the mean over the rest, (18,); NaN for a joint that says exactly
+    what it was sent all the time, because then nobody measures it. None where nobody measures anything or a
+    stop is asked for, both without a move, and where the robot does not come to rest.
+    Raises what `drive` raises, but not for a command that was refused once.
     """
     if not servos.read().measured:
         return None
-    log = TickLog()
+    rest = max(2, round(AT_REST * ticks_of(servos, plan.settle_s)))
+    for _ in range(ATTEMPTS):
+        if stop_requested():
+            return None
+        log = TickLog()
+        with suppress(CommandRefusedError):
+            _stand(servos, plan, log)
+            if _is_at_rest(log["measured_rad"][-rest:]):
+                return _behind_rad((log["sent_rad"] - log["measured_rad"])[-rest:])
+    return None
+
+
+def _stand(servos: Guard, plan: TrialPlan, log: TickLog) -> None:
     servos.rest()
     try:
         prepare(servos, replace(plan, self_rotation="none"), log)
     finally:
         # What comes now takes its time, and silence must not be taken for a failure.
         servos.rest()
-    rest = max(1, round(AT_REST * ticks_of(servos, plan.settle_s)))
-    return np.asarray((log["sent_rad"] - log["measured_rad"])[-rest:].mean(axis=0))
 
 
-def sag_here_rad(servos: Guard, plan: TrialPlan) -> FloatArray | None:
+def _is_at_rest(measured_rad: FloatArray) -> bool:
+    """Return whether joints keep still, (ticks, 18)."""
+    half = len(measured_rad) // 2
+    drift_rad = measured_rad[half:].mean(axis=0) - measured_rad[:half].mean(axis=0)
+    return float(np.sqrt(np.mean(drift_rad**2))) <= MOVING_RAD
+
+
+def _behind_rad(sags_rad: FloatArray) -> FloatArray | None:
+    """Return the mean of sags, (ticks, 18), of joints that are measured; None where none is."""
+    echoed = (sags_rad == 0).all(axis=0)
+    return None if echoed.all() else np.where(echoed, np.nan, sags_rad.mean(axis=0))
+
+
+def sag_here_rad(servos: Guard, plan: TrialPlan, stop_requested: StopRequested = never) -> FloatArray | None:
     """Return how a robot stands where it is; None where that cannot be known.
 
     Raises RobotStoppedError for a robot that is stopped meanwhile, RobotFaultError for one that has gone.
     """
     try:
-        return stance_sag_rad(servos, plan)
+        return stance_sag_rad(servos, plan, stop_requested)
     except EStopError:
         check_not_stopped(servos)
         raise
-    except CommandRefusedError:
-        return None
 
 
 def simulated_sag_rad(robot: Robot, world: World | None, plan: TrialPlan, seed: int) -> FloatArray | None:

@@ -5,7 +5,7 @@ import json
 import sqlite3
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from datetime import datetime
 from pathlib import Path
 from typing import Any, Self
@@ -121,14 +121,17 @@ class SessionStore:
         session.trials.append(trial)
         session.optimizer_state = optimizer_state
 
-    def extend(self, session: Session, budget: int) -> None:
-        """Give a session another budget, on the disk when this returns; all else stays as it was begun."""
-        spec = replace(session.spec, budget=budget)
-        with self._transaction():
-            self._connection.execute(
-                "UPDATE sessions SET spec = ? WHERE name = ?", (json.dumps(spec.as_json()), session.name)
-            )
-        session.spec = spec
+    def keep_budget(self, session: Session) -> None:
+        """Keep the budget that a session has now, on the disk when this returns.
+
+        Raises StoreError when the disk refuses.
+        """
+        values = (json.dumps(session.spec.as_json()), session.name)
+        try:
+            with self._transaction():
+                self._connection.execute("UPDATE sessions SET spec = ? WHERE name = ?", values)
+        except sqlite3.Error as error:
+            raise StoreError(f"session {session.name}: its budget cannot be kept: {error}") from error
 
     def load(self, name: str) -> Session:
         """Return a session with all its trials.

@@ -154,8 +154,8 @@ def adapt(
         typer.Option(
             "--resume",
             autocompletion=completing.sessions,
-            help="Go on with this session, by its name in hexctl sessions list; --budget gives it another "
-            "budget. (default: begin a new one)",
+            help="Go on with this session, by its name in hexctl sessions list; --budget lets one whose "
+            "budget is spent walk more. (default: begin a new one)",
         ),
     ] = None,
     view: Annotated[

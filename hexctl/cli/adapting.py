@@ -18,6 +18,7 @@ from hexctl.adapt.search import make_search, serving
 from hexctl.adapt.session import Session, SessionSpec
 from hexctl.adapt.space import GaitSpace
 from hexctl.adapt.staying import StayingWalker
+from hexctl.adapt.stops import RobotStoppedError
 from hexctl.adapt.store import SessionStore
 from hexctl.adapt.walker import Walker
 from hexctl.backends.sim.family import load_any_world
@@ -138,7 +139,14 @@ def execute(
     with ExitStack() as stack:
         store = stack.enter_context(SessionStore(RUNS))
         interrupt = stack.enter_context(StopOnInterrupt())
-        session, servos = _begin(spec, resume, budget, store, stack)
+        try:
+            session, servos = _begin(spec, resume, budget, store, stack, interrupt)
+        except RobotStoppedError as error:
+            say_aside(f"hexctl: {error}")
+            return code_of_stop(error)
+        if session is None:
+            say_aside("hexctl: interrupted before a session began")
+            return INTERRUPTED
         table = stack.enter_context(SessionTable(session, quiet=as_json))
         live = stack.enter_context(LiveView()) if view and servos is not None else None
         ended, trouble = _adapt(session, store, table, interrupt, servos, live, record=record)
@@ -168,8 +176,9 @@ def _begin(
     budget: int | None,
     store: SessionStore,
     stack: ExitStack,
-) -> tuple[Session, Guard | None]:
-    """Return the session, new or continued and held, and its robot, connected.
+    interrupt: StopOnInterrupt,
+) -> tuple[Session | None, Guard | None]:
+    """Return the session, new or continued and held, and its robot, connected; no session if interrupted.
 
     A session to be continued is held before its robot is touched, a new one made when its robot is there.
     """
@@ -179,7 +188,7 @@ def _begin(
         # As it stands now that nobody else adds to it.
         session = store.load(resume or "")
         if budget is not None:
-            _extend(session, budget, store)
+            session.spec = _extended(session, budget)
         spec = session.spec
     robot, world, plan = _walk_parts(spec)
     note = note_of(spec, robot, plan)
@@ -187,19 +196,22 @@ def _begin(
         say_aside(f"hexctl: {note}")
     servos = stack.enter_context(connected(spec, robot, plan))
     if session is None:
-        spec = as_it_stands(at_home(spec, servos), robot, world, plan, servos)
+        spec = as_it_stands(at_home(spec, servos), robot, world, plan, servos, interrupt.requested)
+        if interrupt.requested():
+            return None, servos
         session = store.create(spec)
         stack.enter_context(store.held(session.name))
     return session, servos
 
 
-def _extend(session: Session, budget: int, store: SessionStore) -> None:
-    """Give a session another budget, refused before anything moves if it is already walked."""
+def _extended(session: Session, budget: int) -> SessionSpec:
+    """Return a session's spec with another budget; raises InputError for one that is walked already."""
     walked = len(session.trials)
     if budget <= walked:
         raise InputError(f"--budget: got {budget}, of which {walked} are walked; allowed: more than {walked}")
-    _check_numbers(replace(session.spec, budget=budget))
-    store.extend(session, budget)
+    spec = replace(session.spec, budget=budget)
+    _check_numbers(spec)
+    return spec
 
 
 def _adapt(
@@ -220,6 +232,8 @@ def _adapt(
         return _with_slots(plan, slots)
 
     optimizer = make_search(spec, robot, plan)
+    # Not before: what refuses a session must not have changed it.
+    store.keep_budget(session)
     walker = Walker(
         spec=spec,
         robot=robot,

@@ -1,5 +1,6 @@
 """The robot of `hexctl adapt`, where it is one that stays between trials: options, connecting, advice."""
 
+import math
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import replace
@@ -17,9 +18,11 @@ from hexctl.backends.sim.world import World
 from hexctl.backends.table import BackendOptions, make_servos
 from hexctl.cli.exits import ABORTED, FAULT, FAULTS
 from hexctl.cli.operator import check_answerable
+from hexctl.cli.output import say_aside
 from hexctl.control.guard import Guard
 from hexctl.control.plan import TrialPlan
 from hexctl.control.result import progress_floor_m
+from hexctl.control.trial import StopRequested
 from hexctl.errors import InputError, RobotFaultError
 from hexctl.gait.gait import ideal_speed_m_s
 from hexctl.robot.model import Robot
@@ -111,7 +114,8 @@ def connected(spec: SessionSpec, robot: Robot, plan: TrialPlan) -> Iterator[Guar
 def at_home(spec: SessionSpec, servos: Guard | None) -> SessionSpec:
     """Return the spec of a session that begins where the robot is now.
 
-    Raises RobotFaultError for a robot that is stopped or cannot say where it is and must.
+    Raises RobotStoppedError for a robot that is stopped, RobotFaultError for one that cannot say where it is
+    and must.
     """
     if servos is None or spec.ask:
         return spec
@@ -123,13 +127,18 @@ def at_home(spec: SessionSpec, servos: Guard | None) -> SessionSpec:
 
 
 def as_it_stands(
-    spec: SessionSpec, robot: Robot, world: World | None, plan: TrialPlan, servos: Guard | None
+    spec: SessionSpec,
+    robot: Robot,
+    world: World | None,
+    plan: TrialPlan,
+    servos: Guard | None,
+    stop_requested: StopRequested,
 ) -> SessionSpec:
     """Return the spec of a session that knows how its robot stands, where that tells its optimizer anything.
 
     A connected robot stands up for that. Not where a person puts it down: it then moves only when that person
     says so, and by then the first gait is chosen.
-    Raises RobotFaultError for a robot that is stopped meanwhile or has gone.
+    Raises RobotStoppedError for a robot that is stopped meanwhile, RobotFaultError for one that has gone.
     """
     if spec.ask or not knows_stances(spec):
         return spec
@@ -137,17 +146,22 @@ def as_it_stands(
         sag_rad = simulated_sag_rad(robot, world, plan, spec.seed)
     else:
         with _nothing_begun(spec):
-            sag_rad = sag_here_rad(servos, plan)
-    return spec if sag_rad is None else replace(spec, sag_rad=sag_rad.tolist())
+            sag_rad = sag_here_rad(servos, plan, stop_requested)
+    if sag_rad is None:
+        if not stop_requested():
+            say_aside("hexctl: how the robot stands is not known (joints not measured, or not at rest)")
+        return spec
+    return replace(spec, sag_rad=[None if math.isnan(angle) else angle for angle in sag_rad.tolist()])
 
 
 @contextmanager
 def _nothing_begun(spec: SessionSpec) -> Iterator[None]:
-    """Say of a robot that is stopped what to do before there is a session; raises RobotFaultError for it."""
+    """Say of a robot that is stopped what to do before there is a session; raises RobotStoppedError again."""
     try:
         yield
     except RobotStoppedError as error:
-        raise RobotFaultError(f"{error}; {', '.join([*_clearing(spec, error), 'begin again'])}") from error
+        advice = ", ".join([*_clearing(spec, error), "begin again"])
+        raise RobotStoppedError(f"{error}; {advice}", error.reason) from error
 
 
 def arena_of(spec: SessionSpec) -> Arena | None:

@@ -55,7 +55,8 @@ def execute(request: PriorRequest) -> int:
     try:
         with terminated_as_interrupted(), StudyProgress() as progress:
             landscapes = walked(plan.specs(), cache, progress, jobs=request.jobs, dask=request.dask)
-            sags_rad = sags_of(plan)
+            progress.stage("stances", len(landscapes))
+            sags_rad = sags_of(plan, progress.step)
     except KeyboardInterrupt:
         say_interrupted(plan.specs(), cache)
         return INTERRUPTED

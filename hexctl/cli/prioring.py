@@ -14,6 +14,7 @@ from hexctl.adapt.search import DEFAULT_TARGET_M
 from hexctl.adapt.session import SessionSpec
 from hexctl.cli import output
 from hexctl.cli.places import RUNS
+from hexctl.cli.prioradvice import how_to_get_one
 from hexctl.errors import InputError
 
 #: Where `hexctl prior build` puts what it built.
@@ -53,10 +54,11 @@ def with_prior(
             return _believing(spec, found.path)
         reason = found.reason
     if optimizer == BAYES or wanted not in (None, "auto") or spec.early_stop:
-        advice = "" if _other_objective(spec) else "; hexctl prior build makes one"
-        raise InputError(f"prior: there is none for these trials ({reason}){advice}")
-    advice = "" if _other_objective(spec) else " (hexctl prior build makes one, in half an hour)"
-    say(f"hexctl: no prior for these trials ({reason}); searching with {spec.optimizer} instead{advice}")
+        raise InputError(f"prior: there is none for these trials ({reason}){how_to_get_one(spec)}")
+    say(
+        f"hexctl: no prior for these trials ({reason}); searching with {spec.optimizer} instead"
+        f"{how_to_get_one(spec)}"
+    )
     return spec
 
 
@@ -121,6 +123,7 @@ def summary_of(path: Path) -> dict[str, Any]:
     return {
         **prior.question.as_json(),
         "legs": list(prior.legs),
+        "stances": prior.sag_rad is not None,
         "worlds": prior.worlds,
         "bytes": path.stat().st_size,
     }
@@ -131,4 +134,5 @@ def _line(summary: dict[str, Any]) -> str:
     return (
         f"{summary['prior']}: {summary['robot']}, legs {legs} {summary['failure']}, self-rotation "
         f"{summary['self_rotation']}, {summary['duration_s']:g} s, {summary['worlds']} worlds a leg"
+        f"{'' if summary['stances'] else ', without stances'}"
     )

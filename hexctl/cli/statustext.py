@@ -4,11 +4,16 @@ from collections.abc import Mapping
 from typing import Any
 
 from rich.table import Table
+from rich.text import Text
 
 Status = Mapping[str, Any]
 
 #: What each stop asks for; every other one waits for somebody who has looked at the robot.
-LIFTED_BY = {"expired": "the next controller lifts it"}
+LIFTED_BY = {
+    "expired": "the next controller lifts it",
+    "fault": "see to it, then hexctl estop --clear",
+    "state": "see to it, then hexctl estop --clear",
+}
 CLEARED = "hexctl estop --clear lifts it"
 
 POSTURES = {
@@ -29,7 +34,7 @@ def status_table(statuses: list[dict[str, Any]]) -> Table:
         if number:
             table.add_row("", "")
         for name, text in status_rows(status):
-            table.add_row(name, text)
+            table.add_row(name, Text(text))
     return table
 
 
@@ -57,11 +62,16 @@ def status_rows(status: Status) -> list[tuple[str, str]]:
 def _robot(status: Status) -> str:
     words = f"{status.get('robot', '?')} ({status.get('backend', '?')})"
     simulated = status.get("simulated")
-    return words if not simulated else f"{words}, world {simulated['world']}, failure {simulated['failure']}"
+    if not isinstance(simulated, Mapping):
+        return words
+    return f"{words}, world {simulated.get('world')}, failure {simulated.get('failure')}"
 
 
 def _stopped(reason: str | None) -> str:
-    return "no" if reason is None else f"{reason.upper()}: {LIFTED_BY.get(reason, CLEARED)}"
+    if reason is None:
+        return "no"
+    kind, colon, detail = reason.partition(":")
+    return f"{kind.upper()}{colon}{detail}; {LIFTED_BY.get(kind, CLEARED)}"
 
 
 def _controller(status: Status) -> str:

@@ -45,13 +45,19 @@ class SlowLandscape(Landscape):
 
 
 def main(folder: str, optimizer: str, name: str | None = None) -> None:
-    """Run a session, or continue one, and say when it begins to walk."""
+    """Run a session, or continue one, and say when it begins to walk and after each trial."""
     with SessionStore(Path(folder)) as store:
         session = store.create(SPECS_TO_KILL[optimizer]) if name is None else store.load(name)
         with store.held(session.name):
-            sys.stdout.write("walking\n")
-            sys.stdout.flush()
-            AdaptLoop(session, store, optimizer_of(session.spec), SlowLandscape()).run()
+            say("walking")
+            search = optimizer_of(session.spec)
+            AdaptLoop(session, store, search, SlowLandscape(), on_trial=lambda *_: say("trial")).run()
+
+
+def say(word: str) -> None:
+    """Print a line at once."""
+    sys.stdout.write(f"{word}\n")
+    sys.stdout.flush()
 
 
 SPECS_TO_KILL = {

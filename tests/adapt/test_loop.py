@@ -107,6 +107,22 @@ def test_a_session_that_was_cut_ends_as_if_it_had_not_been(name: str, cut: int, 
     assert store.load(session.name).trials == whole.trials
 
 
+def with_budget(session: Session, budget: int, store: SessionStore) -> Session:
+    """Return a session from the disk after it got another budget."""
+    session.spec = replace(session.spec, budget=budget)
+    store.keep_budget(session)
+    return store.load(session.name)
+
+
+def test_a_greater_budget_has_the_best_confirmed_anew(store: SessionStore) -> None:
+    spec = replace(SPEC, budget=14, confirm=2)
+    session, _ = run(store, replace(spec, budget=6))
+    longer = with_budget(session, 14, store)
+    assert AdaptLoop(longer, store, optimizer_of(spec), Landscape()).run() == "budget"
+    assert [trial.index for trial in longer.trials if trial.confirms] == [5, 6, 13, 14]
+    assert {trial.code for trial in longer.trials[-2:]} == {longer.best.code if longer.best else None}
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_a_session_that_gets_a_greater_budget_ends_as_if_it_had_had_it(
     name: str, store: SessionStore
@@ -114,8 +130,7 @@ def test_a_session_that_gets_a_greater_budget_ends_as_if_it_had_had_it(
     spec = replace(SPEC, optimizer=name, budget=14)
     whole, _ = run(store, spec)
     session, _ = run(store, replace(spec, budget=6))
-    store.extend(session, 14)
-    longer = store.load(session.name)
+    longer = with_budget(session, 14, store)
     assert longer.spec == spec
     assert AdaptLoop(longer, store, optimizer_of(spec), Landscape()).run() == "budget"
     assert longer.trials == whole.trials

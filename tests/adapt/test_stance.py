@@ -7,10 +7,12 @@ import pytest
 
 from hexctl.adapt.stance import sag_here_rad, simulated_sag_rad, stance_sag_rad
 from hexctl.adapt.stops import RobotStoppedError
+from hexctl.backends.clock import PERIOD_S
 from hexctl.backends.mock import MockServos
 from hexctl.backends.sim.world import SensorNoise, World
 from hexctl.control.guard import Guard
-from hexctl.robot.messages import FloatArray
+from hexctl.errors import CommandRefusedError
+from hexctl.robot.messages import FloatArray, JointTargets, RobotState
 from tests.adapt.priors import plan_of
 from tests.adapt.staying import StayingSim
 from tests.backends.fake_time import FakeTime
@@ -19,6 +21,7 @@ from tests.robots import shipped
 
 ROBOT = shipped()
 PLAN = plan_of(ROBOT)
+SAG_RAD = float(np.radians(1.0))
 
 
 def sag(world: World, seed: int = 0) -> FloatArray:
@@ -76,8 +79,75 @@ def test_a_robot_that_is_stopped_meanwhile_waits_for_a_person() -> None:
         sag_here_rad(guard, PLAN)
 
 
+class Slow(PosedMock):
+    """Follows at a speed of its own, and stays a degree behind at the end."""
+
+    def __init__(self, speed_rad_s: float) -> None:
+        super().__init__(ROBOT)
+        self._step_rad = speed_rad_s * PERIOD_S
+        self._at_rad = ROBOT.stance_angles_rad + 1.0
+
+    def read(self) -> RobotState:
+        goal = self.sent[-1].positions_rad - SAG_RAD if self.sent else self._at_rad
+        self._at_rad = self._at_rad + np.clip(goal - self._at_rad, -self._step_rad, self._step_rad)
+        self.joints_rad = self._at_rad
+        return super().read()
+
+
+@pytest.mark.parametrize(
+    ("speed_rad_s", "stands"), [(20.0, 1), (1.1, 2), (0.2, None)], ids=["fast", "slow", "hardly moving"]
+)
+def test_a_robot_that_moves_still_is_asked_again(speed_rad_s: float, stands: int | None) -> None:
+    servos = Slow(speed_rad_s)
+    with Guard(servos) as guard:
+        began_s = servos.time.now_s
+        sag_rad = stance_sag_rad(guard, PLAN)
+        took = (servos.time.now_s - began_s) / PLAN.settle_s
+    if stands is None:
+        assert sag_rad is None
+    else:
+        assert took == pytest.approx(stands, abs=0.2)
+        assert sag_rad is not None
+        np.testing.assert_allclose(sag_rad, SAG_RAD, atol=1e-3)
+
+
+def test_a_command_that_is_refused_once_is_no_reason_to_go_without() -> None:
+    servos = PosedMock(ROBOT)
+    servos.joints_rad = ROBOT.stance_angles_rad - SAG_RAD
+
+    class Refusing(Guard):
+        refused = False
+
+        def write(self, targets: JointTargets) -> JointTargets:
+            if not self.refused and len(servos.sent) == 5:
+                self.refused = True
+                raise CommandRefusedError("not now")
+            return super().write(targets)
+
+    with Refusing(servos) as guard:
+        sag_rad = stance_sag_rad(guard, PLAN)
+        assert guard.refused
+    assert sag_rad is not None
+    np.testing.assert_allclose(sag_rad, SAG_RAD)
+
+
+def test_after_a_wish_to_stop_nothing_moves() -> None:
+    servos = PosedMock(ROBOT)
+    with Guard(servos) as guard:
+        assert stance_sag_rad(guard, PLAN, lambda: True) is None
+    assert not servos.sent
+
+
+def test_joints_that_say_what_they_are_told_are_not_measured() -> None:
+    servos = PosedMock(ROBOT)
+    with Guard(servos) as guard:
+        assert stance_sag_rad(guard, PLAN) is None
+    assert servos.sent
+
+
 def test_afterwards_silence_is_no_failure() -> None:
     servos = PosedMock(ROBOT)
+    servos.joints_rad = ROBOT.stance_angles_rad - SAG_RAD
     with Guard(servos) as guard:
         assert sag_here_rad(guard, PLAN) is not None
         servos.time.sleep(60.0)

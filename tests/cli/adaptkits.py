@@ -1,13 +1,23 @@
 """Robots for `hexctl adapt`, named on its command line: they live in a time of their own."""
 
+import math
+import os
+import signal
 from dataclasses import replace
 
+import numpy as np
+
+from hexctl.robot.joints import N_JOINTS
 from hexctl.robot.messages import RobotState
 from hexctl.robot.model import Robot
 from tests.cli.kits import Kit
 
 #: In the walk of the second trial, where each settles for 1 s, walks for 1 s and stops for 2 s.
 IN_TRIAL_2_S = 5.5
+
+
+#: How far the joints of some robots stay behind.
+SAG_RAD = math.radians(1.0)
 
 
 class Blind(Kit):
@@ -28,6 +38,53 @@ class Echoing(Kit):
     def read(self) -> RobotState:
         """Return the state, echoed."""
         return replace(super().read(), measured=False)
+
+
+class Sagging(Kit):
+    """Its joints stay behind by a degree, but for one that nobody measures."""
+
+    def read(self) -> RobotState:
+        """Return the state, each joint but the last a degree behind."""
+        state = super().read()
+        behind = np.full(N_JOINTS, SAG_RAD)
+        behind[-1] = 0.0
+        return replace(state, joint_positions_rad=state.joint_positions_rad - behind)
+
+
+class FallsStanding(Sagging):
+    """Falls as soon as it stands up."""
+
+    def read(self) -> RobotState:
+        """Return the state, on its side once it was told to move."""
+        if self.sent:
+            self.lean(85.0)
+        return super().read()
+
+
+class EStopStanding(Sagging):
+    """Is stopped by its own guard as soon as it stands up."""
+
+    def read(self) -> RobotState:
+        """Return the state, stopped once it was told to move."""
+        return replace(super().read(), stopped="estop" if self.sent else None)
+
+
+class FaultStanding(Sagging):
+    """Reports a fault as soon as it stands up."""
+
+    def read(self) -> RobotState:
+        """Return the state, at fault once it was told to move."""
+        self.healthy = not self.sent
+        return super().read()
+
+
+class InterruptedConnecting(Sagging):
+    """Somebody presses Ctrl-C while it is being reached."""
+
+    def connect(self) -> None:
+        """Connect, interrupted."""
+        os.kill(os.getpid(), signal.SIGINT)
+        super().connect()
 
 
 class FallsOnce(Kit):

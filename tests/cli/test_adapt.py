@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 
+from hexctl.adapt.store import SessionStore
 from hexctl.adapt.walker import Walker
 from hexctl.cli.main import exit_code
 from hexctl.robot.configs import config_root
@@ -186,6 +187,8 @@ def test_a_finished_session_goes_on_with_another_budget(
     for budget in ("4", "0", "1000000"):
         assert exit_code([*go_on, "--budget", budget]) == 2
         assert f"--budget: got {budget}" in capsys.readouterr().err
+    with SessionStore(Path("runs")) as store:
+        assert store.load(part["session"]).spec.budget == 4, "what was refused has changed it"
     longer = run_json(capsys, *go_on, "--budget", "15")
     assert (longer["budget"], longer["ended"]) == (15, "budget")
     assert course(longer) == course(whole)
@@ -197,7 +200,9 @@ def test_a_session_is_not_continued_with_another_robot(capsys: pytest.CaptureFix
     Path("mine.yaml").write_text(text)
     outcome = run_json(capsys, *QUICK, "--robot", "./mine.yaml", "--no-record")
     Path("mine.yaml").write_text(text.replace("mass_kg: 0.100", "mass_kg: 0.200"))
-    assert exit_code(["adapt", "--resume", outcome["session"]]) == 2
+    assert exit_code(["adapt", "--resume", outcome["session"], "--budget", "40"]) == 2
+    with SessionStore(Path("runs")) as store:
+        assert store.load(outcome["session"]).spec.budget == outcome["budget"]
     assert "robot ./mine.yaml" in capsys.readouterr().err
     Path("mine.yaml").write_text(text)
     again = run_json(capsys, "adapt", "--resume", outcome["session"], "--no-record")

@@ -18,6 +18,7 @@ from hexctl.adapt.store import SessionStore
 from hexctl.cli.main import exit_code
 from tests.adapt.priors import MadeUpModel, made_up_prior, question_of
 from tests.adapt.staying import PLACE, StayingSim
+from tests.cli.adaptkits import SAG_RAD
 from tests.cli.kits import Kit
 
 KITS = "tests.cli.adaptkits"
@@ -228,9 +229,14 @@ SMALL = ["--duration", "6", "--arena", "0.6", "--budget", "5"]
 
 
 def json_of(capsys: pytest.CaptureFixture[str], *words: str) -> Any:
+    return json_and_err(capsys, *words)[0]
+
+
+def json_and_err(capsys: pytest.CaptureFixture[str], *words: str) -> tuple[Any, str]:
     capsys.readouterr()
     assert exit_code([*words, "--json"]) == 0
-    return json.loads(capsys.readouterr().out)
+    printed = capsys.readouterr()
+    return json.loads(printed.out), printed.err
 
 
 def test_a_twin_goes_back_and_forth_in_its_arena(
@@ -246,7 +252,8 @@ def test_a_twin_goes_back_and_forth_in_its_arena(
 
 
 @pytest.mark.parametrize(("backend", "knows"), [
-    ("tests.adapt.staying:StayingSim", True), (f"{KITS}:Echoing", False), (f"{KITS}:Straight", True),
+    ("tests.adapt.staying:StayingSim", True), (f"{KITS}:Sagging", True), (f"{KITS}:Echoing", False),
+    (f"{KITS}:Straight", False),
 ], ids=str)  # fmt: skip
 def test_how_a_robot_stands_is_measured_where_it_measures(
     backend: str, knows: bool, capsys: pytest.CaptureFixture[str]
@@ -254,10 +261,32 @@ def test_how_a_robot_stands_is_measured_where_it_measures(
     """Before the session is made, and so before its first gait is chosen."""
     save_prior(standing_prior(), Path("x.npz"))
     words = ["adapt", "--failed-leg", "5", "--backend", backend, "--no-record", "--duration", "6"]
-    outcome = json_of(capsys, *words, "--prior", "x.npz", "--budget", "1")
+    outcome, err = json_and_err(capsys, *words, "--prior", "x.npz", "--budget", "1")
     assert (outcome["sag_rad"] is not None) == knows
-    if "Straight" in backend:
-        assert np.abs(outcome["sag_rad"]).max() < 1e-9
+    assert ("how the robot stands is not known" in err) == (not knows)
+    if "Sagging" in backend:
+        *behind, unknown = outcome["sag_rad"]
+        assert behind == pytest.approx([SAG_RAD] * 17)
+        assert unknown is None
+
+
+@pytest.mark.parametrize(("kit", "code", "words"), [
+    ("FallsStanding", 4, ["stopped: fell", "stand it up", "begin again"]),
+    ("EStopStanding", 4, ["stopped: estop", "begin again"]),
+    ("FaultStanding", 3, ["stopped: fault", "begin again"]),
+    ("InterruptedConnecting", 130, ["interrupted before a session began"]),
+], ids=str)  # fmt: skip
+def test_a_robot_that_does_not_come_to_stand_begins_no_session(
+    kit: str, code: int, words: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    save_prior(standing_prior(), Path("x.npz"))
+    assert adapt(kit, "--prior", "x.npz", "--duration", "6", "--self-rotation", "rear") == code
+    err = capsys.readouterr().err
+    for word in words:
+        assert word in err
+    assert sessions() == []
+    if code == 130:
+        assert not Kit.made[0].sent, "it stood up after the interrupt"
 
 
 def test_a_robot_that_a_person_puts_down_does_not_stand_up_before_it_was_asked_for(

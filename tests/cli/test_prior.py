@@ -21,8 +21,8 @@ from tests.robots import ROBOT_NAMES, shipped
 DURATION = "6"
 BUILD = ["prior", "build", "--duration", DURATION, "--worlds", "2", "--legs", "5"]
 ADAPT = ["adapt", "--failed-leg", "5", "--duration", DURATION, "--no-record"]
-#: What is said of a prior that could be made.
-ADVICE = " (hexctl prior build makes one, in half an hour)"
+#: What is said of a prior that could be made, before its options.
+ADVICE = "; this makes one: hexctl prior build"
 
 
 @pytest.fixture(scope="module")
@@ -179,9 +179,13 @@ def test_a_prior_in_its_place_is_found_by_itself(prior: str, capsys: pytest.Capt
 
 
 @pytest.mark.parametrize(("words", "reason", "advice"), [
-    (["--duration", "2.5"], "duration 30 s, not 2.5 s", ADVICE),
-    (["--duration", "2.5", "--prior", "auto"], "duration 30 s, not 2.5 s", ADVICE),
-    (["--duration", "2.5", "--objective", "mean"], "priors are for the objective final, not mean", ""),
+    (["--duration", "8"], "duration 30 s, not 8 s", f"{ADVICE} --duration 8"),
+    (["--duration", "8", "--prior", "auto"], "duration 30 s, not 8 s", f"{ADVICE} --duration 8"),
+    (["--duration", "2.5"], "duration 30 s, not 2.5 s", ""),
+    (["--failure", "weak:0.5", "--duration", "6"], "weak", ""),
+    (["--failure", "limp", "--robot", "pexod", "--duration", "6"], "limp",
+     f"{ADVICE} --robot pexod --failure limp --duration 6"),
+    (["--duration", "6", "--objective", "mean"], "priors are for the objective final, not mean", ""),
 ], ids=str)  # fmt: skip
 def test_without_a_prior_that_fits_it_says_so_and_searches_at_random(
     words: list[str], reason: str, advice: str, capsys: pytest.CaptureFixture[str]
@@ -362,7 +366,8 @@ def test_a_robot_that_stands_otherwise_is_believed_otherwise(
     seen = run(capsys, *words)[0]["trials"][0]["expected"]
     monkeypatch.setattr("hexctl.cli.adaptrobot.simulated_sag_rad", lambda *_: None)
     blind, err = run(capsys, *words)
-    assert (blind["sag_rad"], err) == (None, "")
+    assert blind["sag_rad"] is None
+    assert "how the robot stands is not known" in err
     assert blind["trials"][0]["expected"] != seen
 
 

@@ -55,8 +55,13 @@ def test_a_calm_robot() -> None:
 @pytest.mark.parametrize(
     ("changed", "row", "shown"),
     [
-        ({"stopped": "fell"}, "stopped", "FELL: hexctl estop --clear lifts it"),
-        ({"stopped": "expired"}, "stopped", "EXPIRED: the next controller lifts it"),
+        ({"stopped": "fell"}, "stopped", "FELL; hexctl estop --clear lifts it"),
+        (
+            {"stopped": "fault: low battery 9.5 V"},
+            "stopped",
+            "FAULT: low battery 9.5 V; see to it, then hexctl estop --clear",
+        ),
+        ({"stopped": "expired"}, "stopped", "EXPIRED; the next controller lifts it"),
         ({"controller": "lab", "controller_since_s": 3.5}, "controller", "lab, for 3.5 s"),
         ({"battery_v": 11.13, "battery_share": 0.4}, "battery", "11.1 V, 40%"),
         ({"fault": "low battery"}, "fault", "low battery"),
@@ -97,11 +102,20 @@ def test_what_a_person_must_see(changed: dict[str, Any], row: str, shown: str) -
     assert dict(status_rows({**CALM, **changed}))[row] == shown
 
 
-def test_a_robot_that_says_nothing_does_not_break_it() -> None:
+def test_what_robots_and_controllers_call_themselves_is_shown_as_it_is() -> None:
+    odd = {
+        **CALM,
+        "controller": "lab[/red]",
+        "controller_since_s": 1.0,
+        "fault": "the board says: [/E12]",
+        "endpoint": "tcp/[fe80::1]:7447",
+        "simulated": True,
+    }
     console = Console(width=100)
     with console.capture() as shown:
-        console.print(status_table([{}, CALM]))
-    assert "ant (sim)" in shown.get()
+        console.print(status_table([{}, CALM, odd]))
+    for text in ("ant (sim), world rough", "lab[/red], for 1.0 s", "[/E12]", "tcp/[fe80::1]:7447"):
+        assert text in shown.get()
 
 
 def test_only_a_simulation_tells_of_its_world() -> None:

@@ -9,6 +9,7 @@ from hexctl.robot.messages import FloatArray
 from hexctl.study.landscape import Landscape, LandscapeSpec, Rows, empty_landscape, with_rows
 from hexctl.study.prior.build import prior_of
 from hexctl.study.prior.plan import PriorPlan
+from hexctl.study.prior.stances import sag_of, sags_of
 from hexctl.study.transfer.course import walk_of
 from tests.robots import shipped
 
@@ -43,6 +44,17 @@ def test_a_prior_holds_what_a_session_would_have_been_shown() -> None:
             np.testing.assert_array_equal(prior.signed_m[row, world, code - 1], features[:CHECKPOINTS])
             np.testing.assert_array_equal(prior.progress_m[row, world, code - 1, -1], features[-2])
             np.testing.assert_array_equal(prior.yaw_rad[row, world, code - 1], features[-1])
+
+
+def test_each_stance_is_that_of_its_leg_and_world() -> None:
+    told: list[None] = []
+    sags_rad = sags_of(PLAN, lambda: told.append(None))
+    assert sags_rad.shape == (2, 2, 18)
+    assert len(told) == 4
+    for spec in PLAN.specs():
+        world = int(spec.place.removeprefix("world ")) - 1
+        np.testing.assert_array_equal(sags_rad[PLAN.legs.index(spec.leg), world], sag_of(spec))
+    assert len({sags_rad[leg, world].tobytes() for leg in (0, 1) for world in (0, 1)}) == 4
 
 
 def test_a_fall_shows_its_first_half_and_no_end() -> None:

@@ -10,7 +10,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from hexctl.adapt.prior.question import Question
-from hexctl.adapt.prior.samples import FINAL
+from hexctl.adapt.prior.samples import FINAL, samples_of
 from hexctl.backends.sim.family import load_family
 from hexctl.errors import InputError
 from hexctl.robot.messages import FloatArray
@@ -191,6 +191,31 @@ def test_bayes_ends_when_it_is_sure_and_is_right(findings: TransferFindings) -> 
     assert share == pytest.approx(len(sure) / 6)
     assert trials == pytest.approx(np.mean([len(course.codes) for course in sure]))
     assert findings.sure_share("random", findings.places())[0] == 0.0
+
+
+def test_bayes_is_told_how_the_robot_stands_in_each_world(
+    landscapes: list[Landscape], findings: TransferFindings, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sags_rad = MODEL.sags(len(landscapes), seed=600)
+    by_place = {one.spec.title: sag for one, sag in zip(landscapes, sags_rad, strict=True)}
+    monkeypatch.setattr("hexctl.study.transfer.findings.sag_of", lambda spec: by_place[spec.title])
+    blind = made_up_prior(question(), legs=LEGS, worlds=16, model=MODEL)
+    stances = np.array([MODEL.sags(16, leg) for leg in LEGS])
+    asked = plan(prior=replace(blind, sag_rad=stances), optimizers=("bayes", "random"))
+    told = run_transfer(asked, landscapes)
+    samples = {leg: samples_of(asked.prior, asked.robot, leg) for leg in LEGS}
+    others = 0
+    for place, landscape in enumerate(landscapes):
+        (course,) = told.courses[place, "bayes"]
+        leg = landscape.spec.leg
+        alone = run_course(asked, landscape, "bayes", 0, samples[leg], sags_rad[place])
+        np.testing.assert_array_equal(course.codes, alone.codes)
+        others += not np.array_equal(course.codes, findings.courses[place, "bayes"][0].codes)
+        for ours, before in zip(
+            told.courses[place, "random"], findings.courses[place, "random"], strict=True
+        ):
+            np.testing.assert_array_equal(ours.codes, before.codes)
+    assert others > 0, "what it was told changed no choice"
 
 
 def test_random_search_is_as_good_as_chance() -> None:

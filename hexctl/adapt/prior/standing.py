@@ -6,12 +6,18 @@ worlds this one is like. The sag of all joints is taken as jointly normal with t
 of a prior, and the landscapes are conditioned on it, in the coordinates of the worlds.
 """
 
+import math
+
 import numpy as np
 
 from hexctl.robot.messages import FloatArray
 
 #: Variance of the noise of what is seen, relative to that between the worlds along each principal direction.
 NOISE = 0.1
+
+#: To this what servos say is believed: a Dynamixel AX-12A reads its angle in steps of 0.29 degrees. Without
+#: it, joints that hardly differ between worlds would be listened to as if they were read without error.
+RESOLUTION_RAD = math.radians(0.3)
 
 #: Directions in which the worlds differ by less than this share of a joint's variance say nothing.
 NEGLIGIBLE = 0.02
@@ -37,15 +43,15 @@ def narrowed(sags_rad: FloatArray, seen_rad: FloatArray) -> tuple[FloatArray, Fl
     worlds, stood = len(sags_rad), np.isfinite(sags_rad).all(axis=1)
     if stood.sum() < 2:
         return np.zeros(worlds), np.eye(worlds)
-    spread = sags_rad[stood].std(axis=0)
-    known = np.isfinite(seen_rad) & (spread > 0)
-    if not known.any():
-        return np.zeros(worlds), np.eye(worlds)
+    known = np.isfinite(seen_rad)
+    spread = np.hypot(sags_rad[stood].std(axis=0), RESOLUTION_RAD)
     mean = sags_rad[stood][:, known].mean(axis=0)
     apart = np.zeros((worlds, int(known.sum())))  # worlds in which the robot fell are told nothing of
     apart[stood] = (sags_rad[stood][:, known] - mean) / spread[known] / np.sqrt(stood.sum() - 1)
     left, sizes, right = np.linalg.svd(apart, full_matrices=False)
     told = sizes**2 > NEGLIGIBLE
+    if not told.any():
+        return np.zeros(worlds), np.eye(worlds)
     left, sizes = left[:, told], sizes[told]
     surprise = right[told] @ ((seen_rad[known] - mean) / spread[known])
     noise = _noise(sizes**2, surprise)

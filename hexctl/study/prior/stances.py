@@ -1,5 +1,6 @@
 """How robots stand in simulated worlds, before they turn and walk."""
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -24,7 +25,13 @@ def sag_of(spec: LandscapeSpec) -> FloatArray:
     return np.full(N_JOINTS, np.nan) if sag_rad is None else sag_rad
 
 
-def sags_of(plan: PriorPlan) -> FloatArray:
-    """Return how the joints stay behind in the worlds of a prior, (legs, worlds, 18)."""
+def sags_of(plan: PriorPlan, on_stance: Callable[[], None] = lambda: None) -> FloatArray:
+    """Return how the joints stay behind in the worlds of a prior, (legs, worlds, 18); tell of each."""
+
+    def sag_of_one(spec: LandscapeSpec) -> FloatArray:
+        sag_rad = sag_of(spec)
+        on_stance()
+        return sag_rad
+
     specs = plan.specs()
-    return np.array([[sag_of(spec) for spec in specs if spec.leg == leg] for leg in plan.legs])
+    return np.array([[sag_of_one(spec) for spec in specs if spec.leg == leg] for leg in plan.legs])

@@ -7,7 +7,7 @@ import numpy as np
 
 from hexctl.adapt.prior.belief import ALIKE_CYCLES, ALIKE_SHARE, BLUR, COMMON_SHARE, UNEXPLAINED
 from hexctl.adapt.prior.samples import FINAL, N_FEATURES, Samples
-from hexctl.adapt.prior.standing import NEGLIGIBLE, NOISE
+from hexctl.adapt.prior.standing import NEGLIGIBLE, NOISE, RESOLUTION_RAD
 from hexctl.adapt.space import GaitSpace
 from hexctl.robot.messages import FloatArray
 from tests.adapt.priors import GAITS
@@ -46,7 +46,7 @@ class Dense:
         assert self.samples.sag_rad is not None
         failed = slice(3 * (self.samples.leg - 1), 3 * self.samples.leg)
         sags, sag_rad = (np.delete(array, failed, axis=-1) for array in (self.samples.sag_rad, sag_rad))
-        spread = sags.std(axis=0)
+        spread = np.sqrt(sags.var(axis=0) + RESOLUTION_RAD**2)
         apart = (sags - sags.mean(axis=0)) / spread
         flat = (self.samples.features - self.samples.features.mean(axis=0)).reshape(len(sags), -1)
         variances, directions = np.linalg.eigh(apart.T @ apart / (len(sags) - 1))

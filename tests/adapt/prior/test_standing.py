@@ -5,14 +5,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from hexctl.adapt.prior import standing
 from hexctl.adapt.prior.belief import Belief
-from hexctl.adapt.prior.samples import FINAL, Samples
+from hexctl.adapt.prior.prior import load_prior
+from hexctl.adapt.prior.samples import FINAL, Samples, samples_of
 from hexctl.adapt.prior.standing import narrowed
+from hexctl.robot.configs import config_root
 from hexctl.robot.messages import FloatArray
 from tests.adapt.prior.dense import Dense
 from tests.adapt.prior.test_belief import assert_agrees
 from tests.adapt.priors import GAITS, MadeUpModel, standing_samples
+from tests.robots import shipped
 
+SHIPPED = config_root() / "priors" / "ant-locked-rear-30s.npz"
 SAMPLES = standing_samples(MadeUpModel(), 12)
 NOISE_M = 0.01
 
@@ -53,6 +58,39 @@ def test_a_world_is_known_by_its_stance() -> None:
         assert (after.sd_m <= before.sd_m + 1e-9).all()
         assert after.sd_m.mean() < 0.8 * before.sd_m.mean()
     assert np.mean(nearer) < 0.6
+
+
+def test_noise_of_the_sensors_leaves_more_than_half_of_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Worlds of the shipped prior, each left out, told how they stand."""
+    exact = gain_m(noise_deg=0.0)
+    noisy = gain_m(noise_deg=0.2)
+    assert noisy > 0.5 * exact > 0
+    monkeypatch.setattr(standing, "RESOLUTION_RAD", 1e-9)
+    assert noisy > 2 * gain_m(noise_deg=0.2), "what servos say was believed to the last digit"
+
+
+def gain_m(*, noise_deg: float) -> float:
+    """Return by how much nearer worlds are to what is believed of them once it is told how they stand."""
+    samples = samples_of(load_prior(SHIPPED), shipped(), 5)
+    random, gains_m = np.random.default_rng(0), []
+    for row in range(0, len(samples.features), 5):
+        others, ends_m = without(samples, row), samples.features[row][:, FINAL]
+        read_rad = sags(samples)[row] + np.radians(random.normal(0, noise_deg, 18))
+        gains_m.append(error_m(others, ends_m, None) - error_m(others, ends_m, read_rad))
+    return float(np.mean(gains_m))
+
+
+def error_m(samples: Samples, ends_m: FloatArray, sag_rad: FloatArray | None) -> float:
+    """Return how far the final deviations of a world are from what is believed, over all gaits."""
+    believed = Belief(samples, noise_m=NOISE_M, sag_rad=sag_rad).forecast()
+    return float(np.abs(believed.mean_m - ends_m).mean())
+
+
+def without(samples: Samples, row: int) -> Samples:
+    """Return samples without one world."""
+    assert samples.sag_rad is not None
+    kept = np.arange(len(samples.features)) != row
+    return replace(samples, features=samples.features[kept], sag_rad=samples.sag_rad[kept])
 
 
 def test_what_no_world_explains_tells_little_and_narrows_little() -> None:
