@@ -23,6 +23,18 @@ class MissingExtraError(HexctlError, ImportError):
         return type(self), (self._what, self._extra)
 
 
+#: Which extra brings a package that hexctl does without otherwise.
+EXTRAS = {
+    "mujoco": "sim",
+    "dm_control": "sim",
+    "rerun": "view",
+    "rerun_cli": "view",
+    "pyarrow": "study",
+    "matplotlib": "study",
+    "distributed": "study",
+}
+
+
 class ReachError(HexctlError, ValueError):
     """A foot position that a leg cannot reach."""
 

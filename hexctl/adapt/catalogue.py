@@ -1,7 +1,5 @@
 """The one table of optimizers: from a name to an optimizer."""
 
-import importlib
-
 from hexctl.adapt.baselines import ExhaustiveSearch, RandomSearch
 from hexctl.adapt.de import DeBest, DeRand
 from hexctl.adapt.dps import Dps
@@ -10,6 +8,7 @@ from hexctl.adapt.pso import Pso
 from hexctl.adapt.psosp import Psosp
 from hexctl.adapt.space import GaitSpace
 from hexctl.errors import InputError
+from hexctl.robot.ownmodule import module_here
 
 OPTIMIZERS: dict[str, type[Optimizer]] = {
     "pso": Pso,
@@ -49,7 +48,7 @@ def make_optimizer(name: str, space: GaitSpace, seed: int) -> Optimizer:
 def _own(name: str) -> type[Optimizer]:
     module_name, _, class_name = name.partition(":")
     try:
-        found = getattr(importlib.import_module(module_name), class_name)
+        found = getattr(module_here(module_name), class_name)
     except (ImportError, AttributeError, ValueError) as error:
         raise InputError(
             f"optimizer: {name!r} cannot be loaded ({error}); allowed: an Optimizer class"

@@ -63,11 +63,17 @@ class AdaptLoop:
 
         `budget`, `target`, `confirmed` (the optimizer is sure of a gait), `exhausted` or `interrupted`.
         """
+        self._keep_end(None)
         ended = self._search()
         if ended != "interrupted" and not self._confirm():
             ended = "interrupted"
         self._note_surety()
+        self._keep_end(None if ended == "interrupted" else ended)
         return ended
+
+    def _keep_end(self, ended: str | None) -> None:
+        self._session.ended = ended
+        self._store.keep(self._session)
 
     def _search(self) -> str:
         spec = self._session.spec

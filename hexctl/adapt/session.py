@@ -144,6 +144,7 @@ class Session:
         trials: in the order in which they were walked.
         optimizer_state: the state after the last trial, or None before the first.
         created: when it began, ISO 8601.
+        ended: why its search ended, as `AdaptLoop.run` says; None while it may go on.
         settled_on: the gait that the optimizer settles on and what it expects of it, as `Expectation.as_json`
             says, where it knows one.
     """
@@ -154,6 +155,7 @@ class Session:
     trials: list[TrialRecord] = field(default_factory=list)
     optimizer_state: dict[str, Any] | None = None
     settled_on: dict[str, Any] | None = None
+    ended: str | None = None
 
     @property
     def walked_s(self) -> float:
@@ -181,6 +183,7 @@ class Session:
             "best": None if best is None else best.as_json(),
             "walked_s": round(self.walked_s, 3),
             "settled_on": self.settled_on,
+            "ended": self.ended,
             **{
                 f"trials_to_{milestone:.{digits}f}_m": self.trials_to(milestone)
                 for milestone, digits in _DIGITS

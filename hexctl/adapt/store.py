@@ -22,7 +22,8 @@ _TABLES = """
 CREATE TABLE IF NOT EXISTS sessions (
     name TEXT PRIMARY KEY,
     created TEXT NOT NULL,
-    spec TEXT NOT NULL
+    spec TEXT NOT NULL,
+    ended TEXT
 );
 CREATE TABLE IF NOT EXISTS trials (
     session TEXT NOT NULL REFERENCES sessions(name) ON DELETE CASCADE,
@@ -102,7 +103,7 @@ class SessionStore:
                 name, number = f"{stem}-{number}", number + 1
             created = now.isoformat(timespec="seconds")
             values = (name, created, json.dumps(spec.as_json()))
-            self._connection.execute("INSERT INTO sessions VALUES (?, ?, ?)", values)
+            self._connection.execute("INSERT INTO sessions (name, created, spec) VALUES (?, ?, ?)", values)
         return Session(name=name, spec=spec, created=created)
 
     def add_trial(self, session: Session, trial: TrialRecord, optimizer_state: dict[str, Any]) -> None:
@@ -121,17 +122,17 @@ class SessionStore:
         session.trials.append(trial)
         session.optimizer_state = optimizer_state
 
-    def keep_budget(self, session: Session) -> None:
-        """Keep the budget that a session has now, on the disk when this returns.
+    def keep(self, session: Session) -> None:
+        """Keep what a session was asked for and how it ended, on the disk when this returns.
 
         Raises StoreError when the disk refuses.
         """
-        values = (json.dumps(session.spec.as_json()), session.name)
+        values = (json.dumps(session.spec.as_json()), session.ended, session.name)
         try:
             with self._transaction():
-                self._connection.execute("UPDATE sessions SET spec = ? WHERE name = ?", values)
+                self._connection.execute("UPDATE sessions SET spec = ?, ended = ? WHERE name = ?", values)
         except sqlite3.Error as error:
-            raise StoreError(f"session {session.name}: its budget cannot be kept: {error}") from error
+            raise StoreError(f"session {session.name}: it cannot be kept: {error}") from error
 
     def load(self, name: str) -> Session:
         """Return a session with all its trials.
@@ -139,12 +140,15 @@ class SessionStore:
         Raises InputError for a name that is not in the store.
         """
         row = self._connection.execute(
-            "SELECT created, spec FROM sessions WHERE name = ?", (name,)
+            "SELECT created, spec, ended FROM sessions WHERE name = ?", (name,)
         ).fetchone()
         if row is None:
-            known = ", ".join(self.names()[-5:]) or "none yet"
-            raise InputError(f"session: got {name!r}; allowed (newest last): {known}")
-        session = Session(name=name, created=row[0], spec=SessionSpec(**json.loads(row[1])))
+            names = self.names()
+            known = ", ".join(names[-5:]) or "none yet"
+            earlier = f"{len(names) - 5} earlier ones, " if len(names) > 5 else ""
+            raise InputError(f"session: got {name!r}; allowed, of {self.folder}/: {earlier}{known}")
+        created, spec, ended = row
+        session = Session(name=name, created=created, spec=SessionSpec(**json.loads(spec)), ended=ended)
         rows = self._connection.execute(
             "SELECT record, optimizer_state FROM trials WHERE session = ? ORDER BY number", (name,)
         )
@@ -200,6 +204,8 @@ class SessionStore:
         with self._transaction():
             for statement in filter(str.strip, _TABLES.split(";")):
                 connection.execute(statement)
+            if "ended" not in {row[1] for row in connection.execute("PRAGMA table_info(sessions)")}:
+                connection.execute("ALTER TABLE sessions ADD COLUMN ended TEXT")  # made before there was this
             connection.execute(f"PRAGMA user_version = {SCHEMA_VERSION}")
 
     def _exists(self, name: str) -> bool:

@@ -1,6 +1,7 @@
 """The abstract leg-servo interface: the only way to a robot, simulated or real."""
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from types import TracebackType
 from typing import Self
 
@@ -22,6 +23,9 @@ class LegServos(ABC):
 
     #: The leg that a simulation breaks, or None.
     failure: Failure | None = None
+
+    #: Once connected to a simulation over a link: what it says of itself, `world` and `failure`; else None.
+    simulated: Mapping[str, str] | None = None
 
     @property
     @abstractmethod

@@ -1,8 +1,5 @@
 """The one table of backends: from a name to connected-to-be servos, importing only what is asked for."""
 
-import importlib
-import os
-import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +9,7 @@ from hexctl.backends.base import LegServos
 from hexctl.errors import InputError, MissingExtraError
 from hexctl.robot.failure import Failure
 from hexctl.robot.model import Robot
+from hexctl.robot.ownmodule import module_here
 
 if TYPE_CHECKING:
     from hexctl.backends.sim.world import World
@@ -113,11 +111,8 @@ def _mavlink(options: BackendOptions) -> LegServos:
 
 def _own(name: str, options: BackendOptions) -> LegServos:
     module_name, _, class_name = name.partition(":")
-    if os.getcwd() not in sys.path:
-        # A class in the folder where the user works is found, as with python -m.
-        sys.path.insert(0, os.getcwd())
     try:
-        made = getattr(importlib.import_module(module_name), class_name)(options.robot)
+        made = getattr(module_here(module_name), class_name)(options.robot)
     except (ImportError, AttributeError, TypeError, ValueError) as error:
         raise InputError(
             f"backend: {name!r} cannot be loaded ({error}); allowed: a LegServos class that takes the robot"

@@ -35,11 +35,12 @@ from hexctl.cli.adaptrobot import (
 )
 from hexctl.cli.exits import DONE, INTERRUPTED
 from hexctl.cli.interrupt import StopOnInterrupt
+from hexctl.cli.livewindow import open_window
 from hexctl.cli.operator import Prompt
 from hexctl.cli.output import say, say_aside
 from hexctl.cli.places import RUNS
 from hexctl.cli.prioring import with_prior
-from hexctl.cli.table import SessionTable, closing_lines
+from hexctl.cli.table import ENDS, SessionTable, closing_lines
 from hexctl.cli.values import finite
 from hexctl.cli.viewing import open_all
 from hexctl.control.guard import Guard
@@ -147,11 +148,16 @@ def execute(
         if session is None:
             say_aside("hexctl: interrupted before a session began")
             return INTERRUPTED
+        walked_before = len(session.trials)
         table = stack.enter_context(SessionTable(session, quiet=as_json))
-        live = stack.enter_context(LiveView()) if view and servos is not None else None
+        live = open_window() if view and servos is not None else None
+        if live is not None:
+            stack.enter_context(live)
         ended, trouble = _adapt(session, store, table, interrupt, servos, live, record=record)
     outcome = {**session.as_json(), "ended": ended, "wall_s": round(time.perf_counter() - began_s, 3)}
     say(json.dumps(outcome) if as_json else closing_lines(session, ended))
+    if budget is not None and ended in ENDS and len(session.trials) == walked_before:
+        say_aside(f"hexctl: nothing to walk, {ENDS[ended]}; another target takes a new session")
     # After the result: a picture that fails must not cost it.
     _write_overview(session, store, record=record)
     if trouble is not None:
@@ -232,8 +238,6 @@ def _adapt(
         return _with_slots(plan, slots)
 
     optimizer = make_search(spec, robot, plan)
-    # Not before: what refuses a session must not have changed it.
-    store.keep_budget(session)
     walker = Walker(
         spec=spec,
         robot=robot,

@@ -19,6 +19,7 @@ from hexctl.backends.table import BackendOptions, make_servos
 from hexctl.cli.exits import ABORTED, FAULT, FAULTS
 from hexctl.cli.operator import check_answerable
 from hexctl.cli.output import say_aside
+from hexctl.cli.twin import note_of_twin
 from hexctl.control.guard import Guard
 from hexctl.control.plan import TrialPlan
 from hexctl.control.result import progress_floor_m
@@ -101,9 +102,12 @@ def connected(spec: SessionSpec, robot: Robot, plan: TrialPlan) -> Iterator[Guar
         insecure=spec.insecure,
         link=spec.link,
     )
-    servos = Guard(make_servos(spec.backend, options))
+    robot_there = make_servos(spec.backend, options)
+    servos = Guard(robot_there)
     try:
         servos.connect()
+        if (note := note_of_twin(robot_there, plan.failure)) is not None:
+            say_aside(f"hexctl: {note}")
         yield servos
     finally:
         # The result comes after the robot was let go: a link that fails at that must not cost it.

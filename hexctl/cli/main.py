@@ -20,7 +20,7 @@ from hexctl.cli.sessions import sessions
 from hexctl.cli.status import status
 from hexctl.cli.study import study
 from hexctl.cli.view import view
-from hexctl.errors import HexctlError, InputError, LimitError, MissingExtraError, ReachError
+from hexctl.errors import EXTRAS, HexctlError, InputError, LimitError, MissingExtraError, ReachError
 
 app = typer.Typer(
     name="hexctl",
@@ -73,6 +73,11 @@ def exit_code(arguments: Sequence[str] | None = None) -> int:
         return _complain(str(error), BAD_INPUT)
     except HexctlError as error:
         return _complain(str(error), FAULT)
+    except ModuleNotFoundError as error:
+        extra = EXTRAS.get((error.name or "").partition(".")[0])
+        if extra is None:
+            raise
+        return _complain(str(MissingExtraError("this", extra)), BAD_INPUT)
     except KeyboardInterrupt:
         return _complain("ended at once; what was kept and recorded so far stays", INTERRUPTED)
     return code if isinstance(code, int) else 0

@@ -35,7 +35,7 @@ def build(
         typer.Option("--self-rotation", autocompletion=completing.self_rotations, help=SELF_ROTATION_HELP),
     ] = "rear",
     duration: Annotated[
-        float, typer.Option("--duration", help="Seconds that each gait walks, above 0 up to 86400.")
+        float, typer.Option("--duration", help="Seconds that each gait walks, 6 or more, in steps of 2.")
     ] = 30.0,
     family: Annotated[
         str,

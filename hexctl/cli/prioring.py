@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from hexctl.adapt.catalogue import BAYES
-from hexctl.adapt.prior.find import Serves, check_prior, find_prior, prior_files, shipped_priors
+from hexctl.adapt.prior.find import Serves, check_prior, find_prior, named_prior, prior_files, shipped_priors
 from hexctl.adapt.prior.prior import load_prior
 from hexctl.adapt.prior.question import Question
 from hexctl.adapt.search import DEFAULT_TARGET_M
@@ -46,10 +46,11 @@ def with_prior(
         return spec
     reason = _other_objective(spec)
     if not reason and wanted not in (None, "auto"):
-        check_prior(Path(str(wanted)), question, serves=serves)
-        return _believing(spec, Path(str(wanted)))
+        path = named_prior(str(wanted), _folders())
+        check_prior(path, question, serves=serves)
+        return _believing(spec, path)
     if not reason:
-        found = find_prior(question, [PRIORS, shipped_priors()], serves=serves)
+        found = find_prior(question, _folders(), serves=serves)
         if found.path is not None:
             return _believing(spec, found.path)
         reason = found.reason
@@ -99,12 +100,17 @@ def _refuse_without_bayes(spec: SessionSpec, wanted: str | None) -> None:
 
 def show(file: str | None, *, as_json: bool) -> None:
     """Print what one prior, or each that would be found, is for."""
-    paths = [Path(file)] if file is not None else prior_files([PRIORS, shipped_priors()])
+    paths = [named_prior(file, _folders())] if file is not None else prior_files(_folders())
     summaries = [{"prior": str(path), **summary_of(path)} for path in paths if file or _readable(path)]
     if as_json:
         output.say(json.dumps(summaries))
     else:
         output.say("\n".join(_line(summary) for summary in summaries) or "no priors yet")
+
+
+def _folders() -> list[Path]:
+    """Return where priors are, those built here first."""
+    return [PRIORS, shipped_priors()]
 
 
 def _readable(path: Path) -> bool:

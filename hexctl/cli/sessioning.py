@@ -12,7 +12,7 @@ from hexctl.adapt.session import Session
 from hexctl.adapt.store import SessionStore
 from hexctl.cli.output import say
 from hexctl.cli.places import RUNS
-from hexctl.cli.table import session_lines, subject
+from hexctl.cli.table import end_of, session_lines, subject
 from hexctl.errors import InputError
 
 
@@ -85,6 +85,6 @@ def _line(session: Session) -> str:
     spec, best = session.spec, session.best
     outcome = f"best {best.score:.3f} m (code {best.code})" if best else "no valid trial"
     return (
-        f"{session.name}  {subject(spec)}, {spec.optimizer}, "
-        f"{len(session.trials)} of {spec.budget} trials of {spec.duration_s:g} s, {outcome}"
+        f"{session.name}  {subject(spec)}, {spec.optimizer}, {len(session.trials)} of {spec.budget} trials "
+        f"of {spec.duration_s:g} s, {outcome}; {end_of(session)}"
     )

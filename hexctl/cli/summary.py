@@ -1,6 +1,7 @@
 """The outcome of a run: the JSON object, and the same for a person."""
 
 import math
+import shlex
 from typing import Any
 
 import numpy as np
@@ -66,7 +67,7 @@ def summary(outcome: dict[str, Any]) -> str:
     ]
     if outcome["recording"]:
         lines.append(f"recording  {outcome['recording']}")
-        lines.append(f"look at it with: hexctl view {outcome['recording']}")
+        lines.append(f"look at it with: hexctl view {shlex.quote(outcome['recording'])}")
     return "\n".join(lines)
 
 
@@ -91,18 +92,25 @@ def _distance_lines(outcome: dict[str, Any]) -> list[str]:
     if outcome["distance_m"] is None:
         known = "this robot knows no position" if outcome["duration_s"] else "it never set out"
         return [f"walked     {outcome['duration_s']:.1f} s; {known}"]
-    ideal = outcome["ideal_distance_m"]
+    ideal, turned = outcome["ideal_distance_m"], outcome["ideal_yaw_change_deg"]
+    if turned and ideal:
+        return [
+            f"walked     {outcome['duration_s']:.1f} s in an arc, "
+            f"ended {outcome['distance_m']:.3f} m ahead and {_side(outcome['deviation_m']['signed'])}",
+            f"turned     {outcome['yaw_change_deg'] + 0.0:.1f} degrees of {turned:.1f} asked for",
+        ]
     share = f" of {ideal:.3f} m ideal ({100 * outcome['distance_m'] / ideal:.0f} %)" if ideal else ""
-    signed = outcome["deviation_m"]["signed"]
-    side = "left" if signed > 0 else "right"
-    ideal_deg = outcome["ideal_yaw_change_deg"]
-    of_ideal = f" of {ideal_deg:.1f} asked for" if ideal_deg else ""
+    of_ideal = f" of {turned:.1f} asked for" if turned else ""
     return [
         f"walked     {outcome['duration_s']:.1f} s, {outcome['distance_m']:.3f} m{share}",
-        f"deviation  {abs(signed):.3f} m to the {side} at the end, "
+        f"deviation  {_side(outcome['deviation_m']['signed'])} at the end, "
         f"{outcome['deviation_m']['mean']:.3f} m on average",
         f"turned     {outcome['yaw_change_deg'] + 0.0:.1f} degrees{of_ideal}",
     ]
+
+
+def _side(signed_m: float) -> str:
+    return f"{abs(signed_m):.3f} m to the {'left' if signed_m > 0 else 'right'}"
 
 
 def _link_lines(counts: dict[str, int] | None) -> list[str]:

@@ -2,6 +2,7 @@
 
 import sys
 import time
+from functools import lru_cache
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -10,6 +11,8 @@ import typer
 
 from hexctl.adapt.session import MILESTONES_M, Session, SessionSpec, TrialRecord
 from hexctl.cli.bar import make_bar
+from hexctl.errors import InputError
+from hexctl.robot.file import load_robot
 
 HEADER = "trial  code  slots        deviation     distance  status        best"
 EXPECTED = "  expected, 9 of 10"
@@ -68,7 +71,7 @@ class SessionTable:
 def session_lines(session: Session) -> list[str]:
     """Return a whole session for a person: what was asked, every trial, what came of it."""
     lines = [trial_line(session, trial) for trial in session.trials]
-    return [opening_line(session), header_line(session), *lines, *_milestone_lines(session)]
+    return [opening_line(session), header_line(session), *lines, closing_lines(session, session.ended)]
 
 
 def header_line(session: Session) -> str:
@@ -82,14 +85,27 @@ def opening_line(session: Session) -> str:
     believing = f" with the prior {Path(spec.prior).name}" if spec.prior else ""
     return (
         f"session {session.name}: {subject(spec)}, {spec.optimizer}{believing}, "
-        f"{spec.budget} trials of {spec.duration_s:g} s"
+        f"{_trials(spec.budget)} of {spec.duration_s:g} s{_objective(spec)}"
     )
 
 
 def subject(spec: SessionSpec) -> str:
     """Return who walks where, and what is wrong with it."""
     where = f"in {spec.world}" if spec.world is not None else f"over {spec.backend}"
-    return f"{Path(spec.robot).stem} {where}, leg {spec.failed_leg} {spec.failure}"
+    return f"{_robot_name(spec.robot)} {where}, leg {spec.failed_leg} {spec.failure}"
+
+
+def _objective(spec: SessionSpec) -> str:
+    return "" if spec.objective == "final" else f", best by the objective {spec.objective}"
+
+
+@lru_cache
+def _robot_name(file: str) -> str:
+    """Return what a robot calls itself, or its file where that is not there any more."""
+    try:
+        return load_robot(file).name
+    except InputError:
+        return Path(file).stem
 
 
 def trial_line(session: Session, trial: TrialRecord) -> str:
@@ -112,8 +128,8 @@ def _status(trial: TrialRecord) -> str:
     return f"cut ({stopped})" if status == "cut_short" and stopped else str(status)
 
 
-def _after(trials: int) -> str:
-    return f"after {trials} trial" + ("" if trials == 1 else "s")
+def _trials(count: int) -> str:
+    return f"{count} trial" + ("" if count == 1 else "s")
 
 
 def _expected(trial: TrialRecord) -> str:
@@ -128,11 +144,28 @@ def _side(signed_m: float) -> str:
     return f"{abs(signed_m):.3f} {'left' if signed_m > 0 else 'right'}"
 
 
-def closing_lines(session: Session, ended: str) -> str:
-    """Return what a person wants to know at the end of a session."""
-    walked = f"{len(session.trials)} trials, {session.walked_s:.0f} s walked"
-    lines = [f"ended: {ended} after {walked}", *_milestone_lines(session), *_surety_lines(session)]
-    if ended == "interrupted":
+#: Why a search ended, for people.
+ENDS = {
+    "budget": "its budget is spent",
+    "target": "its target is reached",
+    "confirmed": "it is sure of a gait",
+    "exhausted": "every gait was tried",
+}
+
+
+def end_of(session: Session) -> str:
+    """Return in a few words whether a session is over, and why."""
+    if session.ended is None:
+        return "unfinished"
+    return f"ended: {ENDS.get(session.ended, session.ended)}"
+
+
+def closing_lines(session: Session, ended: str | None) -> str:
+    """Return what a person wants to know at the end of a session; None for one that may go on."""
+    walked = f"after {_trials(len(session.trials))}, {session.walked_s:.0f} s walked"
+    why = "unfinished" if ended is None else f"ended: {ended}"
+    lines = [f"{why} {walked}", *_milestone_lines(session), *_surety_lines(session)]
+    if ended in (None, "interrupted"):
         lines.append(f"go on with: hexctl adapt --resume {session.name}")
     if any(trial.recording for trial in session.trials):
         lines.append(f"look at it with: hexctl view {session.name}")
@@ -166,5 +199,7 @@ def _milestone_lines(session: Session) -> list[str]:
         lines = [f"best: trial {best.index}, code {best.code} (slots {slots}), {best.score:.3f} m"]
     for milestone in MILESTONES_M:
         reached = session.trials_to(milestone)
-        lines.append(f"within {milestone:g} m: " + (_after(reached) if reached else "not reached"))
+        lines.append(
+            f"within {milestone:g} m: " + (f"after {_trials(reached)}" if reached else "not reached")
+        )
     return lines

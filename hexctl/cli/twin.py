@@ -3,9 +3,11 @@
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from hexctl.backends.base import LegServos
 from hexctl.backends.table import BackendOptions
 from hexctl.cli.values import make_failure
 from hexctl.errors import InputError
+from hexctl.robot.failure import Failure
 from hexctl.robot.file import load_robot
 
 if TYPE_CHECKING:
@@ -13,6 +15,19 @@ if TYPE_CHECKING:
 
 #: Where it stands when nobody says.
 DEFAULT_WORLD = "flat"
+
+
+def failure_words(failure: Failure | None) -> str:
+    """Return a failure as a person would say it: `leg 5 locked`, or `none`."""
+    return "none" if failure is None else f"leg {failure.leg} {failure}"
+
+
+def note_of_twin(servos: LegServos, failure: Failure | None) -> str | None:
+    """Return what is to be said where a simulation over a link has another failure than this end supposes."""
+    there, here = (servos.simulated or {}).get("failure"), failure_words(failure)
+    if there in (None, here):
+        return None
+    return f"the simulated robot there has failure {there}, this end walks as with failure {here}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -55,10 +70,7 @@ class Twin:
         if self.backend != "sim":
             return None
         failure = make_failure(self.failed_leg, self.failure)
-        return {
-            "world": self.world or DEFAULT_WORLD,
-            "failure": "none" if failure is None else f"leg {failure.leg} {failure}",
-        }
+        return {"world": self.world or DEFAULT_WORLD, "failure": failure_words(failure)}
 
     def _world(self) -> "World | None":
         if self.backend != "sim":

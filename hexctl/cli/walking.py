@@ -22,6 +22,7 @@ from hexctl.cli.output import say, say_aside
 from hexctl.cli.places import RUNS
 from hexctl.cli.progress import WalkProgress
 from hexctl.cli.summary import report, summary
+from hexctl.cli.twin import note_of_twin
 from hexctl.control.guard import Guard
 from hexctl.control.log import BLOCK_TICKS, PACED_BLOCK_TICKS, TickLog
 from hexctl.control.plan import TrialPlan
@@ -95,16 +96,21 @@ def execute(request: Request) -> int:
     world = _check(request)
     with ExitStack() as stack:
         interrupt = stack.enter_context(StopOnInterrupt())
+        servos = _servos(request, world)
         try:
-            guard = stack.enter_context(Guard(_servos(request, world)))
+            guard = stack.enter_context(Guard(servos))
         except RobotFaultError:
             if interrupt.requested():
                 return INTERRUPTED
             raise
+        if (note := note_of_twin(servos, request.plan.failure)) is not None:
+            say_aside(f"hexctl: {note}")
         recording = _open_recording(request, world)
         if recording is not None:
             stack.enter_context(recording)
-        live = stack.enter_context(_open_live(request, world)) if request.shows_live else None
+        live = _open_live(request, world) if request.shows_live else None
+        if live is not None:
+            stack.enter_context(live)
         result, outcome, trouble = _walk(request, guard, recording, live, interrupt)
     say(json.dumps(outcome) if request.as_json else summary(outcome))
     if trouble is not None:
@@ -114,7 +120,7 @@ def execute(request: Request) -> int:
     elif live is not None and not interrupt.requested():
         say_aside("close the viewer, or press Ctrl-C, to end")
         live.wait()
-    elif request.view and recording is not None and not interrupt.requested():
+    elif request.view and not request.shows_live and recording is not None and not interrupt.requested():
         from hexctl.record.viewer import open_viewer
 
         try:
@@ -136,9 +142,11 @@ def _check(request: Request) -> World:
             f"{option} with --backend {request.backend}, whose robot has its own chance and time; "
             "allowed: with sim"
         )
-    if request.backend not in LINKED and (request.connect or request.link):
+    linked = (request.connect, request.link, request.credentials, request.insecure)
+    if request.backend not in LINKED and any(linked):
         raise InputError(
-            f"--connect, --link: got one with --backend {request.backend}; allowed: with zenoh and mavlink"
+            f"--connect, --keys, --insecure, --link: got one with --backend {request.backend}; "
+            "allowed: with zenoh and mavlink"
         )
     if request.no_record and (request.record is not None or request.view):
         raise InputError("--no-record: got --record or --view too; allowed: one or the other")
@@ -225,9 +233,21 @@ def _open_recording(request: Request, world: World) -> "Recording | None":
     """Return the new recording of this run, or None with --no-record."""
     if request.no_record:
         return None
+    if request.record is not None:
+        return _recording_at(request.record, request, world)
+    while True:
+        path = _new_path(request)
+        try:
+            return _recording_at(path, request, world)
+        except InputError:
+            if not path.exists():
+                raise
+            # Another run took the name meanwhile.
+
+
+def _recording_at(path: Path, request: Request, world: World) -> "Recording":
     from hexctl.record.recording import Recording
 
-    path = request.record or _new_path(request)
     floor = _floor(request, world)
     title = f"{request.robot.name} {request.gait_text}"
     try:
@@ -236,11 +256,13 @@ def _open_recording(request: Request, world: World) -> "Recording | None":
         raise MissingExtraError("recording (or walk with --no-record)", "view") from error
 
 
-def _open_live(request: Request, world: World) -> "LiveView":
-    """Return a viewer that shows the walk of a request."""
-    from hexctl.record.live import LiveView
+def _open_live(request: Request, world: World) -> "LiveView | None":
+    """Return a viewer that shows the walk of a request; None where there is no screen."""
+    from hexctl.cli.livewindow import open_window
 
-    live = LiveView()
+    live = open_window()
+    if live is None:
+        return None
     title = f"{request.robot.name} {request.gait_text}"
     floor = _floor(request, world)
     live.begin(request.robot, request.plan, title=title, floor=floor, looks=request.robot_file)

@@ -16,6 +16,7 @@ from hexctl.control.plan import TrialPlan
 from hexctl.errors import RobotFaultError
 from hexctl.gait.named import make_gait
 from hexctl.record.live import LIVE_BLOCK_TICKS, LiveView
+from hexctl.record.viewer import check_display
 from hexctl.robot.messages import JointTargets
 from hexctl.robot.model import Robot
 from hexctl.robot.rotation import yaw_rad
@@ -36,7 +37,7 @@ TICKS_AT_ONCE = 180_000
 def watch(*, web: bool, **options: Any) -> int:
     """Show the robot of a link until the viewer is closed or somebody interrupts; return the exit code.
 
-    Raises RobotFaultError for a robot that is not there or falls silent.
+    Raises RobotFaultError for a robot that is not there or falls silent, RecordingError without a screen.
     """
     link = load_link(options.pop("link"), **options)
     anybody = KeyMap.of("*").renamed(dict(link.names))
@@ -45,6 +46,8 @@ def watch(*, web: bool, **options: Any) -> int:
         if not answers:
             raise RobotFaultError(f"no robot answers at {link.endpoint}; is hexctl serve running there?")
         robot = robot_of(answers[0])
+        if not web:
+            check_display()
         ear = Ear(link.keys(robot.name), Mailbox(), plain=link.plain)
         ear.listen(session)
         ear.await_first_s()

@@ -1,7 +1,9 @@
 """Open recordings in Rerun's own viewer."""
 
 import importlib.util
+import os
 import subprocess
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -11,6 +13,8 @@ from hexctl.errors import InputError, MissingExtraError, RecordingError
 MAGIC = b"RRF"
 
 LOCAL = "127.0.0.1"
+
+NO_DISPLAY = "the viewer finds no display"
 
 
 def open_viewer(paths: Sequence[Path]) -> int:
@@ -91,12 +95,18 @@ def viewer_binary() -> Path:
     raise MissingExtraError("the viewer", "view")
 
 
+def check_display() -> None:
+    """Raise RecordingError on a machine without a screen, where a window would end without a word."""
+    if sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+        raise RecordingError(f"{NO_DISPLAY}; hexctl view --web shows the same in a browser")
+
+
 def _why(messages: str, paths: Sequence[Path]) -> str:
     """Return one line on why the viewer ended, and what to do where there is no screen."""
     names = " ".join(map(str, paths))
     if any(word in messages for word in ("DISPLAY", "WAYLAND", "neither", "NoDisplay", "XOpenDisplay")):
         return (
-            "the viewer finds no display; hexctl view --web shows the same in a browser; or copy the folder "
+            f"{NO_DISPLAY}; hexctl view --web shows the same in a browser; or copy the folder "
             f"of {names} to a machine with one"
         )
     lines = [line.strip() for line in messages.splitlines() if line.strip()]

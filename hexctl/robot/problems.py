@@ -56,7 +56,7 @@ def first_problem(schema: type[BaseModel], error: ValidationError) -> str:
     """Return the first problem of a validation, an unknown key before all others: it explains them."""
     problems = error.errors(include_url=False)
     problem = min(problems, key=lambda problem: problem["type"] != "extra_forbidden")
-    more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
+    more = f" (and {len(problems) - 1} more problems)" if len(problems) > 1 else ""
     return _described(schema, problem) + more
 
 

@@ -110,7 +110,7 @@ def test_a_session_that_was_cut_ends_as_if_it_had_not_been(name: str, cut: int, 
 def with_budget(session: Session, budget: int, store: SessionStore) -> Session:
     """Return a session from the disk after it got another budget."""
     session.spec = replace(session.spec, budget=budget)
-    store.keep_budget(session)
+    store.keep(session)
     return store.load(session.name)
 
 

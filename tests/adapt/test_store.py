@@ -59,6 +59,20 @@ def test_an_unknown_name_is_refused_with_the_known_ones(tmp_path: Path) -> None:
             store.load("nobody")
 
 
+def test_a_store_from_before_ends_were_kept_is_read_and_used(tmp_path: Path) -> None:
+    with SessionStore(tmp_path) as store:
+        name = store.create(SPEC).name
+    with sqlite3.connect(tmp_path / "sessions.sqlite") as connection:
+        connection.execute("ALTER TABLE sessions DROP COLUMN ended")
+    with SessionStore(tmp_path) as store:
+        session = store.load(name)
+        assert session.ended is None
+        session.ended = "budget"
+        store.keep(session)
+        assert store.load(name).ended == "budget"
+        assert store.load(store.create(SPEC).name).ended is None
+
+
 def test_the_same_trial_is_not_kept_twice(tmp_path: Path) -> None:
     with SessionStore(tmp_path) as store:
         session = store.create(SPEC)

@@ -76,7 +76,12 @@ def test_the_table_and_the_sessions(capsys: pytest.CaptureFixture[str]) -> None:
     name = listed["session"]
     assert name in printed
     assert exit_code(["sessions", "show", name]) == 0
-    assert "best: trial" in capsys.readouterr().out
+    shown = capsys.readouterr().out
+    assert "best: trial" in shown
+    assert "ended: budget after 3 trials" in shown
+    assert (listed["ended"], listed["trials"]) == ("budget", 3)
+    assert exit_code(["sessions", "list"]) == 0
+    assert "its budget is spent" in capsys.readouterr().out
     for ending in ("csv", "parquet"):
         assert exit_code(["sessions", "export", name, f"out.{ending}"]) == 0
         assert Path(f"out.{ending}").stat().st_size > 100
@@ -160,6 +165,8 @@ def test_a_session_cut_off_goes_on_to_the_same_end(
     os.chdir(folder)
     (listed,) = run_json(capsys, "sessions", "list")
     assert 2 <= listed["trials"] < 6
+    assert exit_code(["sessions", "show", listed["session"]]) == 0
+    assert f"go on with: hexctl adapt --resume {listed['session']}" in capsys.readouterr().out
     resumed = run_json(capsys, "adapt", "--resume", listed["session"], "--no-record")
     assert course(resumed) == course(whole)
     assert resumed["best"]["code"] == whole["best"]["code"]
@@ -193,6 +200,29 @@ def test_a_finished_session_goes_on_with_another_budget(
     assert (longer["budget"], longer["ended"]) == (15, "budget")
     assert course(longer) == course(whole)
     assert run_json(capsys, *go_on)["trials"] == longer["trials"]
+
+
+def test_a_session_at_its_target_has_nothing_to_walk(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(Walker, "walk", lambda _, *trial: Landscape()(*trial))
+    begun = ["adapt", "--failed-leg", "5", "--optimizer", "random", "--no-record", "--target", "9"]
+    outcome = run_json(capsys, *begun, "--budget", "5")
+    assert (outcome["ended"], len(outcome["trials"])) == ("target", 1)
+    assert exit_code(["adapt", "--resume", outcome["session"], "--no-record", "--budget", "8"]) == 0
+    printed = capsys.readouterr()
+    assert "ended: target after 1 trial," in printed.out
+    assert "nothing to walk, its target is reached" in printed.err
+
+
+def test_another_objective_is_named(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(Walker, "walk", lambda _, *trial: Landscape()(*trial))
+    assert (
+        exit_code(["adapt", "--failed-leg", "5", "--no-record", "--budget", "1", "--objective", "max"]) == 0
+    )
+    assert "best by the objective max" in capsys.readouterr().out
 
 
 def test_a_session_is_not_continued_with_another_robot(capsys: pytest.CaptureFixture[str]) -> None:

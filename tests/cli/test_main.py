@@ -36,6 +36,10 @@ def test_importing_hexctl_loads_nothing() -> None:
         ("dm_control", ["run", "--no-record"], 'pip install "hexctl[sim]"'),
         ("mujoco", ["run", "--no-record"], 'pip install "hexctl[sim]"'),
         ("rerun", ["run"], 'pip install "hexctl[view]"'),
+        ("mujoco", ["study"], 'pip install "hexctl[sim]"'),
+        ("mujoco", ["study", "--transfer"], 'pip install "hexctl[sim]"'),
+        ("mujoco", ["prior", "build"], 'pip install "hexctl[sim]"'),
+        ("pyarrow", ["study"], 'pip install "hexctl[study]"'),
     ],
 )
 def test_a_missing_extra_is_named(blocked: str, arguments: list[str], extra: str) -> None:

@@ -113,6 +113,15 @@ def test_show_lists_those_that_would_be_found_ones_own_first(
     assert names == ["x.npz", *sorted(path.name for path in shipped_priors().glob("*.npz"))]
 
 
+@pytest.mark.parametrize("name", ["ant-locked-rear-30s", "ant-locked-rear-30s.npz"])
+def test_show_and_adapt_know_shipped_priors_by_name(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    (summary,), _ = run(capsys, "prior", "show", name)
+    assert (summary["robot"], summary["stances"]) == ("ant", True)
+    words = ["adapt", "--failed-leg", "5", "--no-record", "--budget", "1", "--prior", name]
+    outcome, _ = run(capsys, *words)
+    assert Path(outcome["prior"]).name == "ant-locked-rear-30s.npz"
+
+
 def test_show_refuses_what_is_no_prior(capsys: pytest.CaptureFixture[str]) -> None:
     Path("diary.npz").write_text("my diary")
     assert "diary.npz: it is no prior" in refused(capsys, "prior", "show", "diary.npz")

@@ -72,6 +72,28 @@ def test_the_same_seed_gives_the_same_walk(capsys: pytest.CaptureFixture[str]) -
     assert first["deviation_m"] != other["deviation_m"]
 
 
+def test_runs_that_begin_together_all_have_a_recording(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "hexctl", "run", "--duration", "0.5", "--json"]
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
+    walks = [
+        subprocess.Popen(
+            command, cwd=tmp_path, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        )
+        for _ in range(3)
+    ]
+    printed = [walk.communicate(timeout=120) for walk in walks]
+    assert [walk.returncode for walk in walks] == [0, 0, 0], printed
+    assert len({json.loads(out)["recording"] for out, _ in printed}) == 3
+
+
+def test_an_arc_is_not_measured_by_the_straight_line(capsys: pytest.CaptureFixture[str]) -> None:
+    assert exit_code([*SHORT, "--turn", "20", "--heading", "0", "--amplitude", "0.08"]) == 0
+    printed = capsys.readouterr().out
+    assert "in an arc" in printed
+    assert "of 60.0 asked for" in printed
+    assert "ideal" not in printed
+
+
 def test_heading_is_where_the_body_goes(capsys: pytest.CaptureFixture[str]) -> None:
     outcome = run_json(capsys, *SHORT, "--gait", "tripod", "--heading", "137")
     assert outcome["distance_m"] > 0.9 * 2 * 0.1485

@@ -133,6 +133,12 @@ def test_a_served_simulation_says_what_it_is(tmp_path: Path) -> None:
     ) as robot:
         shown = hexctl("status", "--connect", robot.endpoint)
         simulated = robot.status()["simulated"]
+        walk = ("run", "--backend", "zenoh", "--connect", robot.endpoint, "--no-record", "--duration", "0.1")
+        other = hexctl(*walk, "--failed-leg", "3", "--self-rotation", "none")
+        same = hexctl(*walk, "--failed-leg", "5", "--failure", "limp", "--self-rotation", "none")
     assert simulated == {"world": "rough", "failure": "leg 5 limp"}
+    assert "there has failure leg 5 limp, this end walks as with failure leg 3 locked" in other.stderr
+    assert same.returncode == 0, same.stderr
+    assert "failure" not in same.stderr
     assert "ant (sim), world rough, failure leg 5 limp" in shown.stdout, shown.stderr
     assert "nobody" in shown.stdout

@@ -11,7 +11,15 @@ import pytest
 from hexctl.cli import watching
 from hexctl.cli.main import exit_code
 from hexctl.control.log import TickLog
-from tests.serve.processes import PATIENCE_S, Program, controlling, hexctl, program, served, wait_until
+from tests.serve.processes import (
+    PATIENCE_S,
+    Program,
+    controlling,
+    hexctl,
+    program,
+    served,
+    wait_until,
+)
 
 
 def page_of(viewer: Program) -> str:
@@ -105,8 +113,23 @@ def test_a_long_watch_is_shown_in_parts_that_fit_into_memory(
     monkeypatch.setattr(watching, "TICKS_AT_ONCE", 20)
     shown.clear()
     with served(tmp_path, backend="mock") as robot:
-        assert exit_code(["view", "--connect", robot.endpoint]) == 0
+        assert exit_code(["view", "--web", "--connect", robot.endpoint]) == 0
     assert shown == [[20, 20, 0]]
+
+
+def test_without_a_screen_a_live_view_says_so_and_the_walk_goes_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    walked = hexctl("run", "--realtime", "--view", "--duration", "0.5", "--record", str(tmp_path / "a.rrd"))
+    assert walked.returncode == 0, walked.stderr
+    assert walked.stderr.count("finds no display") == 1
+    assert "close the viewer" not in walked.stderr
+    with served(tmp_path, backend="mock") as robot:
+        watched = hexctl("view", "--connect", robot.endpoint)
+    assert watched.returncode == 3
+    assert "finds no display; hexctl view --web" in watched.stderr
 
 
 def test_bad_input() -> None:

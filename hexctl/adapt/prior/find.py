@@ -30,6 +30,15 @@ def shipped_priors() -> Path:
     return config_root() / "priors"
 
 
+def named_prior(text: str, folders: Iterable[Path]) -> Path:
+    """Return the path of a prior, or of one in some folders by the name of its file."""
+    path = Path(text)
+    if path.exists() or path.name != text:
+        return path
+    name = text if path.suffix == SUFFIX else f"{text}{SUFFIX}"
+    return next((found for found in prior_files(folders) if found.name == name), path)
+
+
 Serves = Callable[[tuple[int, ...]], bool]
 
 

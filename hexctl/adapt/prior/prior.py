@@ -162,7 +162,10 @@ def read_head(path: Path) -> dict[str, Any]:
         with np.load(path, allow_pickle=False) as file:
             head = json.loads(str(file["head"]))
     except FileNotFoundError:
-        raise InputError(f"prior: no file at {str(path)!r}; allowed: a prior, auto or none") from None
+        raise InputError(
+            f"prior: no file at {str(path)!r}; allowed: a file of hexctl prior build, or one that "
+            "hexctl prior show names"
+        ) from None
     except _DAMAGE as error:
         raise _refused(path, "it is no prior, or cut off") from error
     if not isinstance(head, dict) or head.get("format") != FORMAT:

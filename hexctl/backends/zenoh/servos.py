@@ -158,6 +158,8 @@ class ZenohServos(LegServos):
                 "give them different names"
             )
         check_same_robot(answers[0], self._robot)
+        simulated = answers[0].get("status", {}).get("simulated")
+        self.simulated = simulated if isinstance(simulated, dict) else None
 
     def _check_ours(self, state: RobotState) -> None:
         """Raise RobotFaultError when somebody else has the robot now, or nobody.
