@@ -229,8 +229,8 @@ def _adapt(
     live: LiveView | None,
     *,
     record: bool,
-) -> tuple[str, RobotFaultError | None]:
-    """Return why the search ended, and what is wrong with the robot if it was that."""
+) -> tuple[str, RobotFaultError | RecordingError | None]:
+    """Return why the search ended, and what is wrong with the robot or its recordings if it was that."""
     spec = session.spec
     robot, world, plan = _walk_parts(spec)
 
@@ -255,7 +255,7 @@ def _adapt(
     loop = AdaptLoop(session, store, optimizer, walk, stop_requested=interrupt.requested, on_trial=table.add)
     try:
         return loop.run(), None
-    except RobotFaultError as error:
+    except (RobotFaultError, RecordingError) as error:
         return "stopped", error
 
 

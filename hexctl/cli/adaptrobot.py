@@ -24,7 +24,7 @@ from hexctl.control.guard import Guard
 from hexctl.control.plan import TrialPlan
 from hexctl.control.result import progress_floor_m
 from hexctl.control.trial import StopRequested
-from hexctl.errors import InputError, RobotFaultError
+from hexctl.errors import HexctlError, InputError, RobotFaultError
 from hexctl.gait.gait import ideal_speed_m_s
 from hexctl.robot.model import Robot
 
@@ -175,18 +175,18 @@ def arena_of(spec: SessionSpec) -> Arena | None:
     return Arena(home_m=(spec.home_m[0], spec.home_m[1]), radius_m=spec.arena_m)
 
 
-def code_of_stop(error: RobotFaultError) -> int:
-    """Return the exit code of a session that the robot ended."""
+def code_of_stop(error: HexctlError) -> int:
+    """Return the exit code of a session that its robot, or a full disk, ended."""
     reason = error.reason.partition(":")[0] if isinstance(error, RobotStoppedError) else "fault"
     return FAULT if reason in FAULTS else ABORTED
 
 
-def how_to_go_on(spec: SessionSpec, name: str, error: RobotFaultError) -> str:
-    """Return what to do before a session that the robot ended goes on."""
+def how_to_go_on(spec: SessionSpec, name: str, error: HexctlError) -> str:
+    """Return what to do before a session that something ended goes on."""
     return ", ".join([*_clearing(spec, error), f"go on with: hexctl adapt --resume {name}"])
 
 
-def _clearing(spec: SessionSpec, error: RobotFaultError) -> list[str]:
+def _clearing(spec: SessionSpec, error: HexctlError) -> list[str]:
     """Return what a stop wants done; this end's own guard begins anew with the next session."""
     if not isinstance(error, RobotStoppedError) or code_of_stop(error) == FAULT:
         return []

@@ -4,10 +4,13 @@ import os
 from pathlib import Path
 from typing import BinaryIO
 
-from hexctl.errors import InputError
+from hexctl.errors import InputError, RecordingError
 
 #: Rerun tells its files by this ending.
 SUFFIX = ".rrd"
+
+#: How a whole recording ends, but for a few bytes.
+END, END_PADDING = b"RRF2FOOT", 8
 
 #: Rerun 0.41 hangs for good where layout and scene find no room, which is less than this.
 ROOM_BYTES = 500_000
@@ -38,6 +41,14 @@ def _check_room(file: BinaryIO, path: Path) -> None:
     except OSError:
         path.unlink()
         raise
+
+
+def check_whole(path: Path) -> None:
+    """Raise RecordingError for a closed recording without its end: Rerun may not say that a disk is full."""
+    with path.open("rb") as file:
+        file.seek(-min(len(END) + END_PADDING, path.stat().st_size), os.SEEK_END)
+        if END not in file.read():
+            raise RecordingError(f"{path}: the recording is incomplete; is the disk full?")
 
 
 def check_name(path: Path) -> None:

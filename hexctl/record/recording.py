@@ -18,7 +18,7 @@ from hexctl.record.block import Block
 from hexctl.record.blueprint import make_blueprint
 from hexctl.record.columns import BlockWriter, Subject
 from hexctl.record.events import send_outcome
-from hexctl.record.files import check_name, create_file
+from hexctl.record.files import check_name, check_whole, create_file
 from hexctl.record.scene import LEVEL, send_scene
 from hexctl.record.sdk import flush, load_rerun
 from hexctl.record.summary import make_markdown, make_properties
@@ -114,7 +114,7 @@ class Recording:
             self._begin_to_write()
 
     def finish(self, result: TrialResult, facts: Mapping[str, Any]) -> None:
-        """Add the outcome, as text and as properties, and make sure that all of it is on the disk.
+        """Add the outcome, as text and as properties, close, and make sure that all of it is on the disk.
 
         Args:
             result: what the trial came to.
@@ -131,6 +131,8 @@ class Recording:
         if self._last is not None:
             send_outcome(self._last, result)
         flush(self._stream, self.path)
+        self.close()
+        check_whole(self.path)
 
     def close(self) -> None:
         """Close the file; a second call does nothing."""

@@ -30,4 +30,4 @@ def flush(stream: Any, path: Path) -> None:
         stream.flush(timeout_sec=FLUSH_TIMEOUT_S)
     except (OSError, RuntimeError, ValueError) as error:
         reason = " ".join(str(error).split())
-        raise RecordingError(f"{path}: the recording is incomplete: {reason}") from error
+        raise RecordingError(f"{path}: the recording is incomplete; is the disk full? ({reason})") from error

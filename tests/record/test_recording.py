@@ -10,10 +10,11 @@ import pytest
 import rerun as rr
 
 from hexctl.control.log import COLUMNS, PHASES, TickLog
-from hexctl.errors import HexctlError, InputError
+from hexctl.errors import HexctlError, InputError, RecordingError
 from hexctl.ik.kinematics import foot_positions_body
 from hexctl.record import paths
 from hexctl.record import recording as module
+from hexctl.record.files import END_PADDING, check_whole
 from hexctl.record.recording import Recording
 from hexctl.record.viewer import viewer_binary
 from hexctl.robot.joints import JOINT_KINDS
@@ -245,6 +246,7 @@ CHILD = """
 import pickle, sys, time
 from pathlib import Path
 from hexctl.record import recording as module
+from hexctl.record.files import END_PADDING, check_whole
 from hexctl.record.recording import Recording
 module.BLOCK_TICKS = 1
 trial = pickle.load(sys.stdin.buffer)
@@ -319,6 +321,20 @@ def test_a_full_disk_is_reported_at_the_end(trial: Trial, tmp_path: Path) -> Non
     assert output.startswith("refused:"), output
     assert "incomplete" in output
     assert output.count("\n") == 1
+
+
+@pytest.mark.parametrize("missing_bytes", [1, 20, 5000])
+def test_a_recording_without_its_end_is_not_whole(missing_bytes: int, trial: Trial, tmp_path: Path) -> None:
+    path = tmp_path / "trial.rrd"
+    write(path, trial)
+    check_whole(path)
+    whole = path.read_bytes()
+    path.write_bytes(whole[: len(whole) - missing_bytes - END_PADDING])
+    with pytest.raises(RecordingError, match="is the disk full"):
+        check_whole(path)
+    path.write_bytes(b"")
+    with pytest.raises(RecordingError, match="is the disk full"):
+        check_whole(path)
 
 
 def test_without_rerun_the_extra_is_named(

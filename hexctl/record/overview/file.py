@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from hexctl.errors import InputError, RecordingError
-from hexctl.record.files import create_file
+from hexctl.record.files import check_whole, create_file
 from hexctl.record.overview import paths
 from hexctl.record.overview.above import send_above
 from hexctl.record.overview.curve import send_curve
@@ -45,6 +45,7 @@ def _write(aside: Path, path: Path, overview: Overview) -> None:
         flush(stream, path)
     finally:
         stream.disconnect()
+    check_whole(aside)
 
 
 def _put_in_place(aside: Path, path: Path) -> None:
