@@ -33,8 +33,8 @@ READING = (
     "bayes-early ends a walk once its outcome is known well enough; over trials it therefore sees less, over "
     "seconds it gets on faster.",
     "The worlds are drawn from wider ranges than the prior's, and every other one is of a kind that no world "
-    "of the prior is. Four earlier worlds of the same family (plain, rough, backlash) were looked at while "
-    "bayes was made; the other searches have the paper's parameters.",
+    "of the prior is. Earlier worlds of the same family were looked at while bayes was made, these never "
+    "were; the other searches have the paper's parameters.",
     "Trials have no noise here: a repeat gives the same end. That bayes is sure says that it measured a gait "
     "within its target; how it does under noise is not told by this page.",
     "Outcomes in intervals: each gait's first walk, where it was walked out; walks that were cut short are "

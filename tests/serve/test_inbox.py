@@ -1,0 +1,103 @@
+"""What comes from the network, in order, bounded, and never a reason for the robot to wait for ever."""
+
+import signal
+import threading
+import time
+from collections.abc import Iterator
+
+import pytest
+
+from hexctl.serve.inbox import CAPACITY, Inbox
+
+#: Whoever waits longer waits for ever.
+FOR_EVER_S = 20.0
+
+
+def items(inbox: Inbox) -> list[object]:
+    taken = []
+    while (arrival := inbox.take(0)) is not None:
+        taken.append(arrival.item)
+    return taken
+
+
+def test_what_came_first_is_taken_first() -> None:
+    inbox = Inbox()
+    for number in range(5):
+        inbox.put("command", number)
+    assert items(inbox) == [0, 1, 2, 3, 4]
+    assert inbox.overflowed == 0
+
+
+def test_what_does_not_fit_pushes_out_the_oldest_and_is_counted() -> None:
+    inbox = Inbox()
+    for number in range(CAPACITY + 3):
+        inbox.put("command", number)
+    assert items(inbox) == list(range(3, CAPACITY + 3))
+    assert inbox.overflowed == 3
+
+
+@pytest.mark.parametrize("patience_s", [-1.0, 0.0, 0.01])
+def test_nothing_came(patience_s: float) -> None:
+    assert Inbox().take(patience_s) is None
+
+
+def test_nothing_came_although_it_rang() -> None:
+    """What rang was taken already, without waiting for it."""
+    inbox = Inbox()
+    inbox.put("command", 1)
+    assert inbox.take(0) is not None
+    assert inbox.take(0.01) is None
+
+
+def test_an_arrival_wakes_whoever_waits() -> None:
+    inbox = Inbox()
+    threading.Timer(0.05, inbox.put, ("estop", "now")).start()
+    arrival = inbox.take(FOR_EVER_S)
+    assert arrival is not None
+    assert (arrival.kind, arrival.item) == ("estop", "now")
+
+
+@pytest.fixture
+def _interrupted() -> Iterator[None]:
+    """Interrupt the main thread by signals, again and again."""
+    before = signal.signal(signal.SIGALRM, lambda *_: None)
+    signal.setitimer(signal.ITIMER_REAL, 0.0007, 0.0007)
+    yield
+    signal.setitimer(signal.ITIMER_REAL, 0)
+    signal.signal(signal.SIGALRM, before)
+
+
+@pytest.mark.usefixtures("_interrupted")
+def test_signals_and_arrivals_that_others_took_make_nobody_wait_for_ever() -> None:
+    inbox = Inbox(capacity=2)
+    rescued, done, stop = threading.Event(), threading.Event(), threading.Event()
+
+    def rescue() -> None:
+        if done.wait(FOR_EVER_S):
+            return
+        rescued.set()
+        while not done.wait(0.001):
+            inbox.put("rescue", None)
+
+    threading.Thread(target=rescue).start()
+
+    def flood() -> None:
+        while not stop.is_set():
+            inbox.put("command", None)
+            inbox.put("command", None)
+            inbox.put("command", None)
+            time.sleep(0.0005)
+
+    flooding = threading.Thread(target=flood)
+    flooding.start()
+    try:
+        for _ in range(1000):
+            inbox.take(0.001)
+        stop.set()
+        flooding.join()
+        for _ in range(1000):
+            inbox.take(0.001)
+    finally:
+        stop.set()
+        done.set()
+    assert not rescued.is_set(), "it waited for ever"
