@@ -6,6 +6,8 @@ from typing import Any
 from rich.table import Table
 from rich.text import Text
 
+from hexctl.cli.counting import in_words, link_in_words
+
 Status = Mapping[str, Any]
 
 #: What each stop asks for; every other one waits for somebody who has looked at the robot.
@@ -51,8 +53,8 @@ def status_rows(status: Status) -> list[tuple[str, str]]:
         ("position", "known" if status.get("pose") else "not known, so no trial can be scored"),
         ("commands", _commands(status.get("commands", {}))),
         ("guard", f"{status.get('clipped', 0)} targets limited to what the joints can do"),
-        ("dropped", _counts(status.get("malformed", {}), leases_refused=status.get("leases_refused", 0))),
-        ("servo link", _servo_link(status.get("servo_link"))),
+        ("dropped", _dropped(status)),
+        ("servo link", link_in_words(status.get("servo_link"))),
         ("loop", f"{status.get('ticks', 0)} ticks of 20 ms, {status.get('overruns', 0)} skipped"),
         ("link", _link(status)),
     ]
@@ -94,20 +96,12 @@ def _joints(status: Status) -> str:
 
 
 def _commands(counts: Mapping[str, int]) -> str:
-    dropped = _counts({name: n for name, n in counts.items() if name != "accepted"})
+    dropped = in_words({name: n for name, n in counts.items() if name != "accepted"})
     return f"{counts.get('accepted', 0)} obeyed; {dropped or 'none dropped'}"
 
 
-def _servo_link(counts: Mapping[str, int] | None) -> str:
-    if not counts:
-        return ""
-    troubles = _counts({name: n for name, n in counts.items() if name != "received"})
-    return f"{counts.get('received', 0)} messages came; {troubles or 'none lost'}"
-
-
-def _counts(counts: Mapping[str, int], **more: int) -> str:
-    """Return the counts above zero in words."""
-    return ", ".join(f"{n} {name.replace('_', ' ')}" for name, n in {**counts, **more}.items() if n)
+def _dropped(status: Status) -> str:
+    return in_words({**status.get("malformed", {}), "leases_refused": status.get("leases_refused", 0)})
 
 
 def _link(status: Status) -> str:

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from hexctl.backends.clock import PERIOD_S
+from hexctl.cli.counting import link_in_words
 from hexctl.control.guard import Guard
 from hexctl.control.log import TickLog
 from hexctl.control.plan import TrialPlan
@@ -55,13 +56,14 @@ def summary(outcome: dict[str, Any]) -> str:
     """Return the outcome for a person."""
     where = f"in world {outcome['world']}" if outcome["world"] else f"on {outcome['backend']}"
     failed = f", leg {outcome['failed_leg']} {outcome['failure']}" if outcome["failed_leg"] else ""
+    link = link_in_words(outcome["servo_link"])
     lines = [
         f"{outcome['robot']} {where}{failed}",
         f"gait       {_gait_text(outcome['gait'])}",
         *_distance_lines(outcome),
         f"status     {outcome['status']}" + _why(outcome["stopped"]),
         _clipped_line(outcome),
-        *_link_lines(outcome["servo_link"]),
+        *([f"link       {link}"] if link else []),
         f"ticks      {outcome['ticks']}, {outcome['overruns']} overruns, "
         f"{outcome['realtime_factor']:g} x real time",
     ]
@@ -111,14 +113,6 @@ def _distance_lines(outcome: dict[str, Any]) -> list[str]:
 
 def _side(signed_m: float) -> str:
     return f"{abs(signed_m):.3f} m to the {'left' if signed_m > 0 else 'right'}"
-
-
-def _link_lines(counts: dict[str, int] | None) -> list[str]:
-    """Return what became of the messages to and from a servo board, where there is one."""
-    if not counts:
-        return []
-    troubles = [f"{n} {name.replace('_', ' ')}" for name, n in counts.items() if n and name != "received"]
-    return [f"link       {counts.get('received', 0)} messages came; {', '.join(troubles) or 'none lost'}"]
 
 
 def _clipped_line(outcome: dict[str, Any]) -> str:

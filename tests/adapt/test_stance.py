@@ -16,7 +16,7 @@ from hexctl.robot.messages import FloatArray, JointTargets, RobotState
 from tests.adapt.priors import plan_of
 from tests.adapt.staying import StayingSim
 from tests.backends.fake_time import FakeTime
-from tests.control.posed import PosedMock
+from tests.control.posed import FallsAfter, PosedMock
 from tests.robots import shipped
 
 ROBOT = shipped()
@@ -66,16 +66,7 @@ def test_a_robot_that_only_echoes_says_nothing_and_does_not_move() -> None:
 
 
 def test_a_robot_that_is_stopped_meanwhile_waits_for_a_person() -> None:
-    servos = PosedMock(ROBOT)
-    began_s = servos.time.now_s
-
-    class Falling(Guard):
-        def read(self) -> Any:
-            if servos.time.now_s > began_s + 0.5:
-                servos.lean(85.0)
-            return super().read()
-
-    with Falling(servos) as guard, pytest.raises(RobotStoppedError, match="stopped: fell"):
+    with FallsAfter(PosedMock(ROBOT), 0.5) as guard, pytest.raises(RobotStoppedError, match="stopped: fell"):
         sag_here_rad(guard, PLAN)
 
 

@@ -29,7 +29,7 @@ from hexctl.robot.failure import Failure
 from hexctl.robot.messages import FloatArray
 from hexctl.robot.rotation import wrapped_rad
 from tests.adapt.staying import ISOTROPIC, StayingSim
-from tests.control.posed import PosedMock
+from tests.control.posed import FallsAfter, PosedMock
 from tests.robots import shipped
 
 ROBOT = shipped()
@@ -217,15 +217,7 @@ def test_a_robot_that_lies_on_its_side_is_not_walked_and_not_scored() -> None:
 
 def test_a_fall_on_the_way_to_the_start_is_not_the_gaits_fault() -> None:
     servos = PosedMock(ROBOT)
-    began_s = servos.time.now_s
-
-    class Falling(Guard):
-        def read(self) -> Any:
-            if servos.time.now_s > began_s + 3.0:
-                servos.lean(85.0)
-            return super().read()
-
-    with Falling(servos) as guard:
+    with FallsAfter(servos, 3.0) as guard:
         result, recording = walker_of(guard, arena=ARENA).walk(1, 17, SPACE.slots_of(17))
     assert (result.status, result.stopped, recording) == ("aborted", "fell", None)
 

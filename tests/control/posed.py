@@ -92,6 +92,20 @@ class PosedMock(MockServos):
             raise self._broken
 
 
+class FallsAfter(Guard):
+    """Guards servos that some seconds after its making lie on their side."""
+
+    def __init__(self, servos: PosedMock, after_s: float) -> None:
+        super().__init__(servos)
+        self._posed, self._falls_at_s = servos, servos.time.now_s + after_s
+
+    def read(self) -> RobotState:
+        """Return the state, on its side from some time on."""
+        if self._posed.time.now_s > self._falls_at_s:
+            self._posed.lean(85.0)
+        return super().read()
+
+
 def connected() -> tuple[Guard, PosedMock]:
     """Return a guard and the servos behind it, in the first tick."""
     servos = PosedMock()
