@@ -28,7 +28,7 @@ from hexctl.control.batch import SimTrial, run_sim_trials
 from hexctl.control.guard import Guard
 from hexctl.control.log import TickLog
 from hexctl.control.trial import prepare
-from hexctl.robot.messages import FloatArray
+from hexctl.types import FloatArray
 
 #: The failed leg of the demonstration.
 FAILED_LEG = 5

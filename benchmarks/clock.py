@@ -19,7 +19,7 @@ from benchmarks.loops import LoopLog
 from benchmarks.rows import Bar, Row
 from benchmarks.scale import Scale
 from hexctl.backends.clock import PERIOD_S
-from hexctl.robot.messages import FloatArray
+from hexctl.types import FloatArray
 
 #: Loops of each kind.
 PAIRS = 3

@@ -15,7 +15,7 @@ from benchmarks.rows import Bar, Row
 from benchmarks.scale import Scale
 from hexctl.control.batch import SimTrial, run_sim_trials
 from hexctl.control.result import TrialResult
-from hexctl.robot.joints import N_LEGS
+from hexctl.types import N_LEGS
 
 #: Percent of the gaits that end to the left of the line, by failed leg.
 LEFT_BARS = {

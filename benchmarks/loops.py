@@ -24,7 +24,7 @@ from hexctl.control.plan import TrialPlan
 from hexctl.errors import EStopError
 from hexctl.gait.gait import Motion
 from hexctl.record.live import LiveView
-from hexctl.robot.messages import RobotState
+from hexctl.types import RobotState
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

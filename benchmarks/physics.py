@@ -12,7 +12,7 @@ from hexctl.backends.clock import PERIOD_S
 from hexctl.backends.sim.servos import SimServos
 from hexctl.backends.sim.train import ServoTrain
 from hexctl.control.log import TickLog
-from hexctl.robot.messages import FloatArray
+from hexctl.types import FloatArray
 
 STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 

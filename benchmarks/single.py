@@ -14,7 +14,7 @@ from hexctl.control.guard import Guard
 from hexctl.control.log import TickLog
 from hexctl.control.plan import TrialPlan
 from hexctl.control.trial import run_trial
-from hexctl.robot.messages import FloatArray
+from hexctl.types import FloatArray
 
 
 def single_rows(scale: Scale) -> Iterator[Row]:

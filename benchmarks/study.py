@@ -13,7 +13,7 @@ from benchmarks.process import timed_hexctl
 from benchmarks.rows import Bar, Row
 from benchmarks.scale import Scale
 from hexctl.control.batch import SimTrial
-from hexctl.robot.joints import N_LEGS
+from hexctl.types import N_LEGS
 
 LEG = 5
 

@@ -21,7 +21,7 @@ from hexctl.control.guard import Guard
 from hexctl.control.log import TickLog
 from hexctl.control.loop import drive
 from hexctl.gait.gait import Motion
-from hexctl.robot.messages import FloatArray
+from hexctl.types import FloatArray
 
 
 def tick_rows(scale: Scale) -> Iterator[Row]:

@@ -17,7 +17,7 @@ from hexctl.gait.named import parse_slots
 from hexctl.gait.trajectory import in_stance, lift_offset, phase_in_cycle, stroke_offset
 from hexctl.ik.kinematics import link_points_body
 from hexctl.robot.file import load_robot
-from hexctl.robot.joints import N_LEGS
+from hexctl.types import N_LEGS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

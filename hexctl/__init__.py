@@ -26,8 +26,8 @@ if TYPE_CHECKING:
     from hexctl.record.recording import Recording
     from hexctl.robot.failure import Failure
     from hexctl.robot.file import load_robot
-    from hexctl.robot.messages import JointTargets, RobotState
     from hexctl.robot.model import Robot
+    from hexctl.types import JointTargets, RobotState
 
 _HOMES = {
     "Clock": "hexctl.backends.clock",
@@ -36,13 +36,13 @@ _HOMES = {
     "Gait": "hexctl.gait.gait",
     "Guard": "hexctl.control.guard",
     "HexctlError": "hexctl.errors",
-    "JointTargets": "hexctl.robot.messages",
+    "JointTargets": "hexctl.types",
     "LegServos": "hexctl.backends.base",
     "MockServos": "hexctl.backends.mock",
     "Motion": "hexctl.gait.gait",
     "Recording": "hexctl.record.recording",
     "Robot": "hexctl.robot.model",
-    "RobotState": "hexctl.robot.messages",
+    "RobotState": "hexctl.types",
     "SimServos": "hexctl.backends.sim.servos",
     "SimTrial": "hexctl.control.batch",
     "Tick": "hexctl.backends.clock",

@@ -7,9 +7,9 @@ from hexctl.adapt.arena import Arena
 from hexctl.control.plan import TrialPlan
 from hexctl.control.turning import turn_needed_rad
 from hexctl.errors import RobotFaultError
-from hexctl.robot.messages import RobotState
 from hexctl.robot.model import Robot
-from hexctl.robot.rotation import wrapped_rad, yaw_rad
+from hexctl.robot.rotations import wrapped_rad, yaw_rad
+from hexctl.types import RobotState
 
 
 def body_heading_rad(plan: TrialPlan, robot: Robot) -> float:

@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 
 from hexctl.errors import InputError
-from hexctl.robot.messages import FloatArray
+from hexctl.types import FloatArray
 
 #: Nearer to home than this, the direction home means nothing.
 AT_HOME_M = 0.05

@@ -22,8 +22,7 @@ from hexctl.adapt.space import GaitSpace
 from hexctl.backends.clock import PERIOD_S
 from hexctl.control.trial import Enough
 from hexctl.errors import InputError
-from hexctl.robot.joints import N_JOINTS
-from hexctl.robot.messages import BoolArray, FloatArray
+from hexctl.types import N_JOINTS, BoolArray, FloatArray
 
 #: A gait is confirmed when it is within the target with this probability.
 SURE = 0.9

@@ -6,7 +6,7 @@ from typing import ClassVar
 import numpy as np
 
 from hexctl.adapt.population import Population, PopulationOptimizer
-from hexctl.robot.messages import BoolArray, FloatArray
+from hexctl.types import BoolArray, FloatArray
 
 
 class DifferentialEvolution(Population):

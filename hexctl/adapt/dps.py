@@ -7,7 +7,7 @@ import numpy as np
 
 from hexctl.adapt.population import POPULATION, IntArray, PopulationOptimizer
 from hexctl.adapt.pso import ParticleSwarm
-from hexctl.robot.messages import BoolArray, FloatArray
+from hexctl.types import BoolArray, FloatArray
 
 
 class DifferentialSwarm(ParticleSwarm):

@@ -5,7 +5,7 @@ import numpy as np
 from hexctl.adapt.arena import Arena
 from hexctl.control.log import TickLog
 from hexctl.control.trial import LOOK_TICKS, Enough
-from hexctl.robot.messages import FloatArray
+from hexctl.types import FloatArray
 
 #: Why a walk was cut short.
 LEFT_THE_ARENA = "arena"

@@ -17,7 +17,7 @@ from hexctl.adapt.store import SessionStore
 from hexctl.control.result import TrialResult
 from hexctl.control.trial import Enough, StopRequested, never
 from hexctl.gait.encoding import Slots
-from hexctl.robot.messages import FloatArray
+from hexctl.types import FloatArray
 
 #: Every so many ticks a point of the path is kept with the trial: 5 Hz.
 PATH_STRIDE = 10

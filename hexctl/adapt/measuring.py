@@ -10,8 +10,8 @@ from hexctl.backends.clock import PERIOD_S
 from hexctl.control.plan import TrialPlan
 from hexctl.control.result import Deviation, TrialResult, progress_floor_m, score
 from hexctl.gait.ramp import RAMP_DURATION_S
-from hexctl.robot.messages import FloatArray
 from hexctl.robot.model import Robot
+from hexctl.types import FloatArray
 
 #: Objectives for which the end of a walk is enough.
 OBJECTIVES_OF_THE_END = ("final", "progress")

@@ -11,7 +11,7 @@ from hexctl.adapt.session import MILESTONES_M, Session, TrialRecord
 from hexctl.record.overview.file import write_overview_file
 from hexctl.record.overview.trials import Overview, OverviewTrial, drawable
 from hexctl.record.viewer import is_recording
-from hexctl.robot.messages import FloatArray
+from hexctl.types import FloatArray
 
 FILE_NAME = "overview.rrd"
 

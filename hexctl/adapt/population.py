@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from hexctl.adapt.optimizer import Optimizer
 from hexctl.adapt.space import GaitSpace
-from hexctl.robot.messages import BoolArray, FloatArray
+from hexctl.types import BoolArray, FloatArray
 
 IntArray = NDArray[np.int64]
 

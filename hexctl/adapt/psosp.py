@@ -6,7 +6,7 @@ import numpy as np
 
 from hexctl.adapt.population import IntArray, PopulationOptimizer
 from hexctl.adapt.pso import ParticleSwarm
-from hexctl.robot.messages import BoolArray
+from hexctl.types import BoolArray
 
 
 class SpeciatedSwarm(ParticleSwarm):

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hexctl.control.result import TrialResult
-from hexctl.robot.messages import FloatArray
+from hexctl.types import FloatArray
 
 #: Trials that were over before their time, and so say nothing about their end.
 UNFINISHED = ("fell", "diverged", "cut_short", "aborted")

@@ -8,8 +8,7 @@ import numpy as np
 
 from hexctl.errors import InputError
 from hexctl.gait.encoding import Slots, code_count, code_from_slots, slots_from_code
-from hexctl.robot.joints import N_LEGS
-from hexctl.robot.messages import FloatArray
+from hexctl.types import N_LEGS, FloatArray
 
 
 @dataclass(frozen=True)

@@ -14,8 +14,8 @@ from hexctl.control.log import TickLog
 from hexctl.control.plan import TrialPlan
 from hexctl.control.trial import StopRequested, never, prepare, ticks_of
 from hexctl.errors import CommandRefusedError, EStopError, SimulationDivergedError
-from hexctl.robot.messages import FloatArray
 from hexctl.robot.model import Robot
+from hexctl.types import FloatArray
 
 #: The last share of the settling over which is averaged: the robot should have come to rest by then.
 AT_REST = 0.25

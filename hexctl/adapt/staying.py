@@ -19,7 +19,7 @@ from hexctl.errors import RobotFaultError
 from hexctl.gait.encoding import Slots
 from hexctl.gait.gait import ideal_speed_m_s
 from hexctl.gait.ramp import RAMP_DURATION_S
-from hexctl.robot.messages import RobotState
+from hexctl.types import RobotState
 
 #: Ticks that a robot has to say where it is and to be upright.
 PATIENCE_TICKS = 50

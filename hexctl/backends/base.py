@@ -7,8 +7,8 @@ from typing import Self
 
 from hexctl.backends.clock import Clock
 from hexctl.robot.failure import Failure
-from hexctl.robot.messages import JointTargets, RobotState
 from hexctl.robot.model import Robot
+from hexctl.types import JointTargets, RobotState
 
 
 class LegServos(ABC):

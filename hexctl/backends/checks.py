@@ -5,8 +5,7 @@ import math
 import numpy as np
 
 from hexctl.errors import CommandRefusedError, RobotFaultError
-from hexctl.robot.joints import N_JOINTS
-from hexctl.robot.messages import JointTargets
+from hexctl.types import N_JOINTS, JointTargets
 
 
 def check_targets(targets: JointTargets) -> None:

@@ -7,8 +7,8 @@ import numpy as np
 from hexctl.backends.base import LegServos
 from hexctl.backends.checks import check_connected, check_targets
 from hexctl.backends.clock import Clock, WallClock
-from hexctl.robot.messages import JointTargets, RobotState
 from hexctl.robot.model import Robot
+from hexctl.types import JointTargets, RobotState
 
 #: Commands that the mock remembers.
 KEPT_COMMANDS = 10_000

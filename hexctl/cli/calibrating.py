@@ -15,10 +15,10 @@ from hexctl.errors import InputError
 from hexctl.robot.calibration import flipped, limited, reference_deg, referenced, taken_over
 from hexctl.robot.configs import find_config
 from hexctl.robot.file import load_robot
-from hexctl.robot.joints import JOINT_KINDS, JOINT_NAMES, JOINTS_PER_LEG
 from hexctl.robot.model import Robot
 from hexctl.robot.servofile import back_up, check_writable, write_servo_map
 from hexctl.robot.servomap import ServoMap, load_servo_map
+from hexctl.types import JOINT_KINDS, JOINT_NAMES, JOINTS_PER_LEG
 
 #: How far a joint is moved to see which way it turns.
 NUDGE_DEG = 8.0

@@ -13,8 +13,8 @@ from hexctl.cli.output import say_aside
 from hexctl.control.guard import Guard
 from hexctl.errors import RobotFaultError
 from hexctl.robot.calibration import referenced
-from hexctl.robot.messages import FloatArray, JointTargets
 from hexctl.robot.servomap import ServoMap
+from hexctl.types import FloatArray, JointTargets
 
 #: How fast a joint moves while somebody has fingers near it.
 SPEED_DEG_S = 20.0

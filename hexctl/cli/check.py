@@ -92,7 +92,7 @@ def _report(robot: Any, gait: Any, demand: Any) -> dict[str, Any]:
     import numpy as np
 
     from hexctl.gait.gait import Motion, ideal_speed_m_s
-    from hexctl.robot.joints import JOINT_NAMES
+    from hexctl.types import JOINT_NAMES
 
     columns = np.degrees(
         [
@@ -128,8 +128,8 @@ def _report(robot: Any, gait: Any, demand: Any) -> dict[str, Any]:
 
 def _pulses(robot: Any, servo_map: Any, demand: Any) -> dict[str, Any]:
     """Return whether a servo board could drive it: each joint's range as pulses, and what does not fit."""
-    from hexctl.robot.joints import JOINT_NAMES
     from hexctl.robot.servomap import joints_beyond_pulses
+    from hexctl.types import JOINT_NAMES
 
     ends = [servo_map.pulses_us(limit) for limit in (robot.joint_lower_rad, robot.joint_upper_rad)]
     needed = [servo_map.outside(angles) for angles in (demand.lowest_rad, demand.highest_rad)]

@@ -61,7 +61,7 @@ def _failures() -> Iterable[str]:
 
 
 def _legs() -> Iterable[str]:
-    from hexctl.robot.joints import N_LEGS
+    from hexctl.types import N_LEGS
 
     return map(str, range(1, N_LEGS + 1))
 

@@ -20,10 +20,10 @@ from hexctl.cli.simulating import (
 from hexctl.cli.studyprogress import StudyProgress
 from hexctl.errors import InputError
 from hexctl.robot.file import load_robot
-from hexctl.robot.joints import N_LEGS
 from hexctl.study.prior.build import prior_of
 from hexctl.study.prior.plan import PriorPlan
 from hexctl.study.prior.stances import sags_of
+from hexctl.types import N_LEGS
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -17,9 +17,9 @@ from hexctl.errors import RobotFaultError
 from hexctl.gait.named import make_gait
 from hexctl.record.live import LIVE_BLOCK_TICKS, LiveView
 from hexctl.record.viewer import check_display
-from hexctl.robot.messages import JointTargets
 from hexctl.robot.model import Robot
-from hexctl.robot.rotation import yaw_rad
+from hexctl.robot.rotations import yaw_rad
+from hexctl.types import JointTargets
 from hexctl.wire.describe import robot_of
 from hexctl.wire.keys import KeyMap
 from hexctl.wire.link import Link

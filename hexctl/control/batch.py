@@ -18,8 +18,8 @@ from hexctl.control.trial import StartLine, prepare, run_trial, ticks_of
 from hexctl.control.turning import check_plan
 from hexctl.errors import EStopError, SimulationDivergedError
 from hexctl.gait.feet import feet_of_walks, stroke_vectors_m
-from hexctl.robot.messages import FloatArray
 from hexctl.robot.model import Robot
+from hexctl.types import FloatArray
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

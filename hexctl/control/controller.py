@@ -9,9 +9,8 @@ from hexctl.gait.gait import Gait, Motion
 from hexctl.gait.ramp import RAMP_DURATION_S
 from hexctl.ik.kinematics import solve_legs
 from hexctl.ik.limits import solve_legs_within_limits
-from hexctl.robot.joints import leg_slice
-from hexctl.robot.messages import FloatArray, RobotState
 from hexctl.robot.model import Robot
+from hexctl.types import FloatArray, RobotState, leg_slice
 
 #: Ticks planned ahead at once: long enough to spread numpy's cost, short enough to start at once.
 LOOK_AHEAD_TICKS = 128

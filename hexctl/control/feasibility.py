@@ -10,8 +10,8 @@ from hexctl.gait.gait import Gait, Motion
 from hexctl.gait.ramp import RAMP_DURATION_S
 from hexctl.ik.kinematics import solve_legs
 from hexctl.ik.limits import TOLERANCE_RAD, range_excess_rad
-from hexctl.robot.messages import FloatArray
 from hexctl.robot.model import Robot
+from hexctl.types import FloatArray
 
 #: Points of one gait cycle that are looked at.
 POINTS = 720

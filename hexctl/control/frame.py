@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hexctl.robot.messages import FloatArray
+from hexctl.types import FloatArray
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,9 +14,9 @@ from hexctl.backends.checks import check_targets
 from hexctl.backends.clock import Clock
 from hexctl.control.limits import FALL_COS_TILT, FALL_TICKS, StepLimits
 from hexctl.errors import CommandRefusedError, EStopError, HexctlError, InputError, RobotFaultError
-from hexctl.robot.messages import FloatArray, JointTargets, RobotState
 from hexctl.robot.model import Robot
-from hexctl.robot.rotation import cos_tilt
+from hexctl.robot.rotations import cos_tilt
+from hexctl.types import FloatArray, JointTargets, RobotState
 
 #: A command older than this is not obeyed, silence longer than this freezes the robot, and a state older
 #: than this stops it.

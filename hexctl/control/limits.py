@@ -4,9 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hexctl.robot.messages import BoolArray, FloatArray
 from hexctl.robot.model import Robot
-from hexctl.robot.rotation import cos_tilt
+from hexctl.robot.rotations import cos_tilt
+from hexctl.types import BoolArray, FloatArray
 
 #: A body that leans further than this, for this long, has fallen.
 FALL_COS_TILT = float(np.cos(np.radians(50)))

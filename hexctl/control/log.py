@@ -7,8 +7,7 @@ import numpy as np
 
 from hexctl.backends.clock import Tick
 from hexctl.control.frame import TrialFrame
-from hexctl.robot.joints import N_JOINTS, N_LEGS
-from hexctl.robot.messages import FloatArray, JointTargets, RobotState
+from hexctl.types import N_JOINTS, N_LEGS, FloatArray, JointTargets, RobotState
 
 #: The parts of a trial, in the order in which they come.
 PHASES = ("settle", "turn", "walk", "stop")

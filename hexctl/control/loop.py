@@ -7,7 +7,7 @@ from typing import Protocol
 from hexctl.backends.clock import Tick
 from hexctl.control.controller import Controller
 from hexctl.control.guard import Guard
-from hexctl.robot.messages import FloatArray, JointTargets, RobotState
+from hexctl.types import FloatArray, JointTargets, RobotState
 
 
 class Recorder(Protocol):

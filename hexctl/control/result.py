@@ -10,9 +10,9 @@ from hexctl.control.frame import TrialFrame
 from hexctl.control.plan import TrialPlan
 from hexctl.gait.gait import ideal_speed_m_s
 from hexctl.gait.ramp import RAMP_DURATION_S
-from hexctl.robot.messages import FloatArray
 from hexctl.robot.model import Robot
-from hexctl.robot.rotation import yaw_rad
+from hexctl.robot.rotations import yaw_rad
+from hexctl.types import FloatArray
 
 #: A walk with less than this share of the ideal distance made no progress; one that is over before the soft
 #: start is says nothing about it.

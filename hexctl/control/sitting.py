@@ -4,8 +4,8 @@ import numpy as np
 
 from hexctl.errors import LimitError, ReachError
 from hexctl.ik.limits import solve_legs_within_limits
-from hexctl.robot.messages import FloatArray
 from hexctl.robot.model import Robot
+from hexctl.types import FloatArray
 
 #: How long sitting down takes.
 SITTING_S = 2.0

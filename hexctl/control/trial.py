@@ -17,8 +17,8 @@ from hexctl.control.plan import TrialPlan
 from hexctl.control.result import TrialResult, score
 from hexctl.control.turning import CLOSE_ENOUGH_RAD, Turn, check_plan, turn_needed_rad
 from hexctl.errors import CommandRefusedError, EStopError, InputError, SimulationDivergedError
-from hexctl.robot.messages import FloatArray, RobotState
-from hexctl.robot.rotation import wrapped_rad, yaw_rad
+from hexctl.robot.rotations import wrapped_rad, yaw_rad
+from hexctl.types import FloatArray, RobotState
 
 #: Rest between the self-rotation and the walk.
 PAUSE_S = 0.5

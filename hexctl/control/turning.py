@@ -8,9 +8,9 @@ from hexctl.control.plan import TrialPlan
 from hexctl.gait.gait import Gait, Motion, half_amplitude_turn_rate_rad_s
 from hexctl.gait.named import make_gait
 from hexctl.gait.ramp import RAMP_DURATION_S
-from hexctl.robot.messages import RobotState
 from hexctl.robot.model import Robot
-from hexctl.robot.rotation import wrapped_rad, yaw_rad
+from hexctl.robot.rotations import wrapped_rad, yaw_rad
+from hexctl.types import RobotState
 
 #: Not worth turning for; the walk's heading makes up for what is left.
 CLOSE_ENOUGH_RAD = math.radians(2.0)

@@ -9,7 +9,7 @@ import math
 from collections.abc import Iterable, Sequence
 
 from hexctl.errors import InputError
-from hexctl.robot.joints import N_LEGS
+from hexctl.types import N_LEGS
 
 Slots = tuple[int, ...]
 

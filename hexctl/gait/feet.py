@@ -6,8 +6,8 @@ from numpy.typing import ArrayLike
 from hexctl.gait.gait import Gait, Motion, turn_amplitude_m
 from hexctl.gait.ramp import ramp
 from hexctl.gait.trajectory import lift_offset, phase_in_cycle, stroke_offset
-from hexctl.robot.messages import FloatArray
 from hexctl.robot.model import Robot
+from hexctl.types import FloatArray
 
 
 def stroke_vectors_m(robot: Robot, gait: Gait, motion: Motion) -> FloatArray:

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 from hexctl.errors import InputError
 from hexctl.gait.encoding import Slots, check_permutation, code_from_slots
-from hexctl.robot.joints import N_LEGS
 from hexctl.robot.model import Robot
+from hexctl.types import N_LEGS
 
 #: Share of a stance stroke's speed: a foot crosses the amplitude in two thirds of a cycle.
 STROKES_PER_CYCLE = 1.5

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hexctl.robot.messages import FloatArray
+from hexctl.types import FloatArray
 
 #: Share of the full amplitude gained or lost per second (the paper's demo model).
 RAMP_RATE_PER_S = 0.5

@@ -7,7 +7,7 @@ the foot returns through the air.
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hexctl.robot.messages import BoolArray, FloatArray
+from hexctl.types import BoolArray, FloatArray
 
 SWING_START, SWING_TOP, SWING_END = 1 / 3, 1 / 2, 2 / 3
 

@@ -9,9 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from hexctl.ik.kinematics import link_points_body
-from hexctl.robot.joints import JOINTS_PER_LEG
-from hexctl.robot.messages import BoolArray, FloatArray
 from hexctl.robot.model import Robot
+from hexctl.types import JOINTS_PER_LEG, BoolArray, FloatArray
 
 #: Feet nearer to one another than this are one corner.
 SAME_PLACE_M = 1e-6

@@ -9,9 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hexctl.robot.joints import JOINTS_PER_LEG, N_JOINTS, N_LEGS
-from hexctl.robot.messages import BoolArray, FloatArray
 from hexctl.robot.model import Robot
+from hexctl.types import JOINTS_PER_LEG, N_JOINTS, N_LEGS, BoolArray, FloatArray
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,10 +4,9 @@ import numpy as np
 
 from hexctl.errors import LimitError, ReachError
 from hexctl.ik.kinematics import solve_legs
-from hexctl.robot.joints import JOINT_KINDS, JOINTS_PER_LEG
-from hexctl.robot.messages import FloatArray
 from hexctl.robot.model import Robot
 from hexctl.robot.stance import leg_reach_m
+from hexctl.types import JOINT_KINDS, JOINTS_PER_LEG, FloatArray
 
 #: Rounding of the stance itself must not count as out of range.
 TOLERANCE_RAD = 1e-9

@@ -11,7 +11,7 @@ from hexctl.record import paths, style
 from hexctl.record.block import KEPT_BITS, Block, compact, rounded
 from hexctl.record.scene import on_floor
 from hexctl.record.sdk import load_rerun
-from hexctl.robot.messages import BoolArray, FloatArray
+from hexctl.types import BoolArray, FloatArray
 
 #: The polygon lies this much above the ribbon and the line, and the mark of the centre above the polygon.
 POLYGON_M, MARK_M = np.array([0.0, 0.0, 0.001]), np.array([0.0, 0.0, 0.002])

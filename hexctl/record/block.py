@@ -13,8 +13,8 @@ from hexctl.control.plan import TrialPlan
 from hexctl.ik.balance import foot_heights_body
 from hexctl.record import paths
 from hexctl.record.sdk import load_rerun
-from hexctl.robot.messages import BoolArray, FloatArray
 from hexctl.robot.model import Robot
+from hexctl.types import BoolArray, FloatArray
 
 Rows = NDArray[np.int64] | slice
 

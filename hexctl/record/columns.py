@@ -15,8 +15,7 @@ from hexctl.record.lanes import send_feet, send_gait, send_guard, send_phases
 from hexctl.record.links import LinkColumns
 from hexctl.record.scene import xyzw
 from hexctl.record.sdk import load_rerun
-from hexctl.robot.joints import JOINT_KINDS, JOINTS_PER_LEG
-from hexctl.robot.messages import FloatArray
+from hexctl.types import JOINT_KINDS, JOINTS_PER_LEG, FloatArray
 
 __all__ = ["BlockWriter", "Subject"]
 

@@ -9,7 +9,7 @@ from hexctl.record import paths, style
 from hexctl.record.block import KEPT_BITS, SPARSE_TICKS, Block, compact, posed_rows, rounded
 from hexctl.record.scene import course_world, on_floor, path_end_m
 from hexctl.record.sdk import load_rerun
-from hexctl.robot.messages import FloatArray
+from hexctl.types import FloatArray
 
 #: The ribbon is made of pieces of this many ticks: fewer, longer ones than the trail's, each is a mesh.
 RIBBON_TICKS = 10

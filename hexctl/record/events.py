@@ -10,7 +10,7 @@ from hexctl.record import paths, style
 from hexctl.record.block import Block
 from hexctl.record.lanes import clipped_joints, skipped_ticks
 from hexctl.record.sdk import load_rerun
-from hexctl.robot.joints import JOINT_NAMES
+from hexctl.types import JOINT_NAMES
 
 #: A row of the block, how grave it is in Rerun's words, and what it was.
 Event = tuple[int, str, str]

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from hexctl.backends.sim.terrain import ROUGH_HALF_SIZE_M
 from hexctl.record.style import GROUND_COLOR
-from hexctl.robot.messages import FloatArray
+from hexctl.types import FloatArray
 
 #: Floor to be seen on all sides of the planned path; an even one costs nothing.
 MARGIN_M = 2.0

@@ -12,7 +12,7 @@ from hexctl.control.log import PHASES
 from hexctl.record import paths, style
 from hexctl.record.block import Block
 from hexctl.record.sdk import load_rerun
-from hexctl.robot.messages import BoolArray, FloatArray
+from hexctl.types import BoolArray, FloatArray
 
 #: Targets that differ by less were not changed, only rounded on their way.
 ROUNDING_RAD = 1e-5

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from hexctl.record.block import KEPT_BITS, rounded
 from hexctl.record.sdk import load_rerun
-from hexctl.robot.joints import JOINT_KINDS
-from hexctl.robot.messages import FloatArray
+from hexctl.types import JOINT_KINDS, FloatArray
 
 #: A positive coxa turns counter-clockwise from above; a positive femur or tibia lifts what points along x.
 AXES = {"coxa": (0.0, 0.0, 1.0), "femur": (0.0, -1.0, 0.0), "tibia": (0.0, -1.0, 0.0)}

@@ -1,6 +1,6 @@
 """Where things live in a recording: the entity paths that writer, scene and blueprint share."""
 
-from hexctl.robot.joints import JOINT_KINDS, N_LEGS
+from hexctl.types import JOINT_KINDS, N_LEGS
 
 #: Time since the first tick of the trial, and the time of day then.
 TIMELINE = "trial_time"

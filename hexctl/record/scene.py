@@ -13,10 +13,9 @@ from hexctl.record import paths, style
 from hexctl.record.ground import SUNK_M, make_mesh
 from hexctl.record.sdk import load_rerun
 from hexctl.record.solids import send_body, send_leg
-from hexctl.robot.joints import N_LEGS
 from hexctl.robot.meshes import Meshes
-from hexctl.robot.messages import FloatArray
 from hexctl.robot.model import Robot
+from hexctl.types import N_LEGS, FloatArray
 
 #: How far the eye shall see to each side of the robot, in stance radii. The viewer goes by this size or by
 #: the layout's eye, whichever it has first: both give the same picture.

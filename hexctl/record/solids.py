@@ -7,9 +7,9 @@ from hexctl.control.plan import TrialPlan
 from hexctl.record import paths, style
 from hexctl.record.sdk import load_rerun
 from hexctl.robot.failure import Failure
-from hexctl.robot.joints import JOINT_KINDS
 from hexctl.robot.meshes import Meshes, PartMesh
 from hexctl.robot.model import Robot
+from hexctl.types import JOINT_KINDS
 
 
 def send_body(stream: Any, robot: Robot, meshes: Meshes) -> None:

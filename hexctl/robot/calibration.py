@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 
 from hexctl.errors import InputError
-from hexctl.robot.messages import FloatArray
 from hexctl.robot.servomap import ServoMap
+from hexctl.types import FloatArray
 
 #: A reference angle keeps this far from both ends of a joint's range, so that it can be trimmed both ways.
 ROOM_DEG = 20.0

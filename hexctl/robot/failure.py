@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 
 from hexctl.errors import InputError
-from hexctl.robot.joints import JOINT_KINDS, N_LEGS
+from hexctl.types import JOINT_KINDS, N_LEGS
 
 FAILURE_KINDS = ("locked", "limp", "stuck", "weak", "missing")
 

@@ -7,11 +7,10 @@ import numpy as np
 
 from hexctl.errors import InputError
 from hexctl.robot.configs import find_config, read_mapping, validate
-from hexctl.robot.joints import JOINT_NAMES, N_LEGS
-from hexctl.robot.messages import FloatArray
 from hexctl.robot.model import Body, GaitDefaults, Robot, ServoModel
 from hexctl.robot.schema import LinkSection, MountSection, RobotSchema
 from hexctl.robot.stance import stance_angles
+from hexctl.types import JOINT_NAMES, N_LEGS, FloatArray
 
 
 def load_robot(name_or_path: str | Path = "ant") -> Robot:

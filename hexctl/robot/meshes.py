@@ -12,10 +12,9 @@ import numpy as np
 
 from hexctl.errors import InputError
 from hexctl.robot.configs import find_config, read_mapping, validate
-from hexctl.robot.joints import JOINT_KINDS
 from hexctl.robot.meshfiles import check_mesh, media_type
-from hexctl.robot.messages import FloatArray
 from hexctl.robot.schema import MeshSection, RobotSchema
+from hexctl.types import JOINT_KINDS, FloatArray
 
 #: What can have a mesh.
 PARTS = ("body", *JOINT_KINDS)

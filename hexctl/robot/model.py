@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from hexctl.robot.joints import N_LEGS
-from hexctl.robot.messages import FloatArray
+from hexctl.types import N_LEGS, FloatArray
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from typing import Annotated, Literal, Self
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, field_validator, model_validator
 
 from hexctl.robot.configs import Number
-from hexctl.robot.joints import N_JOINTS, N_LEGS
+from hexctl.types import N_JOINTS, N_LEGS
 
 Length = Annotated[Number, Field(gt=0, le=10, allow_inf_nan=False)]
 Coordinate = Annotated[Number, Field(ge=-10, le=10, allow_inf_nan=False)]

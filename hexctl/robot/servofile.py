@@ -8,9 +8,9 @@ import yaml
 
 from hexctl.errors import InputError
 from hexctl.robot.configs import config_root, read_mapping, validate
-from hexctl.robot.joints import JOINT_NAMES
 from hexctl.robot.schema import RobotSchema
 from hexctl.robot.servomap import ServoMap
+from hexctl.types import JOINT_NAMES
 
 SECTION = "servos"
 

@@ -12,10 +12,9 @@ from numpy.typing import NDArray
 
 from hexctl.errors import InputError
 from hexctl.robot.configs import find_config, read_mapping, validate
-from hexctl.robot.joints import JOINT_KINDS, JOINT_NAMES, JOINTS_PER_LEG, N_JOINTS
-from hexctl.robot.messages import BoolArray, FloatArray
 from hexctl.robot.model import Robot
 from hexctl.robot.schema import JointServoSection, RobotSchema, ServosSection
+from hexctl.types import JOINT_KINDS, JOINT_NAMES, JOINTS_PER_LEG, N_JOINTS, BoolArray, FloatArray
 
 IntArray = NDArray[np.int64]
 

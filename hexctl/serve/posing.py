@@ -6,8 +6,8 @@ from dataclasses import replace
 from hexctl.backends.base import LegServos
 from hexctl.backends.clock import Clock
 from hexctl.control.guard import EXPIRY_S
-from hexctl.robot.messages import FloatArray, JointTargets, RobotState
 from hexctl.robot.model import Robot
+from hexctl.types import FloatArray, JointTargets, RobotState
 
 
 class PosedServos(LegServos):

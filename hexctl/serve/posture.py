@@ -3,7 +3,7 @@
 from hexctl.control.guard import Guard
 from hexctl.control.sitting import SITTING_S, sitting_angles_rad
 from hexctl.errors import CommandRefusedError, EStopError, RobotFaultError
-from hexctl.robot.messages import FloatArray, JointTargets
+from hexctl.types import FloatArray, JointTargets
 
 #: A robot without commands for this long sits down.
 SIT_AFTER_S = 10.0

@@ -9,7 +9,6 @@ from typing import Any
 from hexctl.backends.base import LegServos
 from hexctl.control.guard import Guard
 from hexctl.errors import CommandRefusedError, EStopError, MessageError, RobotFaultError
-from hexctl.robot.messages import JointTargets, RobotState
 from hexctl.serve.commands import CommandDesk
 from hexctl.serve.inbox import CAPACITY, Arrival, Inbox
 from hexctl.serve.journal import Journal
@@ -18,6 +17,7 @@ from hexctl.serve.posing import PosedServos
 from hexctl.serve.posture import SIT_AFTER_S, Posture
 from hexctl.serve.requests import RequestDesk
 from hexctl.serve.station import Station, attachment_of, payload_of
+from hexctl.types import JointTargets, RobotState
 from hexctl.wire.command import encode_positions
 from hexctl.wire.describe import describe, encode_json
 from hexctl.wire.link import Link

@@ -13,8 +13,8 @@ from hexctl.adapt.objective import INVALID_SCORE
 from hexctl.adapt.population import POPULATION
 from hexctl.adapt.space import GaitSpace
 from hexctl.errors import InputError
-from hexctl.robot.messages import FloatArray
 from hexctl.study.landscape import Landscape
+from hexctl.types import FloatArray
 
 
 @dataclass(frozen=True, kw_only=True)

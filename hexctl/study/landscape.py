@@ -20,9 +20,9 @@ from hexctl.control.result import TrialResult
 from hexctl.control.turning import turn_needed_rad
 from hexctl.gait.gait import Gait
 from hexctl.robot.failure import Failure
-from hexctl.robot.messages import BoolArray, FloatArray
 from hexctl.robot.model import Robot
 from hexctl.study.versions import code_versions
+from hexctl.types import BoolArray, FloatArray
 
 #: Every so many ticks a point of a path is kept: 5 Hz.
 PATH_STRIDE = 10

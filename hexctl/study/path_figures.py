@@ -4,11 +4,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hexctl.robot.messages import FloatArray
 from hexctl.study.drawing import LINE_COLOR, grid_of, label_axes, new_figure
 from hexctl.study.findings import Findings
 from hexctl.study.landscape import Landscape
 from hexctl.study.walk_claims import ends, within
+from hexctl.types import FloatArray
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

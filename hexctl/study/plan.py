@@ -9,9 +9,9 @@ from hexctl.adapt.space import GaitSpace
 from hexctl.backends.sim.world import World
 from hexctl.control.turning import check_plan
 from hexctl.errors import InputError, LimitError, ReachError
-from hexctl.robot.joints import N_LEGS
 from hexctl.robot.model import Robot
 from hexctl.study.landscape import LandscapeSpec
+from hexctl.types import N_LEGS
 
 #: The five of the paper.
 HEURISTICS = ("pso", "psosp", "dps", "debest", "derand")

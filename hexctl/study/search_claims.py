@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from hexctl.robot.messages import FloatArray
 from hexctl.study.bars import EARLY, EARLY_M, LATE, LATE_M
 from hexctl.study.claim import Claim, cm, each, per_leg
 from hexctl.study.findings import Findings
 from hexctl.study.plan import BASELINE
+from hexctl.types import FloatArray
 
 #: A curve has converged when it is this near to its last value.
 CONVERGED_M = 0.005

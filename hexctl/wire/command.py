@@ -7,8 +7,7 @@ from functools import cache
 import numpy as np
 
 from hexctl.errors import MessageError
-from hexctl.robot.joints import JOINT_NAMES, N_JOINTS
-from hexctl.robot.messages import FloatArray
+from hexctl.types import JOINT_NAMES, N_JOINTS, FloatArray
 from hexctl.wire import ros
 from hexctl.wire.tags import CommandTag
 

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from hexctl.errors import MessageError, RobotFaultError
-from hexctl.robot.joints import JOINT_NAMES
 from hexctl.robot.model import Body, GaitDefaults, Robot, ServoModel
+from hexctl.types import JOINT_NAMES
 from hexctl.wire.protocol import MAX_PAYLOAD_BYTES, PROTOCOL_VERSION
 
 #: Numbers of two descriptions that differ by no more are equal.

@@ -6,8 +6,7 @@ import time
 import numpy as np
 
 from hexctl.errors import MessageError
-from hexctl.robot.joints import N_LEGS
-from hexctl.robot.messages import BoolArray, FloatArray, RobotState
+from hexctl.types import N_LEGS, BoolArray, FloatArray, RobotState
 from hexctl.wire import ros
 from hexctl.wire.tags import StateTag
 

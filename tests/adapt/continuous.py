@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 
 from hexctl.adapt.population import Population
-from hexctl.robot.messages import FloatArray
+from hexctl.types import FloatArray
 
 Function = Callable[[FloatArray], FloatArray]
 

@@ -20,9 +20,8 @@ from hexctl.control.trial import LOOK_TICKS, Enough
 from hexctl.gait.encoding import Slots
 from hexctl.gait.named import make_gait
 from hexctl.robot.failure import Failure
-from hexctl.robot.joints import N_JOINTS
-from hexctl.robot.messages import FloatArray
 from hexctl.robot.model import Robot
+from hexctl.types import N_JOINTS, FloatArray
 from tests.robots import shipped
 
 GAITS = 120

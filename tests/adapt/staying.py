@@ -10,8 +10,8 @@ from hexctl.backends.clock import Clock
 from hexctl.backends.sim.servos import SimServos
 from hexctl.backends.sim.world import World
 from hexctl.robot.failure import Failure
-from hexctl.robot.messages import JointTargets, RobotState
 from hexctl.robot.model import Robot
+from hexctl.types import JointTargets, RobotState
 
 #: Where a robot of the current folder is kept while no program moves it.
 PLACE = Path("staying.npz")

@@ -15,8 +15,8 @@ from hexctl.control.turning import check_plan, turn_needed_rad
 from hexctl.errors import RobotFaultError
 from hexctl.gait.named import make_gait
 from hexctl.robot.failure import Failure
-from hexctl.robot.messages import RobotState
-from hexctl.robot.rotation import wrapped_rad
+from hexctl.robot.rotations import wrapped_rad
+from hexctl.types import RobotState
 from tests.robots import shipped
 
 ROBOT = shipped()

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from hexctl.adapt.arena import Arena, check_radius
 from hexctl.errors import InputError
-from hexctl.robot.messages import FloatArray
+from hexctl.types import FloatArray
 
 RADII = st.floats(0.5, 20)
 PLACES = st.floats(-50, 50)

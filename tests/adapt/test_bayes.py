@@ -15,7 +15,7 @@ from hexctl.adapt.shown import Shown
 from hexctl.adapt.space import GaitSpace
 from hexctl.backends.clock import PERIOD_S
 from hexctl.errors import InputError
-from hexctl.robot.messages import FloatArray
+from hexctl.types import FloatArray
 from tests.adapt.conformance import BATCHES, Make, OptimizerConformance, travelled
 from tests.adapt.prior.dense import Dense
 from tests.adapt.priors import (

@@ -8,7 +8,7 @@ from scipy.optimize import differential_evolution
 from scipy.stats import mannwhitneyu
 
 from hexctl.adapt.de import BestEvolution, DifferentialEvolution, RandomEvolution
-from hexctl.robot.messages import FloatArray
+from hexctl.types import FloatArray
 from tests.adapt.continuous import HIGH, LOW, Function, make, minimum, rosenbrock, sphere
 
 SEEDS = 150

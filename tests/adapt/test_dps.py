@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hexctl.adapt.dps import DifferentialSwarm
-from hexctl.robot.messages import FloatArray
+from hexctl.types import FloatArray
 from tests.adapt.continuous import make, minimum, sphere
 
 

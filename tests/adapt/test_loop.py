@@ -20,7 +20,7 @@ from hexctl.adapt.store import SessionStore
 from hexctl.control.result import TrialResult
 from hexctl.control.trial import Enough
 from hexctl.gait.encoding import Slots
-from hexctl.robot.messages import FloatArray
+from hexctl.types import FloatArray
 from tests.adapt.priors import BAYES_SPEC, MadeUpModel, MadeUpWorld, made_up_bayes, shown_of
 from tests.adapt.walking import SPEC, Landscape, result_of
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hexctl.adapt.pso import ParticleSwarm
-from hexctl.robot.messages import FloatArray
+from hexctl.types import FloatArray
 from tests.adapt.continuous import HIGH, LOW, make, minimum, sphere
 
 FAR = 1e9  # walls that are never met

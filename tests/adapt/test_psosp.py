@@ -6,7 +6,7 @@ import numpy as np
 
 from hexctl.adapt.pso import ParticleSwarm
 from hexctl.adapt.psosp import SpeciatedSwarm
-from hexctl.robot.messages import FloatArray
+from hexctl.types import FloatArray
 from tests.adapt.continuous import make, sphere
 
 

@@ -12,7 +12,7 @@ from hexctl.backends.mock import MockServos
 from hexctl.backends.sim.world import SensorNoise, World
 from hexctl.control.guard import Guard
 from hexctl.errors import CommandRefusedError
-from hexctl.robot.messages import FloatArray, JointTargets, RobotState
+from hexctl.types import FloatArray, JointTargets, RobotState
 from tests.adapt.priors import plan_of
 from tests.adapt.staying import StayingSim
 from tests.backends.fake_time import FakeTime

@@ -26,8 +26,8 @@ from hexctl.errors import RobotFaultError
 from hexctl.gait.encoding import Slots
 from hexctl.gait.named import make_gait
 from hexctl.robot.failure import Failure
-from hexctl.robot.messages import FloatArray
-from hexctl.robot.rotation import wrapped_rad
+from hexctl.robot.rotations import wrapped_rad
+from hexctl.types import FloatArray
 from tests.adapt.staying import ISOTROPIC, StayingSim
 from tests.control.posed import FallsAfter, PosedMock
 from tests.robots import shipped

@@ -10,8 +10,7 @@ from hexctl.backends.base import LegServos
 from hexctl.backends.clock import PERIOD_S
 from hexctl.control.guard import Guard
 from hexctl.errors import CommandRefusedError, RobotFaultError
-from hexctl.robot.joints import N_JOINTS, N_LEGS
-from hexctl.robot.messages import FloatArray, JointTargets, RobotState
+from hexctl.types import N_JOINTS, N_LEGS, FloatArray, JointTargets, RobotState
 
 TICKS_PER_SECOND = round(1 / PERIOD_S)
 

@@ -7,9 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from hexctl.robot.joints import N_JOINTS
-from hexctl.robot.messages import RobotState
 from hexctl.robot.model import Robot
+from hexctl.types import N_JOINTS, RobotState
 from tests.cli.kits import Kit
 
 #: In the walk of the second trial, where each settles for 1 s, walks for 1 s and stops for 2 s.

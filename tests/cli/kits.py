@@ -1,7 +1,7 @@
 """LegServos of one's own, as modules named on the command line: each has a trouble of its own."""
 
-from hexctl.robot.messages import JointTargets, RobotState
 from hexctl.robot.model import Robot
+from hexctl.types import JointTargets, RobotState
 from tests.control.posed import PosedMock
 
 

@@ -6,8 +6,8 @@ import numpy as np
 
 from hexctl.backends.mock import MockServos
 from hexctl.control.guard import Guard
-from hexctl.robot.messages import FloatArray, JointTargets, RobotState
 from hexctl.robot.model import Robot
+from hexctl.types import FloatArray, JointTargets, RobotState
 from tests.backends.fake_time import FakeTime
 from tests.robots import shipped
 

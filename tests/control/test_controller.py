@@ -10,8 +10,7 @@ from hexctl.errors import LimitError, ReachError
 from hexctl.gait.feet import gait_feet_body
 from hexctl.gait.gait import Gait, Motion
 from hexctl.ik.kinematics import solve_legs
-from hexctl.robot.joints import leg_slice
-from hexctl.robot.messages import FloatArray, RobotState
+from hexctl.types import FloatArray, RobotState, leg_slice
 from tests.robots import ROBOT_NAMES, shipped
 from tests.trials import gait_of
 

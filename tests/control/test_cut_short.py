@@ -12,7 +12,7 @@ from hexctl.control.log import TickLog
 from hexctl.control.plan import TrialPlan
 from hexctl.control.result import STATUSES, TrialResult
 from hexctl.control.trial import Enough, StopRequested, never, run_trial
-from hexctl.robot.messages import FloatArray
+from hexctl.types import FloatArray
 from tests.backends.fake_time import FakeTime
 from tests.robots import shipped
 from tests.trials import gait_of, walk

@@ -7,7 +7,7 @@ import pytest
 
 from hexctl.control.guard import Guard
 from hexctl.errors import CommandRefusedError, EStopError, RobotFaultError
-from hexctl.robot.messages import JointTargets
+from hexctl.types import JointTargets
 from tests.control.posed import PosedMock
 from tests.robots import shipped
 

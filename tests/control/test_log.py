@@ -5,7 +5,7 @@ import pytest
 
 from hexctl.backends.clock import Tick
 from hexctl.control.log import CHUNK_ROWS, PHASES, TickLog
-from hexctl.robot.messages import JointTargets, RobotState
+from hexctl.types import JointTargets, RobotState
 
 
 def _record(log: TickLog, index: int, *, posed: bool = True) -> None:

@@ -8,7 +8,7 @@ from hexctl.control.controller import Controller
 from hexctl.control.guard import Guard
 from hexctl.control.loop import drive
 from hexctl.errors import EStopError
-from hexctl.robot.messages import FloatArray, JointTargets, RobotState
+from hexctl.types import FloatArray, JointTargets, RobotState
 from tests.control.posed import PosedMock
 
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from hexctl.control.frame import TrialFrame
 from hexctl.control.plan import TrialPlan
 from hexctl.control.result import TrialResult, score
-from hexctl.robot.messages import FloatArray
+from hexctl.types import FloatArray
 from tests.robots import shipped
 from tests.trials import gait_of
 

@@ -13,7 +13,7 @@ from hexctl.control.log import TickLog
 from hexctl.control.plan import TrialPlan
 from hexctl.control.trial import run_trial
 from hexctl.robot.failure import Failure
-from hexctl.robot.rotation import yaw_rad
+from hexctl.robot.rotations import yaw_rad
 from tests.robots import shipped
 from tests.trials import gait_of
 

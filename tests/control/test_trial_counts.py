@@ -15,7 +15,7 @@ from hexctl.control.plan import TrialPlan
 from hexctl.control.result import TrialResult
 from hexctl.control.trial import run_trial
 from hexctl.robot.failure import Failure
-from hexctl.robot.messages import JointTargets
+from hexctl.types import JointTargets
 from tests.backends.fake_time import FakeTime
 from tests.control.posed import PosedMock
 from tests.robots import shipped

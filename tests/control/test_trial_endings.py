@@ -22,7 +22,7 @@ from hexctl.control.trial import run_trial
 from hexctl.errors import InputError, LimitError, ReachError, RobotFaultError
 from hexctl.gait.gait import Gait
 from hexctl.robot.failure import Failure
-from hexctl.robot.messages import RobotState
+from hexctl.types import RobotState
 from tests.backends.fake_time import FakeTime
 from tests.control.posed import PosedMock
 from tests.robots import shipped

@@ -68,7 +68,7 @@ def imports() -> dict[str, set[str]]:
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("hexctl."):
                 found.setdefault(part, set()).add(str(node.module).split(".")[1])
-    return {part: used - {part, "errors"} for part, used in found.items()}
+    return {part: used - {part, "errors", "types"} for part, used in found.items()}
 
 
 def test_the_layout_page_tells_who_imports_whom() -> None:

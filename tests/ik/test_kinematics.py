@@ -8,9 +8,8 @@ from hypothesis import strategies as st
 from hexctl.backends.sim.physics import FIRST_JOINT, make_simulation
 from hexctl.backends.sim.world import World
 from hexctl.ik.kinematics import foot_positions_body, link_points_body, solve_legs
-from hexctl.robot.joints import JOINT_KINDS, N_JOINTS, N_LEGS
-from hexctl.robot.messages import BoolArray, FloatArray
 from hexctl.robot.model import Robot
+from hexctl.types import JOINT_KINDS, N_JOINTS, N_LEGS, BoolArray, FloatArray
 from tests.ik.reference import leg_angles
 from tests.robots import ROBOT_NAMES, shipped
 

@@ -6,7 +6,7 @@ import pytest
 from hexctl.errors import LimitError, ReachError
 from hexctl.ik.kinematics import foot_positions_body, solve_legs
 from hexctl.ik.limits import check_joint_limits, solve_legs_within_limits
-from hexctl.robot.joints import JOINT_KINDS, N_LEGS
+from hexctl.types import JOINT_KINDS, N_LEGS
 from tests.robots import ROBOT_NAMES, shipped
 
 

@@ -17,7 +17,7 @@ from hexctl.record import recording as module
 from hexctl.record.files import END_PADDING, check_whole
 from hexctl.record.recording import Recording
 from hexctl.record.viewer import viewer_binary
-from hexctl.robot.joints import JOINT_KINDS
+from hexctl.types import JOINT_KINDS
 from tests.record.conftest import ReadBack, Trial, make_plan, write
 
 

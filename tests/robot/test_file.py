@@ -10,7 +10,7 @@ import pytest
 from hexctl.errors import InputError
 from hexctl.ik.kinematics import solve_legs
 from hexctl.robot.file import load_robot
-from hexctl.robot.joints import N_JOINTS
+from hexctl.types import N_JOINTS
 from tests.robots import ROBOT_NAMES, Content, Edit, drop, edited_file, put, shipped
 
 

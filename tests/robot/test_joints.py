@@ -1,6 +1,6 @@
 """The order of the joints, which every array and every wire format relies on."""
 
-from hexctl.robot.joints import JOINT_NAMES, leg_slice
+from hexctl.types import JOINT_NAMES, leg_slice
 
 
 def test_joints_lie_leg_by_leg_from_the_body_outward() -> None:

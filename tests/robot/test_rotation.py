@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hexctl.robot.rotation import cos_tilt, wrapped_rad, yaw_rad
+from hexctl.robot.rotations import cos_tilt, wrapped_rad, yaw_rad
 
 angles = st.floats(-math.pi, math.pi)
 

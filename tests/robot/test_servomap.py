@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 
 from hexctl.errors import InputError
 from hexctl.robot.file import load_robot
-from hexctl.robot.joints import JOINT_NAMES, N_JOINTS
 from hexctl.robot.servomap import (
     DEFAULT_MAX_US,
     DEFAULT_MIN_US,
@@ -20,6 +19,7 @@ from hexctl.robot.servomap import (
     joints_beyond_pulses,
     load_servo_map,
 )
+from hexctl.types import JOINT_NAMES, N_JOINTS
 from tests.robots import edited_file, put, shipped
 
 

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from hexctl.backends.mock import MockServos
-from hexctl.robot.messages import FloatArray, JointTargets
 from hexctl.robot.model import Robot
+from hexctl.types import FloatArray, JointTargets
 
 VARIABLE = "HEXCTL_TEST_SERVO_LOG"
 

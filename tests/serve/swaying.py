@@ -16,7 +16,7 @@ from hexctl.backends.clock import request_realtime_priority
 from hexctl.backends.zenoh.servos import ZenohServos
 from hexctl.control.guard import Guard
 from hexctl.errors import HexctlError
-from hexctl.robot.messages import JointTargets
+from hexctl.types import JointTargets
 from hexctl.wire.link import Link
 from tests.robots import shipped
 

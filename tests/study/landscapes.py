@@ -5,10 +5,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from hexctl.backends.sim.world import World
-from hexctl.robot.messages import FloatArray
 from hexctl.study.findings import Findings, search_all
 from hexctl.study.landscape import NUMBERS, Landscape, LandscapeSpec, Rows, empty_landscape, with_rows
 from hexctl.study.plan import ROTATIONS, StudyPlan
+from hexctl.types import FloatArray
 from tests.robots import shipped
 
 ALL = tuple(range(1, 121))

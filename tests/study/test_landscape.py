@@ -12,9 +12,9 @@ from hexctl.control.guard import Guard
 from hexctl.control.log import TickLog
 from hexctl.control.result import TrialResult
 from hexctl.control.trial import run_trial
-from hexctl.robot.messages import FloatArray
 from hexctl.study.chunk import Chunk, chunks_of, simulate_chunk
 from hexctl.study.landscape import NUMBERS, LandscapeSpec, empty_landscape, with_rows
+from hexctl.types import FloatArray
 from tests.robots import shipped
 from tests.study.landscapes import made_up, same, spec, spread_out
 

@@ -5,12 +5,12 @@ import numpy as np
 from hexctl.adapt.prior.prior import CHECKPOINTS
 from hexctl.adapt.prior.samples import features_of
 from hexctl.backends.sim.family import load_family
-from hexctl.robot.messages import FloatArray
 from hexctl.study.landscape import Landscape, LandscapeSpec, Rows, empty_landscape, with_rows
 from hexctl.study.prior.build import prior_of
 from hexctl.study.prior.plan import PriorPlan
 from hexctl.study.prior.stances import sag_of, sags_of
 from hexctl.study.transfer.course import walk_of
+from hexctl.types import FloatArray
 from tests.robots import shipped
 
 PLAN = PriorPlan(robot=shipped(), family=load_family("randomised"), worlds=2, legs=(2, 5), duration_s=6.0)

@@ -15,7 +15,6 @@ from hexctl.control.plan import TrialPlan
 from hexctl.errors import InputError, RobotFaultError
 from hexctl.gait.named import make_gait
 from hexctl.robot.failure import Failure
-from hexctl.robot.messages import FloatArray
 from hexctl.study.landscape import NUMBERS, Landscape, Rows, empty_landscape, with_rows
 from hexctl.study.prior.plan import PriorPlan
 from hexctl.study.transfer.bars import transfer_bars
@@ -23,6 +22,7 @@ from hexctl.study.transfer.course import walk_of
 from hexctl.study.transfer.findings import TransferFindings, run_transfer
 from hexctl.study.transfer.plan import TransferPlan
 from hexctl.study.transfer.report import transfer_json, write_transfer_report
+from hexctl.types import FloatArray
 from tests.robots import shipped
 
 GAITS, HIDDEN, DURATION_S = 120, 3, 10.0

@@ -13,7 +13,6 @@ from hexctl.adapt.prior.question import Question
 from hexctl.adapt.prior.samples import FINAL, samples_of
 from hexctl.backends.sim.family import load_family
 from hexctl.errors import InputError
-from hexctl.robot.messages import FloatArray
 from hexctl.study.landscape import NUMBERS, Landscape, LandscapeSpec, Rows, empty_landscape, with_rows
 from hexctl.study.prior.plan import PriorPlan
 from hexctl.study.transfer.bars import transfer_bars
@@ -21,6 +20,7 @@ from hexctl.study.transfer.course import run_course, walk_of
 from hexctl.study.transfer.findings import TransferFindings, run_transfer
 from hexctl.study.transfer.plan import EARLY, FIRST_WORLD, TransferPlan
 from hexctl.study.transfer.report import REPORT, TABLE, transfer_json, write_transfer_report
+from hexctl.types import FloatArray
 from tests.adapt.priors import MadeUpModel, made_up_prior, path_of, plan_of, question_of
 from tests.robots import shipped
 from tests.study.landscapes import made_up_in, spread_out

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from hexctl.errors import MessageError, RobotFaultError
-from hexctl.robot.joints import JOINT_NAMES
-from hexctl.robot.messages import RobotState
+from hexctl.types import JOINT_NAMES, RobotState
 from hexctl.wire import ros
 from hexctl.wire.command import decode_command, decode_positions, encode_positions
 from hexctl.wire.describe import check_same_robot, decode_json, describe, encode_json, robot_of

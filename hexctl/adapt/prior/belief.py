@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 from hexctl.adapt.prior.samples import DISTANCE, FINAL, N_FEATURES, Samples
 from hexctl.adapt.prior.standing import narrowed
 from hexctl.adapt.space import GaitSpace
-from hexctl.robot.joints import JOINTS_PER_LEG
-from hexctl.robot.messages import FloatArray
+from hexctl.types import JOINTS_PER_LEG, FloatArray
 
 #: Variance that the worlds do not explain, as a share of that between the worlds. This and the numbers below
 #: were chosen by leaving worlds out of the prior of `ant`, and on the worlds of `transfer` that come before

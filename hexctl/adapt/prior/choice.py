@@ -7,7 +7,7 @@ from numpy.polynomial.hermite_e import hermegauss
 from numpy.typing import NDArray
 
 from hexctl.adapt.prior.belief import Forecast
-from hexctl.robot.messages import BoolArray, FloatArray
+from hexctl.types import BoolArray, FloatArray
 
 #: What there is to gain before any trial: a gait that ends farther off is not worth telling apart.
 WORST_M = 0.5

@@ -16,8 +16,7 @@ import numpy as np
 from hexctl.adapt.prior.question import Question
 from hexctl.adapt.space import GaitSpace
 from hexctl.errors import HexctlError, InputError
-from hexctl.robot.joints import N_JOINTS
-from hexctl.robot.messages import FloatArray
+from hexctl.types import N_JOINTS, FloatArray
 
 FORMAT = "hexctl prior"
 VERSION = 1

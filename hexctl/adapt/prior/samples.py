@@ -8,8 +8,8 @@ from hexctl.adapt.prior.prior import CHECKPOINTS, Prior
 from hexctl.adapt.prior.symmetry import Symmetries, Symmetry
 from hexctl.adapt.shown import Shown
 from hexctl.errors import InputError
-from hexctl.robot.messages import FloatArray
 from hexctl.robot.model import Robot
+from hexctl.types import FloatArray
 
 #: What a walk shows, in this order: deviation at the checkpoints, progress at half time and at the end, yaw.
 PROGRESS_AT = (CHECKPOINTS // 2 - 1, CHECKPOINTS - 1)

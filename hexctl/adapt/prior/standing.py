@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from hexctl.robot.messages import FloatArray
+from hexctl.types import FloatArray
 
 #: Variance of the noise of what is seen, relative to that between the worlds along each principal direction.
 NOISE = 0.1

@@ -8,9 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hexctl.adapt.space import GaitSpace
-from hexctl.robot.joints import JOINTS_PER_LEG, N_LEGS
-from hexctl.robot.messages import FloatArray
 from hexctl.robot.model import Robot
+from hexctl.types import JOINTS_PER_LEG, N_LEGS, FloatArray
 
 #: Two places or angles this near are the same, in m and rad.
 SAME = 1e-4

@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from hexctl.robot.messages import FloatArray
+from hexctl.types import FloatArray
 
 #: Half a turn about x, for (x, y, z).
 FLIP_VECTOR = np.array([1.0, -1.0, -1.0])

@@ -12,8 +12,7 @@ from pymavlink.dialects.v20 import common
 
 from hexctl.backends.mavlink.frames import flipped_quaternion, flipped_vector, quaternion_of_euler
 from hexctl.errors import MessageError
-from hexctl.robot.joints import N_JOINTS
-from hexctl.robot.messages import BoolArray, FloatArray
+from hexctl.types import N_JOINTS, BoolArray, FloatArray
 
 #: Who we are: a ground system's number, as overrides come from one, and an onboard computer's component.
 CONTROLLER_SYSTEM = 255

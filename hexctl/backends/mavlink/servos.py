@@ -17,9 +17,9 @@ from hexctl.backends.mavlink.port import open_port
 from hexctl.backends.mavlink.receiver import LinkCounters, Peer, Receiver, Stamped
 from hexctl.backends.mavlink.ticking import CountedClock
 from hexctl.errors import RobotFaultError
-from hexctl.robot.messages import FloatArray, JointTargets, RobotState
 from hexctl.robot.model import Robot
 from hexctl.robot.servomap import ServoMap
+from hexctl.types import FloatArray, JointTargets, RobotState
 
 #: How long a board may take to beat, and then to say where its servos are.
 PATIENCE_S = 3.0

@@ -9,7 +9,7 @@ from mujoco.batch import Batch, SimulationError
 
 from hexctl.backends.sim.physics import FIRST_JOINT
 from hexctl.backends.sim.servos import SimServos
-from hexctl.robot.messages import BoolArray, FloatArray
+from hexctl.types import BoolArray, FloatArray
 
 
 @dataclass(frozen=True, slots=True)

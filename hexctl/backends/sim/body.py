@@ -3,8 +3,8 @@
 from typing import Any
 
 from hexctl.backends.sim.dm import mjcf
-from hexctl.robot.joints import JOINT_KINDS, N_LEGS
 from hexctl.robot.model import Robot
+from hexctl.types import JOINT_KINDS, N_LEGS
 
 #: Passive damping of a gearbox without power, in N m s/rad.
 GEAR_DAMPING = 0.02

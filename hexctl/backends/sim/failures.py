@@ -7,9 +7,8 @@ import numpy as np
 
 from hexctl.errors import InputError
 from hexctl.robot.failure import Failure
-from hexctl.robot.joints import JOINT_KINDS, JOINTS_PER_LEG, N_JOINTS, leg_slice
-from hexctl.robot.messages import BoolArray, FloatArray
 from hexctl.robot.model import Robot
+from hexctl.types import JOINT_KINDS, JOINTS_PER_LEG, N_JOINTS, BoolArray, FloatArray, leg_slice
 
 #: A jammed gear train is this much stiffer than its servo, and no torque moves it.
 JAM_STIFFNESS = 20.0

@@ -11,8 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, field_validator, model_valida
 from hexctl.backends.sim.world import World, load_world
 from hexctl.errors import InputError
 from hexctl.robot.configs import Number, find_config, read_mapping, validate
-from hexctl.robot.joints import N_JOINTS
-from hexctl.robot.messages import FloatArray
+from hexctl.types import N_JOINTS, FloatArray
 
 #: Members of one family; a prior's legs take theirs from blocks far apart.
 MAX_MEMBERS = 1 << 20

@@ -5,8 +5,7 @@ import math
 import numpy as np
 
 from hexctl.backends.sim.world import SensorNoise
-from hexctl.robot.joints import N_JOINTS
-from hexctl.robot.messages import FloatArray
+from hexctl.types import N_JOINTS, FloatArray
 
 N_DRAWS = N_JOINTS + 4
 

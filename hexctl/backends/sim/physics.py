@@ -13,9 +13,8 @@ from hexctl.backends.sim.terrain import ROUGH_CELLS, ROUGH_HALF_SIZE_M, Floor, m
 from hexctl.backends.sim.world import World
 from hexctl.errors import InputError
 from hexctl.robot.failure import Failure
-from hexctl.robot.joints import JOINT_KINDS, N_JOINTS, N_LEGS
-from hexctl.robot.messages import BoolArray, FloatArray
 from hexctl.robot.model import Robot
+from hexctl.types import JOINT_KINDS, N_JOINTS, N_LEGS, BoolArray, FloatArray
 
 #: Where the joints begin in qpos: after the free joint's position and quaternion.
 FIRST_JOINT = 7

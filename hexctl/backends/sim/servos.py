@@ -13,8 +13,8 @@ from hexctl.backends.sim.train import ServoTrain
 from hexctl.backends.sim.world import World
 from hexctl.errors import SimulationDivergedError
 from hexctl.robot.failure import Failure
-from hexctl.robot.messages import JointTargets, RobotState
 from hexctl.robot.model import Robot
+from hexctl.types import JointTargets, RobotState
 
 
 class SimServos(LegServos):

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hexctl.backends.sim.world import World
-from hexctl.robot.messages import FloatArray
+from hexctl.types import FloatArray
 
 #: Half side of the rough patch; the floor beyond it is even.
 ROUGH_HALF_SIZE_M = 8.0

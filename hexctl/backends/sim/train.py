@@ -8,7 +8,7 @@ from typing import Self
 import numpy as np
 
 from hexctl.backends.sim.physics import Simulation
-from hexctl.robot.messages import FloatArray
+from hexctl.types import FloatArray
 
 
 class ServoTrain:

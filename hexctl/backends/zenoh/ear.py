@@ -7,7 +7,7 @@ import zenoh
 
 from hexctl.backends.zenoh.mailbox import Mailbox
 from hexctl.errors import MessageError, RobotFaultError
-from hexctl.robot.messages import FloatArray, RobotState
+from hexctl.types import FloatArray, RobotState
 from hexctl.wire.command import decode_positions
 from hexctl.wire.keys import KeyMap
 from hexctl.wire.state import contacts_of, decode_battery, decode_pose

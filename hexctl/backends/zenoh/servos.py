@@ -14,8 +14,8 @@ from hexctl.backends.zenoh.ear import Ear
 from hexctl.backends.zenoh.mailbox import Mailbox
 from hexctl.backends.zenoh.tenancy import Tenancy
 from hexctl.errors import RobotFaultError
-from hexctl.robot.messages import JointTargets, RobotState
 from hexctl.robot.model import Robot
+from hexctl.types import JointTargets, RobotState
 from hexctl.wire.command import encode_positions
 from hexctl.wire.describe import check_same_robot
 from hexctl.wire.link import Link

@@ -19,7 +19,7 @@ from hexctl.record.overview.colors import (
 )
 from hexctl.record.overview.trials import Overview, OverviewTrial, deviation_text
 from hexctl.record.sdk import load_rerun
-from hexctl.robot.messages import FloatArray
+from hexctl.types import FloatArray
 
 #: Room around the line of travel that trials of any kind are given in the picture, in shares of its length.
 SIDE_LIMIT, END_LIMIT = 0.75, 0.25

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hexctl.robot.messages import FloatArray
+from hexctl.types import FloatArray
 
 #: No walk of a trial gets this far; a simulation that has diverged does.
 FAR_M = 1000.0

@@ -12,11 +12,11 @@ from hexctl.backends.mavlink.link import Arrival, MavlinkLink
 from hexctl.backends.mavlink.port import Port
 from hexctl.control.guard import EXPIRY_S, Guard
 from hexctl.errors import CommandRefusedError, EStopError, RobotFaultError
-from hexctl.robot.messages import JointTargets, RobotState
 from hexctl.robot.servomap import ServoMap
 from hexctl.serve.board import telemetry
 from hexctl.serve.board.channels import Channels
 from hexctl.serve.board.peers import Peer, Peers
+from hexctl.types import JointTargets, RobotState
 
 #: Without anybody who commands for this long, the servos are let go.
 RELEASE_AFTER_S = 10.0

@@ -11,9 +11,8 @@ from hexctl.backends.mavlink.messages import (
     RELEASE_LOW_US,
 )
 from hexctl.errors import CommandRefusedError
-from hexctl.robot.joints import N_JOINTS
-from hexctl.robot.messages import BoolArray, FloatArray
 from hexctl.robot.servomap import ServoMap
+from hexctl.types import N_JOINTS, BoolArray, FloatArray
 
 
 class Channels:

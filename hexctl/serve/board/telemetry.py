@@ -6,8 +6,7 @@ from pymavlink.dialects.v20 import common
 
 from hexctl.backends.mavlink import messages
 from hexctl.backends.mavlink.frames import euler_of_quaternion, flipped_quaternion, flipped_vector
-from hexctl.robot.joints import N_JOINTS
-from hexctl.robot.messages import BoolArray, FloatArray, RobotState
+from hexctl.types import N_JOINTS, BoolArray, FloatArray, RobotState
 
 #: Outputs that ACTUATOR_OUTPUT_STATUS has room for.
 OUTPUTS = 32

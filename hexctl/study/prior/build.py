@@ -7,10 +7,10 @@ import numpy as np
 
 from hexctl.adapt.prior.prior import CHECKPOINTS, Prior
 from hexctl.adapt.prior.question import Question
-from hexctl.robot.messages import FloatArray
 from hexctl.study.landscape import Landscape
 from hexctl.study.prior.plan import PriorPlan
 from hexctl.study.versions import code_versions
+from hexctl.types import FloatArray
 
 
 def prior_of(plan: PriorPlan, landscapes: Sequence[Landscape], sags_rad: FloatArray | None = None) -> Prior:

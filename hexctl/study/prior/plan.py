@@ -8,10 +8,10 @@ from hexctl.control.plan import TrialPlan
 from hexctl.errors import InputError
 from hexctl.gait.named import make_gait
 from hexctl.robot.failure import Failure
-from hexctl.robot.joints import N_LEGS
 from hexctl.robot.model import Robot
 from hexctl.study.landscape import LandscapeSpec
 from hexctl.study.plan import check_walks
+from hexctl.types import N_LEGS
 
 #: Each leg has worlds of its own, so that six legs see six times as many; a block is spread evenly by itself.
 WORLDS_PER_LEG = 1024

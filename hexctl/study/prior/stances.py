@@ -8,10 +8,9 @@ import numpy as np
 from hexctl.adapt.stance import stance_sag_rad
 from hexctl.control.guard import Guard
 from hexctl.errors import EStopError, SimulationDivergedError
-from hexctl.robot.joints import N_JOINTS
-from hexctl.robot.messages import FloatArray
 from hexctl.study.landscape import LandscapeSpec
 from hexctl.study.prior.plan import PriorPlan
+from hexctl.types import N_JOINTS, FloatArray
 
 
 def sag_of(spec: LandscapeSpec) -> FloatArray:

@@ -15,9 +15,9 @@ from hexctl.adapt.shown import Shown
 from hexctl.backends.clock import PERIOD_S
 from hexctl.control.result import progress_floor_m
 from hexctl.control.trial import LOOK_TICKS, Enough
-from hexctl.robot.messages import BoolArray, FloatArray
 from hexctl.study.landscape import PATH_STRIDE, Landscape
 from hexctl.study.transfer.plan import EARLY, PRIORED, TransferPlan
+from hexctl.types import BoolArray, FloatArray
 
 
 @dataclass(frozen=True, kw_only=True)

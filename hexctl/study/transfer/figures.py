@@ -4,11 +4,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hexctl.robot.messages import FloatArray
 from hexctl.study.claim import cm
 from hexctl.study.drawing import color_of, grid_of, label_axes, new_figure
 from hexctl.study.transfer.findings import NEAR_M, NEARER_M, Curves, TransferFindings
 from hexctl.study.transfer.plan import EARLY
+from hexctl.types import FloatArray
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -7,11 +7,11 @@ import numpy as np
 
 from hexctl.adapt.prior.samples import samples_of
 from hexctl.errors import RobotFaultError
-from hexctl.robot.messages import FloatArray
 from hexctl.study.landscape import Landscape
 from hexctl.study.prior.stances import sag_of
 from hexctl.study.transfer.course import Course, run_course
 from hexctl.study.transfer.plan import PRIORED, TransferPlan
+from hexctl.types import FloatArray
 
 #: Deviations that are asked for.
 NEAR_M, NEARER_M = 0.10, 0.025

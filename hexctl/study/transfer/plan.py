@@ -9,11 +9,11 @@ from hexctl.adapt.prior.samples import serves
 from hexctl.backends.sim.family import WorldFamily
 from hexctl.control.plan import TrialPlan
 from hexctl.errors import InputError
-from hexctl.robot.joints import N_LEGS
 from hexctl.robot.model import Robot
 from hexctl.study.landscape import LandscapeSpec
 from hexctl.study.plan import BASELINE, HEURISTICS, StudyPlan
 from hexctl.study.prior.plan import WHOLE_S, in_whole_steps
+from hexctl.types import N_LEGS
 
 #: The first worlds of the family were looked at while `bayes` was made; the benchmark begins after them.
 FIRST_WORLD = 35

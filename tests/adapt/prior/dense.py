@@ -9,7 +9,7 @@ from hexctl.adapt.prior.belief import ALIKE_CYCLES, ALIKE_SHARE, BLUR, COMMON_SH
 from hexctl.adapt.prior.samples import FINAL, N_FEATURES, Samples
 from hexctl.adapt.prior.standing import NEGLIGIBLE, NOISE, RESOLUTION_RAD
 from hexctl.adapt.space import GaitSpace
-from hexctl.robot.messages import FloatArray
+from hexctl.types import FloatArray
 from tests.adapt.priors import GAITS
 
 Trial = tuple[int, FloatArray]

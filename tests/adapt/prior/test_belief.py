@@ -8,7 +8,7 @@ import pytest
 
 from hexctl.adapt.prior.belief import NOISE_WEIGHT, TRUST_TRIALS, Belief, Forecast
 from hexctl.adapt.prior.samples import DISTANCE, FINAL, N_FEATURES, Samples
-from hexctl.robot.messages import FloatArray
+from hexctl.types import FloatArray
 from tests.adapt.prior.dense import Dense, Trial
 from tests.adapt.priors import GAITS, MadeUpModel
 

@@ -19,7 +19,7 @@ from hexctl.adapt.prior.choice import (
     most_promising,
     most_useful,
 )
-from hexctl.robot.messages import FloatArray
+from hexctl.types import FloatArray
 
 CASES = [
     (0.0, 0.1, 0.05),

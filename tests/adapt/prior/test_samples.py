@@ -19,7 +19,7 @@ from hexctl.adapt.prior.samples import (
 from hexctl.adapt.prior.symmetry import Symmetries
 from hexctl.adapt.shown import Shown
 from hexctl.errors import InputError
-from hexctl.robot.messages import FloatArray
+from hexctl.types import FloatArray
 from tests.adapt.priors import MadeUpModel, made_up_prior, question_of, shown_of
 from tests.robots import shipped
 

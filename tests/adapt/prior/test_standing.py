@@ -11,7 +11,7 @@ from hexctl.adapt.prior.prior import load_prior
 from hexctl.adapt.prior.samples import FINAL, Samples, samples_of
 from hexctl.adapt.prior.standing import narrowed
 from hexctl.robot.configs import config_root
-from hexctl.robot.messages import FloatArray
+from hexctl.types import FloatArray
 from tests.adapt.prior.dense import Dense
 from tests.adapt.prior.test_belief import assert_agrees
 from tests.adapt.priors import GAITS, MadeUpModel, standing_samples

@@ -11,9 +11,9 @@ from hexctl.adapt.prior.symmetry import Symmetries, Symmetry
 from hexctl.adapt.space import GaitSpace
 from hexctl.backends.sim.world import World
 from hexctl.control.batch import run_sim_trials
-from hexctl.robot.messages import FloatArray
 from hexctl.study.landscape import LandscapeSpec
 from hexctl.study.prior.stances import sag_of
+from hexctl.types import FloatArray
 from tests.robots import ROBOT_NAMES, shipped
 
 HOW_MANY = {"ant": 12, "phantomx": 4, "pexod": 2}

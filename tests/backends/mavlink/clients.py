@@ -9,7 +9,7 @@ import numpy as np
 
 from hexctl.backends.mavlink import messages
 from hexctl.backends.mavlink.codec import Codec, Frame
-from hexctl.robot.messages import FloatArray
+from hexctl.types import FloatArray
 from tests.backends.mavlink.boards import PATIENCE_S
 
 

@@ -14,7 +14,7 @@ from hexctl.backends.mavlink.frames import (
     flipped_vector,
     quaternion_of_euler,
 )
-from hexctl.robot.messages import FloatArray
+from hexctl.types import FloatArray
 
 #: Axes of NED or FRD written in ours: x stays, y and z turn over.
 AXES = np.array([[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, -1.0]])

@@ -10,8 +10,8 @@ from hexctl.backends.sim.physics import FIRST_JOINT
 from hexctl.backends.sim.servos import SimServos
 from hexctl.backends.sim.world import SensorNoise, World
 from hexctl.errors import RobotFaultError, SimulationDivergedError
-from hexctl.robot.messages import FloatArray
-from hexctl.robot.rotation import yaw_rad
+from hexctl.robot.rotations import yaw_rad
+from hexctl.types import FloatArray
 from tests.backends.conformance import LegServosConformance, move
 from tests.robots import ROBOT_NAMES, shipped
 from tests.trials import walk

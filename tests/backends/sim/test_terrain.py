@@ -7,7 +7,7 @@ import pytest
 from hexctl.backends.sim.physics import FIRST_JOINT, make_simulation
 from hexctl.backends.sim.terrain import ROUGH_CELLS, ROUGH_HALF_SIZE_M, make_floor
 from hexctl.backends.sim.world import World
-from hexctl.robot.messages import FloatArray
+from hexctl.types import FloatArray
 from tests.robots import ROBOT_NAMES, shipped
 
 

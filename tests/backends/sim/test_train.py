@@ -18,7 +18,7 @@ from hexctl.control.batch import SimTrial, run_sim_trial, run_sim_trials
 from hexctl.control.plan import TrialPlan
 from hexctl.gait.named import make_gait
 from hexctl.robot.failure import Failure
-from hexctl.robot.messages import FloatArray
+from hexctl.types import FloatArray
 from tests.backends.conformance import move
 from tests.robots import shipped
 

@@ -16,8 +16,8 @@ from hexctl.control.plan import TrialPlan
 from hexctl.control.result import TrialResult
 from hexctl.control.trial import run_trial
 from hexctl.errors import InputError
-from hexctl.robot.messages import FloatArray, JointTargets
-from hexctl.robot.rotation import yaw_rad
+from hexctl.robot.rotations import yaw_rad
+from hexctl.types import FloatArray, JointTargets
 from tests.backends.conformance import move
 from tests.robots import shipped
 from tests.trials import gait_of

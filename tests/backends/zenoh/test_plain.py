@@ -11,7 +11,7 @@ import pytest
 from hexctl.backends.zenoh.servos import ZenohServos
 from hexctl.control.guard import Guard
 from hexctl.errors import EStopError, RobotFaultError
-from hexctl.robot.messages import JointTargets
+from hexctl.types import JointTargets
 from hexctl.wire.command import decode_positions, encode_positions
 from hexctl.wire.keys import KeyMap
 from hexctl.wire.link import Link

@@ -5,7 +5,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from hexctl.robot.messages import FloatArray
+from hexctl.types import FloatArray
 
 ComponentT = TypeVar("ComponentT", float, FloatArray)
 
