@@ -23,7 +23,7 @@ from hexctl.study.cache import LandscapeCache
 from hexctl.study.drawing import LINE_COLOR, label_axes, new_figure
 from hexctl.study.evaluate import fill, simulate_here
 from hexctl.study.landscape import Landscape, LandscapeSpec
-from hexctl.study.transfer.course import walk_of
+from hexctl.study.transfer.searches import walk_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -4,7 +4,7 @@ from hexctl.adapt.session import SessionSpec
 from hexctl.backends.sim.family import load_family
 from hexctl.errors import InputError
 from hexctl.robot.file import load_robot
-from hexctl.study.prior.plan import PriorPlan
+from hexctl.study.prior import PriorPlan
 
 
 def how_to_get_one(spec: SessionSpec) -> str:

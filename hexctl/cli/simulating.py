@@ -64,7 +64,7 @@ def _simulate_with(jobs: int | None, dask: str | None, stack: ExitStack) -> Simu
     """Return the way to simulate: on the workers of a cluster until the stack ends, or here."""
     if dask is None:
         return simulate_here(jobs or 0)
-    from hexctl.study.cluster import dask_executor, simulate_on
+    from hexctl.study.evaluate import dask_executor, simulate_on
 
     return simulate_on(stack.enter_context(dask_executor(dask)), jobs or 1)
 

@@ -23,16 +23,14 @@ from hexctl.cli.simulating import (
 from hexctl.cli.studyprogress import StudyProgress
 from hexctl.errors import InputError
 from hexctl.robot.file import load_robot
-from hexctl.study.bars import bar_rows
 from hexctl.study.cache import LandscapeCache
-from hexctl.study.claim import cm
-from hexctl.study.claims import claims_of
+from hexctl.study.claims import bar_rows, claims_of, cm
 from hexctl.study.drawing import check_drawing
 from hexctl.study.figures import FIGURES
-from hexctl.study.findings import Findings, search_all
 from hexctl.study.plan import StudyPlan
 from hexctl.study.report import REPORT, write_report
-from hexctl.study.summary import summary_json
+from hexctl.study.searches import Findings, search_all
+from hexctl.study.tables import summary_json
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -29,10 +29,9 @@ from hexctl.robot.file import load_robot
 from hexctl.robot.model import Robot
 from hexctl.study.cache import LandscapeCache
 from hexctl.study.drawing import check_drawing
-from hexctl.study.transfer.bars import transfer_bars
-from hexctl.study.transfer.findings import TransferFindings, run_transfer
 from hexctl.study.transfer.plan import TransferPlan
-from hexctl.study.transfer.report import REPORT, transfer_json, write_transfer_report
+from hexctl.study.transfer.report import REPORT, transfer_bars, transfer_json, write_transfer_report
+from hexctl.study.transfer.searches import TransferFindings, run_transfer
 
 FAMILY = "transfer"
 

@@ -1,17 +1,246 @@
-"""All figures of a study, drawn one after the other."""
+"""Figures of a study: paths seen from above, and best-so-far over evaluations."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from hexctl.study.curve_figures import convergence_figure, means_figure
-from hexctl.study.drawing import save_figure
-from hexctl.study.findings import Findings
-from hexctl.study.path_figures import best_figure, examples_figure, trajectories_figure
+import numpy as np
+
+from hexctl.study.claims import EARLY, EARLY_M, LATE, LATE_M, cm, ends, within
+from hexctl.study.drawing import LINE_COLOR, color_of, grid_of, label_axes, new_figure, save_figure
+from hexctl.study.landscape import Landscape
+from hexctl.study.plan import BASELINE
+from hexctl.study.searches import Curve, Findings, Searches
+from hexctl.types import FloatArray
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+#: Final deviations at the ends of the colour scale, in m.
+NEAR_M, FAR_M = 0.01, 3.0
+COLORS = "viridis"
+
+#: Width of a panel and of the colour bar, in inches.
+PANEL_IN, BAR_IN = 4.3, 1.0
+
+#: Legs whose examples the paper shows, and the arbitrary gait that stands for them without self-rotation.
+EXAMPLE_LEGS, EXAMPLE_CODE = (2, 6), 57
+
+
+def trajectories_figure(landscapes: list[Landscape], title: str) -> "Figure":
+    """Return all trajectories of some landscapes, a panel each, coloured by final deviation."""
+    rows, columns = grid_of(len(landscapes))
+    figure, panels = new_figure(rows, columns, _size_in(landscapes, rows, columns))
+    for panel, landscape in zip(panels, landscapes, strict=False):
+        lines = _draw_paths(panel, landscape, np.arange(len(landscape.codes)))
+        left, right = ends(landscape)
+        valid, near = int(landscape.valid.sum()), within(landscape, 0.10)
+        panel.set_title(
+            f"leg {landscape.spec.leg}:  {left} left, {right} right,  {valid} valid, {near} within 10 cm",
+            fontsize=9,
+        )
+    _finish_paths(figure, panels, len(landscapes), title)
+    _add_bar(figure, panels, lines)
+    return figure
+
+
+def best_figure(findings: Findings) -> "Figure":
+    """Return the best gaits that the optimizers found over all runs, by the paper's count."""
+    legs = findings.plan.legs
+    rows, columns = grid_of(len(legs))
+    figure, panels = new_figure(rows, columns, (PANEL_IN * columns + BAR_IN, 2.6 * rows + 0.5))
+    for panel, leg in zip(panels, legs, strict=False):
+        landscape = findings.rotated(leg)
+        codes, times = _found(findings, leg)
+        chosen = [landscape.row_of(code) for code in codes.tolist()]
+        lines = _draw_paths(
+            panel, landscape, np.array(chosen, dtype=int), 0.8 + 2.2 * times / max(1, times.max(initial=1))
+        )
+        panel.set_title(f"leg {leg}:  {len(codes)} different gaits in {times.sum()} runs", fontsize=9)
+    title = "Best trajectories found, over all optimizers and runs (sideways stretched)"
+    _finish_paths(figure, panels, len(legs), title, equal=False)
+    _add_bar(figure, panels, lines)
+    return figure
+
+
+def examples_figure(findings: Findings) -> "Figure | None":
+    """Return single trajectories of legs 2 and 6, before and after; None when neither leg was studied."""
+    legs = [leg for leg in EXAMPLE_LEGS if leg in findings.plan.legs]
+    if not legs:
+        return None
+    figure, panels = new_figure(len(legs), 2, (11.0, 3.2 * len(legs) + 0.4))
+    for row, leg in enumerate(legs):
+        best = _best_row(findings.rotated(leg))
+        pairs = [(findings.without(leg), EXAMPLE_CODE - 1), (findings.rotated(leg), best)]
+        for panel, (landscape, chosen) in zip(panels[2 * row :], pairs, strict=False):
+            _draw_example(panel, landscape, chosen)
+    _finish_paths(
+        figure, panels, len(panels), "Left: an arbitrary gait. Right: self-rotation and the best gait"
+    )
+    return figure
+
+
+def _best_row(landscape: Landscape) -> int:
+    return int(landscape.scores.argmin())
+
+
+def _found(findings: Findings, leg: int) -> "tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]":
+    """Return the codes that were the best of a run, and how many runs each."""
+    best = [findings.searches[leg, name, True].best_codes for name in findings.plan.optimizers]
+    return np.unique(np.concatenate(best), return_counts=True)
+
+
+def _points(landscape: Landscape, row: int) -> FloatArray:
+    """Return a path from its origin, (P, 2), without what was never walked."""
+    path = landscape.paths_m[row]
+    return np.concatenate([np.zeros((1, 2)), path[np.isfinite(path[:, 0])]])
+
+
+def _draw_paths(
+    panel: "Axes", landscape: Landscape, rows: "np.ndarray[Any, Any]", widths: "FloatArray | float" = 0.9
+) -> Any:
+    """Draw the paths of some rows, the best on top and invalid ones grey; return what a colour bar needs."""
+    from matplotlib.collections import LineCollection
+    from matplotlib.colors import LogNorm
+
+    ordered = np.argsort(-landscape.scores[rows], kind="stable")
+    widths = np.broadcast_to(widths, rows.shape)[ordered]
+    rows = rows[ordered]
+    valid = landscape.valid[rows]
+    grey = LineCollection([_points(landscape, row) for row in rows[~valid]], colors="#BBBBBB", linewidths=0.5)
+    panel.add_collection(grey)
+    lines = LineCollection(
+        [_points(landscape, row) for row in rows[valid]],
+        array=landscape.final_m[rows][valid],
+        cmap=COLORS,
+        norm=LogNorm(NEAR_M, FAR_M),
+        linewidths=widths[valid],
+    )
+    panel.add_collection(lines)
+    panel.autoscale_view()
+    return lines
+
+
+def _draw_example(panel: "Axes", landscape: Landscape, row: int) -> None:
+    points = _points(landscape, row)
+    panel.plot(points[:, 0], points[:, 1], color="#1F4E79", linewidth=1.8)
+    panel.plot(points[::25, 0], points[::25, 1], "o", color="#1F4E79", markersize=3)
+    slots = ",".join(str(slot) for slot in landscape.spec.space.slots_of(int(landscape.codes[row])))
+    off = f"{landscape.number('signed_m')[row]:+.3f} m"
+    ends = off if landscape.valid[row] else f"{off}, invalid ({landscape.status[row]})"
+    panel.set_title(f"{landscape.spec.title}, code {landscape.codes[row]} ({slots}): {ends}", fontsize=9)
+
+
+def _size_in(landscapes: list[Landscape], rows: int, columns: int) -> tuple[float, float]:
+    """Return width and height of a figure whose panels hold all paths at equal scales."""
+    points = np.concatenate([landscape.paths_m.reshape(-1, 2) for landscape in landscapes])
+    points = np.concatenate([np.zeros((1, 2)), points[np.isfinite(points[:, 0])]])
+    wide, high = np.ptp(points, axis=0)
+    panel_in = PANEL_IN * float(np.clip(high / max(wide, 1e-6), 0.4, 1.6))
+    return PANEL_IN * columns + BAR_IN + 0.4, (panel_in + 0.35) * rows + 0.6
+
+
+def _add_bar(figure: "Figure", panels: "list[Axes]", lines: Any) -> None:
+    bar = figure.colorbar(lines, ax=panels, shrink=0.8, pad=0.01, extend="both")
+    bar.set_label("deviation at the end", fontsize=9)
+    bar.set_ticks(
+        [0.01, 0.025, 0.1, 0.3, 1.0, 3.0], labels=["1 cm", "2.5 cm", "10 cm", "30 cm", "1 m", "3 m"]
+    )
+    bar.minorticks_off()
+
+
+def _finish_paths(
+    figure: "Figure", panels: "list[Axes]", used: int, title: str, *, equal: bool = True
+) -> None:
+    """Give all panels the line of travel and labels, and equal scales unless told otherwise."""
+    for panel in panels[:used]:
+        panel.axhline(0, color=LINE_COLOR, linewidth=0.8, zorder=0)
+        panel.plot(0, 0, "o", color=LINE_COLOR, markersize=4)
+        if equal:
+            panel.set_aspect("equal", adjustable="box")
+    label_axes(panels, used, "progress along the heading in m", "to the left of the line in m")
+    figure.suptitle(title, fontsize=11)
+
+
+FLOOR_COLOR = "#888888"
+
+#: Lower end of the scale: less than this says nothing about a robot.
+LOW_M = 0.002
+
+
+def convergence_figure(findings: Findings, *, paper_count: bool) -> "Figure":
+    """Return one panel per leg with the mean of every optimizer, by one of the two counts."""
+    legs = findings.plan.legs
+    rows, columns = grid_of(len(legs))
+    figure, panels = new_figure(rows, columns, (4.6 * columns + 0.6, 3.4 * rows + 0.8))
+    for panel, leg in zip(panels, legs, strict=False):
+        for name in findings.plan.optimizers:
+            search = findings.searches[leg, name, paper_count]
+            _draw_curve(panel, name, search.curve)
+            _draw_spread(panel, name, search.curve)
+            _mark_stuck(panel, search)
+        best = findings.rotated(leg).best_m
+        panel.axhline(best, color=FLOOR_COLOR, linewidth=1.2, linestyle=":", label="best of all gaits")
+        below = " (below the scale)" if best < LOW_M else ""
+        panel.set_title(f"leg {leg}:  best of all gaits {cm(best)}{below}", fontsize=9)
+    counted = "repetitions counted (the paper's count)" if paper_count else "each gait paid for once"
+    _finish_curves(
+        figure, panels, len(legs), f"Mean of the best deviation over {findings.plan.runs} runs, {counted}"
+    )
+    return figure
+
+
+def means_figure(findings: Findings) -> "Figure":
+    """Return the means over all legs and runs, by both counts, with the project's bars."""
+    figure, panels = new_figure(1, 2, (11.0, 4.2))
+    best = float(np.mean([findings.rotated(leg).best_m for leg in findings.plan.legs]))
+    for panel, paper_count in zip(panels, (True, False), strict=True):
+        for name in findings.plan.optimizers:
+            _draw_curve(panel, name, findings.mean_curve(name, paper_count=paper_count))
+        panel.axhline(best, color=FLOOR_COLOR, linewidth=1.2, linestyle=":", label="best of all gaits")
+        panel.plot([EARLY, LATE], [EARLY_M, LATE_M], "v", color="#C0392B", markersize=7, label="bars")
+        panel.set_title("repetitions counted" if paper_count else "each gait paid for once", fontsize=9)
+    _finish_curves(figure, panels, 2, "Mean over all legs and runs")
+    return figure
+
+
+def _draw_curve(panel: "Axes", name: str, curve: Curve) -> None:
+    evaluations = np.arange(1, len(curve.mean) + 1)
+    style = "--" if name == BASELINE else "-"
+    panel.plot(evaluations, curve.mean, style, color=color_of(name), linewidth=1.4, label=name)
+
+
+def _draw_spread(panel: "Axes", name: str, curve: Curve) -> None:
+    """Shade where eight of ten runs of the random baseline are; six such bands would hide one another."""
+    if name == BASELINE:
+        evaluations = np.arange(1, len(curve.mean) + 1)
+        label = f"{name}, 10-90 % of the runs"
+        panel.fill_between(evaluations, curve.p10, curve.p90, color="#000000", alpha=0.08, lw=0, label=label)
+
+
+def _mark_stuck(panel: "Axes", search: Searches) -> None:
+    """Put a dot where the search, on average, has no codes of its own left and random ones go on."""
+    stuck = float(search.own_codes.mean())
+    if not search.paper_count and search.optimizer != BASELINE and stuck < len(search.curve.mean):
+        value = search.curve.mean[round(stuck) - 1]
+        panel.plot(stuck, value, "o", color=color_of(search.optimizer), markersize=4)
+
+
+def _finish_curves(figure: "Figure", panels: "list[Axes]", used: int, title: str) -> None:
+    """Give all panels a logarithmic scale and labels, and the figure one legend."""
+    for panel in panels[:used]:
+        panel.set_yscale("log")
+        panel.axhline(LATE_M, color="#C0392B", linewidth=0.5)
+        panel.axhline(EARLY_M, color="#C0392B", linewidth=0.5)
+        panel.set_yticks([0.01, 0.025, 0.1, 0.5, 1.0], ["1 cm", "2.5 cm", "10 cm", "50 cm", "1 m"])
+        panel.minorticks_off()
+        panel.set_ylim(bottom=LOW_M)
+    label_axes(panels, used, "evaluations", "deviation from the line")
+    handles, labels = panels[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=len(labels), fontsize=9, frameon=False)
+    figure.suptitle(title, fontsize=11)
 
 
 @dataclass(frozen=True, kw_only=True)

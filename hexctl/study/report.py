@@ -3,19 +3,13 @@
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
-from hexctl.study.bars import BarRow, bar_rows
-from hexctl.study.claim import cm
-from hexctl.study.claims import claims_of
-from hexctl.study.convergence import Curve
+from hexctl.study.claims import BarRow, bar_rows, claims_of, cm, expected_best_rank, left_share, within
 from hexctl.study.figures import FigureEntry, draw_figures
-from hexctl.study.findings import Findings
 from hexctl.study.html import bullets, figure, heading, page, paragraph, table
 from hexctl.study.landscape import Landscape
-from hexctl.study.search_claims import expected_best_rank
-from hexctl.study.summary import SHOWN
-from hexctl.study.tables import TABLES, write_tables
+from hexctl.study.searches import Curve, Findings
+from hexctl.study.tables import SHOWN, TABLES, write_tables
 from hexctl.study.versions import code_versions
-from hexctl.study.walk_claims import left_share, within
 
 REPORT = "report.html"
 

@@ -11,7 +11,7 @@ LANDSCAPE_VERSION = 1
 _PACKAGES = ("hexctl", "mujoco", "dm_control", "numpy")
 
 #: The parts of hexctl that decide how a robot walks in a simulation.
-_SOURCES = ("robot", "gait", "ik", "control", "backends", "study/landscape.py", "study/chunk.py")
+_SOURCES = ("robot", "gait", "ik", "control", "backends", "study/landscape.py", "study/evaluate.py")
 
 
 @cache

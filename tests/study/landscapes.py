@@ -5,9 +5,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from hexctl.backends.sim.world import World
-from hexctl.study.findings import Findings, search_all
 from hexctl.study.landscape import NUMBERS, Landscape, LandscapeSpec, Rows, empty_landscape, with_rows
 from hexctl.study.plan import ROTATIONS, StudyPlan
+from hexctl.study.searches import Findings, search_all
 from hexctl.types import FloatArray
 from tests.robots import shipped
 

@@ -7,8 +7,7 @@ import pytest
 from hexctl.errors import RobotFaultError
 from hexctl.study import versions
 from hexctl.study.cache import CacheError, LandscapeCache
-from hexctl.study.chunk import Chunk, ChunkDone, simulate_chunk
-from hexctl.study.evaluate import fill, simulate_here
+from hexctl.study.evaluate import Chunk, ChunkDone, fill, simulate_chunk, simulate_here
 from tests.study.landscapes import made_up, same, spec, spread_out
 from tests.study.watching import Counting, Remembering
 

@@ -1,11 +1,8 @@
 import numpy as np
 import pytest
 
-from hexctl.study.bars import bar_rows
-from hexctl.study.claim import Claim, cm
-from hexctl.study.claims import claims_of
-from hexctl.study.findings import Findings
-from hexctl.study.search_claims import expected_best_rank
+from hexctl.study.claims import Claim, bar_rows, claims_of, cm, expected_best_rank
+from hexctl.study.searches import Findings
 from tests.study.landscapes import made_up_findings, spread_out
 
 CLAIMS = {

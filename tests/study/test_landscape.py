@@ -12,7 +12,7 @@ from hexctl.control.guard import Guard
 from hexctl.control.log import TickLog
 from hexctl.control.result import TrialResult
 from hexctl.control.trial import run_trial
-from hexctl.study.chunk import Chunk, chunks_of, simulate_chunk
+from hexctl.study.evaluate import Chunk, chunks_of, simulate_chunk
 from hexctl.study.landscape import NUMBERS, LandscapeSpec, empty_landscape, with_rows
 from hexctl.types import FloatArray
 from tests.robots import shipped

@@ -9,11 +9,10 @@ import pyarrow.parquet as pq
 import pytest
 
 from hexctl.study.figures import FIGURES
-from hexctl.study.findings import Findings
 from hexctl.study.html import page, table
 from hexctl.study.report import write_report
-from hexctl.study.summary import summary_json
-from hexctl.study.tables import TABLES
+from hexctl.study.searches import Findings
+from hexctl.study.tables import TABLES, summary_json
 from tests.study.landscapes import made_up, made_up_findings, spread_out
 
 PNG = b"\x89PNG\r\n\x1a\n"
@@ -94,7 +93,7 @@ def test_the_summary_is_plain_json(findings: Findings) -> None:
 
 
 def test_a_study_without_valid_gaits_still_reports(tmp_path: Path) -> None:
-    from hexctl.study.findings import search_all
+    from hexctl.study.searches import search_all
 
     plan = made_up_findings(spread_out(1.0), legs=(2,), optimizers=("pso",), runs=2, budget=20).plan
     nothing = [made_up(2, rotation, spread_out(1.0), invalid=range(1, 121)) for rotation in ("none", "rear")]

@@ -16,12 +16,10 @@ from hexctl.errors import InputError, RobotFaultError
 from hexctl.gait.named import make_gait
 from hexctl.robot.failure import Failure
 from hexctl.study.landscape import NUMBERS, Landscape, Rows, empty_landscape, with_rows
-from hexctl.study.prior.plan import PriorPlan
-from hexctl.study.transfer.bars import transfer_bars
-from hexctl.study.transfer.course import walk_of
-from hexctl.study.transfer.findings import TransferFindings, run_transfer
+from hexctl.study.prior import PriorPlan
 from hexctl.study.transfer.plan import TransferPlan
-from hexctl.study.transfer.report import transfer_json, write_transfer_report
+from hexctl.study.transfer.report import transfer_bars, transfer_json, write_transfer_report
+from hexctl.study.transfer.searches import TransferFindings, run_transfer, walk_of
 from hexctl.types import FloatArray
 from tests.robots import shipped
 

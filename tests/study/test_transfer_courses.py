@@ -14,12 +14,10 @@ from hexctl.adapt.prior.samples import FINAL, samples_of
 from hexctl.backends.sim.family import load_family
 from hexctl.errors import InputError
 from hexctl.study.landscape import NUMBERS, Landscape, LandscapeSpec, Rows, empty_landscape, with_rows
-from hexctl.study.prior.plan import PriorPlan
-from hexctl.study.transfer.bars import transfer_bars
-from hexctl.study.transfer.course import run_course, walk_of
-from hexctl.study.transfer.findings import TransferFindings, run_transfer
+from hexctl.study.prior import PriorPlan
 from hexctl.study.transfer.plan import EARLY, FIRST_WORLD, TransferPlan
-from hexctl.study.transfer.report import REPORT, TABLE, transfer_json, write_transfer_report
+from hexctl.study.transfer.report import REPORT, TABLE, transfer_bars, transfer_json, write_transfer_report
+from hexctl.study.transfer.searches import TransferFindings, run_course, run_transfer, walk_of
 from hexctl.types import FloatArray
 from tests.adapt.priors import MadeUpModel, made_up_prior, path_of, plan_of, question_of
 from tests.robots import shipped
@@ -198,7 +196,7 @@ def test_bayes_is_told_how_the_robot_stands_in_each_world(
 ) -> None:
     sags_rad = MODEL.sags(len(landscapes), seed=600)
     by_place = {one.spec.title: sag for one, sag in zip(landscapes, sags_rad, strict=True)}
-    monkeypatch.setattr("hexctl.study.transfer.findings.sag_of", lambda spec: by_place[spec.title])
+    monkeypatch.setattr("hexctl.study.transfer.searches.sag_of", lambda spec: by_place[spec.title])
     blind = made_up_prior(question(), legs=LEGS, worlds=16, model=MODEL)
     stances = np.array([MODEL.sags(16, leg) for leg in LEGS])
     asked = plan(prior=replace(blind, sag_rad=stances), optimizers=("bayes", "random"))

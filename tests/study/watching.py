@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 
-from hexctl.study.chunk import Chunk, ChunkDone, simulate_chunk
+from hexctl.study.evaluate import Chunk, ChunkDone, simulate_chunk
 from hexctl.study.landscape import Landscape
 
 

@@ -12,7 +12,7 @@ from hexctl.errors import InputError
 from hexctl.robot.model import Robot
 from hexctl.study.landscape import LandscapeSpec
 from hexctl.study.plan import BASELINE, HEURISTICS, StudyPlan
-from hexctl.study.prior.plan import WHOLE_S, in_whole_steps
+from hexctl.study.prior import WHOLE_S, in_whole_steps
 from hexctl.types import N_LEGS
 
 #: The first worlds of the family were looked at while `bayes` was made; the benchmark begins after them.

@@ -1,23 +1,204 @@
-"""The report of a transfer benchmark: one page, with figures and tables beside it."""
+"""The report of a transfer benchmark: one HTML page, with figures and a table beside it."""
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hexctl.study.claim import cm
-from hexctl.study.drawing import save_figure
+from hexctl.adapt.catalogue import BAYES
+from hexctl.study.claims import cm
+from hexctl.study.drawing import color_of, grid_of, label_axes, new_figure, save_figure
 from hexctl.study.html import bullets, figure, heading, page, paragraph, table
-from hexctl.study.summary import number
-from hexctl.study.transfer.bars import transfer_bars
-from hexctl.study.transfer.figures import kinds_figure, seconds_figure, trials_figure
-from hexctl.study.transfer.findings import NEAR_M, NEARER_M, TransferFindings
-from hexctl.study.transfer.plan import PRIORED
+from hexctl.study.plan import BASELINE
+from hexctl.study.tables import number
+from hexctl.study.transfer.plan import EARLY, PRIORED
+from hexctl.study.transfer.searches import NEAR_M, NEARER_M, Curves, TransferFindings
 from hexctl.study.versions import code_versions
+from hexctl.types import FloatArray
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+#: Mean deviation over all worlds and legs, and the trials within which it is asked; then the stretch.
+ASKED = ((NEAR_M, 4, 2), (NEARER_M, 10, 6))
+
+#: In worlds unlike the prior's, so many trials more than random search at most.
+MORE_THAN_RANDOM = 2
+
+#: Share of outcomes that shall lie in their intervals for nine of ten.
+COVERAGE = (0.80, 0.97)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Bar:
+    """One bar.
+
+    Attributes:
+        name: stable name.
+        asked: what is asked.
+        measured: what was found.
+        holds: whether it holds.
+    """
+
+    name: str
+    asked: str
+    measured: str
+    holds: bool
+
+    @property
+    def verdict(self) -> str:
+        """Return the verdict in words."""
+        return "holds" if self.holds else "does not hold"
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the bar as plain JSON values."""
+        return {"name": self.name, "asked": self.asked, "measured": self.measured, "holds": self.holds}
+
+
+def transfer_bars(findings: TransferFindings) -> list[Bar]:
+    """Return the bars that the benchmark's optimizers and budget can tell of."""
+    if BAYES not in findings.plan.optimizers or not findings.landscapes:
+        return []
+    bars = list(_means(findings))
+    if BASELINE in findings.plan.optimizers:
+        bars += _against_random(findings)
+    share, outcomes = findings.coverage(BAYES, findings.places())
+    low, high = COVERAGE
+    bars.append(
+        Bar(
+            name="coverage",
+            asked=f"{low:.0%} to {high:.0%} of outcomes in their intervals for nine of ten",
+            measured=f"{share:.1%} of {outcomes}",
+            holds=low <= share <= high,
+        )
+    )
+    return bars
+
+
+def _means(findings: TransferFindings) -> Iterator[Bar]:
+    curves = findings.by_trials(BAYES, findings.places())
+    for bound_m, within, stretch in ASKED:
+        if within > findings.plan.budget:
+            continue
+        needed = curves.trials_to(bound_m)
+        yield Bar(
+            name=f"mean_{bound_m:g}_m",
+            asked=f"mean within {cm(bound_m)} after {within} trials (stretch: {stretch})",
+            measured=f"{_trials(needed)}; {cm(float(curves.mean[within - 1]))} after {within}",
+            holds=needed is not None and needed <= within,
+        )
+
+
+def _against_random(findings: TransferFindings) -> Iterator[Bar]:
+    """Compare with random search, kind by kind, wherever random search gets within the budget."""
+    for kind in findings.kinds():
+        places = findings.places(kind)
+        bayes, random = (findings.by_trials(name, places) for name in (BAYES, BASELINE))
+        for bound_m in (NEAR_M, NEARER_M):
+            ours, theirs = bayes.trials_to(bound_m), random.trials_to(bound_m)
+            if theirs is None and ours is None:
+                continue  # out of reach of both
+            yield Bar(
+                name=f"{kind}_{bound_m:g}_m",
+                asked=f"{kind}: mean within {cm(bound_m)}, {MORE_THAN_RANDOM} trials after random at most",
+                measured=f"{_trials(ours)}, random {_trials(theirs)}",
+                holds=ours is not None and (theirs is None or ours <= theirs + MORE_THAN_RANDOM),
+            )
+
+
+def _trials(count: int | None) -> str:
+    return "not within the budget" if count is None else f"after {count}"
+
+
+FLOOR_COLOR = "#888888"
+
+#: Points of the curves over seconds.
+SECONDS = 120
+
+
+def trials_figure(findings: TransferFindings) -> "Figure":
+    """Return mean, median and 90th percentile over trials, of all worlds and legs."""
+    figure, panels = new_figure(1, 3, (13.0, 4.6))
+    places = findings.places()
+    trials = np.arange(1.0, findings.plan.budget + 1)
+    for name in findings.plan.optimizers:
+        _draw(panels, name, trials, findings.by_trials(name, places))
+    _finish(figure, panels, findings, places, "trials", "All worlds and legs, over trials")
+    return figure
+
+
+def seconds_figure(findings: TransferFindings) -> "Figure":
+    """Return mean, median and 90th percentile over the seconds walked."""
+    figure, panels = new_figure(1, 3, (13.0, 4.6))
+    places = findings.places()
+    seconds = np.linspace(0, findings.plan.budget * findings.plan.duration_s, SECONDS + 1)[1:]
+    for name in findings.plan.optimizers:
+        _draw(panels, name, seconds, findings.by_seconds(name, places, seconds))
+    _finish(figure, panels, findings, places, "seconds walked", "All worlds and legs, over seconds walked")
+    return figure
+
+
+def kinds_figure(findings: TransferFindings) -> "Figure":
+    """Return the means over trials, one panel for each kind of world."""
+    kinds = findings.kinds()
+    rows, columns = grid_of(len(kinds))
+    figure, panels = new_figure(rows, columns, (4.6 * columns + 0.6, 3.4 * rows + 0.8))
+    trials = np.arange(1.0, findings.plan.budget + 1)
+    for panel, kind in zip(panels, kinds, strict=False):
+        places = findings.places(kind)
+        for name in findings.plan.optimizers:
+            _line(panel, name, trials, findings.by_trials(name, places).mean)
+        _floor(panel, findings.floor_m(places))
+        panel.set_title(f"{kind}, {len(places)} worlds and legs", fontsize=9)
+    _label(figure, panels, len(kinds), "trials", "Mean, by the kind of world")
+    return figure
+
+
+def _draw(panels: "list[Axes]", name: str, across: FloatArray, curves: Curves) -> None:
+    for panel, values in zip(panels, (curves.mean, curves.median, curves.p90), strict=True):
+        _line(panel, name, across, values)
+
+
+def _line(panel: "Axes", name: str, across: FloatArray, values: FloatArray) -> None:
+    strong = name.startswith("bayes")
+    style = "--" if name in (EARLY, "random") else "-"
+    panel.plot(across, values, style, color=color_of(name), linewidth=2.2 if strong else 1.1, label=name)
+
+
+def _floor(panel: "Axes", floor_m: float) -> None:
+    panel.axhline(floor_m, color=FLOOR_COLOR, linewidth=1.2, linestyle=":", label="best of all gaits")
+
+
+def _finish(
+    figure: "Figure",
+    panels: "list[Axes]",
+    findings: TransferFindings,
+    places: list[int],
+    across: str,
+    title: str,
+) -> None:
+    for panel, what in zip(panels, ("mean", "median", "nine of ten are below"), strict=True):
+        _floor(panel, findings.floor_m(places))
+        panel.set_title(f"{what};  best of all gaits {cm(findings.floor_m(places))}", fontsize=9)
+    _label(figure, panels, 3, across, title)
+
+
+def _label(figure: "Figure", panels: "list[Axes]", used: int, across: str, title: str) -> None:
+    """Give all panels a logarithmic scale and labels, and the figure one legend."""
+    for panel in panels[:used]:
+        panel.set_yscale("log")
+        for bound_m in (NEAR_M, NEARER_M):
+            panel.axhline(bound_m, color="#C0392B", linewidth=0.5)
+        panel.set_yticks([0.01, 0.025, 0.1, 0.5, 1.0], ["1 cm", "2.5 cm", "10 cm", "50 cm", "1 m"])
+        panel.minorticks_off()
+    label_axes(panels, used, across, "deviation of the best gait so far")
+    handles, labels = panels[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=len(labels), fontsize=9, frameon=False)
+    figure.suptitle(title, fontsize=11)
+
 
 REPORT = "transfer.html"
 TABLE = "transfer.parquet"

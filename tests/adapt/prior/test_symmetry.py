@@ -12,7 +12,7 @@ from hexctl.adapt.space import GaitSpace
 from hexctl.backends.sim.world import World
 from hexctl.control.batch import run_sim_trials
 from hexctl.study.landscape import LandscapeSpec
-from hexctl.study.prior.stances import sag_of
+from hexctl.study.prior import sag_of
 from hexctl.types import FloatArray
 from tests.robots import ROBOT_NAMES, shipped
 

@@ -14,7 +14,7 @@ from hexctl.backends.sim.family import MAX_MEMBERS, Spread, WorldFamily, load_an
 from hexctl.backends.sim.physics import make_simulation
 from hexctl.backends.sim.world import World, load_world
 from hexctl.errors import InputError
-from hexctl.study.prior.plan import WORLDS_PER_LEG
+from hexctl.study.prior import WORLDS_PER_LEG
 from hexctl.types import FloatArray
 from tests.robots import ROBOT_NAMES, shipped
 

@@ -1,17 +1,26 @@
-"""What a prior is built from: which robot, failure and trial, in which worlds."""
+"""Priors built from landscapes in many plausible worlds."""
 
 import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
+import numpy as np
+
+from hexctl.adapt.prior.prior import CHECKPOINTS, Prior
+from hexctl.adapt.prior.question import Question
+from hexctl.adapt.stance import stance_sag_rad
 from hexctl.backends.sim.family import Spread, WorldFamily
+from hexctl.control.guard import Guard
 from hexctl.control.plan import TrialPlan
-from hexctl.errors import InputError
+from hexctl.errors import EStopError, InputError, SimulationDivergedError
 from hexctl.gait.named import make_gait
 from hexctl.robot.failure import Failure
 from hexctl.robot.model import Robot
-from hexctl.study.landscape import LandscapeSpec
+from hexctl.study.landscape import Landscape, LandscapeSpec
 from hexctl.study.plan import check_walks
-from hexctl.types import N_LEGS
+from hexctl.study.versions import code_versions
+from hexctl.types import N_JOINTS, N_LEGS, FloatArray
 
 #: Each leg has worlds of its own, so that six legs see six times as many; a block is spread evenly by itself.
 WORLDS_PER_LEG = 1024
@@ -111,3 +120,60 @@ class PriorPlan:
 def in_whole_steps(duration_s: float) -> bool:
     """Return whether a finite duration is a multiple of `WHOLE_S`."""
     return abs(duration_s / WHOLE_S - round(duration_s / WHOLE_S)) < 1e-9
+
+
+def sag_of(spec: LandscapeSpec) -> FloatArray:
+    """Return how far each joint stays behind where a landscape's trials begin, (18,); NaN where it falls."""
+    trial = replace(spec, placed=False, miss_rad=0.0).trial(spec.codes[0])
+    try:
+        with Guard(trial.servos()) as servos:
+            sag_rad = stance_sag_rad(servos, trial.plan)
+    except (EStopError, SimulationDivergedError):
+        sag_rad = None
+    return np.full(N_JOINTS, np.nan) if sag_rad is None else sag_rad
+
+
+def sags_of(plan: PriorPlan, on_stance: Callable[[], None] = lambda: None) -> FloatArray:
+    """Return how the joints stay behind in the worlds of a prior, (legs, worlds, 18); tell of each."""
+
+    def sag_of_one(spec: LandscapeSpec) -> FloatArray:
+        sag_rad = sag_of(spec)
+        on_stance()
+        return sag_rad
+
+    specs = plan.specs()
+    return np.array([[sag_of_one(spec) for spec in specs if spec.leg == leg] for leg in plan.legs])
+
+
+def prior_of(plan: PriorPlan, landscapes: Sequence[Landscape], sags_rad: FloatArray | None = None) -> Prior:
+    """Return the prior of a plan from its landscapes, complete and in the order of `plan.specs()`.
+
+    Args:
+        plan: what was asked.
+        landscapes: what became of the gaits.
+        sags_rad: how the joints stay behind in the stance, (legs, worlds, 18), if that is known.
+    """
+    by_leg = [[one for one in landscapes if one.spec.leg == leg] for leg in plan.legs]
+    paths = np.array([[checkpoints_of(one) for one in some] for some in by_leg])
+    yaws = np.array([[one.number("yaw_change_rad") for one in some] for some in by_leg])
+    finished = np.isfinite(paths[..., -1, 0])
+    return Prior(
+        question=Question.of(plan.robot, plan.trial_plan()),
+        legs=plan.legs,
+        origin=_origin(plan),
+        signed_m=paths[..., 1],
+        progress_m=paths[..., 0],
+        yaw_rad=np.where(finished, yaws, np.nan),
+        sag_rad=sags_rad,
+    )
+
+
+def checkpoints_of(landscape: Landscape) -> FloatArray:
+    """Return progress and signed deviation of every gait at the checkpoints, (gaits, CHECKPOINTS, 2)."""
+    points = landscape.paths_m.shape[1]
+    rows = np.rint(np.arange(1, CHECKPOINTS + 1) * points / CHECKPOINTS).astype(int) - 1
+    return np.asarray(landscape.paths_m[:, rows], dtype=float)
+
+
+def _origin(plan: PriorPlan) -> dict[str, Any]:
+    return {"family": plan.family.model_dump(mode="json"), "worlds": plan.worlds, "code": code_versions()}

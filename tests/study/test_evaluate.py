@@ -11,8 +11,7 @@ from distributed import Client, LocalCluster
 
 from hexctl.errors import InputError
 from hexctl.study.cache import LandscapeCache
-from hexctl.study.cluster import dask_executor, simulate_on
-from hexctl.study.evaluate import fill, simulate_here
+from hexctl.study.evaluate import dask_executor, fill, simulate_here, simulate_on
 from hexctl.study.landscape import Landscape
 from tests.study.landscapes import same, spec
 from tests.study.watching import Remembering
@@ -72,6 +71,6 @@ def test_any_executor_will_do(local: Sequence[Landscape], tmp_path: Path) -> Non
 
 @pytest.mark.parametrize("address", ["nonsense", "tcp://127.0.0.1:1"])
 def test_a_scheduler_that_is_not_there_is_named(address: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("hexctl.study.cluster.CONNECT_S", 0.5)
+    monkeypatch.setattr("hexctl.study.evaluate.CONNECT_S", 0.5)
     with pytest.raises(InputError, match="--dask"), dask_executor(address):
         pass

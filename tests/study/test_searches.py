@@ -7,8 +7,8 @@ from hexctl.adapt.catalogue import OPTIMIZERS, make_optimizer
 from hexctl.adapt.counting import FreshCodes
 from hexctl.adapt.objective import INVALID_SCORE
 from hexctl.errors import InputError
-from hexctl.study.convergence import codes_until_stuck, curve_of, search_landscape
 from hexctl.study.landscape import Landscape, empty_landscape
+from hexctl.study.searches import codes_until_stuck, curve_of, search_landscape
 from hexctl.types import FloatArray
 from tests.study.landscapes import made_up, made_up_findings, spec, spread_out
 

@@ -1,1 +1,0 @@
-"""Build priors: walk all gaits in many plausible worlds, and keep what became of them."""
