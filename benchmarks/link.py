@@ -23,7 +23,7 @@ from hexctl.control.guard import Guard
 from hexctl.control.log import TickLog
 from hexctl.control.plan import TrialPlan
 from hexctl.control.trial import run_trial
-from hexctl.gait.named import make_gait
+from hexctl.gait.gait import make_gait
 from hexctl.types import FloatArray, JointTargets
 from hexctl.wire.command import encode_positions
 from hexctl.wire.keys import KeyMap

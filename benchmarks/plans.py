@@ -4,10 +4,9 @@ from functools import cache
 
 from hexctl.control.plan import TrialPlan
 from hexctl.gait.encoding import Slots, slots_from_code
-from hexctl.gait.gait import Gait
-from hexctl.gait.named import NAMED_SLOTS
+from hexctl.gait.gait import NAMED_SLOTS, Gait
 from hexctl.robot.failure import Failure
-from hexctl.robot.file import load_robot
+from hexctl.robot.loader import load_robot
 from hexctl.robot.model import Robot
 
 #: Gaits of a robot with one failed leg.

@@ -13,10 +13,10 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
-from hexctl.gait.named import parse_slots
-from hexctl.gait.trajectory import in_stance, lift_offset, phase_in_cycle, stroke_offset
-from hexctl.ik.kinematics import link_points_body
-from hexctl.robot.file import load_robot
+from hexctl.gait.foot_trajectory import in_stance, lift_offset, phase_in_cycle, stroke_offset
+from hexctl.gait.gait import parse_slots
+from hexctl.ik.legs import link_points_body
+from hexctl.robot.loader import load_robot
 from hexctl.types import N_LEGS
 
 if TYPE_CHECKING:

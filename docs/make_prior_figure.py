@@ -18,7 +18,7 @@ from hexctl.adapt.prior.prior import load_prior
 from hexctl.adapt.prior.samples import samples_of
 from hexctl.backends.sim.family import load_any_world
 from hexctl.control.result import progress_floor_m
-from hexctl.robot.file import load_robot
+from hexctl.robot.loader import load_robot
 from hexctl.study.cache import LandscapeCache
 from hexctl.study.drawing import LINE_COLOR, label_axes, new_figure
 from hexctl.study.evaluate import fill, simulate_here

@@ -21,11 +21,10 @@ if TYPE_CHECKING:
     from hexctl.control.trial import run_trial
     from hexctl.errors import HexctlError
     from hexctl.gait.encoding import code_from_slots, slots_from_code
-    from hexctl.gait.gait import Gait, Motion
-    from hexctl.gait.named import make_gait
+    from hexctl.gait.gait import Gait, Motion, make_gait
     from hexctl.record.recording import Recording
     from hexctl.robot.failure import Failure
-    from hexctl.robot.file import load_robot
+    from hexctl.robot.loader import load_robot
     from hexctl.robot.model import Robot
     from hexctl.types import JointTargets, RobotState
 
@@ -52,9 +51,9 @@ _HOMES = {
     "WallClock": "hexctl.backends.clock",
     "World": "hexctl.backends.sim.world",
     "code_from_slots": "hexctl.gait.encoding",
-    "load_robot": "hexctl.robot.file",
+    "load_robot": "hexctl.robot.loader",
     "load_world": "hexctl.backends.sim.world",
-    "make_gait": "hexctl.gait.named",
+    "make_gait": "hexctl.gait.gait",
     "run_sim_trials": "hexctl.control.batch",
     "run_trial": "hexctl.control.trial",
     "slots_from_code": "hexctl.gait.encoding",

@@ -9,7 +9,7 @@ from typing import Any
 import yaml
 
 from hexctl.robot.configs import config_root
-from hexctl.robot.file import load_robot
+from hexctl.robot.loader import load_robot
 from hexctl.robot.model import Robot
 
 ROBOT_NAMES = ("ant", "phantomx", "pexod")

@@ -11,8 +11,7 @@ from hexctl.control.plan import TrialPlan
 from hexctl.control.result import TrialResult
 from hexctl.control.trial import run_trial
 from hexctl.gait.encoding import Slots
-from hexctl.gait.gait import Gait
-from hexctl.gait.named import NAMED_SLOTS
+from hexctl.gait.gait import NAMED_SLOTS, Gait
 from hexctl.robot.failure import Failure
 from hexctl.robot.model import Robot
 from tests.robots import shipped

@@ -8,7 +8,7 @@ from hexctl.adapt.pso import Pso
 from hexctl.adapt.psosp import Psosp
 from hexctl.adapt.space import GaitSpace
 from hexctl.errors import InputError
-from hexctl.robot.ownmodule import module_here
+from hexctl.robot.plugins import module_here
 
 OPTIMIZERS: dict[str, type[Optimizer]] = {
     "pso": Pso,

@@ -9,7 +9,7 @@ import numpy as np
 from hexctl.backends.clock import PERIOD_S
 from hexctl.control.plan import TrialPlan
 from hexctl.control.result import Deviation, TrialResult, progress_floor_m, score
-from hexctl.gait.ramp import RAMP_DURATION_S
+from hexctl.gait.foot_trajectory import RAMP_DURATION_S
 from hexctl.robot.model import Robot
 from hexctl.types import FloatArray
 

@@ -17,8 +17,8 @@ from hexctl.control.trial import Enough, run_trial
 from hexctl.control.turning import turn_gait
 from hexctl.errors import RobotFaultError
 from hexctl.gait.encoding import Slots
+from hexctl.gait.foot_trajectory import RAMP_DURATION_S
 from hexctl.gait.gait import ideal_speed_m_s
-from hexctl.gait.ramp import RAMP_DURATION_S
 from hexctl.types import RobotState
 
 #: Ticks that a robot has to say where it is and to be upright.

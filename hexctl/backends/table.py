@@ -9,7 +9,7 @@ from hexctl.backends.base import LegServos
 from hexctl.errors import InputError, MissingExtraError
 from hexctl.robot.failure import Failure
 from hexctl.robot.model import Robot
-from hexctl.robot.ownmodule import module_here
+from hexctl.robot.plugins import module_here
 
 if TYPE_CHECKING:
     from hexctl.backends.sim.world import World
@@ -100,7 +100,7 @@ def _mavlink(options: BackendOptions) -> LegServos:
     from hexctl.backends.mavlink.address import DEFAULT_PORT, check_guarded, parse_port
     from hexctl.backends.mavlink.key import read_signing_key
     from hexctl.backends.mavlink.servos import MavlinkServos
-    from hexctl.robot.servomap import load_servo_map
+    from hexctl.robot.servo_map import load_servo_map
 
     port, signing_key = options.connect or DEFAULT_PORT, read_signing_key(options.credentials)
     signed = signing_key is not None

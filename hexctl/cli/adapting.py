@@ -48,10 +48,10 @@ from hexctl.control.plan import TrialPlan
 from hexctl.control.turning import check_plan
 from hexctl.errors import HexctlError, InputError, RecordingError, RobotFaultError
 from hexctl.gait.encoding import Slots
-from hexctl.gait.named import make_gait
+from hexctl.gait.gait import make_gait
 from hexctl.record.live import LiveView
 from hexctl.robot.failure import parse_failure
-from hexctl.robot.file import load_robot
+from hexctl.robot.loader import load_robot
 from hexctl.robot.meshes import load_meshes
 from hexctl.robot.model import Robot
 

@@ -14,7 +14,7 @@ from hexctl.cli.interrupt import StopOnInterrupt
 from hexctl.cli.output import say, say_aside
 from hexctl.cli.twin import Twin
 from hexctl.errors import InputError
-from hexctl.robot.servomap import load_servo_map
+from hexctl.robot.servo_map import load_servo_map
 from hexctl.serve.board.board import ServoBoard
 
 BACKENDS = ("sim", "mock")

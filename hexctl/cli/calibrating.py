@@ -12,12 +12,21 @@ from hexctl.cli.exits import DONE, INTERRUPTED
 from hexctl.cli.interrupt import StopOnInterrupt
 from hexctl.control.guard import MAX_EXPIRY_S, Guard
 from hexctl.errors import InputError
-from hexctl.robot.calibration import flipped, limited, reference_deg, referenced, taken_over
 from hexctl.robot.configs import find_config
-from hexctl.robot.file import load_robot
+from hexctl.robot.loader import load_robot
 from hexctl.robot.model import Robot
-from hexctl.robot.servofile import back_up, check_writable, write_servo_map
-from hexctl.robot.servomap import ServoMap, load_servo_map
+from hexctl.robot.servo_map import (
+    ServoMap,
+    back_up,
+    check_writable,
+    flipped,
+    limited,
+    load_servo_map,
+    reference_deg,
+    referenced,
+    taken_over,
+    write_servo_map,
+)
 from hexctl.types import JOINT_KINDS, JOINT_NAMES, JOINTS_PER_LEG
 
 #: How far a joint is moved to see which way it turns.

@@ -12,8 +12,7 @@ from hexctl.backends.mavlink.servos import MavlinkServos
 from hexctl.cli.output import say_aside
 from hexctl.control.guard import Guard
 from hexctl.errors import RobotFaultError
-from hexctl.robot.calibration import referenced
-from hexctl.robot.servomap import ServoMap
+from hexctl.robot.servo_map import ServoMap, referenced
 from hexctl.types import FloatArray, JointTargets
 
 #: How fast a joint moves while somebody has fingers near it.

@@ -52,10 +52,10 @@ def check(
     from hexctl.cli.values import finite, turn_rate_deg_s
     from hexctl.control.feasibility import gait_demand
     from hexctl.errors import InputError
-    from hexctl.gait.named import make_gait
-    from hexctl.robot.file import load_robot
+    from hexctl.gait.gait import make_gait
+    from hexctl.robot.loader import load_robot
     from hexctl.robot.meshes import load_meshes
-    from hexctl.robot.servomap import load_servo_map
+    from hexctl.robot.servo_map import load_servo_map
 
     if robot_name is not None and robot is not None and robot_name != robot:
         raise InputError(f"check: got robots {robot_name} and {robot}; allowed: one")
@@ -128,7 +128,7 @@ def _report(robot: Any, gait: Any, demand: Any) -> dict[str, Any]:
 
 def _pulses(robot: Any, servo_map: Any, demand: Any) -> dict[str, Any]:
     """Return whether a servo board could drive it: each joint's range as pulses, and what does not fit."""
-    from hexctl.robot.servomap import joints_beyond_pulses
+    from hexctl.robot.servo_map import joints_beyond_pulses
     from hexctl.types import JOINT_NAMES
 
     ends = [servo_map.pulses_us(limit) for limit in (robot.joint_lower_rad, robot.joint_upper_rad)]

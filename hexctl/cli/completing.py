@@ -49,7 +49,7 @@ def _world_files() -> Iterable[str]:
 
 
 def _gaits() -> Iterable[str]:
-    from hexctl.gait.named import NAMED_SLOTS
+    from hexctl.gait.gait import NAMED_SLOTS
 
     return NAMED_SLOTS
 

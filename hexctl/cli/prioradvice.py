@@ -3,7 +3,7 @@
 from hexctl.adapt.session import SessionSpec
 from hexctl.backends.sim.family import load_family
 from hexctl.errors import InputError
-from hexctl.robot.file import load_robot
+from hexctl.robot.loader import load_robot
 from hexctl.study.prior import PriorPlan
 
 

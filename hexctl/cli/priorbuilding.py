@@ -19,7 +19,7 @@ from hexctl.cli.simulating import (
 )
 from hexctl.cli.studyprogress import StudyProgress
 from hexctl.errors import InputError
-from hexctl.robot.file import load_robot
+from hexctl.robot.loader import load_robot
 from hexctl.study.prior import PriorPlan, prior_of, sags_of
 from hexctl.types import N_LEGS
 

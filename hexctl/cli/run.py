@@ -112,8 +112,8 @@ def run(
     from hexctl.cli.values import finite, make_failure, turn_rate_deg_s
     from hexctl.cli.walking import Request, execute
     from hexctl.control.plan import TrialPlan
-    from hexctl.gait.named import make_gait
-    from hexctl.robot.file import load_robot
+    from hexctl.gait.gait import make_gait
+    from hexctl.robot.loader import load_robot
     from hexctl.robot.meshes import load_meshes
 
     described = load_robot(robot)

@@ -22,7 +22,7 @@ from hexctl.cli.simulating import (
 )
 from hexctl.cli.studyprogress import StudyProgress
 from hexctl.errors import InputError
-from hexctl.robot.file import load_robot
+from hexctl.robot.loader import load_robot
 from hexctl.study.cache import LandscapeCache
 from hexctl.study.claims import bar_rows, claims_of, cm
 from hexctl.study.drawing import check_drawing

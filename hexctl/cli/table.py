@@ -12,7 +12,7 @@ import typer
 from hexctl.adapt.session import MILESTONES_M, Session, SessionSpec, TrialRecord
 from hexctl.cli.bar import make_bar
 from hexctl.errors import InputError
-from hexctl.robot.file import load_robot
+from hexctl.robot.loader import load_robot
 
 HEADER = "trial  code  slots        deviation     distance  status        best"
 EXPECTED = "  expected, 9 of 10"

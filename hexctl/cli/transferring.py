@@ -23,9 +23,9 @@ from hexctl.cli.studying import StudyRequest, chosen, new_folder
 from hexctl.cli.studyprogress import StudyProgress
 from hexctl.control.plan import TrialPlan
 from hexctl.errors import InputError
-from hexctl.gait.named import make_gait
+from hexctl.gait.gait import make_gait
 from hexctl.robot.failure import Failure
-from hexctl.robot.file import load_robot
+from hexctl.robot.loader import load_robot
 from hexctl.robot.model import Robot
 from hexctl.study.cache import LandscapeCache
 from hexctl.study.drawing import check_drawing

@@ -8,7 +8,7 @@ from hexctl.backends.table import BackendOptions
 from hexctl.cli.values import make_failure
 from hexctl.errors import InputError
 from hexctl.robot.failure import Failure
-from hexctl.robot.file import load_robot
+from hexctl.robot.loader import load_robot
 
 if TYPE_CHECKING:
     from hexctl.backends.sim.world import World

@@ -14,7 +14,7 @@ from hexctl.control.frame import TrialFrame
 from hexctl.control.log import TickLog
 from hexctl.control.plan import TrialPlan
 from hexctl.errors import RobotFaultError
-from hexctl.gait.named import make_gait
+from hexctl.gait.gait import make_gait
 from hexctl.record.live import LIVE_BLOCK_TICKS, LiveView
 from hexctl.record.viewer import check_display
 from hexctl.robot.model import Robot

@@ -17,7 +17,7 @@ from hexctl.control.result import TrialResult, score
 from hexctl.control.trial import StartLine, prepare, run_trial, ticks_of
 from hexctl.control.turning import check_plan
 from hexctl.errors import EStopError, SimulationDivergedError
-from hexctl.gait.feet import feet_of_walks, stroke_vectors_m
+from hexctl.gait.foot_trajectory import feet_of_walks, stroke_vectors_m
 from hexctl.robot.model import Robot
 from hexctl.types import FloatArray
 

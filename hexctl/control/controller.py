@@ -4,11 +4,9 @@ from abc import ABC, abstractmethod
 
 import numpy as np
 
-from hexctl.gait.feet import feet_of_walks, gait_feet_body, stroke_vectors_m
+from hexctl.gait.foot_trajectory import RAMP_DURATION_S, feet_of_walks, gait_feet_body, stroke_vectors_m
 from hexctl.gait.gait import Gait, Motion
-from hexctl.gait.ramp import RAMP_DURATION_S
-from hexctl.ik.kinematics import solve_legs
-from hexctl.ik.limits import solve_legs_within_limits
+from hexctl.ik.legs import solve_legs, solve_legs_within_limits
 from hexctl.robot.model import Robot
 from hexctl.types import FloatArray, RobotState, leg_slice
 

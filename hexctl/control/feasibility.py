@@ -5,11 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hexctl.gait.feet import gait_feet_body
+from hexctl.gait.foot_trajectory import RAMP_DURATION_S, gait_feet_body
 from hexctl.gait.gait import Gait, Motion
-from hexctl.gait.ramp import RAMP_DURATION_S
-from hexctl.ik.kinematics import solve_legs
-from hexctl.ik.limits import TOLERANCE_RAD, range_excess_rad
+from hexctl.ik.legs import TOLERANCE_RAD, range_excess_rad, solve_legs
 from hexctl.robot.model import Robot
 from hexctl.types import FloatArray
 

@@ -8,8 +8,8 @@ import numpy as np
 
 from hexctl.control.frame import TrialFrame
 from hexctl.control.plan import TrialPlan
+from hexctl.gait.foot_trajectory import RAMP_DURATION_S
 from hexctl.gait.gait import ideal_speed_m_s
-from hexctl.gait.ramp import RAMP_DURATION_S
 from hexctl.robot.model import Robot
 from hexctl.robot.rotations import yaw_rad
 from hexctl.types import FloatArray

@@ -3,7 +3,7 @@
 import numpy as np
 
 from hexctl.errors import LimitError, ReachError
-from hexctl.ik.limits import solve_legs_within_limits
+from hexctl.ik.legs import solve_legs_within_limits
 from hexctl.robot.model import Robot
 from hexctl.types import FloatArray
 

@@ -5,9 +5,8 @@ from collections.abc import Callable
 
 from hexctl.control.controller import Walk, check_walk
 from hexctl.control.plan import TrialPlan
-from hexctl.gait.gait import Gait, Motion, half_amplitude_turn_rate_rad_s
-from hexctl.gait.named import make_gait
-from hexctl.gait.ramp import RAMP_DURATION_S
+from hexctl.gait.foot_trajectory import RAMP_DURATION_S
+from hexctl.gait.gait import Gait, Motion, half_amplitude_turn_rate_rad_s, make_gait
 from hexctl.robot.model import Robot
 from hexctl.robot.rotations import wrapped_rad, yaw_rad
 from hexctl.types import RobotState

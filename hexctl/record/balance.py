@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hexctl.ik.balance import carried, centre_of_mass_of, support, to_world
-from hexctl.ik.kinematics import link_points_body
+from hexctl.ik.legs import link_points_body
+from hexctl.ik.support_polygon import carried, centre_of_mass_of, support, to_world
 from hexctl.record import paths, style
 from hexctl.record.block import KEPT_BITS, Block, compact, rounded
 from hexctl.record.scene import on_floor

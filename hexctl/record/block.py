@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from hexctl.backends.sim.terrain import Floor
 from hexctl.control.log import PHASES, TickLog
 from hexctl.control.plan import TrialPlan
-from hexctl.ik.balance import foot_heights_body
+from hexctl.ik.support_polygon import foot_heights_body
 from hexctl.record import paths
 from hexctl.record.sdk import load_rerun
 from hexctl.robot.model import Robot

@@ -1,12 +1,14 @@
-"""The frozen description of one robot: everything else derives from it."""
+"""The frozen description of a robot, from which everything else derives, and the angles of its stance."""
 
 import hashlib
+import math
 from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
+from hexctl.errors import InputError
 from hexctl.types import N_LEGS, FloatArray
 
 
@@ -126,3 +128,34 @@ class Robot:
     def leg_azimuths_rad(self) -> FloatArray:
         """Direction of each nominal foot from the body's vertical axis, (6,)."""
         return np.arctan2(self.stance_feet_body[:, 1], self.stance_feet_body[:, 0])
+
+
+Vector2 = tuple[float, float]
+
+
+def leg_reach_m(femur: Vector2, tibia: Vector2) -> tuple[float, float]:
+    """Return the least and the greatest distance of a foot from its femur joint."""
+    femur_length, tibia_length = math.hypot(*femur), math.hypot(*tibia)
+    return abs(femur_length - tibia_length), femur_length + tibia_length
+
+
+def stance_angles(coxa: Vector2, femur: Vector2, tibia: Vector2, foot: Vector2) -> tuple[float, float]:
+    """Return femur and tibia angle (rad) that put the foot at (outward, up) of the coxa axis, knee up.
+
+    The triangle femur joint, knee, foot by the law of cosines. Raises InputError when it does not close.
+    """
+    outward, up = foot[0] - coxa[0], foot[1] - coxa[1]
+    distance = math.hypot(outward, up)
+    least, most = leg_reach_m(femur, tibia)
+    if not least < distance < most:
+        raise InputError(
+            f"the foot is {distance:.4f} m from the femur joint; allowed: {least:.4f} to {most:.4f} m"
+        )
+    femur_length, tibia_length = math.hypot(*femur), math.hypot(*tibia)
+    at_hip = math.acos((femur_length**2 + distance**2 - tibia_length**2) / (2 * femur_length * distance))
+    at_knee = math.acos((femur_length**2 + tibia_length**2 - distance**2) / (2 * femur_length * tibia_length))
+    femur_slope = math.atan2(up, outward) + at_hip
+    tibia_slope = femur_slope + at_knee - math.pi
+    femur_rad = femur_slope - math.atan2(femur[1], femur[0])
+    tibia_rad = tibia_slope - math.atan2(tibia[1], tibia[0]) - femur_rad
+    return math.remainder(femur_rad, math.tau), math.remainder(tibia_rad, math.tau)

@@ -14,7 +14,7 @@ from hexctl.backends.sim.family import Spread, WorldFamily
 from hexctl.control.guard import Guard
 from hexctl.control.plan import TrialPlan
 from hexctl.errors import EStopError, InputError, SimulationDivergedError
-from hexctl.gait.named import make_gait
+from hexctl.gait.gait import make_gait
 from hexctl.robot.failure import Failure
 from hexctl.robot.model import Robot
 from hexctl.study.landscape import Landscape, LandscapeSpec

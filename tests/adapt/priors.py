@@ -18,7 +18,7 @@ from hexctl.control.plan import TrialPlan
 from hexctl.control.result import Deviation, TrialResult
 from hexctl.control.trial import LOOK_TICKS, Enough
 from hexctl.gait.encoding import Slots
-from hexctl.gait.named import make_gait
+from hexctl.gait.gait import make_gait
 from hexctl.robot.failure import Failure
 from hexctl.robot.model import Robot
 from hexctl.types import N_JOINTS, FloatArray

@@ -13,7 +13,7 @@ from hexctl.adapt.prior.question import Question
 from hexctl.control.plan import SELF_ROTATIONS, TrialPlan
 from hexctl.control.turning import check_plan, turn_needed_rad
 from hexctl.errors import RobotFaultError
-from hexctl.gait.named import make_gait
+from hexctl.gait.gait import make_gait
 from hexctl.robot.failure import Failure
 from hexctl.robot.rotations import wrapped_rad
 from hexctl.types import RobotState

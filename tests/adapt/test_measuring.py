@@ -14,7 +14,7 @@ from hexctl.adapt.session import Session, SessionSpec
 from hexctl.adapt.shown import Shown
 from hexctl.control.plan import TrialPlan
 from hexctl.control.result import TrialResult
-from hexctl.gait.named import make_gait
+from hexctl.gait.gait import make_gait
 from hexctl.robot.failure import Failure
 from tests.adapt.walking import result_of
 from tests.robots import shipped

@@ -24,7 +24,7 @@ from hexctl.control.result import TrialResult
 from hexctl.control.trial import run_trial
 from hexctl.errors import RobotFaultError
 from hexctl.gait.encoding import Slots
-from hexctl.gait.named import make_gait
+from hexctl.gait.gait import make_gait
 from hexctl.robot.failure import Failure
 from hexctl.robot.rotations import wrapped_rad
 from hexctl.types import FloatArray

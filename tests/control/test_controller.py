@@ -7,9 +7,9 @@ import pytest
 
 from hexctl.control.controller import LOOK_AHEAD_TICKS, Stand, Walk, check_walk
 from hexctl.errors import LimitError, ReachError
-from hexctl.gait.feet import gait_feet_body
+from hexctl.gait.foot_trajectory import gait_feet_body
 from hexctl.gait.gait import Gait, Motion
-from hexctl.ik.kinematics import solve_legs
+from hexctl.ik.legs import solve_legs
 from hexctl.types import FloatArray, RobotState, leg_slice
 from tests.robots import ROBOT_NAMES, shipped
 from tests.trials import gait_of

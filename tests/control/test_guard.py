@@ -14,7 +14,7 @@ from hexctl.control.guard import Guard
 from hexctl.control.plan import TrialPlan
 from hexctl.control.trial import run_trial
 from hexctl.errors import CommandRefusedError, EStopError, InputError, RobotFaultError
-from hexctl.gait.named import make_gait
+from hexctl.gait.gait import make_gait
 from hexctl.types import JointTargets
 from tests.backends.conformance import LegServosConformance, move
 from tests.backends.fake_time import FakeTime

@@ -15,7 +15,7 @@ from hexctl.control.plan import TrialPlan
 from hexctl.control.result import STATUSES, TrialResult
 from hexctl.control.trial import run_trial
 from hexctl.robot.failure import FAILURE_KINDS, Failure
-from hexctl.robot.file import load_robot
+from hexctl.robot.loader import load_robot
 from hexctl.types import JointTargets
 from tests.control.posed import PosedMock
 from tests.robots import ROBOT_NAMES, edited_file, put, shipped

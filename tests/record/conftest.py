@@ -16,11 +16,10 @@ from hexctl.control.log import TickLog
 from hexctl.control.plan import TrialPlan
 from hexctl.control.result import TrialResult
 from hexctl.control.trial import run_trial
-from hexctl.gait.gait import Gait
-from hexctl.gait.named import NAMED_SLOTS
+from hexctl.gait.gait import NAMED_SLOTS, Gait
 from hexctl.record.recording import Recording
 from hexctl.robot.failure import Failure
-from hexctl.robot.file import load_robot
+from hexctl.robot.loader import load_robot
 from hexctl.robot.model import Robot
 
 

@@ -17,7 +17,7 @@ from hexctl.control.log import COLUMNS, TickLog
 from hexctl.control.plan import TrialPlan
 from hexctl.control.result import TrialResult
 from hexctl.control.trial import run_trial
-from hexctl.gait.named import make_gait
+from hexctl.gait.gait import make_gait
 from hexctl.record import live as live_module
 from hexctl.record.live import LiveView
 from hexctl.record.recording import Recording

@@ -11,7 +11,7 @@ import rerun as rr
 
 from hexctl.control.log import COLUMNS, PHASES, TickLog
 from hexctl.errors import HexctlError, InputError, RecordingError
-from hexctl.ik.kinematics import foot_positions_body
+from hexctl.ik.legs import foot_positions_body
 from hexctl.record import paths
 from hexctl.record import recording as module
 from hexctl.record.files import END_PADDING, check_whole

@@ -11,9 +11,9 @@ from hexctl.backends.sim.servos import SimServos
 from hexctl.control.guard import Guard
 from hexctl.control.log import COLUMNS, PHASES, TickLog
 from hexctl.control.trial import run_trial
-from hexctl.gait.feet import gait_feet_body
-from hexctl.ik.balance import centre_of_mass_body, support, to_world
-from hexctl.ik.kinematics import foot_positions_body
+from hexctl.gait.foot_trajectory import gait_feet_body
+from hexctl.ik.legs import foot_positions_body
+from hexctl.ik.support_polygon import centre_of_mass_body, support, to_world
 from hexctl.record import paths, style
 from hexctl.record.recording import Recording
 from tests.record.conftest import ReadBack, Trial, make_plan, write

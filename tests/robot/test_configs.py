@@ -4,7 +4,7 @@ import pytest
 
 from hexctl.backends.sim.family import load_any_world
 from hexctl.robot.configs import config_names, find_config, read_mapping
-from hexctl.robot.file import load_robot
+from hexctl.robot.loader import load_robot
 
 
 @pytest.mark.parametrize("name", config_names("robots"))

@@ -13,7 +13,7 @@ from hexctl.adapt.prior.question import Question
 from hexctl.backends.sim.family import load_family
 from hexctl.control.plan import TrialPlan
 from hexctl.errors import InputError, RobotFaultError
-from hexctl.gait.named import make_gait
+from hexctl.gait.gait import make_gait
 from hexctl.robot.failure import Failure
 from hexctl.study.landscape import NUMBERS, Landscape, Rows, empty_landscape, with_rows
 from hexctl.study.prior import PriorPlan

@@ -16,7 +16,7 @@ from hexctl.control.guard import Guard
 from hexctl.control.log import TickLog
 from hexctl.control.plan import TrialPlan
 from hexctl.control.trial import run_trial
-from hexctl.gait.named import make_gait
+from hexctl.gait.gait import make_gait
 from hexctl.record.recording import Recording
 from hexctl.robot.failure import Failure
 from pictures.needed import MissingProgramError

@@ -18,7 +18,7 @@ from hexctl.backends.mavlink.receiver import LinkCounters, Peer, Receiver, Stamp
 from hexctl.backends.mavlink.ticking import CountedClock
 from hexctl.errors import RobotFaultError
 from hexctl.robot.model import Robot
-from hexctl.robot.servomap import ServoMap
+from hexctl.robot.servo_map import ServoMap
 from hexctl.types import FloatArray, JointTargets, RobotState
 
 #: How long a board may take to beat, and then to say where its servos are.

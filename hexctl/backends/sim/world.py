@@ -7,8 +7,7 @@ from pydantic import BaseModel, ConfigDict, Field, field_validator
 
 from hexctl.backends.clock import PERIOD_S
 from hexctl.errors import InputError
-from hexctl.robot.configs import Number, find_config, read_mapping, validate
-from hexctl.robot.problems import shown
+from hexctl.robot.configs import Number, find_config, read_mapping, shown, validate
 from hexctl.types import N_JOINTS
 
 #: A calibration error greater than this is no error of calibration.

@@ -12,7 +12,7 @@ from hexctl.backends.mavlink.link import Arrival, MavlinkLink
 from hexctl.backends.mavlink.port import Port
 from hexctl.control.guard import EXPIRY_S, Guard
 from hexctl.errors import CommandRefusedError, EStopError, RobotFaultError
-from hexctl.robot.servomap import ServoMap
+from hexctl.robot.servo_map import ServoMap
 from hexctl.serve.board import telemetry
 from hexctl.serve.board.channels import Channels
 from hexctl.serve.board.peers import Peer, Peers

@@ -11,7 +11,7 @@ from hexctl.backends.mavlink.messages import (
     RELEASE_LOW_US,
 )
 from hexctl.errors import CommandRefusedError
-from hexctl.robot.servomap import ServoMap
+from hexctl.robot.servo_map import ServoMap
 from hexctl.types import N_JOINTS, BoolArray, FloatArray
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from hexctl.robot.failure import Failure, parse_failure
-from hexctl.robot.file import load_robot
+from hexctl.robot.loader import load_robot
 from tests.adapt.priors import question_of
 from tests.robots import edited_file, put, shipped
 

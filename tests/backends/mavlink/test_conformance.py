@@ -7,7 +7,7 @@ import pytest
 
 from hexctl.backends.base import LegServos
 from hexctl.backends.mavlink.servos import MavlinkServos
-from hexctl.robot.servomap import load_servo_map
+from hexctl.robot.servo_map import load_servo_map
 from tests.backends.conformance import LegServosConformance, check_state, move
 from tests.backends.mavlink.boards import BoardProcess, board, fast_clock, fitting_file
 from tests.robots import shipped

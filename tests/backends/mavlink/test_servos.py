@@ -15,7 +15,7 @@ from hexctl.backends.mavlink.frames import quaternion_of_euler
 from hexctl.backends.mavlink.servos import MavlinkServos
 from hexctl.control.guard import Guard
 from hexctl.errors import EStopError, InputError, RobotFaultError
-from hexctl.robot.servomap import load_servo_map
+from hexctl.robot.servo_map import load_servo_map
 from hexctl.serve.board import telemetry
 from hexctl.types import JointTargets, RobotState
 from tests.backends.mavlink.boards import ScriptedBoard, eventually, fitting_file, fitting_map, free_port

@@ -16,7 +16,7 @@ from hexctl.backends.sim.train import ServoTrain
 from hexctl.backends.sim.world import World
 from hexctl.control.batch import SimTrial, run_sim_trial, run_sim_trials
 from hexctl.control.plan import TrialPlan
-from hexctl.gait.named import make_gait
+from hexctl.gait.gait import make_gait
 from hexctl.robot.failure import Failure
 from hexctl.types import FloatArray
 from tests.backends.conformance import move

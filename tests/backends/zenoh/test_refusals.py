@@ -7,7 +7,7 @@ import pytest
 from hexctl.backends.zenoh.servos import ZenohServos
 from hexctl.control.guard import Guard
 from hexctl.errors import RobotFaultError
-from hexctl.robot.file import load_robot
+from hexctl.robot.loader import load_robot
 from hexctl.wire.link import Link
 from tests.robots import edited_file, put, shipped
 from tests.serve.processes import Served, free_port, hexctl, served

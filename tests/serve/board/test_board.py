@@ -9,7 +9,7 @@ import pytest
 from pymavlink.dialects.v20 import common
 
 from hexctl.backends.mavlink import messages
-from hexctl.robot.servomap import load_servo_map
+from hexctl.robot.servo_map import load_servo_map
 from hexctl.serve.board.peers import FREE_AFTER_S, MOST_PEERS, Peers
 from hexctl.types import FloatArray
 from tests.backends.mavlink.boards import BoardProcess, board, fitting_file, stance_us

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hexctl.errors import CommandRefusedError
-from hexctl.robot.servomap import default_servo_map
+from hexctl.robot.servo_map import default_servo_map
 from hexctl.serve.board.channels import Channels
 
 ALL = [1600] * 18

@@ -4,14 +4,17 @@ It is the `servos:` section of a robot file. It describes wiring and mounting, n
 changes no `Robot`, and so no prior, session or link that belongs to it.
 """
 
-from dataclasses import dataclass
+import os
+import shutil
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+import yaml
 from numpy.typing import NDArray
 
 from hexctl.errors import InputError
-from hexctl.robot.configs import find_config, read_mapping, validate
+from hexctl.robot.configs import config_root, find_config, read_mapping, validate
 from hexctl.robot.model import Robot
 from hexctl.robot.schema import JointServoSection, RobotSchema, ServosSection
 from hexctl.types import JOINT_KINDS, JOINT_NAMES, JOINTS_PER_LEG, N_JOINTS, BoolArray, FloatArray
@@ -155,3 +158,157 @@ def _clash(channels: IntArray) -> str:
         if len(sharing) > 1:
             return f"got channel {channel} for {' and '.join(sharing)}"
     return f"got channels {channels.tolist()}"
+
+
+#: A reference angle keeps this far from both ends of a joint's range, so that it can be trimmed both ways.
+ROOM_DEG = 20.0
+
+#: Two limits nearer than this leave no servo to speak of.
+LEAST_TRAVEL_US = 50.0
+
+
+def flipped(servo_map: ServoMap, joint: int, at_deg: float) -> ServoMap:
+    """Return the map with a joint's sign turned over; the pulse at an angle still means that angle.
+
+    The joint is believed to stand at that angle, so nothing has to move for the new sign.
+    """
+    sign = servo_map.signs[joint]
+    offset = servo_map.offsets_deg[joint] + 2 * sign * at_deg
+    return replace(
+        servo_map,
+        signs=_with(servo_map.signs, joint, -sign),
+        offsets_deg=_with(servo_map.offsets_deg, joint, offset),
+    )
+
+
+def referenced(servo_map: ServoMap, joint: int, believed_deg: float, true_deg: float) -> ServoMap:
+    """Return the map with a joint's offset such that the pulse of the believed angle means the true one."""
+    shift = servo_map.signs[joint] * (believed_deg - true_deg)
+    offset = round(float(servo_map.offsets_deg[joint] + shift), 3)
+    return replace(servo_map, offsets_deg=_with(servo_map.offsets_deg, joint, offset))
+
+
+def limited(servo_map: ServoMap, joint: int, pulses_us: tuple[float, float]) -> ServoMap:
+    """Return the map with a joint's pulse limits, given in any order, in whole microseconds.
+
+    Raises InputError for two that are nearly one.
+    """
+    least, most = (float(round(pulse)) for pulse in sorted(pulses_us))
+    if most - least < LEAST_TRAVEL_US:
+        raise InputError(
+            f"limits: got {least:g} and {most:g} us; allowed: {LEAST_TRAVEL_US:g} us apart or more"
+        )
+    return replace(
+        servo_map,
+        min_us=_with(servo_map.min_us, joint, least),
+        max_us=_with(servo_map.max_us, joint, most),
+    )
+
+
+def taken_over(servo_map: ServoMap, joint: int, source: ServoMap) -> ServoMap:
+    """Return the map with one joint's sign, offset and limits as another map has them."""
+    return replace(
+        servo_map,
+        signs=_with(servo_map.signs, joint, source.signs[joint]),
+        offsets_deg=_with(servo_map.offsets_deg, joint, source.offsets_deg[joint]),
+        min_us=_with(servo_map.min_us, joint, source.min_us[joint]),
+        max_us=_with(servo_map.max_us, joint, source.max_us[joint]),
+    )
+
+
+def reference_deg(lower_deg: float, upper_deg: float) -> float:
+    """Return the angle at which a joint is easily judged: 0, a right angle, or the middle of its range."""
+    for angle in (0.0, -90.0, 90.0):
+        if lower_deg + ROOM_DEG <= angle <= upper_deg - ROOM_DEG:
+            return angle
+    return round((lower_deg + upper_deg) / 2)
+
+
+def _with(values: FloatArray, joint: int, value: float) -> FloatArray:
+    changed = np.array(values, dtype=float)
+    changed[joint] = value
+    return changed
+
+
+SECTION = "servos"
+
+
+def check_writable(path: Path) -> None:
+    """Raise InputError for a shipped robot file, with how to copy it, and for one that cannot be written."""
+    if path.resolve().is_relative_to(config_root().resolve()):
+        copy = f"my-{path.name}"
+        raise InputError(
+            f"calibrate: got the shipped robot {path.stem}; allowed: a file of your own: "
+            f"cp {path} {copy}, then hexctl calibrate {copy}"
+        )
+    if not os.access(path, os.W_OK) or not os.access(path.resolve().parent, os.W_OK):
+        raise InputError(f"{path}: cannot be written; allowed: a file, in a folder, that is yours to change")
+
+
+def back_up(path: Path) -> Path:
+    """Copy a file beside itself as `.bak`, or `.bak.2` and so on where there are older ones; return it."""
+    number, backup = 2, path.with_name(f"{path.name}.bak")
+    while backup.exists():
+        backup, number = path.with_name(f"{path.name}.bak.{number}"), number + 1
+    shutil.copy2(path, backup)
+    return backup
+
+
+def write_servo_map(path: Path, servo_map: ServoMap) -> None:
+    """Replace the `servos:` section of a robot file, or append one; everything else stays to the letter.
+
+    The new file takes the old one's place at once or not at all. Comments inside the section go.
+    Raises InputError when the file is no robot file any more.
+    """
+    place = path.resolve()
+    text = place.read_text(encoding="utf-8")
+    draft = place.with_name(f".{place.name}.new")
+    draft.write_text(replaced(text, section_lines(servo_map)), encoding="utf-8")
+    try:
+        validate(RobotSchema, read_mapping(draft), path)
+        shutil.copymode(place, draft)
+        draft.replace(place)
+    finally:
+        draft.unlink(missing_ok=True)
+
+
+def section_lines(servo_map: ServoMap) -> list[str]:
+    """Return the section that describes a map, every joint written out."""
+    lines = [f"{SECTION}: # written by hexctl calibrate"]
+    lines.append(f"  us_per_deg: {servo_map.us_per_deg!r}")
+    lines.append(f"  centre_us: {servo_map.centre_us:g}")
+    if servo_map.low_battery_v is not None:
+        lines.append(f"  low_battery_v: {servo_map.low_battery_v!r}")
+    for joint, name in enumerate(JOINT_NAMES):
+        lines.append(
+            f"  {name}: {{channel: {servo_map.channels[joint]}, sign: {servo_map.signs[joint]:g}, "
+            f"offset_deg: {float(servo_map.offsets_deg[joint])!r}, "
+            f"min_us: {servo_map.min_us[joint]:g}, max_us: {servo_map.max_us[joint]:g}}}"
+        )
+    return lines
+
+
+def replaced(text: str, section: list[str]) -> str:
+    """Return the text of a robot file with another `servos:` section."""
+    lines = text.splitlines()
+    begin, end = _section_at(text, len(lines))
+    return "\n".join([*lines[:begin], *section, *lines[end:]]) + "\n"
+
+
+def _section_at(text: str, end_of_file: int) -> tuple[int, int]:
+    """Return the lines of the section, from and up to; the end of the file twice where there is none."""
+    root = yaml.compose(text, Loader=yaml.SafeLoader)
+    pairs = root.value if isinstance(root, yaml.MappingNode) else []
+    for key, value in pairs:
+        if key.value == SECTION:
+            lines = text.splitlines()
+            end: int = value.end_mark.line + (1 if value.end_mark.column else 0)
+            # Comments and blank lines before the next key belong to that.
+            while end > key.start_mark.line + 1 and _is_aside(lines[end - 1]):
+                end -= 1
+            return key.start_mark.line, end
+    return end_of_file, end_of_file
+
+
+def _is_aside(line: str) -> bool:
+    return not line.strip() or line.lstrip().startswith("#")

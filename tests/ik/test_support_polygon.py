@@ -8,8 +8,8 @@ from scipy.spatial import ConvexHull
 
 from hexctl.backends.sim.physics import FIRST_JOINT, make_simulation
 from hexctl.backends.sim.world import World
-from hexctl.ik.balance import carried, centre_of_mass_body, foot_heights_body, support, to_world
-from hexctl.ik.kinematics import foot_positions_body
+from hexctl.ik.legs import foot_positions_body
+from hexctl.ik.support_polygon import carried, centre_of_mass_body, foot_heights_body, support, to_world
 from hexctl.types import N_JOINTS
 from tests.robots import ROBOT_NAMES, shipped
 

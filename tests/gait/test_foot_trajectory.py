@@ -1,4 +1,4 @@
-"""The feet over time: the paper's walk, the heading of the body, turning, ramps, many walks at once."""
+"""The foot trajectory against the paper's Eq. 3 to 5, written out case by case."""
 
 import math
 from typing import Any
@@ -8,13 +8,105 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hexctl.gait.feet import feet_of_walks, gait_feet_body, stroke_vectors_m
-from hexctl.gait.gait import Gait, Motion, ideal_speed_m_s
-from hexctl.gait.named import NAMED_SLOTS
-from hexctl.gait.ramp import RAMP_DURATION_S
-from hexctl.gait.trajectory import in_stance, phase_in_cycle
-from tests.gait.paper import walking_feet
+from hexctl.gait.foot_trajectory import (
+    RAMP_DURATION_S,
+    feet_of_walks,
+    gait_feet_body,
+    in_stance,
+    lift_offset,
+    phase_in_cycle,
+    ramp,
+    stroke_offset,
+    stroke_vectors_m,
+)
+from hexctl.gait.gait import NAMED_SLOTS, Gait, Motion, ideal_speed_m_s
+from tests.gait.paper import lift, normalised_time, stroke, walking_feet
 from tests.robots import ROBOT_NAMES, shipped
+
+phases = st.floats(0, 1, exclude_max=True)
+
+
+@given(u=phases)
+def test_stroke_is_equation_3(u: float) -> None:
+    assert float(stroke_offset(np.array(u))) == pytest.approx(stroke(u, amplitude=1.0), abs=1e-12)
+
+
+@given(u=phases)
+def test_lift_is_equation_4(u: float) -> None:
+    assert float(lift_offset(np.array(u))) == pytest.approx(lift(u, height=1.0), abs=1e-12)
+
+
+@given(t=st.floats(0, 1e5), slot=st.integers(1, 6))
+def test_phase_is_equation_5(t: float, slot: int) -> None:
+    u = float(phase_in_cycle(t, slot))
+    assert 0 <= u < 1
+    # On a circle: just below 1 and 0 are neighbours.
+    assert math.remainder(u - normalised_time(t, slot), 1.0) == pytest.approx(0, abs=1e-9)
+
+
+@given(t=st.floats(-1e-300, 1e6), slot=st.integers(1, 6))
+def test_phase_never_reaches_one(t: float, slot: int) -> None:
+    assert 0 <= float(phase_in_cycle(t, slot)) < 1
+
+
+@given(u=phases, step=st.floats(0, 1e-6))
+def test_the_foot_never_jumps_not_even_from_one_cycle_to_the_next(u: float, step: float) -> None:
+    before, after = np.array(u), phase_in_cycle(u + step, 1)
+    assert abs(float(stroke_offset(after) - stroke_offset(before))) <= 3 * step + 1e-12
+    assert abs(float(lift_offset(after) - lift_offset(before))) <= 6 * step + 1e-12
+
+
+def test_the_foot_is_on_the_floor_exactly_in_stance() -> None:
+    u = np.arange(6000) / 6000
+    lifted = lift_offset(u)
+    np.testing.assert_allclose(lifted[in_stance(u)], 0, atol=1e-12)
+    swinging = ~in_stance(u) & (np.abs(u - 1 / 3) > 1e-9)
+    assert (lifted[swinging] > 0).all()
+    assert in_stance(u).mean() == pytest.approx(2 / 3, abs=1e-3)
+
+
+def test_a_stroke_spans_the_amplitude_and_a_lift_the_height() -> None:
+    u = np.arange(6000) / 6000
+    assert (stroke_offset(u).min(), stroke_offset(u).max()) == pytest.approx((-0.5, 0.5), abs=1e-9)
+    assert lift_offset(u).max() == pytest.approx(1.0)
+    assert u[lift_offset(u).argmax()] == 0.5
+
+
+def test_many_legs_and_times_at_once_equal_each_alone() -> None:
+    cycles, slots = np.linspace(0, 3, 40)[:, np.newaxis], np.array([1, 4, 2, 6, 3, 5])
+    together = phase_in_cycle(cycles, slots)
+    alone = [[float(phase_in_cycle(float(t), int(g))) for g in slots] for t in cycles[:, 0]]
+    np.testing.assert_array_equal(together, alone)
+
+
+@pytest.mark.parametrize(
+    ("time_s", "stop_s", "level"),
+    [
+        (-1, None, 0),
+        (0, None, 0),
+        (1, None, 0.5),
+        (2, None, 1),
+        (60, None, 1),
+        (61, 60, 0.5),
+        (62, 60, 0),
+        (99, 60, 0),
+        (1, 1, 0.5),
+        (1.5, 1, 0.25),
+        (2, 1, 0),
+    ],
+)
+def test_levels_of_the_ramp(time_s: float, stop_s: float | None, level: float) -> None:
+    assert float(ramp(time_s, stop_s)) == pytest.approx(level)
+
+
+@given(times=st.lists(st.floats(-5, 100), min_size=2, max_size=2), stop_s=st.none() | st.floats(0, 100))
+def test_the_ramp_changes_by_half_a_stride_per_second_at_most(
+    times: list[float], stop_s: float | None
+) -> None:
+    levels = ramp(np.array(times), stop_s)
+    assert ((levels >= 0) & (levels <= 1)).all()
+    assert abs(levels[1] - levels[0]) <= 0.5 * abs(times[1] - times[0]) + 1e-12
+
 
 TRIPOD = Gait(slots=NAMED_SLOTS["tripod"], pace_hz=0.9, amplitude=0.11, height=0.02)
 

@@ -1,4 +1,4 @@
-"""The servo map: angles to pulses and back, limits, and what a robot file may say of it."""
+"""The servo map: pulses and angles, what calibration changes of it, and its section of a robot file."""
 
 import math
 from pathlib import Path
@@ -6,18 +6,27 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from hexctl.errors import InputError
-from hexctl.robot.file import load_robot
-from hexctl.robot.servomap import (
+from hexctl.robot.configs import config_root
+from hexctl.robot.loader import load_robot
+from hexctl.robot.servo_map import (
     DEFAULT_MAX_US,
     DEFAULT_MIN_US,
     ServoMap,
+    back_up,
+    check_writable,
     default_servo_map,
+    flipped,
     joints_beyond_pulses,
+    limited,
     load_servo_map,
+    reference_deg,
+    referenced,
+    taken_over,
+    write_servo_map,
 )
 from hexctl.types import JOINT_NAMES, N_JOINTS
 from tests.robots import edited_file, put, shipped
@@ -137,3 +146,136 @@ def test_ranges_wider_than_the_pulses_are_named(tmp_path: Path) -> None:
     )
     assert joints_beyond_pulses(load_servo_map(path), robot) == ("leg2_femur",)
     assert len(JOINT_NAMES) == N_JOINTS
+
+
+joints = st.integers(0, 17)
+degrees = st.floats(-120, 120)
+
+
+def pulse(servo_map: ServoMap, joint: int, angle_deg: float) -> float:
+    return float(servo_map.pulses_us(np.full(18, np.radians(angle_deg)))[joint])
+
+
+@given(servo_maps(), joints, degrees, degrees)
+def test_a_turned_sign_moves_nothing_where_the_joint_stands(
+    servo_map: ServoMap, joint: int, at_deg: float, by_deg: float
+) -> None:
+    after = flipped(servo_map, joint, at_deg)
+    assert pulse(after, joint, at_deg) == pytest.approx(pulse(servo_map, joint, at_deg), abs=1e-6)
+    there, back = pulse(after, joint, at_deg + by_deg), pulse(servo_map, joint, at_deg - by_deg)
+    assert there == pytest.approx(back, abs=1e-6)
+
+
+@given(servo_maps(), joints, degrees, degrees)
+def test_the_pulse_of_the_believed_angle_means_the_true_one(
+    servo_map: ServoMap, joint: int, believed_deg: float, true_deg: float
+) -> None:
+    after = referenced(servo_map, joint, believed_deg, true_deg)
+    expected = pulse(servo_map, joint, believed_deg)
+    assert pulse(after, joint, true_deg) == pytest.approx(expected, abs=0.001 * servo_map.us_per_deg)
+    others = np.arange(18) != joint
+    np.testing.assert_array_equal(after.offsets_deg[others], servo_map.offsets_deg[others])
+
+
+def test_limits_come_in_any_order_and_not_too_near() -> None:
+    after = limited(default_servo_map(), 4, (2200.4, 800.6))
+    assert (after.min_us[4], after.max_us[4]) == (801, 2200)
+    assert (after.min_us[3], after.max_us[3]) == (500, 2500)
+    with pytest.raises(InputError, match="got 1500 and 1520 us; allowed: 50 us apart"):
+        limited(default_servo_map(), 4, (1500, 1520))
+
+
+def test_one_joint_is_taken_over_and_no_other() -> None:
+    source = referenced(referenced(default_servo_map(), 2, 0, 10), 5, 0, 10)
+    assert taken_over(default_servo_map(), 5, source).offsets_deg.tolist() == [0] * 5 + [-10.0] + [0] * 12
+
+
+@pytest.mark.parametrize(
+    ("lower", "upper", "expected"),
+    [(-60, 60, 0), (-160, 10, -90), (-10, 150, 90), (-15, 15, 0), (5, 45, 25), (-125, 45, 0)],
+)
+def test_a_joint_is_judged_where_that_is_easy(lower: float, upper: float, expected: float) -> None:
+    assert reference_deg(lower, upper) == expected
+
+
+ANT = config_root() / "robots" / "ant.yaml"
+SHIPPED = "".join(
+    line
+    for line in ANT.read_text(encoding="utf-8").splitlines(keepends=True)
+    if not line.startswith("servos")
+)
+
+SECTIONS = {
+    "none": SHIPPED,
+    "no newline at the end": SHIPPED.rstrip("\n"),
+    "flow": SHIPPED + "servos: {tibia: {offset_deg: 75}} # mine\n",
+    "flow over lines": SHIPPED + "servos: {tibia: {offset_deg: 75},\n  coxa: {sign: -1}\n}\n",
+    "block in the middle": SHIPPED.replace(
+        "foot_radius_m:",
+        "servos:\n  # the tibias\n  tibia:\n    offset_deg: 75 # horn\n\n# about the feet\nfoot_radius_m:",
+    ),
+    "block at the end": SHIPPED + "servos:\n  tibia: {offset_deg: 75}\n\n# the end\n",
+    "empty": SHIPPED + "servos: {}\n",
+}
+
+
+def same(one: ServoMap, other: ServoMap) -> bool:
+    return all(
+        np.array_equal(np.asarray(getattr(one, name)), np.asarray(getattr(other, name))) for name in vars(one)
+    )
+
+
+@pytest.mark.parametrize("kind", SECTIONS)
+def test_only_the_section_changes(kind: str, tmp_path: Path) -> None:
+    path = tmp_path / "mine.yaml"
+    path.write_text(SECTIONS[kind], encoding="utf-8")
+    wanted = default_servo_map()
+    write_servo_map(path, wanted)
+    assert same(load_servo_map(path), wanted)
+    assert load_robot(path).fingerprint == shipped().fingerprint
+    kept = [line for line in SHIPPED.splitlines() if line]
+    written = path.read_text(encoding="utf-8").splitlines()
+    assert [line for line in written if line in kept] == kept
+    for comment in ("# about the feet", "# the end"):
+        assert (comment in written) == (comment in SECTIONS[kind].splitlines())
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=25)
+@given(servo_maps())
+def test_what_is_written_is_read_back_to_the_last_bit(tmp_path: Path, servo_map: ServoMap) -> None:
+    whole = ServoMap(**{**vars(servo_map), "centre_us": float(round(servo_map.centre_us))})
+    path = tmp_path / "mine.yaml"
+    path.write_text(SHIPPED, encoding="utf-8")
+    write_servo_map(path, whole)
+    write_servo_map(path, whole)
+    assert same(load_servo_map(path), whole)
+
+
+def test_a_backup_never_takes_the_place_of_an_older_one(tmp_path: Path) -> None:
+    path = tmp_path / "mine.yaml"
+    for content in ("one", "two", "three"):
+        path.write_text(content)
+        back_up(path)
+    kept = {file.name: file.read_text() for file in tmp_path.iterdir()}
+    assert kept == {
+        "mine.yaml": "three",
+        "mine.yaml.bak": "one",
+        "mine.yaml.bak.2": "two",
+        "mine.yaml.bak.3": "three",
+    }
+
+
+def test_shipped_files_are_refused_with_how_to_copy_them() -> None:
+    with pytest.raises(InputError, match=r"shipped robot ant; allowed: .*cp .*ant\.yaml my-ant\.yaml"):
+        check_writable(ANT)
+
+
+def test_a_file_that_is_a_link_keeps_being_one(tmp_path: Path) -> None:
+    (tmp_path / "there").mkdir()
+    real, link = tmp_path / "there" / "real.yaml", tmp_path / "link.yaml"
+    real.write_text(SHIPPED, encoding="utf-8")
+    link.symlink_to(real)
+    write_servo_map(link, default_servo_map())
+    assert link.is_symlink()
+    assert "servos:" in real.read_text(encoding="utf-8")

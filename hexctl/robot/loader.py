@@ -1,4 +1,4 @@
-"""Load a robot file: one YAML becomes one frozen `Robot`, or is refused in one line."""
+"""Loading of robot files: one YAML gives one frozen `Robot`, or a refusal of one line."""
 
 import math
 from pathlib import Path
@@ -7,9 +7,8 @@ import numpy as np
 
 from hexctl.errors import InputError
 from hexctl.robot.configs import find_config, read_mapping, validate
-from hexctl.robot.model import Body, GaitDefaults, Robot, ServoModel
+from hexctl.robot.model import Body, GaitDefaults, Robot, ServoModel, stance_angles
 from hexctl.robot.schema import LinkSection, MountSection, RobotSchema
-from hexctl.robot.stance import stance_angles
 from hexctl.types import JOINT_NAMES, N_LEGS, FloatArray
 
 

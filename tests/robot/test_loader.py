@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from hexctl.errors import InputError
-from hexctl.ik.kinematics import solve_legs
-from hexctl.robot.file import load_robot
+from hexctl.ik.legs import solve_legs
+from hexctl.robot.loader import load_robot
 from hexctl.types import N_JOINTS
 from tests.robots import ROBOT_NAMES, Content, Edit, drop, edited_file, put, shipped
 

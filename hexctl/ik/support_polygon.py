@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hexctl.ik.kinematics import link_points_body
+from hexctl.ik.legs import link_points_body
 from hexctl.robot.model import Robot
 from hexctl.types import JOINTS_PER_LEG, BoolArray, FloatArray
 
