@@ -4,7 +4,7 @@ from typing import Annotated
 
 import typer
 
-from hexctl.cli import completing
+from hexctl.cli import completion
 from hexctl.cli.options import (
     FAILED_LEG_HELP,
     FAILURE_HELP,
@@ -24,14 +24,14 @@ def adapt(
         int | None,
         typer.Option(
             "--failed-leg",
-            autocompletion=completing.legs,
+            autocompletion=completion.legs,
             help=f"{FAILED_LEG_HELP} Needed, unless --resume. (default: none)",
         ),
     ] = None,
     failure: Annotated[
         str | None,
         typer.Option(
-            "--failure", autocompletion=completing.failures, help=f"{FAILURE_HELP} (default: locked)"
+            "--failure", autocompletion=completion.failures, help=f"{FAILURE_HELP} (default: locked)"
         ),
     ] = None,
     budget: Annotated[
@@ -41,7 +41,7 @@ def adapt(
         str | None,
         typer.Option(
             "--optimizer",
-            autocompletion=completing.optimizers,
+            autocompletion=completion.optimizers,
             help="What chooses the next gait: bayes (knows simulated worlds), random, exhaustive, or one of "
             "the paper's pso, psosp, dps, debest, derand; or package.module:Class. "
             "(default: bayes where a prior fits, else random)",
@@ -51,7 +51,7 @@ def adapt(
         str | None,
         typer.Option(
             "--prior",
-            autocompletion=completing.priors,
+            autocompletion=completion.priors,
             help="Prior, what bayes believes before the first trial: auto (made by hexctl prior build, or "
             "shipped), a file, or none. (default: auto)",
         ),
@@ -64,7 +64,7 @@ def adapt(
         str | None,
         typer.Option(
             "--objective",
-            autocompletion=completing.objectives,
+            autocompletion=completion.objectives,
             help="What to make small: final, mean or max distance from the line of travel, or progress "
             "(final, per share of the ideal distance walked). (default: final)",
         ),
@@ -102,7 +102,7 @@ def adapt(
         str | None,
         typer.Option(
             "--self-rotation",
-            autocompletion=completing.self_rotations,
+            autocompletion=completion.self_rotations,
             help=f"{SELF_ROTATION_HELP} (default: rear)",
         ),
     ] = None,
@@ -110,7 +110,7 @@ def adapt(
         str | None,
         typer.Option(
             "--backend",
-            autocompletion=completing.backends,
+            autocompletion=completion.backends,
             help="What moves: sim, zenoh (a robot that hexctl serve puts on the network), mavlink (a servo "
             "board), or package.module:Class for servos of your own. (default: sim)",
         ),
@@ -119,14 +119,14 @@ def adapt(
         str | None,
         typer.Option(
             "--robot",
-            autocompletion=completing.robots,
+            autocompletion=completion.robots,
             help="Robot: ant, phantomx, pexod, or a path to a YAML file. (default: ant)",
         ),
     ] = None,
     world: Annotated[
         str | None,
         typer.Option(
-            "--world", autocompletion=completing.worlds, help=f"{WORLD_HELP} Only with sim. (default: flat)"
+            "--world", autocompletion=completion.worlds, help=f"{WORLD_HELP} Only with sim. (default: flat)"
         ),
     ] = None,
     connect: ConnectOption = None,
@@ -153,7 +153,7 @@ def adapt(
         str | None,
         typer.Option(
             "--resume",
-            autocompletion=completing.sessions,
+            autocompletion=completion.sessions,
             help="Go on with this session, by its name in hexctl sessions list; --budget lets one whose "
             "budget is spent walk more. (default: begin a new one)",
         ),

@@ -33,12 +33,9 @@ from hexctl.cli.adaptrobot import (
     how_to_go_on,
     note_of,
 )
-from hexctl.cli.exits import DONE, INTERRUPTED
-from hexctl.cli.interrupt import StopOnInterrupt
+from hexctl.cli.console import DONE, INTERRUPTED, RUNS, StopOnInterrupt, print_note, print_result
 from hexctl.cli.livewindow import open_window
 from hexctl.cli.operator import Prompt
-from hexctl.cli.output import say, say_aside
-from hexctl.cli.places import RUNS
 from hexctl.cli.prioring import with_prior
 from hexctl.cli.table import ENDS, SessionTable, closing_lines
 from hexctl.cli.values import finite
@@ -90,7 +87,7 @@ def new_spec(**options: Any) -> SessionSpec:
         serves=serving(robot, plan),
         optimizer=options["optimizer"],
         wanted=wanted_prior,
-        say=say_aside,
+        note=print_note,
     )
 
 
@@ -143,10 +140,10 @@ def execute(
         try:
             session, servos = _begin(spec, resume, budget, store, stack, interrupt)
         except RobotStoppedError as error:
-            say_aside(f"hexctl: {error}")
+            print_note(f"hexctl: {error}")
             return code_of_stop(error)
         if session is None:
-            say_aside("hexctl: interrupted before a session began")
+            print_note("hexctl: interrupted before a session began")
             return INTERRUPTED
         walked_before = len(session.trials)
         table = stack.enter_context(SessionTable(session, quiet=as_json))
@@ -155,13 +152,13 @@ def execute(
             stack.enter_context(live)
         ended, trouble = _adapt(session, store, table, interrupt, servos, live, record=record)
     outcome = {**session.as_json(), "ended": ended, "wall_s": round(time.perf_counter() - began_s, 3)}
-    say(json.dumps(outcome) if as_json else closing_lines(session, ended))
+    print_result(json.dumps(outcome) if as_json else closing_lines(session, ended))
     if budget is not None and ended in ENDS and len(session.trials) == walked_before:
-        say_aside(f"hexctl: nothing to walk, {ENDS[ended]}; another target takes a new session")
+        print_note(f"hexctl: nothing to walk, {ENDS[ended]}; another target takes a new session")
     # After the result: a picture that fails must not cost it.
     _write_overview(session, store, record=record)
     if trouble is not None:
-        say_aside(f"hexctl: {trouble}; nothing is lost: {how_to_go_on(session.spec, session.name, trouble)}")
+        print_note(f"hexctl: {trouble}; nothing is lost: {how_to_go_on(session.spec, session.name, trouble)}")
         return code_of_stop(trouble)
     if view and session.trials and ended != "interrupted":
         _show(session.name)
@@ -173,7 +170,7 @@ def _show(name: str) -> None:
     try:
         open_all([name])
     except RecordingError as error:
-        say_aside(f"hexctl: {error}")
+        print_note(f"hexctl: {error}")
 
 
 def _begin(
@@ -199,7 +196,7 @@ def _begin(
     robot, world, plan = _walk_parts(spec)
     note = note_of(spec, robot, plan)
     if note is not None:
-        say_aside(f"hexctl: {note}")
+        print_note(f"hexctl: {note}")
     servos = stack.enter_context(connected(spec, robot, plan))
     if session is None:
         spec = as_it_stands(at_home(spec, servos), robot, world, plan, servos, interrupt.requested)

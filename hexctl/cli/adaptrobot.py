@@ -16,9 +16,8 @@ from hexctl.adapt.stops import RobotStoppedError
 from hexctl.backends.clock import request_realtime_priority
 from hexctl.backends.sim.world import World
 from hexctl.backends.table import BackendOptions, make_servos
-from hexctl.cli.exits import ABORTED, FAULT, FAULTS
+from hexctl.cli.console import ABORTED, FAULT, FAULTS, print_note
 from hexctl.cli.operator import check_answerable
-from hexctl.cli.output import say_aside
 from hexctl.cli.twin import note_of_twin
 from hexctl.control.guard import Guard
 from hexctl.control.plan import TrialPlan
@@ -107,7 +106,7 @@ def connected(spec: SessionSpec, robot: Robot, plan: TrialPlan) -> Iterator[Guar
     try:
         servos.connect()
         if (note := note_of_twin(robot_there, plan.failure)) is not None:
-            say_aside(f"hexctl: {note}")
+            print_note(f"hexctl: {note}")
         yield servos
     finally:
         # The result comes after the robot was let go: a link that fails at that must not cost it.
@@ -153,7 +152,7 @@ def as_it_stands(
             sag_rad = sag_here_rad(servos, plan, stop_requested)
     if sag_rad is None:
         if not stop_requested():
-            say_aside("hexctl: how the robot stands is not known (joints not measured, or not at rest)")
+            print_note("hexctl: how the robot stands is not known (joints not measured, or not at rest)")
         return spec
     return replace(spec, sag_rad=[None if math.isnan(angle) else angle for angle in sag_rad.tolist()])
 

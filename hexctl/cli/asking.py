@@ -12,9 +12,7 @@ from rich.console import Console
 from rich.live import Live
 
 from hexctl.backends.zenoh.asking import ask, ask_until
-from hexctl.cli.exits import DONE
-from hexctl.cli.interrupt import StopOnInterrupt
-from hexctl.cli.output import say, say_aside
+from hexctl.cli.console import DONE, StopOnInterrupt, print_note, print_result
 from hexctl.cli.statustext import status_table
 from hexctl.errors import InputError, RobotFaultError
 from hexctl.wire.keys import KeyMap
@@ -43,7 +41,7 @@ def show_status(*, watch: bool, as_json: bool, **options: Any) -> int:
         if watch:
             _watch(session, keys)
         elif as_json:
-            say(json.dumps(_statuses(answers)[0]))
+            print_result(json.dumps(_statuses(answers)[0]))
         else:
             Console().print(status_table(_statuses(answers)))
     return DONE
@@ -61,13 +59,13 @@ def stop_or_clear(*, clear: bool, as_json: bool, **options: Any) -> int:
             raise _silence(link)
     stopped = _confirmed(answers, clear=clear)
     if as_json:
-        say(json.dumps({"stopped": stopped}))
+        print_result(json.dumps({"stopped": stopped}))
     elif stopped is None:
-        say("cleared; the robot moves when somebody commands it")
+        print_result("cleared; the robot moves when somebody commands it")
     else:
-        say(f"stopped ({stopped}); hexctl estop --clear when it may move again")
+        print_result(f"stopped ({stopped}); hexctl estop --clear when it may move again")
     if clear and stopped is not None:
-        say_aside(f"hexctl: the robot stopped again at once: {stopped}")
+        print_note(f"hexctl: the robot stopped again at once: {stopped}")
     return DONE
 
 

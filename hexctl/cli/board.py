@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from hexctl.cli import completing
+from hexctl.cli import completion
 from hexctl.cli.options import (
     JsonOption,
     RobotOption,
@@ -33,7 +33,7 @@ def board(
         str,
         typer.Option(
             "--backend",
-            autocompletion=completing.board_backends,
+            autocompletion=completion.board_backends,
             help="What the servos move: sim (simulation in real time) or mock (nothing).",
         ),
     ] = "sim",

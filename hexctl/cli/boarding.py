@@ -9,9 +9,7 @@ from hexctl.backends.mavlink.address import DEFAULT_BOARD_PORT, PortAddress, che
 from hexctl.backends.mavlink.key import read_signing_key
 from hexctl.backends.mavlink.port import Port, PtyPort, open_port
 from hexctl.backends.table import make_servos
-from hexctl.cli.exits import DONE
-from hexctl.cli.interrupt import StopOnInterrupt
-from hexctl.cli.output import say, say_aside
+from hexctl.cli.console import DONE, StopOnInterrupt, print_note, print_result
 from hexctl.cli.twin import Twin
 from hexctl.errors import InputError
 from hexctl.robot.servo_map import load_servo_map
@@ -55,9 +53,9 @@ def execute(request: BoardRequest) -> int:
     greeting = f"board of {servos.robot.name} ({request.twin.backend}) at {place}, {signed}; Ctrl-C ends it"
     with StopOnInterrupt() as interrupt:
         request_realtime_priority()
-        board.run(interrupt.requested, ready=lambda: say_aside(greeting))
+        board.run(interrupt.requested, ready=lambda: print_note(greeting))
     if request.as_json:
-        say(json.dumps(board.report()))
+        print_result(json.dumps(board.report()))
     return DONE
 
 

@@ -8,8 +8,7 @@ from hexctl.backends.mavlink.address import DEFAULT_PORT, check_guarded, parse_p
 from hexctl.backends.mavlink.key import read_signing_key
 from hexctl.backends.mavlink.servos import MavlinkServos
 from hexctl.cli.calibrationhands import Hands, Lines, QuitError
-from hexctl.cli.exits import DONE, INTERRUPTED
-from hexctl.cli.interrupt import StopOnInterrupt
+from hexctl.cli.console import DONE, INTERRUPTED, StopOnInterrupt
 from hexctl.control.guard import MAX_EXPIRY_S, Guard
 from hexctl.errors import InputError
 from hexctl.robot.configs import find_config

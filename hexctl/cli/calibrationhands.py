@@ -9,7 +9,7 @@ from collections.abc import Callable
 import numpy as np
 
 from hexctl.backends.mavlink.servos import MavlinkServos
-from hexctl.cli.output import say_aside
+from hexctl.cli.console import print_note
 from hexctl.control.guard import Guard
 from hexctl.errors import RobotFaultError
 from hexctl.robot.servo_map import ServoMap, referenced
@@ -95,11 +95,11 @@ class Hands:
             if line.lower() in ("quit", "q"):
                 raise QuitError
         except QuitError:
-            say_aside("")
+            print_note("")
             raise
         if not sys.stdin.isatty():
             # Nobody pressed the key that ends the line on the screen.
-            say_aside("")
+            print_note("")
         return line.lower()
 
     def move(self, joint: int, to_deg: float) -> bool:
@@ -117,7 +117,7 @@ class Hands:
 
     def tell(self, words: str) -> None:
         """Say something to the person."""
-        say_aside(words)
+        print_note(words)
 
     def _believe_in_range(self) -> None:
         """Begin with a map in which every joint stands within its range.

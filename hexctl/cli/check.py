@@ -5,8 +5,8 @@ from typing import Annotated, Any
 
 import typer
 
-from hexctl.cli import completing
-from hexctl.cli.exits import BAD_INPUT
+from hexctl.cli import completion
+from hexctl.cli.console import BAD_INPUT, print_result
 from hexctl.cli.options import (
     AmplitudeOption,
     GaitOption,
@@ -15,14 +15,13 @@ from hexctl.cli.options import (
     PaceOption,
     TurnOption,
 )
-from hexctl.cli.output import say
 
 
 def check(
     robot_name: Annotated[
         str | None,
         typer.Argument(
-            autocompletion=completing.robots,
+            autocompletion=completion.robots,
             metavar="[ROBOT]",
             help="Robot: ant, phantomx, pexod, or a path to a YAML file. (default: ant)",
         ),
@@ -30,7 +29,7 @@ def check(
     robot: Annotated[
         str | None,
         typer.Option(
-            "--robot", autocompletion=completing.robots, help="The robot, as an option. (default: ant)"
+            "--robot", autocompletion=completion.robots, help="The robot, as an option. (default: ant)"
         ),
     ] = None,
     gait: GaitOption = "demo",
@@ -71,7 +70,7 @@ def check(
         **_pulses(described, servo_map, demand),
         "meshes": list(meshes),
     }
-    say(json.dumps(report) if as_json else "\n".join(_lines(described, walked, report)))
+    print_result(json.dumps(report) if as_json else "\n".join(_lines(described, walked, report)))
     if not demand.possible:
         raise typer.Exit(BAD_INPUT)
 

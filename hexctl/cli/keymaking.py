@@ -5,7 +5,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from hexctl.backends.mavlink.key import write_signing_key
-from hexctl.cli.output import say
+from hexctl.cli.console import print_result
 from hexctl.errors import InputError
 from hexctl.serve.certificates import AUTHORITY_FOLDER, hosts_of, make_certificates, renew_certificates
 from hexctl.wire.credentials import CERTIFICATE_FILE, common_name, load_certificate
@@ -29,20 +29,20 @@ def make(folder: Path, *, hosts: list[str], days: int) -> None:
         (Role.VIEWER.value, "to whoever may only look"),
         (AUTHORITY_FOLDER, "stays here, out of reach: it can make more of them"),
     ):
-        say(f"{folder / part}  {use}")
+        print_result(f"{folder / part}  {use}")
 
 
 def renew(folder: Path, *, days: int) -> None:
     """Make the certificates of a folder valid anew and say what is to be done with them."""
     renew_certificates(folder, days=days)
     show_all(folder)
-    say("give each end its folder again; until then the old ones are good for as long as they say")
+    print_result("give each end its folder again; until then the old ones are good for as long as they say")
 
 
 def make_signing_key(folder: Path) -> None:
     """Make the key that signs MAVLink frames in a folder and say where it goes."""
     path = write_signing_key(folder)
-    say(f"{path}  to both ends: hexctl serve --device-keys {folder}, hexctl board --keys {folder}")
+    print_result(f"{path}  to both ends: hexctl serve --device-keys {folder}, hexctl board --keys {folder}")
 
 
 def show_all(folder: Path) -> None:
@@ -59,4 +59,6 @@ def show_all(folder: Path) -> None:
         end = certificate.not_valid_after_utc
         until = f"until {end:%Y-%m-%d}" + (", EXPIRED: hexctl keys renew" if end < now else "")
         hosts = ", ".join(str(name.value) for name in hosts_of(certificate))
-        say(f"{place.parent}: {common_name(certificate)}, {until}" + (f", for {hosts}" if hosts else ""))
+        print_result(
+            f"{place.parent}: {common_name(certificate)}, {until}" + (f", for {hosts}" if hosts else "")
+        )

@@ -1,6 +1,6 @@
 """The window of a walk that is shown while it goes on; without a screen the walk goes on without it."""
 
-from hexctl.cli.output import say_aside
+from hexctl.cli.console import print_note
 from hexctl.errors import RecordingError
 from hexctl.record.live import LiveView
 from hexctl.record.viewer import check_display
@@ -11,6 +11,6 @@ def open_window() -> LiveView | None:
     try:
         check_display()
     except RecordingError as error:
-        say_aside(f"hexctl: {error}; going on without")
+        print_note(f"hexctl: {error}; going on without")
         return None
     return LiveView()

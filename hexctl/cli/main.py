@@ -10,8 +10,8 @@ from hexctl.cli.adapt import adapt
 from hexctl.cli.board import board
 from hexctl.cli.calibrate import calibrate
 from hexctl.cli.check import check
+from hexctl.cli.console import BAD_INPUT, FAULT, INTERRUPTED
 from hexctl.cli.estop import estop
-from hexctl.cli.exits import BAD_INPUT, FAULT, INTERRUPTED
 from hexctl.cli.keys import keys
 from hexctl.cli.prior import prior
 from hexctl.cli.run import run

@@ -9,7 +9,7 @@ import typer
 
 from hexctl.adapt.measuring import Answer
 from hexctl.adapt.session import SessionSpec
-from hexctl.cli.output import say_aside
+from hexctl.cli.console import print_note
 from hexctl.control.trial import StopRequested
 from hexctl.errors import InputError
 
@@ -75,7 +75,7 @@ class Prompt:
         typer.echo(question, err=True, nl=False)
         line = self._lines.next_line()
         if line is None:
-            say_aside("" if self._stop_requested() else "\nhexctl: stdin has ended: quit")
+            print_note("" if self._stop_requested() else "\nhexctl: stdin has ended: quit")
             return "quit"
         return " ".join(line.lower().split())
 

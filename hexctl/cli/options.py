@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from hexctl.cli import completing
+from hexctl.cli import completion
 
 WORLD_HELP = (
     "Simulated world: flat, slippery, slope, rough, a YAML file, or one of a family such as randomised:7."
@@ -24,7 +24,7 @@ RobotOption = Annotated[
     str,
     typer.Option(
         "--robot",
-        autocompletion=completing.robots,
+        autocompletion=completion.robots,
         help="Robot: ant, phantomx, pexod, or a path to a YAML file.",
     ),
 ]
@@ -32,7 +32,7 @@ GaitOption = Annotated[
     str,
     typer.Option(
         "--gait",
-        autocompletion=completing.gaits,
+        autocompletion=completion.gaits,
         help="Gait: demo, tripod, wave, ripple; a code, 1..720, or 1..120 with a failed leg; "
         "or when in the cycle legs 1..6 step, six slots such as 5,1,2,4,3,6.",
     ),
@@ -117,14 +117,14 @@ SeedOption = Annotated[int, typer.Option("--seed", help=SEED_HELP)]
 SimWorldOption = Annotated[
     str | None,
     typer.Option(
-        "--world", autocompletion=completing.worlds, help=f"{WORLD_HELP} Only with sim. (default: flat)"
+        "--world", autocompletion=completion.worlds, help=f"{WORLD_HELP} Only with sim. (default: flat)"
     ),
 ]
 SimFailedLegOption = Annotated[
     int | None,
     typer.Option(
         "--failed-leg",
-        autocompletion=completing.legs,
+        autocompletion=completion.legs,
         help=f"{FAILED_LEG_HELP} Only with sim. (default: none)",
     ),
 ]
@@ -132,7 +132,7 @@ SimFailureOption = Annotated[
     str | None,
     typer.Option(
         "--failure",
-        autocompletion=completing.failures,
+        autocompletion=completion.failures,
         help=f"{FAILURE_HELP} Only with sim. (default: locked)",
     ),
 ]

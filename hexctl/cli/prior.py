@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from hexctl.cli import completing
+from hexctl.cli import completion
 from hexctl.cli.options import (
     FAILURE_HELP,
     SELF_ROTATION_HELP,
@@ -28,11 +28,11 @@ def build(
     ] = 16,
     legs: Annotated[str, typer.Option("--legs", help="Failed legs, of 1..6, with commas.")] = "1,2,3,4,5,6",
     failure: Annotated[
-        str, typer.Option("--failure", autocompletion=completing.failures, help=FAILURE_HELP)
+        str, typer.Option("--failure", autocompletion=completion.failures, help=FAILURE_HELP)
     ] = "locked",
     self_rotation: Annotated[
         str,
-        typer.Option("--self-rotation", autocompletion=completing.self_rotations, help=SELF_ROTATION_HELP),
+        typer.Option("--self-rotation", autocompletion=completion.self_rotations, help=SELF_ROTATION_HELP),
     ] = "rear",
     duration: Annotated[
         float, typer.Option("--duration", help="Seconds that each gait walks, 6 or more, in steps of 2.")
@@ -41,7 +41,7 @@ def build(
         str,
         typer.Option(
             "--family",
-            autocompletion=completing.families,
+            autocompletion=completion.families,
             help="Family of worlds to draw from: randomised, or a path to a YAML file.",
         ),
     ] = "randomised",

@@ -7,8 +7,7 @@ from pathlib import Path
 from hexctl.adapt.prior.find import SUFFIX
 from hexctl.adapt.prior.prior import check_place, save_prior
 from hexctl.backends.sim.family import load_family
-from hexctl.cli.exits import DONE, INTERRUPTED
-from hexctl.cli.output import say
+from hexctl.cli.console import DONE, INTERRUPTED, print_result
 from hexctl.cli.prioring import PRIORS, summary_of
 from hexctl.cli.simulating import (
     check_jobs,
@@ -61,7 +60,9 @@ def execute(request: PriorRequest) -> int:
     prior = prior_of(plan, landscapes, sags_rad)
     save_prior(prior, path)
     outcome = {"prior": str(path), **summary_of(path)}
-    say(json.dumps(outcome) if request.as_json else f"prior: {path} ({path.stat().st_size / 1e3:.0f} kB)")
+    print_result(
+        json.dumps(outcome) if request.as_json else f"prior: {path} ({path.stat().st_size / 1e3:.0f} kB)"
+    )
     return DONE
 
 

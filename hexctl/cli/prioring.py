@@ -12,8 +12,8 @@ from hexctl.adapt.prior.prior import load_prior
 from hexctl.adapt.prior.question import Question
 from hexctl.adapt.search import DEFAULT_TARGET_M
 from hexctl.adapt.session import SessionSpec
-from hexctl.cli import output
-from hexctl.cli.places import RUNS
+from hexctl.cli import console
+from hexctl.cli.console import RUNS
 from hexctl.cli.prioradvice import how_to_get_one
 from hexctl.errors import InputError
 
@@ -28,7 +28,7 @@ def with_prior(
     serves: Serves,
     optimizer: str | None,
     wanted: str | None,
-    say: Callable[[str], None],
+    note: Callable[[str], None],
 ) -> SessionSpec:
     """Return the spec with optimizer and prior chosen.
 
@@ -38,7 +38,7 @@ def with_prior(
         serves: says whether a prior of some legs serves this one.
         optimizer: as it was asked for, None for whatever fits.
         wanted: `auto`, `none` or a path; None is `auto`.
-        say: is told why a session goes without a prior that nobody refused.
+        note: is told why a session goes without a prior that nobody refused.
 
     Raises InputError for what contradicts itself, and for a prior that does not fit.
     """
@@ -56,7 +56,7 @@ def with_prior(
         reason = found.reason
     if optimizer == BAYES or wanted not in (None, "auto") or spec.early_stop:
         raise InputError(f"prior: there is none for these trials ({reason}){how_to_get_one(spec)}")
-    say(
+    note(
         f"hexctl: no prior for these trials ({reason}); searching with {spec.optimizer} instead"
         f"{how_to_get_one(spec)}"
     )
@@ -103,9 +103,9 @@ def show(file: str | None, *, as_json: bool) -> None:
     paths = [named_prior(file, _folders())] if file is not None else prior_files(_folders())
     summaries = [{"prior": str(path), **summary_of(path)} for path in paths if file or _readable(path)]
     if as_json:
-        output.say(json.dumps(summaries))
+        console.print_result(json.dumps(summaries))
     else:
-        output.say("\n".join(_line(summary) for summary in summaries) or "no priors yet")
+        console.print_result("\n".join(_line(summary) for summary in summaries) or "no priors yet")
 
 
 def _folders() -> list[Path]:
@@ -118,7 +118,7 @@ def _readable(path: Path) -> bool:
     try:
         load_prior(path)
     except InputError as error:
-        output.say_aside(f"hexctl: passed over: {error}")
+        console.print_note(f"hexctl: passed over: {error}")
         return False
     return True
 

@@ -5,7 +5,7 @@ from types import TracebackType
 from typing import Any, Self
 
 from hexctl.backends.clock import PERIOD_S
-from hexctl.cli.bar import make_bar
+from hexctl.cli.console import make_bar
 from hexctl.control.log import BLOCK_TICKS, TickLog
 from hexctl.control.plan import TrialPlan
 

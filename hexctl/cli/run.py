@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from hexctl.cli import completing
+from hexctl.cli import completion
 from hexctl.cli.options import (
     FAILED_LEG_HELP,
     FAILURE_HELP,
@@ -31,7 +31,7 @@ def run(
         str,
         typer.Option(
             "--backend",
-            autocompletion=completing.backends,
+            autocompletion=completion.backends,
             help="What moves: sim (simulation), zenoh (a robot that hexctl serve puts on the network), "
             "mavlink (a servo board), mock (servos without a robot), or package.module:Class for servos of "
             "your own.",
@@ -42,7 +42,7 @@ def run(
         str | None,
         typer.Option(
             "--world",
-            autocompletion=completing.worlds,
+            autocompletion=completion.worlds,
             help=f"{WORLD_HELP} Only with sim. (default: flat)",
         ),
     ] = None,
@@ -65,18 +65,18 @@ def run(
     failed_leg: Annotated[
         int | None,
         typer.Option(
-            "--failed-leg", autocompletion=completing.legs, help=f"{FAILED_LEG_HELP} (default: none)"
+            "--failed-leg", autocompletion=completion.legs, help=f"{FAILED_LEG_HELP} (default: none)"
         ),
     ] = None,
     failure: Annotated[
         str | None,
         typer.Option(
-            "--failure", autocompletion=completing.failures, help=f"{FAILURE_HELP} (default: locked)"
+            "--failure", autocompletion=completion.failures, help=f"{FAILURE_HELP} (default: locked)"
         ),
     ] = None,
     self_rotation: Annotated[
         str,
-        typer.Option("--self-rotation", autocompletion=completing.self_rotations, help=SELF_ROTATION_HELP),
+        typer.Option("--self-rotation", autocompletion=completion.self_rotations, help=SELF_ROTATION_HELP),
     ] = "rear",
     realtime: Annotated[
         bool,

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from hexctl.cli import completing
+from hexctl.cli import completion
 from hexctl.cli.options import (
     InsecureOption,
     KeysOption,
@@ -23,7 +23,7 @@ def serve(
         str,
         typer.Option(
             "--backend",
-            autocompletion=completing.served_backends,
+            autocompletion=completion.served_backends,
             help="What moves: sim (simulation in real time), mavlink (a servo board), mock (servos without a "
             "robot), or package.module:Class for servos of your own.",
         ),

@@ -10,9 +10,7 @@ from pathlib import Path
 from hexctl.backends.base import LegServos
 from hexctl.backends.clock import request_realtime_priority
 from hexctl.backends.table import make_servos
-from hexctl.cli.exits import DONE
-from hexctl.cli.interrupt import StopOnInterrupt
-from hexctl.cli.output import say_aside
+from hexctl.cli.console import DONE, StopOnInterrupt, print_note
 from hexctl.cli.twin import Twin
 from hexctl.errors import InputError
 from hexctl.serve.server import RobotServer
@@ -54,13 +52,13 @@ def execute(service: Service) -> int:
         backend=service.twin.backend,
         simulated=service.twin.words(),
         sit_after_s=service.sit_after_s,
-        say=say_aside,
+        say=print_note,
     )
     with StopOnInterrupt() as interrupt, ExitStack() as stack:
         realtime = request_realtime_priority()
 
         def ready() -> None:
-            say_aside(_greeting(service, servos, link, realtime))
+            print_note(_greeting(service, servos, link, realtime))
             if service.view:
                 stack.enter_context(_viewer(service, link))
 

@@ -10,8 +10,7 @@ import typer
 from hexctl.adapt.export import export
 from hexctl.adapt.session import Session
 from hexctl.adapt.store import SessionStore
-from hexctl.cli.output import say
-from hexctl.cli.places import RUNS
+from hexctl.cli.console import RUNS, print_result
 from hexctl.cli.table import end_of, session_lines, subject
 from hexctl.errors import InputError
 
@@ -20,25 +19,25 @@ def list_all(*, as_json: bool) -> None:
     """Print every session, newest last: name, what it searched, how far it came."""
     loaded = _all_sessions()
     if as_json:
-        say(json.dumps([_brief(session) for session in loaded]))
+        print_result(json.dumps([_brief(session) for session in loaded]))
     elif not loaded:
-        say(f"no sessions under {RUNS}/ yet; hexctl adapt makes one")
+        print_result(f"no sessions under {RUNS}/ yet; hexctl adapt makes one")
     else:
-        say("\n".join(_line(session) for session in loaded))
+        print_result("\n".join(_line(session) for session in loaded))
 
 
 def show_one(name: str, *, as_json: bool) -> None:
     """Print a session with all its trials."""
     with _open_store(name) as store:
         session = store.load(name)
-    say(json.dumps(session.as_json()) if as_json else "\n".join(session_lines(session)))
+    print_result(json.dumps(session.as_json()) if as_json else "\n".join(session_lines(session)))
 
 
 def export_one(name: str, path: Path) -> None:
     """Write a session's trials to a file."""
     with _open_store(name) as store:
         export(store.load(name), path)
-    say(f"{path}")
+    print_result(f"{path}")
 
 
 def delete_one(name: str, *, yes: bool) -> None:
@@ -46,12 +45,12 @@ def delete_one(name: str, *, yes: bool) -> None:
     with _open_store(name) as store:
         trials = len(store.load(name).trials)
         if not yes and not _agreed(f"delete session {name}, its {trials} trials and their recordings?"):
-            say("nothing deleted")
+            print_result("nothing deleted")
             return
         with store.held(name):
             store.delete(name)
             shutil.rmtree(store.folder_of(name), ignore_errors=True)
-    say(f"deleted {name}")
+    print_result(f"deleted {name}")
 
 
 def _agreed(question: str) -> bool:

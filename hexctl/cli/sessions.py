@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from hexctl.cli import completing
+from hexctl.cli import completion
 from hexctl.cli.options import JsonOption
 
 sessions = typer.Typer(help="List, show, export and delete sessions of hexctl adapt.", no_args_is_help=True)
@@ -13,7 +13,7 @@ sessions = typer.Typer(help="List, show, export and delete sessions of hexctl ad
 NameArgument = Annotated[
     str,
     typer.Argument(
-        autocompletion=completing.sessions,
+        autocompletion=completion.sessions,
         metavar="SESSION",
         help="Name of a session, as hexctl sessions list has it.",
     ),

@@ -5,9 +5,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from types import FrameType
 
-from hexctl.cli.interrupt import SIGNALS
-from hexctl.cli.output import say_aside
-from hexctl.cli.places import RUNS
+from hexctl.cli.console import RUNS, SIGNALS, print_note
 from hexctl.cli.studyprogress import StudyProgress
 from hexctl.errors import InputError
 from hexctl.study.cache import LandscapeCache
@@ -89,4 +87,4 @@ def say_interrupted(specs: Sequence[LandscapeSpec], cache: LandscapeCache) -> No
     landscapes = [cache.load(spec) for spec in specs]
     done = sum(int(landscape.done.sum()) for landscape in landscapes)
     total = sum(len(landscape.codes) for landscape in landscapes)
-    say_aside(f"interrupted: {done} of {total} gaits are saved in {cache.folder}; the same command goes on")
+    print_note(f"interrupted: {done} of {total} gaits are saved in {cache.folder}; the same command goes on")

@@ -6,7 +6,7 @@ from typing import Any
 from rich.table import Table
 from rich.text import Text
 
-from hexctl.cli.counting import in_words, link_in_words
+from hexctl.cli.render import in_words, link_in_words
 
 Status = Mapping[str, Any]
 

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from hexctl.cli import completing
+from hexctl.cli import completion
 from hexctl.cli.options import SEED_HELP, WORLD_HELP, DaskOption, JobsOption, JsonOption, RobotOption
 
 
@@ -46,7 +46,7 @@ def study(
         str | None,
         typer.Option(
             "--prior",
-            autocompletion=completing.priors,
+            autocompletion=completion.priors,
             help="With --transfer, what bayes believes: auto or a file. (default: auto)",
         ),
     ] = None,
@@ -58,7 +58,7 @@ def study(
         str | None,
         typer.Option(
             "--world",
-            autocompletion=completing.worlds,
+            autocompletion=completion.worlds,
             help=f"{WORLD_HELP} Not with --transfer. (default: flat)",
         ),
     ] = None,

@@ -10,9 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from hexctl.backends.sim.family import load_any_world
-from hexctl.cli.exits import DONE, INTERRUPTED
-from hexctl.cli.output import say
-from hexctl.cli.places import RUNS
+from hexctl.cli.console import DONE, INTERRUPTED, RUNS, print_result
 from hexctl.cli.simulating import (
     check_jobs,
     open_cache,
@@ -76,7 +74,7 @@ def execute(request: StudyRequest) -> int:
         "times_s": times,
     }
     (folder / "study.json").write_text(json.dumps(outcome, indent=1), encoding="utf-8")
-    say(json.dumps(outcome) if request.as_json else closing_text(findings, folder, times))
+    print_result(json.dumps(outcome) if request.as_json else closing_text(findings, folder, times))
     return DONE
 
 

@@ -8,7 +8,7 @@ from typing import Any, Self
 
 import typer
 
-from hexctl.cli.bar import make_bar
+from hexctl.cli.console import make_bar
 from hexctl.study.landscape import Landscape
 
 #: More landscapes than this are counted, not named one by one.

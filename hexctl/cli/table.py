@@ -10,7 +10,7 @@ from typing import Any, Self
 import typer
 
 from hexctl.adapt.session import MILESTONES_M, Session, SessionSpec, TrialRecord
-from hexctl.cli.bar import make_bar
+from hexctl.cli.console import make_bar
 from hexctl.errors import InputError
 from hexctl.robot.loader import load_robot
 

@@ -9,8 +9,7 @@ from hexctl.adapt.prior.prior import Prior, load_prior
 from hexctl.adapt.prior.question import Question
 from hexctl.adapt.search import serving
 from hexctl.backends.sim.family import load_family
-from hexctl.cli.exits import DONE, INTERRUPTED
-from hexctl.cli.output import say
+from hexctl.cli.console import DONE, INTERRUPTED, print_result
 from hexctl.cli.prioring import PRIORS
 from hexctl.cli.simulating import (
     check_jobs,
@@ -56,7 +55,7 @@ def execute_transfer(request: StudyRequest) -> int:
             folder.rmdir()
     outcome = {"out": str(folder), "report": str(report), **transfer_json(findings), "notes": cache.notes}
     (folder / "transfer.json").write_text(json.dumps(outcome, indent=1), encoding="utf-8")
-    say(json.dumps(outcome) if request.as_json else _closing_text(findings, report))
+    print_result(json.dumps(outcome) if request.as_json else _closing_text(findings, report))
     return DONE
 
 

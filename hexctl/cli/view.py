@@ -4,7 +4,7 @@ from typing import Annotated
 
 import typer
 
-from hexctl.cli import completing
+from hexctl.cli import completion
 from hexctl.cli.options import InsecureOption, KeysOption, LinkOption
 
 
@@ -13,7 +13,7 @@ def view(
         list[str] | None,
         typer.Argument(
             metavar="[RECORDING|SESSION]...",
-            autocompletion=completing.viewable,
+            autocompletion=completion.viewable,
             help="Recordings (.rrd) or names of sessions. (default: the newest under runs/)",
         ),
     ] = None,

@@ -8,10 +8,7 @@ from tempfile import TemporaryDirectory
 from hexctl.adapt.overview import FILE_NAME, recordings_of, write_overview
 from hexctl.adapt.session import Session
 from hexctl.adapt.store import SessionStore, stored_names
-from hexctl.cli.exits import DONE
-from hexctl.cli.interrupt import StopOnInterrupt
-from hexctl.cli.output import say_aside
-from hexctl.cli.places import RUNS
+from hexctl.cli.console import DONE, RUNS, StopOnInterrupt, print_note
 from hexctl.errors import HexctlError, InputError
 from hexctl.record.fileserver import FileServer
 from hexctl.record.viewer import newest_recording, open_viewer
@@ -53,7 +50,7 @@ def _serve(chosen: Sequence[Path | Shown]) -> int:
                 overview = write_overview(session, folder, into=into, base=files.base(session.name))
                 urls.append(files.add(session.name, overview))
         with serve_web(port, urls) as served:
-            say_aside(f"open {served.url} in a browser; Ctrl-C ends it")
+            print_note(f"open {served.url} in a browser; Ctrl-C ends it")
             while not interrupt.requested():
                 served.check()
                 time.sleep(0.1)

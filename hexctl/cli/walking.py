@@ -16,12 +16,9 @@ from hexctl.backends.sim.family import load_any_world
 from hexctl.backends.sim.terrain import Floor, make_floor
 from hexctl.backends.sim.world import World
 from hexctl.backends.table import BackendOptions, make_servos
-from hexctl.cli.exits import INTERRUPTED, code_of
-from hexctl.cli.interrupt import StopOnInterrupt
-from hexctl.cli.output import say, say_aside
-from hexctl.cli.places import RUNS
+from hexctl.cli.console import INTERRUPTED, RUNS, StopOnInterrupt, code_of, print_note, print_result
 from hexctl.cli.progress import WalkProgress
-from hexctl.cli.summary import report, summary
+from hexctl.cli.render import report, summary
 from hexctl.cli.twin import note_of_twin
 from hexctl.control.guard import Guard
 from hexctl.control.log import BLOCK_TICKS, PACED_BLOCK_TICKS, TickLog
@@ -104,7 +101,7 @@ def execute(request: Request) -> int:
                 return INTERRUPTED
             raise
         if (note := note_of_twin(servos, request.plan.failure)) is not None:
-            say_aside(f"hexctl: {note}")
+            print_note(f"hexctl: {note}")
         recording = _open_recording(request, world)
         if recording is not None:
             stack.enter_context(recording)
@@ -112,13 +109,13 @@ def execute(request: Request) -> int:
         if live is not None:
             stack.enter_context(live)
         result, outcome, trouble = _walk(request, guard, recording, live, interrupt)
-    say(json.dumps(outcome) if request.as_json else summary(outcome))
+    print_result(json.dumps(outcome) if request.as_json else summary(outcome))
     if trouble is not None:
         raise RecordingError(f"the walk is done, its recording is not whole: {trouble}") from trouble
     if live is not None and live.lost is not None:
-        say_aside(f"hexctl: {live.lost}; the walk and its recording are whole")
+        print_note(f"hexctl: {live.lost}; the walk and its recording are whole")
     elif live is not None and not interrupt.requested():
-        say_aside("close the viewer, or press Ctrl-C, to end")
+        print_note("close the viewer, or press Ctrl-C, to end")
         live.wait()
     elif request.view and not request.shows_live and recording is not None and not interrupt.requested():
         from hexctl.record.viewer import open_viewer

@@ -7,9 +7,7 @@ from hexctl.backends.clock import PERIOD_S, WallClock
 from hexctl.backends.zenoh.asking import ask_until
 from hexctl.backends.zenoh.ear import Ear
 from hexctl.backends.zenoh.mailbox import Mailbox
-from hexctl.cli.exits import DONE
-from hexctl.cli.interrupt import StopOnInterrupt
-from hexctl.cli.output import say_aside
+from hexctl.cli.console import DONE, StopOnInterrupt, print_note
 from hexctl.control.frame import TrialFrame
 from hexctl.control.log import TickLog
 from hexctl.control.plan import TrialPlan
@@ -53,7 +51,7 @@ def watch(*, web: bool, **options: Any) -> int:
         ear.await_first_s()
         with LiveView(web=web) as live:
             if live.url is not None:
-                say_aside(f"open {live.url} in a browser; Ctrl-C ends it")
+                print_note(f"open {live.url} in a browser; Ctrl-C ends it")
             try:
                 while not interrupt.requested() and live.open:
                     title = f"{robot.name} at {link.endpoint}, from {time.strftime('%H:%M:%S')}"

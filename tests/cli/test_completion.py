@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from hexctl.adapt.store import SessionStore
-from hexctl.cli import completing
+from hexctl.cli import completion
 from tests.adapt.walking import SPEC
 
 #: Calls hexctl as its console script does, and says on stderr what it has loaded.
@@ -100,12 +100,12 @@ def test_where_no_word_fits_the_shell_offers_files(line: str, tmp_path: Path) ->
 
 def test_nothing_is_made_and_nothing_complains(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    assert completing.sessions("") == []
+    assert completion.sessions("") == []
     assert not list(tmp_path.iterdir())
     (tmp_path / "runs").mkdir()
     (tmp_path / "runs" / "sessions.sqlite").write_text("not a database")
-    assert completing.sessions("") == []
-    assert completing.viewable("") == []
+    assert completion.sessions("") == []
+    assert completion.viewable("") == []
 
 
 BASH = """

@@ -1,9 +1,15 @@
-"""The program itself: help, version, what it needs and what it says when that is missing."""
+"""The program: help, version, missing extras, and bad input.
+
+Bad input exits with 2 and prints one line with what, got and allowed; nothing walks.
+"""
 
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
+
+from hexctl.cli.main import exit_code
 
 HEAVY = ("mujoco", "dm_control", "rerun", "numpy", "pydantic", "yaml", "scipy")
 
@@ -69,3 +75,108 @@ def test_version() -> None:
         [sys.executable, "-m", "hexctl", "--version"], capture_output=True, text=True, timeout=60, check=False
     )
     assert done.stdout.startswith("hexctl 0.")
+
+
+REFUSED = [
+    (["run", "--robot", "bob"], ["robot", "'bob'", "ant, pexod, phantomx"]),
+    (["run", "--robot", "/nowhere/bob.yaml"], ["/nowhere/bob.yaml", "ant, pexod, phantomx"]),
+    (["run", "--world", "mars"], ["world", "'mars'", "rough, slippery, slope"]),
+    (["run", "--gait", "0"], ["gait code", "0", "1..720"]),
+    (["run", "--gait", "721"], ["gait code", "721", "1..720"]),
+    (["run", "--gait", "121", "--failed-leg", "2"], ["gait code", "121", "1..120", "leg 2"]),
+    (["run", "--gait", "gallop"], ["gait", "'gallop'", "demo, tripod, wave, ripple"]),
+    (["run", "--gait", "1,2,3,3,4,5"], ["1,2,3,3,4,5", "permutation"]),
+    (["run", "--gait", "1,2,3"], ["1,2,3", "permutation"]),
+    (["run", "--gait", "1,2,x,4,5,6"], ["1,2,x,4,5,6", "whole numbers"]),
+    (["run", "--duration", "nan"], ["duration", "nan", "above 0"]),
+    (["run", "--duration", "-4"], ["duration", "-4", "above 0"]),
+    (["run", "--duration", "abc"], ["--duration", "number"]),
+    (["run", "--heading", "nan"], ["--heading", "nan", "finite"]),
+    (["run", "--turn", "inf"], ["--turn", "inf", "finite"]),
+    (["run", "--turn", "4000"], ["--turn", "4000", "360"]),
+    (["run", "--turn", "300"], ["leg", "foot", "--turn"]),
+    (["run", "--record", "walk.txt"], ["walk.txt", ".rrd"]),
+    (["check", "ant", "--robot", "pexod"], ["ant", "pexod"]),
+    (["run", "--pace", "0"], ["pace", "0", "up to 10"]),
+    (["run", "--amplitude", "0.6"], ["leg 1", "allowed"]),
+    (["run", "--height", "-1"], ["height", "-1", "allowed"]),
+    (["run", "--failed-leg", "7"], ["failed leg", "7", "1..6"]),
+    (["run", "--failure", "limp"], ["--failure", "limp", "--failed-leg"]),
+    (
+        ["run", "--failed-leg", "1", "--failure", "sad"],
+        ["failure", "sad", "locked, limp, stuck, weak, missing"],
+    ),
+    (["run", "--failed-leg", "1", "--failure", "stuck:knee:3"], ["knee", "coxa, femur, tibia"]),
+    (["run", "--failed-leg", "1", "--failure", "weak:2"], ["weak", "2", "0..1"]),
+    (["run", "--self-rotation", "up"], ["self-rotation", "up", "rear, front, none"]),
+    (["run", "--backend", "warp"], ["backend", "'warp'", "sim, zenoh, mavlink, mock"]),
+    (["run", "--backend", "json:JSONDecoder"], ["json:JSONDecoder", "LegServos"]),
+    (["run", "--backend", "no.such:Thing"], ["no.such:Thing", "cannot be loaded"]),
+    (["run", "--backend", "mock", "--world", "rough"], ["--world", "rough", "sim"]),
+    (["run", "--seed", "-1"], ["--seed", "-1", "0 or more"]),
+    (["run", "--no-record", "--view"], ["--no-record", "--view"]),
+    (["run", "--colour", "red"], ["--colour"]),
+    (["walk"], ["walk"]),
+    (["check", "--gait", "999"], ["gait code", "999", "1..720"]),
+    (["check", "nobody"], ["robot", "'nobody'", "ant"]),
+    (["view", "/nowhere/x.rrd"], ["/nowhere/x.rrd"]),
+]
+
+
+@pytest.mark.parametrize(("arguments", "words"), REFUSED, ids=lambda value: " ".join(value)[:40])
+def test_refused_in_one_line(
+    arguments: list[str],
+    words: list[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert exit_code(arguments) == 2
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert len(printed.err.splitlines()) == 1
+    for word in words:
+        assert word in printed.err
+    assert list(tmp_path.iterdir()) == []
+
+
+BAD_FILES = {
+    "not a mapping": b"- 1\n- 2\n",
+    "a number": b"42\n",
+    "broken YAML": b"name: [ant\n",
+    "binary junk": bytes(range(256)) * 4,
+    "a tag": b"!!python/object/apply:os.system ['true']\n",
+    "unknown key": b"frictoin: 1\n",
+    "not finite": b"friction: .nan\n",
+    "wrong type": b"friction: slippery\n",
+}
+
+
+@pytest.mark.parametrize("option", ["--robot", "--world"])
+@pytest.mark.parametrize("content", BAD_FILES.values(), ids=BAD_FILES.keys())
+def test_bad_files_name_the_file(
+    option: str, content: bytes, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "bad.yaml"
+    path.write_bytes(content)
+    assert exit_code(["run", "--no-record", option, str(path)]) == 2
+    printed = capsys.readouterr()
+    assert len(printed.err.splitlines()) == 1
+    assert str(path) in printed.err
+
+
+def test_an_existing_recording_is_not_replaced(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "kept.rrd"
+    path.write_bytes(b"precious")
+    assert exit_code(["run", "--record", str(path)]) == 2
+    assert path.read_bytes() == b"precious"
+    assert str(path) in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("place", ["/proc/walk.rrd", "/dev/null/walk.rrd", "."])
+def test_an_unwritable_recording_is_refused(place: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert exit_code(["run", "--record", place]) == 2
+    printed = capsys.readouterr()
+    assert len(printed.err.splitlines()) == 1
+    assert place in printed.err

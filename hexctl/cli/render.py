@@ -1,13 +1,13 @@
-"""The outcome of a run: the JSON object, and the same for a person."""
+"""Results as text."""
 
 import math
 import shlex
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from hexctl.backends.clock import PERIOD_S
-from hexctl.cli.counting import link_in_words
 from hexctl.control.guard import Guard
 from hexctl.control.log import TickLog
 from hexctl.control.plan import TrialPlan
@@ -121,3 +121,16 @@ def _clipped_line(outcome: dict[str, Any]) -> str:
     if not clipped:
         return "guard      let every command pass"
     return f"guard      clipped {clipped} commands of the walk: too fast for the joints, see hexctl check"
+
+
+def in_words(counts: Mapping[str, int]) -> str:
+    """Return the counts above zero: `2 late, 1 stale owner`."""
+    return ", ".join(f"{n} {name.replace('_', ' ')}" for name, n in counts.items() if n)
+
+
+def link_in_words(counts: Mapping[str, int] | None) -> str:
+    """Return what became of the messages to and from a servo board; empty where there is none."""
+    if not counts:
+        return ""
+    troubles = in_words({name: n for name, n in counts.items() if name != "received"})
+    return f"{counts.get('received', 0)} messages came; {troubles or 'none lost'}"

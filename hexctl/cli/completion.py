@@ -6,7 +6,7 @@ stays quick, and so does the Tab key. Where none of a function's words fits, the
 
 from collections.abc import Callable, Iterable
 
-from hexctl.cli.places import RUNS
+from hexctl.cli.console import RUNS
 from hexctl.errors import HexctlError
 
 Words = list[str]
