@@ -10,10 +10,10 @@ import numpy as np
 from hexctl.record.overview import paths
 from hexctl.record.overview.colors import (
     AXIS_COLOR,
-    BANDS,
     BEST_COLOR,
     LEGEND_M,
     LINE_COLOR,
+    TARGET_BANDS,
     TEXT_COLOR,
     deviation_color,
 )
@@ -81,17 +81,17 @@ def _send_axes(stream: Any, overview: Overview) -> None:
 def _send_course(stream: Any, overview: Overview) -> None:
     """Send the target bands, the line of travel and the start."""
     rr, length = load_rerun(), overview.course_m
-    for order, (half_width_m, color, _) in enumerate(BANDS):
+    for order, (half_width_m, color, _) in enumerate(TARGET_BANDS):
         # A line as wide as the band; its round ends reach half the width further.
         ends = [[(half_width_m, 0.0), (length - half_width_m, 0.0)]]
         look = {"colors": [color], "radii": [half_width_m], "draw_order": BAND_ORDER + order}
         stream.log(f"{paths.BANDS}/{order + 1}", rr.LineStrips2D(ends, **look), static=True)
     look = {"colors": [LINE_COLOR], "radii": [THIN], "draw_order": LINE_ORDER}
     stream.log(paths.LINE, rr.LineStrips2D([[(0.0, 0.0), (length, 0.0)]], **look), static=True)
-    targets = "targets " + ", ".join(name for *_, name in reversed(BANDS))
+    targets = "targets " + ", ".join(name for *_, name in reversed(TARGET_BANDS))
     names = [
-        ((0.92 * length, BANDS[0][0] + MARGIN * length / 2), targets),
-        ((0.0, -BANDS[0][0]), "start"),
+        ((0.92 * length, TARGET_BANDS[0][0] + MARGIN * length / 2), targets),
+        ((0.0, -TARGET_BANDS[0][0]), "start"),
     ]
     _send_names(stream, f"{paths.BANDS}/names", names)
     start = rr.Points2D([[0.0, 0.0]], radii=[MARK], colors=[LINE_COLOR], draw_order=MARK_ORDER)

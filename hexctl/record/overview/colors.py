@@ -24,7 +24,7 @@ LINE_COLOR: Color = (120, 170, 255)
 AXIS_COLOR: Color = (46, 53, 65)
 
 #: Target bands: half width in m, colour, and name; the widest is drawn first.
-BANDS: tuple[tuple[float, Color, str], ...] = (
+TARGET_BANDS: tuple[tuple[float, Color, str], ...] = (
     (0.10, (38, 58, 62), "±10 cm"),
     (0.025, (50, 92, 88), "±2.5 cm"),
 )

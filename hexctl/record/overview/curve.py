@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from hexctl.record.overview import paths
-from hexctl.record.overview.colors import BANDS, BEST_COLOR, INVALID_COLOR, TEXT_COLOR, deviation_color
+from hexctl.record.overview.colors import BEST_COLOR, INVALID_COLOR, TARGET_BANDS, TEXT_COLOR, deviation_color
 from hexctl.record.overview.trials import Overview
 from hexctl.record.sdk import load_rerun
 
@@ -13,7 +13,7 @@ from hexctl.record.sdk import load_rerun
 def score_top_m(overview: Overview) -> float:
     """Return a score above those of all valid trials: where the invalid ones are drawn."""
     scores_m = [trial.score_m for trial in overview.trials if trial.score_m is not None]
-    return 1.1 * max([BANDS[0][0], *scores_m])
+    return 1.1 * max([TARGET_BANDS[0][0], *scores_m])
 
 
 def send_curve(stream: Any, overview: Overview) -> None:
@@ -69,7 +69,7 @@ def _send_best_so_far(stream: Any, overview: Overview) -> None:
 def _send_targets(stream: Any, overview: Overview) -> None:
     """Send the targets as lines that grow with the trials."""
     rr = load_rerun()
-    for number, (half_width_m, _, name) in enumerate(BANDS, start=1):
+    for number, (half_width_m, _, name) in enumerate(TARGET_BANDS, start=1):
         path = f"{paths.TARGETS}/{number}"
         look = rr.SeriesLines(names=[name.removeprefix("±")], colors=[TEXT_COLOR], widths=[1.0])
         stream.log(path, look, static=True)

@@ -17,8 +17,6 @@ from hexctl.record.scene import xyzw
 from hexctl.record.sdk import load_rerun
 from hexctl.types import JOINT_KINDS, JOINTS_PER_LEG, FloatArray
 
-__all__ = ["BlockWriter", "Subject"]
-
 
 class BlockWriter:
     """Sends rows [start, stop) of a log to a recording stream.
