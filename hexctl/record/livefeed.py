@@ -11,11 +11,12 @@ from typing import Any, BinaryIO
 
 from hexctl.control.log import TickLog
 from hexctl.errors import InputError
+from hexctl.record.block import Subject
 from hexctl.record.blueprint import make_blueprint
 from hexctl.record.recording import APPLICATION_ID
 from hexctl.record.scene import LEVEL, send_scene
 from hexctl.record.sdk import load_rerun
-from hexctl.record.tracks import BlockWriter, Subject
+from hexctl.record.tracks import BlockWriter
 from hexctl.record.viewer import LOCAL
 from hexctl.robot.meshes import Meshes, load_meshes
 

@@ -57,6 +57,7 @@ def test_only_recordings_are_served(server: FileServer, tmp_path: Path) -> None:
 
 
 def test_a_page_of_another_name_that_leads_here_is_refused(server: FileServer, tmp_path: Path) -> None:
-    request = Request(server.add("here", recording(tmp_path, "trial.rrd")), headers={"Host": "evil.example"})  # noqa: S310
+    url = server.add("here", recording(tmp_path, "trial.rrd"))
+    request = Request(url, headers={"Host": "evil.example"})  # noqa: S310  loopback
     with pytest.raises(HTTPError, match="403"):
         urlopen(request)  # noqa: S310  loopback
