@@ -7,9 +7,8 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from hexctl.record.sdk import load_rerun
-from hexctl.record.viewer import LOCAL, viewer_binary
-from hexctl.record.webviewer import free_port
+from hexctl.record.rrd import load_rerun
+from hexctl.record.viewer import LOCAL, free_port, viewer_binary
 from pictures.needed import MissingProgramError
 from pictures.picture import Picture
 

@@ -8,8 +8,8 @@ from urllib.parse import quote
 import numpy as np
 
 from hexctl.adapt.session import MILESTONES_M, Session, TrialRecord
-from hexctl.record.overview.file import write_overview_file
-from hexctl.record.overview.trials import Overview, OverviewTrial, drawable
+from hexctl.record.overview import Overview, OverviewTrial, drawable
+from hexctl.record.overview_figures import write_overview_file
 from hexctl.record.viewer import is_recording
 from hexctl.types import FloatArray
 

@@ -10,9 +10,7 @@ from hexctl.adapt.session import Session
 from hexctl.adapt.store import SessionStore, stored_names
 from hexctl.cli.console import DONE, RUNS, StopOnInterrupt, print_note
 from hexctl.errors import HexctlError, InputError
-from hexctl.record.fileserver import FileServer
-from hexctl.record.viewer import newest_recording, open_viewer
-from hexctl.record.webviewer import free_port, serve_web, web_origin
+from hexctl.record.viewer import FileServer, free_port, newest_recording, open_viewer, serve_web, web_origin
 
 #: A session, and the folder of its trials' recordings.
 Shown = tuple[Session, Path]

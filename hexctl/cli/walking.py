@@ -34,7 +34,7 @@ from hexctl.errors import (
     RecordingError,
     RobotFaultError,
 )
-from hexctl.record.files import probe_file
+from hexctl.record.rrd import probe_file
 from hexctl.robot.meshes import Meshes
 from hexctl.robot.model import Robot
 

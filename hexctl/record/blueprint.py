@@ -8,7 +8,7 @@ import numpy as np
 from hexctl.backends.sim.terrain import Floor
 from hexctl.control.plan import TrialPlan
 from hexctl.record import paths, style
-from hexctl.record.sdk import load_rerun
+from hexctl.record.rrd import load_rerun
 from hexctl.robot.model import Robot
 
 #: The eye, as seen along the line of travel, in stance radii: behind, to the right, above.

@@ -13,8 +13,7 @@ from hexctl.backends.sim.terrain import Floor
 from hexctl.control.log import COLUMNS, TickLog
 from hexctl.control.plan import TrialPlan
 from hexctl.errors import RecordingError
-from hexctl.record.viewer import LOCAL, viewer_binary
-from hexctl.record.webviewer import free_port, web_options, web_url
+from hexctl.record.viewer import LOCAL, free_port, viewer_binary, web_options, web_url
 from hexctl.robot.model import Robot
 
 #: Ticks of one block: ten pictures a second.
@@ -57,7 +56,7 @@ class LiveView:
         where = web_options(port, web_port) if web else ["--bind", LOCAL, "--port", str(port)]
         command = [str(viewer_binary()), *where, *options]
         self._viewer = _start(command)
-        feeder = [sys.executable, "-m", "hexctl.record.livefeed", str(port)]
+        feeder = [sys.executable, "-m", "hexctl.record.live_feed", str(port)]
         self._feeder = _start(feeder, stdin=subprocess.PIPE)
         assert self._feeder.stdin is not None  # noqa: S101  asked for
         self._pipe = self._feeder.stdin.fileno()

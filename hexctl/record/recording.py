@@ -13,15 +13,12 @@ from hexctl.control.log import TickLog
 from hexctl.control.plan import TrialPlan
 from hexctl.control.result import TrialResult
 from hexctl.record import paths
-from hexctl.record.balance import Tally
-from hexctl.record.block import Block, Subject
 from hexctl.record.blueprint import make_blueprint
-from hexctl.record.events import send_outcome
-from hexctl.record.files import check_name, check_whole, create_file
+from hexctl.record.columns import Block, Subject
+from hexctl.record.rrd import check_name, check_whole, create_file, flush, load_rerun
 from hexctl.record.scene import LEVEL, send_scene
-from hexctl.record.sdk import flush, load_rerun
 from hexctl.record.summary import make_markdown, make_properties
-from hexctl.record.tracks import BlockWriter
+from hexctl.record.tracks import BlockWriter, Tally, send_outcome
 from hexctl.robot.meshes import Meshes
 from hexctl.robot.model import Robot
 

@@ -1,21 +1,23 @@
-"""What never changes in a recording: the floor, the robot's parts, names and colours of the rest."""
+"""The static part of a recording: floor, robot parts, and names and colours of the rest."""
 
 import math
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from hexctl.backends.sim.terrain import Floor
+from hexctl.backends.sim.terrain import ROUGH_HALF_SIZE_M, Floor
 from hexctl.control.frame import TrialFrame
 from hexctl.control.plan import TrialPlan
 from hexctl.gait.gait import ideal_speed_m_s
 from hexctl.record import paths, style
-from hexctl.record.ground import SUNK_M, make_mesh
-from hexctl.record.sdk import load_rerun
-from hexctl.record.solids import send_body, send_leg
-from hexctl.robot.meshes import Meshes
+from hexctl.record.rrd import load_rerun
+from hexctl.record.style import GROUND_COLOR
+from hexctl.robot.failure import Failure
+from hexctl.robot.meshes import Meshes, PartMesh
 from hexctl.robot.model import Robot
-from hexctl.types import N_LEGS, FloatArray
+from hexctl.types import JOINT_KINDS, N_LEGS, FloatArray
 
 #: How far the eye shall see to each side of the robot, in stance radii. The viewer goes by this size or by
 #: the layout's eye, whichever it has first: both give the same picture.
@@ -94,7 +96,7 @@ def _send_looks(stream: Any, robot: Robot) -> None:
 
 def _send_floor(stream: Any, floor: Floor, end_m: FloatArray) -> None:
     rr = load_rerun()
-    mesh = make_mesh(floor.heights_m, end_m)
+    mesh = make_floor_mesh(floor.heights_m, end_m)
     solid = rr.Mesh3D(
         vertex_positions=mesh.positions,
         triangle_indices=mesh.triangles,
@@ -103,3 +105,167 @@ def _send_floor(stream: Any, floor: Floor, end_m: FloatArray) -> None:
     )
     pose = rr.Transform3D(quaternion=xyzw(floor.quaternion_world))
     stream.log(paths.GROUND, solid, pose, static=True)
+
+
+def send_body(stream: Any, robot: Robot, meshes: Meshes) -> None:
+    """Send the trunk and a mark at its front: the `ant` looks alike from all sides."""
+    rr = load_rerun()
+    if "body" in meshes:
+        stream.log(paths.BODY, *_asset(meshes["body"], style.BODY_COLOR), static=True)
+    else:
+        stream.log(paths.BODY, _trunk(robot), static=True)
+    length, _, height = robot.body.size_m
+    size = 0.12 * length
+    nose = rr.Boxes3D(
+        centers=[[length / 2 - 1.5 * size, 0, height / 2]],
+        half_sizes=[[size, size / 2, 0.1 * size]],
+        colors=[style.NOSE_COLOR],
+        fill_mode="solid",
+    )
+    stream.log(f"{paths.BODY}/front", nose, static=True)
+
+
+def send_leg(stream: Any, robot: Robot, plan: TrialPlan, meshes: Meshes, leg: int) -> None:
+    """Send mount, links and foot of a leg; a failed one in its own colours, a missing one as an outline."""
+    rr = load_rerun()
+    failure = plan.failure if plan.failure and plan.failure.leg == leg else None
+    yaw = rr.RotationAxisAngle([0, 0, 1], radians=float(robot.mount_yaws_rad[leg - 1]))
+    mount = rr.Transform3D(translation=robot.mount_positions_body[leg - 1], rotation=yaw)
+    stream.log(paths.leg_path(leg), mount, static=True)
+    start = (0.0, 0.0)
+    for index, kind in enumerate(JOINT_KINDS):
+        if index:
+            joint = rr.Transform3D(translation=[start[0], 0.0, start[1]])
+            stream.log(paths.joint_path(leg, kind), joint, static=True)
+        parts = _link(robot, index, failure, meshes)
+        stream.log(paths.link_path(leg, kind), *parts, _series(kind), static=True)
+        start = tuple(robot.link_vectors_m[index])
+    label = {"labels": [f"leg {leg} {failure}"], "show_labels": True} if failure else {}
+    foot = rr.Points3D([[start[0], 0, start[1]]], radii=[1.3 * robot.foot_radius_m], **label)
+    stream.log(paths.foot_path(leg), foot, static=True)
+
+
+def _trunk(robot: Robot) -> Any:
+    """Return the solid of the trunk."""
+    rr = load_rerun()
+    length, width, height = robot.body.size_m
+    look = {"colors": [style.BODY_COLOR], "fill_mode": "solid"}
+    if robot.body.shape == "box":
+        return rr.Boxes3D(half_sizes=[[length / 2, width / 2, height / 2]], **look)
+    return rr.Cylinders3D(lengths=[height], radii=[length / 2], **look)
+
+
+def _link(robot: Robot, index: int, failure: Failure | None, meshes: Meshes) -> list[Any]:
+    """Return what a link is drawn as."""
+    kind = JOINT_KINDS[index]
+    color = (style.FAILED_COLORS if failure else style.LINK_COLORS)[kind]
+    missing = failure is not None and failure.kind == "missing"
+    # An outline says that a leg is not there; a mesh has none.
+    if kind in meshes and not missing:
+        return _asset(meshes[kind], color, tinted=failure is not None)
+    outward, up = robot.link_vectors_m[index]
+    tilt = math.atan2(outward, up)  # a capsule points along z until it is turned
+    capsule = load_rerun().Capsules3D(
+        lengths=[math.hypot(outward, up)],
+        radii=[robot.link_radii_m[index]],
+        quaternions=[[0, math.sin(tilt / 2), 0, math.cos(tilt / 2)]],
+        colors=[color],
+        fill_mode="majorwireframe" if missing else "solid",
+    )
+    return [capsule]
+
+
+def _asset(mesh: PartMesh, color: style.Color, *, tinted: bool = False) -> list[Any]:
+    """Return a mesh in its place; it is tinted where asked for, or where it brings no colours."""
+    rr = load_rerun()
+    w, x, y, z = mesh.quaternion.tolist()
+    pose = rr.InstancePoses3D(
+        translations=[mesh.position_m], quaternions=[[x, y, z, w]], scales=[[mesh.scale] * 3]
+    )
+    look = {"albedo_factor": color} if tinted or not mesh.coloured else {}
+    return [rr.Asset3D(contents=mesh.content, media_type=mesh.media_type, **look), pose]
+
+
+def _series(kind: str) -> Any:
+    """Return names and looks of a joint's two plotted angles."""
+    names = [f"{kind} commanded", f"{kind} measured"]
+    return load_rerun().SeriesLines(names=names, colors=style.SERIES[kind], widths=[3.0, 1.2])
+
+
+#: Floor to be seen on all sides of the planned path; an even one costs nothing.
+FLOOR_MARGIN_M = 2.0
+EVEN_MARGIN_M = 50.0
+
+#: More vertices than this are thinned out, to keep the file small.
+MAX_VERTICES = 40_000
+
+#: An even floor lies this much below the feet, so that lines drawn on it stay visible.
+SUNK_M = 0.002
+
+
+@dataclass(frozen=True, slots=True)
+class FloorMesh:
+    """Triangles in the floor's plane.
+
+    Attributes:
+        positions: (V, 3) in m.
+        triangles: (T, 3) indices of vertices.
+        normals: (V, 3).
+        colors: (V, 3), red, green, blue.
+    """
+
+    positions: NDArray[np.float32]
+    triangles: NDArray[np.uint32]
+    normals: NDArray[np.float32]
+    colors: NDArray[np.uint8]
+
+
+def make_floor_mesh(heights_m: FloatArray | None, path_end_m: FloatArray) -> FloorMesh:
+    """Return the floor around a straight path from the origin to an end, (2,) in m.
+
+    Args:
+        heights_m: the whole height field (rows along y, columns along x), or None for an even floor.
+        path_end_m: where a walk without slip would end.
+    """
+    margin_m = EVEN_MARGIN_M if heights_m is None else FLOOR_MARGIN_M
+    low = np.minimum(path_end_m, 0.0) - margin_m
+    high = np.maximum(path_end_m, 0.0) + margin_m
+    if heights_m is None:
+        x, y = (np.array([low[axis], high[axis]]) for axis in (0, 1))
+        return _grid_mesh(x, y, np.full((2, 2), -SUNK_M))
+    columns, rows = (_cells(low[axis], high[axis], heights_m.shape[1 - axis]) for axis in (0, 1))
+    stride = int(np.ceil(np.sqrt(len(rows) * len(columns) / MAX_VERTICES)))
+    columns, rows = columns[::stride], rows[::stride]
+    x, y = (_coordinates(heights_m.shape[1 - axis])[cells] for axis, cells in ((0, columns), (1, rows)))
+    return _grid_mesh(x, y, heights_m[np.ix_(rows, columns)])
+
+
+def _coordinates(count: int) -> FloatArray:
+    return np.linspace(-ROUGH_HALF_SIZE_M, ROUGH_HALF_SIZE_M, count)
+
+
+def _cells(low_m: float, high_m: float, count: int) -> NDArray[np.int64]:
+    """Return which grid points of the field lie in a range, at least the two at its edge."""
+    inside = np.flatnonzero((_coordinates(count) >= low_m) & (_coordinates(count) <= high_m))
+    return inside if inside.size > 1 else np.array([0, 1])
+
+
+def _grid_mesh(x: FloatArray, y: FloatArray, heights: FloatArray) -> FloorMesh:
+    """Return the mesh of heights (len(y), len(x)) over a rectangular grid."""
+    positions = np.stack([*np.meshgrid(x, y), heights], axis=-1)
+    slope_y, slope_x = np.gradient(heights, y, x)
+    normals = np.stack([-slope_x, -slope_y, np.ones_like(heights)], axis=-1)
+    normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
+    spread = np.clip(heights / (2 * heights.std() + 1e-9), -1, 1) if heights.std() > 0 else 0 * heights
+    colors = np.array(GROUND_COLOR) * (1 + 0.35 * spread[..., np.newaxis])
+    corner = np.arange(heights.size, dtype=np.uint32).reshape(heights.shape)
+    a, b, c, d = corner[:-1, :-1], corner[:-1, 1:], corner[1:, 1:], corner[1:, :-1]
+    triangles = np.concatenate(
+        [np.stack([a, b, c], -1).reshape(-1, 3), np.stack([a, c, d], -1).reshape(-1, 3)]
+    )
+    return FloorMesh(
+        positions.reshape(-1, 3).astype(np.float32),
+        triangles,
+        normals.reshape(-1, 3).astype(np.float32),
+        colors.reshape(-1, 3).astype(np.uint8),
+    )

@@ -1,21 +1,335 @@
-"""The rows of a log as Rerun columns: whole arrays at once, never tick by tick."""
+"""What a recording shows over time: robot, path, gait lanes, events, support polygon."""
 
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from hexctl.control.log import TickLog
-from hexctl.record import paths
-from hexctl.record.balance import Tally, send_balance
-from hexctl.record.block import Block, Rows, Subject
-from hexctl.record.course import send_course, send_deviation, send_ribbon, send_trail
-from hexctl.record.events import send_events
-from hexctl.record.lanes import send_feet, send_gait, send_guard, send_phases
-from hexctl.record.links import LinkColumns
-from hexctl.record.scene import xyzw
-from hexctl.record.sdk import load_rerun
-from hexctl.types import JOINT_KINDS, JOINTS_PER_LEG, FloatArray
+from hexctl.backends.clock import PERIOD_S
+from hexctl.control.frame import TrialFrame
+from hexctl.control.log import PHASES, TickLog
+from hexctl.control.result import TrialResult
+from hexctl.ik.legs import link_points_body
+from hexctl.ik.support_polygon import carried, centre_of_mass_of, support, to_world
+from hexctl.record import paths, style
+from hexctl.record.columns import (
+    KEPT_BITS,
+    SPARSE_TICKS,
+    Block,
+    LinkColumns,
+    Rows,
+    Subject,
+    compact,
+    posed_rows,
+    rounded,
+)
+from hexctl.record.rrd import load_rerun
+from hexctl.record.scene import course_world, on_floor, path_end_m, xyzw
+from hexctl.types import JOINT_KINDS, JOINT_NAMES, JOINTS_PER_LEG, BoolArray, FloatArray
+
+#: The ribbon is made of pieces of this many ticks: fewer, longer ones than the trail's, each is a mesh.
+RIBBON_TICKS = 10
+
+
+def send_trail(block: Block) -> None:
+    """Send the way of the body, on the floor, as short pieces; those before the time cursor are drawn."""
+    at, first = _pieces(block, SPARSE_TICKS)
+    if at.size:
+        positions = block.log.rows("base_position_world", first, block.stop)[:, :2]
+        ends = (on_floor(positions[index], block.subject.floor) for index in (at - SPARSE_TICKS, at))
+        pieces = np.stack(list(ends), axis=1).astype(np.float32)
+        block.send(paths.TRAIL, at + first - block.start, load_rerun().LineStrips3D.columns(strips=pieces))
+
+
+def send_course(block: Block) -> None:
+    """Send the line of travel where the walk begins."""
+    subject, frame = block.subject, block.log.frame
+    rows = block.changes(block.led("phase"))
+    rows = rows[block.column("phase")[rows] == PHASES.index("walk")]
+    if frame is not None and rows.size:
+        length_m = float(np.linalg.norm(path_end_m(subject.robot, subject.plan)))
+        line = course_world(frame, length_m, subject.floor).astype(np.float32)
+        block.send(paths.COURSE, rows, load_rerun().LineStrips3D.columns(strips=[line]))
+
+
+def send_ribbon(block: Block) -> None:
+    """Send the area between the line of travel and the trail, coloured by side, in pieces as the trail."""
+    frame, rr = block.log.frame, load_rerun()
+    at, first = _pieces(block, RIBBON_TICKS)
+    walking = block.log.rows("phase", first, block.stop) == PHASES.index("walk")
+    at = at[walking[at] & walking[at - RIBBON_TICKS]]
+    if frame is None or not at.size:
+        return
+    positions = block.log.rows("base_position_world", first, block.stop)[:, :2]
+    ends = [_across(frame, positions[index]) for index in (at - RIBBON_TICKS, at)]
+    corners = np.concatenate([on for pair in ends for on in pair], axis=-1).reshape(-1, 2)
+    quads = compact(on_floor(corners, block.subject.floor))
+    left = frame.path(_with_height(positions[at]))[:, 1] >= 0
+    colors = np.where(left, style.packed(style.LEFT_COLOR), style.packed(style.RIGHT_COLOR))
+    columns = [
+        *rr.Mesh3D.columns(vertex_positions=quads).partition(np.full(at.size, 4)),
+        *rr.Mesh3D.columns(albedo_factor=colors.astype(np.uint32)),
+    ]
+    block.send(paths.RIBBON, at + first - block.start, columns)
+
+
+def send_deviation(block: Block) -> None:
+    """Send the distance from the line of travel during the walk, positive to its left."""
+    frame = block.log.frame
+    rows = np.flatnonzero(block.in_walk() & block.posed)
+    if frame is not None and rows.size:
+        deviation = frame.path(block.column("base_position_world")[rows])[:, 1]
+        columns = load_rerun().Scalars.columns(scalars=rounded(deviation, KEPT_BITS))
+        block.send(paths.DEVIATION, rows, columns)
+
+
+def _pieces(block: Block, step: int) -> tuple[NDArray[np.int64], int]:
+    """Return where pieces between ticks that are multiples of a step end in a block, (N,), and a first tick.
+
+    Only pieces whose ends are known count. The ends count from that tick of the log, which is the one that
+    the first piece begins at.
+    """
+    first = max(block.start, step)
+    first += -first % step - step
+    at = np.arange(step, block.stop - first, step)
+    posed = posed_rows(block.log, first, block.stop)
+    return at[posed[at] & posed[at - step]], first
+
+
+def _across(frame: TrialFrame, points_m: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return points seen from above, (N, 2), and the nearest ones on the line of travel."""
+    along = np.array([np.cos(frame.heading_rad), np.sin(frame.heading_rad)])
+    progress = frame.path(_with_height(points_m))[:, :1]
+    return points_m, frame.origin_world[:2] + progress * along
+
+
+def _with_height(points_m: FloatArray) -> FloatArray:
+    return np.column_stack([points_m, np.zeros(len(points_m))])
+
+
+#: Targets that differ by less were not changed, only rounded on their way.
+ROUNDING_RAD = 1e-5
+
+#: A foot does something else once it has for so many ticks: what rattles and rebounds is no other gait.
+STEADY_TICKS = 5
+
+
+def clipped_joints(wanted_rad: FloatArray, sent_rad: FloatArray) -> BoolArray:
+    """Return which joints' targets the guard changed, any shape."""
+    return np.asarray(np.abs(sent_rad - wanted_rad) > ROUNDING_RAD)
+
+
+def skipped_ticks(time_s: FloatArray) -> FloatArray:
+    """Return how many points of the clock's grid were missed before each tick, (ticks,)."""
+    return np.asarray(np.maximum(np.round(np.diff(time_s, prepend=time_s[:1]) / PERIOD_S) - 1, 0))
+
+
+def send_phases(block: Block) -> None:
+    """Send the parts of the trial where they begin."""
+    rows = block.changes(block.led("phase"))
+    if rows.size:
+        names = np.array(PHASES)[block.column("phase")[rows]]
+        block.send(paths.PHASE, rows, load_rerun().StateChange.columns(state=names))
+
+
+def send_gait(block: Block) -> None:
+    """Send stance and swing of each foot where they change, as commanded and, if it is felt, as they are."""
+    states = _felt(block) if block.log.contacts_known else block.led_swing.astype(int)
+    names = np.array(style.FELT_STATES if block.log.contacts_known else style.COMMANDED_STATES)
+    lead = len(states) - (block.stop - block.start)
+    for leg in paths.LEGS:
+        rows = block.changes(states[:, leg - 1])
+        if rows.size:
+            state = names[states[rows + lead, leg - 1]]
+            block.send(paths.gait_path(leg), rows, load_rerun().StateChange.columns(state=state))
+
+
+def _felt(block: Block) -> NDArray[np.int64]:
+    """Return the states of the feet as indices of `style.FELT_STATES`, led by one row, (rows, 6)."""
+    swing = block.swing(STEADY_TICKS)
+    other = steadily(swing == block.led("foot_contacts", STEADY_TICKS))
+    states = 2 * swing.astype(np.int64) + (swing == other)
+    return np.asarray(states[max(min(block.start, STEADY_TICKS) - 1, 0) :])
+
+
+def steadily(is_so: BoolArray) -> BoolArray:
+    """Return what has been so for `STEADY_TICKS` rows in a row, the last of them included, same shape."""
+    steady = is_so.copy()
+    for back in range(1, STEADY_TICKS):
+        steady[back:] &= is_so[:-back]
+        steady[:back] = False
+    return steady
+
+
+def send_feet(block: Block) -> None:
+    """Send which feet touch the floor, where that changes, as the foot's colour; one for all if unfelt."""
+    touching = block.led("foot_contacts")
+    felt = (style.LIFTED_COLOR, style.TOUCHING_COLOR)
+    shown = felt if block.log.contacts_known else (style.UNFELT_COLOR, style.UNFELT_COLOR)
+    colors = np.array([style.packed(color) for color in shown], dtype=np.uint32)
+    for leg in paths.LEGS:
+        rows = block.changes(touching[:, leg - 1])
+        if rows.size:
+            color = colors[block.column("foot_contacts")[rows, leg - 1].astype(int)]
+            block.send(paths.foot_path(leg), rows, load_rerun().Points3D.columns(colors=color))
+
+
+def send_guard(block: Block) -> None:
+    """Send where the guard changed targets and where the clock missed ticks."""
+    states = clipped_joints(block.led("wanted_rad"), block.led("sent_rad")).any(axis=-1).astype(int)
+    states[skipped_ticks(block.led("time_s")) > 0] = 2
+    lead = len(states) - (block.stop - block.start)
+    rows = block.changes(states)
+    if rows.size:
+        names = np.array(style.GUARD_STATES)[states[rows + lead]]
+        block.send(paths.GUARD, rows, load_rerun().StateChange.columns(state=names))
+
+
+#: A row of the block, how grave it is in Rerun's words, and what it was.
+Event = tuple[int, str, str]
+
+INFO, WARNING, ERROR = "INFO", "WARN", "ERROR"
+
+#: How a trial ends before its time, and why when nothing is wrong: somebody asked for it.
+STOPS = ("fell", "diverged", "aborted")
+REQUESTED = "requested"
+
+#: More joints than this are counted, not named.
+MAX_NAMES = 3
+
+
+def send_events(block: Block) -> None:
+    """Send what happened in the rows of a block."""
+    events = sorted([*_phases(block), *_clipped(block), *_skipped(block)])
+    if events:
+        rows, levels, texts = zip(*events, strict=True)
+        columns = load_rerun().TextLog.columns(text=list(texts), level=list(levels))
+        block.send(paths.EVENTS, np.array(rows), columns)
+
+
+def _phases(block: Block) -> Iterator[Event]:
+    for row in block.changes(block.led("phase")).tolist():
+        yield row, INFO, f"{PHASES[block.column('phase')[row]]} begins"
+
+
+def _clipped(block: Block) -> Iterator[Event]:
+    """Yield where the guard began to change targets, with the joints it changed first."""
+    led = clipped_joints(block.led("wanted_rad"), block.led("sent_rad"))
+    lead = len(led) - (block.stop - block.start)
+    for row in block.changes(led.any(axis=-1)).tolist():
+        names = [name for name, clipped in zip(JOINT_NAMES, led[row + lead], strict=True) if clipped]
+        if names:
+            more = f" and {len(names) - MAX_NAMES} more" if len(names) > MAX_NAMES else ""
+            yield row, WARNING, f"clipped: {', '.join(names[:MAX_NAMES])}{more}"
+
+
+def _skipped(block: Block) -> Iterator[Event]:
+    """Yield where the clock missed ticks because one took too long."""
+    led = skipped_ticks(block.led("time_s"))
+    lead = len(led) - (block.stop - block.start)
+    for row in np.flatnonzero(led[lead:]).tolist():
+        missed = int(led[row + lead])
+        ticks = "1 tick" if missed == 1 else f"{missed} ticks"
+        yield row, WARNING, f"missed {ticks}: the one before took too long"
+
+
+def send_outcome(last: Block, result: TrialResult) -> None:
+    """Send how the trial ended, at the last tick of its last block; the guard's lane shows a stop too."""
+    rr, row = load_rerun(), np.array([last.stop - last.start - 1])
+    why = f": {result.stopped}" if result.stopped else ""
+    stopped = result.status in STOPS and result.stopped != REQUESTED
+    level = ERROR if stopped else WARNING if result.status == "no_progress" else INFO
+    columns = rr.TextLog.columns(text=[f"trial over, {result.status}{why}"], level=[level])
+    last.send(paths.EVENTS, row, columns)
+    if stopped:
+        last.send(paths.GUARD, row, rr.StateChange.columns(state=[style.STOPPED]))
+
+
+#: The polygon lies this much above the ribbon and the line, and the mark of the centre above the polygon.
+POLYGON_M, MARK_M = np.array([0.0, 0.0, 0.001]), np.array([0.0, 0.0, 0.002])
+
+
+@dataclass(frozen=True, slots=True)
+class Tally:
+    """In how many ticks of the walk the centre of gravity is known, and in how many the feet carry it."""
+
+    walked: int = 0
+    inside: int = 0
+
+    def __add__(self, other: "Tally") -> "Tally":
+        return Tally(self.walked + other.walked, self.inside + other.inside)
+
+    @property
+    def share(self) -> float | None:
+        """Return the share of the walk in which the centre of gravity was inside, None before any."""
+        return self.inside / self.walked if self.walked else None
+
+
+def send_balance(block: Block) -> Tally:
+    """Send the polygon, the centre of gravity and its margin now and then; count all ticks of the walk."""
+    feet, centres = _feet_and_centres(block)
+    known = np.asarray(np.isfinite(centres).all(axis=-1))
+    rows = block.sparse()
+    rows = rows[known[rows]]
+    if rows.size:
+        found = support(feet[rows], block.standing[rows], centres[rows, :2])
+        inside = np.asarray(found.margin_m > 0)
+        _send_polygon(block, rows, found.corners, inside)
+        _send_centre(block, rows, centres[rows], inside)
+        _send_margin(block, rows, found.margin_m)
+    counted = np.flatnonzero(known & block.in_walk())
+    inside = carried(feet[counted], block.standing[counted], centres[counted, :2])
+    return Tally(counted.size, int(inside.sum()))
+
+
+def _feet_and_centres(block: Block) -> tuple[FloatArray, FloatArray]:
+    """Return feet seen from above, (rows, 6, 2), and centres of gravity, (rows, 3), in the world."""
+    robot = block.subject.robot
+    links = link_points_body(robot, block.column("measured_rad"))
+    centre = centre_of_mass_of(robot, links)[:, np.newaxis]
+    pose = block.column("base_position_world"), block.column("base_quaternion_world")
+    points = to_world(np.concatenate([links[..., -1, :], centre], axis=1), *pose)
+    return points[:, :-1, :2], points[:, -1]
+
+
+def _send_polygon(block: Block, rows: NDArray[np.int64], corners: FloatArray, inside: BoolArray) -> None:
+    rr, count = load_rerun(), corners.shape[1]
+    raised = on_floor(corners.reshape(-1, 2), block.subject.floor) + POLYGON_M
+    points = compact(raised).reshape(-1, count, 3)
+    columns = [
+        *rr.Mesh3D.columns(vertex_positions=points.reshape(-1, 3)).partition(np.full(rows.size, count)),
+        *rr.Mesh3D.columns(albedo_factor=_colors(inside, style.STEADY_FILL, style.UNSTEADY_FILL)),
+    ]
+    block.send(paths.POLYGON, rows, columns)
+
+
+def _send_centre(block: Block, rows: NDArray[np.int64], centres: FloatArray, inside: BoolArray) -> None:
+    """Send the mark on the floor and the plumb line that it hangs on."""
+    rr = load_rerun()
+    marks = on_floor(centres[:, :2], block.subject.floor) + MARK_M
+    color = _colors(inside, style.STEADY_COLOR, style.UNSTEADY_COLOR)
+    lines = np.stack([compact(marks), compact(centres)], axis=1)
+    columns = [
+        *rr.Points3D.columns(positions=lines[:, 0], colors=color),
+        *rr.LineStrips3D.columns(strips=lines),
+    ]
+    block.send(paths.CENTRE, rows, columns)
+
+
+def _send_margin(block: Block, rows: NDArray[np.int64], margin_m: FloatArray) -> None:
+    """Send how far inside the polygon the centre is, where there is one."""
+    finite = np.isfinite(margin_m)
+    if finite.any():
+        columns = load_rerun().Scalars.columns(scalars=rounded(margin_m[finite], KEPT_BITS))
+        block.send(paths.MARGIN, rows[finite], columns)
+
+
+def _colors(inside: BoolArray, steady: style.Color, unsteady: style.Color) -> NDArray[np.uint32]:
+    """Return a colour per row as Rerun packs it."""
+    colors = np.array([style.packed(unsteady), style.packed(steady)], dtype=np.uint32)
+    return np.asarray(colors[inside.astype(int)])
 
 
 class BlockWriter:

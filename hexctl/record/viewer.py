@@ -1,11 +1,21 @@
-"""Open recordings in Rerun's own viewer."""
+"""Rerun's viewer: in a window, or served to a browser on this computer."""
 
 import importlib.util
 import os
+import shutil
+import socket
 import subprocess
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from http import HTTPStatus
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
+from threading import Thread
+from types import TracebackType
+from typing import Any, Self
+from urllib.parse import quote, unquote
 
 from hexctl.errors import InputError, MissingExtraError, RecordingError
 
@@ -112,3 +122,134 @@ def _why(messages: str, paths: Sequence[Path]) -> str:
     lines = [line.strip() for line in messages.splitlines() if line.strip()]
     last = next((line for line in reversed(lines) if "rror" in line), lines[-1] if lines else "no message")
     return f"the viewer ended with an error: {' '.join(last.split())[:200]}"
+
+
+@dataclass(frozen=True, slots=True)
+class WebViewer:
+    """A viewer that is being served.
+
+    Attributes:
+        url: where a browser finds it.
+        process: Rerun's server.
+    """
+
+    url: str
+    process: "subprocess.Popen[bytes]"
+
+    def check(self) -> None:
+        """Raise RecordingError when the server has ended."""
+        if self.process.poll() is not None:
+            raise RecordingError(f"the viewer's server ended with {self.process.returncode}")
+
+
+def web_options(port: int, web_port: int) -> list[str]:
+    """Return Rerun's options for a server of data and viewer at two ports of loopback."""
+    return ["--bind", LOCAL, "--port", str(port), "--serve-web", "--web-viewer-port", str(web_port)]
+
+
+def web_url(port: int, web_port: int) -> str:
+    """Return the address that shows what is served at two ports."""
+    return f"http://{LOCAL}:{web_port}/?url=rerun%2Bhttp%3A%2F%2F{LOCAL}%3A{port}%2Fproxy"
+
+
+@contextmanager
+def serve_web(web_port: int, urls: Sequence[str]) -> Iterator[WebViewer]:
+    """Serve the viewer, showing recordings at some URLs, to browsers until the block ends.
+
+    Raises RecordingError for a server that cannot start, MissingExtraError without Rerun.
+    """
+    command = [
+        str(viewer_binary()),
+        "--bind",
+        LOCAL,
+        "--serve-web",
+        "--web-viewer-port",
+        str(web_port),
+        *urls,
+    ]
+    try:
+        process = subprocess.Popen(
+            command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+        )
+    except OSError as error:
+        raise RecordingError(f"{command[0]}: the viewer does not start: {error.strerror}") from error
+    query = "&".join(f"url={quote(url, safe='')}" for url in urls)
+    try:
+        yield WebViewer(f"{web_origin(web_port)}/?{query}", process)
+    finally:
+        process.kill()
+        process.wait()
+
+
+def web_origin(web_port: int) -> str:
+    """Return where the viewer is served from."""
+    return f"http://{LOCAL}:{web_port}"
+
+
+def free_port() -> int:
+    """Return a port of this machine that nobody listens at."""
+    with socket.socket() as probe:
+        probe.bind((LOCAL, 0))
+        return int(probe.getsockname()[1])
+
+
+class FileServer:
+    """Serves the files that it is told to; use as a context manager."""
+
+    def __init__(self, origin: str) -> None:
+        """Listen at a free port of loopback; pages of one origin, such as http://127.0.0.1:9090, may read."""
+        self._files: dict[str, Path] = {}
+        self._server = ThreadingHTTPServer((LOCAL, 0), self._handler(origin))
+        self._thread = Thread(target=self._server.serve_forever, daemon=True)
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._server.shutdown()
+        self._server.server_close()
+
+    def base(self, folder: str) -> str:
+        """Return the URL below which the files of a folder are found."""
+        return f"http://{LOCAL}:{self._server.server_port}/{quote(folder, safe='')}/"
+
+    def add(self, folder: str, path: Path) -> str:
+        """Serve a recording below a folder and return its URL.
+
+        Raises InputError for a missing file or a file of another kind.
+        """
+        check_recording(path)
+        self._files[f"/{folder}/{path.name}"] = path
+        return self.base(folder) + quote(path.name)
+
+    def _handler(self, origin: str) -> type[BaseHTTPRequestHandler]:
+        files = self._files
+
+        def server_port() -> int:
+            return self._server.server_port
+
+        class Handler(BaseHTTPRequestHandler):
+            def do_GET(self) -> None:
+                if self.headers.get("Host") != f"{LOCAL}:{server_port()}":
+                    self.send_error(HTTPStatus.FORBIDDEN)  # a page of another name that leads here
+                    return
+                try:
+                    file = files[unquote(self.path)].open("rb")
+                except (KeyError, OSError):
+                    self.send_error(HTTPStatus.NOT_FOUND)
+                    return
+                with file:
+                    self.send_response(HTTPStatus.OK)
+                    self.send_header("Content-Type", "application/octet-stream")
+                    self.send_header("Content-Length", str(os.fstat(file.fileno()).st_size))
+                    self.send_header("Access-Control-Allow-Origin", origin)
+                    self.end_headers()
+                    shutil.copyfileobj(file, self.wfile)
+
+            def log_message(self, *_: Any) -> None:
+                """Say nothing."""
+
+        return Handler

@@ -15,8 +15,8 @@ import pytest
 from hexctl.backends import mock
 from hexctl.cli.main import exit_code
 from hexctl.record import recording
+from hexctl.record.rrd import ROOM_BYTES
 from hexctl.record.tracks import BlockWriter
-from hexctl.record.files import ROOM_BYTES
 from tests.backends.fake_time import FakeTime
 from tests.cli.kits import Kit
 

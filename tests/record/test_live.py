@@ -21,7 +21,7 @@ from hexctl.gait.gait import make_gait
 from hexctl.record import live as live_module
 from hexctl.record.live import LiveView
 from hexctl.record.recording import Recording
-from hexctl.record.sdk import load_rerun
+from hexctl.record.rrd import load_rerun
 from tests.robots import shipped
 
 PLAN = TrialPlan(gait=make_gait(shipped(), "tripod"), duration_s=3.0)

@@ -14,8 +14,8 @@ from hexctl.errors import HexctlError, InputError, RecordingError
 from hexctl.ik.legs import foot_positions_body
 from hexctl.record import paths
 from hexctl.record import recording as module
-from hexctl.record.files import END_PADDING, check_whole
 from hexctl.record.recording import Recording
+from hexctl.record.rrd import END_PADDING, check_whole
 from hexctl.record.viewer import viewer_binary
 from hexctl.types import JOINT_KINDS
 from tests.record.conftest import ReadBack, Trial, make_plan, write
@@ -246,7 +246,7 @@ CHILD = """
 import pickle, sys, time
 from pathlib import Path
 from hexctl.record import recording as module
-from hexctl.record.files import END_PADDING, check_whole
+from hexctl.record.rrd import END_PADDING, check_whole
 from hexctl.record.recording import Recording
 module.BLOCK_TICKS = 1
 trial = pickle.load(sys.stdin.buffer)
@@ -344,3 +344,46 @@ def test_without_rerun_the_extra_is_named(
     with pytest.raises(HexctlError, match=r"hexctl\[view\]"):
         Recording(tmp_path / "trial.rrd", trial.robot, trial.plan, title="none")
     assert not (tmp_path / "trial.rrd").exists()
+
+
+@pytest.fixture(scope="module")
+def trial_file(trial: Trial, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write(tmp_path_factory.mktemp("tools") / "trial.rrd", trial)
+
+
+@pytest.fixture(scope="module")
+def cut_off(trial_file: Path) -> Path:
+    """Return the recording as a power cut leaves it: it ends in the middle of something."""
+    path = trial_file.with_name("cut.rrd")
+    content = trial_file.read_bytes()
+    path.write_bytes(content[: len(content) * 9 // 10])
+    return path
+
+
+def rrd(tool: str, *arguments: str | Path) -> "subprocess.CompletedProcess[str]":
+    command = [str(viewer_binary()), "rrd", tool, *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+
+
+def test_stats_finds_chunks_and_nothing_to_complain_of(trial_file: Path) -> None:
+    done = rrd("stats", trial_file)
+    assert done.returncode == 0, done.stderr
+    assert "num_chunks" in done.stdout
+    assert "error" not in done.stderr.lower()
+
+
+def test_a_recording_equals_its_copy(trial_file: Path, trial: Trial) -> None:
+    again = write(trial_file.with_name("again.rrd"), trial)
+    assert rrd("verify", again).returncode == 0
+    assert ReadBack(again).temporal() == ReadBack(trial_file).temporal()
+
+
+def test_what_was_cut_off_in_mid_message_can_be_repaired(cut_off: Path, trial_file: Path) -> None:
+    repaired = cut_off.with_name("repaired.rrd")
+    done = rrd("optimize", cut_off, "-o", repaired)
+    assert done.returncode == 0, done.stderr
+    assert rrd("verify", repaired).returncode == 0
+    read = ReadBack(repaired)
+    assert len(read.blueprints) == 1
+    assert read.temporal()
+    assert read.entities <= ReadBack(trial_file).entities

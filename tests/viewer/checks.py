@@ -1,7 +1,7 @@
 """What must be seen of a recording; each check fails with what is missing."""
 
+from hexctl import palette
 from hexctl.record import style
-from hexctl.record.overview import colors
 from pictures.picture import Color, Picture
 from pictures.window import Window
 
@@ -58,9 +58,9 @@ def check_session(window: Window) -> None:
     whole = window.picture()
     assert not whole.blank, "the window is blank"
     above = of_kind(window, "2D")
-    assert above.share(colors.LINE_COLOR) > LINE_SHARE, "no line of travel is seen"
-    assert above.share(colors.BEST_COLOR) > LINE_SHARE, "no best trajectory is seen"
-    assert of_kind(window, "TimeSeries").share(colors.BEST_COLOR) > LINE_SHARE, "no convergence is seen"
+    assert above.share(palette.LINE_COLOR) > LINE_SHARE, "no line of travel is seen"
+    assert above.share(palette.BEST_COLOR) > LINE_SHARE, "no best trajectory is seen"
+    assert of_kind(window, "TimeSeries").share(palette.BEST_COLOR) > LINE_SHARE, "no convergence is seen"
     assert of_kind(window, "TextDocument").share(TEXT_COLOR) > TEXT_SHARE, "no table is seen"
 
 

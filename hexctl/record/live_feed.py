@@ -1,4 +1,4 @@
-"""The process between a walk and its live viewer: `python -m hexctl.record.livefeed PORT` reads rows."""
+"""The process between a walk and its live viewer: `python -m hexctl.record.live_feed PORT` reads rows."""
 
 import pickle
 import signal
@@ -11,11 +11,11 @@ from typing import Any, BinaryIO
 
 from hexctl.control.log import TickLog
 from hexctl.errors import InputError
-from hexctl.record.block import Subject
 from hexctl.record.blueprint import make_blueprint
+from hexctl.record.columns import Subject
 from hexctl.record.recording import APPLICATION_ID
+from hexctl.record.rrd import load_rerun
 from hexctl.record.scene import LEVEL, send_scene
-from hexctl.record.sdk import load_rerun
 from hexctl.record.tracks import BlockWriter
 from hexctl.record.viewer import LOCAL
 from hexctl.robot.meshes import Meshes, load_meshes

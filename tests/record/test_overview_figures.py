@@ -9,12 +9,10 @@ import pytest
 import rerun as rr
 
 from hexctl.errors import InputError, RecordingError
-from hexctl.record.overview import file as module
-from hexctl.record.overview.above import visible_m
-from hexctl.record.overview.colors import INVALID_COLOR, deviation_color
-from hexctl.record.overview.file import write_overview_file
-from hexctl.record.overview.table import make_table
-from hexctl.record.overview.trials import Overview, OverviewTrial, drawable
+from hexctl.palette import INVALID_COLOR, deviation_color
+from hexctl.record import overview_figures as module
+from hexctl.record.overview import Overview, OverviewTrial, drawable, make_table
+from hexctl.record.overview_figures import visible_m, write_overview_file
 from hexctl.record.viewer import viewer_binary
 from tests.record.conftest import ReadBack
 
