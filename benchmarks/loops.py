@@ -16,7 +16,7 @@ from tempfile import TemporaryDirectory
 from benchmarks.plans import ant, default_gait
 from hexctl.backends.clock import PERIOD_S, WallClock, request_realtime_priority
 from hexctl.backends.mock import MockServos
-from hexctl.control.controller import Walk
+from hexctl.control.controllers import Walk
 from hexctl.control.guard import Guard
 from hexctl.control.log import TickLog
 from hexctl.control.loop import drive

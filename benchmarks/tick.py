@@ -10,13 +10,13 @@ from unittest.mock import patch
 
 import numpy as np
 
-import hexctl.control.controller
+import hexctl.control.controllers
 from benchmarks.plans import ant, default_gait
 from benchmarks.rows import Bar, Row
 from benchmarks.scale import Scale
 from hexctl.backends.mock import MockServos
 from hexctl.backends.sim.clock import SimClock
-from hexctl.control.controller import LOOK_AHEAD_TICKS, Walk
+from hexctl.control.controllers import LOOK_AHEAD_TICKS, Walk
 from hexctl.control.guard import Guard
 from hexctl.control.log import TickLog
 from hexctl.control.loop import drive
@@ -40,7 +40,7 @@ def _work_us(ticks: int, ticks_at_once: int) -> FloatArray:
     log = TickLog()
     with (
         MockServos(ant(), clock=clock) as servos,
-        patch.object(hexctl.control.controller, "LOOK_AHEAD_TICKS", ticks_at_once),
+        patch.object(hexctl.control.controllers, "LOOK_AHEAD_TICKS", ticks_at_once),
     ):
         walk = Walk(ant(), default_gait(), Motion(), period_s=clock.period_s)
         drive(Guard(servos), walk, log, lambda step, _: step >= ticks - 1)

@@ -8,9 +8,9 @@ from hexctl.backends.zenoh.asking import ask_until
 from hexctl.backends.zenoh.ear import Ear
 from hexctl.backends.zenoh.mailbox import Mailbox
 from hexctl.cli.console import DONE, StopOnInterrupt, print_note
-from hexctl.control.frame import TrialFrame
 from hexctl.control.log import TickLog
 from hexctl.control.plan import TrialPlan
+from hexctl.control.trace import TrialFrame
 from hexctl.errors import RobotFaultError
 from hexctl.gait.gait import make_gait
 from hexctl.record.live import LIVE_BLOCK_TICKS, LiveView

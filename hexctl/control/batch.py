@@ -8,9 +8,8 @@ import numpy as np
 from hexctl.backends.sim.batch import SimBatch
 from hexctl.backends.sim.servos import SimServos
 from hexctl.backends.sim.world import World
-from hexctl.control.controller import LOOK_AHEAD_TICKS, joints_of_feet
-from hexctl.control.guard import Guard
-from hexctl.control.limits import FALL_TICKS, StepLimits, leaning
+from hexctl.control.controllers import LOOK_AHEAD_TICKS, joints_of_feet
+from hexctl.control.guard import FALL_TICKS, Guard, StepLimits, leaning
 from hexctl.control.log import TickLog
 from hexctl.control.plan import TrialPlan
 from hexctl.control.result import TrialResult, score

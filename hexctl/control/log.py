@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from hexctl.backends.clock import Tick
-from hexctl.control.frame import TrialFrame
+from hexctl.control.trace import TrialFrame
 from hexctl.types import N_JOINTS, N_LEGS, FloatArray, JointTargets, RobotState
 
 #: The parts of a trial, in the order in which they come.

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from typing import Protocol
 
 from hexctl.backends.clock import Tick
-from hexctl.control.controller import Controller
+from hexctl.control.controllers import Controller
 from hexctl.control.guard import Guard
 from hexctl.types import FloatArray, JointTargets, RobotState
 

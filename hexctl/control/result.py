@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from hexctl.control.frame import TrialFrame
 from hexctl.control.plan import TrialPlan
+from hexctl.control.trace import TrialFrame
 from hexctl.gait.foot_trajectory import RAMP_DURATION_S
 from hexctl.gait.gait import ideal_speed_m_s
 from hexctl.robot.model import Robot

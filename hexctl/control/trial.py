@@ -8,13 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from hexctl.backends.base import LegServos
-from hexctl.control.controller import Stand, Walk
-from hexctl.control.frame import TrialFrame
+from hexctl.control.controllers import Stand, Walk
 from hexctl.control.guard import Guard
 from hexctl.control.log import TickLog
 from hexctl.control.loop import drive
 from hexctl.control.plan import TrialPlan
 from hexctl.control.result import TrialResult, score
+from hexctl.control.trace import TrialFrame
 from hexctl.control.turning import CLOSE_ENOUGH_RAD, Turn, check_plan, turn_needed_rad
 from hexctl.errors import CommandRefusedError, EStopError, InputError, SimulationDivergedError
 from hexctl.robot.rotations import wrapped_rad, yaw_rad

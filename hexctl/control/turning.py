@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable
 
-from hexctl.control.controller import Walk, check_walk
+from hexctl.control.controllers import Walk, check_walk
 from hexctl.control.plan import TrialPlan
 from hexctl.gait.foot_trajectory import RAMP_DURATION_S
 from hexctl.gait.gait import Gait, Motion, half_amplitude_turn_rate_rad_s, make_gait

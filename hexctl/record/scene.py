@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hexctl.backends.sim.terrain import ROUGH_HALF_SIZE_M, Floor
-from hexctl.control.frame import TrialFrame
 from hexctl.control.plan import TrialPlan
+from hexctl.control.trace import TrialFrame
 from hexctl.gait.gait import ideal_speed_m_s
 from hexctl.record import paths, style
 from hexctl.record.rrd import load_rerun

@@ -1,7 +1,7 @@
 """What a robot does that nobody commands any more: it holds, after a while sits down, and goes limp."""
 
+from hexctl.control.controllers import SITTING_S, sitting_angles_rad
 from hexctl.control.guard import Guard
-from hexctl.control.sitting import SITTING_S, sitting_angles_rad
 from hexctl.errors import CommandRefusedError, EStopError, RobotFaultError
 from hexctl.types import FloatArray, JointTargets
 

@@ -9,7 +9,7 @@ import pytest
 from hexctl import Failure, Robot, SimTrial, TrialPlan, World, load_robot, make_gait, run_sim_trials
 from hexctl.backends.sim.servos import SimServos
 from hexctl.control.batch import run_sim_trial
-from hexctl.control.controller import check_walk
+from hexctl.control.controllers import check_walk
 from hexctl.control.result import TrialResult
 from hexctl.errors import LimitError, ReachError
 

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hexctl.control.limits import FALL_COS_TILT, StepLimits, leaning
+from hexctl.control.guard import FALL_COS_TILT, StepLimits, leaning
 from tests.robots import shipped
 
 angle = st.floats(-4, 4)

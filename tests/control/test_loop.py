@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hexctl.backends.clock import Tick
-from hexctl.control.controller import Controller
+from hexctl.control.controllers import Controller
 from hexctl.control.guard import Guard
 from hexctl.control.loop import drive
 from hexctl.errors import EStopError

@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hexctl.control.frame import TrialFrame
 from hexctl.control.plan import TrialPlan
 from hexctl.control.result import TrialResult, score
+from hexctl.control.trace import TrialFrame
 from hexctl.types import FloatArray
 from tests.robots import shipped
 from tests.trials import gait_of

@@ -7,10 +7,10 @@ import pytest
 
 from hexctl.backends.sim.servos import SimServos
 from hexctl.backends.sim.world import SensorNoise, World
-from hexctl.control.frame import TrialFrame
 from hexctl.control.guard import Guard
 from hexctl.control.log import TickLog
 from hexctl.control.plan import TrialPlan
+from hexctl.control.trace import TrialFrame
 from hexctl.control.trial import run_trial
 from hexctl.robot.failure import Failure
 from hexctl.robot.rotations import yaw_rad

@@ -13,7 +13,7 @@ from hexctl.backends.mock import MockServos
 from hexctl.backends.sim.servos import SimServos
 from hexctl.backends.sim.world import World
 from hexctl.control.batch import SimTrial, run_sim_trials
-from hexctl.control.controller import check_walk
+from hexctl.control.controllers import check_walk
 from hexctl.control.guard import Guard
 from hexctl.control.log import TickLog
 from hexctl.control.plan import TrialPlan

@@ -3,8 +3,8 @@
 import numpy as np
 
 from hexctl.backends.clock import PERIOD_S
+from hexctl.control.controllers import SITTING_S, sitting_angles_rad
 from hexctl.control.guard import Guard
-from hexctl.control.sitting import SITTING_S, sitting_angles_rad
 from hexctl.ik.legs import solve_legs
 from hexctl.serve.posture import Posture
 from tests.control.posed import PosedMock, connected, send

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hexctl.control.frame import TrialFrame
+from hexctl.control.trace import TrialFrame
 
 near = st.floats(-20, 20)
 

@@ -1,9 +1,10 @@
-"""Controllers: command and time to joint targets."""
+"""Controllers: from step and state to joint targets, for one robot or a batch of them."""
 
 from abc import ABC, abstractmethod
 
 import numpy as np
 
+from hexctl.errors import LimitError, ReachError
 from hexctl.gait.foot_trajectory import RAMP_DURATION_S, feet_of_walks, gait_feet_body, stroke_vectors_m
 from hexctl.gait.gait import Gait, Motion
 from hexctl.ik.legs import solve_legs, solve_legs_within_limits
@@ -105,3 +106,19 @@ def check_walk(robot: Robot, gait: Gait, motion: Motion) -> None:
     """Raise ReachError or LimitError, naming leg and joint, for a walk that the legs cannot make."""
     cycle_s = RAMP_DURATION_S + np.arange(CHECKED_POINTS) / (CHECKED_POINTS * gait.pace_hz)
     solve_legs_within_limits(robot, gait_feet_body(robot, gait, motion, cycle_s))
+
+
+#: How long sitting down takes.
+SITTING_S = 2.0
+
+
+def sitting_angles_rad(robot: Robot) -> FloatArray:
+    """Return the joint angles, (18,), that bring the body as low as the legs can, the feet where they are."""
+    lift_m = robot.standing_height_m - robot.body.size_m[2] / 2
+    for share in np.linspace(1.0, 0.0, 21).tolist():
+        feet_body = robot.stance_feet_body + np.array([0.0, 0.0, share * lift_m])
+        try:
+            return solve_legs_within_limits(robot, feet_body)
+        except (ReachError, LimitError):
+            continue
+    return robot.stance_angles_rad

@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
-from hexctl.control.controller import LOOK_AHEAD_TICKS, Stand, Walk, check_walk
+from hexctl.control.controllers import LOOK_AHEAD_TICKS, Stand, Walk, check_walk
 from hexctl.errors import LimitError, ReachError
 from hexctl.gait.foot_trajectory import gait_feet_body
 from hexctl.gait.gait import Gait, Motion
