@@ -14,7 +14,7 @@ from hexctl.robot.model import Robot
 from hexctl.types import FloatArray
 
 #: Objectives for which the end of a walk is enough.
-OBJECTIVES_OF_THE_END = ("final", "progress")
+END_OBJECTIVES = ("final", "progress")
 
 #: Why a trial that nobody measured counts for nothing.
 SKIPPED = "skipped"

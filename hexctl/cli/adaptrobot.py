@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from hexctl.adapt.arena import Arena, check_radius
-from hexctl.adapt.measuring import OBJECTIVES_OF_THE_END
+from hexctl.adapt.measuring import END_OBJECTIVES
 from hexctl.adapt.search import knows_stances
 from hexctl.adapt.session import SessionSpec
 from hexctl.adapt.stance import sag_here_rad, simulated_sag_rad
@@ -57,9 +57,9 @@ def _check_asking(spec: SessionSpec) -> None:
         raise InputError("--arena: got it with --ask; allowed: with a robot that knows where it is")
     if spec.early_stop:
         raise InputError("--early-stop: got it with --ask; allowed: with a robot that knows where it is")
-    if spec.objective not in OBJECTIVES_OF_THE_END:
+    if spec.objective not in END_OBJECTIVES:
         raise InputError(
-            f"--objective: got {spec.objective} with --ask; allowed: {' or '.join(OBJECTIVES_OF_THE_END)}, "
+            f"--objective: got {spec.objective} with --ask; allowed: {' or '.join(END_OBJECTIVES)}, "
             "for which the end of a walk is enough"
         )
     check_answerable()

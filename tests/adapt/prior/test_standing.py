@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hexctl.adapt.prior import standing
 from hexctl.adapt.prior.belief import Belief
 from hexctl.adapt.prior.prior import load_prior
 from hexctl.adapt.prior.samples import FINAL, Samples, samples_of
@@ -65,7 +64,7 @@ def test_noise_of_the_sensors_leaves_more_than_half_of_it(monkeypatch: pytest.Mo
     exact = gain_m(noise_deg=0.0)
     noisy = gain_m(noise_deg=0.2)
     assert noisy > 0.5 * exact > 0
-    monkeypatch.setattr(standing, "RESOLUTION_RAD", 1e-9)
+    monkeypatch.setattr("hexctl.adapt.prior.standing.RESOLUTION_RAD", 1e-9)
     assert noisy > 2 * gain_m(noise_deg=0.2), "what servos say was believed to the last digit"
 
 
