@@ -10,10 +10,10 @@ from benchmarks.process import timed_hexctl
 from benchmarks.rows import Bar, Row
 from benchmarks.scale import Scale
 from hexctl.adapt.bayes import Bayes
+from hexctl.adapt.optimizer import Observation
 from hexctl.adapt.prior.find import shipped_priors
 from hexctl.adapt.prior.prior import CHECKPOINTS, Prior, load_prior
 from hexctl.adapt.prior.samples import samples_of
-from hexctl.adapt.shown import Shown
 from hexctl.adapt.space import GaitSpace
 
 LEG = 5
@@ -49,7 +49,7 @@ def _choices_ms(prior: Prior, world: int) -> "np.ndarray[tuple[int], np.dtype[np
     times_s = []
     (code,) = search.ask(1)
     for _ in range(TRIALS - 1):
-        shown = Shown(
+        shown = Observation(
             path_m=path[code - 1],
             duration_s=prior.question.duration_s,
             yaw_change_rad=float(prior.yaw_rad[row, world, code - 1]),

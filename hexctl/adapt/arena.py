@@ -1,10 +1,18 @@
-"""The arena: a circle on the floor that a robot which nobody puts back stays in. Pure geometry."""
+"""The arena of a robot that stays where a walk ends: geometry, return to home, geofence."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-from hexctl.errors import InputError
-from hexctl.types import FloatArray
+import numpy as np
+
+from hexctl.control.log import TickLog
+from hexctl.control.plan import TrialPlan
+from hexctl.control.trial import LOOK_TICKS, Enough
+from hexctl.control.turning import turn_needed_rad
+from hexctl.errors import InputError, RobotFaultError
+from hexctl.robot.model import Robot
+from hexctl.robot.rotations import wrapped_rad, yaw_rad
+from hexctl.types import FloatArray, RobotState
 
 #: Nearer to home than this, the direction home means nothing.
 AT_HOME_M = 0.05
@@ -95,3 +103,60 @@ def check_radius(radius_m: float, *, ideal_m: float, least_m: float) -> str | No
             "arena; the robot walks there first where it must"
         )
     return None
+
+
+def body_heading_rad(plan: TrialPlan, robot: Robot) -> float:
+    """Return the direction of travel as seen from the body once it has turned as a plan wants it."""
+    return plan.heading_rad - turn_needed_rad(robot, plan)
+
+
+def aimed(
+    plan: TrialPlan, robot: Robot, state: RobotState, arena: Arena, *, outward: bool = False
+) -> TrialPlan:
+    """Return a plan turned so that its walk goes through the middle of the arena, or away from it.
+
+    At the middle it goes where the body need not turn. Raises RobotFaultError without a pose.
+    """
+    if state.base_position_world is None or state.base_quaternion_world is None:
+        raise RobotFaultError("the robot no longer knows where it is")
+    yaw = float(yaw_rad(state.base_quaternion_world))
+    body_rad = body_heading_rad(plan, robot)
+    as_it_stands_rad = yaw + body_rad
+    away_rad = math.pi if outward else 0.0
+    aim_rad = arena.aim_rad(state.base_position_world, as_it_stands_rad - away_rad) + away_rad
+    turn_rad = wrapped_rad(aim_rad - as_it_stands_rad)
+    return replace(plan, heading_rad=turn_rad + body_rad, turn_rad=turn_rad)
+
+
+def as_placed(plan: TrialPlan, robot: Robot) -> TrialPlan:
+    """Return a plan for a robot that somebody has put down the way it would turn by itself."""
+    return replace(plan, heading_rad=body_heading_rad(plan, robot), turn_rad=0.0)
+
+
+#: Why a walk was cut short.
+LEFT_THE_ARENA = "arena"
+
+#: A robot that is told to stop now goes on for as long as between two looks: the soft stop takes twice that,
+#: at half the speed. And until the next look it is not told.
+LOOKS_AHEAD = 2.0
+
+
+class Geofence:
+    """Looks where the robot would come to a stand if nothing were said until the next look.
+
+    Attributes:
+        reached: whether that was outside.
+    """
+
+    def __init__(self, arena: Arena, log: TickLog, also: Enough | None = None) -> None:
+        """Watch the walk that a log is of; `also` may end it for other reasons."""
+        self.reached = False
+        self._arena, self._log, self._also = arena, log, also
+
+    def __call__(self, path_m: FloatArray) -> bool:
+        """Return whether the walk shall end; the `Enough` of a trial."""
+        now = len(self._log)
+        rows = self._log.rows("base_position_world", max(0, now - LOOK_TICKS - 1), now)
+        here, moved = rows[-1], rows[-1] - rows[0]
+        self.reached = bool(np.isfinite(moved).all()) and self._arena.leaves(here, here + LOOKS_AHEAD * moved)
+        return self.reached or (self._also is not None and self._also(path_m))

@@ -5,10 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from hexctl.adapt.expectation import Expectation
-from hexctl.adapt.optimizer import Optimizer
-from hexctl.adapt.prior.belief import Belief, Forecast
-from hexctl.adapt.prior.choice import (
+from hexctl.adapt.optimizer import Observation, Optimizer, Prediction
+from hexctl.adapt.prior.acquisition import (
     WORST_M,
     chance_above,
     chance_within,
@@ -16,8 +14,8 @@ from hexctl.adapt.prior.choice import (
     most_promising,
     most_useful,
 )
+from hexctl.adapt.prior.belief import Belief, Forecast
 from hexctl.adapt.prior.samples import N_FEATURES, Samples, features_of
-from hexctl.adapt.shown import Shown
 from hexctl.adapt.space import GaitSpace
 from hexctl.backends.clock import PERIOD_S
 from hexctl.control.trial import Enough
@@ -110,11 +108,11 @@ class Bayes(Optimizer):
             worth = -expected_size_m(forecast.mean_m, forecast.sd_m)
         return int(np.argmax(np.where(known, worth, -np.inf))) + 1
 
-    def expect(self, code: int) -> Expectation:
+    def expect(self, code: int) -> Prediction:
         """Return what is believed of a gait now."""
         forecast = self.forecast()
         row = code - 1
-        return Expectation(
+        return Prediction(
             signed_m=float(forecast.mean_m[row]),
             sd_m=float(forecast.sd_m[row]),
             trial_sd_m=float(np.hypot(forecast.sd_m[row], forecast.noise_m)),
@@ -122,7 +120,7 @@ class Bayes(Optimizer):
             target_m=self._target_m,
         )
 
-    def repeat(self, code: int, score: float, shown: Shown) -> None:
+    def repeat(self, code: int, score: float, shown: Observation) -> None:
         """Take in a walk of a gait that was not asked for."""
         self._learn_shown([code], [score], [shown])
 
@@ -136,7 +134,7 @@ class Bayes(Optimizer):
             walked_s = len(path_m) * PERIOD_S
             if walked_s < EARLIEST * self._duration_s or not np.isfinite(path_m).all():
                 return False
-            shown = Shown(path_m=path_m, duration_s=walked_s, yaw_change_rad=None, status="cut_short")
+            shown = Observation(path_m=path_m, duration_s=walked_s, yaw_change_rad=None, status="cut_short")
             mean_m, sd_m = course.end(features_of(shown, self._duration_s))
             return float(chance_within(np.array(mean_m), np.array(sd_m), bound_m)) < HOPE
 
@@ -168,7 +166,9 @@ class Bayes(Optimizer):
     def _learn(self, codes: list[int], scores: list[float]) -> None:
         self._learn_shown(codes, scores, [None] * len(codes))
 
-    def _learn_shown(self, codes: list[int], scores: list[float], shown: Sequence[Shown | None]) -> None:
+    def _learn_shown(
+        self, codes: list[int], scores: list[float], shown: Sequence[Observation | None]
+    ) -> None:
         for code, score, one in zip(codes, scores, shown, strict=True):
             nothing = np.full(N_FEATURES, np.nan)
             features = nothing if one is None else features_of(one, self._duration_s)

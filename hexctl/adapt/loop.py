@@ -7,12 +7,10 @@ from typing import Protocol
 
 import numpy as np
 
-from hexctl.adapt.expectation import Expectation
-from hexctl.adapt.objective import score_of
-from hexctl.adapt.optimizer import Optimizer
+from hexctl.adapt.objectives import score_of
+from hexctl.adapt.optimizer import Observation, Optimizer, Prediction
+from hexctl.adapt.runner import RobotStoppedError
 from hexctl.adapt.session import Session, TrialRecord
-from hexctl.adapt.shown import Shown
-from hexctl.adapt.stops import RobotStoppedError
 from hexctl.adapt.store import SessionStore
 from hexctl.control.result import TrialResult
 from hexctl.control.trial import Enough, StopRequested, never
@@ -93,7 +91,7 @@ class AdaptLoop:
             if result.status == "aborted":
                 return "interrupted"
             score = score_of(result, spec.objective)
-            self._optimizer.tell([code], [score], [Shown.of(result)])
+            self._optimizer.tell([code], [score], [Observation.of(result)])
             self._keep(code, score, result, recording, expected=expected)
         if self._optimizer.finished:
             return "confirmed"
@@ -124,7 +122,7 @@ class AdaptLoop:
             if result.status == "aborted":
                 return False
             score = score_of(result, spec.objective)
-            self._optimizer.repeat(code, score, Shown.of(result))
+            self._optimizer.repeat(code, score, Observation.of(result))
             self._keep(code, score, result, recording, confirms=True, expected=expected)
         return True
 
@@ -149,7 +147,7 @@ class AdaptLoop:
         recording: Path | None,
         *,
         confirms: bool = False,
-        expected: Expectation | None = None,
+        expected: Prediction | None = None,
     ) -> None:
         """Make the trial durable and say so."""
         trial = TrialRecord(

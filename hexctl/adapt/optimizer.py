@@ -1,18 +1,109 @@
-"""The one interface of all optimizers: ask for codes, tell their scores, save and restore exactly."""
+"""The interface of all optimizers: ask for codes, tell their scores, save and restore exactly."""
 
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from dataclasses import dataclass
 from numbers import Real
 from typing import Any
 
 import numpy as np
 
-from hexctl.adapt.expectation import Expectation
-from hexctl.adapt.shown import Shown
 from hexctl.adapt.space import GaitSpace
+from hexctl.control.result import TrialResult
 from hexctl.control.trial import Enough
 from hexctl.errors import HexctlError, InputError
+from hexctl.types import FloatArray
+
+#: Trials that were over before their time, and so say nothing about their end.
+UNFINISHED = ("fell", "diverged", "cut_short", "aborted")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Observation:
+    """The course of one walk.
+
+    Attributes:
+        path_m: progress and signed deviation, evenly spread over the walk, the last row at its end, (T, 2).
+        duration_s: how long it walked.
+        yaw_change_rad: how far the body turned, None where nobody knows.
+        status: as in `hexctl.control.result.STATUSES`.
+    """
+
+    path_m: FloatArray
+    duration_s: float
+    yaw_change_rad: float | None
+    status: str
+
+    @classmethod
+    def of(cls, result: TrialResult) -> "Observation":
+        """Return what a result shows."""
+        return cls(
+            path_m=result.path_m,
+            duration_s=result.duration_s,
+            yaw_change_rad=result.yaw_change_rad,
+            status=result.status,
+        )
+
+    @property
+    def finished(self) -> bool:
+        """Return whether the walk lasted as long as it was meant to."""
+        return self.status not in UNFINISHED
+
+    def at(self, times_s: FloatArray) -> FloatArray:
+        """Return the rows of the path at some times since the start, NaN after the end, (len(times_s), 2)."""
+        rows = np.full((len(times_s), 2), np.nan)
+        if len(self.path_m) == 0:
+            return rows
+        index = np.rint(times_s / self.duration_s * len(self.path_m)).astype(int) - 1
+        walked = (index >= 0) & (index < len(self.path_m))
+        rows[walked] = self.path_m[index[walked]]
+        return rows
+
+
+#: A normal value lies within so many standard deviations of its mean in nine cases of ten.
+NINETY_PERCENT = 1.6449
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Prediction:
+    """A forecast of a trial.
+
+    Attributes:
+        signed_m: expected signed final deviation.
+        sd_m: its standard deviation for the gait itself, on average over trials.
+        trial_sd_m: its standard deviation for one trial.
+        chance: probability that the gait is valid and within the target.
+        target_m: the target.
+    """
+
+    signed_m: float
+    sd_m: float
+    trial_sd_m: float
+    chance: float
+    target_m: float
+
+    @property
+    def interval_m(self) -> tuple[float, float]:
+        """Return where nine trials of ten should end."""
+        reach_m = NINETY_PERCENT * self.trial_sd_m
+        return self.signed_m - reach_m, self.signed_m + reach_m
+
+    def holds(self, signed_m: float) -> bool:
+        """Return whether an outcome lies in the interval."""
+        low_m, high_m = self.interval_m
+        return math.isfinite(signed_m) and low_m <= signed_m <= high_m
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the expectation as plain JSON values."""
+        low_m, high_m = self.interval_m
+        return {
+            "signed_m": self.signed_m,
+            "low_m": low_m,
+            "high_m": high_m,
+            "chance": self.chance,
+            "target_m": self.target_m,
+        }
 
 
 class OptimizerMisuseError(HexctlError, RuntimeError):
@@ -54,11 +145,11 @@ class Optimizer(ABC):
         """Return the gait that the search would settle on; None where the best score decides."""
         return None
 
-    def repeat(self, code: int, score: float, shown: Shown) -> None:
+    def repeat(self, code: int, score: float, shown: Observation) -> None:
         """Take in a walk that was not asked for, such as a repeat of the best gait; most searches do not."""
         return
 
-    def expect(self, code: int) -> Expectation | None:
+    def expect(self, code: int) -> Prediction | None:
         """Return what is believed of a gait now; None from searches that believe nothing."""
         return None
 
@@ -82,7 +173,7 @@ class Optimizer(ABC):
         self,
         codes: Sequence[int],
         scores: Sequence[float],
-        shown: Sequence[Shown | None] | None = None,
+        shown: Sequence[Observation | None] | None = None,
     ) -> None:
         """Take the scores of the codes of the last ask, in their order; lower is better.
 
@@ -145,7 +236,9 @@ class Optimizer(ABC):
     def _suggest(self, count: int) -> list[int]:
         """Return 1 to `count` codes."""
 
-    def _learn_shown(self, codes: list[int], scores: list[float], shown: Sequence[Shown | None]) -> None:
+    def _learn_shown(
+        self, codes: list[int], scores: list[float], shown: Sequence[Observation | None]
+    ) -> None:
         """Take over what the codes last suggested showed; most searches want their scores alone."""
         self._learn(codes, scores)
 

@@ -5,13 +5,12 @@ from pathlib import Path
 import numpy as np
 
 from hexctl.adapt.bayes import REAL_NOISE_M, SIMULATED_NOISE_M, Bayes
-from hexctl.adapt.catalogue import make_optimizer
-from hexctl.adapt.counting import FreshCodes
+from hexctl.adapt.deduplication import Deduplication
 from hexctl.adapt.optimizer import Optimizer
 from hexctl.adapt.prior.find import Serves, check_prior
-from hexctl.adapt.prior.prior import load_prior
-from hexctl.adapt.prior.question import Question
+from hexctl.adapt.prior.prior import PriorKey, load_prior
 from hexctl.adapt.prior.samples import samples_of, serves
+from hexctl.adapt.registry import make_optimizer
 from hexctl.adapt.session import SessionSpec
 from hexctl.adapt.space import GaitSpace
 from hexctl.control.plan import TrialPlan
@@ -31,9 +30,9 @@ def make_search(spec: SessionSpec, robot: Robot, plan: TrialPlan) -> Optimizer:
     space = GaitSpace((spec.failed_leg,))
     if spec.prior is None:
         inner = make_optimizer(spec.optimizer, space, spec.seed)
-        return FreshCodes(inner, spec.seed, paper_count=spec.count_repeats)
+        return Deduplication(inner, spec.seed, paper_count=spec.count_repeats)
     path = Path(spec.prior)
-    check_prior(path, Question.of(robot, plan), serves=serving(robot, plan))
+    check_prior(path, PriorKey.of(robot, plan), serves=serving(robot, plan))
     prior = load_prior(path)
     if spec.prior_digest and prior.digest() != spec.prior_digest:
         raise InputError(

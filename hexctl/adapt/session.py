@@ -3,7 +3,7 @@
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-from hexctl.adapt.objective import INVALID_SCORE
+from hexctl.adapt.objectives import INVALID_SCORE
 
 #: Deviations, in m, whose first trial every report names.
 MILESTONES_M = (0.10, 0.025)
@@ -21,7 +21,7 @@ class SessionSpec:
         failed_leg: the leg that failed.
         failure: its failure, as `hexctl.robot.failure.parse_failure` reads it.
         optimizer: name of the optimizer.
-        objective: one of `hexctl.adapt.objective.OBJECTIVES`.
+        objective: one of `hexctl.adapt.objectives.OBJECTIVES`.
         budget: trials that may be walked.
         target_m: a score at which to stop early, or None.
         confirm: repeats of the best gait after the search, within the budget.
@@ -96,7 +96,7 @@ class TrialRecord:
         path_m: progress and signed deviation along the walk, five points a second.
         recording: path of the recording, or None.
         confirms: True for a repeat of the best gait.
-        expected: what the optimizer expected of the trial, as `Expectation.as_json` says, or None.
+        expected: what the optimizer expected of the trial, as `Prediction.as_json` says, or None.
     """
 
     index: int
@@ -145,7 +145,7 @@ class Session:
         optimizer_state: the state after the last trial, or None before the first.
         created: when it began, ISO 8601.
         ended: why its search ended, as `AdaptLoop.run` says; None while it may go on.
-        settled_on: the gait that the optimizer settles on and what it expects of it, as `Expectation.as_json`
+        settled_on: the gait that the optimizer settles on and what it expects of it, as `Prediction.as_json`
             says, where it knows one.
     """
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from hexctl.adapt.stops import check_not_stopped
+from hexctl.adapt.runner import check_not_stopped
 from hexctl.backends.sim.world import World
 from hexctl.backends.table import BackendOptions, make_servos
 from hexctl.control.guard import Guard

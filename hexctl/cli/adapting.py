@@ -10,17 +10,15 @@ from typing import Any
 
 import typer
 
-from hexctl.adapt.catalogue import BAYES, make_optimizer
 from hexctl.adapt.loop import AdaptLoop
-from hexctl.adapt.objective import check_objective
-from hexctl.adapt.prior.question import Question
+from hexctl.adapt.objectives import check_objective
+from hexctl.adapt.prior.prior import PriorKey
+from hexctl.adapt.registry import BAYES, make_optimizer
+from hexctl.adapt.runner import ResetFreeRunner, RobotStoppedError, TrialRunner
 from hexctl.adapt.search import make_search, serving
 from hexctl.adapt.session import Session, SessionSpec
 from hexctl.adapt.space import GaitSpace
-from hexctl.adapt.staying import StayingWalker
-from hexctl.adapt.stops import RobotStoppedError
 from hexctl.adapt.store import SessionStore
-from hexctl.adapt.walker import Walker
 from hexctl.backends.sim.family import load_any_world
 from hexctl.backends.sim.world import World
 from hexctl.cli.adaptrobot import (
@@ -83,7 +81,7 @@ def new_spec(**options: Any) -> SessionSpec:
     note_of(spec, robot, plan)
     return with_prior(
         spec,
-        Question.of(robot, plan),
+        PriorKey.of(robot, plan),
         serves=serving(robot, plan),
         optimizer=options["optimizer"],
         wanted=wanted_prior,
@@ -235,7 +233,7 @@ def _adapt(
         return _with_slots(plan, slots)
 
     optimizer = make_search(spec, robot, plan)
-    walker = Walker(
+    walker = TrialRunner(
         spec=spec,
         robot=robot,
         world=world,
@@ -248,7 +246,7 @@ def _adapt(
     walk = walker.walk
     if servos is not None:
         operator = Prompt(spec, interrupt.requested) if spec.ask else None
-        walk = StayingWalker(walker=walker, servos=servos, arena=arena_of(spec), operator=operator).walk
+        walk = ResetFreeRunner(walker=walker, servos=servos, arena=arena_of(spec), operator=operator).walk
     loop = AdaptLoop(session, store, optimizer, walk, stop_requested=interrupt.requested, on_trial=table.add)
     try:
         return loop.run(), None

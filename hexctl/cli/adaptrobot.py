@@ -7,12 +7,11 @@ from dataclasses import replace
 from pathlib import Path
 
 from hexctl.adapt.arena import Arena, check_radius
-from hexctl.adapt.measuring import END_OBJECTIVES
+from hexctl.adapt.measurement import END_OBJECTIVES
+from hexctl.adapt.runner import RobotStoppedError, await_ready
 from hexctl.adapt.search import knows_stances
 from hexctl.adapt.session import SessionSpec
 from hexctl.adapt.stance import sag_here_rad, simulated_sag_rad
-from hexctl.adapt.staying import await_ready
-from hexctl.adapt.stops import RobotStoppedError
 from hexctl.backends.clock import request_realtime_priority
 from hexctl.backends.sim.world import World
 from hexctl.backends.table import BackendOptions, make_servos

@@ -79,13 +79,13 @@ def _backends() -> Iterable[str]:
 
 
 def _optimizers() -> Iterable[str]:
-    from hexctl.adapt.catalogue import BAYES, OPTIMIZERS
+    from hexctl.adapt.registry import BAYES, OPTIMIZERS
 
     return [BAYES, *OPTIMIZERS]
 
 
 def _objectives() -> Iterable[str]:
-    from hexctl.adapt.objective import OBJECTIVES
+    from hexctl.adapt.objectives import OBJECTIVES
 
     return OBJECTIVES
 

@@ -7,7 +7,7 @@ import sys
 
 import typer
 
-from hexctl.adapt.measuring import Answer
+from hexctl.adapt.measurement import Answer
 from hexctl.adapt.session import SessionSpec
 from hexctl.cli.console import print_note
 from hexctl.control.trial import StopRequested

@@ -6,10 +6,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from hexctl.adapt.catalogue import BAYES
 from hexctl.adapt.prior.find import Serves, check_prior, find_prior, named_prior, prior_files, shipped_priors
-from hexctl.adapt.prior.prior import load_prior
-from hexctl.adapt.prior.question import Question
+from hexctl.adapt.prior.prior import PriorKey, load_prior
+from hexctl.adapt.registry import BAYES
 from hexctl.adapt.search import DEFAULT_TARGET_M
 from hexctl.adapt.session import SessionSpec
 from hexctl.cli import console
@@ -23,7 +22,7 @@ PRIORS = RUNS / "priors"
 
 def with_prior(
     spec: SessionSpec,
-    question: Question,
+    question: PriorKey,
     *,
     serves: Serves,
     optimizer: str | None,

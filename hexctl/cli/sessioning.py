@@ -7,9 +7,8 @@ from typing import Any
 
 import typer
 
-from hexctl.adapt.export import export
 from hexctl.adapt.session import Session
-from hexctl.adapt.store import SessionStore
+from hexctl.adapt.store import SessionStore, export
 from hexctl.cli.console import RUNS, print_result
 from hexctl.cli.table import end_of, session_lines, subject
 from hexctl.errors import InputError

@@ -5,8 +5,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from hexctl.adapt.prior.find import find_prior, shipped_priors
-from hexctl.adapt.prior.prior import Prior, load_prior
-from hexctl.adapt.prior.question import Question
+from hexctl.adapt.prior.prior import Prior, PriorKey, load_prior
 from hexctl.adapt.search import serving
 from hexctl.backends.sim.family import load_family
 from hexctl.cli.console import DONE, INTERRUPTED, print_result
@@ -93,7 +92,7 @@ def _prior(request: StudyRequest, robot: Robot) -> Prior:
         return load_prior(Path(str(request.prior)))
     failure = Failure(leg=request.legs[0])
     plan = TrialPlan(gait=make_gait(robot, "demo"), duration_s=request.duration_s, failure=failure)
-    found = find_prior(Question.of(robot, plan), [PRIORS, shipped_priors()], serves=serving(robot, plan))
+    found = find_prior(PriorKey.of(robot, plan), [PRIORS, shipped_priors()], serves=serving(robot, plan))
     if found.path is None:
         raise InputError(
             f"prior: there is none for these trials ({found.reason}); hexctl prior build makes one"

@@ -13,7 +13,7 @@ from hexctl.errors import HexctlError, InputError
 from hexctl.record.viewer import FileServer, free_port, newest_recording, open_viewer, serve_web, web_origin
 
 #: A session, and the folder of its trials' recordings.
-Shown = tuple[Session, Path]
+FoundSession = tuple[Session, Path]
 
 
 def open_all(names: Sequence[str], *, web: bool = False) -> int:
@@ -28,7 +28,7 @@ def open_all(names: Sequence[str], *, web: bool = False) -> int:
     return open_viewer([one if isinstance(one, Path) else _overview(*one) for one in chosen])
 
 
-def _serve(chosen: Sequence[Path | Shown]) -> int:
+def _serve(chosen: Sequence[Path | FoundSession]) -> int:
     """Serve recordings and sessions to browsers on this computer until interrupted."""
     port = free_port()
     with (
@@ -66,7 +66,7 @@ def _newest() -> str:
         return session if store.load(session).trials else str(path)
 
 
-def _chosen(name: str) -> Path | Shown:
+def _chosen(name: str) -> Path | FoundSession:
     """Return the recording of that path, or a session and the folder of its recordings."""
     path = Path(name)
     if path.suffix == ".rrd" or path.is_file():

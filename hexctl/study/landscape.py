@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hexctl.adapt.objective import INVALID_SCORE
+from hexctl.adapt.objectives import INVALID_SCORE
 from hexctl.adapt.space import GaitSpace
 from hexctl.backends.clock import PERIOD_S
 from hexctl.backends.sim.world import World

@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 
-from hexctl.adapt.catalogue import make_optimizer
+from hexctl.adapt.registry import make_optimizer
 from hexctl.adapt.space import GaitSpace
 from hexctl.backends.sim.world import World
 from hexctl.control.turning import check_plan
@@ -35,7 +35,7 @@ class StudyPlan:
         robot: who walks.
         world: where.
         legs: the failed legs, ascending.
-        optimizers: names as in `hexctl.adapt.catalogue`.
+        optimizers: names as in `hexctl.adapt.registry`.
         runs: seeded runs of each optimizer on each leg.
         budget: evaluations of a run.
         duration_s: how long each gait walks.

@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from hexctl.adapt.prior.prior import CHECKPOINTS, Prior
-from hexctl.adapt.prior.question import Question
+from hexctl.adapt.prior.prior import CHECKPOINTS, Prior, PriorKey
 from hexctl.adapt.stance import stance_sag_rad
 from hexctl.backends.sim.family import Spread, WorldFamily
 from hexctl.control.guard import Guard
@@ -158,7 +157,7 @@ def prior_of(plan: PriorPlan, landscapes: Sequence[Landscape], sags_rad: FloatAr
     yaws = np.array([[one.number("yaw_change_rad") for one in some] for some in by_leg])
     finished = np.isfinite(paths[..., -1, 0])
     return Prior(
-        question=Question.of(plan.robot, plan.trial_plan()),
+        question=PriorKey.of(plan.robot, plan.trial_plan()),
         legs=plan.legs,
         origin=_origin(plan),
         signed_m=paths[..., 1],

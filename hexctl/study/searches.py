@@ -7,10 +7,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from hexctl.adapt.catalogue import make_optimizer
-from hexctl.adapt.counting import PATIENCE, FreshCodes
-from hexctl.adapt.objective import INVALID_SCORE
+from hexctl.adapt.deduplication import PATIENCE, Deduplication
+from hexctl.adapt.objectives import INVALID_SCORE
 from hexctl.adapt.population import POPULATION
+from hexctl.adapt.registry import make_optimizer
 from hexctl.adapt.space import GaitSpace
 from hexctl.errors import InputError
 from hexctl.study.landscape import Landscape
@@ -53,7 +53,7 @@ class Searches:
         seeds: of the runs, (R,).
         codes: what was evaluated, 0 after the end of a run that had tried all codes, (R, B).
         scores: what it was worth, `INVALID_SCORE` for an invalid gait and after the end, (R, B).
-        own_codes: distinct codes that the search itself asked for before it was stuck (see `FreshCodes`),
+        own_codes: distinct codes that the search itself asked for before it was stuck (see `Deduplication`),
             whatever the budget; all of the space for one that never is, (R,).
     """
 
@@ -139,7 +139,7 @@ def _run(
     matter, and a generation at a time is quicker.
     """
     together = POPULATION if paper_count else 1
-    search = FreshCodes(make_optimizer(optimizer, space, seed), seed, paper_count=paper_count)
+    search = Deduplication(make_optimizer(optimizer, space, seed), seed, paper_count=paper_count)
     codes: list[int] = []
     while len(codes) < budget and not search.exhausted:
         asked = search.ask(min(together, budget - len(codes)))

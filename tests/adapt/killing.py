@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
-from hexctl.adapt.catalogue import make_optimizer
-from hexctl.adapt.counting import FreshCodes
+from hexctl.adapt.deduplication import Deduplication
 from hexctl.adapt.loop import AdaptLoop
 from hexctl.adapt.optimizer import Optimizer
+from hexctl.adapt.registry import make_optimizer
 from hexctl.adapt.session import SessionSpec
 from hexctl.adapt.space import GaitSpace
 from hexctl.adapt.store import SessionStore
@@ -31,7 +31,7 @@ def optimizer_of(spec: SessionSpec) -> Optimizer:
         search.stood(np.array(spec.sag_rad))
         return search
     inner = make_optimizer(spec.optimizer, GaitSpace((spec.failed_leg,)), spec.seed)
-    return FreshCodes(inner, spec.seed, paper_count=spec.count_repeats)
+    return Deduplication(inner, spec.seed, paper_count=spec.count_repeats)
 
 
 class SlowLandscape(Landscape):

@@ -7,11 +7,10 @@ from typing import Any
 import numpy as np
 
 from hexctl.adapt.bayes import Bayes
-from hexctl.adapt.prior.prior import CHECKPOINTS, Prior
-from hexctl.adapt.prior.question import Question
+from hexctl.adapt.optimizer import Observation
+from hexctl.adapt.prior.prior import CHECKPOINTS, Prior, PriorKey
 from hexctl.adapt.prior.samples import DISTANCE, FINAL, N_FEATURES, YAW, Samples
 from hexctl.adapt.session import SessionSpec
-from hexctl.adapt.shown import Shown
 from hexctl.adapt.space import GaitSpace
 from hexctl.backends.clock import PERIOD_S
 from hexctl.control.plan import TrialPlan
@@ -87,9 +86,9 @@ def path_of(features: FloatArray) -> FloatArray:
     return np.column_stack([at, features[: FINAL + 1]])
 
 
-def shown_of(features: FloatArray, status: str = "ok", duration_s: float = DURATION_S) -> Shown:
+def shown_of(features: FloatArray, status: str = "ok", duration_s: float = DURATION_S) -> Observation:
     """Return a walk that shows just these features."""
-    return Shown(
+    return Observation(
         path_m=path_of(features), duration_s=duration_s, yaw_change_rad=float(features[YAW]), status=status
     )
 
@@ -145,14 +144,14 @@ def plan_of(robot: Robot, **options: Any) -> TrialPlan:
     return TrialPlan(gait=make_gait(robot, "demo"), failure=failure, **options)
 
 
-def question_of(robot: Robot | None = None, **options: Any) -> Question:
+def question_of(robot: Robot | None = None, **options: Any) -> PriorKey:
     """Return the question of a session's trials."""
     robot = robot or shipped()
-    return Question.of(robot, plan_of(robot, **options))
+    return PriorKey.of(robot, plan_of(robot, **options))
 
 
 def made_up_prior(
-    question: Question | None = None,
+    question: PriorKey | None = None,
     legs: tuple[int, ...] = (5,),
     worlds: int = 3,
     seed: int = 0,

@@ -8,10 +8,9 @@ import pytest
 
 from hexctl.adapt.baselines import RandomSearch
 from hexctl.adapt.bayes import LOOKING_AHEAD, REAL_NOISE_M, SURE, Bayes
-from hexctl.adapt.optimizer import Optimizer
-from hexctl.adapt.prior.choice import expected_size_m, most_promising, most_useful
+from hexctl.adapt.optimizer import Observation, Optimizer
+from hexctl.adapt.prior.acquisition import expected_size_m, most_promising, most_useful
 from hexctl.adapt.prior.samples import FINAL, N_FEATURES, Samples
-from hexctl.adapt.shown import Shown
 from hexctl.adapt.space import GaitSpace
 from hexctl.backends.clock import PERIOD_S
 from hexctl.errors import InputError
@@ -354,7 +353,7 @@ def test_a_restored_search_believes_the_same_to_the_last_bit(trials: int, in_the
         (code,) = original.ask()
         shown = shown_of(world[code - 1], status)
         if status == "cut_short":
-            shown = Shown(path_m=shown.path_m[:5], duration_s=15.0, yaw_change_rad=None, status=status)
+            shown = Observation(path_m=shown.path_m[:5], duration_s=15.0, yaw_change_rad=None, status=status)
         original.tell([code], [0.2 if status == "ok" else 1e6], [shown])
     if in_the_air:
         original.ask()
@@ -624,7 +623,7 @@ def test_walks_cut_short_cost_little() -> None:
                 early_s += DURATION_S
                 continue
             part = path[: round(stopped_s / PERIOD_S)]
-            shown = Shown(path_m=part, duration_s=stopped_s, yaw_change_rad=None, status="cut_short")
+            shown = Observation(path_m=part, duration_s=stopped_s, yaw_change_rad=None, status="cut_short")
             early.tell([code], [1e6], [shown])
             early_s += stopped_s
         assert early.finished

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from hexctl.adapt.catalogue import make_optimizer
-from hexctl.adapt.counting import FreshCodes
+from hexctl.adapt.deduplication import Deduplication
+from hexctl.adapt.registry import make_optimizer
 from tests.adapt.conformance import Make, OptimizerConformance
 from tests.adapt.searching import ONE_FAILED, search
 
@@ -32,7 +32,7 @@ class TestNearby(OptimizerConformance):
 class TestNearbyCounted(OptimizerConformance):
     @pytest.fixture
     def make(self, nearby: Make) -> Make:
-        return lambda space, seed: FreshCodes(nearby(space, seed), seed)
+        return lambda space, seed: Deduplication(nearby(space, seed), seed)
 
 
 def test_it_tries_all_codes_and_uses_the_distance(nearby: Make) -> None:

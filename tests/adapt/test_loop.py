@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from hexctl.adapt.bayes import REAL_NOISE_M, Bayes
-from hexctl.adapt.catalogue import make_optimizer
-from hexctl.adapt.counting import FreshCodes
+from hexctl.adapt.deduplication import Deduplication
 from hexctl.adapt.loop import AdaptLoop
-from hexctl.adapt.objective import INVALID_SCORE
+from hexctl.adapt.objectives import INVALID_SCORE
 from hexctl.adapt.optimizer import Optimizer
 from hexctl.adapt.prior.samples import FINAL
+from hexctl.adapt.registry import make_optimizer
 from hexctl.adapt.session import Session, SessionSpec
 from hexctl.adapt.space import GaitSpace
 from hexctl.adapt.store import SessionStore
@@ -36,7 +36,7 @@ NAMES = ("pso", "psosp", "dps", "debest", "derand", "random", "exhaustive")
 
 def optimizer_of(spec: SessionSpec) -> Optimizer:
     inner = make_optimizer(spec.optimizer, GaitSpace((spec.failed_leg,)), spec.seed)
-    return FreshCodes(inner, spec.seed, paper_count=spec.count_repeats)
+    return Deduplication(inner, spec.seed, paper_count=spec.count_repeats)
 
 
 def run(store: SessionStore, spec: SessionSpec, walk: Landscape | None = None) -> tuple[Session, str]:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import rerun as rr
 
-from hexctl.adapt.objective import OBJECTIVES, score_of
+from hexctl.adapt.objectives import OBJECTIVES, score_of
 from hexctl.adapt.overview import make_overview, write_overview
 from hexctl.adapt.session import Session, TrialRecord
 from hexctl.control.result import TrialResult

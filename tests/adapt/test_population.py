@@ -6,9 +6,9 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
-from hexctl.adapt.catalogue import OPTIMIZERS
 from hexctl.adapt.population import Population, PopulationOptimizer
-from hexctl.adapt.pso import Pso
+from hexctl.adapt.registry import OPTIMIZERS
+from hexctl.adapt.swarm import Pso
 from tests.adapt.continuous import HIGH, LOW, make, minimum, rosenbrock, sphere
 from tests.adapt.searching import ONE_FAILED
 

@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from hexctl.adapt.runner import RobotStoppedError
 from hexctl.adapt.stance import sag_here_rad, simulated_sag_rad, stance_sag_rad
-from hexctl.adapt.stops import RobotStoppedError
 from hexctl.backends.clock import PERIOD_S
 from hexctl.backends.mock import MockServos
 from hexctl.backends.sim.world import SensorNoise, World

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from hexctl.adapt.objective import score_of
+from hexctl.adapt.objectives import score_of
 from hexctl.adapt.session import Session, TrialRecord
 from hexctl.adapt.store import SessionStore, StoreError
 from hexctl.errors import InputError

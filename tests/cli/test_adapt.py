@@ -11,8 +11,8 @@ from typing import Any
 
 import pytest
 
+from hexctl.adapt.runner import TrialRunner
 from hexctl.adapt.store import SessionStore
-from hexctl.adapt.walker import Walker
 from hexctl.cli.main import exit_code
 from hexctl.robot.configs import config_root
 from tests.adapt.walking import Landscape
@@ -175,7 +175,7 @@ def test_a_session_cut_off_goes_on_to_the_same_end(
 def test_a_budget_beyond_the_space_ends_when_every_gait_was_tried(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(Walker, "walk", lambda _, *trial: Landscape()(*trial))
+    monkeypatch.setattr(TrialRunner, "walk", lambda _, *trial: Landscape()(*trial))
     words = ["adapt", "--failed-leg", "5", "--optimizer", "random", "--no-record"]
     outcome = run_json(capsys, *words, "--budget", "500")
     assert outcome["ended"] == "exhausted"
@@ -187,7 +187,7 @@ def test_a_budget_beyond_the_space_ends_when_every_gait_was_tried(
 def test_a_finished_session_goes_on_with_another_budget(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(Walker, "walk", lambda _, *trial: Landscape()(*trial))
+    monkeypatch.setattr(TrialRunner, "walk", lambda _, *trial: Landscape()(*trial))
     begun = ["adapt", "--failed-leg", "5", "--optimizer", "derand", "--no-record", "--budget"]
     whole, part = run_json(capsys, *begun, "15"), run_json(capsys, *begun, "4")
     go_on = ["adapt", "--resume", part["session"], "--no-record"]
@@ -205,7 +205,7 @@ def test_a_finished_session_goes_on_with_another_budget(
 def test_a_session_at_its_target_has_nothing_to_walk(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(Walker, "walk", lambda _, *trial: Landscape()(*trial))
+    monkeypatch.setattr(TrialRunner, "walk", lambda _, *trial: Landscape()(*trial))
     begun = ["adapt", "--failed-leg", "5", "--optimizer", "random", "--no-record", "--target", "9"]
     outcome = run_json(capsys, *begun, "--budget", "5")
     assert (outcome["ended"], len(outcome["trials"])) == ("target", 1)
@@ -218,7 +218,7 @@ def test_a_session_at_its_target_has_nothing_to_walk(
 def test_another_objective_is_named(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(Walker, "walk", lambda _, *trial: Landscape()(*trial))
+    monkeypatch.setattr(TrialRunner, "walk", lambda _, *trial: Landscape()(*trial))
     assert (
         exit_code(["adapt", "--failed-leg", "5", "--no-record", "--budget", "1", "--objective", "max"]) == 0
     )

@@ -12,7 +12,7 @@ import pytest
 
 from hexctl.adapt.prior.find import shipped_priors
 from hexctl.adapt.prior.prior import load_prior, save_prior
-from hexctl.adapt.walker import Walker
+from hexctl.adapt.runner import TrialRunner
 from hexctl.cli.main import exit_code
 from hexctl.robot.failure import Failure
 from tests.adapt.priors import MadeUpModel, MadeUpWorld, made_up_prior, question_of
@@ -227,7 +227,7 @@ def test_the_shipped_prior_is_believed_by_default(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     world = MadeUpWorld(MadeUpModel(3).worlds(1, 0)[0])
-    monkeypatch.setattr(Walker, "walk", lambda _, *trial: world(*trial))
+    monkeypatch.setattr(TrialRunner, "walk", lambda _, *trial: world(*trial))
     outcome, err = run(capsys, "adapt", "--failed-leg", "5", "--no-record", "--budget", "3")
     assert (outcome["optimizer"], err) == ("bayes", "")
     assert Path(outcome["prior"]).name == "ant-locked-rear-30s.npz"
@@ -427,7 +427,7 @@ def test_walks_that_go_astray_end_early_where_that_is_asked(
     features = MadeUpModel(3).worlds(1, 0)[0]
     features[:, :10] = 6.0 * (np.arange(1, 11) / 10) ** 1.5
     world = MadeUpWorld(features)
-    monkeypatch.setattr(Walker, "walk", lambda _, *trial: world(*trial))
+    monkeypatch.setattr(TrialRunner, "walk", lambda _, *trial: world(*trial))
     words = ["adapt", "--failed-leg", "5", "--no-record", "--budget", "2", "--early-stop"]
     outcome, _ = run(capsys, *words)
     assert [trial["status"] for trial in outcome["trials"]] == ["cut_short"] * 2

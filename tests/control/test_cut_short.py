@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hexctl.adapt.objective import INVALID_SCORE, OBJECTIVES, score_of
+from hexctl.adapt.objectives import INVALID_SCORE, OBJECTIVES, score_of
 from hexctl.backends.mock import MockServos
 from hexctl.backends.sim.servos import SimServos
 from hexctl.backends.sim.world import World

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hexctl.adapt.objective import INVALID_SCORE, score_of
+from hexctl.adapt.objectives import INVALID_SCORE, score_of
 from hexctl.backends.sim.world import World
 from hexctl.control.batch import SimTrial, run_sim_trial, run_sim_trials
 from hexctl.control.guard import Guard

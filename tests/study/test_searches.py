@@ -3,9 +3,9 @@ import math
 import numpy as np
 import pytest
 
-from hexctl.adapt.catalogue import OPTIMIZERS, make_optimizer
-from hexctl.adapt.counting import FreshCodes
-from hexctl.adapt.objective import INVALID_SCORE
+from hexctl.adapt.deduplication import Deduplication
+from hexctl.adapt.objectives import INVALID_SCORE
+from hexctl.adapt.registry import OPTIMIZERS, make_optimizer
 from hexctl.errors import InputError
 from hexctl.study.landscape import Landscape, empty_landscape
 from hexctl.study.searches import codes_until_stuck, curve_of, search_landscape
@@ -23,7 +23,7 @@ def landscape() -> Landscape:
 
 def brute_force(landscape: Landscape, name: str, seed: int, budget: int, *, paper_count: bool) -> list[float]:
     """Return the best valid deviation after each evaluation, step by step and without arrays."""
-    search = FreshCodes(make_optimizer(name, landscape.spec.space, seed), seed, paper_count=paper_count)
+    search = Deduplication(make_optimizer(name, landscape.spec.space, seed), seed, paper_count=paper_count)
     best, curve = math.nan, []
     for _ in range(budget):
         if not search.exhausted:

@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hexctl.adapt.prior.prior import CHECKPOINTS, Prior
-from hexctl.adapt.prior.question import Question
+from hexctl.adapt.prior.prior import CHECKPOINTS, Prior, PriorKey
 from hexctl.backends.sim.family import load_family
 from hexctl.control.plan import TrialPlan
 from hexctl.errors import InputError, RobotFaultError
@@ -33,10 +32,10 @@ def _finals(worlds: int, seed: int) -> FloatArray:
     return np.asarray(middle + random.normal(size=(worlds, HIDDEN)) @ pull)
 
 
-def _question() -> Question:
+def _question() -> PriorKey:
     robot = shipped()
     plan = TrialPlan(gait=make_gait(robot, "demo"), duration_s=DURATION_S, failure=Failure(leg=5))
-    return Question.of(robot, plan)
+    return PriorKey.of(robot, plan)
 
 
 def _prior() -> Prior:

@@ -9,7 +9,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from hexctl.adapt.prior.question import Question
+from hexctl.adapt.prior.prior import PriorKey
 from hexctl.adapt.prior.samples import FINAL, samples_of
 from hexctl.backends.sim.family import load_family
 from hexctl.errors import InputError
@@ -32,7 +32,7 @@ MODEL = MadeUpModel(seed=4)
 FALLING = (12, 51, 94)
 
 
-def question(name: str = "ant", **options: Any) -> Question:
+def question(name: str = "ant", **options: Any) -> PriorKey:
     return question_of(shipped(name), **{"duration_s": DURATION_S, **options})
 
 
@@ -368,5 +368,5 @@ def test_one_world_one_optimizer_and_one_trial_make_a_report_too(
 
 
 def test_the_trials_of_the_benchmark_are_those_of_a_session() -> None:
-    session = Question.of(shipped(), plan_of(shipped(), duration_s=DURATION_S))
-    assert Question.of(shipped(), plan().trial_plan()).differences(session) == []
+    session = PriorKey.of(shipped(), plan_of(shipped(), duration_s=DURATION_S))
+    assert PriorKey.of(shipped(), plan().trial_plan()).differences(session) == []

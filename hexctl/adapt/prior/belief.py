@@ -1,22 +1,85 @@
-"""What is believed of all gaits: a Gaussian process whose mean and covariance come from simulated worlds.
+"""The belief over all gaits: a Gaussian process whose mean and covariance come from simulated worlds.
 
 Prior: the 120 gaits times N_FEATURES numbers are jointly normal, with the mean of the simulated worlds and
 their covariance, plus a part that the worlds do not explain. That part has the shape over a walk (deviation
 grows with time, and late deviations go with early ones) that walks differ in anyway, and is more alike for
 gaits whose legs move in similar phases. Trials are conditioned on as usual (Rasmussen & Williams 2006,
-eq. 2.23 and 2.24), every number that a walk showed at once. When the ends of walks surprise more than
-believed, all of the prior is widened: so a world unlike any simulated one is not explained away.
+eq. 2.23 and 2.24), all numbers of a walk together. When the ends of walks surprise more than believed, all of
+the prior is widened, so that a world unlike any simulated one is not explained away.
+
+Stance: servos under load stay behind their targets. The static deflection of the joints in the stance says
+how stiff the servos are, what the robot weighs, where the weight hangs and which legs carry it; and so which
+of the simulated worlds the robot resembles. Deflections are taken as jointly normal with the landscapes over
+the worlds of a prior, and the landscapes are conditioned on them in the coordinates of the worlds.
 """
 
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hexctl.adapt.prior.samples import DISTANCE, FINAL, N_FEATURES, Samples
-from hexctl.adapt.prior.standing import narrowed
 from hexctl.adapt.space import GaitSpace
 from hexctl.types import JOINTS_PER_LEG, FloatArray
+
+#: Variance of the noise of what is seen, relative to that between the worlds along each principal direction.
+NOISE = 0.1
+
+#: To this what servos say is believed: a Dynamixel AX-12A reads its angle in steps of 0.29 degrees. Without
+#: it, joints that hardly differ between worlds would be listened to as if they were read without error.
+RESOLUTION_RAD = math.radians(0.3)
+
+#: Directions in which the worlds differ by less than this share of a joint's variance say nothing.
+NEGLIGIBLE = 0.02
+
+#: The noise is doubled so often at most; what is stranger still tells nothing anyway.
+DOUBLINGS = 60
+
+
+def narrowed(sags_rad: FloatArray, seen_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return what a sag that was seen tells of the coordinates of the worlds, standard normal before.
+
+    A landscape is mean + root.T @ x, with a row of the root for each world. When the sag is farther off than
+    any world explains, its noise is raised until it is not: a robot with play in its joints stands like no
+    simulated one, and is not explained away.
+
+    Args:
+        sags_rad: of the worlds, NaN where the robot fell, (worlds, joints).
+        seen_rad: of this robot, NaN for joints that do not say, (joints,).
+
+    Returns:
+        Mean of x, (worlds,), and what its root is to be multiplied with, (worlds, worlds).
+    """
+    worlds, stood = len(sags_rad), np.isfinite(sags_rad).all(axis=1)
+    if stood.sum() < 2:
+        return np.zeros(worlds), np.eye(worlds)
+    known = np.isfinite(seen_rad)
+    spread = np.hypot(sags_rad[stood].std(axis=0), RESOLUTION_RAD)
+    mean = sags_rad[stood][:, known].mean(axis=0)
+    apart = np.zeros((worlds, int(known.sum())))  # worlds in which the robot fell are told nothing of
+    apart[stood] = (sags_rad[stood][:, known] - mean) / spread[known] / np.sqrt(stood.sum() - 1)
+    left, sizes, right = np.linalg.svd(apart, full_matrices=False)
+    told = sizes**2 > NEGLIGIBLE
+    if not told.any():
+        return np.zeros(worlds), np.eye(worlds)
+    left, sizes = left[:, told], sizes[told]
+    surprise = right[told] @ ((seen_rad[known] - mean) / spread[known])
+    noise = _noise(sizes**2, surprise)
+    weights = sizes / (sizes**2 + noise)
+    shrunk = 1 - np.sqrt(noise / (sizes**2 + noise))
+    return left @ (weights * surprise), np.eye(worlds) - (left * shrunk) @ left.T
+
+
+def _noise(variances: FloatArray, surprise: FloatArray) -> float:
+    """Return the least noise, not below NOISE, with which a surprise is no greater than expected."""
+    noise = NOISE
+    for _ in range(DOUBLINGS):
+        if float((surprise**2 / (variances + noise)).mean()) <= 1:
+            break
+        noise *= 2
+    return noise
+
 
 #: Variance that the worlds do not explain, as a share of that between the worlds. This and the numbers below
 #: were chosen by leaving worlds out of the prior of `ant`, and on the worlds of `transfer` that come before

@@ -4,8 +4,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from hexctl.adapt.prior.prior import read_head
-from hexctl.adapt.prior.question import Question
+from hexctl.adapt.prior.prior import PriorKey, read_head
 from hexctl.errors import InputError
 from hexctl.robot.configs import config_root
 
@@ -47,7 +46,7 @@ def any_legs(_legs: tuple[int, ...]) -> bool:
     return True
 
 
-def find_prior(question: Question, folders: Iterable[Path], *, serves: Serves = any_legs) -> Found:
+def find_prior(question: PriorKey, folders: Iterable[Path], *, serves: Serves = any_legs) -> Found:
     """Return the first prior in some folders that answers a question, or why none does.
 
     `serves` is asked whether a prior of some legs says anything about those that matter. A file that cannot
@@ -66,7 +65,7 @@ def find_prior(question: Question, folders: Iterable[Path], *, serves: Serves = 
     return Found(None, nearest[1] if nearest else "none has been built")
 
 
-def check_prior(path: Path, question: Question, *, serves: Serves = any_legs) -> None:
+def check_prior(path: Path, question: PriorKey, *, serves: Serves = any_legs) -> None:
     """Raise InputError unless the prior of a file answers a question."""
     differences = _differences(path, question, serves)
     if differences:
@@ -75,11 +74,11 @@ def check_prior(path: Path, question: Question, *, serves: Serves = any_legs) ->
         )
 
 
-def _differences(path: Path, question: Question, serves: Serves) -> list[str]:
+def _differences(path: Path, question: PriorKey, serves: Serves) -> list[str]:
     """Return in what a prior's file differs from what is asked; raises InputError for a file that is none."""
     head = read_head(path)
     try:
-        differences = Question(**head["question"]).differences(question)
+        differences = PriorKey(**head["question"]).differences(question)
         legs = tuple(int(leg) for leg in head["legs"])
         if not serves(legs):
             differences.append(f"failed leg {', '.join(str(leg) for leg in legs)}")

@@ -2,10 +2,9 @@
 
 from dataclasses import dataclass
 
-from hexctl.adapt.catalogue import BAYES
-from hexctl.adapt.prior.prior import Prior
-from hexctl.adapt.prior.question import Question
+from hexctl.adapt.prior.prior import Prior, PriorKey
 from hexctl.adapt.prior.samples import serves
+from hexctl.adapt.registry import BAYES
 from hexctl.backends.sim.family import WorldFamily
 from hexctl.control.plan import TrialPlan
 from hexctl.errors import InputError
@@ -36,7 +35,7 @@ class TransferPlan:
         prior: what `bayes` believes.
         worlds: how many of the family.
         legs: the failed legs, ascending.
-        optimizers: names as in `hexctl.adapt.catalogue`, `bayes` and `bayes-early`.
+        optimizers: names as in `hexctl.adapt.registry`, `bayes` and `bayes-early`.
         runs: seeded runs of each optimizer in each world and leg; `bayes` has no seed and one run.
         budget: trials of a run.
         duration_s: how long each gait walks.
@@ -110,7 +109,7 @@ class TransferPlan:
             raise InputError(f"prior: has nothing on legs {missing}; allowed: --legs {list(self.prior.legs)}")
         if not in_whole_steps(self.duration_s):
             raise InputError(f"--duration: got {self.duration_s:g}; allowed: multiples of {WHOLE_S:g} s")
-        differences = self.prior.question.differences(Question.of(self.robot, self.trial_plan()))
+        differences = self.prior.question.differences(PriorKey.of(self.robot, self.trial_plan()))
         if differences:
             raise InputError(f"prior: is for {', '.join(differences)}; allowed: a prior for these trials")
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hexctl.adapt.catalogue import BAYES
+from hexctl.adapt.registry import BAYES
 from hexctl.study.claims import cm
 from hexctl.study.drawing import color_of, grid_of, label_axes, new_figure, save_figure
 from hexctl.study.html import bullets, figure, heading, page, paragraph, table

@@ -7,12 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hexctl.adapt.bayes import Bayes
-from hexctl.adapt.catalogue import make_optimizer
-from hexctl.adapt.counting import FreshCodes
-from hexctl.adapt.objective import INVALID_SCORE
-from hexctl.adapt.optimizer import Optimizer
+from hexctl.adapt.deduplication import Deduplication
+from hexctl.adapt.objectives import INVALID_SCORE
+from hexctl.adapt.optimizer import Observation, Optimizer
 from hexctl.adapt.prior.samples import Samples, samples_of
-from hexctl.adapt.shown import Shown
+from hexctl.adapt.registry import make_optimizer
 from hexctl.backends.clock import PERIOD_S
 from hexctl.control.result import progress_floor_m
 from hexctl.control.trial import LOOK_TICKS, Enough
@@ -85,7 +84,7 @@ def run_course(
     )
 
 
-def walk_of(landscape: Landscape, code: int, enough: Enough | None = None) -> Shown:
+def walk_of(landscape: Landscape, code: int, enough: Enough | None = None) -> Observation:
     """Return a gait's walk as a session would have seen it, cut short where it has shown enough."""
     row = landscape.row_of(code)
     path = landscape.paths_m[row]
@@ -97,11 +96,11 @@ def walk_of(landscape: Landscape, code: int, enough: Enough | None = None) -> Sh
         for points in range(per_look, len(path), per_look):
             if enough(np.repeat(path[:points], PATH_STRIDE, axis=0)):
                 seconds = points * point_s
-                return Shown(
+                return Observation(
                     path_m=path[:points], duration_s=seconds, yaw_change_rad=None, status="cut_short"
                 )
     yaw_rad = float(landscape.number("yaw_change_rad")[row])
-    return Shown(
+    return Observation(
         path_m=path,
         duration_s=len(path) * point_s,
         yaw_change_rad=yaw_rad if np.isfinite(yaw_rad) else None,
@@ -114,7 +113,7 @@ def _search(
 ) -> Optimizer:
     seed = plan.seed_of(landscape.spec, run)
     if optimizer not in PRIORED:
-        return FreshCodes(make_optimizer(optimizer, landscape.spec.space, seed), seed)
+        return Deduplication(make_optimizer(optimizer, landscape.spec.space, seed), seed)
     assert samples is not None  # noqa: S101  only bayes needs them, and gets them
     return Bayes(
         landscape.spec.space,

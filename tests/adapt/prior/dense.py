@@ -5,9 +5,17 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from hexctl.adapt.prior.belief import ALIKE_CYCLES, ALIKE_SHARE, BLUR, COMMON_SHARE, UNEXPLAINED
+from hexctl.adapt.prior.belief import (
+    ALIKE_CYCLES,
+    ALIKE_SHARE,
+    BLUR,
+    COMMON_SHARE,
+    NEGLIGIBLE,
+    NOISE,
+    RESOLUTION_RAD,
+    UNEXPLAINED,
+)
 from hexctl.adapt.prior.samples import FINAL, N_FEATURES, Samples
-from hexctl.adapt.prior.standing import NEGLIGIBLE, NOISE, RESOLUTION_RAD
 from hexctl.adapt.space import GaitSpace
 from hexctl.types import FloatArray
 from tests.adapt.priors import GAITS

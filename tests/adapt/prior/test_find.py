@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from hexctl.adapt.prior.find import check_prior, find_prior, prior_files, shipped_priors
-from hexctl.adapt.prior.prior import load_prior, save_prior
-from hexctl.adapt.prior.question import Question
+from hexctl.adapt.prior.prior import PriorKey, load_prior, save_prior
 from hexctl.adapt.prior.samples import samples_of
 from hexctl.adapt.search import serving
 from hexctl.errors import InputError
@@ -20,7 +19,7 @@ SHIPPED = sorted(shipped_priors().glob("*.npz"))
 MAX_BYTES = 1_500_000
 
 
-def save(folder: Path, name: str, question: Question) -> Path:
+def save(folder: Path, name: str, question: PriorKey) -> Path:
     path = folder / name
     save_prior(made_up_prior(question, worlds=1), path)
     return path
@@ -105,7 +104,7 @@ def test_a_prior_of_a_question_with_other_parts_is_damaged(tmp_path: Path) -> No
     prior = made_up_prior(worlds=1)
     odd = prior.question.as_json() | {"weather": "rain"}
 
-    class Odd(Question):
+    class Odd(PriorKey):
         def as_json(self) -> dict[str, object]:
             return odd
 

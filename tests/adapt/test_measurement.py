@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hexctl.adapt.measuring import Answer, measured, not_walked
-from hexctl.adapt.objective import INVALID_SCORE, score_of
+from hexctl.adapt.measurement import Answer, measured, not_walked
+from hexctl.adapt.objectives import INVALID_SCORE, score_of
+from hexctl.adapt.optimizer import Observation
 from hexctl.adapt.prior.samples import DISTANCE, FINAL, features_of
 from hexctl.adapt.session import Session, SessionSpec
-from hexctl.adapt.shown import Shown
 from hexctl.control.plan import TrialPlan
 from hexctl.control.result import TrialResult
 from hexctl.gait.gait import make_gait
@@ -45,7 +45,7 @@ def test_two_numbers_make_a_trial() -> None:
 
 
 def test_only_the_end_is_learned_from() -> None:
-    features = features_of(Shown.of(told("measured", 4.0, -0.12)), 30.0)
+    features = features_of(Observation.of(told("measured", 4.0, -0.12)), 30.0)
     assert (features[FINAL], features[DISTANCE]) == (-0.12, 4.0)
     assert np.isfinite(features).sum() == 2
 
@@ -61,7 +61,7 @@ def test_only_the_end_is_learned_from() -> None:
 def test_what_counts_for_nothing(result: TrialResult, status: str, stopped: str | None) -> None:
     assert (result.status, result.stopped, result.valid) == (status, stopped, False)
     assert score_of(result, "final") == INVALID_SCORE
-    features_of(Shown.of(result), 30.0)
+    features_of(Observation.of(result), 30.0)
 
 
 @pytest.mark.parametrize("result", [told("quit"), not_walked(ROBOT, PLAN)])

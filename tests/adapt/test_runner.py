@@ -9,13 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hexctl.adapt import walker as walker_module
+from hexctl.adapt import runner as walker_module
 from hexctl.adapt.arena import Arena
+from hexctl.adapt.runner import ResetFreeRunner, RobotStoppedError, TrialRunner, await_ready
 from hexctl.adapt.session import SessionSpec
 from hexctl.adapt.space import GaitSpace
-from hexctl.adapt.staying import StayingWalker, await_ready
-from hexctl.adapt.stops import RobotStoppedError
-from hexctl.adapt.walker import Walker
 from hexctl.backends.sim.servos import SimServos
 from hexctl.control.guard import Guard
 from hexctl.control.log import TickLog
@@ -53,16 +51,16 @@ def plan_for(slots: Slots) -> TrialPlan:
     return replace(PLAN, gait=replace(PLAN.gait, slots=slots))
 
 
-def walker_of(servos: Guard, plan: TrialPlan = PLAN, **more: Any) -> StayingWalker:
+def walker_of(servos: Guard, plan: TrialPlan = PLAN, **more: Any) -> ResetFreeRunner:
     spec = SessionSpec(backend="tests.adapt.staying:StayingSim", duration_s=plan.duration_s)
-    walker = Walker(
+    walker = TrialRunner(
         spec=spec,
         robot=ROBOT,
         world=None,
         plan_for=lambda slots: replace(plan, gait=replace(plan.gait, slots=slots)),
         folder=None,
     )
-    return StayingWalker(walker=walker, servos=servos, **more)
+    return ResetFreeRunner(walker=walker, servos=servos, **more)
 
 
 @pytest.fixture

@@ -1,4 +1,4 @@
-"""Trials whose outcome a person measures, on a robot that does not know where it is."""
+"""Trials whose end an operator measures, on a robot that does not know its position."""
 
 import math
 from dataclasses import dataclass, replace

@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 from scipy.integrate import quad
 from scipy.stats import foldnorm, norm
 
-from hexctl.adapt.prior.belief import Forecast
-from hexctl.adapt.prior.choice import (
+from hexctl.adapt.prior.acquisition import (
     chance_above,
     chance_within,
     expected_gain_m,
@@ -19,6 +18,7 @@ from hexctl.adapt.prior.choice import (
     most_promising,
     most_useful,
 )
+from hexctl.adapt.prior.belief import Forecast
 from hexctl.types import FloatArray
 
 CASES = [

@@ -3,7 +3,7 @@
 import pytest
 
 from hexctl.adapt.baselines import RandomSearch
-from hexctl.adapt.catalogue import OPTIMIZERS, make_optimizer
+from hexctl.adapt.registry import OPTIMIZERS, make_optimizer
 from hexctl.errors import InputError
 from tests.adapt.searching import ONE_FAILED
 

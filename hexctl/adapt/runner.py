@@ -1,25 +1,159 @@
-"""Trials on a robot that stays where its last walk ended, as every real one does."""
+"""Runners of single trials: each in its own simulation, or reset-free on one connected robot."""
 
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
-from hexctl.adapt.aiming import aimed, as_placed
-from hexctl.adapt.arena import Arena
-from hexctl.adapt.fence import LEFT_THE_ARENA, Fence
-from hexctl.adapt.measuring import Operator, measured, not_walked
-from hexctl.adapt.stops import check_not_stopped
-from hexctl.adapt.walker import Walker
+from hexctl.adapt.arena import LEFT_THE_ARENA, Arena, Geofence, aimed, as_placed
+from hexctl.adapt.measurement import Operator, measured, not_walked
+from hexctl.adapt.session import SessionSpec
+from hexctl.backends.sim.terrain import make_floor
+from hexctl.backends.sim.world import World
+from hexctl.backends.table import BackendOptions, make_servos
 from hexctl.control.guard import Guard
-from hexctl.control.log import TickLog
+from hexctl.control.log import BLOCK_TICKS, PACED_BLOCK_TICKS, TickLog
 from hexctl.control.plan import TrialPlan
 from hexctl.control.result import TrialResult
-from hexctl.control.trial import Enough, run_trial
+from hexctl.control.trial import Enough, StopRequested, never, run_trial
 from hexctl.control.turning import turn_gait
 from hexctl.errors import RobotFaultError
 from hexctl.gait.encoding import Slots
 from hexctl.gait.foot_trajectory import RAMP_DURATION_S
 from hexctl.gait.gait import ideal_speed_m_s
+from hexctl.record.live import LiveView
+from hexctl.record.recording import Recording
+from hexctl.robot.meshes import Meshes
+from hexctl.robot.model import Robot
 from hexctl.types import RobotState
+
+
+class RobotStoppedError(RobotFaultError):
+    """The guard, the robot's or this end's, has latched a stop; the session can be resumed after it.
+
+    Attributes:
+        reason: what the guard says.
+    """
+
+    def __init__(self, message: str, reason: str) -> None:
+        super().__init__(message)
+        self.reason = reason
+
+
+def check_not_stopped(servos: Guard) -> None:
+    """Raise RobotStoppedError for a robot that must not move before somebody has looked at it."""
+    if servos.stopped is not None:
+        raise RobotStoppedError(f"the robot is stopped: {servos.stopped}", servos.stopped)
+
+
+#: What ends a walk early, for the walk that a log will be of.
+EnoughOf = Callable[[TickLog], Enough | None]
+
+#: Puts a result right before it is recorded.
+Completed = Callable[[TrialResult], TrialResult]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TrialRunner:
+    """Walks the gaits of one session in simulation, each from the same start.
+
+    Attributes:
+        spec: what the session was asked for.
+        robot: who walks.
+        world: the simulated world, None on a real robot.
+        plan_for: the trial plan for slots.
+        folder: where recordings go, or None to leave none.
+        stop_requested: asked every tick.
+        live: shows the walks while they go on, or None.
+        meshes: what the robot looks like in recordings.
+    """
+
+    spec: SessionSpec
+    robot: Robot
+    world: World | None
+    plan_for: Callable[[Slots], TrialPlan]
+    folder: Path | None
+    stop_requested: StopRequested = never
+    live: LiveView | None = None
+    meshes: Meshes = field(default_factory=dict)
+
+    def walk(
+        self, index: int, code: int, slots: Slots, enough: Enough | None = None
+    ) -> tuple[TrialResult, Path | None]:
+        """Run one trial on a simulation of its own and return its result and recording."""
+        plan = self.plan_for(slots)
+        options = BackendOptions(
+            robot=self.robot, world=self.world, failure=plan.failure, seed=self.spec.seed, trial=index
+        )
+        with Guard(make_servos(self.spec.backend, options)) as servos:
+            return self.walk_on(servos, plan, index, code, lambda _: enough)
+
+    def walk_on(
+        self,
+        servos: Guard,
+        plan: TrialPlan,
+        index: int,
+        code: int,
+        enough_of: EnoughOf,
+        completed: Completed = lambda result: result,
+    ) -> tuple[TrialResult, Path | None]:
+        """Run one trial on connected servos and return its result, completed, and its recording."""
+        recording = self._open_recording(index, code, plan)
+        try:
+            log = self._open_log(recording, plan, f"trial {index}: gait {code}")
+            stop = self.stop_requested
+            result = run_trial(servos, plan, log, stop_requested=stop, enough=enough_of(log))
+            result = completed(result)
+            if recording is not None:
+                recording.finish(result, self._facts(index, code))
+        finally:
+            if recording is not None:
+                recording.close()
+        return result, recording.path if recording is not None else None
+
+    def _open_log(self, recording: Recording | None, plan: TrialPlan, title: str) -> TickLog:
+        """Return a log whose rows are recorded, shown, both or neither."""
+        live = self.live
+        if live is None:
+            at_once = BLOCK_TICKS if self.spec.simulated else PACED_BLOCK_TICKS
+            return TickLog(recording.write_block if recording else None, at_once)
+        live.begin(self.robot, plan, title=title, looks=self.spec.robot)
+
+        def sink(log: TickLog, start: int, stop: int) -> None:
+            if recording is not None:
+                recording.write_block(log, start, stop)
+            live.write_block(log, start, stop)
+
+        return TickLog(sink, live.block_ticks)
+
+    def _open_recording(self, index: int, code: int, plan: TrialPlan) -> Recording | None:
+        if self.folder is None:
+            return None
+        floor = make_floor(self.world, self.spec.seed) if self.world is not None else None
+        path = _new_path(self.folder, index)
+        title = f"trial {index}: gait {code}"
+        return Recording(path, self.robot, plan, title=title, floor=floor, meshes=self.meshes)
+
+    def _facts(self, index: int, code: int) -> dict[str, Any]:
+        spec = self.spec
+        return {
+            "trial": index,
+            "code": code,
+            "optimizer": spec.optimizer,
+            "backend": spec.backend,
+            "world": spec.world,
+            "seed": spec.seed,
+        }
+
+
+def _new_path(folder: Path, index: int) -> Path:
+    """Return a path that no recording has; a trial that was cut off keeps its own."""
+    folder.mkdir(parents=True, exist_ok=True)
+    path, number = folder / f"trial-{index:03d}.rrd", 2
+    while path.exists():
+        path, number = folder / f"trial-{index:03d}-{number}.rrd", number + 1
+    return path
+
 
 #: Ticks that a robot has to say where it is and to be upright.
 PATIENCE_TICKS = 50
@@ -32,7 +166,7 @@ APPROACH_PATIENCE = 2.5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class StayingWalker:
+class ResetFreeRunner:
     """Walks the gaits of one session on one connected robot, through one guard: a stop stays latched.
 
     Attributes:
@@ -42,7 +176,7 @@ class StayingWalker:
         operator: who puts it down and measures, or None where the robot knows where it is.
     """
 
-    walker: Walker
+    walker: TrialRunner
     servos: Guard
     arena: Arena | None = None
     operator: Operator | None = None
@@ -91,10 +225,10 @@ class StayingWalker:
         hindered = self._come_to_start(arena)
         if hindered is not None:
             return hindered, None
-        fences: list[Fence] = []
+        fences: list[Geofence] = []
 
         def enough_of(log: TickLog) -> Enough:
-            fences.append(Fence(arena, log, enough))
+            fences.append(Geofence(arena, log, enough))
             return fences[-1]
 
         def completed(result: TrialResult) -> TrialResult:
@@ -124,7 +258,7 @@ class StayingWalker:
             patience_s = APPROACH_PATIENCE * (RAMP_DURATION_S + missing_m / speed_m_s)
             there = replace(aimed(plan, robot, state, arena, outward=True), duration_s=patience_s)
             log, stop = TickLog(), self.walker.stop_requested
-            result = run_trial(self.servos, there, log, stop_requested=stop, enough=Fence(start, log))
+            result = run_trial(self.servos, there, log, stop_requested=stop, enough=Geofence(start, log))
             if result.status == "fell":
                 # No fault of the gait that is due: nothing to be kept.
                 return replace(result, status="aborted", stopped="fell")

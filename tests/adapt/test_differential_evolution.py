@@ -7,7 +7,7 @@ import pytest
 from scipy.optimize import differential_evolution
 from scipy.stats import mannwhitneyu
 
-from hexctl.adapt.de import BestEvolution, DifferentialEvolution, RandomEvolution
+from hexctl.adapt.differential_evolution import BestEvolution, DifferentialEvolution, RandomEvolution
 from hexctl.types import FloatArray
 from tests.adapt.continuous import HIGH, LOW, Function, make, minimum, rosenbrock, sphere
 

@@ -1,11 +1,11 @@
-"""The particle swarm against its theory: Trelea's deterministic swarm and Poli's sampling distribution."""
+"""The swarms against theory: Trelea's deterministic swarm, Poli's sampling distribution."""
 
 from typing import ClassVar
 
 import numpy as np
 import pytest
 
-from hexctl.adapt.pso import ParticleSwarm
+from hexctl.adapt.swarm import DifferentialSwarm, ParticleSwarm, SpeciatedSwarm
 from hexctl.types import FloatArray
 from tests.adapt.continuous import HIGH, LOW, make, minimum, sphere
 
@@ -155,3 +155,176 @@ def test_first_velocities_lead_no_particle_out_of_the_box() -> None:
         assert isinstance(swarm, ParticleSwarm)
         ahead = swarm.positions + swarm.velocities
         assert ((ahead >= LOW) & (ahead <= HIGH)).all()
+
+
+class Boundless(SpeciatedSwarm):
+    radius: ClassVar[float] = 2.0
+
+
+class Small(SpeciatedSwarm):
+    most_per_species: ClassVar[int] = 3
+    radius: ClassVar[float] = 2.0
+
+
+def scored(core: type[SpeciatedSwarm], places: list[float]) -> SpeciatedSwarm:
+    """Return a swarm in the box [1, 101] that remembers these places, best first."""
+    swarm = core([1.0], [101.0], np.random.default_rng(0), len(places))
+    swarm.kept = np.array(places)[:, np.newaxis]
+    swarm.kept_scores = np.arange(len(places), dtype=float)
+    swarm.known[:] = True
+    return swarm
+
+
+def test_a_particle_joins_the_first_seed_within_a_tenth_of_the_range() -> None:
+    #                               seed  near  seed  seed  near both: joins the fitter  at r    beyond
+    swarm = scored(SpeciatedSwarm, [50.0, 57.0, 64.0, 10.0, 58.0, 20.0, 30.5])
+    np.testing.assert_array_equal(swarm.species(), [0, 0, 2, 3, 0, 3, 6])
+
+
+def test_species_follow_the_best_scores_not_the_order_of_particles() -> None:
+    swarm = scored(SpeciatedSwarm, [50.0, 57.0, 64.0])
+    swarm.kept_scores = np.array([3.0, 2.0, 1.0])
+    np.testing.assert_array_equal(swarm.species(), [0, 2, 2])
+
+
+def test_in_a_box_of_unequal_sides_each_side_counts_alike() -> None:
+    swarm = SpeciatedSwarm([0.0, 0.0], [1.0, 1000.0], np.random.default_rng(0), 4)
+    swarm.kept = np.array([[0.5, 500.0], [0.5, 590.0], [0.59, 500.0], [0.5, 610.0]])
+    swarm.kept_scores = np.arange(4.0)
+    np.testing.assert_array_equal(swarm.species(), [0, 0, 0, 3])
+
+
+def test_one_species_over_the_whole_box_is_the_plain_swarm() -> None:
+    plain, speciated = make(ParticleSwarm, 7), make(Boundless, 7)
+    for _ in range(40):
+        np.testing.assert_array_equal(speciated.positions, plain.positions)
+        plain.advance(sphere(plain.positions))
+        speciated.advance(sphere(speciated.positions))
+
+
+def test_ten_particles_are_never_too_many() -> None:
+    swarm = make(SpeciatedSwarm, 8)
+    for _ in range(60):
+        swarm.advance(sphere(swarm.positions))
+        assert swarm.known.all()
+
+
+def test_a_crowded_species_keeps_its_best_and_draws_the_rest_anew() -> None:
+    swarm = make(Small, 9)
+    best = np.inf
+    for _ in range(20):
+        scores = sphere(swarm.positions)
+        better = np.where(swarm.known, np.minimum(scores, swarm.kept_scores), scores)
+        best = min(best, scores.min())
+        swarm.advance(scores)
+        np.testing.assert_array_equal(swarm.kept_scores, better)  # the redrawn have forgotten
+        np.testing.assert_array_equal(np.flatnonzero(swarm.known), np.sort(np.argsort(better)[:3]))
+        assert swarm.kept_scores.min() == best
+
+
+def two_valleys(points: FloatArray) -> FloatArray:
+    """Minima 0 at (-3, -3) and 0.1 at (3, 3)."""
+    return np.minimum(sphere(points + 3.0), sphere(points - 3.0) + 0.1)
+
+
+def test_the_species_keep_both_valleys_where_the_plain_swarm_ends_in_one() -> None:
+    both = {}
+    for core in (ParticleSwarm, SpeciatedSwarm):
+        both[core] = 0
+        for seed in range(20):
+            swarm = core([-5.0, -5.0], [5.0, 5.0], np.random.default_rng(seed), 30)
+            for _ in range(40):
+                swarm.advance(two_valleys(swarm.positions))
+            ends = swarm.positions[sphere(np.abs(swarm.positions) - 3.0) < 0.1]
+            both[core] += bool((ends[:, 0] < 0).any() and (ends[:, 0] > 0).any())
+    assert both[SpeciatedSwarm] >= 18
+    assert both[ParticleSwarm] <= 2
+
+
+def swarm_of(seed: int, dimension: int = 2) -> DifferentialSwarm:
+    swarm = make(DifferentialSwarm, seed, dimension)
+    assert isinstance(swarm, DifferentialSwarm)
+    return swarm
+
+
+def test_the_archive_holds_the_last_ten_successes_and_starts_as_generation_1() -> None:
+    swarm = swarm_of(0)
+    successes: list[tuple[float, ...]] = []
+    idle = np.zeros(10, dtype=int)
+    best = np.full(10, np.inf)
+    for _ in range(30):
+        positions, scores = swarm.positions.copy(), sphere(swarm.positions)
+        for particle in range(10):
+            if scores[particle] < best[particle]:
+                best[particle], idle[particle] = scores[particle], 0
+                successes.append(tuple(positions[particle]))
+            else:
+                idle[particle] += 1
+        swarm.advance(scores)
+        np.testing.assert_array_equal(swarm.archive, successes[-10:])
+        np.testing.assert_array_equal(swarm.archive_scores, sphere(np.array(successes[-10:])))
+        np.testing.assert_array_equal(swarm.idle, idle)
+
+
+def moved(idle: int, seed: int = 1) -> tuple[DifferentialSwarm, FloatArray]:
+    """Return a swarm after one fruitless generation at rest, and where it stood; it was idle before.
+
+    Memories lie at -1, the best one at -2; the archive at 3, its best at 4.
+    """
+    swarm = swarm_of(seed, 1)
+    swarm.kept = np.full((10, 1), -1.0)
+    swarm.kept[9] = -2.0
+    swarm.kept_scores = np.array([1.0] * 9 + [0.0])
+    swarm.archive = np.full((10, 1), 3.0)
+    swarm.archive[0] = 4.0
+    swarm.archive_scores = np.array([0.5] + [1.0] * 9)
+    swarm.known[:] = True
+    swarm.velocities[:] = 0.0
+    swarm.idle[:] = idle
+    before = swarm.positions.copy()
+    swarm.advance(np.full(10, 1e9))
+    return swarm, before
+
+
+def test_a_particle_follows_the_best_and_a_difference_of_memories() -> None:
+    swarm, before = moved(idle=2)  # now 3: not more than Q
+    # v = 0.5 r1 (p_a - p_b) + 2 r2 (-2 - x), and memories differ by at most 1.
+    pulled = 2.0 * (-2.0 - before)
+    reach = 0.5
+    low, high = np.minimum(pulled, 0.0) - reach, np.maximum(pulled, 0.0) + reach
+    assert ((swarm.velocities >= low - 1e-12) & (swarm.velocities <= high + 1e-12)).all()
+    assert len(np.unique(swarm.velocities / pulled)) > 5
+
+
+def test_a_stagnating_particle_takes_its_parents_from_the_archive() -> None:
+    for seed in range(20):
+        swarm, _ = moved(idle=3, seed=seed)  # now 4: more than Q = 3
+        # From 3, its place in the archive, toward 4, and aside by half a difference of at most 1.
+        assert (swarm.positions >= 2.5 - 1e-12).all()
+        # The first starts at 4, where there is nothing to go toward.
+        assert abs(swarm.positions[0, 0] - 4.0) <= 0.5
+
+
+def test_without_stagnation_it_is_not_the_archive() -> None:
+    swarm, _ = moved(idle=0)
+    assert (swarm.positions < 2.5).any()
+
+
+def test_a_success_ends_the_stagnation() -> None:
+    swarm = swarm_of(2)
+    swarm.advance(np.full(10, 1.0))
+    for _ in range(5):
+        swarm.advance(np.full(10, 1.0))
+    assert (swarm.idle == 5).all()
+    swarm.advance(np.array([0.5] + [1.0] * 9))
+    np.testing.assert_array_equal(swarm.idle, [0] + [6] * 9)
+
+
+def test_it_converges_on_the_sphere() -> None:
+    found = [minimum(DifferentialSwarm, sphere, 100, seed) for seed in range(30)]
+    assert np.median(found) < 1e-4
+
+
+def test_its_docstring_says_that_it_is_a_reconstruction() -> None:
+    assert "RECONSTRUCTION" in str(DifferentialSwarm.__doc__)
+    assert DifferentialSwarm.patience == pytest.approx(3)

@@ -1,12 +1,10 @@
-"""The one table of optimizers: from a name to an optimizer."""
+"""The registry of optimizers: from a name to an optimizer."""
 
 from hexctl.adapt.baselines import ExhaustiveSearch, RandomSearch
-from hexctl.adapt.de import DeBest, DeRand
-from hexctl.adapt.dps import Dps
+from hexctl.adapt.differential_evolution import DeBest, DeRand
 from hexctl.adapt.optimizer import Optimizer
-from hexctl.adapt.pso import Pso
-from hexctl.adapt.psosp import Psosp
 from hexctl.adapt.space import GaitSpace
+from hexctl.adapt.swarm import Dps, Pso, Psosp
 from hexctl.errors import InputError
 from hexctl.robot.plugins import module_here
 

@@ -6,9 +6,9 @@ from typing import Any
 
 import pytest
 
-from hexctl.adapt.catalogue import OPTIMIZERS, make_optimizer
-from hexctl.adapt.counting import FreshCodes, SpaceExhaustedError
+from hexctl.adapt.deduplication import Deduplication, SpaceExhaustedError
 from hexctl.adapt.optimizer import Optimizer
+from hexctl.adapt.registry import OPTIMIZERS, make_optimizer
 from hexctl.errors import InputError
 from tests.adapt.searching import ONE_FAILED, THREE_FAILED, search, slope
 
@@ -36,8 +36,8 @@ class Scripted(Optimizer):
         pass
 
 
-def fresh(name: str, seed: int = 1, **options: Any) -> FreshCodes:
-    return FreshCodes(make_optimizer(name, ONE_FAILED, seed), seed, **options)
+def fresh(name: str, seed: int = 1, **options: Any) -> Deduplication:
+    return Deduplication(make_optimizer(name, ONE_FAILED, seed), seed, **options)
 
 
 def tell(optimizer: Optimizer, codes: list[int]) -> None:
@@ -59,7 +59,7 @@ def test_every_code_is_handed_out_once_and_then_it_is_exhausted(
 
 
 def test_not_exhausted_before_the_last_score_is_told() -> None:
-    optimizer = FreshCodes(make_optimizer("pso", THREE_FAILED, 0), 0)
+    optimizer = Deduplication(make_optimizer("pso", THREE_FAILED, 0), 0)
     search(optimizer, 5)
     codes = optimizer.ask()
     assert not optimizer.exhausted
@@ -69,7 +69,7 @@ def test_not_exhausted_before_the_last_score_is_told() -> None:
 
 def test_a_known_code_is_answered_at_once_with_the_score_it_got() -> None:
     inner = Scripted(iter([5, 5, 9, 5, 9, 30]))
-    optimizer = FreshCodes(inner, 0)
+    optimizer = Deduplication(inner, 0)
     asked = []
     for score in (0.5, 0.9, 0.3):
         asked += optimizer.ask()
@@ -80,7 +80,7 @@ def test_a_known_code_is_answered_at_once_with_the_score_it_got() -> None:
 
 def test_a_code_that_comes_twice_in_one_ask_is_paid_for_once() -> None:
     inner = Scripted(iter([5, 9, 5, 30, 9, 5, 7, 7, 30, 8]))
-    optimizer = FreshCodes(inner, 0)
+    optimizer = Deduplication(inner, 0)
     codes = optimizer.ask(5)
     assert codes == [5, 9, 30]
     tell(optimizer, codes)
@@ -92,7 +92,7 @@ def test_a_code_that_comes_twice_in_one_ask_is_paid_for_once() -> None:
 
 def test_a_search_that_is_stuck_gets_help_after_the_patience_and_asks_on() -> None:
     inner = Scripted(repeat(5))
-    optimizer = FreshCodes(inner, 0, patience=20)
+    optimizer = Deduplication(inner, 0, patience=20)
     assert search(optimizer, 1) == [5]
     substitutes = optimizer.ask()
     assert len(inner.told) == 1 + 20
@@ -105,7 +105,7 @@ def test_a_search_that_is_stuck_gets_help_after_the_patience_and_asks_on() -> No
 
 def test_a_fresh_code_of_its_own_ends_the_help() -> None:
     inner = Scripted(iter([5, *[5] * 21, 77, *[5] * 20]))
-    optimizer = FreshCodes(inner, 0, patience=20)
+    optimizer = Deduplication(inner, 0, patience=20)
     assert search(optimizer, 4)[::3] == [5, 77]  # with two substitutes between them
     assert len(inner.told) == 1 + 20 + 1 + 1
     optimizer.ask()
@@ -115,7 +115,7 @@ def test_a_fresh_code_of_its_own_ends_the_help() -> None:
 def test_a_substitute_is_told_when_the_search_asks_for_it_later() -> None:
     asked: list[int] = []
     inner = Scripted(iter(lambda: asked[-1] if len(asked) > 1 else 5, None))
-    optimizer = FreshCodes(inner, 0, patience=3)
+    optimizer = Deduplication(inner, 0, patience=3)
     for _ in range(2):
         asked += optimizer.ask()
         tell(optimizer, asked[-1:])
@@ -128,14 +128,14 @@ def test_a_substitute_is_told_when_the_search_asks_for_it_later() -> None:
 def test_substitutes_are_random_untried_codes() -> None:
     seen = set()
     for seed in range(10):
-        codes = search(FreshCodes(Scripted(repeat(5)), seed), 30)
+        codes = search(Deduplication(Scripted(repeat(5)), seed), 30)
         assert len(set(codes)) == 30
         seen.add(tuple(codes))
     assert len(seen) == 10
 
 
 def test_substitutes_do_not_repeat_the_draws_of_the_search() -> None:
-    stuck = search(FreshCodes(Scripted(repeat(5)), 3), 21)[1:]
+    stuck = search(Deduplication(Scripted(repeat(5)), 3), 21)[1:]
     assert stuck != search(make_optimizer("random", ONE_FAILED, 3), 20)
 
 
@@ -187,4 +187,4 @@ def test_a_patience_below_one_is_refused() -> None:
 
 def test_a_search_that_never_repeats_needs_no_help() -> None:
     inner = Scripted(count(1))
-    assert search(FreshCodes(inner, 0), 120) == list(range(1, 121))
+    assert search(Deduplication(inner, 0), 120) == list(range(1, 121))

@@ -15,7 +15,7 @@ class SpaceExhaustedError(HexctlError, RuntimeError):
     """Every code has been tried; there is nothing left to ask for."""
 
 
-class FreshCodes(Optimizer):
+class Deduplication(Optimizer):
     """Asks another optimizer and hands out only those of its codes that were not tried before.
 
     The rule:
