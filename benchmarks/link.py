@@ -16,9 +16,8 @@ from benchmarks.plans import ant
 from benchmarks.rows import Bar, Row
 from benchmarks.scale import Scale
 from hexctl.backends.clock import PERIOD_S, WallClock, request_realtime_priority
-from hexctl.backends.zenoh.asking import ask
-from hexctl.backends.zenoh.mailbox import Mailbox
-from hexctl.backends.zenoh.servos import ZenohServos
+from hexctl.backends.zenoh.client import ZenohServos, ask
+from hexctl.backends.zenoh.subscriber import Mailbox
 from hexctl.control.guard import Guard
 from hexctl.control.log import TickLog
 from hexctl.control.plan import TrialPlan

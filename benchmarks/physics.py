@@ -9,8 +9,7 @@ import mujoco
 import numpy as np
 
 from hexctl.backends.clock import PERIOD_S
-from hexctl.backends.sim.servos import SimServos
-from hexctl.backends.sim.train import ServoTrain
+from hexctl.backends.sim.servos import ActuatorModel, SimServos
 from hexctl.control.log import TickLog
 from hexctl.types import FloatArray
 
@@ -59,7 +58,7 @@ def controls_of(log: TickLog, servos: SimServos) -> list[FloatArray]:
     What a tick sends acts from the next one on; the first is stepped with the controls of the start state.
     """
     sent = [servos.robot.stance_angles_rad, *log["sent_rad"][:-1]]
-    train = ServoTrain.at_rest(servos.simulation, servos.robot.stance_angles_rad)
+    train = ActuatorModel.at_rest(servos.simulation, servos.robot.stance_angles_rad)
     return [train.drive(row) for row in sent]
 
 

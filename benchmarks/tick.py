@@ -15,7 +15,7 @@ from benchmarks.plans import ant, default_gait
 from benchmarks.rows import Bar, Row
 from benchmarks.scale import Scale
 from hexctl.backends.mock import MockServos
-from hexctl.backends.sim.clock import SimClock
+from hexctl.backends.sim.servos import SimClock
 from hexctl.control.controllers import LOOK_AHEAD_TICKS, Walk
 from hexctl.control.guard import Guard
 from hexctl.control.log import TickLog

@@ -16,7 +16,7 @@ from hexctl.adapt.optimizer import NINETY_PERCENT
 from hexctl.adapt.prior.find import shipped_priors
 from hexctl.adapt.prior.prior import load_prior
 from hexctl.adapt.prior.samples import samples_of
-from hexctl.backends.sim.family import load_any_world
+from hexctl.backends.sim.world import load_any_world
 from hexctl.control.result import progress_floor_m
 from hexctl.robot.loader import load_robot
 from hexctl.study.cache import LandscapeCache

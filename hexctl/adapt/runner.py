@@ -8,9 +8,9 @@ from typing import Any
 from hexctl.adapt.arena import LEFT_THE_ARENA, Arena, Geofence, aimed, as_placed
 from hexctl.adapt.measurement import Operator, measured, not_walked
 from hexctl.adapt.session import SessionSpec
+from hexctl.backends.registry import BackendOptions, make_servos
 from hexctl.backends.sim.terrain import make_floor
 from hexctl.backends.sim.world import World
-from hexctl.backends.table import BackendOptions, make_servos
 from hexctl.control.guard import Guard
 from hexctl.control.log import BLOCK_TICKS, PACED_BLOCK_TICKS, TickLog
 from hexctl.control.plan import TrialPlan

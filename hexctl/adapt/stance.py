@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from hexctl.adapt.runner import check_not_stopped
+from hexctl.backends.registry import BackendOptions, make_servos
 from hexctl.backends.sim.world import World
-from hexctl.backends.table import BackendOptions, make_servos
 from hexctl.control.guard import Guard
 from hexctl.control.log import TickLog
 from hexctl.control.plan import TrialPlan

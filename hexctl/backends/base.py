@@ -1,14 +1,18 @@
 """The abstract leg-servo interface: the only way to a robot, simulated or real."""
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from types import TracebackType
 from typing import Self
 
+import numpy as np
+
 from hexctl.backends.clock import Clock
+from hexctl.errors import CommandRefusedError, RobotFaultError
 from hexctl.robot.failure import Failure
 from hexctl.robot.model import Robot
-from hexctl.types import JointTargets, RobotState
+from hexctl.types import N_JOINTS, JointTargets, RobotState
 
 
 class LegServos(ABC):
@@ -87,3 +91,19 @@ class LegServos(ABC):
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
+
+
+def check_targets(targets: JointTargets) -> None:
+    """Raise CommandRefusedError unless the targets are 18 finite angles."""
+    positions = targets.positions_rad
+    if positions.shape != (N_JOINTS,):
+        raise CommandRefusedError(f"targets: got shape {positions.shape}; allowed: ({N_JOINTS},)")
+    # A sum is finite only if every term is, and is cheaper than asking each one.
+    if not math.isfinite(np.add.reduce(positions)):
+        raise CommandRefusedError(f"targets: got {positions.tolist()}; allowed: finite angles in rad")
+
+
+def check_connected(connected: bool, who: str) -> None:
+    """Raise RobotFaultError unless connected."""
+    if not connected:
+        raise RobotFaultError(f"{who} is not connected; call connect() first, or use it in a with statement")

@@ -4,8 +4,7 @@ from collections import deque
 
 import numpy as np
 
-from hexctl.backends.base import LegServos
-from hexctl.backends.checks import check_connected, check_targets
+from hexctl.backends.base import LegServos, check_connected, check_targets
 from hexctl.backends.clock import Clock, WallClock
 from hexctl.robot.model import Robot
 from hexctl.types import JointTargets, RobotState

@@ -19,8 +19,7 @@ from hexctl.adapt.search import make_search, serving
 from hexctl.adapt.session import Session, SessionSpec
 from hexctl.adapt.space import GaitSpace
 from hexctl.adapt.store import SessionStore
-from hexctl.backends.sim.family import load_any_world
-from hexctl.backends.sim.world import World
+from hexctl.backends.sim.world import World, load_any_world
 from hexctl.cli.adaptrobot import (
     arena_of,
     as_it_stands,

@@ -13,8 +13,8 @@ from hexctl.adapt.search import knows_stances
 from hexctl.adapt.session import SessionSpec
 from hexctl.adapt.stance import sag_here_rad, simulated_sag_rad
 from hexctl.backends.clock import request_realtime_priority
+from hexctl.backends.registry import BackendOptions, make_servos
 from hexctl.backends.sim.world import World
-from hexctl.backends.table import BackendOptions, make_servos
 from hexctl.cli.console import ABORTED, FAULT, FAULTS, print_note
 from hexctl.cli.operator import check_answerable
 from hexctl.cli.twin import note_of_twin

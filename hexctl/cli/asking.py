@@ -11,7 +11,7 @@ import zenoh
 from rich.console import Console
 from rich.live import Live
 
-from hexctl.backends.zenoh.asking import ask, ask_until
+from hexctl.backends.zenoh.client import ask, ask_until
 from hexctl.cli.console import DONE, StopOnInterrupt, print_note, print_result
 from hexctl.cli.statustext import status_table
 from hexctl.errors import InputError, RobotFaultError
@@ -35,7 +35,7 @@ def show_status(*, watch: bool, as_json: bool, **options: Any) -> int:
     if watch and as_json:
         raise InputError("--watch: got --json too; allowed: one or the other")
     with _session(Role.VIEWER, **options) as (session, keys, link):
-        answers = ask_until(session, keys.describe, patience_s=PATIENCE_S)
+        answers = ask_until(session, keys.describe, timeout_s=PATIENCE_S)
         if not answers:
             raise _silence(link)
         if watch:
@@ -54,7 +54,7 @@ def stop_or_clear(*, clear: bool, as_json: bool, **options: Any) -> int:
     """
     with _session(Role.CONTROLLER, **options) as (session, keys, link):
         wanted = {"op": "clear" if clear else "stop"}
-        answers = ask_until(session, keys.estop, wanted, patience_s=PATIENCE_S)
+        answers = ask_until(session, keys.estop, wanted, timeout_s=PATIENCE_S)
         if not answers:
             raise _silence(link)
     stopped = _confirmed(answers, clear=clear)
@@ -106,7 +106,7 @@ def _watch(session: zenoh.Session, keys: KeyMap) -> None:
     with StopOnInterrupt() as interrupt, ExitStack() as stack:
         live = stack.enter_context(Live(console=console, auto_refresh=False)) if console.is_terminal else None
         while not interrupt.requested():
-            answers = ask(session, keys.describe, patience_s=PATIENCE_S)
+            answers = ask(session, keys.describe, timeout_s=PATIENCE_S)
             shown = status_table(_statuses(answers)) if answers else "the robot is silent"
             if live is not None:
                 live.update(shown, refresh=True)

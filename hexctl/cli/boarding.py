@@ -5,10 +5,17 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from hexctl.backends.clock import request_realtime_priority
-from hexctl.backends.mavlink.address import DEFAULT_BOARD_PORT, PortAddress, check_guarded, parse_port
-from hexctl.backends.mavlink.key import read_signing_key
-from hexctl.backends.mavlink.port import Port, PtyPort, open_port
-from hexctl.backends.table import make_servos
+from hexctl.backends.mavlink.codec import read_signing_key
+from hexctl.backends.mavlink.transport import (
+    DEFAULT_BOARD_PORT,
+    Port,
+    PortAddress,
+    PtyPort,
+    check_guarded,
+    open_port,
+    parse_port,
+)
+from hexctl.backends.registry import make_servos
 from hexctl.cli.console import DONE, StopOnInterrupt, print_note, print_result
 from hexctl.cli.twin import Twin
 from hexctl.errors import InputError

@@ -4,9 +4,9 @@ import math
 import sys
 from pathlib import Path
 
-from hexctl.backends.mavlink.address import DEFAULT_PORT, check_guarded, parse_port
-from hexctl.backends.mavlink.key import read_signing_key
-from hexctl.backends.mavlink.servos import MavlinkServos
+from hexctl.backends.mavlink.client import MavlinkServos
+from hexctl.backends.mavlink.codec import read_signing_key
+from hexctl.backends.mavlink.transport import DEFAULT_PORT, check_guarded, parse_port
 from hexctl.cli.calibrationhands import Hands, Lines, QuitError
 from hexctl.cli.console import DONE, INTERRUPTED, StopOnInterrupt
 from hexctl.control.guard import MAX_EXPIRY_S, Guard

@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from hexctl.backends.mavlink.servos import MavlinkServos
+from hexctl.backends.mavlink.client import MavlinkServos
 from hexctl.cli.console import print_note
 from hexctl.control.guard import Guard
 from hexctl.errors import RobotFaultError

@@ -73,7 +73,7 @@ def _self_rotations() -> Iterable[str]:
 
 
 def _backends() -> Iterable[str]:
-    from hexctl.backends.table import BACKENDS
+    from hexctl.backends.registry import BACKENDS
 
     return BACKENDS
 

@@ -4,7 +4,7 @@ import socket
 from datetime import UTC, datetime
 from pathlib import Path
 
-from hexctl.backends.mavlink.key import write_signing_key
+from hexctl.backends.mavlink.codec import write_signing_key
 from hexctl.cli.console import print_result
 from hexctl.errors import InputError
 from hexctl.serve.certificates import AUTHORITY_FOLDER, hosts_of, make_certificates, renew_certificates

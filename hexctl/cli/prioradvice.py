@@ -1,7 +1,7 @@
 """How to get a prior for trials that have none."""
 
 from hexctl.adapt.session import SessionSpec
-from hexctl.backends.sim.family import load_family
+from hexctl.backends.sim.world import load_randomization
 from hexctl.errors import InputError
 from hexctl.robot.loader import load_robot
 from hexctl.study.prior import PriorPlan
@@ -16,7 +16,7 @@ def how_to_get_one(spec: SessionSpec) -> str:
         return ""
     plan = PriorPlan(
         robot=load_robot(spec.robot),
-        family=load_family("randomised"),
+        family=load_randomization("randomised"),
         failure=spec.failure,
         self_rotation=spec.self_rotation,
         duration_s=spec.duration_s,

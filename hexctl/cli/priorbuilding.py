@@ -6,7 +6,7 @@ from pathlib import Path
 
 from hexctl.adapt.prior.find import SUFFIX
 from hexctl.adapt.prior.prior import check_place, save_prior
-from hexctl.backends.sim.family import load_family
+from hexctl.backends.sim.world import load_randomization
 from hexctl.cli.console import DONE, INTERRUPTED, print_result
 from hexctl.cli.prioring import PRIORS, summary_of
 from hexctl.cli.simulating import (
@@ -69,7 +69,7 @@ def execute(request: PriorRequest) -> int:
 def _checked_plan(request: PriorRequest) -> PriorPlan:
     plan = PriorPlan(
         robot=load_robot(request.robot),
-        family=load_family(request.family),
+        family=load_randomization(request.family),
         worlds=request.worlds,
         legs=request.legs,
         failure=request.failure,

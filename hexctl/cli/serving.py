@@ -9,7 +9,7 @@ from pathlib import Path
 
 from hexctl.backends.base import LegServos
 from hexctl.backends.clock import request_realtime_priority
-from hexctl.backends.table import make_servos
+from hexctl.backends.registry import make_servos
 from hexctl.cli.console import DONE, StopOnInterrupt, print_note
 from hexctl.cli.twin import Twin
 from hexctl.errors import InputError

@@ -9,7 +9,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from hexctl.backends.sim.family import load_any_world
+from hexctl.backends.sim.world import load_any_world
 from hexctl.cli.console import DONE, INTERRUPTED, RUNS, print_result
 from hexctl.cli.simulating import (
     check_jobs,

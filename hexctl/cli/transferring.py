@@ -7,7 +7,7 @@ from pathlib import Path
 from hexctl.adapt.prior.find import find_prior, shipped_priors
 from hexctl.adapt.prior.prior import Prior, PriorKey, load_prior
 from hexctl.adapt.search import serving
-from hexctl.backends.sim.family import load_family
+from hexctl.backends.sim.world import load_randomization
 from hexctl.cli.console import DONE, INTERRUPTED, print_result
 from hexctl.cli.prioring import PRIORS
 from hexctl.cli.simulating import (
@@ -75,7 +75,7 @@ def _checked_plan(request: StudyRequest) -> TransferPlan:
     robot = load_robot(request.robot)
     plan = TransferPlan(
         robot=robot,
-        family=load_family(FAMILY),
+        family=load_randomization(FAMILY),
         prior=_prior(request, robot),
         legs=request.legs,
         duration_s=request.duration_s,

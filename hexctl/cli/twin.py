@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from hexctl.backends.base import LegServos
-from hexctl.backends.table import BackendOptions
+from hexctl.backends.registry import BackendOptions
 from hexctl.cli.values import make_failure
 from hexctl.errors import InputError
 from hexctl.robot.failure import Failure
@@ -75,6 +75,6 @@ class Twin:
     def _world(self) -> "World | None":
         if self.backend != "sim":
             return None
-        from hexctl.backends.sim.family import load_any_world
+        from hexctl.backends.sim.world import load_any_world
 
         return load_any_world(self.world or DEFAULT_WORLD)

@@ -12,10 +12,9 @@ import typer
 
 from hexctl.backends.base import LegServos
 from hexctl.backends.clock import request_realtime_priority
-from hexctl.backends.sim.family import load_any_world
+from hexctl.backends.registry import BackendOptions, make_servos
 from hexctl.backends.sim.terrain import Floor, make_floor
-from hexctl.backends.sim.world import World
-from hexctl.backends.table import BackendOptions, make_servos
+from hexctl.backends.sim.world import World, load_any_world
 from hexctl.cli.console import INTERRUPTED, RUNS, StopOnInterrupt, code_of, print_note, print_result
 from hexctl.cli.progress import WalkProgress
 from hexctl.cli.render import report, summary

@@ -4,9 +4,8 @@ import time
 from typing import Any
 
 from hexctl.backends.clock import PERIOD_S, WallClock
-from hexctl.backends.zenoh.asking import ask_until
-from hexctl.backends.zenoh.ear import Ear
-from hexctl.backends.zenoh.mailbox import Mailbox
+from hexctl.backends.zenoh.client import ask_until
+from hexctl.backends.zenoh.subscriber import Ear, Mailbox
 from hexctl.cli.console import DONE, StopOnInterrupt, print_note
 from hexctl.control.log import TickLog
 from hexctl.control.plan import TrialPlan
@@ -40,7 +39,7 @@ def watch(*, web: bool, **options: Any) -> int:
     link = load_link(options.pop("link"), **options)
     anybody = KeyMap.of("*").renamed(dict(link.names))
     with open_session(link, Role.VIEWER, anybody) as session, StopOnInterrupt() as interrupt:
-        answers = ask_until(session, anybody.describe, patience_s=PATIENCE_S)
+        answers = ask_until(session, anybody.describe, timeout_s=PATIENCE_S)
         if not answers:
             raise RobotFaultError(f"no robot answers at {link.endpoint}; is hexctl serve running there?")
         robot = robot_of(answers[0])

@@ -10,8 +10,7 @@ from threading import Lock
 
 import numpy as np
 
-from hexctl.backends.base import LegServos
-from hexctl.backends.checks import check_targets
+from hexctl.backends.base import LegServos, check_targets
 from hexctl.backends.clock import Clock
 from hexctl.errors import CommandRefusedError, EStopError, HexctlError, InputError, RobotFaultError
 from hexctl.robot.model import Robot

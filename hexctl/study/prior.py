@@ -9,7 +9,7 @@ import numpy as np
 
 from hexctl.adapt.prior.prior import CHECKPOINTS, Prior, PriorKey
 from hexctl.adapt.stance import stance_sag_rad
-from hexctl.backends.sim.family import Spread, WorldFamily
+from hexctl.backends.sim.world import DomainRandomization, Spread
 from hexctl.control.guard import Guard
 from hexctl.control.plan import TrialPlan
 from hexctl.errors import EStopError, InputError, SimulationDivergedError
@@ -49,7 +49,7 @@ class PriorPlan:
     """
 
     robot: Robot
-    family: WorldFamily
+    family: DomainRandomization
     worlds: int = 16
     legs: tuple[int, ...] = tuple(range(1, N_LEGS + 1))
     failure: str = "locked"

@@ -1,4 +1,7 @@
-"""The wall clock on a time of the test's own: an absolute grid, overruns counted, nothing drifts."""
+"""Wall clock on simulated time: absolute grid, counted overruns, no drift; real-time priority."""
+
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -101,3 +104,31 @@ def test_whatever_the_work_every_point_is_run_once_or_counted_as_missed(
         assert tick.late_s < PERIOD_S + 1e-6
         indices.append(tick.index)
     assert indices[-1] == len(indices) + clock.overruns
+
+
+CHILDREN = """
+import os, subprocess, sys
+from hexctl.backends.clock import request_realtime_priority
+
+if not request_realtime_priority():
+    sys.exit("not permitted")
+ask = "import os; print(os.sched_getscheduler(0) == os.SCHED_FIFO)"
+print(os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK == os.SCHED_FIFO, flush=True)
+subprocess.run([sys.executable, "-c", ask], check=True)
+child = os.fork()
+if not child:
+    print(os.sched_getscheduler(0) == os.SCHED_FIFO, flush=True)
+    os._exit(0)
+os.waitpid(child, 0)
+"""
+
+
+@pytest.mark.skipif(not hasattr(__import__("os"), "SCHED_RESET_ON_FORK"), reason="Linux only")
+def test_what_is_started_from_the_loop_does_not_inherit_its_priority() -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", CHILDREN], capture_output=True, text=True, timeout=120, check=False
+    )
+    if "not permitted" in done.stderr:
+        pytest.skip("realtime priority is not permitted here")
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.split() == ["True", "False", "False"]

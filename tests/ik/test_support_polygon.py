@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial import ConvexHull
 
-from hexctl.backends.sim.physics import FIRST_JOINT, make_simulation
+from hexctl.backends.sim.model import FIRST_JOINT, make_simulation
 from hexctl.backends.sim.world import World
 from hexctl.ik.legs import foot_positions_body
 from hexctl.ik.support_polygon import carried, centre_of_mass_body, foot_heights_body, support, to_world

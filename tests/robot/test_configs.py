@@ -2,7 +2,7 @@
 
 import pytest
 
-from hexctl.backends.sim.family import load_any_world
+from hexctl.backends.sim.world import load_any_world
 from hexctl.robot.configs import config_names, find_config, read_mapping
 from hexctl.robot.loader import load_robot
 

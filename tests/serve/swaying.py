@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from hexctl.backends.clock import request_realtime_priority
-from hexctl.backends.zenoh.servos import ZenohServos
+from hexctl.backends.zenoh.client import ZenohServos
 from hexctl.control.guard import Guard
 from hexctl.errors import HexctlError
 from hexctl.types import JointTargets

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from hexctl.backends.clock import PERIOD_S
-from hexctl.backends.zenoh.asking import ask
+from hexctl.backends.zenoh.client import ask
 from hexctl.wire.keys import KeyMap
 from hexctl.wire.link import Link
 from hexctl.wire.role import Role

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from hexctl.backends.zenoh.asking import ask
+from hexctl.backends.zenoh.client import ask
 from hexctl.wire.keys import KeyMap
 from hexctl.wire.link import Link
 from hexctl.wire.role import Role

@@ -10,7 +10,7 @@ import pytest
 
 from hexctl.adapt.prior.prior import CHECKPOINTS, load_prior, save_prior
 from hexctl.adapt.prior.samples import features_of
-from hexctl.backends.sim.family import WorldFamily, load_family
+from hexctl.backends.sim.world import DomainRandomization, load_randomization
 from hexctl.errors import InputError
 from hexctl.robot.failure import Failure
 from hexctl.study.landscape import NUMBERS, Landscape, LandscapeSpec, Rows, empty_landscape, with_rows
@@ -23,8 +23,8 @@ from tests.study.landscapes import made_up_in
 
 
 @cache
-def _family() -> WorldFamily:
-    return load_family("randomised")
+def _family() -> DomainRandomization:
+    return load_randomization("randomised")
 
 
 def plan(**options: Any) -> PriorPlan:
@@ -107,7 +107,7 @@ def test_a_walk_that_the_legs_cannot_make_is_refused_before_anything_runs() -> N
 
 def prior_plan(**options: Any) -> PriorPlan:
     given = {"legs": (2, 5), "worlds": 3, "duration_s": 6.0, **options}
-    return PriorPlan(robot=shipped(), family=load_family("randomised"), **given)
+    return PriorPlan(robot=shipped(), family=load_randomization("randomised"), **given)
 
 
 def told_apart(spec: LandscapeSpec, number: int) -> Landscape:
@@ -164,7 +164,9 @@ def test_it_goes_into_a_file_and_comes_back_with_where_it_is_from(tmp_path: Path
     assert loaded.origin["family"] == asked.family.model_dump(mode="json")
 
 
-PLAN = PriorPlan(robot=shipped(), family=load_family("randomised"), worlds=2, legs=(2, 5), duration_s=6.0)
+PLAN = PriorPlan(
+    robot=shipped(), family=load_randomization("randomised"), worlds=2, legs=(2, 5), duration_s=6.0
+)
 
 #: A gait that fell half way.
 FALLEN = 7

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from hexctl.adapt.prior.prior import CHECKPOINTS, Prior, PriorKey
-from hexctl.backends.sim.family import load_family
+from hexctl.backends.sim.world import load_randomization
 from hexctl.control.plan import TrialPlan
 from hexctl.errors import InputError, RobotFaultError
 from hexctl.gait.gait import make_gait
@@ -55,7 +55,7 @@ def _prior() -> Prior:
 def _plan(**changes: Any) -> TransferPlan:
     values: dict[str, Any] = {
         "robot": shipped(),
-        "family": load_family("transfer"),
+        "family": load_randomization("transfer"),
         "prior": _prior(),
         "worlds": 4,
         "legs": (5,),
@@ -93,7 +93,9 @@ def findings() -> TransferFindings:
 
 def test_no_world_of_the_benchmark_is_one_of_a_prior() -> None:
     unseen = [spec.world for spec in _plan(worlds=60).specs()]
-    known = [spec.world for spec in PriorPlan(robot=shipped(), family=load_family("randomised")).specs()]
+    known = [
+        spec.world for spec in PriorPlan(robot=shipped(), family=load_randomization("randomised")).specs()
+    ]
     assert not [world for world in unseen if world in known]
     assert len({world.model_dump_json() for world in unseen}) == len(unseen)
 
@@ -214,6 +216,6 @@ def test_what_cannot_be_asked_is_refused(changes: dict[str, Any], message: str) 
 
 
 def test_a_prior_from_the_same_worlds_is_refused() -> None:
-    prior = replace(_prior(), origin={"family": load_family("transfer").model_dump(mode="json")})
+    prior = replace(_prior(), origin={"family": load_randomization("transfer").model_dump(mode="json")})
     with pytest.raises(InputError, match="built from these worlds"):
         _plan(prior=prior).check()

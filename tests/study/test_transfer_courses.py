@@ -11,7 +11,7 @@ import pytest
 
 from hexctl.adapt.prior.prior import PriorKey
 from hexctl.adapt.prior.samples import FINAL, samples_of
-from hexctl.backends.sim.family import load_family
+from hexctl.backends.sim.world import load_randomization
 from hexctl.errors import InputError
 from hexctl.study.landscape import NUMBERS, Landscape, LandscapeSpec, Rows, empty_landscape, with_rows
 from hexctl.study.prior import PriorPlan
@@ -39,7 +39,7 @@ def question(name: str = "ant", **options: Any) -> PriorKey:
 def plan(**options: Any) -> TransferPlan:
     given: dict[str, Any] = {
         "robot": shipped(),
-        "family": load_family("transfer"),
+        "family": load_randomization("transfer"),
         "prior": made_up_prior(question(), legs=LEGS, worlds=16, model=MODEL),
         "worlds": WORLDS,
         "legs": LEGS,
@@ -93,7 +93,7 @@ def test_landscapes_come_world_by_world_from_behind_those_that_were_looked_at() 
 
 
 def test_no_world_has_a_value_in_common_with_one_of_a_prior() -> None:
-    believed = load_family("randomised")
+    believed = load_randomization("randomised")
     known = PriorPlan(robot=shipped(), family=believed, worlds=100).specs()
     for key in believed.ranges:
         tried = {json.dumps(spec.world.model_dump()[key]) for spec in plan(worlds=100).specs()}

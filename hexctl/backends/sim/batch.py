@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 from mujoco.batch import Batch, SimulationError
 
-from hexctl.backends.sim.physics import FIRST_JOINT
+from hexctl.backends.sim.model import FIRST_JOINT
 from hexctl.backends.sim.servos import SimServos
 from hexctl.types import BoolArray, FloatArray
 

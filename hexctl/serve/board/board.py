@@ -8,8 +8,7 @@ from typing import Any
 from hexctl.backends.base import LegServos
 from hexctl.backends.mavlink import messages
 from hexctl.backends.mavlink.codec import Codec
-from hexctl.backends.mavlink.link import Arrival, MavlinkLink
-from hexctl.backends.mavlink.port import Port
+from hexctl.backends.mavlink.transport import Arrival, MavlinkLink, Port
 from hexctl.control.guard import EXPIRY_S, Guard
 from hexctl.errors import CommandRefusedError, EStopError, RobotFaultError
 from hexctl.robot.servo_map import ServoMap

@@ -2,8 +2,7 @@
 
 from dataclasses import dataclass, field
 
-from hexctl.backends.mavlink.port import Address
-from hexctl.backends.mavlink.sequence import SequenceCount
+from hexctl.backends.mavlink.transport import Address, SequenceCount
 
 #: Others that the board speaks to at one time.
 MOST_PEERS = 8

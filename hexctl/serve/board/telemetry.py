@@ -5,7 +5,7 @@ from typing import Any
 from pymavlink.dialects.v20 import common
 
 from hexctl.backends.mavlink import messages
-from hexctl.backends.mavlink.frames import euler_of_quaternion, flipped_quaternion, flipped_vector
+from hexctl.backends.mavlink.messages import euler_of_quaternion, flipped_quaternion, flipped_vector
 from hexctl.types import N_JOINTS, BoolArray, FloatArray, RobotState
 
 #: Outputs that ACTUATOR_OUTPUT_STATUS has room for.

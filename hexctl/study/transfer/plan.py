@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from hexctl.adapt.prior.prior import Prior, PriorKey
 from hexctl.adapt.prior.samples import serves
 from hexctl.adapt.registry import BAYES
-from hexctl.backends.sim.family import WorldFamily
+from hexctl.backends.sim.world import DomainRandomization
 from hexctl.control.plan import TrialPlan
 from hexctl.errors import InputError
 from hexctl.robot.model import Robot
@@ -44,7 +44,7 @@ class TransferPlan:
     """
 
     robot: Robot
-    family: WorldFamily
+    family: DomainRandomization
     prior: Prior
     worlds: int = 30
     legs: tuple[int, ...] = tuple(range(1, N_LEGS + 1))

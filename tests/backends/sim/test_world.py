@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from hexctl.backends.sim.physics import FIRST_JOINT, make_simulation
+from hexctl.backends.sim.model import FIRST_JOINT, make_simulation
 from hexctl.backends.sim.servos import SimServos
 from hexctl.backends.sim.world import SensorNoise, World, load_world
 from hexctl.control.guard import Guard

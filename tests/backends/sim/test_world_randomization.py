@@ -10,9 +10,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.special import ndtr
 
-from hexctl.backends.sim.family import MAX_MEMBERS, Spread, WorldFamily, load_any_world, load_family
-from hexctl.backends.sim.physics import make_simulation
-from hexctl.backends.sim.world import World, load_world
+from hexctl.backends.sim.model import make_simulation
+from hexctl.backends.sim.world import (
+    MAX_MEMBERS,
+    DomainRandomization,
+    Spread,
+    World,
+    load_any_world,
+    load_randomization,
+    load_world,
+)
 from hexctl.errors import InputError
 from hexctl.study.prior import WORLDS_PER_LEG
 from hexctl.types import FloatArray
@@ -27,8 +34,8 @@ numbers = st.integers(0, MAX_MEMBERS - 1)
 
 
 @cache
-def family(name: str = "randomised") -> WorldFamily:
-    return load_family(name)
+def family(name: str = "randomised") -> DomainRandomization:
+    return load_randomization(name)
 
 
 def _written(text: str, folder: Path) -> str:
@@ -54,7 +61,7 @@ def _shares(worlds: list[World], key: str, spread: Spread) -> FloatArray:
 
 @pytest.mark.parametrize("name", FAMILIES)
 def test_a_member_is_the_same_every_time(name: str) -> None:
-    first, again = (load_family(name).members(40, 8) for _ in range(2))
+    first, again = (load_randomization(name).members(40, 8) for _ in range(2))
     assert first == again
     assert len(set(first)) == 8
 
@@ -134,13 +141,13 @@ def test_kinds_take_turns() -> None:
 
 def test_a_kind_comes_before_a_range(tmp_path: Path) -> None:
     text = SMALL + "kinds: [{name: plain}, {name: icy, world: {friction: 0.05}}]\n"
-    first, icy, third = load_family(_written(text, tmp_path)).members(0, 3)
+    first, icy, third = load_randomization(_written(text, tmp_path)).members(0, 3)
     assert icy.friction == 0.05
     assert min(first.friction, third.friction) >= 0.4
 
 
 def test_a_family_without_kinds_has_one(tmp_path: Path) -> None:
-    small = load_family(_written(SMALL, tmp_path))
+    small = load_randomization(_written(SMALL, tmp_path))
     assert [kind.name for kind in small.kinds] == ["plain"]
     (world,) = small.members(3, 1)
     assert world == World(friction=world.friction)
@@ -182,7 +189,7 @@ def test_a_member_is_a_world_by_name(name: str) -> None:
 
 def test_a_member_of_a_file_is_a_world_by_its_path(tmp_path: Path) -> None:
     path = _written(SMALL, tmp_path)
-    assert load_any_world(f"{path}:3") == load_family(path).members(3, 1)[0]
+    assert load_any_world(f"{path}:3") == load_randomization(path).members(3, 1)[0]
 
 
 def test_a_world_that_is_no_family_is_what_it_was() -> None:
@@ -266,7 +273,7 @@ def test_members_that_a_family_does_not_have_are_refused(first: int, count: int)
 def test_a_bad_family_is_refused_in_one_line(text: str, parts: list[str], tmp_path: Path) -> None:
     path = _written(text, tmp_path)
     with pytest.raises(InputError) as refused:
-        load_family(path)
+        load_randomization(path)
     message = str(refused.value)
     assert message.startswith(f"{path}: ")
     assert "\n" not in message
@@ -279,7 +286,7 @@ def test_a_bad_family_is_refused_in_one_line(text: str, parts: list[str], tmp_pa
 )
 def test_a_quantity_that_knows_steps_only_cannot_be_spread(spread: str, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=spread.partition(":")[0]):
-        load_family(_written(f"seed: 1\nranges: {{{spread}}}", tmp_path)).members(0, 8)
+        load_randomization(_written(f"seed: 1\nranges: {{{spread}}}", tmp_path)).members(0, 8)
 
 
 def _worlds_of_legs(name: str, count: int) -> Iterator[World]:

@@ -84,7 +84,7 @@ def _mock(options: BackendOptions) -> LegServos:
 
 
 def _zenoh(options: BackendOptions) -> LegServos:
-    from hexctl.backends.zenoh.servos import ZenohServos
+    from hexctl.backends.zenoh.client import ZenohServos
     from hexctl.wire.linkfile import load_link
 
     link = load_link(
@@ -97,9 +97,9 @@ def _zenoh(options: BackendOptions) -> LegServos:
 
 
 def _mavlink(options: BackendOptions) -> LegServos:
-    from hexctl.backends.mavlink.address import DEFAULT_PORT, check_guarded, parse_port
-    from hexctl.backends.mavlink.key import read_signing_key
-    from hexctl.backends.mavlink.servos import MavlinkServos
+    from hexctl.backends.mavlink.client import MavlinkServos
+    from hexctl.backends.mavlink.codec import read_signing_key
+    from hexctl.backends.mavlink.transport import DEFAULT_PORT, check_guarded, parse_port
     from hexctl.robot.servo_map import load_servo_map
 
     port, signing_key = options.connect or DEFAULT_PORT, read_signing_key(options.credentials)

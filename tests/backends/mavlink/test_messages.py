@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from hexctl.backends.mavlink.frames import (
+from hexctl.backends.mavlink.messages import (
     euler_of_quaternion,
     flipped_quaternion,
     flipped_vector,

@@ -1,7 +1,8 @@
-"""What the controller's end makes of what a board says: echo or measured, battery, faults, nonsense."""
+"""MAVLink client: conformance over UDP and a pseudo-terminal, states, link faults, registry entry."""
 
 import math
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -9,17 +10,84 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import common
 
-from hexctl.backends.mavlink import messages
-from hexctl.backends.mavlink import servos as servos_module
-from hexctl.backends.mavlink.frames import quaternion_of_euler
-from hexctl.backends.mavlink.servos import MavlinkServos
+from hexctl.backends.base import LegServos
+from hexctl.backends.mavlink import client, messages
+from hexctl.backends.mavlink.client import MavlinkServos
+from hexctl.backends.mavlink.messages import quaternion_of_euler
+from hexctl.backends.registry import BackendOptions, make_servos
+from hexctl.cli.main import exit_code
 from hexctl.control.guard import Guard
 from hexctl.errors import EStopError, InputError, RobotFaultError
 from hexctl.robot.servo_map import load_servo_map
 from hexctl.serve.board import telemetry
 from hexctl.types import JointTargets, RobotState
-from tests.backends.mavlink.boards import ScriptedBoard, eventually, fitting_file, fitting_map, free_port
+from tests.backends.conformance import LegServosConformance, check_state, move
+from tests.backends.mavlink.boards import (
+    BoardProcess,
+    ScriptedBoard,
+    board,
+    eventually,
+    fast_clock,
+    fitting_file,
+    fitting_map,
+    free_port,
+)
 from tests.robots import shipped
+
+
+class OverBoard(LegServosConformance):
+    """The suite against one board that all its tests share, one after the other.
+
+    Attributes:
+        pty: whether it speaks over a pseudo-terminal.
+    """
+
+    pty = False
+    running: BoardProcess
+    file: Path
+
+    @pytest.fixture(autouse=True, scope="class")
+    @classmethod
+    def _board(cls, tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+        cls.file = fitting_file(tmp_path_factory.mktemp("robot"))
+        with board("--backend", "mock", "--robot", str(cls.file), pty=cls.pty) as running:
+            cls.running = running
+            yield
+
+    def make(self) -> LegServos:
+        return MavlinkServos(
+            shipped(), servo_map=load_servo_map(self.file), port=self.running.port, clock=fast_clock()
+        )
+
+
+class TestOverUdp(OverBoard):
+    pass
+
+
+class TestOverPseudoTerminal(OverBoard):
+    pty = True
+
+
+@pytest.mark.parametrize("pty", [False, True], ids=["udp", "pty"])
+def test_a_simulated_robot_measures_and_knows_its_pose(pty: bool, tmp_path: Path) -> None:
+    """The few of the suite that physics could spoil, on a clock that is the wall's."""
+    file = fitting_file(tmp_path)
+    with board("--robot", str(file), pty=pty) as running:
+        servos = MavlinkServos(shipped(), servo_map=load_servo_map(file), port=running.port)
+        with servos:
+            check_state(servos.read(), servos)
+            suite = LegServosConformance()
+            suite.test_a_small_change_is_reached_within_a_second(servos)
+            move(servos, servos.robot.stance_angles_rad, ticks=50)
+            state = servos.read()
+            check_state(state, servos)
+            assert state.measured
+            assert state.base_position_world is not None
+            assert state.base_position_world[2] == pytest.approx(servos.robot.standing_height_m, abs=0.01)
+        report = running.end()
+        assert report["overrides"] >= 150
+        assert report["refused"] == report["malformed"] == 0
+
 
 nan, inf = math.nan, math.inf
 
@@ -254,7 +322,7 @@ def test_losses_and_noise_are_counted(tmp_path: Path) -> None:
 class TestConnecting:
     @pytest.fixture(autouse=True)
     def _impatient(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        monkeypatch.setattr(servos_module, "PATIENCE_S", 0.5)
+        monkeypatch.setattr(client, "PATIENCE_S", 0.5)
 
     def connecting(self, folder: Path, port: str) -> str:
         """Return in which words connecting fails."""
@@ -322,3 +390,50 @@ def test_a_board_on_another_address_is_not_ours(tmp_path: Path) -> None:
             state = next_state(servos)
             np.testing.assert_allclose(state.joint_positions_rad, shipped().stance_angles_rad, atol=1e-6)
             time.sleep(0)
+
+
+def made(**options: object) -> MavlinkServos:
+    servos = make_servos("mavlink", BackendOptions(robot=shipped(), **options))  # type: ignore[arg-type]
+    assert isinstance(servos, MavlinkServos)
+    return servos
+
+
+def test_it_looks_for_a_board_on_this_computer_unless_told_otherwise() -> None:
+    assert made()._port_text == "udpout:127.0.0.1:14550"
+    assert made(connect="/dev/ttyACM0:57600")._address.number == 57600
+
+
+def test_the_servo_map_comes_from_the_robot_file(tmp_path: Path) -> None:
+    path = fitting_file(tmp_path, {"leg1_coxa": {"sign": -1}})
+    assert made(robot_file=str(path)).servo_map.signs[0] == -1
+
+
+def test_the_key_comes_from_the_folder_of_keys(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"mavlink\.key: cannot be read .*; allowed: a file of 32 random"):
+        made(credentials=tmp_path)
+    key = tmp_path / "mavlink.key"
+    key.write_text("too short")
+    with pytest.raises(InputError, match=r"mavlink\.key: got 9 bytes; allowed: 32 bytes, or 64 hexadecimal"):
+        made(credentials=tmp_path)
+    for content in (bytes(range(32)), bytes(range(32)).hex().encode() + b"\n"):
+        key.write_bytes(content)
+        assert made(credentials=tmp_path)._signing_key == bytes(range(32))
+
+
+def test_the_command_makes_a_key_that_is_read_and_never_overwritten(tmp_path: Path) -> None:
+    folder = tmp_path / "keys"
+    assert exit_code(["keys", "mavlink", str(folder)]) == 0
+    content = (folder / "mavlink.key").read_bytes()
+    assert (folder / "mavlink.key").stat().st_mode & 0o077 == 0
+    assert made(credentials=folder)._signing_key == bytes.fromhex(content.decode())
+    assert exit_code(["keys", "mavlink", str(folder)]) == 2
+    assert (folder / "mavlink.key").read_bytes() == content
+
+
+def test_an_unsigned_port_that_others_reach_must_be_asked_for(tmp_path: Path) -> None:
+    far = "udpout:192.168.1.9:14550"
+    with pytest.raises(InputError, match=r"anybody on the network could move the servos"):
+        made(connect=far)
+    assert made(connect=far, insecure=True)._port_text == far
+    (tmp_path / "mavlink.key").write_bytes(bytes(32))
+    assert made(connect=far, credentials=tmp_path)._port_text == far

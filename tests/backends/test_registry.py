@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 
 from hexctl.backends.mock import MockServos
+from hexctl.backends.registry import BACKENDS, BackendOptions, make_servos
 from hexctl.backends.sim.servos import SimServos
 from hexctl.backends.sim.world import World
-from hexctl.backends.table import BACKENDS, BackendOptions, make_servos
 from hexctl.errors import InputError
 from hexctl.robot.failure import Failure
 from tests.robots import shipped

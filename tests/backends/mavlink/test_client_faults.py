@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 
 from hexctl.backends.mavlink import messages
+from hexctl.backends.mavlink.client import MavlinkServos
 from hexctl.backends.mavlink.codec import Codec
-from hexctl.backends.mavlink.servos import MavlinkServos
 from hexctl.control.guard import Guard
 from hexctl.errors import HexctlError, RobotFaultError
 from hexctl.robot.servo_map import load_servo_map

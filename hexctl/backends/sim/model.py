@@ -4,17 +4,16 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
+import mujoco
 import numpy as np
 
-from hexctl.backends.sim.body import NO_CONTACT, make_body
 from hexctl.backends.sim.dm import mjcf
-from hexctl.backends.sim.failures import inject_failure
 from hexctl.backends.sim.terrain import ROUGH_CELLS, ROUGH_HALF_SIZE_M, Floor, make_floor
 from hexctl.backends.sim.world import World
 from hexctl.errors import InputError
 from hexctl.robot.failure import Failure
 from hexctl.robot.model import Robot
-from hexctl.types import JOINT_KINDS, N_JOINTS, N_LEGS, BoolArray, FloatArray
+from hexctl.types import JOINT_KINDS, JOINTS_PER_LEG, N_JOINTS, N_LEGS, BoolArray, FloatArray, leg_slice
 
 #: Where the joints begin in qpos: after the free joint's position and quaternion.
 FIRST_JOINT = 7
@@ -191,3 +190,177 @@ def _turned(quaternion: FloatArray, yaw_rad: float) -> FloatArray:
     cos, sin = math.cos(yaw_rad / 2), math.sin(yaw_rad / 2)
     w, x, y, z = quaternion
     return np.array([w * cos - z * sin, x * cos + y * sin, y * cos - x * sin, z * cos + w * sin])
+
+
+#: Passive damping of a gearbox without power, in N m s/rad.
+GEAR_DAMPING = 0.02
+
+#: A geom collides with the floor only; legs pass through one another.
+ROBOT_CONTACT = {"contype": 0, "conaffinity": 1}
+NO_CONTACT = {"contype": 0, "conaffinity": 0}
+
+
+def make_body(robot: Robot) -> Any:
+    """Return the mjcf model of a robot; its leg k is the attachment `leg{k}`."""
+    root = mjcf.RootElement(model=robot.name)
+    trunk = root.worldbody.add("body", name="trunk")
+    length, width, height = robot.body.size_m
+    shape = {
+        "box": {"type": "box", "size": [length / 2, width / 2, height / 2]},
+        "cylinder": {"type": "cylinder", "size": [length / 2, height / 2]},
+    }[robot.body.shape]
+    trunk.add("geom", name="trunk", mass=robot.body.mass_kg, **shape, **ROBOT_CONTACT)
+    for index in range(N_LEGS):
+        mount = trunk.add(
+            "site",
+            name=f"mount{index + 1}",
+            pos=robot.mount_positions_body[index],
+            euler=[0, 0, robot.mount_yaws_rad[index]],
+        )
+        mount.attach(_make_leg(robot, f"leg{index + 1}"))
+    return root
+
+
+def _make_leg(robot: Robot, name: str) -> Any:
+    """Return one leg whose plane is x outward, z up: three links, three servos, a foot and its sensor."""
+    leg = mjcf.RootElement(model=name)
+    leg.compiler.angle = "radian"
+    parent: Any = leg.worldbody
+    start = [0.0, 0.0, 0.0]
+    for index, kind in enumerate(JOINT_KINDS):
+        link = parent.add("body", name=kind, pos=start)
+        _add_servo(leg, link, robot, index)
+        outward, up = robot.link_vectors_m[index]
+        start = [outward, 0.0, up]
+        contact = NO_CONTACT if kind == "coxa" else ROBOT_CONTACT
+        link.add(
+            "geom",
+            name=kind,
+            type="capsule",
+            fromto=[0, 0, 0, *_link_end(robot, index)],
+            size=[robot.link_radii_m[index]],
+            mass=robot.link_masses_kg[index],
+            **contact,
+        )
+        parent = link
+    parent.add(
+        "geom", name="foot", type="sphere", pos=start, size=[robot.foot_radius_m], mass=0, **ROBOT_CONTACT
+    )
+    touch = parent.add("site", name="foot", type="sphere", pos=start, size=[1.5 * robot.foot_radius_m])
+    leg.sensor.add("touch", name="foot", site=touch)
+    return leg
+
+
+def _link_end(robot: Robot, index: int) -> list[float]:
+    """Return where a link's solid ends; the tibia's ends short of the foot, so the foot touches first."""
+    outward, up = robot.link_vectors_m[index]
+    share = 1.0
+    if JOINT_KINDS[index] == "tibia":
+        share = max(0.5, 1 - robot.foot_radius_m / float((outward**2 + up**2) ** 0.5))
+    return [share * outward, 0.0, share * up]
+
+
+def _add_servo(leg: Any, link: Any, robot: Robot, index: int) -> None:
+    """Add a joint and the position servo that drives it."""
+    kind = JOINT_KINDS[index]
+    low, high = robot.joint_lower_rad[index], robot.joint_upper_rad[index]
+    # A negative turn about y lifts what points along x.
+    axis = [0, 0, 1] if kind == "coxa" else [0, -1, 0]
+    joint = link.add(
+        "joint",
+        name=kind,
+        type="hinge",
+        axis=axis,
+        limited=True,
+        range=[low, high],
+        armature=robot.servo.rotor_inertia_kg_m2,
+        damping=GEAR_DAMPING,
+    )
+    torque = robot.joint_max_torque_nm[index]
+    leg.actuator.add(
+        "position",
+        name=kind,
+        joint=joint,
+        kp=robot.servo.stiffness_nm_per_rad,
+        kv=robot.servo.damping_nm_s_per_rad,
+        forcelimited=True,
+        forcerange=[-torque, torque],
+    )
+
+
+#: A jammed gear train is this much stiffer than its servo, and no torque moves it.
+JAM_STIFFNESS = 20.0
+
+#: What is left of the mass of a missing leg: MuJoCo needs some.
+MISSING_MASS_SHARE = 1e-4
+
+
+def inject_failure(physics: Any, robot: Robot, failure: Failure | None) -> tuple[BoolArray, FloatArray]:
+    """Change the model so that the leg fails.
+
+    Returns which joints hold a fixed angle whatever they are told, and that angle; (18,) each.
+    """
+    jammed = np.zeros(N_JOINTS, dtype=bool)
+    jammed_at = robot.stance_angles_rad.copy()
+    if failure is None:
+        return jammed, jammed_at
+    joints = leg_slice(failure.leg)
+    if failure.kind == "locked":
+        jammed[joints] = True
+    elif failure.kind == "stuck":
+        _check_angle(robot, failure)
+        _jam(physics, jammed, jammed_at, failure)
+    elif failure.kind == "limp":
+        _scale_torque(physics, joints, 0.0)
+    elif failure.kind == "weak":
+        _scale_torque(physics, joints, failure.torque_fraction)
+    else:
+        _remove_leg(physics, failure.leg)
+    return jammed, jammed_at
+
+
+def _check_angle(robot: Robot, failure: Failure) -> None:
+    """Refuse a joint stuck where it cannot go."""
+    joint = JOINTS_PER_LEG * (failure.leg - 1) + JOINT_KINDS.index(failure.joint)
+    if not robot.joint_lower_rad[joint] <= failure.angle_rad <= robot.joint_upper_rad[joint]:
+        low, high = np.degrees([robot.joint_lower_rad[joint], robot.joint_upper_rad[joint]])
+        raise InputError(
+            f"stuck {failure.joint}: got {np.degrees(failure.angle_rad):g} deg; "
+            f"allowed: {low:g} to {high:g} deg"
+        )
+
+
+def _jam(physics: Any, jammed: BoolArray, jammed_at: FloatArray, failure: Failure) -> None:
+    """Hold one joint at an angle with far more than the servo's stiffness and torque."""
+    joint = JOINTS_PER_LEG * (failure.leg - 1) + JOINT_KINDS.index(failure.joint)
+    jammed[joint] = True
+    jammed_at[joint] = failure.angle_rad
+    model = physics.model
+    for gains in (model.actuator_gainprm, model.actuator_biasprm):
+        gains[joint] *= JAM_STIFFNESS
+    model.actuator_forcerange[joint] *= JAM_STIFFNESS
+
+
+def _scale_torque(physics: Any, joints: slice, fraction: float) -> None:
+    """Multiply every torque that the leg's servos make."""
+    model = physics.model
+    for array in (model.actuator_gainprm, model.actuator_biasprm, model.actuator_forcerange):
+        array[joints] *= fraction
+
+
+def _remove_leg(physics: Any, leg: int) -> None:
+    """Let a leg touch nothing and weigh next to nothing."""
+    model = physics.model
+    for geom in range(model.ngeom):
+        if _belongs_to(model.id2name(geom, "geom"), leg):
+            model.geom_conaffinity[geom] = 0
+    for body in range(model.nbody):
+        if _belongs_to(model.id2name(body, "body"), leg):
+            model.body_mass[body] *= MISSING_MASS_SHARE
+            model.body_inertia[body] *= MISSING_MASS_SHARE
+    mujoco.mj_setConst(model.ptr, physics.data.ptr)
+
+
+def _belongs_to(name: str, leg: int) -> bool:
+    """Return whether a compiled name, robot/leg/part, is of leg 1..6."""
+    return name.split("/")[1:2] == [f"leg{leg}"]

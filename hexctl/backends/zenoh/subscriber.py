@@ -1,11 +1,12 @@
-"""What a robot on the network says, as states: for its controller and for whoever only watches."""
+"""State subscriber: the latest messages of a served robot, put together into robot states."""
 
 import time
+from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import zenoh
 
-from hexctl.backends.zenoh.mailbox import Mailbox
 from hexctl.errors import MessageError, RobotFaultError
 from hexctl.types import FloatArray, RobotState
 from hexctl.wire.command import decode_positions
@@ -13,10 +14,46 @@ from hexctl.wire.keys import KeyMap
 from hexctl.wire.state import contacts_of, decode_battery, decode_pose
 from hexctl.wire.tags import StateTag
 
+
+@dataclass(frozen=True, slots=True)
+class Letter:
+    """A message that came.
+
+    Attributes:
+        payload: as it came.
+        attachment: what came beside it, or None.
+        at_s: when, on time.monotonic.
+    """
+
+    payload: bytes
+    attachment: bytes | None
+    at_s: float
+
+
+class Mailbox:
+    """Keeps the newest letter of each kind; a letter that is replaced unread is no loss."""
+
+    def __init__(self) -> None:
+        self._newest: dict[str, Letter] = {}
+
+    def put(self, kind: str, sample: Any) -> None:
+        """Keep a Zenoh sample as the newest of its kind."""
+        attachment = None if sample.attachment is None else bytes(sample.attachment)
+        self._newest[kind] = Letter(bytes(sample.payload), attachment, time.monotonic())
+
+    def clear(self) -> None:
+        """Throw everything away."""
+        self._newest.clear()
+
+    def newest(self, kind: str) -> Letter | None:
+        """Return the newest letter of a kind, or None before the first."""
+        return self._newest.get(kind)
+
+
 HEARD = ("joint_states", "odom", "battery")
 
 #: How long a robot may take to send its first state.
-PATIENCE_S = 3.0
+FIRST_STATE_TIMEOUT_S = 3.0
 
 #: A robot that has said nothing for this long has gone; long before, the guard has stopped for an old state.
 GONE_AFTER_S = 5.0
@@ -54,9 +91,9 @@ class Ear:
 
         Raises RobotFaultError when none comes.
         """
-        until_s = time.monotonic() + PATIENCE_S
+        deadline_s = time.monotonic() + FIRST_STATE_TIMEOUT_S
         while (letter := self._mailbox.newest("joint_states")) is None:
-            if time.monotonic() > until_s:
+            if time.monotonic() > deadline_s:
                 raise RobotFaultError(
                     f"the robot sends no state at {self._keys.joint_states}; see hexctl status"
                 )

@@ -10,9 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hexctl.backends.sim.physics import FIRST_JOINT, Simulation, make_simulation
-from hexctl.backends.sim.servos import SimServos
-from hexctl.backends.sim.train import ServoTrain
+from hexctl.backends.sim.model import FIRST_JOINT, Simulation, make_simulation
+from hexctl.backends.sim.servos import ActuatorModel, SimServos
 from hexctl.backends.sim.world import World
 from hexctl.control.batch import SimTrial, run_sim_trial, run_sim_trials
 from hexctl.control.plan import TrialPlan
@@ -50,12 +49,12 @@ def _simulation(failure: Failure | None = None) -> Simulation:
 
 def _train(
     failure: Failure | None = None, *, offsets_rad: FloatArray | None = None, **world: float
-) -> ServoTrain:
+) -> ActuatorModel:
     """Return the train of a robot that stands in a world."""
     simulation = replace(_simulation(failure), world=World.model_validate(world))
     if offsets_rad is not None:
         simulation = replace(simulation, joint_offsets_rad=offsets_rad)
-    return ServoTrain.at_rest(simulation, STANCE)
+    return ActuatorModel.at_rest(simulation, STANCE)
 
 
 def _targets(given_rad: Sequence[float]) -> FloatArray:
@@ -63,7 +62,7 @@ def _targets(given_rad: Sequence[float]) -> FloatArray:
     return STANCE + np.outer(given_rad, GAINS)
 
 
-def _driven(train: ServoTrain, targets_rad: FloatArray) -> FloatArray:
+def _driven(train: ActuatorModel, targets_rad: FloatArray) -> FloatArray:
     return np.array([train.drive(target_rad) for target_rad in targets_rad])
 
 
@@ -98,7 +97,7 @@ def test_in_the_flat_world_targets_reach_the_actuators_as_they_are() -> None:
     ],
     ids=["delay", "play", "offset", "jam"],
 )
-def test_a_train_with_a_flaw_is_not_plain(train: ServoTrain) -> None:
+def test_a_train_with_a_flaw_is_not_plain(train: ActuatorModel) -> None:
     assert not train.plain
     assert not train.copies(2).plain
 

@@ -1,0 +1,381 @@
+"""Ports for MAVLink frames: UDP, serial, pseudo-terminal; addresses, sequence numbers, the link."""
+
+import ipaddress
+import os
+import re
+import select
+import socket
+import threading
+import time
+import tty
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from hexctl.backends.mavlink.codec import Codec, Frame
+from hexctl.errors import InputError, RobotFaultError
+
+#: Where a board on this computer listens unless told otherwise.
+DEFAULT_BOARD_PORT = "udpin:127.0.0.1:14550"
+
+#: Where the other end looks for it.
+DEFAULT_PORT = "udpout:127.0.0.1:14550"
+
+DEFAULT_BAUD = 115_200
+MAX_BAUD = 4_000_000
+
+ALLOWED = "udpin:HOST:PORT, udpout:HOST:PORT, or a serial device such as /dev/ttyACM0 or /dev/ttyACM0:115200"
+
+
+@dataclass(frozen=True, slots=True)
+class PortAddress:
+    """A port as values.
+
+    Attributes:
+        kind: `udpin` waits to be spoken to, `udpout` speaks first, `serial` is a device.
+        place: host name or address, or path of the device.
+        number: UDP port, or baud rate.
+    """
+
+    kind: Literal["udpin", "udpout", "serial"]
+    place: str
+    number: int
+
+    @property
+    def local(self) -> bool:
+        """Return whether nobody beyond this computer and its cables can speak there."""
+        if self.kind == "serial" or self.place == "localhost":
+            return True
+        try:
+            return ipaddress.ip_address(self.place).is_loopback
+        except ValueError:
+            return False
+
+
+def parse_port(text: str) -> PortAddress:
+    """Return what a port's text says.
+
+    Raises InputError for anything else.
+    """
+    udp = re.fullmatch(r"(udpin|udpout):(\[[0-9a-fA-F:]+\]|[^:\s]+):([0-9]{1,5})", text)
+    if udp and 0 < int(udp[3]) < 65536:
+        kind: Literal["udpin", "udpout"] = "udpin" if udp[1] == "udpin" else "udpout"
+        return PortAddress(kind, udp[2].strip("[]"), int(udp[3]))
+    serial = re.fullmatch(r"(?:serial:)?(/[^:\0\n]+)(?::([0-9]{1,7}))?", text)
+    if serial:
+        baud = int(serial[2] or DEFAULT_BAUD)
+        if not 1200 <= baud <= MAX_BAUD:
+            raise InputError(f"port: got {baud} baud in {text!r}; allowed: 1200 to {MAX_BAUD}")
+        return PortAddress("serial", serial[1], baud)
+    raise InputError(f"port: got {text!r}; allowed: {ALLOWED}")
+
+
+def check_guarded(address: PortAddress, *, option: str, text: str, signed: bool, insecure: bool) -> None:
+    """Raise InputError for a port that others on the network reach, without a signature, unless told to."""
+    if not (address.local or signed or insecure):
+        raise InputError(
+            f"{option}: got {text}, where anybody on the network could move the servos; "
+            "allowed: this computer, a folder with a mavlink.key (hexctl keys mavlink), or --insecure"
+        )
+
+
+#: Who sent something; None on a stream, which has one other end.
+Address = Any
+
+#: More than any datagram of MAVLink, and than what a stream holds between two looks.
+CHUNK = 65_536
+
+#: Datagrams or chunks taken at one go, so that a flood cannot keep a reader from its other work.
+MOST_AT_ONCE = 64
+
+
+class Port(ABC):
+    """An opened port.
+
+    Attributes:
+        datagrams: True where what is received is whole frames with a sender's address.
+        dropped: frames so far that could not be sent because the port was full or nobody was there.
+    """
+
+    datagrams = False
+
+    def __init__(self) -> None:
+        self.dropped = 0
+
+    @abstractmethod
+    def receive(self, timeout_s: float) -> list[tuple[bytes, Address]]:
+        """Return what came, with its senders, after waiting for something for a while.
+
+        Raises OSError when the port has gone.
+        """
+
+    @abstractmethod
+    def send(self, frame: bytes, to: Address) -> None:
+        """Send a frame, or drop and count it; raises OSError when the port has gone."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Close the port."""
+
+
+class UdpPort(Port):
+    """A UDP socket: bound where others come to, or bound to the one peer it speaks to."""
+
+    datagrams = True
+
+    def __init__(self, address: PortAddress) -> None:
+        super().__init__()
+        family, kind, protocol, _, where = socket.getaddrinfo(
+            address.place, address.number, type=socket.SOCK_DGRAM
+        )[0]
+        self._socket = socket.socket(family, kind, protocol)
+        self._socket.setblocking(False)
+        try:
+            if address.kind == "udpin":
+                self._socket.bind(where)
+            else:
+                # The kernel then passes on only what comes from there.
+                self._socket.connect(where)
+        except BaseException:
+            self._socket.close()
+            raise
+        self._speaks_first = address.kind == "udpout"
+
+    def receive(self, timeout_s: float) -> list[tuple[bytes, Address]]:
+        """Return the datagrams that came."""
+        came: list[tuple[bytes, Address]] = []
+        if not select.select([self._socket], [], [], max(0.0, timeout_s))[0]:
+            return came
+        while len(came) < MOST_AT_ONCE:
+            try:
+                data, sender = self._socket.recvfrom(CHUNK)
+            except BlockingIOError:
+                break
+            except ConnectionError:
+                # The system says that nobody listened when something was sent there: no news.
+                continue
+            came.append((data, None if self._speaks_first else sender))
+        return came
+
+    def send(self, frame: bytes, to: Address) -> None:
+        """Send a datagram; one that nobody takes is dropped."""
+        try:
+            if self._speaks_first:
+                self._socket.send(frame)
+            elif to is not None:
+                self._socket.sendto(frame, to)
+        except OSError:
+            # Nobody there, no route for the moment, buffer full: silence tells, as with a lost datagram.
+            self.dropped += 1
+
+    def close(self) -> None:
+        """Close the socket."""
+        self._socket.close()
+
+
+class StreamPort(Port):
+    """A file descriptor to read from and write to: a serial device or a pseudo-terminal."""
+
+    def __init__(self, descriptor: int, close: Callable[[], None]) -> None:
+        super().__init__()
+        self._descriptor, self._close = descriptor, close
+        self._rest = b""
+        os.set_blocking(descriptor, False)
+
+    def receive(self, timeout_s: float) -> list[tuple[bytes, Address]]:
+        """Return the bytes that came."""
+        if not select.select([self._descriptor], [], [], max(0.0, timeout_s))[0]:
+            return []
+        try:
+            data = os.read(self._descriptor, CHUNK)
+        except BlockingIOError:
+            return []
+        if not data:
+            raise OSError("the other end of the port has gone")
+        return [(data, None)]
+
+    def send(self, frame: bytes, to: Address) -> None:
+        """Send a frame; one that does not fit is dropped whole, never torn."""
+        self._rest = self._written(self._rest)
+        if self._rest:
+            self.dropped += 1
+            return
+        rest = self._written(frame)
+        if len(rest) == len(frame):
+            self.dropped += 1
+        else:
+            self._rest = rest
+
+    def close(self) -> None:
+        """Close the descriptor."""
+        self._close()
+
+    def _written(self, data: bytes) -> bytes:
+        """Write what fits and return the rest."""
+        if not data:
+            return data
+        try:
+            return data[os.write(self._descriptor, data) :]
+        except BlockingIOError:
+            return data
+
+
+def open_port(address: PortAddress, *, text: str) -> Port:
+    """Open a port; `text` is how the user wrote it.
+
+    Raises RobotFaultError that says what to check.
+    """
+    try:
+        return open_serial(address) if address.kind == "serial" else UdpPort(address)
+    except (OSError, ValueError, OverflowError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise RobotFaultError(
+            f"the port {text} cannot be opened ({reason}); is the cable in, the name right, "
+            "and no other program using it?"
+        ) from error
+
+
+def open_serial(address: PortAddress) -> StreamPort:
+    """Open a serial device for this program alone, and forget what came before."""
+    import serial
+
+    device = serial.Serial(address.place, address.number, timeout=0, write_timeout=0, exclusive=True)
+    try:
+        device.reset_input_buffer()
+        port = StreamPort(device.fileno(), device.close)
+        # What a long wait left in the system's buffers is older than it looks.
+        while port.receive(0.0):
+            pass
+    except BaseException:
+        device.close()
+        raise
+    return port
+
+
+class PtyPort(StreamPort):
+    """A pseudo-terminal that others open like a serial device.
+
+    Attributes:
+        path: the device to open.
+    """
+
+    def __init__(self) -> None:
+        master, slave = os.openpty()
+        tty.setraw(slave)
+        self.path = os.ttyname(slave)
+        # The slave stays open here: without it, the master could not be read while nobody is connected.
+        self._both = (master, slave)
+        super().__init__(master, self._close_both)
+
+    def _close_both(self) -> None:
+        for descriptor in self._both:
+            os.close(descriptor)
+
+
+#: Sequence numbers count modulo this.
+MODULUS = 256
+
+#: A sender that was silent for this long may have begun anew: its number says nothing.
+FORGET_AFTER_S = 0.5
+
+
+@dataclass(slots=True)
+class SequenceCount:
+    """Follows one sender.
+
+    Attributes:
+        lost: frames that never came, by their numbers.
+        out_of_order: frames that came after a later one, or twice.
+    """
+
+    lost: int = 0
+    out_of_order: int = 0
+    _newest: int | None = None
+    _at_s: float = 0.0
+
+    def in_order(self, number: int, at_s: float) -> bool:
+        """Return whether a frame is newer than all before it, and count what is missing between them.
+
+        A number is taken for the nearer of its two meanings: up to 127 ahead is later, else it is earlier. A
+        gap longer than that cannot be told from fewer losses.
+        """
+        newest, silent_s = self._newest, at_s - self._at_s
+        ahead = 1 if newest is None or silent_s > FORGET_AFTER_S else (number - newest) % MODULUS
+        if not 1 <= ahead < MODULUS // 2:
+            self.out_of_order += 1
+            # What came late was counted as lost when its successor came; what came twice was not.
+            self.lost -= 1 if ahead and self.lost else 0
+            return False
+        self.lost += ahead - 1
+        self._newest, self._at_s = number, at_s
+        return True
+
+
+@dataclass(frozen=True, slots=True)
+class Arrival:
+    """A frame that came.
+
+    Attributes:
+        frame: what it says and who says that it sent it.
+        sender: the address it came from, None on a stream.
+        at_s: when, on time.monotonic.
+    """
+
+    frame: Frame
+    sender: Address
+    at_s: float
+
+
+#: Addresses whose frames are numbered apart; more are only heard by somebody who floods.
+MOST_ADDRESSES = 64
+
+
+class MavlinkLink:
+    """Sends from any thread; receives on one.
+
+    Attributes:
+        received_bytes: everything that came so far.
+    """
+
+    def __init__(self, port: Port, codec: Codec) -> None:
+        self._port, self._codec = port, codec
+        self._sending = threading.Lock()
+        self._sequences: dict[Address, int] = {}
+        self.received_bytes = 0
+
+    @property
+    def malformed(self) -> int:
+        """Return how many runs of bytes so far were no frame of ours."""
+        return self._codec.malformed
+
+    @property
+    def dropped(self) -> int:
+        """Return how many frames so far could not be sent."""
+        return self._port.dropped
+
+    def send(self, message: Any, to: Address = None) -> None:
+        """Send a message, or drop it where the port is full; raises OSError when the port has gone."""
+        with self._sending:
+            if len(self._sequences) > MOST_ADDRESSES:
+                self._sequences.clear()
+            # Each receiver counts what it lost by these numbers, so each has its own.
+            sequence = self._sequences[to] = self._sequences.get(to, -1) + 1
+            self._port.send(self._codec.encode(message, sequence), to)
+
+    def receive(self, timeout_s: float) -> list[Arrival]:
+        """Return the frames that came, waiting for something for a while.
+
+        Raises OSError when the port has gone.
+        """
+        arrivals = []
+        for data, sender in self._port.receive(timeout_s):
+            at_s = time.monotonic()
+            self.received_bytes += len(data)
+            frames = self._codec.decode(data, whole=self._port.datagrams)
+            arrivals += [Arrival(frame, sender, at_s) for frame in frames]
+        return arrivals
+
+    def close(self) -> None:
+        """Close the port."""
+        self._port.close()

@@ -1,0 +1,165 @@
+"""Zenoh client: conformance over a served mock and simulation, plain ROS 2 robots, refusals."""
+
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hexctl.backends.base import LegServos
+from hexctl.backends.zenoh.client import ZenohServos
+from hexctl.control.guard import Guard
+from hexctl.errors import EStopError, RobotFaultError
+from hexctl.robot.loader import load_robot
+from hexctl.types import JointTargets
+from hexctl.wire.command import decode_positions, encode_positions
+from hexctl.wire.keys import KeyMap
+from hexctl.wire.link import Link
+from hexctl.wire.role import Role
+from hexctl.wire.session import open_session
+from tests.backends.conformance import LegServosConformance
+from tests.robots import edited_file, put, shipped
+from tests.serve.processes import Served, free_port, hexctl, served, wait_until
+
+
+class ServedConformance(LegServosConformance):
+    """The suite over a link; each class of tests has a robot of its own."""
+
+    backend = "mock"
+    robot: Served
+
+    @pytest.fixture(scope="class", autouse=True)
+    @classmethod
+    def _robot(cls, tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+        with served(tmp_path_factory.mktemp("robot"), backend=cls.backend) as robot:
+            cls.robot = robot
+            yield
+
+    def make(self) -> LegServos:
+        return ZenohServos(shipped(), link=Link(endpoint=self.robot.endpoint))
+
+
+class TestServedMock(ServedConformance):
+    backend = "mock"
+
+
+class TestServedSimulation(ServedConformance):
+    backend = "sim"
+
+
+NAMES = {"command": "robot7/joint_commands", "joint_states": "robot7/joint_states"}
+
+
+class PlainRobot:
+    """Echoes the joint angles it is sent, without tags, description or lease."""
+
+    def __init__(self, link: Link) -> None:
+        self.session = open_session(link, Role.ROBOT, KeyMap.of("ant").renamed(NAMES))
+        self.positions_rad = shipped().stance_angles_rad
+        self.session.declare_subscriber(NAMES["command"], self._obey)
+
+    def _obey(self, sample: Any) -> None:
+        self.positions_rad = decode_positions(bytes(sample.payload))
+        self.say()
+
+    def say(self) -> None:
+        """Publish a state."""
+        self.session.put(NAMES["joint_states"], encode_positions(self.positions_rad))
+
+
+@pytest.fixture
+def link() -> Link:
+    return Link(endpoint=f"tcp/127.0.0.1:{free_port()}", names=NAMES, plain=True)
+
+
+@pytest.fixture
+def robot(link: Link) -> Iterator[PlainRobot]:
+    robot = PlainRobot(link)
+    yield robot
+    robot.session.close()  # type: ignore[no-untyped-call]
+
+
+def connected(link: Link, robot: PlainRobot) -> ZenohServos:
+    servos = ZenohServos(shipped(), link=link)
+
+    threading.Timer(0.2, robot.say).start()
+    servos.connect()
+    return servos
+
+
+def test_it_can_be_commanded(link: Link, robot: PlainRobot) -> None:
+    with connected(link, robot) as servos:
+        wanted = shipped().stance_angles_rad + 0.1
+        servos.write(JointTargets(wanted, 0.0))
+        wait_until(lambda: np.array_equal(robot.positions_rad, wanted), "the command")
+        servos.clock.tick()
+        servos.clock.tick()
+        np.testing.assert_array_equal(servos.read().joint_positions_rad, wanted)
+
+
+def test_its_silence_stops_the_controller(link: Link, robot: PlainRobot) -> None:
+    with Guard(connected(link, robot)) as guard:
+        time.sleep(0.3)
+        guard.clock.tick()
+        guard.read()
+        assert guard.stopped == "state"
+        with pytest.raises(EStopError):
+            guard.write(JointTargets(shipped().stance_angles_rad, guard.clock.now_s))
+
+
+@pytest.mark.usefixtures("robot")
+def test_without_the_word_plain_it_is_refused(link: Link) -> None:
+    with pytest.raises(RobotFaultError, match="no robot called ant answers"):
+        ZenohServos(shipped(), link=Link(endpoint=link.endpoint, names=NAMES)).connect()
+
+
+def test_nobody_there() -> None:
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    with pytest.raises(RobotFaultError, match=endpoint):
+        ZenohServos(shipped(), link=Link(endpoint=endpoint)).connect()
+    for command in (("status",), ("estop",), ("run", "--backend", "zenoh", "--no-record")):
+        answer = hexctl(*command, "--connect", endpoint)
+        assert answer.returncode == 3
+        assert answer.stderr.startswith("hexctl: ")
+        assert len(answer.stderr.splitlines()) == 1
+
+
+def test_another_robot_is_refused_and_the_message_says_where_it_differs(tmp_path: Path) -> None:
+    path = edited_file(tmp_path, put("mounts", 2, "azimuth_deg", 121))
+    with served(tmp_path, backend="mock") as robot:
+        link = Link(endpoint=robot.endpoint)
+        with pytest.raises(RobotFaultError, match=r"another one: mount_positions_body\[2\]\[0\] is"):
+            ZenohServos(load_robot(path), link=link).connect()
+        with pytest.raises(RobotFaultError, match="no robot called pexod answers"):
+            ZenohServos(shipped("pexod"), link=link).connect()
+
+
+def test_a_stop_by_somebody_else_is_told_to_the_controller_as_a_stop(tmp_path: Path) -> None:
+    with served(tmp_path, backend="mock") as robot, Guard(servos_of(robot)) as guard:
+        assert hexctl("estop", "--connect", robot.endpoint).returncode == 0
+        for _ in range(100):
+            guard.clock.tick()
+            guard.read()
+        assert guard.stopped == "estop"
+
+
+def test_a_lease_that_is_lost_ends_the_controller(tmp_path: Path) -> None:
+    """As when somebody clears a stop, and with it takes the lease away, before this end has seen it."""
+    with served(tmp_path, backend="mock") as robot, servos_of(robot) as servos:
+        assert hexctl("estop", "--clear", "--connect", robot.endpoint).returncode == 0
+        with pytest.raises(RobotFaultError, match="no longer ours"):
+            read_for(servos, seconds=10)
+
+
+def servos_of(robot: Served) -> ZenohServos:
+    return ZenohServos(shipped(), link=Link(endpoint=robot.endpoint))
+
+
+def read_for(servos: ZenohServos, *, seconds: float) -> None:
+    """Read at every tick for a while."""
+    for _ in range(round(seconds / servos.clock.period_s)):
+        servos.clock.tick()
+        servos.read()
