@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from hexctl.errors import InputError, RecordingError
+from hexctl.errors import HexctlError, InputError, RecordingError
+from hexctl.files import replacing
 from hexctl.palette import (
     AXIS_COLOR,
     BEST_COLOR,
@@ -333,32 +334,25 @@ def write_overview_file(path: Path, overview: Overview) -> None:
     if not overview.trials:
         raise InputError(f"overview: {overview.title} has no trials; allowed: one or more")
     load_rerun()
-    # Not an .rrd until it is whole: nobody shall take it for a recording.
-    aside = path.with_name(f".{path.stem}-{uuid.uuid4().hex[:8]}.part")
-    create_file(aside)
     try:
-        _write(aside, path, overview)
-        _put_in_place(aside, path)
-    finally:
-        aside.unlink(missing_ok=True)
+        with replacing(path) as draft:
+            create_file(draft)
+            _write(draft, path, overview)
+    except HexctlError:
+        raise
+    except OSError as error:
+        raise RecordingError(f"{path}: the overview cannot be written: {error.strerror}") from error
 
 
-def _write(aside: Path, path: Path, overview: Overview) -> None:
+def _write(draft: Path, path: Path, overview: Overview) -> None:
     stream = load_rerun().RecordingStream(APPLICATION_ID, recording_id=str(uuid.uuid4()))
-    stream.save(str(aside), default_blueprint=make_layout(overview))
+    stream.save(str(draft), default_blueprint=make_layout(overview))
     try:
         _send(stream, overview)
         flush(stream, path)
     finally:
         stream.disconnect()
-    check_whole(aside)
-
-
-def _put_in_place(aside: Path, path: Path) -> None:
-    try:
-        aside.replace(path)
-    except OSError as error:
-        raise RecordingError(f"{path}: the overview cannot be written: {error.strerror}") from error
+    check_whole(draft)
 
 
 def _send(stream: Any, overview: Overview) -> None:

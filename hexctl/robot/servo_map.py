@@ -14,6 +14,7 @@ import yaml
 from numpy.typing import NDArray
 
 from hexctl.errors import InputError
+from hexctl.files import replacing
 from hexctl.robot.configs import config_root, find_config, read_mapping, validate
 from hexctl.robot.model import Robot
 from hexctl.robot.schema import JointServoSection, RobotSchema, ServosSection
@@ -262,14 +263,9 @@ def write_servo_map(path: Path, servo_map: ServoMap) -> None:
     """
     place = path.resolve()
     text = place.read_text(encoding="utf-8")
-    draft = place.with_name(f".{place.name}.new")
-    draft.write_text(replaced(text, section_lines(servo_map)), encoding="utf-8")
-    try:
+    with replacing(place) as draft:
+        draft.write_text(replaced(text, section_lines(servo_map)), encoding="utf-8")
         validate(RobotSchema, read_mapping(draft), path)
-        shutil.copymode(place, draft)
-        draft.replace(place)
-    finally:
-        draft.unlink(missing_ok=True)
 
 
 def section_lines(servo_map: ServoMap) -> list[str]:

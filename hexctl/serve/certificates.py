@@ -22,6 +22,7 @@ from cryptography.hazmat.primitives.serialization import (
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
 from hexctl.errors import InputError
+from hexctl.files import atomic_write
 from hexctl.wire.credentials import AUTHORITY_FILE, CERTIFICATE_FILE, KEY_FILE, load_certificate
 from hexctl.wire.role import Role
 
@@ -95,8 +96,8 @@ def renew_certificates(folder: Path, *, days: int) -> None:
             renewed[place] = _certify(role, old.public_key(), hosts_of(old), issuer, days)
     try:
         for place, certificate in renewed.items():
-            _replace(place / CERTIFICATE_FILE, certificate)
-            _replace(place / AUTHORITY_FILE, issuer.certificate)
+            atomic_write(place / CERTIFICATE_FILE, certificate.public_bytes(Encoding.PEM))
+            atomic_write(place / AUTHORITY_FILE, issuer.certificate.public_bytes(Encoding.PEM))
     except OSError as error:
         raise InputError(f"{folder}: cannot be written ({error.strerror})") from error
 
@@ -122,13 +123,6 @@ def _load_key(path: Path) -> Key:
     if not isinstance(key, Key):
         raise InputError(f"{path}: is no key of hexctl's kind; allowed: what hexctl keys new made")
     return key
-
-
-def _replace(path: Path, certificate: x509.Certificate) -> None:
-    """Put a certificate in the place of another, whole or not at all."""
-    new = path.with_name(f".{path.name}")
-    new.write_bytes(certificate.public_bytes(Encoding.PEM))
-    new.replace(path)
 
 
 def _write(folder: Path, issuer: _Issuer, certificate: x509.Certificate, key: Key) -> None:

@@ -3,7 +3,6 @@
 import json
 import os
 import zipfile
-from contextlib import suppress
 from pathlib import Path
 from typing import IO
 
@@ -11,6 +10,7 @@ import numpy as np
 
 from hexctl.control.result import STATUSES
 from hexctl.errors import HexctlError
+from hexctl.files import replacing
 from hexctl.study.landscape import NUMBERS, Landscape, LandscapeSpec, empty_landscape
 
 _ARRAYS = ("codes", "status", "numbers", "paths_m")
@@ -66,19 +66,12 @@ class LandscapeCache:
         Raises CacheError when the disk refuses.
         """
         path = self.path_of(landscape.spec)
-        temporary = path.with_name(f".{path.name}.{os.getpid()}")
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
-            with temporary.open("wb") as file:
+            with replacing(path) as draft, draft.open("wb") as file:
                 _write(file, landscape)
-                file.flush()
-                os.fsync(file.fileno())
-            temporary.replace(path)
         except OSError as error:
             raise CacheError(f"study cache: {path} cannot be written: {error}") from error
-        finally:
-            with suppress(OSError):
-                temporary.unlink(missing_ok=True)
 
 
 def _write(file: IO[bytes], landscape: Landscape) -> None:

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
+from hexctl.files import atomic_write
 from hexctl.study.claims import BarRow, bar_rows, claims_of, cm, expected_best_rank, left_share, within
 from hexctl.study.figures import FigureEntry, draw_figures
 from hexctl.study.html import bullets, figure, heading, page, paragraph, table
@@ -37,9 +38,7 @@ def write_report(findings: Findings, folder: Path, on_figure: Callable[[str], No
     write_tables(findings, folder)
     drawn = draw_figures(findings, folder, on_figure)
     path = folder / REPORT
-    temporary = path.with_suffix(".html.part")
-    temporary.write_text(page("hexctl study", _parts(findings, drawn, folder)), encoding="utf-8")
-    temporary.replace(path)
+    atomic_write(path, page("hexctl study", _parts(findings, drawn, folder)))
     return path
 
 

@@ -7,7 +7,6 @@ import math
 import os
 import zipfile
 import zlib
-from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -17,6 +16,7 @@ import numpy as np
 from hexctl.adapt.space import GaitSpace
 from hexctl.control.plan import TrialPlan
 from hexctl.errors import HexctlError, InputError
+from hexctl.files import atomic_write
 from hexctl.robot.model import Robot
 from hexctl.types import N_JOINTS, FloatArray
 
@@ -183,16 +183,11 @@ def save_prior(prior: Prior, path: Path) -> None:
     arrays = {name: array.astype(STORED) for name, array in prior.arrays.items()}
     buffer = io.BytesIO()
     np.savez_compressed(buffer, allow_pickle=False, head=np.array(json.dumps(head)), **arrays)
-    temporary = path.with_name(f".{path.name}.{os.getpid()}")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        temporary.write_bytes(buffer.getvalue())
-        temporary.replace(path)
+        atomic_write(path, buffer.getvalue())
     except OSError as error:
         raise PriorFileError(f"prior: {path} cannot be written: {error.strerror}") from error
-    finally:
-        with suppress(OSError):
-            temporary.unlink(missing_ok=True)
 
 
 def check_place(path: Path) -> None:

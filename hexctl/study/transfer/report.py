@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hexctl.adapt.registry import BAYES
+from hexctl.files import atomic_write
 from hexctl.study.claims import cm
 from hexctl.study.drawing import color_of, grid_of, label_axes, new_figure, save_figure
 from hexctl.study.html import bullets, figure, heading, page, paragraph, table
@@ -232,9 +233,7 @@ def write_transfer_report(findings: TransferFindings, folder: Path) -> Path:
     _write_table(findings, folder)
     drawn = [(name, _drawn(draw(findings), folder, name)) for name, draw in _FIGURES]
     path = folder / REPORT
-    temporary = path.with_suffix(".html.part")
-    temporary.write_text(page("hexctl study --transfer", _parts(findings, drawn)), encoding="utf-8")
-    temporary.replace(path)
+    atomic_write(path, page("hexctl study --transfer", _parts(findings, drawn)))
     return path
 
 
