@@ -1,0 +1,116 @@
+"""Write the golden data anew: `python -m tests.golden.make`. Only for a change that is meant to be seen."""
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+from hexctl.cli.main import app
+from tests.golden import choices, sessions, shapes, trials
+from tests.golden.probe import probe
+from tests.serve.processes import served
+
+DATA = sessions.STORE.parent
+
+#: The commands whose `--json` is kept, by name; those of a session and of a served robot beside them.
+PRINTED = {
+    "run": "run --failed-leg 5 --duration 1 --seed 0 --record walk.rrd",
+    "run mock": "run --backend mock --duration 1 --no-record",
+    "check": "check pexod",
+    "prior show": "prior show configs/priors/ant-locked-rear-30s.npz",
+}
+
+
+def hexctl(folder: Path, line: str, *, json_: bool = True) -> Any:
+    """What a command prints as JSON."""
+    done = subprocess.run(
+        [sys.executable, "-m", "hexctl", *line.split(), *(["--json"] if json_ else [])],
+        cwd=folder,
+        stdout=subprocess.PIPE,
+        text=True,
+        check=True,
+    )
+    return json.loads(done.stdout) if json_ else done.stdout
+
+
+def make_sessions(folder: Path) -> dict[str, Any]:
+    """Walk the sessions, keep them and what they are when continued."""
+    sessions.place_prior(folder)
+    sessions.STORE.unlink(missing_ok=True)
+    courses = {}
+    for name, (options, trials_kept) in sessions.BEGUN.items():
+        prior = f"--prior {sessions.PRIOR}" if "bayes" in name else ""
+        whole = hexctl(folder, f"adapt {options} {prior} --no-record")
+        store = folder / "runs" / "sessions.sqlite"
+        sessions.keep(store, whole["session"], sessions.STORE, name, trials_kept)
+        courses[name] = sessions.course(whole)
+        if "--budget" in sessions.CONTINUED[name]:
+            extended = sessions.CONTINUED[name].replace(name, whole["session"])
+            courses[name] = sessions.course(hexctl(folder, f"adapt {extended} --no-record"))
+    return courses
+
+
+def make_shapes(folder: Path) -> dict[str, Any]:
+    """The shapes of what the commands write and print."""
+    (folder / "configs").symlink_to(Path("configs").resolve())
+    printed = {name: shapes.of_json(hexctl(folder, line)) for name, line in PRINTED.items()}
+    session = hexctl(folder, "adapt --failed-leg 5 --budget 2 --optimizer random --duration 1")
+    printed["adapt"] = shapes.of_json(session)
+    printed["sessions list"] = shapes.of_json(hexctl(folder, "sessions list"))
+    printed["sessions show"] = shapes.of_json(hexctl(folder, f"sessions show {session['session']}"))
+    hexctl(folder, f"sessions export {session['session']} out.csv", json_=False)
+    with served(folder, backend="sim") as robot:
+        printed["status"] = shapes.of_json(hexctl(folder, f"status --connect {robot.endpoint}"))
+        printed["estop"] = shapes.of_json(hexctl(folder, f"estop --connect {robot.endpoint}"))
+    recordings = folder / "runs" / session["session"]
+    return {
+        "json": printed,
+        "files": sorted(path.name for path in recordings.iterdir()),
+        "recordings": {
+            "run": shapes.of_recording(folder / "walk.rrd"),
+            "adapt": shapes.of_recording(recordings / "overview.rrd"),
+        },
+        "table": (folder / "out.csv").read_text(encoding="utf-8").splitlines()[0].split(","),
+        "commands": shapes.of_commands(app),
+    }
+
+
+def write(name: str, content: Any) -> None:
+    """Write a file of the data."""
+    text = json.dumps(content, indent=1, sort_keys=True)
+    (DATA / name).write_text(f"{text}\n", encoding="utf-8")
+
+
+def main() -> None:
+    """Write all files."""
+    DATA.mkdir(exist_ok=True)
+    cases = trials.trials()
+    results = {name: trials.alone(trial) for name, trial in cases.items()}
+    write(
+        "trials.json",
+        {
+            "probe": probe(),
+            "results": {name: result for name, (result, _) in results.items()},
+            "logs": {name: log for name, (_, log) in results.items()},
+        },
+    )
+    write(
+        "choices.json",
+        {
+            "bayes": {case: choices.believed(*arguments) for case, arguments in choices.BELIEVED.items()},
+            "bare": {f"{name} {seed}": choices.bare(name, seed) for name, seed in choices.SEARCHES},
+            "asked": {f"{name} {seed}": choices.asked(name, seed) for name, seed in choices.SEARCHES},
+        },
+    )
+    with tempfile.TemporaryDirectory() as folder:
+        write("sessions.json", make_sessions(Path(folder)))
+    with tempfile.TemporaryDirectory() as folder:
+        write("shapes.json", make_shapes(Path(folder)))
+
+
+if __name__ == "__main__":
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    main()

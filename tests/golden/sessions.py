@@ -1,0 +1,82 @@
+"""Stored sessions of `hexctl adapt`, whole and cut off, and how they are continued."""
+
+import json
+import shutil
+import sqlite3
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+from hexctl.robot.configs import config_root
+
+#: The store of before, as it lies in `runs/`.
+STORE = Path(__file__).parents[1] / "data" / "sessions.sqlite"
+
+#: What was asked for: name in the store, options, and how many trials were kept of it.
+BEGUN = {
+    "whole-bayes": ("--failed-leg 5 --budget 3 --seed 1", 3),
+    "cut-bayes": ("--failed-leg 2 --budget 4 --seed 1 --target 0.001", 2),
+    "whole-pso": ("--failed-leg 2 --budget 8 --seed 3 --optimizer pso --duration 2", 8),
+    "cut-pso": ("--failed-leg 2 --budget 8 --seed 3 --optimizer pso --duration 2", 4),
+    "cut-dps": ("--failed-leg 6 --budget 6 --confirm 2 --seed 4 --optimizer dps --duration 1", 3),
+}
+
+#: How each is continued.
+CONTINUED = {
+    "whole-bayes": "--resume whole-bayes --budget 4",
+    "cut-bayes": "--resume cut-bayes",
+    "whole-pso": "--resume whole-pso --budget 10",
+    "cut-pso": "--resume cut-pso",
+    "cut-dps": "--resume cut-dps",
+}
+
+#: The prior's place in a stored session: below the folder in which it is continued.
+PRIOR = "priors/ant-locked-rear-30s.npz"
+
+
+def unpack(folder: Path) -> None:
+    """Put the store of before and the prior its sessions believe into a folder."""
+    (folder / "runs").mkdir()
+    shutil.copy(STORE, folder / "runs" / "sessions.sqlite")
+    place_prior(folder)
+
+
+def place_prior(folder: Path) -> None:
+    """Put the shipped prior of `ant` where the stored sessions expect it."""
+    (folder / PRIOR).parent.mkdir()
+    shutil.copy(config_root() / PRIOR, folder / PRIOR)
+
+
+def keep(source: Path, name: str, target: Path, new_name: str, trials: int) -> None:
+    """Copy a session from a store into another, under another name and as if cut off after some trials."""
+    if not target.exists():
+        shutil.copy(source, target)
+        with closing(sqlite3.connect(target)) as store:
+            store.execute("DELETE FROM trials")
+            store.execute("DELETE FROM sessions")
+            store.commit()
+    with closing(sqlite3.connect(source)) as old, closing(sqlite3.connect(target)) as new:
+        ((_, created, spec, ended),) = old.execute("SELECT * FROM sessions WHERE name = ?", (name,))
+        values = json.loads(spec)
+        rows = old.execute("SELECT * FROM trials WHERE session = ? AND number <= ?", (name, trials)).fetchall()
+        whole = len(rows) == values["budget"]
+        new.execute(
+            "INSERT INTO sessions VALUES (?, ?, ?, ?)", (new_name, created, spec, ended if whole else None)
+        )
+        new.executemany("INSERT INTO trials VALUES (?, ?, ?, ?)", [(new_name, *row[1:]) for row in rows])
+        new.commit()
+        new.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+        new.execute("PRAGMA journal_mode = DELETE")
+        new.execute("VACUUM")
+
+
+def course(session: dict[str, Any]) -> dict[str, Any]:
+    """What a session's `--json` says of its course."""
+    return {
+        "codes": [trial["code"] for trial in session["trials"]],
+        "scores": [trial["score"] for trial in session["trials"]],
+        "statuses": [trial["status"] for trial in session["trials"]],
+        "confirms": [trial["confirms"] for trial in session["trials"]],
+        "best": session["best"] and session["best"]["code"],
+        "ended": session["ended"],
+    }

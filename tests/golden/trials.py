@@ -1,0 +1,118 @@
+"""A handful of simulated trials that between them use every robot, failure and kind of world."""
+
+import hashlib
+import math
+from dataclasses import fields
+from typing import Any
+
+import numpy as np
+
+from hexctl import (
+    Failure,
+    Guard,
+    SimServos,
+    SimTrial,
+    TickLog,
+    TrialPlan,
+    World,
+    load_robot,
+    load_world,
+    make_gait,
+    run_sim_trials,
+    run_trial,
+)
+
+NOISY = World.model_validate({"sensor_noise": {"joint_deg": 0.5, "position_m": 0.002, "yaw_deg": 0.5}})
+WORN = World(servo_delay_s=0.02, servo_backlash_deg=1.0, servo_strength=0.7, joint_offset_deg=2.0)
+LOADED = World(payload_kg=0.4, payload_position_m=(0.03, 0.0, 0.02), friction_cone="elliptic")
+TOP_HEAVY = World(payload_kg=3.0, payload_position_m=(0.0, 0.0, 0.6))
+TIPPING = World(payload_kg=6.0, payload_position_m=(0.5, 0.0, 0.3))
+
+
+def _trial(
+    gait: str,
+    robot: str = "ant",
+    world: World | None = None,
+    seed: int = 0,
+    facing_rad: float = 0.0,
+    **plan: Any,
+) -> SimTrial:
+    model, failure = load_robot(robot), plan.get("failure")
+    legs = () if failure is None else (failure.leg,)
+    made = TrialPlan(gait=make_gait(model, gait, failed_legs=legs), **{"duration_s": 3.0, **plan})
+    return SimTrial(robot=model, plan=made, world=world or World(), seed=seed, facing_rad=facing_rad)
+
+
+def trials() -> dict[str, SimTrial]:
+    """The trials by name."""
+    stuck = Failure(leg=1, kind="stuck", joint="femur", angle_rad=math.radians(20))
+    weak = Failure(leg=4, kind="weak", torque_fraction=0.2)
+    return {
+        "demo": _trial("demo"),
+        "tripod, heading": _trial("tripod", heading_rad=2.0),
+        "wave, curve": _trial("wave", turn_rate_rad_s=0.1, travel=0.5),
+        "turned on the spot": _trial("ripple", travel=0.0, turn_rate_rad_s=0.2),
+        "locked": _trial("57", failure=Failure(leg=3)),
+        "locked, noisy": _trial("57", world=NOISY, seed=5, failure=Failure(leg=3)),
+        "locked, noisy, another": _trial("120", world=NOISY, seed=5, failure=Failure(leg=3)),
+        "limp, front, rough": _trial(
+            "11", world=load_world("rough"), seed=2, failure=Failure(leg=2, kind="limp"), self_rotation="front"
+        ),
+        "missing, not turned, worn": _trial(
+            "90", world=WORN, seed=7, failure=Failure(leg=6, kind="missing"), self_rotation="none"
+        ),
+        "stuck, loaded": _trial("33", world=LOADED, failure=stuck),
+        "slippery": _trial("tripod", world=load_world("slippery")),
+        "uphill": _trial("1", world=load_world("slope"), failure=Failure(leg=5)),
+        "put down turned": _trial("demo", facing_rad=1.0, heading_rad=-1.0),
+        "turned by an angle": _trial("57", failure=Failure(leg=3), turn_rad=0.6),
+        "phantomx": _trial("10", robot="phantomx", failure=Failure(leg=2)),
+        "pexod, weak": _trial("wave", robot="pexod", failure=weak),
+        "falls": _trial("wave", world=TOP_HEAVY, duration_s=6.0),
+        "falls before it walks": _trial("demo", world=TIPPING),
+        "half a minute": _trial("90", failure=Failure(leg=5), duration_s=30.0),
+    }
+
+
+def alone(trial: SimTrial) -> tuple[dict[str, Any], dict[str, Any]]:
+    """The result of a trial on a simulated robot of its own, and its log: every tick, the soft stop too."""
+    log = TickLog()
+    with SimServos(
+        trial.robot,
+        world=trial.world,
+        failure=trial.plan.failure,
+        seed=trial.seed,
+        facing_rad=trial.facing_rad,
+    ) as servos:
+        result = run_trial(Guard(servos), trial.plan, log)
+    columns = ("time_s", "sent_rad", "measured_rad", "base_position_world")
+    return exact(result), {"ticks": len(log), **{name: digest(log[name]) for name in columns}}
+
+
+def together(several: list[SimTrial]) -> list[dict[str, Any]]:
+    """The results of trials in one batch."""
+    return [exact(result) for result in run_sim_trials(several)]
+
+
+def exact(result: Any) -> dict[str, Any]:
+    """A trial's result to the last bit, as JSON: floats are written so that they come back the same."""
+    deviation = result.deviation
+    return {
+        "status": result.status,
+        "duration_s": result.duration_s,
+        "turned_rad": result.turned_rad,
+        "distance_m": result.distance_m,
+        "ideal_distance_m": result.ideal_distance_m,
+        "deviation_m": None
+        if deviation is None
+        else {field.name: getattr(deviation, field.name) for field in fields(deviation)},
+        "yaw_change_rad": result.yaw_change_rad,
+        "clipped_ticks": result.clipped_ticks,
+        "path": digest(result.path_m),
+    }
+
+
+def digest(array: Any) -> str:
+    """Shape and fingerprint of an array's bits."""
+    values = np.ascontiguousarray(array, dtype=float)
+    return f"{'x'.join(map(str, values.shape))}:{hashlib.sha256(values.tobytes()).hexdigest()[:16]}"

@@ -1,0 +1,186 @@
+"""What hexctl did before, it still does: physics, choices, stored sessions, and the shape of what it writes.
+
+The data under `tests/data` was written by `tests.golden.make`, from the code as it was when the data came in.
+New commands, options, keys, entities and columns may come; none may go, and no number may change.
+"""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from hexctl.cli.main import app, exit_code
+from tests.golden import choices, sessions, shapes, trials
+from tests.golden.make import DATA, PRINTED
+from tests.golden.probe import probe
+from tests.serve.processes import served
+
+Printed = Callable[[str], Any]
+
+#: On another machine the last bits may differ, and contacts of feet amplify that over a walk.
+ELSEWHERE_M = 0.01
+
+
+def kept(name: str) -> Any:
+    """A file of the data."""
+    return json.loads((DATA / name).read_text(encoding="utf-8"))
+
+
+TRIALS, CHOICES, SESSIONS, SHAPES = (
+    kept(f"{name}.json") for name in ("trials", "choices", "sessions", "shapes")
+)
+SAME_BITS = TRIALS["probe"] == probe()
+
+
+def assert_same(now: Any, before: Any) -> None:
+    """To the last bit where the machine computes as the one did that wrote the data, else nearly."""
+    if SAME_BITS:
+        assert now == before
+    else:
+        assert_near(now, before)
+
+
+def assert_near(now: Any, before: Any) -> None:
+    """The same values, but for what contacts make of a last bit."""
+    if isinstance(before, dict):
+        assert now.keys() == before.keys()
+        for key in before.keys() - {"path", "clipped_ticks", "measured_rad", "base_position_world", "sent_rad"}:
+            assert_near(now[key], before[key])
+    elif isinstance(before, list):
+        assert len(now) == len(before)
+        for one, other in zip(now, before, strict=True):
+            assert_near(one, other)
+    elif isinstance(before, float):
+        assert now == pytest.approx(before, abs=ELSEWHERE_M)
+    else:
+        assert now == before
+
+
+@pytest.mark.parametrize("name", TRIALS["results"])
+def test_a_trial_alone(name: str) -> None:
+    result, log = trials.alone(trials.trials()[name])
+    assert_same(result, TRIALS["results"][name])
+    assert_same(log, TRIALS["logs"][name])
+
+
+def test_trials_in_one_batch() -> None:
+    cases = trials.trials()
+    turned = cases.pop("turned by an angle")
+    for name, result in zip(cases, trials.together(list(cases.values())), strict=True):
+        assert_same(result, TRIALS["results"][name])
+    assert_same(trials.together([turned])[0], TRIALS["results"]["turned by an angle"])
+
+
+@pytest.mark.parametrize("case", choices.BELIEVED)
+def test_choices_of_bayes_with_the_shipped_prior(case: str) -> None:
+    assert_same(choices.believed(*choices.BELIEVED[case]), CHOICES["bayes"][case])
+
+
+def test_choices_of_the_heuristics() -> None:
+    for name, seed in choices.SEARCHES:
+        assert choices.bare(name, seed) == CHOICES["bare"][f"{name} {seed}"]
+        assert choices.asked(name, seed) == CHOICES["asked"][f"{name} {seed}"]
+
+
+@pytest.fixture
+def printed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Printed:
+    """What a command prints as JSON, in a folder of its own."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "configs").symlink_to(Path(__file__).parents[1] / "configs")
+
+    def run(line: str) -> Any:
+        capsys.readouterr()
+        code = exit_code([*line.split(), "--json"])
+        said = capsys.readouterr()
+        assert code == 0, said.err
+        return json.loads(said.out)
+
+    return run
+
+
+@pytest.mark.parametrize("name", SESSIONS)
+def test_a_stored_session_is_shown_and_goes_on_as_it_would_have(
+    name: str, printed: Printed, tmp_path: Path
+) -> None:
+    sessions.unpack(tmp_path)
+    shown = printed(f"sessions show {name}")
+    assert len(shown["trials"]) == sessions.BEGUN[name][1]
+    after = sessions.course(printed(f"adapt {sessions.CONTINUED[name]} --no-record"))
+    assert_same(after, SESSIONS[name])
+
+
+def test_stored_sessions_are_listed(printed: Printed, tmp_path: Path) -> None:
+    sessions.unpack(tmp_path)
+    assert {row["session"] for row in printed("sessions list")} == set(SESSIONS)
+
+
+def assert_keeps(now: Any, before: Any, where: str = "") -> None:
+    """Every key of before is there and of its kind; what was null may be anything."""
+    if isinstance(before, dict):
+        assert isinstance(now, dict), where
+        for key, inner in before.items():
+            assert key in now, f"{where}.{key} is gone"
+            assert_keeps(now[key], inner, f"{where}.{key}")
+    elif isinstance(before, list):
+        assert isinstance(now, list), where
+        for one, other in zip(now, before, strict=bool(before)):
+            assert_keeps(one, other, f"{where}[]")
+    elif before != "null":
+        assert now == before, where
+
+
+def test_json_of_the_commands(printed: Printed, tmp_path: Path) -> None:
+    for name, line in PRINTED.items():
+        assert_keeps(shapes.of_json(printed(line)), SHAPES["json"][name], name)
+    with served(tmp_path, backend="sim") as robot:
+        for name in ("status", "estop"):
+            answer = printed(f"{name} --connect {robot.endpoint}")
+            assert_keeps(shapes.of_json(answer), SHAPES["json"][name], name)
+
+
+def test_recordings_and_tables(printed: Printed, tmp_path: Path) -> None:
+    printed(PRINTED["run"])
+    session = printed("adapt --failed-leg 5 --budget 2 --optimizer random --duration 1")
+    for name, answer in (
+        ("adapt", session),
+        ("sessions list", printed("sessions list")),
+        ("sessions show", printed(f"sessions show {session['session']}")),
+    ):
+        assert_keeps(shapes.of_json(answer), SHAPES["json"][name], name)
+    exit_code(["sessions", "export", session["session"], "out.csv"])
+    columns = (tmp_path / "out.csv").read_text(encoding="utf-8").splitlines()[0].split(",")
+    assert columns[: len(SHAPES["table"])] == SHAPES["table"]
+    folder = tmp_path / "runs" / session["session"]
+    assert {path.name for path in folder.iterdir()} >= set(SHAPES["files"])
+    for name, path in (("run", tmp_path / "walk.rrd"), ("adapt", folder / "overview.rrd")):
+        assert_recorded(shapes.of_recording(path), SHAPES["recordings"][name])
+
+
+def assert_recorded(now: dict[str, Any], before: dict[str, Any]) -> None:
+    """Entities, columns and their rows are there, and how the recording calls itself."""
+    assert now["application"] == before["application"]
+    assert set(now["timelines"]) >= set(before["timelines"])
+    assert now["blueprints"] == before["blueprints"]
+    for entity, columns in before["entities"].items():
+        assert entity in now["entities"], f"{entity} is gone"
+        for column, rows in columns.items():
+            found = now["entities"][entity].get(column)
+            assert found is not None, f"{column} of {entity} is gone"
+            assert found == rows or not SAME_BITS, f"{column} of {entity}"
+
+
+def test_commands_and_options() -> None:
+    now = shapes.of_commands(app)
+    for command, options in SHAPES["commands"].items():
+        assert command in now, f"hexctl {command} is gone"
+        assert set(now[command]) >= set(options), f"hexctl {command}"
+
+
+def test_the_data_is_small_and_names_no_machine() -> None:
+    for path in DATA.iterdir():
+        content = path.read_bytes()
+        assert len(content) < 200_000
+        assert b"/tmp/" not in content
+        assert b"/home/" not in content
