@@ -40,9 +40,7 @@ def walk(code: int, seed: int) -> tuple[float, Shown]:
     share = np.arange(1, TICKS + 1) / TICKS
     path = np.column_stack([4.2 * share, end_m(code, seed) * share**1.5])
     if code % 7 == 0:
-        return INVALID_SCORE, Shown(
-            path_m=path[:500], duration_s=10.0, yaw_change_rad=None, status="fell"
-        )
+        return INVALID_SCORE, Shown(path_m=path[:500], duration_s=10.0, yaw_change_rad=None, status="fell")
     turned = 0.1 * math.cos(code)
     return abs(end_m(code, seed)), Shown(
         path_m=path, duration_s=DURATION_S, yaw_change_rad=turned, status="ok"
@@ -53,9 +51,7 @@ def believed(robot_name: str, leg: int, seed: int, stance: bool, trials: int = 1
     """The first choices of `bayes` with the shipped prior, and what it expects of each."""
     robot = load_robot(robot_name)
     failure = Failure(leg=leg)
-    plan = TrialPlan(
-        gait=make_gait(robot, "1", failed_legs=(leg,)), failure=failure, duration_s=DURATION_S
-    )
+    plan = TrialPlan(gait=make_gait(robot, "1", failed_legs=(leg,)), failure=failure, duration_s=DURATION_S)
     prior = config_root() / "priors" / f"{robot_name}-locked-rear-30s.npz"
     spec = SessionSpec(
         robot=robot_name,

@@ -58,7 +58,9 @@ def keep(source: Path, name: str, target: Path, new_name: str, trials: int) -> N
     with closing(sqlite3.connect(source)) as old, closing(sqlite3.connect(target)) as new:
         ((_, created, spec, ended),) = old.execute("SELECT * FROM sessions WHERE name = ?", (name,))
         values = json.loads(spec)
-        rows = old.execute("SELECT * FROM trials WHERE session = ? AND number <= ?", (name, trials)).fetchall()
+        rows = old.execute(
+            "SELECT * FROM trials WHERE session = ? AND number <= ?", (name, trials)
+        ).fetchall()
         whole = len(rows) == values["budget"]
         new.execute(
             "INSERT INTO sessions VALUES (?, ?, ?, ?)", (new_name, created, spec, ended if whole else None)

@@ -49,7 +49,9 @@ def of_commands(app: typer.Typer) -> dict[str, list[str]]:
         for name, inner in getattr(command, "commands", {}).items():
             collect(inner, (*words, name))
         if not hasattr(command, "commands"):
-            names = [name for parameter in command.params for name in parameter.opts + parameter.secondary_opts]
+            names = [
+                name for parameter in command.params for name in parameter.opts + parameter.secondary_opts
+            ]
             found[" ".join(words)] = sorted(names)
 
     collect(typer.main.get_command(app), ())

@@ -56,7 +56,11 @@ def trials() -> dict[str, SimTrial]:
         "locked, noisy": _trial("57", world=NOISY, seed=5, failure=Failure(leg=3)),
         "locked, noisy, another": _trial("120", world=NOISY, seed=5, failure=Failure(leg=3)),
         "limp, front, rough": _trial(
-            "11", world=load_world("rough"), seed=2, failure=Failure(leg=2, kind="limp"), self_rotation="front"
+            "11",
+            world=load_world("rough"),
+            seed=2,
+            failure=Failure(leg=2, kind="limp"),
+            self_rotation="front",
         ),
         "missing, not turned, worn": _trial(
             "90", world=WORN, seed=7, failure=Failure(leg=6, kind="missing"), self_rotation="none"
