@@ -4,14 +4,14 @@ import math
 from typing import Any
 
 import numpy as np
-
-from hexctl import Failure, TrialPlan, load_robot, make_gait
 from hexctl.adapt.catalogue import make_optimizer
 from hexctl.adapt.objective import INVALID_SCORE
+from hexctl.adapt.shown import Shown
+
+from hexctl import Failure, TrialPlan, load_robot, make_gait
 from hexctl.adapt.optimizer import Optimizer
 from hexctl.adapt.search import make_search
 from hexctl.adapt.session import SessionSpec
-from hexctl.adapt.shown import Shown
 from hexctl.adapt.space import GaitSpace
 from hexctl.robot.configs import config_root
 
