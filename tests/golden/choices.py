@@ -4,12 +4,11 @@ import math
 from typing import Any
 
 import numpy as np
-from hexctl.adapt.catalogue import make_optimizer
-from hexctl.adapt.objective import INVALID_SCORE
-from hexctl.adapt.shown import Shown
 
 from hexctl import Failure, TrialPlan, load_robot, make_gait
-from hexctl.adapt.optimizer import Optimizer
+from hexctl.adapt.objectives import INVALID_SCORE
+from hexctl.adapt.optimizer import Observation, Optimizer
+from hexctl.adapt.registry import make_optimizer
 from hexctl.adapt.search import make_search
 from hexctl.adapt.session import SessionSpec
 from hexctl.adapt.space import GaitSpace
@@ -35,16 +34,16 @@ def end_m(code: int, seed: int) -> float:
     return 0.8 * math.sin(1.7 * code + seed)
 
 
-def walk(code: int, seed: int) -> tuple[float, Shown]:
+def walk(code: int, seed: int) -> tuple[float, Observation]:
     """Score and course of a made-up walk; every seventh gait falls after ten seconds."""
     share = np.arange(1, TICKS + 1) / TICKS
     path = np.column_stack([4.2 * share, end_m(code, seed) * share**1.5])
     if code % 7 == 0:
-        return INVALID_SCORE, Shown(path_m=path[:500], duration_s=10.0, yaw_change_rad=None, status="fell")
+        fallen = Observation(path_m=path[:500], duration_s=10.0, yaw_change_rad=None, status="fell")
+        return INVALID_SCORE, fallen
     turned = 0.1 * math.cos(code)
-    return abs(end_m(code, seed)), Shown(
-        path_m=path, duration_s=DURATION_S, yaw_change_rad=turned, status="ok"
-    )
+    whole = Observation(path_m=path, duration_s=DURATION_S, yaw_change_rad=turned, status="ok")
+    return abs(end_m(code, seed)), whole
 
 
 def believed(robot_name: str, leg: int, seed: int, stance: bool, trials: int = 10) -> dict[str, Any]:
@@ -70,8 +69,8 @@ def believed(robot_name: str, leg: int, seed: int, stance: bool, trials: int = 1
         assert expected is not None
         codes.append(code)
         expected_m.append([expected.signed_m, expected.sd_m])
-        score, shown = walk(code, seed)
-        search.tell([code], [score], [shown])
+        score, seen = walk(code, seed)
+        search.tell([code], [score], [seen])
     return {"codes": codes, "expected_m": expected_m, "recommended": search.recommended()}
 
 
