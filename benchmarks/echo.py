@@ -7,9 +7,7 @@ from typing import Any
 
 import zenoh
 
-from hexctl.wire.keys import KeyMap
-from hexctl.wire.link import Link
-from hexctl.wire.role import Role
+from hexctl.wire.links import KeyMap, Link, Role
 from hexctl.wire.session import open_session
 
 THERE, BACK = "bench/there", "bench/back"

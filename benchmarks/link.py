@@ -24,12 +24,9 @@ from hexctl.control.plan import TrialPlan
 from hexctl.control.trial import run_trial
 from hexctl.gait.gait import make_gait
 from hexctl.types import FloatArray, JointTargets
-from hexctl.wire.command import encode_positions
-from hexctl.wire.keys import KeyMap
-from hexctl.wire.link import Link
-from hexctl.wire.role import Role
+from hexctl.wire.links import KeyMap, Link, Role
+from hexctl.wire.messages import CommandTag, StateTag, encode_positions
 from hexctl.wire.session import open_session
-from hexctl.wire.tags import CommandTag, StateTag
 
 #: Round trips of a window: a pause of the machine that hits one of the two spoils one window, not the figure.
 WINDOW = 250

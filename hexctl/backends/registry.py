@@ -85,7 +85,7 @@ def _mock(options: BackendOptions) -> LegServos:
 
 def _zenoh(options: BackendOptions) -> LegServos:
     from hexctl.backends.zenoh.client import ZenohServos
-    from hexctl.wire.linkfile import load_link
+    from hexctl.wire.links import load_link
 
     link = load_link(
         options.link,

@@ -15,10 +15,7 @@ from hexctl.backends.zenoh.client import ask, ask_until
 from hexctl.cli.console import DONE, StopOnInterrupt, print_note, print_result
 from hexctl.cli.statustext import status_table
 from hexctl.errors import InputError, RobotFaultError
-from hexctl.wire.keys import KeyMap
-from hexctl.wire.link import Link
-from hexctl.wire.linkfile import load_link
-from hexctl.wire.role import Role
+from hexctl.wire.links import KeyMap, Link, Role, load_link
 from hexctl.wire.session import open_session
 
 #: In place of a robot's name: whichever robot is on the link.

@@ -20,7 +20,7 @@ from hexctl.cli.console import DONE, StopOnInterrupt, print_note, print_result
 from hexctl.cli.twin import Twin
 from hexctl.errors import InputError
 from hexctl.robot.servo_map import load_servo_map
-from hexctl.serve.board.board import ServoBoard
+from hexctl.serve.servo_board import ServoBoard
 
 BACKENDS = ("sim", "mock")
 MIN_EXPIRY_S, MAX_EXPIRY_S = 0.05, 1.0

@@ -7,10 +7,16 @@ from pathlib import Path
 from hexctl.backends.mavlink.codec import write_signing_key
 from hexctl.cli.console import print_result
 from hexctl.errors import InputError
-from hexctl.serve.certificates import AUTHORITY_FOLDER, hosts_of, make_certificates, renew_certificates
-from hexctl.wire.credentials import CERTIFICATE_FILE, common_name, load_certificate
-from hexctl.wire.endpoint import Endpoint
-from hexctl.wire.role import Role
+from hexctl.wire.certificates import (
+    AUTHORITY_FOLDER,
+    CERTIFICATE_FILE,
+    common_name,
+    hosts_of,
+    load_certificate,
+    make_certificates,
+    renew_certificates,
+)
+from hexctl.wire.links import Endpoint, Role
 
 LOOPBACK = ("localhost", "127.0.0.1", "::1")
 

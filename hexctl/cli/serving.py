@@ -14,10 +14,8 @@ from hexctl.cli.console import DONE, StopOnInterrupt, print_note
 from hexctl.cli.twin import Twin
 from hexctl.errors import InputError
 from hexctl.serve.server import RobotServer
-from hexctl.wire.credentials import find_credentials
-from hexctl.wire.link import Link
-from hexctl.wire.linkfile import load_link
-from hexctl.wire.role import Role
+from hexctl.wire.certificates import find_credentials
+from hexctl.wire.links import Link, Role, load_link
 
 MIN_SIT_AFTER_S, MAX_SIT_AFTER_S = 1.0, 3600.0
 

@@ -17,11 +17,8 @@ from hexctl.record.viewer import check_display
 from hexctl.robot.model import Robot
 from hexctl.robot.rotations import yaw_rad
 from hexctl.types import JointTargets
-from hexctl.wire.describe import robot_of
-from hexctl.wire.keys import KeyMap
-from hexctl.wire.link import Link
-from hexctl.wire.linkfile import load_link
-from hexctl.wire.role import Role
+from hexctl.wire.description import robot_of
+from hexctl.wire.links import KeyMap, Link, Role, load_link
 from hexctl.wire.session import open_session
 
 #: How long a robot may take to say who it is.

@@ -1,12 +1,41 @@
-"""Which commands are obeyed: those of the lease in force, in order, on time."""
+"""Which commands a robot accepts: those of the current lease, in order, on time."""
 
 from dataclasses import dataclass, fields
 
 from hexctl.control.guard import EXPIRY_S
 from hexctl.errors import CommandRefusedError, MessageError
-from hexctl.serve.lease import Lease
-from hexctl.serve.transit import Transit
-from hexctl.wire.command import Command, decode_command
+from hexctl.serve.leases import Lease
+from hexctl.wire.messages import Command, decode_command
+
+#: Two clocks that never jump still drift apart, by less than this share: 100 ppm each for their crystals, and
+#: up to 500 ppm for time services that slew one of them. A faster one (chrony may) makes commands late.
+DRIFT = 1000e-6
+
+
+class TransitDelay:
+    """Compares arrivals with the fastest so far: the clocks of the two ends need not agree.
+
+    The first message counts as on time. Of a message that waited in a link that was cut, the delay shows.
+    """
+
+    def __init__(self) -> None:
+        self._fastest_s: float | None = None
+        self._at_s = 0.0
+
+    def delay_s(self, stamp_s: float, arrived_s: float) -> float:
+        """Return by how much a message took longer than the fastest one so far.
+
+        Args:
+            stamp_s: when it was sent, on the sender's clock.
+            arrived_s: when it came, on the receiver's clock.
+        """
+        took_s = arrived_s - stamp_s
+        if self._fastest_s is None:
+            self._fastest_s, self._at_s = took_s, arrived_s
+        self._fastest_s += DRIFT * max(0.0, arrived_s - self._at_s)
+        self._at_s = max(self._at_s, arrived_s)
+        self._fastest_s = min(self._fastest_s, took_s)
+        return took_s - self._fastest_s
 
 
 @dataclass(slots=True)
@@ -53,14 +82,14 @@ class Checked:
     good_for_s: float
 
 
-class CommandDesk:
+class CommandHandler:
     """Judges every command that arrives. Counts what it drops."""
 
     def __init__(self) -> None:
         self.counters = CommandCounters()
         self.newest_sequence = 0
         self._lease_sequence = 0
-        self._transit = Transit()
+        self._transit = TransitDelay()
 
     def check(self, payload: bytes, attachment: bytes | None, lease: Lease | None, at_s: float) -> Checked:
         """Return a command that is to be obeyed.
@@ -77,7 +106,7 @@ class CommandDesk:
             self.counters.stale_owner += 1
             raise CommandRefusedError(f"command: got lease {tag.lease_sequence}; allowed: the one in force")
         if lease.sequence != self._lease_sequence:
-            self._lease_sequence, self.newest_sequence, self._transit = lease.sequence, 0, Transit()
+            self._lease_sequence, self.newest_sequence, self._transit = lease.sequence, 0, TransitDelay()
         return self._in_order_and_on_time(command, at_s)
 
     def _in_order_and_on_time(self, command: Command, at_s: float) -> Checked:

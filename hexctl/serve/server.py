@@ -1,4 +1,4 @@
-"""A robot on the network: one thread that alone moves it, tick by tick and command by command."""
+"""The robot server: a single thread moves the robot, tick by tick and command by command."""
 
 import math
 import time
@@ -7,21 +7,83 @@ from dataclasses import replace
 from typing import Any
 
 from hexctl.backends.base import LegServos
-from hexctl.control.guard import Guard
+from hexctl.backends.clock import Clock
+from hexctl.control.guard import EXPIRY_S, Guard
 from hexctl.errors import CommandRefusedError, EStopError, MessageError, RobotFaultError
-from hexctl.serve.commands import CommandDesk
+from hexctl.robot.model import Robot
+from hexctl.serve.commands import CommandHandler
+from hexctl.serve.event_log import EventLog
+from hexctl.serve.idle import SIT_AFTER_S, IdleSupervisor
 from hexctl.serve.inbox import CAPACITY, Arrival, Inbox
-from hexctl.serve.journal import Journal
-from hexctl.serve.lease import LeaseDesk
-from hexctl.serve.posing import PosedServos
-from hexctl.serve.posture import SIT_AFTER_S, Posture
-from hexctl.serve.requests import RequestDesk
-from hexctl.serve.station import Station, attachment_of, payload_of
-from hexctl.types import JointTargets, RobotState
-from hexctl.wire.command import encode_positions
-from hexctl.wire.describe import describe, encode_json
-from hexctl.wire.link import Link
-from hexctl.wire.state import decode_pose, encode_battery, encode_pose, tag_of
+from hexctl.serve.leases import LeaseManager, RequestHandler
+from hexctl.serve.transport import Transport, attachment_of, payload_of
+from hexctl.types import FloatArray, JointTargets, RobotState
+from hexctl.wire.description import describe, encode_json
+from hexctl.wire.links import Link
+from hexctl.wire.messages import decode_pose, encode_battery, encode_pose, encode_positions, tag_of
+
+
+class PosedServos(LegServos):
+    """Servos whose state takes its pose from outside while that is fresh.
+
+    A pose from outside wins over the robot's own; one that stops coming is gone, which the guard sees.
+    """
+
+    def __init__(self, servos: LegServos) -> None:
+        self._servos = servos
+        self.injects_failure, self.failure = servos.injects_failure, servos.failure
+        self._pose: tuple[FloatArray, FloatArray] | None = None
+        self._pose_at_s = 0.0
+
+    @property
+    def robot(self) -> Robot:
+        """Return the robot of the servos."""
+        return self._servos.robot
+
+    @property
+    def clock(self) -> Clock:
+        """Return the clock of the servos."""
+        return self._servos.clock
+
+    @property
+    def link_counts(self) -> dict[str, int]:
+        """Return what became of the messages on the way to the servos."""
+        return self._servos.link_counts
+
+    def place(self, position_world: FloatArray, quaternion_world: FloatArray, at_s: float) -> None:
+        """Take a pose over: position (3,) in m, (w, x, y, z), and when it came on time.monotonic."""
+        self._pose, self._pose_at_s = (position_world, quaternion_world), at_s
+
+    def connect(self) -> None:
+        """Connect the servos."""
+        self._servos.connect()
+
+    def read(self) -> RobotState:
+        """Return the state of the servos, with the pose from outside if there ever was one."""
+        state = self._servos.read()
+        if self._pose is None:
+            return state
+        fresh = time.monotonic() - self._pose_at_s <= EXPIRY_S
+        position, quaternion = self._pose if fresh else (None, None)
+        return replace(state, base_position_world=position, base_quaternion_world=quaternion)
+
+    def write(self, targets: JointTargets) -> JointTargets:
+        """Write to the servos."""
+        return self._servos.write(targets)
+
+    def rest(self) -> None:
+        """Tell the servos that no command is due until the next one."""
+        self._servos.rest()
+
+    def relax(self) -> bool:
+        """Let the servos go limp."""
+        return self._servos.relax()
+
+    def close(self) -> None:
+        """Close the servos and forget the pose."""
+        self._pose = None
+        self._servos.close()
+
 
 #: The next tick is left alone for this long before it is due, so that it is not late.
 SPARE_S = 0.0003
@@ -62,13 +124,13 @@ class RobotServer:
         self._guard = Guard(self._servos)
         self._backend, self._link = backend, link
         self._simulated = None if simulated is None else dict(simulated)
-        self._leases = LeaseDesk()
-        self._commands = CommandDesk()
-        self._requests = RequestDesk(self._guard, self._leases)
-        self._posture = Posture(self._guard, sit_after_s=sit_after_s)
-        self._journal = Journal(say)
+        self._leases = LeaseManager()
+        self._commands = CommandHandler()
+        self._requests = RequestHandler(self._guard, self._leases)
+        self._idle = IdleSupervisor(self._guard, sit_after_s=sit_after_s)
+        self._event_log = EventLog(say)
         self._inbox = Inbox()
-        self._station = Station(link, servos.robot.name, self._inbox, self._requests.urgent)
+        self._transport = Transport(link, servos.robot.name, self._inbox, self._requests.urgent)
         self._description = describe(servos.robot)
         self._state: RobotState | None = None
         self._sequence = self._ticks = 0
@@ -82,14 +144,14 @@ class RobotServer:
         cannot be had, or the servos have gone.
         """
         try:
-            with self._guard, self._station:
+            with self._guard, self._transport:
                 self._guard.clock.tick()
                 ready()
                 while not until():
                     self._listen()
                     self._tick()
         finally:
-            self._journal.close()
+            self._event_log.close()
 
     def _listen(self) -> None:
         """Do what the network asks for until the next tick is due."""
@@ -111,11 +173,11 @@ class RobotServer:
         elif arrival.kind == "pose":
             self._place(payload_of(item), arrival.at_s)
         elif arrival.kind == "lease":
-            self._station.reply(arrival.kind, item, self._requests.lease(payload_of(item), arrival.at_s))
+            self._transport.reply(arrival.kind, item, self._requests.lease(payload_of(item), arrival.at_s))
         elif arrival.kind == "estop":
-            self._station.reply(arrival.kind, item, self._requests.estop(payload_of(item), arrival.at_s))
+            self._transport.reply(arrival.kind, item, self._requests.estop(payload_of(item), arrival.at_s))
         else:
-            self._station.reply(arrival.kind, item, {**self._description, "status": self.status()})
+            self._transport.reply(arrival.kind, item, {**self._description, "status": self.status()})
 
     def _obey(self, payload: bytes, attachment: bytes | None, at_s: float) -> None:
         now_s = time.monotonic()
@@ -137,7 +199,7 @@ class RobotServer:
             return
         self._commands.counters.accepted += 1
         self._good_until_s = at_s + checked.good_for_s
-        self._posture.commanded(servo_s)
+        self._idle.commanded(servo_s)
         self._say(self._servos.read())
 
     def _place(self, payload: bytes, at_s: float) -> None:
@@ -152,13 +214,13 @@ class RobotServer:
         self._ticks += 1
         state = self._guard.read()
         self._look_after_silence()
-        self._posture.tick(self._guard.clock.now_s)
+        self._idle.tick(self._guard.clock.now_s)
         self._say(state)
         self._note()
         if self._ticks % STATUS_TICKS == 0:
-            self._station.publish("status", encode_json(self.status()))
+            self._transport.publish("status", encode_json(self.status()))
         if self._ticks % BATTERY_TICKS == 0:
-            self._station.publish("battery", encode_battery(state.battery_v, state.battery_share))
+            self._transport.publish("battery", encode_battery(state.battery_v, state.battery_share))
 
     def _look_after_silence(self) -> None:
         """Freeze when commands ran out, and take the lease from whoever fell silent."""
@@ -174,10 +236,10 @@ class RobotServer:
     def _note(self) -> None:
         """Tell whoever stands beside the robot what has changed."""
         lease = self._leases.holder(time.monotonic())
-        self._journal.note(
+        self._event_log.note(
             controller=None if lease is None else lease.owner,
             stopped=self._guard.stopped,
-            posture=self._posture.name,
+            posture=self._idle.name,
         )
 
     def _say(self, state: RobotState) -> None:
@@ -192,8 +254,8 @@ class RobotServer:
         ).packed()
         if state.base_position_world is not None and state.base_quaternion_world is not None:
             pose = encode_pose(state.base_position_world, state.base_quaternion_world)
-            self._station.publish("odom", pose, tag)
-        self._station.publish("joint_states", encode_positions(state.joint_positions_rad), tag)
+            self._transport.publish("odom", pose, tag)
+        self._transport.publish("joint_states", encode_positions(state.joint_positions_rad), tag)
 
     def status(self) -> dict[str, Any]:
         """Return what the robot says of itself, as JSON values."""
@@ -205,7 +267,7 @@ class RobotServer:
             "backend": self._backend,
             "simulated": self._simulated,
             "stopped": guard.stopped,
-            "posture": self._posture.name,
+            "posture": self._idle.name,
             "controller": None if lease is None else lease.owner,
             "controller_since_s": None if lease is None else round(now_s - lease.since_s, 1),
             "leases_refused": self._leases.refused,

@@ -1,1 +1,10 @@
-"""What travels over Zenoh: keys, payloads, protocol version, and the sessions that carry them."""
+"""Wire protocol over Zenoh: links, sessions, certificates, messages, and the constants of both ends."""
+
+#: Changes whenever an older peer would misunderstand a newer one.
+PROTOCOL_VERSION = 1
+
+#: Longest message of a robot; longer ones are dropped unread.
+MAX_PAYLOAD_BYTES = 65_536
+
+#: How long a command is valid, and the longest silence after which a robot keeps moving.
+TIME_TO_LIVE_S = 0.2

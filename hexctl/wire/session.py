@@ -1,19 +1,158 @@
-"""Open Zenoh sessions: a robot's, a controller's, a viewer's. Closed by default."""
+"""Zenoh sessions of robots, controllers and viewers: closed by default, access per certificate."""
 
+import errno
 import json
-from typing import Any
+import os
+import socket
+import ssl
+from typing import TYPE_CHECKING, Any
 
 import zenoh
 
 from hexctl.errors import InputError, RobotFaultError
-from hexctl.wire.access import access_control
-from hexctl.wire.credentials import Credentials, find_credentials
-from hexctl.wire.diagnosis import why_not_connected, why_not_listening
-from hexctl.wire.endpoint import Endpoint
-from hexctl.wire.keys import KeyMap
-from hexctl.wire.link import Link
-from hexctl.wire.protocol import MAX_PAYLOAD_BYTES
-from hexctl.wire.role import Role
+from hexctl.wire import MAX_PAYLOAD_BYTES
+from hexctl.wire.links import ROOT, Endpoint, KeyMap, Link, Role
+
+if TYPE_CHECKING:
+    from hexctl.wire.certificates import Credentials
+
+#: What a robot publishes, what it is told, what it answers.
+SAID = ("joint_states", "odom", "battery", "status")
+HEARD = ("command", "pose")
+ANSWERED = ("describe", "lease", "estop")
+
+#: Asked of whatever robot is on a link: its name need not be known.
+ASKED_OF_ANY = ("describe", "estop")
+
+
+def access_control(keys: KeyMap, *, certified: bool) -> dict[str, Any]:
+    """Return the `access_control` section of a robot's Zenoh configuration.
+
+    Without certificates everybody is a controller: a subject without properties is anybody.
+
+    Controllers and viewers get what the robot says and may ask who it is; only controllers may command, say
+    where it is, and ask for lease and stop. Nobody but the robot may say anything in its name, or answer.
+    """
+    looking = [
+        _rule("says", "egress", ["put"], _keys(keys, SAID)),
+        _rule("is listened to", "ingress", ["declare_subscriber"], _keys(keys, SAID)),
+        _rule("offers answers", "egress", ["declare_queryable", "reply"], _keys(keys, ANSWERED)),
+        _rule("wants to hear", "egress", ["declare_subscriber"], _keys(keys, HEARD)),
+        _rule("is asked who it is", "ingress", ["query"], _asked(keys, ("describe",))),
+    ]
+    commanding = [
+        _rule("is commanded", "ingress", ["put"], _keys(keys, HEARD)),
+        _rule("is asked", "ingress", ["query"], _asked(keys, ANSWERED)),
+    ]
+    allowed = {Role.CONTROLLER: looking + commanding}
+    if certified:
+        allowed[Role.VIEWER] = looking
+    return {
+        "enabled": True,
+        "default_permission": "deny",
+        "rules": looking + commanding,
+        "subjects": [
+            {"id": role.value, **({"cert_common_names": [role.value]} if certified else {})}
+            for role in allowed
+        ],
+        "policies": [
+            {"rules": [rule["id"] for rule in rules], "subjects": [role.value]}
+            for role, rules in allowed.items()
+        ],
+    }
+
+
+def _rule(name: str, flow: str, messages: list[str], keys: list[str]) -> dict[str, Any]:
+    return {"id": name, "permission": "allow", "flows": [flow], "messages": messages, "key_exprs": keys}
+
+
+def _keys(keys: KeyMap, kinds: tuple[str, ...]) -> list[str]:
+    return [getattr(keys, kind) for kind in kinds]
+
+
+def _asked(keys: KeyMap, kinds: tuple[str, ...]) -> list[str]:
+    """Return the keys of a robot's answers, and the expressions that ask any robot."""
+    return _keys(keys, kinds) + [f"{ROOT}/*/{kind}" for kind in kinds if kind in ASKED_OF_ANY]
+
+
+#: How long the other end may take to show what it is.
+PATIENCE_S = 1.0
+
+
+def why_not_listening(endpoint: Endpoint) -> str:
+    """Return why a robot cannot listen at an endpoint."""
+    kind = socket.SOCK_DGRAM if endpoint.protocol == "quic" else socket.SOCK_STREAM
+    try:
+        family, _, _, _, address = socket.getaddrinfo(endpoint.host, endpoint.port, type=kind)[0]
+        with socket.socket(family, kind) as trial:
+            if kind == socket.SOCK_STREAM:  # as Zenoh does; a connection that has just ended is no listener
+                trial.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            trial.bind(address)
+    except OSError as error:
+        return f"cannot listen at {endpoint}: {_bind_problem(endpoint, error)}"
+    return f"cannot listen at {endpoint}: the port is free now, somebody else has just had it; try again"
+
+
+def why_not_connected(endpoint: Endpoint, credentials: "Credentials | None") -> str:
+    """Return why a client does not get through to an endpoint, and what to check."""
+    if endpoint.protocol == "quic":  # over UDP nobody says that nobody is there
+        return (
+            f"no robot lets this end in at {endpoint}; is hexctl serve running there, are --keys of the same "
+            f"authority on both ends, and was the robot's certificate made for {endpoint.host}?"
+        )
+    try:
+        with socket.create_connection((endpoint.host, endpoint.port), timeout=PATIENCE_S) as link:
+            return _why_refused(endpoint, credentials, link)
+    except socket.gaierror:
+        return f"{endpoint}: no computer called {endpoint.host} is known here; try its address"
+    except ConnectionRefusedError:
+        return f"nothing listens at {endpoint}; is hexctl serve running there?"
+    except OSError as error:
+        return f"nothing answers at {endpoint} ({_cause(error)}); is it on, and on this network?"
+
+
+def _why_refused(endpoint: Endpoint, credentials: "Credentials | None", link: socket.socket) -> str:
+    """Say what is wrong although something listens."""
+    if credentials is None:
+        return f"what listens at {endpoint} is no robot without certificates; does it want tls/ and --keys?"
+    try:
+        context = ssl.create_default_context(cafile=credentials.authority)
+        context.load_cert_chain(credentials.certificate, credentials.key)
+        with context.wrap_socket(link, server_hostname=endpoint.host) as secured:
+            secured.recv(1)  # a refusal of our certificate comes only now
+    except ssl.SSLCertVerificationError as error:
+        return (
+            f"the robot's certificate at {endpoint} is not good here ({error.verify_message.rstrip('.')}); "
+            f"are --keys of the same authority on both ends, and was it made for {endpoint.host}? "
+            "See hexctl keys show"
+        )
+    except ssl.SSLError as error:
+        return (
+            f"the robot at {endpoint} refuses this end's certificate ({_alert(error)}); are --keys of the "
+            "same authority on both ends? See hexctl keys show"
+        )
+    except OSError:
+        pass  # it waits for us to speak: either it has let us in, or it does not speak TLS
+    return f"something at {endpoint} accepts connections and says nothing; is it hexctl serve with --keys?"
+
+
+def _bind_problem(endpoint: Endpoint, error: OSError) -> str:
+    if error.errno == errno.EADDRINUSE:
+        return "already in use; is another robot served there? Give each a port of its own"
+    if error.errno == errno.EADDRNOTAVAIL or isinstance(error, socket.gaierror):
+        return f"{endpoint.host} is none of this computer's addresses; 0.0.0.0 stands for all of them"
+    return _cause(error)
+
+
+def _cause(error: OSError) -> str:
+    """Return what the system says of an error, without its number."""
+    return os.strerror(error.errno).lower() if error.errno else str(error)
+
+
+def _alert(error: ssl.SSLError) -> str:
+    """Return the other end's alert in words, such as `unknown ca`."""
+    return (error.reason or str(error)).partition("ALERT_")[2].replace("_", " ").lower() or str(error.reason)
+
 
 #: How long a client tries to reach a robot.
 CONNECT_MS = 3000
@@ -64,7 +203,7 @@ def open_session(link: Link, role: Role, keys: KeyMap) -> zenoh.Session:
     is not allowed, and RobotFaultError when there is no way to listen or to connect.
     """
     endpoint = check_link(link, role)
-    found = None if link.credentials is None else find_credentials(link.credentials, role)
+    found = _find_credentials(link, role)
     config = zenoh.Config()
     for key, value in _settings(endpoint, role, keys, found).items():
         config.insert_json5(key, json.dumps(value))
@@ -76,7 +215,16 @@ def open_session(link: Link, role: Role, keys: KeyMap) -> zenoh.Session:
         raise RobotFaultError(reason) from error
 
 
-def _settings(endpoint: Endpoint, role: Role, keys: KeyMap, found: Credentials | None) -> dict[str, Any]:
+def _find_credentials(link: Link, role: Role) -> "Credentials | None":
+    """Credentials of a link's folder; without certificates the cryptography library is not loaded."""
+    if link.credentials is None:
+        return None
+    from hexctl.wire.certificates import find_credentials
+
+    return find_credentials(link.credentials, role)
+
+
+def _settings(endpoint: Endpoint, role: Role, keys: KeyMap, found: "Credentials | None") -> dict[str, Any]:
     """Return Zenoh's settings of a session."""
     listens = role is Role.ROBOT
     settings: dict[str, Any] = {
@@ -105,7 +253,7 @@ def _settings(endpoint: Endpoint, role: Role, keys: KeyMap, found: Credentials |
     return settings
 
 
-def _tls(found: Credentials, side: str) -> dict[str, Any]:
+def _tls(found: "Credentials", side: str) -> dict[str, Any]:
     """Return the settings of an encrypted link on which both ends show certificates."""
     return {
         "transport/link/tls/root_ca_certificate": str(found.authority),

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from hexctl.cli.main import exit_code
-from hexctl.serve.certificates import make_certificates
+from hexctl.wire.certificates import make_certificates
 from tests.serve.processes import free_port, hexctl, program, served
 
 REFUSED = [

@@ -14,7 +14,7 @@ from hexctl.backends.sim.world import World
 from hexctl.cli.main import exit_code
 from hexctl.robot.meshes import load_meshes
 from hexctl.robot.schema import MountSection, RobotSchema
-from hexctl.wire.linkfile import load_link
+from hexctl.wire.links import load_link
 from tests.docs.pages import PAGES, ROOT, blocks
 from tests.robot.meshmaking import MAKERS
 from tests.robots import edited_file, put

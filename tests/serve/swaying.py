@@ -17,7 +17,7 @@ from hexctl.backends.zenoh.client import ZenohServos
 from hexctl.control.guard import Guard
 from hexctl.errors import HexctlError
 from hexctl.types import JointTargets
-from hexctl.wire.link import Link
+from hexctl.wire.links import Link
 from tests.robots import shipped
 
 SWAY_RAD = 0.25

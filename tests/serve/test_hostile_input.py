@@ -11,13 +11,11 @@ import pytest
 
 from hexctl.serve.inbox import Arrival
 from hexctl.serve.server import RobotServer
-from hexctl.serve.station import Station
-from hexctl.wire.command import encode_positions
-from hexctl.wire.link import Link
-from hexctl.wire.state import encode_pose
-from hexctl.wire.tags import CommandTag
+from hexctl.serve.transport import Transport
+from hexctl.wire.links import Link
+from hexctl.wire.messages import CommandTag, encode_pose, encode_positions
 from tests.control.posed import PosedMock
-from tests.wire.test_tags import COMMAND_BYTES
+from tests.wire.test_messages import COMMAND_BYTES
 
 TIMES = 100_000
 
@@ -99,7 +97,7 @@ def test_a_hundred_thousand_spoiled_messages_move_nothing_and_are_counted(kind: 
 def test_spoiled_commands_of_whoever_holds_the_lease_never_leave_the_limits(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(Station, "publish", lambda *_: None)
+    monkeypatch.setattr(Transport, "publish", lambda *_: None)
     chance = random.Random(1)  # noqa: S311  no secret
     servos = PosedMock()
     server = RobotServer(servos, Link(), backend="mock")

@@ -11,9 +11,7 @@ import pytest
 
 from hexctl.backends.clock import PERIOD_S
 from hexctl.backends.zenoh.client import ask
-from hexctl.wire.keys import KeyMap
-from hexctl.wire.link import Link
-from hexctl.wire.role import Role
+from hexctl.wire.links import KeyMap, Link, Role
 from hexctl.wire.session import open_session
 from tests.robots import shipped
 from tests.serve.cable import Cable

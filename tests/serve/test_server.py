@@ -8,11 +8,9 @@ import pytest
 
 from hexctl.serve.inbox import Arrival
 from hexctl.serve.server import RobotServer
-from hexctl.serve.station import Station
-from hexctl.wire.command import decode_positions, encode_positions
-from hexctl.wire.link import Link
-from hexctl.wire.state import encode_pose
-from hexctl.wire.tags import CommandTag, StateTag
+from hexctl.serve.transport import Transport
+from hexctl.wire.links import Link
+from hexctl.wire.messages import CommandTag, StateTag, decode_positions, encode_pose, encode_positions
 from tests.control.posed import PosedMock
 from tests.serve.test_hostile_input import Item
 
@@ -23,7 +21,7 @@ class Bench:
     def __init__(self, monkeypatch: pytest.MonkeyPatch, *, sit_after_s: float = 10.0) -> None:
         self.servos = PosedMock()
         self.said: list[tuple[str, bytes, bytes | None]] = []
-        monkeypatch.setattr(Station, "publish", lambda _, *message: self.said.append((*message, None)[:3]))
+        monkeypatch.setattr(Transport, "publish", lambda _, *message: self.said.append((*message, None)[:3]))
         monkeypatch.setattr("time.monotonic", lambda: self.servos.time.now_s)
         self.server = RobotServer(self.servos, Link(), backend="mock", sit_after_s=sit_after_s)
         self.servos.connect()
@@ -34,7 +32,7 @@ class Bench:
     def ask(self, kind: str, content: dict[str, Any] | None = None) -> dict[str, Any]:
         item: Any = Item(b"" if content is None else json.dumps(content).encode(), None)
         if kind == "estop":
-            self.server._station._urgent(item.payload)
+            self.server._transport._urgent(item.payload)
         self.server._handle(Arrival(kind, item, self.servos.time.now_s))
         answer: dict[str, Any] = json.loads(item.answers[0])
         return answer

@@ -8,13 +8,11 @@ from pathlib import Path
 import pytest
 
 from hexctl.backends.zenoh.client import ask
-from hexctl.wire.keys import KeyMap
-from hexctl.wire.link import Link
-from hexctl.wire.role import Role
+from hexctl.wire.links import KeyMap, Link, Role
 from hexctl.wire.session import open_session
 from tests.serve.processes import PATIENCE_S, hexctl, served
 from tests.serve.test_hostile_input import GOOD, spoiled
-from tests.wire.test_tags import COMMAND_BYTES
+from tests.wire.test_messages import COMMAND_BYTES
 
 TIMES = 100_000
 KEYS = KeyMap.of("ant")

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from hexctl.serve.certificates import make_certificates
+from hexctl.wire.certificates import make_certificates
 
 
 @pytest.fixture(scope="session")

@@ -7,8 +7,7 @@ from typing import Any
 
 import zenoh
 
-from hexctl.wire.keys import KeyMap
-from hexctl.wire.link import Link
+from hexctl.wire.links import KeyMap, Link
 
 KEYS = KeyMap.of("ant")
 

@@ -16,13 +16,11 @@ from hexctl.backends.zenoh.subscriber import Ear, Mailbox
 from hexctl.errors import MessageError, RobotFaultError
 from hexctl.robot.model import Robot
 from hexctl.types import JointTargets, RobotState
-from hexctl.wire.command import encode_positions
-from hexctl.wire.describe import check_same_robot, decode_json, encode_json
-from hexctl.wire.link import Link
-from hexctl.wire.protocol import TIME_TO_LIVE_S
-from hexctl.wire.role import Role
+from hexctl.wire import TIME_TO_LIVE_S
+from hexctl.wire.description import check_same_robot, decode_json, encode_json
+from hexctl.wire.links import Link, Role
+from hexctl.wire.messages import LEASE_ID_BYTES, CommandTag, encode_positions
 from hexctl.wire.session import open_session
-from hexctl.wire.tags import LEASE_ID_BYTES, CommandTag
 
 #: A robot answers within a tick; more than this is silence.
 ANSWER_TIMEOUT_S = 1.0

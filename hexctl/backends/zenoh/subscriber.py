@@ -9,10 +9,8 @@ import zenoh
 
 from hexctl.errors import MessageError, RobotFaultError
 from hexctl.types import FloatArray, RobotState
-from hexctl.wire.command import decode_positions
-from hexctl.wire.keys import KeyMap
-from hexctl.wire.state import contacts_of, decode_battery, decode_pose
-from hexctl.wire.tags import StateTag
+from hexctl.wire.links import KeyMap
+from hexctl.wire.messages import StateTag, contacts_of, decode_battery, decode_pose, decode_positions
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,7 +21,7 @@ from hexctl.backends.clock import WallClock
 from hexctl.backends.mavlink import messages
 from hexctl.backends.mavlink.codec import Codec, Frame
 from hexctl.robot.servo_map import ServoMap, load_servo_map
-from hexctl.serve.board import telemetry
+from hexctl.serve import board_telemetry
 from hexctl.types import FloatArray
 from tests.robots import edited_file, put, shipped
 
@@ -182,7 +182,7 @@ class ScriptedBoard:
             self.say(messages.heartbeat(self.kind, 0, self.state))
             if not self.silent:
                 mask = np.array([self.active >> channel & 1 for channel in range(18)], dtype=bool)
-                self.say(telemetry.outputs(self.pulses_us, mask, 0.0))
+                self.say(board_telemetry.outputs(self.pulses_us, mask, 0.0))
                 for message in list(self.extra):
                     self.say(message)
 

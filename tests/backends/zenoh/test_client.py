@@ -15,10 +15,8 @@ from hexctl.control.guard import Guard
 from hexctl.errors import EStopError, RobotFaultError
 from hexctl.robot.loader import load_robot
 from hexctl.types import JointTargets
-from hexctl.wire.command import decode_positions, encode_positions
-from hexctl.wire.keys import KeyMap
-from hexctl.wire.link import Link
-from hexctl.wire.role import Role
+from hexctl.wire.links import KeyMap, Link, Role
+from hexctl.wire.messages import decode_positions, encode_positions
 from hexctl.wire.session import open_session
 from tests.backends.conformance import LegServosConformance
 from tests.robots import edited_file, put, shipped

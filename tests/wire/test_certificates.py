@@ -9,10 +9,17 @@ from cryptography.x509 import SubjectAlternativeName
 
 from hexctl.cli.main import exit_code
 from hexctl.errors import InputError
-from hexctl.serve import certificates
-from hexctl.serve.certificates import hosts_of, make_certificates, renew_certificates
-from hexctl.wire.credentials import AUTHORITY_FILE, CERTIFICATE_FILE, find_credentials, load_certificate
-from hexctl.wire.role import Role
+from hexctl.wire import certificates
+from hexctl.wire.certificates import (
+    AUTHORITY_FILE,
+    CERTIFICATE_FILE,
+    find_credentials,
+    hosts_of,
+    load_certificate,
+    make_certificates,
+    renew_certificates,
+)
+from hexctl.wire.links import Role
 
 
 @pytest.fixture
@@ -80,8 +87,9 @@ def test_expired_and_future_certificates_are_refused(
             def now(cls, _tz: object = None) -> "datetime":  # type: ignore[override]
                 return datetime.now(UTC) + cls.shift
 
-        monkeypatch.setattr(certificates, "datetime", Elsewhen)
-        make_certificates(tmp_path / name, hosts=["a"], days=5)
+        with monkeypatch.context() as patched:
+            patched.setattr(certificates, "datetime", Elsewhen)
+            make_certificates(tmp_path / name, hosts=["a"], days=5)
         with pytest.raises(InputError, match=r"is valid from .* and now it is"):
             find_credentials(tmp_path / name, Role.ROBOT)
         assert exit_code(["keys", "show", str(tmp_path / name)]) == 0

@@ -9,7 +9,7 @@ from hexctl.types import FloatArray, JointTargets
 SIT_AFTER_S = 10.0
 
 
-class Posture:
+class IdleSupervisor:
     """Follows the silence after the last command; any stop but silence makes it hold the pose.
 
     After such a stop it moves no more until the next command, whenever the stop is cleared: whoever clears it

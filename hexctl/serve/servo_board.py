@@ -1,21 +1,165 @@
-"""The servo board: one thread that takes overrides as they come and says at 50 Hz how the servos are."""
+"""A servo board that speaks MAVLink: 18 channels, several peers of which one commands, state at 50 Hz."""
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from typing import Any
+
+import numpy as np
 
 from hexctl.backends.base import LegServos
 from hexctl.backends.mavlink import messages
 from hexctl.backends.mavlink.codec import Codec
-from hexctl.backends.mavlink.transport import Arrival, MavlinkLink, Port
+from hexctl.backends.mavlink.messages import (
+    FIRST_HIGH,
+    IGNORE_US,
+    LEAST_US,
+    MOST_US,
+    RELEASE_HIGH_US,
+    RELEASE_LOW_US,
+)
+from hexctl.backends.mavlink.transport import Address, Arrival, MavlinkLink, Port, SequenceCount
 from hexctl.control.guard import EXPIRY_S, Guard
 from hexctl.errors import CommandRefusedError, EStopError, RobotFaultError
 from hexctl.robot.servo_map import ServoMap
-from hexctl.serve.board import telemetry
-from hexctl.serve.board.channels import Channels
-from hexctl.serve.board.peers import Peer, Peers
-from hexctl.types import JointTargets, RobotState
+from hexctl.serve import board_telemetry
+from hexctl.types import N_JOINTS, BoolArray, FloatArray, JointTargets, RobotState
+
+
+class Channels:
+    """What each channel was told last, by channel, (18,).
+
+    Attributes:
+        pulses_us: the pulse of each channel, within its limits; the last one where it is let go.
+        active: which channels are driven.
+        clipped: overrides so far of which a pulse limit changed something.
+    """
+
+    def __init__(self, servo_map: ServoMap) -> None:
+        self._least_us = servo_map.by_channel(servo_map.min_us)
+        self._most_us = servo_map.by_channel(servo_map.max_us)
+        self.pulses_us: FloatArray = np.full(N_JOINTS, servo_map.centre_us)
+        self.active: BoolArray = np.zeros(N_JOINTS, dtype=bool)
+        self.clipped = 0
+
+    def take(self, raw: list[int]) -> None:
+        """Take an override over, all channels or none.
+
+        Raises CommandRefusedError for a pulse that no servo has.
+        """
+        values = np.array(raw)
+        high = np.arange(N_JOINTS) >= FIRST_HIGH
+        # Channels 9..18 are an extension whose missing values arrive as 0: nobody meant those.
+        ignored = (values == IGNORE_US) | (high & (values == 0))
+        let_go = np.where(high, values == RELEASE_HIGH_US, values == RELEASE_LOW_US)
+        driven = ~ignored & ~let_go
+        if not ((values[driven] >= LEAST_US) & (values[driven] <= MOST_US)).all():
+            raise CommandRefusedError(
+                f"override: got {raw}; allowed: pulses of {LEAST_US:g} to {MOST_US:g} microseconds"
+            )
+        limited = np.clip(values, self._least_us, self._most_us)
+        self.clipped += bool((limited != values)[driven].any())
+        self.pulses_us = np.where(driven, limited, self.pulses_us)
+        self.active = (self.active & ~let_go) | driven
+
+    def let_go(self) -> None:
+        """Drive no channel any more."""
+        self.active = np.zeros(N_JOINTS, dtype=bool)
+
+
+#: Others that the board speaks to at one time.
+MOST_PEERS = 8
+
+#: A peer that was silent for this long is forgotten.
+FORGET_AFTER_S = 5.0
+
+#: Whoever commands loses the board to the next who wants it after this silence; heartbeats come every second.
+FREE_AFTER_S = 2.5
+
+
+@dataclass(eq=False, slots=True)
+class Peer:
+    """Another end.
+
+    Attributes:
+        address: where it speaks from, None on a stream.
+        system: who it says it is.
+        component: which part of it.
+        heard_at_s: when it said something last, on time.monotonic.
+        told_at_s: when it was told last that another commands.
+        sequence: its lost frames.
+    """
+
+    address: Address
+    system: int
+    component: int
+    heard_at_s: float
+    told_at_s: float = float("-inf")
+    sequence: SequenceCount = field(default_factory=SequenceCount)
+
+
+class Peers:
+    """The peers heard lately, and the one of them that commands.
+
+    Attributes:
+        commander: whoever moves the servos, or None.
+        lost: frames of all peers so far that never came.
+        out_of_order: frames that came too late or twice.
+        crowded_out: peers so far that were forgotten because others came.
+    """
+
+    def __init__(self) -> None:
+        self._known: list[Peer] = []
+        self.commander: Peer | None = None
+        self._lost_before = self._late_before = 0
+        self.crowded_out = 0
+
+    @property
+    def lost(self) -> int:
+        """Return how many frames never came."""
+        return self._lost_before + sum(peer.sequence.lost for peer in self._known)
+
+    @property
+    def out_of_order(self) -> int:
+        """Return how many frames came too late or twice."""
+        return self._late_before + sum(peer.sequence.out_of_order for peer in self._known)
+
+    def addresses(self) -> list[Address]:
+        """Return where to send what is for all; a stream has the one address None."""
+        return list(dict.fromkeys(peer.address for peer in self._known))
+
+    def hear(self, address: Address, system: int, component: int, at_s: float) -> tuple[Peer, bool]:
+        """Return who said something, and whether it is new."""
+        for peer in [peer for peer in self._known if at_s - peer.heard_at_s > FORGET_AFTER_S]:
+            self._drop(peer)
+        for peer in self._known:
+            if (peer.address, peer.system, peer.component) == (address, system, component):
+                peer.heard_at_s = at_s
+                return peer, False
+        if len(self._known) >= MOST_PEERS:
+            # The quietest goes: a flood of senders must not keep out whoever wants to command.
+            others = [peer for peer in self._known if peer is not self.commander]
+            self._drop(min(others, key=lambda peer: peer.heard_at_s))
+            self.crowded_out += 1
+        self._known.append(Peer(address, system, component, at_s))
+        return self._known[-1], True
+
+    def may_command(self, peer: Peer, at_s: float) -> bool:
+        """Return whether a peer commands, or may begin to because nobody else does."""
+        holder = self.commander
+        return holder is None or holder is peer or at_s - holder.heard_at_s > FREE_AFTER_S
+
+    def farewell(self, peer: Peer) -> None:
+        """Forget a peer that says that it ends; the next may command at once."""
+        self._drop(peer)
+        if peer is self.commander:
+            self.commander = None
+
+    def _drop(self, peer: Peer) -> None:
+        self._known.remove(peer)
+        self._lost_before += peer.sequence.lost
+        self._late_before += peer.sequence.out_of_order
+
 
 #: Without anybody who commands for this long, the servos are let go.
 RELEASE_AFTER_S = 10.0
@@ -139,7 +283,7 @@ class ServoBoard:
             if frame.message.system_status == messages.POWEROFF:
                 self._peers.farewell(peer)
         elif frame.kind == "PING" or (frame.kind == "COMMAND_LONG" and _for_us(frame.message)):
-            for answer in telemetry.answers(frame.kind, frame.message, peer.system, peer.component):
+            for answer in board_telemetry.answers(frame.kind, frame.message, peer.system, peer.component):
                 self._link.send(answer, peer.address)
 
     def _override(self, message: Any, peer: Peer, at_s: float) -> None:
@@ -149,7 +293,7 @@ class ServoBoard:
             if at_s - peer.told_at_s > TELL_EVERY_S:
                 peer.told_at_s = at_s
                 words = "another controller holds the servos"
-                self._link.send(telemetry.text(CRITICAL_SEVERITY, words), peer.address)
+                self._link.send(board_telemetry.text(CRITICAL_SEVERITY, words), peer.address)
             return
         if peer is not self._peers.commander:
             # Whoever is new begins anew: a fall or a fault of the one before is over.
@@ -201,18 +345,21 @@ class ServoBoard:
         """Return what to say of a state, and now and then how the board is."""
         ticks, now_s = self._counters.ticks, time.monotonic()
         pulses = self._map.by_channel(self._map.pulses_us(state.joint_positions_rad))
-        said = [telemetry.outputs(pulses, self._channels.active, now_s)]
-        said += telemetry.pose(state, now_s, with_euler=ticks % EULER_TICKS == 0)
+        said = [board_telemetry.outputs(pulses, self._channels.active, now_s)]
+        said += board_telemetry.pose(state, now_s, with_euler=ticks % EULER_TICKS == 0)
         if ticks % BEAT_TICKS == 0:
             said = [*self._introduction(state.measured), *said]
-            said += telemetry.health(state, errors=self._link.malformed)
+            said += board_telemetry.health(state, errors=self._link.malformed)
         return said
 
     def _introduction(self, measured: bool) -> list[Any]:
         """Return who the board is: it beats, and says what its joint positions are worth."""
-        said = [telemetry.beat(self._system_state()), telemetry.measured(measured, time.monotonic())]
+        said = [
+            board_telemetry.beat(self._system_state()),
+            board_telemetry.measured(measured, time.monotonic()),
+        ]
         if self._guard.stopped not in (None, "expired"):
-            said.append(telemetry.text(WARNING_SEVERITY, f"stopped: {self._guard.stopped}"))
+            said.append(board_telemetry.text(WARNING_SEVERITY, f"stopped: {self._guard.stopped}"))
         return said
 
     def _introduce(self, peer: Peer) -> None:

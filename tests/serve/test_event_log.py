@@ -2,7 +2,7 @@
 
 import threading
 
-from hexctl.serve.journal import WAITING_LINES, Journal
+from hexctl.serve.event_log import WAITING_LINES, EventLog
 
 PATIENCE_S = 10.0
 
@@ -29,13 +29,13 @@ class Reader:
 def test_changes_are_told_once_and_in_order() -> None:
     reader = Reader()
     reader.go.set()
-    journal = Journal(reader.say)
+    event_log = EventLog(reader.say)
     for _ in range(3):
-        journal.note(controller=None, stopped=None, posture="idle")
+        event_log.note(controller=None, stopped=None, posture="idle")
     for _ in range(3):
-        journal.note(controller="mia", stopped=None, posture="commanded")
-    journal.note(controller=None, stopped="expired", posture="holding")
-    journal.note(controller=None, stopped=None, posture="limp")
+        event_log.note(controller="mia", stopped=None, posture="commanded")
+    event_log.note(controller=None, stopped="expired", posture="holding")
+    event_log.note(controller=None, stopped=None, posture="limp")
     assert reader.await_lines(6) == [
         "commanded by mia",
         "mia has left",
@@ -48,9 +48,9 @@ def test_changes_are_told_once_and_in_order() -> None:
 
 def test_a_reader_who_is_held_up_holds_nothing_up() -> None:
     reader = Reader()
-    journal = Journal(reader.say)
+    event_log = EventLog(reader.say)
     for number in range(10 * WAITING_LINES):
-        journal.note(controller=f"number {number}", stopped=None, posture="commanded")
+        event_log.note(controller=f"number {number}", stopped=None, posture="commanded")
     assert reader.lines == []
     reader.go.set()
     assert reader.await_lines(WAITING_LINES)[0] == "commanded by number 0"
@@ -59,19 +59,19 @@ def test_a_reader_who_is_held_up_holds_nothing_up() -> None:
 def test_what_was_told_last_is_read_before_the_end() -> None:
     reader = Reader()
     reader.go.set()
-    journal = Journal(reader.say)
-    journal.note(controller="mia", stopped="fell", posture="holding")
-    journal.close()
+    event_log = EventLog(reader.say)
+    event_log.note(controller="mia", stopped="fell", posture="holding")
+    event_log.close()
     assert reader.lines == ["commanded by mia", "STOPPED: fell", "holds its pose"]
 
 
 def test_lines_that_were_left_out_are_counted() -> None:
     reader = Reader()
-    journal = Journal(reader.say)
+    event_log = EventLog(reader.say)
     for number in range(WAITING_LINES + 10):
-        journal.note(controller=f"number {number}", stopped=None, posture="commanded")
+        event_log.note(controller=f"number {number}", stopped=None, posture="commanded")
     reader.go.set()
     reader.await_lines(WAITING_LINES)
-    journal.note(controller="mia", stopped=None, posture="commanded")
-    journal.close()
+    event_log.note(controller="mia", stopped=None, posture="commanded")
+    event_log.close()
     assert reader.lines[-1].endswith("lines left out) commanded by mia")

@@ -20,14 +20,14 @@ POSTURES = {
 }
 
 
-class Journal:
+class EventLog:
     """Tells who commands the robot, what stopped it and how it stands, whenever that changes.
 
     Lines are written by a thread of their own: a terminal that somebody holds must not hold up the robot.
     """
 
-    def __init__(self, say: Callable[[str], None]) -> None:
-        self._say = say
+    def __init__(self, report: Callable[[str], None]) -> None:
+        self._report = report
         self._lines: queue.Queue[str | None] = queue.Queue(WAITING_LINES)
         self._controller: str | None = None
         self._stopped: str | None = None
@@ -38,11 +38,11 @@ class Journal:
     def note(self, *, controller: str | None, stopped: str | None, posture: str) -> None:
         """Tell what is not as it was when this was last called."""
         if controller != self._controller:
-            self._tell(f"commanded by {controller}" if controller else f"{self._controller} has left")
+            self._put(f"commanded by {controller}" if controller else f"{self._controller} has left")
         if stopped != self._stopped:
-            self._tell(f"STOPPED: {stopped}" if stopped else f"no longer stopped ({self._stopped})")
+            self._put(f"STOPPED: {stopped}" if stopped else f"no longer stopped ({self._stopped})")
         if posture != self._posture and posture in POSTURES:
-            self._tell(POSTURES[posture])
+            self._put(POSTURES[posture])
         self._controller, self._stopped, self._posture = controller, stopped, posture
 
     def close(self) -> None:
@@ -52,7 +52,7 @@ class Journal:
                 self._lines.put_nowait(None)
             self._writer.join(END_PATIENCE_S)
 
-    def _tell(self, what: str) -> None:
+    def _put(self, what: str) -> None:
         if self._writer is None:
             self._writer = threading.Thread(target=self._write, name="journal", daemon=True)
             self._writer.start()
@@ -66,6 +66,6 @@ class Journal:
     def _write(self) -> None:
         while (line := self._lines.get()) is not None:
             try:
-                self._say(line)
+                self._report(line)
             except OSError:
                 return  # whoever read it has gone

@@ -4,11 +4,8 @@ import struct
 from functools import cache
 from typing import Any
 
-from rosbags.serde import SerdeError
-from rosbags.typesys import Stores, get_typestore
-
 from hexctl.errors import MessageError
-from hexctl.wire.protocol import MAX_PAYLOAD_BYTES
+from hexctl.wire import MAX_PAYLOAD_BYTES
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
 ODOMETRY = "nav_msgs/msg/Odometry"
@@ -19,6 +16,8 @@ NANOSECONDS = 1_000_000_000
 
 @cache
 def _store() -> Any:
+    from rosbags.typesys import Stores, get_typestore
+
     return get_typestore(Stores.ROS2_HUMBLE)
 
 
@@ -51,6 +50,8 @@ def decode(kind: str, payload: bytes) -> Any:
     """
     if len(payload) > MAX_PAYLOAD_BYTES:
         raise MessageError(f"{kind}: got {len(payload)} bytes; allowed: {MAX_PAYLOAD_BYTES} at most")
+    from rosbags.serde import SerdeError
+
     try:
         return _store().deserialize_cdr(payload, kind)
     except (SerdeError, ValueError, TypeError, IndexError, OverflowError, struct.error) as error:

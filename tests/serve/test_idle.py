@@ -6,12 +6,12 @@ from hexctl.backends.clock import PERIOD_S
 from hexctl.control.controllers import SITTING_S, sitting_angles_rad
 from hexctl.control.guard import Guard
 from hexctl.ik.legs import solve_legs
-from hexctl.serve.posture import Posture
+from hexctl.serve.idle import IdleSupervisor
 from tests.control.posed import PosedMock, connected, send
 from tests.robots import ROBOT_NAMES, shipped
 
 
-def let_pass(guard_and_servos: tuple[Guard, PosedMock], posture: Posture, duration_s: float) -> None:
+def let_pass(guard_and_servos: tuple[Guard, PosedMock], posture: IdleSupervisor, duration_s: float) -> None:
     guard, _ = guard_and_servos
     for _ in range(round(duration_s / PERIOD_S)):
         guard.clock.tick()
@@ -19,9 +19,9 @@ def let_pass(guard_and_servos: tuple[Guard, PosedMock], posture: Posture, durati
         posture.tick(guard.clock.now_s)
 
 
-def commanded_once() -> tuple[tuple[Guard, PosedMock], Posture]:
+def commanded_once() -> tuple[tuple[Guard, PosedMock], IdleSupervisor]:
     guard, servos = connected()
-    posture = Posture(guard, sit_after_s=1.0)
+    posture = IdleSupervisor(guard, sit_after_s=1.0)
     send(guard, guard.robot.stance_angles_rad)
     posture.commanded(guard.clock.now_s)
     return (guard, servos), posture
@@ -73,7 +73,7 @@ def test_a_robot_whose_controller_left_in_good_order_sits_down_too() -> None:
 
 def test_before_the_first_command_nothing_moves() -> None:
     guard, servos = connected()
-    posture = Posture(guard, sit_after_s=1.0)
+    posture = IdleSupervisor(guard, sit_after_s=1.0)
     let_pass((guard, servos), posture, 5.0)
     assert posture.name == "idle"
     assert not servos.sent

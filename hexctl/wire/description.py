@@ -10,7 +10,7 @@ import numpy as np
 from hexctl.errors import MessageError, RobotFaultError
 from hexctl.robot.model import Body, GaitDefaults, Robot, ServoModel
 from hexctl.types import JOINT_NAMES
-from hexctl.wire.protocol import MAX_PAYLOAD_BYTES, PROTOCOL_VERSION
+from hexctl.wire import MAX_PAYLOAD_BYTES, PROTOCOL_VERSION
 
 #: Numbers of two descriptions that differ by no more are equal.
 SAME = 1e-9

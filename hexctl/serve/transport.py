@@ -7,10 +7,8 @@ from typing import Any, Self
 import zenoh
 
 from hexctl.serve.inbox import Inbox
-from hexctl.wire.describe import encode_json
-from hexctl.wire.keys import KeyMap
-from hexctl.wire.link import Link
-from hexctl.wire.role import Role
+from hexctl.wire.description import encode_json
+from hexctl.wire.links import KeyMap, Link, Role
 from hexctl.wire.session import open_session
 
 #: What the robot says, and with which priority.
@@ -24,7 +22,7 @@ HEARD = ("command", "pose")
 ASKED = ("describe", "lease", "estop")
 
 
-class Station:
+class Transport:
     """Opens a robot's session; callbacks only put what came into the inbox.
 
     `urgent` is called at once, on Zenoh's thread, with the payload of whatever arrives at `estop`.

@@ -1,0 +1,247 @@
+"""Links: where a robot listens, in which role a peer connects, and under which keys messages travel."""
+
+import ipaddress
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, replace
+from enum import Enum
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from hexctl.errors import InputError
+from hexctl.robot.configs import find_config, read_mapping, validate
+
+
+class Role(Enum):
+    """Who opens a session; also the common name of its certificate, and of the folder that holds it.
+
+    A robot listens and says; controllers command, stop and may say where a robot is; viewers only read.
+    """
+
+    ROBOT = "robot"
+    CONTROLLER = "controller"
+    VIEWER = "viewer"
+
+
+#: First part of every key of hexctl's own naming.
+ROOT = "hexctl"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class KeyMap:
+    """Where each kind of message travels; every value is a full key expression.
+
+    Attributes:
+        command: joint targets to the robot, sensor_msgs/JointState.
+        joint_states: joint angles from the robot, sensor_msgs/JointState.
+        odom: pose from the robot, nav_msgs/Odometry.
+        battery: sensor_msgs/BatteryState.
+        status: what the robot says of itself, JSON.
+        pose: a pose for the robot that does not know its own (motion capture), nav_msgs/Odometry.
+        describe: queryable: robot description, protocol version, joint order, JSON.
+        lease: queryable: who may command, JSON.
+        estop: queryable: stop, or clear a stop, JSON.
+    """
+
+    command: str
+    joint_states: str
+    odom: str
+    battery: str
+    status: str
+    pose: str
+    describe: str
+    lease: str
+    estop: str
+
+    @classmethod
+    def of(cls, robot_name: str) -> "KeyMap":
+        """Return hexctl's own keys of a robot: `hexctl/<robot>/<kind>`."""
+        return cls(**{kind: f"{ROOT}/{robot_name}/{kind}" for kind in KINDS})
+
+    def renamed(self, names: dict[str, str]) -> "KeyMap":
+        """Return the map with some kinds under other keys, for a robot that has names of its own.
+
+        Raises InputError for a kind that does not exist, a key that Zenoh does not take, or two kinds under
+        one key.
+        """
+        for kind, key in names.items():
+            if kind not in KINDS:
+                raise InputError(f"keys: got {kind!r}; allowed: {', '.join(KINDS)}")
+            _check_key(kind, key)
+        renamed = replace(self, **names)
+        taken: dict[str, str] = {}
+        for kind in KINDS:
+            key = getattr(renamed, kind)
+            if key in taken:
+                raise InputError(f"keys: got {key!r} for {taken[key]} and {kind}; allowed: a key each")
+            taken[key] = kind
+        return renamed
+
+
+KINDS = tuple(field.name for field in fields(KeyMap))
+
+
+def _check_key(kind: str, key: str) -> None:
+    """Refuse what is not one plain Zenoh key: empty parts, wildcards, and the characters it reserves."""
+    parts = key.split("/")
+    if not all(parts) or any(sign in key for sign in "*$?#@ "):
+        raise InputError(
+            f"keys: got {key!r} for {kind}; allowed: names joined by single slashes, none of * $ ? # @"
+        )
+
+
+#: Links that hexctl uses; the latter two encrypt.
+PROTOCOLS = ("tcp", "tls", "quic")
+ENCRYPTED = ("tls", "quic")
+
+# Nothing behind the port: Zenoh would take settings there that undo certificates.
+_FORM = re.compile(r"(?P<protocol>[a-z]+)/(?P<host>\[[0-9A-Fa-f:.]+\]|[A-Za-z0-9._-]+):(?P<port>[0-9]{1,5})")
+_LIKE_AN_ADDRESS = re.compile(r"[0-9.]+")
+
+
+@dataclass(frozen=True, slots=True)
+class Endpoint:
+    """An address on the network.
+
+    Attributes:
+        protocol: one of `PROTOCOLS`.
+        host: name or address, IPv6 without brackets.
+        port: 1 to 65535.
+    """
+
+    protocol: str
+    host: str
+    port: int
+
+    @classmethod
+    def parse(cls, text: str) -> "Endpoint":
+        """Return the endpoint that a text such as `tcp/127.0.0.1:7447` names.
+
+        Raises InputError for anything else.
+        """
+        match = _FORM.fullmatch(text)
+        if (
+            match is None
+            or match["protocol"] not in PROTOCOLS
+            or not 0 < int(match["port"]) < 65_536
+            or not _is_host(match["host"])
+        ):
+            raise InputError(
+                f"endpoint: got {text!r}; allowed: PROTOCOL/HOST:PORT with tcp, tls or quic, "
+                "such as tcp/127.0.0.1:7447 or tls/robot.local:7447"
+            )
+        return cls(match["protocol"], match["host"].strip("[]"), int(match["port"]))
+
+    def __str__(self) -> str:
+        """Return the text that Zenoh understands."""
+        return f"{self.protocol}/{self.place}"
+
+    @property
+    def place(self) -> str:
+        """Return host and port as text."""
+        return f"[{self.host}]:{self.port}" if ":" in self.host else f"{self.host}:{self.port}"
+
+    @property
+    def encrypted(self) -> bool:
+        """Return whether the link is encrypted and both ends show certificates."""
+        return self.protocol in ENCRYPTED
+
+    @property
+    def is_loopback(self) -> bool:
+        """Return whether nobody beyond this computer can be at the other end."""
+        address = _address(self.host)
+        return self.host == "localhost" if address is None else address.is_loopback
+
+    @property
+    def is_everywhere(self) -> bool:
+        """Return whether it stands for all addresses of this computer: good for listening only."""
+        address = _address(self.host)
+        return address is not None and address.is_unspecified
+
+
+def _is_host(text: str) -> bool:
+    """Return whether a host is a name, or an address that one computer can have."""
+    address = _address(text.strip("[]"))
+    if address is not None:
+        return not address.is_multicast and (address.version == 6) == text.startswith("[")
+    return not text.startswith("[") and _LIKE_AN_ADDRESS.fullmatch(text) is None
+
+
+def _address(text: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address | None:
+    try:
+        return ipaddress.ip_address(text)
+    except ValueError:
+        return None
+
+
+#: Where `hexctl serve` listens and every client connects unless told otherwise.
+DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Link:
+    """One end of a link.
+
+    Attributes:
+        endpoint: a Zenoh endpoint, such as `tcp/127.0.0.1:7447` or `tls/robot.local:7447`: where a client
+            connects, or where a robot listens.
+        credentials: folder that `hexctl keys new` made, or None for a link without certificates.
+        insecure: True where somebody typed that a link beyond loopback may do without certificates.
+        names: keys of a robot that has names of its own, by kind.
+        plain: True for a robot that speaks the ROS 2 messages and nothing else of hexctl's: no description is
+            compared, no lease taken, and what happens when commands stop coming is up to it.
+    """
+
+    endpoint: str = DEFAULT_ENDPOINT
+    credentials: Path | None = None
+    insecure: bool = False
+    names: Mapping[str, str] = field(default_factory=dict)
+    plain: bool = False
+
+    def keys(self, robot_name: str) -> KeyMap:
+        """Return the keys of a robot on this link.
+
+        Raises InputError for names that cannot be.
+        """
+        return KeyMap.of(robot_name).renamed(dict(self.names))
+
+
+class LinkSchema(BaseModel):
+    """What a link file may hold; every key may be left out."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    endpoint: str = DEFAULT_ENDPOINT
+    credentials: str | None = None
+    insecure: Annotated[bool, Field(strict=True)] = False
+    plain: Annotated[bool, Field(strict=True)] = False
+    names: dict[str, str] = {}
+
+
+def load_link(
+    name_or_path: str | None = None,
+    *,
+    endpoint: str | None = None,
+    credentials: Path | None = None,
+    insecure: bool = False,
+) -> Link:
+    """Return the link of a file, or the default one, with whatever else is given put in.
+
+    A folder of credentials in a file is meant from where the file lies. Raises InputError that says file,
+    key, value and what is allowed.
+    """
+    schema, folder = LinkSchema(), Path()
+    if name_or_path is not None:
+        path = find_config("links", name_or_path)
+        schema, folder = validate(LinkSchema, read_mapping(path), path), path.parent
+    if credentials is None and schema.credentials is not None:
+        credentials = folder / Path(schema.credentials).expanduser()
+    return Link(
+        endpoint=endpoint or schema.endpoint,
+        credentials=credentials,
+        insecure=insecure or schema.insecure,
+        names=schema.names,
+        plain=schema.plain,
+    )

@@ -1,0 +1,407 @@
+"""Messages between a robot and its controllers: commands and states as ROS 2 payloads with a tag beside them.
+
+A tag travels as a Zenoh attachment and holds what the ROS 2 message has no field for: sequence, time, lease,
+flags. Its layout is little-endian without padding; docs/protocol.md lists it byte by byte.
+"""
+
+import math
+import struct
+import time
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from hexctl.errors import MessageError
+from hexctl.types import JOINT_NAMES, N_JOINTS, N_LEGS, BoolArray, FloatArray, RobotState
+from hexctl.wire import PROTOCOL_VERSION, ros_cdr
+
+LEASE_ID_BYTES = 16
+
+_COMMAND = struct.Struct("<4sBQqI16sI")
+_STATE = struct.Struct("<4sBQqIQBB")
+_COMMAND_MAGIC = b"HXCc"
+_STATE_MAGIC = b"HXCs"
+_MEASURED, _HEALTHY, _CONTACTS_KNOWN = 1, 2, 4
+
+#: Longest text of a fault or a stop.
+MAX_TEXT_BYTES = 120
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CommandTag:
+    """Beside a command.
+
+    Attributes:
+        sequence: 1 for the first command of a lease, then growing by one.
+        stamp_ns: when it was made, on a clock of the sender that never jumps; only differences count.
+        time_to_live_ms: how long it is good for.
+        lease_id: of the lease that it is sent under, 16 bytes.
+        lease_sequence: number of that lease; a robot's leases are numbered as it gives them.
+    """
+
+    sequence: int
+    stamp_ns: int
+    time_to_live_ms: int
+    lease_id: bytes
+    lease_sequence: int
+
+    def packed(self) -> bytes:
+        """Return the 45 bytes of the attachment."""
+        return _COMMAND.pack(
+            _COMMAND_MAGIC,
+            PROTOCOL_VERSION,
+            self.sequence,
+            self.stamp_ns,
+            self.time_to_live_ms,
+            self.lease_id,
+            self.lease_sequence,
+        )
+
+    @classmethod
+    def unpacked(cls, attachment: bytes) -> "CommandTag":
+        """Return the tag that an attachment holds.
+
+        Raises MessageError for anything else.
+        """
+        magic, version, sequence, stamp_ns, ttl_ms, lease_id, lease_sequence = _unpacked(_COMMAND, attachment)
+        _check(magic, _COMMAND_MAGIC, version)
+        return cls(
+            sequence=sequence,
+            stamp_ns=stamp_ns,
+            time_to_live_ms=ttl_ms,
+            lease_id=lease_id,
+            lease_sequence=lease_sequence,
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StateTag:
+    """Beside a state.
+
+    Attributes:
+        sequence: grows by one with each state.
+        stamp_ns: when it was sent, on a clock of the robot that never jumps.
+        age_us: how old the measurement was then, in microseconds.
+        command_sequence: of the newest command that reached the servos, 0 before the first of a lease.
+        measured: True for joint angles from sensors, False for an echo of the targets.
+        healthy: False when the robot reports a fault.
+        contacts: bit i is set when foot i+1 touches the floor; None where unknown.
+        fault: what is wrong, or None.
+        stopped: why the robot's guard is stopped, or None.
+    """
+
+    sequence: int
+    stamp_ns: int
+    age_us: int
+    command_sequence: int
+    measured: bool
+    healthy: bool
+    contacts: int | None
+    fault: str | None = None
+    stopped: str | None = None
+
+    def packed(self) -> bytes:
+        """Return the 35 bytes of the attachment and the two texts, each with its length before it."""
+        flags = self.measured * _MEASURED | self.healthy * _HEALTHY
+        flags |= 0 if self.contacts is None else _CONTACTS_KNOWN
+        fixed = _STATE.pack(
+            _STATE_MAGIC,
+            PROTOCOL_VERSION,
+            self.sequence,
+            self.stamp_ns,
+            self.age_us,
+            self.command_sequence,
+            flags,
+            self.contacts or 0,
+        )
+        return fixed + _text(self.fault) + _text(self.stopped)
+
+    @classmethod
+    def unpacked(cls, attachment: bytes) -> "StateTag":
+        """Return the tag that an attachment holds.
+
+        Raises MessageError for anything else.
+        """
+        values = _unpacked(_STATE, attachment[: _STATE.size])
+        magic, version, sequence, stamp_ns, age_us, command_sequence, flags, contacts = values
+        _check(magic, _STATE_MAGIC, version)
+        fault, rest = _read_text(attachment[_STATE.size :])
+        stopped, rest = _read_text(rest)
+        if rest:
+            raise MessageError(f"attachment: got {len(rest)} bytes too many; allowed: none")
+        return cls(
+            sequence=sequence,
+            stamp_ns=stamp_ns,
+            age_us=age_us,
+            command_sequence=command_sequence,
+            measured=bool(flags & _MEASURED),
+            healthy=bool(flags & _HEALTHY),
+            contacts=contacts if flags & _CONTACTS_KNOWN else None,
+            fault=fault,
+            stopped=stopped,
+        )
+
+
+def _unpacked(layout: struct.Struct, data: bytes) -> tuple[Any, ...]:
+    if len(data) != layout.size:
+        raise MessageError(f"attachment: got {len(data)} bytes; allowed: {layout.size}")
+    return layout.unpack(data)
+
+
+def _check(magic: bytes, expected: bytes, version: int) -> None:
+    if magic != expected or version != PROTOCOL_VERSION:
+        raise MessageError(
+            f"attachment: got {magic!r} of version {version}; "
+            f"allowed: {expected!r} of version {PROTOCOL_VERSION}"
+        )
+
+
+def _text(text: str | None) -> bytes:
+    """Return a text of at most 120 bytes with its length before it; None is an empty one."""
+    data = (text or "").encode()[:MAX_TEXT_BYTES].decode(errors="ignore").encode()
+    return bytes([len(data)]) + data
+
+
+def _read_text(data: bytes) -> tuple[str | None, bytes]:
+    if not data or len(data) < 1 + data[0]:
+        raise MessageError("attachment: got a text that is cut off; allowed: its length and its bytes")
+    end = 1 + data[0]
+    return data[1:end].decode(errors="replace") or None, data[end:]
+
+
+_NAMES = list(JOINT_NAMES)
+_NONE = np.zeros(0)
+
+#: Where the stamp of the header lies in a message, behind the encapsulation header.
+_STAMP = slice(4, 12)
+
+#: Behind the positions: two empty sequences.
+_TAIL_BYTES = 8
+
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """What a command says.
+
+    Attributes:
+        positions_rad: joint angles, (18,), leg-major order.
+        tag: what travels beside them.
+    """
+
+    positions_rad: FloatArray
+    tag: CommandTag
+
+
+@cache
+def _template() -> tuple[bytes, bytes, bytes]:
+    """Return what is the same in every message of ours: before the stamp, up to the positions, behind them.
+
+    Only stamp and angles change, so a message is put together from three pieces: at 50 Hz the general
+    encoder, whose code the processor has forgotten after each tick, would be a fifth of a round trip.
+    """
+    whole = _encode_any(np.zeros(N_JOINTS), 0)
+    positions_at = len(whole) - _TAIL_BYTES - 8 * N_JOINTS
+    return whole[: _STAMP.start], whole[_STAMP.stop : positions_at], whole[-_TAIL_BYTES:]
+
+
+def encode_positions(positions_rad: FloatArray, stamp_ns: int | None = None) -> bytes:
+    """Return joint angles, (18,), as sensor_msgs/JointState.
+
+    Args:
+        positions_rad: leg-major order.
+        stamp_ns: of the header, nanoseconds since 1970; now unless given.
+    """
+    seconds, rest = divmod(time.time_ns() if stamp_ns is None else stamp_ns, ros_cdr.NANOSECONDS)
+    before, middle, tail = _template()
+    stamp = (seconds & 0x7FFFFFFF).to_bytes(4, "little") + rest.to_bytes(4, "little")
+    return before + stamp + middle + positions_rad.astype("<f8").tobytes() + tail
+
+
+def decode_positions(payload: bytes) -> FloatArray:
+    """Return the joint angles of a sensor_msgs/JointState in leg-major order, (18,), all finite.
+
+    The message may name the joints in any order; each of the 18 once. Raises MessageError for anything else.
+    """
+    before, middle, tail = _template()
+    begin = _STAMP.stop + len(middle)
+    ours = payload[_STAMP.stop : begin] == middle and payload[begin + 8 * N_JOINTS :] == tail
+    if ours and payload.startswith(before):
+        positions = np.frombuffer(payload, "<f8", N_JOINTS, begin).astype(float)
+    else:
+        positions = _decode_any(payload)
+    if not np.isfinite(positions).all():
+        raise MessageError("joints: got an angle that is not finite; allowed: finite angles in rad")
+    return positions
+
+
+def decode_command(payload: bytes, attachment: bytes | None) -> Command:
+    """Return the command that a payload and its attachment hold.
+
+    Raises MessageError for anything else.
+    """
+    if attachment is None:
+        raise MessageError("command: got no attachment; allowed: one with sequence, time to live and lease")
+    return Command(decode_positions(payload), CommandTag.unpacked(attachment))
+
+
+def _encode_any(positions_rad: FloatArray, stamp_ns: int) -> bytes:
+    return ros_cdr.encode(
+        ros_cdr.make(
+            ros_cdr.JOINT_STATE,
+            header=ros_cdr.header(stamp_ns),
+            name=_NAMES,
+            position=positions_rad,
+            velocity=_NONE,
+            effort=_NONE,
+        )
+    )
+
+
+def _decode_any(payload: bytes) -> FloatArray:
+    """Return the angles of a message that others may have laid out, joints in our order."""
+    message = ros_cdr.decode(ros_cdr.JOINT_STATE, payload)
+    positions = np.asarray(message.position, dtype=float)
+    if positions.shape != (N_JOINTS,) or len(message.name) != N_JOINTS:
+        raise MessageError(
+            f"joints: got {len(message.name)} names and {positions.size} positions; allowed: {N_JOINTS} each"
+        )
+    return positions if message.name == _NAMES else positions[_order(message.name)]
+
+
+def _order(names: list[str]) -> list[int]:
+    """Return where each joint is in a message."""
+    places = {name: place for place, name in enumerate(names)}
+    try:
+        return [places[name] for name in JOINT_NAMES]
+    except KeyError as error:
+        raise MessageError(
+            f"joints: got no {error.args[0]}; allowed: {JOINT_NAMES[0]} ... {JOINT_NAMES[-1]}"
+        ) from error
+
+
+WORLD_FRAME = "odom"
+BODY_FRAME = "base_link"
+
+MAX_AGE_US = 0xFFFFFFFF
+
+_NO_COVARIANCE = np.zeros(36)
+_NAN = math.nan
+
+
+def tag_of(state: RobotState, *, sequence: int, stamp_ns: int, command_sequence: int) -> StateTag:
+    """Return the tag that travels beside a state.
+
+    Args:
+        state: of the robot.
+        sequence: of this state.
+        stamp_ns: of the sender's clock.
+        command_sequence: of the newest command that reached the servos.
+    """
+    return StateTag(
+        sequence=sequence,
+        stamp_ns=stamp_ns,
+        age_us=_microseconds(state.age_s),
+        command_sequence=command_sequence,
+        measured=state.measured,
+        healthy=state.healthy,
+        contacts=None if state.foot_contacts is None else _bits(state.foot_contacts),
+        fault=state.fault,
+        stopped=state.stopped,
+    )
+
+
+def contacts_of(tag: StateTag) -> BoolArray | None:
+    """Return which feet touch the floor, (6,), or None where unknown."""
+    if tag.contacts is None:
+        return None
+    return np.array([bool(tag.contacts >> leg & 1) for leg in range(N_LEGS)])
+
+
+def encode_pose(position_world: FloatArray, quaternion_world: FloatArray) -> bytes:
+    """Return a pose as nav_msgs/Odometry without a twist.
+
+    Args:
+        position_world: (3,) in m.
+        quaternion_world: (w, x, y, z).
+    """
+    x, y, z = position_world.tolist()
+    w, i, j, k = quaternion_world.tolist()
+    none = ros_cdr.make("geometry_msgs/msg/Vector3", x=0.0, y=0.0, z=0.0)
+    pose = ros_cdr.make(
+        "geometry_msgs/msg/Pose",
+        position=ros_cdr.make("geometry_msgs/msg/Point", x=x, y=y, z=z),
+        orientation=ros_cdr.make("geometry_msgs/msg/Quaternion", x=i, y=j, z=k, w=w),
+    )
+    twist = ros_cdr.make("geometry_msgs/msg/Twist", linear=none, angular=none)
+    return ros_cdr.encode(
+        ros_cdr.make(
+            ros_cdr.ODOMETRY,
+            header=ros_cdr.header(time.time_ns(), WORLD_FRAME),
+            child_frame_id=BODY_FRAME,
+            pose=ros_cdr.make("geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=_NO_COVARIANCE),
+            twist=ros_cdr.make(
+                "geometry_msgs/msg/TwistWithCovariance", twist=twist, covariance=_NO_COVARIANCE
+            ),
+        )
+    )
+
+
+def decode_pose(payload: bytes) -> tuple[FloatArray, FloatArray]:
+    """Return position (3,) and unit quaternion (w, x, y, z) of a nav_msgs/Odometry, all finite.
+
+    Raises MessageError for anything else.
+    """
+    pose = ros_cdr.decode(ros_cdr.ODOMETRY, payload).pose.pose
+    position = np.array([pose.position.x, pose.position.y, pose.position.z])
+    turned = pose.orientation
+    quaternion = np.array([turned.w, turned.x, turned.y, turned.z])
+    norm = math.hypot(*quaternion.tolist())
+    if not (np.isfinite(position).all() and math.isfinite(norm) and abs(norm - 1) < 0.01):
+        raise MessageError("pose: got numbers that are no pose; allowed: finite metres and a unit quaternion")
+    return position, quaternion / norm
+
+
+def encode_battery(voltage_v: float | None, share: float | None) -> bytes:
+    """Return the battery as sensor_msgs/BatteryState; what is unknown is NaN, as that message wants."""
+    return ros_cdr.encode(
+        ros_cdr.make(
+            ros_cdr.BATTERY_STATE,
+            header=ros_cdr.header(time.time_ns()),
+            voltage=_NAN if voltage_v is None else voltage_v,
+            temperature=_NAN,
+            current=_NAN,
+            charge=_NAN,
+            capacity=_NAN,
+            design_capacity=_NAN,
+            percentage=_NAN if share is None else share,
+            power_supply_status=0,
+            power_supply_health=0,
+            power_supply_technology=0,
+            present=voltage_v is not None or share is not None,
+            cell_voltage=np.zeros(0, np.float32),
+            cell_temperature=np.zeros(0, np.float32),
+            location="",
+            serial_number="",
+        )
+    )
+
+
+def decode_battery(payload: bytes) -> tuple[float | None, float | None]:
+    """Return voltage in V and what is left, 0 to 1, of a sensor_msgs/BatteryState; None where unknown.
+
+    Raises MessageError for anything else.
+    """
+    message = ros_cdr.decode(ros_cdr.BATTERY_STATE, payload)
+    voltage, share = float(message.voltage), float(message.percentage)
+    return voltage if math.isfinite(voltage) else None, share if math.isfinite(share) else None
+
+
+def _microseconds(age_s: float) -> int:
+    """Return an age as it fits into the tag; one that is no number is as old as can be."""
+    return min(max(0, round(age_s * 1e6)), MAX_AGE_US) if math.isfinite(age_s) else MAX_AGE_US
+
+
+def _bits(contacts: BoolArray) -> int:
+    return sum(1 << leg for leg, touches in enumerate(contacts.tolist()) if touches)

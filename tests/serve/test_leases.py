@@ -1,0 +1,156 @@
+"""Leases and stops: one controller at a time, and what a robot answers."""
+
+import time
+
+import pytest
+
+from hexctl.control.guard import Guard
+from hexctl.errors import EStopError
+from hexctl.serve.leases import LEASE_S, LeaseManager, LeaseRefusedError, RequestHandler
+from hexctl.wire.description import encode_json
+from tests.control.posed import connected, send
+
+
+def test_the_first_who_asks_holds_the_robot_and_the_second_is_told_who() -> None:
+    desk = LeaseManager()
+    lease = desk.acquire("alice", 10.0)
+    assert desk.holder(10.5) == lease
+    with pytest.raises(LeaseRefusedError, match="held by alice for 1 s"):
+        desk.acquire("bob", 10.9)
+    assert desk.refused == 1
+
+
+def test_a_lease_ends_unless_it_is_renewed() -> None:
+    desk = LeaseManager()
+    lease = desk.acquire("alice", 0.0)
+    for third in range(1, 10):
+        desk.renew(lease.lease_id, third * LEASE_S / 3)
+    assert desk.holder(3.9 * LEASE_S) is not None
+    assert desk.holder(4.1 * LEASE_S) is None
+    with pytest.raises(LeaseRefusedError, match="nobody holds"):
+        desk.renew(lease.lease_id, 4.1 * LEASE_S)
+
+
+def test_later_leases_have_higher_numbers_and_other_ids() -> None:
+    desk = LeaseManager()
+    first = desk.acquire("alice", 0.0)
+    desk.release(first.lease_id, 0.1)
+    second = desk.acquire("bob", 0.2)
+    assert second.sequence == first.sequence + 1
+    assert second.lease_id != first.lease_id
+    for stale in (desk.renew, desk.release):
+        with pytest.raises(LeaseRefusedError, match="bob holds"):
+            stale(first.lease_id, 0.3)
+    assert desk.holder(0.3) == second
+
+
+def test_a_lease_can_be_taken_away() -> None:
+    desk = LeaseManager()
+    lease = desk.acquire("alice", 0.0)
+    desk.revoke()
+    assert desk.holder(0.1) is None
+    with pytest.raises(LeaseRefusedError):
+        desk.renew(lease.lease_id, 0.1)
+    desk.acquire("bob", 0.1)
+
+
+def test_nobody_guesses_a_lease() -> None:
+    desk = LeaseManager()
+    desk.acquire("alice", 0.0)
+    for guess in (b"", bytes(16), b"x" * 100):
+        with pytest.raises(LeaseRefusedError):
+            desk.release(guess, 0.1)
+    assert desk.holder(0.1) is not None
+
+
+def test_a_name_without_end_is_cut() -> None:
+    assert len(LeaseManager().acquire("a" * 10_000, 0.0).owner) == 80
+
+
+@pytest.fixture
+def guard() -> Guard:
+    return connected()[0]
+
+
+@pytest.fixture
+def desk(guard: Guard) -> RequestHandler:
+    return RequestHandler(guard, LeaseManager())
+
+
+def ask(desk: RequestHandler, now_s: float = 0.0, **content: str) -> dict[str, object]:
+    return desk.lease(encode_json(content), now_s)
+
+
+def test_a_lease_is_given_renewed_and_released(desk: RequestHandler) -> None:
+    given = ask(desk, op="acquire", owner="alice")
+    lease = str(given["lease"])
+    assert ask(desk, 0.3, op="renew", lease=lease) == {"sequence": given["sequence"]}
+    assert "alice" in str(ask(desk, 0.6, op="acquire", owner="bob")["error"])
+    assert ask(desk, 0.6, op="release", lease=lease) == {"released": True}
+    assert "lease" in ask(desk, 0.7, op="acquire", owner="bob")
+
+
+def test_silence_is_lifted_by_a_new_lease_and_every_other_stop_is_not(
+    guard: Guard, desk: RequestHandler
+) -> None:
+    guard.stop("expired")
+    assert "lease" in ask(desk, op="acquire", owner="alice")
+    assert guard.stopped is None
+    for reason in ("estop", "fell", "fault: low battery", "state", "pose lost"):
+        guard.clear()
+        guard.stop(reason)
+        assert reason in str(ask(desk, 10.0, op="acquire", owner="bob")["error"])
+        assert guard.stopped == reason
+
+
+def test_a_stop_outweighs_silence_and_takes_the_lease_away(guard: Guard, desk: RequestHandler) -> None:
+    lease = str(ask(desk, op="acquire", owner="alice")["lease"])
+    guard.stop("expired")
+    assert desk.estop(b"", 0.1) == {"stopped": "estop"}
+    assert "error" in ask(desk, 0.1, op="renew", lease=lease)
+    assert "estop" in str(ask(desk, 0.1, op="acquire", owner="alice")["error"])
+
+
+def test_a_stop_works_at_once_and_is_cleared_explicitly(guard: Guard, desk: RequestHandler) -> None:
+    desk.urgent(encode_json({"op": "stop"}))
+    with pytest.raises(EStopError, match="estop"):
+        send(guard, guard.robot.stance_angles_rad)
+    desk.urgent(encode_json({"op": "clear"}))
+    assert guard.stopped == "estop"
+    stop_s = time.monotonic()
+    assert desk.estop(encode_json({"op": "clear"}), stop_s - 100) == {"stopped": "estop"}
+    assert desk.estop(encode_json({"op": "clear"}), stop_s) == {"stopped": None}
+    send(guard, guard.robot.stance_angles_rad)
+
+
+@pytest.mark.parametrize("payload", [b"x", b"[]", b"{}", b'{"op": "go"}', b'{"op": 1}'])
+def test_what_is_no_request_changes_nothing_and_is_counted(
+    guard: Guard, desk: RequestHandler, payload: bytes
+) -> None:
+    guard.stop("fell")
+    desk.urgent(payload)
+    assert "error" in desk.estop(payload, 0.0)
+    assert "error" in desk.lease(payload, 0.0)
+    assert guard.stopped == "fell"
+    assert desk.malformed == 2
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        {"op": "renew", "lease": "no hex"},
+        {"op": "renew", "lease": 5},
+        {"op": "acquire", "owner": 5},
+        {"op": "acquire", "owner": "a\nb"},
+    ],
+)
+def test_a_lease_request_with_bad_values_is_refused(desk: RequestHandler, content: dict[str, object]) -> None:
+    assert "allowed" in str(desk.lease(encode_json(content), 0.0)["error"])
+
+
+def test_resting_is_no_silence(guard: Guard, desk: RequestHandler) -> None:
+    lease = str(ask(desk, op="acquire", owner="alice")["lease"])
+    send(guard, guard.robot.stance_angles_rad)
+    assert guard.expects_commands
+    assert "sequence" in ask(desk, 0.1, op="rest", lease=lease)
+    assert not guard.expects_commands
