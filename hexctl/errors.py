@@ -1,7 +1,11 @@
 """The errors hexctl raises on purpose, each also a built-in error.
 
 Every message says what was wrong, the value got, what is allowed and, where it helps, what to do next.
+`check_type` refuses a value of the wrong type in those words.
 """
+
+from numbers import Integral, Real
+from reprlib import Repr
 
 
 class HexctlError(Exception):
@@ -10,6 +14,10 @@ class HexctlError(Exception):
 
 class InputError(HexctlError, ValueError):
     """A value from the user (option, file, argument) that is not allowed."""
+
+
+class WrongTypeError(InputError, TypeError):
+    """A value of a type that is not allowed."""
 
 
 class MissingExtraError(HexctlError, ImportError):
@@ -65,3 +73,54 @@ class MessageError(HexctlError, ValueError):
 
 class RecordingError(HexctlError, OSError):
     """A recording could not be written or opened."""
+
+
+#: Types whose check and name differ from their own: numbers of numpy count, yes and no do not.
+_NUMBERS: dict[type, tuple[type, str]] = {float: (Real, "a number"), int: (Integral, "a whole number")}
+
+_NAMES = {str: "text", bool: "True or False", type(None): "None"}
+
+#: Characters of a value that a message shows.
+MOST_SHOWN = 160
+
+
+def check_type(value: object, kind: type | tuple[type, ...], what: str, allowed: str | None = None) -> None:
+    """Raise WrongTypeError unless a value is of a type, or of one of several.
+
+    `float` stands for any number and `int` for any whole number, numpy's included; a bool is neither.
+
+        check_type(gait, Gait, "plan.gait", "a Gait, as make_gait(robot, 'tripod') gives")
+        # plan.gait: got 'tripod' (str); allowed: a Gait, as make_gait(robot, 'tripod') gives
+
+    Args:
+        value: what was given.
+        kind: the type, or a tuple of types.
+        what: the name of the argument, as the caller knows it.
+        allowed: the end of the message; without one, it is made from the types.
+    """
+    kinds = kind if isinstance(kind, tuple) else (kind,)
+    if any(_is_a(value, one) for one in kinds):
+        return
+    allowed = allowed or " or ".join(_type_name(one) for one in kinds)
+    raise WrongTypeError(f"{what}: got {shown(value)} ({type(value).__name__}); allowed: {allowed}")
+
+
+def shown(value: object) -> str:
+    """Short text of a value on one line, however large it is."""
+    short = Repr()
+    short.maxlevel, short.maxlist, short.maxstring, short.maxother = 3, 20, 60, 60
+    text = short.repr(value).replace("\n", " ")
+    return text if len(text) <= MOST_SHOWN else text[:MOST_SHOWN] + "..."
+
+
+def _is_a(value: object, kind: type) -> bool:
+    if kind in _NUMBERS:
+        return isinstance(value, _NUMBERS[kind][0]) and not isinstance(value, bool)
+    return isinstance(value, kind)
+
+
+def _type_name(kind: type) -> str:
+    if kind in _NUMBERS:
+        return _NUMBERS[kind][1]
+    article = "an" if kind.__name__[0] in "AEIOU" else "a"
+    return _NAMES.get(kind, f"{article} {kind.__name__}")

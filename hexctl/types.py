@@ -3,10 +3,14 @@
 Six legs of three joints each, in leg-major order.
 """
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from hexctl.errors import InputError, check_type
 
 N_LEGS = 6
 JOINTS_PER_LEG = 3
@@ -20,7 +24,7 @@ JOINT_NAMES = tuple(f"leg{leg}_{kind}" for leg in range(1, N_LEGS + 1) for kind 
 
 
 def leg_slice(leg: int) -> slice:
-    """Return where the three joints of leg 1..6 lie in an array of 18."""
+    """Where the three joints of leg 1..6 lie in an array of 18."""
     return slice(JOINTS_PER_LEG * (leg - 1), JOINTS_PER_LEG * leg)
 
 
@@ -28,8 +32,55 @@ FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
 
-@dataclass(frozen=True, slots=True)
-class JointTargets:
+class ArrayFields:
+    """Equality of dataclasses whose fields hold arrays.
+
+    Two values are equal if they are of one class and all their fields are: arrays by shape and elements,
+    also within tuples, lists and mappings; NaN equals NaN. A field with `compare=False` does not count. The
+    equality that a dataclass makes itself must be off, as it raises for arrays:
+
+        @dataclass(frozen=True, slots=True, eq=False)
+        class Walk(ArrayFields):
+            path_m: FloatArray
+
+    Such a class has no hash. One that needs a hash defines it, from fields that are equal where it is.
+    """
+
+    __slots__ = ()
+
+    def __eq__(self, other: object) -> bool:
+        if type(other) is not type(self):
+            return NotImplemented
+        names = (field.name for field in fields(self) if field.compare)  # type: ignore[arg-type]
+        return all(same_value(getattr(self, name), getattr(other, name)) for name in names)
+
+
+def same_value(one: Any, other: Any) -> bool:
+    """Whether two values are equal: arrays by shape and elements, containers by contents, NaN to NaN."""
+    if isinstance(one, np.ndarray) or isinstance(other, np.ndarray):
+        both = isinstance(one, np.ndarray) and isinstance(other, np.ndarray)
+        return both and bool(_same_array(one, other))
+    if isinstance(one, Mapping) and isinstance(other, Mapping):
+        return one.keys() == other.keys() and all(same_value(one[key], other[key]) for key in one)
+    if isinstance(one, list | tuple) and type(one) is type(other):
+        return len(one) == len(other) and all(map(same_value, one, other))
+    return bool(one == other) or bool(one != one and other != other)
+
+
+def _same_array(one: NDArray[Any], other: NDArray[Any]) -> bool:
+    inexact = np.issubdtype(one.dtype, np.inexact) and np.issubdtype(other.dtype, np.inexact)
+    return np.array_equal(one, other, equal_nan=inexact)
+
+
+def check_shape(value: object, shape: tuple[int, ...], what: str) -> None:
+    """Raise WrongTypeError unless a value is an array, and InputError unless it has a shape."""
+    check_type(value, np.ndarray, what, f"an array of shape {shape}")
+    if isinstance(value, np.ndarray) and value.shape != shape:
+        raise InputError(f"{what}: got an array of shape {value.shape}; allowed: shape {shape}")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class JointTargets(ArrayFields):
     """Where the 18 joints shall go.
 
     Attributes:
@@ -41,8 +92,8 @@ class JointTargets:
     stamp_s: float
 
 
-@dataclass(frozen=True, slots=True)
-class RobotState:
+@dataclass(frozen=True, slots=True, eq=False)
+class RobotState(ArrayFields):
     """What a robot knows of itself at one moment.
 
     Attributes:
@@ -72,3 +123,12 @@ class RobotState:
     stopped: str | None = None
     battery_v: float | None = None
     battery_share: float | None = None
+
+    def copy(self) -> "RobotState":
+        """The same state with arrays of its own."""
+        arrays: dict[str, Any] = {
+            field.name: value.copy()
+            for field in fields(self)
+            if isinstance(value := getattr(self, field.name), np.ndarray)
+        }
+        return replace(self, **arrays)

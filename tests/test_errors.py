@@ -1,11 +1,13 @@
-"""hexctl's own errors travel between processes, as those of a study's workers do."""
+"""hexctl's own errors travel between processes, as those of a study's workers do; wrong types are refused."""
 
 import pickle
+from pathlib import Path
 
+import numpy as np
 import pytest
 
 from hexctl import errors
-from hexctl.errors import HexctlError, MissingExtraError
+from hexctl.errors import HexctlError, InputError, MissingExtraError, WrongTypeError, check_type
 
 KINDS = [
     kind
@@ -26,3 +28,45 @@ def test_every_error_travels_with_its_text(kind: type[HexctlError]) -> None:
     there = pickle.loads(pickle.dumps(kind("one line")))  # noqa: S301
     assert type(there) is kind
     assert str(there) == "one line"
+
+
+@pytest.mark.parametrize(
+    ("value", "kind"),
+    [
+        (1, float),
+        (1.5, float),
+        (np.float32(1.5), float),
+        (np.int64(1), float),
+        (1, int),
+        (np.int64(1), int),
+        ("ant", str),
+        (Path("ant.yaml"), (str, Path)),
+        (None, (str, type(None))),
+    ],
+)
+def test_a_value_of_an_allowed_type_passes(value: object, kind: type) -> None:
+    check_type(value, kind, "value")
+
+
+@pytest.mark.parametrize(
+    ("value", "kind", "message"),
+    [
+        ("5", int, "leg: got '5' (str); allowed: a whole number"),
+        (1.5, int, "leg: got 1.5 (float); allowed: a whole number"),
+        (True, int, "leg: got True (bool); allowed: a whole number"),
+        (True, float, "leg: got True (bool); allowed: a number"),
+        (3, (str, type(None)), "leg: got 3 (int); allowed: text or None"),
+        (None, Path, "leg: got None (NoneType); allowed: a Path"),
+        (np.zeros((2, 2)), str, "leg: got array([[0., 0.],        [0., 0.]]) (ndarray); allowed: text"),
+    ],
+)
+def test_a_value_of_another_type_is_refused_in_one_line(value: object, kind: type, message: str) -> None:
+    with pytest.raises(InputError) as refused:
+        check_type(value, kind, "leg")
+    assert str(refused.value) == message
+    assert isinstance(refused.value, TypeError)
+
+
+def test_a_value_however_large_is_shown_in_one_short_line() -> None:
+    with pytest.raises(WrongTypeError, match=r"^plan: got .{,180}; allowed: a robot$"):
+        check_type([["x" * 1000] * 1000] * 1000, str, "plan", "a robot")

@@ -1,6 +1,23 @@
-"""The order of the joints, which every array and every wire format relies on."""
+"""The vocabulary of every part: the order of the joints, and values with arrays that compare and copy."""
 
-from hexctl.types import JOINT_NAMES, leg_slice
+import pickle
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hexctl.errors import InputError, WrongTypeError
+from hexctl.types import (
+    JOINT_NAMES,
+    N_JOINTS,
+    ArrayFields,
+    FloatArray,
+    JointTargets,
+    RobotState,
+    check_shape,
+    leg_slice,
+)
 
 
 def test_joints_lie_leg_by_leg_from_the_body_outward() -> None:
@@ -12,3 +29,77 @@ def test_joints_lie_leg_by_leg_from_the_body_outward() -> None:
 def test_a_leg_is_found_in_an_array_of_joints() -> None:
     for leg in range(1, 7):
         assert JOINT_NAMES[leg_slice(leg)] == tuple(f"leg{leg}_{kind}" for kind in ("coxa", "femur", "tibia"))
+
+
+def a_state() -> RobotState:
+    return RobotState(
+        np.linspace(0, 1, N_JOINTS),
+        stamp_s=1.5,
+        measured=True,
+        base_position_world=np.array([0.1, np.nan, 0.3]),
+        foot_contacts=np.array([True, False] * 3),
+    )
+
+
+CHANGES: list[dict[str, Any]] = [
+    {"joint_positions_rad": np.zeros(N_JOINTS)},
+    {"joint_positions_rad": np.zeros((2, N_JOINTS))},
+    {"base_position_world": None},
+    {"base_quaternion_world": np.array([1.0, 0, 0, 0])},
+    {"foot_contacts": np.array([False, True] * 3)},
+    {"stamp_s": 2.0},
+    {"measured": False},
+]
+
+
+def test_states_and_targets_are_equal_exactly_if_all_they_hold_is() -> None:
+    assert a_state() == a_state()
+    assert JointTargets(np.zeros(N_JOINTS), 1.0) == JointTargets(np.zeros(N_JOINTS), 1.0)
+    assert JointTargets(np.zeros(N_JOINTS), 1.0) != JointTargets(np.ones(N_JOINTS), 1.0)
+    assert JointTargets(np.zeros(N_JOINTS), float("nan")) == JointTargets(np.zeros(N_JOINTS), float("nan"))
+    assert a_state() != JointTargets(np.zeros(N_JOINTS), 1.5)
+    assert a_state() != None  # noqa: E711  the comparison itself must not raise
+    for change in CHANGES:
+        assert a_state() != replace(a_state(), **change), change
+
+
+def test_a_state_that_travelled_is_equal() -> None:
+    assert pickle.loads(pickle.dumps(a_state())) == a_state()  # noqa: S301
+
+
+def test_a_value_with_arrays_has_no_hash_that_could_disagree() -> None:
+    with pytest.raises(TypeError, match="unhashable"):
+        hash(a_state())
+
+
+def test_arrays_within_containers_are_compared_too() -> None:
+    @dataclass(frozen=True, eq=False)
+    class Paths(ArrayFields):
+        by_name: dict[str, tuple[FloatArray, ...]]
+
+    def paths(end: float) -> Paths:
+        return Paths({"first": (np.zeros(2), np.array([0.0, end]))})
+
+    assert paths(1.0) == paths(1.0)
+    assert paths(1.0) != paths(2.0)
+    assert paths(1.0) != Paths({"second": paths(1.0).by_name["first"]})
+    assert paths(1.0) != Paths({"first": (np.zeros(2),)})
+
+
+def test_a_copy_of_a_state_is_equal_and_has_arrays_of_its_own() -> None:
+    state = a_state()
+    copy = state.copy()
+    assert copy == state
+    copy.joint_positions_rad[0] = 9
+    assert state == a_state()
+    assert copy != state
+
+
+def test_a_wrong_array_is_refused_with_its_shape() -> None:
+    check_shape(np.zeros((6, 3)), (6, 3), "feet")
+    with pytest.raises(InputError, match=r"feet: got an array of shape \(3,\); allowed: shape \(6, 3\)"):
+        check_shape(np.zeros(3), (6, 3), "feet")
+    with pytest.raises(
+        WrongTypeError, match=r"feet: got \[1, 2\] \(list\); allowed: an array of shape \(6, 3\)"
+    ):
+        check_shape([1, 2], (6, 3), "feet")

@@ -6,9 +6,10 @@ and the rank runs over the arrangements of the others: 120 for one failed leg, 2
 """
 
 import math
+import operator
 from collections.abc import Iterable, Sequence
 
-from hexctl.errors import InputError
+from hexctl.errors import InputError, check_type
 from hexctl.types import N_LEGS
 
 Slots = tuple[int, ...]
@@ -26,6 +27,7 @@ def slots_from_code(code: int, failed_legs: Iterable[int] = ()) -> Slots:
     """
     free = _free_legs(failed_legs)
     count = math.factorial(len(free))
+    check_type(code, int, "gait code", f"a whole number, 1..{count}")
     if not 1 <= code <= count:
         raise InputError(f"gait code: got {code}; allowed: 1..{count} with {_failed_text(free)}")
     slots = list(range(1, N_LEGS + 1))
@@ -56,15 +58,31 @@ def code_from_slots(slots: Sequence[int], failed_legs: Iterable[int] = ()) -> in
     return rank + 1
 
 
+def as_slots(slots: Iterable[int]) -> Slots:
+    """Slots as a tuple of plain whole numbers, from any sequence of them.
+
+    Raises WrongTypeError for text, and for anything that does not hold whole numbers.
+    """
+    allowed = f"{N_LEGS} whole numbers, each 1..{N_LEGS}"
+    if isinstance(slots, str):
+        check_type(slots, tuple, "slots", allowed)
+    check_type(slots, Iterable, "slots", allowed)
+    values = tuple(slots)
+    for value in values:
+        check_type(value, int, "slots", allowed)
+    return tuple(map(operator.index, values))
+
+
 def check_permutation(slots: Sequence[int]) -> None:
     """Raise InputError unless the slots are a permutation of 1..6."""
-    if sorted(slots) != list(range(1, N_LEGS + 1)):
+    if sorted(as_slots(slots)) != list(range(1, N_LEGS + 1)):
         got = ",".join(str(slot) for slot in slots)
         raise InputError(f"slots: got {got}; allowed: a permutation of 1,2,3,4,5,6")
 
 
 def _free_legs(failed_legs: Iterable[int]) -> tuple[int, ...]:
     """Return the legs that still walk, ascending."""
+    check_type(failed_legs, Iterable, "failed legs", f"legs, each 1..{N_LEGS}, such as (5,)")
     failed = set(failed_legs)
     if not failed <= set(range(1, N_LEGS + 1)):
         raise InputError(f"failed legs: got {sorted(failed)}; allowed: 1..{N_LEGS}")

@@ -1,11 +1,19 @@
 """Gaits (slots, pace, amplitude, height), motions (heading and turn), and gaits by name, code or slots."""
 
 import math
-from collections.abc import Iterable
+import operator
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from hexctl.errors import InputError
-from hexctl.gait.encoding import Slots, check_permutation, code_count, code_from_slots, slots_from_code
+from hexctl.errors import InputError, check_type
+from hexctl.gait.encoding import (
+    Slots,
+    as_slots,
+    check_permutation,
+    code_count,
+    code_from_slots,
+    slots_from_code,
+)
 from hexctl.robot.model import Robot
 from hexctl.types import N_LEGS
 
@@ -32,6 +40,7 @@ class Gait:
     height: float
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "slots", as_slots(self.slots))
         if len(self.slots) != N_LEGS or not all(1 <= slot <= N_LEGS for slot in self.slots):
             raise InputError(f"slots: got {self.slots}; allowed: six numbers, each 1..6")
         _require_between("pace", self.pace_hz, 0, MAX_PACE_HZ, "Hz")
@@ -62,6 +71,8 @@ class Motion:
     turn_rate_rad_s: float = 0.0
 
     def __post_init__(self) -> None:
+        for name in ("heading_rad", "travel", "turn_rate_rad_s"):
+            check_type(getattr(self, name), float, f"motion.{name}")
         if not (math.isfinite(self.heading_rad) and math.isfinite(self.turn_rate_rad_s)):
             raise InputError(
                 f"motion: got heading {self.heading_rad} and turn {self.turn_rate_rad_s} rad/s; "
@@ -87,6 +98,7 @@ def half_amplitude_turn_rate_rad_s(robot: Robot, gait: Gait) -> float:
 
 
 def _require_between(what: str, value: float, low: float, high: float, unit: str) -> None:
+    check_type(value, float, what, f"a number above {low:g} up to {high:g} {unit}")
     if not (math.isfinite(value) and low < value <= high):
         raise InputError(f"{what}: got {value:g}; allowed: above {low:g} up to {high:g} {unit}")
 
@@ -106,37 +118,50 @@ NAMED_SLOTS: dict[str, Slots] = {
 
 def make_gait(
     robot: Robot,
-    text: str,
+    gait: str | int | Sequence[int],
     *,
     pace_hz: float | None = None,
     amplitude: float | None = None,
     height: float | None = None,
     failed_legs: Iterable[int] = (),
 ) -> Gait:
-    """Return a gait from the text that `parse_slots` takes, with the robot's own values where none is given.
+    """A gait by name, code or slots, with the robot's own pace, amplitude and height where none is given.
 
     Args:
         robot: whose defaults hold.
-        text: name, code or slots.
+        gait: name (`"tripod"`), code (`57`, `"57"`) or slots (`(5, 1, 2, 4, 3, 6)`, `"5,1,2,4,3,6"`).
         pace_hz: gait cycles per second.
         amplitude: step amplitude as a fraction of the robot's size.
         height: step height as a fraction of the robot's size.
         failed_legs: a code counts among the arrangements of the other legs.
+
+    Raises InputError for anything else, and for a gait that `Gait` refuses.
     """
+    check_type(robot, Robot, "make_gait: robot", "a Robot, as load_robot('ant') gives")
     default = robot.gait
     return Gait(
-        slots=parse_slots(text, failed_legs),
+        slots=parse_slots(gait, failed_legs),
         pace_hz=default.pace_hz if pace_hz is None else pace_hz,
         amplitude=default.amplitude if amplitude is None else amplitude,
         height=default.height if height is None else height,
     )
 
 
-def parse_slots(text: str, failed_legs: Iterable[int] = ()) -> Slots:
-    """Return slots from a name (`tripod`), a code (`57`) or a list (`5,1,2,4,3,6`).
+def parse_slots(gait: str | int | Sequence[int], failed_legs: Iterable[int] = ()) -> Slots:
+    """Slots of a name (`tripod`), a code (`57`) or a list (`5,1,2,4,3,6`), as text or as numbers.
 
     A code counts among the arrangements of the legs that still walk. Raises InputError for anything else.
     """
+    if isinstance(gait, str):
+        return _slots_of_text(gait, failed_legs)
+    if isinstance(gait, Iterable):
+        check_permutation(gait)
+        return as_slots(gait)
+    check_type(gait, int, "gait", _allowed(failed_legs))
+    return slots_from_code(operator.index(gait), failed_legs)
+
+
+def _slots_of_text(text: str, failed_legs: Iterable[int]) -> Slots:
     cleaned = text.strip()
     if cleaned in NAMED_SLOTS:
         return NAMED_SLOTS[cleaned]

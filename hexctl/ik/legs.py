@@ -11,11 +11,11 @@ import numpy as np
 
 from hexctl.errors import LimitError, ReachError
 from hexctl.robot.model import Robot, leg_reach_m
-from hexctl.types import JOINT_KINDS, JOINTS_PER_LEG, N_JOINTS, N_LEGS, BoolArray, FloatArray
+from hexctl.types import JOINT_KINDS, JOINTS_PER_LEG, N_JOINTS, N_LEGS, ArrayFields, BoolArray, FloatArray
 
 
-@dataclass(frozen=True, slots=True)
-class LegAngles:
+@dataclass(frozen=True, slots=True, eq=False)
+class LegAngles(ArrayFields):
     """The inverse kinematics of foot positions.
 
     Attributes:

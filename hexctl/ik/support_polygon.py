@@ -10,14 +10,14 @@ import numpy as np
 
 from hexctl.ik.legs import link_points_body
 from hexctl.robot.model import Robot
-from hexctl.types import JOINTS_PER_LEG, BoolArray, FloatArray
+from hexctl.types import JOINTS_PER_LEG, ArrayFields, BoolArray, FloatArray
 
 #: Feet nearer to one another than this are one corner.
 SAME_PLACE_M = 1e-6
 
 
-@dataclass(frozen=True, slots=True)
-class Support:
+@dataclass(frozen=True, slots=True, eq=False)
+class Support(ArrayFields):
     """The polygon that carries the robot, seen from above, and how far inside it a point is.
 
     Attributes:

@@ -1,16 +1,16 @@
 """Configuration files: found by shipped name or path, read as one mapping, refused in one line."""
 
 import math
+import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from reprlib import Repr
 from typing import Annotated, Any, TypeVar
 
 import yaml
 from pydantic import BaseModel, BeforeValidator, ValidationError
 from pydantic_core import ErrorDetails
 
-from hexctl.errors import InputError
+from hexctl.errors import InputError, check_type, shown
 
 SchemaT = TypeVar("SchemaT", bound=BaseModel)
 
@@ -59,6 +59,7 @@ def find_config(kind: str, name_or_path: str | Path) -> Path:
 
     Raises InputError that lists the shipped names when there is no such file.
     """
+    check_type(name_or_path, (str, os.PathLike), kind[:-1], "a shipped name or the path of a YAML file")
     text = str(name_or_path)
     if Path(text).suffix or "/" in text:
         if _is_file(text):
@@ -130,17 +131,6 @@ ALLOWED = {
     "too_long": "a list of {max_length}",
     "invalid_key": "keys that are text",
 }
-
-#: Characters of a value that are shown.
-MOST_SHOWN = 160
-
-
-def shown(value: object) -> str:
-    """Return a value as short text on one line, however large it is."""
-    short = Repr()
-    short.maxlevel, short.maxlist, short.maxstring, short.maxother = 3, 20, 60, 60
-    text = short.repr(value)
-    return text if len(text) <= MOST_SHOWN else text[:MOST_SHOWN] + "..."
 
 
 def yaml_problem(error: Exception) -> str:

@@ -3,10 +3,13 @@
 import math
 from dataclasses import dataclass
 
-from hexctl.errors import InputError
+from hexctl.errors import InputError, check_type
 from hexctl.types import JOINT_KINDS, N_LEGS
 
 FAILURE_KINDS = ("locked", "limp", "stuck", "weak", "missing")
+
+#: What the command-line text of a failure looks like.
+FAILURE_FORMS = "locked, limp, missing, weak:FRACTION, stuck:JOINT:DEGREES"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -24,6 +27,11 @@ class Failure:
     torque_fraction: float = 0.3
 
     def __post_init__(self) -> None:
+        check_type(self.leg, int, "failed leg", f"a leg's number, 1..{N_LEGS}")
+        check_type(self.kind, str, "failure", ", ".join(FAILURE_KINDS))
+        check_type(self.joint, str, "stuck joint", ", ".join(JOINT_KINDS))
+        check_type(self.angle_rad, float, "stuck angle", "a finite angle in rad")
+        check_type(self.torque_fraction, float, "weak torque fraction", "a number in 0..1")
         _require(1 <= self.leg <= N_LEGS, "failed leg", self.leg, "1..6")
         _require(self.kind in FAILURE_KINDS, "failure", self.kind, ", ".join(FAILURE_KINDS))
         _require(self.joint in JOINT_KINDS, "stuck joint", self.joint, ", ".join(JOINT_KINDS))
@@ -44,11 +52,10 @@ def parse_failure(leg: int, text: str) -> Failure:
     `locked`, `limp`, `missing`, `weak[:FRACTION]` or `stuck[:JOINT[:DEGREES]]`, for example `stuck:femur:30`.
     Raises InputError for anything else.
     """
+    check_type(text, str, "failure", FAILURE_FORMS)
     kind, *details = text.split(":")
     most = {"stuck": 2, "weak": 1}.get(kind, 0)
-    _require(
-        len(details) <= most, "failure", text, "locked, limp, missing, weak:FRACTION, stuck:JOINT:DEGREES"
-    )
+    _require(len(details) <= most, "failure", text, FAILURE_FORMS)
     if kind == "weak" and details:
         return Failure(leg=leg, kind=kind, torque_fraction=_number(details[0], text))
     if kind == "stuck" and details:

@@ -14,14 +14,14 @@ import numpy as np
 from hexctl.errors import InputError
 from hexctl.robot.configs import find_config, read_mapping, validate
 from hexctl.robot.schema import MeshSection, RobotSchema
-from hexctl.types import JOINT_KINDS, FloatArray
+from hexctl.types import JOINT_KINDS, ArrayFields, FloatArray
 
 #: What can have a mesh.
 PARTS = ("body", *JOINT_KINDS)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class PartMesh:
+class PartMesh(ArrayFields):
     """The mesh of the trunk or of one link of every leg, with its pose in that part's frame.
 
     The trunk's frame is the body frame; a link's begins at its joint, x outward and z up at angle zero.

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from hexctl.errors import InputError
-from hexctl.types import N_LEGS, FloatArray
+from hexctl.errors import InputError, check_type
+from hexctl.types import JOINTS_PER_LEG, N_JOINTS, N_LEGS, ArrayFields, FloatArray, check_shape
 
 
 @dataclass(frozen=True)
@@ -22,6 +22,11 @@ class Body:
     shape: str
     size_m: tuple[float, float, float]
     mass_kg: float
+
+    def __post_init__(self) -> None:
+        check_type(self.shape, str, "body.shape")
+        check_type(self.size_m, (tuple, list), "body.size_m", "length, width and height in m")
+        object.__setattr__(self, "size_m", tuple(self.size_m))
 
 
 @dataclass(frozen=True)
@@ -43,7 +48,7 @@ class ServoModel:
 
 
 @dataclass(frozen=True, eq=False)
-class Robot:
+class Robot(ArrayFields):
     """One hexapod. Body frame: x forward, y left, z up, origin at the height of the mounts' reference.
 
     The six legs are alike and differ in their mounts. In the vertical plane of a leg, x points outward and
@@ -89,7 +94,17 @@ class Robot:
     gait: GaitDefaults
 
     def __post_init__(self) -> None:
+        check_type(self.name, str, "robot.name")
+        for name in ("size_m", "foot_radius_m"):
+            check_type(getattr(self, name), float, f"robot.{name}")
+        for name, part in (("body", Body), ("servo", ServoModel), ("gait", GaitDefaults)):
+            check_type(getattr(self, name), part, f"robot.{name}")
+        for name, shape in _SHAPES.items():
+            check_shape(getattr(self, name), shape, f"robot.{name}")
         self._freeze()
+
+    def __hash__(self) -> int:
+        return hash((self.name, self.size_m))
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         vars(self).update(state)
@@ -129,6 +144,21 @@ class Robot:
         """Direction of each nominal foot from the body's vertical axis, (6,)."""
         return np.arctan2(self.stance_feet_body[:, 1], self.stance_feet_body[:, 0])
 
+
+#: Shapes of a robot's arrays.
+_SHAPES = {
+    "mount_positions_body": (N_LEGS, 3),
+    "mount_yaws_rad": (N_LEGS,),
+    "link_vectors_m": (JOINTS_PER_LEG, 2),
+    "link_masses_kg": (JOINTS_PER_LEG,),
+    "link_radii_m": (JOINTS_PER_LEG,),
+    "joint_lower_rad": (N_JOINTS,),
+    "joint_upper_rad": (N_JOINTS,),
+    "joint_max_speed_rad_s": (N_JOINTS,),
+    "joint_max_torque_nm": (N_JOINTS,),
+    "stance_feet_body": (N_LEGS, 3),
+    "stance_angles_rad": (N_JOINTS,),
+}
 
 Vector2 = tuple[float, float]
 

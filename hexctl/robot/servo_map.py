@@ -18,7 +18,15 @@ from hexctl.files import replacing
 from hexctl.robot.configs import config_root, find_config, read_mapping, validate
 from hexctl.robot.model import Robot
 from hexctl.robot.schema import JointServoSection, RobotSchema, ServosSection
-from hexctl.types import JOINT_KINDS, JOINT_NAMES, JOINTS_PER_LEG, N_JOINTS, BoolArray, FloatArray
+from hexctl.types import (
+    JOINT_KINDS,
+    JOINT_NAMES,
+    JOINTS_PER_LEG,
+    N_JOINTS,
+    ArrayFields,
+    BoolArray,
+    FloatArray,
+)
 
 IntArray = NDArray[np.int64]
 
@@ -27,7 +35,7 @@ DEFAULT_MIN_US, DEFAULT_MAX_US = 500, 2500
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class ServoMap:
+class ServoMap(ArrayFields):
     """Between joint angles and pulses: pulse = centre_us + us_per_deg * (sign * degrees + offset_deg).
 
     Arrays are by joint, leg-major, shape (18,), unless they say "by channel": element 0 is channel 1 there.

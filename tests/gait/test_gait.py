@@ -1,14 +1,16 @@
 """Gaits and motions refuse what cannot be walked, and know their code."""
 
 import math
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
 
-from hexctl.errors import InputError
+from hexctl.errors import InputError, WrongTypeError
 from hexctl.gait.encoding import Slots
 from hexctl.gait.foot_trajectory import lift_offset, phase_in_cycle
-from hexctl.gait.gait import NAMED_SLOTS, Gait, Motion, half_amplitude_turn_rate_rad_s, parse_slots
+from hexctl.gait.gait import NAMED_SLOTS, Gait, Motion, half_amplitude_turn_rate_rad_s, make_gait, parse_slots
 from tests.robots import shipped
 
 GOOD = {"slots": (1, 4, 2, 6, 3, 5), "pace_hz": 0.9, "amplitude": 0.11, "height": 0.02}
@@ -156,3 +158,37 @@ def test_anything_else_is_refused_with_what_is_allowed(
     with pytest.raises(InputError, match=words) as refused:
         parse_slots(text, failed)
     assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize("gait", [57, np.int64(57), "57", (1, 4, 3, 5, 2, 6), [1, 4, 3, 5, 2, 6]])
+def test_a_gait_is_made_from_text_or_numbers(gait: Any) -> None:
+    made = make_gait(shipped(), gait)
+    assert made.slots == (1, 4, 3, 5, 2, 6)
+    assert made == make_gait(shipped(), "57")
+    assert hash(made) == hash(make_gait(shipped(), "57"))
+
+
+def test_slots_are_taken_from_any_sequence_of_whole_numbers() -> None:
+    slots = Gait(**{**GOOD, "slots": np.array([1, 4, 2, 6, 3, 5])}).slots  # type: ignore[arg-type]
+    assert slots == (1, 4, 2, 6, 3, 5)
+    assert {type(slot) for slot in slots} == {int}
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: make_gait("ant", "tripod"), "robot: got 'ant' .*allowed: a Robot, as load_robot"),  # type: ignore[arg-type]
+        (lambda: make_gait(shipped(), None), r"gait: got None .*allowed: demo, tripod"),  # type: ignore[arg-type]
+        (lambda: make_gait(shipped(), 57.0), r"gait: got 57.0 \(float\); allowed: demo, tripod"),  # type: ignore[arg-type]
+        (lambda: make_gait(shipped(), "57", failed_legs=5), r"failed legs: got 5 \(int\)"),  # type: ignore[arg-type]
+        (lambda: make_gait(shipped(), "57", pace_hz="0.9"), r"pace: got '0.9' \(str\)"),  # type: ignore[arg-type]
+        (lambda: Gait(**{**GOOD, "slots": "tripod"}), "slots: got 'tripod' .*allowed: 6 whole numbers"),  # type: ignore[arg-type]
+        (lambda: Gait(**{**GOOD, "slots": 57}), "slots: got 57 .*allowed: 6 whole numbers"),  # type: ignore[arg-type]
+        (lambda: Gait(**{**GOOD, "height": None}), "height: got None .*allowed: a number above 0 up to 1"),  # type: ignore[arg-type]
+        (lambda: Motion(heading_rad="0"), "motion.heading_rad: got '0' .*allowed: a number"),  # type: ignore[arg-type]
+        (lambda: Motion(travel=True), "motion.travel: got True .*allowed: a number"),
+    ],
+)
+def test_a_value_of_a_wrong_type_is_refused_at_once(make: Callable[[], object], message: str) -> None:
+    with pytest.raises(WrongTypeError, match=message):
+        make()

@@ -2,10 +2,11 @@
 
 import math
 import pickle
+from typing import Any
 
 import pytest
 
-from hexctl.errors import InputError
+from hexctl.errors import InputError, WrongTypeError
 from hexctl.robot.failure import FAILURE_KINDS, Failure, parse_failure
 
 
@@ -65,3 +66,26 @@ def test_anything_else_is_refused_with_what_is_allowed(leg: int, text: str, allo
 def test_a_failure_travels_to_another_process(kind: str) -> None:
     failure = Failure(leg=3, kind=kind, torque_fraction=0.4, angle_rad=0.2)
     assert pickle.loads(pickle.dumps(failure)) == failure  # noqa: S301  our own bytes
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"leg": "5"}, "failed leg: got '5' (str); allowed: a leg's number, 1..6"),
+        ({"leg": True}, "failed leg: got True (bool)"),
+        ({"leg": None}, "failed leg: got None (NoneType)"),
+        ({"kind": 1}, "failure: got 1 (int); allowed: locked, limp"),
+        ({"joint": 2}, "stuck joint: got 2 (int); allowed: coxa, femur, tibia"),
+        ({"angle_rad": "0.3"}, "stuck angle: got '0.3' (str); allowed: a finite angle in rad"),
+        ({"torque_fraction": "half"}, "weak torque fraction: got 'half' (str); allowed: a number in 0..1"),
+    ],
+)
+def test_a_value_of_a_wrong_type_is_refused_at_once(change: dict[str, Any], message: str) -> None:
+    with pytest.raises(WrongTypeError) as refused:
+        Failure(**{"leg": 5, **change})
+    assert str(refused.value).startswith(message)
+
+
+def test_a_failure_is_not_read_from_another_failure() -> None:
+    with pytest.raises(WrongTypeError, match=r"failure: got Failure\(.*allowed: locked, limp"):
+        parse_failure(5, Failure(leg=5))  # type: ignore[arg-type]

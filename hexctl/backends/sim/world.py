@@ -9,8 +9,8 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
 from hexctl.backends.clock import PERIOD_S
-from hexctl.errors import InputError
-from hexctl.robot.configs import Number, find_config, read_mapping, shown, validate
+from hexctl.errors import InputError, shown
+from hexctl.robot.configs import Number, find_config, read_mapping, validate
 from hexctl.types import N_JOINTS, FloatArray
 
 #: A calibration error greater than this is no error of calibration.
