@@ -6,36 +6,40 @@ import typer
 
 from hexctl.cli import completion
 from hexctl.cli.options import (
+    DURATION_S,
     FAILED_LEG_HELP,
-    FAILURE_HELP,
+    HEADING_DEG,
+    LEG,
+    ROBOT_HELP,
+    SEED,
     SEED_HELP,
     SELF_ROTATION_HELP,
-    WORLD_HELP,
     ConnectOption,
+    FailureOption,
     InsecureOption,
     JsonOption,
     KeysOption,
     LinkOption,
+    Range,
+    SelfRotation,
+    WorldOption,
+    choice,
+    number,
 )
+
+BUDGET = Range(low=1, high=100_000, whole=True)
+REPEATS = Range(low=0, whole=True)
+METRES = Range(low=0, above=True, unit="m")
 
 
 def adapt(
     failed_leg: Annotated[
         int | None,
-        typer.Option(
-            "--failed-leg",
-            autocompletion=completion.legs,
-            help=f"{FAILED_LEG_HELP} Needed, unless --resume. (default: none)",
-        ),
+        number("--failed-leg", LEG, f"{FAILED_LEG_HELP} Needed, unless --resume. (default: none)"),
     ] = None,
-    failure: Annotated[
-        str | None,
-        typer.Option(
-            "--failure", autocompletion=completion.failures, help=f"{FAILURE_HELP} (default: locked)"
-        ),
-    ] = None,
+    failure: FailureOption = None,
     budget: Annotated[
-        int | None, typer.Option("--budget", help="Most trials to walk, 1..100000. (default: 20)")
+        int | None, number("--budget", BUDGET, "Most trials to walk, {}. (default: 20)")
     ] = None,
     optimizer: Annotated[
         str | None,
@@ -71,17 +75,16 @@ def adapt(
     ] = None,
     target: Annotated[
         float | None,
-        typer.Option(
+        number(
             "--target",
-            help="Stop once the objective is this small, in metres, above 0; bayes once it is 90 % sure. "
+            METRES,
+            "Stop once the objective is this small, in metres, {}; bayes once it is 90 % sure. "
             "(default: 0.025 with bayes, else none)",
         ),
     ] = None,
     confirm: Annotated[
         int | None,
-        typer.Option(
-            "--confirm", help="Of the budget, trials kept to repeat the best gait, 0 or more. (default: 0)"
-        ),
+        number("--confirm", REPEATS, "Of the budget, trials kept to repeat the best gait, {}. (default: 0)"),
     ] = None,
     count_repeats: Annotated[
         bool,
@@ -89,22 +92,19 @@ def adapt(
     ] = False,
     duration: Annotated[
         float | None,
-        typer.Option("--duration", help="Seconds that each trial walks, above 0 up to 86400. (default: 30)"),
+        number("--duration", DURATION_S, "Seconds that each trial walks, {}. (default: 30)"),
     ] = None,
     heading: Annotated[
         float | None,
-        typer.Option(
+        number(
             "--heading",
-            help="Direction of travel in degrees, any number, counter-clockwise from forward. (default: 0)",
+            HEADING_DEG,
+            "Direction of travel in degrees, {}, counter-clockwise from forward. (default: 0)",
         ),
     ] = None,
     self_rotation: Annotated[
-        str | None,
-        typer.Option(
-            "--self-rotation",
-            autocompletion=completion.self_rotations,
-            help=f"{SELF_ROTATION_HELP} (default: rear)",
-        ),
+        SelfRotation | None,
+        choice("--self-rotation", SelfRotation, f"{SELF_ROTATION_HELP} (default: rear)"),
     ] = None,
     backend: Annotated[
         str | None,
@@ -120,24 +120,20 @@ def adapt(
         typer.Option(
             "--robot",
             autocompletion=completion.robots,
-            help="Robot: ant, phantomx, pexod, or a path to a YAML file. (default: ant)",
+            help=f"{ROBOT_HELP} (default: ant)",
         ),
     ] = None,
-    world: Annotated[
-        str | None,
-        typer.Option(
-            "--world", autocompletion=completion.worlds, help=f"{WORLD_HELP} Only with sim. (default: flat)"
-        ),
-    ] = None,
+    world: WorldOption = None,
     connect: ConnectOption = None,
     keys: KeysOption = None,
     insecure: InsecureOption = False,
     link: LinkOption = None,
     arena: Annotated[
         float | None,
-        typer.Option(
+        number(
             "--arena",
-            help="On a robot that stays where a walk ends: the radius in metres, above 0, around its place "
+            METRES,
+            "On a robot that stays where a walk ends: the radius in metres, {}, around its place "
             "at the session's start that it is kept in. (default: none, it wanders)",
         ),
     ] = None,
@@ -168,7 +164,7 @@ def adapt(
     no_record: Annotated[bool, typer.Option("--no-record", help="Leave no recordings.")] = False,
     seed: Annotated[
         int | None,
-        typer.Option("--seed", help=f"{SEED_HELP} (default: 0)"),
+        number("--seed", SEED, f"{SEED_HELP} (default: 0)"),
     ] = None,
     as_json: JsonOption = False,
 ) -> None:

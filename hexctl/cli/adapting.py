@@ -35,7 +35,6 @@ from hexctl.cli.livewindow import open_window
 from hexctl.cli.operator import Prompt
 from hexctl.cli.prioring import with_prior
 from hexctl.cli.table import ENDS, SessionTable, closing_lines
-from hexctl.cli.values import finite
 from hexctl.cli.viewing import open_all
 from hexctl.control.guard import Guard
 from hexctl.control.plan import TrialPlan
@@ -113,7 +112,8 @@ def _check_numbers(spec: SessionSpec) -> None:
         raise InputError(f"--seed: got {spec.seed}; allowed: 0 or more")
     if spec.target_m is not None and not (math.isfinite(spec.target_m) and spec.target_m > 0):
         raise InputError(f"--target: got {spec.target_m}; allowed: above 0 m")
-    finite("--heading", spec.heading_deg)
+    if not math.isfinite(spec.heading_deg):
+        raise InputError(f"--heading: got {spec.heading_deg}; allowed: any finite number")
 
 
 def execute(

@@ -1,19 +1,25 @@
 """`hexctl board`: a servo board that speaks MAVLink, with a simulated robot on it."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
-from hexctl.cli import completion
 from hexctl.cli.options import (
     JsonOption,
+    Range,
     RobotOption,
     SeedOption,
     SimFailedLegOption,
     SimFailureOption,
-    SimWorldOption,
+    WorldOption,
+    choice,
+    number,
 )
+
+BoardBackend = Literal["sim", "mock"]
+EXPIRY_S = Range(low=0.05, high=1, unit="s")
+RELEASE_S = Range(low=1, high=3600, unit="s")
 
 
 def board(
@@ -30,26 +36,24 @@ def board(
         bool, typer.Option("--pty", help="Make a serial device instead, a pseudo-terminal, and say its name.")
     ] = False,
     backend: Annotated[
-        str,
-        typer.Option(
+        BoardBackend,
+        choice(
             "--backend",
-            autocompletion=completion.board_backends,
-            help="What the servos move: sim (simulation in real time) or mock (nothing).",
+            BoardBackend,
+            "What the servos move: sim (simulation in real time) or mock (nothing).",
         ),
     ] = "sim",
     robot: RobotOption = "ant",
-    world: SimWorldOption = None,
+    world: WorldOption = None,
     failed_leg: SimFailedLegOption = None,
     failure: SimFailureOption = None,
     seed: SeedOption = 0,
     expiry: Annotated[
-        float, typer.Option("--expiry", help="Seconds without a command until the pose is held, 0.05..1.")
+        float, number("--expiry", EXPIRY_S, "Seconds without a command until the pose is held, {}.")
     ] = 0.2,
     release_after: Annotated[
         float,
-        typer.Option(
-            "--release-after", help="Seconds without the controller until the servos are let go, 1..3600."
-        ),
+        number("--release-after", RELEASE_S, "Seconds without the controller until torque is disabled, {}."),
     ] = 10.0,
     keys: Annotated[
         Path | None,

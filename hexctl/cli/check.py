@@ -8,12 +8,15 @@ import typer
 from hexctl.cli import completion
 from hexctl.cli.console import BAD_INPUT, print_result
 from hexctl.cli.options import (
+    HEADING_DEG,
+    ROBOT_HELP,
     AmplitudeOption,
     GaitOption,
     HeightOption,
     JsonOption,
     PaceOption,
     TurnOption,
+    number,
 )
 
 
@@ -23,7 +26,7 @@ def check(
         typer.Argument(
             autocompletion=completion.robots,
             metavar="[ROBOT]",
-            help="Robot: ant, phantomx, pexod, or a path to a YAML file. (default: ant)",
+            help=f"{ROBOT_HELP} (default: ant)",
         ),
     ] = None,
     robot: Annotated[
@@ -35,9 +38,10 @@ def check(
     gait: GaitOption = "demo",
     heading: Annotated[
         float | None,
-        typer.Option(
+        number(
             "--heading",
-            help="Direction of travel in degrees, any number, counter-clockwise from forward. "
+            HEADING_DEG,
+            "Direction of travel in degrees, {}, counter-clockwise from forward. "
             "(default: all round, every 15)",
         ),
     ] = None,
@@ -48,7 +52,6 @@ def check(
     as_json: JsonOption = False,
 ) -> None:
     """Check a robot file: can the robot walk a gait, in reach, angles, speeds and servo pulses."""
-    from hexctl.cli.values import finite, turn_rate_deg_s
     from hexctl.control.feasibility import gait_demand
     from hexctl.errors import InputError
     from hexctl.gait.gait import make_gait
@@ -62,8 +65,8 @@ def check(
     servo_map = load_servo_map(robot_name or robot or "ant")
     meshes = load_meshes(robot_name or robot or "ant")
     walked = make_gait(described, gait, pace_hz=pace, amplitude=amplitude, height=height)
-    headings = range(0, 360, 15) if heading is None else [finite("--heading", heading)]
-    motions = _motions(headings, turn_rate_deg_s(turn), in_place=turn is not None and heading is None)
+    headings = range(0, 360, 15) if heading is None else [heading]
+    motions = _motions(headings, turn or 0.0, in_place=turn is not None and heading is None)
     demand = gait_demand(described, walked, motions)
     report = {
         **_report(described, walked, demand),

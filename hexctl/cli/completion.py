@@ -60,18 +60,6 @@ def _failures() -> Iterable[str]:
     return FAILURE_KINDS
 
 
-def _legs() -> Iterable[str]:
-    from hexctl.types import N_LEGS
-
-    return map(str, range(1, N_LEGS + 1))
-
-
-def _self_rotations() -> Iterable[str]:
-    from hexctl.control.plan import SELF_ROTATIONS
-
-    return SELF_ROTATIONS
-
-
 def _backends() -> Iterable[str]:
     from hexctl.backends.registry import BACKENDS
 
@@ -104,11 +92,8 @@ robots = _offered(_robots)
 worlds = _offered(_worlds)
 gaits = _offered(_gaits)
 failures = _offered(_failures)
-legs = _offered(_legs)
-self_rotations = _offered(_self_rotations)
 backends = _offered(_backends)
 served_backends = _offered(lambda: [name for name in _backends() if name != "zenoh"])
-board_backends = _offered(lambda: ("sim", "mock"))
 optimizers = _offered(_optimizers)
 objectives = _offered(_objectives)
 priors = _offered(lambda: ("auto", "none"))

@@ -5,11 +5,15 @@ from typing import Annotated
 
 import typer
 
+from hexctl.cli.options import Range, number
+
 keys = typer.Typer(help="Make and show certificates for robots beyond this computer.", no_args_is_help=True)
 
 FolderArgument = Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder of the certificates.")]
 
-DaysOption = Annotated[int, typer.Option("--days", help="Days that the certificates are valid, 1..3650.")]
+DAYS = Range(low=1, high=3650, whole=True)
+
+DaysOption = Annotated[int, number("--days", DAYS, "Days that the certificates are valid, {}.")]
 
 
 @keys.command()

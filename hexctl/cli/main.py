@@ -67,6 +67,8 @@ def exit_code(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit code."""
     try:
         code = app(args=arguments, prog_name="hexctl", standalone_mode=False)
+    except typer.BadParameter as error:
+        return _complain(_bad_value(error), BAD_INPUT)
     except TyperException as error:
         return _complain(error.format_message(), error.exit_code)
     except (InputError, LimitError, ReachError, MissingExtraError) as error:
@@ -81,6 +83,14 @@ def exit_code(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         return _complain("ended at once; what was kept and recorded so far stays", INTERRUPTED)
     return code if isinstance(code, int) else 0
+
+
+def _bad_value(error: typer.BadParameter) -> str:
+    """Value that an option or argument does not take: which one, what it got, what is allowed."""
+    if error.param is None or "; allowed: " not in error.message:
+        return error.format_message()
+    flag = next((name for name in error.param.opts if name.startswith("--")), error.param.name)
+    return f"{flag}: {error.message}"
 
 
 def _complain(message: str, code: int) -> int:

@@ -1,11 +1,133 @@
-"""Options and words that several commands share. Light to import: `hexctl --help` needs only these."""
+"""Options that several commands share, each defined once: its name, help, range, completion and check.
 
+Light to import: `hexctl --help` needs only these.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
 
 import typer
 
 from hexctl.cli import completion
+from hexctl.errors import InputError
+
+if TYPE_CHECKING:
+    from hexctl.robot.failure import Failure
+
+#: A range with no more whole numbers than this is offered by the Tab key.
+MAX_OFFERED = 10
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Range:
+    """The numbers that an option takes; its text stands in the help and in error messages.
+
+    Attributes:
+        low: lowest value.
+        high: highest value.
+        above: whether `low` itself is excluded.
+        whole: whether only whole numbers are allowed.
+        unit: unit, for error messages.
+    """
+
+    low: float = -math.inf
+    high: float = math.inf
+    above: bool = False
+    whole: bool = False
+    unit: str = ""
+
+    def __str__(self) -> str:
+        if math.isinf(self.low):
+            return "any finite number"
+        if self.above:
+            return f"above {self.low:g}" + ("" if math.isinf(self.high) else f" up to {self.high:.15g}")
+        return f"{self.low:g} or more" if math.isinf(self.high) else f"{self.low:g}..{self.high:.15g}"
+
+    def __contains__(self, value: float) -> bool:
+        above = value > self.low if self.above else value >= self.low
+        return math.isfinite(value) and above and value <= self.high
+
+    def parse(self, text: str | float) -> int | float:
+        """Parse a number; raises BadParameter for anything outside the range, nan and infinity included."""
+        try:
+            value = int(text) if self.whole else float(text)
+        except ValueError:
+            kind = "a whole number" if self.whole else "a number"
+            bounds = "" if math.isinf(self.low) else f", {self}"
+            raise typer.BadParameter(f"got {text!r}; allowed: {kind}{bounds}{self._unit}") from None
+        if value not in self:
+            raise typer.BadParameter(f"got {text}; allowed: {self}{self._unit}")
+        return value
+
+    def complete(self, incomplete: str) -> list[str]:
+        """Numbers that the shell offers: all of a short range of whole numbers, else none."""
+        if not self.whole or self.high - self.low >= MAX_OFFERED:
+            return []
+        numbers = map(str, range(int(self.low), int(self.high) + 1))
+        return [number for number in numbers if number.startswith(incomplete)]
+
+    @property
+    def _unit(self) -> str:
+        return f" {self.unit}" if self.unit else ""
+
+
+def number(flag: str, allowed: Range, text: str) -> Any:
+    """Option that takes a number; `{}` in the help text stands for its range."""
+    return typer.Option(
+        flag, parser=allowed.parse, autocompletion=allowed.complete, help=text.format(allowed)
+    )
+
+
+def choice(flag: str, literal: Any, text: str) -> Any:
+    """Option that takes one of the words of a `Literal`, which the shell offers too."""
+    words = get_args(literal)
+
+    def parse(word: str) -> str:
+        if word not in words:
+            raise typer.BadParameter(f"got {word}; allowed: {', '.join(words)}")
+        return word
+
+    return typer.Option(flag, parser=parse, help=text)
+
+
+def given(context: typer.Context) -> Mapping[str, Any]:
+    """Values of the options and arguments that were typed, by flag (`--seed`) or by argument name."""
+    return {
+        next((name for name in parameter.opts if name.startswith("--")), str(parameter.name)): value
+        for parameter in context.command.params
+        if (value := context.params.get(str(parameter.name))) is not None
+        and getattr(context.get_parameter_source(str(parameter.name)), "name", "") == "COMMANDLINE"
+    }
+
+
+def failure_of(failed_leg: int | None, failure: str | None) -> "Failure | None":
+    """Failure that --failed-leg and --failure describe, None where no leg failed.
+
+    Raises InputError for a failure without a leg.
+    """
+    if failed_leg is None:
+        if failure is not None:
+            raise InputError(f"--failure: got {failure} without a leg; allowed: with --failed-leg 1..6")
+        return None
+    from hexctl.robot.failure import parse_failure
+
+    return parse_failure(failed_leg, failure or "locked")
+
+
+#: Ranges of options. Where the library has the same limit, a test holds both together.
+LEG = Range(low=1, high=6, whole=True)
+SEED = Range(low=0, whole=True)
+DURATION_S = Range(low=0, high=86_400, above=True, unit="s")
+PACE_HZ = Range(low=0, high=10, above=True, unit="Hz")
+STEP_FRACTION = Range(low=0, high=1, above=True)
+HEADING_DEG = Range()
+TURN_DEG_S = Range(low=-360, high=360, unit="deg/s")
+JOBS = Range(low=1, high=1024, whole=True)
+
+SelfRotation = Literal["rear", "front", "none"]
 
 WORLD_HELP = (
     "Simulated world: flat, slippery, slope, rough, a YAML file, or one of a family such as randomised:7."
@@ -14,67 +136,32 @@ FAILURE_HELP = (
     "What is wrong with the failed leg: locked (holds its stance), limp (no torque), missing, "
     "weak:FRACTION of its torque, 0..1 (0.3), stuck:JOINT:DEGREES with coxa, femur or tibia (coxa, 0)."
 )
-FAILED_LEG_HELP = "Leg that failed, 1..6, counter-clockwise from the front."
+FAILED_LEG_HELP = f"Leg that failed, {LEG}, counter-clockwise from the front."
 SELF_ROTATION_HELP = (
     "Turn before the walk until the failed leg points to the rear or the front of the way, or none: no turn."
 )
-SEED_HELP = "Seed of everything random, a whole number, 0 or more: the same seed gives the same result."
+SEED_HELP = f"Seed of everything random, a whole number, {SEED}: the same seed gives the same result."
+ROBOT_HELP = "Robot: ant, phantomx, pexod, or a path to a YAML file."
 
-RobotOption = Annotated[
+# What moves, and where.
+
+BackendOption = Annotated[
     str,
     typer.Option(
-        "--robot",
-        autocompletion=completion.robots,
-        help="Robot: ant, phantomx, pexod, or a path to a YAML file.",
+        "--backend",
+        autocompletion=completion.backends,
+        help="What moves: sim (simulation), zenoh (a robot that hexctl serve puts on the network), "
+        "mavlink (a servo board), mock (no robot), or package.module:Class (your own servos).",
     ),
 ]
-GaitOption = Annotated[
-    str,
-    typer.Option(
-        "--gait",
-        autocompletion=completion.gaits,
-        help="Gait: demo, tripod, wave, ripple; a code, 1..720, or 1..120 with a failed leg; "
-        "or when in the cycle legs 1..6 step, six slots such as 5,1,2,4,3,6.",
-    ),
-]
-PaceOption = Annotated[
-    float | None,
-    typer.Option("--pace", help="Gait cycles per second, above 0 up to 10. (default: the robot's)"),
-]
-AmplitudeOption = Annotated[
-    float | None,
-    typer.Option(
-        "--amplitude",
-        help="Length of a step as a fraction of the robot's size, above 0 up to 1. (default: the robot's)",
-    ),
-]
-HeightOption = Annotated[
-    float | None,
-    typer.Option(
-        "--height",
-        help="Height of a step as a fraction of the robot's size, above 0 up to 1. (default: the robot's)",
-    ),
-]
-TurnOption = Annotated[
-    float | None,
-    typer.Option(
-        "--turn",
-        help="Rate of turning in degrees per second, -360..360, counter-clockwise positive; alone it turns "
-        "in place, with --heading it is blended with the walk. (default: 0)",
-    ),
-]
-JobsOption = Annotated[
-    int | None,
-    typer.Option("--jobs", help="Threads that simulate, 1..1024. (default: all cores; with --dask 1)"),
-]
-DaskOption = Annotated[
+RobotOption = Annotated[str, typer.Option("--robot", autocompletion=completion.robots, help=ROBOT_HELP)]
+WorldOption = Annotated[
     str | None,
     typer.Option(
-        "--dask",
-        help="Address of a Dask scheduler whose workers simulate: tcp://HOST:PORT. (default: this computer)",
+        "--world", autocompletion=completion.worlds, help=f"{WORLD_HELP} Only with sim. (default: flat)"
     ),
 ]
-JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout and nothing else.")]
+SeedOption = Annotated[int, number("--seed", SEED, SEED_HELP)]
 ConnectOption = Annotated[
     str | None,
     typer.Option(
@@ -102,7 +189,8 @@ KeysOption = Annotated[
 InsecureOption = Annotated[
     bool,
     typer.Option(
-        "--insecure", help="Go without certificates beyond this computer: anybody there can move the robot."
+        "--insecure",
+        help="Go without certificates beyond this computer: every client there can move the robot.",
     ),
 ]
 LinkOption = Annotated[
@@ -113,20 +201,59 @@ LinkOption = Annotated[
         "(docs/protocol.md). (default: none)",
     ),
 ]
-SeedOption = Annotated[int, typer.Option("--seed", help=SEED_HELP)]
-SimWorldOption = Annotated[
-    str | None,
+
+# How it walks.
+
+GaitOption = Annotated[
+    str,
     typer.Option(
-        "--world", autocompletion=completion.worlds, help=f"{WORLD_HELP} Only with sim. (default: flat)"
+        "--gait",
+        autocompletion=completion.gaits,
+        help="Gait: demo, tripod, wave, ripple; a code, 1..720, or 1..120 with a failed leg; "
+        "or when in the cycle legs 1..6 step, six slots such as 5,1,2,4,3,6.",
     ),
 ]
-SimFailedLegOption = Annotated[
-    int | None,
-    typer.Option(
-        "--failed-leg",
-        autocompletion=completion.legs,
-        help=f"{FAILED_LEG_HELP} Only with sim. (default: none)",
+DurationOption = Annotated[float, number("--duration", DURATION_S, "Seconds to walk, {}.")]
+TrialDurationOption = Annotated[float, number("--duration", DURATION_S, "Seconds that each gait walks, {}.")]
+TurnOption = Annotated[
+    float | None,
+    number(
+        "--turn",
+        TURN_DEG_S,
+        "Rate of turning in degrees per second, {}, counter-clockwise positive; alone it turns "
+        "in place, with --heading it is blended with the walk. (default: 0)",
     ),
+]
+PaceOption = Annotated[
+    float | None, number("--pace", PACE_HZ, "Gait cycles per second, {}. (default: the robot's)")
+]
+AmplitudeOption = Annotated[
+    float | None,
+    number(
+        "--amplitude",
+        STEP_FRACTION,
+        "Length of a step as a fraction of the robot's size, {}. (default: the robot's)",
+    ),
+]
+HeightOption = Annotated[
+    float | None,
+    number(
+        "--height",
+        STEP_FRACTION,
+        "Height of a step as a fraction of the robot's size, {}. (default: the robot's)",
+    ),
+]
+
+# What has failed.
+
+FailedLegOption = Annotated[int | None, number("--failed-leg", LEG, f"{FAILED_LEG_HELP} (default: none)")]
+FailureOption = Annotated[
+    str | None,
+    typer.Option("--failure", autocompletion=completion.failures, help=f"{FAILURE_HELP} (default: locked)"),
+]
+SelfRotationOption = Annotated[SelfRotation, choice("--self-rotation", SelfRotation, SELF_ROTATION_HELP)]
+SimFailedLegOption = Annotated[
+    int | None, number("--failed-leg", LEG, f"{FAILED_LEG_HELP} Only with sim. (default: none)")
 ]
 SimFailureOption = Annotated[
     str | None,
@@ -136,3 +263,18 @@ SimFailureOption = Annotated[
         help=f"{FAILURE_HELP} Only with sim. (default: locked)",
     ),
 ]
+
+# How a simulation is spread, and what is printed.
+
+JobsOption = Annotated[
+    int | None,
+    number("--jobs", JOBS, "Threads that simulate, {}. (default: all cores; with --dask 1)"),
+]
+DaskOption = Annotated[
+    str | None,
+    typer.Option(
+        "--dask",
+        help="Address of a Dask scheduler whose workers simulate: tcp://HOST:PORT. (default: this computer)",
+    ),
+]
+JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout and nothing else.")]

@@ -8,12 +8,17 @@ import typer
 from hexctl.cli import completion
 from hexctl.cli.options import (
     FAILURE_HELP,
-    SELF_ROTATION_HELP,
     DaskOption,
     JobsOption,
     JsonOption,
+    Range,
     RobotOption,
+    SelfRotationOption,
+    number,
 )
+
+WORLDS = Range(low=2, high=1024, whole=True)
+PRIOR_DURATION_S = Range(low=6, unit="s")
 
 prior = typer.Typer(
     help="Make and show priors: what hexctl adapt believes before its first trial.", no_args_is_help=True
@@ -24,18 +29,15 @@ prior = typer.Typer(
 def build(
     robot: RobotOption = "ant",
     worlds: Annotated[
-        int, typer.Option("--worlds", help="Worlds that each failed leg's gaits walk in, 2..1024.")
+        int, number("--worlds", WORLDS, "Worlds that each failed leg's gaits walk in, {}.")
     ] = 16,
     legs: Annotated[str, typer.Option("--legs", help="Failed legs, of 1..6, with commas.")] = "1,2,3,4,5,6",
     failure: Annotated[
         str, typer.Option("--failure", autocompletion=completion.failures, help=FAILURE_HELP)
     ] = "locked",
-    self_rotation: Annotated[
-        str,
-        typer.Option("--self-rotation", autocompletion=completion.self_rotations, help=SELF_ROTATION_HELP),
-    ] = "rear",
+    self_rotation: SelfRotationOption = "rear",
     duration: Annotated[
-        float, typer.Option("--duration", help="Seconds that each gait walks, 6 or more, in steps of 2.")
+        float, number("--duration", PRIOR_DURATION_S, "Seconds that each gait walks, {}, in steps of 2.")
     ] = 30.0,
     family: Annotated[
         str,

@@ -5,15 +5,14 @@ from typing import Annotated
 
 import typer
 
-from hexctl.cli import completion
 from hexctl.cli.options import (
-    FAILED_LEG_HELP,
-    FAILURE_HELP,
-    SEED_HELP,
-    SELF_ROTATION_HELP,
-    WORLD_HELP,
+    HEADING_DEG,
     AmplitudeOption,
+    BackendOption,
     ConnectOption,
+    DurationOption,
+    FailedLegOption,
+    FailureOption,
     GaitOption,
     HeightOption,
     InsecureOption,
@@ -22,62 +21,37 @@ from hexctl.cli.options import (
     LinkOption,
     PaceOption,
     RobotOption,
+    SeedOption,
+    SelfRotationOption,
     TurnOption,
+    WorldOption,
+    failure_of,
+    number,
 )
 
 
 def run(
-    backend: Annotated[
-        str,
-        typer.Option(
-            "--backend",
-            autocompletion=completion.backends,
-            help="What moves: sim (simulation), zenoh (a robot that hexctl serve puts on the network), "
-            "mavlink (a servo board), mock (servos without a robot), or package.module:Class for servos of "
-            "your own.",
-        ),
-    ] = "sim",
+    backend: BackendOption = "sim",
     robot: RobotOption = "ant",
-    world: Annotated[
-        str | None,
-        typer.Option(
-            "--world",
-            autocompletion=completion.worlds,
-            help=f"{WORLD_HELP} Only with sim. (default: flat)",
-        ),
-    ] = None,
+    world: WorldOption = None,
     gait: GaitOption = "demo",
     heading: Annotated[
         float | None,
-        typer.Option(
+        number(
             "--heading",
-            help="Direction of travel in degrees, any number, counter-clockwise from where the body points "
+            HEADING_DEG,
+            "Direction of travel in degrees, {}, counter-clockwise from where the body points "
             "at the start: 90 goes to the left. (default: 0)",
         ),
     ] = None,
     turn: TurnOption = None,
-    duration: Annotated[
-        float, typer.Option("--duration", help="Seconds to walk, above 0 up to 86400.")
-    ] = 30.0,
+    duration: DurationOption = 30.0,
     pace: PaceOption = None,
     amplitude: AmplitudeOption = None,
     height: HeightOption = None,
-    failed_leg: Annotated[
-        int | None,
-        typer.Option(
-            "--failed-leg", autocompletion=completion.legs, help=f"{FAILED_LEG_HELP} (default: none)"
-        ),
-    ] = None,
-    failure: Annotated[
-        str | None,
-        typer.Option(
-            "--failure", autocompletion=completion.failures, help=f"{FAILURE_HELP} (default: locked)"
-        ),
-    ] = None,
-    self_rotation: Annotated[
-        str,
-        typer.Option("--self-rotation", autocompletion=completion.self_rotations, help=SELF_ROTATION_HELP),
-    ] = "rear",
+    failed_leg: FailedLegOption = None,
+    failure: FailureOption = None,
+    self_rotation: SelfRotationOption = "rear",
     realtime: Annotated[
         bool,
         typer.Option("--realtime", help="Simulate at the speed of a real robot, not as fast as possible."),
@@ -91,11 +65,11 @@ def run(
         bool,
         typer.Option(
             "--view",
-            help="Show the walk in the Rerun viewer: while it goes on with --realtime or on a robot, "
-            "afterwards else.",
+            help="Show the walk in the Rerun viewer: during the walk with --realtime or on a robot, "
+            "otherwise afterwards.",
         ),
     ] = False,
-    seed: Annotated[int, typer.Option("--seed", help=SEED_HELP)] = 0,
+    seed: SeedOption = 0,
     connect: ConnectOption = None,
     keys: KeysOption = None,
     insecure: InsecureOption = False,
@@ -109,7 +83,6 @@ def run(
     """
     from math import radians
 
-    from hexctl.cli.values import finite, make_failure, turn_rate_deg_s
     from hexctl.cli.walking import Request, execute
     from hexctl.control.plan import TrialPlan
     from hexctl.gait.gait import make_gait
@@ -117,7 +90,7 @@ def run(
     from hexctl.robot.meshes import load_meshes
 
     described = load_robot(robot)
-    failed = make_failure(failed_leg, failure)
+    failed = failure_of(failed_leg, failure)
     in_place = turn is not None and heading is None
     plan = TrialPlan(
         gait=make_gait(
@@ -128,9 +101,9 @@ def run(
             height=height,
             failed_legs=(failed.leg,) if failed else (),
         ),
-        heading_rad=radians(finite("--heading", heading)),
+        heading_rad=radians(heading or 0.0),
         travel=0.0 if in_place else 1.0,
-        turn_rate_rad_s=radians(turn_rate_deg_s(turn)),
+        turn_rate_rad_s=radians(turn or 0.0),
         duration_s=duration,
         failure=failed,
         self_rotation=self_rotation,

@@ -10,12 +10,16 @@ from hexctl.cli.options import (
     InsecureOption,
     KeysOption,
     LinkOption,
+    Range,
     RobotOption,
     SeedOption,
     SimFailedLegOption,
     SimFailureOption,
-    SimWorldOption,
+    WorldOption,
+    number,
 )
+
+SIT_AFTER_S = Range(low=1, high=3600, unit="s")
 
 
 def serve(
@@ -53,15 +57,13 @@ def serve(
             "signed is believed. (default: none)",
         ),
     ] = None,
-    world: SimWorldOption = None,
+    world: WorldOption = None,
     failed_leg: SimFailedLegOption = None,
     failure: SimFailureOption = None,
     seed: SeedOption = 0,
     sit_after: Annotated[
         float,
-        typer.Option(
-            "--sit-after", help="Seconds without a command until the robot sits and relaxes, 1..3600."
-        ),
+        number("--sit-after", SIT_AFTER_S, "Seconds without a command until the robot sits and relaxes, {}."),
     ] = 10.0,
     view: Annotated[
         bool, typer.Option("--view", help="Show the robot in the Rerun viewer while it is served.")

@@ -6,7 +6,20 @@ from typing import Annotated
 import typer
 
 from hexctl.cli import completion
-from hexctl.cli.options import SEED_HELP, WORLD_HELP, DaskOption, JobsOption, JsonOption, RobotOption
+from hexctl.cli.options import (
+    WORLD_HELP,
+    DaskOption,
+    JobsOption,
+    JsonOption,
+    Range,
+    RobotOption,
+    SeedOption,
+    TrialDurationOption,
+    number,
+)
+
+COUNT = Range(low=1, whole=True)
+WORLDS = Range(low=1, high=1000, whole=True)
 
 
 def study(
@@ -29,18 +42,15 @@ def study(
     ] = None,
     runs: Annotated[
         int | None,
-        typer.Option(
-            "--runs",
-            help="Runs of each optimizer on each leg, 1 or more. (default: 30; with --transfer 5)",
-        ),
+        number("--runs", COUNT, "Runs of each optimizer on each leg, {}. (default: 30; with --transfer 5)"),
     ] = None,
     budget: Annotated[
         int | None,
-        typer.Option("--budget", help="Trials of a run, 1 or more. (default: 120; with --transfer 60)"),
+        number("--budget", COUNT, "Trials of a run, {}. (default: 120; with --transfer 60)"),
     ] = None,
     worlds: Annotated[
         int | None,
-        typer.Option("--worlds", help="With --transfer, how many worlds, 1..1000. (default: 30)"),
+        number("--worlds", WORLDS, "With --transfer, how many worlds, {}. (default: 30)"),
     ] = None,
     prior: Annotated[
         str | None,
@@ -50,9 +60,7 @@ def study(
             help="With --transfer, what bayes believes: auto or a file. (default: auto)",
         ),
     ] = None,
-    duration: Annotated[
-        float, typer.Option("--duration", help="Seconds that each gait walks, above 0 up to 86400.")
-    ] = 30.0,
+    duration: TrialDurationOption = 30.0,
     robot: RobotOption = "ant",
     world: Annotated[
         str | None,
@@ -72,7 +80,7 @@ def study(
     ] = None,
     jobs: JobsOption = None,
     dask: DaskOption = None,
-    seed: Annotated[int, typer.Option("--seed", help=SEED_HELP)] = 0,
+    seed: SeedOption = 0,
     as_json: JsonOption = False,
 ) -> None:
     """Repeat the paper's experiments: all gaits of each failed leg, all searches, one report.

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 from hexctl.backends.base import LegServos
 from hexctl.backends.registry import BackendOptions
-from hexctl.cli.values import make_failure
+from hexctl.cli.options import failure_of
 from hexctl.errors import InputError
 from hexctl.robot.failure import Failure
 from hexctl.robot.loader import load_robot
@@ -59,7 +59,7 @@ class Twin:
         return BackendOptions(
             robot=load_robot(self.robot),
             world=self._world(),
-            failure=make_failure(self.failed_leg, self.failure),
+            failure=failure_of(self.failed_leg, self.failure),
             seed=self.seed,
             realtime=True,
             robot_file=self.robot,
@@ -69,7 +69,7 @@ class Twin:
         """Return `world` and `failure` of a simulation, as a person would say them; None of real servos."""
         if self.backend != "sim":
             return None
-        failure = make_failure(self.failed_leg, self.failure)
+        failure = failure_of(self.failed_leg, self.failure)
         return {"world": self.world or DEFAULT_WORLD, "failure": failure_words(failure)}
 
     def _world(self) -> "World | None":

@@ -100,7 +100,7 @@ REFUSED = [
     (["run", "--pace", "0"], ["pace", "0", "up to 10"]),
     (["run", "--amplitude", "0.6"], ["leg 1", "allowed"]),
     (["run", "--height", "-1"], ["height", "-1", "allowed"]),
-    (["run", "--failed-leg", "7"], ["failed leg", "7", "1..6"]),
+    (["run", "--failed-leg", "7"], ["--failed-leg", "7", "1..6"]),
     (["run", "--failure", "limp"], ["--failure", "limp", "--failed-leg"]),
     (
         ["run", "--failed-leg", "1", "--failure", "sad"],
@@ -180,3 +180,21 @@ def test_an_unwritable_recording_is_refused(place: str, capsys: pytest.CaptureFi
     printed = capsys.readouterr()
     assert len(printed.err.splitlines()) == 1
     assert place in printed.err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "line"),
+    [
+        (["run", "--seed", "-1"], "hexctl: --seed: got -1; allowed: 0 or more"),
+        (["run", "--seed", "x"], "hexctl: --seed: got 'x'; allowed: a whole number, 0 or more"),
+        (["adapt", "--self-rotation", "up"], "hexctl: --self-rotation: got up; allowed: rear, front, none"),
+        (["board", "--backend", "zenoh"], "hexctl: --backend: got zenoh; allowed: sim, mock"),
+        (["run", "--recrod", "x"], "hexctl: No such option: --recrod (Possible options: --record)"),
+    ],
+    ids=lambda value: " ".join(value)[:40],
+)
+def test_a_bad_value_names_option_value_and_range(
+    arguments: list[str], line: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert exit_code(arguments) == 2
+    assert capsys.readouterr().err.splitlines()[0].startswith(line.partition(" (")[0])

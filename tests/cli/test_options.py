@@ -1,16 +1,24 @@
-"""What `--help` says to somebody who has never seen hexctl: each option, its unit, range and default."""
+"""Options: what `--help` says about each, and the ranges that they check."""
 
+import math
 import re
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, get_args
 
 import pytest
 import typer
 
+from hexctl.cli import options
 from hexctl.cli.main import app
+from hexctl.cli.options import Range
+from hexctl.control.plan import MAX_DURATION_S, SELF_ROTATIONS
+from hexctl.gait.gait import MAX_PACE_HZ, NAMED_SLOTS
+from hexctl.robot.configs import config_names
+from hexctl.robot.failure import FAILURE_KINDS
+from hexctl.types import N_LEGS
 
 #: What an option or argument that takes a number says about it.
-RANGE = re.compile(r"\d\.\.\d|or more|above 0|any number")
+RANGE = re.compile(r"\d\.\.\d|or more|above 0|any finite number")
 UNIT = re.compile(
     r"second|metre|degree|\bday|fraction|gait cycles|leg that failed|trials|threads|runs|worlds|whole number",
     re.IGNORECASE,
@@ -18,7 +26,7 @@ UNIT = re.compile(
 
 
 def commands(group: Any = None, path: str = "hexctl") -> Iterator[tuple[str, Any]]:
-    """Return every command with the words that call it."""
+    """Every command with the words that call it."""
     group = typer.main.get_command(app) if group is None else group
     for name, command in group.commands.items():
         if hasattr(command, "commands"):
@@ -31,35 +39,85 @@ def is_number(parameter: Any) -> bool:
     return parameter.type_descriptor.annotation in (int, float)
 
 
-PARAMETERS = [(path, parameter) for path, command in commands() for parameter in command.params]
-
-
-@pytest.mark.parametrize(
-    ("path", "parameter"), PARAMETERS, ids=[f"{path} {parameter.name}" for path, parameter in PARAMETERS]
-)
-def test_every_option_says_what_it_is(path: str, parameter: Any) -> None:
-    said = parameter.help or ""
-    assert said.endswith((".", ")")), f"no sentence: {said!r}"
-    assert "As in hexctl" not in said
-    if parameter.param_type_name == "option" and not parameter.is_flag and path != "hexctl view":
-        assert parameter.default is not None or "(default:" in said, f"no default: {said!r}"
-    if is_number(parameter):
-        assert RANGE.search(said), f"no range: {said!r}"
-        assert UNIT.search(said), f"no unit: {said!r}"
+@pytest.mark.parametrize(("path", "command"), list(commands()), ids=lambda value: str(value)[:30])
+def test_every_command_and_option_says_what_it_is(path: str, command: Any) -> None:
+    first = (command.help or "").split("\n\n")[0]
+    assert first.endswith(".")
+    assert len(first) <= 110
+    for parameter in command.params:
+        said = parameter.help or ""
+        name = f"{path} {parameter.name}: {said!r}"
+        assert said.endswith((".", ")")), f"no sentence: {name}"
+        assert "As in hexctl" not in said, name
+        if parameter.param_type_name == "option" and not parameter.is_flag and path != "hexctl view":
+            assert parameter.default is not None or "(default:" in said, f"no default: {name}"
+        if is_number(parameter):
+            assert RANGE.search(said), f"no range: {name}"
+            assert UNIT.search(said), f"no unit: {name}"
 
 
 def test_there_are_numbers_among_them() -> None:
-    assert sum(is_number(parameter) for _path, parameter in PARAMETERS) > 20
-
-
-@pytest.mark.parametrize(("path", "command"), list(commands()), ids=lambda value: str(value)[:30])
-def test_every_command_says_in_one_sentence_what_it_does(path: str, command: Any) -> None:
-    first = (command.help or "").split("\n\n")[0]
-    assert first.endswith("."), path
-    assert len(first) <= 110, path
+    assert sum(is_number(parameter) for _path, command in commands() for parameter in command.params) > 20
 
 
 def test_commands_are_listed_in_groups_beginning_with_a_walk() -> None:
     group: Any = typer.main.get_command(app)
     assert list(group.commands)[:2] == ["run", "adapt"]
     assert all(command.rich_help_panel for command in group.commands.values())
+
+
+def test_names_in_help_texts_are_those_that_exist() -> None:
+    assert all(name in options.ROBOT_HELP for name in config_names("robots"))
+    assert all(name in options.FAILURE_HELP for name in FAILURE_KINDS)
+    help_of = {parameter.name: parameter.help for parameter in dict(commands())["hexctl run"].params}
+    assert ", ".join(NAMED_SLOTS) in help_of["gait"]
+
+
+def test_ranges_are_those_of_the_library() -> None:
+    assert options.DURATION_S.high == MAX_DURATION_S
+    assert options.PACE_HZ.high == MAX_PACE_HZ
+    assert options.LEG.high == N_LEGS
+    assert get_args(options.SelfRotation) == SELF_ROTATIONS
+
+
+@pytest.mark.parametrize(
+    ("allowed", "text", "inside", "outside"),
+    [
+        (Range(low=0, whole=True), "0 or more", ["0", "12"], ["-1", "1.5", "x", "nan", ""]),
+        (Range(low=1, high=6, whole=True), "1..6", ["1", "6"], ["0", "7"]),
+        (Range(low=1, high=100_000, whole=True), "1..100000", ["100000"], ["100001"]),
+        (Range(low=0, high=10, above=True), "above 0 up to 10", ["1e-9", "10"], ["0", "-0.0", "10.1", "nan"]),
+        (Range(low=0, above=True), "above 0", ["1e9"], ["0", "inf"]),
+        (Range(low=-360, high=360), "-360..360", ["-360", "0", "360"], ["361", "-inf"]),
+        (Range(), "any finite number", ["-1e300"], ["nan", "inf", "one"]),
+    ],
+    ids=str,
+)
+def test_a_range_takes_what_it_says(allowed: Range, text: str, inside: list[str], outside: list[str]) -> None:
+    assert str(allowed) == text
+    assert [allowed.parse(number) for number in inside] == [float(number) for number in inside]
+    for number in outside:
+        with pytest.raises(typer.BadParameter, match=f"got '?{re.escape(number)}'?; allowed: "):
+            allowed.parse(number)
+
+
+def test_only_short_ranges_of_whole_numbers_are_offered_by_the_shell() -> None:
+    assert Range(low=1, high=6, whole=True).complete("") == ["1", "2", "3", "4", "5", "6"]
+    assert Range(low=1, high=6, whole=True).complete("4") == ["4"]
+    for long in (Range(low=0, whole=True), Range(low=1, high=1000, whole=True), Range(low=0, high=1)):
+        assert long.complete("") == []
+    assert not math.isfinite(Range(low=0).high)
+
+
+def test_what_was_typed_is_told_from_defaults() -> None:
+    seen: dict[str, Any] = {}
+    probe = typer.Typer()
+
+    @probe.command()
+    def command(
+        context: typer.Context, robot: options.RobotOption = "ant", seed: options.SeedOption = 0
+    ) -> None:
+        seen.update(options.given(context), values=(robot, seed))
+
+    probe(["--seed", "0"], standalone_mode=False)
+    assert seen == {"--seed": 0, "values": ("ant", 0)}
