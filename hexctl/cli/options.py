@@ -40,11 +40,15 @@ class Range:
     unit: str = ""
 
     def __str__(self) -> str:
+        return self._text(to="..", unit="")
+
+    def _text(self, *, to: str, unit: str) -> str:
+        low, high = f"{self.low:g}", f"{self.high:.15g}"
         if math.isinf(self.low):
             return "any finite number"
-        if self.above:
-            return f"above {self.low:g}" + ("" if math.isinf(self.high) else f" up to {self.high:.15g}")
-        return f"{self.low:g} or more" if math.isinf(self.high) else f"{self.low:g}..{self.high:.15g}"
+        if math.isinf(self.high):
+            return f"above {low}{unit}" if self.above else f"{low}{unit} or more"
+        return f"above {low} up to {high}{unit}" if self.above else f"{low}{to}{high}{unit}"
 
     def __contains__(self, value: float) -> bool:
         above = value > self.low if self.above else value >= self.low
@@ -56,10 +60,10 @@ class Range:
             value = int(text) if self.whole else float(text)
         except ValueError:
             kind = "a whole number" if self.whole else "a number"
-            bounds = "" if math.isinf(self.low) else f", {self}"
-            raise typer.BadParameter(f"got {text!r}; allowed: {kind}{bounds}{self._unit}") from None
+            bounds = "" if math.isinf(self.low) else f", {self._allowed}"
+            raise typer.BadParameter(f"got {text!r}; allowed: {kind}{bounds}") from None
         if value not in self:
-            raise typer.BadParameter(f"got {text}; allowed: {self}{self._unit}")
+            raise typer.BadParameter(f"got {text}; allowed: {self._allowed}")
         return value
 
     def complete(self, incomplete: str) -> list[str]:
@@ -70,8 +74,8 @@ class Range:
         return [number for number in numbers if number.startswith(incomplete)]
 
     @property
-    def _unit(self) -> str:
-        return f" {self.unit}" if self.unit else ""
+    def _allowed(self) -> str:
+        return self._text(to=" to ", unit=f" {self.unit}") if self.unit else str(self)
 
 
 def number(flag: str, allowed: Range, text: str) -> Any:

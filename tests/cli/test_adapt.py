@@ -93,8 +93,8 @@ def test_the_table_and_the_sessions(capsys: pytest.CaptureFixture[str]) -> None:
 
 REFUSED = [
     (["adapt"], ["--failed-leg", "1..6"]),
-    (["adapt", "--failed-leg", "7"], ["failed leg", "7", "1..6"]),
-    (["adapt", "--failed-leg", "0"], ["failed leg", "0", "1..6"]),
+    (["adapt", "--failed-leg", "7"], ["--failed-leg", "7", "1..6"]),
+    (["adapt", "--failed-leg", "0"], ["--failed-leg", "0", "1..6"]),
     (["adapt", "--failed-leg", "5", "--budget", "-1"], ["--budget", "-1", "1.."]),
     (["adapt", "--resume", "some", "--seed", "30"], ["--resume", "--seed", "--budget"]),
     (["adapt", "--resume", "some", "--budget", "30"], ["some"]),

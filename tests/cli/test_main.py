@@ -92,7 +92,7 @@ REFUSED = [
     (["run", "--duration", "-4"], ["duration", "-4", "above 0"]),
     (["run", "--duration", "abc"], ["--duration", "number"]),
     (["run", "--heading", "nan"], ["--heading", "nan", "finite"]),
-    (["run", "--turn", "inf"], ["--turn", "inf", "finite"]),
+    (["run", "--turn", "inf"], ["--turn", "inf", "-360 to 360"]),
     (["run", "--turn", "4000"], ["--turn", "4000", "360"]),
     (["run", "--turn", "300"], ["leg", "foot", "--turn"]),
     (["run", "--record", "walk.txt"], ["walk.txt", ".rrd"]),

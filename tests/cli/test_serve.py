@@ -17,7 +17,7 @@ REFUSED = [
     (["serve", "--robot", "bob"], ["robot", "'bob'"]),
     (["serve", "--backend", "mock", "--world", "flat"], ["--world", "mock", "sim"]),
     (["serve", "--backend", "mock", "--failed-leg", "5"], ["--failed-leg", "mock", "sim"]),
-    (["serve", "--failed-leg", "9"], ["failed leg", "9", "1..6"]),
+    (["serve", "--failed-leg", "9"], ["--failed-leg", "9", "1..6"]),
     (["serve", "--failure", "limp"], ["--failure", "--failed-leg"]),
     (["serve", "--device", "/dev/null"], ["--device", "sim", "mavlink"]),
     (["serve", "--backend", "mavlink", "--seed", "5"], ["--seed", "5", "mavlink"]),
