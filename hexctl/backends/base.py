@@ -19,7 +19,7 @@ class LegServos(ABC):
     """Eighteen leg servos with a clock.
 
     `robot` and `clock` can be read before `connect`. One tick is: `clock.tick()`, `read()`, `write()`.
-    `tests/backends/conformance.py` states what every implementation must do, as tests.
+    `hexctl.testing.LegServosConformance` states what every implementation must do, as tests.
     """
 
     #: True for a simulation, which knows the failure that it injects; a real robot does not.

@@ -14,8 +14,16 @@ from hexctl.adapt.prior.samples import FINAL, N_FEATURES, Samples
 from hexctl.adapt.space import GaitSpace
 from hexctl.backends.clock import PERIOD_S
 from hexctl.errors import InputError
+from hexctl.testing.optimizers import (
+    ONE_FAILED,
+    TWO_FAILED,
+    Make,
+    OptimizerConformance,
+    search,
+    slope,
+    travelled,
+)
 from hexctl.types import FloatArray
-from tests.adapt.conformance import BATCHES, Make, OptimizerConformance, travelled
 from tests.adapt.prior.dense import Dense
 from tests.adapt.priors import (
     DURATION_S,
@@ -27,7 +35,6 @@ from tests.adapt.priors import (
     standing_samples,
     tell,
 )
-from tests.adapt.searching import ONE_FAILED, TWO_FAILED, search, slope
 
 MODEL = MadeUpModel()
 SAMPLES = MODEL.samples(24)
@@ -49,11 +56,10 @@ def solvable(count: int, seed: int = 500) -> FloatArray:
 
 
 class TestBayes(OptimizerConformance):
-    """The suite, for one failed leg: a prior knows no gaits of a robot that has lost two.
+    """The suite, for one failed leg: a prior knows no gaits of a robot that has lost two."""
 
-    Where the suite goes through spaces of several legs, or wants another search from another seed, its test
-    is replaced by one that asks as much of `bayes`.
-    """
+    spaces = (ONE_FAILED,)
+    seeded = False  # nothing is left to chance
 
     @pytest.fixture
     def make(self) -> Make:
@@ -62,25 +68,6 @@ class TestBayes(OptimizerConformance):
             return Bayes(space, seed, samples=samples, target_m=0.025, duration_s=DURATION_S, floor_m=1.0)
 
         return make
-
-    @pytest.mark.parametrize("batch", BATCHES)
-    def test_codes_are_in_the_space_and_no_more_than_asked_for(  # type: ignore[override]
-        self, make: Make, batch: int
-    ) -> None:
-        super().test_codes_are_in_the_space_and_no_more_than_asked_for(make, ONE_FAILED, batch)
-
-    def test_500_equal_scores_do_no_harm(self, make: Make) -> None:  # type: ignore[override]
-        super().test_500_equal_scores_do_no_harm(make, ONE_FAILED)
-
-    @pytest.mark.parametrize("other", [GaitSpace((2,))], ids=["other leg"])
-    def test_the_state_of_another_space_is_refused(
-        self, make: Make, optimizer: Optimizer, other: GaitSpace
-    ) -> None:
-        super().test_the_state_of_another_space_is_refused(make, optimizer, other)
-
-    def test_another_seed_gives_another_search(self, make: Make) -> None:
-        """Nothing is left to chance: another seed gives the same search."""
-        assert search(make(ONE_FAILED, 7), 20) == search(make(ONE_FAILED, 8), 20)
 
 
 def test_two_failed_legs_or_another_are_refused() -> None:

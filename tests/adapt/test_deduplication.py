@@ -10,7 +10,7 @@ from hexctl.adapt.deduplication import Deduplication, SpaceExhaustedError
 from hexctl.adapt.optimizer import Optimizer
 from hexctl.adapt.registry import OPTIMIZERS, make_optimizer
 from hexctl.errors import InputError
-from tests.adapt.searching import ONE_FAILED, THREE_FAILED, search, slope
+from hexctl.testing.optimizers import ONE_FAILED, THREE_FAILED, search, slope
 
 
 class Scripted(Optimizer):

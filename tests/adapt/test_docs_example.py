@@ -8,8 +8,7 @@ import pytest
 
 from hexctl.adapt.deduplication import Deduplication
 from hexctl.adapt.registry import make_optimizer
-from tests.adapt.conformance import Make, OptimizerConformance
-from tests.adapt.searching import ONE_FAILED, search
+from hexctl.testing.optimizers import ONE_FAILED, Make, OptimizerConformance, search
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "adaptation.md"
 

@@ -11,8 +11,7 @@ from hexctl.adapt.population import PopulationOptimizer
 from hexctl.adapt.registry import OPTIMIZERS, make_optimizer
 from hexctl.adapt.space import GaitSpace
 from hexctl.control.result import STATUSES
-from tests.adapt.conformance import BATCHES, Make, OptimizerConformance
-from tests.adapt.searching import ONE_FAILED, search
+from hexctl.testing.optimizers import BATCHES, ONE_FAILED, Make, OptimizerConformance, search
 from tests.adapt.walking import result_of
 
 
@@ -28,12 +27,24 @@ def paper(name: str) -> Make:
     return lambda space, seed: Deduplication(make_optimizer(name, space, seed), seed, paper_count=True)
 
 
-@pytest.mark.parametrize("name", OPTIMIZERS)
-@pytest.mark.parametrize("counting", [bare, fresh, paper], ids=lambda counting: counting.__name__)
+#: Every optimizer bare, two as a session asks them, one with the paper's count.
+SEARCHES = {
+    **{name: bare(name) for name in OPTIMIZERS},
+    "fresh exhaustive": fresh("exhaustive"),
+    "fresh pso": fresh("pso"),
+    "paper dps": paper("dps"),
+}
+
+
+@pytest.mark.parametrize("name", SEARCHES)
 class TestOptimizers(OptimizerConformance):
     @pytest.fixture
-    def make(self, name: str, counting: Callable[[str], Make]) -> Make:
-        return counting(name)
+    def make(self, name: str) -> Make:
+        return SEARCHES[name]
+
+    @pytest.fixture(autouse=True)
+    def _without_random_numbers(self, name: str) -> None:
+        self.seeded = "exhaustive" not in name
 
 
 @pytest.mark.parametrize("name", OPTIMIZERS)

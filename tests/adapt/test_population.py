@@ -9,8 +9,8 @@ import pytest
 from hexctl.adapt.population import Population, PopulationOptimizer
 from hexctl.adapt.registry import OPTIMIZERS
 from hexctl.adapt.swarm import Pso
+from hexctl.testing.optimizers import ONE_FAILED
 from tests.adapt.continuous import HIGH, LOW, make, minimum, rosenbrock, sphere
-from tests.adapt.searching import ONE_FAILED
 
 CORES = [kind.core for kind in OPTIMIZERS.values() if issubclass(kind, PopulationOptimizer)]
 

@@ -5,7 +5,7 @@ import pytest
 from hexctl.adapt.baselines import RandomSearch
 from hexctl.adapt.registry import OPTIMIZERS, make_optimizer
 from hexctl.errors import InputError
-from tests.adapt.searching import ONE_FAILED
+from hexctl.testing.optimizers import ONE_FAILED
 
 
 def test_the_five_of_the_paper_and_two_baselines() -> None:

@@ -15,8 +15,8 @@ from hexctl.control.plan import TrialPlan
 from hexctl.control.trial import run_trial
 from hexctl.errors import CommandRefusedError, EStopError, InputError, RobotFaultError
 from hexctl.gait.gait import make_gait
+from hexctl.testing.servos import LegServosConformance, move
 from hexctl.types import JointTargets
-from tests.backends.conformance import LegServosConformance, move
 from tests.backends.fake_time import FakeTime
 from tests.control.posed import PosedMock, connected, send
 from tests.robots import ROBOT_NAMES, shipped

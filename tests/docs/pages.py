@@ -45,3 +45,10 @@ def inline_commands(page: Path, program: str) -> list[list[str]]:
     """Return the words of a program's commands in the running text of a page."""
     text = FENCED.sub("", page.read_text(encoding="utf-8"))
     return [span.split() for span in INLINE.findall(text) if span.split()[0] == program and " " in span]
+
+
+def save_programs(page: Path, folder: Path) -> None:
+    """Save the Python of a page under the name that its text gives."""
+    names = re.findall(r"[Ss]aved? (?:it |this )?as `(\w+\.py)`", page.read_text(encoding="utf-8"))
+    for name, block in zip(names, blocks(page, "python"), strict=False):
+        (folder / name).write_text(block.text, encoding="utf-8")

@@ -15,7 +15,7 @@ from hexctl.cli.main import exit_code
 from hexctl.robot.meshes import load_meshes
 from hexctl.robot.schema import MountSection, RobotSchema
 from hexctl.wire.links import load_link
-from tests.docs.pages import PAGES, ROOT, blocks
+from tests.docs.pages import PAGES, ROOT, blocks, save_programs
 from tests.robot.meshmaking import MAKERS
 from tests.robots import edited_file, put
 
@@ -71,6 +71,7 @@ NEEDED = {"recordings.md": ["run", "--duration", "0.5", "--json", "--record", "w
 def test_the_programs_of_a_page_run(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     assert page.name not in NEEDED or exit_code(NEEDED[page.name]) == 0
+    save_programs(page, tmp_path)
     for block in blocks(page, "python"):
         done = subprocess.run(
             [sys.executable, "-c", block.text],

@@ -6,18 +6,11 @@ from pathlib import Path
 import pytest
 import typer
 
-from tests.docs.pages import LANGUAGES, PAGES, ROOT, blocks, commands, inline_commands
+from tests.docs.pages import LANGUAGES, PAGES, ROOT, blocks, commands, inline_commands, save_programs
 from tests.docs.shell import Shell, parse
 
 #: The beginning of a line that somebody would type.
 COMMAND = re.compile(r"\s*(\$ |# )?(hexctl|make|pip|python3?|git|sudo|mkdocs|dask)\s")
-
-
-def save_programs(page: Path, folder: Path) -> None:
-    """Save the Python of a page under the name that its text gives."""
-    names = re.findall(r"[Ss]aved? (?:it )?as `(\w+\.py)`", page.read_text(encoding="utf-8"))
-    for name, block in zip(names, blocks(page, "python"), strict=False):
-        (folder / name).write_text(block.text, encoding="utf-8")
 
 
 @pytest.mark.parametrize("page", [page for page in PAGES if commands(page)], ids=lambda page: page.name)

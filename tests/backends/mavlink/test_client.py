@@ -20,8 +20,8 @@ from hexctl.control.guard import Guard
 from hexctl.errors import EStopError, InputError, RobotFaultError
 from hexctl.robot.servo_map import load_servo_map
 from hexctl.serve import board_telemetry
+from hexctl.testing.servos import LegServosConformance, check_state, move
 from hexctl.types import JointTargets, RobotState
-from tests.backends.conformance import LegServosConformance, check_state, move
 from tests.backends.mavlink.boards import (
     BoardProcess,
     ScriptedBoard,

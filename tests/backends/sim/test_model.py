@@ -10,8 +10,8 @@ from hexctl.backends.sim.world import World
 from hexctl.errors import InputError
 from hexctl.robot.failure import FAILURE_KINDS, Failure
 from hexctl.robot.loader import load_robot
+from hexctl.testing.servos import move
 from hexctl.types import JOINT_KINDS, FloatArray, JointTargets, leg_slice
-from tests.backends.conformance import move
 from tests.robots import ROBOT_NAMES, edited_file, put, shipped
 from tests.trials import walk
 

@@ -12,8 +12,8 @@ from hexctl.backends.sim.servos import SimClock, SimServos
 from hexctl.backends.sim.world import SensorNoise, World
 from hexctl.errors import RobotFaultError, SimulationDivergedError
 from hexctl.robot.rotations import yaw_rad
+from hexctl.testing.servos import LegServosConformance, move
 from hexctl.types import FloatArray
-from tests.backends.conformance import LegServosConformance, move
 from tests.backends.fake_time import FakeTime
 from tests.robots import ROBOT_NAMES, shipped
 from tests.trials import walk

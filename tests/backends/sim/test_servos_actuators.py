@@ -17,8 +17,8 @@ from hexctl.control.batch import SimTrial, run_sim_trial, run_sim_trials
 from hexctl.control.plan import TrialPlan
 from hexctl.gait.gait import make_gait
 from hexctl.robot.failure import Failure
+from hexctl.testing.servos import move
 from hexctl.types import FloatArray
-from tests.backends.conformance import move
 from tests.robots import shipped
 
 STANCE = shipped().stance_angles_rad

@@ -17,8 +17,8 @@ from hexctl.control.result import TrialResult
 from hexctl.control.trial import run_trial
 from hexctl.errors import InputError
 from hexctl.robot.rotations import yaw_rad
+from hexctl.testing.servos import move
 from hexctl.types import FloatArray, JointTargets
-from tests.backends.conformance import move
 from tests.robots import shipped
 from tests.trials import gait_of
 

@@ -14,11 +14,11 @@ from hexctl.backends.zenoh.client import ZenohServos
 from hexctl.control.guard import Guard
 from hexctl.errors import EStopError, RobotFaultError
 from hexctl.robot.loader import load_robot
+from hexctl.testing.servos import LegServosConformance
 from hexctl.types import JointTargets
 from hexctl.wire.links import KeyMap, Link, Role
 from hexctl.wire.messages import decode_positions, encode_positions
 from hexctl.wire.session import open_session
-from tests.backends.conformance import LegServosConformance
 from tests.robots import edited_file, put, shipped
 from tests.serve.processes import Served, free_port, hexctl, served, wait_until
 

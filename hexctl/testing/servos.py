@@ -1,4 +1,4 @@
-"""What every LegServos must do, as tests. Inherit the class, name it `Test...` and say how to make servos."""
+"""What every `LegServos` must do, as tests."""
 
 import itertools
 from collections.abc import Iterator
@@ -16,7 +16,10 @@ TICKS_PER_SECOND = round(1 / PERIOD_S)
 
 
 class LegServosConformance:
-    """The suite.
+    """The suite: inherit it, name the class `Test...` and say how to make servos.
+
+    On a wall clock it takes about twenty seconds, and the joints move by up to 0.1 rad about the stance: hold
+    a real robot off the floor.
 
     Attributes:
         tolerance_rad: how far from its target an idle joint may rest under the robot's own weight.
@@ -25,17 +28,19 @@ class LegServosConformance:
     tolerance_rad = 0.03
 
     def make(self) -> LegServos:
-        """Return fresh servos that are not connected."""
-        raise NotImplementedError
+        """Fresh servos that are not connected."""
+        raise NotImplementedError("make: returns your servos, not connected")
 
     @pytest.fixture
     def fresh(self) -> Iterator[LegServos]:
+        """Servos that are not connected yet, closed at the end."""
         servos = self.make()
         yield servos
         servos.close()
 
     @pytest.fixture
     def servos(self, fresh: LegServos) -> LegServos:
+        """Connected servos."""
         fresh.connect()
         return fresh
 
@@ -110,13 +115,13 @@ class LegServosConformance:
         check_state(servos.read(), servos)
 
     def test_reading_again_within_a_tick_changes_nothing(self, servos: LegServos) -> None:
-        tick = servos.clock.tick()
+        tick, skipped = servos.clock.tick(), servos.clock.overruns
         hold(servos)
         first = servos.read()
         for _ in range(5):
             again = servos.read()
             np.testing.assert_array_equal(again.joint_positions_rad, first.joint_positions_rad)
-        assert servos.clock.tick().index == tick.index + 1
+        assert servos.clock.tick().index == tick.index + 1 + servos.clock.overruns - skipped
 
     def test_a_state_is_not_changed_by_what_comes_later(self, servos: LegServos) -> None:
         state = servos.read()
@@ -133,7 +138,7 @@ class LegServosConformance:
         for array, untouched in zip(arrays_of(servos.read()), arrays_of(expected), strict=True):
             np.testing.assert_array_equal(array, untouched)
 
-    def test_what_became_of_messages_is_counted(self, servos: LegServos) -> None:
+    def test_messages_are_counted(self, servos: LegServos) -> None:
         servos.clock.tick()
         servos.read()
         assert all(isinstance(n, int) and n >= 0 for n in servos.link_counts.values())
@@ -160,27 +165,32 @@ class LegServosConformance:
         self.check_reaches(servos, servos.robot.stance_angles_rad + np.tile([0.1, -0.06, 0.06], N_LEGS))
         self.check_reaches(servos, servos.robot.stance_angles_rad + np.tile([-0.1, 0.06, -0.06], N_LEGS))
 
-    @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
-    @pytest.mark.parametrize("joint", [0, N_JOINTS - 1])
-    def test_targets_that_are_not_finite_are_refused(self, servos: LegServos, bad: float, joint: int) -> None:
-        wanted = servos.robot.stance_angles_rad + 0.1
-        wanted[joint] = bad
-        self.check_refused(servos, wanted)
+    def test_targets_that_are_not_finite_are_refused(self, servos: LegServos) -> None:
+        stance_rad = servos.robot.stance_angles_rad
+        spoiled = [stance_rad + 0.1 for _ in range(6)]
+        for wanted, (bad, joint) in zip(
+            spoiled, itertools.product((np.nan, np.inf, -np.inf), (0, N_JOINTS - 1)), strict=True
+        ):
+            wanted[joint] = bad
+        self.check_refused(servos, spoiled)
 
-    @pytest.mark.parametrize("shape", [(), (0,), (17,), (19,), (6, 3), (1, 18)])
-    def test_targets_of_another_shape_are_refused(self, servos: LegServos, shape: tuple[int, ...]) -> None:
-        self.check_refused(servos, np.full(shape, 0.1))
+    def test_targets_of_another_shape_are_refused(self, servos: LegServos) -> None:
+        shapes: list[tuple[int, ...]] = [(), (0,), (N_JOINTS - 1,), (N_JOINTS + 1,), (6, 3), (1, N_JOINTS)]
+        self.check_refused(servos, [np.full(shape, 0.1) for shape in shapes])
 
-    def check_refused(self, servos: LegServos, wanted: FloatArray) -> None:
-        """Check that targets are refused in one line, that nothing moves, and that good ones pass then."""
+    def check_refused(self, servos: LegServos, spoiled: list[FloatArray]) -> None:
+        """Check that targets are refused in one line each, that nothing moves, and that good ones pass."""
         move(servos, servos.robot.stance_angles_rad, ticks=TICKS_PER_SECOND)
-        before = servos.read().joint_positions_rad
-        with pytest.raises(CommandRefusedError, match=r"targets: got .*; allowed: ") as refused:
-            servos.write(JointTargets(wanted, servos.clock.now_s))
-        assert "\n" not in str(refused.value)
-        for _ in range(5):
-            servos.clock.tick()
-        np.testing.assert_allclose(servos.read().joint_positions_rad, before, atol=1e-3)
+        for wanted in spoiled:
+            before = servos.read().joint_positions_rad
+            with pytest.raises(CommandRefusedError, match=r"targets: got .*; allowed: ") as refused:
+                servos.write(JointTargets(wanted, servos.clock.now_s))
+            assert "\n" not in str(refused.value)
+            for _ in range(5):
+                servos.clock.tick()
+            after = servos.read().joint_positions_rad
+            np.testing.assert_allclose(after, before, atol=1e-3, err_msg=f"after {wanted}")
+            hold(servos)
         self.check_reaches(servos, servos.robot.stance_angles_rad + 0.02)
 
     def check_reaches(self, servos: LegServos, wanted: FloatArray) -> None:
@@ -203,7 +213,7 @@ def hold(servos: LegServos) -> None:
 
 
 def arrays_of(state: RobotState) -> list[FloatArray | None]:
-    """Return the arrays of a state."""
+    """The arrays of a state."""
     return [state.joint_positions_rad, state.base_position_world, state.base_quaternion_world]
 
 
@@ -215,9 +225,10 @@ def check_state(state: RobotState, servos: LegServos) -> None:
     assert state.healthy
     assert state.age_s >= 0
     assert 0 <= state.stamp_s <= servos.clock.now_s + 1e-9
-    assert (state.base_position_world is None) == (state.base_quaternion_world is None)
-    if state.base_position_world is not None and state.base_quaternion_world is not None:
+    if state.base_position_world is not None:
+        assert state.base_quaternion_world is not None, "a position without an orientation"
         assert state.base_position_world.shape == (3,)
+    if state.base_quaternion_world is not None:
         assert state.base_quaternion_world.shape == (4,)
         assert np.linalg.norm(state.base_quaternion_world) == pytest.approx(1, abs=1e-6)
     if state.foot_contacts is not None:

@@ -1,0 +1,25 @@
+"""Conformance suites for servos and optimizers of your own; run by pytest.
+
+```python
+from hexctl.testing import LegServosConformance
+
+class TestMyServos(LegServosConformance):
+    def make(self):
+        return MyServos(hexctl.load_robot("ant"))
+```
+"""
+
+from hexctl.errors import MissingExtraError
+
+try:
+    import pytest
+except ImportError as error:
+    raise MissingExtraError("hexctl.testing", "testing") from error
+
+# Before the suites are imported, so that a failed comparison shows both of its sides.
+pytest.register_assert_rewrite("hexctl.testing.servos", "hexctl.testing.optimizers")
+
+from hexctl.testing.optimizers import OptimizerConformance  # noqa: E402
+from hexctl.testing.servos import LegServosConformance  # noqa: E402
+
+__all__ = ["LegServosConformance", "OptimizerConformance"]
