@@ -4,7 +4,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from types import TracebackType
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
@@ -13,6 +13,9 @@ from hexctl.errors import CommandRefusedError, RobotFaultError
 from hexctl.robot.failure import Failure
 from hexctl.robot.model import Robot
 from hexctl.types import N_JOINTS, JointTargets, RobotState
+
+if TYPE_CHECKING:
+    from hexctl.wire.description import RobotIdentity
 
 
 class LegServos(ABC):
@@ -30,6 +33,9 @@ class LegServos(ABC):
 
     #: Once connected to a simulation over a link: what it says of itself, `world` and `failure`; else None.
     simulated: Mapping[str, str] | None = None
+
+    #: Once connected to a robot over a link: which robot answered and who started it; else None.
+    identity: "RobotIdentity | None" = None
 
     @property
     @abstractmethod

@@ -50,7 +50,7 @@ def execute(service: Service) -> int:
         backend=service.twin.backend,
         simulated=service.twin.words(),
         sit_after_s=service.sit_after_s,
-        say=print_note,
+        on_event=print_note,
     )
     with StopOnInterrupt() as interrupt, ExitStack() as stack:
         realtime = request_realtime_priority()

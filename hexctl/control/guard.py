@@ -182,6 +182,13 @@ class Guard(LegServos):
             self._watch(state)
         return state
 
+    def peek(self) -> RobotState:
+        """State of the servos as it is, without the checks of `read`: for reports between two ticks.
+
+        Raises RobotFaultError when the robot has gone.
+        """
+        return self._read()
+
     def write(self, targets: JointTargets) -> JointTargets:
         """Pass targets on, limited in position and speed, and return what was really sent.
 
@@ -196,8 +203,8 @@ class Guard(LegServos):
             raise EStopError(f"stopped: {self.stopped}; clear it explicitly before the robot moves again")
         return self._pass(targets)
 
-    def ease(self, targets: JointTargets) -> JointTargets:
-        """Move although stopped for silence, limited as ever: how a robot that nobody commands sits down.
+    def write_while_timed_out(self, targets: JointTargets) -> JointTargets:
+        """Write although commands have expired, with the same limits: how an idle robot sits down.
 
         Raises EStopError for any other stop, and otherwise what `write` raises.
         """

@@ -1,6 +1,6 @@
 """Which commands a robot accepts: those of the current lease, in order, on time."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 from hexctl.control.guard import EXPIRY_S
 from hexctl.errors import CommandRefusedError, MessageError
@@ -40,7 +40,7 @@ class TransitDelay:
 
 @dataclass(slots=True)
 class CommandCounters:
-    """What became of the commands that arrived since the server began.
+    """Counts of the commands that arrived since the server began.
 
     Attributes:
         accepted: reached the guard and passed it.
@@ -61,10 +61,6 @@ class CommandCounters:
     late: int = 0
     lost: int = 0
     overflowed: int = 0
-
-    def as_json(self) -> dict[str, int]:
-        """Return all counts."""
-        return {field.name: getattr(self, field.name) for field in fields(self)}
 
 
 @dataclass(frozen=True, slots=True)

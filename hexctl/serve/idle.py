@@ -66,6 +66,6 @@ class IdleSupervisor:
             return
         pose = (1 - share) * self._start_rad + share * self._end_rad
         try:
-            self._guard.ease(JointTargets(pose, now_s))
+            self._guard.write_while_timed_out(JointTargets(pose, now_s))
         except (EStopError, CommandRefusedError):
             self.name = "holding"

@@ -3,13 +3,13 @@
 import math
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import replace
-from typing import Any
+from dataclasses import asdict, replace
+from typing import Any, TypeVar
 
 from hexctl.backends.base import LegServos
 from hexctl.backends.clock import Clock
 from hexctl.control.guard import EXPIRY_S, Guard
-from hexctl.errors import CommandRefusedError, EStopError, MessageError, RobotFaultError
+from hexctl.errors import CommandRefusedError, EStopError, HexctlError, MessageError, RobotFaultError
 from hexctl.robot.model import Robot
 from hexctl.serve.commands import CommandHandler
 from hexctl.serve.event_log import EventLog
@@ -18,15 +18,19 @@ from hexctl.serve.inbox import CAPACITY, Arrival, Inbox
 from hexctl.serve.leases import LeaseManager, RequestHandler
 from hexctl.serve.transport import Transport, attachment_of, payload_of
 from hexctl.types import FloatArray, JointTargets, RobotState
-from hexctl.wire.description import describe, encode_json
+from hexctl.wire.description import RobotIdentity, describe, encode_json
 from hexctl.wire.links import Link
 from hexctl.wire.messages import decode_pose, encode_battery, encode_pose, encode_positions, tag_of
 
+Answer = TypeVar("Answer")
 
-class PosedServos(LegServos):
-    """Servos whose state takes its pose from outside while that is fresh.
 
-    A pose from outside wins over the robot's own; one that stops coming is gone, which the guard sees.
+class ServedServos(LegServos):
+    """Servos behind a server: they may get their pose from outside, and every fault of theirs is named.
+
+    A pose from outside, such as motion capture, replaces the robot's own. One that stops coming is lost,
+    which the guard notices. Whatever the servos raise becomes a RobotFaultError that says which call failed
+    and why: an exception that a driver does not expect ends `serve` as a fault, not as a traceback.
     """
 
     def __init__(self, servos: LegServos) -> None:
@@ -37,30 +41,30 @@ class PosedServos(LegServos):
 
     @property
     def robot(self) -> Robot:
-        """Return the robot of the servos."""
+        """Robot of the servos."""
         return self._servos.robot
 
     @property
     def clock(self) -> Clock:
-        """Return the clock of the servos."""
+        """Clock of the servos."""
         return self._servos.clock
 
     @property
     def link_counts(self) -> dict[str, int]:
-        """Return what became of the messages on the way to the servos."""
+        """Counts of the messages on the way to the servos."""
         return self._servos.link_counts
 
-    def place(self, position_world: FloatArray, quaternion_world: FloatArray, at_s: float) -> None:
-        """Take a pose over: position (3,) in m, (w, x, y, z), and when it came on time.monotonic."""
+    def set_pose(self, position_world: FloatArray, quaternion_world: FloatArray, at_s: float) -> None:
+        """Set the pose: position (3,) in m, quaternion (w, x, y, z), time of arrival on time.monotonic."""
         self._pose, self._pose_at_s = (position_world, quaternion_world), at_s
 
     def connect(self) -> None:
         """Connect the servos."""
-        self._servos.connect()
+        self._call("connect", self._servos.connect)
 
     def read(self) -> RobotState:
-        """Return the state of the servos, with the pose from outside if there ever was one."""
-        state = self._servos.read()
+        """State of the servos, with the pose from outside once there was one."""
+        state = self._call("read", self._servos.read)
         if self._pose is None:
             return state
         fresh = time.monotonic() - self._pose_at_s <= EXPIRY_S
@@ -69,35 +73,45 @@ class PosedServos(LegServos):
 
     def write(self, targets: JointTargets) -> JointTargets:
         """Write to the servos."""
-        return self._servos.write(targets)
+        return self._call("write", lambda: self._servos.write(targets))
 
     def rest(self) -> None:
         """Tell the servos that no command is due until the next one."""
-        self._servos.rest()
+        self._call("rest", self._servos.rest)
 
     def relax(self) -> bool:
-        """Let the servos go limp."""
-        return self._servos.relax()
+        """Switch off the torque of the servos."""
+        return self._call("relax", self._servos.relax)
 
     def close(self) -> None:
-        """Close the servos and forget the pose."""
+        """Close the servos and drop the pose."""
         self._pose = None
-        self._servos.close()
+        self._call("close", self._servos.close)
+
+    def _call(self, name: str, method: Callable[[], Answer]) -> Answer:
+        try:
+            return method()
+        except HexctlError:
+            raise
+        except Exception as error:
+            servos = type(self._servos).__name__
+            reason = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
+            raise RobotFaultError(f"the servos failed: {servos}.{name} raised {reason}") from error
 
 
-#: The next tick is left alone for this long before it is due, so that it is not late.
+#: No command is taken up in this time before a tick is due, so that the tick is not late.
 SPARE_S = 0.0003
 
-#: Status goes out every so many ticks, the battery every so many.
+#: Periods of the status and of the battery, in ticks.
 STATUS_TICKS = 10
 BATTERY_TICKS = 50
 
 
 class RobotServer:
-    """Serves connected-to-be servos on a link until told to stop.
+    """Serves one robot's servos on a link.
 
-    Between two ticks it obeys commands as they come, so that a command waits for nobody; at each tick it
-    reads the servos, looks after silence and falls, and says how the robot is.
+    Between two ticks it executes commands as they arrive; at each tick it reads the servos, checks for
+    expired commands and falls, and publishes the state.
     """
 
     def __init__(
@@ -108,40 +122,42 @@ class RobotServer:
         backend: str,
         simulated: Mapping[str, str] | None = None,
         sit_after_s: float = SIT_AFTER_S,
-        say: Callable[[str], None] = lambda _: None,
+        on_event: Callable[[str], None] = lambda _: None,
     ) -> None:
-        """Take servos and a link.
+        """Prepare to serve; nothing is opened yet.
 
         Args:
-            servos: what is moved, not yet connected.
-            link: where it is put.
-            backend: the servos' name for people.
-            simulated: of a simulation, what to tell of it: `world` and `failure`.
-            sit_after_s: seconds without commands after which it sits down.
-            say: told, in a line each, what a person beside the robot would ask.
+            servos: not yet connected.
+            link: where to listen, with which certificates and key names.
+            backend: name of the servos' backend, for the status.
+            simulated: `world` and `failure` of a simulation, for the status; None for a real robot.
+            sit_after_s: seconds without a command until the robot sits down.
+            on_event: called with one line for each change of controller, stop and posture, on a thread of
+                the event log.
         """
-        self._servos = PosedServos(servos)
+        self._servos = ServedServos(servos)
         self._guard = Guard(self._servos)
-        self._backend, self._link = backend, link
+        self._link = link
         self._simulated = None if simulated is None else dict(simulated)
         self._leases = LeaseManager()
         self._commands = CommandHandler()
         self._requests = RequestHandler(self._guard, self._leases)
         self._idle = IdleSupervisor(self._guard, sit_after_s=sit_after_s)
-        self._event_log = EventLog(say)
+        self._event_log = EventLog(on_event)
         self._inbox = Inbox()
         self._transport = Transport(link, servos.robot.name, self._inbox, self._requests.urgent)
         self._description = describe(servos.robot)
+        self._who = RobotIdentity.of_this_process(servos.robot.name, backend).to_json()
         self._state: RobotState | None = None
         self._sequence = self._ticks = 0
         self._good_until_s: float | None = None
         self._malformed_poses = 0
 
     def run(self, until: Callable[[], bool], *, ready: Callable[[], None] = lambda: None) -> None:
-        """Serve until asked to stop; `ready` is called once clients may come.
+        """Serve until `until` returns True; `ready` is called once clients can connect.
 
-        Raises InputError for a link that is not allowed, RobotFaultError when the servos or the address
-        cannot be had, or the servos have gone.
+        Raises InputError for a link that is not allowed, RobotFaultError when the servos cannot be reached,
+        the address cannot be listened at, or the servos fail.
         """
         try:
             with self._guard, self._transport:
@@ -154,39 +170,40 @@ class RobotServer:
             self._event_log.close()
 
     def _listen(self) -> None:
-        """Do what the network asks for until the next tick is due."""
-        while (patience_s := self._guard.clock.due_in_s - SPARE_S) > 0:
-            arrival = self._inbox.take(patience_s)
+        """Handle what arrives until the next tick is due."""
+        while (timeout_s := self._guard.clock.due_in_s - SPARE_S) > 0:
+            arrival = self._inbox.take(timeout_s)
             if arrival is not None:
                 self._handle(arrival)
-        for _ in range(CAPACITY):  # for a clock that does not say when it is due
+        for _ in range(CAPACITY):  # for a clock that does not know when its next tick is due
             arrival = self._inbox.take(0)
             if arrival is None:
                 break
             self._handle(arrival)
 
     def _handle(self, arrival: Arrival) -> None:
-        """Obey or answer one arrival; nothing that comes may end the robot's loop."""
+        """Execute or answer one arrival; no content of a message may end the loop."""
         item = arrival.item
         if arrival.kind == "command":
-            self._obey(payload_of(item), attachment_of(item), arrival.at_s)
+            self._execute(payload_of(item), attachment_of(item), arrival.at_s)
         elif arrival.kind == "pose":
-            self._place(payload_of(item), arrival.at_s)
+            self._set_pose(payload_of(item), arrival.at_s)
         elif arrival.kind == "lease":
             self._transport.reply(arrival.kind, item, self._requests.lease(payload_of(item), arrival.at_s))
         elif arrival.kind == "estop":
-            self._transport.reply(arrival.kind, item, self._requests.estop(payload_of(item), arrival.at_s))
+            answer = self._requests.estop(payload_of(item), arrival.at_s)
+            self._transport.reply(arrival.kind, item, {**answer, **self._who})
         else:
             self._transport.reply(arrival.kind, item, {**self._description, "status": self.status()})
 
-    def _obey(self, payload: bytes, attachment: bytes | None, at_s: float) -> None:
+    def _execute(self, payload: bytes, attachment: bytes | None, at_s: float) -> None:
         now_s = time.monotonic()
         lease = self._leases.holder(now_s)
         try:
             checked = self._commands.check(payload, attachment, lease, at_s)
         except (MessageError, CommandRefusedError):
             return
-        if now_s - at_s > checked.good_for_s:  # it waited here, while this thread was held up
+        if now_s - at_s > checked.good_for_s:  # it waited in the inbox while this thread was busy
             self._commands.counters.late += 1
             return
         servo_s = self._guard.clock.now_s
@@ -194,36 +211,36 @@ class RobotServer:
         try:
             self._guard.write(JointTargets(checked.command.positions_rad, stamp_s))
         except (CommandRefusedError, EStopError, RobotFaultError):
-            # Servos that have gone are noticed at the next tick.
+            # Servos that failed are noticed at the next read.
             self._commands.counters.refused += 1
             return
         self._commands.counters.accepted += 1
         self._good_until_s = at_s + checked.good_for_s
         self._idle.commanded(servo_s)
-        self._say(self._servos.read())
+        self._publish(self._guard.peek())
 
-    def _place(self, payload: bytes, at_s: float) -> None:
+    def _set_pose(self, payload: bytes, at_s: float) -> None:
         try:
-            self._servos.place(*decode_pose(payload), at_s)
+            self._servos.set_pose(*decode_pose(payload), at_s)
         except MessageError:
             self._malformed_poses += 1
 
     def _tick(self) -> None:
-        """Let one control period pass: read, look after silence, say how the robot is."""
+        """One control period: read, check for expired commands, publish."""
         self._guard.clock.tick()
         self._ticks += 1
         state = self._guard.read()
-        self._look_after_silence()
+        self._check_expiry()
         self._idle.tick(self._guard.clock.now_s)
-        self._say(state)
-        self._note()
+        self._publish(state)
+        self._log_changes()
         if self._ticks % STATUS_TICKS == 0:
             self._transport.publish("status", encode_json(self.status()))
         if self._ticks % BATTERY_TICKS == 0:
             self._transport.publish("battery", encode_battery(state.battery_v, state.battery_share))
 
-    def _look_after_silence(self) -> None:
-        """Freeze when commands ran out, and take the lease from whoever fell silent."""
+    def _check_expiry(self) -> None:
+        """Latch a stop when the last command has expired, and revoke the lease of its controller."""
         now_s = time.monotonic()
         resting = not self._guard.expects_commands
         if self._good_until_s is not None and not resting and now_s > self._good_until_s:
@@ -233,8 +250,8 @@ class RobotServer:
         if self._guard.stopped == "expired":
             self._leases.revoke()
 
-    def _note(self) -> None:
-        """Tell whoever stands beside the robot what has changed."""
+    def _log_changes(self) -> None:
+        """Report changes of controller, stop and posture to the operator."""
         lease = self._leases.holder(time.monotonic())
         self._event_log.note(
             controller=None if lease is None else lease.owner,
@@ -242,8 +259,8 @@ class RobotServer:
             posture=self._idle.name,
         )
 
-    def _say(self, state: RobotState) -> None:
-        """Publish a state."""
+    def _publish(self, state: RobotState) -> None:
+        """Publish a state and its pose."""
         self._state = state
         self._sequence += 1
         tag = tag_of(
@@ -258,20 +275,19 @@ class RobotServer:
         self._transport.publish("joint_states", encode_positions(state.joint_positions_rad), tag)
 
     def status(self) -> dict[str, Any]:
-        """Return what the robot says of itself, as JSON values."""
+        """Status of the robot, as JSON values."""
         now_s = time.monotonic()
         lease, state, guard = self._leases.holder(now_s), self._state, self._guard
         self._commands.counters.overflowed = self._inbox.overflowed
         return {
-            "robot": guard.robot.name,
-            "backend": self._backend,
+            **self._who,
             "simulated": self._simulated,
             "stopped": guard.stopped,
             "posture": self._idle.name,
             "controller": None if lease is None else lease.owner,
             "controller_since_s": None if lease is None else round(now_s - lease.since_s, 1),
             "leases_refused": self._leases.refused,
-            "commands": self._commands.counters.as_json(),
+            "commands": asdict(self._commands.counters),
             "clipped": guard.counters.clipped,
             "servo_link": guard.link_counts or None,
             "malformed": {"requests": self._requests.malformed, "poses": self._malformed_poses},
@@ -290,5 +306,5 @@ class RobotServer:
 
 
 def _number(value: float | None) -> float | None:
-    """Return a reading as JSON takes it: what is no number is unknown."""
+    """Reading as JSON takes it; None for a value that is not finite."""
     return None if value is None or not math.isfinite(value) else round(value, 3)

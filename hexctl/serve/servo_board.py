@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field, fields
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
@@ -246,9 +246,8 @@ class ServoBoard:
 
     def report(self) -> dict[str, Any]:
         """Return what happened so far, as JSON values."""
-        counters = {field.name: getattr(self._counters, field.name) for field in fields(self._counters)}
         return {
-            **counters,
+            **asdict(self._counters),
             "clipped": self._channels.clipped + self._guard.counters.clipped,
             "lost": self._peers.lost,
             "out_of_order": self._peers.out_of_order,

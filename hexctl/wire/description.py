@@ -1,19 +1,116 @@
-"""What a robot says when it is asked who it is, and where that differs from what a controller expects."""
+"""Self-description of a robot: its model, compared with the expected one, and who started it."""
 
 import json
-from collections.abc import Iterator
-from dataclasses import asdict, fields, is_dataclass
+import os
+import pwd
+import socket
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass, fields, is_dataclass
 from typing import Any
 
 import numpy as np
 
-from hexctl.errors import MessageError, RobotFaultError
+from hexctl.errors import InputError, MessageError, RobotFaultError
 from hexctl.robot.model import Body, GaitDefaults, Robot, ServoModel
 from hexctl.types import JOINT_NAMES
 from hexctl.wire import MAX_PAYLOAD_BYTES, PROTOCOL_VERSION
+from hexctl.wire.links import Link
 
 #: Numbers of two descriptions that differ by no more are equal.
 SAME = 1e-9
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RobotIdentity:
+    """Which robot answers on a link, and who started its server.
+
+    It protects against mistakes on a shared computer, not against peers that lie: certificates do that.
+
+    Attributes:
+        robot: name of the robot.
+        backend: name of its backend.
+        host: name of the computer that serves it; None from a server that does not say.
+        user: owner of the server's process; None from a server that does not say.
+        pid: number of the server's process; None from a server that does not say.
+    """
+
+    robot: str
+    backend: str
+    host: str | None = None
+    user: str | None = None
+    pid: int | None = None
+
+    @classmethod
+    def of_this_process(cls, robot: str, backend: str) -> "RobotIdentity":
+        """Identity of a robot that this process serves."""
+        return cls(robot=robot, backend=backend, host=socket.gethostname(), user=user_name(), pid=os.getpid())
+
+    @classmethod
+    def of_answer(cls, answer: Mapping[str, Any]) -> "RobotIdentity":
+        """Identity in a robot's status or answer to a stop; fields of wrong types are left out."""
+
+        def text(key: str) -> str | None:
+            value = answer.get(key)
+            return value if isinstance(value, str) and value and value.isprintable() else None
+
+        pid = answer.get("pid")
+        return cls(
+            robot=text("robot") or "?",
+            backend=text("backend") or "?",
+            host=text("host"),
+            user=text("user"),
+            pid=pid if isinstance(pid, int) else None,
+        )
+
+    def to_json(self) -> dict[str, Any]:
+        """All fields, as JSON values."""
+        return asdict(self)
+
+    @property
+    def known(self) -> bool:
+        """Whether the server says who started it; older servers do not."""
+        return self.host is not None and self.user is not None
+
+    @property
+    def is_ours(self) -> bool:
+        """Whether this user started it on this computer."""
+        return (self.host, self.user) == (socket.gethostname(), user_name())
+
+    @property
+    def started_by(self) -> str:
+        """User, computer and process, such as `alice on lab-pc, process 4711`; empty where unknown."""
+        if not self.known:
+            return ""
+        process = "" if self.pid is None else f", process {self.pid}"
+        return f"{self.user} on {self.host}{process}"
+
+    def __str__(self) -> str:
+        """Robot, backend and who started it."""
+        by = f"started by {self.started_by}" if self.known else "which does not say who started it"
+        return f"{self.robot} ({self.backend}), {by}"
+
+
+def user_name() -> str:
+    """Owner of this process; its number where the system has no name for it, as in some containers."""
+    try:
+        return pwd.getpwuid(os.geteuid()).pw_name
+    except KeyError:
+        return str(os.geteuid())
+
+
+def check_may_command(identity: RobotIdentity, link: Link) -> None:
+    """Refuse to command a robot of another user that was reached by default, not by name.
+
+    A robot on an endpoint or a link that the operator named is meant, whoever started it. So is one whose
+    server does not say who started it.
+    Raises InputError that says how to name it.
+    """
+    if link.named or identity.is_ours or not identity.known:
+        return
+    raise InputError(
+        f"the robot that answers at {link.endpoint} is {identity}, not by {user_name()} on "
+        f"{socket.gethostname()}; if it is the one you mean, name it: --connect {link.endpoint}"
+    )
 
 
 def describe(robot: Robot) -> dict[str, Any]:

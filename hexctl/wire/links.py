@@ -192,6 +192,8 @@ class Link:
         names: keys of a robot that has names of its own, by kind.
         plain: True for a robot that speaks the ROS 2 messages and nothing else of hexctl's: no description is
             compared, no lease taken, and what happens when commands stop coming is up to it.
+        named: False where neither an endpoint nor a link file was given: the default endpoint leads to
+            whichever robot is there. Two links to one place are equal whether it was named or not.
     """
 
     endpoint: str = DEFAULT_ENDPOINT
@@ -199,6 +201,7 @@ class Link:
     insecure: bool = False
     names: Mapping[str, str] = field(default_factory=dict)
     plain: bool = False
+    named: bool = field(default=True, compare=False)
 
     def keys(self, robot_name: str) -> KeyMap:
         """Return the keys of a robot on this link.
@@ -244,4 +247,5 @@ def load_link(
         insecure=insecure or schema.insecure,
         names=schema.names,
         plain=schema.plain,
+        named=endpoint is not None or name_or_path is not None,
     )

@@ -1,14 +1,18 @@
 """The robot's side of the link, tick by tick, with the network left out."""
 
 import json
+import os
+import socket
 from typing import Any
 
 import numpy as np
 import pytest
 
+from hexctl.errors import RobotFaultError
 from hexctl.serve.inbox import Arrival
 from hexctl.serve.server import RobotServer
 from hexctl.serve.transport import Transport
+from hexctl.wire.description import user_name
 from hexctl.wire.links import Link
 from hexctl.wire.messages import CommandTag, StateTag, decode_positions, encode_pose, encode_positions
 from tests.control.posed import PosedMock
@@ -112,13 +116,13 @@ def test_a_controller_that_rests_is_not_silent(bench: Bench) -> None:
 def test_a_stop_reaches_a_robot_in_the_middle_of_commands(bench: Bench) -> None:
     bench.acquire()
     bench.command(bench.servos.robot.stance_angles_rad)
-    assert bench.ask("estop") == {"stopped": "estop"}
+    assert bench.ask("estop")["stopped"] == "estop"
     n_before = len(bench.servos.sent)
     bench.command(bench.servos.robot.stance_angles_rad + 0.1)
     bench.ticks(1000)
     assert len(bench.servos.sent) == n_before
     assert "error" in bench.acquire()
-    assert bench.ask("estop", {"op": "clear"}) == {"stopped": None}
+    assert bench.ask("estop", {"op": "clear"})["stopped"] is None
     assert "lease" in bench.acquire()
 
 
@@ -180,7 +184,7 @@ def test_a_fall_is_latched_until_it_is_cleared(bench: Bench) -> None:
     bench.servos.lean(0)
     bench.ticks(20)
     assert bench.server.status()["stopped"] == "fell"
-    assert bench.ask("estop", {"op": "clear"}) == {"stopped": None}
+    assert bench.ask("estop", {"op": "clear"})["stopped"] is None
 
 
 def test_a_pose_from_outside_wins_and_one_that_stops_coming_is_a_fault(bench: Bench) -> None:
@@ -207,3 +211,40 @@ def test_who_asks_who_it_is_gets_the_description_and_the_status(bench: Bench) ->
     answer = bench.ask("describe")
     assert answer["robot"]["name"] == "ant"
     assert answer["status"]["backend"] == "mock"
+
+
+@pytest.mark.parametrize(
+    "error", [OSError(5, "Input/output error"), ValueError("odd byte"), KeyError("leg7")]
+)
+def test_servos_that_raise_while_a_command_is_answered_are_a_fault_with_a_name(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch, error: Exception
+) -> None:
+    def read() -> None:
+        raise error
+
+    bench.acquire()
+    bench.command(bench.servos.robot.stance_angles_rad)
+    monkeypatch.setattr(bench.servos, "read", read)
+    with pytest.raises(RobotFaultError, match=rf"PosedMock\.read raised {type(error).__name__}"):
+        bench.command(bench.servos.robot.stance_angles_rad + 0.01)
+    with pytest.raises(RobotFaultError, match=r"PosedMock\.read raised"):
+        bench.ticks(1)
+
+
+def test_reading_for_an_answer_does_not_count_towards_a_fall(bench: Bench) -> None:
+    bench.acquire()
+    bench.command(bench.servos.robot.stance_angles_rad)
+    bench.servos.lean(80)
+    for _ in range(20):
+        bench.command(bench.servos.robot.stance_angles_rad)
+    assert bench.server.status()["stopped"] is None
+
+
+def test_the_status_and_the_answer_to_a_stop_say_who_started_the_robot(bench: Bench) -> None:
+    for answer in (bench.server.status(), bench.ask("describe")["status"], bench.ask("estop")):
+        assert (answer["host"], answer["user"], answer["pid"]) == (
+            socket.gethostname(),
+            user_name(),
+            os.getpid(),
+        )
+        assert (answer["robot"], answer["backend"]) == ("ant", "mock")

@@ -17,7 +17,13 @@ from hexctl.errors import MessageError, RobotFaultError
 from hexctl.robot.model import Robot
 from hexctl.types import JointTargets, RobotState
 from hexctl.wire import TIME_TO_LIVE_S
-from hexctl.wire.description import check_same_robot, decode_json, encode_json
+from hexctl.wire.description import (
+    RobotIdentity,
+    check_may_command,
+    check_same_robot,
+    decode_json,
+    encode_json,
+)
 from hexctl.wire.links import Link, Role
 from hexctl.wire.messages import LEASE_ID_BYTES, CommandTag, encode_positions
 from hexctl.wire.session import open_session
@@ -289,7 +295,11 @@ class ZenohServos(LegServos):
                 "give them different names"
             )
         check_same_robot(answers[0], self._robot)
-        simulated = answers[0].get("status", {}).get("simulated")
+        status = answers[0].get("status", {})
+        identity = RobotIdentity.of_answer(status)
+        check_may_command(identity, self._link)
+        self.identity = identity
+        simulated = status.get("simulated")
         self.simulated = simulated if isinstance(simulated, dict) else None
 
     def _check_ours(self, state: RobotState) -> None:

@@ -12,7 +12,7 @@ import pytest
 from hexctl.backends.base import LegServos
 from hexctl.backends.zenoh.client import ZenohServos
 from hexctl.control.guard import Guard
-from hexctl.errors import EStopError, RobotFaultError
+from hexctl.errors import EStopError, InputError, RobotFaultError
 from hexctl.robot.loader import load_robot
 from hexctl.testing.servos import LegServosConformance
 from hexctl.types import JointTargets
@@ -133,6 +133,21 @@ def test_another_robot_is_refused_and_the_message_says_where_it_differs(tmp_path
             ZenohServos(load_robot(path), link=link).connect()
         with pytest.raises(RobotFaultError, match="no robot called pexod answers"):
             ZenohServos(shipped("pexod"), link=link).connect()
+
+
+def test_a_neighbours_robot_is_commanded_only_by_its_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with served(tmp_path, backend="mock") as robot:
+        by_default = Link(endpoint=robot.endpoint, named=False)
+        with ZenohServos(shipped(), link=by_default) as servos:
+            assert servos.identity is not None
+            assert servos.identity.pid == robot.process.pid
+        monkeypatch.setattr("hexctl.wire.description.user_name", lambda: "neighbour")
+        with pytest.raises(InputError, match=f"name it: --connect {robot.endpoint}"):
+            ZenohServos(shipped(), link=by_default).connect()
+        with ZenohServos(shipped(), link=Link(endpoint=robot.endpoint)):
+            pass
 
 
 def test_a_stop_by_somebody_else_is_told_to_the_controller_as_a_stop(tmp_path: Path) -> None:

@@ -1,0 +1,37 @@
+"""Waiting for a condition with a timeout."""
+
+import time
+from collections.abc import Callable
+from typing import TypeVar
+
+from hexctl.errors import RobotFaultError
+
+Value = TypeVar("Value")
+
+#: Pause between two tests of a condition.
+POLL_S = 0.01
+
+
+def wait_for(
+    condition: Callable[[], Value | None],
+    timeout_s: float,
+    message: str | Callable[[], str],
+    *,
+    poll_s: float = POLL_S,
+) -> Value:
+    """First true value of a condition, which is tested at least once and then every `poll_s`.
+
+    Args:
+        condition: whatever is waited for; anything that it raises ends the wait.
+        timeout_s: how long to wait.
+        message: text of the error, or a function that makes it when it is needed.
+        poll_s: pause between two tests.
+
+    Raises RobotFaultError with the message when the condition is still false after the timeout.
+    """
+    deadline_s = time.monotonic() + timeout_s
+    while not (value := condition()):
+        if time.monotonic() > deadline_s:
+            raise RobotFaultError(message if isinstance(message, str) else message())
+        time.sleep(poll_s)
+    return value
