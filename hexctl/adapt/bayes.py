@@ -79,7 +79,7 @@ class Bayes(Optimizer):
         self._sag_rad: FloatArray | None = None
         self._forget()
 
-    def stood(self, sag_rad: FloatArray) -> None:
+    def observe_stance(self, sag_rad: FloatArray) -> None:
         """Take in how the robot stood before its first trial: by how much each joint stayed behind, (18,)."""
         sag_rad = np.asarray(sag_rad, dtype=float)
         if sag_rad.shape != (N_JOINTS,):
@@ -108,7 +108,7 @@ class Bayes(Optimizer):
             worth = -expected_size_m(forecast.mean_m, forecast.sd_m)
         return int(np.argmax(np.where(known, worth, -np.inf))) + 1
 
-    def expect(self, code: int) -> Prediction:
+    def predict(self, code: int) -> Prediction:
         """Return what is believed of a gait now."""
         forecast = self.forecast()
         row = code - 1
@@ -120,25 +120,25 @@ class Bayes(Optimizer):
             target_m=self._target_m,
         )
 
-    def repeat(self, code: int, score: float, shown: Observation) -> None:
+    def repeat(self, code: int, score: float, observation: Observation) -> None:
         """Take in a walk of a gait that was not asked for."""
-        self._learn_shown([code], [score], [shown])
+        self._learn_observed([code], [score], [observation])
 
-    def enough(self, code: int) -> Enough:
+    def early_stopping(self, code: int) -> Enough:
         """Return what says of a walk of a gait, from its path so far, whether its end is no longer open."""
         bound_m = max(self._target_m, min(self._best_m(), WORST_M))
         # All that is costly happens here, before the walk: it is asked between two ticks.
         course = self._belief.course_of(code)
 
-        def shown_enough(path_m: FloatArray) -> bool:
+        def should_stop(path_m: FloatArray) -> bool:
             walked_s = len(path_m) * PERIOD_S
             if walked_s < EARLIEST * self._duration_s or not np.isfinite(path_m).all():
                 return False
-            shown = Observation(path_m=path_m, duration_s=walked_s, yaw_change_rad=None, status="cut_short")
-            mean_m, sd_m = course.end(features_of(shown, self._duration_s))
+            so_far = Observation(path_m=path_m, duration_s=walked_s, yaw_change_rad=None, status="cut_short")
+            mean_m, sd_m = course.end(features_of(so_far, self._duration_s))
             return float(chance_within(np.array(mean_m), np.array(sd_m), bound_m)) < HOPE
 
-        return shown_enough
+        return should_stop
 
     def _suggest(self, count: int) -> list[int]:
         """Return one gait, whatever the count: the next choice wants its outcome."""
@@ -164,12 +164,12 @@ class Bayes(Optimizer):
         return float(sizes_m[known].min(initial=np.inf))
 
     def _learn(self, codes: list[int], scores: list[float]) -> None:
-        self._learn_shown(codes, scores, [None] * len(codes))
+        self._learn_observed(codes, scores, [None] * len(codes))
 
-    def _learn_shown(
-        self, codes: list[int], scores: list[float], shown: Sequence[Observation | None]
+    def _learn_observed(
+        self, codes: list[int], scores: list[float], observations: Sequence[Observation | None]
     ) -> None:
-        for code, score, one in zip(codes, scores, shown, strict=True):
+        for code, score, one in zip(codes, scores, observations, strict=True):
             nothing = np.full(N_FEATURES, np.nan)
             features = nothing if one is None else features_of(one, self._duration_s)
             status = "unknown" if one is None else one.status

@@ -1,13 +1,15 @@
-"""The counting rule, one for all optimizers: a code already tried is not paid for twice."""
+"""Deduplication: a code already tried is not walked, nor paid for, a second time."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-from hexctl.adapt.optimizer import Optimizer
+from hexctl.adapt.optimizer import Observation, Optimizer, Prediction
+from hexctl.control.trial import Enough
 from hexctl.errors import HexctlError, InputError
 
-#: Ten generations of ten: so long may a search go on without a fresh code before it gets help.
+#: Codes without a fresh one after which a search gets help: ten generations of ten.
 PATIENCE = 100
 
 
@@ -20,18 +22,22 @@ class Deduplication(Optimizer):
 
     The rule:
 
-    1. A code that the search asks for again is answered at once with the score it got, and the search is
-       asked on. Nobody walks it and nobody pays for it. So is a code that comes twice in one ask.
+    1. A code that the search asks for again is answered from memory with the score it got, and the search is
+       asked again. It is not walked and does not count. So is a code that comes twice in one ask.
     2. When the search has asked for `patience` codes in a row and none was fresh, it is stuck: a population
-       that has converged repeats itself for ever. Then random untried codes are handed out. From there on the
+       that has converged repeats itself forever. Then random untried codes are handed out. From there on the
        search is asked once before each of these, and its first fresh code of its own ends this.
     3. The score of such a code is remembered here and not told to the search, unless the search asks for it
        later. The search is told exactly what it asked for, all of it and in its order; a foreign score would
        be taken for that of one of its individuals and corrupt its memory.
     4. When every code has been tried, `exhausted` is True and `ask` raises SpaceExhaustedError.
 
-    With `paper_count` nothing of this applies and everything passes through: repetitions are handed out and
-    cost an evaluation each, as in the paper's convergence curves.
+    With `paper_count` none of these rules applies: repetitions are handed out and cost an evaluation each, as
+    in the paper's convergence curves.
+
+    Everything else of the wrapped optimizer passes through: `exhausted`, `finished`, `judges_target`,
+    `recommended`, `predict`, `early_stopping` and `repeat`. It learns from the courses of the walks it asked
+    for; an answer from memory is a score alone.
     """
 
     def __init__(
@@ -47,7 +53,7 @@ class Deduplication(Optimizer):
             raise InputError(f"patience: got {patience}; allowed: 1 or more")
         # The substitutes must not be the codes that the same seed gives the search.
         self._random = np.random.default_rng(seed).spawn(1)[0]
-        self.name = inner.name
+        self.name, self.judges_target = inner.name, inner.judges_target
         self._inner = inner
         self._rules = {"patience": patience, "paper_count": paper_count}
         self._patience, self._paper_count = patience, paper_count
@@ -57,13 +63,36 @@ class Deduplication(Optimizer):
 
     @property
     def exhausted(self) -> bool:
-        """Return True when every code has been tried and repetitions are not wanted."""
-        return not self._paper_count and len(self._scores) == self.space.size
+        """True when every code has been tried and repetitions are not wanted, or the search has no more."""
+        if not self._paper_count and len(self._scores) == self.space.size:
+            return True
+        return self._inner.exhausted
+
+    @property
+    def finished(self) -> bool:
+        """As the wrapped optimizer says."""
+        return self._inner.finished
+
+    def recommended(self) -> int | None:
+        """As the wrapped optimizer says."""
+        return self._inner.recommended()
+
+    def repeat(self, code: int, score: float, observation: Observation) -> None:
+        """Pass a walk that was not asked for to the wrapped optimizer."""
+        self._inner.repeat(code, score, observation)
+
+    def predict(self, code: int) -> Prediction | None:
+        """As the wrapped optimizer says."""
+        return self._inner.predict(code)
+
+    def early_stopping(self, code: int) -> Enough | None:
+        """As the wrapped optimizer says."""
+        return self._inner.early_stopping(code)
 
     def _suggest(self, count: int) -> list[int]:
         if self._paper_count:
             return self._inner.ask(count)
-        if self.exhausted:
+        if len(self._scores) == self.space.size:
             raise SpaceExhaustedError(f"{self.name}: all {self.space.size} codes have been tried")
         while True:
             batch = self._inner.ask(count)
@@ -77,15 +106,23 @@ class Deduplication(Optimizer):
                 return self._untried(count)
 
     def _learn(self, codes: list[int], scores: list[float]) -> None:
+        self._learn_observed(codes, scores, [None] * len(codes))
+
+    def _learn_observed(
+        self, codes: list[int], scores: list[float], observations: Sequence[Observation | None]
+    ) -> None:
         self._scores.update(zip(codes, scores, strict=True))
         if self._paper_count:
-            self._inner.tell(codes, scores)
+            self._inner.tell(codes, scores, observations)
         elif self._batch:
             batch, self._batch = self._batch, []
-            self._inner.tell(batch, [self._scores[code] for code in batch])
+            walked = dict(zip(codes, observations, strict=True))
+            self._inner.tell(
+                batch, [self._scores[code] for code in batch], [walked.get(code) for code in batch]
+            )
 
     def _untried(self, count: int) -> list[int]:
-        """Return up to `count` random codes that were not tried."""
+        """Up to `count` random codes that were not tried."""
         left = [code for code in range(1, self.space.size + 1) if code not in self._scores]
         chosen = self._random.permutation(len(left))[:count]
         return [left[place] for place in chosen]

@@ -1,33 +1,30 @@
-"""The trial-based loop: ask for a gait, walk it, keep it, tell what came of it."""
+"""The loop of trials: ask for a gait, walk it, tell the score, store the trial."""
 
 from collections.abc import Callable
 from itertools import takewhile
-from pathlib import Path
 from typing import Protocol
 
 import numpy as np
 
-from hexctl.adapt.objectives import score_of
+from hexctl.adapt.objectives import Objective, make_objective
 from hexctl.adapt.optimizer import Observation, Optimizer, Prediction
-from hexctl.adapt.runner import RobotStoppedError
+from hexctl.adapt.runner import RobotStoppedError, WalkedTrial
 from hexctl.adapt.session import Session, TrialRecord
 from hexctl.adapt.store import SessionStore
-from hexctl.control.result import TrialResult
 from hexctl.control.trial import Enough, StopRequested, never
+from hexctl.errors import RecordingError
 from hexctl.gait.encoding import Slots
 from hexctl.types import FloatArray
 
-#: Every so many ticks a point of the path is kept with the trial: 5 Hz.
+#: Ticks between two stored points of a path: 5 Hz.
 PATH_STRIDE = 10
 
 
 class Walk(Protocol):
-    """Walks a gait and returns the result and the recording of it."""
+    """Walks a gait."""
 
-    def __call__(
-        self, index: int, code: int, slots: Slots, enough: Enough | None = None
-    ) -> tuple[TrialResult, Path | None]:
-        """Walk the trial with this index, until its path has shown enough where that is asked."""
+    def __call__(self, index: int, code: int, slots: Slots, should_stop: Enough | None = None) -> WalkedTrial:
+        """Walk the trial of an index, until `should_stop` of its path, where that is given."""
 
 
 OnTrial = Callable[[Session, TrialRecord], None]
@@ -37,7 +34,7 @@ class AdaptLoop:
     """Continues a session until its budget is spent, its target reached, or a stop requested.
 
     Each trial is durable, together with the optimizer's state after it, before the next one starts; so a
-    session that is cut off anywhere goes on as if it had not been.
+    session that is cut off anywhere continues to the same end.
     """
 
     def __init__(
@@ -47,29 +44,35 @@ class AdaptLoop:
         optimizer: Optimizer,
         walk: Walk,
         *,
+        objective: Objective | None = None,
         stop_requested: StopRequested = never,
         on_trial: OnTrial | None = None,
     ) -> None:
+        """Prepare to continue a session; `objective` is the one that its spec names unless given."""
         self._session, self._store, self._optimizer = session, store, optimizer
         self._walk = walk
+        self._objective = make_objective(session.spec.objective) if objective is None else objective
         self._stop_requested, self._on_trial = stop_requested, on_trial
         if session.optimizer_state is not None:
             optimizer.restore(session.optimizer_state)
 
     def run(self) -> str:
-        """Run trials and return why it ended.
+        """Run trials and return why the search ended.
 
         `budget`, `target`, `confirmed` (the optimizer is sure of a gait), `exhausted` or `interrupted`.
+        Raises RobotStoppedError when the robot stopped; RecordingError after a trial, which is stored, whose
+        recording is not whole.
         """
-        self._keep_end(None)
+        self._session.settled_on = None
+        self._store_end(None)
         ended = self._search()
         if ended != "interrupted" and not self._confirm():
             ended = "interrupted"
-        self._note_surety()
-        self._keep_end(None if ended == "interrupted" else ended)
+        self._note_settled()
+        self._store_end(None if ended == "interrupted" else ended)
         return ended
 
-    def _keep_end(self, ended: str | None) -> None:
+    def _store_end(self, ended: str | None) -> None:
         self._session.ended = ended
         self._store.keep(self._session)
 
@@ -85,26 +88,26 @@ class AdaptLoop:
             if self._stop_requested():
                 return "interrupted"
             (code,) = self._optimizer.ask(1)
-            expected = self._optimizer.expect(code)
-            enough = self._optimizer.enough(code) if spec.early_stop else None
-            result, recording = self._try(code, enough)
-            if result.status == "aborted":
+            predicted = self._optimizer.predict(code)
+            should_stop = self._optimizer.early_stopping(code) if spec.early_stop else None
+            walked = self._try(code, should_stop)
+            if walked.result.status == "aborted":
                 return "interrupted"
-            score = score_of(result, spec.objective)
-            self._optimizer.tell([code], [score], [Observation.of(result)])
-            self._keep(code, score, result, recording, expected=expected)
+            score = self._objective(walked.result)
+            self._optimizer.tell([code], [score], [Observation.of(walked.result)])
+            self._store_trial(code, score, walked, predicted)
         if self._optimizer.finished:
             return "confirmed"
         return "target" if self._reached() else "budget"
 
-    def _note_surety(self) -> None:
-        """Keep which gait the optimizer settles on, and how sure it is of it."""
+    def _note_settled(self) -> None:
+        """Note which gait the optimizer settles on, and what it predicts for it."""
         code = self._optimizer.recommended()
-        expected = self._optimizer.expect(code) if code is not None else None
-        self._session.settled_on = None if expected is None else {"code": code, **expected.as_json()}
+        predicted = self._optimizer.predict(code) if code is not None else None
+        self._session.settled_on = None if predicted is None else {"code": code, **predicted.as_json()}
 
     def _reached(self) -> bool:
-        """Return whether the best trial so far is within the target, and nobody else judges that."""
+        """Whether the best trial so far is within the target, unless the optimizer judges that."""
         if self._optimizer.judges_target:
             return False
         target_m, best = self._session.spec.target_m, self._session.best
@@ -117,57 +120,62 @@ class AdaptLoop:
             code = self._optimizer.recommended() or (session.best.code if session.best else None)
             if code is None:
                 break
-            expected = self._optimizer.expect(code)
-            result, recording = self._try(code)
-            if result.status == "aborted":
+            predicted = self._optimizer.predict(code)
+            walked = self._try(code)
+            if walked.result.status == "aborted":
                 return False
-            score = score_of(result, spec.objective)
-            self._optimizer.repeat(code, score, Observation.of(result))
-            self._keep(code, score, result, recording, confirms=True, expected=expected)
+            score = self._objective(walked.result)
+            self._optimizer.repeat(code, score, Observation.of(walked.result))
+            self._store_trial(code, score, walked, predicted, confirms=True)
         return True
 
     def _repeats(self) -> int:
-        """Return how often the best gait was repeated since the last trial of the search."""
+        """Number of repeats of the best gait since the last trial of the search."""
         return sum(1 for _ in takewhile(lambda trial: trial.confirms, reversed(self._session.trials)))
 
-    def _try(self, code: int, enough: Enough | None = None) -> tuple[TrialResult, Path | None]:
+    def _try(self, code: int, should_stop: Enough | None = None) -> WalkedTrial:
         """Walk a code; raises RobotStoppedError when the robot, not the operator, stopped it."""
         index = len(self._session.trials) + 1
-        result, recording = self._walk(index, code, self._optimizer.space.slots_of(code), enough)
+        walked = self._walk(index, code, self._optimizer.space.slots_of(code), should_stop)
+        result = walked.result
         if result.status == "aborted" and result.stopped != "requested":
             reason = result.stopped or "for no known reason"
             raise RobotStoppedError(f"trial {index}: the robot was stopped: {reason}", reason)
-        return result, recording
+        return walked
 
-    def _keep(
+    def _store_trial(
         self,
         code: int,
         score: float,
-        result: TrialResult,
-        recording: Path | None,
+        walked: WalkedTrial,
+        predicted: Prediction | None,
         *,
         confirms: bool = False,
-        expected: Prediction | None = None,
     ) -> None:
-        """Make the trial durable and say so."""
+        """Make the trial durable and report it; raises RecordingError if its recording is not whole."""
         trial = TrialRecord(
             index=len(self._session.trials) + 1,
             code=code,
             slots=self._optimizer.space.slots_of(code),
             score=score,
-            outcome=result.numbers(),
-            path_m=_kept(result.path_m),
-            recording=None if recording is None else str(recording),
+            outcome=walked.result.numbers(),
+            path_m=_kept(walked.result.path_m),
+            recording=None if walked.recording is None else str(walked.recording),
             confirms=confirms,
-            expected=None if expected is None else expected.as_json(),
+            expected=None if predicted is None else predicted.as_json(),
         )
         self._store.add_trial(self._session, trial, self._optimizer.state())
         if self._on_trial is not None:
             self._on_trial(self._session, trial)
+        if walked.recording_error is not None:
+            error = walked.recording_error
+            raise RecordingError(
+                f"trial {trial.index} is done, its recording is not whole: {error}"
+            ) from error
 
 
 def _kept(path_m: FloatArray) -> list[list[float]]:
-    """Return what is kept of a path: points now and then, where there are any."""
+    """Points of a path that are stored, where they are known."""
     points = np.round(path_m[::PATH_STRIDE], 4)
     kept: list[list[float]] = points[np.isfinite(points).all(axis=1)].tolist()
     return kept

@@ -13,9 +13,6 @@ from hexctl.gait.foot_trajectory import RAMP_DURATION_S
 from hexctl.robot.model import Robot
 from hexctl.types import FloatArray
 
-#: Objectives for which the end of a walk is enough.
-END_OBJECTIVES = ("final", "progress")
-
 #: Why a trial that nobody measured counts for nothing.
 SKIPPED = "skipped"
 

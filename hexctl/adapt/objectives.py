@@ -1,33 +1,136 @@
-"""What a trial is worth: one score to be made small, with every invalid trial behind every valid one."""
+"""Objectives: what a trial is worth, as one score that is to become small."""
 
-from hexctl.control.result import TrialResult
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+
+from hexctl.control.result import Deviation, TrialResult
 from hexctl.errors import InputError
+from hexctl.robot.plugins import module_here
 
-#: Score of a trial that fell, made no progress, diverged or was aborted: worse than any deviation in m.
+#: Score of a trial that fell, made no progress, diverged or was aborted: worse than any valid score.
 INVALID_SCORE = 1e6
 
-OBJECTIVES = ("final", "mean", "max", "progress")
+#: Scores of valid trials are limited to this, so that each is ahead of every invalid one.
+WORST_VALID_SCORE = 0.99 * INVALID_SCORE
 
 
-def score_of(result: TrialResult, objective: str) -> float:
-    """Return the score of a trial in m, lower is better.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Objective:
+    """A score of trials; smaller is better.
 
-    `final` (the paper's F), `mean` and `max` are deviations from the line of travel; `progress` is the final
-    deviation per share of the ideal distance, so that of two equally straight walks the faster one wins.
-    Raises InputError for another objective.
+    Attributes:
+        name: as `--objective` has it and a session stores it.
+        label: what the score is, for tables and figures.
+        measure: the score of a valid trial.
+        unit: of the score; empty where it has none, or it is not known.
+        needs_course: True where the whole course of a walk counts, not only its end.
     """
-    check_objective(objective)
-    deviation, distance_m = result.deviation, result.distance_m
-    if not result.valid or deviation is None or distance_m is None:
-        return INVALID_SCORE
-    if objective == "progress":
-        # A short walk may have got nowhere: still ahead of every invalid one.
-        score = deviation.final * result.ideal_distance_m / max(distance_m, 1e-9)
-        return min(score, 0.99 * INVALID_SCORE)
-    return {"final": deviation.final, "mean": deviation.mean, "max": deviation.max}[objective]
+
+    name: str
+    label: str
+    measure: Callable[[TrialResult], float]
+    unit: str = ""
+    needs_course: bool = True
+
+    def __call__(self, result: TrialResult) -> float:
+        """Score of a trial: `INVALID_SCORE` for an invalid one, else at most `WORST_VALID_SCORE`.
+
+        Raises InputError when the measure of a valid trial is not a finite number.
+        """
+        if not result.valid or result.distance_m is None:
+            return INVALID_SCORE
+        score = self.measure(result)
+        try:
+            number = float(score)
+        except (TypeError, ValueError):
+            number = math.nan
+        if not math.isfinite(number):
+            raise InputError(f"objective {self.name}: got the score {score!r}; allowed: a finite number")
+        return min(number, WORST_VALID_SCORE)
 
 
-def check_objective(objective: str) -> None:
-    """Raise InputError unless the objective is one of `OBJECTIVES`."""
-    if objective not in OBJECTIVES:
-        raise InputError(f"objective: got {objective!r}; allowed: {', '.join(OBJECTIVES)}")
+def _deviation(result: TrialResult) -> Deviation:
+    """Deviation of a valid trial, which has one."""
+    return result.deviation or Deviation(math.nan, math.nan, math.nan, math.nan)
+
+
+def _progress(result: TrialResult) -> float:
+    """Final deviation per share of the ideal distance: of two equally straight walks the faster one wins."""
+    # A short walk may have got nowhere.
+    return _deviation(result).final * result.ideal_distance_m / max(result.distance_m or 0.0, 1e-9)
+
+
+_SHIPPED = (
+    Objective(
+        name="final",
+        label="deviation at the end",
+        unit="m",
+        needs_course=False,
+        measure=lambda result: _deviation(result).final,  # the paper's F
+    ),
+    Objective(name="mean", label="mean deviation", unit="m", measure=lambda result: _deviation(result).mean),
+    Objective(
+        name="max", label="greatest deviation", unit="m", measure=lambda result: _deviation(result).max
+    ),
+    Objective(
+        name="progress",
+        label="deviation at the end per share of the ideal distance",
+        unit="m",
+        needs_course=False,
+        measure=_progress,
+    ),
+)
+
+#: The objectives that come with hexctl, by name.
+OBJECTIVES: Mapping[str, Objective] = MappingProxyType({objective.name: objective for objective in _SHIPPED})
+
+
+def make_objective(name: str) -> Objective:
+    """Objective of a name.
+
+    `name` is one of `OBJECTIVES`, or `package.module:name` for one of your own: an `Objective`, or a function
+    that returns the score of a valid `TrialResult`. Raises InputError for an unknown name.
+    """
+    if name in OBJECTIVES:
+        return OBJECTIVES[name]
+    if ":" in name:
+        return as_objective(_load(name), name)
+    raise InputError(
+        f"objective: got {name!r}; allowed: {', '.join(OBJECTIVES)}, "
+        "or package.module:name for your own function of a TrialResult"
+    )
+
+
+def as_objective(measure: object, name: str) -> Objective:
+    """Objective of a name from an `Objective` or a function of a `TrialResult`.
+
+    The label of a function is the first line of its docstring, and it may have attributes `unit`, `label` and
+    `needs_course`. Raises InputError for anything that cannot be called.
+    """
+    if isinstance(measure, type) or not callable(measure):
+        raise InputError(
+            f"objective: {name!r} is {measure!r}; allowed: an Objective, or a function of a TrialResult"
+        )
+    if isinstance(measure, Objective):
+        return replace(measure, name=name)
+    documented = (getattr(measure, "__doc__", None) or "").strip().partition("\n")[0].rstrip(".")
+    return Objective(
+        name=name,
+        label=str(getattr(measure, "label", documented or name)),
+        unit=str(getattr(measure, "unit", "")),
+        needs_course=bool(getattr(measure, "needs_course", True)),
+        measure=measure,
+    )
+
+
+def _load(name: str) -> object:
+    module_name, _, attribute = name.partition(":")
+    try:
+        return getattr(module_here(module_name), attribute)
+    except (ImportError, AttributeError, ValueError) as error:
+        raise InputError(
+            f"objective: {name!r} cannot be loaded ({error}); allowed: an Objective or a function of a "
+            "TrialResult, as package.module:name"
+        ) from error

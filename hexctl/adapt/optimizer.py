@@ -15,7 +15,7 @@ from hexctl.control.trial import Enough
 from hexctl.errors import HexctlError, InputError
 from hexctl.types import FloatArray
 
-#: Trials that were over before their time, and so say nothing about their end.
+#: Outcomes of walks that ended early, and so say nothing about where the gait ends.
 UNFINISHED = ("fell", "diverged", "cut_short", "aborted")
 
 
@@ -26,7 +26,7 @@ class Observation:
     Attributes:
         path_m: progress and signed deviation, evenly spread over the walk, the last row at its end, (T, 2).
         duration_s: how long it walked.
-        yaw_change_rad: how far the body turned, None where nobody knows.
+        yaw_change_rad: how far the body turned, None where it is not measured.
         status: as in `hexctl.control.result.STATUSES`.
     """
 
@@ -37,7 +37,7 @@ class Observation:
 
     @classmethod
     def of(cls, result: TrialResult) -> "Observation":
-        """Return what a result shows."""
+        """The observation that a trial gives."""
         return cls(
             path_m=result.path_m,
             duration_s=result.duration_s,
@@ -47,11 +47,11 @@ class Observation:
 
     @property
     def finished(self) -> bool:
-        """Return whether the walk lasted as long as it was meant to."""
+        """Whether the walk lasted as long as planned."""
         return self.status not in UNFINISHED
 
     def at(self, times_s: FloatArray) -> FloatArray:
-        """Return the rows of the path at some times since the start, NaN after the end, (len(times_s), 2)."""
+        """Rows of the path at times since the start, NaN after the end, (len(times_s), 2)."""
         rows = np.full((len(times_s), 2), np.nan)
         if len(self.path_m) == 0:
             return rows
@@ -61,13 +61,13 @@ class Observation:
         return rows
 
 
-#: A normal value lies within so many standard deviations of its mean in nine cases of ten.
+#: Half the width of a 90 % interval of the normal distribution, in standard deviations.
 NINETY_PERCENT = 1.6449
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Prediction:
-    """A forecast of a trial.
+    """What an optimizer predicts for a trial before the walk.
 
     Attributes:
         signed_m: expected signed final deviation.
@@ -85,17 +85,17 @@ class Prediction:
 
     @property
     def interval_m(self) -> tuple[float, float]:
-        """Return where nine trials of ten should end."""
+        """The 90 % interval of the signed final deviation of one trial."""
         reach_m = NINETY_PERCENT * self.trial_sd_m
         return self.signed_m - reach_m, self.signed_m + reach_m
 
     def holds(self, signed_m: float) -> bool:
-        """Return whether an outcome lies in the interval."""
+        """Whether an outcome lies in the interval."""
         low_m, high_m = self.interval_m
         return math.isfinite(signed_m) and low_m <= signed_m <= high_m
 
     def as_json(self) -> dict[str, Any]:
-        """Return the expectation as plain JSON values."""
+        """The prediction as plain JSON values."""
         low_m, high_m = self.interval_m
         return {
             "signed_m": self.signed_m,
@@ -115,14 +115,19 @@ class Optimizer(ABC):
 
     `ask` and `tell` alternate. A code may be asked for again: what that costs is for the loop to say. The
     whole state, the random stream included, goes through `state` and `restore` as plain JSON values, and an
-    optimizer restored from it goes on exactly as the original would.
+    optimizer restored from it continues exactly as the original would.
+
+    A subclass sets `name` and implements four methods: `_suggest`, `_learn`, `_search_state` and
+    `_restore_search`. Everything else public has a default and may be overridden: `exhausted`, `finished`,
+    `judges_target`, `recommended`, `predict`, `early_stopping`, `repeat`; and `_learn_observed` instead of a
+    use of `_learn`, to learn from the course of walks.
     """
 
     #: Name on the command line.
     name: str
 
-    #: True for a search that says by itself, by `finished`, when the target is reached.
-    judges_target = False
+    #: True for a search that says by itself, through `finished`, when the target is reached.
+    judges_target: bool = False
 
     def __init__(self, space: GaitSpace, seed: int) -> None:
         if seed < 0:
@@ -133,32 +138,32 @@ class Optimizer(ABC):
 
     @property
     def exhausted(self) -> bool:
-        """Return True when there is nothing left to ask for; searches that may repeat codes never are."""
+        """True when there is nothing left to ask for; never for searches that may repeat codes."""
         return False
 
     @property
     def finished(self) -> bool:
-        """Return True when a good enough gait is known for sure; most searches never know."""
+        """True when a gait is known to be good enough; most searches never know."""
         return False
 
     def recommended(self) -> int | None:
-        """Return the gait that the search would settle on; None where the best score decides."""
+        """Code of the gait that the search would settle on; None where the best score decides."""
         return None
 
-    def repeat(self, code: int, score: float, shown: Observation) -> None:
-        """Take in a walk that was not asked for, such as a repeat of the best gait; most searches do not."""
+    def repeat(self, code: int, score: float, observation: Observation) -> None:
+        """Take a walk that was not asked for, such as a repeat of the best gait; most searches ignore it."""
         return
 
-    def expect(self, code: int) -> Prediction | None:
-        """Return what is believed of a gait now; None from searches that believe nothing."""
+    def predict(self, code: int) -> Prediction | None:
+        """Prediction for a gait now; None from searches that predict nothing."""
         return None
 
-    def enough(self, code: int) -> Enough | None:
-        """Return what tells from a walk's path so far that its end is no longer open, or None."""
+    def early_stopping(self, code: int) -> Enough | None:
+        """Predicate `should_stop(path_m)` for the walk of a gait, or None: True once its end is not open."""
         return None
 
     def ask(self, count: int = 1) -> list[int]:
-        """Return up to `count` codes to try, at least one.
+        """Codes to try next: one to `count` of them.
 
         Raises OptimizerMisuseError when the codes of the last ask were not told.
         """
@@ -173,11 +178,11 @@ class Optimizer(ABC):
         self,
         codes: Sequence[int],
         scores: Sequence[float],
-        shown: Sequence[Observation | None] | None = None,
+        observations: Sequence[Observation | None] | None = None,
     ) -> None:
         """Take the scores of the codes of the last ask, in their order; lower is better.
 
-        `shown` is what else the trials showed, for searches that learn from it.
+        `observations` are the courses of the walks, for searches that learn from them.
 
         Raises OptimizerMisuseError without an ask, InputError for other codes, or scores that are no finite
         numbers; then nothing is taken over.
@@ -191,15 +196,19 @@ class Optimizer(ABC):
             )
         if not all(isinstance(score, Real) and math.isfinite(score) for score in scores):
             raise InputError(f"{self.name}: got scores {list(scores)}; allowed: finite numbers")
-        if shown is not None and len(shown) != len(codes):
-            raise InputError(f"{self.name}: got {len(shown)} walks; allowed: one for each of {self._asked}")
+        if observations is not None and len(observations) != len(codes):
+            raise InputError(
+                f"{self.name}: got {len(observations)} walks; allowed: one for each of {self._asked}"
+            )
         self._asked = None
-        self._learn_shown(
-            [int(code) for code in codes], [float(score) for score in scores], shown or [None] * len(codes)
+        self._learn_observed(
+            [int(code) for code in codes],
+            [float(score) for score in scores],
+            observations or [None] * len(codes),
         )
 
     def state(self) -> dict[str, Any]:
-        """Return everything that decides what comes next, as JSON values."""
+        """Everything that decides what comes next, as JSON values."""
         return {
             "name": self.name,
             "failed_legs": list(self.space.failed_legs),
@@ -234,21 +243,21 @@ class Optimizer(ABC):
 
     @abstractmethod
     def _suggest(self, count: int) -> list[int]:
-        """Return 1 to `count` codes."""
+        """Codes to try next: one to `count` of them."""
 
-    def _learn_shown(
-        self, codes: list[int], scores: list[float], shown: Sequence[Observation | None]
+    def _learn_observed(
+        self, codes: list[int], scores: list[float], observations: Sequence[Observation | None]
     ) -> None:
-        """Take over what the codes last suggested showed; most searches want their scores alone."""
+        """Take scores and courses of the codes last suggested; most searches need the scores alone."""
         self._learn(codes, scores)
 
     @abstractmethod
     def _learn(self, codes: list[int], scores: list[float]) -> None:
-        """Take over the scores of the codes last suggested."""
+        """Take the scores of the codes last suggested."""
 
     @abstractmethod
     def _search_state(self) -> dict[str, Any]:
-        """Return the search's own state as JSON values."""
+        """State of the search itself, as JSON values."""
 
     @abstractmethod
     def _restore_search(self, state: dict[str, Any]) -> None:

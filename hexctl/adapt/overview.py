@@ -15,13 +15,6 @@ from hexctl.types import FloatArray
 
 FILE_NAME = "overview.rrd"
 
-OBJECTIVE_NAMES = {
-    "final": "deviation at the end",
-    "mean": "mean deviation",
-    "max": "greatest deviation",
-    "progress": "deviation at the end per share of the ideal distance",
-}
-
 
 def write_overview(session: Session, folder: Path, *, into: Path | None = None, base: str = "") -> Path:
     """Write `overview.rrd`, in place of an earlier one, and return its path.
@@ -56,7 +49,8 @@ def make_overview(session: Session, addresses: Mapping[int, str] = MappingProxyT
     return Overview(
         title=session.name,
         facts=tuple(_facts(session)),
-        objective=OBJECTIVE_NAMES[session.spec.objective],
+        objective=session.spec.score_label,
+        unit=session.spec.objective_unit,
         course_m=max(ideals_m, default=0.0) or 1.0,
         trials=tuple(_trial(trial, addresses.get(trial.index)) for trial in session.trials),
     )
@@ -70,11 +64,11 @@ def _facts(session: Session) -> list[str]:
     lines = [
         f"{asked}{world}",
         f"{spec.optimizer}, seed {spec.seed}: {len(session.trials)} of {spec.budget} trials",
-        f"score: {OBJECTIVE_NAMES[spec.objective]}",
+        f"score: {spec.score_label}",
     ]
     if best is not None:
-        lines.append(f"**best: trial {best.index}, code {best.code}, score {best.score:.3f} m**")
-    for milestone_m in MILESTONES_M:
+        lines.append(f"**best: trial {best.index}, code {best.code}, score {spec.score_text(best.score)}**")
+    for milestone_m in MILESTONES_M if spec.objective_unit == "m" else ():
         reached = session.trials_to(milestone_m)
         lines.append(
             f"within {100 * milestone_m:g} cm " + (f"after {reached} trials" if reached else "not yet")

@@ -46,11 +46,26 @@ def check_not_stopped(servos: Guard) -> None:
         raise RobotStoppedError(f"the robot is stopped: {servos.stopped}", servos.stopped)
 
 
-#: What ends a walk early, for the walk that a log will be of.
-EnoughOf = Callable[[TickLog], Enough | None]
+#: From the log that a walk will be kept in to the predicate that ends the walk early, or None.
+EarlyStopping = Callable[[TickLog], Enough | None]
 
-#: Puts a result right before it is recorded.
+#: Adds to a result before it is recorded.
 Completed = Callable[[TrialResult], TrialResult]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WalkedTrial:
+    """A trial that was walked.
+
+    Attributes:
+        result: its outcome.
+        recording: the file of its recording, or None.
+        recording_error: why the recording is not whole, or None.
+    """
+
+    result: TrialResult
+    recording: Path | None = None
+    recording_error: Exception | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -77,16 +92,14 @@ class TrialRunner:
     live: LiveView | None = None
     meshes: Meshes = field(default_factory=dict)
 
-    def walk(
-        self, index: int, code: int, slots: Slots, enough: Enough | None = None
-    ) -> tuple[TrialResult, Path | None]:
-        """Run one trial on a simulation of its own and return its result and recording."""
+    def walk(self, index: int, code: int, slots: Slots, should_stop: Enough | None = None) -> WalkedTrial:
+        """Run one trial in a simulation of its own."""
         plan = self.plan_for(slots)
         options = BackendOptions(
             robot=self.robot, world=self.world, failure=plan.failure, seed=self.spec.seed, trial=index
         )
         with Guard(make_servos(self.spec.backend, options)) as servos:
-            return self.walk_on(servos, plan, index, code, lambda _: enough)
+            return self.walk_on(servos, plan, index, code, lambda _: should_stop)
 
     def walk_on(
         self,
@@ -94,22 +107,26 @@ class TrialRunner:
         plan: TrialPlan,
         index: int,
         code: int,
-        enough_of: EnoughOf,
+        early_stopping: EarlyStopping,
         completed: Completed = lambda result: result,
-    ) -> tuple[TrialResult, Path | None]:
-        """Run one trial on connected servos and return its result, completed, and its recording."""
+    ) -> WalkedTrial:
+        """Run one trial on connected servos; `completed` adds to the result before it is recorded.
+
+        A recording that fails costs neither the walk nor its result.
+        """
         recording = self._open_recording(index, code, plan)
         try:
             log = self._open_log(recording, plan, f"trial {index}: gait {code}")
             stop = self.stop_requested
-            result = run_trial(servos, plan, log, stop_requested=stop, enough=enough_of(log))
+            result = run_trial(servos, plan, log, stop_requested=stop, enough=early_stopping(log))
             result = completed(result)
-            if recording is not None:
-                recording.finish(result, self._facts(index, code))
+            if recording is None:
+                return WalkedTrial(result=result)
+            trouble = log.sink_error or _finished(recording, result, self._facts(index, code))
+            return WalkedTrial(result=result, recording=recording.path, recording_error=trouble)
         finally:
             if recording is not None:
                 recording.close()
-        return result, recording.path if recording is not None else None
 
     def _open_log(self, recording: Recording | None, plan: TrialPlan, title: str) -> TickLog:
         """Return a log whose rows are recorded, shown, both or neither."""
@@ -146,8 +163,17 @@ class TrialRunner:
         }
 
 
+def _finished(recording: Recording, result: TrialResult, facts: dict[str, Any]) -> Exception | None:
+    """Finish a recording; returns what went wrong, or None."""
+    try:
+        recording.finish(result, facts)
+    except Exception as error:  # noqa: BLE001  the walk is done, whether or not its recording is whole
+        return error
+    return None
+
+
 def _new_path(folder: Path, index: int) -> Path:
-    """Return a path that no recording has; a trial that was cut off keeps its own."""
+    """Path that no recording has; a trial that was cut off keeps its own."""
     folder.mkdir(parents=True, exist_ok=True)
     path, number = folder / f"trial-{index:03d}.rrd", 2
     while path.exists():
@@ -170,38 +196,34 @@ class ResetFreeRunner:
     """Walks the gaits of one session on one connected robot, through one guard: a stop stays latched.
 
     Attributes:
-        walker: makes plans and recordings.
+        runner: makes plans and recordings.
         servos: the robot, connected.
         arena: where it is kept, or None to let it wander.
         operator: who puts it down and measures, or None where the robot knows where it is.
     """
 
-    walker: TrialRunner
+    runner: TrialRunner
     servos: Guard
     arena: Arena | None = None
     operator: Operator | None = None
 
-    def walk(
-        self, index: int, code: int, slots: Slots, enough: Enough | None = None
-    ) -> tuple[TrialResult, Path | None]:
-        """Run one trial from where the robot is and return its result and recording.
+    def walk(self, index: int, code: int, slots: Slots, should_stop: Enough | None = None) -> WalkedTrial:
+        """Run one trial from where the robot is.
 
         Raises RobotStoppedError for a robot that is stopped before it begins, RobotFaultError for one that
         does not know where it is or has gone.
         """
-        plan = self.walker.plan_for(slots)
+        plan = self.runner.plan_for(slots)
         if self.operator is not None:
-            return self._walk_and_ask(self.operator, index, code, as_placed(plan, self.walker.robot))
+            return self._walk_and_ask(self.operator, index, code, as_placed(plan, self.runner.robot))
         if self.arena is not None:
-            return self._walk_inside(self.arena, index, code, plan, enough)
+            return self._walk_inside(self.arena, index, code, plan, should_stop)
         await_ready(self.servos)
-        return self.walker.walk_on(self.servos, plan, index, code, lambda _: enough)
+        return self.runner.walk_on(self.servos, plan, index, code, lambda _: should_stop)
 
-    def _walk_and_ask(
-        self, operator: Operator, index: int, code: int, plan: TrialPlan
-    ) -> tuple[TrialResult, Path | None]:
-        """Walk a gait that a person measures, as often as that person likes."""
-        robot, again = self.walker.robot, False
+    def _walk_and_ask(self, operator: Operator, index: int, code: int, plan: TrialPlan) -> WalkedTrial:
+        """Walk a gait that an operator measures, as often as the operator asks for."""
+        robot, again = self.runner.robot, False
 
         def completed(result: TrialResult) -> TrialResult:
             nonlocal again
@@ -213,22 +235,22 @@ class ResetFreeRunner:
 
         check_not_stopped(self.servos)
         if not operator.place(index, code):
-            return not_walked(robot, plan), None
+            return WalkedTrial(result=not_walked(robot, plan))
         await_ready(self.servos, needs_pose=False)
-        walked = self.walker.walk_on(self.servos, plan, index, code, lambda _: None, completed)
+        walked = self.runner.walk_on(self.servos, plan, index, code, lambda _: None, completed)
         return self._walk_and_ask(operator, index, code, plan) if again else walked
 
     def _walk_inside(
-        self, arena: Arena, index: int, code: int, plan: TrialPlan, enough: Enough | None
-    ) -> tuple[TrialResult, Path | None]:
+        self, arena: Arena, index: int, code: int, plan: TrialPlan, should_stop: Enough | None
+    ) -> WalkedTrial:
         """Walk through the middle of the arena, from a better start if need be, and end at its edge."""
         hindered = self._come_to_start(arena)
         if hindered is not None:
-            return hindered, None
+            return WalkedTrial(result=hindered)
         fences: list[Geofence] = []
 
-        def enough_of(log: TickLog) -> Enough:
-            fences.append(Geofence(arena, log, enough))
+        def early_stopping(log: TickLog) -> Enough:
+            fences.append(Geofence(arena, log, should_stop))
             return fences[-1]
 
         def completed(result: TrialResult) -> TrialResult:
@@ -236,16 +258,16 @@ class ResetFreeRunner:
             return replace(result, stopped=LEFT_THE_ARENA) if at_edge else result
 
         state = await_ready(self.servos)
-        here = aimed(plan, self.walker.robot, state, arena)
-        return self.walker.walk_on(self.servos, here, index, code, enough_of, completed)
+        here = aimed(plan, self.runner.robot, state, arena)
+        return self.runner.walk_on(self.servos, here, index, code, early_stopping, completed)
 
     def _come_to_start(self, arena: Arena) -> TrialResult | None:
         """Walk away from the middle while a walk has no room; return what stopped the robot there, if any.
 
         It walks with the gait of self-rotations, not with one that nobody knows.
         """
-        robot = self.walker.robot
-        plan = self.walker.plan_for(turn_gait(robot).slots)
+        robot = self.runner.robot
+        plan = self.runner.plan_for(turn_gait(robot).slots)
         speed_m_s = ideal_speed_m_s(robot, plan.gait, plan.motion(0.0))
         reach_m = speed_m_s * plan.duration_s
         start = arena.start(reach_m)
@@ -257,7 +279,7 @@ class ResetFreeRunner:
             missing_m = start.radius_m - start.distance_m(position)
             patience_s = APPROACH_PATIENCE * (RAMP_DURATION_S + missing_m / speed_m_s)
             there = replace(aimed(plan, robot, state, arena, outward=True), duration_s=patience_s)
-            log, stop = TickLog(), self.walker.stop_requested
+            log, stop = TickLog(), self.runner.stop_requested
             result = run_trial(self.servos, there, log, stop_requested=stop, enough=Geofence(start, log))
             if result.status == "fell":
                 # No fault of the gait that is due: nothing to be kept.

@@ -48,7 +48,7 @@ def make_search(spec: SessionSpec, robot: Robot, plan: TrialPlan) -> Optimizer:
         noise_m=SIMULATED_NOISE_M if spec.backend == "sim" else REAL_NOISE_M,
     )
     if spec.sag_rad is not None:
-        search.stood(np.array(spec.sag_rad, dtype=float))  # None becomes NaN
+        search.observe_stance(np.array(spec.sag_rad, dtype=float))  # None becomes NaN
     return search
 
 

@@ -1,9 +1,9 @@
-"""A session: what one adaptation was asked for, and its trials."""
+"""A session: the spec of one adaptation, and its trials."""
 
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-from hexctl.adapt.objectives import INVALID_SCORE
+from hexctl.adapt.objectives import INVALID_SCORE, OBJECTIVES
 
 #: Deviations, in m, whose first trial every report names.
 MILESTONES_M = (0.10, 0.025)
@@ -21,7 +21,9 @@ class SessionSpec:
         failed_leg: the leg that failed.
         failure: its failure, as `hexctl.robot.failure.parse_failure` reads it.
         optimizer: name of the optimizer.
-        objective: one of `hexctl.adapt.objectives.OBJECTIVES`.
+        objective: one of `hexctl.adapt.objectives.OBJECTIVES`, or `package.module:name`.
+        objective_label: what an objective of your own measures; empty for those of hexctl.
+        objective_unit: of the score.
         budget: trials that may be walked.
         target_m: a score at which to stop early, or None.
         confirm: repeats of the best gait after the search, within the budget.
@@ -53,6 +55,8 @@ class SessionSpec:
     failure: str = "locked"
     optimizer: str = "random"
     objective: str = "final"
+    objective_label: str = ""
+    objective_unit: str = "m"
     budget: int = 20
     target_m: float | None = None
     confirm: int = 0
@@ -75,11 +79,21 @@ class SessionSpec:
 
     @property
     def simulated(self) -> bool:
-        """Return whether each trial has a simulation of its own, and so begins at the same place."""
+        """Whether each trial has a simulation of its own, and so begins at the same place."""
         return self.backend == "sim"
 
+    @property
+    def score_label(self) -> str:
+        """What the score is, in words."""
+        known = OBJECTIVES.get(self.objective)
+        return known.label if known is not None else self.objective_label or self.objective
+
+    def score_text(self, score: float) -> str:
+        """Score with its unit, for a person."""
+        return f"{score:.3f} {self.objective_unit}".rstrip()
+
     def as_json(self) -> dict[str, Any]:
-        """Return the spec as JSON values."""
+        """The spec as JSON values."""
         return asdict(self)
 
 
@@ -111,11 +125,11 @@ class TrialRecord:
 
     @property
     def valid(self) -> bool:
-        """Return whether the trial counts."""
+        """Whether the trial counts."""
         return self.score < INVALID_SCORE
 
     def as_json(self) -> dict[str, Any]:
-        """Return the trial as `hexctl adapt --json` prints it."""
+        """The trial as `hexctl adapt --json` prints it."""
         return {
             "index": self.index,
             "code": self.code,
@@ -159,21 +173,23 @@ class Session:
 
     @property
     def walked_s(self) -> float:
-        """Return how many seconds all trials together walked."""
+        """Seconds walked in all trials."""
         return float(sum(trial.outcome["duration_s"] for trial in self.trials))
 
     @property
     def best(self) -> TrialRecord | None:
-        """Return the valid trial with the lowest score, the earliest of equals, or None."""
+        """The valid trial with the lowest score, the earliest of equals; None without a valid trial."""
         valid = [trial for trial in self.trials if trial.valid]
         return min(valid, key=lambda trial: trial.score) if valid else None
 
     def trials_to(self, milestone_m: float) -> int | None:
-        """Return the index of the first trial whose score is within a milestone, or None."""
+        """Index of the first trial whose score is within a milestone; None without one, or a score in m."""
+        if self.spec.objective_unit != "m":
+            return None
         return next((trial.index for trial in self.trials if trial.score <= milestone_m), None)
 
     def as_json(self) -> dict[str, Any]:
-        """Return the session as `hexctl adapt --json` prints it."""
+        """The session as `hexctl adapt --json` prints it."""
         best = self.best
         return {
             "session": self.name,
@@ -181,6 +197,7 @@ class Session:
             **self.spec.as_json(),
             "trials": [trial.as_json() for trial in self.trials],
             "best": None if best is None else best.as_json(),
+            "found": best is not None,
             "walked_s": round(self.walked_s, 3),
             "settled_on": self.settled_on,
             "ended": self.ended,

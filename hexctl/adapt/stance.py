@@ -27,7 +27,7 @@ MOVING_RAD = math.radians(0.5)
 ATTEMPTS = 2
 
 
-def stance_sag_rad(
+def stance_deflection_rad(
     servos: Guard, plan: TrialPlan, stop_requested: StopRequested = never
 ) -> FloatArray | None:
     """Stand as before a trial of a plan, without its turn, and return how far each joint stays behind.
@@ -73,19 +73,23 @@ def _behind_rad(sags_rad: FloatArray) -> FloatArray | None:
     return None if echoed.all() else np.where(echoed, np.nan, sags_rad.mean(axis=0))
 
 
-def sag_here_rad(servos: Guard, plan: TrialPlan, stop_requested: StopRequested = never) -> FloatArray | None:
+def connected_deflection_rad(
+    servos: Guard, plan: TrialPlan, stop_requested: StopRequested = never
+) -> FloatArray | None:
     """Return how a robot stands where it is; None where that cannot be known.
 
     Raises RobotStoppedError for a robot that is stopped meanwhile, RobotFaultError for one that has gone.
     """
     try:
-        return stance_sag_rad(servos, plan, stop_requested)
+        return stance_deflection_rad(servos, plan, stop_requested)
     except EStopError:
         check_not_stopped(servos)
         raise
 
 
-def simulated_sag_rad(robot: Robot, world: World | None, plan: TrialPlan, seed: int) -> FloatArray | None:
+def simulated_deflection_rad(
+    robot: Robot, world: World | None, plan: TrialPlan, seed: int
+) -> FloatArray | None:
     """Return how a simulated robot stands where its trials begin; None where it does not stay on its legs.
 
     It stands in a simulation of its own, with the sensor noise of trial 0.
@@ -93,6 +97,6 @@ def simulated_sag_rad(robot: Robot, world: World | None, plan: TrialPlan, seed: 
     options = BackendOptions(robot=robot, world=world, failure=plan.failure, seed=seed)
     try:
         with Guard(make_servos("sim", options)) as servos:
-            return stance_sag_rad(servos, plan)
+            return stance_deflection_rad(servos, plan)
     except (EStopError, SimulationDivergedError):
         return None

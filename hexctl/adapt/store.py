@@ -24,7 +24,8 @@ CREATE TABLE IF NOT EXISTS sessions (
     name TEXT PRIMARY KEY,
     created TEXT NOT NULL,
     spec TEXT NOT NULL,
-    ended TEXT
+    ended TEXT,
+    settled_on TEXT
 );
 CREATE TABLE IF NOT EXISTS trials (
     session TEXT NOT NULL REFERENCES sessions(name) ON DELETE CASCADE,
@@ -128,10 +129,13 @@ class SessionStore:
 
         Raises StoreError when the disk refuses.
         """
-        values = (json.dumps(session.spec.as_json()), session.ended, session.name)
+        settled_on = None if session.settled_on is None else json.dumps(session.settled_on)
+        values = (json.dumps(session.spec.as_json()), session.ended, settled_on, session.name)
         try:
             with self._transaction():
-                self._connection.execute("UPDATE sessions SET spec = ?, ended = ? WHERE name = ?", values)
+                self._connection.execute(
+                    "UPDATE sessions SET spec = ?, ended = ?, settled_on = ? WHERE name = ?", values
+                )
         except sqlite3.Error as error:
             raise StoreError(f"session {session.name}: it cannot be kept: {error}") from error
 
@@ -141,15 +145,21 @@ class SessionStore:
         Raises InputError for a name that is not in the store.
         """
         row = self._connection.execute(
-            "SELECT created, spec, ended FROM sessions WHERE name = ?", (name,)
+            "SELECT created, spec, ended, settled_on FROM sessions WHERE name = ?", (name,)
         ).fetchone()
         if row is None:
             names = self.names()
             known = ", ".join(names[-5:]) or "none yet"
             earlier = f"{len(names) - 5} earlier ones, " if len(names) > 5 else ""
             raise InputError(f"session: got {name!r}; allowed, of {self.folder}/: {earlier}{known}")
-        created, spec, ended = row
-        session = Session(name=name, created=created, spec=SessionSpec(**json.loads(spec)), ended=ended)
+        created, spec, ended, settled_on = row
+        session = Session(
+            name=name,
+            created=created,
+            spec=SessionSpec(**json.loads(spec)),
+            ended=ended,
+            settled_on=None if settled_on is None else json.loads(settled_on),
+        )
         rows = self._connection.execute(
             "SELECT record, optimizer_state FROM trials WHERE session = ? ORDER BY number", (name,)
         )
@@ -205,8 +215,9 @@ class SessionStore:
         with self._transaction():
             for statement in filter(str.strip, _TABLES.split(";")):
                 connection.execute(statement)
-            if "ended" not in {row[1] for row in connection.execute("PRAGMA table_info(sessions)")}:
-                connection.execute("ALTER TABLE sessions ADD COLUMN ended TEXT")  # made before there was this
+            columns = {row[1] for row in connection.execute("PRAGMA table_info(sessions)")}
+            for later in sorted({"ended", "settled_on"} - columns):  # of a store made before there was this
+                connection.execute(f"ALTER TABLE sessions ADD COLUMN {later} TEXT")
             connection.execute(f"PRAGMA user_version = {SCHEMA_VERSION}")
 
     def _exists(self, name: str) -> bool:

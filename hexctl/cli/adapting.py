@@ -11,7 +11,7 @@ from typing import Any
 import typer
 
 from hexctl.adapt.loop import AdaptLoop
-from hexctl.adapt.objectives import check_objective
+from hexctl.adapt.objectives import OBJECTIVES, make_objective
 from hexctl.adapt.prior.prior import PriorKey
 from hexctl.adapt.registry import BAYES, make_optimizer
 from hexctl.adapt.runner import ResetFreeRunner, RobotStoppedError, TrialRunner
@@ -30,7 +30,7 @@ from hexctl.cli.adaptrobot import (
     how_to_go_on,
     note_of,
 )
-from hexctl.cli.console import DONE, INTERRUPTED, RUNS, StopOnInterrupt, print_note, print_result
+from hexctl.cli.console import ABORTED, DONE, INTERRUPTED, RUNS, StopOnInterrupt, print_note, print_result
 from hexctl.cli.livewindow import open_window
 from hexctl.cli.operator import Prompt
 from hexctl.cli.prioring import with_prior
@@ -71,7 +71,9 @@ def new_spec(**options: Any) -> SessionSpec:
     robot = load_robot(given.get("robot", "ant"))
     spec = SessionSpec(**given, robot_fingerprint=robot.fingerprint)
     _check_numbers(spec)
-    check_objective(spec.objective)
+    objective = make_objective(spec.objective)
+    if spec.objective not in OBJECTIVES:
+        spec = replace(spec, objective_label=objective.label, objective_unit=objective.unit)
     check_robot_options(spec)
     if spec.optimizer != BAYES:
         make_optimizer(spec.optimizer, GaitSpace((spec.failed_leg,)), spec.seed)
@@ -159,7 +161,9 @@ def execute(
         return code_of_stop(trouble)
     if view and session.trials and ended != "interrupted":
         _show(session.name)
-    return INTERRUPTED if ended == "interrupted" else DONE
+    if ended == "interrupted":
+        return INTERRUPTED
+    return DONE if session.best is not None else ABORTED
 
 
 def _show(name: str) -> None:
@@ -245,7 +249,7 @@ def _adapt(
     walk = walker.walk
     if servos is not None:
         operator = Prompt(spec, interrupt.requested) if spec.ask else None
-        walk = ResetFreeRunner(walker=walker, servos=servos, arena=arena_of(spec), operator=operator).walk
+        walk = ResetFreeRunner(runner=walker, servos=servos, arena=arena_of(spec), operator=operator).walk
     loop = AdaptLoop(session, store, optimizer, walk, stop_requested=interrupt.requested, on_trial=table.add)
     try:
         return loop.run(), None

@@ -7,11 +7,11 @@ from dataclasses import replace
 from pathlib import Path
 
 from hexctl.adapt.arena import Arena, check_radius
-from hexctl.adapt.measurement import END_OBJECTIVES
+from hexctl.adapt.objectives import OBJECTIVES, make_objective
 from hexctl.adapt.runner import RobotStoppedError, await_ready
 from hexctl.adapt.search import knows_stances
 from hexctl.adapt.session import SessionSpec
-from hexctl.adapt.stance import sag_here_rad, simulated_sag_rad
+from hexctl.adapt.stance import connected_deflection_rad, simulated_deflection_rad
 from hexctl.backends.clock import request_realtime_priority
 from hexctl.backends.registry import BackendOptions, make_servos
 from hexctl.backends.sim.world import World
@@ -56,9 +56,10 @@ def _check_asking(spec: SessionSpec) -> None:
         raise InputError("--arena: got it with --ask; allowed: with a robot that knows where it is")
     if spec.early_stop:
         raise InputError("--early-stop: got it with --ask; allowed: with a robot that knows where it is")
-    if spec.objective not in END_OBJECTIVES:
+    if make_objective(spec.objective).needs_course:
+        usable = [name for name, objective in OBJECTIVES.items() if not objective.needs_course]
         raise InputError(
-            f"--objective: got {spec.objective} with --ask; allowed: {' or '.join(END_OBJECTIVES)}, "
+            f"--objective: got {spec.objective} with --ask; allowed: {' or '.join(usable)}, "
             "for which the end of a walk is enough"
         )
     check_answerable()
@@ -145,10 +146,10 @@ def as_it_stands(
     if spec.ask or not knows_stances(spec):
         return spec
     if servos is None:
-        sag_rad = simulated_sag_rad(robot, world, plan, spec.seed)
+        sag_rad = simulated_deflection_rad(robot, world, plan, spec.seed)
     else:
         with _nothing_begun(spec):
-            sag_rad = sag_here_rad(servos, plan, stop_requested)
+            sag_rad = connected_deflection_rad(servos, plan, stop_requested)
     if sag_rad is None:
         if not stop_requested():
             print_note("hexctl: how the robot stands is not known (joints not measured, or not at rest)")

@@ -81,7 +81,7 @@ def _brief(session: Session) -> dict[str, Any]:
 
 def _line(session: Session) -> str:
     spec, best = session.spec, session.best
-    outcome = f"best {best.score:.3f} m (code {best.code})" if best else "no valid trial"
+    outcome = f"best {spec.score_text(best.score)} (code {best.code})" if best else "no valid trial"
     return (
         f"{session.name}  {subject(spec)}, {spec.optimizer}, {len(session.trials)} of {spec.budget} trials "
         f"of {spec.duration_s:g} s, {outcome}; {end_of(session)}"

@@ -196,8 +196,9 @@ def _milestone_lines(session: Session) -> list[str]:
         lines = [f"no valid trial yet: {_why_none(session)}"]
     else:
         slots = ",".join(str(slot) for slot in best.slots)
-        lines = [f"best: trial {best.index}, code {best.code} (slots {slots}), {best.score:.3f} m"]
-    for milestone in MILESTONES_M:
+        score = session.spec.score_text(best.score)
+        lines = [f"best: trial {best.index}, code {best.code} (slots {slots}), {score}"]
+    for milestone in MILESTONES_M if session.spec.objective_unit == "m" else ():
         reached = session.trials_to(milestone)
         lines.append(
             f"within {milestone:g} m: " + (f"after {_trials(reached)}" if reached else "not reached")

@@ -53,6 +53,7 @@ class Overview:
         title: name of the session.
         facts: lines on what was asked for and what came of it.
         objective: what the score is, in words.
+        unit: of the score, empty where it has none.
         course_m: length of the line of travel: the distance of a walk without slip.
         trials: in the order in which they were walked.
     """
@@ -60,6 +61,7 @@ class Overview:
     title: str
     facts: tuple[str, ...]
     objective: str
+    unit: str = "m"
     course_m: float
     trials: tuple[OverviewTrial, ...]
 
@@ -98,7 +100,7 @@ def make_table(overview: Overview) -> str:
     """Return the text: title, facts, and a row per trial with the best one in bold."""
     best = overview.best
     rows = [
-        _row(_cells(trial, so_far), bold=trial is best)
+        _row(_cells(trial, so_far, overview.unit), bold=trial is best)
         for trial, so_far in zip(overview.trials, overview.best_so_far(), strict=True)
     ]
     facts = "\n".join(f"- {fact}" for fact in (*overview.facts, *_how_to_open(overview)))
@@ -112,9 +114,9 @@ def _how_to_open(overview: Overview) -> tuple[str, ...]:
     return ("click ▶ to see a trial walk; ← at the top comes back",)
 
 
-def _cells(trial: OverviewTrial, best: OverviewTrial | None) -> tuple[str, ...]:
+def _cells(trial: OverviewTrial, best: OverviewTrial | None, unit: str) -> tuple[str, ...]:
     distance = "-" if trial.distance_m is None else f"{trial.distance_m:.2f} m"
-    so_far = "-" if best is None or best.score_m is None else f"{best.score_m:.3f} m"
+    so_far = "-" if best is None or best.score_m is None else f"{best.score_m:.3f} {unit}".rstrip()
     slots = ",".join(str(slot) for slot in trial.slots)
     off = deviation_text(trial.deviation_m)
     number = str(trial.index) if trial.address is None else f"[▶ {trial.index}]({trial.address})"

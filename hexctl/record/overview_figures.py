@@ -303,7 +303,7 @@ def _curve_view(overview: Overview) -> Any:
     top_m = score_top_m(overview)
     return rrb.TimeSeriesView(
         origin=CURVE,
-        name=f"{overview.objective} (m)",
+        name=f"{overview.objective} ({overview.unit})" if overview.unit else overview.objective,
         plot_legend=rrb.Corner2D.RightTop,
         axis_x=rrb.TimeAxis(
             view_range=rrb.TimeRange(

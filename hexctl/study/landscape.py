@@ -177,7 +177,7 @@ class Landscape(Rows):
 
     @property
     def scores(self) -> FloatArray:
-        """Return what an optimizer is told, (n,): as `score_of` with the objective `final`."""
+        """Return what an optimizer is told, (n,): as by the objective `final`."""
         return np.where(self.valid, self.final_m, INVALID_SCORE)
 
     @property

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from hexctl.adapt.prior.prior import CHECKPOINTS, Prior, PriorKey
-from hexctl.adapt.stance import stance_sag_rad
+from hexctl.adapt.stance import stance_deflection_rad
 from hexctl.backends.sim.world import DomainRandomization, Spread
 from hexctl.control.guard import Guard
 from hexctl.control.plan import TrialPlan
@@ -126,7 +126,7 @@ def sag_of(spec: LandscapeSpec) -> FloatArray:
     trial = replace(spec, placed=False, miss_rad=0.0).trial(spec.codes[0])
     try:
         with Guard(trial.servos()) as servos:
-            sag_rad = stance_sag_rad(servos, trial.plan)
+            sag_rad = stance_deflection_rad(servos, trial.plan)
     except (EStopError, SimulationDivergedError):
         sag_rad = None
     return np.full(N_JOINTS, np.nan) if sag_rad is None else sag_rad

@@ -11,10 +11,10 @@ from hexctl.adapt.deduplication import Deduplication
 from hexctl.adapt.loop import AdaptLoop
 from hexctl.adapt.optimizer import Optimizer
 from hexctl.adapt.registry import make_optimizer
+from hexctl.adapt.runner import WalkedTrial
 from hexctl.adapt.session import SessionSpec
 from hexctl.adapt.space import GaitSpace
 from hexctl.adapt.store import SessionStore
-from hexctl.control.result import TrialResult
 from hexctl.control.trial import Enough
 from hexctl.gait.encoding import Slots
 from tests.adapt.priors import MadeUpModel, made_up_bayes, standing_samples
@@ -28,7 +28,7 @@ def optimizer_of(spec: SessionSpec) -> Optimizer:
     """Return the optimizer that `hexctl adapt` makes for a spec; `bayes` with a made-up prior."""
     if spec.optimizer == "bayes":
         search = made_up_bayes(standing_samples(MadeUpModel(), 12), target_m=1e-6)
-        search.stood(np.array(spec.sag_rad))
+        search.observe_stance(np.array(spec.sag_rad))
         return search
     inner = make_optimizer(spec.optimizer, GaitSpace((spec.failed_leg,)), spec.seed)
     return Deduplication(inner, spec.seed, paper_count=spec.count_repeats)
@@ -37,11 +37,9 @@ def optimizer_of(spec: SessionSpec) -> Optimizer:
 class SlowLandscape(Landscape):
     """A landscape whose trials take a moment."""
 
-    def __call__(
-        self, index: int, code: int, slots: Slots, enough: Enough | None = None
-    ) -> tuple[TrialResult, Path | None]:
+    def __call__(self, index: int, code: int, slots: Slots, should_stop: Enough | None = None) -> WalkedTrial:
         time.sleep(TRIAL_S)
-        return super().__call__(index, code, slots, enough)
+        return super().__call__(index, code, slots, should_stop)
 
 
 def main(folder: str, optimizer: str, name: str | None = None) -> None:

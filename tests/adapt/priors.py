@@ -1,7 +1,6 @@
 """Made-up priors: worlds in which a few hidden numbers move the ends of all gaits, and walks in them."""
 
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,6 +9,7 @@ from hexctl.adapt.bayes import Bayes
 from hexctl.adapt.optimizer import Observation
 from hexctl.adapt.prior.prior import CHECKPOINTS, Prior, PriorKey
 from hexctl.adapt.prior.samples import DISTANCE, FINAL, N_FEATURES, YAW, Samples
+from hexctl.adapt.runner import WalkedTrial
 from hexctl.adapt.session import SessionSpec
 from hexctl.adapt.space import GaitSpace
 from hexctl.backends.clock import PERIOD_S
@@ -106,9 +106,7 @@ class MadeUpWorld:
         self.walked: list[int] = []
         self._features, self._fallen = features, fallen
 
-    def __call__(
-        self, index: int, code: int, slots: Slots, enough: Enough | None = None
-    ) -> tuple[TrialResult, Path | None]:
+    def __call__(self, index: int, code: int, slots: Slots, should_stop: Enough | None = None) -> WalkedTrial:
         self.walked.append(code)
         path = path_of(self._features[code - 1])
         ticks = round(DURATION_S / PERIOD_S)
@@ -118,7 +116,7 @@ class MadeUpWorld:
         )
         status, walked = ("fell", ticks // 4) if code in self._fallen else ("ok", ticks)
         for tick in range(LOOK_TICKS, walked, LOOK_TICKS):
-            if enough is not None and enough(whole[:tick]):
+            if should_stop is not None and should_stop(whole[:tick]):
                 status, walked = "cut_short", tick
                 break
         made = whole[:walked]
@@ -135,7 +133,7 @@ class MadeUpWorld:
             clipped_ticks=0,
             path_m=made,
         )
-        return result, None
+        return WalkedTrial(result=result)
 
 
 def plan_of(robot: Robot, **options: Any) -> TrialPlan:

@@ -116,7 +116,7 @@ def test_it_is_sure_only_of_a_gait_that_was_walked_and_is_within_the_target() ->
             optimizer = made_up_bayes(BELIEVED, target_m=target_m)
             codes = adapt(optimizer, world)
             assert optimizer.finished
-            sure = [code for code in codes if optimizer.expect(code).chance >= SURE]
+            sure = [code for code in codes if optimizer.predict(code).chance >= SURE]
             assert sure
             assert (finals(world, sure) <= target_m).all()
             assert optimizer.recommended() in sure
@@ -129,7 +129,7 @@ def test_before_the_first_trial_nothing_is_finished_however_sure_the_prior() -> 
     still += np.random.default_rng(0).normal(0, 1e-4, still.shape)
     still[..., -3:-1] = [1.6, 3.2]
     optimizer = made_up_bayes(Samples(leg=5, features=still, finished=np.ones(GAITS)))
-    assert optimizer.expect(1).chance > SURE
+    assert optimizer.predict(1).chance > SURE
     assert not optimizer.finished
     tell(optimizer, optimizer.ask()[0], still[0, 0])
     assert optimizer.finished
@@ -191,7 +191,7 @@ def test_a_gait_that_failed_is_not_asked_for_again(status: str) -> None:
         else:
             tell(optimizer, code, world[code - 1] + 0.1)
     assert failed
-    assert all(optimizer.expect(code).chance == 0.0 for code in failed)
+    assert all(optimizer.predict(code).chance == 0.0 for code in failed)
 
 
 def test_a_gait_that_fell_within_the_target_is_no_end() -> None:
@@ -208,13 +208,13 @@ def test_gaits_that_fall_in_simulations_are_tried_later() -> None:
     finished[first - 1] = 0.0
     falling = Samples(leg=5, features=BELIEVED.features, finished=finished)
     wary = made_up_bayes(falling)
-    assert wary.expect(first).chance < 0.1 * usual.expect(first).chance
+    assert wary.predict(first).chance < 0.1 * usual.predict(first).chance
     assert wary.ask()[0] != first
 
 
 def test_gaits_that_get_nowhere_are_no_good() -> None:
-    assert made_up_bayes(BELIEVED, floor_m=10.0).expect(1).chance < 1e-6
-    chances = [made_up_bayes(BELIEVED, floor_m=floor).expect(60).chance for floor in (0.5, 3.2, 4.0)]
+    assert made_up_bayes(BELIEVED, floor_m=10.0).predict(1).chance < 1e-6
+    chances = [made_up_bayes(BELIEVED, floor_m=floor).predict(60).chance for floor in (0.5, 3.2, 4.0)]
     assert chances[0] > chances[1] > chances[2]
 
 
@@ -267,7 +267,7 @@ def test_what_it_settles_on_was_walked_and_is_likeliest_to_be_within_the_target(
     assert optimizer.recommended() == 8
     adapt(optimizer, world, 5)
     walked = [trial[0] for trial in optimizer.state()["search"]["trials"] if trial[0] != 9]
-    chances = {code: optimizer.expect(code).chance for code in walked}
+    chances = {code: optimizer.predict(code).chance for code in walked}
     assert optimizer.recommended() == max(chances, key=chances.__getitem__)
 
 
@@ -291,11 +291,11 @@ def test_a_walk_that_was_not_asked_for_is_learned_from_and_kept() -> None:
     optimizer, restored = made_up_bayes(SAMPLES), made_up_bayes(SAMPLES)
     adapt(optimizer, world, 2)
     code = promising(optimizer)[0]
-    before = optimizer.expect(code).sd_m
+    before = optimizer.predict(code).sd_m
     optimizer.repeat(code, 0.1, shown_of(world[code - 1]))
-    assert optimizer.expect(code).sd_m < before
+    assert optimizer.predict(code).sd_m < before
     restored.restore(travelled(optimizer.state()))
-    assert restored.expect(code) == optimizer.expect(code)
+    assert restored.predict(code) == optimizer.predict(code)
 
 
 @pytest.mark.parametrize("code", [0, 121, -1])
@@ -318,7 +318,7 @@ def test_a_gait_that_fell_once_is_not_settled_on_though_it_walked_before() -> No
     told(optimizer, 8, good, "fell")
     assert not optimizer.finished
     assert optimizer.recommended() is None
-    assert optimizer.expect(8).chance == 0.0
+    assert optimizer.predict(8).chance == 0.0
 
 
 def test_the_wrong_number_of_walks_is_refused_and_nothing_is_taken_over() -> None:
@@ -348,8 +348,8 @@ def test_a_restored_search_believes_the_same_to_the_last_bit(trials: int, in_the
     restored.restore(travelled(original.state()))
     for name in ("mean_m", "covariance_m2", "distance_m", "distance_sd_m", "noise_m", "widened"):
         np.testing.assert_array_equal(getattr(restored.forecast(), name), getattr(original.forecast(), name))
-    assert [restored.expect(code) for code in (1, 60, 120)] == [
-        original.expect(code) for code in (1, 60, 120)
+    assert [restored.predict(code) for code in (1, 60, 120)] == [
+        original.predict(code) for code in (1, 60, 120)
     ]
     assert restored.state() == original.state()
     if in_the_air:
@@ -383,7 +383,7 @@ def test_a_damaged_trial_in_a_state_is_refused_and_nothing_is_taken_over() -> No
 def stood(trials: int = 0) -> Bayes:
     """Return a search that was told how a world stands, and then of trials in it."""
     optimizer, world = made_up_bayes(STANDING, target_m=1e-6), worlds(1)[0]
-    optimizer.stood(MODEL.sags(1, 500)[0])
+    optimizer.observe_stance(MODEL.sags(1, 500)[0])
     for _ in range(trials):
         (code,) = optimizer.ask()
         tell(optimizer, code, world[code - 1])
@@ -397,7 +397,7 @@ def test_how_the_robot_stands_tells_which_world_this_is() -> None:
         for told_so in (True, False):
             optimizer = made_up_bayes(STANDING)
             if told_so:
-                optimizer.stood(sag_rad)
+                optimizer.observe_stance(sag_rad)
             off_m[told_so].append(float(np.abs(optimizer.forecast().mean_m - world[:, FINAL]).mean()))
     assert np.mean(off_m[True]) < 0.8 * np.mean(off_m[False])
 
@@ -417,7 +417,7 @@ def test_it_may_be_told_after_the_first_trials_just_as_well() -> None:
     late.restore(
         {**travelled(early.state()), "search": {"trials": travelled(early.state())["search"]["trials"]}}
     )
-    late.stood(MODEL.sags(1, 500)[0])
+    late.observe_stance(MODEL.sags(1, 500)[0])
     np.testing.assert_array_equal(late.forecast().mean_m, early.forecast().mean_m)
     assert late.state() == early.state()
 
@@ -435,7 +435,7 @@ def test_a_damaged_sag_in_a_state_is_refused_and_nothing_is_taken_over(sag: obje
 
 def test_a_sag_of_other_joints_is_refused() -> None:
     with pytest.raises(InputError, match=r"got a sag of shape \(3,\); allowed: \(18,\)"):
-        made_up_bayes(STANDING).stood(np.zeros(3))
+        made_up_bayes(STANDING).observe_stance(np.zeros(3))
 
 
 def test_after_two_trials_it_takes_what_promises_most_by_itself() -> None:
@@ -471,7 +471,7 @@ def test_nine_of_ten_first_outcomes_lie_in_their_intervals(believed_worlds: tupl
             (code,) = optimizer.ask()
             features = dense.trial_in(world, code, random)
             if code not in [trial[0] for trial in optimizer.state()["search"]["trials"]]:
-                held.append(optimizer.expect(code).holds(float(features[FINAL])))
+                held.append(optimizer.predict(code).holds(float(features[FINAL])))
             tell(optimizer, code, features)
     assert len(held) > 150
     # Binomial: 0.9 with a standard deviation of 0.02; what is widened now and then adds a little.
@@ -491,7 +491,7 @@ def test_nine_of_ten_outcomes_of_any_gait_lie_in_their_intervals(
         for code in walked.tolist():
             told(optimizer, code, dense.trial_in(world, code, random))
         held += [
-            optimizer.expect(code).holds(float(dense.trial_in(world, code, random)[FINAL]))
+            optimizer.predict(code).holds(float(dense.trial_in(world, code, random)[FINAL]))
             for code in range(1, 121, 7)
             if code not in walked
         ]
@@ -499,7 +499,7 @@ def test_nine_of_ten_outcomes_of_any_gait_lie_in_their_intervals(
 
 
 def test_an_expectation_is_an_interval_around_its_middle() -> None:
-    expected = made_up_bayes(SAMPLES).expect(30)
+    expected = made_up_bayes(SAMPLES).predict(30)
     low_m, high_m = expected.interval_m
     assert low_m < expected.signed_m < high_m
     assert expected.trial_sd_m == pytest.approx(math.hypot(expected.sd_m, 0.001))
@@ -526,7 +526,7 @@ def whole_path(features: FloatArray) -> FloatArray:
 
 
 def stopped_after_s(optimizer: Bayes, code: int, path: FloatArray) -> float | None:
-    enough = optimizer.enough(code)
+    enough = optimizer.early_stopping(code)
     for tick in range(50, len(path), 50):
         if enough(path[:tick]):
             return tick * PERIOD_S
@@ -546,7 +546,7 @@ def promising(optimizer: Bayes, within_m: float = 0.15) -> list[int]:
     return [int(row) + 1 for row in np.flatnonzero(np.abs(optimizer.forecast().mean_m) < within_m)]
 
 
-def test_a_walk_far_off_has_shown_enough_and_one_on_the_line_has_not() -> None:
+def test_a_walk_far_off_has_should_stop_and_one_on_the_line_has_not() -> None:
     optimizer = made_up_bayes(BELIEVED)
     codes = promising(optimizer)[:6]
     assert codes
@@ -560,7 +560,7 @@ def test_a_walk_far_off_has_shown_enough_and_one_on_the_line_has_not() -> None:
 
 def test_before_a_third_of_a_walk_it_is_never_enough() -> None:
     optimizer = made_up_bayes(BELIEVED)
-    enough = optimizer.enough(1)
+    enough = optimizer.early_stopping(1)
     path = straight(1, 30.0)
     for tick in range(50, round(0.29 * len(path)), 50):
         assert not enough(path[:tick])
@@ -576,8 +576,8 @@ def test_a_walk_that_may_still_beat_the_best_goes_on() -> None:
     assert stopped_after_s(spoilt, code, path) is not None
 
 
-def test_a_robot_that_is_lost_has_not_shown_enough() -> None:
-    enough = made_up_bayes(BELIEVED).enough(1)
+def test_a_robot_that_is_lost_has_not_should_stop() -> None:
+    enough = made_up_bayes(BELIEVED).early_stopping(1)
     path = straight(1, 6.0)
     path[700:] = np.nan
     assert not enough(path[:1000])

@@ -1,16 +1,18 @@
-"""The counting rule: nobody pays twice for a code, and the search never notices."""
+"""Deduplication: no code is walked twice, and the search never notices."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from itertools import count, repeat
 from typing import Any
 
+import numpy as np
 import pytest
 
 from hexctl.adapt.deduplication import Deduplication, SpaceExhaustedError
-from hexctl.adapt.optimizer import Optimizer
+from hexctl.adapt.optimizer import Observation, Optimizer, Prediction
 from hexctl.adapt.registry import OPTIMIZERS, make_optimizer
 from hexctl.errors import InputError
 from hexctl.testing.optimizers import ONE_FAILED, THREE_FAILED, search, slope
+from hexctl.types import FloatArray
 
 
 class Scripted(Optimizer):
@@ -188,3 +190,82 @@ def test_a_patience_below_one_is_refused() -> None:
 def test_a_search_that_never_repeats_needs_no_help() -> None:
     inner = Scripted(count(1))
     assert search(Deduplication(inner, 0), 120) == list(range(1, 121))
+
+
+SEEN = Observation(path_m=np.zeros((3, 2)), duration_s=1.0, yaw_change_rad=0.0, status="ok")
+FORECAST = Prediction(signed_m=0.1, sd_m=0.2, trial_sd_m=0.3, chance=0.4, target_m=0.05)
+
+
+def never_stop(_path_m: FloatArray) -> bool:
+    return False
+
+
+class Outspoken(Scripted):
+    """Answers everything that the interface of optimizers asks otherwise than the default."""
+
+    judges_target = True
+    exhausted = True
+    finished = True
+
+    def __init__(self) -> None:
+        super().__init__(count(1))
+        self.repeated: list[tuple[int, float, Observation]] = []
+        self.seen: list[Observation | None] = []
+
+    def recommended(self) -> int | None:
+        return 17
+
+    def predict(self, code: int) -> Prediction | None:
+        return FORECAST
+
+    def early_stopping(self, code: int) -> Callable[[FloatArray], bool]:
+        return never_stop
+
+    def repeat(self, code: int, score: float, observation: Observation) -> None:
+        self.repeated.append((code, score, observation))
+
+    def _learn_observed(
+        self, codes: list[int], scores: list[float], observations: Sequence[Observation | None]
+    ) -> None:
+        self.seen += observations
+
+
+@pytest.mark.parametrize("paper_count", [False, True])
+def test_everything_that_the_search_says_passes_through(paper_count: bool) -> None:
+    inner = Outspoken()
+    optimizer = Deduplication(inner, 0, paper_count=paper_count)
+    optimizer.repeat(5, 0.5, SEEN)
+    assert inner.repeated == [(5, 0.5, SEEN)]
+    optimizer.tell(optimizer.ask(2), [0.1, 0.2], [SEEN, None])
+    assert inner.seen == [SEEN, None]
+    forwarded = {
+        "judges_target": optimizer.judges_target,
+        "exhausted": optimizer.exhausted,
+        "finished": optimizer.finished,
+        "recommended": optimizer.recommended(),
+        "predict": optimizer.predict(3),
+        "early_stopping": optimizer.early_stopping(3),
+        "space": optimizer.space,
+        "name": optimizer.name,
+    }
+    assert forwarded == {
+        "judges_target": True,
+        "exhausted": True,
+        "finished": True,
+        "recommended": 17,
+        "predict": FORECAST,
+        "early_stopping": never_stop,
+        "space": inner.space,
+        "name": "scripted",
+    }
+    public = {name for name in {*vars(Optimizer), *Optimizer.__annotations__} if not name.startswith("_")}
+    assert public - set(forwarded) == {"ask", "tell", "state", "restore", "repeat"}, "is it passed through?"
+
+
+def test_an_answer_from_memory_is_a_score_alone() -> None:
+    inner = Outspoken()
+    inner._script = iter([5, 5, 9])
+    optimizer = Deduplication(inner, 0)
+    for _ in range(2):
+        optimizer.tell(optimizer.ask(), [0.3], [SEEN])
+    assert inner.seen == [SEEN, None, SEEN]

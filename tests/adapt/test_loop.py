@@ -10,15 +10,16 @@ import pytest
 from hexctl.adapt.bayes import REAL_NOISE_M, Bayes
 from hexctl.adapt.deduplication import Deduplication
 from hexctl.adapt.loop import AdaptLoop
-from hexctl.adapt.objectives import INVALID_SCORE
+from hexctl.adapt.objectives import INVALID_SCORE, as_objective
 from hexctl.adapt.optimizer import Optimizer
 from hexctl.adapt.prior.samples import FINAL
 from hexctl.adapt.registry import make_optimizer
+from hexctl.adapt.runner import WalkedTrial
 from hexctl.adapt.session import Session, SessionSpec
 from hexctl.adapt.space import GaitSpace
 from hexctl.adapt.store import SessionStore
-from hexctl.control.result import TrialResult
 from hexctl.control.trial import Enough
+from hexctl.errors import RecordingError
 from hexctl.gait.encoding import Slots
 from hexctl.types import FloatArray
 from tests.adapt.priors import BAYES_SPEC, MadeUpModel, MadeUpWorld, made_up_bayes, shown_of
@@ -43,6 +44,13 @@ def run(store: SessionStore, spec: SessionSpec, walk: Landscape | None = None) -
     session = store.create(spec)
     ended = AdaptLoop(session, store, optimizer_of(spec), walk or Landscape()).run()
     return session, ended
+
+
+def run_on(store: SessionStore, name: str) -> tuple[Session, str]:
+    """Continue a session and return it, and why it ended."""
+    session = store.load(name)
+    loop = AdaptLoop(session, store, optimizer_of(session.spec), Landscape())
+    return session, loop.run()
 
 
 @pytest.fixture
@@ -194,7 +202,7 @@ def test_what_was_expected_is_kept_with_each_trial(store: SessionStore) -> None:
     fresh = believing()
     for trial in kept:
         (code,) = fresh.ask()
-        assert trial.expected == fresh.expect(code).as_json()
+        assert trial.expected == fresh.predict(code).as_json()
         assert trial.expected["low_m"] < trial.expected["signed_m"] < trial.expected["high_m"]
         assert trial.as_json()["expected"] == trial.expected
         fresh.tell([code], [trial.score], [shown_of(KIND[code - 1])])
@@ -294,12 +302,10 @@ class CutOff(MadeUpWorld):
         super().__init__(features)
         self._after = after
 
-    def __call__(
-        self, index: int, code: int, slots: Slots, enough: Enough | None = None
-    ) -> tuple[TrialResult, Path | None]:
+    def __call__(self, index: int, code: int, slots: Slots, should_stop: Enough | None = None) -> WalkedTrial:
         if len(self.walked) >= self._after:
-            return result_of(0.0, "aborted"), None
-        return super().__call__(index, code, slots, enough)
+            return WalkedTrial(result=result_of(0.0, "aborted"))
+        return super().__call__(index, code, slots, should_stop)
 
 
 @pytest.mark.parametrize("early_stop", [False, True])
@@ -324,3 +330,39 @@ def test_a_session_that_was_sure_ends_at_once_when_it_is_continued(store: Sessio
     assert AdaptLoop(again, store, believing(), world).run() == "confirmed"
     assert world.walked == []
     assert again.settled_on == session.settled_on
+
+
+def test_what_the_optimizer_settled_on_is_stored(store: SessionStore) -> None:
+    session, _ = walked_by_bayes(store, MadeUpWorld(KIND))
+    assert session.settled_on is not None
+    assert store.load(session.name).settled_on == session.settled_on
+    assert store.load(session.name).as_json() == session.as_json()
+
+
+def test_a_recording_that_is_not_whole_costs_no_trial_and_is_reported(store: SessionStore) -> None:
+    class NoRoom(Landscape):
+        def __call__(
+            self, index: int, code: int, slots: Slots, should_stop: Enough | None = None
+        ) -> WalkedTrial:
+            walked = super().__call__(index, code, slots, should_stop)
+            return replace(walked, recording_error=OSError("disk full")) if index == 2 else walked
+
+    session = store.create(SPEC)
+    optimizer = Deduplication(make_optimizer(SPEC.optimizer, GaitSpace((5,)), SPEC.seed), SPEC.seed)
+    with pytest.raises(RecordingError, match="trial 2 is done, its recording is not whole: disk full"):
+        AdaptLoop(session, store, optimizer, NoRoom()).run()
+    assert [trial.index for trial in store.load(session.name).trials] == [1, 2]
+    whole, ended = run(store, SPEC)
+    resumed, ended_later = run_on(store, session.name)
+    assert (resumed.trials, ended_later) == (whole.trials, ended)
+
+
+def test_an_objective_of_ones_own_decides(store: SessionStore) -> None:
+    farthest = as_objective(lambda result: -abs(result.deviation.signed), "farthest")
+    session = store.create(replace(SPEC, objective="tests.adapt.test_loop:unknown", objective_unit=""))
+    optimizer = Deduplication(make_optimizer(SPEC.optimizer, GaitSpace((5,)), SPEC.seed), SPEC.seed)
+    AdaptLoop(session, store, optimizer, Landscape(), objective=farthest).run()
+    assert session.best is not None
+    valid = [trial for trial in session.trials if trial.valid]
+    assert session.best.code == max(valid, key=lambda trial: trial.outcome["deviation_m"]["final"]).code
+    assert session.trials_to(0.1) is None, "a milestone in m of a score that is not"

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hexctl.adapt.measurement import Answer, measured, not_walked
-from hexctl.adapt.objectives import INVALID_SCORE, score_of
+from hexctl.adapt.objectives import INVALID_SCORE, OBJECTIVES
 from hexctl.adapt.optimizer import Observation
 from hexctl.adapt.prior.samples import DISTANCE, FINAL, features_of
 from hexctl.adapt.session import Session, SessionSpec
@@ -38,8 +38,8 @@ def test_two_numbers_make_a_trial() -> None:
     assert (result.status, result.valid, result.distance_m) == ("ok", True, 4.0)
     assert result.deviation is not None
     assert (result.deviation.final, result.deviation.signed) == (0.12, -0.12)
-    assert score_of(result, "final") == 0.12
-    assert score_of(result, "progress") == pytest.approx(0.12 * result.ideal_distance_m / 4.0)
+    assert OBJECTIVES["final"](result) == 0.12
+    assert OBJECTIVES["progress"](result) == pytest.approx(0.12 * result.ideal_distance_m / 4.0)
     assert result.numbers()["deviation_m"] == {"final": 0.12, "signed": -0.12, "mean": None, "max": None}
     json.dumps(result.numbers(), allow_nan=False)
 
@@ -60,7 +60,7 @@ def test_only_the_end_is_learned_from() -> None:
 )
 def test_what_counts_for_nothing(result: TrialResult, status: str, stopped: str | None) -> None:
     assert (result.status, result.stopped, result.valid) == (status, stopped, False)
-    assert score_of(result, "final") == INVALID_SCORE
+    assert OBJECTIVES["final"](result) == INVALID_SCORE
     features_of(Observation.of(result), 30.0)
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import rerun as rr
 
-from hexctl.adapt.objectives import OBJECTIVES, score_of
+from hexctl.adapt.objectives import OBJECTIVES
 from hexctl.adapt.overview import make_overview, write_overview
 from hexctl.adapt.session import Session, TrialRecord
 from hexctl.control.result import TrialResult
@@ -20,7 +20,7 @@ def record(index: int, result: TrialResult, *, confirms: bool = False) -> TrialR
         index=index,
         code=index,
         slots=(1, 2, 3, 4, 5, 6),
-        score=score_of(result, "final"),
+        score=OBJECTIVES["final"](result),
         outcome=result.numbers(),
         path_m=np.round(result.path_m[::10], 4).tolist(),
         recording=None,

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hexctl.adapt import runner as walker_module
+from hexctl.adapt import runner as runner_module
 from hexctl.adapt.arena import Arena
 from hexctl.adapt.runner import ResetFreeRunner, RobotStoppedError, TrialRunner, await_ready
 from hexctl.adapt.session import SessionSpec
@@ -51,16 +51,16 @@ def plan_for(slots: Slots) -> TrialPlan:
     return replace(PLAN, gait=replace(PLAN.gait, slots=slots))
 
 
-def walker_of(servos: Guard, plan: TrialPlan = PLAN, **more: Any) -> ResetFreeRunner:
+def runner_of(servos: Guard, plan: TrialPlan = PLAN, **more: Any) -> ResetFreeRunner:
     spec = SessionSpec(backend="tests.adapt.staying:StayingSim", duration_s=plan.duration_s)
-    walker = TrialRunner(
+    runner = TrialRunner(
         spec=spec,
         robot=ROBOT,
         world=None,
         plan_for=lambda slots: replace(plan, gait=replace(plan.gait, slots=slots)),
         folder=None,
     )
-    return ResetFreeRunner(walker=walker, servos=servos, **more)
+    return ResetFreeRunner(runner=runner, servos=servos, **more)
 
 
 @pytest.fixture
@@ -96,11 +96,11 @@ def test_many_trials_of_good_and_bad_gaits_stay_in_the_arena(
         logs.append(log)
         return run_trial(servos, plan, log, **more)
 
-    monkeypatch.setattr(walker_module, "run_trial", watched)
-    walker, results = walker_of(robot, arena=ARENA), []
+    monkeypatch.setattr(runner_module, "run_trial", watched)
+    runner, results = runner_of(robot, arena=ARENA), []
     for index in range(1, 13):
         code = 10 * index
-        result, _ = walker.walk(index, code, SPACE.slots_of(code))
+        result = runner.walk(index, code, SPACE.slots_of(code)).result
         results.append(result)
         self_check(logs[-1], result)
     assert StayingSim.farthest_m < ARENA.radius_m + MARGIN_M
@@ -139,13 +139,13 @@ def self_check(log: TickLog, result: TrialResult) -> None:
 def test_a_walk_that_leaves_is_cut_short_and_the_next_one_aims_back(robot: Guard) -> None:
     """The arena is much smaller than the walk."""
     arena = Arena(home_m=(0.0, 0.0), radius_m=0.6)
-    walker = walker_of(robot, arena=arena)
-    first, _ = walker.walk(1, 17, SPACE.slots_of(17))
+    runner = runner_of(robot, arena=arena)
+    first = runner.walk(1, 17, SPACE.slots_of(17)).result
     assert (first.status, first.stopped, first.valid) == ("cut_short", "arena", False)
     assert 0 < first.duration_s < PLAN.duration_s
     edge_m = arena.distance_m(place_of(robot))
     assert 0.4 < edge_m < arena.radius_m + MARGIN_M
-    second, _ = walker.walk(2, 17, SPACE.slots_of(17))
+    second = runner.walk(2, 17, SPACE.slots_of(17)).result
     assert second.distance_m is not None
     assert second.distance_m > edge_m, "it came through the middle"
     assert StayingSim.farthest_m < arena.radius_m + MARGIN_M
@@ -154,25 +154,25 @@ def test_a_walk_that_leaves_is_cut_short_and_the_next_one_aims_back(robot: Guard
 @pytest.mark.parametrize("self_rotation", ["front", "none"])
 def test_other_self_rotations_stay_in_it_too(self_rotation: str, robot: Guard) -> None:
     plan = replace(PLAN, self_rotation=self_rotation, heading_rad=math.radians(20))
-    walker = walker_of(robot, plan, arena=ARENA)
+    runner = runner_of(robot, plan, arena=ARENA)
     for index in range(1, 5):
-        result, _ = walker.walk(index, 17, SPACE.slots_of(17))
+        result = runner.walk(index, 17, SPACE.slots_of(17)).result
         assert result.status != "fell"
     assert StayingSim.farthest_m < ARENA.radius_m + MARGIN_M
 
 
 def test_without_an_arena_every_trial_begins_where_the_last_ended(robot: Guard) -> None:
-    walker = walker_of(robot, replace(PLAN, duration_s=3.0))
+    runner = runner_of(robot, replace(PLAN, duration_s=3.0))
     places = []
     for index in (1, 2):
-        walker.walk(index, 17, SPACE.slots_of(17))
+        runner.walk(index, 17, SPACE.slots_of(17))
         places.append(place_of(robot))
     assert np.hypot(*(places[1] - places[0])[:2]) > 0.1
-    assert walker.servos.stopped is None
+    assert runner.servos.stopped is None
 
 
 def test_a_robot_left_behind_is_found_where_it_was(robot: Guard) -> None:
-    walker_of(robot, replace(PLAN, duration_s=3.0)).walk(1, 17, SPACE.slots_of(17))
+    runner_of(robot, replace(PLAN, duration_s=3.0)).walk(1, 17, SPACE.slots_of(17))
     before = place_of(robot)
     robot.close()
     with Guard(StayingSim(ROBOT)) as again:
@@ -208,7 +208,7 @@ def test_a_robot_that_lies_on_its_side_is_not_walked_and_not_scored() -> None:
     servos = PosedMock(ROBOT)
     servos.lean(85.0)
     with Guard(servos) as guard, pytest.raises(RobotStoppedError, match="stopped: fell") as raised:
-        walker_of(guard, arena=ARENA).walk(1, 17, SPACE.slots_of(17))
+        runner_of(guard, arena=ARENA).walk(1, 17, SPACE.slots_of(17))
     assert raised.value.reason == "fell"
     assert not servos.sent
 
@@ -216,19 +216,19 @@ def test_a_robot_that_lies_on_its_side_is_not_walked_and_not_scored() -> None:
 def test_a_fall_on_the_way_to_the_start_is_not_the_gaits_fault() -> None:
     servos = PosedMock(ROBOT)
     with FallsAfter(servos, 3.0) as guard:
-        result, recording = walker_of(guard, arena=ARENA).walk(1, 17, SPACE.slots_of(17))
-    assert (result.status, result.stopped, recording) == ("aborted", "fell", None)
+        walked = runner_of(guard, arena=ARENA).walk(1, 17, SPACE.slots_of(17))
+    assert (walked.result.status, walked.result.stopped, walked.recording) == ("aborted", "fell", None)
 
 
 def test_a_robot_that_sat_down_between_trials_is_stood_up_from_there() -> None:
     servos = PosedMock(ROBOT)
     with Guard(servos) as guard:
-        walker = walker_of(guard, replace(PLAN, duration_s=0.5, self_rotation="none"))
-        walker.walk(1, 17, SPACE.slots_of(17))
+        runner = runner_of(guard, replace(PLAN, duration_s=0.5, self_rotation="none"))
+        runner.walk(1, 17, SPACE.slots_of(17))
         sat_rad = ROBOT.stance_angles_rad + 0.4
         servos.joints_rad = sat_rad
         servos.sent.clear()
-        walker.walk(2, 17, SPACE.slots_of(17))
+        runner.walk(2, 17, SPACE.slots_of(17))
     steps = np.abs(servos.sent[0].positions_rad - sat_rad)
     assert steps.max() < 0.1, "the first command is near where the joints are"
 
@@ -237,7 +237,7 @@ def test_after_a_trial_silence_is_no_failure() -> None:
     """A person who measures takes longer than the guard's patience."""
     servos = PosedMock(ROBOT)
     with Guard(servos) as guard:
-        walker_of(guard, replace(PLAN, duration_s=0.5, self_rotation="none")).walk(1, 17, SPACE.slots_of(17))
+        runner_of(guard, replace(PLAN, duration_s=0.5, self_rotation="none")).walk(1, 17, SPACE.slots_of(17))
         assert not guard.expects_commands
         servos.time.sleep(60.0)
         guard.read()

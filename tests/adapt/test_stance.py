@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hexctl.adapt.runner import RobotStoppedError
-from hexctl.adapt.stance import sag_here_rad, simulated_sag_rad, stance_sag_rad
+from hexctl.adapt.stance import connected_deflection_rad, simulated_deflection_rad, stance_deflection_rad
 from hexctl.backends.clock import PERIOD_S
 from hexctl.backends.mock import MockServos
 from hexctl.backends.sim.world import SensorNoise, World
@@ -25,7 +25,7 @@ SAG_RAD = float(np.radians(1.0))
 
 
 def sag(world: World, seed: int = 0) -> FloatArray:
-    found = simulated_sag_rad(ROBOT, world, PLAN, seed)
+    found = simulated_deflection_rad(ROBOT, world, PLAN, seed)
     assert found is not None
     return found
 
@@ -45,7 +45,7 @@ def test_it_is_the_same_again_and_noise_of_the_sensors_is_averaged_out() -> None
 
 def test_a_robot_that_falls_says_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("hexctl.control.guard.FALL_COS_TILT", 2.0)
-    assert simulated_sag_rad(ROBOT, World(), PLAN, 0) is None
+    assert simulated_deflection_rad(ROBOT, World(), PLAN, 0) is None
 
 
 def test_a_robot_that_stays_says_what_a_simulation_says(
@@ -53,7 +53,7 @@ def test_a_robot_that_stays_says_what_a_simulation_says(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     with Guard(StayingSim(ROBOT)) as servos:
-        here = sag_here_rad(servos, PLAN)
+        here = connected_deflection_rad(servos, PLAN)
     assert here is not None
     np.testing.assert_allclose(here, sag(StayingSim.world), atol=1e-4)
 
@@ -61,13 +61,13 @@ def test_a_robot_that_stays_says_what_a_simulation_says(
 def test_a_robot_that_only_echoes_says_nothing_and_does_not_move() -> None:
     servos = MockServos(ROBOT, clock=FakeTime().clock())
     with Guard(servos) as guard:
-        assert stance_sag_rad(guard, PLAN) is None
+        assert stance_deflection_rad(guard, PLAN) is None
     assert not servos.sent
 
 
 def test_a_robot_that_is_stopped_meanwhile_waits_for_a_person() -> None:
     with FallsAfter(PosedMock(ROBOT), 0.5) as guard, pytest.raises(RobotStoppedError, match="stopped: fell"):
-        sag_here_rad(guard, PLAN)
+        connected_deflection_rad(guard, PLAN)
 
 
 class Slow(PosedMock):
@@ -92,7 +92,7 @@ def test_a_robot_that_moves_still_is_asked_again(speed_rad_s: float, stands: int
     servos = Slow(speed_rad_s)
     with Guard(servos) as guard:
         began_s = servos.time.now_s
-        sag_rad = stance_sag_rad(guard, PLAN)
+        sag_rad = stance_deflection_rad(guard, PLAN)
         took = (servos.time.now_s - began_s) / PLAN.settle_s
     if stands is None:
         assert sag_rad is None
@@ -116,7 +116,7 @@ def test_a_command_that_is_refused_once_is_no_reason_to_go_without() -> None:
             return super().write(targets)
 
     with Refusing(servos) as guard:
-        sag_rad = stance_sag_rad(guard, PLAN)
+        sag_rad = stance_deflection_rad(guard, PLAN)
         assert guard.refused
     assert sag_rad is not None
     np.testing.assert_allclose(sag_rad, SAG_RAD)
@@ -125,14 +125,14 @@ def test_a_command_that_is_refused_once_is_no_reason_to_go_without() -> None:
 def test_after_a_wish_to_stop_nothing_moves() -> None:
     servos = PosedMock(ROBOT)
     with Guard(servos) as guard:
-        assert stance_sag_rad(guard, PLAN, lambda: True) is None
+        assert stance_deflection_rad(guard, PLAN, lambda: True) is None
     assert not servos.sent
 
 
 def test_joints_that_say_what_they_are_told_are_not_measured() -> None:
     servos = PosedMock(ROBOT)
     with Guard(servos) as guard:
-        assert stance_sag_rad(guard, PLAN) is None
+        assert stance_deflection_rad(guard, PLAN) is None
     assert servos.sent
 
 
@@ -140,7 +140,7 @@ def test_afterwards_silence_is_no_failure() -> None:
     servos = PosedMock(ROBOT)
     servos.joints_rad = ROBOT.stance_angles_rad - SAG_RAD
     with Guard(servos) as guard:
-        assert sag_here_rad(guard, PLAN) is not None
+        assert connected_deflection_rad(guard, PLAN) is not None
         servos.time.sleep(60.0)
         guard.read()
         assert guard.stopped is None

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from hexctl.adapt.objectives import score_of
+from hexctl.adapt.objectives import OBJECTIVES
 from hexctl.adapt.session import Session, TrialRecord
 from hexctl.adapt.store import SessionStore, StoreError
 from hexctl.errors import InputError
@@ -27,7 +27,7 @@ def record(index: int, deviation_m: float = 0.2) -> TrialRecord:
         index=index,
         code=index,
         slots=(1, 2, 3, 4, 5, 6),
-        score=score_of(result, "final"),
+        score=OBJECTIVES["final"](result),
         outcome=result.numbers(),
         path_m=result.path_m[::10].tolist(),
         recording=None,

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
+from hexctl.adapt.runner import WalkedTrial
 from hexctl.adapt.session import SessionSpec
 from hexctl.control.result import Deviation, TrialResult
 from hexctl.control.trial import Enough
@@ -37,11 +38,11 @@ class Landscape:
         self.walked: list[int] = []
         self._cut_after = cut_after
 
-    def __call__(
-        self, index: int, code: int, slots: Slots, enough: Enough | None = None
-    ) -> tuple[TrialResult, Path | None]:
+    def __call__(self, index: int, code: int, slots: Slots, should_stop: Enough | None = None) -> WalkedTrial:
         if self._cut_after is not None and len(self.walked) >= self._cut_after:
-            return result_of(0.0, "aborted"), None
+            return WalkedTrial(result=result_of(0.0, "aborted"))
         self.walked.append(code)
         status = "no_progress" if code % 7 == 0 else "ok"
-        return result_of((code - 60.3) / 40, status), Path(f"trial-{index:03d}.rrd")
+        return WalkedTrial(
+            result=result_of((code - 60.3) / 40, status), recording=Path(f"trial-{index:03d}.rrd")
+        )

@@ -11,11 +11,12 @@ from typing import Any
 
 import pytest
 
-from hexctl.adapt.runner import TrialRunner
+from hexctl.adapt.runner import TrialRunner, WalkedTrial
 from hexctl.adapt.store import SessionStore
 from hexctl.cli.main import exit_code
+from hexctl.record.recording import Recording
 from hexctl.robot.configs import config_root
-from tests.adapt.walking import Landscape
+from tests.adapt.walking import Landscape, result_of
 
 PATIENCE_S = 90.0
 QUICK = ["adapt", "--failed-leg", "4", "--duration", "3", "--budget", "3", "--prior", "none"]
@@ -223,6 +224,51 @@ def test_another_objective_is_named(
         exit_code(["adapt", "--failed-leg", "5", "--no-record", "--budget", "1", "--objective", "max"]) == 0
     )
     assert "best by the objective max" in capsys.readouterr().out
+
+
+def test_no_valid_trial_is_no_success(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(TrialRunner, "walk", lambda *_: WalkedTrial(result=result_of(0.1, "fell")))
+    words = ["adapt", "--failed-leg", "5", "--no-record", "--prior", "none", "--budget", "2"]
+    outcome = run_json(capsys, *words, code=4)
+    assert (outcome["found"], outcome["best"], outcome["ended"]) == (False, None, "budget")
+    assert exit_code(words) == 4
+    assert "no valid trial yet: fell" in capsys.readouterr().out
+
+
+def test_an_objective_of_ones_own_is_found_again(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    Path("hexctl_test_scores.py").write_text(
+        'def sideways(result):\n    """Distance to the left."""\n    return result.deviation.signed\n'
+    )
+    monkeypatch.setattr(TrialRunner, "walk", lambda _, *trial: Landscape()(*trial))
+    mine = ["--objective", "hexctl_test_scores:sideways", "--optimizer", "random"]
+    begun = run_json(capsys, "adapt", "--failed-leg", "5", "--no-record", "--budget", "3", *mine)
+    assert (begun["objective"], begun["objective_label"]) == (mine[1], "Distance to the left")
+    resumed = run_json(capsys, "adapt", "--resume", begun["session"], "--no-record", "--budget", "6")
+    scores = [trial["score"] for trial in resumed["trials"] if trial["score"] is not None]
+    assert resumed["best"]["score"] == min(scores) < 0
+    assert exit_code(["sessions", "show", begun["session"]]) == 0
+    assert "best by the objective hexctl_test_scores:sideways" in capsys.readouterr().out
+
+
+def test_a_recording_that_fails_costs_no_trial_and_is_said(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def no_room(*_: Any) -> None:
+        raise OSError(28, "No space left on device")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Recording, "write_block", no_room)
+        assert exit_code(QUICK) == 3
+    printed = capsys.readouterr()
+    assert "trial 1 is done, its recording is not whole" in printed.err
+    assert "go on with: hexctl adapt --resume" in printed.err
+    (listed,) = run_json(capsys, "sessions", "list")
+    assert listed["trials"] == 1
+    assert len(run_json(capsys, "adapt", "--resume", listed["session"])["trials"]) == 3
 
 
 def test_a_session_is_not_continued_with_another_robot(capsys: pytest.CaptureFixture[str]) -> None:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hexctl.adapt.objectives import INVALID_SCORE, OBJECTIVES, score_of
+from hexctl.adapt.objectives import INVALID_SCORE, OBJECTIVES
 from hexctl.backends.mock import MockServos
 from hexctl.backends.sim.servos import SimServos
 from hexctl.backends.sim.world import World
@@ -83,7 +83,7 @@ def test_a_walk_cut_short_is_never_valid_however_straight() -> None:
     cut, _ = _walk(30.0, Asked(after_ticks=50))
     assert cut.status in STATUSES
     assert not cut.valid
-    assert {score_of(cut, objective) for objective in OBJECTIVES} == {INVALID_SCORE}
+    assert {objective(cut) for objective in OBJECTIVES.values()} == {INVALID_SCORE}
 
 
 def test_a_walk_cut_short_that_got_nowhere_was_still_cut_short() -> None:

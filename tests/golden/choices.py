@@ -65,7 +65,7 @@ def believed(robot_name: str, leg: int, seed: int, stance: bool, trials: int = 1
     codes, expected_m = [], []
     for _ in range(trials):
         (code,) = search.ask(1)
-        expected = search.expect(code)
+        expected = search.predict(code)
         assert expected is not None
         codes.append(code)
         expected_m.append([expected.signed_m, expected.sd_m])

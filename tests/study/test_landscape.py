@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hexctl.adapt.objectives import INVALID_SCORE, score_of
+from hexctl.adapt.objectives import INVALID_SCORE, OBJECTIVES
 from hexctl.backends.sim.world import World
 from hexctl.control.batch import SimTrial, run_sim_trial, run_sim_trials
 from hexctl.control.guard import Guard
@@ -66,7 +66,7 @@ def test_scores_are_those_that_an_optimizer_is_told() -> None:
     asked = spec(2, "none", 6.0, CODES)
     landscape = with_rows(empty_landscape(asked), simulate_chunk(Chunk(spec=asked, codes=CODES)).rows)
     results = [run_sim_trial(asked.trial(code)) for code in CODES]
-    assert landscape.scores.tolist() == [score_of(result, "final") for result in results]
+    assert landscape.scores.tolist() == [OBJECTIVES["final"](result) for result in results]
 
 
 def test_invalid_gaits_are_behind_all_others_and_never_the_best() -> None:

@@ -220,13 +220,13 @@ def _sources(robot: Robot, self_rotation: str, legs: tuple[int, ...], leg: int) 
     ]
 
 
-def features_of(shown: Observation, duration_s: float) -> FloatArray:
+def features_of(observation: Observation, duration_s: float) -> FloatArray:
     """Return what a walk of a planned duration showed, (N_FEATURES,), NaN for what it did not."""
-    if shown.status == "diverged":
+    if observation.status == "diverged":
         return np.full(N_FEATURES, np.nan)  # where it went is the solver's business
     times_s = duration_s * np.arange(1, CHECKPOINTS + 1) / CHECKPOINTS
-    rows = shown.at(times_s)
-    yaw_rad = shown.yaw_change_rad if shown.finished else None
+    rows = observation.at(times_s)
+    yaw_rad = observation.yaw_change_rad if observation.finished else None
     return np.concatenate([rows[:, 1], rows[PROGRESS_AT, 0], [np.nan if yaw_rad is None else yaw_rad]])
 
 

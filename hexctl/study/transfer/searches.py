@@ -57,14 +57,14 @@ def run_course(
     """
     search = _search(plan, landscape, optimizer, run, samples)
     if sag_rad is not None and isinstance(search, Bayes):
-        search.stood(sag_rad)
+        search.observe_stance(sag_rad)
     codes: list[int] = []
     bests, walked, held = [], [], []
     best_m, walked_s = float(landscape.final_m[landscape.valid].max()), 0.0
     while len(codes) < plan.budget and not search.finished and not search.exhausted:
         (code,) = search.ask(1)
-        expected = search.expect(code)
-        shown = walk_of(landscape, code, search.enough(code) if optimizer == EARLY else None)
+        expected = search.predict(code)
+        shown = walk_of(landscape, code, search.early_stopping(code) if optimizer == EARLY else None)
         row = landscape.row_of(code)
         if expected is not None and code not in codes and shown.finished:
             held.append(expected.holds(float(landscape.number("signed_m")[row])))
