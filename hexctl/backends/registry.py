@@ -8,8 +8,10 @@ from typing import TYPE_CHECKING
 from hexctl.backends.base import LegServos
 from hexctl.errors import InputError, MissingExtraError
 from hexctl.robot.failure import Failure
+from hexctl.robot.loader import RobotFile
 from hexctl.robot.model import Robot
 from hexctl.robot.plugins import module_here
+from hexctl.robot.servo_map import ServoMap, default_servo_map
 
 if TYPE_CHECKING:
     from hexctl.backends.sim.world import World
@@ -26,7 +28,8 @@ class BackendOptions:
         seed: of everything random in a simulation.
         trial: number of the trial, which has sensor noise of its own.
         realtime: pace a simulation with the wall clock.
-        robot_file: name or path that the robot was loaded from; the servo map of `mavlink` is in it.
+        robot_file: the file that the robot was loaded from, with the servo map of a real one; None for a
+            robot that is not from a file.
         connect: where the robot is: a Zenoh endpoint, or a MAVLink port; None for the backend's default.
         credentials: folder with the certificates of a link beyond loopback, or None.
         insecure: True to let a link beyond loopback do without.
@@ -39,11 +42,16 @@ class BackendOptions:
     seed: int = 0
     trial: int = 0
     realtime: bool = False
-    robot_file: str = "ant"
+    robot_file: RobotFile | None = None
     connect: str | None = None
     credentials: Path | None = None
     insecure: bool = False
     link: str | None = None
+
+    @property
+    def servo_map(self) -> ServoMap:
+        """The servo map of the robot file's section `servos`, or the default of a robot without a file."""
+        return default_servo_map() if self.robot_file is None else self.robot_file.servo_map
 
 
 def make_servos(name: str, options: BackendOptions) -> LegServos:
@@ -100,13 +108,11 @@ def _mavlink(options: BackendOptions) -> LegServos:
     from hexctl.backends.mavlink.client import MavlinkServos
     from hexctl.backends.mavlink.codec import read_signing_key
     from hexctl.backends.mavlink.transport import DEFAULT_PORT, check_guarded, parse_port
-    from hexctl.robot.servo_map import load_servo_map
 
     port, signing_key = options.connect or DEFAULT_PORT, read_signing_key(options.credentials)
     signed = signing_key is not None
     check_guarded(parse_port(port), option="port", text=port, signed=signed, insecure=options.insecure)
-    servo_map = load_servo_map(options.robot_file)
-    return MavlinkServos(options.robot, servo_map=servo_map, port=port, signing_key=signing_key)
+    return MavlinkServos(options.robot, servo_map=options.servo_map, port=port, signing_key=signing_key)
 
 
 def _own(name: str, options: BackendOptions) -> LegServos:

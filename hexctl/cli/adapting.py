@@ -44,8 +44,7 @@ from hexctl.gait.encoding import Slots
 from hexctl.gait.gait import make_gait
 from hexctl.record.live import LiveView
 from hexctl.robot.failure import parse_failure
-from hexctl.robot.loader import load_robot
-from hexctl.robot.meshes import load_meshes
+from hexctl.robot.loader import load_meshes, load_robot
 from hexctl.robot.model import Robot
 
 MAX_BUDGET = 100_000

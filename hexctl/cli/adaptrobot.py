@@ -24,6 +24,7 @@ from hexctl.control.result import progress_floor_m
 from hexctl.control.trial import StopRequested
 from hexctl.errors import HexctlError, InputError, RobotFaultError
 from hexctl.gait.gait import ideal_speed_m_s
+from hexctl.robot.loader import load_robot_file
 from hexctl.robot.model import Robot
 
 #: Backends with a link that options describe.
@@ -95,7 +96,7 @@ def connected(spec: SessionSpec, robot: Robot, plan: TrialPlan) -> Iterator[Guar
         robot=robot,
         failure=plan.failure,
         seed=spec.seed,
-        robot_file=spec.robot,
+        robot_file=load_robot_file(spec.robot),
         connect=spec.connect,
         credentials=Path(spec.credentials) if spec.credentials is not None else None,
         insecure=spec.insecure,

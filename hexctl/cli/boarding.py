@@ -19,7 +19,6 @@ from hexctl.backends.registry import make_servos
 from hexctl.cli.console import DONE, StopOnInterrupt, print_note, print_result
 from hexctl.cli.twin import Twin
 from hexctl.errors import InputError
-from hexctl.robot.servo_map import load_servo_map
 from hexctl.serve.servo_board import ServoBoard
 
 BACKENDS = ("sim", "mock")
@@ -45,8 +44,9 @@ def execute(request: BoardRequest) -> int:
     """Be a board as requested until interrupted, and return the exit code."""
     address = _check(request)
     key = read_signing_key(request.keys)
-    servo_map = load_servo_map(request.twin.robot)
-    servos = make_servos(request.twin.backend, request.twin.options())
+    options = request.twin.options()
+    servo_map = options.servo_map
+    servos = make_servos(request.twin.backend, options)
     port, place = _open(request, address)
     board = ServoBoard(
         servos,

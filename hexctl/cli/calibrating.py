@@ -12,7 +12,7 @@ from hexctl.cli.console import DONE, INTERRUPTED, StopOnInterrupt
 from hexctl.control.guard import MAX_EXPIRY_S, Guard
 from hexctl.errors import InputError
 from hexctl.robot.configs import find_config
-from hexctl.robot.loader import load_robot
+from hexctl.robot.loader import load_robot_file
 from hexctl.robot.model import Robot
 from hexctl.robot.servo_map import (
     ServoMap,
@@ -20,7 +20,6 @@ from hexctl.robot.servo_map import (
     check_writable,
     flipped,
     limited,
-    load_servo_map,
     reference_deg,
     referenced,
     taken_over,
@@ -62,7 +61,8 @@ def execute(
     """Calibrate as requested and return the exit code."""
     path = find_config("robots", robot_name)
     check_writable(path)
-    robot, servo_map = load_robot(path), load_servo_map(path)
+    file = load_robot_file(path)
+    robot, servo_map = file.robot, file.servo_map
     chosen = chosen_joints(joints)
     port, signing_key = connect or DEFAULT_PORT, read_signing_key(keys)
     signed = signing_key is not None

@@ -55,15 +55,12 @@ def check(
     from hexctl.control.feasibility import gait_demand
     from hexctl.errors import InputError
     from hexctl.gait.gait import make_gait
-    from hexctl.robot.loader import load_robot
-    from hexctl.robot.meshes import load_meshes
-    from hexctl.robot.servo_map import load_servo_map
+    from hexctl.robot.loader import load_robot_file
 
     if robot_name is not None and robot is not None and robot_name != robot:
         raise InputError(f"check: got robots {robot_name} and {robot}; allowed: one")
-    described = load_robot(robot_name or robot or "ant")
-    servo_map = load_servo_map(robot_name or robot or "ant")
-    meshes = load_meshes(robot_name or robot or "ant")
+    file = load_robot_file(robot_name or robot or "ant")
+    described, servo_map, meshes = file.robot, file.servo_map, file.meshes
     walked = make_gait(described, gait, pace_hz=pace, amplitude=amplitude, height=height)
     headings = range(0, 360, 15) if heading is None else [heading]
     motions = _motions(headings, turn or 0.0, in_place=turn is not None and heading is None)

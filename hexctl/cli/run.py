@@ -86,10 +86,10 @@ def run(
     from hexctl.cli.walking import Request, execute
     from hexctl.control.plan import TrialPlan
     from hexctl.gait.gait import make_gait
-    from hexctl.robot.loader import load_robot
-    from hexctl.robot.meshes import load_meshes
+    from hexctl.robot.loader import load_robot_file
 
-    described = load_robot(robot)
+    file = load_robot_file(robot)
+    described = file.robot
     failed = failure_of(failed_leg, failure)
     in_place = turn is not None and heading is None
     plan = TrialPlan(
@@ -119,8 +119,8 @@ def run(
         no_record=no_record,
         view=view,
         seed=seed,
-        robot_file=robot,
-        meshes={} if no_record else load_meshes(robot),
+        robot_file=file,
+        meshes={} if no_record else file.meshes,
         connect=connect,
         credentials=keys,
         insecure=insecure,

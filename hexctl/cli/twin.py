@@ -8,7 +8,7 @@ from hexctl.backends.registry import BackendOptions
 from hexctl.cli.options import failure_of
 from hexctl.errors import InputError
 from hexctl.robot.failure import Failure
-from hexctl.robot.loader import load_robot
+from hexctl.robot.loader import load_robot_file
 
 if TYPE_CHECKING:
     from hexctl.backends.sim.world import World
@@ -56,13 +56,14 @@ class Twin:
 
     def options(self) -> BackendOptions:
         """Return what its backend is made with: in real time, from the robot's file."""
+        file = load_robot_file(self.robot)
         return BackendOptions(
-            robot=load_robot(self.robot),
+            robot=file.robot,
             world=self._world(),
             failure=failure_of(self.failed_leg, self.failure),
             seed=self.seed,
             realtime=True,
-            robot_file=self.robot,
+            robot_file=file,
         )
 
     def words(self) -> dict[str, str] | None:

@@ -34,6 +34,7 @@ from hexctl.errors import (
     RobotFaultError,
 )
 from hexctl.record.rrd import probe_file
+from hexctl.robot.loader import RobotFile
 from hexctl.robot.meshes import Meshes
 from hexctl.robot.model import Robot
 
@@ -63,7 +64,7 @@ class Request:
     no_record: bool
     view: bool
     seed: int
-    robot_file: str
+    robot_file: RobotFile
     meshes: Meshes
     connect: str | None
     credentials: Path | None
@@ -261,7 +262,7 @@ def _open_live(request: Request, world: World) -> "LiveView | None":
         return None
     title = f"{request.robot.name} {request.gait_text}"
     floor = _floor(request, world)
-    live.begin(request.robot, request.plan, title=title, floor=floor, looks=request.robot_file)
+    live.begin(request.robot, request.plan, title=title, floor=floor, looks=str(request.robot_file.path))
     return live
 
 

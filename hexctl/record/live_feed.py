@@ -18,7 +18,8 @@ from hexctl.record.rrd import load_rerun
 from hexctl.record.scene import LEVEL, send_scene
 from hexctl.record.tracks import BlockWriter
 from hexctl.record.viewer import LOCAL
-from hexctl.robot.meshes import Meshes, load_meshes
+from hexctl.robot.loader import load_meshes
+from hexctl.robot.meshes import Meshes
 
 #: How long a viewer may take to open its window.
 VIEWER_PATIENCE_S = 30.0

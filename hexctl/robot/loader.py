@@ -1,28 +1,87 @@
-"""Loading of robot files: one YAML gives one frozen `Robot`, or a refusal of one line."""
+"""Robot files: one YAML, parsed once, gives a frozen `Robot`, its servo map and its meshes.
+
+What is wrong with a file is told in one line: file, key, value got, what is allowed.
+"""
 
 import math
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 
 from hexctl.errors import InputError
 from hexctl.robot.configs import find_config, read_mapping, validate
+from hexctl.robot.meshes import Meshes, read_meshes
 from hexctl.robot.model import Body, GaitDefaults, Robot, ServoModel, stance_angles
 from hexctl.robot.schema import LinkSection, MountSection, RobotSchema
+from hexctl.robot.servo_map import ServoMap, servo_map_of
 from hexctl.types import JOINT_NAMES, N_LEGS, FloatArray
 
 
-def load_robot(name_or_path: str | Path = "ant") -> Robot:
-    """Return the robot of a shipped name (`ant`, `phantomx`, `pexod`) or of a YAML file.
+@dataclass(frozen=True)
+class RobotFile:
+    """A robot file, parsed once.
+
+    The servo map and the meshes are no part of the robot, and not every caller needs them: each is made,
+    and refused, when it is first asked for.
+
+    Attributes:
+        path: the YAML file.
+        robot: the robot that it describes.
+        content: what it says, key by key.
+    """
+
+    path: Path
+    robot: Robot
+    content: RobotSchema
+
+    @cached_property
+    def servo_map(self) -> ServoMap:
+        """The servo map of the section `servos`, or the default where there is none.
+
+        Raises InputError for channels or limits that no board can have.
+        """
+        try:
+            return servo_map_of(self.content.servos)
+        except InputError as error:
+            raise InputError(f"{self.path}: {error}") from error
+
+    @cached_property
+    def meshes(self) -> Meshes:
+        """The meshes of the section `meshes`, read from files whose names are relative to the robot file.
+
+        Raises InputError for a mesh that is missing or broken.
+        """
+        return read_meshes(self.content.meshes, self.path)
+
+
+def load_robot_file(name_or_path: str | Path = "ant") -> RobotFile:
+    """Robot file of a shipped name (`ant`, `phantomx`, `pexod`) or of a path.
 
     Raises InputError that says file, key, value and what is allowed.
     """
     path = find_config("robots", name_or_path)
-    schema = validate(RobotSchema, read_mapping(path), path)
+    content = validate(RobotSchema, read_mapping(path), path)
     try:
-        return _build(schema)
+        return RobotFile(path, _build(content), content)
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
+
+
+def load_robot(name_or_path: str | Path = "ant") -> Robot:
+    """Robot of a robot file, by shipped name or path; raises what `load_robot_file` raises."""
+    return load_robot_file(name_or_path).robot
+
+
+def load_servo_map(name_or_path: str | Path = "ant") -> ServoMap:
+    """Servo map of a robot file, by shipped name or path; raises what `RobotFile.servo_map` raises too."""
+    return load_robot_file(name_or_path).servo_map
+
+
+def load_meshes(name_or_path: str | Path = "ant") -> Meshes:
+    """Meshes of a robot file, by shipped name or path; raises what `RobotFile.meshes` raises too."""
+    return load_robot_file(name_or_path).meshes
 
 
 def _build(schema: RobotSchema) -> Robot:

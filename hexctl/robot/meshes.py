@@ -12,8 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from hexctl.errors import InputError
-from hexctl.robot.configs import find_config, read_mapping, validate
-from hexctl.robot.schema import MeshSection, RobotSchema
+from hexctl.robot.schema import MeshesSection, MeshSection
 from hexctl.types import JOINT_KINDS, ArrayFields, FloatArray
 
 #: What can have a mesh.
@@ -52,18 +51,16 @@ class PartMesh(ArrayFields):
 Meshes = Mapping[str, PartMesh]
 
 
-def load_meshes(name_or_path: str | Path = "ant") -> Meshes:
-    """Return the meshes of a robot file, by shipped name or path; files are relative to it.
+def read_meshes(section: MeshesSection, robot_file: Path) -> Meshes:
+    """Meshes that a section of a robot file names; their files are relative to it.
 
-    Raises InputError that says file, key, value and what is allowed, also for a mesh missing or broken.
+    Raises InputError that says file, key and what is wrong, for a mesh that is missing or broken.
     """
-    path = find_config("robots", name_or_path)
-    section = validate(RobotSchema, read_mapping(path), path).meshes
     parts = {part: getattr(section, part) for part in PARTS}
-    return {part: _load(path, part, mesh) for part, mesh in parts.items() if mesh is not None}
+    return {part: _read(robot_file, part, mesh) for part, mesh in parts.items() if mesh is not None}
 
 
-def _load(robot_file: Path, part: str, section: MeshSection) -> PartMesh:
+def _read(robot_file: Path, part: str, section: MeshSection) -> PartMesh:
     file = robot_file.parent / section.file
     try:
         content = file.read_bytes()

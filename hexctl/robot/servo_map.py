@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from hexctl.errors import InputError
 from hexctl.files import replacing
-from hexctl.robot.configs import config_root, find_config, read_mapping, validate
+from hexctl.robot.configs import config_root, read_mapping, validate
 from hexctl.robot.model import Robot
 from hexctl.robot.schema import JointServoSection, RobotSchema, ServosSection
 from hexctl.types import (
@@ -105,19 +105,6 @@ class ServoMap(ArrayFields):
 def default_servo_map() -> ServoMap:
     """Return the map of a robot file without a `servos:` section: channel = joint number, no offsets."""
     return servo_map_of(ServosSection())
-
-
-def load_servo_map(name_or_path: str | Path = "ant") -> ServoMap:
-    """Return the servo map of a robot file, by shipped name or path.
-
-    Raises InputError that says file, key, value and what is allowed.
-    """
-    path = find_config("robots", name_or_path)
-    schema = validate(RobotSchema, read_mapping(path), path)
-    try:
-        return servo_map_of(schema.servos)
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from error
 
 
 def servo_map_of(section: ServosSection) -> ServoMap:

@@ -12,7 +12,7 @@ import yaml
 
 from hexctl.backends.sim.world import World
 from hexctl.cli.main import exit_code
-from hexctl.robot.meshes import load_meshes
+from hexctl.robot.loader import load_meshes
 from hexctl.robot.schema import MountSection, RobotSchema
 from hexctl.wire.links import load_link
 from tests.docs.pages import PAGES, ROOT, blocks, save_programs

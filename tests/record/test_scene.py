@@ -9,7 +9,7 @@ from hexctl.record import paths, style
 from hexctl.record.recording import Recording
 from hexctl.record.scene import MAX_VERTICES, make_floor_mesh
 from hexctl.robot.failure import Failure
-from hexctl.robot.meshes import load_meshes
+from hexctl.robot.loader import load_meshes
 from tests.record.conftest import ReadBack, make_plan
 from tests.robot.meshmaking import glb_box, stl_box
 from tests.robots import edited_file, put, shipped

@@ -9,7 +9,8 @@ import pytest
 
 from hexctl.errors import InputError, WrongTypeError
 from hexctl.ik.legs import solve_legs
-from hexctl.robot.loader import load_robot
+from hexctl.robot.loader import load_robot, load_robot_file
+from tests.robot.meshmaking import stl_box
 from tests.robots import ROBOT_NAMES, Content, Edit, drop, edited_file, put, shipped
 
 
@@ -102,6 +103,35 @@ def test_a_path_without_a_suffix_or_with_one_both_work(tmp_path: Path) -> None:
     plain.write_bytes(path.read_bytes())
     assert load_robot(str(path)).name == "mine"
     assert load_robot(plain).name == "mine"
+
+
+def test_one_parse_gives_robot_servo_map_and_meshes(tmp_path: Path) -> None:
+    (tmp_path / "box.stl").write_bytes(stl_box())
+    path = edited_file(
+        tmp_path,
+        put("servos", {"leg1_coxa": {"offset_deg": 12}}),
+        put("meshes", {"body": {"file": "box.stl"}}),
+    )
+    file = load_robot_file(path)
+    assert file.path == path
+    path.write_text("changed since", encoding="utf-8")
+    assert file.robot == shipped()
+    assert file.servo_map.offsets_deg[0] == 12
+    assert file.meshes["body"].content == stl_box()
+
+
+def test_who_needs_neither_servo_map_nor_meshes_is_not_stopped_by_them(tmp_path: Path) -> None:
+    path = edited_file(
+        tmp_path,
+        put("servos", {"leg1_coxa": {"channel": 2}}),
+        put("meshes", {"body": {"file": "missing.stl"}}),
+    )
+    file = load_robot_file(path)
+    assert file.robot == shipped()
+    with pytest.raises(InputError, match=r"robot.yaml: servos: got channel 2 for leg1_coxa and leg1_femur"):
+        _ = file.servo_map
+    with pytest.raises(InputError, match=r"robot.yaml: meshes.body.file: .*missing.stl cannot be read"):
+        _ = file.meshes
 
 
 def _reversed_legs(content: Content) -> None:

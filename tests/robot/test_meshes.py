@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from hexctl.errors import InputError
-from hexctl.robot.loader import load_robot
-from hexctl.robot.meshes import load_meshes
+from hexctl.robot.loader import load_meshes, load_robot
 from tests.robot.meshmaking import MAKERS, glb_box, stl_box
 from tests.robots import ROBOT_NAMES, edited_file, put, shipped
 

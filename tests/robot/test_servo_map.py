@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from hexctl.errors import InputError
 from hexctl.robot.configs import config_root
-from hexctl.robot.loader import load_robot
+from hexctl.robot.loader import load_robot, load_servo_map
 from hexctl.robot.servo_map import (
     DEFAULT_MAX_US,
     DEFAULT_MIN_US,
@@ -22,7 +22,6 @@ from hexctl.robot.servo_map import (
     flipped,
     joints_beyond_pulses,
     limited,
-    load_servo_map,
     reference_deg,
     referenced,
     taken_over,

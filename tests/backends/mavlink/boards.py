@@ -20,7 +20,8 @@ import numpy as np
 from hexctl.backends.clock import WallClock
 from hexctl.backends.mavlink import messages
 from hexctl.backends.mavlink.codec import Codec, Frame
-from hexctl.robot.servo_map import ServoMap, load_servo_map
+from hexctl.robot.loader import load_servo_map
+from hexctl.robot.servo_map import ServoMap
 from hexctl.serve import board_telemetry
 from hexctl.types import FloatArray
 from tests.robots import edited_file, put, shipped

@@ -18,7 +18,7 @@ from hexctl.backends.registry import BackendOptions, make_servos
 from hexctl.cli.main import exit_code
 from hexctl.control.guard import Guard
 from hexctl.errors import EStopError, InputError, RobotFaultError
-from hexctl.robot.servo_map import load_servo_map
+from hexctl.robot.loader import load_robot_file, load_servo_map
 from hexctl.serve import board_telemetry
 from hexctl.testing.servos import LegServosConformance, check_state, move
 from hexctl.types import JointTargets, RobotState
@@ -405,7 +405,7 @@ def test_it_looks_for_a_board_on_this_computer_unless_told_otherwise() -> None:
 
 def test_the_servo_map_comes_from_the_robot_file(tmp_path: Path) -> None:
     path = fitting_file(tmp_path, {"leg1_coxa": {"sign": -1}})
-    assert made(robot_file=str(path)).servo_map.signs[0] == -1
+    assert made(robot_file=load_robot_file(path)).servo_map.signs[0] == -1
 
 
 def test_the_key_comes_from_the_folder_of_keys(tmp_path: Path) -> None:

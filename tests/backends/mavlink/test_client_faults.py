@@ -19,7 +19,7 @@ from hexctl.backends.mavlink.client import MavlinkServos
 from hexctl.backends.mavlink.codec import Codec
 from hexctl.control.guard import Guard
 from hexctl.errors import HexctlError, RobotFaultError
-from hexctl.robot.servo_map import load_servo_map
+from hexctl.robot.loader import load_servo_map
 from hexctl.types import JointTargets
 from tests.backends.mavlink.boards import PATIENCE_S, BoardProcess, board, eventually, fitting_file
 from tests.backends.mavlink.test_codec import override_frame, valid_frame
