@@ -1,29 +1,40 @@
-"""The colour of a deviation: bright is straight. Told apart by every kind of eye (after viridis)."""
+"""Colours that mean the same in the viewer and in the reports: green is straight, crimson is far off.
+
+Each colour of the scale is readable on white paper and on the viewer's dark background, and its luminance
+falls with the deviation, so that the order survives colour blindness and grey print.
+"""
+
+import math
 
 import numpy as np
 
 Color = tuple[int, int, int]
 
-#: Deviation in m, and its colour; in between they blend, beyond the last it stays.
+#: Deviation at the end of a walk in m, and its colour. Between them colours blend over the logarithm of the
+#: deviation; beyond the ends they stay.
 SCALE: tuple[tuple[float, Color], ...] = (
-    (0.0, (253, 231, 37)),
-    (0.1, (160, 218, 57)),
-    (0.25, (53, 183, 121)),
-    (0.5, (38, 140, 142)),
-    (1.0, (82, 112, 190)),
-    (1.5, (136, 84, 178)),
+    (0.01, (0, 160, 110)),
+    (0.025, (0, 150, 150)),
+    (0.1, (0, 138, 180)),
+    (0.3, (100, 105, 215)),
+    (1.0, (170, 70, 180)),
+    (3.0, (200, 50, 110)),
 )
 
-#: The marks of the legend, in m.
+#: The deviations that a legend names, in m.
 LEGEND_M = tuple(mark for mark, _ in SCALE)
 
+#: A trial that does not count, the line of travel, and the best so far (on a dark background only).
 INVALID_COLOR: Color = (120, 120, 124)
+LINE_COLOR: Color = (100, 155, 250)
 BEST_COLOR: Color = (255, 255, 255)
+
+#: Background of every view of the viewer, whatever its theme, and what is written and ruled on it.
+BACKGROUND: Color = (24, 28, 36)
 TEXT_COLOR: Color = (170, 180, 194)
-LINE_COLOR: Color = (120, 170, 255)
 AXIS_COLOR: Color = (46, 53, 65)
 
-#: Target bands: half width in m, colour, and name; the widest is drawn first.
+#: Target bands: half width in m, colour on the dark background, and name; the widest is drawn first.
 TARGET_BANDS: tuple[tuple[float, Color, str], ...] = (
     (0.10, (38, 58, 62), "±10 cm"),
     (0.025, (50, 92, 88), "±2.5 cm"),
@@ -31,11 +42,23 @@ TARGET_BANDS: tuple[tuple[float, Color, str], ...] = (
 
 
 def deviation_color(deviation_m: float | None, *, valid: bool) -> Color:
-    """Return the colour of a trial that ended so far off the line, on either side."""
-    if not valid or deviation_m is None or not np.isfinite(deviation_m):
+    """Colour of a trial by its deviation at the end, on either side; grey when invalid or unknown."""
+    if not valid or deviation_m is None or not math.isfinite(deviation_m):
         return INVALID_COLOR
-    off_m = abs(deviation_m)
+    place = np.log(max(abs(deviation_m), LEGEND_M[0]))
     red, green, blue = (
-        round(np.interp(off_m, LEGEND_M, [color[channel] for _, color in SCALE])) for channel in range(3)
+        round(np.interp(place, np.log(LEGEND_M), [color[channel] for _, color in SCALE]))
+        for channel in range(3)
     )
     return red, green, blue
+
+
+def scale_stops() -> list[tuple[float, str]]:
+    """Stops of the scale for a colour map: place 0..1 on the logarithm of the deviation, and colour."""
+    low, high = math.log(LEGEND_M[0]), math.log(LEGEND_M[-1])
+    return [((math.log(mark) - low) / (high - low), hex_color(color)) for mark, color in SCALE]
+
+
+def hex_color(color: Color) -> str:
+    """Colour as #rrggbb."""
+    return "#{:02x}{:02x}{:02x}".format(*color)

@@ -7,6 +7,7 @@ import numpy as np
 
 from hexctl.backends.sim.terrain import Floor
 from hexctl.control.plan import TrialPlan
+from hexctl.palette import BACKGROUND
 from hexctl.record import paths, style
 from hexctl.record.rrd import load_rerun
 from hexctl.robot.model import Robot
@@ -49,7 +50,7 @@ def scene_view(robot: Robot, plan: TrialPlan, floor: Floor) -> Any:
     return rrb.Spatial3DView(
         origin=paths.WORLD,
         name="robot",
-        background=[*style.BACKGROUND],
+        background=[*BACKGROUND],
         line_grid=rrb.LineGrid3D(
             visible=floor.heights_m is None,
             spacing=0.1,
@@ -117,7 +118,16 @@ def _events_view() -> Any:
 def _plot(origin: str, name: str, **more: Any) -> Any:
     import rerun.blueprint as rrb
 
-    return rrb.TimeSeriesView(origin=origin, name=name, axis_x=_linked(), **more)
+    return rrb.TimeSeriesView(
+        origin=origin, name=name, axis_x=_linked(), background=plot_background(), **more
+    )
+
+
+def plot_background() -> Any:
+    """Background of a plot: dark, as the colours of the series need it, whatever the viewer's theme."""
+    import rerun.blueprint as rrb
+
+    return rrb.archetypes.PlotBackground(color=[*BACKGROUND])
 
 
 def _linked() -> Any:

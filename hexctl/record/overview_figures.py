@@ -11,6 +11,7 @@ from hexctl.errors import HexctlError, InputError, RecordingError
 from hexctl.files import replacing
 from hexctl.palette import (
     AXIS_COLOR,
+    BACKGROUND,
     BEST_COLOR,
     INVALID_COLOR,
     LEGEND_M,
@@ -19,7 +20,7 @@ from hexctl.palette import (
     TEXT_COLOR,
     deviation_color,
 )
-from hexctl.record import style
+from hexctl.record.blueprint import plot_background
 from hexctl.record.overview import Overview, OverviewTrial, deviation_text, make_table
 from hexctl.record.rrd import check_whole, create_file, flush, load_rerun
 from hexctl.types import FloatArray
@@ -143,7 +144,7 @@ def _send_legend(stream: Any, overview: Overview) -> None:
     dots = load_rerun().Points2D(picture(places), radii=[MARK], colors=colors, draw_order=MARK_ORDER)
     stream.log(LEGEND, dots, static=True)
     names = [f"{mark:g} m" for mark in LEGEND_M]
-    names[0], names[-1] = "deviation 0", f"{names[-1]} or more"
+    names[0], names[-1] = f"deviation ≤ {names[0]}", f"≥ {names[-1]}"
     _send_names(stream, f"{LEGEND}/names", list(zip(places, names, strict=True)))
 
 
@@ -288,7 +289,7 @@ def _above_view(overview: Overview) -> Any:
     return rrb.Spatial2DView(
         origin=ABOVE,
         name="trajectories from above (m)",
-        background=[*style.BACKGROUND],
+        background=[*BACKGROUND],
         visual_bounds=rrb.VisualBounds2D(x_range=[x_low, x_high], y_range=[top, bottom]),
         overrides={path: rrb.EntityBehavior(interactive=False) for path in SCENERY},
     )
@@ -305,6 +306,7 @@ def _curve_view(overview: Overview) -> Any:
         origin=CURVE,
         name=f"{overview.objective} ({overview.unit})" if overview.unit else overview.objective,
         plot_legend=rrb.Corner2D.RightTop,
+        background=plot_background(),
         axis_x=rrb.TimeAxis(
             view_range=rrb.TimeRange(
                 start=rrb.TimeRangeBoundary.absolute(seq=first - 1),

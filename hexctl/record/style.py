@@ -1,8 +1,9 @@
 """The colours of a recording, (red, green, blue), and the series of the plots."""
 
+from hexctl.palette import LINE_COLOR
+
 Color = tuple[int, ...]
 
-BACKGROUND = (24, 28, 36)
 GROUND_COLOR = (52, 60, 70)
 GRID_COLOR = (255, 255, 255, 26)
 BODY_COLOR = (58, 110, 165)
@@ -13,7 +14,7 @@ TOUCHING_COLOR = (64, 220, 120)
 LIFTED_COLOR = (96, 108, 124)
 UNFELT_COLOR = (206, 212, 220)
 TRAIL_COLOR = (255, 190, 40)
-COURSE_COLOR = (120, 170, 255)
+COURSE_COLOR = LINE_COLOR
 DEVIATION_COLOR = (255, 200, 60)
 MARGIN_COLOR = (90, 214, 140)
 

@@ -15,7 +15,7 @@ from pathlib import Path
 from threading import Thread
 from types import TracebackType
 from typing import Any, Self
-from urllib.parse import quote, unquote
+from urllib.parse import quote, unquote, urlencode
 
 from hexctl.errors import InputError, MissingExtraError, RecordingError
 
@@ -149,7 +149,7 @@ def web_options(port: int, web_port: int) -> list[str]:
 
 def web_url(port: int, web_port: int) -> str:
     """Return the address that shows what is served at two ports."""
-    return f"http://{LOCAL}:{web_port}/?url=rerun%2Bhttp%3A%2F%2F{LOCAL}%3A{port}%2Fproxy"
+    return _page(web_port, [f"rerun+http://{LOCAL}:{port}/proxy"])
 
 
 @contextmanager
@@ -173,12 +173,19 @@ def serve_web(web_port: int, urls: Sequence[str]) -> Iterator[WebViewer]:
         )
     except OSError as error:
         raise RecordingError(f"{command[0]}: the viewer does not start: {error.strerror}") from error
-    query = "&".join(f"url={quote(url, safe='')}" for url in urls)
     try:
-        yield WebViewer(f"{web_origin(web_port)}/?{query}", process)
+        yield WebViewer(_page(web_port, urls), process)
     finally:
         process.kill()
         process.wait()
+
+
+def _page(web_port: int, urls: Sequence[str]) -> str:
+    """Address of the viewer's page that shows what is at some URLs, in the dark theme.
+
+    Without a theme the page takes the browser's, and light lines are drawn on white.
+    """
+    return f"{web_origin(web_port)}/?{urlencode([('theme', 'dark'), *(('url', url) for url in urls)])}"
 
 
 def web_origin(web_port: int) -> str:

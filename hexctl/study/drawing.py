@@ -22,7 +22,6 @@ OPTIMIZER_COLORS = {
     "bayes-early": "#E69F00",
 }
 OTHER_COLORS = ("#B8860B", "#8C564B", "#7F3C8D")
-LINE_COLOR = "#B03A2E"
 
 #: Pixels per inch of the PNG files.
 DPI = 130

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from hexctl.palette import INVALID_COLOR, LEGEND_M, LINE_COLOR, hex_color, scale_stops
 from hexctl.study.claims import EARLY, EARLY_M, LATE, LATE_M, cm, ends, within
-from hexctl.study.drawing import LINE_COLOR, color_of, grid_of, label_axes, new_figure, save_figure
+from hexctl.study.drawing import color_of, grid_of, label_axes, new_figure, save_figure
 from hexctl.study.landscape import Landscape
 from hexctl.study.plan import BASELINE
 from hexctl.study.searches import Curve, Findings, Searches
@@ -17,10 +18,6 @@ from hexctl.types import FloatArray
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-#: Final deviations at the ends of the colour scale, in m.
-NEAR_M, FAR_M = 0.01, 3.0
-COLORS = "viridis"
 
 #: Width of a panel and of the colour bar, in inches.
 PANEL_IN, BAR_IN = 4.3, 1.0
@@ -103,19 +100,21 @@ def _draw_paths(
 ) -> Any:
     """Draw the paths of some rows, the best on top and invalid ones grey; return what a colour bar needs."""
     from matplotlib.collections import LineCollection
-    from matplotlib.colors import LogNorm
+    from matplotlib.colors import LinearSegmentedColormap, LogNorm
 
     ordered = np.argsort(-landscape.scores[rows], kind="stable")
     widths = np.broadcast_to(widths, rows.shape)[ordered]
     rows = rows[ordered]
     valid = landscape.valid[rows]
-    grey = LineCollection([_points(landscape, row) for row in rows[~valid]], colors="#BBBBBB", linewidths=0.5)
+    grey = LineCollection(
+        [_points(landscape, row) for row in rows[~valid]], colors=hex_color(INVALID_COLOR), linewidths=0.4
+    )
     panel.add_collection(grey)
     lines = LineCollection(
         [_points(landscape, row) for row in rows[valid]],
         array=landscape.final_m[rows][valid],
-        cmap=COLORS,
-        norm=LogNorm(NEAR_M, FAR_M),
+        cmap=LinearSegmentedColormap.from_list("deviation", scale_stops()),
+        norm=LogNorm(LEGEND_M[0], LEGEND_M[-1]),
         linewidths=widths[valid],
     )
     panel.add_collection(lines)
@@ -145,9 +144,7 @@ def _size_in(landscapes: list[Landscape], rows: int, columns: int) -> tuple[floa
 def _add_bar(figure: "Figure", panels: "list[Axes]", lines: Any) -> None:
     bar = figure.colorbar(lines, ax=panels, shrink=0.8, pad=0.01, extend="both")
     bar.set_label("deviation at the end", fontsize=9)
-    bar.set_ticks(
-        [0.01, 0.025, 0.1, 0.3, 1.0, 3.0], labels=["1 cm", "2.5 cm", "10 cm", "30 cm", "1 m", "3 m"]
-    )
+    bar.set_ticks(list(LEGEND_M), labels=["1 cm", "2.5 cm", "10 cm", "30 cm", "1 m", "3 m"])
     bar.minorticks_off()
 
 
@@ -156,8 +153,8 @@ def _finish_paths(
 ) -> None:
     """Give all panels the line of travel and labels, and equal scales unless told otherwise."""
     for panel in panels[:used]:
-        panel.axhline(0, color=LINE_COLOR, linewidth=0.8, zorder=0)
-        panel.plot(0, 0, "o", color=LINE_COLOR, markersize=4)
+        panel.axhline(0, color=hex_color(LINE_COLOR), linewidth=0.8, zorder=0)
+        panel.plot(0, 0, "o", color=hex_color(LINE_COLOR), markersize=4)
         if equal:
             panel.set_aspect("equal", adjustable="box")
     label_axes(panels, used, "progress along the heading in m", "to the left of the line in m")

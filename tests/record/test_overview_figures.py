@@ -120,15 +120,6 @@ def test_the_table_has_the_best_trial_in_bold() -> None:
     assert "| 2 | 20 | 1,2,3,4,5,6 | 0.000 m right | 4.00 m | fell | 0.800 m |" in lines
 
 
-def test_straighter_is_brighter() -> None:
-    luminances = [
-        np.dot(deviation_color(off_m, valid=True), [0.21, 0.72, 0.07]) for off_m in (0.0, 0.1, 0.3, 0.6)
-    ]
-    assert luminances == sorted(luminances, reverse=True)
-    assert deviation_color(-0.3, valid=True) == deviation_color(0.3, valid=True)
-    assert deviation_color(9.0, valid=True) == deviation_color(1.5, valid=True)
-
-
 def test_a_trial_that_flew_away_does_not_shrink_the_picture() -> None:
     flown = make_overview(make_trial(1, 0.1), make_trial(2, 900.0, valid=False))
     low, high = visible_m(flown)

@@ -2,13 +2,14 @@ import os
 from collections.abc import Iterator
 from pathlib import Path
 from urllib.error import HTTPError
+from urllib.parse import parse_qs, urlsplit
 from urllib.request import Request, urlopen
 
 import pytest
 
 from hexctl.errors import InputError, RecordingError
 from hexctl.record import viewer
-from hexctl.record.viewer import FileServer, newest_recording, open_viewer
+from hexctl.record.viewer import FileServer, newest_recording, open_viewer, serve_web, web_url
 
 
 def test_the_newest_recording_of_all_folders_is_found(tmp_path: Path) -> None:
@@ -57,6 +58,20 @@ def test_the_viewer_gets_the_file_and_listens_to_this_machine_only(
     arguments = (tmp_path / "arguments").read_text().split()
     assert arguments[:2] == ["--bind", "127.0.0.1"]
     assert arguments[-1] == str(recording)
+
+
+def test_a_browser_is_sent_to_the_dark_viewer_of_all_recordings(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stand_in(tmp_path, "sleep 60", monkeypatch)
+    urls = ["http://127.0.0.1:1/a session/1.rrd", "http://127.0.0.1:1/b.rrd?x=1&y=2"]
+    with serve_web(9090, urls) as served:
+        served.check()
+        assert served.url.startswith("http://127.0.0.1:9090/?")
+        asked = parse_qs(urlsplit(served.url).query)
+    assert asked == {"theme": ["dark"], "url": urls}
+    live = parse_qs(urlsplit(web_url(1234, 9090)).query)
+    assert live == {"theme": ["dark"], "url": ["rerun+http://127.0.0.1:1234/proxy"]}
 
 
 def test_a_missing_display_comes_with_a_way_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

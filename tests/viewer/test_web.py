@@ -17,6 +17,9 @@ from tests.viewer.conftest import give_up
 
 SIZE = (800, 500)
 
+#: A browser without a screen prefers light pages. Text and feet are white, and nothing large.
+WHITE, WHITE_SHARE = (255, 255, 255), 0.05
+
 #: How long a page may take that draws three dimensions without a graphics card.
 PATIENCE_S = 90.0
 
@@ -56,6 +59,8 @@ def test_a_browser_shows_the_robot(page: Browser, trial: Path, tmp_path: Path, h
         address = re.search(r"http://\S+", viewer.said())
         assert address is not None
         page.go(address[0])
-        assert not seen(page).blank
+        shown = seen(page)
+        assert not shown.blank
+        assert shown.share(WHITE, near=10) < WHITE_SHARE, "light lines are drawn on white"
         viewer.signal(signal.SIGINT)
         assert viewer.wait() == 0

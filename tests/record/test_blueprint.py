@@ -1,0 +1,48 @@
+"""The layout that a recording opens with."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+import rerun as rr
+
+from hexctl.palette import BACKGROUND
+from hexctl.record.overview_figures import write_overview_file
+from hexctl.record.style import packed
+from tests.record.conftest import Trial, write
+from tests.record.test_overview_figures import SESSION
+
+#: Views whose background follows the viewer's theme unless the layout says otherwise, by class.
+BACKGROUNDS = {"TimeSeries": "PlotBackground", "3D": "Background", "2D": "Background"}
+
+
+def backgrounds(path: Path) -> list[tuple[str, int | None]]:
+    """Class and background colour of each view that has one."""
+    reader = rr.chunk.RrdReader(path)
+    values: dict[str, dict[str, Any]] = {}
+    for chunk in reader.stream(store=reader.blueprints()[0]).to_chunks():
+        batch = chunk.to_record_batch()
+        found = values.setdefault(str(chunk.entity_path), {})
+        found |= {name: batch.column(name).to_pylist()[-1] for name in batch.schema.names if ":" in name}
+    views = []
+    for entity, found in values.items():
+        (kind,) = found.get("ViewBlueprint:class_identifier", [None])
+        if kind in BACKGROUNDS:
+            part = BACKGROUNDS[kind]
+            (color,) = values.get(f"{entity}/{part}", {}).get(f"{part}:color", [None])
+            views.append((kind, color))
+    return sorted(views)
+
+
+@pytest.mark.parametrize("kind", ["trial", "overview"])
+def test_colours_for_a_dark_background_have_one_in_a_light_theme_too(
+    kind: str, trial: Trial, tmp_path: Path
+) -> None:
+    path = tmp_path / f"{kind}.rrd"
+    if kind == "trial":
+        write(path, trial)
+    else:
+        write_overview_file(path, SESSION)
+    found = backgrounds(path)
+    assert {name for name, _ in found} == {"TimeSeries", "3D" if kind == "trial" else "2D"}
+    assert {color for _, color in found} == {packed(BACKGROUND)}
