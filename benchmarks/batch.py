@@ -98,7 +98,7 @@ class BatchWork:
         with trials[0].servos() as servos:
             self._start = Start.of(servos)
             log = TickLog()
-            prepare(Guard(servos), trials[0].plan, log)
+            prepare(Guard(servos), trials[0].plan, (log,))
             self._start_controls = controls_of(log, servos)
         require_same_end(kept[0].first_state, self._start_line(), "start of the batch")
         require_same_end(kept[0].positions(), np.stack(self._walk(self._start_line())), "batch")

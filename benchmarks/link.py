@@ -152,7 +152,7 @@ def _walk_rows(duration_s: float) -> Iterator[Row]:
         plan = TrialPlan(gait=make_gait(ant(), "tripod"), duration_s=duration_s)
         log = TickLog()
         with _realtime(), Guard(ZenohServos(ant(), link=link)) as servos:
-            result = run_trial(servos, plan, log)
+            result = run_trial(servos, plan, recorders=(log,))
             overruns = servos.clock.overruns
         with open_session(link, Role.VIEWER, KeyMap.of("ant")) as session:
             counts = ask(session, KeyMap.of("ant").describe)[0]["status"]["commands"]

@@ -18,8 +18,8 @@ from hexctl.backends.clock import PERIOD_S, WallClock, request_realtime_priority
 from hexctl.backends.mock import MockServos
 from hexctl.control.controllers import Walk
 from hexctl.control.guard import Guard
-from hexctl.control.log import TickLog
-from hexctl.control.loop import drive
+from hexctl.control.log import Recorders, TickLog
+from hexctl.control.loop import run_controller
 from hexctl.control.plan import TrialPlan
 from hexctl.errors import EStopError
 from hexctl.gait.gait import Motion
@@ -48,19 +48,19 @@ class LoopLog:
 
 def hexctl_loop(start_s: float, ticks: int, realtime: bool) -> LoopLog:
     """Walk on a mock robot with a wall clock: gait, guard and log, everything but a robot."""
-    return _walk(TickLog(), start_s, ticks, realtime)
+    return _walk(Recorders(TickLog()), start_s, ticks, realtime)
 
 
 def viewed_loop(start_s: float, ticks: int, realtime: bool) -> LoopLog:
     """Do the same, shown live to a viewer that saves what it is sent, for want of a screen."""
     with TemporaryDirectory() as folder, LiveView(options=("--save", str(Path(folder, "seen.rrd")))) as live:
         live.begin(ant(), TrialPlan(gait=default_gait()), title="benchmark")
-        log = _walk(TickLog(live.write_block, live.block_ticks), start_s, ticks, realtime)
+        log = _walk(Recorders(live), start_s, ticks, realtime)
         live.close(leave_viewer=False)
     return log
 
 
-def _walk(log: TickLog, start_s: float, ticks: int, realtime: bool) -> LoopLog:
+def _walk(recorders: Recorders, start_s: float, ticks: int, realtime: bool) -> LoopLog:
     """Walk and log until so many ticks are over."""
     over_s: list[float] = []
     with MockServos(ant(), clock=WallClock()) as servos:
@@ -75,12 +75,12 @@ def _walk(log: TickLog, start_s: float, ticks: int, realtime: bool) -> LoopLog:
         _wait_until(start_s)
         # A pause of the machine beyond the command expiry stops the robot, and the missing ticks tell.
         with suppress(EStopError):
-            drive(guard, walk, log, until)
+            run_controller(guard, walk, (recorders,), until=until)
     return LoopLog(
         realtime=realtime,
         overruns=clock.overruns,
-        time_s=log["time_s"].tolist(),
-        late_s=log["late_s"].tolist(),
+        time_s=recorders.log["time_s"].tolist(),
+        late_s=recorders.log["late_s"].tolist(),
         over_s=over_s,
     )
 

@@ -18,7 +18,7 @@ from benchmarks.scale import Scale
 from benchmarks.timing import alternate, median_ratio, spread
 from hexctl.backends.sim.servos import SimServos
 from hexctl.control.guard import Guard
-from hexctl.control.log import PACED_BLOCK_TICKS, TickLog
+from hexctl.control.log import PACED_BLOCK_TICKS, Recorders
 from hexctl.control.plan import TrialPlan
 from hexctl.control.trial import run_trial
 from hexctl.record.recording import Recording
@@ -58,14 +58,13 @@ class _Trials:
             SimServos(ant()) as servos,
             Recording(path, ant(), self._plan, title="benchmark") as recording,
         ):
-            log = TickLog(recording.write_block)
+            recorders = Recorders(recording)
             began_s = time.perf_counter()
-            result = run_trial(Guard(servos), self._plan, log)
+            result = run_trial(Guard(servos), self._plan, recorders=recorders)
             recording.finish(result, {})
             recording.close()
             wall_s = time.perf_counter() - began_s
-        if log.sink_error is not None:
-            raise log.sink_error
+        _raise_first(recorders)
         self.bytes_on_disk = path.stat().st_size
         return wall_s
 
@@ -76,15 +75,20 @@ class _Trials:
             SimServos(ant(), realtime=True) as servos,
             Recording(path, ant(), self._plan, title="benchmark") as recording,
         ):
-            log = TickLog(recording.write_block, PACED_BLOCK_TICKS)
-            run_trial(Guard(servos), self._plan, log)
-        if log.sink_error is not None:
-            raise log.sink_error
-        return float(np.percentile(log["work_s"], 99.9) * 1e3)
+            recorders = Recorders(recording, block_ticks=PACED_BLOCK_TICKS)
+            run_trial(Guard(servos), self._plan, recorders=recorders)
+        _raise_first(recorders)
+        return float(np.percentile(recorders.log["work_s"], 99.9) * 1e3)
 
     def plain(self) -> float:
         """Return the wall time in s of a trial that is not recorded."""
         with SimServos(ant()) as servos:
             began_s = time.perf_counter()
-            run_trial(Guard(servos), self._plan, TickLog())
+            run_trial(Guard(servos), self._plan)
             return time.perf_counter() - began_s
+
+
+def _raise_first(recorders: Recorders) -> None:
+    """Raise what the first recorder that failed raised."""
+    for failure in recorders.failures:
+        raise failure.error

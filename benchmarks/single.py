@@ -36,7 +36,7 @@ class _SingleRun:
         with SimServos(ant()) as servos:
             self._start = Start.of(servos)
             log = TickLog()
-            run_trial(Guard(servos), plan, log)
+            run_trial(Guard(servos), plan, recorders=(log,))
             self._controls = controls_of(log, servos)
             require_same_end(servos.simulation.physics.data.qpos.copy(), self._replay(), "single")
 
@@ -44,7 +44,7 @@ class _SingleRun:
         """Return the wall time of the trial in s, the connection excluded."""
         with SimServos(ant()) as servos:
             began_s = time.perf_counter()
-            run_trial(Guard(servos), self._plan, TickLog())
+            run_trial(Guard(servos), self._plan)
             return time.perf_counter() - began_s
 
     def bare(self) -> float:

@@ -19,7 +19,7 @@ from hexctl.backends.sim.servos import SimClock
 from hexctl.control.controllers import LOOK_AHEAD_TICKS, Walk
 from hexctl.control.guard import Guard
 from hexctl.control.log import TickLog
-from hexctl.control.loop import drive
+from hexctl.control.loop import run_controller
 from hexctl.gait.gait import Motion
 from hexctl.types import FloatArray
 
@@ -43,5 +43,5 @@ def _work_us(ticks: int, ticks_at_once: int) -> FloatArray:
         patch.object(hexctl.control.controllers, "LOOK_AHEAD_TICKS", ticks_at_once),
     ):
         walk = Walk(ant(), default_gait(), Motion(), period_s=clock.period_s)
-        drive(Guard(servos), walk, log, lambda step, _: step >= ticks - 1)
+        run_controller(Guard(servos), walk, (log,), until=lambda step, _: step >= ticks - 1)
     return np.asarray(log["work_s"] * 1e6)

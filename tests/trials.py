@@ -47,5 +47,7 @@ def walk(
     robot = robot or shipped()
     with SimServos(robot, world=world, failure=failure, seed=seed) as servos:
         guard, log = Guard(servos), TickLog()
-        result = run_trial(guard, TrialPlan(gait=gait_of(robot, gait), failure=failure, **plan), log)
+        result = run_trial(
+            guard, TrialPlan(gait=gait_of(robot, gait), failure=failure, **plan), recorders=(log,)
+        )
     return Outcome(result, log, guard)

@@ -5,9 +5,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hexctl.control.log import TickLog
 from hexctl.control.plan import TrialPlan
-from hexctl.control.trial import LOOK_TICKS, Enough
+from hexctl.control.trace import Trace
+from hexctl.control.trial import LOOK_TICKS, ShouldStop
 from hexctl.control.turning import turn_needed_rad
 from hexctl.errors import InputError, RobotFaultError
 from hexctl.robot.model import Robot
@@ -148,15 +148,14 @@ class Geofence:
         reached: whether that was outside.
     """
 
-    def __init__(self, arena: Arena, log: TickLog, also: Enough | None = None) -> None:
-        """Watch the walk that a log is of; `also` may end it for other reasons."""
+    def __init__(self, arena: Arena, also: ShouldStop | None = None) -> None:
+        """Watch a walk; `also` may end it for other reasons."""
         self.reached = False
-        self._arena, self._log, self._also = arena, log, also
+        self._arena, self._also = arena, also
 
-    def __call__(self, path_m: FloatArray) -> bool:
-        """Return whether the walk shall end; the `Enough` of a trial."""
-        now = len(self._log)
-        rows = self._log.rows("base_position_world", max(0, now - LOOK_TICKS - 1), now)
+    def __call__(self, trace: Trace) -> bool:
+        """Whether the walk shall end; the `should_stop` of a trial."""
+        rows = trace.positions_world[-LOOK_TICKS - 1 :]
         here, moved = rows[-1], rows[-1] - rows[0]
         self.reached = bool(np.isfinite(moved).all()) and self._arena.leaves(here, here + LOOKS_AHEAD * moved)
-        return self.reached or (self._also is not None and self._also(path_m))
+        return self.reached or (self._also is not None and self._also(trace))

@@ -12,10 +12,10 @@ from hexctl.backends.registry import BackendOptions, make_servos
 from hexctl.backends.sim.terrain import make_floor
 from hexctl.backends.sim.world import World
 from hexctl.control.guard import Guard
-from hexctl.control.log import BLOCK_TICKS, PACED_BLOCK_TICKS, TickLog
+from hexctl.control.log import BLOCK_TICKS, PACED_BLOCK_TICKS, Recorders
 from hexctl.control.plan import TrialPlan
 from hexctl.control.result import TrialResult
-from hexctl.control.trial import Enough, StopRequested, never, run_trial
+from hexctl.control.trial import Enough, ShouldStop, StopRequested, never, run_trial, stop_when
 from hexctl.control.turning import turn_gait
 from hexctl.errors import RobotFaultError
 from hexctl.gait.encoding import Slots
@@ -45,9 +45,6 @@ def check_not_stopped(servos: Guard) -> None:
     if servos.stopped is not None:
         raise RobotStoppedError(f"the robot is stopped: {servos.stopped}", servos.stopped)
 
-
-#: From the log that a walk will be kept in to the predicate that ends the walk early, or None.
-EarlyStopping = Callable[[TickLog], Enough | None]
 
 #: Adds to a result before it is recorded.
 Completed = Callable[[TrialResult], TrialResult]
@@ -99,7 +96,7 @@ class TrialRunner:
             robot=self.robot, world=self.world, failure=plan.failure, seed=self.spec.seed, trial=index
         )
         with Guard(make_servos(self.spec.backend, options)) as servos:
-            return self.walk_on(servos, plan, index, code, lambda _: should_stop)
+            return self.walk_on(servos, plan, index, code, stop_when(should_stop))
 
     def walk_on(
         self,
@@ -107,7 +104,7 @@ class TrialRunner:
         plan: TrialPlan,
         index: int,
         code: int,
-        early_stopping: EarlyStopping,
+        should_stop: ShouldStop | None = None,
         completed: Completed = lambda result: result,
     ) -> WalkedTrial:
         """Run one trial on connected servos; `completed` adds to the result before it is recorded.
@@ -116,32 +113,29 @@ class TrialRunner:
         """
         recording = self._open_recording(index, code, plan)
         try:
-            log = self._open_log(recording, plan, f"trial {index}: gait {code}")
-            stop = self.stop_requested
-            result = run_trial(servos, plan, log, stop_requested=stop, enough=early_stopping(log))
+            recorders = self._recorders(recording, plan, f"trial {index}: gait {code}")
+            result = run_trial(
+                servos,
+                plan,
+                recorders=recorders,
+                stop_requested=self.stop_requested,
+                should_stop=should_stop,
+            )
             result = completed(result)
             if recording is None:
                 return WalkedTrial(result=result)
-            trouble = log.sink_error or _finished(recording, result, self._facts(index, code))
+            trouble = recorders.error_of(recording) or _finished(recording, result, self._facts(index, code))
             return WalkedTrial(result=result, recording=recording.path, recording_error=trouble)
         finally:
             if recording is not None:
                 recording.close()
 
-    def _open_log(self, recording: Recording | None, plan: TrialPlan, title: str) -> TickLog:
-        """Return a log whose rows are recorded, shown, both or neither."""
-        live = self.live
-        if live is None:
-            at_once = BLOCK_TICKS if self.spec.simulated else PACED_BLOCK_TICKS
-            return TickLog(recording.write_block if recording else None, at_once)
-        live.begin(self.robot, plan, title=title, looks=self.spec.robot)
-
-        def sink(log: TickLog, start: int, stop: int) -> None:
-            if recording is not None:
-                recording.write_block(log, start, stop)
-            live.write_block(log, start, stop)
-
-        return TickLog(sink, live.block_ticks)
+    def _recorders(self, recording: Recording | None, plan: TrialPlan, title: str) -> Recorders:
+        """The recording, the live view, both or neither."""
+        if self.live is not None:
+            self.live.begin(self.robot, plan, title=title, looks=self.spec.robot)
+        given = [recorder for recorder in (recording, self.live) if recorder is not None]
+        return Recorders(*given, block_ticks=BLOCK_TICKS if self.spec.simulated else PACED_BLOCK_TICKS)
 
     def _open_recording(self, index: int, code: int, plan: TrialPlan) -> Recording | None:
         if self.folder is None:
@@ -219,7 +213,7 @@ class ResetFreeRunner:
         if self.arena is not None:
             return self._walk_inside(self.arena, index, code, plan, should_stop)
         await_ready(self.servos)
-        return self.runner.walk_on(self.servos, plan, index, code, lambda _: should_stop)
+        return self.runner.walk_on(self.servos, plan, index, code, stop_when(should_stop))
 
     def _walk_and_ask(self, operator: Operator, index: int, code: int, plan: TrialPlan) -> WalkedTrial:
         """Walk a gait that an operator measures, as often as the operator asks for."""
@@ -237,7 +231,7 @@ class ResetFreeRunner:
         if not operator.place(index, code):
             return WalkedTrial(result=not_walked(robot, plan))
         await_ready(self.servos, needs_pose=False)
-        walked = self.runner.walk_on(self.servos, plan, index, code, lambda _: None, completed)
+        walked = self.runner.walk_on(self.servos, plan, index, code, completed=completed)
         return self._walk_and_ask(operator, index, code, plan) if again else walked
 
     def _walk_inside(
@@ -247,19 +241,15 @@ class ResetFreeRunner:
         hindered = self._come_to_start(arena)
         if hindered is not None:
             return WalkedTrial(result=hindered)
-        fences: list[Geofence] = []
-
-        def early_stopping(log: TickLog) -> Enough:
-            fences.append(Geofence(arena, log, should_stop))
-            return fences[-1]
+        fence = Geofence(arena, stop_when(should_stop))
 
         def completed(result: TrialResult) -> TrialResult:
-            at_edge = result.status == "cut_short" and fences[-1].reached
+            at_edge = result.status == "cut_short" and fence.reached
             return replace(result, stopped=LEFT_THE_ARENA) if at_edge else result
 
         state = await_ready(self.servos)
         here = aimed(plan, self.runner.robot, state, arena)
-        return self.runner.walk_on(self.servos, here, index, code, early_stopping, completed)
+        return self.runner.walk_on(self.servos, here, index, code, fence, completed)
 
     def _come_to_start(self, arena: Arena) -> TrialResult | None:
         """Walk away from the middle while a walk has no room; return what stopped the robot there, if any.
@@ -279,8 +269,12 @@ class ResetFreeRunner:
             missing_m = start.radius_m - start.distance_m(position)
             patience_s = APPROACH_PATIENCE * (RAMP_DURATION_S + missing_m / speed_m_s)
             there = replace(aimed(plan, robot, state, arena, outward=True), duration_s=patience_s)
-            log, stop = TickLog(), self.runner.stop_requested
-            result = run_trial(self.servos, there, log, stop_requested=stop, enough=Geofence(start, log))
+            result = run_trial(
+                self.servos,
+                there,
+                stop_requested=self.runner.stop_requested,
+                should_stop=Geofence(start),
+            )
             if result.status == "fell":
                 # No fault of the gait that is due: nothing to be kept.
                 return replace(result, status="aborted", stopped="fell")

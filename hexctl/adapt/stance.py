@@ -54,7 +54,7 @@ def stance_deflection_rad(
 def _stand(servos: Guard, plan: TrialPlan, log: TickLog) -> None:
     servos.rest()
     try:
-        prepare(servos, replace(plan, self_rotation="none"), log)
+        prepare(servos, replace(plan, self_rotation="none"), (log,))
     finally:
         # What comes now takes its time, and silence must not be taken for a failure.
         servos.rest()

@@ -31,8 +31,10 @@ class WalkProgress:
         if self._bar is not None:
             self._bar.stop()
 
-    def show(self, log: TickLog, start: int, stop: int) -> None:
-        """Move the bar to where the log is, once a second; has the form of a log's sink."""
+    block_ticks = BLOCK_TICKS
+
+    def write_block(self, log: TickLog, start: int, stop: int) -> None:
+        """Move the bar to where the log is, once a second; a recorder of the trial."""
         if self._bar is not None and start // BLOCK_TICKS != stop // BLOCK_TICKS:
             walked_s = min(self._total_s, log.walked_ticks * PERIOD_S)
             self._bar.update(self._task, completed=walked_s, description=_doing(log.phase))

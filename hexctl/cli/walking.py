@@ -20,7 +20,7 @@ from hexctl.cli.progress import WalkProgress
 from hexctl.cli.render import report, summary
 from hexctl.cli.twin import note_of_twin
 from hexctl.control.guard import Guard
-from hexctl.control.log import BLOCK_TICKS, PACED_BLOCK_TICKS, TickLog
+from hexctl.control.log import BLOCK_TICKS, PACED_BLOCK_TICKS, Recorders, TickLog
 from hexctl.control.plan import TrialPlan
 from hexctl.control.result import TrialResult
 from hexctl.control.trial import run_trial
@@ -185,21 +185,18 @@ def _walk(
     quiet = request.as_json or (request.as_fast_as_possible and request.plan.duration_s < SHORT_S)
     progress = WalkProgress(request.plan, quiet=quiet)
 
-    def sink(log: TickLog, start: int, stop: int) -> None:
-        progress.show(log, start, stop)
-        if recording is not None:
-            recording.write_block(log, start, stop)
-        if live is not None:
-            live.write_block(log, start, stop)
-
-    at_once = BLOCK_TICKS if request.as_fast_as_possible else PACED_BLOCK_TICKS
-    log = TickLog(sink, at_once if live is None else live.block_ticks)
+    log = TickLog()
+    recorders = Recorders(
+        log,
+        *(recorder for recorder in (progress, recording, live) if recorder is not None),
+        block_ticks=BLOCK_TICKS if request.as_fast_as_possible else PACED_BLOCK_TICKS,
+    )
     with progress:
         began_s = time.perf_counter()
-        result = run_trial(guard, request.plan, log, stop_requested=interrupt.requested)
+        result = run_trial(guard, request.plan, recorders=recorders, stop_requested=interrupt.requested)
         wall_s = time.perf_counter() - began_s
     outcome = _report(request, result, log, guard, wall_s, recording)
-    trouble = log.sink_error
+    trouble = recorders.error_of(recording)
     if recording is not None and trouble is None:
         try:
             recording.finish(result, outcome)

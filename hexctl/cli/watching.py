@@ -7,12 +7,12 @@ from hexctl.backends.clock import PERIOD_S, WallClock
 from hexctl.backends.zenoh.client import ask_until
 from hexctl.backends.zenoh.subscriber import Ear, Mailbox
 from hexctl.cli.console import DONE, StopOnInterrupt, print_note
-from hexctl.control.log import TickLog
+from hexctl.control.log import Recorders
 from hexctl.control.plan import TrialPlan
 from hexctl.control.trace import TrialFrame
 from hexctl.errors import RobotFaultError
 from hexctl.gait.gait import make_gait
-from hexctl.record.live import LIVE_BLOCK_TICKS, LiveView
+from hexctl.record.live import LiveView
 from hexctl.record.viewer import check_display
 from hexctl.robot.model import Robot
 from hexctl.robot.rotations import yaw_rad
@@ -63,7 +63,8 @@ def watch(*, web: bool, **options: Any) -> int:
 
 def _pass_on(ear: Ear, live: LiveView, link: Link, interrupt: StopOnInterrupt) -> None:
     """Read a robot's states at 50 Hz and show them, for as long as one recording may last."""
-    log = TickLog(live.write_block, LIVE_BLOCK_TICKS)
+    recorders = Recorders(live)
+    log = recorders.log
     log.phase = "walk"
     clock = WallClock(PERIOD_S)
     while not interrupt.requested() and live.lost is None and live.open and len(log) < TICKS_AT_ONCE:
@@ -74,7 +75,7 @@ def _pass_on(ear: Ear, live: LiveView, link: Link, interrupt: StopOnInterrupt) -
             yaw = float(yaw_rad(state.base_quaternion_world))
             log.frame = TrialFrame(state.base_position_world, yaw, yaw)
         positions_rad = state.joint_positions_rad
-        log.record(tick, state, positions_rad, JointTargets(positions_rad, tick.time_s))
+        recorders.record(tick, state, positions_rad, JointTargets(positions_rad, tick.time_s))
     if live.lost is not None:
         raise RobotFaultError(f"{live.lost}; {link.endpoint} itself is as it was")
 

@@ -1,6 +1,7 @@
 """Controllers: from step and state to joint targets, for one robot or a batch of them."""
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -9,7 +10,7 @@ from hexctl.gait.foot_trajectory import RAMP_DURATION_S, feet_of_walks, gait_fee
 from hexctl.gait.gait import Gait, Motion
 from hexctl.ik.legs import solve_legs, solve_legs_within_limits
 from hexctl.robot.model import Robot
-from hexctl.types import FloatArray, RobotState, leg_slice
+from hexctl.types import BoolArray, FloatArray, RobotState, leg_slice
 
 #: Ticks planned ahead at once: long enough to spread numpy's cost, short enough to start at once.
 LOOK_AHEAD_TICKS = 128
@@ -19,79 +20,130 @@ CHECKED_POINTS = 120
 
 
 class Controller(ABC):
-    """Says where the joints shall be at each tick since it took over."""
+    """Joint targets for each step since it took over, from time and the robot's state.
+
+    One robot or many are the same code: in a batch of n, the arrays of the state and the targets have the
+    leading shape (n,), alone they have none. So `targets_rad` is written elementwise over robots, with `...`
+    in its indices.
+    """
 
     @abstractmethod
-    def targets_rad(self, tick: int, state: RobotState) -> FloatArray:
-        """Return joint targets, (18,), for a tick counted from the controller's start at 0."""
+    def targets_rad(self, step: int, state: RobotState) -> FloatArray:
+        """Joint targets, leading shape + (18,), for a step counted in control periods from 0.
+
+        Called once per tick with rising steps; points that the clock missed are left out.
+        """
+
+    def done(self, step: int, state: RobotState) -> bool | BoolArray:
+        """Whether the controller has ended at a step, asked after its targets were sent; leading shape."""
+        return False
+
+    def stop(self, step: int) -> None:  # noqa: B027  a controller may have nothing to let run out
+        """Begin the soft stop at a step; `done` may then end it before `soft_stop_steps` are over."""
+
+
+def soft_stop_steps(period_s: float) -> int:
+    """Duration of a soft stop from full stride, in control periods."""
+    return round(RAMP_DURATION_S / period_s) + 1
 
 
 class Stand(Controller):
-    """Brings the joints from where they are to the nominal stance, evenly over a number of ticks."""
+    """Moves the joints evenly from where they are to the nominal stance, and rests there.
 
-    def __init__(self, robot: Robot, start_rad: FloatArray, ticks: int) -> None:
+    Args:
+        robot: whose stance.
+        start_rad: where the joints are, (18,).
+        steps: how long the motion takes.
+        rest_steps: how long the robot then rests before the controller is done.
+    """
+
+    def __init__(self, robot: Robot, start_rad: FloatArray, steps: int, rest_steps: int = 0) -> None:
         self._start_rad = start_rad
         self._end_rad = robot.stance_angles_rad
-        self._ticks = max(1, ticks)
+        self._steps = max(1, steps)
+        self._last_step = steps + rest_steps - 1
 
-    def targets_rad(self, tick: int, state: RobotState) -> FloatArray:
-        """Return the pose on the way from the start to the stance, and then the stance."""
-        if tick >= self._ticks:
+    def targets_rad(self, step: int, state: RobotState) -> FloatArray:
+        """Pose on the way from the start to the stance, then the stance."""
+        if step >= self._steps:
             return self._end_rad
-        share = tick / self._ticks
+        share = step / self._steps
         return np.asarray((1 - share) * self._start_rad + share * self._end_rad)
+
+    def done(self, step: int, state: RobotState) -> bool:
+        """Whether motion and rest are over."""
+        return step >= self._last_step
 
 
 class Walk(Controller):
-    """Walks with a gait and a motion until told to stop, then comes softly to a stand.
+    """Walks with a gait and a constant motion until told to stop, then comes softly to a stand.
 
-    Legs that are held keep their stance pose. The feet follow from the time alone, so many ticks are
-    planned at once.
+    Its feet follow from time alone, so `LOOK_AHEAD_TICKS` steps are planned together.
+
+    Args:
+        robot: who walks.
+        gaits: the gait, or n of them for a batch of n robots.
+        motions: the motion, or n of them.
+        period_s: control period.
+        held_legs: legs that keep their stance pose.
     """
 
     def __init__(
-        self, robot: Robot, gait: Gait, motion: Motion, *, period_s: float, held_legs: tuple[int, ...] = ()
+        self,
+        robot: Robot,
+        gaits: Gait | Sequence[Gait],
+        motions: Motion | Sequence[Motion],
+        *,
+        period_s: float,
+        held_legs: tuple[int, ...] = (),
     ) -> None:
-        self._robot, self._gait = robot, gait
-        self._slots, self._strokes = np.array(gait.slots), stroke_vectors_m(robot, gait, motion)
-        self._period_s = period_s
-        self._held_legs = held_legs
-        self._stop_s: float | None = None
-        self._planned_rad: FloatArray = np.empty((0, robot.stance_angles_rad.size))
+        self._robot, self._period_s, self._held_legs = robot, period_s, held_legs
+        alone = isinstance(gaits, Gait)
+        each = [gaits] if isinstance(gaits, Gait) else list(gaits)
+        ways = [motions] if isinstance(motions, Motion) else list(motions)
+        pick = 0 if alone else slice(None)
+        self._slots = np.array([gait.slots for gait in each])[pick]
+        self._strokes = np.stack(
+            [stroke_vectors_m(robot, gait, motion) for gait, motion in zip(each, ways, strict=True)]
+        )[pick]
+        self._pace_hz = np.array([gait.pace_hz for gait in each])[pick]
+        self._height_m = np.array([gait.height * robot.size_m for gait in each])[pick]
+        self._stop_step: int | None = None
+        self._planned_rad: FloatArray = np.empty((0,))
         self._planned_from = 0
 
-    def targets_rad(self, tick: int, state: RobotState) -> FloatArray:
-        """Return the joint angles of the gait at this tick."""
-        row = tick - self._planned_from
+    def targets_rad(self, step: int, state: RobotState) -> FloatArray:
+        """Joint angles of the gait at this step, leading shape + (18,)."""
+        row = step - self._planned_from
         if not 0 <= row < len(self._planned_rad):
-            self._plan(tick)
+            self._plan(step)
             row = 0
         return np.asarray(self._planned_rad[row])
 
-    def stop(self, tick: int) -> None:
-        """Begin the soft stop at a tick; it lasts `stopping_ticks`."""
-        if self._stop_s is None:
-            self._stop_s = tick * self._period_s
+    def stop(self, step: int) -> None:
+        """Begin the soft stop at a step; it lasts `soft_stop_steps`."""
+        if self._stop_step is None:
+            self._stop_step = step
             self._planned_rad = self._planned_rad[:0]
 
-    @property
-    def stopping_ticks(self) -> int:
-        """Return how long a stop from full stride takes."""
-        return round(RAMP_DURATION_S / self._period_s) + 1
+    def done(self, step: int, state: RobotState) -> bool:
+        """Whether a soft stop has ended."""
+        return self._stop_step is not None and step >= self._stop_step + soft_stop_steps(self._period_s) - 1
 
-    def _plan(self, tick: int) -> None:
-        ticks = np.arange(tick, tick + LOOK_AHEAD_TICKS)
+    def _plan(self, step: int) -> None:
+        steps = np.arange(step, step + LOOK_AHEAD_TICKS)
         feet = feet_of_walks(
             self._robot,
             slots=self._slots,
             stroke_vectors=self._strokes,
-            pace_hz=self._gait.pace_hz,
-            height_m=self._gait.height * self._robot.size_m,
-            time_s=np.asarray(ticks * self._period_s, dtype=float),
-            stop_s=self._stop_s,
+            pace_hz=self._pace_hz,
+            height_m=self._height_m,
+            time_s=np.asarray(steps * self._period_s, dtype=float),
+            stop_s=None if self._stop_step is None else self._stop_step * self._period_s,
         )
-        self._planned_rad = joints_of_feet(self._robot, feet, self._held_legs)
-        self._planned_from = tick
+        joints_rad = joints_of_feet(self._robot, feet, self._held_legs)  # leading shape + (steps, 18)
+        self._planned_rad = np.ascontiguousarray(np.moveaxis(joints_rad, -2, 0))
+        self._planned_from = step
 
 
 def joints_of_feet(robot: Robot, feet_body: FloatArray, held_legs: tuple[int, ...] = ()) -> FloatArray:

@@ -1,16 +1,16 @@
-"""The log of a trial: every tick as rows of arrays, handed on in blocks."""
+"""The log of a trial: every tick as rows of arrays, handed in blocks to recorders."""
 
-from collections.abc import Callable, Mapping
-from typing import Any
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
 from hexctl.backends.clock import Tick
-from hexctl.control.trace import TrialFrame
+from hexctl.control.trace import PHASES, TrialFrame
+from hexctl.errors import InputError
 from hexctl.types import N_JOINTS, N_LEGS, FloatArray, JointTargets, RobotState
-
-#: The parts of a trial, in the order in which they come.
-PHASES = ("settle", "turn", "walk", "stop")
 
 #: Name, width and type of each column; a width of 0 is a plain value per tick.
 COLUMNS: tuple[tuple[str, int, type], ...] = (
@@ -26,10 +26,10 @@ COLUMNS: tuple[tuple[str, int, type], ...] = (
     ("foot_contacts", N_LEGS, bool),
 )
 
-#: Rows that are handed on together: a second.
+#: Ticks of a block in a walk that runs ahead of time: a second.
 BLOCK_TICKS = 50
 
-#: A walk that keeps time hands on every tick: what is to be done for a second is then done bit by bit.
+#: Ticks of a block in a walk that keeps time: the work of a second is then spread over its ticks.
 PACED_BLOCK_TICKS = 1
 
 #: Rows of one chunk; a full one is never copied, so that a long walk costs no tick its time.
@@ -37,10 +37,10 @@ CHUNK_ROWS = 2048
 
 
 class TickLog:
-    """Rows of all ticks so far; implements `hexctl.control.loop.Recorder`.
+    """Rows of all ticks of a trial so far.
 
-    `log[name]` gives all rows of a column of `COLUMNS`; positions and orientations are nan where the robot
-    did not know them.
+    `log[name]` gives all rows of a column of `COLUMNS`; positions and orientations are NaN where the robot
+    did not know them. Given to `run_trial` as a recorder it is filled tick by tick.
 
     Attributes:
         phase: the part of the trial that the next ticks belong to, one of `PHASES`.
@@ -49,22 +49,15 @@ class TickLog:
         posed_from: the first row with a base pose, None before any.
         contacts_known: whether the last tick came with foot contacts.
         walked_ticks: how many ticks belong to the walk.
-        sink_error: what went wrong in the sink, which is then left alone: a robot in mid-stride comes first.
     """
 
-    def __init__(
-        self, sink: Callable[["TickLog", int, int], None] | None = None, block_ticks: int = BLOCK_TICKS
-    ) -> None:
+    def __init__(self) -> None:
         self.phase = PHASES[0]
         self.frame: TrialFrame | None = None
         self.pose_known = True
         self.posed_from: int | None = None
         self.contacts_known = True
         self.walked_ticks = 0
-        self.sink_error: Exception | None = None
-        self._sink = sink
-        self._block_ticks = block_ticks
-        self._handed_on = 0
         self._length = 0
         self._chunks: list[dict[str, Any]] = []
 
@@ -72,11 +65,11 @@ class TickLog:
         return self._length
 
     def __getitem__(self, name: str) -> Any:
-        """Return the rows of a column."""
+        """All rows of a column."""
         return self.rows(name, 0, self._length)
 
     def rows(self, name: str, start: int, stop: int) -> Any:
-        """Return rows [start, stop) of a column."""
+        """Rows [start, stop) of a column."""
         if not self._chunks:
             return _new_chunk()[name][:0]
         first = min(start // CHUNK_ROWS, len(self._chunks) - 1)
@@ -86,7 +79,7 @@ class TickLog:
         return joined[start - first * CHUNK_ROWS : stop - first * CHUNK_ROWS]
 
     def record(self, tick: Tick, state: RobotState, wanted_rad: FloatArray, sent: JointTargets) -> None:
-        """Keep one tick, and hand a block on when it is full."""
+        """Append one tick."""
         row = self._length % CHUNK_ROWS
         if row == 0:
             self._chunks.append(_new_chunk())
@@ -107,11 +100,9 @@ class TickLog:
             columns["foot_contacts"][row] = state.foot_contacts
         self.walked_ticks += self.phase == "walk"
         self._length += 1
-        if self._length - self._handed_on >= self._block_ticks:
-            self.flush()
 
     def extend(self, rows: Mapping[str, Any]) -> None:
-        """Keep rows that another process recorded, all columns of `COLUMNS`, and hand them on."""
+        """Append rows that another process recorded, all columns of `COLUMNS`."""
         count, done = len(rows["time_s"]), 0
         posed = np.flatnonzero(np.isfinite(rows["base_position_world"]).all(axis=-1))
         if self.posed_from is None and posed.size:
@@ -126,31 +117,128 @@ class TickLog:
             self._length += fits
             done += fits
         self.walked_ticks += int((rows["phase"] == PHASES.index("walk")).sum())
-        self.flush()
 
     def took(self, work_s: float) -> None:
-        """Keep how long the last tick's work took, its recording included."""
+        """Set how long the work of the last tick took, its recording included."""
         last = self._length - 1
         self._chunks[-1]["work_s"][last % CHUNK_ROWS] = work_s
 
-    def flush(self) -> None:
-        """Hand on what the sink has not seen yet."""
-        if self._sink is None or self._length == self._handed_on:
-            return
-        try:
-            self._sink(self, self._handed_on, self._length)
-        except Exception as error:  # noqa: BLE001  whatever it is, the robot must come to a stand
-            self.sink_error, self._sink = error, None
-        self._handed_on = self._length
-
     def rows_of(self, phase: str) -> slice:
-        """Return where the rows of a phase lie; they are always adjacent."""
+        """Rows of a phase; they are always adjacent."""
         rows = np.flatnonzero(self["phase"] == PHASES.index(phase))
         return slice(int(rows[0]), int(rows[-1]) + 1) if rows.size else slice(0, 0)
 
 
+@runtime_checkable
+class Recorder(Protocol):
+    """Takes the ticks of a trial in blocks.
+
+    Attributes:
+        block_ticks: ticks between two calls, or None to leave it to the trial's pace.
+    """
+
+    @property
+    def block_ticks(self) -> int | None:
+        """Ticks between two calls."""
+
+    def write_block(self, log: TickLog, start: int, stop: int) -> None:
+        """Take rows [start, stop) of the log; blocks come in order and without gaps."""
+
+
+@dataclass(frozen=True, slots=True)
+class RecorderFailure:
+    """A recorder that raised, and what it raised. It was left out from then on."""
+
+    recorder: Recorder
+    error: Exception
+
+
+class Recorders:
+    """The recorders of one trial. Each fails alone: it neither silences another nor stops the robot.
+
+    Attributes:
+        log: the rows that the recorders are given.
+        failures: the recorders that raised, in the order in which they did.
+    """
+
+    def __init__(self, *recorders: "Recorder | TickLog", block_ticks: int = BLOCK_TICKS) -> None:
+        """Take recorders and at most one log of the caller's own.
+
+        Args:
+            recorders: what is told of the ticks; a `TickLog` keeps them all.
+            block_ticks: ticks of a block for recorders that leave it open.
+        """
+        logs = [recorder for recorder in recorders if isinstance(recorder, TickLog)]
+        if len(logs) > 1:
+            raise InputError(f"recorders: got {len(logs)} logs; allowed: one")
+        self.log = logs[0] if logs else TickLog()
+        self.failures: list[RecorderFailure] = []
+        self._active = [
+            _Active(recorder, recorder.block_ticks or block_ticks, len(self.log))
+            for recorder in recorders
+            if not isinstance(recorder, TickLog)
+        ]
+        self._due_at = self._next_due()
+
+    @classmethod
+    def of(cls, recorders: "Recorders | Sequence[Recorder | TickLog]") -> "Recorders | None":
+        """The recorders given; None without any, so that nothing is kept for nobody."""
+        if isinstance(recorders, Recorders):
+            return recorders
+        return cls(*recorders) if recorders else None
+
+    def begin_phase(self, phase: str, frame: TrialFrame | None) -> None:
+        """Count the next ticks to a phase; the frame is known from the walk on."""
+        self.log.phase, self.log.frame = phase, frame
+
+    def record(self, tick: Tick, state: RobotState, wanted_rad: FloatArray, sent: JointTargets) -> None:
+        """Append a tick to the log, and hand on the blocks that are full."""
+        self.log.record(tick, state, wanted_rad, sent)
+        if len(self.log) >= self._due_at:
+            self._hand_on(whole_blocks=True)
+
+    def took(self, work_s: float) -> None:
+        """Set how long the work of the last tick took."""
+        self.log.took(work_s)
+
+    def flush(self) -> None:
+        """Hand on what each recorder has not seen yet."""
+        self._hand_on(whole_blocks=False)
+
+    def error_of(self, recorder: "Recorder | None") -> Exception | None:
+        """What a recorder raised, or None."""
+        return next((failure.error for failure in self.failures if failure.recorder is recorder), None)
+
+    def _hand_on(self, *, whole_blocks: bool) -> None:
+        stop = len(self.log)
+        for active in list(self._active):
+            waiting = stop - active.done
+            if waiting == 0 or (whole_blocks and waiting < active.block_ticks):
+                continue
+            start, active.done = active.done, stop
+            try:
+                active.recorder.write_block(self.log, start, stop)
+            except Exception as error:  # noqa: BLE001  whatever it is, the robot must come to a stand
+                self.failures.append(RecorderFailure(active.recorder, error))
+                self._active.remove(active)
+        self._due_at = self._next_due()
+
+    def _next_due(self) -> float:
+        """Length of the log at which the next block is full."""
+        return min((active.done + active.block_ticks for active in self._active), default=math.inf)
+
+
+@dataclass(slots=True)
+class _Active:
+    """A recorder that still works, its block size, and the rows that it has seen."""
+
+    recorder: Recorder
+    block_ticks: int
+    done: int
+
+
 def _new_chunk() -> dict[str, Any]:
-    """Return empty rows; what a tick does not fill in is nan or False."""
+    """Empty rows; what a tick does not fill in is NaN or False."""
     return {
         name: np.full(
             (CHUNK_ROWS, width) if width else CHUNK_ROWS, np.nan if kind is float else 0, dtype=kind

@@ -1,7 +1,7 @@
 """The tick: read, think, guard, write, record."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Protocol
 
 from hexctl.backends.clock import Tick
@@ -10,30 +10,36 @@ from hexctl.control.guard import Guard
 from hexctl.types import FloatArray, JointTargets, RobotState
 
 
-class Recorder(Protocol):
-    """Keeps what happened in a tick."""
+class TickObserver(Protocol):
+    """Sees every tick of a loop. It runs within the tick and must neither wait nor raise."""
 
     def record(self, tick: Tick, state: RobotState, wanted_rad: FloatArray, sent: JointTargets) -> None:
-        """Keep one tick: the state read, what the controller wanted, what was sent."""
+        """Take one tick: the state read, what the controller wanted, what was sent."""
 
     def took(self, work_s: float) -> None:
-        """Keep how long the work of the last tick took, its recording included."""
+        """Take how long the work of the last tick took, its observers included."""
 
 
+#: Asked after each write with step and state; True ends the loop.
 Until = Callable[[int, RobotState], bool]
 
 
-def drive(
-    servos: Guard, controller: Controller, recorder: Recorder, until: Until, *, first_step: int = 0
+def run_controller(
+    servos: Guard,
+    controller: Controller,
+    observers: Sequence[TickObserver] = (),
+    *,
+    until: Until | None = None,
+    first_step: int = 0,
 ) -> tuple[int, RobotState]:
-    """Run the controller on the servos until told otherwise; return the last step and state.
+    """Run a controller on the servos until it is done; the last step and state.
 
     Args:
         servos: guarded, connected servos; their clock sets the pace.
         controller: gives the targets for steps, ticks since it took over.
-        recorder: keeps every tick.
-        until: asked after each write with the step and the state; True ends the drive.
-        first_step: where the steps begin, for a controller that goes on.
+        observers: see every tick.
+        until: ends the loop early.
+        first_step: number of the first step, for a controller that continues.
 
     Raises EStopError when the guard stops the robot, CommandRefusedError when a target came too late, and
     RobotFaultError when the robot or the simulation fails.
@@ -46,8 +52,11 @@ def drive(
         state = servos.read()
         wanted_rad = controller.targets_rad(step, state)
         sent = servos.write(JointTargets(wanted_rad, tick.time_s))
-        recorder.record(tick, state, wanted_rad, sent)
-        recorder.took(time.perf_counter() - began_s)
-        if until(step, state):
+        for observer in observers:
+            observer.record(tick, state, wanted_rad, sent)
+        work_s = time.perf_counter() - began_s
+        for observer in observers:
+            observer.took(work_s)
+        if controller.done(step, state) or (until is not None and until(step, state)):
             return step, state
         tick = servos.clock.tick()

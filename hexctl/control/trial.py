@@ -1,140 +1,137 @@
 """One trial on any robot: settle, self-rotation, walk, stop; and its result."""
 
 import math
-from collections.abc import Callable
+import warnings
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
 
 from hexctl.backends.base import LegServos
-from hexctl.control.controllers import Stand, Walk
+from hexctl.backends.clock import Tick
+from hexctl.control.controllers import Controller, Stand, Walk, soft_stop_steps
 from hexctl.control.guard import Guard
-from hexctl.control.log import TickLog
-from hexctl.control.loop import drive
+from hexctl.control.log import Recorder, Recorders, TickLog
+from hexctl.control.loop import TickObserver, Until, run_controller
 from hexctl.control.plan import TrialPlan
 from hexctl.control.result import TrialResult, score
-from hexctl.control.trace import TrialFrame
+from hexctl.control.trace import Trace, TrialFrame
 from hexctl.control.turning import CLOSE_ENOUGH_RAD, Turn, check_plan, turn_needed_rad
 from hexctl.errors import CommandRefusedError, EStopError, InputError, SimulationDivergedError
+from hexctl.robot.model import Robot
 from hexctl.robot.rotations import wrapped_rad, yaw_rad
-from hexctl.types import FloatArray, RobotState
+from hexctl.types import FloatArray, JointTargets, RobotState
 
 #: Rest between the self-rotation and the walk.
 PAUSE_S = 0.5
 
+#: Every so many ticks a walk that may end early is looked at.
+LOOK_TICKS = 50
 
-@dataclass(frozen=True, slots=True)
-class StartLine:
-    """The robot stands ready to walk.
+StopRequested = Callable[[], bool]
+
+#: Asked every `LOOK_TICKS` of a walk with the trace so far; True ends the walk early, as `cut_short`.
+ShouldStop = Callable[[Trace], bool]
+
+#: Judges a walk by its path so far, (T, 2); True when it has shown enough.
+Enough = Callable[[FloatArray], bool]
+
+
+def never() -> bool:
+    """No stop is requested."""
+    return False
+
+
+def stop_when(enough: Enough | None) -> ShouldStop | None:
+    """Early stopping by the path alone; None for None."""
+    return None if enough is None else lambda trace: enough(trace.path_m)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WalkStart:
+    """A robot, or a batch of n robots in one state, that stands ready to walk.
 
     Attributes:
+        robot: who walks.
+        plans: what each of them shall do; one plan alone, n in a batch.
+        batch_shape: () alone, (n,) in a batch: the leading shape of states and targets.
+        period_s: control period.
         turned_rad: how far the body has turned since the trial began.
         frame: the trial frame, or None where the robot knows no pose.
     """
 
+    robot: Robot
+    plans: tuple[TrialPlan, ...]
+    batch_shape: tuple[int, ...]
+    period_s: float
     turned_rad: float
     frame: TrialFrame | None
 
 
-StopRequested = Callable[[], bool]
-
-#: Is asked now and then with the walk's path so far, (T, 2), and says whether it has shown enough.
-Enough = Callable[[FloatArray], bool]
-
-#: Every so many ticks a walk that may end early is looked at.
-LOOK_TICKS = 50
+#: Makes the controller of a walk, once the robot stands ready: a class that takes a `WalkStart` is one.
+MakeController = Callable[[WalkStart], Controller]
 
 
-def never() -> bool:
-    """Return False: nobody asks for a stop."""
-    return False
-
-
-@dataclass(slots=True)
-class _Walked:
-    """How the walk went so far.
-
-    Attributes:
-        status: `ok` once the whole duration was walked.
-        stopped: why it was aborted, if it was.
-        turned_rad: how far the self-rotation turned.
-        clipped_ticks: ticks in which the guard changed the targets.
-    """
-
-    status: str = "aborted"
-    stopped: str | None = None
-    turned_rad: float = 0.0
-    clipped_ticks: int = 0
+def planned_walk(start: WalkStart) -> Walk:
+    """The open-loop walk of the plans, as in the paper: constant gait and motion."""
+    gaits = [plan.gait for plan in start.plans]
+    motions = [plan.motion(start.turned_rad) for plan in start.plans]
+    alone = start.batch_shape == ()
+    return Walk(
+        start.robot,
+        gaits[0] if alone else gaits,
+        motions[0] if alone else motions,
+        period_s=start.period_s,
+        held_legs=start.plans[0].held_legs,
+    )
 
 
 def run_trial(
     servos: Guard,
     plan: TrialPlan,
-    log: TickLog | None = None,
+    controller: Controller | MakeController | None = None,
+    recorders: Recorders | Sequence[Recorder | TickLog] = (),
     *,
     stop_requested: StopRequested = never,
-    enough: Enough | None = None,
+    should_stop: ShouldStop | None = None,
     soft_stop: bool = True,
 ) -> TrialResult:
-    """Run a plan on connected servos, keep every tick in the log if there is one, and return the result.
+    """Run a plan on connected servos and return the result.
 
     A fall, a latched stop, a diverged simulation or a requested stop is a status of the result; so is
-    `cut_short`, when `enough` ends the walk.
-    `soft_stop=False` leaves out the stop after the walk, which is never scored.
+    `cut_short`, when `should_stop` ends the walk.
+
+    Args:
+        servos: guarded, connected servos.
+        plan: what the robot shall do.
+        controller: walks instead of the plan's own open-loop walk; a controller, or what makes one of a
+            `WalkStart`. Its `done` may end the walk.
+        recorders: take the ticks in blocks, each failing alone. Given as `Recorders`, failures stay there;
+            otherwise each is a warning.
+        stop_requested: asked every tick; True ends the trial as `aborted`.
+        should_stop: asked every `LOOK_TICKS` of the walk.
+        soft_stop: False leaves out the stop after the walk, which is never scored.
 
     Raises InputError when a simulated robot has another failure than the plan, ReachError or LimitError for a
     walk that the legs cannot make, all before anything moves; and RobotFaultError when the robot has gone.
     """
-    log = TickLog() if log is None else log
     check_same_failure(servos, plan)
     check_plan(servos.robot, plan)
+    kept = Recorders.of(recorders)
+    trial = _Trial(servos, plan, controller or planned_walk, kept, stop_requested, should_stop)
     servos.rest()
     try:
-        walked = _attempt(servos, plan, log, stop_requested, enough, soft_stop)
+        trial.run(soft_stop=soft_stop)
     finally:
-        log.flush()
+        if kept is not None:
+            kept.flush()
+    if kept is not None and kept is not recorders:
+        for failure in kept.failures:
+            warnings.warn(f"{type(failure.recorder).__name__} failed: {failure.error}", stacklevel=2)
     # What comes now takes its time, and silence must not be taken for a failure.
     servos.rest()
-    rows = log.rows_of("walk")
-    return score(
-        servos.robot,
-        plan,
-        status=walked.status,
-        stopped=walked.stopped,
-        duration_s=_walked_s(log, rows, servos.clock.period_s),
-        turned_rad=walked.turned_rad,
-        clipped_ticks=walked.clipped_ticks,
-        frame=log.frame,
-        positions_world=log["base_position_world"][rows],
-        quaternions_world=log["base_quaternion_world"][rows],
-    )
-
-
-def _attempt(
-    servos: Guard,
-    plan: TrialPlan,
-    log: TickLog,
-    stop_requested: StopRequested,
-    enough: Enough | None,
-    soft_stop: bool,
-) -> _Walked:
-    """Settle, turn, walk and stop, and return how far that went and why no further."""
-    walked = _Walked()
-    try:
-        start = prepare(servos, plan, log, stop_requested)
-        walked.turned_rad = start.turned_rad
-        if not stop_requested():
-            _walk(servos, plan, start, log, stop_requested, enough, walked, soft_stop)
-    except EStopError:
-        walked.status = "fell" if servos.stopped == "fell" else "aborted"
-    except CommandRefusedError as error:
-        walked.status, walked.stopped = "aborted", str(error)
-    except SimulationDivergedError:
-        walked.status = "diverged"
-    if walked.status == "aborted" and walked.stopped is None:
-        walked.stopped = servos.stopped or "requested"
-    return walked
+    return trial.result()
 
 
 def check_same_failure(servos: LegServos, plan: TrialPlan) -> None:
@@ -146,104 +143,223 @@ def check_same_failure(servos: LegServos, plan: TrialPlan) -> None:
         )
 
 
-def prepare(servos: Guard, plan: TrialPlan, log: TickLog, stop_requested: StopRequested = never) -> StartLine:
-    """Settle in the stance and turn the failed leg away; return the robot at the start of its walk.
+def prepare(
+    servos: Guard,
+    plan: TrialPlan,
+    recorders: Recorders | Sequence[Recorder | TickLog] = (),
+    stop_requested: StopRequested = never,
+) -> WalkStart:
+    """Settle in the stance and turn the failed leg away; the robot at the start of its walk.
 
     Position and yaw are the means over the rest before the walk, so that noise of the sensors does not bend
-    the line of travel. Raises what `drive` raises.
+    the line of travel. Raises what `run_controller` raises.
     """
-    log.phase = "settle"
-    _stand(servos, plan.settle_s, log)
-    if not log.pose_known or stop_requested():
-        return StartLine(0.0, None)
-    position, first_yaw_rad = _resting_pose(log, servos, plan.settle_s)
-    yaw = first_yaw_rad
-    turn_rad = turn_needed_rad(servos.robot, plan)
-    if abs(turn_rad) > CLOSE_ENOUGH_RAD:
-        log.phase = "turn"
-        turn = Turn(servos.robot, plan, turn_rad, first_yaw_rad, servos.clock.period_s, stop_requested)
-        drive(servos, turn.controller, log, turn.until)
-        _stand(servos, PAUSE_S, log)
-        position, yaw = _resting_pose(log, servos, PAUSE_S)
-    frame = TrialFrame(position, first_yaw_rad + plan.heading_rad, yaw)
-    return StartLine(wrapped_rad(yaw - first_yaw_rad), frame)
+    return _Preparation(servos, plan, Trace(), Recorders.of(recorders), stop_requested).run()
 
 
-def ticks_of(servos: Guard, duration_s: float) -> int:
-    """Return a duration in whole control periods, at least one."""
+def ticks_of(servos: LegServos, duration_s: float) -> int:
+    """A duration in whole control periods, at least one."""
     return max(1, math.ceil(duration_s / servos.clock.period_s - 1e-9))
 
 
-def _stand(servos: Guard, duration_s: float, log: TickLog) -> None:
-    """Come to the stance in the first half of a duration and rest in it for the second."""
-    ticks = ticks_of(servos, duration_s)
-    stand = Stand(servos.robot, servos.accepted_rad(), ticks // 2)
-    drive(servos, stand, log, lambda step, _: step >= ticks - 1)
+class _TraceObserver:
+    """Adds every tick to the trial's trace."""
+
+    def __init__(self, trace: Trace) -> None:
+        self._trace = trace
+
+    def record(self, tick: Tick, state: RobotState, wanted_rad: FloatArray, sent: JointTargets) -> None:
+        self._trace.add(tick.time_s, state)
+
+    def took(self, work_s: float) -> None:
+        """Nothing: a trace keeps no durations."""
 
 
-def _resting_pose(log: TickLog, servos: Guard, duration_s: float) -> tuple[FloatArray, float]:
-    """Return mean position (3,) and mean yaw of the resting half of a stand that has just ended."""
-    rest = slice(max(0, len(log) - ticks_of(servos, duration_s) // 2 - 1), len(log))
-    positions, quaternions = log["base_position_world"][rest], log["base_quaternion_world"][rest]
-    known = np.isfinite(positions[:, 0])
-    yaws = yaw_rad(quaternions[known])
-    yaw = float(yaws[-1]) + float(np.mean([wrapped_rad(value - yaws[-1]) for value in yaws.tolist()]))
-    return positions[known].mean(axis=0), yaw
+class _Phases:
+    """Runs controllers one after the other, each as a phase of the trial."""
+
+    def __init__(self, servos: Guard, trace: Trace, recorders: Recorders | None) -> None:
+        self.servos, self.trace, self._recorders = servos, trace, recorders
+        self._observers: list[TickObserver] = [_TraceObserver(trace)]
+        if recorders is not None:
+            self._observers.append(recorders)
+
+    def begin(self, phase: str) -> None:
+        self.trace.begin_phase(phase)
+        if self._recorders is not None:
+            self._recorders.begin_phase(phase, self.trace.frame)
+
+    def run(self, controller: Controller, *, until: Until | None = None, first_step: int = 0) -> int:
+        """Run a controller until it is done; the last step."""
+        return run_controller(self.servos, controller, self._observers, until=until, first_step=first_step)[0]
 
 
-def _walk(
-    servos: Guard,
-    plan: TrialPlan,
-    start: StartLine,
-    log: TickLog,
-    stop_requested: StopRequested,
-    enough: Enough | None,
-    walked: _Walked,
-    soft_stop: bool,
-) -> None:
-    """Walk for the plan's duration, or until a stop or no more is wanted, and let the strides run out."""
-    last = ticks_of(servos, plan.duration_s) - 1
-    motion = plan.motion(start.turned_rad)
-    period_s = servos.clock.period_s
-    walk = Walk(servos.robot, plan.gait, motion, period_s=period_s, held_legs=plan.held_legs)
-    log.phase, log.frame = "walk", start.frame
-    clipped_before = servos.counters.clipped
-    looks = 0
+class _Preparation:
+    """Settling and self-rotation."""
 
-    def over(step: int, _state: RobotState) -> bool:
-        nonlocal looks
-        if step >= last:
-            walked.status = "ok"
-        elif enough is not None and (step + 1) // LOOK_TICKS > looks:
-            looks = (step + 1) // LOOK_TICKS
-            walked.status = "cut_short" if enough(_path_so_far(log)) else "aborted"
-        return walked.status != "aborted" or stop_requested()
+    def __init__(
+        self,
+        servos: Guard,
+        plan: TrialPlan,
+        trace: Trace,
+        recorders: Recorders | None,
+        stop_requested: StopRequested,
+    ) -> None:
+        self._servos, self._plan, self._stop_requested = servos, plan, stop_requested
+        self._phases = _Phases(servos, trace, recorders)
+        self._trace = trace
 
-    try:
-        step, _ = drive(servos, walk, log, over)
-    finally:
-        walked.clipped_ticks = servos.counters.clipped - clipped_before
-    if soft_stop:
-        _stop_softly(servos, walk, log, step + 1)
+    def run(self) -> WalkStart:
+        """Settle, turn if need be, and lay the trial frame."""
+        plan, robot = self._plan, self._servos.robot
+        self._phases.begin("settle")
+        self._stand(plan.settle_s)
+        if not self._trace.pose_known or self._stop_requested():
+            return self._start(0.0, None)
+        position, first_yaw_rad = self._resting_pose(plan.settle_s)
+        yaw = first_yaw_rad
+        turn_rad = turn_needed_rad(robot, plan)
+        if abs(turn_rad) > CLOSE_ENOUGH_RAD:
+            self._phases.begin("turn")
+            period_s = self._servos.clock.period_s
+            self._phases.run(Turn(robot, plan, turn_rad, first_yaw_rad, period_s, self._stop_requested))
+            self._stand(PAUSE_S)
+            position, yaw = self._resting_pose(PAUSE_S)
+        frame = TrialFrame(position, first_yaw_rad + plan.heading_rad, yaw)
+        return self._start(wrapped_rad(yaw - first_yaw_rad), frame)
+
+    def _start(self, turned_rad: float, frame: TrialFrame | None) -> WalkStart:
+        return WalkStart(
+            robot=self._servos.robot,
+            plans=(self._plan,),
+            batch_shape=(),
+            period_s=self._servos.clock.period_s,
+            turned_rad=turned_rad,
+            frame=frame,
+        )
+
+    def _stand(self, duration_s: float) -> None:
+        """Come to the stance in the first half of a duration and rest in it for the second."""
+        ticks = ticks_of(self._servos, duration_s)
+        moving = ticks // 2
+        self._phases.run(Stand(self._servos.robot, self._servos.accepted_rad(), moving, ticks - moving))
+
+    def _resting_pose(self, duration_s: float) -> tuple[FloatArray, float]:
+        """Mean position (3,) and mean yaw of the resting half of a stand that has just ended."""
+        rest = slice(max(0, len(self._trace) - ticks_of(self._servos, duration_s) // 2 - 1), None)
+        positions, quaternions = self._trace.positions_world[rest], self._trace.quaternions_world[rest]
+        known = np.isfinite(positions[:, 0])
+        yaws = yaw_rad(quaternions[known])
+        yaw = float(yaws[-1]) + float(np.mean([wrapped_rad(value - yaws[-1]) for value in yaws.tolist()]))
+        return positions[known].mean(axis=0), yaw
 
 
-def _path_so_far(log: TickLog) -> FloatArray:
-    """Return progress and deviation at each tick of the walk that the log is in, (T, 2)."""
-    positions = log["base_position_world"][log.rows_of("walk")]
-    return np.zeros((0, 2)) if log.frame is None else log.frame.path(positions)
+class _Trial:
+    """A trial on its way: how far it went, and why no further.
+
+    Attributes:
+        trace: what it remembers of its ticks.
+        status: `ok` once the whole duration was walked.
+        stopped: why it was aborted, if it was.
+        turned_rad: how far the self-rotation turned.
+        clipped_ticks: ticks of the walk in which the guard changed the targets.
+    """
+
+    def __init__(
+        self,
+        servos: Guard,
+        plan: TrialPlan,
+        controller: Controller | MakeController,
+        recorders: Recorders | None,
+        stop_requested: StopRequested,
+        should_stop: ShouldStop | None,
+    ) -> None:
+        self._servos, self._plan, self._controller = servos, plan, controller
+        self._recorders, self._stop_requested, self._should_stop = recorders, stop_requested, should_stop
+        self.trace = Trace()
+        self.status = "aborted"
+        self.stopped: str | None = None
+        self.turned_rad, self.clipped_ticks = 0.0, 0
+        self._requested = False
+
+    def run(self, *, soft_stop: bool) -> None:
+        """Settle, turn, walk and stop."""
+        servos, trace, recorders = self._servos, self.trace, self._recorders
+        try:
+            start = _Preparation(servos, self._plan, trace, recorders, self._stop_requested).run()
+            self.turned_rad = start.turned_rad
+            if not self._stop_requested():
+                self._walk(start, soft_stop=soft_stop)
+        except EStopError:
+            self.status = "fell" if servos.stopped == "fell" else "aborted"
+        except CommandRefusedError as error:
+            self.status, self.stopped = "aborted", str(error)
+        except SimulationDivergedError:
+            self.status = "diverged"
+        if self.status == "aborted" and self.stopped is None:
+            self.stopped = servos.stopped or "requested"
+
+    def result(self) -> TrialResult:
+        """The result of the walk so far."""
+        trace, plan = self.trace, self._plan
+        rows = trace.rows("walk")
+        return score(
+            self._servos.robot,
+            plan,
+            status=self.status,
+            stopped=self.stopped,
+            duration_s=_span_s(trace.times_s[rows], self._servos.clock.period_s),
+            turned_rad=self.turned_rad,
+            clipped_ticks=self.clipped_ticks,
+            frame=trace.frame,
+            positions_world=trace.positions_world[rows],
+            quaternions_world=trace.quaternions_world[rows],
+        )
+
+    def _walk(self, start: WalkStart, *, soft_stop: bool) -> None:
+        """Walk for the plan's duration, or until a stop is due, and let the strides run out."""
+        given = self._controller
+        walk = given if isinstance(given, Controller) else given(start)
+        phases = _Phases(self._servos, self.trace, self._recorders)
+        self.trace.frame = start.frame
+        phases.begin("walk")
+        clipped_before = self._servos.counters.clipped
+        try:
+            step = phases.run(walk, until=self._until())
+        finally:
+            self.clipped_ticks = self._servos.counters.clipped - clipped_before
+        if self.status == "aborted" and not self._requested:
+            self.status = "ok"  # the controller itself has ended the walk
+        if soft_stop:
+            self._stop_softly(phases, walk, step + 1)
+
+    def _until(self) -> Until:
+        """What ends the walk before its controller does; sets the status."""
+        last = ticks_of(self._servos, self._plan.duration_s) - 1
+        looks = 0
+
+        def over(step: int, _state: RobotState) -> bool:
+            nonlocal looks
+            if step >= last:
+                self.status = "ok"
+            elif self._should_stop is not None and (step + 1) // LOOK_TICKS > looks:
+                looks = (step + 1) // LOOK_TICKS
+                self.status = "cut_short" if self._should_stop(self.trace) else "aborted"
+            self._requested = self.status == "aborted" and self._stop_requested()
+            return self.status != "aborted" or self._requested
+
+        return over
+
+    def _stop_softly(self, phases: _Phases, walk: Controller, step: int) -> None:
+        """Let the strides run out from a step on; what goes wrong now no longer changes the walk."""
+        phases.begin("stop")
+        walk.stop(step)
+        end = step + soft_stop_steps(self._servos.clock.period_s) - 1
+        with suppress(EStopError, CommandRefusedError, SimulationDivergedError):
+            phases.run(walk, until=lambda at, _: at >= end, first_step=step)
 
 
-def _stop_softly(servos: Guard, walk: Walk, log: TickLog, step: int) -> None:
-    """Let the strides run out from a step on; what goes wrong now no longer changes the walk."""
-    log.phase = "stop"
-    walk.stop(step)
-    end = step + walk.stopping_ticks - 1
-    with suppress(EStopError, CommandRefusedError, SimulationDivergedError):
-        drive(servos, walk, log, lambda step, _: step >= end, first_step=step)
-
-
-def _walked_s(log: TickLog, rows: slice, period_s: float) -> float:
-    """Return the time that the rows of the walk span, points that the clock skipped included."""
-    times = log["time_s"][rows]
-    ticks = round((times[-1] - times[0]) / period_s) + 1 if times.size else 0
+def _span_s(times_s: FloatArray, period_s: float) -> float:
+    """The time that ticks span, points that the clock skipped included."""
+    ticks = round((times_s[-1] - times_s[0]) / period_s) + 1 if times_s.size else 0
     return ticks * period_s

@@ -3,19 +3,19 @@
 import math
 from collections.abc import Callable
 
-from hexctl.control.controllers import Walk, check_walk
+from hexctl.control.controllers import Controller, Walk, check_walk, soft_stop_steps
 from hexctl.control.plan import TrialPlan
 from hexctl.gait.foot_trajectory import RAMP_DURATION_S
 from hexctl.gait.gait import Gait, Motion, half_amplitude_turn_rate_rad_s, make_gait
 from hexctl.robot.model import Robot
 from hexctl.robot.rotations import wrapped_rad, yaw_rad
-from hexctl.types import RobotState
+from hexctl.types import FloatArray, RobotState
 
 #: Not worth turning for; the walk's heading makes up for what is left.
 CLOSE_ENOUGH_RAD = math.radians(2.0)
 
 #: A failed leg slows the turn; after this many times the ideal time the robot walks from where it is.
-PATIENCE = 4.0
+TIMEOUT_FACTOR = 4.0
 
 #: Share of the commanded rate that robots make, until this one has shown its own.
 USUAL_SHARE = 0.85
@@ -60,7 +60,7 @@ def check_plan(robot: Robot, plan: TrialPlan) -> None:
             check_walk(robot, plan.gait, plan.motion(turn_rad + off_rad))
 
 
-class Turn:
+class Turn(Controller):
     """A turn in place by an angle, measured on the robot's own yaw.
 
     It begins its soft stop when what is left is what the stop will still turn. That is told from the
@@ -78,7 +78,7 @@ class Turn:
         stop_requested: Callable[[], bool],
     ) -> None:
         gait, motion = turn_gait(robot), turn_motion(robot, turn_rad)
-        self.controller = Walk(robot, gait, motion, period_s=period_s, held_legs=plan.held_legs)
+        self._walk = Walk(robot, gait, motion, period_s=period_s, held_legs=plan.held_legs)
         self._sign = math.copysign(1.0, turn_rad)
         self._goal_rad = abs(turn_rad)
         self._rate_rad_s = abs(motion.turn_rate_rad_s)
@@ -87,21 +87,29 @@ class Turn:
         self._period_s = period_s
         self._last_yaw_rad = start_yaw_rad
         self._turned_rad = 0.0
-        self._patience_s = PATIENCE * (RAMP_DURATION_S + self._goal_rad / self._rate_rad_s)
+        self._timeout_s = TIMEOUT_FACTOR * (RAMP_DURATION_S + self._goal_rad / self._rate_rad_s)
         self._stopped_at: int | None = None
 
-    def until(self, step: int, state: RobotState) -> bool:
-        """Watch the yaw, begin the stop in time, and return True when the robot stands again."""
+    def targets_rad(self, step: int, state: RobotState) -> FloatArray:
+        """Joint angles of the turning gait, (18,)."""
+        return self._walk.targets_rad(step, state)
+
+    def stop(self, step: int) -> None:
+        """Begin the soft stop."""
+        if self._stopped_at is None:
+            self._stopped_at = step
+            self._walk.stop(step)
+
+    def done(self, step: int, state: RobotState) -> bool:
+        """Whether the robot stands again; follows the yaw and begins the stop in time."""
         if state.base_quaternion_world is not None:
             yaw = float(yaw_rad(state.base_quaternion_world))
             self._turned_rad += self._sign * wrapped_rad(yaw - self._last_yaw_rad)
             self._last_yaw_rad = yaw
         time_s = step * self._period_s
-        enough = self._near(time_s) or time_s >= self._patience_s or self._stop_requested()
-        if self._stopped_at is None and enough:
-            self._stopped_at = step
-            self.controller.stop(step)
-        return self._stopped_at is not None and step >= self._stopped_at + self.controller.stopping_ticks
+        if self._near(time_s) or time_s >= self._timeout_s or self._stop_requested():
+            self.stop(step)
+        return self._stopped_at is not None and step >= self._stopped_at + soft_stop_steps(self._period_s)
 
     def _near(self, time_s: float) -> bool:
         """Return whether a stop that begins now ends at the goal or past it."""

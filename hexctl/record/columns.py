@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hexctl.backends.sim.terrain import Floor
-from hexctl.control.log import PHASES, TickLog
+from hexctl.control.log import TickLog
 from hexctl.control.plan import TrialPlan
+from hexctl.control.trace import PHASES
 from hexctl.ik.support_polygon import foot_heights_body
 from hexctl.record import paths
 from hexctl.record.rrd import load_rerun

@@ -27,7 +27,7 @@ END_PATIENCE_S = 5.0
 
 
 class LiveView:
-    """Shows walks in a Rerun viewer while they go on; `write_block` is the sink of a `TickLog`.
+    """Shows walks in a Rerun viewer while they run: a recorder of `run_trial`.
 
     Rows go through a pipe to a process of their own, which talks to the viewer. A viewer or feeder that dies
     or hangs costs the robot nothing: what does not fit into the pipe waits, and beyond a bound the live view
@@ -49,7 +49,7 @@ class LiveView:
         Raises RecordingError when they cannot start, MissingExtraError without Rerun.
         """
         self.lost: str | None = None
-        self.block_ticks = LIVE_BLOCK_TICKS
+        self.block_ticks: int | None = LIVE_BLOCK_TICKS
         self._waiting = b""
         port, web_port = free_port(), free_port()
         self.url = web_url(port, web_port) if web else None

@@ -38,10 +38,12 @@ class _Pending:
 
 
 class Recording:
-    """Writes a trial to an .rrd file while it runs; `write_block` is the sink of a `TickLog`.
+    """Writes a trial to an .rrd file while it runs: a recorder of `run_trial`.
 
     Use as a context manager, or call `close`.
     """
+
+    block_ticks: int | None = None
 
     def __init__(
         self,

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hexctl.backends.clock import PERIOD_S
-from hexctl.control.log import PHASES, TickLog
+from hexctl.control.log import TickLog
 from hexctl.control.result import TrialResult
-from hexctl.control.trace import TrialFrame
+from hexctl.control.trace import PHASES, TrialFrame
 from hexctl.ik.legs import link_points_body
 from hexctl.ik.support_polygon import carried, centre_of_mass_of, support, to_world
 from hexctl.record import paths, style

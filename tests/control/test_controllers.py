@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
-from hexctl.control.controllers import LOOK_AHEAD_TICKS, Stand, Walk, check_walk
+from hexctl.control.controllers import LOOK_AHEAD_TICKS, Stand, Walk, check_walk, soft_stop_steps
 from hexctl.errors import LimitError, ReachError
 from hexctl.gait.foot_trajectory import gait_feet_body
 from hexctl.gait.gait import Gait, Motion
@@ -63,7 +63,7 @@ def test_a_stop_goes_on_from_the_stride_and_ends_in_the_stance(stop_tick: int) -
         assert np.array_equal(walk.targets_rad(tick, STATE), plain.targets_rad(tick, STATE))
     walk.stop(stop_tick)
     walk.stop(stop_tick + 50)  # a second stop changes nothing
-    end = stop_tick + walk.stopping_ticks
+    end = stop_tick + soft_stop_steps(0.02)
     angles = _angles(walk, range(max(0, stop_tick - 1), end + 20))
     np.testing.assert_allclose(
         angles[end - max(0, stop_tick - 1) :], ANT.stance_angles_rad + np.zeros((20, 18)), atol=1e-12

@@ -11,7 +11,7 @@ from hexctl.control.guard import Guard
 from hexctl.control.log import TickLog
 from hexctl.control.plan import TrialPlan
 from hexctl.control.result import STATUSES, TrialResult
-from hexctl.control.trial import Enough, StopRequested, never, run_trial
+from hexctl.control.trial import Enough, StopRequested, never, run_trial, stop_when
 from hexctl.types import FloatArray
 from tests.backends.fake_time import FakeTime
 from tests.robots import shipped
@@ -40,7 +40,13 @@ def _walk(
     log = TickLog()
     plan = TrialPlan(gait=gait_of(shipped()), duration_s=duration_s)
     with SimServos(shipped(), world=world) as servos:
-        result = run_trial(Guard(servos), plan, log, stop_requested=stop_requested, enough=enough)
+        result = run_trial(
+            Guard(servos),
+            plan,
+            recorders=(log,),
+            stop_requested=stop_requested,
+            should_stop=stop_when(enough),
+        )
     return result, log
 
 
@@ -107,7 +113,11 @@ def test_a_stop_that_is_asked_for_still_aborts() -> None:
     plan = TrialPlan(gait=gait_of(shipped()), duration_s=30)
     with SimServos(shipped()) as servos:
         result = run_trial(
-            Guard(servos), plan, log, stop_requested=lambda: log.walked_ticks >= 120, enough=asked
+            Guard(servos),
+            plan,
+            recorders=(log,),
+            stop_requested=lambda: log.walked_ticks >= 120,
+            should_stop=stop_when(asked),
         )
     assert (result.status, result.stopped) == ("aborted", "requested")
     assert [len(path) for path in asked.paths] == [50, 100]
@@ -125,6 +135,6 @@ def test_a_robot_that_knows_no_pose_has_no_path_to_show() -> None:
     asked = Asked()
     plan = TrialPlan(gait=gait_of(shipped()), duration_s=2.5)
     with Guard(MockServos(shipped(), clock=FakeTime().clock())) as guard:
-        result = run_trial(guard, plan, enough=asked)
+        result = run_trial(guard, plan, should_stop=stop_when(asked))
     assert result.status == "ok"
     assert [path.shape for path in asked.paths] == [(0, 2), (0, 2)]

@@ -4,11 +4,14 @@ import numpy as np
 import pytest
 
 from hexctl.backends.clock import Tick
-from hexctl.control.log import CHUNK_ROWS, PHASES, TickLog
+from hexctl.control.log import CHUNK_ROWS, Recorders, TickLog
+from hexctl.control.trace import PHASES
+from hexctl.errors import InputError
 from hexctl.types import JointTargets, RobotState
+from tests.recorders import Calling
 
 
-def _record(log: TickLog, index: int, *, posed: bool = True) -> None:
+def _record(log: TickLog | Recorders, index: int, *, posed: bool = True) -> None:
     state = RobotState(
         np.full(18, index + 0.1),
         0.02 * index,
@@ -43,12 +46,13 @@ def test_every_tick_is_kept_as_it_came_however_many_there_are() -> None:
 @pytest.mark.parametrize("total", [0, 1, 99, 100, 101, 2500])
 def test_blocks_are_handed_on_once_and_in_order(total: int) -> None:
     blocks: list[np.ndarray] = []
-    log = TickLog(lambda log, first, last: blocks.append(log["time_s"][first:last].copy()), block_ticks=100)
+    kept = Calling(lambda log, first, last: blocks.append(log["time_s"][first:last].copy()), block_ticks=100)
+    recorders = Recorders(kept)
     for index in range(total):
-        _record(log, index)
+        _record(recorders, index)
         assert sum(map(len, blocks)) == (index + 1) // 100 * 100
-    log.flush()
-    log.flush()
+    recorders.flush()
+    recorders.flush()
     together = np.concatenate([np.zeros(0), *blocks])
     np.testing.assert_array_equal(together, 0.02 * np.arange(total))
 
@@ -89,20 +93,49 @@ def test_the_work_of_a_tick_is_kept_with_it() -> None:
     assert log["work_s"].tolist() == [2e-5] * 3
 
 
-def test_a_sink_that_fails_is_kept_for_later_and_left_alone() -> None:
-    calls = []
+@pytest.mark.parametrize("fails", ["first", "last"])
+def test_a_recorder_that_fails_is_left_out_and_silences_no_other(fails: str) -> None:
+    calls: list[int] = []
+    rows: list[tuple[int, int]] = []
 
-    def sink(_: TickLog, first: int, __: int) -> None:
+    def fail(_: TickLog, first: int, __: int) -> None:
         calls.append(first)
         raise OSError("disk full")
 
-    log = TickLog(sink, block_ticks=2)
+    failing = Calling(fail, block_ticks=2)
+    whole = Calling(lambda _, first, last: rows.append((first, last)))
+    both = (failing, whole) if fails == "first" else (whole, failing)
+    recorders = Recorders(*both, block_ticks=3)
     for index in range(7):
-        _record(log, index)
-    log.flush()
+        _record(recorders, index)
+    recorders.flush()
     assert calls == [0]
-    assert isinstance(log.sink_error, OSError)
-    assert len(log) == 7
+    assert rows == [(0, 3), (3, 6), (6, 7)]
+    assert str(recorders.error_of(failing)) == "disk full"
+    assert recorders.error_of(whole) is None
+    assert [failure.recorder for failure in recorders.failures] == [failing]
+    assert len(recorders.log) == 7
+
+
+def test_each_recorder_has_blocks_of_its_own_size() -> None:
+    sizes: dict[int, list[int]] = {2: [], 5: []}
+    given = [
+        Calling(lambda _, first, last, size=size: sizes[size].append(last - first), block_ticks=size)  # type: ignore[misc]
+        for size in sizes
+    ]
+    log = TickLog()
+    recorders = Recorders(log, *given)
+    for index in range(11):
+        _record(recorders, index)
+    recorders.flush()
+    assert sizes == {2: [2, 2, 2, 2, 2, 1], 5: [5, 5, 1]}
+    assert recorders.log is log
+    assert len(log) == 11
+
+
+def test_two_logs_are_refused() -> None:
+    with pytest.raises(InputError, match="got 2 logs; allowed: one"):
+        Recorders(TickLog(), TickLog())
 
 
 def test_contacts_that_are_missing_are_told_and_are_no_touch() -> None:

@@ -6,7 +6,7 @@ import pytest
 from hexctl.backends.clock import Tick
 from hexctl.control.controllers import Controller
 from hexctl.control.guard import Guard
-from hexctl.control.loop import drive
+from hexctl.control.loop import run_controller
 from hexctl.errors import EStopError
 from hexctl.types import FloatArray, JointTargets, RobotState
 from tests.control.posed import PosedMock
@@ -19,9 +19,9 @@ class _Nudge(Controller):
         self._stance_rad = stance_rad
         self.asked: list[tuple[int, float]] = []
 
-    def targets_rad(self, tick: int, state: RobotState) -> FloatArray:
-        self.asked.append((tick, float(state.joint_positions_rad[0])))
-        return self._stance_rad + 0.01 * tick
+    def targets_rad(self, step: int, state: RobotState) -> FloatArray:
+        self.asked.append((step, float(state.joint_positions_rad[0])))
+        return self._stance_rad + 0.01 * step
 
 
 class _Rows:
@@ -46,7 +46,7 @@ def _connected() -> tuple[Guard, PosedMock, _Nudge, _Rows]:
 
 def test_each_tick_reads_what_the_last_one_wrote_and_is_recorded() -> None:
     guard, servos, controller, rows = _connected()
-    last, state = drive(guard, controller, rows, lambda step, _: step >= 9)
+    last, state = run_controller(guard, controller, (rows,), until=lambda step, _: step >= 9)
     stance = float(servos.robot.stance_angles_rad[0])
     assert last == 9
     assert [step for step, _ in controller.asked] == list(range(10))
@@ -65,7 +65,7 @@ def test_each_tick_reads_what_the_last_one_wrote_and_is_recorded() -> None:
 def test_what_was_sent_is_recorded_beside_what_was_wanted() -> None:
     guard, _, _, rows = _connected()
     far = _Nudge(guard.robot.stance_angles_rad + 1.0)
-    drive(guard, far, rows, lambda step, _: step >= 3)
+    run_controller(guard, far, (rows,), until=lambda step, _: step >= 3)
     for _, _, wanted, sent in rows.rows[:1]:
         assert (sent.positions_rad != wanted).all()
 
@@ -77,7 +77,7 @@ def test_steps_follow_the_clock_over_points_that_it_skips() -> None:
         servos.time.work(0.02 * 3.5)
         return step >= 12
 
-    last, _ = drive(guard, controller, rows, slow)
+    last, _ = run_controller(guard, controller, (rows,), until=slow)
     steps = [step for step, _ in controller.asked]
     assert steps == sorted(set(steps))
     assert len(steps) < 7
@@ -87,8 +87,8 @@ def test_steps_follow_the_clock_over_points_that_it_skips() -> None:
 
 def test_a_controller_can_go_on_where_it_was() -> None:
     guard, _, controller, rows = _connected()
-    last, _ = drive(guard, controller, rows, lambda step, _: step >= 4)
-    drive(guard, controller, rows, lambda step, _: step >= 8, first_step=last + 1)
+    last, _ = run_controller(guard, controller, (rows,), until=lambda step, _: step >= 4)
+    run_controller(guard, controller, (rows,), until=lambda step, _: step >= 8, first_step=last + 1)
     assert [step for step, _ in controller.asked] == list(range(9))
 
 
@@ -101,5 +101,5 @@ def test_a_stop_ends_the_drive_before_the_servos_hear_of_it() -> None:
         return False
 
     with pytest.raises(EStopError, match="by hand"):
-        drive(guard, controller, rows, press)
+        run_controller(guard, controller, (rows,), until=press)
     assert len(servos.sent) == len(rows.rows) == 4

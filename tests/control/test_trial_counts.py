@@ -10,7 +10,7 @@ import pytest
 
 from hexctl.backends.mock import MockServos
 from hexctl.control.guard import Guard
-from hexctl.control.log import TickLog
+from hexctl.control.log import Recorders, TickLog
 from hexctl.control.plan import TrialPlan
 from hexctl.control.result import TrialResult
 from hexctl.control.trial import run_trial
@@ -18,6 +18,7 @@ from hexctl.robot.failure import Failure
 from hexctl.types import JointTargets
 from tests.backends.fake_time import FakeTime
 from tests.control.posed import PosedMock
+from tests.recorders import Calling
 from tests.robots import shipped
 from tests.trials import gait_of, walk
 
@@ -39,7 +40,7 @@ def test_what_the_servos_round_is_recorded_and_is_no_clipping() -> None:
     servos, log = _Rounding(), TickLog()
     slow = replace(gait_of(shipped()), pace_hz=0.2, amplitude=0.05)
     with Guard(servos) as guard:
-        result = run_trial(guard, TrialPlan(gait=slow, duration_s=2), log)
+        result = run_trial(guard, TrialPlan(gait=slow, duration_s=2), recorders=(log,))
     assert result.clipped_ticks == guard.counters.clipped == 0
     assert (log["sent_rad"] != log["wanted_rad"]).any()
     np.testing.assert_array_equal(log["sent_rad"], np.round(log["wanted_rad"], 2))
@@ -50,28 +51,22 @@ def test_ticks_are_counted_as_clipped_in_the_walk_only() -> None:
     servos.connect()
     servos.write(JointTargets(STANCE - 0.8, 0.0))
     guard = Guard(servos)
-    result = run_trial(guard, _plan(settle_s=0.2), log)
+    result = run_trial(guard, _plan(settle_s=0.2), recorders=(log,))
     changed = (log["sent_rad"] != log["wanted_rad"]).any(axis=-1)
     assert changed[log.rows_of("settle")].any()
     assert guard.counters.clipped == changed.sum()
     assert result.clipped_ticks == changed[log.rows_of("walk")].sum()
 
 
-class _Meddler:
-    """The sink of a log that does something to the robot in a phase."""
-
-    def __init__(self, phase: str, happen: Callable[[], object]) -> None:
-        self._phase, self._happen = phase, happen
-
-    def __call__(self, log: TickLog, start: int, stop: int) -> None:
-        if log.phase == self._phase:
-            self._happen()
+def _meddler(phase: str, happen: Callable[[], object]) -> Calling:
+    """A recorder that does something to the robot in a phase."""
+    return Calling(lambda log, _, __: happen() if log.phase == phase else None, block_ticks=1)
 
 
-def _run(servos: PosedMock, phase: str, happen: Callable[[], object]) -> tuple[TrialResult, Guard, TickLog]:
-    guard, log = Guard(servos), TickLog(_Meddler(phase, happen), block_ticks=1)
+def _run(servos: PosedMock, phase: str, happen: Callable[[], object]) -> tuple[TrialResult, Guard, Recorders]:
+    guard, recorders = Guard(servos), Recorders(_meddler(phase, happen))
     servos.connect()
-    return run_trial(guard, _plan(), log), guard, log
+    return run_trial(guard, _plan(), recorders=recorders), guard, recorders
 
 
 @pytest.mark.parametrize(
@@ -83,7 +78,8 @@ def test_what_goes_wrong_aborts_the_walk_unless_it_is_over(
     phase: str, change: dict[str, Any], reason: str
 ) -> None:
     servos = PosedMock()
-    result, guard, log = _run(servos, phase, lambda: vars(servos).update(change))
+    result, guard, recorders = _run(servos, phase, lambda: vars(servos).update(change))
+    log = recorders.log
     assert guard.stopped == reason
     ends = log.rows_of(phase)
     assert ends.stop - ends.start == 1, "it stands at once"
@@ -97,7 +93,8 @@ def test_what_goes_wrong_aborts_the_walk_unless_it_is_over(
 
 def test_a_fall_in_the_soft_stop_leaves_the_walk_as_it_was() -> None:
     servos = PosedMock()
-    result, guard, log = _run(servos, "stop", lambda: servos.lean(90))
+    result, guard, recorders = _run(servos, "stop", lambda: servos.lean(90))
+    log = recorders.log
     assert guard.stopped == "fell"
     assert log.rows_of("stop").stop - log.rows_of("stop").start < 20
     assert (result.status, result.stopped) == ("ok", None)
@@ -106,9 +103,9 @@ def test_a_fall_in_the_soft_stop_leaves_the_walk_as_it_was() -> None:
 
 def test_a_stop_requested_in_the_soft_stop_leaves_the_walk_as_it_was() -> None:
     asked = []
-    servos, log = PosedMock(), TickLog(_Meddler("stop", lambda: asked.append(1)), block_ticks=1)
+    servos, log = PosedMock(), _meddler("stop", lambda: asked.append(1))
     with Guard(servos) as guard:
-        result = run_trial(guard, _plan(), log, stop_requested=lambda: bool(asked))
+        result = run_trial(guard, _plan(), recorders=(log,), stop_requested=lambda: bool(asked))
     assert asked
     assert (result.status, result.stopped) == ("ok", None)
 
@@ -116,19 +113,20 @@ def test_a_stop_requested_in_the_soft_stop_leaves_the_walk_as_it_was() -> None:
 def test_a_stop_requested_says_so_in_the_numbers() -> None:
     log = TickLog()
     with Guard(PosedMock()) as guard:
-        result = run_trial(guard, _plan(), log, stop_requested=lambda: log.walked_ticks == 20)
+        result = run_trial(guard, _plan(), recorders=(log,), stop_requested=lambda: log.walked_ticks == 20)
     assert result.duration_s == pytest.approx(0.4)
     assert result.numbers()["status"] == "aborted"
     assert result.numbers()["stopped"] == "requested"
 
 
-def test_a_sink_that_fails_lets_the_robot_walk_on_to_the_end() -> None:
+def test_a_recorder_that_fails_lets_the_robot_walk_on_to_the_end() -> None:
     def fail() -> None:
         raise OSError("no space left")
 
-    result, guard, log = _run(PosedMock(), "walk", fail)
+    result, guard, recorders = _run(PosedMock(), "walk", fail)
+    log = recorders.log
     assert (result.status, guard.stopped) == ("ok", None)
-    assert str(log.sink_error) == "no space left"
+    assert [str(failure.error) for failure in recorders.failures] == ["no space left"]
     assert log.walked_ticks == 50
     np.testing.assert_allclose(log["sent_rad"][-1], STANCE, atol=1e-9)
 
@@ -152,7 +150,7 @@ def test_three_trials_in_a_row_on_one_guard_are_each_their_own() -> None:
     with Guard(servos) as guard:
         for _ in range(3):
             log = TickLog()
-            result = run_trial(guard, _plan(), log)
+            result = run_trial(guard, _plan(), recorders=(log,))
             assert (result.status, result.stopped) == ("ok", None)
             assert result.duration_s == pytest.approx(1)
             assert log.walked_ticks == 50

@@ -25,6 +25,7 @@ from hexctl.robot.failure import Failure
 from hexctl.types import RobotState
 from tests.backends.fake_time import FakeTime
 from tests.control.posed import PosedMock
+from tests.recorders import Calling
 from tests.robots import shipped
 from tests.trials import gait_of, walk
 
@@ -60,7 +61,9 @@ def _with_physics_at(tick: int, happen: Callable[[Any], None], **plan: Any) -> t
             return False
 
         gait = gait_of(shipped(), "tripod")
-        result = run_trial(Guard(servos), TrialPlan(gait=gait, **plan), log, stop_requested=never_but_look)
+        result = run_trial(
+            Guard(servos), TrialPlan(gait=gait, **plan), recorders=(log,), stop_requested=never_but_look
+        )
     return result, log
 
 
@@ -101,7 +104,9 @@ def _stopped(phase: str, after_ticks: int, **plan: Any) -> tuple[TrialResult, Ti
             rows = log.rows_of(phase)
             return bool(rows.stop - rows.start >= after_ticks)
 
-        result = run_trial(guard, TrialPlan(gait=gait_of(shipped()), **plan), log, stop_requested=asked)
+        result = run_trial(
+            guard, TrialPlan(gait=gait_of(shipped()), **plan), recorders=(log,), stop_requested=asked
+        )
     return result, log, guard
 
 
@@ -145,7 +150,7 @@ def test_an_emergency_stop_freezes_at_once_and_aborts() -> None:
             return False
 
         result = run_trial(
-            guard, TrialPlan(gait=gait_of(shipped()), duration_s=30), log, stop_requested=press
+            guard, TrialPlan(gait=gait_of(shipped()), duration_s=30), recorders=(log,), stop_requested=press
         )
     assert result.status == "aborted"
     assert result.duration_s == pytest.approx(2.0, abs=0.05)
@@ -156,7 +161,7 @@ def test_a_robot_that_knows_no_pose_walks_and_is_not_scored() -> None:
     with Guard(MockServos(shipped(), clock=FakeTime().clock())) as guard:
         log = TickLog()
         plan = TrialPlan(gait=gait_of(shipped()), failure=Failure(leg=2), duration_s=3)
-        result = run_trial(guard, plan, log)
+        result = run_trial(guard, plan, recorders=(log,))
     assert result.status == "ok"
     assert result.duration_s == pytest.approx(3)
     assert (result.distance_m, result.deviation, result.yaw_change_rad) == (None, None, None)
@@ -176,7 +181,7 @@ def test_a_robot_that_loses_its_pose_is_not_scored_with_a_made_up_one() -> None:
 
     with Guard(servos) as guard:
         result = run_trial(
-            guard, TrialPlan(gait=gait_of(shipped()), duration_s=3), log, stop_requested=lose_it
+            guard, TrialPlan(gait=gait_of(shipped()), duration_s=3), recorders=(log,), stop_requested=lose_it
         )
     assert (result.status, result.stopped) == ("aborted", "pose lost")
     assert not result.valid
@@ -193,7 +198,7 @@ def test_a_robot_that_loses_its_pose_in_the_turn_is_stopped_at_once() -> None:
 
     plan = TrialPlan(gait=gait_of(shipped()), failure=Failure(leg=2), duration_s=3)
     with Guard(servos) as guard:
-        result = run_trial(guard, plan, log, stop_requested=lose_it)
+        result = run_trial(guard, plan, recorders=(log,), stop_requested=lose_it)
     turning = log.rows_of("turn")
     assert turning.stop - turning.start <= 2
     assert (result.status, result.stopped, result.distance_m) == ("aborted", "pose lost", None)
@@ -225,7 +230,7 @@ def test_a_walk_that_the_legs_cannot_make_after_the_turn_is_refused_before_it() 
     check_walk(robot, gait, plan.motion(0.0))
     log = TickLog()
     with Guard(SimServos(robot, failure=failure)) as guard, pytest.raises((ReachError, LimitError)):
-        run_trial(guard, plan, log)
+        run_trial(guard, plan, recorders=(log,))
     assert len(log) == 0
     with pytest.raises((ReachError, LimitError)):
         run_sim_trials([SimTrial(robot=robot, plan=plan)])
@@ -236,7 +241,7 @@ def test_a_gait_beyond_the_legs_is_refused_before_anything_moves(amplitude: floa
     servos = PosedMock()
     gait = Gait(slots=(1, 4, 2, 6, 3, 5), pace_hz=0.9, amplitude=amplitude, height=height)
     with Guard(servos) as guard, pytest.raises((ReachError, LimitError), match=r"leg \d"):
-        run_trial(guard, TrialPlan(gait=gait), TickLog())
+        run_trial(guard, TrialPlan(gait=gait))
     assert len(servos.sent) == 0
 
 
@@ -251,9 +256,10 @@ class _Dying(PosedMock):
 
 def test_a_fault_of_the_robot_is_raised_and_what_was_logged_is_kept() -> None:
     seen: list[tuple[int, int]] = []
-    log = TickLog(lambda _, first, last: seen.append((first, last)))
+    log = TickLog()
+    watching = Calling(lambda _, first, last: seen.append((first, last)))
     with Guard(_Dying()) as guard, pytest.raises(RobotFaultError, match="check the cable"):
-        run_trial(guard, TrialPlan(gait=gait_of(shipped()), duration_s=30), log)
+        run_trial(guard, TrialPlan(gait=gait_of(shipped()), duration_s=30), recorders=(log, watching))
     assert len(log) == 100
     assert seen[-1][1] == 100
 
@@ -267,7 +273,9 @@ def test_a_clock_that_skips_points_does_not_stretch_the_walk() -> None:
         return False
 
     with Guard(servos) as guard:
-        result = run_trial(guard, TrialPlan(gait=gait_of(shipped()), duration_s=4), log, stop_requested=work)
+        result = run_trial(
+            guard, TrialPlan(gait=gait_of(shipped()), duration_s=4), recorders=(log,), stop_requested=work
+        )
     rows = log.rows_of("walk")
     assert rows.stop - rows.start < 0.5 * 4 / 0.02
     assert result.duration_s == pytest.approx(4, abs=0.06)

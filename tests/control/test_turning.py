@@ -100,7 +100,7 @@ def test_a_robot_that_does_not_turn_walks_from_where_it_is() -> None:
     servos, log = PosedMock(), TickLog()
     plan = TrialPlan(gait=gait_of(servos.robot), failure=Failure(leg=2), duration_s=1)
     with Guard(servos) as guard:
-        result = run_trial(guard, plan, log)
+        result = run_trial(guard, plan, recorders=(log,))
     turning = log.rows_of("turn")
     ideal_s = 2 + math.radians(120) / (1.5 * 0.9 * 0.055 / 0.204)
     assert (turning.stop - turning.start) * 0.02 == pytest.approx(4 * ideal_s + 2 + 0.5, abs=0.1)

@@ -4,6 +4,7 @@ import signal
 import subprocess
 import sys
 import time
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -13,7 +14,7 @@ import pytest
 
 from hexctl.backends.sim.servos import SimServos
 from hexctl.control.guard import Guard
-from hexctl.control.log import COLUMNS, TickLog
+from hexctl.control.log import COLUMNS, Recorder, TickLog
 from hexctl.control.plan import TrialPlan
 from hexctl.control.result import TrialResult
 from hexctl.control.trial import run_trial
@@ -22,6 +23,7 @@ from hexctl.record import live as live_module
 from hexctl.record.live import LiveView
 from hexctl.record.recording import Recording
 from hexctl.record.rrd import load_rerun
+from tests.recorders import Calling
 from tests.robots import shipped
 
 PLAN = TrialPlan(gait=make_gait(shipped(), "tripod"), duration_s=3.0)
@@ -32,9 +34,9 @@ PATIENCE_S = 30.0
 TICKS = 50 + 150 + 101
 
 
-def walk(log: TickLog) -> TrialResult:
+def walk(*recorders: Recorder | TickLog) -> TrialResult:
     with Guard(SimServos(shipped())) as servos:
-        return run_trial(servos, PLAN, log)
+        return run_trial(servos, PLAN, recorders=recorders)
 
 
 @contextmanager
@@ -62,8 +64,8 @@ def test_what_is_shown_is_the_whole_walk(tmp_path: Path) -> None:
     saved = tmp_path / "shown.rrd"
     with viewing(saved) as live:
         live.begin(shipped(), PLAN, title="walk")
-        log = TickLog(live.write_block, live.block_ticks)
-        assert walk(log).status == "ok"
+        log = TickLog()
+        assert walk(log, live).status == "ok"
         assert len(log) == TICKS
         live.close()
         assert live.lost is None
@@ -83,17 +85,16 @@ def test_a_viewer_that_dies_or_hangs_holds_nothing_up(tmp_path: Path, who: str, 
         live.begin(shipped(), PLAN, title="walk")
         process = live._viewer if who == "viewer" else live._feeder
 
-        def sink(log: TickLog, start: int, stop: int) -> None:
-            recording.write_block(log, start, stop)
-            live.write_block(log, start, stop)
+        def break_it(_: TickLog, start: int, stop: int) -> None:
             if start <= 100 < stop:
                 process.send_signal(how)
 
-        log = TickLog(sink, live.block_ticks)
-        result = walk(log)
+        log = TickLog()
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")  # a recorder that fails is a warning
+            result = walk(log, recording, live, Calling(break_it, block_ticks=live.block_ticks))
         assert result.status == "ok"
         assert len(log) == TICKS
-        assert log.sink_error is None
         recording.finish(result, {})
         live.close(leave_viewer=False)
     assert rows_at(tmp_path / "walk.rrd", ROBOT) == TICKS
@@ -107,7 +108,7 @@ def test_what_a_slow_viewer_leaves_waiting_is_bounded(
     with viewing(tmp_path / "shown.rrd") as live:
         live._feeder.send_signal(signal.SIGSTOP)
         live.begin(shipped(), PLAN, title="walk")
-        walk(TickLog(live.write_block, live.block_ticks))
+        walk(live)
         assert live.lost is not None
         assert "too slow" in live.lost
         live.close(leave_viewer=False)

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 import rerun as rr
 
-from hexctl.control.log import COLUMNS, PHASES, TickLog
+from hexctl.control.log import COLUMNS, TickLog
+from hexctl.control.trace import PHASES
 from hexctl.errors import HexctlError, InputError, RecordingError
 from hexctl.ik.legs import foot_positions_body
 from hexctl.record import paths

@@ -9,7 +9,8 @@ import pytest
 
 from hexctl.backends.sim.servos import SimServos
 from hexctl.control.guard import Guard
-from hexctl.control.log import COLUMNS, PHASES, TickLog
+from hexctl.control.log import COLUMNS, TickLog
+from hexctl.control.trace import PHASES
 from hexctl.control.trial import run_trial
 from hexctl.gait.foot_trajectory import gait_feet_body
 from hexctl.ik.legs import foot_positions_body
@@ -160,14 +161,14 @@ def test_a_stop_is_marked_with_its_reason(tmp_path: Path) -> None:
         Recording(path, robot, plan, title="stopped") as recording,
         Guard(SimServos(robot)) as guard,
     ):
-        log = TickLog(recording.write_block)
+        log = TickLog()
 
         def stop_soon() -> bool:
             if len(log) == 80:
                 guard.stop("estop")
             return False
 
-        result = run_trial(guard, plan, log, stop_requested=stop_soon)
+        result = run_trial(guard, plan, recorders=(log, recording), stop_requested=stop_soon)
         recording.finish(result, {})
     read = ReadBack(path)
     assert result.status == "aborted"

@@ -116,7 +116,7 @@ def placed(leg: int, self_rotation: str, *, miss_deg: float = 0.0, duration_s: f
 def _watched(trial: SimTrial) -> tuple[TrialResult, TickLog]:
     log = TickLog()
     with trial.servos() as servos:
-        return run_trial(Guard(servos), trial.plan, log, soft_stop=False), log
+        return run_trial(Guard(servos), trial.plan, recorders=(log,), soft_stop=False), log
 
 
 def _off_rad(angle_rad: float, wanted_rad: float) -> float:

@@ -13,7 +13,6 @@ import pytest
 
 from hexctl.backends.sim.servos import SimServos
 from hexctl.control.guard import Guard
-from hexctl.control.log import TickLog
 from hexctl.control.plan import TrialPlan
 from hexctl.control.trial import run_trial
 from hexctl.gait.gait import make_gait
@@ -81,6 +80,5 @@ def trial(tmp_path_factory: pytest.TempPathFactory) -> Path:
     plan = TrialPlan(gait=make_gait(robot, "57", failed_legs=(5,)), failure=failure, duration_s=WALK_S)
     path = tmp_path_factory.mktemp("trial") / "trial.rrd"
     with SimServos(robot, failure=failure) as servos, Recording(path, robot, plan, title="seen") as recording:
-        log = TickLog(recording.write_block)
-        recording.finish(run_trial(Guard(servos), plan, log), {})
+        recording.finish(run_trial(Guard(servos), plan, recorders=(recording,)), {})
     return path

@@ -1,7 +1,6 @@
 """Many simulations that start from one state, stepped together by `mujoco.batch`."""
 
 import copy
-from dataclasses import dataclass
 
 import mujoco
 import numpy as np
@@ -9,24 +8,7 @@ from mujoco.batch import Batch, SimulationError
 
 from hexctl.backends.sim.model import FIRST_JOINT
 from hexctl.backends.sim.servos import SimServos
-from hexctl.types import BoolArray, FloatArray
-
-
-@dataclass(frozen=True, slots=True)
-class BatchState:
-    """What `RobotState` says, for n robots.
-
-    Attributes:
-        joint_positions_rad: (n, 18).
-        base_position_world: (n, 3).
-        base_quaternion_world: (n, 4).
-        foot_contacts: (n, 6).
-    """
-
-    joint_positions_rad: FloatArray
-    base_position_world: FloatArray
-    base_quaternion_world: FloatArray
-    foot_contacts: BoolArray
+from hexctl.types import FloatArray, RobotState
 
 
 class SimBatch:
@@ -44,6 +26,8 @@ class SimBatch:
         self._noise = copy.deepcopy(servos.noise)
         self._train = servos.train.copies(n)
         self._nstep = servos.world.steps_per_tick
+        self._period_s = servos.clock.period_s
+        self._start_index, self._ticks = round(servos.clock.now_s / self._period_s), 0
         physics = self._simulation.physics
         model, data = physics.model.ptr, physics.data.ptr
         self._batch = Batch(model, n, threads)
@@ -64,9 +48,10 @@ class SimBatch:
         if self._batch.warning.any():
             self.running &= ~self._batch.warning.any(axis=-1)
         self._noise.draw()
+        self._ticks += 1
 
-    def read(self) -> BatchState:
-        """Return the states after the last tick, with the world's sensor noise."""
+    def read(self) -> RobotState:
+        """States after the last tick, with the world's sensor noise; arrays of leading shape (n,)."""
         qpos = self._qpos.copy()
         joints = qpos[:, FIRST_JOINT:] - self._simulation.joint_offsets_rad
         position, quaternion = qpos[:, :3], qpos[:, 3:FIRST_JOINT]
@@ -74,7 +59,8 @@ class SimBatch:
             joints = joints + self._noise.joints_rad
             position = position + self._noise.position_m
             quaternion = self._noise.turned(quaternion)
-        return BatchState(joints, position, quaternion, self._touch > 0)
+        now_s = (self._start_index + self._ticks) * self._period_s
+        return RobotState(joints, now_s, True, position, quaternion, self._touch > 0)
 
     def write(self, positions_rad: FloatArray) -> None:
         """Give targets (n, 18) to the simulated servos."""

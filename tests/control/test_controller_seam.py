@@ -1,0 +1,156 @@
+"""Controllers of one's own: given to a trial, alone and in a batch, with the state at every step."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hexctl import Failure, SimTrial, TrialPlan, World, make_gait, run_sim_trials, run_trial
+from hexctl.backends.sim.servos import SimServos
+from hexctl.control.batch import run_sim_trial
+from hexctl.control.controllers import Controller, Walk, joints_of_feet
+from hexctl.control.guard import Guard
+from hexctl.control.log import TickLog
+from hexctl.control.trial import WalkStart, planned_walk
+from hexctl.gait.foot_trajectory import feet_of_walks, stroke_vectors_m
+from hexctl.robot.rotations import yaw_rad
+from hexctl.types import BoolArray, FloatArray, RobotState
+from tests.recorders import Calling
+from tests.robots import shipped
+
+ANT = shipped()
+
+
+class YawHold(Controller):
+    """Walks along the line with its strokes turned against the body's yaw at every step."""
+
+    def __init__(self, start: WalkStart) -> None:
+        assert start.frame is not None
+        self._robot, self._period_s = start.robot, start.period_s
+        self._held, self._yaw_rad = start.plans[0].held_legs, start.frame.yaw_rad
+        pick = 0 if start.batch_shape == () else slice(None)
+        self._slots = np.array([plan.gait.slots for plan in start.plans])[pick]
+        self._strokes = np.stack(
+            [stroke_vectors_m(start.robot, plan.gait, plan.motion(start.turned_rad)) for plan in start.plans]
+        )[pick]
+        self._pace_hz = np.array([plan.gait.pace_hz for plan in start.plans])[pick]
+        self._height_m = np.array([plan.gait.height * start.robot.size_m for plan in start.plans])[pick]
+        self.shapes: set[tuple[int, ...]] = set()
+
+    def targets_rad(self, step: int, state: RobotState) -> FloatArray:
+        assert state.base_quaternion_world is not None
+        self.shapes.add(np.shape(state.joint_positions_rad))
+        off_rad = yaw_rad(state.base_quaternion_world) - self._yaw_rad
+        cos, sin = np.cos(off_rad)[..., np.newaxis], np.sin(off_rad)[..., np.newaxis]
+        x, y = self._strokes[..., 0], self._strokes[..., 1]
+        feet = feet_of_walks(
+            self._robot,
+            slots=self._slots,
+            stroke_vectors=np.stack([cos * x + sin * y, cos * y - sin * x], axis=-1),
+            pace_hz=self._pace_hz,
+            height_m=self._height_m,
+            time_s=np.asarray(step * self._period_s),
+        )
+        return joints_of_feet(self._robot, feet, self._held)
+
+
+class UntilAhead(YawHold):
+    """Ends a walk 0.2 m from its start."""
+
+    def __init__(self, start: WalkStart) -> None:
+        super().__init__(start)
+        assert start.frame is not None
+        self._origin = start.frame.origin_world
+
+    def done(self, step: int, state: RobotState) -> bool | BoolArray:
+        assert state.base_position_world is not None
+        return np.asarray(np.linalg.norm((state.base_position_world - self._origin)[..., :2], axis=-1) > 0.2)
+
+
+def _trials(world: World, duration_s: float = 4.0) -> list[SimTrial]:
+    failure = Failure(leg=3)
+    plans = [
+        TrialPlan(gait=make_gait(ANT, code, failed_legs=(3,)), failure=failure, duration_s=duration_s)
+        for code in ("1", "57", "120")
+    ]
+    return [SimTrial(robot=ANT, plan=plan, world=world, seed=4) for plan in plans]
+
+
+NOISY = World.model_validate({"sensor_noise": {"joint_deg": 0.5, "position_m": 0.002, "yaw_deg": 0.5}})
+
+
+@pytest.mark.parametrize("controller", [YawHold, UntilAhead])
+@pytest.mark.parametrize("world", [World(), NOISY, World(roughness_m=0.005)], ids=["flat", "noisy", "rough"])
+def test_a_controller_that_looks_at_the_state_walks_the_same_alone_and_in_a_batch(
+    controller: type[YawHold], world: World
+) -> None:
+    trials = _trials(world)
+    made: list[YawHold] = []
+
+    def make(start: WalkStart) -> Controller:
+        made.append(controller(start))
+        return made[-1]
+
+    together = run_sim_trials(trials, make_controller=make)
+    assert [walk.shapes for walk in made] == [{(3, 18)}]
+    alone = [run_sim_trial(trial, make) for trial in trials]
+    assert [walk.shapes for walk in made[1:]] == [{(18,)}] * 3
+    for one, other in zip(together, alone, strict=True):
+        assert one.numbers() == other.numbers()
+        assert np.array_equal(one.path_m, other.path_m)
+    open_loop = run_sim_trials(trials)
+    assert all(
+        not np.array_equal(one.path_m, other.path_m) for one, other in zip(together, open_loop, strict=True)
+    )
+
+
+def test_a_controller_that_is_done_ends_the_walk_as_ok() -> None:
+    (trial,) = _trials(World(), duration_s=30.0)[:1]
+    result = run_sim_trial(trial, UntilAhead)
+    assert result.status == "ok"
+    assert result.duration_s < 10
+    assert result.distance_m == pytest.approx(0.2, abs=0.02)
+
+
+def test_a_controller_made_beforehand_walks_and_stops_softly() -> None:
+    plan = TrialPlan(gait=make_gait(ANT, "tripod"), duration_s=1.0)
+    walk = Walk(ANT, plan.gait, plan.motion(0.0), period_s=0.02)
+    log = TickLog()
+    with SimServos(ANT) as servos:
+        given = run_trial(Guard(servos), plan, walk, recorders=(log,))
+    with SimServos(ANT) as servos:
+        planned = run_trial(Guard(servos), plan)
+    assert given.numbers() == planned.numbers()
+    np.testing.assert_allclose(log["sent_rad"][-1], ANT.stance_angles_rad, atol=1e-9)
+
+
+def test_one_walk_is_a_row_of_a_batch_of_walks() -> None:
+    plans = tuple(trial.plan for trial in _trials(World()))
+    start = WalkStart(robot=ANT, plans=plans, batch_shape=(3,), period_s=0.02, turned_rad=0.3, frame=None)
+    state = RobotState(ANT.stance_angles_rad, 0.0, True)
+    together = planned_walk(start)
+    for row, plan in enumerate(plans):
+        alone = planned_walk(replace(start, plans=(plan,), batch_shape=()))
+        for step in (0, 1, 50, 127, 128, 300):
+            assert np.array_equal(together.targets_rad(step, state)[row], alone.targets_rad(step, state))
+
+
+def test_trials_that_turn_by_different_angles_do_not_share_a_start() -> None:
+    plan = TrialPlan(gait=make_gait(ANT, "tripod"), duration_s=1.0)
+    trials = [SimTrial(robot=ANT, plan=replace(plan, turn_rad=turn_rad)) for turn_rad in (0.6, 0.0)]
+    results = run_sim_trials(trials)
+    assert results[0].turned_rad == pytest.approx(0.6, abs=0.1)
+    assert results[1].turned_rad == pytest.approx(0.0, abs=0.02)
+    for one, other in zip(results, map(run_sim_trial, trials), strict=True):
+        assert one.numbers() == other.numbers()
+
+
+def test_a_recorder_that_fails_is_a_warning_and_the_others_go_on() -> None:
+    def fail(*_: object) -> None:
+        raise OSError("no space left")
+
+    log, plan = TickLog(), TrialPlan(gait=make_gait(ANT, "tripod"), duration_s=0.5)
+    with SimServos(ANT) as servos, pytest.warns(UserWarning, match="Calling failed: no space left"):
+        result = run_trial(Guard(servos), plan, recorders=(Calling(fail), log))
+    assert result.status == "ok"
+    assert log.walked_ticks == 25
