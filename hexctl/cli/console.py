@@ -1,5 +1,6 @@
-"""The terminal: output, the progress bar, Ctrl-C, exit codes, and the folder of results."""
+"""The terminal: results on stdout, notes and progress on stderr, Ctrl-C, exit codes, where results go."""
 
+import io
 import os
 import signal
 import sys
@@ -12,46 +13,92 @@ import typer
 from hexctl.errors import RobotFaultError
 
 if TYPE_CHECKING:
+    from rich.console import RenderableType
+    from rich.progress import Progress
+
     from hexctl.control.result import TrialResult
 
-
-def print_result(text: str) -> None:
-    """Print text on stdout."""
-    try:
-        typer.echo(text)
-        sys.stdout.flush()
-    except BrokenPipeError:
-        # Python must not complain about the closed pipe again while it exits.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-    except OSError as error:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        raise RobotFaultError(f"the result cannot be printed: {error.strerror}") from error
-
-
-def print_note(text: str) -> None:
-    """Print a line on stderr, for a person who watches."""
-    typer.echo(text, err=True)
-
-
+# Exit codes of every command.
 DONE = 0
 BAD_INPUT = 2
 FAULT = 3
 ABORTED = 4
 INTERRUPTED = 130
 
-#: Stops that are the robot's or the link's fault rather than somebody's wish or a fall; `fault` may say more
-#: after a colon.
+#: Reasons of a stop that are a fault of the robot or its link; `fault` may have details after a colon.
 FAULTS = ("fault", "state", "pose lost", "expired")
+
+#: Recordings, sessions and studies, below the current folder.
+RUNS = Path("runs")
+
+#: Signals that ask a command to stop.
+SIGNALS = (signal.SIGINT, signal.SIGTERM)
+
+#: Columns of output that goes to a file or a pipe: no line of a table is wrapped there.
+PIPE_COLUMNS = 400
 
 
 def code_of(result: "TrialResult") -> int:
-    """Return the exit code of a trial that nobody interrupted."""
+    """Exit code of a trial that was not interrupted."""
     if result.status == "diverged" or (result.stopped or "").partition(":")[0] in FAULTS:
         return FAULT
     return ABORTED if result.status in ("fell", "aborted") else DONE
 
 
-SIGNALS = (signal.SIGINT, signal.SIGTERM)
+def print_result(*parts: "RenderableType") -> None:
+    """Print on stdout: texts as they are, tables as wide as the terminal.
+
+    A reader that has closed the pipe, as `head` does, is no error. Raises RobotFaultError when the result
+    cannot be written, as on a full disk.
+    """
+    text = "\n".join(part if isinstance(part, str) else _rendered(part) for part in parts)
+    try:
+        typer.echo(text)
+        sys.stdout.flush()
+    except BrokenPipeError:
+        _discard_stdout()
+    except OSError as error:
+        _discard_stdout()
+        raise RobotFaultError(f"the result cannot be printed: {error.strerror}") from error
+
+
+def _rendered(part: "RenderableType") -> str:
+    from rich.console import Console
+
+    terminal = sys.stdout.isatty()
+    written = io.StringIO()
+    console = Console(file=written, force_terminal=terminal, width=None if terminal else PIPE_COLUMNS)
+    console.print(part)
+    return "\n".join(line.rstrip() for line in written.getvalue().splitlines())
+
+
+def _discard_stdout() -> None:
+    """Point stdout to nowhere, so that Python does not report the closed pipe again when it exits."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def print_note(text: str) -> None:
+    """Print a line on stderr."""
+    typer.echo(text, err=True)
+
+
+def make_bar(counter: str | None = None) -> "Progress":
+    """Progress bar on stderr with the time left, not yet started; it disappears when it stops.
+
+    Args:
+        counter: format of the progress; None counts whole things, done of all.
+    """
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    return Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn() if counter is None else TextColumn(counter),
+        TimeRemainingColumn(),
+        console=Console(stderr=True),
+        transient=True,
+    )
 
 
 class StopOnInterrupt:
@@ -62,7 +109,7 @@ class StopOnInterrupt:
         self._before: dict[signal.Signals, Any] = {}
 
     def requested(self) -> bool:
-        """Return whether a stop was asked for."""
+        """Whether a stop was requested."""
         return self._requested
 
     def __enter__(self) -> Self:
@@ -81,27 +128,4 @@ class StopOnInterrupt:
             raise KeyboardInterrupt
         self._requested = True
         if sys.stderr.isatty():
-            os.write(sys.stderr.fileno(), b"\nstopping softly; Ctrl-C again ends at once\n")
-
-
-#: Recordings, sessions and studies.
-RUNS = Path("runs")
-
-
-def make_bar(counter: str | None = None) -> Any:
-    """Return a rich progress bar with the time left, not yet started.
-
-    Args:
-        counter: format of how far it is; None counts whole things, done of all.
-    """
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
-    return Progress(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn() if counter is None else TextColumn(counter),
-        TimeRemainingColumn(),
-        console=Console(stderr=True),
-        transient=True,
-    )
+            os.write(sys.stderr.fileno(), b"\nstopping; press Ctrl-C again to quit without a soft stop\n")

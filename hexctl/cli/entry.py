@@ -1,4 +1,4 @@
-"""The entry point: almost nothing, so that Ctrl-C is understood from the first moment on."""
+"""The entry point; it imports almost nothing before it handles Ctrl-C."""
 
 import os
 import sys
@@ -15,6 +15,6 @@ def main() -> None:
 
         code = exit_code()
     except KeyboardInterrupt:
-        sys.stderr.write("hexctl: ended at once\n")
+        sys.stderr.write("hexctl: interrupted\n")
         code = 130
     sys.exit(code)

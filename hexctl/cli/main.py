@@ -81,7 +81,7 @@ def exit_code(arguments: Sequence[str] | None = None) -> int:
             raise
         return _complain(str(MissingExtraError("this", extra)), BAD_INPUT)
     except KeyboardInterrupt:
-        return _complain("ended at once; what was kept and recorded so far stays", INTERRUPTED)
+        return _complain("interrupted; what has been recorded so far is kept", INTERRUPTED)
     return code if isinstance(code, int) else 0
 
 

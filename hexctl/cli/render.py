@@ -1,11 +1,14 @@
-"""Results as text."""
+"""Results as text and tables."""
 
 import math
 import shlex
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
+from rich.console import RenderableType
+from rich.table import Table
+from rich.text import Text
 
 from hexctl.backends.clock import PERIOD_S
 from hexctl.control.guard import Guard
@@ -13,7 +16,10 @@ from hexctl.control.log import TickLog
 from hexctl.control.plan import TrialPlan
 from hexctl.control.result import TrialResult
 
-#: What to look at after a stop that a person did not ask for.
+#: Width of the labels of a summary.
+LABEL_WIDTH = 9
+
+#: Where to look after a stop that the user did not request.
 HINTS = {
     "state": "the robot's state did not come, or not in time; is the robot still there?",
     "expired": "commands did not reach the robot in time; a busy computer, or a bad link",
@@ -33,7 +39,7 @@ def report(
     gait_text: str,
     facts: dict[str, Any],
 ) -> dict[str, Any]:
-    """Return the JSON object of `hexctl run --json`; every value is plain and finite, or null."""
+    """JSON object of `hexctl run --json`; every value is plain and finite, or null."""
     work_us = log["work_s"] * 1e6  # (ticks,)
     quantiles = np.percentile(work_us, [50, 99, 100]) if len(log) else np.zeros(3)
     return {
@@ -52,29 +58,50 @@ def report(
     }
 
 
-def summary(outcome: dict[str, Any]) -> str:
-    """Return the outcome for a person."""
+def plain_table(*columns: str) -> Table:
+    """Table without lines; the first column and one without a name are to the left, the others right."""
+    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), show_header=any(columns))
+    for number, column in enumerate(columns):
+        left = number == 0 or not column
+        table.add_column(Text(column, style="bold"), justify="left" if left else "right", no_wrap=True)
+    return table
+
+
+def label_table(rows: Iterable[tuple[str, str]]) -> Table:
+    """Two columns, labels and texts; a long text is wrapped beside its label."""
+    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), show_header=False)
+    table.add_column(no_wrap=True, min_width=LABEL_WIDTH)
+    table.add_column(overflow="fold")
+    for label, text in rows:
+        table.add_row(Text(label), Text(text))
+    return table
+
+
+def summary(outcome: dict[str, Any]) -> list[RenderableType]:
+    """Outcome of a run, the object of `hexctl run --json`, as text and a table."""
     where = f"in world {outcome['world']}" if outcome["world"] else f"on {outcome['backend']}"
     failed = f", leg {outcome['failed_leg']} {outcome['failure']}" if outcome["failed_leg"] else ""
     link = link_in_words(outcome["servo_link"])
-    lines = [
-        f"{outcome['robot']} {where}{failed}",
-        f"gait       {_gait_text(outcome['gait'])}",
-        *_distance_lines(outcome),
-        f"status     {outcome['status']}" + _why(outcome["stopped"]),
-        _clipped_line(outcome),
-        *([f"link       {link}"] if link else []),
-        f"ticks      {outcome['ticks']}, {outcome['overruns']} overruns, "
-        f"{outcome['realtime_factor']:g} x real time",
+    rows = [
+        ("gait", _gait_text(outcome["gait"])),
+        *_distance_rows(outcome),
+        ("status", outcome["status"] + _why(outcome["stopped"])),
+        ("guard", _clipped(outcome["clipped_ticks"])),
+        *([("link", link)] if link else []),
+        (
+            "ticks",
+            f"{outcome['ticks']}, {outcome['overruns']} overruns, {outcome['realtime_factor']:g} x real time",
+        ),
     ]
-    if outcome["recording"]:
-        lines.append(f"recording  {outcome['recording']}")
-        lines.append(f"look at it with: hexctl view {shlex.quote(outcome['recording'])}")
-    return "\n".join(lines)
+    recording = outcome["recording"]
+    if recording:
+        rows.append(("recording", recording))
+    view = [f"look at it with: hexctl view {shlex.quote(recording)}"] if recording else []
+    return [f"{outcome['robot']} {where}{failed}", label_table(rows), *view]
 
 
 def _why(stopped: str | None) -> str:
-    """Return why a walk was stopped, and where to look."""
+    """Why a walk was stopped, and where to look."""
     if stopped is None:
         return ""
     hint = HINTS.get(stopped.partition(":")[0])
@@ -82,54 +109,48 @@ def _why(stopped: str | None) -> str:
 
 
 def _gait_text(gait: dict[str, Any]) -> str:
-    """Return name, slots and code, each once."""
+    """Name, slots and code, each once."""
     slots = ",".join(str(slot) for slot in gait["slots"])
     named = gait["name"] not in (slots, str(gait["code"]))
     code = "" if gait["code"] is None else f", code {gait['code']}"
     return f"{gait['name']} (slots {slots}{code})" if named else f"slots {slots}{code}"
 
 
-def _distance_lines(outcome: dict[str, Any]) -> list[str]:
-    """Return distance, deviation and turn, as far as the robot knows them."""
+def _distance_rows(outcome: dict[str, Any]) -> list[tuple[str, str]]:
+    """Distance, deviation and turn, as far as the robot knows them."""
+    duration = f"{outcome['duration_s']:.1f} s"
     if outcome["distance_m"] is None:
         known = "this robot knows no position" if outcome["duration_s"] else "it never set out"
-        return [f"walked     {outcome['duration_s']:.1f} s; {known}"]
-    ideal, turned = outcome["ideal_distance_m"], outcome["ideal_yaw_change_deg"]
-    if turned and ideal:
-        return [
-            f"walked     {outcome['duration_s']:.1f} s in an arc, "
-            f"ended {outcome['distance_m']:.3f} m ahead and {_side(outcome['deviation_m']['signed'])}",
-            f"turned     {outcome['yaw_change_deg'] + 0.0:.1f} degrees of {turned:.1f} asked for",
-        ]
+        return [("walked", f"{duration}; {known}")]
+    ideal, turn = outcome["ideal_distance_m"], outcome["ideal_yaw_change_deg"]
+    of_turn = f" of {turn:.1f} asked for" if turn else ""
+    turned = ("turned", f"{outcome['yaw_change_deg'] + 0.0:.1f} degrees{of_turn}")
+    distance, side = f"{outcome['distance_m']:.3f} m", _side(outcome["deviation_m"]["signed"])
+    if turn and ideal:
+        return [("walked", f"{duration} in an arc, ended {distance} ahead and {side}"), turned]
     share = f" of {ideal:.3f} m ideal ({100 * outcome['distance_m'] / ideal:.0f} %)" if ideal else ""
-    of_ideal = f" of {turned:.1f} asked for" if turned else ""
-    return [
-        f"walked     {outcome['duration_s']:.1f} s, {outcome['distance_m']:.3f} m{share}",
-        f"deviation  {_side(outcome['deviation_m']['signed'])} at the end, "
-        f"{outcome['deviation_m']['mean']:.3f} m on average",
-        f"turned     {outcome['yaw_change_deg'] + 0.0:.1f} degrees{of_ideal}",
-    ]
+    mean = f"{outcome['deviation_m']['mean']:.3f} m on average"
+    return [("walked", f"{duration}, {distance}{share}"), ("deviation", f"{side} at the end, {mean}"), turned]
 
 
 def _side(signed_m: float) -> str:
     return f"{abs(signed_m):.3f} m to the {'left' if signed_m > 0 else 'right'}"
 
 
-def _clipped_line(outcome: dict[str, Any]) -> str:
-    """Return how often the guard had to limit the walk, and what to do about it."""
-    clipped = outcome["clipped_ticks"]
+def _clipped(clipped: int) -> str:
+    """How often the guard limited the walk, and what to do about it."""
     if not clipped:
-        return "guard      let every command pass"
-    return f"guard      clipped {clipped} commands of the walk: too fast for the joints, see hexctl check"
+        return "let every command pass"
+    return f"clipped {clipped} commands of the walk: too fast for the joints, see hexctl check"
 
 
 def in_words(counts: Mapping[str, int]) -> str:
-    """Return the counts above zero: `2 late, 1 stale owner`."""
+    """Counts above zero: `2 late, 1 stale owner`."""
     return ", ".join(f"{n} {name.replace('_', ' ')}" for name, n in counts.items() if n)
 
 
 def link_in_words(counts: Mapping[str, int] | None) -> str:
-    """Return what became of the messages to and from a servo board; empty where there is none."""
+    """Messages to and from a servo board, received and lost; empty without a board."""
     if not counts:
         return ""
     troubles = in_words({name: n for name, n in counts.items() if name != "received"})

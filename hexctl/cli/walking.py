@@ -109,7 +109,7 @@ def execute(request: Request) -> int:
         if live is not None:
             stack.enter_context(live)
         result, outcome, trouble = _walk(request, guard, recording, live, interrupt)
-    print_result(json.dumps(outcome) if request.as_json else summary(outcome))
+    print_result(*([json.dumps(outcome)] if request.as_json else summary(outcome)))
     if trouble is not None:
         raise RecordingError(f"the walk is done, its recording is not whole: {trouble}") from trouble
     if live is not None and live.lost is not None:

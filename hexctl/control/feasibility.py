@@ -1,18 +1,26 @@
-"""What a gait asks of a robot's joints, in numbers: range, reach, speed, spacing of the feet."""
+"""Feasibility of a gait on a robot: joint ranges, reach, joint speeds, spacing of the feet, servo pulses."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from hexctl.gait.foot_trajectory import RAMP_DURATION_S, gait_feet_body
-from hexctl.gait.gait import Gait, Motion
+from hexctl.gait.gait import Gait, Motion, ideal_speed_m_s, make_gait
 from hexctl.ik.legs import TOLERANCE_RAD, range_excess_rad, solve_legs
+from hexctl.robot.loader import load_robot_file
 from hexctl.robot.model import Robot
-from hexctl.types import FloatArray
+from hexctl.robot.servo_map import ServoMap, joints_beyond_pulses
+from hexctl.types import JOINT_NAMES, FloatArray
 
-#: Points of one gait cycle that are looked at.
+#: Points of one gait cycle that are evaluated.
 POINTS = 720
+
+#: Headings of a check that names none: all round, every 15 degrees.
+HEADINGS_RAD = tuple(math.radians(degrees) for degrees in range(0, 360, 15))
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,7 +36,7 @@ class GaitDemand:
         max_pace_hz: the greatest pace at which no joint exceeds its speed limit; None in a turn, whose stroke
             grows as the pace shrinks.
         speed_holds: whether no joint exceeds its speed limit at the gait's own pace.
-        least_foot_spacing_m: how near two neighbouring feet come.
+        least_foot_spacing_m: least distance between two neighbouring feet.
     """
 
     lowest_rad: FloatArray
@@ -42,12 +50,12 @@ class GaitDemand:
 
     @property
     def possible(self) -> bool:
-        """Return whether every foot is in reach and every joint in its range."""
+        """Whether every foot is in reach and every joint in its range."""
         return not (self.unreachable_legs or self.limits_exceeded)
 
 
 def gait_demand(robot: Robot, gait: Gait, motions: Sequence[Motion]) -> GaitDemand:
-    """Return what a gait demands in any of the motions."""
+    """Demand of a gait, the worst over the motions."""
     cycle_s = np.arange(POINTS + 1) / (POINTS * gait.pace_hz)
     time_s = RAMP_DURATION_S + cycle_s
     feet = np.stack([gait_feet_body(robot, gait, motion, time_s) for motion in motions])
@@ -70,3 +78,120 @@ def gait_demand(robot: Robot, gait: Gait, motions: Sequence[Motion]) -> GaitDema
         speed_holds=share >= 1,
         least_foot_spacing_m=float(spacing.min()),
     )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RobotCheck:
+    """Feasibility of a gait on the robot of a file, servo pulses included.
+
+    Attributes:
+        robot: the robot of the file.
+        gait: the gait that is checked.
+        demand: what the gait demands of the joints.
+        servo_map: how joint angles become pulses.
+        mesh_parts: parts of the robot that are drawn with a mesh.
+    """
+
+    robot: Robot
+    gait: Gait
+    demand: GaitDemand
+    servo_map: ServoMap
+    mesh_parts: tuple[str, ...] = ()
+
+    @property
+    def possible(self) -> bool:
+        """Whether the robot can walk the gait, clipped by the guard or not."""
+        return self.demand.possible
+
+    @property
+    def gait_fits_pulses(self) -> bool:
+        """Whether no angle of the gait needs a pulse beyond its servo's limits."""
+        ends = (self.demand.lowest_rad, self.demand.highest_rad)
+        return not any(bool(self.servo_map.outside(end).any()) for end in ends)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything as plain values, angles in degrees: the object of `hexctl check --json`."""
+        robot, gait, demand = self.robot, self.gait, self.demand
+        return {
+            "robot": robot.name,
+            "mass_kg": round(robot.mass_kg, 4),
+            "standing_height_m": round(robot.standing_height_m, 4),
+            "gait": {"slots": list(gait.slots), "code": gait.code(), "pace_hz": gait.pace_hz},
+            "ideal_speed_m_s": round(ideal_speed_m_s(robot, gait, Motion()), 4),
+            "max_pace_hz": None if demand.max_pace_hz is None else round(demand.max_pace_hz, 3),
+            "speed_holds": demand.speed_holds,
+            "unreachable_legs": list(demand.unreachable_legs),
+            "joints_out_of_range": [JOINT_NAMES[joint] for joint in demand.limits_exceeded],
+            "least_foot_spacing_m": round(demand.least_foot_spacing_m, 4),
+            "feet_stay_apart": demand.least_foot_spacing_m > 2 * robot.foot_radius_m,
+            "possible": demand.possible,
+            "joints": self._joints(),
+            "pulses_us": self._pulses_us(),
+            "joints_beyond_pulses": list(joints_beyond_pulses(self.servo_map, robot)),
+            "gait_fits_pulses": self.gait_fits_pulses,
+            "meshes": list(self.mesh_parts),
+        }
+
+    def _joints(self) -> dict[str, dict[str, float]]:
+        """Needed and allowed angles and speeds of each joint, in degrees."""
+        columns = {
+            "lowest_deg": self.demand.lowest_rad,
+            "highest_deg": self.demand.highest_rad,
+            "min_deg": self.robot.joint_lower_rad,
+            "max_deg": self.robot.joint_upper_rad,
+            "peak_speed_deg_s": self.demand.peak_speed_rad_s,
+            "max_speed_deg_s": self.robot.joint_max_speed_rad_s,
+        }
+        return {
+            name: {key: round(float(np.degrees(values[joint])), 2) for key, values in columns.items()}
+            for joint, name in enumerate(JOINT_NAMES)
+        }
+
+    def _pulses_us(self) -> dict[str, list[int]]:
+        """Pulses at both ends of each joint's range, the shorter one first."""
+        limits = (self.robot.joint_lower_rad, self.robot.joint_upper_rad)
+        ends = [self.servo_map.pulses_us(limit) for limit in limits]
+        return {
+            name: sorted(round(float(end[joint])) for end in ends) for joint, name in enumerate(JOINT_NAMES)
+        }
+
+
+def check_robot(
+    robot: str | Path = "ant",
+    gait: str = "demo",
+    *,
+    heading_rad: float | None = None,
+    turn_rate_rad_s: float | None = None,
+    pace_hz: float | None = None,
+    amplitude: float | None = None,
+    height: float | None = None,
+) -> RobotCheck:
+    """Check whether a robot can walk a gait.
+
+    Args:
+        robot: name of a shipped robot, or a robot file.
+        gait: name, code or slots of the gait.
+        heading_rad: direction of travel, counter-clockwise from forward; None checks all round.
+        turn_rate_rad_s: rate of turning; with it and no heading the robot turns in place.
+        pace_hz: gait cycles per second; None is the robot's.
+        amplitude: stride as a fraction of the robot's size; None is the robot's.
+        height: height of a step as a fraction of the robot's size; None is the robot's.
+
+    Raises InputError for a robot file, mesh or gait that is not allowed.
+    """
+    file = load_robot_file(robot)
+    checked = make_gait(file.robot, gait, pace_hz=pace_hz, amplitude=amplitude, height=height)
+    return RobotCheck(
+        robot=file.robot,
+        gait=checked,
+        demand=gait_demand(file.robot, checked, _motions(heading_rad, turn_rate_rad_s)),
+        servo_map=file.servo_map,
+        mesh_parts=tuple(file.meshes),
+    )
+
+
+def _motions(heading_rad: float | None, turn_rate_rad_s: float | None) -> list[Motion]:
+    if heading_rad is None and turn_rate_rad_s is not None:
+        return [Motion(travel=0.0, turn_rate_rad_s=turn_rate_rad_s)]
+    headings = HEADINGS_RAD if heading_rad is None else (heading_rad,)
+    return [Motion(heading_rad=heading, turn_rate_rad_s=turn_rate_rad_s or 0.0) for heading in headings]

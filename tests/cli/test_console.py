@@ -1,0 +1,60 @@
+"""What every command prints: results on stdout, whoever reads them, and Ctrl-C."""
+
+import os
+import signal
+import subprocess
+import sys
+
+import pytest
+
+from hexctl.cli.console import StopOnInterrupt, print_result
+from hexctl.cli.render import label_table, plain_table
+
+
+def _hexctl(*arguments: str, **more: object) -> "subprocess.Popen[bytes]":
+    command = [sys.executable, "-m", "hexctl", *arguments]
+    return subprocess.Popen(command, stderr=subprocess.PIPE, **more)  # type: ignore[call-overload,no-any-return]
+
+
+def test_a_reader_that_has_gone_is_no_error() -> None:
+    reading, writing = os.pipe()
+    os.close(reading)
+    process = _hexctl("check", "ant", stdout=writing)
+    os.close(writing)
+    assert process.communicate(timeout=60)[1] == b""
+    assert process.returncode == 0
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs /dev/full")
+def test_a_result_that_cannot_be_written_is_a_fault() -> None:
+    with open("/dev/full", "wb") as full:
+        process = _hexctl("check", "ant", stdout=full)
+        said = process.communicate(timeout=60)[1].decode()
+    assert process.returncode == 3
+    assert "the result cannot be printed: No space left on device" in said
+
+
+def test_lines_of_a_table_are_not_wrapped_in_a_pipe(capsys: pytest.CaptureFixture[str]) -> None:
+    joints = plain_table("joint", "limit", "")
+    joints.add_row("leg1_coxa", "360", "too fast")
+    joints.add_row("leg1_femur", "90", "")
+    print_result("before", joints, label_table([("status", "word " * 40)]), "after [bold]not markup[/]")
+    assert capsys.readouterr().out.splitlines() == [
+        "before",
+        "joint       limit",
+        "leg1_coxa     360  too fast",
+        "leg1_femur     90",
+        "status     " + ("word " * 40).strip(),
+        "after [bold]not markup[/]",
+    ]
+
+
+def test_the_first_ctrl_c_asks_for_a_stop_and_the_second_ends() -> None:
+    before = signal.getsignal(signal.SIGINT)
+    with StopOnInterrupt() as interrupt:
+        assert not interrupt.requested()
+        os.kill(os.getpid(), signal.SIGINT)
+        assert interrupt.requested()
+        with pytest.raises(KeyboardInterrupt):
+            os.kill(os.getpid(), signal.SIGTERM)
+    assert signal.getsignal(signal.SIGINT) is before
