@@ -2,7 +2,10 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
+# What hexctl needs to walk and to show it; and with the tools of development on top.
+RUNNABLE := $(VENV)/.runnable
 INSTALLED := $(VENV)/.installed
+PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt
 
 # Tests of real time mostly wait: three for two cores.
 WORKERS ?= $(shell $(PYTHON) -c 'import os; print(max(2, (os.cpu_count() or 2) * 3 // 2))')
@@ -10,11 +13,12 @@ WORKERS ?= $(shell $(PYTHON) -c 'import os; print(max(2, (os.cpu_count() or 2) *
 # No display is needed or looked for; set MUJOCO_GL yourself to render.
 export MUJOCO_GL ?= disable
 
-.PHONY: help setup demo docs test lint smoke bench pictures soak clean
+.PHONY: help setup demo docs check test lint smoke bench pictures soak clean
 
 help:
 	@echo "make demo   find a gait for a hexapod whose leg 5 has failed, in simulation"
-	@echo "make test   style, types and tests"
+	@echo "make check  style, types and the quick tests of what changed (under a minute)"
+	@echo "make test   style, types and all tests (about 4 minutes)"
 	@echo "make smoke  the built wheel, installed alone"
 	@echo "make bench  the numbers hexctl promises, measured (about 20 minutes)"
 	@echo "make pictures  the pictures of the documentation, made anew (about 7 minutes)"
@@ -24,13 +28,18 @@ help:
 
 setup: $(INSTALLED)
 
-$(INSTALLED): pyproject.toml constraints.txt
+$(RUNNABLE): pyproject.toml constraints.txt
 	@echo "setting up $(VENV), which takes a minute or two"
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[all,dev]"
+	$(PIP) --no-compile -e ".[sim,view]"
 	touch $@
 
-demo: $(INSTALLED)
+$(INSTALLED): $(RUNNABLE)
+	@echo "adding the tools of development to $(VENV)"
+	$(PIP) -e ".[all,dev]"
+	touch $@
+
+demo: $(RUNNABLE)
 	$(BIN)/hexctl adapt --failed-leg 5 --budget 20 --view
 
 lint: $(INSTALLED)
@@ -38,8 +47,12 @@ lint: $(INSTALLED)
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
+# Since main, or since the last commit on main itself.
+check: lint
+	$(BIN)/python -m tests.changed
+
 test: lint
-	$(BIN)/pytest -n $(WORKERS)
+	$(BIN)/pytest -n $(WORKERS) --dist loadgroup
 
 # The built wheel, alone in a fresh environment: what a robot's own computer gets.
 smoke: $(INSTALLED)

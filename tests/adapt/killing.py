@@ -1,7 +1,7 @@
-"""A session in a process of its own, to be killed: `-m tests.adapt.killing FOLDER OPTIMIZER [NAME]`."""
+"""A session in a process of its own, to be killed."""
 
-import sys
 import time
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -42,7 +42,7 @@ class SlowLandscape(Landscape):
         return super().__call__(index, code, slots, should_stop)
 
 
-def main(folder: str, optimizer: str, name: str | None = None) -> None:
+def main(say: Callable[[str], None], folder: str, optimizer: str, name: str | None = None) -> None:
     """Run a session, or continue one, and say when it begins to walk and after each trial."""
     with SessionStore(Path(folder)) as store:
         session = store.create(SPECS_TO_KILL[optimizer]) if name is None else store.load(name)
@@ -52,16 +52,7 @@ def main(folder: str, optimizer: str, name: str | None = None) -> None:
             AdaptLoop(session, store, search, SlowLandscape(), on_trial=lambda *_: say("trial")).run()
 
 
-def say(word: str) -> None:
-    """Print a line at once."""
-    sys.stdout.write(f"{word}\n")
-    sys.stdout.flush()
-
-
 SPECS_TO_KILL = {
     "dps": replace(SPEC, optimizer="dps", budget=100),
     "bayes": replace(SPEC, optimizer="bayes", budget=60, sag_rad=MadeUpModel().sags(1, 700)[0].tolist()),
 }
-
-if __name__ == "__main__":
-    main(*sys.argv[1:])

@@ -1,6 +1,7 @@
 """How the commands of the pages are run: shortened, in an empty folder, on loopback and free ports.
 
-The rules are the tables at the top. A command that no rule covers fails: nothing on a page is left out.
+The rules are the tables at the top. A command that no rule covers fails: nothing on a page is left out. What
+another page has already is only parsed; `page_of` says whose it is.
 """
 
 import re
@@ -11,6 +12,7 @@ import time
 import tomllib
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
+from functools import cache
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -18,14 +20,14 @@ from typing import Any
 import typer
 
 from hexctl.cli.main import app, exit_code
-from tests.docs.pages import ROOT
+from tests.docs.pages import PAGES, ROOT, commands
 from tests.serve.processes import free_port
 
 #: Appended, so that it takes less time: of two the last one holds.
 SHORTER = {
     "run": "--duration 0.5",
     "adapt": "--budget 2",
-    "study": "--legs 5 --duration 0.5 --runs 2 --budget 10",
+    "study": "--legs 5 --duration 0.5 --runs 2 --budget 5",
 }
 #: Appended to walks on a robot that is served, which take as long as they say.
 SHORTER_SERVED = {
@@ -41,6 +43,7 @@ PARSED = {
     ("calibrate",): "asks a person what each servo did",
     ("adapt", "--ask"): "asks a person where the robot is",
     ("adapt", "tls/robot.local:7447"): "needs a robot on another computer",
+    ("study", "--legs"): "the same as plain study, once that is shortened",
     ("study", "--transfer"): "simulates for an hour; tests/study has a small one",
     ("prior", "build"): "walks 120 gaits a world, half a minute at least; tests/cli/test_prior.py has it",
     ("--dask",): "needs a cluster; tests/study has one",
@@ -53,6 +56,10 @@ READERS_ROBOT = ROOT / "configs" / "robots" / "phantomx.yaml"
 PATIENCE_S = 60.0
 
 
+#: Commands of which each distinct one is run on one page only: what they leave behind, no other needs.
+RUN_ONCE = ("run", "adapt", "study", "check", "prior show")
+
+
 def parse(arguments: Sequence[str]) -> None:
     """Parse a command as hexctl does, without running it; unknown options and values raise."""
     command: Any = typer.main.get_command(app)
@@ -62,11 +69,55 @@ def parse(arguments: Sequence[str]) -> None:
     command.make_context("hexctl", words)
 
 
+def name_of(arguments: Sequence[str]) -> str:
+    """The name of a command, of two words in a group."""
+    return " ".join(arguments[: 2 if arguments[0] in ("prior", "keys", "sessions") else 1])
+
+
+def kept(arguments: Sequence[str]) -> tuple[str, ...]:
+    """What a test runs of a command."""
+    return tuple(word for word in arguments if word not in DROPPED)
+
+
+@cache
+def page_of() -> dict[tuple[str, ...], Path]:
+    """The page on which each command of `RUN_ONCE` is run: the first that has it."""
+    owners: dict[tuple[str, ...], Path] = {}
+    for page in PAGES:
+        for words in commands(page):
+            for arguments in _of_hexctl(words):
+                owners.setdefault(kept(arguments), page)
+    return owners
+
+
+def _of_hexctl(words: Sequence[str]) -> list[list[str]]:
+    """The commands of hexctl in a line of a page: its own, and those of a target of make."""
+    if words[0] == "make":
+        return made_by(list(words[1:]))
+    if list(words[:3]) == ["python", "-m", "hexctl"]:
+        return [list(words[3:])]
+    return [list(words[1:])] if words[0] == "hexctl" else []
+
+
+def made_by(words: Sequence[str]) -> list[list[str]]:
+    """The commands of hexctl that targets of make run; the targets must exist."""
+    shown = subprocess.run(
+        [shutil.which("make") or "make", "-n", *words],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=60,
+    )
+    start = ".venv/bin/hexctl "
+    return [line.split()[1:] for line in shown.stdout.splitlines() if line.startswith(start)]
+
+
 class Shell:
     """Runs the commands of one page, one after another, in one folder."""
 
-    def __init__(self, folder: Path) -> None:
-        self._folder = folder
+    def __init__(self, folder: Path, page: Path | None = None) -> None:
+        self._folder, self._page = folder, page
         self._programs = ExitStack()
         self._robot: list[str] = []  # where clients find the robot that is served
         self._board = ""  # where clients find the servo board
@@ -99,9 +150,11 @@ class Shell:
         parse(arguments)
         if any(set(words) <= set(arguments) for words in PARSED):
             return
+        name, owner = name_of(arguments), page_of().get(kept(arguments))
+        if name in RUN_ONCE and owner != (self._page or owner):
+            return
         self._make_robot_file(arguments)
-        name = arguments[0] if arguments[0] not in ("prior", "keys", "sessions") else " ".join(arguments[:2])
-        arguments = [word for word in arguments if word not in DROPPED]
+        arguments = list(kept(arguments))
         if name in ("serve", "board"):
             {"serve": self._serve, "board": self._start_board}[name](arguments)
             return
@@ -166,18 +219,10 @@ class Shell:
         self.hexctl(words[2:])
 
     def _make(self, words: list[str]) -> None:
-        """Run what a target would run of hexctl; the target must exist."""
-        shown = subprocess.run(
-            [shutil.which("make") or "make", "-n", *words],
-            cwd=ROOT,
-            capture_output=True,
-            text=True,
-            check=True,
-            timeout=60,
-        )
-        ours = [line.split() for line in shown.stdout.splitlines() if line.startswith(".venv/bin/hexctl ")]
+        """Run what a target would run of hexctl."""
+        ours = made_by(words)
         _require(bool(ours) == (words == ["demo"]))
-        for _, *arguments in ours:
+        for arguments in ours:
             self.hexctl(arguments)
 
     def _copy(self, words: list[str]) -> None:

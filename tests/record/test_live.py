@@ -26,6 +26,8 @@ from hexctl.record.rrd import load_rerun
 from tests.recorders import Calling
 from tests.robots import shipped
 
+pytestmark = pytest.mark.realtime
+
 PLAN = TrialPlan(gait=make_gait(shipped(), "tripod"), duration_s=3.0)
 #: Has a row for each tick.
 ROBOT = "world/robot"

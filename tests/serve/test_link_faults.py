@@ -19,6 +19,8 @@ from tests.serve.processes import Served, controlling, hexctl, served, wait_unti
 from tests.serve.recorded import JUMP_AT, JUMP_VARIABLE, ServoLog
 from tests.serve.swaying import HELD_UP
 
+pytestmark = pytest.mark.realtime
+
 #: A stopped robot's targets rest after this, e-stop or silence, on a machine that has time for it.
 STILL_AFTER_S = 0.25
 
@@ -162,7 +164,7 @@ def test_a_robot_that_stalls_for_a_second_does_not_act_on_what_waited(tmp_path: 
         check_limits(robot.log())
 
 
-@pytest.mark.parametrize("loss", [0.01, 0.1, 0.3])
+@pytest.mark.parametrize("loss", [0.02, 0.3])
 def test_lost_and_overtaken_commands_are_counted_and_the_motion_stays_within_limits(
     tmp_path: Path, loss: float
 ) -> None:
@@ -178,8 +180,7 @@ def test_lost_and_overtaken_commands_are_counted_and_the_motion_stays_within_lim
     assert status["commands"]["accepted"] > 0
 
 
-@pytest.mark.parametrize("jump_s", [-86_400.0, 86_400.0])
-@pytest.mark.parametrize("side", ["controller", "robot"])
+@pytest.mark.parametrize(("side", "jump_s"), [("controller", 86_400.0), ("robot", -86_400.0)])
 def test_a_jump_of_the_walls_clock_on_either_side_changes_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, jump_s: float, side: str
 ) -> None:
@@ -240,7 +241,7 @@ def stop_often(folder: Path, times: int, *, still_after_s: float) -> None:
 
 
 def test_an_estop_while_moving_ends_the_motion_every_time(tmp_path: Path) -> None:
-    stop_often(tmp_path, times=10, still_after_s=STILL_ON_A_BUSY_MACHINE_S)
+    stop_often(tmp_path, times=3, still_after_s=STILL_ON_A_BUSY_MACHINE_S)
 
 
 @pytest.mark.soak

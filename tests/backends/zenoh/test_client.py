@@ -3,6 +3,7 @@
 import threading
 import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,8 @@ from hexctl.wire.messages import decode_positions, encode_positions
 from hexctl.wire.session import open_session
 from tests.robots import edited_file, put, shipped
 from tests.serve.processes import Served, free_port, hexctl, served, wait_until
+
+pytestmark = pytest.mark.realtime
 
 
 class ServedConformance(LegServosConformance):
@@ -118,11 +121,12 @@ def test_nobody_there() -> None:
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     with pytest.raises(RobotFaultError, match=endpoint):
         ZenohServos(shipped(), link=Link(endpoint=endpoint)).connect()
-    for command in (("status",), ("estop",), ("run", "--backend", "zenoh", "--no-record")):
-        answer = hexctl(*command, "--connect", endpoint)
-        assert answer.returncode == 3
-        assert answer.stderr.startswith("hexctl: ")
-        assert len(answer.stderr.splitlines()) == 1
+    commands = (("status",), ("estop",), ("run", "--backend", "zenoh", "--no-record"))
+    with ThreadPoolExecutor() as together:
+        for answer in together.map(lambda words: hexctl(*words, "--connect", endpoint), commands):
+            assert answer.returncode == 3
+            assert answer.stderr.startswith("hexctl: ")
+            assert len(answer.stderr.splitlines()) == 1
 
 
 def test_another_robot_is_refused_and_the_message_says_where_it_differs(tmp_path: Path) -> None:
