@@ -1,1 +1,1 @@
-"""Gaits: the factorial encoding of the paper, its foot trajectory, and the feet of a whole robot."""
+"""Gaits: the factorial encoding of the paper, gaits and motions, and the foot trajectory."""

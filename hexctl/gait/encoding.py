@@ -1,8 +1,13 @@
-"""The bijection between gait codes 1..n! and the phase slots of the legs (paper, section 2).
+"""The factorial encoding: a bijection between gait codes 1..n! and the phase slots of the legs.
 
-A gait gives each leg a phase slot. The code is the lexicographic rank of the slots, counted from 1 (Lehmer
-code in the factorial number system): 1 is the identity, n! the reversed order. A failed leg k keeps slot k,
-and the rank runs over the arrangements of the others: 120 for one failed leg, 24 for two, 6 for three.
+Paper, section 2. A gait gives leg i a phase slot g_i, 1..6. The code is the lexicographic rank of the slots
+(g_1, ..., g_6), counted from 1. With the Lehmer digits c_i, the number of free slots below g_i that no
+earlier leg has taken,
+
+    code = 1 + sum over the walking legs i = 1..n of c_i * (n - i)!
+
+so 1 is the identity and n! the reversed order. A failed leg k keeps slot k, and the rank runs over the
+arrangements of the n other legs: 120 for one failed leg, 24 for two, 6 for three.
 """
 
 import math
@@ -16,12 +21,12 @@ Slots = tuple[int, ...]
 
 
 def code_count(failed_legs: Iterable[int] = ()) -> int:
-    """Return how many codes there are: (6 - number of failed legs)!."""
+    """Number of gait codes, n! for n walking legs."""
     return math.factorial(len(_free_legs(failed_legs)))
 
 
 def slots_from_code(code: int, failed_legs: Iterable[int] = ()) -> Slots:
-    """Return the slots of legs 1..6 for a code.
+    """Slots of legs 1..6 of a gait code.
 
     Raises InputError for a code outside 1..n!.
     """
@@ -40,9 +45,10 @@ def slots_from_code(code: int, failed_legs: Iterable[int] = ()) -> Slots:
 
 
 def code_from_slots(slots: Sequence[int], failed_legs: Iterable[int] = ()) -> int:
-    """Return the code of the slots of legs 1..6.
+    """Gait code of the slots of legs 1..6.
 
-    Raises InputError when they are no permutation of 1..6 or a failed leg does not keep its own slot.
+    Raises InputError for slots that are not a permutation of 1..6, or in which a failed leg does not keep
+    its own slot.
     """
     check_permutation(slots)
     free = _free_legs(failed_legs)
@@ -81,7 +87,7 @@ def check_permutation(slots: Sequence[int]) -> None:
 
 
 def _free_legs(failed_legs: Iterable[int]) -> tuple[int, ...]:
-    """Return the legs that still walk, ascending."""
+    """Legs that have not failed, ascending."""
     check_type(failed_legs, Iterable, "failed legs", f"legs, each 1..{N_LEGS}, such as (5,)")
     failed = set(failed_legs)
     if not failed <= set(range(1, N_LEGS + 1)):

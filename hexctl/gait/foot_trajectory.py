@@ -1,7 +1,11 @@
-"""The foot trajectory of the paper (Eq. 3 to 5), normalised to amplitude 1 and height 1.
+"""The foot trajectory of a walk (paper, Eq. 1 to 5), for all legs, times and walks in one call.
 
-Stance is the two thirds of the cycle in which the offset grows, swing the third (u in [1/3, 2/3)) in which
-the foot returns through the air.
+Foot i is at its stance position plus an offset (Eq. 1, 2), with m_i along the direction of travel and h_i up:
+
+    p_i = p_i^o + (m_i(u) cos theta, m_i(u) sin theta, h_i(u))
+
+u is the foot's own normalised time (Eq. 5). In the swing, u in [1/3, 2/3), the foot moves through the air
+against its direction in the stance. At the start and the stop of a walk, m and h are scaled by a ramp.
 """
 
 import numpy as np
@@ -15,11 +19,11 @@ SWING_START, SWING_TOP, SWING_END = 1 / 3, 1 / 2, 2 / 3
 
 
 def phase_in_cycle(cycles: ArrayLike, slots: ArrayLike) -> FloatArray:
-    """Return the normalised time u in [0, 1) of each leg (Eq. 5): u = mod(t + (g - 1) / 6, 1).
+    """Normalised time of each leg in [0, 1), u = mod(t + (g_i - 1) / 6, 1) (paper, Eq. 5).
 
     Args:
         cycles: t, gait cycles since the start; broadcasts against the slots.
-        slots: g, the phase slot of each leg, 1..6.
+        slots: g_i, the phase slot of each leg, 1..6.
     """
     u = np.mod(np.asarray(cycles) + (np.asarray(slots) - 1) / 6, 1.0)
     # mod of a tiny negative rounds to 1.0 itself, which is the start of the cycle.
@@ -27,7 +31,10 @@ def phase_in_cycle(cycles: ArrayLike, slots: ArrayLike) -> FloatArray:
 
 
 def stroke_offset(u: FloatArray) -> FloatArray:
-    """Return the offset in the plane as a fraction of the amplitude (Eq. 3), in [-1/2, 1/2]."""
+    """Offset in the plane as a fraction of the amplitude, m / A in [-1/2, 1/2] (paper, Eq. 3).
+
+    3u/2 in [0, 1/3), 1/2 - 3 (u - 1/3) in [1/3, 2/3), -1/2 (1 - 3 (u - 2/3)) in [2/3, 1).
+    """
     return np.where(
         u < SWING_START,
         1.5 * u,
@@ -36,12 +43,15 @@ def stroke_offset(u: FloatArray) -> FloatArray:
 
 
 def lift_offset(u: FloatArray) -> FloatArray:
-    """Return the height offset as a fraction of the step height (Eq. 4), in [0, 1]."""
+    """Height as a fraction of the step height, h / H in [0, 1] (paper, Eq. 4).
+
+    6 (u - 1/3) in [1/3, 1/2), 1 - 6 (u - 1/2) in [1/2, 2/3), and 0 in the stance.
+    """
     return np.clip(1.0 - 6.0 * np.abs(u - SWING_TOP), 0.0, None)
 
 
 def in_stance(u: FloatArray) -> BoolArray:
-    """Return where the foot is meant to be on the floor."""
+    """Whether the trajectory has the foot on the floor, in the shape of u."""
     return (u < SWING_START) | (u >= SWING_END)
 
 
@@ -53,10 +63,10 @@ RAMP_DURATION_S = 1 / RAMP_RATE_PER_S
 
 
 def ramp(time_s: ArrayLike, stop_s: float | None = None) -> FloatArray:
-    """Return the envelope in [0, 1] at times since the start of a walk.
+    """Factor of amplitude and height, in [0, 1], at times since the start of a walk: soft start and stop.
 
     Args:
-        time_s: any shape; before the start (negative) the envelope is 0.
+        time_s: any shape; before the start (negative) the factor is 0.
         stop_s: when the stop began, or None while walking on.
     """
     rising = np.asarray(time_s) * RAMP_RATE_PER_S
@@ -67,11 +77,13 @@ def ramp(time_s: ArrayLike, stop_s: float | None = None) -> FloatArray:
 
 
 def stroke_vectors_m(robot: Robot, gait: Gait, motion: Motion) -> FloatArray:
-    """Return the direction and length of each foot's stance stroke in the body frame, (6, 2).
+    """Strokes of the feet in the stance, as vectors in the body frame, (6, 2) in m.
 
-    As printed, Eq. 2 moves a stance foot toward +theta, so the body toward -theta; here the heading is
-    where the body goes, so the foot moves against it. A turn moves each foot tangentially about the body's
-    vertical axis, against the turn, in proportion to its distance from that axis.
+    In Eq. 2 as printed a foot on the floor moves toward +theta, and the body toward -theta. In hexctl theta
+    is where the body goes, so the foot moves against it. A turn at rate omega adds a stroke at right angles
+    to the foot's position (x, y), in proportion to its distance from the vertical axis:
+
+        stroke = -A (cos theta, sin theta) + omega / ((3/2) f) (y, -x)
     """
     travel = gait.amplitude * robot.size_m * motion.travel
     turn = turn_amplitude_m(robot, gait, motion.turn_rate_rad_s) / robot.stance_radius_m
@@ -85,10 +97,10 @@ def stroke_vectors_m(robot: Robot, gait: Gait, motion: Motion) -> FloatArray:
 def gait_feet_body(
     robot: Robot, gait: Gait, motion: Motion, time_s: ArrayLike, stop_s: float | None = None
 ) -> FloatArray:
-    """Return the feet at times since the start of the walk (Eq. 1), time shape + (6, 3) in m.
+    """Foot positions at times since the start of a walk (paper, Eq. 1), time shape + (6, 3) in m.
 
     Args:
-        robot: whose stance is the rest position of the feet.
+        robot: its stance gives the initial positions p_i^o.
         gait: slots, pace, amplitude and height.
         motion: travel and turn, in the body frame.
         time_s: seconds since the walk began, any shape.
@@ -115,10 +127,10 @@ def feet_of_walks(
     time_s: FloatArray,
     stop_s: float | None = None,
 ) -> FloatArray:
-    """Return the feet of many walks at the same times, walks shape + time shape + (6, 3) in m.
+    """Foot positions of several walks at the same times, walks shape + time shape + (6, 3) in m.
 
     Args:
-        robot: whose stance is the rest position of the feet.
+        robot: its stance gives the initial positions p_i^o.
         slots: walks shape + (6,).
         stroke_vectors: stance strokes in the body frame, walks shape + (6, 2) in m.
         pace_hz: walks shape.

@@ -17,7 +17,7 @@ from hexctl.gait.encoding import (
 from hexctl.robot.model import Robot
 from hexctl.types import N_LEGS
 
-#: Share of a stance stroke's speed: a foot crosses the amplitude in two thirds of a cycle.
+#: Amplitudes per cycle at the speed of the stance: a foot on the floor covers one in two thirds of a cycle.
 STROKES_PER_CYCLE = 1.5
 
 MAX_PACE_HZ = 10.0
@@ -25,11 +25,11 @@ MAX_PACE_HZ = 10.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Gait:
-    """Which leg steps when, how often, how far and how high.
+    """A gait: the order of the legs, the pace, the step length and the step height.
 
     Attributes:
         slots: phase slot of legs 1..6, each 1..6; `tripod` shares slots, an encoded gait is a permutation.
-        pace_hz: gait cycles per second.
+        pace_hz: gait cycles per second, above 0 up to 10.
         amplitude: step amplitude A as a fraction of the robot's size E.
         height: step height H as a fraction of the robot's size E.
     """
@@ -48,7 +48,7 @@ class Gait:
         _require_between("height", self.height, 0, 1, "of the robot's size")
 
     def code(self, failed_legs: tuple[int, ...] = ()) -> int | None:
-        """Return the gait code, or None for slots that have none (shared slots, a failed leg elsewhere)."""
+        """Gait code, or None for shared slots and for a failed leg that is not in its own slot."""
         try:
             check_permutation(self.slots)
             return code_from_slots(self.slots, failed_legs)
@@ -58,7 +58,7 @@ class Gait:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Motion:
-    """Where the body goes, as seen from the body: travel along a heading, turn, or both blended.
+    """Commanded motion in the body frame: travel along a heading, a turn, or both blended.
 
     Attributes:
         heading_rad: direction of travel in the body frame, counter-clockwise from forward.
@@ -83,17 +83,17 @@ class Motion:
 
 
 def ideal_speed_m_s(robot: Robot, gait: Gait, motion: Motion) -> float:
-    """Return the travel speed without slip, 1.5 * A * pace."""
+    """Travel speed without slip, v = (3/2) A f, from the slope of the stance in Eq. 3 and the pace f."""
     return STROKES_PER_CYCLE * gait.amplitude * robot.size_m * gait.pace_hz * motion.travel
 
 
 def turn_amplitude_m(robot: Robot, gait: Gait, turn_rate_rad_s: float) -> float:
-    """Return the stroke, at the farthest foot, that turns the body at a rate without slip."""
+    """Stroke of the farthest foot that turns the body at a rate without slip, omega r / ((3/2) f)."""
     return turn_rate_rad_s * robot.stance_radius_m / (STROKES_PER_CYCLE * gait.pace_hz)
 
 
 def half_amplitude_turn_rate_rad_s(robot: Robot, gait: Gait) -> float:
-    """Return the rate of a turn in place with half the step amplitude, as the paper's demo turns."""
+    """Rate of a turn in place with half the step amplitude, as in the demo of the paper's robot model."""
     return STROKES_PER_CYCLE * gait.pace_hz * 0.5 * gait.amplitude * robot.size_m / robot.stance_radius_m
 
 
@@ -128,7 +128,7 @@ def make_gait(
     """A gait by name, code or slots, with the robot's own pace, amplitude and height where none is given.
 
     Args:
-        robot: whose defaults hold.
+        robot: gives the default pace, amplitude and height.
         gait: name (`"tripod"`), code (`57`, `"57"`) or slots (`(5, 1, 2, 4, 3, 6)`, `"5,1,2,4,3,6"`).
         pace_hz: gait cycles per second.
         amplitude: step amplitude as a fraction of the robot's size.

@@ -1,1 +1,1 @@
-"""Closed-form kinematics of all six legs at once, both ways."""
+"""Kinematics of the legs, and the support polygon."""

@@ -16,12 +16,12 @@ from hexctl.types import JOINT_KINDS, JOINTS_PER_LEG, N_JOINTS, N_LEGS, ArrayFie
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LegAngles(ArrayFields):
-    """The inverse kinematics of foot positions.
+    """A solution of the inverse kinematics.
 
     Attributes:
-        joint_positions_rad: leading shape + (18,); finite also where a foot is out of reach: there the leg
-            stretches (or folds) as far as it can in the foot's direction.
-        reachable: which feet can be reached exactly, leading shape + (6,); joint limits are not asked.
+        joint_positions_rad: leading shape + (18,). Finite also where a foot is out of reach: there the leg
+            stretches, or folds, as far as it can toward the foot.
+        reachable: which feet are within reach, leading shape + (6,), whatever the joint ranges.
     """
 
     joint_positions_rad: FloatArray
@@ -29,7 +29,7 @@ class LegAngles(ArrayFields):
 
 
 def link_points_body(robot: Robot, joint_positions_rad: FloatArray) -> FloatArray:
-    """Return coxa axis, femur joint, knee and foot of each leg, leading shape + (6, 4, 3) in m.
+    """Coxa axis, femur joint, knee and foot of each leg in the body frame, leading shape + (6, 4, 3) in m.
 
     Args:
         robot: geometry.
@@ -50,14 +50,21 @@ def link_points_body(robot: Robot, joint_positions_rad: FloatArray) -> FloatArra
 
 
 def foot_positions_body(robot: Robot, joint_positions_rad: FloatArray) -> FloatArray:
-    """Return the centres of the feet in the body frame, leading shape + (6, 3) in m."""
+    """Centres of the feet in the body frame, leading shape + (6, 3) in m."""
     return link_points_body(robot, joint_positions_rad)[..., -1, :]
 
 
 def solve_legs(robot: Robot, feet_body: FloatArray) -> LegAngles:
-    """Return the joint angles that put the feet at positions in the body frame.
+    """Joint angles that put the feet at positions in the body frame.
 
-    Law of cosines in the triangle femur joint, knee, foot.
+    The coxa points at the foot. In the leg plane, femur joint, knee and foot are a triangle with the sides f
+    (femur), t (tibia) and d (femur joint to foot, at a slope of delta); by the law of cosines the links have
+    the slopes
+
+        femur = delta + arccos((f^2 + d^2 - t^2) / (2 f d))
+        tibia = femur + arccos((f^2 + t^2 - d^2) / (2 f t)) - pi
+
+    The joint angles are these slopes less the links' slopes at angle zero.
 
     Args:
         robot: geometry.
@@ -85,12 +92,12 @@ def solve_legs(robot: Robot, feet_body: FloatArray) -> LegAngles:
 
 
 def _per_leg(joint_positions_rad: FloatArray) -> FloatArray:
-    """Split the joint axis, leading shape + (18,) into + (6, 3)."""
+    """Joint angles by leg, leading shape + (18,) to leading shape + (6, 3)."""
     return joint_positions_rad.reshape(*joint_positions_rad.shape[:-1], N_LEGS, JOINTS_PER_LEG)
 
 
 def _wrapped(angle_rad: FloatArray) -> FloatArray:
-    """Return angles in [-pi, pi]."""
+    """Equal angles in [-pi, pi]."""
     return angle_rad - 2 * np.pi * np.round(angle_rad / (2 * np.pi))
 
 
@@ -99,7 +106,7 @@ TOLERANCE_RAD = 1e-9
 
 
 def solve_legs_within_limits(robot: Robot, feet_body: FloatArray) -> FloatArray:
-    """Return joint angles, leading shape + (18,), of feet that all legs can take.
+    """Joint angles, leading shape + (18,), of feet in the body frame that every leg can reach.
 
     Raises ReachError or LimitError that names the first leg and joint, the value and what is allowed.
     """
@@ -126,14 +133,14 @@ def check_joint_limits(robot: Robot, joint_positions_rad: FloatArray) -> None:
 
 
 def range_excess_rad(robot: Robot, joint_positions_rad: FloatArray) -> FloatArray:
-    """Return how far each joint is outside its range, negative inside; same shape, leading shape + (18,)."""
+    """Distance of each joint from its range, negative inside, in the shape of the angles."""
     return np.maximum(
         robot.joint_lower_rad - joint_positions_rad, joint_positions_rad - robot.joint_upper_rad
     )
 
 
 def _reach_message(robot: Robot, feet_body: FloatArray, leg_index: int) -> str:
-    """Say how far the worst foot of a leg is from its femur joint, and how far it may be."""
+    """Message with the distance of a leg's worst foot from its femur joint, and the allowed distances."""
     coxa, femur, tibia = (tuple(vector) for vector in robot.link_vectors_m.tolist())
     from_mount = feet_body[..., leg_index, :].reshape(-1, 3) - robot.mount_positions_body[leg_index]
     distance = np.hypot(np.hypot(from_mount[:, 0], from_mount[:, 1]) - coxa[0], from_mount[:, 2] - coxa[1])

@@ -1,7 +1,7 @@
-"""Static balance: the centre of gravity from the links' masses, and the polygon of the feet that stand.
+"""Static stability: the centre of mass, the support polygon, and the margin between them.
 
-The paper wants the centre of gravity, projected to the floor, within the convex hull of the feet on it (its
-figure on the concept of stability). Everything is vectorised over any leading axes.
+A pose is stable while the centre of mass, projected to the floor, lies within the convex hull of the feet
+that are on it (paper, figure on the concept of stability). Everything is vectorised over any leading axes.
 """
 
 from dataclasses import dataclass
@@ -18,12 +18,12 @@ SAME_PLACE_M = 1e-6
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Support(ArrayFields):
-    """The polygon that carries the robot, seen from above, and how far inside it a point is.
+    """A support polygon, seen from above, and the stability margin of a point.
 
     Attributes:
         corners: counter-clockwise, leading shape + (6, 2) in m; the last one is repeated until there are six.
         margin_m: distance of the point from the nearest side, negative outside, leading shape; -inf where
-            fewer than two feet stand.
+            fewer than two feet are on the floor.
     """
 
     corners: FloatArray
@@ -31,7 +31,7 @@ class Support(ArrayFields):
 
 
 def centre_of_mass_body(robot: Robot, joint_positions_rad: FloatArray) -> FloatArray:
-    """Return the robot's centre of mass in the body frame, leading shape + (3,) in m.
+    """Centre of mass of the robot in the body frame, leading shape + (3,) in m.
 
     Args:
         robot: geometry and masses.
@@ -41,16 +41,16 @@ def centre_of_mass_body(robot: Robot, joint_positions_rad: FloatArray) -> FloatA
 
 
 def centre_of_mass_of(robot: Robot, link_points: FloatArray) -> FloatArray:
-    """Return the centre of mass of a robot whose links begin and end at points, leading shape + (3,) in m.
+    """Centre of mass of a robot whose links begin and end at points, leading shape + (3,) in m.
 
-    The trunk's mass sits at the origin of the body frame, a link's in the middle of its solid. What a world
-    adds to the robot, a payload for one, is not part of its description.
+    The mass of the trunk is at the origin of the body frame, that of a link in the middle of its solid. What
+    a world adds to the robot, such as a payload, does not count.
 
     Args:
         robot: masses.
         link_points: what `link_points_body` returns, leading shape + (6, 4, 3) in m.
     """
-    # A link's mass times its middle is so much of its start and so much of its end.
+    # The middle of a link is a weighted mean of its two ends.
     at_end = 0.5 * _solid_shares(robot) * robot.link_masses_kg
     weights = np.zeros(len(at_end) + 1)
     weights[:-1] += robot.link_masses_kg - at_end
@@ -59,13 +59,13 @@ def centre_of_mass_of(robot: Robot, link_points: FloatArray) -> FloatArray:
 
 
 def _solid_shares(robot: Robot) -> FloatArray:
-    """Return how much of each link its solid takes up, (3,): the tibia's ends where the foot begins."""
+    """Part of each link's length that is solid, (3,): that of the tibia ends where the foot begins."""
     length = float(np.hypot(*robot.link_vectors_m[-1]))
     return np.array([1.0, 1.0, max(0.5, 1 - robot.foot_radius_m / length)])
 
 
 def foot_heights_body(robot: Robot, joint_positions_rad: FloatArray) -> FloatArray:
-    """Return the heights of the feet's centres in the body frame, leading shape + (6,) in m.
+    """Heights of the centres of the feet in the body frame, leading shape + (6,) in m.
 
     Args:
         robot: geometry.
@@ -80,7 +80,9 @@ def foot_heights_body(robot: Robot, joint_positions_rad: FloatArray) -> FloatArr
 
 
 def to_world(points_body: FloatArray, position_world: FloatArray, quaternion_world: FloatArray) -> FloatArray:
-    """Return points of the body in the world, leading shape + (N, 3) in m.
+    """Points of the body frame in the world frame, leading shape + (N, 3) in m.
+
+    With the quaternion (w, q): p_world = position + p + 2 w (q x p) + 2 q x (q x p).
 
     Args:
         points_body: leading shape + (N, 3).
@@ -93,14 +95,14 @@ def to_world(points_body: FloatArray, position_world: FloatArray, quaternion_wor
 
 
 def carried(feet: FloatArray, standing: BoolArray, point: FloatArray) -> BoolArray:
-    """Return whether a point is within the convex hull of the feet that stand, leading shape.
+    """Whether a point is within the convex hull of the feet on the floor, leading shape.
 
-    It is, if the feet are all around it: no half turn is without one. Takes what `support` takes, and is
-    quicker where the margin is not wanted.
+    It is if no two neighbouring directions to the feet are half a turn or more apart. Takes the arguments of
+    `support`, and is faster where the margin is not needed.
     """
     toward = feet - point[..., np.newaxis, :]
     angles = np.arctan2(toward[..., 1], toward[..., 0])
-    # A foot in the air goes where one stands, and so leaves the gaps between the others as they are.
+    # A foot in the air counts as being where one on the floor is, which leaves the gaps as they are.
     first = np.where(standing, angles, np.pi).min(axis=-1, keepdims=True)
     angles = np.sort(np.where(standing, angles, first), axis=-1)
     gaps = np.diff(angles, axis=-1, append=angles[..., :1] + 2 * np.pi)
@@ -108,13 +110,13 @@ def carried(feet: FloatArray, standing: BoolArray, point: FloatArray) -> BoolArr
 
 
 def support(feet: FloatArray, standing: BoolArray, point: FloatArray) -> Support:
-    """Return the convex hull of the feet that stand and the margin of a point, all seen from above.
+    """Convex hull of the feet on the floor and the margin of a point, all seen from above.
 
-    A side of the hull is a line between two feet that has all the others on its left.
+    A side of the hull is a line between two feet that has all others on its left.
 
     Args:
         feet: leading shape + (6, 2) in m.
-        standing: which of them carry the robot, leading shape + (6,).
+        standing: which of them are on the floor, leading shape + (6,).
         point: the projected centre of gravity, leading shape + (2,).
     """
     # The cross product of two feet, seen from a third, is a sum of their products seen from the origin.
@@ -134,7 +136,7 @@ def support(feet: FloatArray, standing: BoolArray, point: FloatArray) -> Support
 
 
 def _corners(feet: FloatArray, standing: BoolArray, outer: BoolArray) -> FloatArray:
-    """Return the feet that sides begin at, in order around their middle; a foot that stands alone is one."""
+    """Feet at which the sides begin, in order around their middle; with no side, every foot on the floor."""
     corner = outer.any(axis=-1)
     corner = np.where(corner.any(axis=-1, keepdims=True), corner, standing)
     count = corner.sum(axis=-1, keepdims=True)
@@ -147,5 +149,5 @@ def _corners(feet: FloatArray, standing: BoolArray, outer: BoolArray) -> FloatAr
 
 
 def _cross(first: FloatArray, second: FloatArray) -> FloatArray:
-    """Return the z component of cross products in the plane, positive where the second is on the left."""
+    """Z component of cross products in the plane, positive where the second vector is on the left."""
     return np.asarray(first[..., 0] * second[..., 1] - first[..., 1] * second[..., 0])
