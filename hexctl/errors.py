@@ -1,4 +1,4 @@
-"""The errors hexctl raises on purpose, each also a built-in error.
+"""Errors that hexctl raises, each of which is also a built-in error.
 
 Every message says what was wrong, the value got, what is allowed and, where it helps, what to do next.
 `check_type` refuses a value of the wrong type in those words.
@@ -9,7 +9,7 @@ from reprlib import Repr
 
 
 class HexctlError(Exception):
-    """Anything hexctl refuses or cannot do; its text is one line for the user."""
+    """Base class of hexctl's errors; the text is one line for the user."""
 
 
 class InputError(HexctlError, ValueError):
@@ -21,7 +21,7 @@ class WrongTypeError(InputError, TypeError):
 
 
 class MissingExtraError(HexctlError, ImportError):
-    """An optional part of hexctl is not installed."""
+    """An optional part of hexctl that is not installed."""
 
     def __init__(self, what: str, extra: str) -> None:
         super().__init__(f'{what} needs the "{extra}" extra: pip install "hexctl[{extra}]"')
@@ -31,7 +31,7 @@ class MissingExtraError(HexctlError, ImportError):
         return type(self), (self._what, self._extra)
 
 
-#: Which extra brings a package that hexctl does without otherwise.
+#: The extra that installs an optional package.
 EXTRAS = {
     "mujoco": "sim",
     "dm_control": "sim",
@@ -52,30 +52,30 @@ class LimitError(HexctlError, ValueError):
 
 
 class CommandRefusedError(HexctlError, ValueError):
-    """The guard did not accept a command; the last accepted targets stay in force."""
+    """A command that the guard did not accept; the last accepted targets stay in force."""
 
 
 class EStopError(HexctlError, RuntimeError):
-    """The guard has latched a stop; nothing moves until it is cleared explicitly."""
+    """A latched stop of the guard; nothing moves until it is cleared explicitly."""
 
 
 class RobotFaultError(HexctlError, RuntimeError):
-    """The robot or the link to it does not do what it must."""
+    """A fault of the robot, or of the link to it."""
 
 
 class SimulationDivergedError(RobotFaultError):
-    """The physics has become unstable; states after this are meaningless."""
+    """A simulation that has become unstable; its later states are meaningless."""
 
 
 class MessageError(HexctlError, ValueError):
-    """Bytes from the network that are not what they should be; they are dropped and counted."""
+    """An invalid message from the network; it is dropped and counted."""
 
 
 class RecordingError(HexctlError, OSError):
-    """A recording could not be written or opened."""
+    """A recording that could not be written or opened."""
 
 
-#: Types whose check and name differ from their own: numbers of numpy count, yes and no do not.
+#: Number types: the abstract type that is accepted (a bool is not), and its name.
 _NUMBERS: dict[type, tuple[type, str]] = {float: (Real, "a number"), int: (Integral, "a whole number")}
 
 _NAMES = {str: "text", bool: "True or False", type(None): "None"}

@@ -1,4 +1,4 @@
-"""The vocabulary of every part: arrays, legs and joints, joint targets and robot state.
+"""Types that every part uses: arrays, legs and joints, joint targets and robot state.
 
 Six legs of three joints each, in leg-major order.
 """
@@ -24,7 +24,7 @@ JOINT_NAMES = tuple(f"leg{leg}_{kind}" for leg in range(1, N_LEGS + 1) for kind 
 
 
 def leg_slice(leg: int) -> slice:
-    """Where the three joints of leg 1..6 lie in an array of 18."""
+    """Indices of the three joints of leg 1..6 in an array of 18."""
     return slice(JOINTS_PER_LEG * (leg - 1), JOINTS_PER_LEG * leg)
 
 
@@ -81,11 +81,11 @@ def check_shape(value: object, shape: tuple[int, ...], what: str) -> None:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointTargets(ArrayFields):
-    """Where the 18 joints shall go.
+    """Target angles of the 18 joints.
 
     Attributes:
         positions_rad: joint angles, shape (18,), leg-major order.
-        stamp_s: when the command was made, on the clock of the servos that it is for.
+        stamp_s: time of the command, on the clock of the servos that it is for.
     """
 
     positions_rad: FloatArray
@@ -94,21 +94,21 @@ class JointTargets(ArrayFields):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RobotState(ArrayFields):
-    """What a robot knows of itself at one moment.
+    """State of a robot at one moment, as its servos report it.
 
     Attributes:
         joint_positions_rad: shape (18,), leg-major order.
-        stamp_s: when it was measured, on the clock of the servos.
+        stamp_s: time of the measurement, on the clock of the servos.
         measured: True for positions from sensors, False where the last targets are echoed.
         base_position_world: body frame origin in the world, (3,) in m, or None where unknown.
         base_quaternion_world: body frame orientation (w, x, y, z), (4,), or None where unknown.
         foot_contacts: which feet touch the floor, (6,), or None where unknown.
-        age_s: how old the measurement was when it was read.
+        age_s: age of the measurement when it was read.
         healthy: False when the robot reports a fault of its own.
-        fault: what is wrong, in few words, where the robot says so.
-        stopped: why the robot's own guard is stopped, or None.
+        fault: the fault in few words, or None where the robot gives none.
+        stopped: the reason for which the robot's own guard is stopped, or None.
         battery_v: voltage of the battery, or None where unknown.
-        battery_share: what is left of it, 0 to 1, or None where unknown.
+        battery_share: remaining charge, 0 to 1, or None where unknown.
     """
 
     joint_positions_rad: FloatArray
@@ -125,7 +125,7 @@ class RobotState(ArrayFields):
     battery_share: float | None = None
 
     def copy(self) -> "RobotState":
-        """The same state with arrays of its own."""
+        """The same state, with copies of its arrays."""
         arrays: dict[str, Any] = {
             field.name: value.copy()
             for field in fields(self)

@@ -1,8 +1,8 @@
-"""Forward and inverse kinematics of the six legs, vectorised over any leading axes.
+"""Forward and inverse kinematics of the six legs, and their limits; vectorised over any leading axes.
 
 Leg plane: x outward from the coxa axis, z up. Femur and tibia are links with a slope of their own at joint
-angle zero; a positive joint angle lifts. The knee points up: of the two solutions the one every walking
-hexapod stands in.
+angle zero; a positive joint angle lifts. Of the two solutions of the inverse kinematics, the one with the
+knee up is taken.
 """
 
 from dataclasses import dataclass

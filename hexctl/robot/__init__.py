@@ -1,1 +1,1 @@
-"""The robot description, and the two messages every part speaks."""
+"""Robot descriptions: robot files, the model made from them, servo maps, meshes, failures."""

@@ -16,7 +16,7 @@ SchemaT = TypeVar("SchemaT", bound=BaseModel)
 
 
 def _not_a_switch(value: object) -> object:
-    """Refuse YAML's yes, no, on, off, true and false, which Python would count as 1 and 0."""
+    """Refuse YAML's yes, no, on, off, true and false, which pydantic would take for 1 and 0."""
     if isinstance(value, bool):
         raise ValueError(f"got {value}; allowed: a number")
     return value
@@ -27,7 +27,7 @@ Number = Annotated[float, BeforeValidator(_not_a_switch)]
 
 
 class _Loader(yaml.SafeLoader):
-    """Plain YAML without tags of its own, which refuses a key that is given twice."""
+    """Plain YAML: no application tags, no key twice."""
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
         seen: set[str] = set()
@@ -43,19 +43,19 @@ class _Loader(yaml.SafeLoader):
 
 
 def config_root() -> Path:
-    """Return the folder of the shipped configuration files, in a wheel or in a checkout."""
+    """Folder of the shipped configuration files, in a wheel or in a checkout."""
     package = Path(__file__).resolve().parent.parent
     installed = package / "configs"
     return installed if installed.is_dir() else package.parent / "configs"
 
 
 def config_names(kind: str) -> list[str]:
-    """Return the shipped names of one kind (`robots`, `worlds`), sorted."""
+    """Shipped names of one kind (`robots`, `worlds`), sorted."""
     return sorted(path.stem for path in (config_root() / kind).glob("*.yaml"))
 
 
 def find_config(kind: str, name_or_path: str | Path) -> Path:
-    """Return the file of a shipped name or of a path; anything with a suffix or a slash is a path.
+    """File of a shipped name or of a path; anything with a suffix or a slash is a path.
 
     Raises InputError that lists the shipped names when there is no such file.
     """
@@ -71,9 +71,9 @@ def find_config(kind: str, name_or_path: str | Path) -> Path:
 
 
 def read_mapping(path: Path) -> dict[str, Any]:
-    """Return the one YAML mapping that a file holds; an empty file is an empty mapping.
+    """The YAML mapping of a file; an empty file is an empty mapping.
 
-    Raises InputError for a file that cannot be read, is not YAML, or holds something else.
+    Raises InputError for a file that cannot be read, is not YAML, or is not a mapping.
     """
     try:
         content = yaml.load(path.read_text(encoding="utf-8"), Loader=_Loader)  # noqa: S506  a SafeLoader
@@ -89,9 +89,9 @@ def read_mapping(path: Path) -> dict[str, Any]:
 
 
 def validate(schema: type[SchemaT], content: dict[str, Any], path: Path) -> SchemaT:
-    """Return the content as the schema's model.
+    """Content of a file as an instance of its schema.
 
-    Raises InputError with file, key, value and what is allowed, for the first thing that is wrong.
+    Raises InputError with file, key, value and what is allowed, for the first problem.
     """
     try:
         return schema.model_validate(content)
@@ -100,7 +100,7 @@ def validate(schema: type[SchemaT], content: dict[str, Any], path: Path) -> Sche
 
 
 def _is_file(text: str) -> bool:
-    """Return whether a path names a file; one that the system cannot even look up does not."""
+    """Whether a path names a file; False for a path that the system cannot look up."""
     try:
         return Path(text).is_file()
     except (OSError, ValueError):
@@ -134,7 +134,7 @@ ALLOWED = {
 
 
 def yaml_problem(error: Exception) -> str:
-    """Return what is wrong with a text that is not YAML, and where."""
+    """Position and description of a YAML syntax error."""
     mark = getattr(error, "problem_mark", None)
     if isinstance(error, yaml.MarkedYAMLError) and mark is not None:
         return f"line {mark.line + 1}, column {mark.column + 1}: {error.problem}"
@@ -144,7 +144,7 @@ def yaml_problem(error: Exception) -> str:
 
 
 def first_problem(schema: type[BaseModel], error: ValidationError) -> str:
-    """Return the first problem of a validation, an unknown key before all others: it explains them."""
+    """First problem of a validation; an unknown key comes before the others, which may follow from it."""
     problems = error.errors(include_url=False)
     problem = min(problems, key=lambda problem: problem["type"] != "extra_forbidden")
     more = f" (and {len(problems) - 1} more problems)" if len(problems) > 1 else ""
@@ -168,18 +168,18 @@ def _described(schema: type[BaseModel], problem: ErrorDetails) -> str:
 
 
 def _dotted(location: Location) -> str:
-    """Return a place in the file as `mounts[0].radius_m`."""
+    """Location in the file, such as `mounts[0].radius_m`."""
     text = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in location)
     text = text.removeprefix(".") or "the file"
     return text if text.isprintable() else repr(text)
 
 
 def _keys_beside(schema: type[BaseModel], location: Location) -> Sequence[str]:
-    """Return the keys that are allowed where a location's last key stands."""
+    """Keys that are allowed beside the last key of a location."""
     here: Any = schema
     for part in location[:-1]:
         fields: Mapping[str, Any] = here.model_fields
-        # A place in a list, or a key in a mapping of models, which has been gone into already.
+        # An index of a list, or a key of a mapping of models: the model is already that of its elements.
         if isinstance(part, int) or part not in fields:
             continue
         annotation = fields[part].annotation

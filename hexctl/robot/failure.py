@@ -1,4 +1,4 @@
-"""What can be wrong with a leg (design: `locked`, `limp`, `stuck`, `weak`, `missing`)."""
+"""Failures of a leg: `locked`, `limp`, `stuck`, `weak`, `missing`."""
 
 import math
 from dataclasses import dataclass
@@ -14,10 +14,19 @@ FAILURE_FORMS = "locked, limp, missing, weak:FRACTION, stuck:JOINT:DEGREES"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Failure:
-    """One failed leg.
+    """The failure of one leg, as the simulation applies it.
 
-    `locked` holds its stance pose on the floor, `limp` has no torque, `stuck` has one `joint` jammed at
-    `angle_rad`, `weak` has `torque_fraction` of its torque, `missing` touches nothing and weighs nothing.
+    A `locked` leg holds its stance pose, on the floor. A `limp` one has no torque. A `stuck` one has one
+    joint jammed. A `weak` one has part of its torque. A `missing` one has neither contacts nor mass.
+
+    Attributes:
+        leg: number of the leg, 1..6.
+        kind: one of `FAILURE_KINDS`.
+        joint: `coxa`, `femur` or `tibia`, the joint that is stuck; of no effect for other kinds.
+        angle_rad: the angle at which it is stuck; of no effect for other kinds.
+        torque_fraction: part of the torque that a weak leg has, 0..1; of no effect for other kinds.
+
+    Raises InputError for a value that is not allowed.
     """
 
     leg: int
@@ -47,7 +56,7 @@ class Failure:
 
 
 def parse_failure(leg: int, text: str) -> Failure:
-    """Return the failure of a leg from its command-line text.
+    """Failure of a leg from its command-line text.
 
     `locked`, `limp`, `missing`, `weak[:FRACTION]` or `stuck[:JOINT[:DEGREES]]`, for example `stuck:femur:30`.
     Raises InputError for anything else.

@@ -85,7 +85,7 @@ def load_meshes(name_or_path: str | Path = "ant") -> Meshes:
 
 
 def _build(schema: RobotSchema) -> Robot:
-    """Derive the model from a valid file and refuse geometry that cannot stand."""
+    """Robot model of a valid file; InputError for geometry in which the robot cannot stand."""
     links = [schema.links.coxa, schema.links.femur, schema.links.tibia]
     joints = [schema.joints.coxa, schema.joints.femur, schema.joints.tibia]
     positions, yaws = _mounts(schema.mounts)
@@ -117,12 +117,12 @@ def _build(schema: RobotSchema) -> Robot:
 
 
 def _per_joint(values: list[float]) -> FloatArray:
-    """Repeat a value per joint kind for all six legs, (18,)."""
+    """Values per joint kind, repeated for all six legs, (18,)."""
     return np.tile(np.array(values), N_LEGS)
 
 
 def _mounts(mounts: list[MountSection]) -> tuple[FloatArray, FloatArray]:
-    """Return mount positions (6, 3) and yaws (6,)."""
+    """Positions (6, 3) and yaws (6,) of the mounts."""
     positions, yaws = [], []
     for mount in mounts:
         if mount.position_m is not None and mount.yaw_deg is not None:
@@ -136,14 +136,14 @@ def _mounts(mounts: list[MountSection]) -> tuple[FloatArray, FloatArray]:
 
 
 def _stance_feet(schema: RobotSchema, positions: FloatArray, yaws: FloatArray) -> FloatArray:
-    """Return the nominal feet in the body frame, (6, 3); all stand at one height, whatever their mounts'."""
+    """Nominal feet in the body frame, (6, 3), all at one height, whatever the heights of the mounts."""
     reach = schema.stance.outward_m
     x, y = positions[:, 0] + reach * np.cos(yaws), positions[:, 1] + reach * np.sin(yaws)
     return np.stack([x, y, np.full(N_LEGS, schema.stance.up_m)], axis=-1)
 
 
 def _stance_angles(schema: RobotSchema, links: list[LinkSection], positions: FloatArray) -> FloatArray:
-    """Return the joint angles of the nominal stance, (18,)."""
+    """Joint angles of the nominal stance, (18,)."""
     coxa, femur, tibia = (link.end_m for link in links)
     angles: list[float] = []
     for leg, mount_z in enumerate(positions[:, 2].tolist(), start=1):
@@ -167,7 +167,7 @@ def _check_stance_limits(robot: Robot) -> None:
 
 
 def _check_leg_order(robot: Robot) -> None:
-    """Refuse legs that do not follow one another counter-clockwise, once around."""
+    """Refuse legs that are not in counter-clockwise order, once around."""
     gaps = np.diff(robot.leg_azimuths_rad, append=robot.leg_azimuths_rad[0]) % math.tau
     if not math.isclose(gaps.sum(), math.tau, rel_tol=1e-6):
         degrees = ", ".join(f"{azimuth:.0f}" for azimuth in np.degrees(robot.leg_azimuths_rad))
@@ -178,7 +178,7 @@ def _check_leg_order(robot: Robot) -> None:
 
 
 def _check_foot_spacing(robot: Robot) -> None:
-    """Refuse neighbouring feet that stand in one another."""
+    """Refuse neighbouring feet that overlap."""
     spacing = np.linalg.norm(robot.stance_feet_body - np.roll(robot.stance_feet_body, -1, axis=0), axis=-1)
     leg = int(spacing.argmin()) + 1
     least = 2 * robot.foot_radius_m

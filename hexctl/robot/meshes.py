@@ -1,6 +1,6 @@
-"""The meshes that a robot is drawn with: the `meshes:` section of a robot file.
+"""Meshes that a robot is drawn with in recordings: the section `meshes` of a robot file.
 
-They are looks, not the robot: they change no `Robot`, and so no prior, session or link that belongs to it.
+They are not part of the `Robot`, so changing them leaves priors, sessions and links valid.
 """
 
 import math
@@ -15,7 +15,7 @@ from hexctl.errors import InputError
 from hexctl.robot.schema import MeshesSection, MeshSection
 from hexctl.types import JOINT_KINDS, ArrayFields, FloatArray
 
-#: What can have a mesh.
+#: Parts that can have a mesh.
 PARTS = ("body", *JOINT_KINDS)
 
 
@@ -26,9 +26,9 @@ class PartMesh(ArrayFields):
     The trunk's frame is the body frame; a link's begins at its joint, x outward and z up at angle zero.
 
     Attributes:
-        file: where it came from.
+        file: the file that it was read from.
         content: the file's bytes.
-        media_type: what they are, such as `model/stl`.
+        media_type: their format, such as `model/stl`.
         scale: metres per unit of the file.
         position_m: origin of the mesh in the part's frame, (3,).
         quaternion: its orientation there (w, x, y, z), (4,).
@@ -43,7 +43,7 @@ class PartMesh(ArrayFields):
 
     @property
     def coloured(self) -> bool:
-        """Return whether the file may bring colours of its own."""
+        """Whether the file may hold colours."""
         return self.media_type != "model/stl"
 
 
@@ -83,7 +83,7 @@ def _read(robot_file: Path, part: str, section: MeshSection) -> PartMesh:
 
 
 def _quaternion(roll: float, pitch: float, yaw: float) -> FloatArray:
-    """Return a turn about the fixed axes x, then y, then z, as (w, x, y, z)."""
+    """Quaternion (w, x, y, z) of a rotation about the fixed axes x, then y, then z."""
     (cr, sr), (cp, sp), (cy, sy) = ((math.cos(a / 2), math.sin(a / 2)) for a in (roll, pitch, yaw))
     return np.array(
         [
@@ -95,7 +95,7 @@ def _quaternion(roll: float, pitch: float, yaw: float) -> FloatArray:
     )
 
 
-#: Endings and what they are called on the way to a viewer.
+#: Media types by file name suffix.
 MEDIA_TYPES = {".stl": "model/stl", ".obj": "model/obj", ".glb": "model/gltf-binary"}
 
 #: A binary STL: a header, the number of triangles, and as many records.
@@ -106,9 +106,9 @@ GLB_HEAD = struct.Struct("<4sII")
 
 
 def media_type(file: Path) -> str:
-    """Return what a file is by its ending.
+    """Media type of a mesh file, by its suffix.
 
-    Raises InputError for another ending.
+    Raises InputError for an unknown suffix.
     """
     try:
         return MEDIA_TYPES[file.suffix.lower()]
@@ -118,7 +118,7 @@ def media_type(file: Path) -> str:
 
 
 def check_mesh(content: bytes, kind: str) -> None:
-    """Raise InputError unless the content is a whole mesh of a kind of `MEDIA_TYPES`."""
+    """Raise InputError unless the content is a complete mesh of one of the `MEDIA_TYPES`."""
     {"model/stl": _check_stl, "model/obj": _check_obj, "model/gltf-binary": _check_glb}[kind](content)
 
 
@@ -130,7 +130,7 @@ def _check_stl(content: bytes) -> None:
     text = content.lstrip()
     if text.startswith(b"solid") and b"vertex" in text and b"endsolid" in text:
         return
-    raise InputError("is no whole STL mesh; allowed: binary or text STL with one triangle or more")
+    raise InputError("is not a complete STL mesh; allowed: binary or text STL with one triangle or more")
 
 
 def _check_obj(content: bytes) -> None:
@@ -139,7 +139,7 @@ def _check_obj(content: bytes) -> None:
     except UnicodeDecodeError:
         words = []
     if words.count(["v"]) < 3 or ["f"] not in words:
-        raise InputError("is no OBJ mesh; allowed: a text with vertices (v) and faces (f)")
+        raise InputError("is not an OBJ mesh; allowed: a text with vertices (v) and faces (f)")
 
 
 def _check_glb(content: bytes) -> None:
@@ -147,4 +147,4 @@ def _check_glb(content: bytes) -> None:
         magic, version, length = GLB_HEAD.unpack_from(content)
         if magic == b"glTF" and version == 2 and length == len(content):
             return
-    raise InputError("is no whole GLB mesh; allowed: binary glTF, version 2")
+    raise InputError("is not a complete GLB mesh; allowed: binary glTF, version 2")

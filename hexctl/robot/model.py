@@ -1,4 +1,4 @@
-"""The frozen description of a robot, from which everything else derives, and the angles of its stance."""
+"""The robot model: a frozen description from which kinematics, limits and the simulated body derive."""
 
 import hashlib
 import math
@@ -31,7 +31,7 @@ class Body:
 
 @dataclass(frozen=True)
 class GaitDefaults:
-    """How this robot walks unless told otherwise; amplitude and height are fractions of the size E."""
+    """Default gait of a robot; amplitude and height are fractions of the size E."""
 
     pace_hz: float
     amplitude: float
@@ -40,7 +40,7 @@ class GaitDefaults:
 
 @dataclass(frozen=True)
 class ServoModel:
-    """How the simulated servos answer: torque = stiffness * error - damping * speed."""
+    """Position control of the simulated servos: torque = stiffness * error - damping * speed."""
 
     stiffness_nm_per_rad: float
     damping_nm_s_per_rad: float
@@ -56,7 +56,7 @@ class Robot(ArrayFields):
     seen from above; positive femur and tibia lift the foot. Joint arrays are leg-major, shape (18,).
 
     Attributes:
-        name: short name, also the key under which the robot is known.
+        name: short name, by which results, priors and the network identify the robot.
         size_m: the paper's size factor E; gait amplitude and height are fractions of it.
         body: shape and mass of the trunk.
         mount_positions_body: coxa axes, (6, 3) in m.
@@ -117,7 +117,7 @@ class Robot(ArrayFields):
 
     @cached_property
     def fingerprint(self) -> str:
-        """A text that is equal for two robots exactly if their descriptions are."""
+        """SHA-256 of the description: equal for two robots exactly if their descriptions are."""
         digest = hashlib.sha256()
         for field in fields(self):
             value = getattr(self, field.name)
@@ -126,17 +126,17 @@ class Robot(ArrayFields):
 
     @cached_property
     def mass_kg(self) -> float:
-        """Mass of the whole robot."""
+        """Mass of the whole robot in kg."""
         return self.body.mass_kg + N_LEGS * float(self.link_masses_kg.sum())
 
     @cached_property
     def standing_height_m(self) -> float:
-        """Height of the body frame above the floor in the nominal stance."""
+        """Height in m of the body frame above the floor in the nominal stance."""
         return float(self.foot_radius_m - self.stance_feet_body[:, 2].min())
 
     @cached_property
     def stance_radius_m(self) -> float:
-        """Distance of the farthest nominal foot from the body's vertical axis."""
+        """Distance in m of the farthest nominal foot from the body's vertical axis."""
         return float(np.hypot(self.stance_feet_body[:, 0], self.stance_feet_body[:, 1]).max())
 
     @cached_property
@@ -164,15 +164,16 @@ Vector2 = tuple[float, float]
 
 
 def leg_reach_m(femur: Vector2, tibia: Vector2) -> tuple[float, float]:
-    """Return the least and the greatest distance of a foot from its femur joint."""
+    """Least and greatest distance in m of a foot from its femur joint."""
     femur_length, tibia_length = math.hypot(*femur), math.hypot(*tibia)
     return abs(femur_length - tibia_length), femur_length + tibia_length
 
 
 def stance_angles(coxa: Vector2, femur: Vector2, tibia: Vector2, foot: Vector2) -> tuple[float, float]:
-    """Return femur and tibia angle (rad) that put the foot at (outward, up) of the coxa axis, knee up.
+    """Femur and tibia angle in rad that put the foot at (outward, up) from the coxa axis, knee up.
 
-    The triangle femur joint, knee, foot by the law of cosines. Raises InputError when it does not close.
+    The scalar form of `hexctl.ik.legs.solve_legs`, for the robot file: the law of cosines in the triangle
+    femur joint, knee, foot. Raises InputError for a foot out of reach.
     """
     outward, up = foot[0] - coxa[0], foot[1] - coxa[1]
     distance = math.hypot(outward, up)

@@ -1,4 +1,4 @@
-"""Modules of the user's own, named on the command line."""
+"""Modules of the user, named on the command line: servos, optimizers."""
 
 import importlib
 import os
@@ -7,9 +7,9 @@ from types import ModuleType
 
 
 def module_here(name: str) -> ModuleType:
-    """Return a module by its dotted name; one in the working folder is found, as with `python -m`.
+    """Module of a dotted name; one in the working folder is found, as with `python -m`.
 
-    Raises what the import raises.
+    Raises the errors of the import.
     """
     if os.getcwd() not in sys.path:
         sys.path.insert(0, os.getcwd())

@@ -11,19 +11,19 @@ ComponentT = TypeVar("ComponentT", float, FloatArray)
 
 
 def yaw_rad(quaternion: FloatArray) -> FloatArray:
-    """Return the rotation about the vertical, any leading shape + (4,) to leading shape, in (-pi, pi]."""
+    """Yaw about the vertical of quaternions, leading shape + (4,), in (-pi, pi]: leading shape in rad."""
     w, x, y, z = (quaternion[..., index] for index in range(4))
     return np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
 
 
 def cos_tilt(x: ComponentT, y: ComponentT) -> ComponentT:
-    """Return the cosine of the angle between the body's z axis and the vertical.
+    """Cosine of the angle between the body's z axis and the vertical: 1 - 2 (x^2 + y^2).
 
-    From the components x and y of the quaternion, plain numbers or arrays.
+    x and y are components of the quaternion, plain numbers or arrays.
     """
     return 1 - 2 * (x * x + y * y)
 
 
 def wrapped_rad(angle_rad: float) -> float:
-    """Return an angle in [-pi, pi]."""
+    """Equal angle in [-pi, pi]."""
     return math.remainder(angle_rad, math.tau)

@@ -1,4 +1,4 @@
-"""What a robot file (YAML) may hold. Degrees and metres, as the keys say."""
+"""Schema of robot files. Lengths are in metres and angles in degrees, as the keys say."""
 
 from typing import Annotated, Literal, Self
 
@@ -29,14 +29,14 @@ def _direction(value: float) -> int:
     return int(value)
 
 
-#: A servo's pulse width in microseconds, far beyond what any servo takes at both ends.
+#: A pulse width in microseconds, within limits far wider than those of any servo.
 PulseUs = Annotated[Number, Field(ge=100, le=5000, allow_inf_nan=False), AfterValidator(_whole)]
 Channel = Annotated[Number, Field(ge=1, le=N_JOINTS, allow_inf_nan=False), AfterValidator(_whole)]
 Direction = Annotated[Number, AfterValidator(_direction)]
 
 
 class Section(BaseModel):
-    """A mapping of a robot file; unknown keys are refused."""
+    """A section of a robot file; unknown keys are refused."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -50,7 +50,7 @@ class BodySection(Section):
 
 
 class MountSection(Section):
-    """Where a leg begins: `position_m` and `yaw_deg`, or `radius_m` and `azimuth_deg` for a radial leg."""
+    """Mount of a leg: `position_m` and `yaw_deg`, or `radius_m` and `azimuth_deg` for a radial leg."""
 
     position_m: tuple[Coordinate, Coordinate, Coordinate] | None = None
     yaw_deg: AngleDeg | None = None
@@ -139,7 +139,7 @@ class GaitSection(Section):
 
 
 class KindServoSection(Section):
-    """What the servos of one joint kind have in common; a key left out keeps its default."""
+    """Servos of one joint kind; a key that is left out keeps its default."""
 
     sign: Direction | None = None
     offset_deg: AngleDeg | None = None
@@ -148,13 +148,13 @@ class KindServoSection(Section):
 
 
 class JointServoSection(KindServoSection):
-    """The servo of one joint; a key left out is as for its joint kind."""
+    """Servo of one joint; a key that is left out is as for its joint kind."""
 
     channel: Channel | None = None
 
 
 class ServosSection(Section):
-    """How joint angles become pulses on a servo board: pulse = centre + scale * (sign * angle + offset)."""
+    """Servo map: pulse = centre_us + us_per_deg * (sign * angle + offset_deg)."""
 
     us_per_deg: Annotated[Number, Field(gt=0, le=1000, allow_inf_nan=False)] = 1000 / 90
     centre_us: PulseUs = 1500
@@ -183,7 +183,7 @@ class ServosSection(Section):
 
 
 class MeshSection(Section):
-    """The mesh that one part is drawn with: a file beside this one, and its pose in the part's frame."""
+    """Mesh of one part: a file, relative to the robot file, and its pose in the frame of the part."""
 
     file: Annotated[str, Field(min_length=1)]
     scale: Annotated[Number, Field(gt=0, le=1000, allow_inf_nan=False)] = 1.0
@@ -192,7 +192,7 @@ class MeshSection(Section):
 
 
 class MeshesSection(Section):
-    """Meshes instead of solids, in recordings; a part left out stays a solid."""
+    """Meshes in recordings; a part that is left out is drawn as a solid."""
 
     body: MeshSection | None = None
     coxa: MeshSection | None = None

@@ -1,7 +1,8 @@
-"""The servo map: which channel drives which joint, and which pulse is which angle.
+"""The servo map: channel, direction, offset and pulse limits of each joint's servo.
 
-It is the `servos:` section of a robot file. It describes wiring and mounting, not the robot: calibrating
-changes no `Robot`, and so no prior, session or link that belongs to it.
+It is the section `servos` of a robot file, and describes wiring and mounting. It is not part of the `Robot`,
+so calibrating leaves priors, sessions and links valid. Angles are those of joints; in degrees, as in the
+file, where a name says so.
 """
 
 import os
@@ -30,25 +31,27 @@ from hexctl.types import (
 
 IntArray = NDArray[np.int64]
 
-#: What a servo has that the file says nothing about: 180 degrees of travel about the centre pulse.
+#: Pulse limits of a servo without any in the file: 180 degrees of travel about the centre pulse.
 DEFAULT_MIN_US, DEFAULT_MAX_US = 500, 2500
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ServoMap(ArrayFields):
-    """Between joint angles and pulses: pulse = centre_us + us_per_deg * (sign * degrees + offset_deg).
+    """Conversion between joint angles and pulses.
 
-    Arrays are by joint, leg-major, shape (18,), unless they say "by channel": element 0 is channel 1 there.
+        pulse_us = centre_us + us_per_deg * (sign * angle_deg + offset_deg)
+
+    Arrays are by joint, leg-major, shape (18,), or by channel, with channel 1 first, where that is said.
 
     Attributes:
         channels: the channel of each joint, 1..18, each once.
-        signs: 1 or -1, which way a servo turns.
-        offsets_deg: how far a servo's horn is mounted off.
-        min_us: shortest pulse that a joint's servo may get.
-        max_us: longest pulse that it may get.
+        signs: direction of each servo, 1 or -1.
+        offsets_deg: mounting error of each servo's horn.
+        min_us: shortest pulse of each servo.
+        max_us: longest pulse of each servo.
         us_per_deg: scale of the servos in microseconds per degree.
-        centre_us: pulse of a servo's middle.
-        low_battery_v: voltage below which the robot is at fault, or None.
+        centre_us: pulse at the middle of a servo's travel.
+        low_battery_v: voltage below which the robot reports a fault, or None.
     """
 
     channels: IntArray
@@ -68,47 +71,47 @@ class ServoMap(ArrayFields):
                 value.flags.writeable = False
 
     def pulses_us(self, positions_rad: FloatArray) -> FloatArray:
-        """Return the pulses that angles (18,) ask for, by joint, without limits."""
+        """Pulses of angles (18,) in rad, by joint, without limits."""
         degrees = self.signs * np.degrees(positions_rad) + self.offsets_deg
         return np.asarray(self.centre_us + self.us_per_deg * degrees)
 
     def outside(self, positions_rad: FloatArray) -> BoolArray:
-        """Return which joints of angles (18,) ask for a pulse beyond their limits."""
+        """Joints whose angles (18,) in rad need a pulse beyond the limits, (18,)."""
         pulses = self.pulses_us(positions_rad)
-        # A nanosecond is no pulse: it is what rounding makes of an angle right at the limit.
+        # A nanosecond of tolerance: an angle right at the limit may be rounded past it.
         return np.asarray((pulses < self.min_us - 1e-3) | (pulses > self.max_us + 1e-3))
 
     def limited_rad(self, positions_rad: FloatArray) -> FloatArray:
-        """Return the angles (18,) nearest to the given ones that the pulse limits allow."""
+        """Angles (18,) in rad, clipped to the pulse limits."""
         return self.angles_rad(np.clip(self.pulses_us(positions_rad), self.min_us, self.max_us))
 
     def to_us(self, positions_rad: FloatArray) -> FloatArray:
-        """Return the pulses for angles (18,) in rad, limited last of all, by channel, (18,)."""
+        """Pulses of angles (18,) in rad, by channel, (18,), clipped to the limits."""
         return self.by_channel(np.clip(self.pulses_us(positions_rad), self.min_us, self.max_us))
 
     def to_rad(self, us: FloatArray) -> FloatArray:
-        """Return the angles (18,) in rad that pulses by channel (18,) mean; pulses are not limited."""
+        """Angles (18,) in rad of pulses by channel (18,), which are not clipped."""
         return self.angles_rad(us[self.channels - 1])
 
     def by_channel(self, values: FloatArray) -> FloatArray:
-        """Return values by joint (18,) in the order of the channels."""
+        """Values by joint (18,) in the order of the channels."""
         ordered = np.empty(N_JOINTS)
         ordered[self.channels - 1] = values
         return ordered
 
     def angles_rad(self, pulses_us: FloatArray) -> FloatArray:
-        """Return the angles that pulses mean, both by joint, (18,)."""
+        """Angles (18,) in rad of pulses by joint (18,)."""
         degrees = (pulses_us - self.centre_us) / self.us_per_deg - self.offsets_deg
         return np.asarray(np.radians(self.signs * degrees))
 
 
 def default_servo_map() -> ServoMap:
-    """Return the map of a robot file without a `servos:` section: channel = joint number, no offsets."""
+    """Servo map of a robot file without a section `servos`: channels in the order of joints, no offsets."""
     return servo_map_of(ServosSection())
 
 
 def servo_map_of(section: ServosSection) -> ServoMap:
-    """Return the map that a section describes: a joint's own keys, else its kind's, else the defaults."""
+    """Servo map of a section: keys of a joint come first, then those of its kind, then the defaults."""
     rows = [_row(section, number, name) for number, name in enumerate(JOINT_NAMES, start=1)]
     channels, signs, offsets, lowest, highest = (np.array(column) for column in zip(*rows, strict=True))
     return ServoMap(
@@ -124,13 +127,13 @@ def servo_map_of(section: ServosSection) -> ServoMap:
 
 
 def joints_beyond_pulses(servo_map: ServoMap, robot: Robot) -> tuple[str, ...]:
-    """Return the joints whose range in the robot file is wider than their servo's pulses."""
+    """Names of the joints whose range in the robot file is wider than the travel of their servo."""
     outside = servo_map.outside(robot.joint_lower_rad) | servo_map.outside(robot.joint_upper_rad)
     return tuple(name for name, beyond in zip(JOINT_NAMES, outside, strict=True) if beyond)
 
 
 def _row(section: ServosSection, number: int, name: str) -> tuple[float, float, float, float, float]:
-    """Return channel, sign, offset, shortest and longest pulse of one joint."""
+    """Channel, sign, offset, shortest and longest pulse of one joint."""
     joint: JointServoSection = getattr(section, name)
     kind = getattr(section, JOINT_KINDS[(number - 1) % JOINTS_PER_LEG])
 
@@ -148,7 +151,7 @@ def _row(section: ServosSection, number: int, name: str) -> tuple[float, float, 
 
 
 def _clash(channels: IntArray) -> str:
-    """Return which joints share a channel, or that one has a channel that there is not."""
+    """Text that names joints with the same channel, or else the channels."""
     for channel in range(1, N_JOINTS + 1):
         sharing = [name for name, own in zip(JOINT_NAMES, channels, strict=True) if own == channel]
         if len(sharing) > 1:
@@ -156,17 +159,17 @@ def _clash(channels: IntArray) -> str:
     return f"got channels {channels.tolist()}"
 
 
-#: A reference angle keeps this far from both ends of a joint's range, so that it can be trimmed both ways.
+#: Least distance of a reference angle from both ends of a joint's range: it can be trimmed both ways.
 ROOM_DEG = 20.0
 
-#: Two limits nearer than this leave no servo to speak of.
+#: Least distance between the two pulse limits of a servo.
 LEAST_TRAVEL_US = 50.0
 
 
 def flipped(servo_map: ServoMap, joint: int, at_deg: float) -> ServoMap:
-    """Return the map with a joint's sign turned over; the pulse at an angle still means that angle.
+    """Servo map with the opposite sign for a joint, and the same pulse at one angle.
 
-    The joint is believed to stand at that angle, so nothing has to move for the new sign.
+    That is the angle at which the joint is believed to be, so the joint does not move.
     """
     sign = servo_map.signs[joint]
     offset = servo_map.offsets_deg[joint] + 2 * sign * at_deg
@@ -178,16 +181,16 @@ def flipped(servo_map: ServoMap, joint: int, at_deg: float) -> ServoMap:
 
 
 def referenced(servo_map: ServoMap, joint: int, believed_deg: float, true_deg: float) -> ServoMap:
-    """Return the map with a joint's offset such that the pulse of the believed angle means the true one."""
+    """Servo map in which the pulse of a joint's believed angle means its true angle."""
     shift = servo_map.signs[joint] * (believed_deg - true_deg)
     offset = round(float(servo_map.offsets_deg[joint] + shift), 3)
     return replace(servo_map, offsets_deg=_with(servo_map.offsets_deg, joint, offset))
 
 
 def limited(servo_map: ServoMap, joint: int, pulses_us: tuple[float, float]) -> ServoMap:
-    """Return the map with a joint's pulse limits, given in any order, in whole microseconds.
+    """Servo map with other pulse limits for a joint, given in any order, in whole microseconds.
 
-    Raises InputError for two that are nearly one.
+    Raises InputError for limits less than 50 us apart.
     """
     least, most = (float(round(pulse)) for pulse in sorted(pulses_us))
     if most - least < LEAST_TRAVEL_US:
@@ -202,7 +205,7 @@ def limited(servo_map: ServoMap, joint: int, pulses_us: tuple[float, float]) -> 
 
 
 def taken_over(servo_map: ServoMap, joint: int, source: ServoMap) -> ServoMap:
-    """Return the map with one joint's sign, offset and limits as another map has them."""
+    """Servo map with the sign, offset and limits that one joint has in another map."""
     return replace(
         servo_map,
         signs=_with(servo_map.signs, joint, source.signs[joint]),
@@ -213,7 +216,7 @@ def taken_over(servo_map: ServoMap, joint: int, source: ServoMap) -> ServoMap:
 
 
 def reference_deg(lower_deg: float, upper_deg: float) -> float:
-    """Return the angle at which a joint is easily judged: 0, a right angle, or the middle of its range."""
+    """Angle that is easily judged by eye: 0, a right angle, or the middle of the joint's range."""
     for angle in (0.0, -90.0, 90.0):
         if lower_deg + ROOM_DEG <= angle <= upper_deg - ROOM_DEG:
             return angle
@@ -230,7 +233,7 @@ SECTION = "servos"
 
 
 def check_writable(path: Path) -> None:
-    """Raise InputError for a shipped robot file, with how to copy it, and for one that cannot be written."""
+    """Raise InputError for a shipped robot file, with the command that copies it, and for a read-only one."""
     if path.resolve().is_relative_to(config_root().resolve()):
         copy = f"my-{path.name}"
         raise InputError(
@@ -242,7 +245,7 @@ def check_writable(path: Path) -> None:
 
 
 def back_up(path: Path) -> Path:
-    """Copy a file beside itself as `.bak`, or `.bak.2` and so on where there are older ones; return it."""
+    """Path of a copy of a file, made beside it: `.bak`, or `.bak.2` and so on where earlier ones exist."""
     number, backup = 2, path.with_name(f"{path.name}.bak")
     while backup.exists():
         backup, number = path.with_name(f"{path.name}.bak.{number}"), number + 1
@@ -251,10 +254,10 @@ def back_up(path: Path) -> Path:
 
 
 def write_servo_map(path: Path, servo_map: ServoMap) -> None:
-    """Replace the `servos:` section of a robot file, or append one; everything else stays to the letter.
+    """Replace the section `servos` of a robot file, or append one; the rest of the file is not changed.
 
-    The new file takes the old one's place at once or not at all. Comments inside the section go.
-    Raises InputError when the file is no robot file any more.
+    The file is replaced atomically. Comments inside the section are lost. Raises InputError for a file that
+    is not a valid robot file.
     """
     place = path.resolve()
     text = place.read_text(encoding="utf-8")
@@ -264,7 +267,7 @@ def write_servo_map(path: Path, servo_map: ServoMap) -> None:
 
 
 def section_lines(servo_map: ServoMap) -> list[str]:
-    """Return the section that describes a map, every joint written out."""
+    """Lines of the section that describes a servo map, with every joint."""
     lines = [f"{SECTION}: # written by hexctl calibrate"]
     lines.append(f"  us_per_deg: {servo_map.us_per_deg!r}")
     lines.append(f"  centre_us: {servo_map.centre_us:g}")
@@ -280,21 +283,21 @@ def section_lines(servo_map: ServoMap) -> list[str]:
 
 
 def replaced(text: str, section: list[str]) -> str:
-    """Return the text of a robot file with another `servos:` section."""
+    """Text of a robot file with another section `servos`."""
     lines = text.splitlines()
     begin, end = _section_at(text, len(lines))
     return "\n".join([*lines[:begin], *section, *lines[end:]]) + "\n"
 
 
 def _section_at(text: str, end_of_file: int) -> tuple[int, int]:
-    """Return the lines of the section, from and up to; the end of the file twice where there is none."""
+    """First line of the section and the line after it; the end of the file twice where there is none."""
     root = yaml.compose(text, Loader=yaml.SafeLoader)
     pairs = root.value if isinstance(root, yaml.MappingNode) else []
     for key, value in pairs:
         if key.value == SECTION:
             lines = text.splitlines()
             end: int = value.end_mark.line + (1 if value.end_mark.column else 0)
-            # Comments and blank lines before the next key belong to that.
+            # Comments and blank lines before the next key belong to that key.
             while end > key.start_mark.line + 1 and _is_aside(lines[end - 1]):
                 end -= 1
             return key.start_mark.line, end

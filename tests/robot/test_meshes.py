@@ -57,12 +57,12 @@ def test_looks_are_no_other_robot(tmp_path: Path) -> None:
     [
         ("none.stl", None, "cannot be read (No such file or directory)"),
         ("box.ply", b"ply", "got a file ending in '.ply'; allowed: .stl, .obj, .glb"),
-        ("cut.stl", stl_box()[:-7], "is no whole STL mesh"),
-        ("empty.stl", b"", "is no whole STL mesh"),
-        ("empty.obj", b"# nothing\n", "is no OBJ mesh"),
-        ("binary.obj", b"\xff\xfe\x00", "is no OBJ mesh"),
-        ("cut.glb", glb_box()[:-7], "is no whole GLB mesh"),
-        ("text.glb", b"hello", "is no whole GLB mesh"),
+        ("cut.stl", stl_box()[:-7], "is not a complete STL mesh"),
+        ("empty.stl", b"", "is not a complete STL mesh"),
+        ("empty.obj", b"# nothing\n", "is not an OBJ mesh"),
+        ("binary.obj", b"\xff\xfe\x00", "is not an OBJ mesh"),
+        ("cut.glb", glb_box()[:-7], "is not a complete GLB mesh"),
+        ("text.glb", b"hello", "is not a complete GLB mesh"),
     ],
 )
 def test_a_missing_or_broken_mesh_is_refused_in_one_line(
