@@ -17,7 +17,7 @@ from benchmarks.rows import Bar, Row
 from benchmarks.scale import Scale
 from hexctl.backends.clock import PERIOD_S, WallClock, request_realtime_priority
 from hexctl.backends.zenoh.client import ZenohServos, ask
-from hexctl.backends.zenoh.subscriber import Mailbox
+from hexctl.backends.zenoh.subscriber import LatestValues
 from hexctl.control.guard import Guard
 from hexctl.control.log import TickLog
 from hexctl.control.plan import TrialPlan
@@ -57,7 +57,7 @@ def _round_trips_us(times: int) -> tuple[FloatArray, FloatArray]:
         stack.enter_context(_process([sys.executable, "-m", "benchmarks.echo", str(echo)], "ready"))
         states = StateArrivals()
         link = Link(endpoint=f"tcp/127.0.0.1:{robot}")
-        servos = stack.enter_context(ZenohServos(ant(), link=link, mailbox=states))
+        servos = stack.enter_context(ZenohServos(ant(), link=link, latest=states))
         link = Link(endpoint=f"tcp/127.0.0.1:{echo}")
         session = stack.enter_context(open_session(link, Role.CONTROLLER, KeyMap.of("echo")))
         return _alternate(servos, states, session, times)
@@ -95,7 +95,7 @@ def _alternate(
     return _since_us(states.first_s, sent["ours"]), _since_us(echoes.first_s, sent["bare"])
 
 
-class StateArrivals(Mailbox):
+class StateArrivals(LatestValues):
     """A controller's mailbox that notes when each command was first heard of in a state.
 
     Attributes:

@@ -16,7 +16,7 @@ from hexctl.adapt.optimizer import NINETY_PERCENT
 from hexctl.adapt.prior.find import shipped_priors
 from hexctl.adapt.prior.prior import load_prior
 from hexctl.adapt.prior.samples import samples_of
-from hexctl.backends.sim.world import load_any_world
+from hexctl.backends.sim.world import load_world
 from hexctl.control.result import progress_floor_m
 from hexctl.robot.loader import load_robot
 from hexctl.study.cache import LandscapeCache
@@ -45,7 +45,7 @@ def walked() -> Landscape:
     """Return what really becomes of every gait in the world of the figure."""
     robot = load_robot("ant")
     spec = LandscapeSpec(
-        robot=robot, world=load_any_world(WORLD), leg=LEG, self_rotation="rear", seed=2, place=WORLD
+        robot=robot, world=load_world(WORLD), leg=LEG, self_rotation="rear", seed=2, place=WORLD
     )
     return fill([spec], LandscapeCache(CACHE), simulate_here(), _Silent())[0]
 

@@ -289,7 +289,7 @@ def await_ready(servos: Guard, *, needs_pose: bool = True) -> RobotState:
     Raises RobotStoppedError for one that is stopped, RobotFaultError for one that never says where it is:
     without a pose there is nothing to score.
     """
-    servos.rest()
+    servos.pause_watchdog()
     check_not_stopped(servos)
     # It may have been carried, or sat down: it begins from where its joints are, not from the last command.
     servos.clear()

@@ -52,12 +52,12 @@ def stance_deflection_rad(
 
 
 def _stand(servos: Guard, plan: TrialPlan, log: TickLog) -> None:
-    servos.rest()
+    servos.pause_watchdog()
     try:
         prepare(servos, replace(plan, self_rotation="none"), (log,))
     finally:
         # What comes now takes its time, and silence must not be taken for a failure.
-        servos.rest()
+        servos.pause_watchdog()
 
 
 def _is_at_rest(measured_rad: FloatArray) -> bool:

@@ -4,14 +4,16 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from types import TracebackType
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Any, Protocol, Self, runtime_checkable
 
 import numpy as np
 
-from hexctl.backends.clock import Clock
-from hexctl.errors import CommandRefusedError, RobotFaultError
+from hexctl.backends.clock import Clock, accept_former_names
+from hexctl.errors import CommandRefusedError, RobotFaultError, check_type
 from hexctl.robot.failure import Failure
+from hexctl.robot.loader import load_robot
 from hexctl.robot.model import Robot
+from hexctl.robot.servo_map import ServoMap
 from hexctl.types import N_JOINTS, JointTargets, RobotState
 
 if TYPE_CHECKING:
@@ -28,62 +30,66 @@ class LegServos(ABC):
     #: True for a simulation, which knows the failure that it injects; a real robot does not.
     injects_failure: bool = False
 
-    #: The leg that a simulation breaks, or None.
+    #: The leg failure that a simulation injects, or None.
     failure: Failure | None = None
 
-    #: Once connected to a simulation over a link: what it says of itself, `world` and `failure`; else None.
+    #: Once connected to a simulation over a link: its `world` and `failure`, as text; else None.
     simulated: Mapping[str, str] | None = None
 
     #: Once connected to a robot over a link: which robot answered and who started it; else None.
     identity: "RobotIdentity | None" = None
 
+    def __init_subclass__(cls, **options: Any) -> None:
+        super().__init_subclass__(**options)
+        accept_former_names(cls, {"rest": "pause_watchdog", "relax": "disable_torque"})
+
     @property
     @abstractmethod
     def robot(self) -> Robot:
-        """Return the description of the robot at the other end."""
+        """Description of the robot that the servos move."""
 
     @property
     @abstractmethod
     def clock(self) -> Clock:
-        """Return the clock that says when the next tick is due."""
+        """The clock that says when the next tick is due."""
 
     @property
     def link_counts(self) -> dict[str, int]:
-        """Return what became of messages on the way to a robot so far, by name; empty without such a way."""
+        """Messages received, lost, dropped ... on the link so far, by name; empty without a link."""
         return {}
 
     @abstractmethod
     def connect(self) -> None:
-        """Reach the robot; a second call changes nothing.
+        """Open the connection to the robot; a second call changes nothing.
 
-        Raises RobotFaultError when it cannot be reached.
+        Raises RobotFaultError when the robot cannot be reached.
         """
 
     @abstractmethod
     def read(self) -> RobotState:
-        """Return the newest state; never waits for one.
+        """Newest state; never waits for one.
 
         Raises RobotFaultError when not connected or when the robot has gone.
         """
 
     @abstractmethod
     def write(self, targets: JointTargets) -> JointTargets:
-        """Send targets and return what was really sent.
+        """Send targets; the result is what was really sent, after limits.
 
         Raises CommandRefusedError for targets of another shape or with a value that is not finite, and
         RobotFaultError when not connected.
         """
 
-    def rest(self) -> None:  # noqa: B027  most servos have nobody to tell
-        """Say that no command is due until the next one, to a robot that would take silence for a failure."""
+    def pause_watchdog(self) -> None:  # noqa: B027  most servos have no watchdog
+        """Expect no command until the next one: until then, silence is not a failure."""
 
-    def relax(self) -> bool:
-        """Let the joints go limp until the next `write`; return False where the servos cannot."""
+    def disable_torque(self) -> bool:
+        """Let the joints go limp until the next `write`; False where the servos cannot."""
         return False
 
     @abstractmethod
     def close(self) -> None:
-        """Let go of the robot and everything opened; a second call changes nothing."""
+        """Release the robot and everything opened; a second call changes nothing."""
 
     def __enter__(self) -> Self:
         try:
@@ -97,6 +103,99 @@ class LegServos(ABC):
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
+
+
+class ServosWrapper(LegServos):
+    """Servos around servos: forwards everything, so that a subclass overrides only what it changes.
+
+    Attributes:
+        wrapped: the servos that everything is forwarded to.
+    """
+
+    def __init__(self, servos: LegServos) -> None:
+        self.wrapped = servos
+
+    @property
+    def unwrapped(self) -> LegServos:
+        """The innermost servos, without any wrapper."""
+        return self.wrapped.unwrapped if isinstance(self.wrapped, ServosWrapper) else self.wrapped
+
+    @property
+    def injects_failure(self) -> bool:  # type: ignore[override]  # forwarded, never assigned
+        """Whether the wrapped servos are a simulation that injects a failure."""
+        return self.wrapped.injects_failure
+
+    @property
+    def failure(self) -> Failure | None:  # type: ignore[override]
+        """The leg failure that the wrapped servos inject, or None."""
+        return self.wrapped.failure
+
+    @property
+    def simulated(self) -> Mapping[str, str] | None:  # type: ignore[override]
+        """World and failure of a simulation at the other end of a link, or None."""
+        return self.wrapped.simulated
+
+    @property
+    def identity(self) -> "RobotIdentity | None":  # type: ignore[override]
+        """The robot that answered at the other end of a link, or None."""
+        return self.wrapped.identity
+
+    @property
+    def robot(self) -> Robot:
+        """Description of the robot that the wrapped servos move."""
+        return self.wrapped.robot
+
+    @property
+    def clock(self) -> Clock:
+        """The clock of the wrapped servos."""
+        return self.wrapped.clock
+
+    @property
+    def link_counts(self) -> dict[str, int]:
+        """Messages on the link of the wrapped servos so far, by name."""
+        return self.wrapped.link_counts
+
+    def connect(self) -> None:
+        """Connect the wrapped servos."""
+        self.wrapped.connect()
+
+    def read(self) -> RobotState:
+        """Newest state of the wrapped servos."""
+        return self.wrapped.read()
+
+    def write(self, targets: JointTargets) -> JointTargets:
+        """Send targets to the wrapped servos; the result is what was really sent."""
+        return self.wrapped.write(targets)
+
+    def pause_watchdog(self) -> None:
+        """Expect no command until the next one."""
+        self.wrapped.pause_watchdog()
+
+    def disable_torque(self) -> bool:
+        """Let the joints go limp until the next `write`; False where the wrapped servos cannot."""
+        return self.wrapped.disable_torque()
+
+    def close(self) -> None:
+        """Close the wrapped servos."""
+        self.wrapped.close()
+
+
+@runtime_checkable
+class CalibratedServos(Protocol):
+    """Leg servos whose calibration can be replaced while they hold: what `hexctl calibrate` works on.
+
+    Attributes:
+        servo_map: conversion between joint angles and raw servo positions, per joint.
+    """
+
+    @property
+    def servo_map(self) -> ServoMap:
+        """Conversion between joint angles and raw servo positions."""
+        ...
+
+    def remap(self, servo_map: ServoMap) -> None:
+        """Use another servo map from now on: no servo moves, its raw position means another angle."""
+        ...
 
 
 def check_targets(targets: JointTargets) -> None:
@@ -113,3 +212,14 @@ def check_connected(connected: bool, who: str) -> None:
     """Raise RobotFaultError unless connected."""
     if not connected:
         raise RobotFaultError(f"{who} is not connected; call connect() first, or use it in a with statement")
+
+
+def as_robot(robot: Robot | str) -> Robot:
+    """The robot given, or the one of a shipped name or a robot file.
+
+    Raises InputError for a file that cannot be loaded, WrongTypeError for any other type.
+    """
+    if isinstance(robot, str):
+        return load_robot(robot)
+    check_type(robot, Robot, "robot", "a Robot, or the name or path of a robot file")
+    return robot

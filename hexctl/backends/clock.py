@@ -3,9 +3,11 @@
 import math
 import os
 import time
+import warnings
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 #: The control period of hexctl, 50 Hz.
 PERIOD_S = 0.02
@@ -29,8 +31,17 @@ class Tick:
     late_s: float = 0.0
 
 
+def accept_former_names(cls: type, names: Mapping[str, str]) -> None:
+    """Let a class that still defines a method under its former name, {former: new}, keep working."""
+    for former, new in names.items():
+        if former in vars(cls) and new not in vars(cls):
+            words = f"{cls.__name__}.{former} is called {new} now; rename it"
+            warnings.warn(words, DeprecationWarning, stacklevel=4)
+            setattr(cls, new, vars(cls)[former])
+
+
 class Clock(ABC):
-    """Gives one tick per control period.
+    """One tick per control period.
 
     Attributes:
         period_s: time between two grid points.
@@ -41,27 +52,31 @@ class Clock(ABC):
         self.period_s = period_s
         self.overruns = 0
 
+    def __init_subclass__(cls, **options: Any) -> None:
+        super().__init_subclass__(**options)
+        accept_former_names(cls, {"rest": "pause"})
+
     @abstractmethod
     def tick(self) -> Tick:
-        """Wait for the next grid point, or make it come, and return it."""
+        """The next grid point, after waiting for it or making it come."""
 
     @property
     @abstractmethod
     def now_s(self) -> float:
-        """Return the time since the clock began, on the axis of `Tick.time_s`."""
+        """Time since the clock began, on the axis of `Tick.time_s`."""
 
     @property
     def due_in_s(self) -> float:
-        """Return how long the next `tick` would wait; 0 where it does not wait or nobody knows."""
+        """How long the next `tick` would wait; 0 where it does not wait or that is unknown."""
         return 0.0
 
     @abstractmethod
-    def rest(self) -> None:
-        """Say that nobody wanted ticks until now: points missed before the next tick are no overruns."""
+    def pause(self) -> None:
+        """No tick is wanted until the next one: grid points missed before it are no overruns."""
 
 
 class WallClock(Clock):
-    """Waits for the next point of an absolute grid on the wall.
+    """Waits for the next point of an absolute grid of wall time.
 
     A tick that comes late by less than a period runs at once, and the grid stays where it is, so nothing
     drifts. A tick that misses whole grid points skips them and counts them as overruns: a robot must not be
@@ -80,37 +95,37 @@ class WallClock(Clock):
         self._sleep = sleep
         self._origin_s: float | None = None
         self._index = 0
-        self._rested = False
+        self._paused = False
 
     @property
     def now_s(self) -> float:
-        """Return the time since the first tick was asked for."""
+        """Time since the first call of `tick`."""
         return 0.0 if self._origin_s is None else self._monotonic_s() - self._origin_s
 
     def begin(self, at_s: float) -> None:
-        """Let the grid begin at a moment of its monotonic time, unless it has begun."""
+        """Begin the grid at a moment of its monotonic time, unless it has begun."""
         if self._origin_s is None:
             self._origin_s = at_s
 
     @property
     def due_in_s(self) -> float:
-        """Return the time until the next grid point."""
+        """Time until the next grid point."""
         return 0.0 if self._origin_s is None else max(0.0, (self._index + 1) * self.period_s - self.now_s)
 
-    def rest(self) -> None:
+    def pause(self) -> None:
         """Count no overruns for the time until the next tick."""
-        self._rested = True
+        self._paused = True
 
     def tick(self) -> Tick:
-        """Sleep until the next grid point and return it, skipping those already missed."""
+        """The next grid point, after sleeping until it; points already missed are skipped."""
         if self._origin_s is None:
             self._origin_s = self._monotonic_s()
         due = self._index + 1
         newest = math.floor(self.now_s / self.period_s)
         if newest > due:
-            self.overruns += 0 if self._rested else newest - due
+            self.overruns += 0 if self._paused else newest - due
             due = newest
-        self._rested = False
+        self._paused = False
         self._index = due
         origin_s, time_s = self._origin_s, due * self.period_s
         # As little as possible between waking up and reading the clock: it would all be lateness.
@@ -119,21 +134,8 @@ class WallClock(Clock):
         return Tick(due, time_s, late_s)
 
 
-def request_realtime_priority(priority: int = 10) -> bool:
-    """Ask the kernel for SCHED_FIFO for this thread; return whether it was given.
-
-    Programs started from here do not inherit it. On a busy machine it lowers the worst lateness from tens of
-    milliseconds to a few. Needs root or rtprio.
-    """
-    try:
-        os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(priority))
-    except (AttributeError, OSError):
-        return False
-    return True
-
-
 class CountedClock(Clock):
-    """Passes everything on to the clock inside.
+    """Counts the ticks of another clock, and forwards everything to it.
 
     Attributes:
         ticks: ticks so far.
@@ -146,21 +148,34 @@ class CountedClock(Clock):
 
     @property
     def now_s(self) -> float:
-        """Return the time of the clock inside."""
+        """Time of the wrapped clock."""
         return self._clock.now_s
 
     @property
     def due_in_s(self) -> float:
-        """Return how long the next tick would wait."""
+        """How long the next tick would wait."""
         return self._clock.due_in_s
 
-    def rest(self) -> None:
+    def pause(self) -> None:
         """Count no overruns until the next tick."""
-        self._clock.rest()
+        self._clock.pause()
 
     def tick(self) -> Tick:
-        """Wait for the next tick of the clock inside and count it."""
+        """The next tick of the wrapped clock, counted."""
         tick = self._clock.tick()
         self.ticks += 1
         self.overruns = self._clock.overruns
         return tick
+
+
+def request_realtime_priority(priority: int = 10) -> bool:
+    """Ask the kernel for SCHED_FIFO for this thread; True if it was granted.
+
+    Programs started from here do not inherit it. On a busy machine it lowers the worst lateness from tens of
+    milliseconds to a few. Needs root or rtprio.
+    """
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(priority))
+    except (AttributeError, OSError):
+        return False
+    return True

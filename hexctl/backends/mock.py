@@ -1,10 +1,10 @@
-"""Servos without a robot: they are at once where they are told to go. No physics, no pose."""
+"""Mock servos: every joint is where its last target was. No physics, no pose."""
 
 from collections import deque
 
 import numpy as np
 
-from hexctl.backends.base import LegServos, check_connected, check_targets
+from hexctl.backends.base import LegServos, as_robot, check_connected, check_targets
 from hexctl.backends.clock import Clock, WallClock
 from hexctl.robot.model import Robot
 from hexctl.types import JointTargets, RobotState
@@ -16,26 +16,33 @@ KEPT_COMMANDS = 10_000
 class MockServos(LegServos):
     """Echoes its targets, as hobby servos without position feedback do.
 
-    It knows no base pose and no contacts, so a walk on it has neither distance nor deviation. It keeps what
-    it was sent in `sent`, newest last, and whether it is limp in `relaxed`.
+    It knows neither base pose nor contacts, so a walk on it has neither distance nor deviation.
+
+    Args:
+        robot: the robot it stands in for, or the name or path of its file.
+        clock: a wall clock unless given.
+
+    Attributes:
+        sent: the last targets that were written, newest last.
+        limp: whether the torque is disabled.
     """
 
-    def __init__(self, robot: Robot, *, clock: Clock | None = None) -> None:
-        self._robot = robot
+    def __init__(self, robot: Robot | str, *, clock: Clock | None = None) -> None:
+        self._robot = as_robot(robot)
         self._clock = clock or WallClock()
         self._connected = False
-        self._positions_rad = robot.stance_angles_rad.copy()
+        self._positions_rad = self._robot.stance_angles_rad.copy()
         self.sent: deque[JointTargets] = deque(maxlen=KEPT_COMMANDS)
-        self.relaxed = False
+        self.limp = False
 
     @property
     def robot(self) -> Robot:
-        """Return the robot it stands in for."""
+        """The robot it stands in for."""
         return self._robot
 
     @property
     def clock(self) -> Clock:
-        """Return its clock, a wall clock unless another was given."""
+        """Its clock, a wall clock unless another was given."""
         return self._clock
 
     def connect(self) -> None:
@@ -43,23 +50,23 @@ class MockServos(LegServos):
         self._connected = True
 
     def read(self) -> RobotState:
-        """Return the echo of the last targets."""
+        """Echo of the last targets."""
         check_connected(self._connected, "the mock robot")
         return RobotState(self._positions_rad.copy(), stamp_s=self._clock.now_s, measured=False)
 
     def write(self, targets: JointTargets) -> JointTargets:
-        """Take the targets over at once."""
+        """Take the targets over immediately."""
         check_connected(self._connected, "the mock robot")
         check_targets(targets)
         np.copyto(self._positions_rad, targets.positions_rad)
         self.sent.append(targets)
-        self.relaxed = False
+        self.limp = False
         return targets
 
-    def relax(self) -> bool:
+    def disable_torque(self) -> bool:
         """Go limp until the next targets."""
         check_connected(self._connected, "the mock robot")
-        self.relaxed = True
+        self.limp = True
         return True
 
     def close(self) -> None:

@@ -19,7 +19,7 @@ from hexctl.adapt.search import make_search, serving
 from hexctl.adapt.session import Session, SessionSpec
 from hexctl.adapt.space import GaitSpace
 from hexctl.adapt.store import SessionStore
-from hexctl.backends.sim.world import World, load_any_world
+from hexctl.backends.sim.world import World, load_world
 from hexctl.cli.adaptrobot import (
     arena_of,
     as_it_stands,
@@ -264,7 +264,7 @@ def _walk_parts(spec: SessionSpec) -> tuple[Robot, World | None, TrialPlan]:
             f"session: robot {spec.robot} is not the one that it began with; "
             "allowed: the same robot file, or a new session"
         )
-    world = load_any_world(spec.world) if spec.world is not None else None
+    world = load_world(spec.world) if spec.world is not None else None
     plan = TrialPlan(
         gait=make_gait(robot, "demo"),
         heading_rad=math.radians(spec.heading_deg),

@@ -9,7 +9,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from hexctl.backends.sim.world import load_any_world
+from hexctl.backends.sim.world import load_world
 from hexctl.cli.console import DONE, INTERRUPTED, RUNS, print_result
 from hexctl.cli.simulating import (
     check_jobs,
@@ -104,7 +104,7 @@ def _checked_plan(request: StudyRequest) -> StudyPlan:
             raise InputError(f"--{name}: got {getattr(request, name)}; allowed: with --transfer")
     plan = StudyPlan(
         robot=load_robot(request.robot),
-        world=load_any_world(request.world or "flat"),
+        world=load_world(request.world or "flat"),
         legs=request.legs,
         duration_s=request.duration_s,
         seed=request.seed,

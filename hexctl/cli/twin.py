@@ -76,6 +76,6 @@ class Twin:
     def _world(self) -> "World | None":
         if self.backend != "sim":
             return None
-        from hexctl.backends.sim.world import load_any_world
+        from hexctl.backends.sim.world import load_world
 
-        return load_any_world(self.world or DEFAULT_WORLD)
+        return load_world(self.world or DEFAULT_WORLD)

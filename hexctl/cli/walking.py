@@ -14,7 +14,7 @@ from hexctl.backends.base import LegServos
 from hexctl.backends.clock import request_realtime_priority
 from hexctl.backends.registry import BackendOptions, make_servos
 from hexctl.backends.sim.terrain import Floor, make_floor
-from hexctl.backends.sim.world import World, load_any_world
+from hexctl.backends.sim.world import World, load_world
 from hexctl.cli.console import INTERRUPTED, RUNS, StopOnInterrupt, code_of, print_note, print_result
 from hexctl.cli.progress import WalkProgress
 from hexctl.cli.render import report, summary
@@ -153,7 +153,7 @@ def _check(request: Request) -> World:
         check_plan(request.robot, request.plan)
     except (ReachError, LimitError) as error:
         raise InputError(f"{error}; ask for a smaller --amplitude, --height or --turn") from error
-    return load_any_world("flat" if request.world is None else request.world)
+    return load_world("flat" if request.world is None else request.world)
 
 
 def _servos(request: Request, world: World) -> LegServos:

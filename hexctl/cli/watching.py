@@ -5,7 +5,7 @@ from typing import Any
 
 from hexctl.backends.clock import PERIOD_S, WallClock
 from hexctl.backends.zenoh.client import ask_until
-from hexctl.backends.zenoh.subscriber import Ear, Mailbox
+from hexctl.backends.zenoh.subscriber import LatestValues, StateSubscriber
 from hexctl.cli.console import DONE, StopOnInterrupt, print_note
 from hexctl.control.log import Recorders
 from hexctl.control.plan import TrialPlan
@@ -42,9 +42,9 @@ def watch(*, web: bool, **options: Any) -> int:
         robot = robot_of(answers[0])
         if not web:
             check_display()
-        ear = Ear(link.keys(robot.name), Mailbox(), plain=link.plain)
-        ear.listen(session)
-        ear.await_first_s()
+        subscriber = StateSubscriber(link.keys(robot.name), LatestValues(), plain=link.plain)
+        subscriber.subscribe(session)
+        subscriber.wait_for_first_s()
         with LiveView(web=web) as live:
             if live.url is not None:
                 print_note(f"open {live.url} in a browser; Ctrl-C ends it")
@@ -52,7 +52,7 @@ def watch(*, web: bool, **options: Any) -> int:
                 while not interrupt.requested() and live.open:
                     title = f"{robot.name} at {link.endpoint}, from {time.strftime('%H:%M:%S')}"
                     live.begin(robot, _any_walk(robot), title=title)
-                    _pass_on(ear, live, link, interrupt)
+                    _pass_on(subscriber, live, link, interrupt)
             except RobotFaultError:
                 # A window keeps showing the last that came; a browser cannot ask for more.
                 live.close(leave_viewer=not web)
@@ -61,7 +61,7 @@ def watch(*, web: bool, **options: Any) -> int:
     return DONE
 
 
-def _pass_on(ear: Ear, live: LiveView, link: Link, interrupt: StopOnInterrupt) -> None:
+def _pass_on(subscriber: StateSubscriber, live: LiveView, link: Link, interrupt: StopOnInterrupt) -> None:
     """Read a robot's states at 50 Hz and show them, for as long as one recording may last."""
     recorders = Recorders(live)
     log = recorders.log
@@ -69,7 +69,7 @@ def _pass_on(ear: Ear, live: LiveView, link: Link, interrupt: StopOnInterrupt) -
     clock = WallClock(PERIOD_S)
     while not interrupt.requested() and live.lost is None and live.open and len(log) < TICKS_AT_ONCE:
         tick = clock.tick()
-        state = ear.newest(tick.time_s)
+        state = subscriber.newest(tick.time_s)
         if log.frame is None and state.base_position_world is not None:
             assert state.base_quaternion_world is not None  # noqa: S101  they come together
             yaw = float(yaw_rad(state.base_quaternion_world))

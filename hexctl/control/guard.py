@@ -10,8 +10,7 @@ from threading import Lock
 
 import numpy as np
 
-from hexctl.backends.base import LegServos, check_targets
-from hexctl.backends.clock import Clock
+from hexctl.backends.base import LegServos, ServosWrapper, check_targets
 from hexctl.errors import CommandRefusedError, EStopError, HexctlError, InputError, RobotFaultError
 from hexctl.robot.model import Robot
 from hexctl.robot.rotations import cos_tilt
@@ -87,7 +86,7 @@ class GuardCounters:
     refused: int = 0
 
 
-class Guard(LegServos):
+class Guard(ServosWrapper):
     """Limits, freshness, fall detection and a latched stop around any LegServos.
 
     Attributes:
@@ -101,10 +100,9 @@ class Guard(LegServos):
     def __init__(self, servos: LegServos, *, expiry_s: float = EXPIRY_S) -> None:
         if not 0 < expiry_s <= MAX_EXPIRY_S:
             raise InputError(f"expiry: got {expiry_s:g} s; allowed: above 0 up to {MAX_EXPIRY_S:g} s")
-        self._servos = servos
+        super().__init__(servos)
         self._expiry_s = expiry_s
         self._limits = StepLimits.of(servos.robot, servos.clock.period_s)
-        self.injects_failure, self.failure = servos.injects_failure, servos.failure
         self.counters = GuardCounters()
         self.stopped: str | None = None
         self._latch = Lock()
@@ -114,21 +112,6 @@ class Guard(LegServos):
         self._baseline_period = 0
         self._position_known = self._tilt_known = False
         self.leaning_ticks = 0
-
-    @property
-    def robot(self) -> Robot:
-        """Return the robot behind the guard."""
-        return self._servos.robot
-
-    @property
-    def clock(self) -> Clock:
-        """Return the clock of the servos behind the guard."""
-        return self._servos.clock
-
-    @property
-    def link_counts(self) -> dict[str, int]:
-        """Return what became of the messages on the way to the servos behind the guard."""
-        return self._servos.link_counts
 
     @property
     def expects_commands(self) -> bool:
@@ -153,7 +136,7 @@ class Guard(LegServos):
         Raises RobotFaultError when they cannot be reached.
         """
         try:
-            self._servos.connect()
+            self.wrapped.connect()
         except HexctlError:
             raise
         except OSError as error:
@@ -166,7 +149,7 @@ class Guard(LegServos):
         """
         self._forget()
         try:
-            self._servos.close()
+            self.wrapped.close()
         except HexctlError:
             raise
         except OSError as error:
@@ -236,18 +219,18 @@ class Guard(LegServos):
         self._forget()
         return True
 
-    def relax(self) -> bool:
-        """Let the joints go limp, where the servos can; return whether they did."""
-        relaxed = self._servos.relax()
-        if relaxed:
+    def disable_torque(self) -> bool:
+        """Let the joints go limp, where the servos can; False where they cannot."""
+        limp = super().disable_torque()
+        if limp:
             self._accepted_rad = self._baseline_rad = None
-        return relaxed
+        return limp
 
-    def rest(self) -> None:
-        """Say that no command is due until the next one, as between two trials; a stop stays latched."""
+    def pause_watchdog(self) -> None:
+        """Expect no command until the next one, as between two trials; a stop stays latched."""
         self._accepted_at_s = None
-        self._servos.rest()
-        self.clock.rest()
+        super().pause_watchdog()
+        self.clock.pause()
 
     def _pass(self, targets: JointTargets) -> JointTargets:
         """Limit targets and send them on."""
@@ -259,7 +242,7 @@ class Guard(LegServos):
             self.counters.clipped += 1
             sent = JointTargets(allowed_rad, targets.stamp_s)
         try:
-            sent = self._servos.write(sent)
+            sent = self.wrapped.write(sent)
         except HexctlError:
             raise
         except OSError as error:
@@ -284,7 +267,7 @@ class Guard(LegServos):
 
     def _read(self) -> RobotState:
         try:
-            return self._servos.read()
+            return self.wrapped.read()
         except HexctlError:
             raise
         except OSError as error:

@@ -120,7 +120,7 @@ def run_trial(
     check_plan(servos.robot, plan)
     kept = Recorders.of(recorders)
     trial = _Trial(servos, plan, controller or planned_walk, kept, stop_requested, should_stop)
-    servos.rest()
+    servos.pause_watchdog()
     try:
         trial.run(soft_stop=soft_stop)
     finally:
@@ -130,7 +130,7 @@ def run_trial(
         for failure in kept.failures:
             warnings.warn(f"{type(failure.recorder).__name__} failed: {failure.error}", stacklevel=2)
     # What comes now takes its time, and silence must not be taken for a failure.
-    servos.rest()
+    servos.pause_watchdog()
     return trial.result()
 
 

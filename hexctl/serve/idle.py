@@ -61,8 +61,8 @@ class IdleSupervisor:
         share = (now_s - self._sitting_since_s) / SITTING_S
         if share > 1:
             self.name = "limp"
-            self._guard.relax()
-            self._guard.rest()
+            self._guard.disable_torque()
+            self._guard.pause_watchdog()
             return
         pose = (1 - share) * self._start_rad + share * self._end_rad
         try:

@@ -184,7 +184,7 @@ class RequestHandler:
         if not self._guard.lift_silence():
             self._leases.revoke()
             return {"error": f"the robot has just been stopped: {self._guard.stopped}"}
-        self._guard.rest()
+        self._guard.pause_watchdog()
         return {
             "lease": lease.lease_id.hex(),
             "sequence": lease.sequence,
@@ -194,11 +194,11 @@ class RequestHandler:
     def _keep(self, wanted: str, lease_id: bytes, now_s: float) -> dict[str, Any]:
         if wanted == "release":
             self._leases.release(lease_id, now_s)
-            self._guard.rest()
+            self._guard.pause_watchdog()
             return {"released": True}
         lease = self._leases.renew(lease_id, now_s)
         if wanted == "rest":
-            self._guard.rest()
+            self._guard.pause_watchdog()
         return {"sequence": lease.sequence}
 
     def _misunderstood(self, error: MessageError) -> dict[str, Any]:

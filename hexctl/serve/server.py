@@ -6,11 +6,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import asdict, replace
 from typing import Any, TypeVar
 
-from hexctl.backends.base import LegServos
-from hexctl.backends.clock import Clock
+from hexctl.backends.base import LegServos, ServosWrapper
 from hexctl.control.guard import EXPIRY_S, Guard
 from hexctl.errors import CommandRefusedError, EStopError, HexctlError, MessageError, RobotFaultError
-from hexctl.robot.model import Robot
 from hexctl.serve.commands import CommandHandler
 from hexctl.serve.event_log import EventLog
 from hexctl.serve.idle import SIT_AFTER_S, IdleSupervisor
@@ -25,7 +23,7 @@ from hexctl.wire.messages import decode_pose, encode_battery, encode_pose, encod
 Answer = TypeVar("Answer")
 
 
-class ServedServos(LegServos):
+class ServedServos(ServosWrapper):
     """Servos behind a server: they may get their pose from outside, and every fault of theirs is named.
 
     A pose from outside, such as motion capture, replaces the robot's own. One that stops coming is lost,
@@ -34,25 +32,9 @@ class ServedServos(LegServos):
     """
 
     def __init__(self, servos: LegServos) -> None:
-        self._servos = servos
-        self.injects_failure, self.failure = servos.injects_failure, servos.failure
+        super().__init__(servos)
         self._pose: tuple[FloatArray, FloatArray] | None = None
         self._pose_at_s = 0.0
-
-    @property
-    def robot(self) -> Robot:
-        """Robot of the servos."""
-        return self._servos.robot
-
-    @property
-    def clock(self) -> Clock:
-        """Clock of the servos."""
-        return self._servos.clock
-
-    @property
-    def link_counts(self) -> dict[str, int]:
-        """Counts of the messages on the way to the servos."""
-        return self._servos.link_counts
 
     def set_pose(self, position_world: FloatArray, quaternion_world: FloatArray, at_s: float) -> None:
         """Set the pose: position (3,) in m, quaternion (w, x, y, z), time of arrival on time.monotonic."""
@@ -60,11 +42,11 @@ class ServedServos(LegServos):
 
     def connect(self) -> None:
         """Connect the servos."""
-        self._call("connect", self._servos.connect)
+        self._call("connect", super().connect)
 
     def read(self) -> RobotState:
         """State of the servos, with the pose from outside once there was one."""
-        state = self._call("read", self._servos.read)
+        state = self._call("read", super().read)
         if self._pose is None:
             return state
         fresh = time.monotonic() - self._pose_at_s <= EXPIRY_S
@@ -73,20 +55,20 @@ class ServedServos(LegServos):
 
     def write(self, targets: JointTargets) -> JointTargets:
         """Write to the servos."""
-        return self._call("write", lambda: self._servos.write(targets))
+        return self._call("write", lambda: self.wrapped.write(targets))
 
-    def rest(self) -> None:
-        """Tell the servos that no command is due until the next one."""
-        self._call("rest", self._servos.rest)
+    def pause_watchdog(self) -> None:
+        """Expect no command until the next one."""
+        self._call("pause_watchdog", super().pause_watchdog)
 
-    def relax(self) -> bool:
+    def disable_torque(self) -> bool:
         """Switch off the torque of the servos."""
-        return self._call("relax", self._servos.relax)
+        return self._call("disable_torque", super().disable_torque)
 
     def close(self) -> None:
         """Close the servos and drop the pose."""
         self._pose = None
-        self._call("close", self._servos.close)
+        self._call("close", super().close)
 
     def _call(self, name: str, method: Callable[[], Answer]) -> Answer:
         try:
@@ -94,7 +76,7 @@ class ServedServos(LegServos):
         except HexctlError:
             raise
         except Exception as error:
-            servos = type(self._servos).__name__
+            servos = type(self.unwrapped).__name__
             reason = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
             raise RobotFaultError(f"the servos failed: {servos}.{name} raised {reason}") from error
 

@@ -323,8 +323,8 @@ class ServoBoard:
 
     def _let_go(self) -> None:
         self._channels.let_go()
-        self._guard.relax()
-        self._guard.rest()
+        self._guard.disable_torque()
+        self._guard.pause_watchdog()
         self._counters.released += 1
         self._commanded = False
 

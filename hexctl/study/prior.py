@@ -9,7 +9,7 @@ import numpy as np
 
 from hexctl.adapt.prior.prior import CHECKPOINTS, Prior, PriorKey
 from hexctl.adapt.stance import stance_deflection_rad
-from hexctl.backends.sim.world import DomainRandomization, Spread
+from hexctl.backends.sim.world import Distribution, DomainRandomization
 from hexctl.control.guard import Guard
 from hexctl.control.plan import TrialPlan
 from hexctl.errors import EStopError, InputError, SimulationDivergedError
@@ -25,7 +25,7 @@ from hexctl.types import N_JOINTS, N_LEGS, FloatArray
 WORLDS_PER_LEG = 1024
 
 #: How far self-rotations miss their goal, in degrees: seen in `transfer` worlds, +2 to -4.
-MISS_DEG = Spread(low=-4.0, high=4.0, scale="normal")
+MISS_DEG = Distribution(low=-4.0, high=4.0, scale="normal")
 
 #: A shorter walk is soft start for the most part.
 MIN_DURATION_S = 6.0

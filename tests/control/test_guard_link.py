@@ -145,7 +145,7 @@ def test_how_long_the_body_has_leant_is_known_and_forgotten() -> None:
 def test_a_rest_is_neither_silence_nor_overrun_and_ends_with_the_next_command() -> None:
     guard, servos = _connected()
     _send(guard)
-    guard.rest()
+    guard.pause_watchdog()
     servos.time.work(60.0)
     guard.read()
     assert guard.stopped is None
@@ -160,7 +160,7 @@ def test_a_rest_is_neither_silence_nor_overrun_and_ends_with_the_next_command() 
 def test_a_rest_does_not_lift_a_stop() -> None:
     guard, _ = _connected()
     guard.stop("by hand")
-    guard.rest()
+    guard.pause_watchdog()
     with pytest.raises(EStopError, match="by hand"):
         _send(guard)
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from hexctl.backends.sim.world import load_any_world
+from hexctl.backends.sim.world import load_world
 from hexctl.robot.configs import config_names, find_config, read_mapping
 from hexctl.robot.loader import load_robot
 
@@ -15,7 +15,7 @@ def test_every_shipped_robot_loads_under_its_own_name(name: str) -> None:
 @pytest.mark.parametrize("name", config_names("worlds"))
 def test_every_shipped_world_loads(name: str) -> None:
     family = "ranges" in read_mapping(find_config("worlds", name))
-    assert load_any_world(f"{name}:3" if family else name).friction > 0
+    assert load_world(f"{name}:3" if family else name).friction > 0
 
 
 def test_the_promised_files_are_shipped() -> None:

@@ -43,10 +43,10 @@ class RecordedServos(MockServos):
         self._log.write(_ROW.pack(time.monotonic(), _WRITE, *sent.positions_rad))
         return sent
 
-    def relax(self) -> bool:
+    def disable_torque(self) -> bool:
         """Go limp and write that down."""
         self._log.write(_ROW.pack(time.monotonic(), _RELAX, *self._positions_rad))
-        return super().relax()
+        return super().disable_torque()
 
 
 @dataclass(frozen=True)

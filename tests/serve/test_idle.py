@@ -36,7 +36,7 @@ def test_it_holds_after_silence_then_sits_within_limits_and_relaxes() -> None:
     assert posture.name == "sitting"
     let_pass((guard, servos), posture, SITTING_S + 0.1)
     assert posture.name == "limp"
-    assert servos.relaxed
+    assert servos.limp
     sat = np.array([targets.positions_rad for targets in list(servos.sent)[n_before:]])
     np.testing.assert_allclose(sat[-1], sitting_angles_rad(guard.robot), atol=0.05)
     assert (np.abs(np.diff(sat, axis=0)) <= guard.robot.joint_max_speed_rad_s * PERIOD_S + 1e-9).all()
@@ -49,7 +49,7 @@ def test_after_any_other_stop_it_holds_for_good() -> None:
     let_pass((guard, servos), posture, 5.0)
     assert posture.name == "holding"
     assert len(servos.sent) == 1
-    assert not servos.relaxed
+    assert not servos.limp
 
 
 def test_a_stop_while_sitting_down_ends_the_motion() -> None:
@@ -60,12 +60,12 @@ def test_a_stop_while_sitting_down_ends_the_motion() -> None:
     n_before = len(servos.sent)
     let_pass((guard, servos), posture, 5.0)
     assert len(servos.sent) == n_before
-    assert not servos.relaxed
+    assert not servos.limp
 
 
 def test_a_robot_whose_controller_left_in_good_order_sits_down_too() -> None:
     (guard, servos), posture = commanded_once()
-    guard.rest()
+    guard.pause_watchdog()
     let_pass((guard, servos), posture, 4.0)
     assert posture.name == "limp"
     assert guard.stopped is None
@@ -108,7 +108,7 @@ def test_after_a_stop_is_cleared_nothing_moves_before_the_next_command() -> None
     let_pass((guard, servos), posture, 30.0)
     assert posture.name == "idle"
     assert len(servos.sent) == n_before
-    assert not servos.relaxed
+    assert not servos.limp
     send(guard, guard.robot.stance_angles_rad)
     posture.commanded(guard.clock.now_s)
     let_pass((guard, servos), posture, 5.0)

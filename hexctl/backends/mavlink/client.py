@@ -317,7 +317,7 @@ class MavlinkServos(LegServos):
         self._assumed_rad = sent.positions_rad.copy()
         return sent
 
-    def relax(self) -> bool:
+    def disable_torque(self) -> bool:
         """Let all servos go until the next targets."""
         check_connected(self._opened is not None, WHO)
         self._send(messages.release(self._peer.system, self._peer.component))

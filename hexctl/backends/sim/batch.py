@@ -24,7 +24,7 @@ class SimBatch:
     def __init__(self, servos: SimServos, n: int, threads: int = 0) -> None:
         self._simulation = servos.simulation
         self._noise = copy.deepcopy(servos.noise)
-        self._train = servos.train.copies(n)
+        self._actuators = servos.actuators.copies(n)
         self._nstep = servos.world.steps_per_tick
         self._period_s = servos.clock.period_s
         self._start_index, self._ticks = round(servos.clock.now_s / self._period_s), 0
@@ -63,5 +63,5 @@ class SimBatch:
         return RobotState(joints, now_s, True, position, quaternion, self._touch > 0)
 
     def write(self, positions_rad: FloatArray) -> None:
-        """Give targets (n, 18) to the simulated servos."""
-        self._ctrl[:] = self._train.drive(positions_rad)
+        """Command the simulated servos; targets (n, 18) in rad."""
+        self._ctrl[:] = self._actuators.drive(positions_rad)

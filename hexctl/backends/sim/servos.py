@@ -7,19 +7,22 @@ from typing import Self
 
 import numpy as np
 
-from hexctl.backends.base import LegServos, check_connected, check_targets
+from hexctl.backends.base import LegServos, as_robot, check_connected, check_targets
 from hexctl.backends.clock import Clock, Tick, WallClock
 from hexctl.backends.sim.dm import PhysicsError
 from hexctl.backends.sim.model import FIRST_JOINT, Simulation, make_simulation
-from hexctl.backends.sim.world import SensorNoise, World
+from hexctl.backends.sim.world import SensorNoise, World, as_world
 from hexctl.errors import SimulationDivergedError
 from hexctl.robot.failure import Failure
 from hexctl.robot.model import Robot
 from hexctl.types import N_JOINTS, FloatArray, JointTargets, RobotState
 
+#: Random numbers per tick: 18 joints, 3 of position, 1 of yaw.
+N_DRAWS = N_JOINTS + 4
+
 
 class SimClock(Clock):
-    """Makes the next tick come by stepping the physics one period.
+    """Advances by stepping the physics: one control period per tick.
 
     With a pace clock each step waits for the wall, whose overruns it counts; the simulation never skips.
     """
@@ -32,21 +35,21 @@ class SimClock(Clock):
 
     @property
     def now_s(self) -> float:
-        """Return the simulated time."""
+        """Simulated time."""
         return self._index * self.period_s
 
     @property
     def due_in_s(self) -> float:
-        """Return how long the pace will wait before the next step; 0 without one."""
+        """How long the pace will wait before the next step; 0 without one."""
         return 0.0 if self._pace is None else self._pace.due_in_s
 
-    def rest(self) -> None:
+    def pause(self) -> None:
         """Count no overruns of the pace for the time until the next tick."""
         if self._pace is not None:
-            self._pace.rest()
+            self._pace.pause()
 
     def tick(self) -> Tick:
-        """Step the physics by one period and return the new point in simulated time."""
+        """The next point in simulated time, after stepping the physics by one period."""
         late_s = 0.0
         if self._pace is not None:
             late_s = self._pace.tick().late_s
@@ -56,11 +59,12 @@ class SimClock(Clock):
         return Tick(self._index, self._index * self.period_s, late_s)
 
 
-N_DRAWS = N_JOINTS + 4
-
-
 class Noise:
-    """A seeded stream of measurement errors: 18 joints, 3 of position, 1 of yaw."""
+    """A seeded stream of measurement errors, drawn once per tick so that every reader sees the same.
+
+    Attributes:
+        silent: whether all errors are zero.
+    """
 
     def __init__(self, sigma: SensorNoise, seed: int, trial: int = 0) -> None:
         # A stream of its own beside those of the bumps and of the joint offsets.
@@ -80,33 +84,33 @@ class Noise:
 
     @property
     def joints_rad(self) -> FloatArray:
-        """Return the errors of the joint angles, (18,)."""
+        """Errors of the joint angles, (18,)."""
         return self._errors[:N_JOINTS]
 
     @property
     def position_m(self) -> FloatArray:
-        """Return the error of the base position, (3,)."""
+        """Error of the base position, (3,)."""
         return self._errors[N_JOINTS:-1]
 
     def turned(self, quaternion: FloatArray) -> FloatArray:
-        """Return orientations (..., 4) turned about the vertical by the yaw error."""
+        """Orientations (..., 4) turned about the vertical by the yaw error."""
         cos, sin = math.cos(self._errors[-1] / 2), math.sin(self._errors[-1] / 2)
         w, x, y, z = (quaternion[..., index] for index in range(4))
         return np.stack([cos * w - sin * z, cos * x - sin * y, cos * y + sin * x, cos * z + sin * w], axis=-1)
 
 
 class ActuatorModel:
-    """Turns the targets of each tick into what the actuators are told; one robot's, or n robots' at once.
+    """From joint targets to actuator commands: delay, calibration error, backlash and jammed joints.
 
-    The play is the hysteresis of a loose gear: the shaft rests until the servo has crossed the play, and then
-    follows it by half of it behind.
+    For one robot, or for n robots together. Backlash is a hysteresis: the shaft stands still until the servo
+    has crossed the play, and then follows it half the play behind.
 
     Attributes:
-        plain: whether targets reach the actuators as they are.
+        plain: whether targets reach the actuators unchanged.
     """
 
     def __init__(self, simulation: Simulation, shaft_rad: FloatArray, late_rad: Sequence[FloatArray]) -> None:
-        """Take over where the shafts are and which targets are still on their way, oldest first."""
+        """Begin with given shaft angles and the delayed targets, oldest first."""
         self._simulation = simulation
         self._half_play_rad = math.radians(simulation.world.servo_backlash_deg) / 2
         self._shaft_rad = shaft_rad
@@ -120,17 +124,17 @@ class ActuatorModel:
 
     @classmethod
     def at_rest(cls, simulation: Simulation, stance_rad: FloatArray) -> Self:
-        """Return the train of a robot that has stood in its stance for a while."""
+        """The model of a robot that has stood in its stance for longer than the delay."""
         late_rad = [stance_rad] * simulation.world.delay_ticks
         return cls(simulation, stance_rad + simulation.joint_offsets_rad, late_rad)
 
     def copies(self, n: int) -> "ActuatorModel":
-        """Return the train of n robots that stand where this one stands; it takes (n, 18)."""
+        """The model of n robots in the state of this one; it takes targets (n, 18)."""
         late_rad = [np.tile(positions_rad, (n, 1)) for positions_rad in self._late_rad]
         return ActuatorModel(self._simulation, np.tile(self._shaft_rad, (n, 1)), late_rad)
 
     def drive(self, positions_rad: FloatArray) -> FloatArray:
-        """Return what the actuators get in a tick for its joint targets, (18,) or (n, 18)."""
+        """Actuator commands of one tick for its joint targets, (18,) or (n, 18)."""
         if self._late_rad:
             self._late_rad.append(positions_rad.copy())
             positions_rad = self._late_rad.popleft()
@@ -146,27 +150,33 @@ class ActuatorModel:
 class SimServos(LegServos):
     """A MuJoCo hexapod in a world, with a failed leg if one is given.
 
-    Deterministic for the same robot, world, failure, seed, trial and library versions: the seed draws the
-    world, bumps and calibration errors included, and with the trial's number the noise of its sensors.
-    `facing_rad` is the yaw in which it is put down. With `realtime` the clock waits for the wall; otherwise
-    physics runs as fast as it can.
+    Deterministic for the same robot, world, failure, seed, trial and library versions.
+
+    Args:
+        robot: the robot, or the name or path of its file.
+        world: a World, or the name or path of one, such as `slippery` or `randomised:7`; flat unless given.
+        failure: the failed leg, or None.
+        seed: draws the bumps and calibration errors of the world, and with `trial` the sensor noise.
+        trial: number of the trial.
+        facing_rad: yaw in which the robot is put down.
+        realtime: pace the clock with wall time; otherwise the physics runs as fast as it can.
     """
 
     injects_failure = True
 
     def __init__(
         self,
-        robot: Robot,
+        robot: Robot | str,
         *,
-        world: World | None = None,
+        world: World | str | None = None,
         failure: Failure | None = None,
         seed: int = 0,
         trial: int = 0,
         facing_rad: float = 0.0,
         realtime: bool = False,
     ) -> None:
-        self._robot = robot
-        self.world = world or World()
+        self._robot = as_robot(robot)
+        self.world = as_world(world)
         self.failure = failure
         self.seed = seed
         self.trial = trial
@@ -177,17 +187,17 @@ class SimServos(LegServos):
 
     @property
     def robot(self) -> Robot:
-        """Return the simulated robot."""
+        """The simulated robot."""
         return self._robot
 
     @property
     def clock(self) -> Clock:
-        """Return the clock that steps the physics."""
+        """The clock that steps the physics."""
         return self._clock
 
     @property
     def simulation(self) -> Simulation:
-        """Return the compiled simulation.
+        """The compiled simulation.
 
         Raises RobotFaultError before `connect`.
         """
@@ -211,11 +221,11 @@ class SimServos(LegServos):
         data = simulation.physics.data.ptr
         # Views of MuJoCo's own memory: they stay valid and save the wrapper's cost on every tick.
         self._qpos, self._ctrl, self._touch = data.qpos, data.ctrl, data.sensordata
-        self.train = ActuatorModel.at_rest(simulation, self._robot.stance_angles_rad)
+        self.actuators = ActuatorModel.at_rest(simulation, self._robot.stance_angles_rad)
         self._offsets_rad = simulation.joint_offsets_rad if simulation.joint_offsets_rad.any() else None
 
     def read(self) -> RobotState:
-        """Return the state after the last tick, with the world's sensor noise."""
+        """State after the last tick, with the sensor noise of the world."""
         check_connected(self._simulation is not None, "the simulated robot")
         qpos = self._qpos.copy()
         joints, position, quaternion = qpos[FIRST_JOINT:], qpos[:3], qpos[3:FIRST_JOINT]
@@ -229,17 +239,17 @@ class SimServos(LegServos):
         return RobotState(joints, now_s, True, position, quaternion, self._touch > 0)
 
     def write(self, targets: JointTargets) -> JointTargets:
-        """Give the targets to the simulated servos; a jammed joint ignores them."""
+        """Command the simulated servos; a jammed joint ignores its target."""
         check_connected(self._simulation is not None, "the simulated robot")
         check_targets(targets)
         if self._limp:
             self._set_springs(1.0)
         positions = targets.positions_rad
-        np.copyto(self._ctrl, positions if self.train.plain else self.train.drive(positions))
+        np.copyto(self._ctrl, positions if self.actuators.plain else self.actuators.drive(positions))
         return targets
 
-    def relax(self) -> bool:
-        """Take the springs out of the servos until the next targets; their damping stays."""
+    def disable_torque(self) -> bool:
+        """Set the stiffness of the servos to zero until the next targets; their damping stays."""
         check_connected(self._simulation is not None, "the simulated robot")
         self._set_springs(0.0)
         return True

@@ -9,11 +9,11 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
 from hexctl.backends.clock import PERIOD_S
-from hexctl.errors import InputError, shown
+from hexctl.errors import InputError, check_type, shown
 from hexctl.robot.configs import Number, find_config, read_mapping, validate
 from hexctl.types import N_JOINTS, FloatArray
 
-#: A calibration error greater than this is no error of calibration.
+#: Greatest calibration error of a joint.
 MAX_JOINT_OFFSET_DEG = 45.0
 
 NotNegative = Annotated[Number, Field(ge=0, allow_inf_nan=False)]
@@ -21,13 +21,13 @@ Offset = Annotated[Number, Field(ge=-1, le=1, allow_inf_nan=False)]
 
 
 class _Section(BaseModel):
-    """Frozen, and without keys that are not known."""
+    """Frozen; unknown keys are refused."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
 class SensorNoise(_Section):
-    """Standard deviations of what the robot measures, drawn anew every tick."""
+    """Standard deviations of the measurement errors, which are drawn every tick."""
 
     joint_deg: NotNegative = 0.0
     position_m: NotNegative = 0.0
@@ -81,12 +81,12 @@ class World(_Section):
 
     @property
     def steps_per_tick(self) -> int:
-        """Return how many steps of the physics a control period takes."""
+        """Physics steps per control period."""
         return round(PERIOD_S / self.time_step_s)
 
     @property
     def delay_ticks(self) -> int:
-        """Return how many control periods a target is late."""
+        """Servo delay in control periods."""
         return round(self.servo_delay_s / PERIOD_S)
 
     @field_validator("time_step_s")
@@ -118,39 +118,25 @@ class World(_Section):
         return given
 
 
-def load_world(name_or_path: str | Path = "flat") -> World:
-    """Return the world of a shipped name (`flat`, `slippery`, `slope`, `rough`) or of a YAML file.
-
-    A file may set one key only; the rest is the flat world's. Raises InputError in one line.
-    """
-    path = find_config("worlds", name_or_path)
-    content = read_mapping(path)
-    if "ranges" in content:
-        raise InputError(
-            f"world {str(name_or_path)!r} is a family; allowed: one of it, as --world {name_or_path}:7"
-        )
-    return validate(World, content, path)
-
-
-#: Members of one family; a prior's legs take theirs from blocks far apart.
+#: Members of one family; the legs of a prior take theirs from blocks far apart.
 MAX_MEMBERS = 1 << 20
 
-#: Quantities of a world that are lists: a family spreads their parts one by one.
+#: Quantities of a world that are lists, whose elements are drawn independently.
 _PARTS = {"body_mass_shift_m": 3, "payload_position_m": 3, "joint_offset_deg": N_JOINTS}
 
-#: Quantities that know steps only; a kind may set them.
+#: Quantities with discrete values, which cannot be randomized; a kind may set them.
 _IN_STEPS = ("time_step_s", "servo_delay_s", "friction_cone", "sensor_noise")
 
 Finite = Annotated[Number, Field(allow_inf_nan=False)]
 
 
-class Spread(BaseModel):
-    """How one quantity is spread over a family.
+class Distribution(BaseModel):
+    """Distribution of one randomized quantity.
 
     Attributes:
-        low: the least value; for `normal`, two standard deviations below the middle.
-        high: the greatest value; for `normal`, two standard deviations above the middle.
-        scale: `even` between the bounds, `log` evenly over ratios, or `normal`.
+        low: lower bound; for `normal`, two standard deviations below the mean.
+        high: upper bound; for `normal`, two standard deviations above the mean.
+        scale: `even` is uniform between the bounds, `log` uniform over ratios, `normal` a Gaussian.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -160,7 +146,7 @@ class Spread(BaseModel):
     scale: Literal["even", "log", "normal"] = "even"
 
     @model_validator(mode="after")
-    def _ordered(self) -> "Spread":
+    def _ordered(self) -> "Distribution":
         if not self.low <= self.high or (self.scale == "log" and self.low <= 0):
             raise ValueError(
                 f"got {self.low:g} to {self.high:g}; allowed: low up to high, above 0 where the scale is log"
@@ -168,7 +154,7 @@ class Spread(BaseModel):
         return self
 
     def at(self, share: FloatArray) -> FloatArray:
-        """Return the values that shares 0..1 of the family lie below, any shape."""
+        """Inverse of the cumulative distribution function at shares 0..1, any shape."""
         if self.scale == "log":
             return np.asarray(self.low * (self.high / self.low) ** share)
         if self.scale == "normal":
@@ -180,11 +166,11 @@ class Spread(BaseModel):
 
 
 class Kind(BaseModel):
-    """Worlds of a family that have something in common which no range expresses.
+    """A subset of the worlds with something in common that no range expresses.
 
     Attributes:
-        name: for people.
-        world: what is the same in all of them, by the keys of a world file.
+        name: name for display.
+        world: values that are the same in all of them, by the keys of a world file.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -200,25 +186,26 @@ class Kind(BaseModel):
 
 
 class DomainRandomization(BaseModel):
-    """Worlds by number, drawn with a quasi-random design, so that few of them cover the ranges well.
+    """A family of worlds: numbered members of a quasi-random (Sobol) design over distributions.
 
-    Any aligned block of 2^n members is spread evenly by itself.
+    Few members cover the ranges well; any aligned block of 2^n members is evenly spread by itself.
 
     Attributes:
-        seed: tells families with the same ranges apart.
-        ranges: what is spread, by the keys of a world file; of a list every part is, by itself.
-        kinds: the members take turns in them; one plain kind unless given.
+        seed: scrambles the design; families with the same ranges and other seeds have other members.
+        ranges: the randomized quantities, by the keys of a world file; every element of a list is drawn
+            independently.
+        kinds: subsets to which the members belong in turn; one plain kind unless given.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     seed: Annotated[int, Field(ge=0, strict=True)]
-    ranges: dict[str, Spread]
+    ranges: dict[str, Distribution]
     kinds: tuple[Kind, ...] = (Kind(name="plain"),)
 
     @model_validator(mode="after")
     def _makes_worlds(self) -> "DomainRandomization":
-        """Refuse ranges whose corners are no worlds."""
+        """Refuse ranges whose corners are not valid worlds."""
         unknown = [key for key in self.ranges if key not in World.model_fields or key in _IN_STEPS]
         if unknown or not self.kinds:
             raise ValueError(
@@ -230,21 +217,21 @@ class DomainRandomization(BaseModel):
         return self
 
     def members(self, first: int, count: int) -> list[World]:
-        """Return worlds first .. first + count - 1 of the family."""
+        """Worlds first .. first + count - 1."""
         shares = self._shares(first, count)
         return [self._world(row, self.kind(first + index)) for index, row in enumerate(shares)]
 
     def kind(self, number: int) -> Kind:
-        """Return the kind of a member."""
+        """The kind of a member."""
         return self.kinds[number % len(self.kinds)]
 
-    def spare(self, spread: Spread, first: int, count: int) -> FloatArray:
-        """Return values of one more quantity that belongs to the members but is no part of a world."""
-        return spread.at(self._shares(first, count)[:, -1])
+    def spare(self, distribution: Distribution, first: int, count: int) -> FloatArray:
+        """Values, (count,), of one more quantity of the members that is not part of a world."""
+        return distribution.at(self._shares(first, count)[:, -1])
 
     @cached_property
     def _dimensions(self) -> int:
-        """Return how many numbers make a member, the spare one included."""
+        """Dimensions of the design, the spare one included."""
         return sum(_PARTS.get(key, 1) for key in self.ranges) + 1
 
     def _shares(self, first: int, count: int) -> FloatArray:
@@ -261,16 +248,16 @@ class DomainRandomization(BaseModel):
     def _world(self, shares: Sequence[float] | FloatArray, kind: Kind) -> World:
         values: dict[str, Any] = {}
         at = 0
-        for key, spread in self.ranges.items():
+        for key, distribution in self.ranges.items():
             parts = _PARTS.get(key, 1)
-            drawn = spread.at(np.asarray(shares[at : at + parts])).tolist()
+            drawn = distribution.at(np.asarray(shares[at : at + parts])).tolist()
             values[key] = drawn if parts > 1 else drawn[0]
             at += parts
         return World.model_validate(values | kind.world)
 
 
 def load_randomization(name_or_path: str | Path) -> DomainRandomization:
-    """Return the family of a shipped name (`randomised`, `transfer`) or of a YAML file.
+    """The family of worlds of a shipped name (`randomised`, `transfer`) or of a YAML file.
 
     Raises InputError in one line.
     """
@@ -281,14 +268,33 @@ def load_randomization(name_or_path: str | Path) -> DomainRandomization:
     return validate(DomainRandomization, content, path)
 
 
-def load_any_world(name_or_path: str) -> World:
-    """Return a world by name or path, or a member of a family, such as `randomised:7`.
+def load_world(name_or_path: str | Path = "flat") -> World:
+    """The world of a shipped name, of a YAML file, or a member of a family, such as `randomised:7`.
 
-    Raises InputError in one line.
+    A file may set one key only; the rest is the flat world's. Raises InputError in one line.
     """
-    family, colon, number = name_or_path.rpartition(":")
-    if not colon or Path(name_or_path).is_file():
-        return load_world(name_or_path)
-    if not (number.isdecimal() and len(number) <= len(str(MAX_MEMBERS))):
-        raise InputError(f"world: got {name_or_path!r}; allowed: the number of a member, as in {family}:7")
-    return load_randomization(family).members(int(number), 1)[0]
+    text = str(name_or_path)
+    family, colon, number = text.rpartition(":")
+    if colon and not Path(text).is_file():
+        if not (number.isdecimal() and len(number) <= len(str(MAX_MEMBERS))):
+            raise InputError(f"world: got {text!r}; allowed: the number of a member, as in {family}:7")
+        return load_randomization(family).members(int(number), 1)[0]
+    path = find_config("worlds", text)
+    content = read_mapping(path)
+    if "ranges" in content:
+        raise InputError(f"world {text!r} is a family; allowed: one of it, as --world {text}:7")
+    return validate(World, content, path)
+
+
+def as_world(world: World | str | None) -> World:
+    """The world given, the one of a name or path, or the flat world for None.
+
+    Raises InputError for a world that cannot be loaded, WrongTypeError for any other type.
+    """
+    if world is None:
+        return World()
+    if isinstance(world, str):
+        return load_world(world)
+    allowed = "a World, the name or path of a world file, or a member of a family, such as 'randomised:7'"
+    check_type(world, World, "world", allowed)
+    return world

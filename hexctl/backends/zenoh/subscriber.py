@@ -14,13 +14,13 @@ from hexctl.wire.messages import StateTag, contacts_of, decode_battery, decode_p
 
 
 @dataclass(frozen=True, slots=True)
-class Letter:
-    """A message that came.
+class StampedSample:
+    """A received message.
 
     Attributes:
-        payload: as it came.
-        attachment: what came beside it, or None.
-        at_s: when, on time.monotonic.
+        payload: the message.
+        attachment: the attachment of the message, or None.
+        at_s: when it arrived, on time.monotonic.
     """
 
     payload: bytes
@@ -28,27 +28,28 @@ class Letter:
     at_s: float
 
 
-class Mailbox:
-    """Keeps the newest letter of each kind; a letter that is replaced unread is no loss."""
+class LatestValues:
+    """Keeps the newest sample of each kind; callbacks only store, and replace what was never read."""
 
     def __init__(self) -> None:
-        self._newest: dict[str, Letter] = {}
+        self._newest: dict[str, StampedSample] = {}
 
     def put(self, kind: str, sample: Any) -> None:
         """Keep a Zenoh sample as the newest of its kind."""
         attachment = None if sample.attachment is None else bytes(sample.attachment)
-        self._newest[kind] = Letter(bytes(sample.payload), attachment, time.monotonic())
+        self._newest[kind] = StampedSample(bytes(sample.payload), attachment, time.monotonic())
 
     def clear(self) -> None:
-        """Throw everything away."""
+        """Discard everything."""
         self._newest.clear()
 
-    def newest(self, kind: str) -> Letter | None:
-        """Return the newest letter of a kind, or None before the first."""
+    def newest(self, kind: str) -> StampedSample | None:
+        """The newest sample of a kind, or None before the first."""
         return self._newest.get(kind)
 
 
-HEARD = ("joint_states", "odom", "battery")
+#: Kinds of messages that are subscribed to.
+SUBSCRIBED = ("joint_states", "odom", "battery")
 
 #: How long a robot may take to send its first state.
 FIRST_STATE_TIMEOUT_S = 3.0
@@ -56,78 +57,81 @@ FIRST_STATE_TIMEOUT_S = 3.0
 #: A robot that has said nothing for this long has gone; long before, the guard has stopped for an old state.
 GONE_AFTER_S = 5.0
 
-#: A pose this much older than the joints' state is none.
+#: A pose this much older than the joint state is not used.
 STALE_POSE_S = 0.2
 
-#: What is taken for granted of a robot that sends no tags.
+#: Tag assumed for a robot that sends none.
 PLAIN_TAG = StateTag(
     sequence=0, stamp_ns=0, age_us=0, command_sequence=0, measured=True, healthy=True, contacts=None
 )
 
 
-class Ear:
-    """Keeps the newest that a robot says and puts states together from it.
+class StateSubscriber:
+    """Subscribes to the messages of a served robot and puts robot states together from them.
 
-    `plain` is for a robot that sends no tags.
+    Args:
+        keys: the keys of the robot.
+        latest: where received messages are kept.
+        plain: True for a robot that sends no tags.
     """
 
-    def __init__(self, keys: KeyMap, mailbox: Mailbox, *, plain: bool = False) -> None:
-        self._keys, self._mailbox, self._plain = keys, mailbox, plain
+    def __init__(self, keys: KeyMap, latest: LatestValues, *, plain: bool = False) -> None:
+        self._keys, self._latest, self._plain = keys, latest, plain
 
-    def listen(self, session: zenoh.Session) -> None:
-        """Begin to listen, having heard nothing."""
-        self._mailbox.clear()
-        for kind in HEARD:
-            session.declare_subscriber(getattr(self._keys, kind), partial(self._mailbox.put, kind))
+    def subscribe(self, session: zenoh.Session) -> None:
+        """Subscribe, with nothing received yet."""
+        self._latest.clear()
+        for kind in SUBSCRIBED:
+            session.declare_subscriber(getattr(self._keys, kind), partial(self._latest.put, kind))
 
     def forget(self) -> None:
-        """Take nothing that was heard so far for true."""
-        self._mailbox.clear()
+        """Discard everything received so far."""
+        self._latest.clear()
 
-    def await_first_s(self) -> float:
-        """Wait for the first state and return when it came, on time.monotonic.
+    def wait_for_first_s(self) -> float:
+        """Arrival time of the first state, on time.monotonic, after waiting for it.
 
-        Raises RobotFaultError when none comes.
+        Raises RobotFaultError when none arrives.
         """
         deadline_s = time.monotonic() + FIRST_STATE_TIMEOUT_S
-        while (letter := self._mailbox.newest("joint_states")) is None:
+        while (sample := self._latest.newest("joint_states")) is None:
             if time.monotonic() > deadline_s:
                 raise RobotFaultError(
                     f"the robot sends no state at {self._keys.joint_states}; see hexctl status"
                 )
             time.sleep(0.001)
-        return letter.at_s
+        return sample.at_s
 
     def newest(self, clock_s: float) -> RobotState:
-        """Return the newest state.
+        """The newest state.
 
         Args:
-            clock_s: the time now on the clock that the state's stamp shall be on.
+            clock_s: the time now, on the clock of the state's stamp.
 
-        Raises RobotFaultError for a robot that is silent or sends something else.
+        Raises RobotFaultError for a robot that is silent or sends invalid states.
         """
-        letter = self._mailbox.newest("joint_states")
+        sample = self._latest.newest("joint_states")
         now_s = time.monotonic()
-        if letter is None or now_s - letter.at_s > GONE_AFTER_S:
+        if sample is None or now_s - sample.at_s > GONE_AFTER_S:
             raise RobotFaultError(
                 f"the robot has been silent for {GONE_AFTER_S:g} s; "
                 "see hexctl status, or start hexctl serve again"
             )
         try:
-            positions_rad = decode_positions(letter.payload)
-            tag = PLAIN_TAG if self._plain else StateTag.unpacked(letter.attachment or b"")
+            positions_rad = decode_positions(sample.payload)
+            tag = PLAIN_TAG if self._plain else StateTag.unpacked(sample.attachment or b"")
         except MessageError as error:
-            raise RobotFaultError(f"the robot sends states that are none: {error}") from error
-        position, quaternion = self._pose(letter.at_s)
+            raise RobotFaultError(f"the robot sends invalid states: {error}") from error
+        position, quaternion = self._pose(sample.at_s)
         battery_v, battery_share = self._battery()
         return RobotState(
             positions_rad,
-            stamp_s=max(0.0, clock_s - (now_s - letter.at_s)),
+            stamp_s=max(0.0, clock_s - (now_s - sample.at_s)),
             measured=tag.measured,
             base_position_world=position,
             base_quaternion_world=quaternion,
             foot_contacts=contacts_of(tag),
-            age_s=now_s - letter.at_s + tag.age_us / 1e6,
+            age_s=now_s - sample.at_s + tag.age_us / 1e6,
             healthy=tag.healthy,
             fault=tag.fault,
             stopped=tag.stopped,
@@ -136,18 +140,18 @@ class Ear:
         )
 
     def _pose(self, state_at_s: float) -> tuple[FloatArray | None, FloatArray | None]:
-        """Return the newest pose; it is lost when states go on without it, not when all is silent."""
-        letter = self._mailbox.newest("odom")
-        if letter is None or state_at_s - letter.at_s > STALE_POSE_S:
+        """The newest pose; None once states keep arriving without it, but not while everything is silent."""
+        sample = self._latest.newest("odom")
+        if sample is None or state_at_s - sample.at_s > STALE_POSE_S:
             return None, None
         try:
-            return decode_pose(letter.payload)
+            return decode_pose(sample.payload)
         except MessageError:
             return None, None
 
     def _battery(self) -> tuple[float | None, float | None]:
-        letter = self._mailbox.newest("battery")
+        sample = self._latest.newest("battery")
         try:
-            return (None, None) if letter is None else decode_battery(letter.payload)
+            return (None, None) if sample is None else decode_battery(sample.payload)
         except MessageError:
             return None, None

@@ -297,7 +297,7 @@ def test_pulse_limits_clip_last_and_are_counted(tmp_path: Path) -> None:
 
 def test_letting_go(tmp_path: Path) -> None:
     with ScriptedBoard() as board, servos_at(board, tmp_path) as servos:
-        assert servos.relax()
+        assert servos.disable_torque()
         eventually(board.overrides)
         assert board.overrides()[-1] == [0] * 8 + [65534] * 10
 

@@ -9,8 +9,8 @@ from hexctl.backends.base import LegServos
 from hexctl.backends.clock import PERIOD_S
 from hexctl.backends.sim.model import FIRST_JOINT
 from hexctl.backends.sim.servos import SimClock, SimServos
-from hexctl.backends.sim.world import SensorNoise, World
-from hexctl.errors import RobotFaultError, SimulationDivergedError
+from hexctl.backends.sim.world import SensorNoise, World, load_world
+from hexctl.errors import RobotFaultError, SimulationDivergedError, WrongTypeError
 from hexctl.robot.rotations import yaw_rad
 from hexctl.testing.servos import LegServosConformance, move
 from hexctl.types import FloatArray
@@ -222,3 +222,14 @@ def test_a_step_that_fails_does_not_count() -> None:
     with pytest.raises(ZeroDivisionError):
         clock.tick()
     assert clock.now_s == 0
+
+
+def test_robot_and_world_are_taken_by_their_names() -> None:
+    servos = SimServos("ant", world="slippery")
+    assert servos.robot.name == "ant"
+    assert servos.world == load_world("slippery")
+    assert SimServos("ant", world="transfer:0").world == load_world("transfer:0")
+    with pytest.raises(WrongTypeError, match=r"world: got 3 \(int\); allowed: a World"):
+        SimServos("ant", world=3)  # type: ignore[arg-type]
+    with pytest.raises(WrongTypeError, match=r"robot: got None \(NoneType\); allowed: a Robot"):
+        SimServos(None)  # type: ignore[arg-type]

@@ -13,10 +13,9 @@ from scipy.special import ndtr
 from hexctl.backends.sim.model import make_simulation
 from hexctl.backends.sim.world import (
     MAX_MEMBERS,
+    Distribution,
     DomainRandomization,
-    Spread,
     World,
-    load_any_world,
     load_randomization,
     load_world,
 )
@@ -49,7 +48,7 @@ def _values(worlds: list[World], key: str) -> FloatArray:
     return np.array([np.atleast_1d(getattr(world, key)) for world in worlds])
 
 
-def _shares(worlds: list[World], key: str, spread: Spread) -> FloatArray:
+def _shares(worlds: list[World], key: str, spread: Distribution) -> FloatArray:
     """Return which share of the family lies below each value, 0..1."""
     values = _values(worlds, key)
     if spread.scale == "log":
@@ -112,7 +111,7 @@ def test_each_sixteen_members_are_spread_evenly(block: int) -> None:
 
 @given(block=st.integers(0, MAX_MEMBERS // 16 - 1))
 def test_what_belongs_to_a_member_and_not_to_its_world_is_spread_as_evenly(block: int) -> None:
-    spread = Spread(low=-4.0, high=4.0)
+    spread = Distribution(low=-4.0, high=4.0)
     spare = family().spare(spread, 16 * block, 16)
     assert sorted(np.floor((spare + 4) * 2).tolist()) == list(range(16))
     assert spare[5] == family().spare(spread, 16 * block + 5, 1)[0]
@@ -156,7 +155,7 @@ def test_a_family_without_kinds_has_one(tmp_path: Path) -> None:
 @pytest.mark.parametrize("scale", ["even", "log", "normal"])
 @given(shares=st.lists(st.floats(0, 1), min_size=2, max_size=20))
 def test_a_greater_share_lies_below_a_greater_value(scale: str, shares: list[float]) -> None:
-    spread = Spread.model_validate({"low": 0.5, "high": 2.0, "scale": scale})
+    spread = Distribution.model_validate({"low": 0.5, "high": 2.0, "scale": scale})
     values = spread.at(np.sort(shares))
     assert np.isfinite(values).all()
     assert (np.diff(values) >= 0).all()
@@ -171,29 +170,29 @@ def test_a_greater_share_lies_below_a_greater_value(scale: str, shares: list[flo
     ],
 )
 def test_a_scale_says_how_a_range_is_filled(scale: str, shares: list[float], values: list[float]) -> None:
-    spread = Spread.model_validate({"low": 0.5, "high": 2.0, "scale": scale})
+    spread = Distribution.model_validate({"low": 0.5, "high": 2.0, "scale": scale})
     np.testing.assert_allclose(spread.at(np.array(shares)), values, atol=1e-4)
 
 
 def test_a_range_of_one_value_is_that_value() -> None:
     for scale in ("even", "log", "normal"):
-        spread = Spread.model_validate({"low": 0.7, "high": 0.7, "scale": scale})
+        spread = Distribution.model_validate({"low": 0.7, "high": 0.7, "scale": scale})
         np.testing.assert_allclose(spread.at(np.array([0.0, 0.3, 1.0])), 0.7)
 
 
 @pytest.mark.parametrize("name", FAMILIES)
 def test_a_member_is_a_world_by_name(name: str) -> None:
-    assert load_any_world(f"{name}:7") == family(name).members(7, 1)[0]
-    assert load_any_world(f"{name}:{MAX_MEMBERS - 1}") == family(name).members(MAX_MEMBERS - 1, 1)[0]
+    assert load_world(f"{name}:7") == family(name).members(7, 1)[0]
+    assert load_world(f"{name}:{MAX_MEMBERS - 1}") == family(name).members(MAX_MEMBERS - 1, 1)[0]
 
 
 def test_a_member_of_a_file_is_a_world_by_its_path(tmp_path: Path) -> None:
     path = _written(SMALL, tmp_path)
-    assert load_any_world(f"{path}:3") == load_randomization(path).members(3, 1)[0]
+    assert load_world(f"{path}:3") == load_randomization(path).members(3, 1)[0]
 
 
 def test_a_world_that_is_no_family_is_what_it_was() -> None:
-    assert load_any_world("slope") == load_world("slope")
+    assert load_world("slope") == load_world("slope")
 
 
 @pytest.mark.parametrize(
@@ -214,7 +213,7 @@ def test_a_world_that_is_no_family_is_what_it_was() -> None:
 )
 def test_a_member_that_is_not_there_is_refused_in_one_line(name: str, parts: list[str]) -> None:
     with pytest.raises(InputError) as refused:
-        load_any_world(name)
+        load_world(name)
     message = str(refused.value)
     assert "\n" not in message
     for part in parts:
