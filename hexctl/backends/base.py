@@ -10,7 +10,7 @@ import numpy as np
 
 from hexctl.backends.clock import Clock, accept_former_names
 from hexctl.errors import CommandRefusedError, RobotFaultError, check_type
-from hexctl.robot.failure import Failure
+from hexctl.robot.failure import Failure, failure_text
 from hexctl.robot.loader import load_robot
 from hexctl.robot.model import Robot
 from hexctl.robot.servo_map import ServoMap
@@ -223,3 +223,16 @@ def as_robot(robot: Robot | str) -> Robot:
         return load_robot(robot)
     check_type(robot, Robot, "robot", "a Robot, or the name or path of a robot file")
     return robot
+
+
+def connection_notes(servos: LegServos, failure: Failure | None) -> list[str]:
+    """What an operator should know about the robot that servos have connected to over a link.
+
+    Which robot it is and who started it; and for a simulation whether its failure is another than the
+    controller's. Empty for servos without a link.
+    """
+    notes = [] if servos.identity is None else [f"the robot is {servos.identity}"]
+    there, here = (servos.simulated or {}).get("failure"), failure_text(failure)
+    if there not in (None, here):
+        notes.append(f"the simulated robot there has failure {there}, this end walks as with failure {here}")
+    return notes

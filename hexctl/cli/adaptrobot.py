@@ -12,12 +12,12 @@ from hexctl.adapt.runner import RobotStoppedError, await_ready
 from hexctl.adapt.search import knows_stances
 from hexctl.adapt.session import SessionSpec
 from hexctl.adapt.stance import connected_deflection_rad, simulated_deflection_rad
+from hexctl.backends.base import connection_notes
 from hexctl.backends.clock import request_realtime_priority
 from hexctl.backends.registry import BackendOptions, make_servos
 from hexctl.backends.sim.world import World
 from hexctl.cli.console import ABORTED, FAULT, FAULTS, print_note
 from hexctl.cli.operator import check_answerable
-from hexctl.cli.twin import note_of_twin
 from hexctl.control.guard import Guard
 from hexctl.control.plan import TrialPlan
 from hexctl.control.result import progress_floor_m
@@ -106,7 +106,7 @@ def connected(spec: SessionSpec, robot: Robot, plan: TrialPlan) -> Iterator[Guar
     servos = Guard(robot_there)
     try:
         servos.connect()
-        if (note := note_of_twin(robot_there, plan.failure)) is not None:
+        for note in connection_notes(robot_there, plan.failure):
             print_note(f"hexctl: {note}")
         yield servos
     finally:

@@ -1,5 +1,6 @@
 """`hexctl board`: a servo board that speaks MAVLink, with a simulated robot on it."""
 
+import json
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -14,6 +15,7 @@ from hexctl.cli.options import (
     SimFailureOption,
     WorldOption,
     choice,
+    failure_of,
     number,
 )
 
@@ -72,19 +74,27 @@ def board(
 
     It runs until Ctrl-C. hexctl run --backend mavlink walks its simulated robot.
     """
-    from hexctl.cli.boarding import BoardRequest, execute
-    from hexctl.cli.twin import Twin
+    from hexctl.cli.console import StopOnInterrupt, print_note, print_result
+    from hexctl.serve.service import BoardService, ServiceStarted, ServosSpec
 
-    request = BoardRequest(
+    service = BoardService(
         port=port,
         pty=pty,
-        twin=Twin(
-            backend=backend, robot=robot, world=world, failed_leg=failed_leg, failure=failure, seed=seed
+        servos=ServosSpec(
+            backend=backend, robot=robot, world=world, failure=failure_of(failed_leg, failure), seed=seed
         ),
         expiry_s=expiry,
         release_after_s=release_after,
         keys=keys,
         insecure=insecure,
-        as_json=as_json,
     )
-    raise typer.Exit(execute(request))
+    signed = "signed frames only" if service.signed else "not signed"
+
+    def on_started(started: ServiceStarted) -> None:
+        name = f"{started.robot} ({started.backend})"
+        print_note(f"board of {name} at {started.place}, {signed}; Ctrl-C ends it")
+
+    with StopOnInterrupt() as interrupt:
+        report = service.run(interrupt.requested, on_started=on_started)
+    if as_json:
+        print_result(json.dumps(report))

@@ -1,5 +1,6 @@
 """`hexctl estop`: stop a robot from anywhere, without a lease; or clear the stop."""
 
+import json
 from typing import Annotated
 
 import typer
@@ -17,14 +18,27 @@ def estop(
     link: LinkOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Stop a robot on the network at once, from anywhere, whoever commands it.
+    """Stop a robot on the network from anywhere, whichever client commands it.
 
-    It holds its pose until the stop is cleared and somebody commands it anew.
+    It holds its pose until the stop is cleared and a client commands it again.
     """
-    from hexctl.cli.asking import stop_or_clear
+    from hexctl.cli.console import print_note, print_result
+    from hexctl.serve.remote import remote_robots
+    from hexctl.wire.description import RobotIdentity
+    from hexctl.wire.links import Role
 
-    raise typer.Exit(
-        stop_or_clear(
-            clear=clear, endpoint=connect, credentials=keys, insecure=insecure, link=link, as_json=as_json
-        )
-    )
+    with remote_robots(
+        Role.CONTROLLER, connect=connect, credentials=keys, insecure=insecure, link=link
+    ) as robots:
+        answers = robots.clear() if clear else robots.stop()
+    stopped = next((str(answer["stopped"]) for answer in answers if answer["stopped"] is not None), None)
+    if as_json:
+        print_result(json.dumps({"stopped": stopped, "robots": answers}))
+    elif stopped is None:
+        print_result("cleared; the robot moves when a client commands it")
+    else:
+        print_result(f"stopped ({stopped}); hexctl estop --clear when it may move again")
+    for answer in answers:
+        print_note(f"hexctl: the robot is {RobotIdentity.of_answer(answer)}")
+    if clear and stopped is not None:
+        print_note(f"hexctl: the robot stopped again: {stopped}")

@@ -30,30 +30,56 @@ def new(
     days: DaysOption = 825,
 ) -> None:
     """Make an authority, and certificates for a robot, its controllers and its viewers."""
-    from hexctl.cli.keymaking import make
+    from hexctl.cli.console import print_result
+    from hexctl.wire.certificates import AUTHORITY_FOLDER, hosts_of_this_computer, make_certificates
+    from hexctl.wire.links import Endpoint, Role
 
-    make(folder, hosts=host or [], days=days)
+    hosts = hosts_of_this_computer(host or [])
+    make_certificates(folder, hosts=hosts, days=days)
+    reached = Endpoint("tls", hosts[0], 7447)
+    for part, use in (
+        (Role.ROBOT.value, "to the robot: hexctl serve --listen tls/0.0.0.0:7447 --keys"),
+        (Role.CONTROLLER.value, f"to clients that may command it: --connect {reached} --keys"),
+        (Role.VIEWER.value, "to clients that may only view it"),
+        (AUTHORITY_FOLDER, "stays here, out of reach: it can make more of them"),
+    ):
+        print_result(f"{folder / part}  {use}")
 
 
 @keys.command()
 def renew(folder: FolderArgument = Path("keys"), days: DaysOption = 825) -> None:
-    """Make the certificates of a folder valid anew, for the same hosts; needs the folder's authority."""
-    from hexctl.cli.keymaking import renew as make_valid
+    """Renew the certificates of a folder, for the same hosts; needs the folder's authority."""
+    from hexctl.cli.console import print_result
+    from hexctl.wire.certificates import renew_certificates
 
-    make_valid(folder, days=days)
+    renew_certificates(folder, days=days)
+    _show(folder)
+    print_result("give each end its folder again; until then the old ones are good for as long as they say")
 
 
 @keys.command()
 def mavlink(folder: FolderArgument = Path("keys")) -> None:
     """Make mavlink.key, the secret that lets a servo board and its controller sign their frames."""
-    from hexctl.cli.keymaking import make_signing_key
+    from hexctl.backends.mavlink.codec import write_signing_key
+    from hexctl.cli.console import print_result
 
-    make_signing_key(folder)
+    path = write_signing_key(folder)
+    print_result(f"{path}  to both ends: hexctl serve --device-keys {folder}, hexctl board --keys {folder}")
 
 
 @keys.command()
 def show(folder: FolderArgument = Path("keys")) -> None:
     """Show whose certificates a folder holds, for which hosts, and until when."""
-    from hexctl.cli.keymaking import show_all
+    _show(folder)
 
-    show_all(folder)
+
+def _show(folder: Path) -> None:
+    """Print one line for each certificate."""
+    from hexctl.cli.console import print_result
+    from hexctl.wire.certificates import list_certificates
+
+    for certificate in list_certificates(folder):
+        expired = ", EXPIRED: hexctl keys renew" if certificate.expired else ""
+        hosts = f", for {', '.join(certificate.hosts)}" if certificate.hosts else ""
+        until = f"until {certificate.valid_until:%Y-%m-%d}"
+        print_result(f"{certificate.folder}: {certificate.name}, {until}{expired}{hosts}")

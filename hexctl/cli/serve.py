@@ -1,7 +1,11 @@
 """`hexctl serve`: put a robot on the network."""
 
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -16,8 +20,13 @@ from hexctl.cli.options import (
     SimFailedLegOption,
     SimFailureOption,
     WorldOption,
+    failure_of,
     number,
 )
+
+if TYPE_CHECKING:
+    from hexctl.serve.service import ServiceStarted
+    from hexctl.wire.links import Link
 
 SIT_AFTER_S = Range(low=1, high=3600, unit="s")
 
@@ -76,20 +85,59 @@ def serve(
 
     It runs until Ctrl-C. hexctl run --backend zenoh walks it.
     """
-    from hexctl.cli.serving import Service, execute
-    from hexctl.cli.twin import Twin
+    from hexctl.cli.console import StopOnInterrupt, print_note
+    from hexctl.serve.service import RobotService, ServiceStarted, ServosSpec
+    from hexctl.wire.links import Role
 
-    service = Service(
-        twin=Twin(
-            backend=backend, robot=robot, world=world, failed_leg=failed_leg, failure=failure, seed=seed
+    service = RobotService(
+        servos=ServosSpec(
+            backend=backend, robot=robot, world=world, failure=failure_of(failed_leg, failure), seed=seed
         ),
         listen=listen,
         device=device,
         device_keys=signing,
         sit_after_s=sit_after,
-        view=view,
         credentials=keys,
         insecure=insecure,
         link=link,
     )
-    raise typer.Exit(execute(service))
+    settings = service.resolved_link()
+    if view and settings.credentials is not None:
+        from hexctl.wire.certificates import find_credentials
+
+        find_credentials(settings.credentials, Role.VIEWER)  # the robot's own do not admit a viewer
+    with StopOnInterrupt() as interrupt, ExitStack() as stack:
+
+        def on_started(started: ServiceStarted) -> None:
+            print_note(_greeting(started, settings))
+            if view:
+                stack.enter_context(_viewer(settings, link))
+
+        service.run(interrupt.requested, on_started=on_started, on_event=print_note)
+
+
+@contextmanager
+def _viewer(settings: "Link", link: str | None) -> Iterator[None]:
+    """Show the robot with a process that is a viewer like any other: it cannot delay the robot."""
+    here = settings.endpoint.replace("/0.0.0.0:", "/127.0.0.1:").replace("/[::]:", "/[::1]:")
+    command = [sys.executable, "-m", "hexctl", "view", "--connect", here]
+    command += ["--keys", str(settings.credentials)] if settings.credentials is not None else []
+    command += ["--link", link] if link is not None else []
+    command += ["--insecure"] if settings.insecure else []
+    viewer = subprocess.Popen(command, stdin=subprocess.DEVNULL, start_new_session=True)
+    try:
+        yield
+    finally:
+        viewer.terminate()
+        viewer.wait()
+
+
+def _greeting(started: "ServiceStarted", settings: "Link") -> str:
+    """Line that says that clients can connect."""
+    guarded = "certificates" if settings.credentials is not None else "no certificates"
+    if settings.insecure:
+        guarded = "INSECURE: no certificates beyond this computer"
+    timing = "" if started.realtime else ", no real-time priority (needs rtprio): a busy machine delays it"
+    return (
+        f"serving {started.robot} ({started.backend}) at {started.place}, {guarded}{timing}; Ctrl-C ends it"
+    )

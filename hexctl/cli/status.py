@@ -1,10 +1,39 @@
-"""`hexctl status`: what a robot on the network says of itself."""
+"""`hexctl status`: state of the robots on a link."""
 
-from typing import Annotated
+import json
+import time
+from collections.abc import Mapping
+from contextlib import ExitStack
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from hexctl.cli.options import InsecureOption, JsonOption, KeysOption, LinkOption, ZenohConnectOption
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from hexctl.serve.remote import RemoteRobots
+
+Status = Mapping[str, Any]
+
+#: What each stop asks for; every other one waits until an operator has looked at the robot.
+LIFTED_BY = {
+    "expired": "the next controller lifts it",
+    "fault": "see to it, then hexctl estop --clear",
+    "state": "see to it, then hexctl estop --clear",
+}
+CLEARED = "hexctl estop --clear lifts it"
+
+WATCH_PERIOD_S = 0.25
+
+POSTURES = {
+    "idle": "waiting for its first command",
+    "commanded": "commanded",
+    "holding": "holding its pose",
+    "sitting": "sitting down: no commands any more",
+    "limp": "sitting, joints limp",
+}
 
 
 def status(
@@ -16,10 +45,142 @@ def status(
     as_json: JsonOption = False,
 ) -> None:
     """Show who commands a robot on the network, why it is stopped, what was dropped."""
-    from hexctl.cli.asking import show_status
+    from rich.console import Console
 
-    raise typer.Exit(
-        show_status(
-            endpoint=connect, credentials=keys, insecure=insecure, link=link, watch=watch, as_json=as_json
-        )
-    )
+    from hexctl.cli.console import print_result
+    from hexctl.errors import InputError
+    from hexctl.serve.remote import remote_robots
+    from hexctl.wire.links import Role
+
+    if watch and as_json:
+        raise InputError("--watch: got --json too; allowed: one or the other")
+    with remote_robots(
+        Role.VIEWER, connect=connect, credentials=keys, insecure=insecure, link=link
+    ) as robots:
+        statuses = robots.await_statuses()
+        if watch:
+            _watch(robots)
+        elif as_json:
+            print_result(json.dumps(statuses[0]))
+        else:
+            Console().print(status_table(statuses))
+
+
+def _watch(robots: "RemoteRobots") -> None:
+    """Show the status until interrupted: in place on a terminal, one after the other elsewhere."""
+    from rich.console import Console
+    from rich.live import Live
+
+    from hexctl.cli.console import StopOnInterrupt
+
+    console = Console()
+    with StopOnInterrupt() as interrupt, ExitStack() as stack:
+        live = stack.enter_context(Live(console=console, auto_refresh=False)) if console.is_terminal else None
+        while not interrupt.requested():
+            statuses = robots.statuses()
+            shown = status_table(statuses) if statuses else "the robot is silent"
+            if live is not None:
+                live.update(shown, refresh=True)
+            else:
+                console.print(shown)
+            time.sleep(WATCH_PERIOD_S)
+
+
+def status_table(statuses: list[dict[str, Any]]) -> "Table":
+    """Statuses of robots as two columns, with an empty line between robots."""
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table(show_header=False, box=None, pad_edge=False)
+    table.add_column(no_wrap=True)
+    table.add_column()
+    for number, status in enumerate(statuses):
+        if number:
+            table.add_row("", "")
+        for name, text in status_rows(status):
+            table.add_row(name, Text(text))
+    return table
+
+
+def status_rows(status: Status) -> list[tuple[str, str]]:
+    """Lines about one robot, the most urgent first; what a robot does not say is left out."""
+    from hexctl.cli.render import link_in_words
+
+    rows = [
+        ("robot", _robot(status)),
+        ("served by", _served_by(status)),
+        ("stopped", _stopped(status.get("stopped"))),
+        ("posture", POSTURES.get(status.get("posture", ""), "")),
+        ("controller", _controller(status)),
+        ("fault", status.get("fault") or ""),
+        ("battery", _battery(status)),
+        ("joints", _joints(status)),
+        ("position", "known" if status.get("pose") else "not known, so no trial can be scored"),
+        ("commands", _commands(status.get("commands", {}))),
+        ("guard", f"{status.get('clipped', 0)} targets limited to what the joints can do"),
+        ("dropped", _dropped(status)),
+        ("servo link", link_in_words(status.get("servo_link"))),
+        ("loop", f"{status.get('ticks', 0)} ticks of 20 ms, {status.get('overruns', 0)} skipped"),
+        ("link", _link(status)),
+    ]
+    return [(name, text) for name, text in rows if text]
+
+
+def _robot(status: Status) -> str:
+    words = f"{status.get('robot', '?')} ({status.get('backend', '?')})"
+    simulated = status.get("simulated")
+    if not isinstance(simulated, Mapping):
+        return words
+    return f"{words}, world {simulated.get('world')}, failure {simulated.get('failure')}"
+
+
+def _served_by(status: Status) -> str:
+    from hexctl.wire.description import RobotIdentity
+
+    return RobotIdentity.of_answer(status).started_by
+
+
+def _stopped(reason: str | None) -> str:
+    if reason is None:
+        return "no"
+    kind, colon, detail = reason.partition(":")
+    return f"{kind.upper()}{colon}{detail}; {LIFTED_BY.get(kind, CLEARED)}"
+
+
+def _controller(status: Status) -> str:
+    owner, since_s = status.get("controller"), status.get("controller_since_s")
+    return "nobody" if owner is None else f"{owner}, for {since_s} s"
+
+
+def _battery(status: Status) -> str:
+    volts, share = status.get("battery_v"), status.get("battery_share")
+    words = [f"{volts:.1f} V" if volts is not None else "", f"{share:.0%}" if share is not None else ""]
+    return ", ".join(filter(None, words)) or "does not say"
+
+
+def _joints(status: Status) -> str:
+    kind, age_s = status.get("joints"), status.get("state_age_s")
+    if kind is None:
+        return "nothing heard of them yet"
+    meaning = "measured" if kind == "measured" else "echoed: what was sent comes back, nobody measures"
+    return meaning if age_s is None else f"{meaning}, {1e3 * age_s:.0f} ms old"
+
+
+def _commands(counts: Mapping[str, int]) -> str:
+    from hexctl.cli.render import in_words
+
+    dropped = in_words({name: n for name, n in counts.items() if name != "accepted"})
+    return f"{counts.get('accepted', 0)} obeyed; {dropped or 'none dropped'}"
+
+
+def _dropped(status: Status) -> str:
+    from hexctl.cli.render import in_words
+
+    return in_words({**status.get("malformed", {}), "leases_refused": status.get("leases_refused", 0)})
+
+
+def _link(status: Status) -> str:
+    guarded = "certificates" if status.get("secured") else "no certificates"
+    if status.get("insecure"):
+        guarded = "INSECURE: no certificates beyond that computer"
+    return f"{status.get('endpoint', '?')}, {guarded}"

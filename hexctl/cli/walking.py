@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from hexctl.backends.base import LegServos
+from hexctl.backends.base import LegServos, connection_notes
 from hexctl.backends.clock import request_realtime_priority
 from hexctl.backends.registry import BackendOptions, make_servos
 from hexctl.backends.sim.terrain import Floor, make_floor
@@ -18,7 +18,6 @@ from hexctl.backends.sim.world import World, load_world
 from hexctl.cli.console import INTERRUPTED, RUNS, StopOnInterrupt, code_of, print_note, print_result
 from hexctl.cli.progress import WalkProgress
 from hexctl.cli.render import report, summary
-from hexctl.cli.twin import note_of_twin
 from hexctl.control.guard import Guard
 from hexctl.control.log import BLOCK_TICKS, PACED_BLOCK_TICKS, Recorders, TickLog
 from hexctl.control.plan import TrialPlan
@@ -100,7 +99,7 @@ def execute(request: Request) -> int:
             if interrupt.requested():
                 return INTERRUPTED
             raise
-        if (note := note_of_twin(servos, request.plan.failure)) is not None:
+        for note in connection_notes(servos, request.plan.failure):
             print_note(f"hexctl: {note}")
         recording = _open_recording(request, world)
         if recording is not None:

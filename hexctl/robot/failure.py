@@ -55,6 +55,11 @@ class Failure:
         return self.kind + detail.get(self.kind, "")
 
 
+def failure_text(failure: Failure | None) -> str:
+    """Leg and failure as text, such as `leg 5 locked`; `none` where no leg failed."""
+    return "none" if failure is None else f"leg {failure.leg} {failure}"
+
+
 def parse_failure(leg: int, text: str) -> Failure:
     """Failure of a leg from its command-line text.
 

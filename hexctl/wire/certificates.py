@@ -4,6 +4,7 @@ import ipaddress
 import os
 import secrets
 import shutil
+import socket
 import stat
 import tempfile
 from dataclasses import dataclass
@@ -123,6 +124,8 @@ MIN_DAYS, MAX_DAYS = 1, 3650
 #: Valid from so long ago: a robot's computer without a battery for its clock wakes up in the past.
 HEAD_START = timedelta(days=1)
 
+LOOPBACK = ("localhost", "127.0.0.1", "::1")
+
 Key = ec.EllipticCurvePrivateKey
 
 
@@ -164,6 +167,55 @@ def make_certificates(folder: Path, *, hosts: list[str], days: int) -> None:
             raise
     except OSError as error:
         raise InputError(f"{folder}: cannot be made ({error.strerror}); allowed: a new folder") from error
+
+
+def hosts_of_this_computer(hosts: list[str]) -> list[str]:
+    """Hosts for a robot's certificate: those given, or this computer's name, and always loopback."""
+    wanted = hosts or [socket.gethostname()]
+    return [*wanted, *(host for host in LOOPBACK if host not in wanted)]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CertificateInfo:
+    """A certificate of a folder.
+
+    Attributes:
+        folder: where it is.
+        name: whom it is for: a role, or the authority.
+        hosts: names and addresses under which its owner may listen.
+        valid_until: end of its validity.
+    """
+
+    folder: Path
+    name: str
+    hosts: tuple[str, ...]
+    valid_until: datetime
+
+    @property
+    def expired(self) -> bool:
+        """Whether its validity has ended."""
+        return self.valid_until < datetime.now(UTC)
+
+
+def list_certificates(folder: Path) -> list[CertificateInfo]:
+    """All certificates of a folder and of the folders in it, sorted by place.
+
+    Raises InputError for a folder without any.
+    """
+    places = sorted([*folder.glob(CERTIFICATE_FILE), *folder.glob(f"*/{CERTIFICATE_FILE}")])
+    if not places:
+        raise InputError(f"{folder}: has no certificates; allowed: a folder that hexctl keys new made")
+    return [_info(place) for place in places]
+
+
+def _info(place: Path) -> CertificateInfo:
+    certificate = load_certificate(place)
+    return CertificateInfo(
+        folder=place.parent,
+        name=common_name(certificate),
+        hosts=tuple(str(host.value) for host in hosts_of(certificate)),
+        valid_until=certificate.not_valid_after_utc,
+    )
 
 
 def renew_certificates(folder: Path, *, days: int) -> None:

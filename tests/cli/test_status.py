@@ -6,8 +6,9 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from hexctl.cli.statustext import status_rows, status_table
-from hexctl.cli.twin import Twin
+from hexctl.cli.status import status_rows, status_table
+from hexctl.robot.failure import Failure
+from hexctl.serve.service import ServosSpec
 from tests.serve.processes import hexctl, served
 
 CALM: dict[str, Any] = {
@@ -60,6 +61,11 @@ def test_a_calm_robot() -> None:
             {"stopped": "fault: low battery 9.5 V"},
             "stopped",
             "FAULT: low battery 9.5 V; see to it, then hexctl estop --clear",
+        ),
+        (
+            {"host": "lab-pc", "user": "alice", "pid": 4711},
+            "served by",
+            "alice on lab-pc, process 4711",
         ),
         ({"stopped": "expired"}, "stopped", "EXPIRED; the next controller lifts it"),
         ({"controller": "lab", "controller_since_s": 3.5}, "controller", "lab, for 3.5 s"),
@@ -119,12 +125,12 @@ def test_what_robots_and_controllers_call_themselves_is_shown_as_it_is() -> None
 
 
 def test_only_a_simulation_tells_of_its_world() -> None:
-    def words(backend: str, leg: int | None = None) -> dict[str, str] | None:
-        return Twin(backend=backend, robot="ant", world=None, failed_leg=leg, failure=None, seed=0).words()
-
-    assert words("mock") is None
-    assert words("sim") == {"world": "flat", "failure": "none"}
-    assert words("sim", 2) == {"world": "flat", "failure": "leg 2 locked"}
+    assert ServosSpec(backend="mock").simulated is None
+    assert ServosSpec(backend="sim").simulated == {"world": "flat", "failure": "none"}
+    assert ServosSpec(backend="sim", failure=Failure(leg=2)).simulated == {
+        "world": "flat",
+        "failure": "leg 2 locked",
+    }
 
 
 def test_a_served_simulation_says_what_it_is(tmp_path: Path) -> None:

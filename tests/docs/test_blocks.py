@@ -14,6 +14,7 @@ from hexctl.backends.sim.world import World
 from hexctl.cli.main import exit_code
 from hexctl.robot.loader import load_meshes
 from hexctl.robot.schema import MountSection, RobotSchema
+from hexctl.wire.certificates import make_certificates
 from hexctl.wire.links import load_link
 from tests.docs.pages import PAGES, ROOT, blocks, save_programs
 from tests.robot.meshmaking import MAKERS
@@ -21,9 +22,7 @@ from tests.robots import edited_file, put
 
 
 def a_link(values: dict[str, Any], folder: Path) -> None:
-    from hexctl.cli.keymaking import make
-
-    make(folder / "keys", hosts=["robot.local"], days=2)
+    make_certificates(folder / "keys", hosts=["robot.local"], days=2)
     (folder / "link.yaml").write_text(yaml.safe_dump({**values, "plain": False}))
     load_link(str(folder / "link.yaml"))
 

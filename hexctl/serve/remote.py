@@ -1,0 +1,105 @@
+"""Robots on a link, seen from outside: their status, and a stop for all of them."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import zenoh
+
+from hexctl.backends.zenoh.client import ask, ask_until
+from hexctl.errors import RobotFaultError
+from hexctl.wire.description import RobotIdentity, check_may_command
+from hexctl.wire.links import KeyMap, Link, Role, load_link
+from hexctl.wire.session import open_session
+
+#: Instead of a robot's name: every robot on the link.
+ANY_ROBOT = "*"
+
+#: How long a robot may take to answer.
+ANSWER_TIMEOUT_S = 2.0
+
+
+class RemoteRobots:
+    """All robots on a link: usually one, whatever its name."""
+
+    def __init__(self, session: zenoh.Session, link: Link) -> None:
+        self._session, self._link = session, link
+        self._keys = KeyMap.of(ANY_ROBOT).renamed(dict(link.names))
+
+    def statuses(self) -> list[dict[str, Any]]:
+        """Status of each robot that answers (docs/protocol.md); empty where none does."""
+        answers = ask(self._session, self._keys.describe, timeout_s=ANSWER_TIMEOUT_S)
+        return [answer.get("status", {}) for answer in answers]
+
+    def await_statuses(self) -> list[dict[str, Any]]:
+        """Status of each robot, waiting for one that is just coming up.
+
+        Raises RobotFaultError when no robot answers.
+        """
+        answers = ask_until(self._session, self._keys.describe, timeout_s=ANSWER_TIMEOUT_S)
+        if not answers:
+            raise self._silence()
+        return [answer.get("status", {}) for answer in answers]
+
+    def stop(self) -> list[dict[str, Any]]:
+        """Stop every robot, whoever started it; `stopped` of each answer is its reason.
+
+        Raises RobotFaultError unless each robot that answers has stopped, and one has answered.
+        """
+        answers = self._ask_estop("stop")
+        for answer in answers:
+            if answer.get("stopped") is None:
+                raise RobotFaultError(f"a robot did not stop: {answer.get('error', answer)}")
+        return answers
+
+    def clear(self) -> list[dict[str, Any]]:
+        """Clear the stop of every robot; `stopped` of each answer is None, or why it stopped again.
+
+        Raises InputError for a robot of another user on a link that was not named, and RobotFaultError unless
+        each robot that answers has done it, and one has answered.
+        """
+        for status in self.await_statuses():
+            check_may_command(RobotIdentity.of_answer(status), self._link)
+        answers = self._ask_estop("clear")
+        for answer in answers:
+            if "stopped" not in answer:
+                raise RobotFaultError(f"a robot did not clear its stop: {answer.get('error', answer)}")
+        return answers
+
+    def _ask_estop(self, op: str) -> list[dict[str, Any]]:
+        answers = ask_until(self._session, self._keys.estop, {"op": op}, timeout_s=ANSWER_TIMEOUT_S)
+        if not answers:
+            raise self._silence()
+        return answers
+
+    def _silence(self) -> RobotFaultError:
+        return RobotFaultError(
+            f"no robot answers at {self._link.endpoint}; is hexctl serve running there, and may this end ask?"
+        )
+
+
+@contextmanager
+def remote_robots(
+    role: Role,
+    *,
+    connect: str | None = None,
+    credentials: Path | None = None,
+    insecure: bool = False,
+    link: str | None = None,
+) -> Iterator[RemoteRobots]:
+    """Robots on a link while the block runs.
+
+    Args:
+        role: a viewer asks for the status, a controller may stop too.
+        connect: Zenoh endpoint; None is that of the link, or the default.
+        credentials: folder of certificates, or None.
+        insecure: whether a link beyond this computer may do without certificates.
+        link: name or path of a link file, or None.
+
+    Raises InputError for a link that is not allowed, RobotFaultError when nothing listens there.
+    """
+    settings = load_link(link, endpoint=connect, credentials=credentials, insecure=insecure)
+    keys = KeyMap.of(ANY_ROBOT).renamed(dict(settings.names))
+    with open_session(settings, role, keys) as session:
+        yield RemoteRobots(session, settings)

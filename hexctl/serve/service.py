@@ -1,0 +1,297 @@
+"""Services that run until they are told to stop: a robot on the network, and a servo board.
+
+Nothing here prints or handles signals: callers pass callbacks.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from hexctl.backends.clock import request_realtime_priority
+from hexctl.backends.registry import BackendOptions, make_servos
+from hexctl.errors import InputError
+from hexctl.robot.failure import Failure, failure_text
+from hexctl.robot.loader import load_robot_file
+from hexctl.serve.server import RobotServer
+from hexctl.wire.links import Link, load_link
+
+if TYPE_CHECKING:
+    from hexctl.backends.mavlink.transport import Port, PortAddress
+    from hexctl.backends.sim.world import World
+
+DEFAULT_WORLD = "flat"
+MIN_SIT_AFTER_S, MAX_SIT_AFTER_S = 1.0, 3600.0
+MIN_EXPIRY_S, MAX_EXPIRY_S = 0.05, 1.0
+MIN_RELEASE_S, MAX_RELEASE_S = 1.0, 3600.0
+BOARD_BACKENDS = ("sim", "mock")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ServosSpec:
+    """Servos to serve, before they are made.
+
+    Attributes:
+        backend: name of a backend, or `package.module:Class`.
+        robot: name or path of the robot file.
+        world: name or path of the simulated world; None is `flat`. Only with `sim`.
+        failure: failed leg of the simulation, or None. Only with `sim`.
+        seed: of everything random in a simulation.
+    """
+
+    backend: str = "sim"
+    robot: str = "ant"
+    world: str | None = None
+    failure: Failure | None = None
+    seed: int = 0
+
+    def check(self) -> None:
+        """Raise InputError for values that only a simulation can use."""
+        if self.backend != "sim":
+            only_sim = {
+                "--world": self.world,
+                "--failed-leg": None if self.failure is None else self.failure.leg,
+            }
+            for option, value in only_sim.items():
+                if value is not None:
+                    raise InputError(
+                        f"{option}: got {value} with --backend {self.backend}; allowed: with sim"
+                    )
+        if self.seed < 0:
+            raise InputError(f"--seed: got {self.seed}; allowed: 0 or more")
+        if self.seed and self.backend == "mavlink":
+            raise InputError(f"--seed: got {self.seed} with --backend mavlink; allowed: with sim")
+
+    def options(
+        self, *, connect: str | None = None, credentials: Path | None = None, insecure: bool = False
+    ) -> BackendOptions:
+        """Options of the backend, in real time.
+
+        Args:
+            connect: port of a servo board, or None for the default.
+            credentials: folder with the key of a servo board, or None.
+            insecure: whether a board beyond this computer may do without that key.
+        """
+        file = load_robot_file(self.robot)
+        return BackendOptions(
+            robot=file.robot,
+            world=self._world(),
+            failure=self.failure,
+            seed=self.seed,
+            realtime=True,
+            robot_file=file,
+            connect=connect,
+            credentials=credentials,
+            insecure=insecure,
+        )
+
+    @property
+    def simulated(self) -> dict[str, str] | None:
+        """World and failure of a simulation as text, for the status; None for other servos."""
+        if self.backend != "sim":
+            return None
+        return {"world": self.world or DEFAULT_WORLD, "failure": failure_text(self.failure)}
+
+    def _world(self) -> "World | None":
+        if self.backend != "sim":
+            return None
+        from hexctl.backends.sim.world import load_world
+
+        return load_world(self.world or DEFAULT_WORLD)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ServiceStarted:
+    """What a service reports once clients can connect.
+
+    Attributes:
+        robot: name of the robot.
+        backend: name of its backend.
+        place: where clients reach it: a Zenoh endpoint or a MAVLink port.
+        realtime: whether its process has real-time priority.
+    """
+
+    robot: str
+    backend: str
+    place: str
+    realtime: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RobotService:
+    """A robot on the network: options of a `RobotServer`, checked when they are given.
+
+        service = RobotService(servos=ServosSpec(backend="sim", robot="ant"))
+        service.run(stop_requested)
+
+    Attributes:
+        servos: what is served.
+        listen: Zenoh endpoint to listen at; None is that of the link, or the default.
+        device: port of the servo board, for `mavlink` only.
+        device_keys: folder with the key of the servo board, for `mavlink` only.
+        sit_after_s: seconds without a command until the robot sits down and its torque is switched off.
+        credentials: folder of certificates, or None.
+        insecure: whether a link beyond this computer may do without certificates.
+        link: name or path of a link file, or None.
+    """
+
+    servos: ServosSpec = field(default_factory=ServosSpec)
+    listen: str | None = None
+    device: str | None = None
+    device_keys: Path | None = None
+    sit_after_s: float = 10.0
+    credentials: Path | None = None
+    insecure: bool = False
+    link: str | None = None
+
+    def __post_init__(self) -> None:
+        backend = self.servos.backend
+        if backend == "zenoh":
+            raise InputError(
+                "--backend: got zenoh, which is a robot that is served already; allowed: sim, mavlink, mock"
+            )
+        self.servos.check()
+        for option, value in (("--device", self.device), ("--device-keys", self.device_keys)):
+            if value is not None and backend != "mavlink":
+                raise InputError(f"{option}: got {value} with --backend {backend}; allowed: with mavlink")
+        _check_between("--sit-after", self.sit_after_s, MIN_SIT_AFTER_S, MAX_SIT_AFTER_S)
+
+    def resolved_link(self) -> Link:
+        """Link that the options describe; raises InputError for a bad link file."""
+        return load_link(
+            self.link, endpoint=self.listen, credentials=self.credentials, insecure=self.insecure
+        )
+
+    def run(
+        self,
+        stop_requested: Callable[[], bool],
+        *,
+        on_started: Callable[[ServiceStarted], None] = lambda _: None,
+        on_event: Callable[[str], None] = lambda _: None,
+    ) -> None:
+        """Serve until `stop_requested` returns True.
+
+        Args:
+            stop_requested: asked at every tick.
+            on_started: called once, when clients can connect.
+            on_event: called with a line for each change of controller, stop and posture.
+
+        Raises InputError for a robot, world or link that is not allowed, RobotFaultError when the servos
+        cannot be reached or fail, or the endpoint cannot be listened at.
+        """
+        link = self.resolved_link()
+        options = self.servos.options(
+            connect=self.device, credentials=self.device_keys, insecure=self.insecure
+        )
+        servos = make_servos(self.servos.backend, options)
+        server = RobotServer(
+            servos,
+            link,
+            backend=self.servos.backend,
+            simulated=self.servos.simulated,
+            sit_after_s=self.sit_after_s,
+            on_event=on_event,
+        )
+        realtime = request_realtime_priority()
+        started = ServiceStarted(
+            robot=servos.robot.name, backend=self.servos.backend, place=link.endpoint, realtime=realtime
+        )
+        server.run(stop_requested, ready=lambda: on_started(started))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BoardService:
+    """A MAVLink servo board with a simulated robot: options of a `ServoBoard`, checked when they are given.
+
+    Attributes:
+        servos: what the board moves, `sim` or `mock`.
+        port: MAVLink port; None is the default one.
+        pty: make a pseudo-terminal instead of opening a port.
+        expiry_s: seconds without a command until the pose is held.
+        release_after_s: seconds without the controller until the torque is switched off.
+        keys: folder with `mavlink.key`, or None: frames need not be signed.
+        insecure: whether unsigned frames from beyond this computer are obeyed.
+    """
+
+    servos: ServosSpec = field(default_factory=ServosSpec)
+    port: str | None = None
+    pty: bool = False
+    expiry_s: float = 0.2
+    release_after_s: float = 10.0
+    keys: Path | None = None
+    insecure: bool = False
+
+    def __post_init__(self) -> None:
+        if self.servos.backend not in BOARD_BACKENDS:
+            raise InputError(f"--backend: got {self.servos.backend}; allowed: {', '.join(BOARD_BACKENDS)}")
+        self.servos.check()
+        if self.pty and self.port is not None:
+            raise InputError(f"--pty: got --port {self.port} too; allowed: one or the other")
+        _check_between("--expiry", self.expiry_s, MIN_EXPIRY_S, MAX_EXPIRY_S)
+        _check_between("--release-after", self.release_after_s, MIN_RELEASE_S, MAX_RELEASE_S)
+
+    @property
+    def signed(self) -> bool:
+        """Whether only signed frames are obeyed."""
+        return self.keys is not None
+
+    def run(
+        self,
+        stop_requested: Callable[[], bool],
+        *,
+        on_started: Callable[[ServiceStarted], None] = lambda _: None,
+    ) -> dict[str, Any]:
+        """Be a board until `stop_requested` returns True; the counts of its work, as JSON values.
+
+        Raises InputError for a port, robot or world that is not allowed, RobotFaultError when the port cannot
+        be opened or fails.
+        """
+        from hexctl.backends.mavlink.codec import read_signing_key
+        from hexctl.serve.servo_board import ServoBoard
+
+        address = self._check_port()
+        signing_key = read_signing_key(self.keys)
+        options = self.servos.options()
+        servo_map = options.servo_map
+        servos = make_servos(self.servos.backend, options)
+        port, place = self._open_port(address)
+        board = ServoBoard(
+            servos,
+            servo_map,
+            port,
+            signing_key=signing_key,
+            expiry_s=self.expiry_s,
+            release_after_s=self.release_after_s,
+        )
+        realtime = request_realtime_priority()
+        started = ServiceStarted(
+            robot=servos.robot.name, backend=self.servos.backend, place=place, realtime=realtime
+        )
+        board.run(stop_requested, ready=lambda: on_started(started))
+        return board.report()
+
+    def _check_port(self) -> "PortAddress | None":
+        """Address of the port, None for a pseudo-terminal."""
+        from hexctl.backends.mavlink.transport import DEFAULT_BOARD_PORT, check_guarded, parse_port
+
+        if self.pty:
+            return None
+        text = self.port or DEFAULT_BOARD_PORT
+        address = parse_port(text)
+        check_guarded(address, option="--port", text=text, signed=self.signed, insecure=self.insecure)
+        return address
+
+    def _open_port(self, address: "PortAddress | None") -> "tuple[Port, str]":
+        """Opened port, and where controllers reach it."""
+        from hexctl.backends.mavlink.transport import DEFAULT_BOARD_PORT, PtyPort, open_port
+
+        if address is None:
+            terminal = PtyPort()
+            return terminal, terminal.path
+        text = self.port or DEFAULT_BOARD_PORT
+        return open_port(address, text=text), text
+
+
+def _check_between(option: str, value: float, lowest: float, highest: float) -> None:
+    if not lowest <= value <= highest:  # false for nan too
+        raise InputError(f"{option}: got {value:g}; allowed: {lowest:g} to {highest:g} s")

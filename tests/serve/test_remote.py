@@ -1,0 +1,50 @@
+"""Robots on a link seen from outside: a stop is never refused, clearing a neighbour's is."""
+
+from pathlib import Path
+
+import pytest
+
+from hexctl.errors import InputError, RobotFaultError
+from hexctl.serve.remote import RemoteRobots, remote_robots
+from hexctl.wire.links import KeyMap, Link, Role
+from hexctl.wire.session import open_session
+from tests.serve.processes import hexctl, served
+
+
+def test_a_neighbours_robot_may_be_stopped_by_default_and_cleared_only_by_its_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("hexctl.wire.description.user_name", lambda: "neighbour")
+    with served(tmp_path, backend="mock") as robot:
+        by_default = Link(endpoint=robot.endpoint, named=False)
+        with open_session(by_default, Role.CONTROLLER, KeyMap.of("*")) as session:
+            robots = RemoteRobots(session, by_default)
+            assert [answer["stopped"] for answer in robots.stop()] == ["estop"]
+            with pytest.raises(InputError, match=r"neighbour on .*; if it is the one you mean, name it"):
+                robots.clear()
+            assert robots.await_statuses()[0]["stopped"] == "estop"
+        with remote_robots(Role.CONTROLLER, connect=robot.endpoint) as named:
+            assert [answer["stopped"] for answer in named.clear()] == [None]
+
+
+def test_commands_say_which_robot_answered(tmp_path: Path) -> None:
+    with served(tmp_path, backend="mock") as robot:
+        here = ("--connect", robot.endpoint)
+        stop = hexctl("estop", *here)
+        clear = hexctl("estop", "--clear", *here)
+        walk = hexctl("run", "--backend", "zenoh", "--no-record", "--duration", "0.1", *here)
+        shown = hexctl("status", *here)
+        process = f"process {robot.process.pid}"
+    for done in (stop, clear, walk):
+        assert done.returncode == 0, done.stderr
+        assert "the robot is ant (mock), started by" in done.stderr
+        assert process in done.stderr
+    assert process in shown.stdout
+
+
+def test_silence_is_an_error_with_the_endpoint(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("hexctl.serve.remote.ask_until", lambda *_args, **_more: [])
+    robots = RemoteRobots(None, Link(endpoint="tcp/127.0.0.1:9"))  # type: ignore[arg-type]
+    for ask in (robots.await_statuses, robots.stop, robots.clear):
+        with pytest.raises(RobotFaultError, match=r"no robot answers at tcp/127\.0\.0\.1:9"):
+            ask()

@@ -1,0 +1,46 @@
+"""Services as library calls: checked when they are made, no output, callbacks instead."""
+
+import pytest
+
+from hexctl.errors import InputError
+from hexctl.robot.failure import Failure
+from hexctl.serve.service import BoardService, RobotService, ServiceStarted, ServosSpec
+from tests.serve.processes import free_port
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: RobotService(servos=ServosSpec(backend="zenoh")), "served already; allowed: sim"),
+        (lambda: RobotService(device="/dev/ttyACM0"), "--device: got /dev/ttyACM0 with --backend sim"),
+        (lambda: RobotService(sit_after_s=float("nan")), "got nan; allowed: 1 to 3600 s"),
+        (lambda: RobotService(servos=ServosSpec(seed=-1)), "--seed: got -1"),
+        (
+            lambda: RobotService(servos=ServosSpec(backend="mock", failure=Failure(leg=5))),
+            "--failed-leg: got 5 with --backend mock",
+        ),
+        (lambda: BoardService(servos=ServosSpec(backend="mavlink")), "allowed: sim, mock"),
+        (lambda: BoardService(expiry_s=2.0), "got 2; allowed: 0.05 to 1 s"),
+        (lambda: BoardService(port="udpin:127.0.0.1:1", pty=True), "one or the other"),
+    ],
+)
+def test_what_cannot_be_served_is_refused_when_it_is_described(make: object, message: str) -> None:
+    with pytest.raises(InputError, match=message.replace("(", r"\(")):
+        make()  # type: ignore[operator]
+
+
+def test_a_robot_is_served_by_a_library_call(capsys: pytest.CaptureFixture[str]) -> None:
+    started: list[ServiceStarted] = []
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    service = RobotService(servos=ServosSpec(backend="mock"), listen=endpoint)
+    service.run(lambda: bool(started), on_started=started.append)
+    assert [(each.robot, each.backend, each.place) for each in started] == [("ant", "mock", endpoint)]
+    assert capsys.readouterr() == ("", "")
+
+
+def test_a_board_reports_its_counts() -> None:
+    started: list[ServiceStarted] = []
+    service = BoardService(servos=ServosSpec(backend="mock"), pty=True)
+    report = service.run(lambda: bool(started), on_started=started.append)
+    assert started[0].place.startswith("/dev/")
+    assert report["overrides"] == 0
