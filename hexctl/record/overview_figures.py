@@ -138,7 +138,7 @@ def _send_course(stream: Any, overview: Overview) -> None:
 def _send_legend(stream: Any, overview: Overview) -> None:
     """Send the colours of the deviations, at the top of the picture."""
     (x_low, _), (x_high, y_high) = visible_m(overview)
-    xs = x_low + (x_high - x_low) * np.linspace(0.1, 0.75, len(LEGEND_M))
+    xs = x_low + (x_high - x_low) * np.linspace(0.1, 0.9, len(LEGEND_M))
     places = np.column_stack([xs, np.full(len(xs), y_high - MARGIN * overview.course_m / 4)])
     colors = [deviation_color(mark, valid=True) for mark in LEGEND_M]
     dots = load_rerun().Points2D(picture(places), radii=[MARK], colors=colors, draw_order=MARK_ORDER)
