@@ -1,16 +1,28 @@
-"""The overview of a session: what `hexctl.record.overview` draws, from what the store keeps."""
+"""The overview of a session, made from what the store keeps, and the viewer on sessions and recordings."""
 
-from collections.abc import Mapping
+import time
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from types import MappingProxyType
 from urllib.parse import quote
 
 import numpy as np
 
 from hexctl.adapt.session import MILESTONES_M, Session, TrialRecord
+from hexctl.adapt.store import SessionStore, stored_names
+from hexctl.errors import HexctlError, InputError
 from hexctl.record.overview import Overview, OverviewTrial, drawable
 from hexctl.record.overview_figures import write_overview_file
-from hexctl.record.viewer import is_recording
+from hexctl.record.viewer import (
+    FileServer,
+    free_port,
+    is_recording,
+    newest_recording,
+    open_viewer,
+    serve_web,
+    web_origin,
+)
 from hexctl.types import FloatArray
 
 FILE_NAME = "overview.rrd"
@@ -96,3 +108,105 @@ def _path(trial: TrialRecord) -> FloatArray:
     end = trial.outcome["distance_m"], trial.outcome["deviation_m"]["signed"]
     points = [*trial.path_m, *([end] if None not in end else [])]
     return drawable(np.array(points, dtype=float).reshape(-1, 2))
+
+
+#: A session, and the folder of its trials' recordings.
+StoredSession = tuple[Session, Path]
+
+
+def view_runs(names: Sequence[str], runs: Path) -> int:
+    """Open recordings and sessions in one viewer, wait until it is closed, and return its exit code.
+
+    A session opens as its overview, from which its trials are opened.
+
+    Args:
+        names: paths of recordings, and names or folders of sessions; empty is the newest of either.
+        runs: the folder of recordings and of the session store.
+
+    Raises InputError for a name that is neither, RecordingError for a viewer that cannot start, and
+    MissingExtraError without Rerun.
+    """
+    chosen = _find_runs(names, runs)
+    return open_viewer([one if isinstance(one, Path) else _current_overview(*one) for one in chosen])
+
+
+def serve_runs(
+    names: Sequence[str],
+    runs: Path,
+    *,
+    on_url: Callable[[str], object],
+    stop_requested: Callable[[], bool],
+) -> None:
+    """Serve recordings and sessions to browsers on this computer, until a stop is requested.
+
+    Args:
+        names: as for `view_runs`.
+        runs: the folder of recordings and of the session store.
+        on_url: called once, with the address that a browser opens.
+        stop_requested: asked ten times a second.
+
+    Raises what `view_runs` raises.
+    """
+    chosen = _find_runs(names, runs)
+    port = free_port()
+    with FileServer(web_origin(port)) as files, TemporaryDirectory() as folder:
+        urls = [_serve(one, files, Path(folder, str(number))) for number, one in enumerate(chosen)]
+        with serve_web(port, urls) as served:
+            on_url(served.url)
+            while not stop_requested():
+                served.check()
+                time.sleep(0.1)
+
+
+def _serve(chosen: Path | StoredSession, files: FileServer, into: Path) -> str:
+    """URL of a recording, or of a session's overview, whose links lead to recordings on the same server."""
+    if isinstance(chosen, Path):
+        return files.add(into.name, chosen)
+    session, folder = chosen
+    for recording in recordings_of(session, folder).values():
+        files.add(session.name, recording)
+    overview = write_overview(session, folder, into=into, base=files.base(session.name))
+    return files.add(session.name, overview)
+
+
+def _find_runs(names: Sequence[str], runs: Path) -> list[Path | StoredSession]:
+    return [_find_run(name, runs) for name in names or [_newest_run(runs)]]
+
+
+def _newest_run(runs: Path) -> str:
+    """The recording that was written last, or the session that it belongs to."""
+    # An overview is written whenever its session is viewed: its time says nothing.
+    path = newest_recording(runs, leave_out=FILE_NAME)
+    session = path.parent.name
+    if session not in stored_names(runs):
+        return str(path)
+    with SessionStore(runs) as store:
+        return session if store.load(session).trials else str(path)
+
+
+def _find_run(name: str, runs: Path) -> Path | StoredSession:
+    path = Path(name)
+    if path.suffix == ".rrd" or path.is_file():
+        return path
+    # A folder as the shell completes it: runs/SESSION/
+    session = path.name if path.parent == runs else name
+    if session not in stored_names(runs):
+        known = ", ".join(stored_names(runs)[-5:]) or "none yet, hexctl adapt makes one"
+        raise InputError(f"view: got {name!r}; allowed: an .rrd file or a session (newest last): {known}")
+    with SessionStore(runs) as store:
+        loaded, folder = store.load(session), store.folder_of(session)
+    if not loaded.trials:
+        raise InputError(
+            f"session {session}: has no trial yet; hexctl adapt --resume {session} goes on with it"
+        )
+    return loaded, folder
+
+
+def _current_overview(session: Session, folder: Path) -> Path:
+    """Write the overview again: a session that was cut off, or still runs, left an old one or none."""
+    try:
+        return write_overview(session, folder)
+    except (HexctlError, OSError):
+        if (folder / FILE_NAME).is_file():
+            return folder / FILE_NAME
+        raise

@@ -12,6 +12,7 @@ import typer
 
 from hexctl.adapt.loop import AdaptLoop
 from hexctl.adapt.objectives import OBJECTIVES, make_objective
+from hexctl.adapt.overview import view_runs
 from hexctl.adapt.prior.prior import PriorKey
 from hexctl.adapt.registry import BAYES, make_optimizer
 from hexctl.adapt.runner import ResetFreeRunner, RobotStoppedError, TrialRunner
@@ -30,19 +31,26 @@ from hexctl.cli.adaptrobot import (
     how_to_go_on,
     note_of,
 )
-from hexctl.cli.console import ABORTED, DONE, INTERRUPTED, RUNS, StopOnInterrupt, print_note, print_result
-from hexctl.cli.livewindow import open_window
+from hexctl.cli.console import (
+    ABORTED,
+    DONE,
+    INTERRUPTED,
+    RUNS,
+    StopOnInterrupt,
+    note_no_window,
+    print_note,
+    print_result,
+)
 from hexctl.cli.operator import Prompt
 from hexctl.cli.prioring import with_prior
 from hexctl.cli.table import ENDS, SessionTable, closing_lines
-from hexctl.cli.viewing import open_all
 from hexctl.control.guard import Guard
 from hexctl.control.plan import TrialPlan
 from hexctl.control.turning import check_plan
 from hexctl.errors import HexctlError, InputError, RecordingError, RobotFaultError
 from hexctl.gait.encoding import Slots
 from hexctl.gait.gait import make_gait
-from hexctl.record.live import LiveView
+from hexctl.record.live import LiveView, open_window
 from hexctl.robot.failure import parse_failure
 from hexctl.robot.loader import load_meshes, load_robot
 from hexctl.robot.model import Robot
@@ -145,7 +153,7 @@ def execute(
             return INTERRUPTED
         walked_before = len(session.trials)
         table = stack.enter_context(SessionTable(session, quiet=as_json))
-        live = open_window() if view and servos is not None else None
+        live = open_window(note_no_window) if view and servos is not None else None
         if live is not None:
             stack.enter_context(live)
         ended, trouble = _adapt(session, store, table, interrupt, servos, live, record=record)
@@ -168,7 +176,7 @@ def execute(
 def _show(name: str) -> None:
     """Open a session; where there is no screen, that is no reason for the search to have failed."""
     try:
-        open_all([name])
+        view_runs([name], RUNS)
     except RecordingError as error:
         print_note(f"hexctl: {error}")
 

@@ -82,6 +82,11 @@ def print_note(text: str) -> None:
     typer.echo(text, err=True)
 
 
+def note_no_window(error: Exception) -> None:
+    """Say why a walk is not shown."""
+    print_note(f"hexctl: {error}; going on without")
+
+
 def make_bar(counter: str | None = None) -> "Progress":
     """Progress bar on stderr with the time left, not yet started; it disappears when it stops.
 

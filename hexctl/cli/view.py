@@ -1,11 +1,13 @@
 """`hexctl view`: open recordings and sessions in Rerun."""
 
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from hexctl.cli import completion
+from hexctl.cli.console import DONE, RUNS, StopOnInterrupt, print_note
 from hexctl.cli.options import InsecureOption, KeysOption, LinkOption
+from hexctl.errors import InputError, RobotFaultError
 
 
 def view(
@@ -33,16 +35,51 @@ def view(
     link: LinkOption = None,
 ) -> None:
     """Open recordings or whole sessions in the Rerun viewer and wait until it is closed; or watch a robot."""
-    from hexctl.errors import InputError
-
     if connect is None and link is None:
         if keys is not None or insecure:
             raise InputError("--keys, --insecure: got one without --connect or --link; allowed: with a robot")
-        from hexctl.cli.viewing import open_all
-
-        raise typer.Exit(open_all(names or [], web=web))
+        raise typer.Exit(_view_runs(names or [], web=web))
     if names:
         raise InputError(f"view: got {names[0]!r} with a robot; allowed: recordings, or --connect, not both")
-    from hexctl.cli.watching import watch
+    raise typer.Exit(_watch(web=web, endpoint=connect, credentials=keys, insecure=insecure, link=link))
 
-    raise typer.Exit(watch(web=web, endpoint=connect, credentials=keys, insecure=insecure, link=link))
+
+def _view_runs(names: list[str], *, web: bool) -> int:
+    """Open recordings and sessions; return the exit code."""
+    from hexctl.adapt.overview import serve_runs, view_runs
+
+    if not web:
+        return view_runs(names, RUNS)
+    with StopOnInterrupt() as interrupt:
+        serve_runs(names, RUNS, on_url=_print_address, stop_requested=interrupt.requested)
+    return DONE
+
+
+def _watch(*, web: bool, link: str | None, **options: Any) -> int:
+    """Show the robot of a link until the viewer is closed or Ctrl-C; return the exit code."""
+    from hexctl.backends.zenoh.client import subscribe_states
+    from hexctl.record.live import LiveView, watch_states
+    from hexctl.record.viewer import check_display
+    from hexctl.wire.links import load_link
+
+    loaded = load_link(link, **options)
+    with subscribe_states(loaded) as (robot, states), StopOnInterrupt() as interrupt:
+        if not web:
+            check_display()
+        with LiveView(web=web) as live:
+            if live.url is not None:
+                _print_address(live.url)
+            try:
+                watch_states(
+                    live, robot, states.newest, place=loaded.endpoint, stop_requested=interrupt.requested
+                )
+            except RobotFaultError:
+                # A window keeps showing the last that came; a browser cannot ask for more.
+                live.close(leave_viewer=not web)
+                raise
+            live.close(leave_viewer=False)
+    return DONE
+
+
+def _print_address(url: str) -> None:
+    print_note(f"open {url} in a browser; Ctrl-C ends it")

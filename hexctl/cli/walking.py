@@ -15,7 +15,15 @@ from hexctl.backends.clock import request_realtime_priority
 from hexctl.backends.registry import BackendOptions, make_servos
 from hexctl.backends.sim.terrain import Floor, make_floor
 from hexctl.backends.sim.world import World, load_world
-from hexctl.cli.console import INTERRUPTED, RUNS, StopOnInterrupt, code_of, print_note, print_result
+from hexctl.cli.console import (
+    INTERRUPTED,
+    RUNS,
+    StopOnInterrupt,
+    code_of,
+    note_no_window,
+    print_note,
+    print_result,
+)
 from hexctl.cli.progress import WalkProgress
 from hexctl.cli.render import report, summary
 from hexctl.control.guard import Guard
@@ -251,9 +259,9 @@ def _recording_at(path: Path, request: Request, world: World) -> "Recording":
 
 def _open_live(request: Request, world: World) -> "LiveView | None":
     """Return a viewer that shows the walk of a request; None where there is no screen."""
-    from hexctl.cli.livewindow import open_window
+    from hexctl.record.live import open_window
 
-    live = open_window()
+    live = open_window(note_no_window)
     if live is None:
         return None
     title = f"{request.robot.name} {request.gait_text}"

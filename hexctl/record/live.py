@@ -5,16 +5,21 @@ import pickle
 import subprocess
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from types import TracebackType
 from typing import Any, Self
 
+from hexctl.backends.clock import PERIOD_S, WallClock
 from hexctl.backends.sim.terrain import Floor
 from hexctl.control.log import COLUMNS, TickLog
 from hexctl.control.plan import TrialPlan
-from hexctl.errors import RecordingError
-from hexctl.record.viewer import LOCAL, free_port, viewer_binary, web_options, web_url
+from hexctl.control.trace import TrialFrame
+from hexctl.errors import RecordingError, RobotFaultError
+from hexctl.gait.gait import make_gait
+from hexctl.record.viewer import LOCAL, check_display, free_port, viewer_binary, web_options, web_url
 from hexctl.robot.model import Robot
+from hexctl.robot.rotations import yaw_rad
+from hexctl.types import JointTargets, RobotState
 
 #: Ticks of one block: ten pictures a second.
 LIVE_BLOCK_TICKS = 5
@@ -24,6 +29,10 @@ MAX_WAITING_BYTES = 8_000_000
 
 #: How long the feeder may take to pass on its last rows.
 END_PATIENCE_S = 5.0
+
+
+#: After an hour of states another recording begins: a recording is kept in memory, here and by the feeder.
+MAX_WATCHED_TICKS = 180_000
 
 
 class LiveView:
@@ -133,6 +142,64 @@ class LiveView:
             pass
         except OSError:
             self.lost = "the live view has ended"
+
+
+def open_window(on_problem: Callable[[RecordingError], object]) -> LiveView | None:
+    """Open a window for a walk; without a screen tell why and return None: that must not cost a walk."""
+    try:
+        check_display()
+    except RecordingError as error:
+        on_problem(error)
+        return None
+    return LiveView()
+
+
+def watch_states(
+    live: LiveView,
+    robot: Robot,
+    read: Callable[[float], RobotState],
+    *,
+    place: str,
+    stop_requested: Callable[[], bool],
+) -> None:
+    """Show a robot's states at 50 Hz until the viewer is closed or a stop is requested.
+
+    Args:
+        live: the viewer; it stays open.
+        robot: whose states they are.
+        read: gives the latest state, with its stamp on the clock whose time it is given in s.
+        place: where the robot is, for titles.
+        stop_requested: asked at every tick.
+
+    Raises RobotFaultError when the live view is lost, and what `read` raises.
+    """
+    # The layout needs some plan; a viewer is not told what the robot's controller does.
+    plan = TrialPlan(gait=make_gait(robot, "demo"))
+    while not stop_requested() and live.open:
+        live.begin(robot, plan, title=f"{robot.name} at {place}, from {time.strftime('%H:%M:%S')}")
+        _watch_recording(live, read, stop_requested)
+        if live.lost is not None:
+            raise RobotFaultError(f"{live.lost}; {place} itself is as it was")
+
+
+def _watch_recording(
+    live: LiveView, read: Callable[[float], RobotState], stop_requested: Callable[[], bool]
+) -> None:
+    """Show states for as long as one recording may last."""
+    log = TickLog()
+    log.phase = "walk"
+    clock = WallClock(PERIOD_S)
+    while not stop_requested() and live.lost is None and live.open and len(log) < MAX_WATCHED_TICKS:
+        tick = clock.tick()
+        state = read(tick.time_s)
+        if log.frame is None and state.base_position_world is not None:
+            assert state.base_quaternion_world is not None  # noqa: S101  they come together
+            yaw = float(yaw_rad(state.base_quaternion_world))
+            log.frame = TrialFrame(state.base_position_world, yaw, yaw)
+        positions_rad = state.joint_positions_rad
+        log.record(tick, state, positions_rad, JointTargets(positions_rad, tick.time_s))
+        if len(log) % LIVE_BLOCK_TICKS == 0:
+            live.write_block(log, len(log) - LIVE_BLOCK_TICKS, len(log))
 
 
 def _start(command: Sequence[str], stdin: int = subprocess.DEVNULL) -> "subprocess.Popen[bytes]":

@@ -8,9 +8,9 @@ from typing import Any
 
 import pytest
 
-from hexctl.cli import watching
 from hexctl.cli.main import exit_code
 from hexctl.control.log import TickLog
+from hexctl.record import live
 from tests.serve.processes import (
     PATIENCE_S,
     Program,
@@ -109,8 +109,8 @@ shown: list[list[int]] = []
 def test_a_long_watch_is_shown_in_parts_that_fit_into_memory(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(watching, "LiveView", MadeUpView)
-    monkeypatch.setattr(watching, "TICKS_AT_ONCE", 20)
+    monkeypatch.setattr(live, "LiveView", MadeUpView)
+    monkeypatch.setattr(live, "MAX_WATCHED_TICKS", 20)
     shown.clear()
     with served(tmp_path, backend="mock") as robot:
         assert exit_code(["view", "--web", "--connect", robot.endpoint]) == 0

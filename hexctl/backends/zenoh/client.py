@@ -4,7 +4,8 @@ import os
 import socket
 import threading
 import time
-from contextlib import ExitStack
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from typing import Any
 
 import zenoh
@@ -22,8 +23,9 @@ from hexctl.wire.description import (
     check_same_robot,
     decode_json,
     encode_json,
+    robot_of,
 )
-from hexctl.wire.links import Link, Role
+from hexctl.wire.links import KeyMap, Link, Role
 from hexctl.wire.messages import LEASE_ID_BYTES, CommandTag, encode_positions
 from hexctl.wire.session import open_session
 
@@ -309,3 +311,25 @@ class ZenohServos(LegServos):
             lease_id=NO_LEASE if lease is None else lease.lease_id,
             lease_sequence=0 if lease is None else lease.sequence,
         ).packed()
+
+
+#: How long a robot may take to describe itself to a viewer.
+DESCRIBE_TIMEOUT_S = 3.0
+
+
+@contextmanager
+def subscribe_states(link: Link) -> Iterator[tuple[Robot, StateSubscriber]]:
+    """Robot at a link and a subscriber of its states, without commanding it, until the block ends.
+
+    Raises RobotFaultError when no robot answers or it sends no state.
+    """
+    any_robot = KeyMap.of("*").renamed(dict(link.names))
+    with open_session(link, Role.VIEWER, any_robot) as session:
+        answers = ask_until(session, any_robot.describe, timeout_s=DESCRIBE_TIMEOUT_S)
+        if not answers:
+            raise RobotFaultError(f"no robot answers at {link.endpoint}; is hexctl serve running there?")
+        robot = robot_of(answers[0])
+        states = StateSubscriber(link.keys(robot.name), LatestValues(), plain=link.plain)
+        states.subscribe(session)
+        states.wait_for_first_s()
+        yield robot, states
