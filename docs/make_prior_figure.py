@@ -21,24 +21,17 @@ from hexctl.control.result import progress_floor_m
 from hexctl.robot.loader import load_robot
 from hexctl.study.cache import LandscapeCache
 from hexctl.study.drawing import LINE_COLOR, label_axes, new_figure
-from hexctl.study.evaluate import fill, simulate_here
+from hexctl.study.evaluate import Silent, fill, simulate_here
 from hexctl.study.landscape import Landscape, LandscapeSpec
 from hexctl.study.transfer.searches import walk_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-CACHE = Path("runs/study-cache")
 WORLD, LEG = "transfer:2", 5
 
 #: After so many trials the belief is drawn.
 AFTER = (0, 1, 6)
-
-
-class _Silent:
-    def begin(self, landscapes: object) -> None: ...
-
-    def advance(self, landscape: object, gaits: int) -> None: ...
 
 
 def walked() -> Landscape:
@@ -47,7 +40,7 @@ def walked() -> Landscape:
     spec = LandscapeSpec(
         robot=robot, world=load_world(WORLD), leg=LEG, self_rotation="rear", seed=2, place=WORLD
     )
-    return fill([spec], LandscapeCache(CACHE), simulate_here(), _Silent())[0]
+    return fill([spec], LandscapeCache(), simulate_here(), Silent())[0]
 
 
 def draw(panel: "Axes", search: Bayes, truth: Landscape, order: np.ndarray, tried: list[int]) -> None:

@@ -1,11 +1,13 @@
 """`hexctl prior`: build what bayes believes, and look at it."""
 
+import json
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from hexctl.cli import completion
+from hexctl.cli.console import print_result
 from hexctl.cli.options import (
     FAILURE_HELP,
     DaskOption,
@@ -16,6 +18,7 @@ from hexctl.cli.options import (
     SelfRotationOption,
     number,
 )
+from hexctl.cli.study import StudyProgress, interruptible, listed_legs
 
 WORLDS = Range(low=2, high=1024, whole=True)
 PRIOR_DURATION_S = Range(low=6, unit="s")
@@ -64,23 +67,25 @@ def build(
     On two cores a leg and world take about 20 seconds. Gaits walked are kept under runs/study-cache; Ctrl-C,
     then the same command goes on. hexctl adapt finds the prior by itself.
     """
-    from hexctl.cli.priorbuilding import PriorRequest, execute
-    from hexctl.cli.simulating import listed_legs
+    from hexctl.backends.sim.world import load_randomization
+    from hexctl.cli.prioring import PRIORS, summary_of
+    from hexctl.robot.loader import load_robot
+    from hexctl.study.prior import PriorPlan, build_prior, prior_file_name
 
-    request = PriorRequest(
-        robot=robot,
+    plan = PriorPlan(
+        robot=load_robot(robot),
+        family=load_randomization(family),
         worlds=worlds,
         legs=listed_legs(legs),
         failure=failure,
         self_rotation=self_rotation,
         duration_s=duration,
-        family=family,
-        out=out,
-        jobs=jobs,
-        dask=dask,
-        as_json=as_json,
     )
-    raise typer.Exit(execute(request))
+    path = out or PRIORS / prior_file_name(plan, family)
+    with interruptible(plan), StudyProgress() as progress:
+        build_prior(plan, path, jobs=jobs, dask=dask, progress=progress)
+    text = f"prior: {path} ({path.stat().st_size / 1e3:.0f} kB)"
+    print_result(json.dumps({"prior": str(path), **summary_of(path)}) if as_json else text)
 
 
 @prior.command()

@@ -1,11 +1,20 @@
-"""`hexctl study`: the paper's experiments."""
+"""`hexctl study`: the paper's experiments and the transfer benchmark."""
 
+import json
+import signal
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from datetime import datetime
 from pathlib import Path
-from typing import Annotated
+from types import FrameType, TracebackType
+from typing import TYPE_CHECKING, Annotated, Any, Protocol, Self
 
 import typer
 
 from hexctl.cli import completion
+from hexctl.cli.console import INTERRUPTED, RUNS, SIGNALS, make_bar, print_note, print_result
 from hexctl.cli.options import (
     WORLD_HELP,
     DaskOption,
@@ -17,9 +26,22 @@ from hexctl.cli.options import (
     TrialDurationOption,
     number,
 )
+from hexctl.errors import InputError
 
-COUNT = Range(low=1, whole=True)
+if TYPE_CHECKING:
+    from hexctl.study.landscape import Landscape, LandscapeSpec
+    from hexctl.study.study import StudyResult, TransferResult
+
+RUN_COUNT = Range(low=1, high=999, whole=True)
+BUDGET = Range(low=1, high=10_000, whole=True)
 WORLDS = Range(low=1, high=1000, whole=True)
+
+
+class Simulated(Protocol):
+    """A plan whose landscapes are simulated."""
+
+    def specs(self) -> "list[LandscapeSpec]":
+        """Specs of the landscapes."""
 
 
 def study(
@@ -42,11 +64,13 @@ def study(
     ] = None,
     runs: Annotated[
         int | None,
-        number("--runs", COUNT, "Runs of each optimizer on each leg, {}. (default: 30; with --transfer 5)"),
+        number(
+            "--runs", RUN_COUNT, "Runs of each optimizer on each leg, {}. (default: 30; with --transfer 5)"
+        ),
     ] = None,
     budget: Annotated[
         int | None,
-        number("--budget", COUNT, "Trials of a run, {}. (default: 120; with --transfer 60)"),
+        number("--budget", BUDGET, "Trials of a run, {}. (default: 120; with --transfer 60)"),
     ] = None,
     worlds: Annotated[
         int | None,
@@ -87,27 +111,200 @@ def study(
 
     Gaits are walked once and kept under runs/study-cache; Ctrl-C, then the same command goes on.
     """
-    from hexctl.cli.simulating import listed, listed_legs
-    from hexctl.cli.studying import StudyRequest, execute
-
-    request = StudyRequest(
-        legs=listed_legs(legs),
-        optimizers=None if optimizers is None else listed(optimizers),
-        runs=runs,
-        budget=budget,
-        worlds=worlds,
-        prior=prior,
-        duration_s=duration,
-        robot=robot,
-        world=world,
-        out=out,
-        jobs=jobs,
-        dask=dask,
-        seed=seed,
-        as_json=as_json,
-    )
+    common = {
+        "legs": listed_legs(legs),
+        "duration_s": duration,
+        "seed": seed,
+        **_given(optimizers=None if optimizers is None else listed(optimizers), runs=runs, budget=budget),
+    }
+    result: StudyResult | TransferResult
+    folder = out or RUNS / f"study-{datetime.now():%Y%m%d-%H%M%S}"
     if transfer:
-        from hexctl.cli.transferring import execute_transfer
+        if world is not None:
+            raise InputError(f"--world: got {world} with --transfer; allowed: without, it has its own")
+        result, lines = _transfer(robot, prior, common | _given(worlds=worlds), folder, jobs, dask)
+    else:
+        for name, value in _given(worlds=worlds, prior=prior).items():
+            raise InputError(f"--{name}: got {value}; allowed: with --transfer")
+        result, lines = _study(robot, world or "flat", common, folder, jobs, dask)
+    print_result(json.dumps(result.to_json()) if as_json else "\n".join([*lines, f"report: {result.report}"]))
 
-        raise typer.Exit(execute_transfer(request))
-    raise typer.Exit(execute(request))
+
+def _study(
+    robot: str, world: str, options: dict[str, Any], folder: Path, jobs: int | None, dask: str | None
+) -> "tuple[StudyResult, list[str]]":
+    """Run the paper's experiments; returns the result and its verdicts as lines."""
+    from hexctl.backends.sim.world import load_world
+    from hexctl.robot.loader import load_robot
+    from hexctl.study.plan import StudyPlan
+    from hexctl.study.study import run_study
+
+    plan = StudyPlan(robot=load_robot(robot), world=load_world(world), **options)
+    with interruptible(plan), StudyProgress() as progress:
+        result = run_study(plan, folder=folder, jobs=jobs, dask=dask, progress=progress)
+    return result, _study_lines(result)
+
+
+def _transfer(
+    robot: str, prior: str | None, options: dict[str, Any], folder: Path, jobs: int | None, dask: str | None
+) -> "tuple[TransferResult, list[str]]":
+    """Run the transfer benchmark; returns the result and its verdicts as lines."""
+    from hexctl.adapt.prior.find import shipped_priors
+    from hexctl.adapt.prior.prior import load_prior
+    from hexctl.backends.sim.world import load_randomization
+    from hexctl.cli.prioring import PRIORS
+    from hexctl.robot.loader import load_robot
+    from hexctl.study.study import run_transfer
+    from hexctl.study.transfer.plan import UNSEEN, TransferPlan, find_transfer_prior
+    from hexctl.study.transfer.report import transfer_bars
+
+    model = load_robot(robot)
+    if prior in (None, "auto"):
+        folders = [PRIORS, shipped_priors()]
+        believed = find_transfer_prior(model, options["legs"], options["duration_s"], folders)
+    else:
+        believed = load_prior(Path(str(prior)))
+    plan = TransferPlan(robot=model, family=load_randomization(UNSEEN), prior=believed, **options)
+    with interruptible(plan), StudyProgress() as progress:
+        result = run_transfer(plan, folder=folder, jobs=jobs, dask=dask, progress=progress)
+    return result, [
+        f"{bar.verdict:<15} {bar.asked}: {bar.measured}" for bar in transfer_bars(result.findings)
+    ]
+
+
+def _given(**options: Any) -> dict[str, Any]:
+    """Options that were given; the plan has the defaults of the others."""
+    return {name: value for name, value in options.items() if value is not None}
+
+
+def _study_lines(result: "StudyResult") -> list[str]:
+    """Claims, bars that are missed, and the time spent."""
+    from hexctl.study.claims import bar_rows, claims_of, cm
+
+    findings = result.findings
+    lines = [f"{claim.verdict:<15} {claim.claim}" for claim in claims_of(findings)]
+    rows = [row for row in bar_rows(findings, paper_count=False) if row.leg is None]
+    missed = [row for row in rows if not row.holds]
+    lines += [
+        f"bar missed: {row.optimizer} {cm(row.mean_m)} after {row.evaluations} evaluations, "
+        f"{cm(row.over_m)} over"
+        for row in missed
+    ]
+    if rows and not missed:
+        lines.append("bar held by all optimizers, each gait paid for once")
+    return [*lines, ", ".join(f"{name} {spent_s:.0f} s" for name, spent_s in result.times_s.items())]
+
+
+def listed(text: str) -> tuple[str, ...]:
+    """Parts of a text between commas."""
+    return tuple(part.strip() for part in text.split(",") if part.strip())
+
+
+def listed_legs(text: str) -> tuple[int, ...]:
+    """Legs of a text such as `2,5`, ascending; raises InputError for anything but numbers."""
+    try:
+        return tuple(sorted(int(part) for part in listed(text)))
+    except ValueError:
+        raise InputError(f"--legs: got {text!r}; allowed: numbers 1..6 with commas, such as 2,5") from None
+
+
+@contextmanager
+def interruptible(plan: "Simulated") -> Iterator[None]:
+    """Take SIGTERM like Ctrl-C, also where a shell ignores that, and turn either into exit code 130.
+
+    What was simulated of the plan until then is saved; a line on stderr says how much.
+    """
+
+    def interrupt(_number: int, _frame: FrameType | None) -> None:
+        raise KeyboardInterrupt
+
+    before = {number: signal.signal(number, interrupt) for number in SIGNALS}
+    try:
+        yield
+    except KeyboardInterrupt:
+        from hexctl.study.cache import LandscapeCache
+
+        cache = LandscapeCache()
+        saved, total = cache.count(plan.specs())
+        print_note(
+            f"interrupted: {saved} of {total} gaits are saved in {cache.folder}; the same command goes on"
+        )
+        raise typer.Exit(INTERRUPTED) from None
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+#: More landscapes than this are counted, not named one by one.
+MOST_NAMED = 12
+
+
+class StudyProgress:
+    """Watches landscapes being simulated, and what comes after them."""
+
+    def __init__(self) -> None:
+        self._bar: Any = None
+        self._task: Any = None
+        self._began_s: dict[str, float] = {}
+
+    def __enter__(self) -> Self:
+        if sys.stderr.isatty():
+            self._bar = make_bar()
+            self._bar.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._bar is not None:
+            self._bar.stop()
+
+    def begin(self, landscapes: "Sequence[Landscape]") -> None:
+        """Say what is known already and how many gaits there are to walk."""
+        self._now_s = time.perf_counter()
+        left = [landscape for landscape in landscapes if not landscape.complete]
+        known = [landscape for landscape in landscapes if landscape.complete]
+        if len(known) > MOST_NAMED:
+            self._line(f"{len(known)} of {len(landscapes)} sets of gaits: from the cache")
+            known = []
+        for landscape in known:
+            self._line(f"{landscape.spec.title}: from the cache")
+        gaits = sum(len(landscape.missing) for landscape in left)
+        if gaits:
+            self._stage("gaits walked (Ctrl-C stops, the same command goes on)", gaits)
+
+    def advance(self, landscape: "Landscape", gaits: int) -> None:
+        """Count some gaits of a landscape."""
+        title, now_s = landscape.spec.title, time.perf_counter()
+        spent_s = self._began_s.get(title, 0.0) + now_s - self._now_s
+        self._began_s[title], self._now_s = spent_s, now_s
+        if self._bar is not None:
+            self._bar.update(self._task, advance=gaits, description=f"{title} (Ctrl-C stops, go on later)")
+        if landscape.complete:
+            gaits_valid = f"{int(landscape.valid.sum())} of {len(landscape.codes)} gaits valid"
+            self._line(f"{title}: {gaits_valid}, {spent_s:.1f} s")
+
+    def stage(self, what: str, total: int) -> None:
+        """Begin another part of the work."""
+        self._stage(what, total)
+
+    def step(self) -> None:
+        """Count one step of the part that goes on."""
+        if self._bar is not None:
+            self._bar.update(self._task, advance=1)
+
+    def note(self, text: str) -> None:
+        """Print a line that stays."""
+        self._line(text)
+
+    def _stage(self, what: str, total: int) -> None:
+        if self._bar is not None:
+            if self._task is not None:
+                self._bar.remove_task(self._task)
+            self._task = self._bar.add_task(what, total=total)
+
+    def _line(self, text: str) -> None:
+        if self._bar is not None:
+            self._bar.console.print(text, highlight=False, markup=False)
+        else:
+            typer.echo(text, err=True)

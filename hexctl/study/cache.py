@@ -1,8 +1,9 @@
-"""Landscapes on disk: a file each, whole or not there, and never believed without a look at it."""
+"""Cache of landscapes on disk: one file each, replaced as a whole and checked when it is read."""
 
 import json
 import os
 import zipfile
+from collections.abc import Iterable
 from pathlib import Path
 from typing import IO
 
@@ -12,6 +13,9 @@ from hexctl.control.result import STATUSES
 from hexctl.errors import HexctlError
 from hexctl.files import replacing
 from hexctl.study.landscape import NUMBERS, Landscape, LandscapeSpec, empty_landscape
+
+#: Where the commands keep landscapes, below the working directory.
+FOLDER = Path("runs/study-cache")
 
 _ARRAYS = ("codes", "status", "numbers", "paths_m")
 
@@ -23,14 +27,14 @@ class CacheError(HexctlError, OSError):
 class LandscapeCache:
     """Landscapes in a folder, by robot, world, failure, trial settings and code version.
 
-    A landscape may be saved before it is complete; what is missing can be told from it.
+    A landscape may be saved before it is complete; `Landscape.missing` names the gaits it lacks.
 
     Attributes:
         folder: where the files are.
-        notes: what was found wrong with files, one line each; such files are computed anew.
+        notes: what is wrong with files, one line each; such landscapes are simulated again.
     """
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path = FOLDER) -> None:
         self.folder = folder
         self.notes: list[str] = []
 
@@ -45,11 +49,11 @@ class LandscapeCache:
             raise CacheError(f"study cache: {self.folder} cannot be written: {error.strerror}") from error
 
     def path_of(self, spec: LandscapeSpec) -> Path:
-        """Return the file of a landscape."""
+        """File of a landscape."""
         return self.folder / f"leg{spec.leg}-{spec.self_rotation}-{spec.fingerprint}.npz"
 
     def load(self, spec: LandscapeSpec) -> Landscape:
-        """Return what is known of a landscape, which may be nothing."""
+        """Landscape as saved; without any gait when there is no usable file."""
         path = self.path_of(spec)
         if not path.exists():
             return empty_landscape(spec)
@@ -57,11 +61,17 @@ class LandscapeCache:
             return _read(path, spec)
         except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
             reason = " ".join(str(error).split()) or type(error).__name__
-            self.notes.append(f"{path}: not usable ({reason}); it is computed anew")
+            self.notes.append(f"{path}: not usable ({reason}); it is computed again")
             return empty_landscape(spec)
 
+    def count(self, specs: Iterable[LandscapeSpec]) -> tuple[int, int]:
+        """Number of gaits saved, and of all gaits, of some landscapes."""
+        landscapes = [self.load(spec) for spec in specs]
+        saved = sum(int(landscape.done.sum()) for landscape in landscapes)
+        return saved, sum(len(landscape.codes) for landscape in landscapes)
+
     def save(self, landscape: Landscape) -> None:
-        """Put a landscape in its file, which is the old one or the new one at any moment.
+        """Replace the file of a landscape atomically.
 
         Raises CacheError when the disk refuses.
         """
@@ -81,7 +91,7 @@ def _write(file: IO[bytes], landscape: Landscape) -> None:
 
 
 def _read(path: Path, spec: LandscapeSpec) -> Landscape:
-    """Return the landscape of a file; raises ValueError unless it is one of this spec and makes sense."""
+    """Landscape of a file; raises ValueError unless it belongs to this spec and its values are possible."""
     with np.load(path, allow_pickle=False) as file:
         if json.loads(str(file["identity"])) != json.loads(json.dumps(spec.identity())):
             raise ValueError("it is of another landscape")

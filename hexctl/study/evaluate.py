@@ -12,8 +12,17 @@ from hexctl.study.cache import LandscapeCache
 from hexctl.study.landscape import Landscape, LandscapeSpec, Rows, rows_of, with_rows
 from hexctl.study.versions import code_versions
 
-#: Gaits in a chunk. Each chunk settles and turns anew (a sixth of a second), and an interrupt loses one.
+#: Gaits in a chunk. Each chunk settles and turns once more (a sixth of a second); an interrupt loses one.
 CHUNK_SIZE = 40
+
+#: Most threads that simulate.
+MAX_JOBS = 1024
+
+#: How long a Dask scheduler may take to answer.
+CONNECT_S = 15
+
+#: How often a chunk whose worker died is given to another worker; after that the chunk counts as the cause.
+RETRIES = 3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,15 +35,124 @@ class Chunk:
 
 @dataclass(frozen=True, kw_only=True)
 class ChunkDone:
-    """What became of a chunk, and the code that computed it."""
+    """The rows of a simulated chunk, and the versions of the code that computed them."""
 
     chunk: Chunk
     rows: Rows
     versions: dict[str, str]
 
 
+Simulate = Callable[[Sequence[Chunk]], Iterable[ChunkDone]]
+
+
+class Progress(Protocol):
+    """Observer of a study, a transfer benchmark or the building of a prior."""
+
+    def begin(self, landscapes: Sequence[Landscape]) -> None:
+        """Take the landscapes as the cache has them, before any gait is simulated."""
+
+    def advance(self, landscape: Landscape, gaits: int) -> None:
+        """Take a landscape to which some simulated gaits were added."""
+
+    def stage(self, name: str, steps: int) -> None:
+        """Take the name of the next part of the work and its number of steps."""
+
+    def step(self) -> None:
+        """Take that one step of the current part is done."""
+
+    def note(self, text: str) -> None:
+        """Take a remark for the user, such as a damaged file in the cache."""
+
+
+class Silent:
+    """Progress that reports nothing."""
+
+    def begin(self, landscapes: Sequence[Landscape]) -> None:
+        """Ignore the cached landscapes."""
+
+    def advance(self, landscape: Landscape, gaits: int) -> None:
+        """Ignore the simulated gaits."""
+
+    def stage(self, name: str, steps: int) -> None:
+        """Ignore the next part of the work."""
+
+    def step(self) -> None:
+        """Ignore a step."""
+
+    def note(self, text: str) -> None:
+        """Ignore a remark."""
+
+
+def check_jobs(jobs: int | None) -> None:
+    """Raise InputError unless a number of threads is within 1..`MAX_JOBS`; None is the default number."""
+    if jobs is not None and not 1 <= jobs <= MAX_JOBS:
+        raise InputError(f"--jobs: got {jobs}; allowed: 1..{MAX_JOBS}")
+
+
+def evaluate(
+    specs: Sequence[LandscapeSpec],
+    cache: LandscapeCache,
+    *,
+    jobs: int | None = None,
+    dask: str | None = None,
+    progress: Progress | None = None,
+) -> list[Landscape]:
+    """Complete landscapes in the order of their specs; only gaits that the cache lacks are simulated.
+
+    Args:
+        specs: of the landscapes.
+        cache: has the gaits simulated before and gets each chunk as soon as it is done.
+        jobs: threads per chunk; None is all cores here, one on a Dask worker.
+        dask: address of a Dask scheduler; None simulates here.
+        progress: observer.
+
+    Raises InputError for an address that does not answer, CacheError when the disk refuses a file.
+    """
+    progress = progress or Silent()
+    if dask is None:
+        landscapes = fill(specs, cache, simulate_here(jobs or 0), progress)
+    else:
+        with dask_executor(dask) as executor:
+            landscapes = fill(specs, cache, simulate_on(executor, jobs or 1), progress)
+    for note in cache.notes:
+        progress.note(note)
+    return landscapes
+
+
+def fill(
+    specs: Sequence[LandscapeSpec],
+    cache: LandscapeCache,
+    simulate: Simulate,
+    progress: Progress,
+    chunk_size: int = CHUNK_SIZE,
+) -> list[Landscape]:
+    """Complete landscapes in the order of their specs, simulated by `simulate` where the cache lacks gaits.
+
+    When this is interrupted, every finished chunk is in the cache, and another call continues from there.
+
+    Raises RobotFaultError when a chunk was computed by other code than runs here.
+    """
+    landscapes = {spec.fingerprint: cache.load(spec) for spec in specs}
+    progress.begin(list(landscapes.values()))
+    todo = [chunk for landscape in landscapes.values() for chunk in chunks_of(landscape, chunk_size)]
+    for done in simulate(todo):
+        _check_versions(done)
+        key = done.chunk.spec.fingerprint
+        landscapes[key] = with_rows(landscapes[key], done.rows)
+        cache.save(landscapes[key])
+        progress.advance(landscapes[key], len(done.chunk.codes))
+    return [landscapes[spec.fingerprint] for spec in specs]
+
+
+def chunks_of(landscape: Landscape, size: int = CHUNK_SIZE) -> Iterator[Chunk]:
+    """Chunks of the gaits that a landscape lacks."""
+    missing = landscape.missing
+    for first in range(0, len(missing), size):
+        yield Chunk(spec=landscape.spec, codes=missing[first : first + size])
+
+
 def simulate_chunk(chunk: Chunk, threads: int = 0) -> ChunkDone:
-    """Walk all gaits of a chunk at once; the rows do not depend on how a landscape is cut into chunks.
+    """Rows of all gaits of a chunk, simulated as one batch; they do not depend on the size of the chunk.
 
     `threads` 0 uses all cores.
     """
@@ -42,28 +160,8 @@ def simulate_chunk(chunk: Chunk, threads: int = 0) -> ChunkDone:
     return ChunkDone(chunk=chunk, rows=rows_of(chunk.spec, chunk.codes, results), versions=code_versions())
 
 
-def chunks_of(landscape: Landscape, size: int = CHUNK_SIZE) -> Iterator[Chunk]:
-    """Give the gaits that a landscape still misses, in chunks."""
-    missing = landscape.missing
-    for first in range(0, len(missing), size):
-        yield Chunk(spec=landscape.spec, codes=missing[first : first + size])
-
-
-Simulate = Callable[[Sequence[Chunk]], Iterable[ChunkDone]]
-
-
-class Watcher(Protocol):
-    """Is told how the work goes on."""
-
-    def begin(self, landscapes: Sequence[Landscape]) -> None:
-        """Take what is known of every landscape before anything is simulated."""
-
-    def advance(self, landscape: Landscape, gaits: int) -> None:
-        """Take a landscape that has got some more gaits."""
-
-
 def simulate_here(threads: int = 0) -> Simulate:
-    """Return a way to simulate chunks one after the other on this machine, each on `threads` cores."""
+    """Simulator of chunks one after the other on this computer, each on `threads` cores."""
 
     def simulate(chunks: Sequence[Chunk]) -> Iterator[ChunkDone]:
         return (simulate_chunk(chunk, threads) for chunk in chunks)
@@ -71,53 +169,10 @@ def simulate_here(threads: int = 0) -> Simulate:
     return simulate
 
 
-def fill(
-    specs: Sequence[LandscapeSpec],
-    cache: LandscapeCache,
-    simulate: Simulate,
-    watcher: Watcher,
-    chunk_size: int = CHUNK_SIZE,
-) -> list[Landscape]:
-    """Return all landscapes, complete, in the order of their specs; only what the cache lacks is simulated.
-
-    Whatever ends this early, each chunk that was done is in the cache, and another call goes on from there.
-
-    Raises RobotFaultError when a chunk was computed by other code than runs here.
-    """
-    landscapes = {spec.fingerprint: cache.load(spec) for spec in specs}
-    watcher.begin(list(landscapes.values()))
-    todo = [chunk for landscape in landscapes.values() for chunk in chunks_of(landscape, chunk_size)]
-    for done in simulate(todo):
-        _check_versions(done)
-        key = done.chunk.spec.fingerprint
-        landscapes[key] = with_rows(landscapes[key], done.rows)
-        cache.save(landscapes[key])
-        watcher.advance(landscapes[key], len(done.chunk.codes))
-    return [landscapes[spec.fingerprint] for spec in specs]
-
-
-def _check_versions(done: ChunkDone) -> None:
-    here = code_versions()
-    differing = [f"{name} {done.versions.get(name)} for {here[name]}" for name in here
-                 if done.versions.get(name) != here[name]]  # fmt: skip
-    if differing:
-        raise RobotFaultError(
-            f"study: a worker runs other code than this machine: {', '.join(differing)}; "
-            "install the same versions on all workers"
-        )
-
-
-#: How long a scheduler may take to answer.
-CONNECT_S = 15
-
-#: A chunk whose worker dies is given to another one; after so many deaths it is the chunk's own fault.
-RETRIES = 3
-
-
 def simulate_on(executor: Executor, threads: int = 1) -> Simulate:
-    """Return a way to simulate chunks on an executor, in whatever order they are done.
+    """Simulator of chunks on an executor, in the order in which they finish.
 
-    `threads` is for each chunk; the executor runs several chunks at once, so one is enough.
+    `threads` is for each chunk; the executor runs several chunks in parallel, so one is enough.
     """
 
     def simulate(chunks: Sequence[Chunk]) -> Iterator[ChunkDone]:
@@ -126,15 +181,15 @@ def simulate_on(executor: Executor, threads: int = 1) -> Simulate:
             for future in as_completed(futures):
                 yield future.result()
         finally:
-            _drop(futures)
+            _cancel(futures)
 
     return simulate
 
 
 def dask_executor(address: str) -> AbstractContextManager[Executor]:
-    """Return an executor of the Dask scheduler at an address such as `tcp://127.0.0.1:8786`, to be closed.
+    """Executor of the Dask scheduler at an address such as `tcp://127.0.0.1:8786`, as a context manager.
 
-    Raises InputError when nothing answers there.
+    Raises InputError when nothing answers there, MissingExtraError without the package `distributed`.
     """
     return _executor(address, _client)
 
@@ -159,6 +214,17 @@ def _client(address: str) -> Any:
         ) from error
 
 
-def _drop(futures: Sequence[Future[ChunkDone]]) -> None:
+def _cancel(futures: Sequence[Future[ChunkDone]]) -> None:
     for future in futures:
         future.cancel()
+
+
+def _check_versions(done: ChunkDone) -> None:
+    here = code_versions()
+    differing = [f"{name} {done.versions.get(name)} for {here[name]}" for name in here
+                 if done.versions.get(name) != here[name]]  # fmt: skip
+    if differing:
+        raise RobotFaultError(
+            f"study: a worker runs other code than this machine: {', '.join(differing)}; "
+            "install the same versions on all workers"
+        )

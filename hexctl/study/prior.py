@@ -3,11 +3,13 @@
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from hexctl.adapt.prior.prior import CHECKPOINTS, Prior, PriorKey
+from hexctl.adapt.prior.find import SUFFIX
+from hexctl.adapt.prior.prior import CHECKPOINTS, Prior, PriorKey, check_place, save_prior
 from hexctl.adapt.stance import stance_deflection_rad
 from hexctl.backends.sim.world import Distribution, DomainRandomization
 from hexctl.control.guard import Guard
@@ -16,36 +18,38 @@ from hexctl.errors import EStopError, InputError, SimulationDivergedError
 from hexctl.gait.gait import make_gait
 from hexctl.robot.failure import Failure
 from hexctl.robot.model import Robot
+from hexctl.study.cache import LandscapeCache
+from hexctl.study.evaluate import Progress, Silent, check_jobs, evaluate
 from hexctl.study.landscape import Landscape, LandscapeSpec
 from hexctl.study.plan import check_walks
 from hexctl.study.versions import code_versions
 from hexctl.types import N_JOINTS, N_LEGS, FloatArray
 
-#: Each leg has worlds of its own, so that six legs see six times as many; a block is spread evenly by itself.
+#: Each leg has its own block of worlds, so that six legs see six times as many; each block is evenly spread.
 WORLDS_PER_LEG = 1024
 
-#: How far self-rotations miss their goal, in degrees: seen in `transfer` worlds, +2 to -4.
+#: By how much self-rotations miss their goal, in degrees; +2 to -4 were seen in `transfer` worlds.
 MISS_DEG = Distribution(low=-4.0, high=4.0, scale="normal")
 
-#: A shorter walk is soft start for the most part.
+#: A shorter walk consists mostly of the soft start.
 MIN_DURATION_S = 6.0
 
-#: Walks last multiples of this, so that ten checkpoints fall on points that are kept, five a second.
+#: Walks last multiples of this: the ten checkpoints then fall on kept points of the path, five per second.
 WHOLE_S = 2.0
 
 
 @dataclass(frozen=True, kw_only=True)
 class PriorPlan:
-    """One prior.
+    """Settings of one prior.
 
     Attributes:
-        robot: who walks.
-        family: the worlds that are plausible.
-        worlds: how many of them each leg walks in.
+        robot: model of the robot.
+        family: distribution of plausible worlds.
+        worlds: number of worlds per leg.
         legs: the failed legs, ascending.
         failure: the kind of failure.
         self_rotation: where the failed leg points during the walk.
-        duration_s: how long each gait walks.
+        duration_s: length of each walk.
     """
 
     robot: Robot
@@ -57,9 +61,9 @@ class PriorPlan:
     duration_s: float = 30.0
 
     def specs(self) -> list[LandscapeSpec]:
-        """Return the landscapes to walk, world by world, so that a part of them already serves all legs.
+        """Landscapes to simulate, world by world, so that any beginning of the list covers all legs.
 
-        The robot is put down as its self-rotation would leave it, which misses its goal a little.
+        The robot is put down as its self-rotation would leave it, with a small random miss.
         """
         by_leg = [self._specs_of(leg) for leg in self.legs]
         return [specs[index] for index in range(self.worlds) for specs in by_leg]
@@ -88,7 +92,7 @@ class PriorPlan:
         ]
 
     def trial_plan(self) -> TrialPlan:
-        """Return a trial as a session walks it, self-rotation included; its gait is one of many."""
+        """Trial of a session that the prior is for, self-rotation included, with the gait `demo`."""
         failure = Failure(leg=self.legs[0], kind=self.failure)
         return TrialPlan(
             gait=make_gait(self.robot, "demo"),
@@ -112,45 +116,101 @@ class PriorPlan:
             )
         if not 2 <= self.worlds <= WORLDS_PER_LEG:
             raise InputError(f"--worlds: got {self.worlds}; allowed: 2..{WORLDS_PER_LEG}")
-        # The gaits do not depend on the world, so one of them will do.
+        # Whether the gaits can be walked does not depend on the world.
         check_walks(replace(self, worlds=1).specs())
 
 
+def build_prior(
+    plan: PriorPlan,
+    path: Path,
+    *,
+    cache: LandscapeCache | None = None,
+    jobs: int | None = None,
+    dask: str | None = None,
+    progress: Progress | None = None,
+) -> Prior:
+    """Simulate all gaits in the worlds of a plan, and write the prior to a file.
+
+    Simulated gaits are saved while this runs: a call that was interrupted is continued by the next one.
+
+    Args:
+        plan: robot, failure and worlds.
+        path: of the file, ending in `.npz`; an existing file is replaced.
+        cache: of landscapes; None is the one of the command line, `runs/study-cache`.
+        jobs: threads per batch of gaits; None is all cores here, one on a Dask worker.
+        dask: address of a Dask scheduler whose workers simulate; None simulates here.
+        progress: observer.
+
+    Raises InputError for a plan, a path or an address that cannot be used, PriorFileError or CacheError when
+    the disk refuses a file.
+    """
+    cache, progress = cache or LandscapeCache(), progress or Silent()
+    check_jobs(jobs)
+    plan.check()
+    if path.suffix != SUFFIX or path.is_dir():
+        raise InputError(f"--out: got {path}; allowed: a file whose name ends in {SUFFIX}")
+    cache.probe()
+    check_place(path)
+    landscapes = evaluate(plan.specs(), cache, jobs=jobs, dask=dask, progress=progress)
+    progress.stage("stances", len(landscapes))
+    prior = prior_of(plan, landscapes, deflections_of(plan, progress.step))
+    save_prior(prior, path)
+    return prior
+
+
+def prior_file_name(plan: PriorPlan, family: str) -> str:
+    """Name of a prior's file by robot, failure and trial, and by legs and worlds where not the usual ones.
+
+    `family` is the name of the plan's family of worlds, or the path of its file.
+    """
+    parts = [plan.robot.name, plan.failure, plan.self_rotation, f"{plan.duration_s:g}s"]
+    if len(plan.legs) < N_LEGS:
+        parts.append("leg" + "".join(str(leg) for leg in plan.legs))
+    if family != "randomised":
+        parts.append(Path(family).stem)
+    return "-".join(parts) + SUFFIX
+
+
 def in_whole_steps(duration_s: float) -> bool:
-    """Return whether a finite duration is a multiple of `WHOLE_S`."""
+    """Whether a finite duration is a multiple of `WHOLE_S`."""
     return abs(duration_s / WHOLE_S - round(duration_s / WHOLE_S)) < 1e-9
 
 
-def sag_of(spec: LandscapeSpec) -> FloatArray:
-    """Return how far each joint stays behind where a landscape's trials begin, (18,); NaN where it falls."""
+def deflection_of(spec: LandscapeSpec) -> FloatArray:
+    """Static deflection of the joints in the stance of a landscape, rad, (18,); NaN when the robot falls."""
     trial = replace(spec, placed=False, miss_rad=0.0).trial(spec.codes[0])
     try:
         with Guard(trial.servos()) as servos:
-            sag_rad = stance_deflection_rad(servos, trial.plan)
+            deflection_rad = stance_deflection_rad(servos, trial.plan)
     except (EStopError, SimulationDivergedError):
-        sag_rad = None
-    return np.full(N_JOINTS, np.nan) if sag_rad is None else sag_rad
+        deflection_rad = None
+    return np.full(N_JOINTS, np.nan) if deflection_rad is None else deflection_rad
 
 
-def sags_of(plan: PriorPlan, on_stance: Callable[[], None] = lambda: None) -> FloatArray:
-    """Return how the joints stay behind in the worlds of a prior, (legs, worlds, 18); tell of each."""
+def deflections_of(plan: PriorPlan, on_stance: Callable[[], None] = lambda: None) -> FloatArray:
+    """Static deflections of the joints in all worlds of a prior, rad, (legs, worlds, 18).
 
-    def sag_of_one(spec: LandscapeSpec) -> FloatArray:
-        sag_rad = sag_of(spec)
+    `on_stance` is called after each of them.
+    """
+
+    def one(spec: LandscapeSpec) -> FloatArray:
+        deflection_rad = deflection_of(spec)
         on_stance()
-        return sag_rad
+        return deflection_rad
 
     specs = plan.specs()
-    return np.array([[sag_of_one(spec) for spec in specs if spec.leg == leg] for leg in plan.legs])
+    return np.array([[one(spec) for spec in specs if spec.leg == leg] for leg in plan.legs])
 
 
-def prior_of(plan: PriorPlan, landscapes: Sequence[Landscape], sags_rad: FloatArray | None = None) -> Prior:
-    """Return the prior of a plan from its landscapes, complete and in the order of `plan.specs()`.
+def prior_of(
+    plan: PriorPlan, landscapes: Sequence[Landscape], deflections_rad: FloatArray | None = None
+) -> Prior:
+    """Prior of a plan.
 
     Args:
-        plan: what was asked.
-        landscapes: what became of the gaits.
-        sags_rad: how the joints stay behind in the stance, (legs, worlds, 18), if that is known.
+        plan: its settings.
+        landscapes: complete and in the order of `plan.specs()`.
+        deflections_rad: static deflections in the stance, (legs, worlds, 18), where known.
     """
     by_leg = [[one for one in landscapes if one.spec.leg == leg] for leg in plan.legs]
     paths = np.array([[checkpoints_of(one) for one in some] for some in by_leg])
@@ -163,12 +223,12 @@ def prior_of(plan: PriorPlan, landscapes: Sequence[Landscape], sags_rad: FloatAr
         signed_m=paths[..., 1],
         progress_m=paths[..., 0],
         yaw_rad=np.where(finished, yaws, np.nan),
-        sag_rad=sags_rad,
+        sag_rad=deflections_rad,
     )
 
 
 def checkpoints_of(landscape: Landscape) -> FloatArray:
-    """Return progress and signed deviation of every gait at the checkpoints, (gaits, CHECKPOINTS, 2)."""
+    """Progress and signed deviation of every gait at the checkpoints, in m, (gaits, CHECKPOINTS, 2)."""
     points = landscape.paths_m.shape[1]
     rows = np.rint(np.arange(1, CHECKPOINTS + 1) * points / CHECKPOINTS).astype(int) - 1
     return np.asarray(landscape.paths_m[:, rows], dtype=float)

@@ -14,7 +14,14 @@ from hexctl.backends.sim.world import DomainRandomization, load_randomization
 from hexctl.errors import InputError
 from hexctl.robot.failure import Failure
 from hexctl.study.landscape import NUMBERS, Landscape, LandscapeSpec, Rows, empty_landscape, with_rows
-from hexctl.study.prior import WORLDS_PER_LEG, PriorPlan, checkpoints_of, prior_of, sag_of, sags_of
+from hexctl.study.prior import (
+    WORLDS_PER_LEG,
+    PriorPlan,
+    checkpoints_of,
+    deflection_of,
+    deflections_of,
+    prior_of,
+)
 from hexctl.study.transfer.searches import walk_of
 from hexctl.types import FloatArray
 from tests.adapt.priors import question_of
@@ -201,12 +208,12 @@ def test_a_prior_holds_what_a_session_would_have_been_shown() -> None:
 
 def test_each_stance_is_that_of_its_leg_and_world() -> None:
     told: list[None] = []
-    sags_rad = sags_of(PLAN, lambda: told.append(None))
+    sags_rad = deflections_of(PLAN, lambda: told.append(None))
     assert sags_rad.shape == (2, 2, 18)
     assert len(told) == 4
     for spec in PLAN.specs():
         world = int(spec.place.removeprefix("world ")) - 1
-        np.testing.assert_array_equal(sags_rad[PLAN.legs.index(spec.leg), world], sag_of(spec))
+        np.testing.assert_array_equal(sags_rad[PLAN.legs.index(spec.leg), world], deflection_of(spec))
     assert len({sags_rad[leg, world].tobytes() for leg in (0, 1) for world in (0, 1)}) == 4
 
 

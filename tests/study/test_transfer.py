@@ -18,7 +18,7 @@ from hexctl.study.landscape import NUMBERS, Landscape, Rows, empty_landscape, wi
 from hexctl.study.prior import PriorPlan
 from hexctl.study.transfer.plan import TransferPlan
 from hexctl.study.transfer.report import transfer_bars, transfer_json, write_transfer_report
-from hexctl.study.transfer.searches import TransferFindings, run_transfer, walk_of
+from hexctl.study.transfer.searches import TransferFindings, search_worlds, walk_of
 from hexctl.types import FloatArray
 from tests.robots import shipped
 
@@ -85,7 +85,7 @@ def _landscape(spec: Any, finals: FloatArray, invalid: int = 0) -> Landscape:
 def findings() -> TransferFindings:
     plan = _plan()
     finals = _finals(len(plan.specs()), seed=2)
-    return run_transfer(
+    return search_worlds(
         plan,
         [_landscape(spec, row, invalid=7) for spec, row in zip(plan.specs(), finals, strict=True)],
     )
@@ -128,7 +128,7 @@ def test_random_search_has_the_mean_of_random_draws(findings: TransferFindings) 
     """The best of n draws without repetition, over all orders, is known exactly for the first draw."""
     plan = replace(findings.plan, optimizers=("random",), runs=200)
     landscape = findings.landscapes[0]
-    (courses,) = run_transfer(plan, [landscape]).courses.values()
+    (courses,) = search_worlds(plan, [landscape]).courses.values()
     first = np.array([course.best_m[0] for course in courses])
     scores = np.where(landscape.valid, landscape.final_m, landscape.final_m[landscape.valid].max())
     assert abs(first.mean() - scores.mean()) < 4 * scores.std() / np.sqrt(len(first))
@@ -190,10 +190,10 @@ def test_the_report_and_its_numbers(findings: TransferFindings, tmp_path: Path) 
 def test_landscapes_without_a_valid_gait_are_left_out_and_counted(findings: TransferFindings) -> None:
     plan = findings.plan
     dead = _landscape(plan.specs()[0], _finals(1, seed=3)[0], invalid=GAITS)
-    some = run_transfer(replace(plan, optimizers=("random",)), [dead, findings.landscapes[1]])
+    some = search_worlds(replace(plan, optimizers=("random",)), [dead, findings.landscapes[1]])
     assert (len(some.landscapes), some.without) == (1, 1)
     with pytest.raises(RobotFaultError, match="no gait is valid"):
-        run_transfer(plan, [dead])
+        search_worlds(plan, [dead])
 
 
 @pytest.mark.parametrize(

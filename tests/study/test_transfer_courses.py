@@ -17,7 +17,7 @@ from hexctl.study.landscape import NUMBERS, Landscape, LandscapeSpec, Rows, empt
 from hexctl.study.prior import PriorPlan
 from hexctl.study.transfer.plan import EARLY, FIRST_WORLD, TransferPlan
 from hexctl.study.transfer.report import REPORT, TABLE, transfer_bars, transfer_json, write_transfer_report
-from hexctl.study.transfer.searches import TransferFindings, run_course, run_transfer, walk_of
+from hexctl.study.transfer.searches import TransferFindings, run_course, search_worlds, walk_of
 from hexctl.types import FloatArray
 from tests.adapt.priors import MadeUpModel, made_up_prior, path_of, plan_of, question_of
 from tests.robots import shipped
@@ -79,7 +79,7 @@ def landscapes() -> list[Landscape]:
 
 @pytest.fixture(scope="module")
 def findings(landscapes: list[Landscape]) -> TransferFindings:
-    return run_transfer(plan(), landscapes)
+    return search_worlds(plan(), landscapes)
 
 
 def test_landscapes_come_world_by_world_from_behind_those_that_were_looked_at() -> None:
@@ -196,11 +196,11 @@ def test_bayes_is_told_how_the_robot_stands_in_each_world(
 ) -> None:
     sags_rad = MODEL.sags(len(landscapes), seed=600)
     by_place = {one.spec.title: sag for one, sag in zip(landscapes, sags_rad, strict=True)}
-    monkeypatch.setattr("hexctl.study.transfer.searches.sag_of", lambda spec: by_place[spec.title])
+    monkeypatch.setattr("hexctl.study.transfer.searches.deflection_of", lambda spec: by_place[spec.title])
     blind = made_up_prior(question(), legs=LEGS, worlds=16, model=MODEL)
     stances = np.array([MODEL.sags(16, leg) for leg in LEGS])
     asked = plan(prior=replace(blind, sag_rad=stances), optimizers=("bayes", "random"))
-    told = run_transfer(asked, landscapes)
+    told = search_worlds(asked, landscapes)
     samples = {leg: samples_of(asked.prior, asked.robot, leg) for leg in LEGS}
     others = 0
     for place, landscape in enumerate(landscapes):
@@ -220,7 +220,7 @@ def test_random_search_is_as_good_as_chance() -> None:
     """Its mean over many runs against the expectation of the best of n draws without repetition."""
     asked = plan(worlds=1, legs=(5,), optimizers=("random",), runs=200, budget=20)
     landscape = made_up_in(asked.specs()[0], spread_out(2.0))
-    courses = run_transfer(asked, [landscape]).courses[0, "random"]
+    courses = search_worlds(asked, [landscape]).courses[0, "random"]
     ends = np.sort(landscape.final_m)
     for n in (1, 5, 20):
         # The k-th smallest is the best when none of the k - 1 smaller ones is drawn, but it is.
@@ -274,7 +274,7 @@ def test_kinds_and_reach_choose_landscapes(findings: TransferFindings) -> None:
 
 def test_it_is_told_of_each_landscape(landscapes: list[Landscape]) -> None:
     done: list[Landscape] = []
-    run_transfer(plan(optimizers=("random",), runs=1, budget=2), landscapes, done.append)
+    search_worlds(plan(optimizers=("random",), runs=1, budget=2), landscapes, done.append)
     assert done == landscapes
 
 
@@ -317,9 +317,9 @@ def test_the_bars_follow_from_the_curves(findings: TransferFindings) -> None:
 def test_without_bayes_there_is_nothing_to_judge_and_small_budgets_ask_less(
     landscapes: list[Landscape],
 ) -> None:
-    assert transfer_bars(run_transfer(plan(optimizers=("random",), runs=1), landscapes)) == []
+    assert transfer_bars(search_worlds(plan(optimizers=("random",), runs=1), landscapes)) == []
     names = [
-        bar.name for bar in transfer_bars(run_transfer(plan(optimizers=("bayes",), budget=5), landscapes))
+        bar.name for bar in transfer_bars(search_worlds(plan(optimizers=("bayes",), budget=5), landscapes))
     ]
     assert "mean_0.1_m" in names
     assert "mean_0.025_m" not in names
@@ -362,7 +362,7 @@ def test_the_summary_is_plain_json_of_the_curves(findings: TransferFindings) -> 
 def test_one_world_one_optimizer_and_one_trial_make_a_report_too(
     landscapes: list[Landscape], tmp_path: Path
 ) -> None:
-    found = run_transfer(plan(worlds=1, legs=(2,), optimizers=("bayes",), budget=1), landscapes[:1])
+    found = search_worlds(plan(worlds=1, legs=(2,), optimizers=("bayes",), budget=1), landscapes[:1])
     assert write_transfer_report(found, tmp_path).exists()
     json.dumps(transfer_json(found), allow_nan=False)
 

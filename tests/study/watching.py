@@ -2,11 +2,11 @@
 
 from collections.abc import Iterator, Sequence
 
-from hexctl.study.evaluate import Chunk, ChunkDone, simulate_chunk
+from hexctl.study.evaluate import Chunk, ChunkDone, Silent, simulate_chunk
 from hexctl.study.landscape import Landscape
 
 
-class Remembering:
+class Remembering(Silent):
     def __init__(self) -> None:
         self.known: list[bool] = []
         self.gaits: list[int] = []

@@ -1,18 +1,27 @@
 """What a transfer benchmark asks: which unseen worlds, legs, optimizers, runs and trials."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
+from pathlib import Path
 
-from hexctl.adapt.prior.prior import Prior, PriorKey
+from hexctl.adapt.prior.find import find_prior
+from hexctl.adapt.prior.prior import Prior, PriorKey, load_prior
 from hexctl.adapt.prior.samples import serves
 from hexctl.adapt.registry import BAYES
+from hexctl.adapt.search import serving
 from hexctl.backends.sim.world import DomainRandomization
 from hexctl.control.plan import TrialPlan
 from hexctl.errors import InputError
+from hexctl.gait.gait import make_gait
+from hexctl.robot.failure import Failure
 from hexctl.robot.model import Robot
 from hexctl.study.landscape import LandscapeSpec
 from hexctl.study.plan import BASELINE, HEURISTICS, StudyPlan
 from hexctl.study.prior import WHOLE_S, in_whole_steps
 from hexctl.types import N_LEGS
+
+#: The family of unseen worlds.
+UNSEEN = "transfer"
 
 #: The first worlds of the family were looked at while `bayes` was made; the benchmark begins after them.
 FIRST_WORLD = 35
@@ -116,3 +125,19 @@ class TransferPlan:
     def trial_plan(self) -> TrialPlan:
         """Return the plan of one trial; its gait is one of many."""
         return self.specs()[0].trial(1).plan
+
+
+def find_transfer_prior(
+    robot: Robot, legs: tuple[int, ...], duration_s: float, folders: Iterable[Path]
+) -> Prior:
+    """First prior in some folders that covers the trials of a benchmark; InputError if there is none."""
+    if not legs:
+        raise InputError("--legs: got none; allowed: one or more of 1..6")
+    failure = Failure(leg=legs[0])
+    plan = TrialPlan(gait=make_gait(robot, "demo"), duration_s=duration_s, failure=failure)
+    found = find_prior(PriorKey.of(robot, plan), folders, serves=serving(robot, plan))
+    if found.path is None:
+        raise InputError(
+            f"prior: there is none for these trials ({found.reason}); hexctl prior build makes one"
+        )
+    return load_prior(found.path)

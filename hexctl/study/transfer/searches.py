@@ -17,7 +17,7 @@ from hexctl.control.result import progress_floor_m
 from hexctl.control.trial import LOOK_TICKS, Enough
 from hexctl.errors import RobotFaultError
 from hexctl.study.landscape import PATH_STRIDE, Landscape
-from hexctl.study.prior import sag_of
+from hexctl.study.prior import deflection_of
 from hexctl.study.transfer.plan import EARLY, PRIORED, TransferPlan
 from hexctl.types import BoolArray, FloatArray
 
@@ -221,7 +221,7 @@ class TransferFindings:
         return [course for place in places for course in self.courses[place, optimizer]]
 
 
-def run_transfer(
+def search_worlds(
     plan: TransferPlan, landscapes: Sequence[Landscape], on_landscape: OnLandscape = lambda _: None
 ) -> TransferFindings:
     """Run every optimizer in every landscape."""
@@ -232,7 +232,7 @@ def run_transfer(
     courses = {}
     for place, landscape in enumerate(usable):
         spec = landscape.spec
-        sag_rad = None if plan.prior.sag_rad is None else sag_of(spec)
+        sag_rad = None if plan.prior.sag_rad is None else deflection_of(spec)
         for name in plan.optimizers:
             known = samples[spec.leg] if name in PRIORED else None
             courses[place, name] = [

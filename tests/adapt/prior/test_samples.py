@@ -27,7 +27,7 @@ from hexctl.backends.sim.world import World
 from hexctl.control.batch import run_sim_trials
 from hexctl.errors import InputError
 from hexctl.study.landscape import LandscapeSpec
-from hexctl.study.prior import sag_of
+from hexctl.study.prior import deflection_of
 from hexctl.types import FloatArray
 from tests.adapt.priors import MadeUpModel, made_up_prior, question_of, shown_of
 from tests.robots import ROBOT_NAMES, shipped
@@ -247,7 +247,7 @@ def test_a_turned_robot_walks_nearly_the_same_with_another_leg_failed() -> None:
 
 
 def standing(world: World, leg: int) -> FloatArray:
-    return sag_of(LandscapeSpec(robot=shipped(), world=world, leg=leg, self_rotation="rear"))
+    return deflection_of(LandscapeSpec(robot=shipped(), world=world, leg=leg, self_rotation="rear"))
 
 
 def test_a_mirrored_world_gives_the_mirrored_stance() -> None:

@@ -1,0 +1,186 @@
+"""The paper's experiments and the transfer benchmark as library calls."""
+
+import json
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from hexctl.errors import InputError
+from hexctl.study.cache import LandscapeCache
+from hexctl.study.drawing import check_drawing
+from hexctl.study.evaluate import Progress, Silent, check_jobs, evaluate
+from hexctl.study.figures import FIGURES
+from hexctl.study.plan import StudyPlan
+from hexctl.study.report import REPORT, write_report
+from hexctl.study.searches import Findings, search_all
+from hexctl.study.tables import summary_json
+from hexctl.study.transfer.plan import TransferPlan
+from hexctl.study.transfer.report import REPORT as TRANSFER_REPORT
+from hexctl.study.transfer.report import transfer_json, write_transfer_report
+from hexctl.study.transfer.searches import TransferFindings, search_worlds
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class StudyResult:
+    """A finished study.
+
+    Attributes:
+        findings: landscapes and searches.
+        report: the HTML page; tables and figures are files beside it.
+        notes: remarks on files of the cache that could not be used.
+        times_s: wall time of the parts `landscapes`, `searches` and `report`.
+    """
+
+    findings: Findings
+    report: Path
+    notes: tuple[str, ...]
+    times_s: dict[str, float]
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain JSON values, as in the file `study.json` and printed by `--json`."""
+        return {
+            "out": str(self.report.parent),
+            "report": str(self.report),
+            **summary_json(self.findings),
+            "notes": list(self.notes),
+            "times_s": self.times_s,
+        }
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TransferResult:
+    """A finished transfer benchmark.
+
+    Attributes:
+        findings: landscapes of unseen worlds and the searches in them.
+        report: the HTML page; table and figures are files beside it.
+        notes: remarks on files of the cache that could not be used.
+    """
+
+    findings: TransferFindings
+    report: Path
+    notes: tuple[str, ...]
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain JSON values, as in the file `transfer.json` and printed by `--json`."""
+        return {
+            "out": str(self.report.parent),
+            "report": str(self.report),
+            **transfer_json(self.findings),
+            "notes": list(self.notes),
+        }
+
+
+def run_study(
+    plan: StudyPlan,
+    *,
+    folder: Path,
+    cache: LandscapeCache | None = None,
+    jobs: int | None = None,
+    dask: str | None = None,
+    progress: Progress | None = None,
+) -> StudyResult:
+    """Simulate all gaits of a plan, search the landscapes, write report, figures, tables and `study.json`.
+
+    Simulated gaits are saved while this runs: a call that was interrupted is continued by the next one.
+
+    Args:
+        plan: the experiments.
+        folder: for the report: new, empty, or with an earlier study, which is replaced.
+        cache: of landscapes; None is the one of the command line, `runs/study-cache`.
+        jobs: threads per batch of gaits; None is all cores here, one on a Dask worker.
+        dask: address of a Dask scheduler whose workers simulate; None simulates here.
+        progress: observer.
+
+    Raises InputError for a plan, a folder or an address that cannot be used, MissingExtraError without
+    Matplotlib or PyArrow, CacheError when landscapes cannot be saved; all but the last before anything runs.
+    """
+    cache, progress = cache or LandscapeCache(), progress or Silent()
+    check_jobs(jobs)
+    check_drawing()
+    plan.check()
+    with _report_folder(folder, REPORT):
+        cache.probe()
+        times_s = _Stopwatch()
+        landscapes = evaluate(plan.specs(), cache, jobs=jobs, dask=dask, progress=progress)
+        times_s.lap("landscapes")
+        progress.stage("searches, leg by leg", len(plan.legs))
+        findings = search_all(plan, landscapes, lambda _: progress.step())
+        times_s.lap("searches")
+        progress.stage("figures", len(FIGURES))
+        report = write_report(findings, folder, lambda _: progress.step())
+        times_s.lap("report")
+        result = StudyResult(findings=findings, report=report, notes=tuple(cache.notes), times_s=times_s.laps)
+        _write_json(result.to_json(), folder / "study.json")
+    return result
+
+
+def run_transfer(
+    plan: TransferPlan,
+    *,
+    folder: Path,
+    cache: LandscapeCache | None = None,
+    jobs: int | None = None,
+    dask: str | None = None,
+    progress: Progress | None = None,
+) -> TransferResult:
+    """Simulate all gaits in unseen worlds, search them, write report, figures, table and `transfer.json`.
+
+    Arguments and errors are those of `run_study`; RobotFaultError when no gait is valid in any world.
+    """
+    cache, progress = cache or LandscapeCache(), progress or Silent()
+    check_jobs(jobs)
+    check_drawing()
+    plan.check()
+    with _report_folder(folder, TRANSFER_REPORT):
+        cache.probe()
+        landscapes = evaluate(plan.specs(), cache, jobs=jobs, dask=dask, progress=progress)
+        progress.stage("searches, world by world", len(landscapes))
+        findings = search_worlds(plan, landscapes, lambda _: progress.step())
+        report = write_transfer_report(findings, folder)
+        result = TransferResult(findings=findings, report=report, notes=tuple(cache.notes))
+        _write_json(result.to_json(), folder / "transfer.json")
+    return result
+
+
+class _Stopwatch:
+    """Wall times of consecutive parts of the work, in s, by name in `laps`."""
+
+    def __init__(self) -> None:
+        self.laps: dict[str, float] = {}
+        self._began_s = time.perf_counter()
+
+    def lap(self, name: str) -> None:
+        """End a part and begin the next one."""
+        now_s = time.perf_counter()
+        self.laps[name] = round(now_s - self._began_s, 2)
+        self._began_s = now_s
+
+
+@contextmanager
+def _report_folder(folder: Path, report: str) -> Iterator[None]:
+    """Create the folder of a report; remove it at the end when nothing was written into it.
+
+    Raises InputError unless it is new, empty, or has an earlier report of the same kind.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / ".probe").touch()
+        (folder / ".probe").unlink()
+        others = any(folder.iterdir()) and not (folder / report).exists()
+    except OSError as error:
+        raise InputError(f"--out: {folder} cannot be used ({error.strerror}); allowed: a folder") from error
+    if others:
+        raise InputError(f"--out: {folder} holds other things; allowed: a new or empty folder")
+    try:
+        yield
+    finally:
+        with suppress(OSError):
+            folder.rmdir()
+
+
+def _write_json(values: dict[str, Any], path: Path) -> None:
+    path.write_text(json.dumps(values, indent=1), encoding="utf-8")
