@@ -73,10 +73,21 @@ def _same_array(one: NDArray[Any], other: NDArray[Any]) -> bool:
 
 
 def check_shape(value: object, shape: tuple[int, ...], what: str) -> None:
-    """Raise WrongTypeError unless a value is an array, and InputError unless it has a shape."""
+    """Raise WrongTypeError unless a value is an array, and InputError unless it has the given shape."""
     check_type(value, np.ndarray, what, f"an array of shape {shape}")
     if isinstance(value, np.ndarray) and value.shape != shape:
         raise InputError(f"{what}: got an array of shape {value.shape}; allowed: shape {shape}")
+
+
+def check_finite(value: object, shape: tuple[int, ...], what: str) -> None:
+    """Raise what `check_shape` raises, and InputError for elements that are not finite numbers."""
+    check_shape(value, shape, what)
+    numbers = np.asarray(value)
+    if not np.issubdtype(numbers.dtype, np.number):
+        raise InputError(f"{what}: got an array of {numbers.dtype}; allowed: numbers")
+    if not np.isfinite(numbers).all():
+        bad = numbers[~np.isfinite(numbers)][0]
+        raise InputError(f"{what}: got {bad}; allowed: finite numbers")
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -20,12 +20,12 @@ Edit = Callable[[Content], None]
 
 @cache
 def shipped(name: str = "ant") -> Robot:
-    """Return a shipped robot, loaded once."""
+    """A shipped robot, loaded once."""
     return load_robot(name)
 
 
 def put(*path_and_value: Any) -> Edit:
-    """Return an edit that sets the value at a path of keys."""
+    """An edit that sets the value at a path of keys."""
     *path, last, value = path_and_value
 
     def edit(content: Content) -> None:
@@ -35,7 +35,7 @@ def put(*path_and_value: Any) -> Edit:
 
 
 def drop(*path_and_key: Any) -> Edit:
-    """Return an edit that removes a key."""
+    """An edit that removes a key."""
     *path, last = path_and_key
 
     def edit(content: Content) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from hexctl.errors import InputError, check_type
-from hexctl.types import JOINTS_PER_LEG, N_JOINTS, N_LEGS, ArrayFields, FloatArray, check_shape
+from hexctl.types import JOINTS_PER_LEG, N_JOINTS, N_LEGS, ArrayFields, FloatArray, check_finite
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class ServoModel:
     rotor_inertia_kg_m2: float
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Robot(ArrayFields):
     """One hexapod. Body frame: x forward, y left, z up, origin at the height of the mounts' reference.
 
@@ -100,8 +100,11 @@ class Robot(ArrayFields):
         for name, part in (("body", Body), ("servo", ServoModel), ("gait", GaitDefaults)):
             check_type(getattr(self, name), part, f"robot.{name}")
         for name, shape in _SHAPES.items():
-            check_shape(getattr(self, name), shape, f"robot.{name}")
+            check_finite(getattr(self, name), shape, f"robot.{name}")
         self._freeze()
+
+    def __repr__(self) -> str:
+        return f"Robot({self.name!r}, mass_kg={self.mass_kg:g}, fingerprint={self.fingerprint[:12]!r})"
 
     def __hash__(self) -> int:
         return hash((self.name, self.size_m))

@@ -27,6 +27,7 @@ from hexctl.types import (
     ArrayFields,
     BoolArray,
     FloatArray,
+    check_finite,
 )
 
 IntArray = NDArray[np.int64]
@@ -64,6 +65,8 @@ class ServoMap(ArrayFields):
     low_battery_v: float | None = None
 
     def __post_init__(self) -> None:
+        for name in ("channels", "signs", "offsets_deg", "min_us", "max_us"):
+            check_finite(getattr(self, name), (N_JOINTS,), f"servos.{name}")
         if sorted(self.channels.tolist()) != list(range(1, N_JOINTS + 1)):
             raise InputError(f"servos: {_clash(self.channels)}; allowed: each of the channels 1..18 once")
         for value in vars(self).values():

@@ -8,7 +8,7 @@ Vector = tuple[float, float, float]
 
 
 def stroke(u: float, amplitude: float) -> float:
-    """Return m(u), Eq. 3."""
+    """Offset m(u) in the plane, Eq. 3."""
     if u < 1 / 3:
         return 3 * u * amplitude / 2
     if u < 1 / 2:
@@ -19,7 +19,7 @@ def stroke(u: float, amplitude: float) -> float:
 
 
 def lift(u: float, height: float) -> float:
-    """Return h(u), Eq. 4."""
+    """Height h(u), Eq. 4."""
     if u < 1 / 3:
         return 0.0
     if u < 1 / 2:
@@ -30,14 +30,14 @@ def lift(u: float, height: float) -> float:
 
 
 def normalised_time(t: float, slot: int) -> float:
-    """Return u, Eq. 5."""
+    """Normalised time u, Eq. 5."""
     return math.fmod(t + (slot - 1) / 6, 1.0)
 
 
 def walking_feet(
     rest: list[Vector], slots: Slots, t: float, *, amplitude: float, height: float, theta: float
 ) -> list[Vector]:
-    """Return the feet, Eq. 1 and 2; as printed, the stance feet move toward theta."""
+    """Feet, Eq. 1 and 2; as printed, the stance feet move toward theta."""
     feet = []
     for (x, y, z), slot in zip(rest, slots, strict=True):
         u = normalised_time(t, slot)

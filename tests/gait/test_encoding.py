@@ -13,7 +13,7 @@ FAILED_SETS = [(), *((leg,) for leg in range(1, 7)), (2, 5), (1, 6), (1, 3, 5), 
 
 
 def _enumerated(failed: tuple[int, ...]) -> list[Slots]:
-    """Return all slots in lexicographic order the slow way: go through all permutations of six."""
+    """All slots in lexicographic order, by brute force over the permutations of six."""
     return [
         slots for slots in itertools.permutations(range(1, 7)) if all(slots[leg - 1] == leg for leg in failed)
     ]

@@ -201,7 +201,7 @@ def test_a_soft_stop_shrinks_evenly_to_the_stance(stop_s: float) -> None:
     level = np.minimum(stop_s, 2.0) / 2
     share = np.maximum(level - since / 2, 0)
     reference = np.minimum((stop_s + since) / 2, 1)
-    # Undo the start's own ramp, which goes on behind the stop's.
+    # Divide by the ramp of the start, which is not over when the stop begins.
     full = np.divide(
         walking,
         reference[:, np.newaxis, np.newaxis],

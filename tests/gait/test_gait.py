@@ -75,7 +75,7 @@ def test_turning_with_half_the_amplitude_is_the_papers_demo() -> None:
 
 
 def _swing_order(slots: Slots) -> list[int]:
-    """Return the legs in the order of their highest moments in one cycle, read off the trajectory."""
+    """Legs in the order in which their feet are highest in a cycle of the trajectory."""
     cycles = np.arange(600) / 600
     lifts = lift_offset(phase_in_cycle(cycles[:, np.newaxis], np.array(slots)))
     tops = cycles[lifts.argmax(axis=0)]
@@ -83,7 +83,7 @@ def _swing_order(slots: Slots) -> list[int]:
 
 
 def _from(order: list[int], leg: int) -> list[int]:
-    """Return a cyclic order as it reads from a leg on."""
+    """A cyclic order, rotated to begin with a leg."""
     start = order.index(leg)
     return order[start:] + order[:start]
 

@@ -8,7 +8,7 @@ Point = tuple[float, float]
 
 
 def leg_angles(robot: Robot, leg: int, foot_body: tuple[float, float, float]) -> tuple[float, float, float]:
-    """Return coxa, femur and tibia angle of leg 1..6 for a foot in the body frame that it can reach."""
+    """Coxa, femur and tibia angle of leg 1..6 for a foot in the body frame that it can reach."""
     mount = [float(value) for value in robot.mount_positions_body[leg - 1]]
     x, y, up = (foot - start for foot, start in zip(foot_body, mount, strict=True))
     coxa = math.remainder(math.atan2(y, x) - float(robot.mount_yaws_rad[leg - 1]), math.tau)
@@ -19,7 +19,7 @@ def leg_angles(robot: Robot, leg: int, foot_body: tuple[float, float, float]) ->
 
 
 def _upper_crossing(centre: complex, radius: float, other: complex, other_radius: float) -> complex:
-    """Return where two circles cross, on the left of the way from the first centre to the second."""
+    """Intersection of two circles, on the left of the line from the first centre to the second."""
     distance = abs(other - centre)
     along = (distance**2 + radius**2 - other_radius**2) / (2 * distance)
     aside = math.sqrt(max(0.0, radius**2 - along**2))
@@ -27,6 +27,6 @@ def _upper_crossing(centre: complex, radius: float, other: complex, other_radius
 
 
 def _angle(to: complex, start: complex) -> float:
-    """Return the turn from one direction of the plane to another, counter-clockwise."""
+    """Turn from one direction of the plane to another, counter-clockwise."""
     turn = to / start
     return math.atan2(turn.imag, turn.real)

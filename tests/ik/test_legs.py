@@ -31,13 +31,13 @@ def _angles_within_limits(robot: Robot, shares: FloatArray) -> FloatArray:
 
 
 def _feet_around(robot: Robot, shares: FloatArray) -> FloatArray:
-    """Return feet all around the mounts, some of them out of reach."""
+    """Feet all around the mounts, some of them out of reach."""
     reach = float(np.hypot(*robot.link_vectors_m.T).sum())
     return robot.mount_positions_body + (2 * shares.reshape(N_LEGS, 3) - 1) * reach
 
 
 def _foot_before_the_coxa(robot: Robot, angles: FloatArray) -> BoolArray:
-    """Return which legs have their foot on the side of the coxa axis that they point to."""
+    """Whether each foot is on the side of the coxa axis to which its leg points."""
     points = link_points_body(robot, angles)
     yaw = robot.mount_yaws_rad + angles[::3]
     outward = np.stack([np.cos(yaw), np.sin(yaw)], axis=-1)
@@ -45,7 +45,7 @@ def _foot_before_the_coxa(robot: Robot, angles: FloatArray) -> BoolArray:
 
 
 def _knee_up(robot: Robot, angles: FloatArray) -> BoolArray:
-    """Return which legs have their knee above the line from the femur joint to the foot."""
+    """Whether each knee is above the line from the femur joint to the foot."""
     slopes = np.arctan2(robot.link_vectors_m[:, 1], robot.link_vectors_m[:, 0])
     return np.asarray(np.sin(angles[2::3] + slopes[2] - slopes[1]) < -1e-3)
 

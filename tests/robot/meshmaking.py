@@ -16,13 +16,13 @@ FACES = np.array(
 
 
 def stl_box() -> bytes:
-    """Return a box with sides of 1 as binary STL."""
+    """A box with sides of 1 as binary STL."""
     records = (struct.pack("<12fH", 0, 0, 0, *CORNERS[face].ravel(), 0) for face in FACES)
     return bytes(80) + struct.pack("<I", len(FACES)) + b"".join(records)
 
 
 def text_stl_box() -> bytes:
-    """Return the same as a text."""
+    """The same box as text STL."""
     lines = ["solid box"]
     for face in FACES:
         corners = [f"vertex {x} {y} {z}" for x, y, z in CORNERS[face].tolist()]
@@ -31,14 +31,14 @@ def text_stl_box() -> bytes:
 
 
 def obj_box() -> bytes:
-    """Return the box as OBJ."""
+    """The box as OBJ."""
     vertices = [f"v {x} {y} {z}" for x, y, z in CORNERS.tolist()]
     faces = [f"f {a + 1} {b + 1} {c + 1}" for a, b, c in FACES.tolist()]
     return "\n".join([*vertices, *faces]).encode()
 
 
 def glb_box(color: tuple[float, float, float] = (0.9, 0.1, 0.9)) -> bytes:
-    """Return the box as GLB in a colour of its own."""
+    """The box as GLB in a colour of its own."""
     points, faces = CORNERS.astype("<f4").tobytes(), FACES.astype("<u2").tobytes()
     low, high = CORNERS.min(axis=0).tolist(), CORNERS.max(axis=0).tolist()
     document = {

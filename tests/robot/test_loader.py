@@ -240,7 +240,7 @@ BAD_TEXTS: dict[str, tuple[bytes, str]] = {
         r"line 1, column 20: the key 'mass_kg' is given twice",
     ),
     "key is a list": (b"? [1, 2]\n: 3\n", r"unhashable key"),
-    "date that is none": (b"name: 2020-13-45\n", r"month must be"),
+    "impossible date": (b"name: 2020-13-45\n", r"month must be"),
     "newline in a key": (b'"a\\nb": 1\n', r"unknown key 'a\\nb'"),
     "object": (b"!!python/object/apply:os.system ['exit 1']\n", r"python/object/apply:os.system"),
     "name of code": (b"name: !!python/name:os.system\n", r"python/name:os.system"),

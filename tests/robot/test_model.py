@@ -56,8 +56,21 @@ def test_robots_are_equal_exactly_if_their_descriptions_are(tmp_path: Path) -> N
             r"robot.link_radii_m: got .* \(list\); allowed: an array of shape \(3,\)",
         ),
         ({"stance_angles_rad": np.zeros((6, 3))}, r"got an array of shape \(6, 3\); allowed: shape \(18,\)"),
+        (
+            {"link_masses_kg": np.array([1.0, np.nan, 1.0])},
+            "masses_kg: got nan; allowed: finite",
+        ),
+        (
+            {"link_masses_kg": np.array(["1", "1", "1"])},
+            "got an array of <U1; allowed: numbers",
+        ),
     ],
 )
 def test_a_value_of_a_wrong_type_or_shape_is_refused_at_once(change: dict[str, Any], message: str) -> None:
     with pytest.raises(InputError, match=message):
         replace(shipped(), **change)
+
+
+def test_a_robot_prints_as_one_short_line() -> None:
+    ant = shipped()
+    assert repr(ant) == f"Robot('ant', mass_kg=1, fingerprint='{ant.fingerprint[:12]}')"

@@ -1,6 +1,7 @@
 """The servo map: pulses and angles, what calibration changes of it, and its section of a robot file."""
 
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -218,19 +219,13 @@ SECTIONS = {
 }
 
 
-def same(one: ServoMap, other: ServoMap) -> bool:
-    return all(
-        np.array_equal(np.asarray(getattr(one, name)), np.asarray(getattr(other, name))) for name in vars(one)
-    )
-
-
 @pytest.mark.parametrize("kind", SECTIONS)
 def test_only_the_section_changes(kind: str, tmp_path: Path) -> None:
     path = tmp_path / "mine.yaml"
     path.write_text(SECTIONS[kind], encoding="utf-8")
     wanted = default_servo_map()
     write_servo_map(path, wanted)
-    assert same(load_servo_map(path), wanted)
+    assert load_servo_map(path) == wanted
     assert load_robot(path).fingerprint == shipped().fingerprint
     kept = [line for line in SHIPPED.splitlines() if line]
     written = path.read_text(encoding="utf-8").splitlines()
@@ -248,7 +243,7 @@ def test_what_is_written_is_read_back_to_the_last_bit(tmp_path: Path, servo_map:
     path.write_text(SHIPPED, encoding="utf-8")
     write_servo_map(path, whole)
     write_servo_map(path, whole)
-    assert same(load_servo_map(path), whole)
+    assert load_servo_map(path) == whole
 
 
 def test_a_backup_never_takes_the_place_of_an_older_one(tmp_path: Path) -> None:
@@ -278,3 +273,19 @@ def test_a_file_that_is_a_link_keeps_being_one(tmp_path: Path) -> None:
     write_servo_map(link, default_servo_map())
     assert link.is_symlink()
     assert "servos:" in real.read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (
+            {"channels": list(range(1, 19))},
+            r"servos.channels: got .* \(list\); allowed: an array of shape",
+        ),
+        ({"signs": np.ones(6)}, r"servos.signs: got an array of shape \(6,\); allowed: shape \(18,\)"),
+        ({"offsets_deg": np.full(18, np.nan)}, r"servos.offsets_deg: got nan; allowed: finite numbers"),
+    ],
+)
+def test_a_map_of_wrong_arrays_is_refused_at_once(change: dict[str, Any], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        replace(default_servo_map(), **change)
