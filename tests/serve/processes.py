@@ -1,5 +1,7 @@
 """Robots and controllers in processes of their own, on loopback and free ports, each ended by its id."""
 
+import contextlib
+import io
 import json
 import os
 import signal
@@ -8,11 +10,12 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from hexctl.cli.main import exit_code
 from tests.serve.recorded import VARIABLE, ServoLog
 
 ROOT = Path(__file__).parents[2]
@@ -153,8 +156,16 @@ def controlling(folder: Path, endpoint: str, *options: str, name: str = "control
         yield running
 
 
-def hexctl(*arguments: str, patience_s: float = PATIENCE_S) -> subprocess.CompletedProcess[str]:
-    """Run the command to its end."""
+def hexctl(*arguments: str) -> subprocess.CompletedProcess[str]:
+    """Run the command to its end, in this process: nothing but its start is spared."""
+    out, err = io.StringIO(), io.StringIO()
+    with contextlib.chdir(ROOT), redirect_stdout(out), redirect_stderr(err):
+        code = exit_code(arguments)
+    return subprocess.CompletedProcess(arguments, code, out.getvalue(), err.getvalue())
+
+
+def hexctl_process(*arguments: str, patience_s: float = PATIENCE_S) -> subprocess.CompletedProcess[str]:
+    """Run the command to its end in a process of its own, as several at a time must be."""
     return subprocess.run(
         [sys.executable, "-m", "hexctl", *arguments],
         cwd=ROOT,

@@ -21,7 +21,7 @@ from hexctl.wire.links import KeyMap, Link, Role
 from hexctl.wire.messages import decode_positions, encode_positions
 from hexctl.wire.session import open_session
 from tests.robots import edited_file, put, shipped
-from tests.serve.processes import Served, free_port, hexctl, served, wait_until
+from tests.serve.processes import Served, free_port, hexctl, hexctl_process, served, wait_until
 
 pytestmark = pytest.mark.realtime
 
@@ -123,7 +123,7 @@ def test_nobody_there() -> None:
         ZenohServos(shipped(), link=Link(endpoint=endpoint)).connect()
     commands = (("status",), ("estop",), ("run", "--backend", "zenoh", "--no-record"))
     with ThreadPoolExecutor() as together:
-        for answer in together.map(lambda words: hexctl(*words, "--connect", endpoint), commands):
+        for answer in together.map(lambda words: hexctl_process(*words, "--connect", endpoint), commands):
             assert answer.returncode == 3
             assert answer.stderr.startswith("hexctl: ")
             assert len(answer.stderr.splitlines()) == 1
