@@ -53,7 +53,7 @@ def test_an_adaptation_over_the_link_finds_the_gait_that_one_in_process_finds(tm
     options = ("--failed-leg", "5", "--budget", "5", "--optimizer", "random", "--no-record", "--json")
     with served(tmp_path, "--world", str(world), "--failed-leg", "5", backend="sim") as robot:
         link = ("--backend", "zenoh", "--connect", robot.endpoint, "--arena", "3")
-        far = hexctl("adapt", *link, *options, patience_s=900)
+        far = hexctl("adapt", *link, *options)
         assert far.returncode == 0, far.stderr
     near = hexctl("adapt", "--world", str(world), *options)
     there, here = json.loads(far.stdout), json.loads(near.stdout)
