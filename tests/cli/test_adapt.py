@@ -131,26 +131,29 @@ def test_a_robot_without_a_position_cannot_be_scored(capsys: pytest.CaptureFixtu
     assert "knows no position" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
+@pytest.mark.slow
 def test_a_session_cut_off_goes_on_to_the_same_end(
-    number: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Ctrl-C and kill -9 in mid-session, then --resume."""
-    arguments = [
-        "--failed-leg",
-        "2",
-        "--duration",
-        "12",
-        "--budget",
-        "6",
-        "--optimizer",
-        "debest",
-        "--no-record",
-    ]
-    whole = run_json(capsys, "adapt", *arguments)
-    command = [sys.executable, "-m", "hexctl", "adapt", *arguments]
-    folder = tmp_path / "cut"
-    folder.mkdir()
+    options = "--failed-leg 2 --duration 6 --budget 6 --optimizer debest --no-record"
+    whole = run_json(capsys, "adapt", *options.split())
+    for number in (signal.SIGINT, signal.SIGKILL):
+        (folder := tmp_path / number.name).mkdir()
+        assert cut_off(folder, options, number) == (130 if number == signal.SIGINT else -signal.SIGKILL)
+        os.chdir(folder)
+        (listed,) = run_json(capsys, "sessions", "list")
+        assert 2 <= listed["trials"] < 6
+        assert exit_code(["sessions", "show", listed["session"]]) == 0
+        assert f"go on with: hexctl adapt --resume {listed['session']}" in capsys.readouterr().out
+        resumed = run_json(capsys, "adapt", "--resume", listed["session"], "--no-record")
+        assert course(resumed) == course(whole)
+        assert resumed["best"]["code"] == whole["best"]["code"]
+
+
+def cut_off(folder: Path, options: str, number: int) -> int:
+    """Begin a session in a process of its own, signal it after its second trial, return its exit code."""
+    command = [sys.executable, "-m", "hexctl", "adapt", *options.split()]
     process = subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     try:
         assert process.stdout is not None
@@ -162,15 +165,7 @@ def test_a_session_cut_off_goes_on_to_the_same_end(
     finally:
         process.kill()
         process.wait()
-    assert process.returncode == (130 if number == signal.SIGINT else -signal.SIGKILL)
-    os.chdir(folder)
-    (listed,) = run_json(capsys, "sessions", "list")
-    assert 2 <= listed["trials"] < 6
-    assert exit_code(["sessions", "show", listed["session"]]) == 0
-    assert f"go on with: hexctl adapt --resume {listed['session']}" in capsys.readouterr().out
-    resumed = run_json(capsys, "adapt", "--resume", listed["session"], "--no-record")
-    assert course(resumed) == course(whole)
-    assert resumed["best"]["code"] == whole["best"]["code"]
+    return process.returncode
 
 
 def test_a_budget_beyond_the_space_ends_when_every_gait_was_tried(

@@ -18,6 +18,9 @@ from hexctl.robot.failure import Failure
 from tests.adapt.priors import MadeUpModel, MadeUpWorld, made_up_prior, question_of
 from tests.robots import ROBOT_NAMES, shipped
 
+#: One prior is built: on one worker.
+pytestmark = [pytest.mark.slow, pytest.mark.xdist_group("prior")]
+
 DURATION = "6"
 BUILD = ["prior", "build", "--duration", DURATION, "--worlds", "2", "--legs", "5"]
 ADAPT = ["adapt", "--failed-leg", "5", "--duration", DURATION, "--no-record"]

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -176,33 +177,39 @@ def test_a_fall_is_an_abort(tmp_path: Path, capsys: pytest.CaptureFixture[str]) 
     assert outcome["status"] == "fell"
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_ctrl_c_stops_softly_and_keeps_the_recording(number: int, tmp_path: Path) -> None:
-    path = tmp_path / "walk.rrd"
+@pytest.mark.realtime
+def test_ctrl_c_stops_softly_and_keeps_the_recording(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "hexctl", "run", "--realtime", "--duration", "600", "--json"]
-    process = subprocess.Popen(
-        [*command, "--record", str(path)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    )
-    try:
-        _wait_until_it_walks(path, process)
-        os.kill(process.pid, number)
-        printed, complaints = process.communicate(timeout=PATIENCE_S)
-    finally:
-        process.kill()
-        process.wait()
-    assert process.returncode == 130
-    assert complaints == ""
-    outcome = json.loads(printed)
-    assert outcome["status"] == "aborted"
-    assert 0 < outcome["duration_s"] < 600
-    assert path.stat().st_size > 10_000
+    numbers = (signal.SIGINT, signal.SIGTERM)
+    paths = [tmp_path / f"{number.name}.rrd" for number in numbers]
+    with ExitStack() as running:
+        processes = [
+            subprocess.Popen(
+                [*command, "--record", str(path)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+            )
+            for path in paths
+        ]
+        for process in processes:
+            running.callback(process.wait)
+            running.callback(process.kill)
+        for number, path, process in zip(numbers, paths, processes, strict=True):
+            _wait_until_it_walks(path, process)
+            os.kill(process.pid, number)
+        ends = [process.communicate(timeout=PATIENCE_S) for process in processes]
+    for path, process, (printed, complaints) in zip(paths, processes, ends, strict=True):
+        assert process.returncode == 130
+        assert complaints == ""
+        outcome = json.loads(printed)
+        assert outcome["status"] == "aborted"
+        assert 0 < outcome["duration_s"] < 600
+        assert path.stat().st_size > 10_000
 
 
 def _wait_until_it_walks(path: Path, process: "subprocess.Popen[str]") -> None:
-    """Wait until several seconds of the walk are in the recording."""
+    """Wait until some of the walk is in the recording."""
     sizes: set[int] = set()
     deadline_s = time.monotonic() + PATIENCE_S
-    while len(sizes) < 5:
+    while len(sizes) < 3:
         assert time.monotonic() < deadline_s
         assert process.poll() is None
         if path.exists() and path.stat().st_size not in sizes:
