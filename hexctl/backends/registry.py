@@ -1,9 +1,10 @@
-"""The one table of backends: from a name to connected-to-be servos, importing only what is asked for."""
+"""Registry of backends: from a name to servos that can be connected, importing only what is asked for."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
+import inspect
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from hexctl.backends.base import LegServos
 from hexctl.errors import InputError, MissingExtraError
@@ -19,20 +20,20 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BackendOptions:
-    """What a backend may be told; each uses what concerns it.
+    """Options of backends; each backend uses those that concern it.
 
     Attributes:
         robot: the robot at the other end.
-        world: the simulated world, for `sim` only.
+        world: the simulated world.
         failure: the failed leg that a simulation injects.
-        seed: of everything random in a simulation.
-        trial: number of the trial, which has sensor noise of its own.
-        realtime: pace a simulation with the wall clock.
+        seed: seed of everything random in a simulation.
+        trial: number of the trial; sensor noise differs between trials.
+        realtime: pace a simulation with wall time.
         robot_file: the file that the robot was loaded from, with the servo map of a real one; None for a
             robot that is not from a file.
-        connect: where the robot is: a Zenoh endpoint, or a MAVLink port; None for the backend's default.
+        connect: address of the robot: a Zenoh endpoint or a MAVLink port; None for the backend's default.
         credentials: folder with the certificates of a link beyond loopback, or None.
-        insecure: True to let a link beyond loopback do without.
+        insecure: True to allow a link beyond loopback without credentials.
         link: name or path of a link file, or None.
     """
 
@@ -54,20 +55,63 @@ class BackendOptions:
         return default_servo_map() if self.robot_file is None else self.robot_file.servo_map
 
 
-def make_servos(name: str, options: BackendOptions) -> LegServos:
-    """Return the servos of a backend, not yet connected.
+@dataclass(frozen=True, slots=True)
+class Backend:
+    """One entry of the registry.
 
-    `name` is one of `BACKENDS`, or `package.module:Class` for a LegServos of your own, which is called with
-    the robot. Raises InputError for an unknown name, MissingExtraError when its extra is not installed.
+    Attributes:
+        make: makes the servos, not connected.
+        takes: the fields of `BackendOptions` that the user may set for it.
+    """
+
+    make: Callable[[BackendOptions], LegServos]
+    takes: frozenset[str]
+
+
+#: Fields of `BackendOptions` by the options of the command line that set them.
+FLAGS = {
+    "world": "--world",
+    "seed": "--seed",
+    "realtime": "--realtime",
+    "connect": "--connect",
+    "credentials": "--keys",
+    "insecure": "--insecure",
+    "link": "--link",
+}
+
+
+def make_servos(name: str, options: BackendOptions) -> LegServos:
+    """Servos of a backend, not yet connected.
+
+    `name` is one of `BACKENDS`, or `package.module:Class` for a LegServos of your own. Your class is called
+    with the robot, and by keyword with the given options among its arguments: any field of `BackendOptions`,
+    and `servo_map`. Raises InputError for an unknown name, MissingExtraError when its extra is not installed.
     """
     if name in BACKENDS:
-        return BACKENDS[name](options)
-    if ":" in name:
-        return _own(name, options)
-    raise InputError(
-        f"backend: got {name!r}; allowed: {', '.join(BACKENDS)}, "
-        "or package.module:Class for your own LegServos"
-    )
+        return BACKENDS[name].make(options)
+    return _make_own(name, options)
+
+
+def check_options(name: str, *, flags: Mapping[str, str] | None = None, **given: object) -> None:
+    """Raise InputError for an option that was given and that the backend would ignore.
+
+    Args:
+        name: the backend, as for `make_servos`.
+        flags: names of options on the command line, where they differ from `FLAGS`.
+        given: values by field of `BackendOptions`; None, False and 0 are not given.
+    """
+    takes = BACKENDS[name].takes if name in BACKENDS else _arguments(_own_class(name))
+    for field, value in given.items():
+        if not value or field in takes:
+            continue
+        flag = (flags or {}).get(field, FLAGS[field])
+        others = " and ".join(known for known, backend in BACKENDS.items() if field in backend.takes)
+        own = name not in BACKENDS
+        raise InputError(
+            f"{flag}: got {'it' if value is True else value} with --backend {name}"
+            f"{f', whose class takes no `{field}`' if own else ''}; "
+            f"allowed: with {others}{f', or a class that takes `{field}`' if own else ''}"
+        )
 
 
 def _sim(options: BackendOptions) -> LegServos:
@@ -115,22 +159,58 @@ def _mavlink(options: BackendOptions) -> LegServos:
     return MavlinkServos(options.robot, servo_map=options.servo_map, port=port, signing_key=signing_key)
 
 
-def _own(name: str, options: BackendOptions) -> LegServos:
-    module_name, _, class_name = name.partition(":")
+def _make_own(name: str, options: BackendOptions) -> LegServos:
+    own = _own_class(name)
+    accepted = _arguments(own)
+    given: dict[str, Any] = {
+        field.name: getattr(options, field.name)
+        for field in fields(options)
+        if field.name in accepted and getattr(options, field.name) != field.default
+    }
+    if "servo_map" in accepted:
+        given["servo_map"] = options.servo_map
     try:
-        made = getattr(module_here(module_name), class_name)(options.robot)
-    except (ImportError, AttributeError, TypeError, ValueError) as error:
-        raise InputError(
-            f"backend: {name!r} cannot be loaded ({error}); allowed: a LegServos class that takes the robot"
-        ) from error
+        made = own(options.robot, **given)
+    except (AttributeError, TypeError, ValueError) as error:
+        raise _not_loaded(name, error) from error
     if not isinstance(made, LegServos):
         raise InputError(f"backend: {name!r} made a {type(made).__name__}; allowed: a subclass of LegServos")
     return made
 
 
-BACKENDS: dict[str, Callable[[BackendOptions], LegServos]] = {
-    "sim": _sim,
-    "zenoh": _zenoh,
-    "mavlink": _mavlink,
-    "mock": _mock,
+def _own_class(name: str) -> Any:
+    """The class of `package.module:Class`; raises InputError for one that cannot be loaded."""
+    module_name, colon, class_name = name.partition(":")
+    if not colon:
+        raise InputError(
+            f"backend: got {name!r}; allowed: {', '.join(BACKENDS)}, "
+            "or package.module:Class for your own LegServos"
+        )
+    try:
+        return getattr(module_here(module_name), class_name)
+    except (ImportError, AttributeError, TypeError, ValueError) as error:
+        raise _not_loaded(name, error) from error
+
+
+def _arguments(own: Any) -> frozenset[str]:
+    """The names that a class takes by keyword, without the robot, which comes first."""
+    try:
+        parameters = list(inspect.signature(own).parameters.values())[1:]
+    except (TypeError, ValueError):
+        return frozenset()
+    named = (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)
+    return frozenset(parameter.name for parameter in parameters if parameter.kind in named)
+
+
+def _not_loaded(name: str, error: Exception) -> InputError:
+    return InputError(
+        f"backend: {name!r} cannot be loaded ({error}); allowed: a LegServos class that takes the robot"
+    )
+
+
+BACKENDS: dict[str, Backend] = {
+    "sim": Backend(_sim, frozenset({"world", "seed", "realtime"})),
+    "zenoh": Backend(_zenoh, frozenset({"connect", "credentials", "insecure", "link"})),
+    "mavlink": Backend(_mavlink, frozenset({"connect", "credentials", "insecure"})),
+    "mock": Backend(_mock, frozenset()),
 }

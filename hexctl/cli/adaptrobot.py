@@ -14,7 +14,7 @@ from hexctl.adapt.session import SessionSpec
 from hexctl.adapt.stance import connected_deflection_rad, simulated_deflection_rad
 from hexctl.backends.base import connection_notes
 from hexctl.backends.clock import request_realtime_priority
-from hexctl.backends.registry import BackendOptions, make_servos
+from hexctl.backends.registry import BackendOptions, check_options, make_servos
 from hexctl.backends.sim.world import World
 from hexctl.cli.console import ABORTED, FAULT, FAULTS, print_note
 from hexctl.cli.operator import check_answerable
@@ -27,17 +27,16 @@ from hexctl.gait.gait import ideal_speed_m_s
 from hexctl.robot.loader import load_robot_file
 from hexctl.robot.model import Robot
 
-#: Backends with a link that options describe.
-LINKED = ("zenoh", "mavlink")
-
 
 def check_robot_options(spec: SessionSpec) -> None:
     """Raise InputError for options that do not belong to the session's robot or contradict one another."""
-    if spec.backend not in LINKED and (spec.connect or spec.credentials or spec.insecure or spec.link):
-        raise InputError(
-            f"--connect, --keys, --insecure, --link: got one with --backend {spec.backend}; "
-            f"allowed: with {' and '.join(LINKED)}"
-        )
+    check_options(
+        spec.backend,
+        connect=spec.connect,
+        credentials=spec.credentials,
+        insecure=spec.insecure,
+        link=spec.link,
+    )
     if spec.simulated and (spec.arena_m is not None or spec.ask):
         raise InputError(
             f"--{'ask' if spec.ask else 'arena'}: got it with --backend sim, where each trial begins at the "

@@ -12,7 +12,7 @@ import typer
 
 from hexctl.backends.base import LegServos, connection_notes
 from hexctl.backends.clock import request_realtime_priority
-from hexctl.backends.registry import BackendOptions, make_servos
+from hexctl.backends.registry import BackendOptions, check_options, make_servos
 from hexctl.backends.sim.terrain import Floor, make_floor
 from hexctl.backends.sim.world import World, load_world
 from hexctl.cli.console import (
@@ -49,9 +49,6 @@ if TYPE_CHECKING:
     from hexctl.record.live import LiveView
     from hexctl.record.recording import Recording
 
-
-#: Backends with a link that options describe.
-LINKED = ("zenoh", "mavlink")
 
 #: A simulated walk shorter than this needs no progress bar.
 SHORT_S = 120.0
@@ -138,20 +135,16 @@ def _check(request: Request) -> World:
     """Refuse what cannot be done before anything heavy is loaded or anything moves; return the world."""
     if request.seed < 0:
         raise InputError(f"--seed: got {request.seed}; allowed: 0 or more")
-    if not request.simulated and request.world is not None:
-        raise InputError(f"--world: got {request.world} with --backend {request.backend}; allowed: with sim")
-    if request.backend in LINKED and (request.seed or request.realtime):
-        option = f"--seed: got {request.seed}" if request.seed else "--realtime: got it"
-        raise InputError(
-            f"{option} with --backend {request.backend}, whose robot has its own chance and time; "
-            "allowed: with sim"
-        )
-    linked = (request.connect, request.link, request.credentials, request.insecure)
-    if request.backend not in LINKED and any(linked):
-        raise InputError(
-            f"--connect, --keys, --insecure, --link: got one with --backend {request.backend}; "
-            "allowed: with zenoh and mavlink"
-        )
+    check_options(
+        request.backend,
+        world=request.world,
+        seed=request.seed,
+        realtime=request.realtime,
+        connect=request.connect,
+        credentials=request.credentials,
+        insecure=request.insecure,
+        link=request.link,
+    )
     if request.no_record and (request.record is not None or request.view):
         raise InputError("--no-record: got --record or --view too; allowed: one or the other")
     if request.record is not None:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hexctl.backends.clock import request_realtime_priority
-from hexctl.backends.registry import BackendOptions, make_servos
+from hexctl.backends.registry import BackendOptions, check_options, make_servos
 from hexctl.errors import InputError
 from hexctl.robot.failure import Failure, failure_text
 from hexctl.robot.loader import load_robot_file
@@ -59,8 +59,7 @@ class ServosSpec:
                     )
         if self.seed < 0:
             raise InputError(f"--seed: got {self.seed}; allowed: 0 or more")
-        if self.seed and self.backend == "mavlink":
-            raise InputError(f"--seed: got {self.seed} with --backend mavlink; allowed: with sim")
+        check_options(self.backend, seed=self.seed)
 
     def options(
         self, *, connect: str | None = None, credentials: Path | None = None, insecure: bool = False
@@ -151,8 +150,12 @@ class RobotService:
                 "--backend: got zenoh, which is a robot that is served already; allowed: sim, mavlink, mock"
             )
         self.servos.check()
+        own = ":" in backend
+        if own:
+            flags = {"connect": "--device", "credentials": "--device-keys"}
+            check_options(backend, flags=flags, connect=self.device, credentials=self.device_keys)
         for option, value in (("--device", self.device), ("--device-keys", self.device_keys)):
-            if value is not None and backend != "mavlink":
+            if value is not None and backend != "mavlink" and not own:
                 raise InputError(f"{option}: got {value} with --backend {backend}; allowed: with mavlink")
         _check_between("--sit-after", self.sit_after_s, MIN_SIT_AFTER_S, MAX_SIT_AFTER_S)
 

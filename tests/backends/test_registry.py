@@ -1,16 +1,20 @@
-"""The table of backends: known names, a LegServos of one's own, and what is refused."""
+"""Registry of backends: known names, options, a LegServos of your own, and what is refused."""
 
 import sys
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from hexctl.backends.mock import MockServos
-from hexctl.backends.registry import BACKENDS, BackendOptions, make_servos
+from hexctl.backends.registry import BACKENDS, BackendOptions, check_options, make_servos
 from hexctl.backends.sim.servos import SimServos
 from hexctl.backends.sim.world import World
+from hexctl.cli.main import exit_code
 from hexctl.errors import InputError
 from hexctl.robot.failure import Failure
+from hexctl.robot.loader import load_robot_file
 from tests.robots import shipped
 
 OPTIONS = BackendOptions(robot=shipped(), world=World(friction=0.5), failure=Failure(leg=2), seed=7)
@@ -47,7 +51,11 @@ def own_module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
         "from hexctl.backends.mock import MockServos\n"
         "class Mine(MockServos):\n    pass\n"
         "class NoServos:\n    def __init__(self, robot): pass\n"
-        "class WantsMore:\n    def __init__(self, robot, port): pass\n",
+        "class WantsMore:\n    def __init__(self, robot, port): pass\n"
+        "class Bus(MockServos):\n"
+        "    def __init__(self, robot, *, connect='/dev/bus', credentials=None, servo_map=None, **more):\n"
+        "        super().__init__(robot)\n"
+        "        self.given = (connect, credentials, servo_map, more)\n",
         encoding="utf-8",
     )
     monkeypatch.syspath_prepend(tmp_path)
@@ -74,3 +82,50 @@ def test_servos_of_ones_own_that_cannot_be_made_are_refused(name: str) -> None:
 def test_a_class_that_is_no_leg_servos_is_refused(own_module: str) -> None:
     with pytest.raises(InputError, match="made a NoServos; allowed: a subclass of LegServos"):
         make_servos(f"{own_module}:NoServos", OPTIONS)
+
+
+def test_servos_of_ones_own_get_the_options_that_they_take(own_module: str, tmp_path: Path) -> None:
+    file = load_robot_file("ant")
+    options = replace(OPTIONS, connect="/dev/ttyUSB3", credentials=tmp_path, robot_file=file, link="lab")
+    servos: Any = make_servos(f"{own_module}:Bus", options)
+    assert servos.given == ("/dev/ttyUSB3", tmp_path, file.servo_map, {})
+    servos = make_servos(f"{own_module}:Bus", OPTIONS)
+    assert servos.given[:2] == ("/dev/bus", None)
+
+
+def test_options_that_a_backend_would_ignore_are_refused(own_module: str) -> None:
+    for name, given, words in (
+        ("mock", {"seed": 3}, "--seed: got 3 with --backend mock; allowed: with sim"),
+        ("mock", {"realtime": True}, "--realtime: got it with --backend mock; allowed: with sim"),
+        ("zenoh", {"seed": 3}, "--seed: got 3 with --backend zenoh; allowed: with sim"),
+        (
+            "sim",
+            {"connect": "there"},
+            "--connect: got there with --backend sim; allowed: with zenoh",
+        ),
+        ("mavlink", {"link": "lab"}, "--link: got lab with --backend mavlink; allowed: with zenoh"),
+        (f"{own_module}:Bus", {"seed": 3}, "whose class takes no `seed`; allowed: with sim, or a class that"),
+        (f"{own_module}:Mine", {"connect": "x"}, f"--connect: got x with --backend {own_module}:Mine, whose"),
+        (f"{own_module}:Missing", {}, "cannot be loaded"),
+        ("hardware", {}, "backend: got 'hardware'; allowed: sim, zenoh"),
+    ):
+        with pytest.raises(InputError) as refused:
+            check_options(name, **given)
+        assert words in str(refused.value)
+    check_options("sim", seed=3, realtime=True, world="flat", connect=None)
+    check_options("zenoh", connect="tcp/a:1", link="lab", insecure=True, seed=0)
+    check_options(f"{own_module}:Bus", connect="x", credentials="y", seed=0)
+    with pytest.raises(InputError, match=r"^--device: got x with"):
+        check_options("mock", flags={"connect": "--device"}, connect="x")
+
+
+@pytest.mark.parametrize("options", [["--seed", "3"], ["--realtime"], ["--connect", "/dev/ttyUSB0"]])
+@pytest.mark.parametrize("backend", ["mock", "own"])
+def test_run_refuses_options_that_its_backend_would_ignore(
+    backend: str, options: list[str], own_module: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    name = f"{own_module}:Mine" if backend == "own" else backend
+    assert exit_code(["run", "--backend", name, "--no-record", "--duration", "1", *options]) == 2
+    err = capsys.readouterr().err
+    assert f"{options[0]}: got" in err
+    assert err.count("\n") == 1

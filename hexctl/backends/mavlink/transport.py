@@ -327,7 +327,7 @@ class Arrival:
     at_s: float
 
 
-#: Addresses whose frames are numbered apart; more are only heard by somebody who floods.
+#: Addresses with sequence numbers of their own; more only occur in a flood.
 MOST_ADDRESSES = 64
 
 
@@ -357,10 +357,12 @@ class MavlinkLink:
     def send(self, message: Any, to: Address = None) -> None:
         """Send a message, or drop it where the port is full; raises OSError when the port has gone."""
         with self._sending:
-            if len(self._sequences) > MOST_ADDRESSES:
-                self._sequences.clear()
-            # Each receiver counts what it lost by these numbers, so each has its own.
-            sequence = self._sequences[to] = self._sequences.get(to, -1) + 1
+            # Each receiver counts lost frames by these numbers, so each address has its own.
+            sequence = self._sequences.pop(to, -1) + 1
+            if len(self._sequences) >= MOST_ADDRESSES:
+                # The least recently used one: to begin again would make a receiver drop frames as late.
+                del self._sequences[next(iter(self._sequences))]
+            self._sequences[to] = sequence
             self._port.send(self._codec.encode(message, sequence), to)
 
     def receive(self, timeout_s: float) -> list[Arrival]:

@@ -4,7 +4,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hexctl.backends.mavlink.transport import FORGET_AFTER_S, PortAddress, SequenceCount, parse_port
+from hexctl.backends.mavlink import messages
+from hexctl.backends.mavlink.codec import Codec
+from hexctl.backends.mavlink.transport import (
+    FORGET_AFTER_S,
+    MOST_ADDRESSES,
+    MavlinkLink,
+    Port,
+    PortAddress,
+    SequenceCount,
+    parse_port,
+)
 from hexctl.errors import InputError
 
 
@@ -85,3 +95,36 @@ def test_what_is_dropped_on_the_way_is_counted(arrives: list[bool]) -> None:
     count, accepted = follow(kept)
     assert all(accepted)
     assert count.lost == kept[-1] + 1 - len(kept)
+
+
+class SilentPort(Port):
+    """Keeps what is sent, with the address."""
+
+    datagrams = True
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.sent: list[tuple[int, object]] = []
+
+    def receive(self, timeout_s: float) -> list[tuple[bytes, object]]:
+        return []
+
+    def send(self, frame: bytes, to: object) -> None:
+        self.sent.append((frame[4], to))
+
+    def close(self) -> None:
+        pass
+
+
+def test_a_flood_of_addresses_renumbers_nobody_who_is_spoken_to() -> None:
+    port = SilentPort()
+    link = MavlinkLink(port, Codec(1, 1))
+    heartbeat = messages.controller_heartbeat()
+    for flooder in range(3 * MOST_ADDRESSES):
+        link.send(heartbeat, "controller")
+        link.send(heartbeat, flooder)
+    numbers = [number for number, to in port.sent if to == "controller"]
+    assert numbers == [number % 256 for number in range(3 * MOST_ADDRESSES)]
+    port.sent.clear()
+    link.send(heartbeat, 0)
+    assert port.sent == [(0, 0)]  # forgotten long ago
