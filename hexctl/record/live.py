@@ -59,7 +59,7 @@ class LiveView:
         """
         self.lost: str | None = None
         self.block_ticks: int | None = LIVE_BLOCK_TICKS
-        self._waiting = b""
+        self._waiting = bytearray()
         port, web_port = free_port(), free_port()
         self.url = web_url(port, web_port) if web else None
         where = web_options(port, web_port) if web else ["--bind", LOCAL, "--port", str(port)]
@@ -128,8 +128,7 @@ class LiveView:
         """Put a message into the pipe as far as it goes; never waits."""
         if self.lost is not None:
             return
-        data = pickle.dumps(message, protocol=5)
-        self._waiting += len(data).to_bytes(4, "little") + data
+        self._waiting += pickle.dumps(message, protocol=5)
         self._push()
         if len(self._waiting) > MAX_WAITING_BYTES:
             self.lost = "the live view is too slow and was given up"
@@ -137,7 +136,7 @@ class LiveView:
     def _push(self) -> None:
         """Write what waits, as far as the pipe takes it."""
         try:
-            self._waiting = self._waiting[os.write(self._pipe, self._waiting) :]
+            del self._waiting[: os.write(self._pipe, self._waiting)]
         except BlockingIOError:
             pass
         except OSError:

@@ -7,6 +7,7 @@ import sys
 import time
 import uuid
 from collections.abc import Iterator
+from contextlib import suppress
 from typing import Any, BinaryIO
 
 from hexctl.control.log import TickLog
@@ -95,12 +96,9 @@ def main(port: str) -> None:
 
 def messages(source: BinaryIO) -> Iterator[dict[str, Any]]:
     """Yield the messages that `LiveView` wrote, until they end or one is cut off."""
-    while len(head := source.read(4)) == 4:
-        size = int.from_bytes(head, "little")
-        data = source.read(size)
-        if len(data) < size:
-            return
-        yield pickle.loads(data)  # noqa: S301  from our own parent process
+    with suppress(EOFError, pickle.UnpicklingError):
+        while True:
+            yield pickle.load(source)  # noqa: S301  from our own parent process
 
 
 if __name__ == "__main__":

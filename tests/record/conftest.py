@@ -1,4 +1,4 @@
-"""A short simulated trial with a failed leg, and how to read a recording back."""
+"""A short simulated trial with a failed leg, a made-up session, and a reader of recordings."""
 
 from collections import defaultdict
 from dataclasses import dataclass
@@ -17,6 +17,7 @@ from hexctl.control.plan import TrialPlan
 from hexctl.control.result import TrialResult
 from hexctl.control.trial import run_trial
 from hexctl.gait.gait import NAMED_SLOTS, Gait
+from hexctl.record.overview import Overview, OverviewTrial
 from hexctl.record.recording import Recording
 from hexctl.robot.failure import Failure
 from hexctl.robot.loader import load_robot
@@ -109,3 +110,27 @@ class ReadBack:
                 if rows:
                     found[entity, name] = rows
         return found
+
+
+def make_trial(index: int, deviation_m: float, *, valid: bool = True) -> OverviewTrial:
+    return OverviewTrial(
+        index=index,
+        code=10 * index,
+        slots=(1, 2, 3, 4, 5, 6),
+        score_m=abs(deviation_m) if valid else None,
+        deviation_m=deviation_m,
+        distance_m=4.0,
+        status="ok" if valid else "fell",
+        path_m=np.linspace([0.0, 0.0], [4.0, deviation_m], 20),
+    )
+
+
+def make_overview(*trials: OverviewTrial) -> Overview:
+    return Overview(
+        title="a session", facts=("leg 5",), objective="deviation at the end", course_m=4.5, trials=trials
+    )
+
+
+SESSION = make_overview(
+    make_trial(1, -0.8), make_trial(2, 0.0, valid=False), make_trial(3, 0.3), make_trial(4, 1.2)
+)

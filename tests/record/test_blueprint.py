@@ -9,8 +9,7 @@ import rerun as rr
 from hexctl.palette import BACKGROUND
 from hexctl.record.overview_figures import write_overview_file
 from hexctl.record.style import packed
-from tests.record.conftest import Trial, write
-from tests.record.test_overview_figures import SESSION
+from tests.record.conftest import SESSION, Trial, write
 
 #: Views whose background follows the viewer's theme unless the layout says otherwise, by class.
 BACKGROUNDS = {"TimeSeries": "PlotBackground", "3D": "Background", "2D": "Background"}

@@ -1,20 +1,17 @@
 """A walk that is shown while it goes on: it arrives whole, and no viewer can hold the robot up."""
 
 import signal
-import subprocess
-import sys
 import time
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from hexctl.backends.sim.servos import SimServos
 from hexctl.control.guard import Guard
-from hexctl.control.log import COLUMNS, Recorder, TickLog
+from hexctl.control.log import Recorder, TickLog
 from hexctl.control.plan import TrialPlan
 from hexctl.control.result import TrialResult
 from hexctl.control.trial import run_trial
@@ -114,28 +111,3 @@ def test_what_a_slow_viewer_leaves_waiting_is_bounded(
         assert live.lost is not None
         assert "too slow" in live.lost
         live.close(leave_viewer=False)
-
-
-def test_rows_that_cross_the_pipe_are_the_rows_of_the_log() -> None:
-    log, other = TickLog(), TickLog()
-    walk(log)
-    for start in range(0, len(log), 7):
-        other.extend({name: log.rows(name, start, min(start + 7, len(log))) for name, _, _ in COLUMNS})
-    assert len(other) == len(log)
-    assert other.walked_ticks == log.walked_ticks
-    for name, _, _ in COLUMNS:
-        np.testing.assert_array_equal(other[name], log[name])
-
-
-def test_a_feeder_without_a_viewer_ends_by_itself() -> None:
-    done = subprocess.run(
-        [sys.executable, "-c", SHORT_PATIENCE], stdin=subprocess.DEVNULL, timeout=60, check=False
-    )
-    assert done.returncode == 1
-
-
-SHORT_PATIENCE = """
-from hexctl.record import livefeed
-livefeed.VIEWER_PATIENCE_S = 0.3
-livefeed.main("9")
-"""

@@ -11,34 +11,10 @@ import rerun as rr
 from hexctl.errors import InputError, RecordingError
 from hexctl.palette import INVALID_COLOR, deviation_color
 from hexctl.record import overview_figures as module
-from hexctl.record.overview import Overview, OverviewTrial, drawable, make_table
+from hexctl.record.overview import OverviewTrial, make_table
 from hexctl.record.overview_figures import visible_m, write_overview_file
 from hexctl.record.viewer import viewer_binary
-from tests.record.conftest import ReadBack
-
-
-def make_trial(index: int, deviation_m: float, *, valid: bool = True) -> OverviewTrial:
-    return OverviewTrial(
-        index=index,
-        code=10 * index,
-        slots=(1, 2, 3, 4, 5, 6),
-        score_m=abs(deviation_m) if valid else None,
-        deviation_m=deviation_m,
-        distance_m=4.0,
-        status="ok" if valid else "fell",
-        path_m=np.linspace([0.0, 0.0], [4.0, deviation_m], 20),
-    )
-
-
-def make_overview(*trials: OverviewTrial) -> Overview:
-    return Overview(
-        title="a session", facts=("leg 5",), objective="deviation at the end", course_m=4.5, trials=trials
-    )
-
-
-SESSION = make_overview(
-    make_trial(1, -0.8), make_trial(2, 0.0, valid=False), make_trial(3, 0.3), make_trial(4, 1.2)
-)
+from tests.record.conftest import SESSION, ReadBack, make_overview, make_trial
 
 
 @pytest.fixture(scope="module")
@@ -112,24 +88,10 @@ def test_line_bands_start_table_and_layout_are_in_the_file(written: Path) -> Non
     assert read.blueprints[0].application_id == read.recordings[0].application_id
 
 
-def test_the_table_has_the_best_trial_in_bold() -> None:
-    lines = make_table(SESSION).splitlines()
-    bold = [line for line in lines if line.startswith("| **")]
-    assert len(bold) == 1
-    assert "**0.300 m left** | **4.00 m** | **ok** | **0.300 m**" in bold[0]
-    assert "| 2 | 20 | 1,2,3,4,5,6 | 0.000 m right | 4.00 m | fell | 0.800 m |" in lines
-
-
 def test_a_trial_that_flew_away_does_not_shrink_the_picture() -> None:
     flown = make_overview(make_trial(1, 0.1), make_trial(2, 900.0, valid=False))
     low, high = visible_m(flown)
     assert (high - low < 2 * flown.course_m).all()
-
-
-def test_points_that_cannot_be_drawn_are_left_out() -> None:
-    path = np.array([[0.0, 0.0], [0.1, 0.0], [np.nan, 0.0], [np.inf, 1.0], [0.0, -1e9]])
-    np.testing.assert_array_equal(drawable(path), path[:2])
-    assert drawable(np.zeros((0, 2))).shape == (0, 2)
 
 
 @pytest.mark.parametrize(

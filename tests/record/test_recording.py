@@ -9,14 +9,16 @@ import numpy as np
 import pytest
 import rerun as rr
 
-from hexctl.control.log import COLUMNS, TickLog
+from hexctl.backends.sim.servos import SimServos
+from hexctl.control.guard import Guard
+from hexctl.control.log import COLUMNS, Recorders, TickLog
 from hexctl.control.trace import PHASES
-from hexctl.errors import HexctlError, InputError, RecordingError
+from hexctl.control.trial import run_trial
+from hexctl.errors import HexctlError, InputError
 from hexctl.ik.legs import foot_positions_body
 from hexctl.record import paths
 from hexctl.record import recording as module
 from hexctl.record.recording import Recording
-from hexctl.record.rrd import END_PADDING, check_whole
 from hexctl.record.viewer import viewer_binary
 from hexctl.types import JOINT_KINDS
 from tests.record.conftest import ReadBack, Trial, make_plan, write
@@ -324,20 +326,6 @@ def test_a_full_disk_is_reported_at_the_end(trial: Trial, tmp_path: Path) -> Non
     assert output.count("\n") == 1
 
 
-@pytest.mark.parametrize("missing_bytes", [1, 20, 5000])
-def test_a_recording_without_its_end_is_not_whole(missing_bytes: int, trial: Trial, tmp_path: Path) -> None:
-    path = tmp_path / "trial.rrd"
-    write(path, trial)
-    check_whole(path)
-    whole = path.read_bytes()
-    path.write_bytes(whole[: len(whole) - missing_bytes - END_PADDING])
-    with pytest.raises(RecordingError, match="is the disk full"):
-        check_whole(path)
-    path.write_bytes(b"")
-    with pytest.raises(RecordingError, match="is the disk full"):
-        check_whole(path)
-
-
 def test_without_rerun_the_extra_is_named(
     trial: Trial, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -347,44 +335,27 @@ def test_without_rerun_the_extra_is_named(
     assert not (tmp_path / "trial.rrd").exists()
 
 
-@pytest.fixture(scope="module")
-def trial_file(trial: Trial, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return write(tmp_path_factory.mktemp("tools") / "trial.rrd", trial)
+class FullDisk(Recording):
+    """A recording that cannot be written from some tick on."""
+
+    def write_block(self, log: TickLog, start: int, stop: int) -> None:
+        if stop > 100:
+            raise OSError("no space left")
+        super().write_block(log, start, stop)
 
 
-@pytest.fixture(scope="module")
-def cut_off(trial_file: Path) -> Path:
-    """Return the recording as a power cut leaves it: it ends in the middle of something."""
-    path = trial_file.with_name("cut.rrd")
-    content = trial_file.read_bytes()
-    path.write_bytes(content[: len(content) * 9 // 10])
-    return path
-
-
-def rrd(tool: str, *arguments: str | Path) -> "subprocess.CompletedProcess[str]":
-    command = [str(viewer_binary()), "rrd", tool, *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
-
-
-def test_stats_finds_chunks_and_nothing_to_complain_of(trial_file: Path) -> None:
-    done = rrd("stats", trial_file)
-    assert done.returncode == 0, done.stderr
-    assert "num_chunks" in done.stdout
-    assert "error" not in done.stderr.lower()
-
-
-def test_a_recording_equals_its_copy(trial_file: Path, trial: Trial) -> None:
-    again = write(trial_file.with_name("again.rrd"), trial)
-    assert rrd("verify", again).returncode == 0
-    assert ReadBack(again).temporal() == ReadBack(trial_file).temporal()
-
-
-def test_what_was_cut_off_in_mid_message_can_be_repaired(cut_off: Path, trial_file: Path) -> None:
-    repaired = cut_off.with_name("repaired.rrd")
-    done = rrd("optimize", cut_off, "-o", repaired)
-    assert done.returncode == 0, done.stderr
-    assert rrd("verify", repaired).returncode == 0
-    read = ReadBack(repaired)
-    assert len(read.blueprints) == 1
-    assert read.temporal()
-    assert read.entities <= ReadBack(trial_file).entities
+def test_a_recorder_that_raises_leaves_the_others_whole(trial: Trial, tmp_path: Path) -> None:
+    """Whatever fails, and in whatever order: the walk and every other recording go on to the end."""
+    for order in (1, -1):
+        whole = Recording(tmp_path / f"whole{order}.rrd", trial.robot, trial.plan, title="whole")
+        full = FullDisk(tmp_path / f"full{order}.rrd", trial.robot, trial.plan, title="full")
+        recorders = Recorders(*[full, whole][::order])
+        with SimServos(trial.robot, failure=trial.plan.failure) as servos, whole, full:
+            result = run_trial(Guard(servos), trial.plan, recorders=recorders)
+            whole.finish(result, {})
+        assert result.numbers() == trial.result.numbers()
+        assert str(recorders.error_of(full)) == "no space left"
+        assert recorders.error_of(whole) is None
+        read = ReadBack(whole.path)
+        assert len(read.values("/world/robot", "Transform3D:translation")) == len(trial.log)
+        assert read.values("/__properties/trial", "status") == [["ok"]]
