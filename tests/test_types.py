@@ -1,12 +1,15 @@
 """The vocabulary of every part: the order of the joints, and values with arrays that compare and copy."""
 
+import ast
 import pickle
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+import hexctl
 from hexctl.errors import InputError, WrongTypeError
 from hexctl.types import (
     JOINT_NAMES,
@@ -103,3 +106,24 @@ def test_a_wrong_array_is_refused_with_its_shape() -> None:
         WrongTypeError, match=r"feet: got \[1, 2\] \(list\); allowed: an array of shape \(6, 3\)"
     ):
         check_shape([1, 2], (6, 3), "feet")
+
+
+def frozen_classes_with_arrays(folder: Path) -> list[tuple[Path, ast.ClassDef]]:
+    """Frozen dataclasses of a folder that have an array among their fields."""
+    return [
+        (path, node)
+        for path in sorted(folder.rglob("*.py"))
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.ClassDef)
+        and any("frozen=True" in ast.unparse(decorator) for decorator in node.decorator_list)
+        and any(isinstance(line, ast.AnnAssign) and "Array" in ast.unparse(line) for line in node.body)
+    ]
+
+
+@pytest.mark.parametrize("part", ["adapt", "backends", "ik", "record", "robot", "study", "wire"])
+def test_no_frozen_value_with_arrays_has_an_equality_that_raises(part: str) -> None:
+    found = frozen_classes_with_arrays(Path(hexctl.__file__).parent / part)
+    assert found
+    for path, node in found:
+        decorators = " ".join(map(ast.unparse, node.decorator_list))
+        assert "eq=False" in decorators, f"{path}: {node.name} needs eq=False and the base ArrayFields"

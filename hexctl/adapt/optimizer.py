@@ -13,14 +13,14 @@ from hexctl.adapt.space import GaitSpace
 from hexctl.control.result import TrialResult
 from hexctl.control.trial import Enough
 from hexctl.errors import HexctlError, InputError
-from hexctl.types import FloatArray
+from hexctl.types import ArrayFields, FloatArray
 
 #: Outcomes of walks that ended early, and so say nothing about where the gait ends.
 UNFINISHED = ("fell", "diverged", "cut_short", "aborted")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Observation:
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Observation(ArrayFields):
     """The course of one walk.
 
     Attributes:

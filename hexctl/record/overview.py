@@ -6,14 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hexctl.types import FloatArray
+from hexctl.types import ArrayFields, FloatArray
 
 #: No walk of a trial gets this far; a simulation that has diverged does.
 FAR_M = 1000.0
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class OverviewTrial:
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class OverviewTrial(ArrayFields):
     """One trial.
 
     Attributes:

@@ -17,7 +17,7 @@ from hexctl.record.style import GROUND_COLOR
 from hexctl.robot.failure import Failure
 from hexctl.robot.meshes import Meshes, PartMesh
 from hexctl.robot.model import Robot
-from hexctl.types import JOINT_KINDS, N_LEGS, FloatArray
+from hexctl.types import JOINT_KINDS, N_LEGS, ArrayFields, FloatArray
 
 #: How far the eye shall see to each side of the robot, in stance radii. The viewer goes by this size or by
 #: the layout's eye, whichever it has first: both give the same picture.
@@ -203,8 +203,8 @@ MAX_VERTICES = 40_000
 SUNK_M = 0.002
 
 
-@dataclass(frozen=True, slots=True)
-class FloorMesh:
+@dataclass(frozen=True, slots=True, eq=False)
+class FloorMesh(ArrayFields):
     """Triangles in the floor's plane.
 
     Attributes:

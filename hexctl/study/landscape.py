@@ -22,7 +22,7 @@ from hexctl.gait.gait import Gait
 from hexctl.robot.failure import Failure
 from hexctl.robot.model import Robot
 from hexctl.study.versions import code_versions
-from hexctl.types import BoolArray, FloatArray
+from hexctl.types import ArrayFields, BoolArray, FloatArray
 
 #: Every so many ticks a point of a path is kept: 5 Hz.
 PATH_STRIDE = 10
@@ -122,8 +122,8 @@ class LandscapeSpec:
         return hashlib.sha256(json.dumps(self.identity(), sort_keys=True).encode()).hexdigest()[:16]
 
 
-@dataclass(frozen=True, kw_only=True)
-class Rows:
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Rows(ArrayFields):
     """The outcomes of some gaits, one row each.
 
     Attributes:

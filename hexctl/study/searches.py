@@ -15,11 +15,11 @@ from hexctl.adapt.space import GaitSpace
 from hexctl.errors import InputError
 from hexctl.study.landscape import Landscape
 from hexctl.study.plan import HEURISTICS, WITH, WITHOUT, StudyPlan
-from hexctl.types import FloatArray
+from hexctl.types import ArrayFields, FloatArray
 
 
-@dataclass(frozen=True, kw_only=True)
-class Curve:
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Curve(ArrayFields):
     """Best-so-far over the runs of a search, after each evaluation, (B,) each, in m.
 
     A run that has found no valid gait yet has no best-so-far. It is left out of all five numbers, and
@@ -42,8 +42,8 @@ class Curve:
     share: FloatArray
 
 
-@dataclass(frozen=True)
-class Searches:
+@dataclass(frozen=True, eq=False)
+class Searches(ArrayFields):
     """All runs of one optimizer in one landscape, counted by one rule.
 
     Attributes:

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from hexctl.errors import MessageError
-from hexctl.types import JOINT_NAMES, N_JOINTS, N_LEGS, BoolArray, FloatArray, RobotState
+from hexctl.types import JOINT_NAMES, N_JOINTS, N_LEGS, ArrayFields, BoolArray, FloatArray, RobotState
 from hexctl.wire import PROTOCOL_VERSION, ros_cdr
 
 LEASE_ID_BYTES = 16
@@ -181,8 +181,8 @@ _STAMP = slice(4, 12)
 _TAIL_BYTES = 8
 
 
-@dataclass(frozen=True, slots=True)
-class Command:
+@dataclass(frozen=True, slots=True, eq=False)
+class Command(ArrayFields):
     """What a command says.
 
     Attributes:

@@ -3,7 +3,7 @@
 import threading
 import time
 from contextlib import ExitStack
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -302,7 +302,7 @@ class MavlinkServos(LegServos):
         check_connected(self._opened is not None, WHO)
         if self._snapshot is None or self._snapshot[0] != self._clock.ticks:
             self._snapshot = (self._clock.ticks, self._newest())
-        return _copy(self._snapshot[1])
+        return self._snapshot[1].copy()
 
     def write(self, targets: JointTargets) -> JointTargets:
         """Send targets as pulses; return them, or the nearest that the pulse limits allow."""
@@ -456,14 +456,3 @@ class MavlinkServos(LegServos):
 def _fresh(stamped: Stamped | None, now_s: float, within_s: float) -> Stamped | None:
     """Return what came if it is not too old."""
     return stamped if stamped is not None and now_s - stamped.at_s <= within_s else None
-
-
-def _copy(state: RobotState) -> RobotState:
-    """Return a state whose arrays the caller may change."""
-    position, quaternion = state.base_position_world, state.base_quaternion_world
-    return replace(
-        state,
-        joint_positions_rad=state.joint_positions_rad.copy(),
-        base_position_world=None if position is None else position.copy(),
-        base_quaternion_world=None if quaternion is None else quaternion.copy(),
-    )

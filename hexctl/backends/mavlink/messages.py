@@ -11,7 +11,7 @@ import numpy as np
 from pymavlink.dialects.v20 import common
 
 from hexctl.errors import MessageError
-from hexctl.types import N_JOINTS, BoolArray, FloatArray
+from hexctl.types import N_JOINTS, ArrayFields, BoolArray, FloatArray
 
 #: Who we are: a ground system's number, as overrides come from one, and an onboard computer's component.
 CONTROLLER_SYSTEM = 255
@@ -50,8 +50,8 @@ MEASURED_NAME = "measured"
 ODOMETRY_FRAMES = (common.MAV_FRAME_LOCAL_NED, common.MAV_FRAME_LOCAL_FRD)
 
 
-@dataclass(frozen=True, slots=True)
-class Outputs:
+@dataclass(frozen=True, slots=True, eq=False)
+class Outputs(ArrayFields):
     """What a board says of its channels.
 
     Attributes:
@@ -71,8 +71,8 @@ class Battery:
     share: float | None
 
 
-@dataclass(frozen=True, slots=True)
-class Pose:
+@dataclass(frozen=True, slots=True, eq=False)
+class Pose(ArrayFields):
     """Position (3,) in m and orientation (w, x, y, z) of the body, x forward, y left, z up."""
 
     position_world: FloatArray

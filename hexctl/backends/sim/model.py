@@ -13,14 +13,23 @@ from hexctl.backends.sim.world import World
 from hexctl.errors import InputError
 from hexctl.robot.failure import Failure
 from hexctl.robot.model import Robot
-from hexctl.types import JOINT_KINDS, JOINTS_PER_LEG, N_JOINTS, N_LEGS, BoolArray, FloatArray, leg_slice
+from hexctl.types import (
+    JOINT_KINDS,
+    JOINTS_PER_LEG,
+    N_JOINTS,
+    N_LEGS,
+    ArrayFields,
+    BoolArray,
+    FloatArray,
+    leg_slice,
+)
 
 #: Where the joints begin in qpos: after the free joint's position and quaternion.
 FIRST_JOINT = 7
 
 
-@dataclass(frozen=True, slots=True)
-class Simulation:
+@dataclass(frozen=True, slots=True, eq=False)
+class Simulation(ArrayFields):
     """A compiled simulation in its start state, and what the servos must know of it.
 
     Attributes:

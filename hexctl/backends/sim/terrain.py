@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hexctl.backends.sim.world import World
-from hexctl.types import FloatArray
+from hexctl.types import ArrayFields, FloatArray
 
 #: Half side of the rough patch; the floor beyond it is even.
 ROUGH_HALF_SIZE_M = 8.0
@@ -16,8 +16,8 @@ ROUGH_CELLS = 400
 EDGE_M = 1.0
 
 
-@dataclass(frozen=True, slots=True)
-class Floor:
+@dataclass(frozen=True, slots=True, eq=False)
+class Floor(ArrayFields):
     """The floor as numbers, for the physics and for drawing.
 
     Attributes:

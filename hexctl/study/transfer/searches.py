@@ -19,11 +19,11 @@ from hexctl.errors import RobotFaultError
 from hexctl.study.landscape import PATH_STRIDE, Landscape
 from hexctl.study.prior import deflection_of
 from hexctl.study.transfer.plan import EARLY, PRIORED, TransferPlan
-from hexctl.types import BoolArray, FloatArray
+from hexctl.types import ArrayFields, BoolArray, FloatArray
 
 
-@dataclass(frozen=True, kw_only=True)
-class Course:
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Course(ArrayFields):
     """One run.
 
     Attributes:
@@ -131,8 +131,8 @@ NEAR_M, NEARER_M = 0.10, 0.025
 OnLandscape = Callable[[Landscape], None]
 
 
-@dataclass(frozen=True, kw_only=True)
-class Curves:
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Curves(ArrayFields):
     """Best deviation over all runs in all landscapes, after each trial or second, in m.
 
     Attributes:
