@@ -1,0 +1,43 @@
+"""The tests mirror the package: a module's tests lie where it lies, and are called after it."""
+
+from pathlib import Path
+
+TESTS = Path(__file__).parent
+PACKAGE = TESTS.parent / "hexctl"
+
+#: Folders of tests that look at something else than the package.
+OTHER_FOLDERS = {"benchmarks", "data", "docs", "golden", "viewer"}
+
+#: Tests of what several modules do together.
+TOGETHER = {
+    "test_changed.py",
+    "test_compatibility.py",
+    "test_mirror.py",
+    "adapt/test_docs_example.py",
+    "adapt/test_kill.py",
+    "cli/test_meshes.py",
+    "serve/test_hostile_input.py",
+    "serve/test_link_faults.py",
+    "serve/test_soak.py",
+}
+
+
+def mirrors(test: Path) -> bool:
+    """Whether a test file is called after a module or package, with or without more words."""
+    place = PACKAGE / test.relative_to(TESTS).parent
+    words = test.stem.removeprefix("test_").split("_")
+    names = ["_".join(words[:count]) for count in range(1, len(words) + 1)]
+    return any((place / f"{name}.py").is_file() or (place / name).is_dir() for name in names)
+
+
+def test_every_test_file_is_called_after_what_it_tests() -> None:
+    strays = []
+    for path in sorted(TESTS.rglob("test_*.py")):
+        name = path.relative_to(TESTS).as_posix()
+        if name.split("/")[0] not in OTHER_FOLDERS and name not in TOGETHER and not mirrors(path):
+            strays.append(name)
+    assert not strays, f"rename them after a module, or list them as tests of several: {strays}"
+
+
+def test_the_list_of_tests_of_several_modules_is_of_today() -> None:
+    assert {name for name in TOGETHER if not (TESTS / name).is_file()} == set()
