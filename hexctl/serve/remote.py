@@ -37,17 +37,14 @@ class RemoteRobots:
 
         Raises RobotFaultError when no robot answers.
         """
-        answers = ask_until(self._session, self._keys.describe, timeout_s=ANSWER_TIMEOUT_S)
-        if not answers:
-            raise self._silence()
-        return [answer.get("status", {}) for answer in answers]
+        return [answer.get("status", {}) for answer in self._ask(self._keys.describe)]
 
     def stop(self) -> list[dict[str, Any]]:
         """Stop every robot, whoever started it; `stopped` of each answer is its reason.
 
         Raises RobotFaultError unless each robot that answers has stopped, and one has answered.
         """
-        answers = self._ask_estop("stop")
+        answers = self._ask(self._keys.estop, {"op": "stop"})
         for answer in answers:
             if answer.get("stopped") is None:
                 raise RobotFaultError(f"a robot did not stop: {answer.get('error', answer)}")
@@ -61,22 +58,18 @@ class RemoteRobots:
         """
         for status in self.await_statuses():
             check_may_command(RobotIdentity.of_answer(status), self._link)
-        answers = self._ask_estop("clear")
+        answers = self._ask(self._keys.estop, {"op": "clear"})
         for answer in answers:
             if "stopped" not in answer:
                 raise RobotFaultError(f"a robot did not clear its stop: {answer.get('error', answer)}")
         return answers
 
-    def _ask_estop(self, op: str) -> list[dict[str, Any]]:
-        answers = ask_until(self._session, self._keys.estop, {"op": op}, timeout_s=ANSWER_TIMEOUT_S)
-        if not answers:
-            raise self._silence()
-        return answers
-
-    def _silence(self) -> RobotFaultError:
-        return RobotFaultError(
+    def _ask(self, key: str, content: dict[str, Any] | None = None) -> list[dict[str, Any]]:
+        """Answers of all robots; raises RobotFaultError when there is none."""
+        silence = (
             f"no robot answers at {self._link.endpoint}; is hexctl serve running there, and may this end ask?"
         )
+        return ask_until(self._session, key, content, timeout_s=ANSWER_TIMEOUT_S, silence=silence)
 
 
 @contextmanager

@@ -4,7 +4,6 @@ import json
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +12,7 @@ import pytest
 from hexctl.cli.main import exit_code
 from hexctl.study.cache import LandscapeCache
 from hexctl.study.evaluate import fill, simulate_here
+from hexctl.waiting import wait_for
 from tests.study.landscapes import same, spec
 from tests.study.watching import Remembering
 
@@ -97,9 +97,7 @@ def test_an_interrupted_study_goes_on(number: signal.Signals, tmp_path: Path) ->
     study = subprocess.Popen(
         [*command, "--out", "out"], cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     )
-    deadline = time.monotonic() + 120
-    while not list((tmp_path / CACHE).glob("leg*.npz")) and time.monotonic() < deadline:
-        time.sleep(0.02)
+    wait_for(lambda: list((tmp_path / CACHE).glob("leg*.npz")), 120, "nothing was saved")
     study.send_signal(number)
     out, err = study.communicate(timeout=60)
     assert (study.returncode, out) == (130, "")

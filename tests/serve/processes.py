@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from hexctl.cli.main import exit_code
+from hexctl.waiting import wait_for
 from tests.serve.recorded import VARIABLE, ServoLog
 
 ROOT = Path(__file__).parents[2]
@@ -33,12 +34,8 @@ def free_port() -> int:
 
 
 def wait_until(condition: Callable[[], Any], what: str, patience_s: float = PATIENCE_S) -> Any:
-    """Return the condition's value once it is true; fail when it never is."""
-    until_s = time.monotonic() + patience_s
-    while not (value := condition()):
-        assert time.monotonic() < until_s, f"{what} never came"
-        time.sleep(0.01)
-    return value
+    """Value of a condition once it is true; fails when it never is."""
+    return wait_for(condition, patience_s, f"{what} never came")
 
 
 @dataclass

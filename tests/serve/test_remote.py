@@ -42,9 +42,16 @@ def test_commands_say_which_robot_answered(tmp_path: Path) -> None:
     assert process in shown.stdout
 
 
+class SilentSession:
+    """A session on which no robot answers."""
+
+    def get(self, *_args: object, **_options: object) -> list[object]:
+        return []
+
+
 def test_silence_is_an_error_with_the_endpoint(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("hexctl.serve.remote.ask_until", lambda *_args, **_more: [])
-    robots = RemoteRobots(None, Link(endpoint="tcp/127.0.0.1:9"))  # type: ignore[arg-type]
+    monkeypatch.setattr("hexctl.serve.remote.ANSWER_TIMEOUT_S", 0.1)
+    robots = RemoteRobots(SilentSession(), Link(endpoint="tcp/127.0.0.1:9"))  # type: ignore[arg-type]
     for ask in (robots.await_statuses, robots.stop, robots.clear):
         with pytest.raises(RobotFaultError, match=r"no robot answers at tcp/127\.0\.0\.1:9"):
             ask()

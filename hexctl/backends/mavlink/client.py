@@ -24,6 +24,7 @@ from hexctl.errors import MessageError, RobotFaultError
 from hexctl.robot.model import Robot
 from hexctl.robot.servo_map import ServoMap
 from hexctl.types import FloatArray, JointTargets, RobotState
+from hexctl.waiting import wait_for
 
 #: Between two heartbeats, before and after a board has answered.
 HAIL_S, BEAT_S = 0.2, 1.0
@@ -345,13 +346,12 @@ class MavlinkServos(LegServos):
 
     def _await_peer(self) -> Peer:
         """Wait for the board's heartbeat."""
-        deadline_s = time.monotonic() + PATIENCE_S
-        while self._receiver.peer is None:
+
+        def peer() -> Peer | None:
             self._check_port()
-            if time.monotonic() > deadline_s:
-                raise RobotFaultError(self._no_heartbeat())
-            time.sleep(0.002)
-        return self._receiver.peer
+            return self._receiver.peer
+
+        return wait_for(peer, PATIENCE_S, self._no_heartbeat, poll_s=0.002)
 
     def _no_heartbeat(self) -> str:
         """Return what to say and check when no servo board beats."""
@@ -368,15 +368,16 @@ class MavlinkServos(LegServos):
 
     def _await_outputs(self) -> None:
         """Wait until the board says where its servos are, and lay this end's ticks between its states."""
-        deadline_s = time.monotonic() + PATIENCE_S
-        while (outputs := self._receiver.newest("outputs")) is None:
+
+        def first_outputs() -> Stamped | None:
             self._check_port()
-            if time.monotonic() > deadline_s:
-                raise RobotFaultError(
-                    f"the servo board at {self._port_text} sends no ACTUATOR_OUTPUT_STATUS with pulses in "
-                    "microseconds; see docs/firmware.md"
-                )
-            time.sleep(0.002)
+            return self._receiver.newest("outputs")
+
+        message = (
+            f"the servo board at {self._port_text} sends no ACTUATOR_OUTPUT_STATUS with pulses in "
+            "microseconds; see docs/firmware.md"
+        )
+        outputs = wait_for(first_outputs, PATIENCE_S, message, poll_s=0.002)
         if self._wall is not None:
             self._wall.begin(outputs.at_s - self._clock.period_s * PHASE)
 

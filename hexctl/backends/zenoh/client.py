@@ -16,6 +16,7 @@ from hexctl.backends.zenoh.subscriber import LatestValues, StateSubscriber
 from hexctl.errors import MessageError, RobotFaultError
 from hexctl.robot.model import Robot
 from hexctl.types import JointTargets, RobotState
+from hexctl.waiting import wait_for
 from hexctl.wire import TIME_TO_LIVE_S
 from hexctl.wire.description import (
     RobotIdentity,
@@ -60,15 +61,19 @@ def ask(
 
 
 def ask_until(
-    session: zenoh.Session, key: str, content: dict[str, Any] | None = None, *, timeout_s: float
+    session: zenoh.Session,
+    key: str,
+    content: dict[str, Any] | None = None,
+    *,
+    timeout_s: float,
+    silence: str,
 ) -> list[dict[str, Any]]:
-    """Repeat a query until a robot answers or the time is over: it may be starting just now."""
-    deadline_s = time.monotonic() + timeout_s
-    while True:
-        answers = ask(session, key, content, timeout_s=min(ANSWER_TIMEOUT_S, timeout_s))
-        if answers or time.monotonic() > deadline_s:
-            return answers
-        time.sleep(0.05)
+    """Repeat a query until a robot answers: it may be starting just now.
+
+    Raises RobotFaultError with the text `silence` when none answers within the time.
+    """
+    once_s = min(ANSWER_TIMEOUT_S, timeout_s)
+    return wait_for(lambda: ask(session, key, content, timeout_s=once_s), timeout_s, silence, poll_s=0.05)
 
 
 #: How long a robot may take to give a lease.
@@ -114,20 +119,23 @@ class LeaseClient:
     def _query_lease(self) -> dict[str, Any]:
         """Answer of the robot to a request for the lease; raises RobotFaultError for a refusal."""
         wanted = {"op": "acquire", "owner": owner_name()}
-        deadline_s = time.monotonic() + ACQUIRE_TIMEOUT_S
-        while True:
-            answers = ask_until(self._session, self._key, wanted, timeout_s=ACQUIRE_TIMEOUT_S)
-            if not answers:
-                raise RobotFaultError(
-                    "the robot gives no lease: it does not answer, or this end may not command it"
-                )
-            refusal = answers[0].get("error")
-            if refusal is None:
+        refusal = ""
+
+        def granted() -> dict[str, Any] | None:
+            nonlocal refusal
+            silence = "the robot gives no lease: it does not answer, or this end may not command it"
+            answers = ask_until(
+                self._session, self._key, wanted, timeout_s=ACQUIRE_TIMEOUT_S, silence=silence
+            )
+            if answers[0].get("error") is None:
                 return answers[0]
+            refusal = str(answers[0]["error"])
             # A lost answer may have granted the lease to this process already; that lease expires by itself.
-            if owner_name() not in str(refusal) or time.monotonic() > deadline_s:
-                raise RobotFaultError(str(refusal))
-            time.sleep(0.2)
+            if owner_name() not in refusal:
+                raise RobotFaultError(refusal)
+            return None
+
+        return wait_for(granted, ACQUIRE_TIMEOUT_S, lambda: refusal, poll_s=0.2)
 
     def pause_watchdog(self) -> None:
         """Tell the robot that no command is due until the next one."""
@@ -271,12 +279,11 @@ class ZenohServos(LegServos):
 
     def _check_robot(self, session: zenoh.Session) -> None:
         """Raise RobotFaultError for another robot than the one expected."""
-        answers = ask_until(session, self._keys.describe, timeout_s=DESCRIBE_TIMEOUT_S)
-        if not answers:
-            raise RobotFaultError(
-                f"no robot called {self._robot.name} answers at {self._link.endpoint}; "
-                "is hexctl serve running there, with the same --robot?"
-            )
+        silence = (
+            f"no robot called {self._robot.name} answers at {self._link.endpoint}; "
+            "is hexctl serve running there, with the same --robot?"
+        )
+        answers = ask_until(session, self._keys.describe, timeout_s=DESCRIBE_TIMEOUT_S, silence=silence)
         if len(answers) > 1:
             raise RobotFaultError(
                 f"{len(answers)} robots called {self._robot.name} answer at {self._link.endpoint}; "
@@ -325,9 +332,8 @@ def subscribe_states(link: Link) -> Iterator[tuple[Robot, StateSubscriber]]:
     """
     any_robot = KeyMap.of("*").renamed(dict(link.names))
     with open_session(link, Role.VIEWER, any_robot) as session:
-        answers = ask_until(session, any_robot.describe, timeout_s=DESCRIBE_TIMEOUT_S)
-        if not answers:
-            raise RobotFaultError(f"no robot answers at {link.endpoint}; is hexctl serve running there?")
+        silence = f"no robot answers at {link.endpoint}; is hexctl serve running there?"
+        answers = ask_until(session, any_robot.describe, timeout_s=DESCRIBE_TIMEOUT_S, silence=silence)
         robot = robot_of(answers[0])
         states = StateSubscriber(link.keys(robot.name), LatestValues(), plain=link.plain)
         states.subscribe(session)

@@ -9,6 +9,7 @@ import zenoh
 
 from hexctl.errors import MessageError, RobotFaultError
 from hexctl.types import FloatArray, RobotState
+from hexctl.waiting import wait_for
 from hexctl.wire.links import KeyMap
 from hexctl.wire.messages import StateTag, contacts_of, decode_battery, decode_pose, decode_positions
 
@@ -93,14 +94,9 @@ class StateSubscriber:
 
         Raises RobotFaultError when none arrives.
         """
-        deadline_s = time.monotonic() + FIRST_STATE_TIMEOUT_S
-        while (sample := self._latest.newest("joint_states")) is None:
-            if time.monotonic() > deadline_s:
-                raise RobotFaultError(
-                    f"the robot sends no state at {self._keys.joint_states}; see hexctl status"
-                )
-            time.sleep(0.001)
-        return sample.at_s
+        message = f"the robot sends no state at {self._keys.joint_states}; see hexctl status"
+        newest = partial(self._latest.newest, "joint_states")
+        return wait_for(newest, FIRST_STATE_TIMEOUT_S, message, poll_s=0.001).at_s
 
     def newest(self, clock_s: float) -> RobotState:
         """The newest state.

@@ -24,6 +24,7 @@ from hexctl.robot.loader import load_servo_map
 from hexctl.robot.servo_map import ServoMap
 from hexctl.serve import board_telemetry
 from hexctl.types import FloatArray
+from hexctl.waiting import wait_for
 from tests.robots import edited_file, put, shipped
 
 #: How long anything may take on a machine that does other things too.
@@ -190,10 +191,7 @@ class ScriptedBoard:
 
 def eventually(condition: Any) -> None:
     """Wait until something is so."""
-    until_s = time.monotonic() + PATIENCE_S
-    while not condition():
-        assert time.monotonic() < until_s, "it did not come to be so"
-        time.sleep(0.005)
+    wait_for(condition, PATIENCE_S, "the condition never became true", poll_s=0.005)
 
 
 def stance_us(servo_map: ServoMap) -> FloatArray:

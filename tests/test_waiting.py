@@ -1,0 +1,29 @@
+"""Waiting for a condition: its first true value, or an error with the message."""
+
+import pytest
+
+from hexctl.errors import RobotFaultError
+from hexctl.waiting import wait_for
+
+
+def test_the_first_true_value_ends_the_wait() -> None:
+    values = iter([None, 0, "", "there", "later"])
+    assert wait_for(lambda: next(values), 60.0, "never", poll_s=0.0) == "there"
+
+
+def test_a_condition_is_tested_once_even_without_time() -> None:
+    assert wait_for(lambda: 5, 0.0, "never") == 5
+
+
+@pytest.mark.parametrize("message", ["it never came", lambda: "it never came"])
+def test_a_condition_that_stays_false_is_an_error_with_the_message(message: str) -> None:
+    with pytest.raises(RobotFaultError, match="it never came"):
+        wait_for(lambda: None, 0.01, message, poll_s=0.001)
+
+
+def test_what_a_condition_raises_ends_the_wait() -> None:
+    def broken() -> None:
+        raise OSError("no link")
+
+    with pytest.raises(OSError, match="no link"):
+        wait_for(broken, 60.0, "never")
