@@ -18,7 +18,6 @@ from typing import Self
 import numpy as np
 import pytest
 
-from hexctl.cli.calibrating import chosen_joints
 from hexctl.cli.main import exit_code
 from hexctl.robot.configs import config_root
 from hexctl.robot.loader import load_servo_map
@@ -177,19 +176,6 @@ def test_a_robot_wired_otherwise_is_found_out(running: BoardProcess, wiring: Ser
     assert running.end()["refused"] == 0
 
 
-def test_limits_are_where_the_person_says(running: BoardProcess, wiring: ServoMap, file: Path) -> None:
-    joint = JOINT_NAMES.index("leg3_femur")
-    with Person(running, wiring, file, "--joints", "leg3_femur") as person:
-        person.begins()
-        person.judges_sign(joint)
-        person.trims(joint)
-        person.limits("-15", "-5", "ok", "25", "15", "ok")
-        assert person.ends().startswith("saved leg3_femur in")
-    found = load_servo_map(file)
-    assert found.min_us[joint] == pytest.approx(1500 - 20 * 1000 / 90, abs=5)
-    assert found.max_us[joint] == pytest.approx(1500 + 20 * 1000 / 90, abs=5)
-
-
 def test_ctrl_c_keeps_what_was_saved(running: BoardProcess, wiring: ServoMap, file: Path) -> None:
     joint = JOINT_NAMES.index("leg1_coxa")
     with Person(running, wiring, file, "--joints", "leg1") as person:
@@ -221,23 +207,6 @@ def test_an_input_that_ends_changes_nothing(running: BoardProcess, wiring: Servo
     assert list(file.parent.glob("*.bak*")) == []
 
 
-def test_nonsense_is_answered_and_asked_again(running: BoardProcess, wiring: ServoMap, file: Path) -> None:
-    with Person(running, wiring, file, "--joints", "leg1_coxa") as person:
-        person.begins()
-        person.reads(r"move it, skip: ")
-        person.types("")
-        person.reads(r"again, skip: ")
-        person.types("perhaps")
-        person.reads(r"again, skip: ")
-        person.types("skip")
-        person.reads(r"measured, ok, skip: ")
-        for nonsense in ("up", "nan", "1e9", "at home", "at 400"):
-            person.types(nonsense)
-            assert "allowed" in person.reads(r"allowed.*\n.*ok, skip: ")
-        person.types("quit")
-        assert person.ends().endswith("nothing was changed")
-
-
 def test_a_shipped_robot_is_refused_with_how_to_copy_it(capsys: pytest.CaptureFixture[str]) -> None:
     for name in ("ant", str(config_root() / "robots" / "ant.yaml")):
         assert exit_code(["calibrate", name]) == 2
@@ -250,9 +219,3 @@ def test_a_shipped_robot_is_refused_with_how_to_copy_it(capsys: pytest.CaptureFi
 def test_a_joint_that_there_is_not(file: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert exit_code(["calibrate", str(file), "--joints", "leg7"]) == 2
     assert "--joints: got 'leg7'; allowed: leg1_coxa" in capsys.readouterr().err
-
-
-def test_joints_are_named_alone_or_by_the_leg() -> None:
-    assert chosen_joints(None) == list(range(18))
-    assert chosen_joints("leg6_tibia, leg1") == [0, 1, 2, 17]
-    assert chosen_joints("leg2,leg2_coxa") == [3, 4, 5]

@@ -1,0 +1,382 @@
+"""Servo calibration: sign, offset and pulse limits of each servo, found by moving one joint at a time."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from hexctl.backends.base import CalibratedServos
+from hexctl.backends.registry import BackendOptions, check_options, make_servos
+from hexctl.control.guard import MAX_EXPIRY_S, Guard
+from hexctl.errors import InputError, RobotFaultError
+from hexctl.robot.configs import find_config
+from hexctl.robot.loader import RobotFile, load_robot_file
+from hexctl.robot.servo_map import (
+    ServoMap,
+    back_up,
+    check_writable,
+    flipped,
+    limited,
+    reference_deg,
+    referenced,
+    taken_over,
+    write_servo_map,
+)
+from hexctl.types import JOINT_KINDS, JOINT_NAMES, JOINTS_PER_LEG, FloatArray, JointTargets
+
+#: Speed of a joint that is moved while an operator has fingers near it.
+SPEED_DEG_S = 20.0
+
+#: Distance from its target within which a joint has reached it.
+NEAR_DEG = 0.05
+
+#: How far a joint is moved to see in which direction it turns.
+NUDGE_DEG = 8.0
+
+#: What a positive and a negative movement of each kind of joint look like.
+SEEN = {
+    "coxa": ("counter-clockwise seen from above", "clockwise seen from above"),
+    "femur": ("up, with the whole leg", "down, with the whole leg"),
+    "tibia": ("up and outward", "down and inward"),
+}
+
+#: What a joint looks like at angle zero.
+AT_ZERO = {
+    "coxa": "the leg points straight away from its mount",
+    "femur": "the femur lies as in the robot file",
+    "tibia": "the tibia lies as in the robot file",
+}
+
+#: Answers that move a joint, and by how much.
+STEPS_DEG = {"+": 1.0, "-": -1.0, "++": 5.0, "--": -5.0}
+FARTHEST_DEG = 45.0
+
+INTRODUCTION = "skip leaves a step as it is, quit ends; every joint done is saved at once."
+READY = (
+    "Hold the robot up so that its legs hang free. Servos without power jump to their places now. "
+    "Enter when ready:"
+)
+STEP_HELP = "+ or - 1 deg, ++ or -- 5, a number of degrees"
+
+
+class EndedError(Exception):
+    """The operator ends the calibration."""
+
+
+class Operator(Protocol):
+    """The person who watches the robot, as the application reaches them; no method may wait."""
+
+    def tell(self, text: str) -> None:
+        """Show a line."""
+        ...
+
+    def prompt(self, text: str) -> None:
+        """Show a question; its answer is polled for."""
+        ...
+
+    def poll(self) -> str | None:
+        """The answer to the last question, or None while there is none; raises EndedError after the last."""
+        ...
+
+
+@dataclass(slots=True)
+class CalibrationResult:
+    """What a calibration changed.
+
+    Attributes:
+        path: the robot file.
+        saved: names of the joints that were saved, in order.
+        backup: copy of the file as it was before, or None if nothing was saved.
+    """
+
+    path: Path
+    saved: list[str] = field(default_factory=list)
+    backup: Path | None = None
+
+
+def calibrate(
+    robot: str | Path,
+    operator: Operator,
+    *,
+    backend: str = "mavlink",
+    joints: str | None = None,
+    connect: str | None = None,
+    credentials: Path | None = None,
+    insecure: bool = False,
+    stop_requested: Callable[[], bool] = lambda: False,
+) -> CalibrationResult:
+    """Calibrate servos with an operator, and write the servo map to the robot file joint by joint.
+
+    Args:
+        robot: name or path of a robot file that may be written to.
+        operator: asked what the joints do.
+        backend: a backend whose servos are `CalibratedServos`.
+        joints: names such as `leg1_coxa,leg3`; all 18 unless given.
+        connect: where the servos are, or None for the backend's default.
+        credentials: folder with the keys of the link, or None.
+        insecure: True to allow a link beyond this computer without credentials.
+        stop_requested: polled at every tick; True ends the calibration.
+
+    Raises InputError for a file, joints, options or servos that cannot be calibrated, and RobotFaultError for
+    a robot that cannot be reached or stops.
+    """
+    path = find_config("robots", robot)
+    check_writable(path)
+    file = load_robot_file(path)
+    chosen = chosen_joints(joints)
+    check_options(backend, connect=connect, credentials=credentials, insecure=insecure)
+    options = BackendOptions(
+        robot=file.robot, robot_file=file, connect=connect, credentials=credentials, insecure=insecure
+    )
+    servos = make_servos(backend, options)
+    if not isinstance(servos, CalibratedServos):
+        raise InputError(
+            f"--backend: got {backend}, whose servos have no servo map; allowed: mavlink, or servos of your "
+            "own with `servo_map` and `remap`"
+        )
+    # One joint at a time, slowly: a computer that is busy for a moment need not end a long sitting.
+    with Guard(servos, expiry_s=MAX_EXPIRY_S) as guard:
+        guard.clock.tick()
+        operator.tell(INTRODUCTION)
+        jogger = JointJogger(guard, servos, stop_requested)
+        return Calibration(file, jogger, operator).run(chosen)
+
+
+def chosen_joints(text: str | None) -> list[int]:
+    """The joints, 0..17, of a text such as `leg1_coxa,leg3`, in the order of the robot; all for None.
+
+    Raises InputError for an unknown name.
+    """
+    if text is None:
+        return list(range(len(JOINT_NAMES)))
+    chosen: set[int] = set()
+    for part in (part.strip() for part in text.split(",")):
+        named = [joint for joint, name in enumerate(JOINT_NAMES) if part in (name, name.split("_")[0])]
+        if not named:
+            raise InputError(f"--joints: got {part!r}; allowed: {', '.join(JOINT_NAMES)}, or leg1 .. leg6")
+        chosen.update(named)
+    return sorted(chosen)
+
+
+class JointJogger:
+    """Holds every joint where it is and moves one at a time, slowly, always through the guard.
+
+    Attributes:
+        servos: the servos behind the guard.
+    """
+
+    def __init__(self, guard: Guard, servos: CalibratedServos, stop_requested: Callable[[], bool]) -> None:
+        self._guard, self.servos = guard, servos
+        self._stop_requested = stop_requested
+        self._targets_rad: FloatArray = guard.accepted_rad().copy()
+        self._believe_in_range()
+
+    @property
+    def servo_map(self) -> ServoMap:
+        """The servo map in use."""
+        return self.servos.servo_map
+
+    def angle_deg(self, joint: int) -> float:
+        """Angle of a joint, by the servo map in use."""
+        return math.degrees(self._targets_rad[joint])
+
+    def pulse_us(self, joint: int) -> float:
+        """Raw position of a joint: the pulse that its servo gets."""
+        return float(self.servo_map.pulses_us(self._targets_rad)[joint])
+
+    def remap(self, servo_map: ServoMap) -> None:
+        """Continue with another servo map: nothing moves, the pulses mean other angles."""
+        pulses = self.servo_map.pulses_us(self._targets_rad)
+        self.servos.remap(servo_map)
+        self._targets_rad = servo_map.angles_rad(pulses)
+        self._guard.clear()
+
+    def move(self, joint: int, to_deg: float) -> bool:
+        """Move one joint slowly; True once it is there, False where a limit is nearer."""
+        step_deg = SPEED_DEG_S * self._guard.clock.period_s
+        while True:
+            before_deg = self.angle_deg(joint)
+            missing_deg = to_deg - before_deg
+            if abs(missing_deg) < NEAR_DEG:
+                return True
+            self._targets_rad[joint] += math.radians(float(np.clip(missing_deg, -step_deg, step_deg)))
+            self.tick()
+            if abs(self.angle_deg(joint) - before_deg) < NEAR_DEG / 10:
+                return False
+
+    def tick(self, *, holding: bool = True) -> None:
+        """Send the targets for one tick, or only read if not holding.
+
+        Raises EndedError once a stop is requested, RobotFaultError when the guard has stopped the robot.
+        """
+        if self._stop_requested():
+            raise EndedError
+        tick = self._guard.clock.tick()
+        self._guard.read()
+        if self._guard.stopped is not None:
+            raise RobotFaultError(
+                f"stopped: {self._guard.stopped}; every joint done is saved, the same command goes on"
+            )
+        if holding:
+            sent = self._guard.write(JointTargets(self._targets_rad, tick.time_s))
+            self._targets_rad = sent.positions_rad.copy()
+
+    def _believe_in_range(self) -> None:
+        """Begin with a map in which every joint stands within its range.
+
+        The guard would bring a joint that seems to be outside back in at full speed, and before a servo is
+        calibrated that says little about where it is.
+        """
+        robot, servo_map = self._guard.robot, self.servo_map
+        within_rad = np.clip(self._targets_rad, robot.joint_lower_rad, robot.joint_upper_rad)
+        for joint in np.flatnonzero(within_rad != self._targets_rad).tolist():
+            believed_deg, true_deg = math.degrees(self._targets_rad[joint]), math.degrees(within_rad[joint])
+            servo_map = referenced(servo_map, joint, believed_deg, true_deg)
+        if servo_map is not self.servo_map:
+            self.remap(servo_map)
+
+
+class Calibration:
+    """Asks the operator about joints, and saves each joint before it continues with the next."""
+
+    def __init__(self, file: RobotFile, jogger: JointJogger, operator: Operator) -> None:
+        self._robot, self._saved = file.robot, file.servo_map
+        self._jogger, self._operator = jogger, operator
+        self._result = CalibrationResult(file.path)
+
+    def run(self, joints: list[int]) -> CalibrationResult:
+        """Calibrate some joints, 0..17, until done or ended by the operator."""
+        try:
+            self._ask(READY, holding=False)
+            for number, joint in enumerate(joints, start=1):
+                name, channel = JOINT_NAMES[joint], self._jogger.servo_map.channels[joint]
+                self._operator.tell(f"{name}, channel {channel} ({number} of {len(joints)})")
+                self._calibrate(joint)
+                self._save(joint)
+        except EndedError:
+            pass
+        return self._result
+
+    def _calibrate(self, joint: int) -> None:
+        """Find sign, offset and limits of one joint, and return it to where it was."""
+        home_deg = self._jogger.angle_deg(joint)
+        self._find_sign(joint)
+        self._find_offset(joint)
+        self._find_limits(joint)
+        self._jogger.move(joint, home_deg)
+
+    def _find_sign(self, joint: int) -> None:
+        jogger, kind = self._jogger, JOINT_KINDS[joint % JOINTS_PER_LEG]
+        at_deg = jogger.angle_deg(joint)
+        up = at_deg + NUDGE_DEG <= math.degrees(self._robot.joint_upper_rad[joint])
+        seen = SEEN[kind][0 if up else 1]
+        if self._ask("  watch this joint. Enter to move it, skip:") == "skip":
+            return
+        while True:
+            jogger.move(joint, at_deg + (NUDGE_DEG if up else -NUDGE_DEG))
+            answer = self._ask(f"  did it move {seen}? yes, no, again, skip:")
+            jogger.move(joint, at_deg)
+            if answer in ("n", "no"):
+                jogger.remap(flipped(jogger.servo_map, joint, at_deg))
+            if answer in ("y", "yes", "n", "no", "skip"):
+                return
+
+    def _find_offset(self, joint: int) -> None:
+        jogger, kind = self._jogger, JOINT_KINDS[joint % JOINTS_PER_LEG]
+        lower, upper = (
+            math.degrees(limit[joint]) for limit in (self._robot.joint_lower_rad, self._robot.joint_upper_rad)
+        )
+        true_deg = reference_deg(lower, upper)
+        jogger.move(joint, true_deg)
+        self._operator.tell(f"  turn it to {true_deg:g} deg; at 0 {AT_ZERO[kind]}")
+        while True:
+            answer = self._ask(f"  {STEP_HELP}, at DEGREES if you measured, ok, skip:")
+            measured_deg = _measured(answer)
+            if answer == "skip":
+                return
+            if answer == "ok" or measured_deg is not None:
+                true_deg = true_deg if measured_deg is None else measured_deg
+                if not lower <= true_deg <= upper:
+                    self._operator.tell(f"  got {true_deg:g}; allowed: {lower:g} to {upper:g} deg")
+                    continue
+                believed_deg = jogger.angle_deg(joint)
+                jogger.remap(referenced(jogger.servo_map, joint, believed_deg, true_deg))
+                return
+            self._step(joint, answer)
+
+    def _find_limits(self, joint: int) -> None:
+        """Take the pulses of both ends of the travel; an end that is skipped keeps its limit."""
+        jogger, servo_map = self._jogger, self._jogger.servo_map
+        lowest, highest = servo_map.min_us[joint], servo_map.max_us[joint]
+        low, high = (lowest, highest) if servo_map.signs[joint] > 0 else (highest, lowest)
+        low = self._find_end(joint, "lower", float(low))
+        high = self._find_end(joint, "upper", float(high))
+        try:
+            jogger.remap(limited(servo_map, joint, (low, high)))
+        except InputError as error:
+            self._operator.tell(f"  {error}; the limits stay as they were")
+
+    def _find_end(self, joint: int, which: str, limit_us: float) -> float:
+        jogger = self._jogger
+        while True:
+            place = f"{jogger.angle_deg(joint):.1f} deg, {jogger.pulse_us(joint):.0f} us"
+            answer = self._ask(f"  {which} end of its travel ({place}): {STEP_HELP}, ok, skip:")
+            if answer == "skip":
+                return limit_us
+            if answer == "ok":
+                return jogger.pulse_us(joint)
+            self._step(joint, answer)
+
+    def _step(self, joint: int, answer: str) -> None:
+        """Move a joint as an answer says."""
+        by_deg = _by_deg(answer)
+        if by_deg is None:
+            self._operator.tell(f"  got {answer!r}; allowed: {STEP_HELP}, up to {FARTHEST_DEG:g}")
+        elif not self._jogger.move(joint, self._jogger.angle_deg(joint) + by_deg):
+            self._operator.tell("  it is at the end of its range in the robot file, or of its pulses")
+
+    def _ask(self, question: str, *, holding: bool = True) -> str:
+        """The operator's answer, in lower case; meanwhile all joints are held, or nothing is sent.
+
+        Raises EndedError for `quit`, a requested stop, and when no more answers can come.
+        """
+        self._operator.prompt(question)
+        while (answer := self._operator.poll()) is None:
+            self._jogger.tick(holding=holding)
+        if answer.lower() in ("quit", "q"):
+            raise EndedError
+        return answer.lower()
+
+    def _save(self, joint: int) -> None:
+        """Write what was found for one joint; the others were only held, and keep their saved values."""
+        path, result = self._result.path, self._result
+        if result.backup is None:
+            result.backup = back_up(path)
+        self._saved = taken_over(self._saved, joint, self._jogger.servo_map)
+        write_servo_map(path, self._saved)
+        result.saved.append(JOINT_NAMES[joint])
+
+
+def _by_deg(answer: str) -> float | None:
+    """By how much an answer moves a joint, or None for any other answer."""
+    if answer in STEPS_DEG:
+        return STEPS_DEG[answer]
+    try:
+        value = float(answer)
+    except ValueError:
+        return None
+    return value if abs(value) <= FARTHEST_DEG else None  # not for nan
+
+
+def _measured(answer: str) -> float | None:
+    """The angle of an answer such as `at 12.5`, or None for any other answer."""
+    if not answer.startswith("at "):
+        return None
+    try:
+        value = float(answer[3:])
+    except ValueError:
+        return None
+    return value if math.isfinite(value) else None
