@@ -40,6 +40,7 @@ EXTRAS = {
     "pyarrow": "study",
     "matplotlib": "study",
     "distributed": "study",
+    "jinja2": "study",
 }
 
 

@@ -4,7 +4,7 @@ import json
 import signal
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from datetime import datetime
 from pathlib import Path
@@ -167,9 +167,8 @@ def _transfer(
     plan = TransferPlan(robot=model, family=load_randomization(UNSEEN), prior=believed, **options)
     with interruptible(plan), StudyProgress() as progress:
         result = run_transfer(plan, folder=folder, jobs=jobs, dask=dask, progress=progress)
-    return result, [
-        f"{bar.verdict:<15} {bar.asked}: {bar.measured}" for bar in transfer_bars(result.findings)
-    ]
+    bars = transfer_bars(result.findings)
+    return result, _verdict_lines((bar.verdict, f"{bar.asked}: {bar.measured}") for bar in bars)
 
 
 def _given(**options: Any) -> dict[str, Any]:
@@ -177,13 +176,21 @@ def _given(**options: Any) -> dict[str, Any]:
     return {name: value for name, value in options.items() if value is not None}
 
 
+def _verdict_lines(verdicts: Iterable[tuple[str, str]]) -> list[str]:
+    """Verdicts in a column before their statements; reasons why there is none in lines of their own below."""
+    pairs = [(verdict.partition(": "), statement) for verdict, statement in verdicts]
+    lines = [f"{verdict:<15} {statement}" for (verdict, _, _), statement in pairs]
+    reasons = dict.fromkeys(f"{verdict}: {reason}" for (verdict, _, reason), _ in pairs if reason)
+    return [*lines, *reasons]
+
+
 def _study_lines(result: "StudyResult") -> list[str]:
     """Claims, bars that are missed, and the time spent."""
     from hexctl.study.claims import bar_rows, claims_of, cm
 
     findings = result.findings
-    lines = [f"{claim.verdict:<15} {claim.claim}" for claim in claims_of(findings)]
-    rows = [row for row in bar_rows(findings, paper_count=False) if row.leg is None]
+    lines = _verdict_lines((claim.verdict, claim.claim) for claim in claims_of(findings))
+    rows = [row for row in bar_rows(findings, paper_count=False) if row.leg is None and row.holds is not None]
     missed = [row for row in rows if not row.holds]
     lines += [
         f"bar missed: {row.optimizer} {cm(row.mean_m)} after {row.evaluations} evaluations, "

@@ -1,7 +1,7 @@
 """The claims of the paper and the project's own bar, each with its rule and the numbers measured."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from statistics import fmean
 
 import numpy as np
@@ -11,17 +11,22 @@ from hexctl.study.plan import BASELINE
 from hexctl.study.searches import Findings
 from hexctl.types import FloatArray
 
+#: Shorter walks are not judged: deviations grow with the time walked, and the distances in claims and bars
+#: are those of walks of this duration.
+JUDGED_FROM_S = 30.0
+
 
 @dataclass(frozen=True, kw_only=True)
 class Claim:
-    """A claim of the paper and what this study says of it.
+    """A claim of the paper and the numbers of this study.
 
     Attributes:
-        claim: what the paper says.
-        rule: when it counts as held here.
-        measured: the numbers, with how far off where it does not hold.
-        beside: what the random baseline does, or another fact to read it with.
-        holds: None where this study did not measure it.
+        claim: the paper's statement.
+        rule: condition under which it counts as held here.
+        measured: the numbers, with the excess where it does not hold.
+        beside: result of the random baseline, or another fact to compare with.
+        holds: None where this study did not measure it or cannot judge it.
+        not_judged: why the numbers cannot be judged; empty where they can.
     """
 
     claim: str
@@ -29,11 +34,26 @@ class Claim:
     measured: str
     beside: str
     holds: bool | None
+    not_judged: str = ""
 
     @property
     def verdict(self) -> str:
-        """Return the verdict in words."""
-        return {True: "holds", False: "does not hold", None: "not measured"}[self.holds]
+        """Verdict in words."""
+        return verdict_of(self.holds, self.not_judged)
+
+
+def verdict_of(holds: bool | None, not_judged: str = "") -> str:
+    """Verdict in words; `not_judged` is the reason why there is none."""
+    if not_judged:
+        return f"not judged: {not_judged}"
+    return {True: "holds", False: "does not hold", None: "not measured"}[holds]
+
+
+def too_short(duration_s: float) -> str:
+    """Reason why walks of a duration are not judged, empty for those that are long enough."""
+    if duration_s >= JUDGED_FROM_S:
+        return ""
+    return f"walks of {duration_s:g} s, needs at least {JUDGED_FROM_S:g} s"
 
 
 def per_leg(legs: Sequence[int], values: Sequence[str]) -> str:
@@ -72,6 +92,7 @@ class BarRow:
         mean_m: mean best-so-far over the runs that have found a valid gait; NaN when there is none.
         limit_m: the bar.
         share: of the runs that are in the mean.
+        not_judged: why the mean cannot be judged; empty where it can.
     """
 
     optimizer: str
@@ -81,6 +102,7 @@ class BarRow:
     mean_m: float
     limit_m: float
     share: float
+    not_judged: str = ""
 
     @property
     def over_m(self) -> float:
@@ -88,9 +110,15 @@ class BarRow:
         return self.mean_m - self.limit_m
 
     @property
-    def holds(self) -> bool:
-        """Return whether the bar is held; a mean of nothing does not."""
-        return bool(self.over_m <= 0)
+    def holds(self) -> bool | None:
+        """Whether the mean is within the bar; False without any mean, None where it cannot be judged."""
+        return None if self.not_judged else bool(self.over_m <= 0)
+
+    @property
+    def verdict(self) -> str:
+        """Verdict in words, with the excess."""
+        missed = f", by {cm(self.over_m)}" if self.holds is False else ""
+        return verdict_of(self.holds, self.not_judged) + missed
 
 
 def limit_m(findings: Findings, evaluations: int, leg: int | None) -> float:
@@ -127,6 +155,7 @@ def _row(findings: Findings, optimizer: str, evaluations: int, leg: int | None, 
         mean_m=float(curve.mean[evaluations - 1]),
         limit_m=limit_m(findings, evaluations, leg),
         share=float(curve.share[evaluations - 1]),
+        not_judged=too_short(findings.plan.duration_s),
     )
 
 
@@ -355,7 +384,7 @@ def _worst(values: FloatArray) -> float:
 
 
 def claims_of(findings: Findings) -> list[Claim]:
-    """Return all claims, in the paper's order."""
+    """All claims in the paper's order; walks that are too short leave those that were measured not judged."""
     makers: list[Callable[[Findings], Claim]] = [
         veers_left,
         veers_right,
@@ -368,4 +397,10 @@ def claims_of(findings: Findings) -> list[Claim]:
         competitive,
         best_keep_line,
     ]
-    return [make(findings) for make in makers]
+    claims = [make(findings) for make in makers]
+    reason = too_short(findings.plan.duration_s)
+    if not reason:
+        return claims
+    return [
+        claim if claim.holds is None else replace(claim, holds=None, not_judged=reason) for claim in claims
+    ]

@@ -28,8 +28,9 @@ DPI = 130
 
 
 def check_drawing() -> None:
-    """Raise MissingExtraError unless figures and tables can be written."""
+    """Raise MissingExtraError unless figures, tables and reports can be written."""
     try:
+        import jinja2  # noqa: F401
         import matplotlib  # noqa: F401
         import pyarrow  # noqa: F401
     except ModuleNotFoundError as error:

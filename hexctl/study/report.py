@@ -1,4 +1,4 @@
-"""The report of a study: one page that needs nothing else, with figures and tables in files beside it."""
+"""The report of a study: one HTML page that needs no other file, with figures and tables beside it."""
 
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
@@ -6,8 +6,8 @@ from pathlib import Path
 from hexctl.files import atomic_write
 from hexctl.study.claims import BarRow, bar_rows, claims_of, cm, expected_best_rank, left_share, within
 from hexctl.study.figures import FigureEntry, draw_figures
-from hexctl.study.html import bullets, figure, heading, page, paragraph, table
 from hexctl.study.landscape import Landscape
+from hexctl.study.page import Block, Bullets, Picture, Section, Table, render_page
 from hexctl.study.searches import Curve, Findings
 from hexctl.study.tables import SHOWN, TABLES, write_tables
 from hexctl.study.versions import code_versions
@@ -34,41 +34,51 @@ READING = (
 
 
 def write_report(findings: Findings, folder: Path, on_figure: Callable[[str], None] = lambda _: None) -> Path:
-    """Write tables, figures and at last the report into a folder, and return the report's path."""
+    """Write tables, figures and the report into a folder; path of the report.
+
+    `on_figure` is called with the name of each figure that is done.
+    """
     write_tables(findings, folder)
     drawn = draw_figures(findings, folder, on_figure)
     path = folder / REPORT
-    atomic_write(path, page("hexctl study", _parts(findings, drawn, folder)))
+    sections = [*_verdicts(findings), *_pictures(drawn, folder), *_numbers(findings)]
+    heading = "Gaits for a failed leg: the paper's experiments repeated"
+    atomic_write(path, render_page("hexctl study", heading, sections))
     return path
 
 
-def _parts(findings: Findings, drawn: list[FigureEntry], folder: Path) -> Iterator[str]:
-    yield heading("Gaits for a failed leg: the paper's experiments repeated", 1)
-    yield paragraph(_settings(findings))
-    yield heading("Claims of the paper")
-    yield _claims(findings)
-    yield heading("How to read this")
-    yield bullets([*READING, _stuck(findings)])
-    yield heading("The bar: mean over legs and runs")
-    yield paragraph(
+def _verdicts(findings: Findings) -> Iterator[Section]:
+    yield Section("", [_settings(findings)])
+    yield Section("Claims of the paper", [_claims(findings)])
+    yield Section("How to read this", [Bullets([*READING, _stuck(findings)])])
+    bar = (
         "10 cm within 20 evaluations; within 60, 2.5 cm, or, for a leg whose best gait of all is above "
         "2.5 cm, 1 cm more than that gait. Beside it the random baseline, which has to hold it too."
     )
-    yield from _bars(findings)
+    fresh, paper = (_bars(findings, paper_count=count) for count in (False, True))
+    blocks: list[Block] = [bar, "Each gait paid for once:", fresh, "By the paper's count:", paper]
+    yield Section("The bar: mean over legs and runs", blocks)
+
+
+def _pictures(drawn: Iterable[FigureEntry], folder: Path) -> Iterator[Section]:
     for entry in drawn:
-        yield heading(entry.name.replace("_", " ").capitalize())
-        yield figure(folder / f"{entry.name}.png", entry.paper, entry.here)
-    yield heading("Landscapes")
-    yield _landscapes(findings.landscapes.values())
-    yield heading("Means over all legs and runs, with standard deviation")
-    yield _means(findings)
-    yield heading("Means of each leg over its runs, with standard deviation, by the paper's count")
-    yield _leg_means(findings)
-    yield heading("Distinct codes")
-    yield _distinct(findings)
-    yield heading("Files and versions")
-    yield paragraph(f"Beside this page: {', '.join(TABLES)}, and each figure as PNG and SVG.")
-    yield paragraph(", ".join(f"{name} {value}" for name, value in code_versions().items()))
+        picture = Picture(folder / f"{entry.name}.png", entry.paper, entry.here)
+        yield Section(entry.name.replace("_", " ").capitalize(), [picture])
+
+
+def _numbers(findings: Findings) -> Iterator[Section]:
+    yield Section("Landscapes", [_landscapes(findings.landscapes.values())])
+    yield Section("Means over all legs and runs, with standard deviation", [_means(findings)])
+    title = "Means of each leg over its runs, with standard deviation, by the paper's count"
+    yield Section(title, [_leg_means(findings)])
+    distinct = (
+        "Mean over runs: codes of its own until the search is stuck / different codes that the paper's "
+        "count buys."
+    )
+    yield Section("Distinct codes", [distinct, _distinct(findings)])
+    beside = f"Beside this page: {', '.join(TABLES)}, and each figure as PNG and SVG."
+    versions = ", ".join(f"{name} {value}" for name, value in code_versions().items())
+    yield Section("Files and versions", [beside, versions])
 
 
 def _settings(findings: Findings) -> str:
@@ -86,7 +96,7 @@ def _settings(findings: Findings) -> str:
 
 
 def _stuck(findings: Findings) -> str:
-    """Return after how many codes the searches of this study were stuck."""
+    """After how many codes the searches of this study were stuck."""
     means = {
         name: [float(findings.searches[leg, name, True].own_codes.mean()) for leg in findings.plan.legs]
         for name in findings.heuristics
@@ -97,36 +107,32 @@ def _stuck(findings: Findings) -> str:
     )
 
 
-def _claims(findings: Findings) -> str:
+def _claims(findings: Findings) -> Table:
     rows = [
         (claim.claim, claim.rule, claim.measured, claim.beside, claim.verdict)
         for claim in claims_of(findings)
     ]
-    return table(("claim of the paper", "holds here if", "measured here", "beside it", "verdict"), rows)
+    return Table(("claim of the paper", "holds here if", "measured here", "beside it", "verdict"), rows)
 
 
-def _bars(findings: Findings) -> Iterator[str]:
-    for paper_count in (False, True):
-        counted = "By the paper's count" if paper_count else "Each gait paid for once"
-        yield paragraph(f"{counted}:")
-        rows = bar_rows(findings, paper_count=paper_count)
-        legs = [f"leg {leg}" for leg in findings.plan.legs]
-        header = ("optimizer", "evaluations", "bar", "mean", "verdict", *legs)
-        yield table(header, _bar_lines(rows, len(legs)))
+def _bars(findings: Findings, *, paper_count: bool) -> Table:
+    legs = [f"leg {leg}" for leg in findings.plan.legs]
+    rows = bar_rows(findings, paper_count=paper_count)
+    header = ("optimizer", "evaluations", "bar", "mean", "verdict", *legs)
+    return Table(header, list(_bar_lines(rows, len(legs))))
 
 
 def _bar_lines(rows: list[BarRow], legs: int) -> Iterator[list[str]]:
-    """Give a line for each optimizer and bar: all legs together, then each."""
+    """One row of cells per optimizer and bar: all legs together, then each."""
     for first in range(0, len(rows), legs + 1):
         together, *each = rows[first : first + legs + 1]
-        verdict = "holds" if together.holds else f"does not hold, by {cm(together.over_m)}"
         mean = cm(together.mean_m) + _share(together.share)
-        head = [together.optimizer, str(together.evaluations), cm(together.limit_m), mean, verdict]
-        yield head + [_leg_cell(row) for row in each]
+        head = [together.optimizer, str(together.evaluations), cm(together.limit_m), mean]
+        yield [*head, together.verdict] + [_leg_cell(row) for row in each]
 
 
 def _leg_cell(row: BarRow) -> str:
-    over = "" if row.holds else f" (+{cm(row.over_m)})"
+    over = f" (+{cm(row.over_m)})" if row.holds is False else ""
     return cm(row.mean_m) + over + _share(row.share)
 
 
@@ -134,7 +140,7 @@ def _share(share: float) -> str:
     return "" if share == 1 else f" [{share:.0%} of the runs]"
 
 
-def _landscapes(landscapes: Iterable[Landscape]) -> str:
+def _landscapes(landscapes: Iterable[Landscape]) -> Table:
     header = ("leg", "self-rotation", "gaits", "valid", "end left", "within 10 cm", "within 2.5 cm", "best")
     rows = [
         (
@@ -149,27 +155,27 @@ def _landscapes(landscapes: Iterable[Landscape]) -> str:
         )
         for landscape in landscapes
     ]
-    return table(header, rows)
+    return Table(header, rows)
 
 
-def _means(findings: Findings) -> str:
+def _means(findings: Findings) -> Table:
     shown = [count for count in SHOWN if count <= findings.plan.budget]
     rows = []
     for paper_count in (False, True):
         for name in findings.plan.optimizers:
             curve = findings.mean_curve(name, paper_count=paper_count)
             rows.append([name, "paper's" if paper_count else "fresh", *_curve_cells(curve, shown)])
-    return table(("optimizer", "count", *[f"after {count}" for count in shown]), rows)
+    return Table(("optimizer", "count", *[f"after {count}" for count in shown]), rows)
 
 
-def _leg_means(findings: Findings) -> str:
+def _leg_means(findings: Findings) -> Table:
     shown = [count for count in SHOWN if count <= findings.plan.budget]
     rows = [
         [str(leg), name, *_curve_cells(findings.searches[leg, name, True].curve, shown)]
         for leg in findings.plan.legs
         for name in findings.plan.optimizers
     ]
-    return table(("leg", "optimizer", *[f"after {count}" for count in shown]), rows)
+    return Table(("leg", "optimizer", *[f"after {count}" for count in shown]), rows)
 
 
 def _curve_cells(curve: Curve, shown: list[int]) -> list[str]:
@@ -178,16 +184,12 @@ def _curve_cells(curve: Curve, shown: list[int]) -> list[str]:
     ]
 
 
-def _distinct(findings: Findings) -> str:
-    """Return how many codes each search asks for by itself, and how many the paper's count pays for."""
+def _distinct(findings: Findings) -> Table:
+    """Codes that each search asks for by itself, and those that the paper's count pays for."""
     rows = []
     for name in findings.plan.optimizers:
         searches = [findings.searches[leg, name, True] for leg in findings.plan.legs]
         cells = [f"{search.own_codes.mean():.0f} / {search.distinct.mean():.0f}" for search in searches]
         rows.append([name, *cells])
     legs = [f"leg {leg}" for leg in findings.plan.legs]
-    note = (
-        "Mean over runs: codes of its own until the search is stuck / different codes that the paper's "
-        "count buys."
-    )
-    return paragraph(note) + table(("optimizer", *legs), rows)
+    return Table(("optimizer", *legs), rows)

@@ -50,6 +50,10 @@ def test_a_study_from_end_to_end_and_again_from_the_cache(
     assert again.err.count("from the cache") == 2
     (report,) = Path("runs").glob("study-2*/report.html")
     assert f"report: {report}" in again.out
+    assert "\nnot judged: walks of 0.2 s, needs at least 30 s\n" in again.out
+    assert "holds" not in again.out
+    assert "does not hold" not in again.out
+    assert "bar " not in again.out
 
 
 @pytest.mark.parametrize(

@@ -59,11 +59,15 @@ def made_up_findings(
     optimizers: tuple[str, ...] = ("pso", "psosp", "dps", "debest", "derand", "random"),
     runs: int = 3,
     budget: int = 120,
+    duration_s: float = 30.0,
 ) -> Findings:
-    """Return findings in which each leg has a share of its gaits on the left without self-rotation."""
+    """Return findings in which each leg has a share of its gaits on the left without self-rotation.
+
+    Paths are those of a second, whatever the duration: no number depends on them.
+    """
     left = left or {1: 0.5, 2: 1.0, 3: 1.0, 4: 0.5, 5: 0.0, 6: 0.0}
     plan = StudyPlan(
-        robot=shipped(), legs=legs, optimizers=optimizers, runs=runs, budget=budget, duration_s=1.0
+        robot=shipped(), legs=legs, optimizers=optimizers, runs=runs, budget=budget, duration_s=duration_s
     )
     landscapes = []
     for leg in legs:

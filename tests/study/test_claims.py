@@ -82,6 +82,20 @@ def test_what_was_not_measured_is_not_judged() -> None:
     assert judged == {"both", "rotation"}
 
 
+def test_walks_that_are_too_short_are_measured_but_not_judged() -> None:
+    findings = made_up_findings(spread_out(0.25, SIGNS), legs=(1, 2), runs=2, duration_s=0.5)
+    for claim in claims_of(findings):
+        judged = CLAIMS["right"] not in claim.claim
+        words = "not judged: walks of 0.5 s, needs at least 30 s" if judged else "not measured"
+        assert (claim.holds, claim.verdict) == (None, words)
+        assert claim.measured
+    rows = bar_rows(findings, paper_count=False)
+    assert {(row.holds, row.verdict) for row in rows} == {
+        (None, "not judged: walks of 0.5 s, needs at least 30 s")
+    }
+    assert named(made_up_findings(spread_out(0.25, SIGNS), legs=(1, 2), runs=2), "both").holds is True
+
+
 def test_the_bar_is_the_mean_of_what_each_leg_allows(good: Findings, bad: Findings) -> None:
     rows = bar_rows(good, paper_count=False)
     assert len(rows) == 6 * 2 * 7

@@ -9,7 +9,6 @@ import pyarrow.parquet as pq
 import pytest
 
 from hexctl.study.figures import FIGURES
-from hexctl.study.html import page, table
 from hexctl.study.report import write_report
 from hexctl.study.searches import Findings
 from hexctl.study.tables import TABLES, summary_json
@@ -102,7 +101,14 @@ def test_a_study_without_valid_gaits_still_reports(tmp_path: Path) -> None:
     json.dumps(summary_json(findings), allow_nan=False)
 
 
-def test_texts_are_escaped() -> None:
-    text = page("<b>", [table(("a<b",), [("<script>",), ("holds",)])])
-    assert "<script>" not in text
-    assert '<td class="yes">holds</td>' in text
+def test_a_short_study_reports_that_it_judges_nothing(tmp_path: Path) -> None:
+    findings = made_up_findings(
+        spread_out(0.5), {2: 0.5}, legs=(2,), optimizers=("pso",), runs=2, budget=20, duration_s=0.5
+    )
+    text = write_report(findings, tmp_path).read_text(encoding="utf-8")
+    assert "not judged: walks of 0.5 s, needs at least 30 s" in text
+    assert not re.search(r'class="(yes|no)"', text)
+    outcome = json.loads(json.dumps(summary_json(findings), allow_nan=False))
+    assert (
+        {claim["holds"] for claim in outcome["claims"]} == {bar["holds"] for bar in outcome["bars"]} == {None}
+    )

@@ -298,7 +298,13 @@ def test_a_walk_that_is_over_anyway_is_not_cut_short(landscapes: list[Landscape]
 
 
 def test_the_bars_follow_from_the_curves(findings: TransferFindings) -> None:
-    bars = {bar.name: bar for bar in transfer_bars(findings)}
+    short = transfer_bars(findings)
+    assert {(bar.holds, bar.verdict) for bar in short} == {
+        (None, f"not judged: walks of {DURATION_S:g} s, needs at least 30 s")
+    }
+    as_if = replace(findings, plan=replace(findings.plan, duration_s=30.0))
+    bars = {bar.name: bar for bar in transfer_bars(as_if)}
+    assert list(bars) == [bar.name for bar in short]
     mean = findings.by_trials("bayes", findings.places()).mean
     for name, bound_m, within in (("mean_0.1_m", 0.1, 4), ("mean_0.025_m", 0.025, 10)):
         assert bars[name].holds == bool((mean[:within] <= bound_m).any())

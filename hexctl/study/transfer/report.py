@@ -1,7 +1,7 @@
 """The report of a transfer benchmark: one HTML page, with figures and a table beside it."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -9,9 +9,9 @@ import numpy as np
 
 from hexctl.adapt.registry import BAYES
 from hexctl.files import atomic_write
-from hexctl.study.claims import cm
+from hexctl.study.claims import cm, too_short, verdict_of
 from hexctl.study.drawing import color_of, grid_of, label_axes, new_figure, save_figure
-from hexctl.study.html import bullets, figure, heading, page, paragraph, table
+from hexctl.study.page import Block, Bullets, Picture, Section, Table, render_page
 from hexctl.study.plan import BASELINE
 from hexctl.study.tables import number
 from hexctl.study.transfer.plan import EARLY, PRIORED
@@ -41,42 +41,44 @@ class Bar:
         name: stable name.
         asked: what is asked.
         measured: what was found.
-        holds: whether it holds.
+        holds: whether it holds; None where it cannot be judged.
+        not_judged: why it cannot be judged; empty where it can.
     """
 
     name: str
     asked: str
     measured: str
-    holds: bool
+    holds: bool | None
+    not_judged: str = ""
 
     @property
     def verdict(self) -> str:
-        """Return the verdict in words."""
-        return "holds" if self.holds else "does not hold"
+        """Verdict in words."""
+        return verdict_of(self.holds, self.not_judged)
 
     def as_json(self) -> dict[str, Any]:
-        """Return the bar as plain JSON values."""
+        """Plain JSON values."""
         return {"name": self.name, "asked": self.asked, "measured": self.measured, "holds": self.holds}
 
 
 def transfer_bars(findings: TransferFindings) -> list[Bar]:
-    """Return the bars that the benchmark's optimizers and budget can tell of."""
+    """Bars that the benchmark's optimizers and budget reach; none is judged on walks that are too short."""
     if BAYES not in findings.plan.optimizers or not findings.landscapes:
         return []
-    bars = list(_means(findings))
-    if BASELINE in findings.plan.optimizers:
-        bars += _against_random(findings)
+    bars = [*_means(findings), *_against_random(findings), _coverage(findings)]
+    reason = too_short(findings.plan.duration_s)
+    return [replace(bar, holds=None, not_judged=reason) for bar in bars] if reason else bars
+
+
+def _coverage(findings: TransferFindings) -> Bar:
     share, outcomes = findings.coverage(BAYES, findings.places())
     low, high = COVERAGE
-    bars.append(
-        Bar(
-            name="coverage",
-            asked=f"{low:.0%} to {high:.0%} of outcomes in their intervals for nine of ten",
-            measured=f"{share:.1%} of {outcomes}",
-            holds=low <= share <= high,
-        )
+    return Bar(
+        name="coverage",
+        asked=f"{low:.0%} to {high:.0%} of outcomes in their intervals for nine of ten",
+        measured=f"{share:.1%} of {outcomes}",
+        holds=low <= share <= high,
     )
-    return bars
 
 
 def _means(findings: TransferFindings) -> Iterator[Bar]:
@@ -95,6 +97,8 @@ def _means(findings: TransferFindings) -> Iterator[Bar]:
 
 def _against_random(findings: TransferFindings) -> Iterator[Bar]:
     """Compare with random search, kind by kind, wherever random search gets within the budget."""
+    if BASELINE not in findings.plan.optimizers:
+        return
     for kind in findings.kinds():
         places = findings.places(kind)
         bayes, random = (findings.by_trials(name, places) for name in (BAYES, BASELINE))
@@ -233,7 +237,9 @@ def write_transfer_report(findings: TransferFindings, folder: Path) -> Path:
     _write_table(findings, folder)
     drawn = [(name, _drawn(draw(findings), folder, name)) for name, draw in _FIGURES]
     path = folder / REPORT
-    atomic_write(path, page("hexctl study --transfer", _parts(findings, drawn)))
+    sections = [*_verdicts(findings), *_pictures(drawn), *_numbers(findings)]
+    heading = "Adaptation in worlds that nobody simulated before"
+    atomic_write(path, render_page("hexctl study --transfer", heading, sections))
     return path
 
 
@@ -275,37 +281,35 @@ def _found(findings: TransferFindings, name: str, places: list[int]) -> dict[str
     }
 
 
-def _parts(findings: TransferFindings, drawn: list[tuple[str, Path]]) -> Iterator[str]:
-    plan, places = findings.plan, findings.places()
-    yield heading("Adaptation in worlds that nobody simulated before", 1)
-    yield paragraph(
+def _verdicts(findings: TransferFindings) -> Iterator[Section]:
+    plan = findings.plan
+    settings = (
         f"Robot {plan.robot.name}; legs {', '.join(str(leg) for leg in plan.legs)} locked, self-rotation "
         f"rear, {plan.duration_s:g} s a trial; {plan.worlds} worlds; {plan.budget} trials; {plan.runs} runs "
         f"of each search that has a seed; prior of {plan.prior.worlds} worlds a leg; "
         f"target {cm(plan.target_m)}."
     )
-    yield heading("Bars")
-    yield table(
-        ("asked", "measured", "verdict"),
-        [(bar.asked, bar.measured, bar.verdict) for bar in transfer_bars(findings)],
-    )
-    yield heading("How to read this")
-    yield bullets(READING)
-    yield paragraph(_reach(findings))
-    for name, image in drawn:
-        yield heading(name.replace("_", " ").capitalize())
-        yield figure(image, "Not in the paper.", "Red lines: 10 cm and 2.5 cm. The scale is logarithmic.")
-    yield heading("All worlds and legs")
-    yield _curves_table(findings, places)
-    yield heading("Where some gait is within 2.5 cm")
-    yield _curves_table(findings, findings.places(reachable_m=NEARER_M))
+    yield Section("", [settings])
+    rows = [(bar.asked, bar.measured, bar.verdict) for bar in transfer_bars(findings)]
+    yield Section("Bars", [Table(("asked", "measured", "verdict"), rows)])
+    yield Section("How to read this", [Bullets(READING), _reach(findings)])
+
+
+def _pictures(drawn: list[tuple[str, Path]]) -> Iterator[Section]:
+    here = "Red lines: 10 cm and 2.5 cm. The scale is logarithmic."
+    for name, file in drawn:
+        picture = Picture(file, "Not in the paper.", here)
+        yield Section(name.replace("_", " ").capitalize(), [picture])
+
+
+def _numbers(findings: TransferFindings) -> Iterator[Section]:
+    yield Section("All worlds and legs", _curves(findings, findings.places()))
+    near = findings.places(reachable_m=NEARER_M)
+    yield Section("Where some gait is within 2.5 cm", _curves(findings, near))
     for kind in findings.kinds():
-        yield heading(f"Kind {kind}")
-        yield _curves_table(findings, findings.places(kind))
-    yield heading("How sure bayes was")
-    yield _sure_table(findings)
-    yield heading("Versions")
-    yield paragraph(", ".join(f"{name} {value}" for name, value in code_versions().items()))
+        yield Section(f"Kind {kind}", _curves(findings, findings.places(kind)))
+    yield Section("How sure bayes was", [_sure_table(findings)])
+    yield Section("Versions", [", ".join(f"{name} {value}" for name, value in code_versions().items())])
 
 
 def _reach(findings: TransferFindings) -> str:
@@ -319,7 +323,7 @@ def _reach(findings: TransferFindings) -> str:
     )
 
 
-def _curves_table(findings: TransferFindings, places: list[int]) -> str:
+def _curves(findings: TransferFindings, places: list[int]) -> list[Block]:
     shown = [count for count in SHOWN if count <= findings.plan.budget]
     rows = []
     for name in findings.plan.optimizers:
@@ -332,10 +336,10 @@ def _curves_table(findings: TransferFindings, places: list[int]) -> str:
     note = (
         f"{len(places)} worlds and legs; best of all gaits {cm(findings.floor_m(places)) if places else '-'}."
     )
-    return paragraph(note) + table(("deviation", *[f"after {count}" for count in shown]), rows)
+    return [note, Table(("deviation", *[f"after {count}" for count in shown]), rows)]
 
 
-def _sure_table(findings: TransferFindings) -> str:
+def _sure_table(findings: TransferFindings) -> Table:
     places = findings.places()
     rows = []
     for name in (name for name in findings.plan.optimizers if name in PRIORED):
@@ -347,7 +351,7 @@ def _sure_table(findings: TransferFindings) -> str:
         walked = f"{_walked_s(findings, name, places):.0f} s"
         rows.append([name, f"{share:.1%} of {outcomes}", f"{sure:.0%}", f"{trials:.1f}", walked, by_kind])
     header = ("", "outcomes in their 90 % interval", "ended sure", "after trials", "walked", "by kind")
-    return table(header, rows)
+    return Table(header, rows)
 
 
 def _walked_s(findings: TransferFindings, name: str, places: list[int]) -> float:

@@ -1,0 +1,77 @@
+"""A report as one HTML page that needs no other file: sections of text, tables and pictures."""
+
+import base64
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar
+
+#: File in `hexctl/study/templates`.
+TEMPLATE = "report.html"
+
+
+@dataclass(frozen=True)
+class Bullets:
+    """A list of short texts."""
+
+    texts: Sequence[str]
+
+    kind: ClassVar = "bullets"
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table of text; cells that begin with `holds` or `does not hold` are coloured."""
+
+    header: Sequence[str]
+    rows: Sequence[Sequence[str]]
+
+    kind: ClassVar = "table"
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A PNG file, embedded, with what the paper shows and how to read it here."""
+
+    file: Path
+    paper: str
+    here: str
+
+    kind: ClassVar = "picture"
+
+    @property
+    def name(self) -> str:
+        """Name of the file without its ending."""
+        return self.file.stem
+
+    @property
+    def base64(self) -> str:
+        """Content of the file in base 64."""
+        return base64.b64encode(self.file.read_bytes()).decode()
+
+
+#: A text is a paragraph.
+Block = str | Bullets | Table | Picture
+
+
+@dataclass(frozen=True)
+class Section:
+    """A part of the page; without a heading where the title is empty."""
+
+    title: str
+    blocks: Sequence[Block]
+
+
+def render_page(title: str, heading: str, sections: Iterable[Section]) -> str:
+    """HTML text of a page; every text in it is escaped."""
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    environment = Environment(
+        loader=PackageLoader("hexctl.study"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
+    return environment.get_template(TEMPLATE).render(title=title, heading=heading, sections=sections)
