@@ -1,1 +1,1 @@
-"""The pictures of the documentation, made anew: `python -m pictures`."""
+"""The pictures of the documentation: `python -m pictures` makes them."""

@@ -1,4 +1,4 @@
-"""Make pictures of the documentation anew: `python -m pictures [NAME]...`, all of them without a name."""
+"""Make pictures of the documentation: `python -m pictures [NAME]...`, all of them without a name."""
 
 import contextlib
 import io
@@ -19,7 +19,7 @@ DOCS = Path(__file__).parents[1] / "docs"
 
 
 def _prior(folder: Path) -> Picture:
-    """Return the figure that has a program of its own, because its numbers are explained there."""
+    """The figure of a prior, drawn by the script that explains its numbers."""
     path = folder / "prior.png"
     runpy.run_path(str(DOCS / "make_prior_figure.py"))["main"](path)
     return Picture.from_png(path.read_bytes())

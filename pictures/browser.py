@@ -36,8 +36,8 @@ OPTIONS = (
 )
 
 #: How long the browser may take over one answer; its start includes the disk's.
-PATIENCE_S = 60.0
-END_PATIENCE_S = 10.0
+TIMEOUT_S = 60.0
+END_TIMEOUT_S = 10.0
 
 
 class BrowserError(Exception):
@@ -61,7 +61,7 @@ class Browser:
         self._ask("Page.navigate", url=url)
 
     def picture(self) -> Picture | None:
-        """Return what the page looks like now, or None between two pages."""
+        """Screenshot of the page, or None between two pages."""
         try:
             taken = self._ask("Page.captureScreenshot", format="png")
         except BrowserError:
@@ -80,18 +80,18 @@ class Browser:
         if self._session is not None:
             command["sessionId"] = self._session
         os.write(self._commands, json.dumps(command).encode() + b"\0")
-        until_s = time.monotonic() + PATIENCE_S
-        while (answer := self._next(until_s)).get("id") != self._asked:
+        deadline_s = time.monotonic() + TIMEOUT_S
+        while (answer := self._next(deadline_s)).get("id") != self._asked:
             pass  # an event of the page
         if "error" in answer:
             raise BrowserError(f"{method}: {answer['error']}")
         result: dict[str, Any] = answer["result"]
         return result
 
-    def _next(self, until_s: float) -> dict[str, Any]:
-        """Return the next message."""
+    def _next(self, deadline_s: float) -> dict[str, Any]:
+        """Next message of the browser."""
         while b"\0" not in self._received:
-            ready, _, _ = select.select([self._answers], [], [], max(0.0, until_s - time.monotonic()))
+            ready, _, _ = select.select([self._answers], [], [], max(0.0, deadline_s - time.monotonic()))
             data = os.read(self._answers, 1 << 20) if ready else b""
             if not data:
                 raise BrowserError("the browser " + ("ended" if ready else "does not answer"))
@@ -131,7 +131,7 @@ def browser(size: tuple[int, int], home: Path) -> Iterator[Browser]:
         yield page
         page.close()
         with suppress(subprocess.TimeoutExpired):
-            process.wait(END_PATIENCE_S)
+            process.wait(END_TIMEOUT_S)
     finally:
         # What is left of it: it has processes of its own.
         with suppress(ProcessLookupError):

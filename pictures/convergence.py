@@ -13,5 +13,5 @@ def draw(folder: Path) -> Picture:
     out = folder / "study"
     code = exit_code(["study", "--json", "--out", str(out)])
     if code != 0:
-        raise RuntimeError(f"hexctl study ended with {code}; the same command goes on")
+        raise RuntimeError(f"hexctl study ended with {code}; repeat the command to resume")
     return Picture.from_png((out / FIGURE).read_bytes())

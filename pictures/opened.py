@@ -1,4 +1,4 @@
-"""A viewer with one recording in it, on a screen that nobody sees."""
+"""A viewer with one recording, on a virtual screen."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -7,7 +7,7 @@ from pathlib import Path
 from pictures.screen import strange_home, virtual_screen
 from pictures.window import Window, open_window
 
-#: Of the window, in points; and its topmost part, which says what computer it runs on.
+#: Size of the window in points, and height of its title bar, which names the computer.
 SIZE = (1280, 760)
 BAR = 37
 

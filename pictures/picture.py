@@ -1,4 +1,4 @@
-"""What a screen shows, as numbers."""
+"""Screenshots as arrays, and measures on them."""
 
 from dataclasses import dataclass
 from io import BytesIO
@@ -26,39 +26,39 @@ class Picture:
 
     @classmethod
     def from_png(cls, data: bytes) -> Self:
-        """Return a picture from the bytes of a PNG file."""
+        """Picture from the bytes of a PNG file."""
         with Image.open(BytesIO(data)) as image:
             return cls(np.asarray(image.convert("RGB")))
 
     @property
     def blank(self) -> bool:
-        """Return whether there is nothing to be seen."""
+        """Whether the picture has fewer than BLANK_COLORS colours."""
         return len(np.unique(self._packed())) < BLANK_COLORS
 
     @property
     def filled(self) -> float:
-        """Return the share that has another colour than most of the picture."""
+        """Share of the pixels that differ from the most frequent colour."""
         _, counts = np.unique(self._packed(), return_counts=True)
         return 1.0 - float(counts.max()) / float(counts.sum())
 
     def share(self, color: Color, near: int = NEAR) -> float:
-        """Return the share of the picture that has about a colour."""
+        """Share of the pixels near a colour."""
         return float(np.mean(self._has(color, near)))
 
     def middle(self, color: Color, near: int = NEAR) -> NDArray[np.float64]:
-        """Return the middle (x, y) in pixels of what has about a colour."""
+        """Centroid (x, y) in pixels of the pixels near a colour."""
         rows, columns = np.nonzero(self._has(color, near))
         return np.array([columns.mean(), rows.mean()])
 
     def difference(self, other: "Picture") -> float:
-        """Return the share of the pixels that differ visibly; 1 for another size."""
+        """Share of the pixels that differ visibly; 1 for another size."""
         if self.pixels.shape != other.pixels.shape:
             return 1.0
         apart = np.abs(self.pixels.astype(np.int16) - other.pixels.astype(np.int16)).max(axis=2)
         return float(np.mean(apart > NEAR / 2))
 
     def cut(self, left: int, top: int, width: int, height: int) -> "Picture":
-        """Return a part."""
+        """A rectangle of the picture."""
         return Picture(self.pixels[top : top + height, left : left + width])
 
     def save(self, path: Path) -> None:
@@ -66,7 +66,7 @@ class Picture:
         Image.fromarray(self.pixels).save(path, optimize=True)
 
     def _packed(self) -> NDArray[np.uint32]:
-        """Return one number per pixel."""
+        """One number per pixel."""
         packed: NDArray[np.uint32] = self.pixels.astype(np.uint32) @ np.array(
             [1 << 16, 1 << 8, 1], dtype=np.uint32
         )

@@ -1,4 +1,4 @@
-"""A screen that nobody sees: an X server of our own, and a home folder that is not the user's."""
+"""A virtual screen: an X server, and a home folder other than the user's."""
 
 import os
 import shutil
@@ -59,7 +59,7 @@ def virtual_screen(window: tuple[int, int]) -> Iterator[str]:
 
 @contextmanager
 def strange_home() -> Iterator[dict[str, str]]:
-    """Yield an environment with an empty home folder, in which Rerun tells nobody of its use."""
+    """Environment with an empty home folder and without Rerun's usage statistics."""
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as home:
         variables = {name: value for name, value in os.environ.items() if name not in KEPT_BY_XDG}
         variables |= {"HOME": home, "XDG_RUNTIME_DIR": home, "LC_ALL": "C.UTF-8"}

@@ -13,7 +13,7 @@ from pictures.needed import MissingProgramError
 from pictures.picture import Picture
 
 #: How long the viewer may take for anything, on a slow machine without a graphics card.
-PATIENCE_S = 60.0
+TIMEOUT_S = 60.0
 POLL_S = 0.1
 
 #: Two pictures one after the other that differ less are the same: the cursor of a text field blinks.
@@ -28,12 +28,12 @@ class Window:
 
     @property
     def state(self) -> Any:
-        """Return what the viewer says of itself: recordings, views, what it is loading."""
+        """State of the viewer: recordings, views, what it is loading."""
         return self._client.get_state()
 
     @property
     def views(self) -> list[Any]:
-        """Return the views that are laid out: name, class, what they complain of."""
+        """Views that are laid out: name, class, reported problems."""
         return list(self.state.views)
 
     def await_shown(self) -> None:
@@ -57,10 +57,10 @@ class Window:
         self._client.set_time("trial_time", duration=time_s, play_state="paused")
 
     def picture(self) -> Picture:
-        """Return what the window looks like once it has settled; a blank one is taken again."""
-        until_s = time.monotonic() + PATIENCE_S
+        """Screenshot of the window once it no longer changes; blank ones are taken again."""
+        deadline_s = time.monotonic() + TIMEOUT_S
         before, now = self._taken(), self._taken()
-        while (now.blank or now.difference(before) > SETTLED) and time.monotonic() < until_s:
+        while (now.blank or now.difference(before) > SETTLED) and time.monotonic() < deadline_s:
             time.sleep(POLL_S)
             before, now = now, self._taken()
         if now.blank:
@@ -68,7 +68,7 @@ class Window:
         return now
 
     def part(self, view: Any) -> Picture | None:
-        """Return what one view looks like now, settled or not; None for one behind another, such as a tab."""
+        """Screenshot of one view as it is now; None for a hidden one, such as a tab in the background."""
         try:
             return self._taken(view.view_id)
         except ConnectionError as error:
@@ -80,8 +80,8 @@ class Window:
         return Picture.from_png(self._client.take_screenshot(view_id))
 
     def _wait(self, done: Callable[[], Any], otherwise: str) -> None:
-        until_s = time.monotonic() + PATIENCE_S
-        while time.monotonic() < until_s:
+        deadline_s = time.monotonic() + TIMEOUT_S
+        while time.monotonic() < deadline_s:
             if self._process.poll() is not None:
                 raise RuntimeError(f"the viewer ended with {self._process.returncode}")
             with suppress(RuntimeError, ConnectionError):
@@ -127,12 +127,12 @@ def open_window(
 
 
 def _connect(process: "subprocess.Popen[bytes]", port: int, errors: Path) -> Any:
-    """Return a client of a viewer once it answers."""
+    """Client of a viewer, once it answers."""
     load_rerun()
     from rerun.experimental import ViewerClient
 
-    until_s = time.monotonic() + PATIENCE_S
-    while time.monotonic() < until_s and process.poll() is None:
+    deadline_s = time.monotonic() + TIMEOUT_S
+    while time.monotonic() < deadline_s and process.poll() is None:
         with suppress(RuntimeError, ConnectionError, ValueError):
             client = ViewerClient.connect(f"rerun+http://{LOCAL}:{port}/proxy")
             client.get_state()

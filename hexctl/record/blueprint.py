@@ -1,4 +1,4 @@
-"""The layout that a recording opens with: nothing has to be clicked."""
+"""The layout that a recording opens with."""
 
 import math
 from typing import Any
@@ -17,7 +17,7 @@ EYE = (-1.1, -2.1, 1.5)
 
 
 def make_blueprint(robot: Robot, plan: TrialPlan, floor: Floor) -> Any:
-    """Return the blueprint of a trial's recording."""
+    """Blueprint of a trial's recording."""
     import rerun.blueprint as rrb
 
     scene = rrb.Vertical(scene_view(robot, plan, floor), _lanes_view(), row_shares=[6, 5])
@@ -40,7 +40,7 @@ def make_blueprint(robot: Robot, plan: TrialPlan, floor: Floor) -> Any:
 
 
 def scene_view(robot: Robot, plan: TrialPlan, floor: Floor) -> Any:
-    """Return the 3-D view: the eye rides along with the robot, trail and ribbon end at the time cursor."""
+    """3-D view: the eye follows the robot, trail and ribbon end at the time cursor."""
     import rerun.blueprint as rrb
 
     cos, sin = math.cos(plan.heading_rad), math.sin(plan.heading_rad)
@@ -75,7 +75,7 @@ def scene_view(robot: Robot, plan: TrialPlan, floor: Floor) -> Any:
 
 
 def _up_to_cursor() -> Any:
-    """Return the time range that shows everything so far."""
+    """Time range of everything up to the time cursor."""
     import rerun.blueprint as rrb
 
     return rrb.VisibleTimeRanges(
@@ -86,7 +86,7 @@ def _up_to_cursor() -> Any:
 
 
 def _lanes_view() -> Any:
-    """Return the lanes of gait, guard and the trial's parts; where a colour says enough, no word does."""
+    """Lanes of the trial's phases, the guard and the gait; states whose colour is enough have no label."""
     import rerun.blueprint as rrb
 
     lanes = load_rerun().StateConfiguration(
@@ -131,7 +131,7 @@ def plot_background() -> Any:
 
 
 def _linked() -> Any:
-    """Return a time axis that all views share, so that zooming into one zooms into all."""
+    """Time axis that all views share: zooming into one zooms into all."""
     import rerun.blueprint as rrb
 
     return rrb.TimeAxis(link="LinkToGlobal")

@@ -19,22 +19,22 @@ from hexctl.types import JOINT_KINDS, BoolArray, FloatArray
 
 Rows = NDArray[np.int64] | slice
 
-#: What need not follow every tick is sent every so many of them: ten times a second.
+#: Ticks between rows of what need not follow every tick: ten rows a second.
 SPARSE_TICKS = 5
 
-#: The wall clock is kept to half a second: finer, it would cost more than it says.
+#: Resolution of the wall clock: half a second keeps its column small.
 WALL_STEP_NS = 500_000_000
 
-#: Binary places that numbers are kept to: 8 micrometres or microradians off at most, which no robot feels.
+#: Binary places of stored numbers: an error of 8 micrometres or microradians at most.
 KEPT_BITS = 16
 
-#: A foot that is commanded higher than this above its place in the stance is meant to be in the air.
+#: A foot commanded higher than this above its stance position is in swing.
 LIFTED_M = 1e-5
 
 
 @dataclass(frozen=True, slots=True)
 class Subject:
-    """Who walks, what it shall do, and on what floor."""
+    """The robot, its plan and the floor of a recording."""
 
     robot: Robot
     plan: TrialPlan
@@ -42,12 +42,12 @@ class Subject:
 
 
 class Block:
-    """Rows [start, stop) of a log, their times, and what several parts of a recording make of them.
+    """Rows [start, stop) of a log, their times, and quantities that several tracks derive from them.
 
     Rows are counted from the start of the block.
 
     Attributes:
-        subject: whose log it is.
+        subject: the robot, plan and floor of the log.
         log: the log.
         start: its first row in the log.
         stop: the row after its last.
@@ -56,7 +56,7 @@ class Block:
     def __init__(
         self, stream: Any, subject: Subject, log: TickLog, start: int, stop: int, began_at_s: float
     ) -> None:
-        """Take rows of a log whose first tick was at a time of the wall clock, in s since 1970."""
+        """Take rows of a log; `began_at_s` is the wall clock at its first tick, in s since 1970."""
         self.subject, self.log, self.start, self.stop = subject, log, start, stop
         self._stream, self._rr = stream, load_rerun()
         elapsed_s = self.column("time_s") - log.rows("time_s", 0, 1)
@@ -66,39 +66,39 @@ class Block:
         self._wall_times = wall_ns.astype("datetime64[ns]")
 
     def column(self, name: str) -> Any:
-        """Return the block's rows of a column."""
+        """Rows of a column in this block."""
         return self.log.rows(name, self.start, self.stop)
 
     def led(self, name: str, lead: int = 1) -> Any:
-        """Return the block's rows of a column, led by so many rows before them as far as there are any."""
+        """Rows of a column in this block, preceded by up to `lead` earlier rows."""
         return self.log.rows(name, max(self.start - lead, 0), self.stop)
 
     def changes(self, led: Any) -> NDArray[np.int64]:
-        """Return the rows in which values (led, plain or by row) change, and the first tick of the log."""
+        """Rows at which values (scalars or vectors, preceded by one row) change, and the first tick."""
         changed = led[1:] != led[:-1]
         rows = np.flatnonzero(changed if changed.ndim == 1 else changed.any(axis=-1))
         return rows if self.start else np.concatenate([[0], rows + 1])
 
     def in_walk(self) -> BoolArray:
-        """Return which rows belong to the walk, (rows,)."""
+        """Whether each row belongs to the walk, (rows,)."""
         return np.asarray(self.column("phase") == PHASES.index("walk"))
 
     def sparse(self) -> NDArray[np.int64]:
-        """Return the rows whose tick is a multiple of `SPARSE_TICKS`."""
+        """Rows whose tick is a multiple of `SPARSE_TICKS`."""
         return np.arange(-self.start % SPARSE_TICKS, self.stop - self.start, SPARSE_TICKS)
 
     @cached_property
     def posed(self) -> BoolArray:
-        """Return in which rows the base pose is known, (rows,)."""
+        """Whether the base pose is known, (rows,)."""
         return posed_rows(self.log, self.start, self.stop)
 
     @cached_property
     def led_swing(self) -> BoolArray:
-        """Return which feet are commanded to be in the air, led by one row, (rows, 6)."""
+        """Whether each foot is commanded to swing, preceded by one row, (rows + 1, 6)."""
         return self.swing(1)
 
     def swing(self, lead: int) -> BoolArray:
-        """Return which feet are commanded to be in the air, led, (rows, 6); none while settling."""
+        """Whether each foot is commanded to swing, preceded by `lead` rows; none while settling."""
         robot = self.subject.robot
         height = foot_heights_body(robot, self.led("wanted_rad", lead)) - robot.stance_feet_body[:, 2]
         moving = self.led("phase", lead) != PHASES.index("settle")
@@ -106,7 +106,7 @@ class Block:
 
     @cached_property
     def standing(self) -> BoolArray:
-        """Return which feet touch the floor, or shall where the robot does not feel it, (rows, 6)."""
+        """Feet in contact, or commanded to stance where contacts are not measured, (rows, 6)."""
         if self.log.contacts_known:
             return np.asarray(self.column("foot_contacts"))
         return np.asarray(~self.led_swing[len(self.led_swing) - (self.stop - self.start) :])
@@ -121,18 +121,18 @@ class Block:
 
 
 def posed_rows(log: TickLog, start: int, stop: int) -> BoolArray:
-    """Return in which rows [start, stop) of a log the base pose is known, (rows,)."""
+    """Whether the base pose is known in rows [start, stop) of a log, (rows,)."""
     pose = log.rows("base_position_world", start, stop), log.rows("base_quaternion_world", start, stop)
     return np.asarray(np.isfinite(np.concatenate(pose, axis=-1)).all(axis=-1))
 
 
 def compact(points_m: FloatArray) -> NDArray[np.float32]:
-    """Return points to half a millimetre: what is only looked at need not be exact, and then packs well."""
+    """Points rounded to half a millimetre, enough for drawing; they compress well."""
     return rounded(points_m, 10).astype(np.float32)
 
 
 def rounded(values: FloatArray, bits: int) -> FloatArray:
-    """Return values rounded to so many binary places: numbers that end in zeros pack well."""
+    """Values rounded to a number of binary places: trailing zeros compress well."""
     return np.asarray(np.round(values * 2.0**bits) / 2.0**bits)
 
 
@@ -151,14 +151,14 @@ class ArrowBatch:
     array: Any
 
     def as_arrow_array(self) -> Any:
-        """Return the values."""
+        """The values, as Rerun asks for them."""
         return self.array
 
 
 class LinkColumns:
-    """Makes the columns of links for a number of ticks; what all legs share is made once.
+    """Makes the columns of links for a number of ticks; arrays that all legs share are made once.
 
-    Where a link begins on the one before never changes, and is not in here.
+    The joint's position on the previous link is static and not part of these columns.
     """
 
     def __init__(self, ticks: int) -> None:
@@ -166,7 +166,7 @@ class LinkColumns:
         self._axes = {kind: _vectors(AXES[kind], ticks) for kind in JOINT_KINDS}
 
     def columns(self, kind: str, angles_rad: FloatArray) -> list[Any]:
-        """Return the columns of a link of this kind: it turns through the measured angle.
+        """Columns of a link of this kind, which turns through the measured angle.
 
         Args:
             kind: one of `JOINT_KINDS`.
@@ -193,7 +193,7 @@ class LinkColumns:
 
 
 def _vectors(vector: tuple[float, ...], ticks: int) -> Any:
-    """Return the same 3-vector for each tick, as Arrow wants it."""
+    """The same 3-vector for each tick, as an Arrow array."""
     import pyarrow as pa
 
     values = pa.array(np.tile(np.asarray(vector, dtype=np.float32), ticks))

@@ -1,4 +1,4 @@
-"""A walk shown while it goes on: rows leave by a pipe that never makes the robot wait."""
+"""Live view: walks and robots on the network, shown in a viewer through a pipe that does not block."""
 
 import os
 import pickle
@@ -21,14 +21,14 @@ from hexctl.robot.model import Robot
 from hexctl.robot.rotations import yaw_rad
 from hexctl.types import JointTargets, RobotState
 
-#: Ticks of one block: ten pictures a second.
+#: Ticks of a block: ten updates a second.
 LIVE_BLOCK_TICKS = 5
 
-#: What may wait for a slow viewer before the live view is given up: a minute of a walk.
+#: Bytes that may wait for a slow viewer before the live view is given up: a minute of walking.
 MAX_WAITING_BYTES = 8_000_000
 
-#: How long the feeder may take to pass on its last rows.
-END_PATIENCE_S = 5.0
+#: Time in which the feeder has to pass on its last rows.
+END_TIMEOUT_S = 5.0
 
 
 #: After an hour of states another recording begins: a recording is kept in memory, here and by the feeder.
@@ -38,22 +38,22 @@ MAX_WATCHED_TICKS = 180_000
 class LiveView:
     """Shows walks in a Rerun viewer while they run: a recorder of `run_trial`.
 
-    Rows go through a pipe to a process of their own, which talks to the viewer. A viewer or feeder that dies
-    or hangs costs the robot nothing: what does not fit into the pipe waits, and beyond a bound the live view
+    Rows go through a pipe to a feeder process, which talks to the viewer. A viewer or feeder that dies or
+    hangs does not delay the robot: rows that do not fit into the pipe wait, and beyond a bound the live view
     is given up.
 
     Attributes:
-        lost: why nothing is shown any more, or None.
+        lost: why nothing is shown any longer, or None.
         block_ticks: ticks of the blocks that it wants from a log.
-        url: where a browser finds it, or None for a window.
+        url: address for a browser, or None for a window.
     """
 
     def __init__(self, *, web: bool = False, options: Sequence[str] = ()) -> None:
-        """Start viewer and feeder; `web` serves the viewer to a browser instead of opening a window.
+        """Start viewer and feeder.
 
         Args:
-            web: whether a browser shows it.
-            options: more of Rerun's own, such as `--save FILE`.
+            web: serve the viewer to a browser instead of opening a window.
+            options: further options of Rerun, such as `--save FILE`.
 
         Raises RecordingError when they cannot start, MissingExtraError without Rerun.
         """
@@ -88,7 +88,15 @@ class LiveView:
         floor: Floor | None = None,
         looks: str | None = None,
     ) -> None:
-        """Say that another walk begins, and of whom; `looks` is the robot file whose meshes are drawn."""
+        """Begin another walk.
+
+        Args:
+            robot: the robot that walks.
+            plan: what it is asked to do.
+            title: name of the walk in the viewer.
+            floor: what it walks on; None is an even, level floor.
+            looks: robot file whose meshes are drawn; None draws solids.
+        """
         self._send({"robot": robot, "plan": plan, "title": title, "floor": floor, "looks": looks})
 
     def write_block(self, log: TickLog, start: int, stop: int) -> None:
@@ -99,24 +107,24 @@ class LiveView:
 
     @property
     def open(self) -> bool:
-        """Return whether the viewer is still there."""
+        """Whether the viewer still runs."""
         return self._viewer.poll() is None
 
     def wait(self) -> None:
-        """Wait until the viewer is closed by whoever looks at it."""
+        """Wait until the viewer is closed by its user."""
         self._viewer.wait()
 
     def close(self, *, leave_viewer: bool = True) -> None:
-        """End the feeder, by force if it hangs; the viewer stays open unless told otherwise."""
-        until_s = time.monotonic() + END_PATIENCE_S
-        while self._waiting and self.lost is None and time.monotonic() < until_s:
+        """End the feeder, by force if it hangs; the viewer stays open unless `leave_viewer` is False."""
+        deadline_s = time.monotonic() + END_TIMEOUT_S
+        while self._waiting and self.lost is None and time.monotonic() < deadline_s:
             self._push()
             time.sleep(0.01)
         stdin = self._feeder.stdin
         if stdin is not None and not stdin.closed:
             stdin.close()
         try:
-            self._feeder.wait(max(0.1, until_s - time.monotonic()))
+            self._feeder.wait(max(0.1, deadline_s - time.monotonic()))
         except subprocess.TimeoutExpired:
             self._feeder.kill()
             self._feeder.wait()
@@ -125,7 +133,7 @@ class LiveView:
             self._viewer.wait()
 
     def _send(self, message: dict[str, Any]) -> None:
-        """Put a message into the pipe as far as it goes; never waits."""
+        """Write a message as far as the pipe takes it, without waiting."""
         if self.lost is not None:
             return
         self._waiting += pickle.dumps(message, protocol=5)
@@ -134,7 +142,7 @@ class LiveView:
             self.lost = "the live view is too slow and was given up"
 
     def _push(self) -> None:
-        """Write what waits, as far as the pipe takes it."""
+        """Write waiting bytes as far as the pipe takes them."""
         try:
             del self._waiting[: os.write(self._pipe, self._waiting)]
         except BlockingIOError:
@@ -144,7 +152,7 @@ class LiveView:
 
 
 def open_window(on_problem: Callable[[RecordingError], object]) -> LiveView | None:
-    """Open a window for a walk; without a screen tell why and return None: that must not cost a walk."""
+    """Window for a walk; without a screen `on_problem` gets the reason, and the walk goes unseen."""
     try:
         check_display()
     except RecordingError as error:
@@ -202,7 +210,7 @@ def _watch_recording(
 
 
 def _start(command: Sequence[str], stdin: int = subprocess.DEVNULL) -> "subprocess.Popen[bytes]":
-    """Start a process that neither speaks in our terminal nor hears its Ctrl-C."""
+    """Start a process without our terminal: no output there, no Ctrl-C from there."""
     try:
         return subprocess.Popen(
             command,

@@ -22,8 +22,8 @@ from hexctl.record.viewer import LOCAL
 from hexctl.robot.loader import load_meshes
 from hexctl.robot.meshes import Meshes
 
-#: How long a viewer may take to open its window.
-VIEWER_PATIENCE_S = 30.0
+#: Time in which a viewer has to open its window.
+VIEWER_TIMEOUT_S = 30.0
 
 
 class Feed:
@@ -52,21 +52,21 @@ class Feed:
         BlockWriter(self._stream, self._subject, log, start, len(log), self._began_at_s).write()
 
     def close(self) -> None:
-        """Let the viewer have what is left."""
+        """Send the remaining rows to the viewer."""
         self._stream.disconnect()
 
 
 def _meshes(looks: str | None) -> Meshes:
-    """Return the meshes of a robot file, if one is named; what has gone since then is drawn as solids."""
+    """Meshes of a robot file, if one is named; none if they cannot be loaded any longer."""
     try:
         return load_meshes(looks) if looks is not None else {}
     except InputError:
         return {}
 
 
-def await_viewer(port: int) -> None:
-    """Wait until a viewer listens: what is sent before that is lost."""
-    for _ in range(round(VIEWER_PATIENCE_S / 0.1)):
+def wait_for_viewer(port: int) -> None:
+    """Wait until a viewer listens; data sent before would be lost."""
+    for _ in range(round(VIEWER_TIMEOUT_S / 0.1)):
         try:
             socket.create_connection((LOCAL, port), timeout=1.0).close()
         except OSError:
@@ -77,10 +77,10 @@ def await_viewer(port: int) -> None:
 
 
 def main(port: str) -> None:
-    """Show what comes on stdin until it ends."""
-    # Ctrl-C is for the walk; this ends when the walk closes the pipe.
+    """Show the messages on stdin until it ends."""
+    # Ctrl-C is for the walk; this process ends when the walk closes the pipe.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    await_viewer(int(port))
+    wait_for_viewer(int(port))
     address = f"rerun+http://{LOCAL}:{port}/proxy"
     feed: Feed | None = None
     for message in messages(sys.stdin.buffer):
@@ -95,7 +95,7 @@ def main(port: str) -> None:
 
 
 def messages(source: BinaryIO) -> Iterator[dict[str, Any]]:
-    """Yield the messages that `LiveView` wrote, until they end or one is cut off."""
+    """Messages that `LiveView` wrote, until the stream ends or is cut off."""
     with suppress(EOFError, pickle.UnpicklingError):
         while True:
             yield pickle.load(source)  # noqa: S301  from our own parent process

@@ -8,7 +8,7 @@ import numpy as np
 
 from hexctl.types import ArrayFields, FloatArray
 
-#: No walk of a trial gets this far; a simulation that has diverged does.
+#: Points further away come from a diverged simulation and are not drawn.
 FAR_M = 1000.0
 
 
@@ -40,7 +40,7 @@ class OverviewTrial(ArrayFields):
 
     @property
     def end_m(self) -> FloatArray:
-        """Return where it ended, (2,)."""
+        """Last point of the path, (2,)."""
         end: FloatArray = self.path_m[-1]
         return end
 
@@ -51,7 +51,7 @@ class Overview:
 
     Attributes:
         title: name of the session.
-        facts: lines on what was asked for and what came of it.
+        facts: lines on settings and outcome.
         objective: what the score is, in words.
         unit: of the score, empty where it has none.
         course_m: length of the line of travel: the distance of a walk without slip.
@@ -67,11 +67,11 @@ class Overview:
 
     @property
     def best(self) -> OverviewTrial | None:
-        """Return the trial with the lowest score, the earliest of equals, or None without a valid trial."""
+        """Trial with the lowest score, the earliest of equals; None without a valid trial."""
         return list(self.best_so_far())[-1] if self.trials else None
 
     def best_so_far(self) -> Iterator[OverviewTrial | None]:
-        """Yield for each trial the best of those up to it, None before the first valid one."""
+        """For each trial the best of those up to it; None before the first valid one."""
         best, lowest_m = None, math.inf
         for trial in self.trials:
             if trial.score_m is not None and trial.score_m < lowest_m:
@@ -80,14 +80,14 @@ class Overview:
 
 
 def deviation_text(deviation_m: float | None) -> str:
-    """Return a signed deviation for a reader, such as `0.006 m left`."""
+    """Signed deviation as text, such as `0.006 m left`."""
     if deviation_m is None or not math.isfinite(deviation_m):
         return "-"
     return f"{abs(deviation_m):.3f} m {'left' if deviation_m > 0 else 'right'}"
 
 
 def drawable(path_m: FloatArray) -> FloatArray:
-    """Return the points of a path, (N, 2) in m, that can be drawn: a diverged simulation has others."""
+    """Points of a path, (N, 2) in m, that are finite and near enough to be drawn."""
     sane = np.nan_to_num(np.abs(path_m), nan=np.inf) < FAR_M
     kept: FloatArray = path_m[np.all(sane, axis=1)]
     return kept
@@ -97,7 +97,7 @@ COLUMNS = ("trial", "code", "slots", "deviation", "distance", "status", "best so
 
 
 def make_table(overview: Overview) -> str:
-    """Return the text: title, facts, and a row per trial with the best one in bold."""
+    """Markdown: title, facts, and a row per trial with the best one in bold."""
     best = overview.best
     rows = [
         _row(_cells(trial, so_far, overview.unit), bold=trial is best)

@@ -37,7 +37,7 @@ LEGEND = "above/legend"
 BEST = "above/best"
 BEST_END = "above/best/end"
 
-#: What is there to read the rest by, and not to be touched.
+#: Scenery, which cannot be selected.
 SCENERY = (AXES, BANDS, LEGEND, LINE)
 
 CURVE = "curve"
@@ -49,37 +49,37 @@ TABLE = "table"
 
 
 def trial_path(index: int) -> str:
-    """Return the entity of a trial's trajectory."""
+    """Entity of a trial's trajectory."""
     return f"{ABOVE}/trials/{index:03d}"
 
 
 def at(indices: Sequence[int]) -> Any:
-    """Return trials as a column of the timeline."""
+    """Trials as a column of the timeline."""
     return load_rerun().TimeColumn(TIMELINE, sequence=np.asarray(indices, dtype=np.int64))
 
 
-#: Room around the line of travel that trials of any kind are given in the picture, in shares of its length.
+#: Limits of the picture around the line of travel, as shares of its length.
 SIDE_LIMIT, END_LIMIT = 0.75, 0.25
 SIDE_LEAST, MARGIN = 0.15, 0.06
 
-#: Distances between grid lines: the first that needs no more than so many along the course.
+#: Distances between grid lines; the first is taken that needs at most MAX_LINES along the course.
 GRID_STEPS_M = (0.25, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0)
 MAX_LINES = 6
 
-#: Line widths in points of the screen; negative is how Rerun tells them from metres.
+#: Line widths in points of the screen, which Rerun marks by a negative sign.
 THIN, TRACK, BOLD, MARK = -0.5, -1.0, -1.75, -5.0
 
-#: What covers what.
+#: Draw order: higher covers lower.
 AXIS_ORDER, BAND_ORDER, LINE_ORDER, TRACK_ORDER, BEST_ORDER, MARK_ORDER = range(0, 60, 10)
 
 
 def picture(points_m: FloatArray) -> FloatArray:
-    """Return progress and signed deviation, (…, 2) in m, as picture coordinates."""
+    """Progress and signed deviation, (…, 2) in m, as picture coordinates."""
     return points_m * [1.0, -1.0]
 
 
 def visible_m(overview: Overview) -> FloatArray:
-    """Return the corners of what the picture shows, ((x low, y low), (x high, y high)) in m."""
+    """Corners of the picture, ((x low, y low), (x high, y high)) in m."""
     length = overview.course_m
     corners = np.array([[0.0, -SIDE_LEAST * length], [length, SIDE_LEAST * length]])
     points = np.concatenate([corners, *(trial.path_m for trial in overview.trials)])
@@ -89,7 +89,7 @@ def visible_m(overview: Overview) -> FloatArray:
 
 
 def send_above(stream: Any, overview: Overview) -> None:
-    """Send everything that is seen from above to a recording stream."""
+    """Send the view from above to a recording stream."""
     _send_axes(stream, overview)
     _send_course(stream, overview)
     _send_legend(stream, overview)
@@ -194,7 +194,7 @@ def _send_best(stream: Any, overview: Overview) -> None:
 
 
 def score_top_m(overview: Overview) -> float:
-    """Return a score above those of all valid trials: where the invalid ones are drawn."""
+    """Score above those of all valid trials, at which invalid trials are drawn."""
     scores_m = [trial.score_m for trial in overview.trials if trial.score_m is not None]
     return 1.1 * max([TARGET_BANDS[0][0], *scores_m])
 
@@ -266,7 +266,7 @@ LEGEND_SHARE = 0.15
 
 
 def make_layout(overview: Overview) -> Any:
-    """Return the blueprint of an overview."""
+    """Blueprint of an overview."""
     import rerun.blueprint as rrb
 
     left = rrb.Vertical(_above_view(overview), _curve_view(overview), row_shares=[5, 2])
@@ -323,12 +323,12 @@ def _curve_view(overview: Overview) -> Any:
     )
 
 
-#: Another than that of trials: a viewer has one layout for each.
+#: Differs from that of trials: a viewer keeps one layout per application.
 APPLICATION_ID = "hexctl session"
 
 
 def write_overview_file(path: Path, overview: Overview) -> None:
-    """Write an overview, in place of an earlier one: a reader sees the old file or the new one, never a part.
+    """Write an overview atomically, in place of an earlier one.
 
     Raises InputError for an overview without trials or a place that cannot be written, RecordingError when
     the disk did not take everything, and MissingExtraError without Rerun.

@@ -1,4 +1,4 @@
-"""Where things live in a recording: the entity paths that writer, scene and blueprint share."""
+"""Entity paths of a recording, shared by tracks, scene and blueprint."""
 
 from hexctl.types import JOINT_KINDS, N_LEGS
 
@@ -15,7 +15,7 @@ POLYGON = "world/support_polygon"
 CENTRE = "world/centre_of_gravity"
 ROBOT = "world/robot"
 BODY = "world/robot/body"
-#: Nothing to be seen, as large as the robot: what the viewer's eye follows and fits into its picture.
+#: Invisible and as large as the robot: the viewer's eye follows it and fits it into the picture.
 FRAME = "world/robot/frame"
 DEVIATION = "deviation"
 MARGIN = "stability_margin"
@@ -26,14 +26,14 @@ SUMMARY = "summary"
 
 
 def leg_path(leg: int) -> str:
-    """Return the entity at the coxa axis of leg 1..6, fixed to the body."""
+    """Entity at the coxa axis of leg 1..6, fixed to the body."""
     return f"{ROBOT}/leg{leg}"
 
 
 def link_path(leg: int, kind: str) -> str:
-    """Return the entity of a link, such as `world/robot/leg5/coxa/hip/femur`: a link hangs on the one before.
+    """Entity of a link, such as `world/robot/leg5/coxa/hip/femur`: a child of the previous link.
 
-    It holds the solid, the rotation that moves it, and two scalars: commanded and measured angle in rad.
+    It has the solid, the rotation of its joint, and two scalars: commanded and measured angle in rad.
     """
     joints = ("", "/hip", "/knee")
     links = zip(joints, JOINT_KINDS, strict=True)
@@ -42,17 +42,17 @@ def link_path(leg: int, kind: str) -> str:
 
 
 def joint_path(leg: int, kind: str) -> str:
-    """Return the entity of a link's place on the one before, such as `world/robot/leg5/coxa/hip`."""
+    """Entity of a link's origin on the previous link, such as `world/robot/leg5/coxa/hip`."""
     return link_path(leg, kind).rpartition("/")[0]
 
 
 def foot_path(leg: int) -> str:
-    """Return the entity of a foot, at the end of the tibia."""
+    """Entity of a foot, at the end of the tibia."""
     return f"{link_path(leg, 'tibia')}/foot"
 
 
 def gait_path(leg: int) -> str:
-    """Return the entity that says whether a foot is in stance or swing, commanded and felt."""
+    """Entity of a foot's state: stance or swing, as commanded and as measured."""
     return f"gait/leg{leg}"
 
 

@@ -24,14 +24,14 @@ from hexctl.robot.model import Robot
 
 APPLICATION_ID = "hexctl"
 
-#: Rows wait until there are this many or the last are this old: each chunk costs time and space.
+#: Rows are written when there are this many or the last write was this long ago: chunks cost time and space.
 BLOCK_TICKS = 2000
 BLOCK_S = 1.0
 
 
 @dataclass(frozen=True, slots=True)
 class _Pending:
-    """Rows of a log up to `stop` that have been handed over."""
+    """Rows of a log up to `stop` that are not written yet."""
 
     log: TickLog
     stop: int
@@ -59,11 +59,11 @@ class Recording:
 
         Args:
             path: the new file; missing folders are made.
-            robot: who walks.
-            plan: what it shall do.
+            robot: the robot that walks.
+            plan: what it is asked to do.
             title: heading of the text panel and name of the recording.
             floor: what it walks on; None is an even, level floor.
-            meshes: what the robot's parts look like; None is solids of its own geometry.
+            meshes: of the robot's parts; None draws solids of its geometry.
 
         Raises InputError for a file that exists or cannot be written, and
         MissingExtraError without Rerun.
@@ -99,8 +99,8 @@ class Recording:
     def write_block(self, log: TickLog, start: int, stop: int) -> None:
         """Add rows [start, stop) of a log; blocks come in order and without gaps.
 
-        A simulation's blocks come faster than they are worth a chunk each, and are written together. What is
-        due is written part by part, one at each call: a robot in mid-stride waits for none of it long.
+        Blocks of a simulation come too fast for a chunk each and are written together. Due rows are written
+        part by part, one part per call, so that no call takes long.
         """
         if start == 0:
             self._began_at_s = self._beginning_s(log, stop)
@@ -113,11 +113,11 @@ class Recording:
             self._begin_to_write()
 
     def finish(self, result: TrialResult, facts: Mapping[str, Any]) -> None:
-        """Add the outcome, as text and as properties, close, and make sure that all of it is on the disk.
+        """Add the outcome, as text and as properties, close the file, and check that it is whole.
 
         Args:
-            result: what the trial came to.
-            facts: anything else worth knowing later, such as world, seed and backend.
+            result: of the trial.
+            facts: further properties, such as world, seed and backend.
 
         Raises RecordingError when the disk did not take everything.
         """
@@ -147,17 +147,17 @@ class Recording:
         self._stream.log(paths.SUMMARY, document, static=True)
 
     def _write_pending(self) -> None:
-        """Send the rows that have been handed over and not sent, all of them."""
-        self._write_rest()
+        """Send all rows that are not written yet."""
+        self._write_parts()
         self._begin_to_write()
-        self._write_rest()
+        self._write_parts()
 
-    def _write_rest(self) -> None:
+    def _write_parts(self) -> None:
         while self._writer is not None:
             self._write_part()
 
     def _begin_to_write(self) -> None:
-        """Take the rows that have been handed over; they are sent by `_write_part`."""
+        """Take the pending rows; `_write_part` sends them."""
         if self._pending is None or self._stream is None:
             return
         log, start, stop = self._pending.log, self._written, self._pending.stop
@@ -167,11 +167,11 @@ class Recording:
             self._steps = self._writer.steps()
 
     def _write_part(self) -> None:
-        """Send another part of the rows that were taken."""
+        """Send the next part of the rows that were taken."""
         writer, self._writer = self._writer, None
         if writer is None:
             return
-        # What comes after rows that cannot be sent is not tried: closing the file must go well then too.
+        # After rows that cannot be sent nothing is tried: the file can still be closed.
         pending, self._pending = self._pending, None
         for _ in self._steps:
             self._writer, self._pending = writer, pending
@@ -181,7 +181,7 @@ class Recording:
         self._last = writer.block
 
     def _beginning_s(self, log: TickLog, stop: int) -> float:
-        """Return when the first tick of a log was, in s since 1970.
+        """Wall clock at the first tick of a log, in s since 1970.
 
         A simulation's first block spans more of its own time than has passed since there is a recording.
         """

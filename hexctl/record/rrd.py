@@ -6,12 +6,12 @@ from typing import Any, BinaryIO
 
 from hexctl.errors import InputError, MissingExtraError, RecordingError
 
-#: Longer than this a disk does not need; a hung one must not hang the program.
+#: Bound on a flush: a disk that hangs must not hang the program.
 FLUSH_TIMEOUT_S = 30.0
 
 
 def load_rerun() -> Any:
-    """Return the `rerun` module.
+    """The `rerun` module.
 
     Raises MissingExtraError when it is not installed.
     """
@@ -34,18 +34,18 @@ def flush(stream: Any, path: Path) -> None:
         raise RecordingError(f"{path}: the recording is incomplete; is the disk full? ({reason})") from error
 
 
-#: Rerun tells its files by this ending.
+#: Rerun recognises its files by this suffix.
 SUFFIX = ".rrd"
 
-#: How a whole recording ends, but for a few bytes.
+#: A whole recording ends with this, up to a few bytes.
 END, END_PADDING = b"RRF2FOOT", 8
 
-#: Rerun 0.41 hangs for good where layout and scene find no room, which is less than this.
+#: Rerun 0.41 hangs when layout and scene, which take less than this, do not fit on the disk.
 ROOM_BYTES = 500_000
 
 
 def create_file(path: Path) -> None:
-    """Make an empty file and the folders above it, because Rerun overwrites an existing one without a word.
+    """Make an empty file and the folders above it: Rerun itself would overwrite an existing file silently.
 
     Raises InputError for a file that exists or cannot be written.
     """
@@ -62,7 +62,7 @@ def create_file(path: Path) -> None:
 
 
 def _check_room(file: BinaryIO, path: Path) -> None:
-    """Raise OSError where a recording could not even begin, and leave no file then."""
+    """Raise OSError, and remove the file, when the disk has no room for the start of a recording."""
     try:
         os.posix_fallocate(file.fileno(), 0, ROOM_BYTES)
         file.truncate(0)
@@ -72,7 +72,7 @@ def _check_room(file: BinaryIO, path: Path) -> None:
 
 
 def check_whole(path: Path) -> None:
-    """Raise RecordingError for a closed recording without its end: Rerun may not say that a disk is full."""
+    """Raise RecordingError for a closed recording without its end: Rerun may not report a full disk."""
     with path.open("rb") as file:
         file.seek(-min(len(END) + END_PADDING, path.stat().st_size), os.SEEK_END)
         if END not in file.read():

@@ -19,39 +19,39 @@ from hexctl.robot.meshes import Meshes, PartMesh
 from hexctl.robot.model import Robot
 from hexctl.types import JOINT_KINDS, N_LEGS, ArrayFields, FloatArray
 
-#: How far the eye shall see to each side of the robot, in stance radii. The viewer goes by this size or by
-#: the layout's eye, whichever it has first: both give the same picture.
+#: What the eye sees to each side of the robot, in stance radii. The viewer uses this size or the layout's
+#: eye, whichever it gets first; both give the same picture.
 FRAME_SHARE = 1.3
 
 LEVEL = Floor(np.array([1.0, 0.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0]), None)
 
 
 def xyzw(quaternion: FloatArray) -> FloatArray:
-    """Return quaternions (w, x, y, z) in Rerun's order (x, y, z, w), any leading shape + (4,)."""
+    """Quaternions (w, x, y, z) in Rerun's order (x, y, z, w), any leading shape + (4,)."""
     return np.roll(quaternion, -1, axis=-1)
 
 
 def course_world(frame: TrialFrame, length_m: float, floor: Floor) -> FloatArray:
-    """Return both ends of the line of travel, just above the floor, (2, 3) in m."""
+    """Both ends of the line of travel, just above the floor, (2, 3) in m."""
     steps = np.array([[0.0], [length_m]]) * [np.cos(frame.heading_rad), np.sin(frame.heading_rad)]
     return on_floor(frame.origin_world[:2] + steps, floor)
 
 
 def on_floor(points_m: FloatArray, floor: Floor) -> FloatArray:
-    """Return points seen from above, (N, 2), as points just above the floor and most of its bumps, (N, 3)."""
+    """Horizontal positions, (N, 2), raised just above the floor and most of its bumps, (N, 3)."""
     above_m = SUNK_M if floor.heights_m is None else 1.5 * float(floor.heights_m.std())
     heights = above_m - points_m @ floor.normal_world[:2] / floor.normal_world[2]
     return np.column_stack([points_m, heights])
 
 
 def path_end_m(robot: Robot, plan: TrialPlan) -> FloatArray:
-    """Return where a walk without slip would end, (2,) in m from its start."""
+    """End of a walk without slip, (2,) in m from its start."""
     length = ideal_speed_m_s(robot, plan.gait, plan.motion(0.0)) * plan.duration_s
     return length * np.array([math.cos(plan.heading_rad), math.sin(plan.heading_rad)])
 
 
 def send_scene(stream: Any, robot: Robot, plan: TrialPlan, floor: Floor, meshes: Meshes) -> None:
-    """Send everything that stays as it is to a recording stream."""
+    """Send the static part of a recording to its stream."""
     rr = load_rerun()
     stream.log(paths.WORLD, rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
     _send_floor(stream, floor, path_end_m(robot, plan))
@@ -69,7 +69,7 @@ def send_scene(stream: Any, robot: Robot, plan: TrialPlan, floor: Floor, meshes:
 
 
 def _send_frame(stream: Any, robot: Robot) -> None:
-    """Send a triangle without area that spans what the eye shall see of the robot and around it."""
+    """Send a triangle without area that spans what the eye sees of the robot and around it."""
     reach = FRAME_SHARE * robot.stance_radius_m
     corners = [[-reach, -reach, -robot.standing_height_m], [reach, reach, 0.0]]
     stream.log(
@@ -78,7 +78,7 @@ def _send_frame(stream: Any, robot: Robot) -> None:
 
 
 def _send_looks(stream: Any, robot: Robot) -> None:
-    """Send what is the same at all times about what is drawn on the floor."""
+    """Send the static properties of what is drawn on the floor."""
     rr, foot_m = load_rerun(), robot.foot_radius_m
     for path, color, radius in (
         (paths.TRAIL, style.TRAIL_COLOR, foot_m / 3),
@@ -146,7 +146,7 @@ def send_leg(stream: Any, robot: Robot, plan: TrialPlan, meshes: Meshes, leg: in
 
 
 def _trunk(robot: Robot) -> Any:
-    """Return the solid of the trunk."""
+    """Solid of the trunk."""
     rr = load_rerun()
     length, width, height = robot.body.size_m
     look = {"colors": [style.BODY_COLOR], "fill_mode": "solid"}
@@ -156,11 +156,11 @@ def _trunk(robot: Robot) -> Any:
 
 
 def _link(robot: Robot, index: int, failure: Failure | None, meshes: Meshes) -> list[Any]:
-    """Return what a link is drawn as."""
+    """Components that draw a link."""
     kind = JOINT_KINDS[index]
     color = (style.FAILED_COLORS if failure else style.LINK_COLORS)[kind]
     missing = failure is not None and failure.kind == "missing"
-    # An outline says that a leg is not there; a mesh has none.
+    # A missing leg is drawn as an outline, which a mesh does not have.
     if kind in meshes and not missing:
         return _asset(meshes[kind], color, tinted=failure is not None)
     outward, up = robot.link_vectors_m[index]
@@ -176,7 +176,7 @@ def _link(robot: Robot, index: int, failure: Failure | None, meshes: Meshes) -> 
 
 
 def _asset(mesh: PartMesh, color: style.Color, *, tinted: bool = False) -> list[Any]:
-    """Return a mesh in its place; it is tinted where asked for, or where it brings no colours."""
+    """A mesh and its pose; tinted if asked for, or if the mesh has no colours."""
     rr = load_rerun()
     w, x, y, z = mesh.quaternion.tolist()
     pose = rr.InstancePoses3D(
@@ -187,12 +187,12 @@ def _asset(mesh: PartMesh, color: style.Color, *, tinted: bool = False) -> list[
 
 
 def _series(kind: str) -> Any:
-    """Return names and looks of a joint's two plotted angles."""
+    """Names, colours and widths of a joint's two plotted angles."""
     names = [f"{kind} commanded", f"{kind} measured"]
     return load_rerun().SeriesLines(names=names, colors=style.SERIES[kind], widths=[3.0, 1.2])
 
 
-#: Floor to be seen on all sides of the planned path; an even one costs nothing.
+#: Floor drawn on all sides of the planned path; an even one has only four corners.
 FLOOR_MARGIN_M = 2.0
 EVEN_MARGIN_M = 50.0
 
@@ -221,11 +221,11 @@ class FloorMesh(ArrayFields):
 
 
 def make_floor_mesh(heights_m: FloatArray | None, path_end_m: FloatArray) -> FloorMesh:
-    """Return the floor around a straight path from the origin to an end, (2,) in m.
+    """Mesh of the floor around a straight path from the origin to `path_end_m`, (2,) in m.
 
     Args:
         heights_m: the whole height field (rows along y, columns along x), or None for an even floor.
-        path_end_m: where a walk without slip would end.
+        path_end_m: end of a walk without slip.
     """
     margin_m = EVEN_MARGIN_M if heights_m is None else FLOOR_MARGIN_M
     low = np.minimum(path_end_m, 0.0) - margin_m
@@ -245,13 +245,13 @@ def _coordinates(count: int) -> FloatArray:
 
 
 def _cells(low_m: float, high_m: float, count: int) -> NDArray[np.int64]:
-    """Return which grid points of the field lie in a range, at least the two at its edge."""
+    """Grid points of the field within a range, at least the two at its edge."""
     inside = np.flatnonzero((_coordinates(count) >= low_m) & (_coordinates(count) <= high_m))
     return inside if inside.size > 1 else np.array([0, 1])
 
 
 def _grid_mesh(x: FloatArray, y: FloatArray, heights: FloatArray) -> FloorMesh:
-    """Return the mesh of heights (len(y), len(x)) over a rectangular grid."""
+    """Mesh of heights (len(y), len(x)) over a rectangular grid."""
     positions = np.stack([*np.meshgrid(x, y), heights], axis=-1)
     slope_y, slope_x = np.gradient(heights, y, x)
     normals = np.stack([-slope_x, -slope_y, np.ones_like(heights)], axis=-1)

@@ -22,7 +22,7 @@ MARGIN_COLOR = (90, 214, 140)
 LEFT_COLOR = (70, 190, 230, 110)
 RIGHT_COLOR = (226, 96, 190, 110)
 
-#: The feet that carry and the centre of gravity, as long as it is above them, and when it is not.
+#: Support polygon and centre of gravity: stable, and unstable.
 STEADY_COLOR, STEADY_FILL = (90, 230, 140), (60, 200, 110, 70)
 UNSTEADY_COLOR, UNSTEADY_FILL = (255, 70, 60), (255, 60, 50, 110)
 PLUMB_COLOR = (200, 206, 214)
@@ -40,11 +40,11 @@ COMMANDED_STATES = (STANCE, SWING)
 HANGS, DRAGS = "stance without contact", "swing with contact"
 FELT_STATES = (HANGS, STANCE, SWING, DRAGS)
 
-#: What the guard and the clock do.
+#: States of the guard and the clock.
 GUARD_STATES = ("as commanded", "clipped", "ticks missed")
 STOPPED = "stopped"
 
-#: What the lanes say, and in what colour; a foot's colour and the ordinary say enough without a word.
+#: States of the lanes and their colours. Those in `WORDLESS` have no label: their colour is enough.
 LANE_COLORS = {
     STANCE: (206, 212, 220),
     SWING: (38, 43, 52),
@@ -63,6 +63,6 @@ WORDLESS = (*FELT_STATES, *GUARD_STATES[:2])
 
 
 def packed(color: Color) -> int:
-    """Return a colour, with its opacity if it has one, as Rerun packs it, 0xRRGGBBAA."""
+    """Colour, with its opacity if it has one, as Rerun packs it: 0xRRGGBBAA."""
     red, green, blue, alpha = (*color, 255)[:4]
     return red << 24 | green << 16 | blue << 8 | alpha

@@ -1,4 +1,4 @@
-"""What a trial was and came to, as text for the reader and as properties for programs."""
+"""Summary of a trial: a text panel for people, properties for programs."""
 
 import json
 import math
@@ -20,13 +20,13 @@ def make_markdown(
     stability: float | None,
     facts: Mapping[str, Any],
 ) -> str:
-    """Return the text panel; without a result the trial was not finished.
+    """Text panel in Markdown; without a result the trial counts as not finished.
 
     Args:
         title: heading.
-        robot: who walked.
+        robot: the robot that walked.
         plan: what was asked for.
-        result: what it came to.
+        result: of the trial.
         stability: share of the walk with the centre of gravity above the feet that stand, None if unknown.
         facts: anything else, a row each.
     """
@@ -43,7 +43,7 @@ def make_properties(
     stability: float | None,
     facts: Mapping[str, Any],
 ) -> dict[str, Any]:
-    """Return title, plan, result and facts as named plain values; what has no value is left out."""
+    """Title, plan, result and facts as named plain values, without those that are None."""
     gait = plan.gait
     values = {
         "title": title,
@@ -97,7 +97,7 @@ def _result_rows(result: TrialResult, stability: float | None) -> Iterator[Row]:
 
 
 def _fact_rows(result: TrialResult | None, facts: Mapping[str, Any]) -> Iterator[Row]:
-    """Yield the facts that are known and not told before, as plan or result."""
+    """Facts that are known and not already in the rows of plan or result."""
     told = {"robot", "gait", "failed_leg", "failure", *(result.numbers() if result is not None else ())}
     for key, value in facts.items():
         if key not in told and value is not None:
@@ -110,7 +110,7 @@ def _table(rows: Any) -> str:
 
 
 def _cell(value: Any) -> str:
-    """Return a value as text that cannot break a table."""
+    """Value as text that cannot break a table."""
     if isinstance(value, Mapping):
         value = ", ".join(f"{key} {each}" for key, each in value.items())
     text = f"{value:g}" if isinstance(value, float) else str(value)
@@ -118,7 +118,7 @@ def _cell(value: Any) -> str:
 
 
 def _plain(value: Any) -> Any:
-    """Return a value that a property can hold; anything nested becomes JSON."""
+    """Value that a property can hold; nested values become JSON."""
     simple = (str, int, float, bool)
     if isinstance(value, simple):
         return value

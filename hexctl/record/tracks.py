@@ -1,4 +1,4 @@
-"""What a recording shows over time: robot, path, gait lanes, events, support polygon."""
+"""Tracks of a recording over time: robot, path, gait diagram, guard, events, support polygon."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -86,7 +86,7 @@ def send_deviation(block: Block) -> None:
 
 
 def _pieces(block: Block, step: int) -> tuple[NDArray[np.int64], int]:
-    """Return where pieces between ticks that are multiples of a step end in a block, (N,), and a first tick.
+    """Ends of the pieces between ticks that are multiples of a step, (N,), and the tick they count from.
 
     Only pieces whose ends are known count. The ends count from that tick of the log, which is the one that
     the first piece begins at.
@@ -99,7 +99,7 @@ def _pieces(block: Block, step: int) -> tuple[NDArray[np.int64], int]:
 
 
 def _across(frame: TrialFrame, points_m: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return points seen from above, (N, 2), and the nearest ones on the line of travel."""
+    """Horizontal positions, (N, 2), and the nearest points on the line of travel."""
     along = np.array([np.cos(frame.heading_rad), np.sin(frame.heading_rad)])
     progress = frame.path(_with_height(points_m))[:, :1]
     return points_m, frame.origin_world[:2] + progress * along
@@ -109,20 +109,20 @@ def _with_height(points_m: FloatArray) -> FloatArray:
     return np.column_stack([points_m, np.zeros(len(points_m))])
 
 
-#: Targets that differ by less were not changed, only rounded on their way.
+#: Targets that differ by less count as unchanged: they were rounded on their way.
 ROUNDING_RAD = 1e-5
 
-#: A foot does something else once it has for so many ticks: what rattles and rebounds is no other gait.
+#: Ticks for which a foot's contact must differ from the command to be shown: rebounds are left out.
 STEADY_TICKS = 5
 
 
 def clipped_joints(wanted_rad: FloatArray, sent_rad: FloatArray) -> BoolArray:
-    """Return which joints' targets the guard changed, any shape."""
+    """Whether the guard changed each joint's target, any shape."""
     return np.asarray(np.abs(sent_rad - wanted_rad) > ROUNDING_RAD)
 
 
 def skipped_ticks(time_s: FloatArray) -> FloatArray:
-    """Return how many points of the clock's grid were missed before each tick, (ticks,)."""
+    """Number of periods missed before each tick, (ticks,)."""
     return np.asarray(np.maximum(np.round(np.diff(time_s, prepend=time_s[:1]) / PERIOD_S) - 1, 0))
 
 
@@ -147,7 +147,7 @@ def send_gait(block: Block) -> None:
 
 
 def _felt(block: Block) -> NDArray[np.int64]:
-    """Return the states of the feet as indices of `style.FELT_STATES`, led by one row, (rows, 6)."""
+    """States of the feet as indices of `style.FELT_STATES`, preceded by one row, (rows + 1, 6)."""
     swing = block.swing(STEADY_TICKS)
     other = steadily(swing == block.led("foot_contacts", STEADY_TICKS))
     states = 2 * swing.astype(np.int64) + (swing == other)
@@ -155,7 +155,7 @@ def _felt(block: Block) -> NDArray[np.int64]:
 
 
 def steadily(is_so: BoolArray) -> BoolArray:
-    """Return what has been so for `STEADY_TICKS` rows in a row, the last of them included, same shape."""
+    """Whether a value has been true for the last `STEADY_TICKS` rows, same shape."""
     steady = is_so.copy()
     for back in range(1, STEADY_TICKS):
         steady[back:] &= is_so[:-back]
@@ -192,7 +192,7 @@ Event = tuple[int, str, str]
 
 INFO, WARNING, ERROR = "INFO", "WARN", "ERROR"
 
-#: How a trial ends before its time, and why when nothing is wrong: somebody asked for it.
+#: Statuses of trials that ended early, and the stop that was requested and is no fault.
 STOPS = ("fell", "diverged", "aborted")
 REQUESTED = "requested"
 
@@ -215,7 +215,7 @@ def _phases(block: Block) -> Iterator[Event]:
 
 
 def _clipped(block: Block) -> Iterator[Event]:
-    """Yield where the guard began to change targets, with the joints it changed first."""
+    """Ticks at which the guard began to change targets, with the first joints concerned."""
     led = clipped_joints(block.led("wanted_rad"), block.led("sent_rad"))
     lead = len(led) - (block.stop - block.start)
     for row in block.changes(led.any(axis=-1)).tolist():
@@ -226,7 +226,7 @@ def _clipped(block: Block) -> Iterator[Event]:
 
 
 def _skipped(block: Block) -> Iterator[Event]:
-    """Yield where the clock missed ticks because one took too long."""
+    """Ticks before which periods were missed because the previous tick took too long."""
     led = skipped_ticks(block.led("time_s"))
     lead = len(led) - (block.stop - block.start)
     for row in np.flatnonzero(led[lead:]).tolist():
@@ -263,7 +263,7 @@ class Tally:
 
     @property
     def share(self) -> float | None:
-        """Return the share of the walk in which the centre of gravity was inside, None before any."""
+        """Share of the walk with the centre of gravity inside the support polygon; None before the walk."""
         return self.inside / self.walked if self.walked else None
 
 
@@ -285,7 +285,7 @@ def send_balance(block: Block) -> Tally:
 
 
 def _feet_and_centres(block: Block) -> tuple[FloatArray, FloatArray]:
-    """Return feet seen from above, (rows, 6, 2), and centres of gravity, (rows, 3), in the world."""
+    """Horizontal foot positions, (rows, 6, 2), and centres of gravity, (rows, 3), in the world."""
     robot = block.subject.robot
     links = link_points_body(robot, block.column("measured_rad"))
     centre = centre_of_mass_of(robot, links)[:, np.newaxis]
@@ -327,7 +327,7 @@ def _send_margin(block: Block, rows: NDArray[np.int64], margin_m: FloatArray) ->
 
 
 def _colors(inside: BoolArray, steady: style.Color, unsteady: style.Color) -> NDArray[np.uint32]:
-    """Return a colour per row as Rerun packs it."""
+    """Colour of each row as Rerun packs it."""
     colors = np.array([style.packed(unsteady), style.packed(steady)], dtype=np.uint32)
     return np.asarray(colors[inside.astype(int)])
 
@@ -335,8 +335,8 @@ def _colors(inside: BoolArray, steady: style.Color, unsteady: style.Color) -> ND
 class BlockWriter:
     """Sends rows [start, stop) of a log to a recording stream.
 
-    What is sent depends on the rows and the ones before them only, so a log written in blocks equals the
-    same log written at once.
+    The output depends only on these rows and earlier ones, so a log written in blocks equals the same log
+    written in one piece.
 
     Attributes:
         block: the rows.

@@ -53,7 +53,7 @@ def open_viewer(paths: Sequence[Path]) -> int:
 
 
 def newest_recording(folder: Path, *, leave_out: str | None = None) -> Path:
-    """Return the recording in a folder, or in the folders below it, that was written last.
+    """Latest recording in a folder or in the folders below it.
 
     Args:
         folder: where to look.
@@ -79,7 +79,7 @@ def check_recording(path: Path) -> None:
 
 
 def is_recording(path: Path) -> bool:
-    """Return whether a file is there and is a recording."""
+    """Whether a file exists and is a recording."""
     try:
         check_recording(path)
     except InputError:
@@ -88,7 +88,7 @@ def is_recording(path: Path) -> bool:
 
 
 def viewer_binary() -> Path:
-    """Return Rerun's program itself; the `rerun` on the PATH is a wrapper that would outlive a signal.
+    """Path of Rerun's executable; the `rerun` on the PATH is a wrapper that does not pass signals on.
 
     Raises MissingExtraError when it is not installed.
     """
@@ -106,13 +106,13 @@ def viewer_binary() -> Path:
 
 
 def check_display() -> None:
-    """Raise RecordingError on a machine without a screen, where a window would end without a word."""
+    """Raise RecordingError on a machine without a screen, where a window would fail silently."""
     if sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         raise RecordingError(f"{NO_DISPLAY}; hexctl view --web shows the same in a browser")
 
 
 def _why(messages: str, paths: Sequence[Path]) -> str:
-    """Return one line on why the viewer ended, and what to do where there is no screen."""
+    """One line on why the viewer ended, with the way out where there is no screen."""
     names = " ".join(map(str, paths))
     if any(word in messages for word in ("DISPLAY", "WAYLAND", "neither", "NoDisplay", "XOpenDisplay")):
         return (
@@ -129,7 +129,7 @@ class WebViewer:
     """A viewer that is being served.
 
     Attributes:
-        url: where a browser finds it.
+        url: address for a browser.
         process: Rerun's server.
     """
 
@@ -143,12 +143,12 @@ class WebViewer:
 
 
 def web_options(port: int, web_port: int) -> list[str]:
-    """Return Rerun's options for a server of data and viewer at two ports of loopback."""
+    """Options of Rerun for a server of data and viewer at two loopback ports."""
     return ["--bind", LOCAL, "--port", str(port), "--serve-web", "--web-viewer-port", str(web_port)]
 
 
 def web_url(port: int, web_port: int) -> str:
-    """Return the address that shows what is served at two ports."""
+    """Address of the page that shows the data served at `port`."""
     return _page(web_port, [f"rerun+http://{LOCAL}:{port}/proxy"])
 
 
@@ -189,19 +189,19 @@ def _page(web_port: int, urls: Sequence[str]) -> str:
 
 
 def web_origin(web_port: int) -> str:
-    """Return where the viewer is served from."""
+    """Origin of the viewer's page."""
     return f"http://{LOCAL}:{web_port}"
 
 
 def free_port() -> int:
-    """Return a port of this machine that nobody listens at."""
+    """Free TCP port of this machine."""
     with socket.socket() as probe:
         probe.bind((LOCAL, 0))
         return int(probe.getsockname()[1])
 
 
 class FileServer:
-    """Serves the files that it is told to; use as a context manager."""
+    """HTTP server on loopback for the recordings that are added to it; use as a context manager."""
 
     def __init__(self, origin: str) -> None:
         """Listen at a free port of loopback; pages of one origin, such as http://127.0.0.1:9090, may read."""
@@ -220,7 +220,7 @@ class FileServer:
         self._server.server_close()
 
     def base(self, folder: str) -> str:
-        """Return the URL below which the files of a folder are found."""
+        """URL below which the files of a folder are served."""
         return f"http://{LOCAL}:{self._server.server_port}/{quote(folder, safe='')}/"
 
     def add(self, folder: str, path: Path) -> str:

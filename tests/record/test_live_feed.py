@@ -39,6 +39,6 @@ def test_a_feeder_without_a_viewer_ends_by_itself() -> None:
 
 SHORT_PATIENCE = """
 from hexctl.record import live_feed
-live_feed.VIEWER_PATIENCE_S = 0.3
+live_feed.VIEWER_TIMEOUT_S = 0.3
 live_feed.main("9")
 """
