@@ -41,7 +41,7 @@ def _choices_ms(prior: Prior, world: int) -> "np.ndarray[tuple[int], np.dtype[np
         0,
         samples=samples_of(prior, ant(), LEG),
         target_m=1e-6,  # never reached, so that the session goes on
-        duration_s=prior.question.duration_s,
+        duration_s=prior.key.duration_s,
         floor_m=FLOOR_M,
     )
     row = prior.legs.index(LEG)
@@ -51,7 +51,7 @@ def _choices_ms(prior: Prior, world: int) -> "np.ndarray[tuple[int], np.dtype[np
     for _ in range(TRIALS - 1):
         shown = Observation(
             path_m=path[code - 1],
-            duration_s=prior.question.duration_s,
+            duration_s=prior.key.duration_s,
             yaw_change_rad=float(prior.yaw_rad[row, world, code - 1]),
             status="ok" if np.isfinite(path[code - 1]).all() else "fell",
         )

@@ -8,6 +8,11 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from hexctl.adapt.adaptation import Adaptation, AdaptationResult, adapt
+    from hexctl.adapt.objectives import Objective
+    from hexctl.adapt.optimizer import Optimizer
+    from hexctl.adapt.session import Session
+    from hexctl.adapt.space import GaitSpace
     from hexctl.backends.base import LegServos
     from hexctl.backends.clock import Clock, Tick, WallClock
     from hexctl.backends.mock import MockServos
@@ -29,6 +34,12 @@ if TYPE_CHECKING:
     from hexctl.types import JointTargets, RobotState
 
 _HOMES = {
+    "Adaptation": "hexctl.adapt.adaptation",
+    "AdaptationResult": "hexctl.adapt.adaptation",
+    "GaitSpace": "hexctl.adapt.space",
+    "Objective": "hexctl.adapt.objectives",
+    "Optimizer": "hexctl.adapt.optimizer",
+    "Session": "hexctl.adapt.session",
     "Clock": "hexctl.backends.clock",
     "Deviation": "hexctl.control.result",
     "Failure": "hexctl.robot.failure",
@@ -60,19 +71,25 @@ _HOMES = {
 }
 
 __all__ = [
+    "Adaptation",
+    "AdaptationResult",
     "Clock",
     "Deviation",
     "Failure",
     "Gait",
+    "GaitSpace",
     "Guard",
     "HexctlError",
     "JointTargets",
     "LegServos",
     "MockServos",
     "Motion",
+    "Objective",
+    "Optimizer",
     "Recording",
     "Robot",
     "RobotState",
+    "Session",
     "SimServos",
     "SimTrial",
     "Tick",
@@ -81,6 +98,7 @@ __all__ = [
     "TrialResult",
     "WallClock",
     "World",
+    "adapt",
     "code_from_slots",
     "load_robot",
     "load_world",
@@ -93,6 +111,8 @@ __all__ = [
 
 def __getattr__(name: str) -> Any:
     """Import a public name from where it lives."""
+    if name == "adapt":  # a package that can be called
+        return importlib.import_module("hexctl.adapt")
     if name not in _HOMES:
         raise AttributeError(f"module 'hexctl' has no attribute {name!r}; it has {', '.join(__all__)}")
     return getattr(importlib.import_module(_HOMES[name]), name)

@@ -87,6 +87,10 @@ _SHIPPED = (
 OBJECTIVES: Mapping[str, Objective] = MappingProxyType({objective.name: objective for objective in _SHIPPED})
 
 
+#: An objective as users name it: a name, an `Objective`, or a function of a valid trial.
+ObjectiveChoice = str | Objective | Callable[[TrialResult], float]
+
+
 def make_objective(name: str) -> Objective:
     """Objective of a name.
 
@@ -103,18 +107,23 @@ def make_objective(name: str) -> Objective:
     )
 
 
-def as_objective(measure: object, name: str) -> Objective:
-    """Objective of a name from an `Objective` or a function of a `TrialResult`.
+def as_objective(measure: object, name: str = "") -> Objective:
+    """Objective from a name, an `Objective` or a function of a `TrialResult`.
 
-    The label of a function is the first line of its docstring, and it may have attributes `unit`, `label` and
-    `needs_course`. Raises InputError for anything that cannot be called.
+    The label of a function is the first line of its docstring; it may have attributes `unit`, `label` and
+    `needs_course`. `name` overrides the one under which a session finds it again, `module:function`.
+    Raises InputError for anything else.
     """
+    if isinstance(measure, str):
+        return make_objective(measure)
+    if isinstance(measure, Objective):
+        return replace(measure, name=name) if name else measure
     if isinstance(measure, type) or not callable(measure):
         raise InputError(
-            f"objective: {name!r} is {measure!r}; allowed: an Objective, or a function of a TrialResult"
+            f"objective: got {measure!r}{f' as {name}' if name else ''}; "
+            "allowed: a name, an Objective, or a function of a TrialResult"
         )
-    if isinstance(measure, Objective):
-        return replace(measure, name=name)
+    name = name or f"{measure.__module__}:{getattr(measure, '__qualname__', type(measure).__qualname__)}"
     documented = (getattr(measure, "__doc__", None) or "").strip().partition("\n")[0].rstrip(".")
     return Objective(
         name=name,

@@ -1,5 +1,7 @@
 """The registry of optimizers: from a name to an optimizer."""
 
+from collections.abc import Callable
+
 from hexctl.adapt.baselines import ExhaustiveSearch, RandomSearch
 from hexctl.adapt.differential_evolution import DeBest, DeRand
 from hexctl.adapt.optimizer import Optimizer
@@ -22,12 +24,30 @@ OPTIMIZERS: dict[str, type[Optimizer]] = {
 BAYES = "bayes"
 
 
-def make_optimizer(name: str, space: GaitSpace, seed: int) -> Optimizer:
+OptimizerClass = Callable[[GaitSpace, int], Optimizer]
+
+#: An optimizer as users name it: a name of the registry, `package.module:Class`, or the class.
+OptimizerChoice = str | type[Optimizer]
+
+
+def name_of(optimizer: OptimizerChoice) -> str:
+    """Name of an optimizer, by which a session finds it again."""
+    if isinstance(optimizer, str):
+        return optimizer
+    if not (isinstance(optimizer, type) and issubclass(optimizer, Optimizer)):
+        raise InputError(f"optimizer: got {optimizer!r}; allowed: a name, or a subclass of Optimizer")
+    shipped = OPTIMIZERS.get(getattr(optimizer, "name", ""))
+    return optimizer.name if shipped is optimizer else f"{optimizer.__module__}:{optimizer.__qualname__}"
+
+
+def make_optimizer(name: OptimizerChoice | OptimizerClass, space: GaitSpace, seed: int) -> Optimizer:
     """Return a fresh optimizer.
 
-    `name` is one of `OPTIMIZERS`, or `package.module:Class` for an Optimizer of your own. Raises InputError
-    for an unknown name, with the known ones.
+    `name` is one of `OPTIMIZERS`, or `package.module:Class` or the class of one of your own. Raises
+    InputError for an unknown name, with the known ones.
     """
+    if not isinstance(name, str):
+        return name(space, seed)
     if name in OPTIMIZERS:
         return OPTIMIZERS[name](space, seed)
     if name == BAYES:

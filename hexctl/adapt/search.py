@@ -1,38 +1,330 @@
-"""The optimizer of a session, as its spec says."""
+"""From what was asked for to a checked session spec, and from a spec to the optimizer that it names.
 
+Messages name options as the command line does; each is the parameter of the same name here.
+"""
+
+import logging
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from hexctl.adapt.arena import check_radius
 from hexctl.adapt.bayes import REAL_NOISE_M, SIMULATED_NOISE_M, Bayes
 from hexctl.adapt.deduplication import Deduplication
+from hexctl.adapt.objectives import OBJECTIVES, Objective, ObjectiveChoice, as_objective
 from hexctl.adapt.optimizer import Optimizer
-from hexctl.adapt.prior.find import Serves, check_prior
+from hexctl.adapt.prior.find import Covers, check_prior, find_prior, named_prior, prior_folders
 from hexctl.adapt.prior.prior import PriorKey, load_prior
-from hexctl.adapt.prior.samples import samples_of, serves
-from hexctl.adapt.registry import make_optimizer
-from hexctl.adapt.session import SessionSpec
+from hexctl.adapt.prior.samples import covers, samples_of
+from hexctl.adapt.registry import BAYES, OptimizerChoice, OptimizerClass, make_optimizer, name_of
+from hexctl.adapt.session import Session, SessionSpec
 from hexctl.adapt.space import GaitSpace
+from hexctl.adapt.store import RUNS
+from hexctl.backends.registry import check_options
+from hexctl.backends.sim.world import World, load_world
 from hexctl.control.plan import TrialPlan
 from hexctl.control.result import progress_floor_m
+from hexctl.control.turning import check_plan
 from hexctl.errors import InputError
+from hexctl.gait.gait import ideal_speed_m_s, make_gait
+from hexctl.robot.failure import parse_failure
+from hexctl.robot.loader import RobotFile, load_robot, load_robot_file
 from hexctl.robot.model import Robot
 
-#: The paper's finer deviation: what `bayes` looks for unless told otherwise.
+#: The paper's finer deviation: the target of `bayes` unless told otherwise.
 DEFAULT_TARGET_M = 0.025
 
+MAX_BUDGET = 100_000
 
-def make_search(spec: SessionSpec, robot: Robot, plan: TrialPlan) -> Optimizer:
-    """Return the optimizer of a session, fresh.
+_LOG = logging.getLogger(__name__)
 
-    Raises InputError for a prior that is none, is for something else or is not the session's any more.
+#: Takes a sentence that a person should read; nothing depends on it.
+Note = Callable[[str], None]
+
+#: Ends a sentence on a missing prior with how to make one; empty where none can be made.
+Advice = Callable[[SessionSpec], str]
+
+
+def log_note(text: str) -> None:
+    """Log a note, the default of `Note`."""
+    _LOG.info(text)
+
+
+def no_advice(_spec: SessionSpec) -> str:
+    """Return an empty text, the default of `Advice`."""
+    return ""
+
+
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """What a spec names, loaded.
+
+    Attributes:
+        robot_file: of the robot that walks.
+        world: the simulated world, None on a real robot.
+        plan: of its trials, with the demo gait.
+    """
+
+    robot_file: RobotFile
+    world: World | None
+    plan: TrialPlan
+
+    @property
+    def robot(self) -> Robot:
+        """The robot that walks."""
+        return self.robot_file.robot
+
+    @property
+    def ideal_m(self) -> float:
+        """Distance of a walk without slip."""
+        speed_m_s = ideal_speed_m_s(self.robot, self.plan.gait, self.plan.motion(0.0))
+        return speed_m_s * self.plan.duration_s
+
+    @property
+    def floor_m(self) -> float:
+        """Distance that a valid walk makes at least."""
+        return progress_floor_m(self.robot, self.plan, self.plan.duration_s)
+
+    @property
+    def prior_key(self) -> PriorKey:
+        """Key of the priors for these trials."""
+        return PriorKey.of(self.robot, self.plan)
+
+
+def load_setting(spec: SessionSpec) -> Setting:
+    """Load what a spec names.
+
+    Raises InputError for a robot that is not the one that the session began with, or a file that cannot be
+    used; ReachError or LimitError for trials that the legs cannot walk.
+    """
+    file = load_robot_file(spec.robot)
+    robot = file.robot
+    if robot.fingerprint != spec.robot_fingerprint:
+        raise InputError(
+            f"session: robot {spec.robot} is not the one that it began with; "
+            "allowed: the same robot file, or a new session"
+        )
+    world = load_world(spec.world) if spec.world is not None else None
+    plan = TrialPlan(
+        gait=make_gait(robot, "demo"),
+        heading_rad=math.radians(spec.heading_deg),
+        duration_s=spec.duration_s,
+        failure=parse_failure(spec.failed_leg, spec.failure),
+        self_rotation=spec.self_rotation,
+    )
+    check_plan(robot, plan)
+    return Setting(file, world, plan)
+
+
+def new_spec(
+    *,
+    failed_leg: int,
+    failure: str = "locked",
+    backend: str = "sim",
+    world: str | None = None,
+    optimizer: OptimizerChoice | None = None,
+    objective: ObjectiveChoice = "final",
+    prior: str | None = None,
+    folder: Path = RUNS,
+    note: Note = log_note,
+    advice: Advice = no_advice,
+    **others: Any,
+) -> SessionSpec:
+    """Spec of a new session, checked before the session exists.
+
+    Args:
+        failed_leg: as in `SessionSpec`.
+        failure: as in `SessionSpec`.
+        backend: as in `SessionSpec`.
+        world: as in `SessionSpec`; None is `flat` in simulation.
+        optimizer: name or class of the optimizer; None is `bayes` where a prior fits, else `random`.
+        objective: name of the objective, the objective or a function.
+        prior: `auto`, `none`, or the path or name of a prior; None is `auto`.
+        folder: where priors were built.
+        note: is told why a session goes without a prior.
+        advice: says how to make the prior that is missing.
+        others: further fields of `SessionSpec`.
+
+    Raises InputError for anything that is not allowed.
+    """
+    parse_failure(failed_leg, failure)
+    if backend != "sim" and world is not None:
+        raise InputError(f"--world: got {world} with --backend {backend}; allowed: with sim")
+    measure = as_objective(objective)
+    spec = SessionSpec(
+        failed_leg=failed_leg,
+        failure=failure,
+        backend=backend,
+        world=(world or "flat") if backend == "sim" else None,
+        optimizer="random" if optimizer is None else name_of(optimizer),
+        objective=measure.name,
+        objective_label="" if measure.name in OBJECTIVES else measure.label,
+        objective_unit=measure.unit,
+        robot_fingerprint=load_robot(others.get("robot", "ant")).fingerprint,
+        **others,
+    )
+    check_numbers(spec)
+    _check_robot_options(spec, measure)
+    if spec.optimizer != BAYES:
+        make_optimizer(optimizer or spec.optimizer, GaitSpace((failed_leg,)), spec.seed)
+    setting = load_setting(spec)
+    start_note(spec, setting)
+    return _with_prior(spec, setting, prior, optimizer is None, prior_folders(folder), note, advice)
+
+
+def extended(session: Session, budget: int) -> SessionSpec:
+    """Spec of a session with another budget; raises InputError for one that is spent already."""
+    walked = len(session.trials)
+    if budget <= walked:
+        raise InputError(f"--budget: got {budget}, of which {walked} are walked; allowed: more than {walked}")
+    spec = replace(session.spec, budget=budget)
+    check_numbers(spec)
+    return spec
+
+
+def check_numbers(spec: SessionSpec) -> None:
+    """Raise InputError for a number of a spec that is not allowed."""
+    if not 1 <= spec.budget <= MAX_BUDGET:
+        raise InputError(f"--budget: got {spec.budget}; allowed: 1..{MAX_BUDGET}")
+    if not 0 <= spec.confirm < spec.budget:
+        raise InputError(
+            f"--confirm: got {spec.confirm}; allowed: 0 to less than the budget of {spec.budget}"
+        )
+    if spec.seed < 0:
+        raise InputError(f"--seed: got {spec.seed}; allowed: 0 or more")
+    if spec.target_m is not None and not (math.isfinite(spec.target_m) and spec.target_m > 0):
+        raise InputError(f"--target: got {spec.target_m}; allowed: above 0 m")
+    if not math.isfinite(spec.heading_deg):
+        raise InputError(f"--heading: got {spec.heading_deg}; allowed: any finite number")
+
+
+def _check_robot_options(spec: SessionSpec, objective: Objective) -> None:
+    """Raise InputError for options that do not belong to the session's robot or contradict one another."""
+    linked: dict[str, Any] = {
+        "connect": spec.connect,
+        "credentials": spec.credentials,
+        "insecure": spec.insecure,
+        "link": spec.link,
+    }
+    if ":" not in spec.backend or any(linked.values()):
+        check_options(spec.backend, **linked)
+    if spec.simulated and (spec.arena_m is not None or spec.ask):
+        raise InputError(
+            f"--{'ask' if spec.ask else 'arena'}: got it with --backend sim, where each trial begins at the "
+            "same place; allowed: with a robot that stays where a walk ends"
+        )
+    if (spec.arena_m is not None or spec.ask) and spec.heading_deg and spec.self_rotation != "none":
+        raise InputError(
+            f"--heading: got {spec.heading_deg:g} with --{'ask' if spec.ask else 'arena'}, where the line is "
+            "wherever it fits; allowed: with --self-rotation none, as seen from the body"
+        )
+    if spec.ask:
+        _check_asking(spec, objective)
+
+
+def _check_asking(spec: SessionSpec, objective: Objective) -> None:
+    """Raise InputError for options that need more than what an operator measures."""
+    if spec.arena_m is not None:
+        raise InputError("--arena: got it with --ask; allowed: with a robot that knows where it is")
+    if spec.early_stop:
+        raise InputError("--early-stop: got it with --ask; allowed: with a robot that knows where it is")
+    if objective.needs_course:
+        usable = [name for name, shipped in OBJECTIVES.items() if not shipped.needs_course]
+        raise InputError(
+            f"--objective: got {spec.objective} with --ask; allowed: {' or '.join(usable)}, "
+            "for which the end of a walk is enough"
+        )
+
+
+def start_note(spec: SessionSpec, setting: Setting) -> str | None:
+    """What an operator should know before the robot moves, or None.
+
+    Raises InputError for an arena that is too small.
+    """
+    if spec.arena_m is not None:
+        return check_radius(spec.arena_m, ideal_m=setting.ideal_m, least_m=setting.floor_m)
+    if spec.simulated or spec.ask:
+        return None
+    return (
+        "each trial begins where the last one ended, so the robot will wander; --arena RADIUS keeps it near"
+    )
+
+
+def _with_prior(
+    spec: SessionSpec,
+    setting: Setting,
+    wanted: str | None,
+    free: bool,
+    folders: list[Path],
+    note: Note,
+    advice: Advice,
+) -> SessionSpec:
+    """Choose optimizer and prior: `free` where no optimizer was asked for, `wanted` as it was asked for.
+
+    Raises InputError for what contradicts itself, and for a prior that does not fit.
+    """
+    named = wanted not in (None, "auto")
+    if not _wants_prior(spec, wanted, free):
+        return spec
+    key, covered = setting.prior_key, covering(setting.robot, setting.plan)
+    reason = "" if spec.objective == "final" else f"priors are for the objective final, not {spec.objective}"
+    if not reason and named:
+        path = named_prior(str(wanted), folders)
+        check_prior(path, key, covers=covered)
+        return _believing(spec, path)
+    if not reason:
+        found = find_prior(key, folders, covers=covered)
+        if found.path is not None:
+            return _believing(spec, found.path)
+        reason = found.reason
+    if not free or named or spec.early_stop:
+        raise InputError(f"prior: there is none for these trials ({reason}){advice(spec)}")
+    note(f"no prior for these trials ({reason}); searching with {spec.optimizer} instead{advice(spec)}")
+    return spec
+
+
+def _wants_prior(spec: SessionSpec, wanted: str | None, free: bool) -> bool:
+    """Whether a prior is wanted, if there is one; raises InputError for contradicting options."""
+    believes = spec.optimizer == BAYES and not free
+    if not (free or believes) or wanted == "none" or (spec.count_repeats and free and wanted is None):
+        if believes:
+            raise InputError("--prior: got none with --optimizer bayes; allowed: auto or a file")
+        if wanted not in (None, "none"):
+            raise InputError(f"--prior: got {wanted} with --optimizer {spec.optimizer}; allowed: with bayes")
+        if spec.early_stop:
+            raise InputError("--early-stop: got it without a prior; allowed: with bayes and a prior")
+        return False
+    if spec.count_repeats:
+        raise InputError(
+            "--count-repeats: got it with bayes; allowed: without, bayes repeats a gait when that tells most"
+        )
+    return True
+
+
+def _believing(spec: SessionSpec, path: Path) -> SessionSpec:
+    """Spec of a session with `bayes` and a prior."""
+    target_m = DEFAULT_TARGET_M if spec.target_m is None else spec.target_m
+    digest = load_prior(path).digest()
+    return replace(spec, optimizer=BAYES, target_m=target_m, prior=str(path), prior_digest=digest)
+
+
+def make_search(
+    spec: SessionSpec, robot: Robot, plan: TrialPlan, optimizer: OptimizerClass | None = None
+) -> Optimizer:
+    """Fresh optimizer of a session: the one that its spec names, unless its class is given.
+
+    Raises InputError for a file that is not a prior, or not the prior of the session any more.
     """
     space = GaitSpace((spec.failed_leg,))
     if spec.prior is None:
-        inner = make_optimizer(spec.optimizer, space, spec.seed)
+        inner = make_optimizer(optimizer or spec.optimizer, space, spec.seed)
         return Deduplication(inner, spec.seed, paper_count=spec.count_repeats)
     path = Path(spec.prior)
-    check_prior(path, PriorKey.of(robot, plan), serves=serving(robot, plan))
+    check_prior(path, PriorKey.of(robot, plan), covers=covering(robot, plan))
     prior = load_prior(path)
     if spec.prior_digest and prior.digest() != spec.prior_digest:
         raise InputError(
@@ -53,14 +345,14 @@ def make_search(spec: SessionSpec, robot: Robot, plan: TrialPlan) -> Optimizer:
 
 
 def knows_stances(spec: SessionSpec) -> bool:
-    """Return whether the session's prior can tell anything from how the robot stands.
+    """Whether the session's prior can tell anything from the robot's stance.
 
-    Raises InputError for a prior that is none.
+    Raises InputError for a file that is not a prior.
     """
     return spec.prior is not None and load_prior(Path(spec.prior)).sag_rad is not None
 
 
-def serving(robot: Robot, plan: TrialPlan) -> Serves:
-    """Return what says whether a prior of some legs serves the trials of a session."""
+def covering(robot: Robot, plan: TrialPlan) -> Covers:
+    """Predicate for `find_prior`: whether a prior of some legs covers the failed leg of a plan."""
     (leg,) = plan.failed_legs
-    return lambda legs: serves(robot, plan.self_rotation, legs, leg)
+    return lambda legs: covers(robot, plan.self_rotation, legs, leg)

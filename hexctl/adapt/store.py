@@ -3,6 +3,7 @@
 import csv
 import fcntl
 import json
+import shutil
 import sqlite3
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
@@ -35,6 +36,10 @@ CREATE TABLE IF NOT EXISTS trials (
     PRIMARY KEY (session, number)
 );
 """
+
+
+#: Folder of sessions and their recordings unless told otherwise.
+RUNS = Path("runs")
 
 
 class StoreError(HexctlError, OSError):
@@ -236,7 +241,50 @@ class SessionStore:
         self._connection.execute("COMMIT")
 
 
-#: What was expected of a trial, a column each.
+def list_sessions(folder: Path | str = RUNS) -> list[Session]:
+    """All sessions of a folder with their trials, newest last; empty where there is no store."""
+    folder = Path(folder)
+    if not _is_store(folder):
+        return []
+    with SessionStore(folder) as store:
+        return [store.load(name) for name in store.names()]
+
+
+def load_session(name: str, folder: Path | str = RUNS) -> Session:
+    """Session of a folder with its trials; raises InputError for a name that is not there."""
+    with _existing(Path(folder), name) as store:
+        return store.load(name)
+
+
+def export_session(name: str, path: Path | str, folder: Path | str = RUNS) -> None:
+    """Write a session's trials to a new .csv or .parquet file; raises what `export` raises."""
+    export(load_session(name, folder), Path(path))
+
+
+def delete_session(name: str, folder: Path | str = RUNS) -> None:
+    """Delete a session and its recordings.
+
+    Raises InputError for a name that is not there, or a session that another process is running.
+    """
+    with _existing(Path(folder), name) as store:
+        store.load(name)
+        with store.held(name):
+            store.delete(name)
+            shutil.rmtree(store.folder_of(name), ignore_errors=True)
+
+
+def _is_store(folder: Path) -> bool:
+    return (folder / "sessions.sqlite").is_file()
+
+
+def _existing(folder: Path, name: str) -> SessionStore:
+    """Store of a folder, without making one where there is none."""
+    if not _is_store(folder):
+        raise InputError(f"session: got {name!r}; allowed: none yet, hexctl adapt makes one under {folder}/")
+    return SessionStore(folder)
+
+
+#: What was predicted for a trial, a column each.
 EXPECTED = ("signed_m", "low_m", "high_m", "chance")
 
 FORMATS = (".csv", ".parquet")

@@ -1,10 +1,25 @@
 """`hexctl adapt`: find a gait for a failed leg."""
 
-from typing import Annotated
+import json
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from hexctl.cli import completion
+from hexctl.cli.console import (
+    ABORTED,
+    DONE,
+    FAULT,
+    FAULTS,
+    INTERRUPTED,
+    RUNS,
+    StopOnInterrupt,
+    note_no_window,
+    print_note,
+    print_result,
+)
 from hexctl.cli.options import (
     DURATION_S,
     FAILED_LEG_HELP,
@@ -24,15 +39,26 @@ from hexctl.cli.options import (
     SelfRotation,
     WorldOption,
     choice,
+    given,
     number,
 )
+from hexctl.errors import HexctlError, InputError, RecordingError
+
+if TYPE_CHECKING:
+    from hexctl.adapt.adaptation import Adaptation
+    from hexctl.adapt.session import SessionSpec
+    from hexctl.record.live import LiveView
 
 BUDGET = Range(low=1, high=100_000, whole=True)
 REPEATS = Range(low=0, whole=True)
 METRES = Range(low=0, above=True, unit="m")
 
+#: Options that go with --resume.
+WITH_RESUME = ("--resume", "--budget", "--view", "--no-record", "--json")
+
 
 def adapt(
+    context: typer.Context,
     failed_leg: Annotated[
         int | None,
         number("--failed-leg", LEG, f"{FAILED_LEG_HELP} Needed, unless --resume. (default: none)"),
@@ -69,8 +95,8 @@ def adapt(
         typer.Option(
             "--objective",
             autocompletion=completion.objectives,
-            help="What to make small: final, mean or max distance from the line of travel, or progress "
-            "(final, per share of the ideal distance walked). (default: final)",
+            help="What to make small: final, mean or max distance from the line of travel, progress (final, "
+            "per share of the ideal distance walked), or package.module:name for your own. (default: final)",
         ),
     ] = None,
     target: Annotated[
@@ -171,38 +197,189 @@ def adapt(
     """Find a gait for a failed leg in few trials; each is kept and recorded.
 
     A trial walks one of the 120 gaits and is scored by how far off the line it ends. Ctrl-C ends a session,
-    --resume goes on with it.
+    --resume goes on with it. Exit codes: 0 done, 2 bad input, 3 fault of robot, link or recording, 4 stopped
+    or no valid trial, 130 interrupted.
     """
-    from hexctl.cli.adapting import check_resumed_alone, execute, new_spec
-
+    if view and no_record:
+        raise InputError("--no-record: got --view too; allowed: one or the other")
+    if resume is not None:
+        _check_resumed_alone(resume, given(context))
+        raise typer.Exit(_resume(resume, budget, record=not no_record, view=view, as_json=as_json))
+    if failed_leg is None:
+        raise InputError("--failed-leg: is missing; allowed: 1..6 (or --resume SESSION)")
     options = {
         "robot": robot,
+        "failure": failure,
         "backend": backend,
         "world": world,
-        "failed_leg": failed_leg,
-        "failure": failure,
         "optimizer": optimizer,
         "prior": prior,
-        "early_stop": early_stop or None,
+        "early_stop": early_stop,
         "objective": objective,
         "budget": budget,
         "target_m": target,
         "confirm": confirm,
-        "count_repeats": count_repeats or None,
+        "count_repeats": count_repeats,
         "duration_s": duration,
         "heading_deg": heading,
         "self_rotation": self_rotation,
         "seed": seed,
         "connect": connect,
-        "credentials": str(keys) if keys is not None else None,
-        "insecure": insecure or None,
+        "credentials": None if keys is None else str(keys),
+        "insecure": insecure,
         "link": link,
         "arena_m": arena,
-        "ask": ask or None,
+        "ask": ask,
     }
-    if resume is not None:
-        check_resumed_alone(resume, **{**options, "budget": None})
-    spec = new_spec(**options) if resume is None else None
-    raise typer.Exit(
-        execute(spec, resume=resume, budget=budget, record=not no_record, view=view, as_json=as_json)
+    asked = {name: value for name, value in options.items() if value is not None}
+    raise typer.Exit(_begin(failed_leg, asked, record=not no_record, view=view, as_json=as_json))
+
+
+def _check_resumed_alone(resume: str, typed: Mapping[str, Any]) -> None:
+    """Raise InputError for options that a resumed session would silently not follow."""
+    others = [flag for flag in typed if flag not in WITH_RESUME]
+    if others:
+        raise InputError(
+            f"--resume: got {', '.join(others)} too, but a session goes on as it was begun; "
+            f"allowed: --resume {resume} alone, or with --budget"
+        )
+
+
+def _begin(failed_leg: int, asked: dict[str, Any], **shown: bool) -> int:
+    """Search in a new session and return the exit code."""
+    from hexctl.adapt.adaptation import Adaptation
+    from hexctl.adapt.search import new_spec
+    from hexctl.cli.prompts import check_answerable
+
+    spec = new_spec(failed_leg=failed_leg, **asked, folder=RUNS, note=_note, advice=_how_to_build_prior)
+    if spec.ask:
+        check_answerable()
+    return _execute(partial(Adaptation, spec), spec, **shown)
+
+
+def _resume(name: str, budget: int | None, **shown: bool) -> int:
+    """Continue a session and return the exit code."""
+    from hexctl.adapt.adaptation import Adaptation
+    from hexctl.adapt.store import load_session
+
+    spec = load_session(name, folder=RUNS).spec
+    make = partial(Adaptation.resume, name, budget=budget)
+    return _execute(make, spec, extends=budget is not None, **shown)
+
+
+def _execute(
+    make: "Callable[..., Adaptation]",
+    spec: "SessionSpec",
+    *,
+    record: bool,
+    view: bool,
+    as_json: bool,
+    extends: bool = False,
+) -> int:
+    """Run an adaptation, print its result, and return the exit code."""
+    from hexctl.adapt.adaptation import NotBegunError
+    from hexctl.adapt.runner import RobotStoppedError
+    from hexctl.cli.prompts import Prompt
+    from hexctl.cli.render_adapt import ENDS, SessionTable, closing_lines
+
+    with StopOnInterrupt() as interrupt, SessionTable(quiet=as_json) as table:
+        adaptation = make(
+            folder=RUNS,
+            record=record,
+            operator=Prompt(spec, interrupt.requested) if spec.ask else None,
+            live=_open_window if view else None,
+            note=_note,
+        )
+        try:
+            result = adaptation.run(
+                on_begin=table.begin, on_trial=table.add, stop_requested=interrupt.requested
+            )
+        except RobotStoppedError as error:
+            _note(", ".join([f"{error}; {_clearing(spec, error)}begin again"]))
+            return _code_of_stop(error)
+        except NotBegunError as error:
+            _note(str(error))
+            return INTERRUPTED
+    session = result.session
+    print_result(json.dumps(result.to_dict()) if as_json else closing_lines(session, result.ended))
+    if extends and result.ended in ENDS and not result.walked:
+        _note(f"nothing to walk, {ENDS[result.ended]}; another target takes a new session")
+    if result.trouble is not None:
+        go_on = f"{_clearing(spec, result.trouble)}go on with: hexctl adapt --resume {session.name}"
+        _note(f"{result.trouble}; nothing is lost: {go_on}")
+        return _code_of_stop(result.trouble)
+    if result.ended == "interrupted":
+        return INTERRUPTED
+    if view and session.trials:
+        _show(session.name)
+    return DONE if result.best is not None else ABORTED
+
+
+def _note(text: str) -> None:
+    """Print a note on stderr."""
+    print_note(f"hexctl: {text}")
+
+
+def _open_window() -> "LiveView | None":
+    from hexctl.record.live import open_window
+
+    return open_window(note_no_window)
+
+
+def _show(name: str) -> None:
+    """Open a session in the viewer; a missing screen does not make the search a failure."""
+    from hexctl.adapt.overview import view_runs
+
+    try:
+        view_runs([name], RUNS)
+    except RecordingError as error:
+        _note(str(error))
+
+
+def _code_of_stop(error: HexctlError) -> int:
+    """Exit code of a session that its robot, or a full disk, ended."""
+    reason = str(getattr(error, "reason", "fault"))
+    return FAULT if reason.partition(":")[0] in FAULTS else ABORTED
+
+
+def _clearing(spec: "SessionSpec", error: HexctlError) -> str:
+    """What a stop wants done first, as the begin of a list; this end's own guard starts afresh by itself."""
+    reason = getattr(error, "reason", None)
+    if reason is None or _code_of_stop(error) == FAULT:
+        return ""
+    at = f" --connect {spec.connect}" if spec.connect else ""
+    clear = f"clear the stop (hexctl estop --clear{at}), " if spec.backend == "zenoh" else ""
+    return f"stand it up, {clear}" if reason == "fell" else clear
+
+
+def _how_to_build_prior(spec: "SessionSpec") -> str:
+    """Command that makes a prior for a session's trials, as the end of a sentence.
+
+    Empty where none can be made: for other objectives and headings, short walks, failures with details.
+    """
+    from hexctl.backends.sim.world import load_randomization
+    from hexctl.robot.loader import load_robot
+    from hexctl.study.prior import PriorPlan
+
+    if spec.objective != "final" or spec.heading_deg:
+        return ""
+    plan = PriorPlan(
+        robot=load_robot(spec.robot),
+        family=load_randomization("randomised"),
+        failure=spec.failure,
+        self_rotation=spec.self_rotation,
+        duration_s=spec.duration_s,
     )
+    try:
+        plan.check()
+    except InputError:
+        return ""
+    asked = {
+        "robot": spec.robot,
+        "failure": spec.failure,
+        "self-rotation": spec.self_rotation,
+        "duration": f"{spec.duration_s:g}",
+    }
+    usual = {"robot": "ant", "failure": "locked", "self-rotation": "rear", "duration": "30"}
+    options = "".join(f" --{name} {value}" for name, value in asked.items() if value != usual[name])
+    return f"; this makes one: hexctl prior build{options}"

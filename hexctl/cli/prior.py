@@ -2,12 +2,12 @@
 
 import json
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from hexctl.cli import completion
-from hexctl.cli.console import print_result
+from hexctl.cli.console import RUNS, print_note, print_result
 from hexctl.cli.options import (
     FAILURE_HELP,
     DaskOption,
@@ -67,8 +67,8 @@ def build(
     On two cores a leg and world take about 20 seconds. Gaits walked are kept under runs/study-cache; Ctrl-C,
     then the same command goes on. hexctl adapt finds the prior by itself.
     """
+    from hexctl.adapt.prior.find import PRIORS, describe_prior
     from hexctl.backends.sim.world import load_randomization
-    from hexctl.cli.prioring import PRIORS, summary_of
     from hexctl.robot.loader import load_robot
     from hexctl.study.prior import PriorPlan, build_prior, prior_file_name
 
@@ -81,11 +81,11 @@ def build(
         self_rotation=self_rotation,
         duration_s=duration,
     )
-    path = out or PRIORS / prior_file_name(plan, family)
+    path = out or RUNS / PRIORS / prior_file_name(plan, family)
     with interruptible(plan), StudyProgress() as progress:
         build_prior(plan, path, jobs=jobs, dask=dask, progress=progress)
     text = f"prior: {path} ({path.stat().st_size / 1e3:.0f} kB)"
-    print_result(json.dumps({"prior": str(path), **summary_of(path)}) if as_json else text)
+    print_result(json.dumps({"prior": str(path), **describe_prior(path)}) if as_json else text)
 
 
 @prior.command()
@@ -96,6 +96,23 @@ def show(
     as_json: JsonOption = False,
 ) -> None:
     """Say what priors are for: robot, failure, trial, worlds."""
-    from hexctl.cli.prioring import show as show_priors
+    from hexctl.adapt.prior.find import describe_prior, list_priors, named_prior, prior_folders
 
-    show_priors(file, as_json=as_json)
+    if file is not None:
+        path = named_prior(file, prior_folders(RUNS))
+        described = [{"prior": str(path), **describe_prior(path)}]
+    else:
+        described = list_priors(RUNS, on_damaged=lambda error: print_note(f"hexctl: passed over: {error}"))
+    if as_json:
+        print_result(json.dumps(described))
+    else:
+        print_result("\n".join(_line(one) for one in described) or "no priors yet")
+
+
+def _line(described: dict[str, Any]) -> str:
+    legs = ",".join(str(leg) for leg in described["legs"])
+    return (
+        f"{described['prior']}: {described['robot']}, legs {legs} {described['failure']}, self-rotation "
+        f"{described['self_rotation']}, {described['duration_s']:g} s, {described['worlds']} worlds a leg"
+        f"{'' if described['stances'] else ', without stances'}"
+    )

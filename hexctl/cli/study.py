@@ -149,10 +149,9 @@ def _transfer(
     robot: str, prior: str | None, options: dict[str, Any], folder: Path, jobs: int | None, dask: str | None
 ) -> "tuple[TransferResult, list[str]]":
     """Run the transfer benchmark; returns the result and its verdicts as lines."""
-    from hexctl.adapt.prior.find import shipped_priors
+    from hexctl.adapt.prior.find import prior_folders
     from hexctl.adapt.prior.prior import load_prior
     from hexctl.backends.sim.world import load_randomization
-    from hexctl.cli.prioring import PRIORS
     from hexctl.robot.loader import load_robot
     from hexctl.study.study import run_transfer
     from hexctl.study.transfer.plan import UNSEEN, TransferPlan, find_transfer_prior
@@ -160,7 +159,7 @@ def _transfer(
 
     model = load_robot(robot)
     if prior in (None, "auto"):
-        folders = [PRIORS, shipped_priors()]
+        folders = prior_folders(RUNS)
         believed = find_transfer_prior(model, options["legs"], options["duration_s"], folders)
     else:
         believed = load_prior(Path(str(prior)))

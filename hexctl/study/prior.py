@@ -217,7 +217,7 @@ def prior_of(
     yaws = np.array([[one.number("yaw_change_rad") for one in some] for some in by_leg])
     finished = np.isfinite(paths[..., -1, 0])
     return Prior(
-        question=PriorKey.of(plan.robot, plan.trial_plan()),
+        key=PriorKey.of(plan.robot, plan.trial_plan()),
         legs=plan.legs,
         origin=_origin(plan),
         signed_m=paths[..., 1],

@@ -142,7 +142,7 @@ def plan_of(robot: Robot, **options: Any) -> TrialPlan:
     return TrialPlan(gait=make_gait(robot, "demo"), failure=failure, **options)
 
 
-def question_of(robot: Robot | None = None, **options: Any) -> PriorKey:
+def key_of(robot: Robot | None = None, **options: Any) -> PriorKey:
     """Return the question of a session's trials."""
     robot = robot or shipped()
     return PriorKey.of(robot, plan_of(robot, **options))
@@ -161,7 +161,7 @@ def made_up_prior(
     paths = np.array([path_of(row) for row in features.reshape(-1, N_FEATURES)])
     paths = paths.reshape(*features.shape[:-1], CHECKPOINTS, 2)
     return Prior(
-        question=question or question_of(),
+        key=question or key_of(),
         legs=legs,
         origin={"family": {"seed": 20}, "worlds": worlds, "code": {"hexctl": "made up"}},
         signed_m=paths[..., 1],

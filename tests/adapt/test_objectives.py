@@ -84,8 +84,8 @@ def test_a_score_that_is_not_a_finite_number_is_refused(score: object) -> None:
         ("speed", "got 'speed'; allowed: final, mean, max, progress, or package.module:name"),
         (f"{__name__}:nothing", "cannot be loaded"),
         ("no_such_module_here:score", "cannot be loaded"),
-        ("hexctl.adapt.space:GaitSpace", "allowed: an Objective, or a function of a TrialResult"),
-        ("math:pi", "allowed: an Objective, or a function of a TrialResult"),
+        ("hexctl.adapt.space:GaitSpace", "allowed: a name, an Objective, or a function of a TrialResult"),
+        ("math:pi", "allowed: a name, an Objective, or a function of a TrialResult"),
     ],
 )
 def test_what_is_no_objective_is_refused(name: str, words: str) -> None:

@@ -24,7 +24,7 @@ from hexctl.study.prior import (
 )
 from hexctl.study.transfer.searches import walk_of
 from hexctl.types import FloatArray
-from tests.adapt.priors import question_of
+from tests.adapt.priors import key_of
 from tests.robots import shipped
 from tests.study.landscapes import made_up_in
 
@@ -133,12 +133,12 @@ def told_apart(spec: LandscapeSpec, number: int) -> Landscape:
 def test_it_answers_what_a_session_with_these_trials_asks(options: dict[str, Any], leg: int) -> None:
     asked = prior_plan(worlds=2, **options)
     made = prior_of(asked, [told_apart(spec, 0) for spec in asked.specs()])
-    session = question_of(
+    session = key_of(
         duration_s=options.get("duration_s", 6.0),
         failure=Failure(leg=leg, kind=options.get("failure", "locked")),
         self_rotation=options.get("self_rotation", "rear"),
     )
-    assert made.question.differences(session) == []
+    assert made.key.differences(session) == []
 
 
 def test_every_end_is_at_its_place_whatever_the_order_of_the_legs() -> None:
@@ -195,7 +195,7 @@ def _landscape(spec: LandscapeSpec, seed: int) -> Landscape:
 def test_a_prior_holds_what_a_session_would_have_been_shown() -> None:
     landscapes = [_landscape(spec, seed) for seed, spec in enumerate(PLAN.specs())]
     prior = prior_of(PLAN, landscapes)
-    assert (prior.legs, prior.worlds, prior.question.duration_s) == ((2, 5), 2, 6.0)
+    assert (prior.legs, prior.worlds, prior.key.duration_s) == ((2, 5), 2, 6.0)
     for landscape in landscapes:
         row = prior.legs.index(landscape.spec.leg)
         world = int(landscape.spec.place.removeprefix("world ")) - 1

@@ -43,7 +43,7 @@ def _prior() -> Prior:
     share = np.arange(1, CHECKPOINTS + 1) / CHECKPOINTS
     progress = np.broadcast_to(1.3 * share, (*finals.shape, CHECKPOINTS))
     return Prior(
-        question=_question(),
+        key=_question(),
         legs=(5,),
         origin={},
         signed_m=finals[..., np.newaxis] * share**1.5,

@@ -19,7 +19,7 @@ from hexctl.study.transfer.plan import EARLY, FIRST_WORLD, TransferPlan
 from hexctl.study.transfer.report import REPORT, TABLE, transfer_bars, transfer_json, write_transfer_report
 from hexctl.study.transfer.searches import TransferFindings, run_course, search_worlds, walk_of
 from hexctl.types import FloatArray
-from tests.adapt.priors import MadeUpModel, made_up_prior, path_of, plan_of, question_of
+from tests.adapt.priors import MadeUpModel, key_of, made_up_prior, path_of, plan_of
 from tests.robots import shipped
 from tests.study.landscapes import made_up_in, spread_out
 
@@ -33,7 +33,7 @@ FALLING = (12, 51, 94)
 
 
 def question(name: str = "ant", **options: Any) -> PriorKey:
-    return question_of(shipped(name), **{"duration_s": DURATION_S, **options})
+    return key_of(shipped(name), **{"duration_s": DURATION_S, **options})
 
 
 def plan(**options: Any) -> TransferPlan:

@@ -1,19 +1,23 @@
-"""Find the prior that answers a session's question: given by path, made before, or shipped."""
+"""Find the prior of a session, given by path, built before or shipped; list and describe priors."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
-from hexctl.adapt.prior.prior import PriorKey, read_head
+from hexctl.adapt.prior.prior import PriorKey, load_prior, read_head
 from hexctl.errors import InputError
 from hexctl.robot.configs import config_root
 
 SUFFIX = ".npz"
 
+#: Folder of the priors that were built, in the folder of sessions and recordings.
+PRIORS = "priors"
+
 
 @dataclass(frozen=True)
 class Found:
-    """What the search for a prior came to.
+    """Result of a search for a prior.
 
     Attributes:
         path: of the prior, or None.
@@ -25,12 +29,17 @@ class Found:
 
 
 def shipped_priors() -> Path:
-    """Return the folder of the priors that come with hexctl."""
+    """Folder of the priors that come with hexctl."""
     return config_root() / "priors"
 
 
+def prior_folders(folder: Path) -> list[Path]:
+    """Folders of priors, in the order in which they are searched: those built below a folder come first."""
+    return [folder / PRIORS, shipped_priors()]
+
+
 def named_prior(text: str, folders: Iterable[Path]) -> Path:
-    """Return the path of a prior, or of one in some folders by the name of its file."""
+    """Path of a prior: the path itself, or that of a file of this name in some folders."""
     path = Path(text)
     if path.exists() or path.name != text:
         return path
@@ -38,7 +47,8 @@ def named_prior(text: str, folders: Iterable[Path]) -> Path:
     return next((found for found in prior_files(folders) if found.name == name), path)
 
 
-Serves = Callable[[tuple[int, ...]], bool]
+#: Whether a prior of some failed legs says anything about those of a session.
+Covers = Callable[[tuple[int, ...]], bool]
 
 
 def any_legs(_legs: tuple[int, ...]) -> bool:
@@ -46,16 +56,15 @@ def any_legs(_legs: tuple[int, ...]) -> bool:
     return True
 
 
-def find_prior(question: PriorKey, folders: Iterable[Path], *, serves: Serves = any_legs) -> Found:
-    """Return the first prior in some folders that answers a question, or why none does.
+def find_prior(key: PriorKey, folders: Iterable[Path], *, covers: Covers = any_legs) -> Found:
+    """Find the first prior in some folders for a key, or why there is none.
 
-    `serves` is asked whether a prior of some legs says anything about those that matter. A file that cannot
-    be read is passed over: it may be anything.
+    `covers` decides whether the legs of a prior are of use. Files that cannot be read are passed over.
     """
     nearest: tuple[int, str] | None = None
     for path in prior_files(folders):
         try:
-            differences = _differences(path, question, serves)
+            differences = _differences(path, key, covers)
         except InputError:
             continue
         if not differences:
@@ -65,22 +74,22 @@ def find_prior(question: PriorKey, folders: Iterable[Path], *, serves: Serves = 
     return Found(None, nearest[1] if nearest else "none has been built")
 
 
-def check_prior(path: Path, question: PriorKey, *, serves: Serves = any_legs) -> None:
-    """Raise InputError unless the prior of a file answers a question."""
-    differences = _differences(path, question, serves)
+def check_prior(path: Path, key: PriorKey, *, covers: Covers = any_legs) -> None:
+    """Raise InputError unless the prior of a file is for a key."""
+    differences = _differences(path, key, covers)
     if differences:
         raise InputError(
             f"prior {path}: is for {', '.join(differences)}; allowed: a prior for the same trials"
         )
 
 
-def _differences(path: Path, question: PriorKey, serves: Serves) -> list[str]:
-    """Return in what a prior's file differs from what is asked; raises InputError for a file that is none."""
+def _differences(path: Path, key: PriorKey, covers: Covers) -> list[str]:
+    """Differences between a prior's file and a key; raises InputError for a file that is not a prior."""
     head = read_head(path)
     try:
-        differences = PriorKey(**head["question"]).differences(question)
+        differences = PriorKey(**head["question"]).differences(key)
         legs = tuple(int(leg) for leg in head["legs"])
-        if not serves(legs):
+        if not covers(legs):
             differences.append(f"failed leg {', '.join(str(leg) for leg in legs)}")
         return differences
     except (KeyError, TypeError) as error:
@@ -90,5 +99,34 @@ def _differences(path: Path, question: PriorKey, serves: Serves) -> list[str]:
 
 
 def prior_files(folders: Iterable[Path]) -> list[Path]:
-    """Return the files in some folders that may be priors, in the order in which they are looked at."""
+    """Files in some folders that may be priors, in the order in which they are searched."""
     return [path for folder in folders if folder.is_dir() for path in sorted(folder.glob(f"*{SUFFIX}"))]
+
+
+def describe_prior(path: Path) -> dict[str, Any]:
+    """What a prior is for, as plain JSON values; raises InputError for a damaged file."""
+    prior = load_prior(path)
+    return {
+        **prior.key.as_json(),
+        "legs": list(prior.legs),
+        "stances": prior.sag_rad is not None,
+        "worlds": prior.worlds,
+        "bytes": path.stat().st_size,
+    }
+
+
+def list_priors(
+    folder: Path | str = "runs", *, on_damaged: Callable[[InputError], None] | None = None
+) -> list[dict[str, Any]]:
+    """Describe every prior that `hexctl adapt` would search, with its path as `prior`.
+
+    Files that are not whole priors are left out, and reported to `on_damaged`.
+    """
+    described = []
+    for path in prior_files(prior_folders(Path(folder))):
+        try:
+            described.append({"prior": str(path), **describe_prior(path)})
+        except InputError as error:
+            if on_damaged is not None:
+                on_damaged(error)
+    return described

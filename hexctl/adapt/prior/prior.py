@@ -23,7 +23,7 @@ from hexctl.types import N_JOINTS, FloatArray
 
 @dataclass(frozen=True, kw_only=True)
 class PriorKey:
-    """A robot, a kind of failure and a trial: a prior serves exactly the sessions with the same.
+    """What a prior is for: a robot, a kind of failure and a trial. Sessions with an equal key may use it.
 
     Attributes:
         robot: its name.
@@ -49,7 +49,7 @@ class PriorKey:
 
     @classmethod
     def of(cls, robot: Robot, plan: TrialPlan) -> "PriorKey":
-        """Return the question of a session's trials."""
+        """Key of a session's trials."""
         gait = plan.gait
         return cls(
             robot=robot.name,
@@ -64,11 +64,11 @@ class PriorKey:
         )
 
     def as_json(self) -> dict[str, Any]:
-        """Return the question as plain JSON values."""
+        """The key as plain JSON values."""
         return asdict(self)
 
     def differences(self, other: "PriorKey") -> list[str]:
-        """Return in what another question differs, a few words each; empty when it is the same."""
+        """Differences of another key, a few words each; empty for an equal one."""
         found = []
         for name, mine in self.as_json().items():
             theirs = getattr(other, name)
@@ -117,10 +117,10 @@ class PriorFileError(HexctlError, OSError):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Prior:
-    """What simulations say about one question; row i of the legs belongs to `legs[i]`, gait j to code j + 1.
+    """Simulated outcomes for one key; row i of the legs belongs to `legs[i]`, gait j to code j + 1.
 
     Attributes:
-        question: what it is an answer to.
+        key: what it is for.
         legs: the failed legs, ascending.
         origin: where it comes from, for people: family of worlds, versions.
         signed_m: deviation at the checkpoints, positive to the left, (legs, worlds, gaits, CHECKPOINTS); NaN
@@ -131,7 +131,7 @@ class Prior:
             (legs, worlds, 18); None in priors that were built without.
     """
 
-    question: PriorKey
+    key: PriorKey
     legs: tuple[int, ...]
     origin: dict[str, Any]
     signed_m: FloatArray
@@ -158,7 +158,7 @@ class Prior:
     @property
     def head(self) -> dict[str, Any]:
         """Return what is no array, as JSON values."""
-        return {"question": self.question.as_json(), "legs": list(self.legs), "origin": self.origin}
+        return {"question": self.key.as_json(), "legs": list(self.legs), "origin": self.origin}
 
     def digest(self) -> str:
         """Return a text that changes with anything in the prior."""
@@ -212,7 +212,7 @@ def load_prior(path: Path) -> Prior:
             names = (*_ARRAYS, _STANDING) if _STANDING in file else _ARRAYS
             arrays = {name: file[name] for name in names}
         prior = Prior(
-            question=PriorKey(**head["question"]),
+            key=PriorKey(**head["question"]),
             legs=tuple(head["legs"]),
             origin=head["origin"],
             **{name: array.astype(float) for name, array in arrays.items()},

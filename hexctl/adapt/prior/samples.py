@@ -185,7 +185,7 @@ def samples_of(prior: Prior, robot: Robot, leg: int) -> Samples:
     a plausible walk of this leg, not the same one, and a sample is no more than plausible anyway.
     Raises InputError when nothing in the prior says anything about the leg.
     """
-    sources = _sources(robot, prior.question.self_rotation, prior.legs, leg)
+    sources = _sources(robot, prior.key.self_rotation, prior.legs, leg)
     moved = [_moved_worlds(prior, symmetry, source) for symmetry, source in sources]
     if not moved:
         legs = ", ".join(str(known) for known in prior.legs)
@@ -201,7 +201,7 @@ def samples_of(prior: Prior, robot: Robot, leg: int) -> Samples:
     )
 
 
-def serves(robot: Robot, self_rotation: str, legs: tuple[int, ...], leg: int) -> bool:
+def covers(robot: Robot, self_rotation: str, legs: tuple[int, ...], leg: int) -> bool:
     """Return whether a prior of some legs says anything about a failed leg."""
     return bool(_sources(robot, self_rotation, legs, leg))
 

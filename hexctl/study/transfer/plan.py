@@ -6,9 +6,9 @@ from pathlib import Path
 
 from hexctl.adapt.prior.find import find_prior
 from hexctl.adapt.prior.prior import Prior, PriorKey, load_prior
-from hexctl.adapt.prior.samples import serves
+from hexctl.adapt.prior.samples import covers
 from hexctl.adapt.registry import BAYES
-from hexctl.adapt.search import serving
+from hexctl.adapt.search import covering
 from hexctl.backends.sim.world import DomainRandomization
 from hexctl.control.plan import TrialPlan
 from hexctl.errors import InputError
@@ -113,12 +113,12 @@ class TransferPlan:
             raise InputError(f"--optimizers: got {given}; allowed: one or more names, each once")
         if self.family.model_dump(mode="json") == self.prior.origin.get("family"):
             raise InputError("transfer: the prior was built from these worlds; allowed: a family of others")
-        missing = [leg for leg in self.legs if not serves(self.robot, "rear", self.prior.legs, leg)]
+        missing = [leg for leg in self.legs if not covers(self.robot, "rear", self.prior.legs, leg)]
         if missing:
             raise InputError(f"prior: has nothing on legs {missing}; allowed: --legs {list(self.prior.legs)}")
         if not in_whole_steps(self.duration_s):
             raise InputError(f"--duration: got {self.duration_s:g}; allowed: multiples of {WHOLE_S:g} s")
-        differences = self.prior.question.differences(PriorKey.of(self.robot, self.trial_plan()))
+        differences = self.prior.key.differences(PriorKey.of(self.robot, self.trial_plan()))
         if differences:
             raise InputError(f"prior: is for {', '.join(differences)}; allowed: a prior for these trials")
 
@@ -135,7 +135,7 @@ def find_transfer_prior(
         raise InputError("--legs: got none; allowed: one or more of 1..6")
     failure = Failure(leg=legs[0])
     plan = TrialPlan(gait=make_gait(robot, "demo"), duration_s=duration_s, failure=failure)
-    found = find_prior(PriorKey.of(robot, plan), folders, serves=serving(robot, plan))
+    found = find_prior(PriorKey.of(robot, plan), folders, covers=covering(robot, plan))
     if found.path is None:
         raise InputError(
             f"prior: there is none for these trials ({found.reason}); hexctl prior build makes one"

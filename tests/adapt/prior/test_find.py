@@ -9,10 +9,10 @@ import pytest
 from hexctl.adapt.prior.find import check_prior, find_prior, prior_files, shipped_priors
 from hexctl.adapt.prior.prior import PriorKey, load_prior, save_prior
 from hexctl.adapt.prior.samples import samples_of
-from hexctl.adapt.search import serving
+from hexctl.adapt.search import covering
 from hexctl.errors import InputError
 from hexctl.robot.failure import Failure
-from tests.adapt.priors import made_up_prior, plan_of, question_of
+from tests.adapt.priors import key_of, made_up_prior, plan_of
 from tests.robots import ROBOT_NAMES, shipped
 
 SHIPPED = sorted(shipped_priors().glob("*.npz"))
@@ -26,19 +26,19 @@ def save(folder: Path, name: str, question: PriorKey) -> Path:
 
 
 def test_the_prior_that_fits_is_found_whatever_its_name(tmp_path: Path) -> None:
-    save(tmp_path, "a.npz", question_of(duration_s=5.0))
-    fits = save(tmp_path, "b.npz", question_of())
-    save(tmp_path, "c.npz", question_of(self_rotation="front"))
-    found = find_prior(question_of(), [tmp_path])
+    save(tmp_path, "a.npz", key_of(duration_s=5.0))
+    fits = save(tmp_path, "b.npz", key_of())
+    save(tmp_path, "c.npz", key_of(self_rotation="front"))
+    found = find_prior(key_of(), [tmp_path])
     assert (found.path, found.reason) == (fits, "")
 
 
 def test_the_first_folder_wins_and_one_that_is_missing_is_none(tmp_path: Path) -> None:
-    first = save(tmp_path / "mine", "z.npz", question_of())
-    second = save(tmp_path / "shipped", "a.npz", question_of())
+    first = save(tmp_path / "mine", "z.npz", key_of())
+    second = save(tmp_path / "shipped", "a.npz", key_of())
     nowhere = tmp_path / "nowhere"
-    assert find_prior(question_of(), [nowhere, tmp_path / "mine", tmp_path / "shipped"]).path == first
-    assert find_prior(question_of(), [tmp_path / "shipped", tmp_path / "mine"]).path == second
+    assert find_prior(key_of(), [nowhere, tmp_path / "mine", tmp_path / "shipped"]).path == first
+    assert find_prior(key_of(), [tmp_path / "shipped", tmp_path / "mine"]).path == second
     assert prior_files([nowhere, tmp_path / "mine", tmp_path / "shipped"]) == [first, second]
 
 
@@ -47,52 +47,52 @@ def test_files_that_are_no_priors_are_passed_over(tmp_path: Path) -> None:
     (tmp_path / "b.npz").touch()
     np.savez(tmp_path / "c.npz", a=np.arange(3))
     (tmp_path / "d.npz").mkdir()
-    cut = save(tmp_path, "e.npz", question_of())
+    cut = save(tmp_path, "e.npz", key_of())
     cut.write_bytes(cut.read_bytes()[:-200])
     (tmp_path / "f.npz").symlink_to(tmp_path / "gone")
-    fits = save(tmp_path, "g.npz", question_of())
-    assert find_prior(question_of(), [tmp_path]).path == fits
+    fits = save(tmp_path, "g.npz", key_of())
+    assert find_prior(key_of(), [tmp_path]).path == fits
     fits.unlink()
-    assert find_prior(question_of(), [tmp_path]).path is None
+    assert find_prior(key_of(), [tmp_path]).path is None
 
 
 def test_files_of_another_name_are_not_looked_at(tmp_path: Path) -> None:
-    save(tmp_path, "a.npz", question_of()).rename(tmp_path / "a.npz.bak")
-    assert find_prior(question_of(), [tmp_path]).reason == "none has been built"
+    save(tmp_path, "a.npz", key_of()).rename(tmp_path / "a.npz.bak")
+    assert find_prior(key_of(), [tmp_path]).reason == "none has been built"
 
 
 def test_without_priors_the_reason_is_that_there_are_none(tmp_path: Path) -> None:
-    found = find_prior(question_of(), [tmp_path, tmp_path / "nowhere"])
+    found = find_prior(key_of(), [tmp_path, tmp_path / "nowhere"])
     assert (found.path, found.reason) == (None, "none has been built")
 
 
 def test_the_reason_names_the_nearest(tmp_path: Path) -> None:
-    save(tmp_path, "a.npz", question_of(shipped("phantomx"), duration_s=12.0))
-    save(tmp_path, "b.npz", question_of(duration_s=12.0))
-    save(tmp_path, "c.npz", question_of(duration_s=12.0, self_rotation="none"))
-    found = find_prior(question_of(), [tmp_path])
+    save(tmp_path, "a.npz", key_of(shipped("phantomx"), duration_s=12.0))
+    save(tmp_path, "b.npz", key_of(duration_s=12.0))
+    save(tmp_path, "c.npz", key_of(duration_s=12.0, self_rotation="none"))
+    found = find_prior(key_of(), [tmp_path])
     assert found.path is None
     assert found.reason == "b.npz is for duration 12 s, not 30 s"
 
 
 def test_a_prior_of_other_legs_is_passed_over_and_named(tmp_path: Path) -> None:
     robot = shipped("pexod")
-    question = question_of(robot, failure=Failure(leg=2))
+    question = key_of(robot, failure=Failure(leg=2))
     save_prior(made_up_prior(question, legs=(1, 6), worlds=1), tmp_path / "a.npz")
-    serves = serving(robot, plan_of(robot, failure=Failure(leg=2)))
-    found = find_prior(question, [tmp_path], serves=serves)
+    covers = covering(robot, plan_of(robot, failure=Failure(leg=2)))
+    found = find_prior(question, [tmp_path], covers=covers)
     assert (found.path, found.reason) == (None, "a.npz is for failed leg 1, 6")
     with pytest.raises(InputError, match="is for failed leg 1, 6; allowed: a prior for the same trials"):
-        check_prior(tmp_path / "a.npz", question, serves=serves)
+        check_prior(tmp_path / "a.npz", question, covers=covers)
     save_prior(made_up_prior(question, legs=(5,), worlds=1), tmp_path / "b.npz")
-    assert find_prior(question, [tmp_path], serves=serves).path == tmp_path / "b.npz"
+    assert find_prior(question, [tmp_path], covers=covers).path == tmp_path / "b.npz"
 
 
 def test_a_prior_that_was_given_is_checked_in_one_line(tmp_path: Path) -> None:
-    path = save(tmp_path, "mine.npz", question_of(duration_s=12.0, self_rotation="front"))
-    check_prior(path, question_of(duration_s=12.0, self_rotation="front"))
+    path = save(tmp_path, "mine.npz", key_of(duration_s=12.0, self_rotation="front"))
+    check_prior(path, key_of(duration_s=12.0, self_rotation="front"))
     with pytest.raises(InputError) as refused:
-        check_prior(path, question_of())
+        check_prior(path, key_of())
     assert str(refused.value) == (
         f"prior {path}: is for self-rotation front, not rear, duration 12 s, not 30 s; "
         "allowed: a prior for the same trials"
@@ -102,20 +102,20 @@ def test_a_prior_that_was_given_is_checked_in_one_line(tmp_path: Path) -> None:
 def test_a_prior_of_a_question_with_other_parts_is_damaged(tmp_path: Path) -> None:
     path = tmp_path / "odd.npz"
     prior = made_up_prior(worlds=1)
-    odd = prior.question.as_json() | {"weather": "rain"}
+    odd = prior.key.as_json() | {"weather": "rain"}
 
     class Odd(PriorKey):
         def as_json(self) -> dict[str, object]:
             return odd
 
-    save_prior(replace(prior, question=Odd(**prior.question.as_json())), path)
+    save_prior(replace(prior, key=Odd(**prior.key.as_json())), path)
     with pytest.raises(InputError, match="it is damaged"):
-        check_prior(path, question_of())
-    assert find_prior(question_of(), [tmp_path]).path is None
+        check_prior(path, key_of())
+    assert find_prior(key_of(), [tmp_path]).path is None
 
 
 def test_there_is_a_shipped_prior_for_the_default_session() -> None:
-    found = find_prior(question_of(), [shipped_priors()])
+    found = find_prior(key_of(), [shipped_priors()])
     assert found.path is not None
     assert found.path.name == "ant-locked-rear-30s.npz"
 
@@ -123,11 +123,11 @@ def test_there_is_a_shipped_prior_for_the_default_session() -> None:
 @pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.name)
 def test_a_shipped_prior_is_whole_small_and_for_the_shipped_robot(path: Path) -> None:
     prior = load_prior(path)
-    assert prior.question.robot in ROBOT_NAMES
-    robot = shipped(prior.question.robot)
+    assert prior.key.robot in ROBOT_NAMES
+    robot = shipped(prior.key.robot)
     assert path.name.startswith(f"{robot.name}-")
-    asked = question_of(robot, duration_s=prior.question.duration_s)
-    assert replace(prior.question, failure="locked", self_rotation="rear").differences(asked) == []
+    asked = key_of(robot, duration_s=prior.key.duration_s)
+    assert replace(prior.key, failure="locked", self_rotation="rear").differences(asked) == []
     assert path.stat().st_size < MAX_BYTES
     for leg in range(1, 7):
         samples = samples_of(prior, robot, leg)

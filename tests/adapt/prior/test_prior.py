@@ -23,7 +23,7 @@ from hexctl.adapt.prior.prior import (
 from hexctl.errors import HexctlError, InputError
 from hexctl.robot.failure import Failure, parse_failure
 from hexctl.robot.loader import load_robot
-from tests.adapt.priors import made_up_prior, question_of
+from tests.adapt.priors import key_of, made_up_prior
 from tests.robots import edited_file, put, shipped
 
 ARRAYS = ("signed_m", "progress_m", "yaw_rad", "sag_rad")
@@ -82,7 +82,7 @@ def same(one: Prior, other: Prior) -> bool:
 def test_a_prior_comes_back_as_it_went(path: Path) -> None:
     prior, loaded = prior_with_a_fall(), load_prior(path)
     assert loaded.head == prior.head
-    assert (loaded.worlds, loaded.legs, loaded.question) == (2, (2, 5), question_of())
+    assert (loaded.worlds, loaded.legs, loaded.key) == (2, (2, 5), key_of())
     for name in ARRAYS:
         got, wanted = getattr(loaded, name), getattr(prior, name)
         assert got.dtype == np.float64
@@ -101,7 +101,7 @@ def test_the_digest_survives_the_file_and_a_second_one(path: Path, tmp_path: Pat
 @pytest.mark.parametrize(
     "change",
     [
-        lambda prior: replace(prior, question=question_of(duration_s=12.0)),
+        lambda prior: replace(prior, key=key_of(duration_s=12.0)),
         lambda prior: replace(prior, legs=(2, 4)),
         lambda prior: replace(prior, origin={**prior.origin, "worlds": 3}),
         *[lambda prior, name=name: replace(prior, **{name: getattr(prior, name) + 0.01}) for name in ARRAYS],
@@ -123,7 +123,7 @@ def test_a_prior_that_knows_no_stances_is_one_too(tmp_path: Path) -> None:
 
 def test_the_head_says_what_it_is_for(path: Path) -> None:
     head = read_head(path)
-    assert head["question"] == question_of().as_json()
+    assert head["question"] == key_of().as_json()
     assert head["legs"] == [2, 5]
 
 
@@ -331,13 +331,13 @@ def test_looking_at_a_place_leaves_nothing_there(path: Path) -> None:
 
 
 def test_the_same_question_differs_in_nothing() -> None:
-    assert question_of().differences(question_of()) == []
+    assert key_of().differences(key_of()) == []
 
 
 @pytest.mark.parametrize("options", [{"failure": Failure(leg=2)}, {"heading_rad": 1.0}])
 def test_neither_leg_nor_heading_makes_another_question(options: dict[str, Any]) -> None:
     # The failed leg points to the rear of wherever the robot goes.
-    assert question_of().differences(question_of(**options)) == []
+    assert key_of().differences(key_of(**options)) == []
 
 
 @pytest.mark.parametrize(
@@ -350,43 +350,43 @@ def test_neither_leg_nor_heading_makes_another_question(options: dict[str, Any])
     ],
 )
 def test_another_trial_is_named_with_both_values(options: dict[str, Any], words: str) -> None:
-    assert question_of().differences(question_of(**options)) == [words]
+    assert key_of().differences(key_of(**options)) == [words]
 
 
 def test_without_self_rotation_the_heading_makes_another_question() -> None:
     """The body does not turn to where it goes: it walks forward, or to its side."""
     forward, left = (
-        question_of(self_rotation="none", heading_rad=heading_rad) for heading_rad in (0.0, math.pi / 2)
+        key_of(self_rotation="none", heading_rad=heading_rad) for heading_rad in (0.0, math.pi / 2)
     )
     assert forward.differences(left) == ["heading 0 deg, not 90 deg"]
 
 
 def test_a_failure_in_another_degree_is_another_question() -> None:
-    weak, weaker = (question_of(failure=parse_failure(5, f"weak:{share}")) for share in (0.5, 0.25))
+    weak, weaker = (key_of(failure=parse_failure(5, f"weak:{share}")) for share in (0.5, 0.25))
     assert weak.differences(weaker) == ["failure weak:0.5, not weak:0.25"]
 
 
 def test_another_gait_is_another_question() -> None:
-    question = question_of()
+    question = key_of()
     assert question.differences(replace(question, pace_hz=0.75)) == ["pace 0.9 Hz, not 0.75 Hz"]
     assert question.differences(replace(question, amplitude=0.05)) == ["amplitude 0.11, not 0.05"]
     assert question.differences(replace(question, height=0.03)) == ["height 0.02, not 0.03"]
 
 
 def test_another_robot_is_named_once() -> None:
-    differences = question_of().differences(question_of(shipped("phantomx")))
+    differences = key_of().differences(key_of(shipped("phantomx")))
     assert "robot ant, not phantomx" in differences
     assert not any("description" in words or "fingerprint" in words for words in differences)
 
 
 def test_the_same_robot_with_another_description_is_another_question(tmp_path: Path) -> None:
     heavier = load_robot(str(edited_file(tmp_path, put("body", "mass_kg", 3.0))))
-    assert question_of().differences(question_of(heavier)) == ["another description of ant"]
+    assert key_of().differences(key_of(heavier)) == ["another description of ant"]
 
 
 def test_all_differences_are_named() -> None:
-    other = question_of(duration_s=5.0, self_rotation="none", failure=Failure(leg=1, kind="missing"))
-    assert question_of().differences(other) == [
+    other = key_of(duration_s=5.0, self_rotation="none", failure=Failure(leg=1, kind="missing"))
+    assert key_of().differences(other) == [
         "failure locked, not missing",
         "self-rotation rear, not none",
         "duration 30 s, not 5 s",

@@ -18,9 +18,9 @@ from hexctl.adapt.prior.samples import (
     Samples,
     Symmetries,
     Symmetry,
+    covers,
     features_of,
     samples_of,
-    serves,
 )
 from hexctl.adapt.space import GaitSpace
 from hexctl.backends.sim.world import World
@@ -29,7 +29,7 @@ from hexctl.errors import InputError
 from hexctl.study.landscape import LandscapeSpec
 from hexctl.study.prior import deflection_of
 from hexctl.types import FloatArray
-from tests.adapt.priors import MadeUpModel, made_up_prior, question_of, shown_of
+from tests.adapt.priors import MadeUpModel, key_of, made_up_prior, shown_of
 from tests.robots import ROBOT_NAMES, shipped
 
 HOW_MANY = {"ant": 12, "phantomx": 4, "pexod": 2}
@@ -310,7 +310,7 @@ def test_all_legs_of_ant_serve_each_leg_in_both_mirrors() -> None:
 def test_symmetries_bring_the_worlds_of_other_legs(
     name: str, legs: tuple[int, ...], leg: int, worlds: int
 ) -> None:
-    prior = made_up_prior(question_of(shipped(name)), legs=legs, worlds=3)
+    prior = made_up_prior(key_of(shipped(name)), legs=legs, worlds=3)
     assert len(samples_of(prior, shipped(name), leg).features) == worlds
 
 
@@ -318,7 +318,7 @@ def test_symmetries_bring_the_worlds_of_other_legs(
 @pytest.mark.parametrize("leg", [2, 5])
 def test_a_moved_gait_takes_its_numbers_with_it(name: str, leg: int) -> None:
     """Each source gait is found again at the code that the symmetry gives it, with signs as in a mirror."""
-    prior = made_up_prior(question_of(shipped(name)), legs=(2,), worlds=2)
+    prior = made_up_prior(key_of(shipped(name)), legs=(2,), worlds=2)
     own = samples_of(prior, shipped(name), 2).features[:2]
     samples = samples_of(prior, shipped(name), leg)
     flipped = own.copy()
@@ -337,7 +337,7 @@ def test_a_moved_gait_takes_its_numbers_with_it(name: str, leg: int) -> None:
 
 
 def test_a_leg_that_nothing_says_anything_about_is_refused() -> None:
-    prior = made_up_prior(question_of(shipped("pexod")), legs=(1, 6))
+    prior = made_up_prior(key_of(shipped("pexod")), legs=(1, 6))
     with pytest.raises(InputError, match=r"prior: got failed leg 2; allowed: 1, 6"):
         samples_of(prior, shipped("pexod"), 2)
 
@@ -354,17 +354,17 @@ def with_falls(worlds: int, fallen: tuple[int, ...], from_checkpoint: int = 4) -
 
 def test_without_self_rotation_only_the_mirror_along_the_way_serves() -> None:
     """Turned by 60 degrees leg 5 of ant would be leg 4, but the robot would walk to its side."""
-    question = question_of(self_rotation="none")
+    question = key_of(self_rotation="none")
     prior = made_up_prior(question, legs=(2, 5), worlds=2)
     assert len(samples_of(prior, shipped(), 5).features) == 2
     assert len(samples_of(prior, shipped(), 6).features) == 2
     for leg in (1, 4, 3):
         served = leg == 3
-        assert serves(shipped(), "none", (2, 5), leg) == served
+        assert covers(shipped(), "none", (2, 5), leg) == served
         if not served:
             with pytest.raises(InputError, match=f"got failed leg {leg}; allowed: 2, 5"):
                 samples_of(prior, shipped(), leg)
-    assert all(serves(shipped(), "rear", (2,), leg) for leg in range(1, 7))
+    assert all(covers(shipped(), "rear", (2,), leg) for leg in range(1, 7))
 
 
 def test_a_leg_that_fell_with_every_gait_tells_nothing() -> None:

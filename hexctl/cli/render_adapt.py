@@ -1,7 +1,6 @@
-"""The table of a session that grows while it runs, and its last lines."""
+"""Sessions as text: the table that grows trial by trial, the summary at the end, one line each in a list."""
 
 import sys
-import time
 from functools import lru_cache
 from pathlib import Path
 from types import TracebackType
@@ -24,22 +23,11 @@ class SessionTable:
     Silent when told so; the bar is shown only where both are terminals.
     """
 
-    def __init__(self, session: Session, *, quiet: bool) -> None:
-        self._session = session
+    def __init__(self, *, quiet: bool) -> None:
         self._quiet = quiet
         self._bar: Any = None
-        self._began_s = time.monotonic()
 
     def __enter__(self) -> Self:
-        if self._quiet:
-            return self
-        typer.echo(opening_line(self._session))
-        typer.echo(header_line(self._session))
-        for trial in self._session.trials:
-            typer.echo(trial_line(self._session, trial))
-        # A bar and a question would write over one another.
-        if sys.stderr.isatty() and sys.stdout.isatty() and not self._session.spec.ask:
-            self._open_bar()
         return self
 
     def __exit__(
@@ -48,22 +36,35 @@ class SessionTable:
         if self._bar is not None:
             self._bar.stop()
 
+    def begin(self, session: Session) -> None:
+        """Print the head of the table, the trials that a resumed session has, and open the bar."""
+        if self._quiet:
+            return
+        typer.echo(opening_line(session))
+        typer.echo(header_line(session))
+        for trial in session.trials:
+            typer.echo(trial_line(session, trial))
+        # A bar and a question would write over one another.
+        if sys.stderr.isatty() and sys.stdout.isatty() and not session.spec.ask:
+            self._open_bar(session)
+
     def add(self, session: Session, trial: TrialRecord) -> None:
         """Print a trial and move the bar."""
         if self._quiet:
             return
-        line = trial_line(self._session, trial)
+        line = trial_line(session, trial)
         if self._bar is None:
             typer.echo(line)
             return
         self._bar.console.print(line, highlight=False, markup=False)
         self._bar.update(self._task, completed=len(session.trials))
 
-    def _open_bar(self) -> None:
+    def _open_bar(self, session: Session) -> None:
         self._bar = make_bar()
-        done = len(self._session.trials)
         self._task = self._bar.add_task(
-            "trials (Ctrl-C stops, --resume goes on)", total=self._session.spec.budget, completed=done
+            "trials (Ctrl-C stops, --resume goes on)",
+            total=session.spec.budget,
+            completed=len(session.trials),
         )
         self._bar.start()
 
@@ -204,3 +205,13 @@ def _milestone_lines(session: Session) -> list[str]:
             f"within {milestone:g} m: " + (f"after {_trials(reached)}" if reached else "not reached")
         )
     return lines
+
+
+def session_line(session: Session) -> str:
+    """One line on a session: its name, what it searched, how far it came."""
+    spec, best = session.spec, session.best
+    outcome = f"best {spec.score_text(best.score)} (code {best.code})" if best else "no valid trial"
+    return (
+        f"{session.name}  {subject(spec)}, {spec.optimizer}, {len(session.trials)} of {spec.budget} trials "
+        f"of {spec.duration_s:g} s, {outcome}; {end_of(session)}"
+    )

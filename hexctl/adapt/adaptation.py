@@ -1,0 +1,474 @@
+"""Adaptation: find a gait for a failed leg, in a session that is stored trial by trial.
+
+    result = hexctl.adapt(failed_leg=5, budget=20)
+    print(result.best.slots, result.best.score)
+
+`adapt` is one call; `Adaptation` is the same with its parts in hand: a spec from `new_spec`, a robot of your
+own, a session that is resumed. Neither prints nor asks: progress goes to callbacks, notes to a function.
+"""
+
+import math
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from hexctl.adapt.arena import Arena
+from hexctl.adapt.loop import AdaptLoop, OnTrial
+from hexctl.adapt.measurement import Operator
+from hexctl.adapt.objectives import ObjectiveChoice, as_objective
+from hexctl.adapt.registry import OptimizerChoice
+from hexctl.adapt.runner import ResetFreeRunner, TrialRunner, await_ready
+from hexctl.adapt.search import (
+    Note,
+    Setting,
+    extended,
+    knows_stances,
+    load_setting,
+    log_note,
+    make_search,
+    new_spec,
+    start_note,
+)
+from hexctl.adapt.session import Session, SessionSpec, TrialRecord
+from hexctl.adapt.stance import connected_deflection_rad, simulated_deflection_rad
+from hexctl.adapt.store import RUNS, SessionStore
+from hexctl.backends.base import LegServos, connection_notes
+from hexctl.backends.clock import request_realtime_priority
+from hexctl.backends.registry import BackendOptions, make_servos
+from hexctl.control.guard import Guard
+from hexctl.control.plan import TrialPlan
+from hexctl.control.trial import StopRequested, never
+from hexctl.errors import HexctlError, InputError, RecordingError, RobotFaultError
+from hexctl.gait.encoding import Slots
+from hexctl.record.live import LiveView
+
+OnBegin = Callable[[Session], None]
+
+
+class NotBegunError(HexctlError, RuntimeError):
+    """A stop was requested before there was a session."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class AdaptationResult:
+    """Result of a run of an adaptation.
+
+    Attributes:
+        session: the session as it stands now, with all its trials.
+        ended: why the search ended: `budget`, `target`, `confirmed`, `exhausted`; `interrupted` by a
+            requested stop; `stopped` by `trouble`.
+        trouble: what the robot or the recordings suffered; the session can be resumed after it.
+        walked: trials of this run; those of the session may be more.
+        wall_s: duration of the run.
+        overview: the recording that shows all trials, or None.
+    """
+
+    session: Session
+    ended: str
+    trouble: RobotFaultError | RecordingError | None
+    walked: int
+    wall_s: float
+    overview: Path | None = None
+
+    @property
+    def best(self) -> TrialRecord | None:
+        """The valid trial with the lowest score, None without a valid trial."""
+        return self.session.best
+
+    @property
+    def trials(self) -> list[TrialRecord]:
+        """All trials of the session, in the order in which they were walked."""
+        return self.session.trials
+
+    def to_dict(self) -> dict[str, Any]:
+        """The result as `hexctl adapt --json` prints it."""
+        return {**self.session.as_json(), "ended": self.ended, "wall_s": round(self.wall_s, 3)}
+
+    def __repr__(self) -> str:
+        best = self.best
+        found = "no valid trial" if best is None else f"best code {best.code}, score {best.score:.3f}"
+        return f"AdaptationResult({self.session.name}: {self.ended} after {len(self.trials)} trials, {found})"
+
+
+class Adaptation:
+    """A new session, or one that is continued: its spec, its robot and where it is kept.
+
+    `run` makes the session, or continues it, and searches trial by trial. Everything that can be refused is
+    refused before a session exists and before anything moves.
+    """
+
+    def __init__(
+        self,
+        spec: SessionSpec,
+        *,
+        folder: Path | str = RUNS,
+        record: bool = True,
+        servos: LegServos | None = None,
+        optimizer: OptimizerChoice | None = None,
+        objective: ObjectiveChoice | None = None,
+        operator: Operator | None = None,
+        live: Callable[[], LiveView | None] | None = None,
+        note: Note = log_note,
+    ) -> None:
+        """Prepare a new session.
+
+        Args:
+            spec: from `new_spec`, or a `SessionSpec` with the fingerprint of its robot.
+            folder: of the session store, the recordings and the priors.
+            record: whether to record each trial, and an overview.
+            servos: the robot, where it is not made by `spec.backend`; not connected yet.
+            optimizer: class of the optimizer, where it cannot be imported by the name in the spec.
+            objective: the objective, where it cannot be imported by the name in the spec.
+            operator: who puts the robot down and measures, needed with `spec.ask`.
+            live: makes a view that shows the trials of a connected robot, or None where that is impossible.
+            note: is told what a person should know; by default it is logged.
+
+        Raises InputError for parts that contradict one another.
+        """
+        if spec.ask and operator is None:
+            raise InputError("operator: got none with --ask; allowed: one who places the robot and measures")
+        if servos is not None and spec.simulated:
+            raise InputError("servos: got some with --backend sim; allowed: with the name of their class")
+        self.spec = spec
+        self._folder, self._record = Path(folder), record
+        self._servos, self._operator, self._live, self._note = servos, operator, live, note
+        self._optimizer = None if isinstance(optimizer, str) else optimizer
+        self._objective = as_objective(spec.objective if objective is None else objective)
+        self._name: str | None = None
+        self._budget: int | None = None
+
+    @classmethod
+    def resume(
+        cls, name: str, *, budget: int | None = None, folder: Path | str = RUNS, **options: Any
+    ) -> "Adaptation":
+        """Prepare to continue a session, with another budget if one is given.
+
+        `options` are those of `Adaptation`. Raises InputError for a name that is not in the store, and a
+        budget that is spent already.
+        """
+        with SessionStore(Path(folder)) as store:
+            session = store.load(name)
+        spec = session.spec if budget is None else extended(session, budget)
+        adaptation = cls(spec, folder=folder, **options)
+        adaptation._name, adaptation._budget = name, budget
+        return adaptation
+
+    def run(
+        self,
+        *,
+        on_begin: OnBegin | None = None,
+        on_trial: OnTrial | None = None,
+        stop_requested: StopRequested = never,
+    ) -> AdaptationResult:
+        """Search until the session ends; the result holds what a robot or a recording suffered meanwhile.
+
+        Args:
+            on_begin: called with the session before its first trial of this run.
+            on_trial: called with the session and each trial, once it is stored.
+            stop_requested: asked every tick; True stops the robot softly and ends the run.
+
+        Raises InputError for anything that is not allowed, RobotFaultError (of which RobotStoppedError is
+        one) for a robot that cannot be used, both before a session exists; NotBegunError when a stop was
+        requested before that; StoreError when a trial cannot be stored.
+        """
+        began_s = time.perf_counter()
+        with ExitStack() as stack:
+            store = stack.enter_context(SessionStore(self._folder))
+            session, setting, servos = self._begin(store, stack, stop_requested)
+            before = len(session.trials)
+            if on_begin is not None:
+                on_begin(session)
+            live = self._live() if self._live is not None and servos is not None else None
+            if live is not None:
+                stack.enter_context(live)
+            runner = TrialRunner(
+                spec=session.spec,
+                robot=setting.robot,
+                world=setting.world,
+                plan_for=_plan_for(setting.plan),
+                folder=store.folder_of(session.name) if self._record else None,
+                stop_requested=stop_requested,
+                live=live,
+                meshes=setting.robot_file.meshes if self._record else {},
+            )
+            ended, trouble = self._search(session, store, setting, runner, servos, on_trial)
+        return AdaptationResult(
+            session=session,
+            ended=ended,
+            trouble=trouble,
+            walked=len(session.trials) - before,
+            wall_s=time.perf_counter() - began_s,
+            overview=self._write_overview(session, store),
+        )
+
+    def _begin(
+        self, store: SessionStore, stack: ExitStack, stop_requested: StopRequested
+    ) -> tuple[Session, Setting, Guard | None]:
+        """Session, new or continued and held, what it names, and its robot, connected.
+
+        A session that is continued is held before its robot is touched, a new one made once its robot is
+        ready.
+        """
+        session = self._held_again(store, stack) if self._name is not None else None
+        spec = self.spec if session is None else session.spec
+        setting = load_setting(spec)
+        if self._record:
+            _ = setting.robot_file.meshes  # refused before a session exists
+        note = start_note(spec, setting)
+        if note is not None:
+            self._note(note)
+        servos = stack.enter_context(self._connected(spec, setting))
+        if session is None:
+            spec = _at_home(spec, servos)
+            spec = self._with_stance(spec, setting, servos, stop_requested)
+            if stop_requested():
+                raise NotBegunError("interrupted before a session began")
+            session = store.create(spec)
+            stack.enter_context(store.held(session.name))
+        return session, setting, servos
+
+    def _held_again(self, store: SessionStore, stack: ExitStack) -> Session:
+        """Session to be continued, as it stands now that no other process adds to it."""
+        name = self._name or ""
+        stack.enter_context(store.held(store.load(name).name))
+        session = store.load(name)
+        if self._budget is not None:
+            session.spec = extended(session, self._budget)
+        return session
+
+    @contextmanager
+    def _connected(self, spec: SessionSpec, setting: Setting) -> Iterator[Guard | None]:
+        """Keep the robot of a session connected; None where each trial makes a simulation of its own."""
+        if spec.simulated:
+            yield None
+            return
+        request_realtime_priority()
+        failure = setting.plan.failure
+        options = BackendOptions(
+            robot=setting.robot,
+            failure=failure,
+            seed=spec.seed,
+            robot_file=setting.robot_file,
+            connect=spec.connect,
+            credentials=Path(spec.credentials) if spec.credentials is not None else None,
+            insecure=spec.insecure,
+            link=spec.link,
+        )
+        robot = make_servos(spec.backend, options) if self._servos is None else self._servos
+        servos = Guard(robot)
+        try:
+            servos.connect()
+            for note in connection_notes(robot, failure):
+                self._note(note)
+            yield servos
+        finally:
+            # The result comes after the robot is released: a link that fails at that must not cost it.
+            with suppress(RobotFaultError):
+                servos.close()
+
+    def _with_stance(
+        self, spec: SessionSpec, setting: Setting, servos: Guard | None, stop_requested: StopRequested
+    ) -> SessionSpec:
+        """Spec that holds the static deflection of the stance, where that tells the optimizer anything.
+
+        A connected robot stands up for that, unless an operator puts it down: it then moves only when the
+        operator says so, and by then the first gait is chosen.
+        """
+        if spec.ask or not knows_stances(spec):
+            return spec
+        if servos is None:
+            sag_rad = simulated_deflection_rad(setting.robot, setting.world, setting.plan, spec.seed)
+        else:
+            sag_rad = connected_deflection_rad(servos, setting.plan, stop_requested)
+        if sag_rad is None:
+            if not stop_requested():
+                self._note("how the robot stands is not known (joints not measured, or not at rest)")
+            return spec
+        return replace(spec, sag_rad=[None if math.isnan(angle) else angle for angle in sag_rad.tolist()])
+
+    def _search(
+        self,
+        session: Session,
+        store: SessionStore,
+        setting: Setting,
+        runner: TrialRunner,
+        servos: Guard | None,
+        on_trial: OnTrial | None,
+    ) -> tuple[str, RobotFaultError | RecordingError | None]:
+        """Why the search ended, and what is wrong with the robot or its recordings if it was that."""
+        spec = session.spec
+        walk = runner.walk
+        if servos is not None:
+            walk = ResetFreeRunner(
+                runner=runner, servos=servos, arena=_arena_of(spec), operator=self._operator
+            ).walk
+        loop = AdaptLoop(
+            session,
+            store,
+            make_search(spec, setting.robot, setting.plan, self._optimizer),
+            walk,
+            objective=self._objective,
+            stop_requested=runner.stop_requested,
+            on_trial=on_trial,
+        )
+        try:
+            return loop.run(), None
+        except (RobotFaultError, RecordingError) as error:
+            return "stopped", error
+
+    def _write_overview(self, session: Session, store: SessionStore) -> Path | None:
+        """Write the overview beside the trials; `hexctl view` makes it too, so that trouble is a note."""
+        if not self._record or not session.trials:
+            return None
+        from hexctl.adapt.overview import write_overview
+
+        try:
+            return write_overview(session, store.folder_of(session.name))
+        except HexctlError as error:
+            self._note(f"no overview: {error}")
+            return None
+
+
+def adapt(
+    failed_leg: int,
+    *,
+    budget: int = 20,
+    robot: str = "ant",
+    world: str | None = None,
+    failure: str = "locked",
+    optimizer: OptimizerChoice | None = None,
+    objective: ObjectiveChoice = "final",
+    prior: Path | str | None = None,
+    target_m: float | None = None,
+    confirm: int = 0,
+    early_stop: bool = False,
+    count_repeats: bool = False,
+    duration_s: float = 30.0,
+    heading_deg: float = 0.0,
+    self_rotation: str = "rear",
+    seed: int = 0,
+    backend: str = "sim",
+    servos: LegServos | None = None,
+    connect: str | None = None,
+    credentials: Path | str | None = None,
+    insecure: bool = False,
+    link: str | None = None,
+    arena_m: float | None = None,
+    operator: Operator | None = None,
+    record: bool = True,
+    folder: Path | str = RUNS,
+    note: Note = log_note,
+    on_trial: OnTrial | None = None,
+    stop_requested: StopRequested = never,
+) -> AdaptationResult:
+    """Find a gait for a failed leg, as `hexctl adapt` does; also called as `hexctl.adapt(...)`.
+
+    Args:
+        failed_leg: 1..6, counter-clockwise from the front.
+        budget: most trials to walk.
+        robot: name or path of a robot file.
+        world: name or path of a world, only in simulation; None is `flat`.
+        failure: `locked`, `limp`, `missing`, `weak:FRACTION`, `stuck:JOINT:DEGREES`.
+        optimizer: a name such as `random` or `pso`, `package.module:Class`, or an `Optimizer` class; None is
+            `bayes` where a prior fits, else `random`.
+        objective: `final`, `mean`, `max`, `progress`, `package.module:name`, an `Objective`, or a function of
+            a valid `TrialResult`; the smaller the better.
+        prior: `auto`, `none`, or the path or name of a prior; None is `auto`.
+        target_m: score at which to stop; None is 0.025 m with `bayes`, else none.
+        confirm: trials of the budget that repeat the best gait.
+        early_stop: with `bayes`, end a walk once it is clear that it misses.
+        count_repeats: walk and count a gait again when the optimizer asks for it again.
+        duration_s: how long each trial walks.
+        heading_deg: direction of travel, counter-clockwise from forward.
+        self_rotation: where the failed leg points during the walk: `rear`, `front` or `none`.
+        seed: of the optimizer and of the simulation.
+        backend: `sim`, `zenoh`, `mavlink`, or `package.module:Class`.
+        servos: a robot of your own instead of a backend, not connected yet.
+        connect: where the robot is.
+        credentials: folder with the certificates of its link.
+        insecure: let a link beyond this computer do without.
+        link: name or path of a link file.
+        arena_m: keep a robot that stays where a walk ends within this radius of its first place.
+        operator: places the robot before each trial and measures after it.
+        record: whether to record each trial.
+        folder: of the session store, the recordings and the priors.
+        note: is told what a person should know; by default it is logged.
+        on_trial: called with the session and each trial, once it is stored.
+        stop_requested: asked every tick; True stops the robot softly and ends the run.
+
+    Raises InputError for anything that is not allowed; RobotFaultError for a robot that cannot be used, or
+    that stops during the search: the session is stored, and `Adaptation.resume` continues it. RecordingError
+    when a recording is not whole.
+    """
+    if servos is not None and backend == "sim":
+        backend = f"{type(servos).__module__}:{type(servos).__qualname__}"
+    spec = new_spec(
+        failed_leg=failed_leg,
+        failure=failure,
+        backend=backend,
+        world=world,
+        optimizer=optimizer,
+        objective=objective,
+        prior=None if prior is None else str(prior),
+        folder=Path(folder),
+        note=note,
+        robot=str(robot),
+        budget=budget,
+        target_m=target_m,
+        confirm=confirm,
+        early_stop=early_stop,
+        count_repeats=count_repeats,
+        duration_s=duration_s,
+        heading_deg=heading_deg,
+        self_rotation=self_rotation,
+        seed=seed,
+        connect=connect,
+        credentials=None if credentials is None else str(credentials),
+        insecure=insecure,
+        link=link,
+        arena_m=arena_m,
+        ask=operator is not None,
+    )
+    adaptation = Adaptation(
+        spec,
+        folder=folder,
+        record=record,
+        servos=servos,
+        optimizer=optimizer,
+        objective=objective,
+        operator=operator,
+        note=note,
+    )
+    result = adaptation.run(on_trial=on_trial, stop_requested=stop_requested)
+    if result.trouble is not None:
+        raise result.trouble
+    return result
+
+
+def _plan_for(plan: TrialPlan) -> Callable[[Slots], TrialPlan]:
+    """Plans of trials by the slots of their gait."""
+    return lambda slots: replace(plan, gait=replace(plan.gait, slots=slots))
+
+
+def _at_home(spec: SessionSpec, servos: Guard | None) -> SessionSpec:
+    """Spec of a session that begins where the robot is now.
+
+    Raises RobotStoppedError for a robot that is stopped, RobotFaultError for one that does not know its
+    position and must.
+    """
+    if servos is None or spec.ask:
+        return spec
+    position = await_ready(servos).base_position_world
+    if spec.arena_m is None or position is None:
+        return spec
+    return replace(spec, home_m=[float(position[0]), float(position[1])])
+
+
+def _arena_of(spec: SessionSpec) -> Arena | None:
+    """Arena of a session, if it has one."""
+    if spec.arena_m is None or spec.home_m is None:
+        return None
+    return Arena(home_m=(spec.home_m[0], spec.home_m[1]), radius_m=spec.arena_m)

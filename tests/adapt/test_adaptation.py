@@ -1,0 +1,224 @@
+"""`hexctl.adapt` and `Adaptation`: what the command line does, in Python, without a word printed."""
+
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import hexctl
+from hexctl.adapt.adaptation import Adaptation, NotBegunError, adapt
+from hexctl.adapt.baselines import RandomSearch
+from hexctl.adapt.measurement import Answer
+from hexctl.adapt.runner import RobotStoppedError, TrialRunner, WalkedTrial
+from hexctl.adapt.search import new_spec
+from hexctl.adapt.store import delete_session, export_session, list_sessions, load_session
+from hexctl.control.result import TrialResult
+from hexctl.errors import InputError, RobotFaultError
+from tests.adapt.walking import Landscape, result_of
+from tests.cli.adaptkits import Blind, EStopped
+from tests.cli.kits import Kit
+from tests.robots import shipped
+
+LIGHT = """
+import sys
+import hexctl
+from hexctl.adapt.space import GaitSpace
+assert callable(hexctl.adapt) and GaitSpace((5,)).size == 120
+heavy = {"mujoco", "dm_control", "rerun", "zenoh", "typer", "hexctl.adapt.adaptation"} & set(sys.modules)
+assert not heavy, heavy
+"""
+
+
+@pytest.fixture(autouse=True)
+def _in_an_empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(Kit, "made", [])
+
+
+@pytest.fixture
+def landscape(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Walks by a formula instead of a simulation."""
+    monkeypatch.setattr(TrialRunner, "walk", lambda _, *trial: Landscape()(*trial))
+
+
+class Backwards(RandomSearch):
+    """A search of one's own."""
+
+    name = "backwards"
+
+
+def to_the_left(result: TrialResult) -> float:
+    """Distance to the left."""
+    return result.deviation.signed if result.deviation is not None else 0.0
+
+
+def test_the_package_is_callable_and_light() -> None:
+    subprocess.run([sys.executable, "-c", LIGHT], check=True)
+
+
+def test_one_call_searches_in_simulation(capsys: pytest.CaptureFixture[str]) -> None:
+    seen: list[int] = []
+    result = hexctl.adapt(
+        failed_leg=4,
+        budget=2,
+        duration_s=3.0,
+        prior="none",
+        seed=2,
+        on_trial=lambda _, trial: seen.append(trial.index),
+    )
+    assert seen == [1, 2]
+    assert (result.ended, result.trouble, result.walked) == ("budget", None, 2)
+    assert result.best is not None
+    assert result.best in result.trials
+    assert result.to_dict()["best"]["code"] == result.best.code
+    assert result.overview is not None
+    assert all(Path(trial.recording or "").stat().st_size > 10_000 for trial in result.trials)
+    assert f"best code {result.best.code}" in repr(result)
+    assert "".join(capsys.readouterr()) == ""
+
+
+@pytest.mark.usefixtures("landscape")
+def test_a_session_is_continued_with_more_budget() -> None:
+    whole = adapt(5, budget=9, optimizer="pso", record=False, folder="whole")
+    part = adapt(5, budget=4, optimizer="pso", record=False)
+    with pytest.raises(InputError, match="--budget: got 4, of which 4 are walked"):
+        Adaptation.resume(part.session.name, budget=4, record=False)
+    resumed = Adaptation.resume(part.session.name, budget=9, record=False).run()
+    assert (resumed.walked, resumed.trials) == (5, whole.trials)
+
+
+@pytest.mark.usefixtures("landscape")
+def test_optimizer_and_objective_of_ones_own() -> None:
+    result = adapt(5, budget=5, optimizer=Backwards, objective=to_the_left, record=False)
+    spec = result.session.spec
+    assert (spec.optimizer, spec.objective) == (f"{__name__}:Backwards", f"{__name__}:to_the_left")
+    assert (spec.objective_label, spec.objective_unit) == ("Distance to the left", "")
+    assert result.best is not None
+    assert result.best.score == min(
+        trial.outcome["deviation_m"]["signed"] for trial in result.trials if trial.valid
+    )
+    resumed = Adaptation.resume(result.session.name, budget=8, record=False).run()
+    assert resumed.walked == 3
+
+
+@pytest.mark.usefixtures("landscape")
+def test_those_that_cannot_be_imported_are_given_again() -> None:
+    class Local(Backwards):
+        pass
+
+    parts: dict[str, Any] = {"optimizer": Local, "objective": lambda result: -to_the_left(result)}
+    result = adapt(5, budget=3, record=False, **parts)
+    with pytest.raises(InputError, match="cannot be loaded"):
+        Adaptation.resume(result.session.name, budget=4, record=False)
+    resumed = Adaptation.resume(result.session.name, budget=4, record=False, **parts)
+    assert resumed.run().walked == 1
+
+
+@pytest.mark.usefixtures("landscape")
+def test_a_stop_can_be_requested() -> None:
+    stopping: list[bool] = []
+    spec = new_spec(failed_leg=5, prior="none", budget=6)
+    adaptation = Adaptation(spec, record=False)
+    result = adaptation.run(on_trial=lambda *_: stopping.append(True), stop_requested=lambda: bool(stopping))
+    assert (result.ended, result.walked, result.session.ended) == ("interrupted", 1, None)
+    with pytest.raises(NotBegunError):
+        Adaptation(spec, record=False).run(stop_requested=lambda: True)
+    assert len(list_sessions()) == 1
+
+
+class Measures:
+    """An operator who measures the same each time."""
+
+    def __init__(self) -> None:
+        self.placed: list[int] = []
+
+    def place(self, index: int, code: int) -> bool:
+        self.placed.append(code)
+        return True
+
+    def measure(self, index: int, *, at_most_m: float) -> Answer:
+        return Answer(word="measured", distance_m=0.9 * at_most_m / 2, signed_m=0.1)
+
+
+def test_a_connected_robot_and_an_operator() -> None:
+    operator = Measures()
+    result = adapt(
+        5, budget=2, duration_s=1.0, servos=Blind(shipped()), operator=operator, prior="none", record=False
+    )
+    assert [trial.score for trial in result.trials] == [pytest.approx(0.1)] * 2
+    assert operator.placed == [trial.code for trial in result.trials]
+    assert result.session.spec.backend == "tests.cli.adaptkits:Blind"
+    (robot,) = Kit.made
+    assert robot.closed
+
+
+def test_a_robot_that_stops_raises_and_the_session_stays() -> None:
+    with pytest.raises(RobotStoppedError, match="estop"):
+        adapt(
+            5,
+            budget=3,
+            duration_s=1.0,
+            self_rotation="none",
+            backend="tests.cli.adaptkits:EStopped",
+            prior="none",
+            record=False,
+        )
+    (session,) = list_sessions()
+    assert len(session.trials) == 1
+    result = Adaptation.resume(session.name, record=False, servos=EStopped(shipped())).run()
+    assert (result.ended, result.walked) == ("budget", 2)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"failed_leg": 7}, "7"),
+        ({"world": "mars"}, "mars"),
+        ({"budget": 0}, "--budget: got 0; allowed: 1..100000"),
+        ({"optimizer": "magic"}, "magic"),
+        ({"optimizer": Landscape}, "allowed: a name, or a subclass of Optimizer"),
+        ({"objective": "speed"}, "speed"),
+        ({"objective": 3}, "allowed: a name, an Objective, or a function"),
+        ({"arena_m": 3.0}, "--arena: got it with --backend sim"),
+        ({"backend": "mock", "world": "flat"}, "--world: got flat with --backend mock"),
+    ],
+)
+def test_bad_input_is_refused_before_a_session_exists(options: dict[str, Any], words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        adapt(**{"failed_leg": 5, **options})
+    assert not Path("runs").exists()
+
+
+def test_an_operator_is_needed_to_measure() -> None:
+    spec = new_spec(failed_leg=5, backend="mock", ask=True, prior="none")
+    with pytest.raises(InputError, match="operator: got none"):
+        Adaptation(spec)
+
+
+def test_a_robot_without_a_position_is_refused() -> None:
+    with pytest.raises(RobotFaultError, match="knows no position"):
+        adapt(5, backend="mock", duration_s=0.5, record=False)
+
+
+@pytest.mark.usefixtures("landscape")
+def test_sessions_are_listed_exported_and_deleted() -> None:
+    assert list_sessions() == []
+    with pytest.raises(InputError, match="none yet"):
+        load_session("nobody")
+    result = adapt(5, budget=3, record=False)
+    (session,) = list_sessions()
+    assert session.name == result.session.name
+    assert load_session(session.name).trials == result.trials
+    export_session(session.name, "trials.csv")
+    assert len(Path("trials.csv").read_text().splitlines()) == 4
+    delete_session(session.name)
+    assert list_sessions() == []
+
+
+def test_a_search_without_a_valid_trial_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(TrialRunner, "walk", lambda *_: WalkedTrial(result=result_of(0.1, "fell")))
+    result = adapt(5, budget=2, record=False)
+    assert (result.best, result.to_dict()["found"]) == (None, False)
+    assert "no valid trial" in repr(result)
