@@ -3,12 +3,12 @@
 import threading
 import time
 from contextlib import ExitStack
-from dataclasses import dataclass, fields
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 
-from hexctl.backends.base import LegServos, check_connected, check_targets
+from hexctl.backends.base import LegServos, as_robot, check_connected, check_targets
 from hexctl.backends.clock import Clock, CountedClock, WallClock
 from hexctl.backends.mavlink import messages
 from hexctl.backends.mavlink.codec import Codec
@@ -26,11 +26,11 @@ from hexctl.robot.servo_map import ServoMap
 from hexctl.types import FloatArray, JointTargets, RobotState
 from hexctl.waiting import wait_for
 
-#: Between two heartbeats, before and after a board has answered.
-HAIL_S, BEAT_S = 0.2, 1.0
+#: Period of heartbeats before and after a board has answered.
+SEARCH_PERIOD_S, HEARTBEAT_PERIOD_S = 0.2, 1.0
 
-#: How long the thread waits for something before it looks whether a heartbeat is due.
-LOOK_S = 0.05
+#: How long the receiving thread blocks before it checks whether a heartbeat is due.
+RECEIVE_TIMEOUT_S = 0.05
 
 #: Severity of a STATUSTEXT from which it is a fault: error, critical, alert, emergency.
 ERROR_SEVERITY = 3
@@ -47,7 +47,7 @@ class Peer:
 
 @dataclass(frozen=True, slots=True)
 class Stamped:
-    """Something that came, and when, on time.monotonic."""
+    """A received value, and when it arrived, on time.monotonic."""
 
     value: Any
     at_s: float
@@ -55,16 +55,16 @@ class Stamped:
 
 @dataclass(slots=True)
 class LinkCounters:
-    """What the link did so far.
+    """Counters of a link.
 
     Attributes:
         received: messages of the board.
-        lost: messages of the board that never came, by their sequence numbers.
-        out_of_order: that came after a later one, or twice; they are not used.
-        refused: that hold numbers which cannot be.
-        foreign: messages of others.
-        malformed: runs of bytes that were no message of ours: noise, MAVLink 1, unsigned, another dialect.
-        dropped: messages of ours that the port could not take.
+        lost: messages of the board that never arrived, by their sequence numbers.
+        out_of_order: messages that arrived after a later one, or twice; they are not used.
+        refused: messages with impossible values.
+        foreign: messages of other systems.
+        malformed: runs of undecodable bytes: noise, MAVLink 1, unsigned frames, another dialect.
+        dropped: outgoing messages that the port could not take.
         clipped: commands that a pulse limit changed.
     """
 
@@ -77,12 +77,8 @@ class LinkCounters:
     dropped: int = 0
     clipped: int = 0
 
-    def as_json(self) -> dict[str, int]:
-        """Return all counts."""
-        return {field.name: getattr(self, field.name) for field in fields(self)}
 
-
-#: What is kept of each message, by its kind: under which name, and how it is read.
+#: Messages that are kept, by kind: name to keep them under, and decoder.
 READERS = {
     "ACTUATOR_OUTPUT_STATUS": ("outputs", messages.outputs_of),
     "ATTITUDE": ("attitude", messages.orientation_of),
@@ -95,16 +91,16 @@ READERS = {
 
 
 class Receiver:
-    """Hears one board from `start` to `stop`, and tells it once a second that somebody is there.
+    """Receives from one board between `start` and `stop`, in a thread, and sends it heartbeats.
 
-    The first system that beats as a servo board may is the board; everything from others is counted and
-    dropped.
+    The first system whose heartbeat has the type of a servo board is the board; messages of other systems
+    are counted and dropped.
 
     Attributes:
         peer: the board, or None before its first heartbeat.
-        wrong_type: MAV_TYPE of a system that was heard and is no servo board, or None.
+        wrong_type: MAV_TYPE of a system that was received but is not a servo board, or None.
         error: why the port has gone, or None.
-        counters: what came.
+        counters: what was received.
     """
 
     def __init__(self, link: MavlinkLink, counters: LinkCounters) -> None:
@@ -115,36 +111,36 @@ class Receiver:
         self.error: OSError | None = None
         self._newest: dict[str, Stamped] = {}
         self._sequence = SequenceCount()
-        self._over = threading.Event()
+        self._stopping = threading.Event()
         self._thread = threading.Thread(target=self._run, name="mavlink", daemon=True)
 
     def start(self) -> None:
-        """Begin to hear and to hail."""
+        """Begin to receive and to send heartbeats."""
         self._thread.start()
 
     def stop(self) -> None:
-        """Say goodbye and end the thread."""
-        self._over.set()
+        """End the thread and announce the end to the board."""
+        self._stopping.set()
         self._thread.join()
         if self.peer is not None and self.error is None:
             self._beat(messages.POWEROFF)
 
     def newest(self, name: str) -> Stamped | None:
-        """Return the newest of what is kept under a name, or None before the first."""
+        """The newest value kept under a name, or None before the first."""
         return self._newest.get(name)
 
     def _run(self) -> None:
         beat_at_s = time.monotonic()
-        while not self._over.is_set() and self.error is None:
+        while not self._stopping.is_set() and self.error is None:
             try:
-                for arrival in self._link.receive(LOOK_S):
+                for arrival in self._link.receive(RECEIVE_TIMEOUT_S):
                     self._take(arrival)
             except OSError as error:
                 self.error = error
             self.counters.malformed, self.counters.dropped = self._link.malformed, self._link.dropped
             if time.monotonic() >= beat_at_s:
                 self._beat(messages.ACTIVE)
-                beat_at_s = time.monotonic() + (HAIL_S if self.peer is None else BEAT_S)
+                beat_at_s = time.monotonic() + (SEARCH_PERIOD_S if self.peer is None else HEARTBEAT_PERIOD_S)
 
     def _beat(self, state: int) -> None:
         try:
@@ -155,7 +151,7 @@ class Receiver:
             self.error = error
 
     def _take(self, arrival: Arrival) -> None:
-        """Keep what the board says; count everything else."""
+        """Keep messages of the board; count everything else."""
         frame = arrival.frame
         if self.peer is None and frame.kind == "HEARTBEAT":
             self._meet(arrival)
@@ -173,7 +169,7 @@ class Receiver:
             self.counters.refused += 1
 
     def _meet(self, arrival: Arrival) -> None:
-        """Take whoever beats for the board if it can be one."""
+        """Take the sender of a heartbeat for the board if its type allows it."""
         frame = arrival.frame
         if frame.system == messages.CONTROLLER_SYSTEM:
             return
@@ -194,87 +190,94 @@ class Receiver:
             self._newest["error"] = Stamped(messages.name_of(message), at_s)
 
 
-#: How long a board may take to beat, and then to say where its servos are.
-PATIENCE_S = 3.0
+#: How long a board may take for its first heartbeat, and then for its first servo positions.
+CONNECT_TIMEOUT_S = 3.0
 
-#: A pose this much older than the outputs is none.
+#: A pose this much older than the outputs is not used.
 STALE_POSE_S = 0.2
 
-#: A battery reading older than this is none.
+#: A battery reading older than this is not used.
 STALE_BATTERY_S = 10.0
 
 #: How long an error text of the board is a fault.
 ERROR_TEXT_S = 2.0
 
-#: Where between two states of the board this end's ticks fall: as far from both as can be.
+#: Where between two states of the board the ticks of this end fall: as far from both as possible.
 PHASE = 0.5
 
 WHO = "the servo board"
 
 
 class MavlinkServos(LegServos):
-    """The controller's end of a servo board.
+    """Client of a servo board.
 
-    One RC_CHANNELS_OVERRIDE per `write`, whole microseconds, pulse limits last. What comes back is an echo
-    unless the board says that it measures. `read` gives one snapshot per tick; its age grows while
-    the board is silent, which is for the guard to judge. `close` lets nothing go: the board holds the pose.
+    Each `write` sends one RC_CHANNELS_OVERRIDE in whole microseconds, after the pulse limits. States are an
+    echo unless the board reports measured positions. `read` gives one snapshot per tick; its age grows while
+    the board is silent, which the guard judges. After `close` the board holds the pose.
+
+    Args:
+        robot: the robot that the servos belong to, or the name or path of its file.
+        servo_map: conversion between joint angles and pulses.
+        port: `udpout:HOST:PORT`, `udpin:HOST:PORT`, or a serial device.
+        clock: a wall clock in phase with the board unless given.
+        signing_key: 32 bytes that sign all frames, or None.
 
     Attributes:
-        counters: what the link did so far.
+        counters: counters of the link.
     """
 
     def __init__(
         self,
-        robot: Robot,
+        robot: Robot | str,
         *,
         servo_map: ServoMap,
         port: str,
         clock: Clock | None = None,
         signing_key: bytes | None = None,
     ) -> None:
-        self._robot = robot
+        self._robot = as_robot(robot)
         self._map = servo_map
         self._port_text, self._address = port, parse_port(port)
-        # A clock that somebody else began runs on an axis of its own.
+        # The phase of a clock that was given is left alone.
         self._wall = WallClock() if clock is None else None
         self._clock = CountedClock(clock or self._wall or WallClock())
         self._signing_key = signing_key
         self.counters = LinkCounters()
         self._opened: ExitStack | None = None
-        self._assumed_rad = robot.stance_angles_rad.copy()
+        self._assumed_rad = self._robot.stance_angles_rad.copy()
         self._snapshot: tuple[int, RobotState] | None = None
 
     @property
     def robot(self) -> Robot:
-        """Return the robot that the servos belong to."""
+        """The robot that the servos belong to."""
         return self._robot
 
     @property
     def clock(self) -> Clock:
-        """Return this end's clock."""
+        """The clock of this end."""
         return self._clock
 
     @property
     def link_counts(self) -> dict[str, int]:
-        """Return `counters` as the interface wants them."""
-        return self.counters.as_json()
+        """`counters` by name."""
+        return asdict(self.counters)
 
     @property
     def servo_map(self) -> ServoMap:
-        """Return the servo map in use."""
+        """The servo map in use."""
         return self._map
 
     def remap(self, servo_map: ServoMap) -> None:
         """Use another servo map from now on: the pulses stay, and mean other angles.
 
-        A guard in front of these servos must be cleared at once, or it takes the change for a movement.
+        A guard around these servos must be cleared right after, or it takes the change for a movement.
         """
         self._assumed_rad = servo_map.angles_rad(self._map.pulses_us(self._assumed_rad))
         self._map = servo_map
         self._snapshot = None
 
     def connect(self) -> None:
-        """Open the port, hear the board's heartbeat and where its servos are.
+        """Open the port, and wait for the heartbeat of the board and its servo positions.
 
         Raises RobotFaultError that says what to check.
         """
@@ -296,7 +299,7 @@ class MavlinkServos(LegServos):
             self._opened = opening.pop_all()
 
     def read(self) -> RobotState:
-        """Return the newest state; the same one until the next tick.
+        """Newest state; the same one until the next tick.
 
         Raises RobotFaultError when not connected or when the port has gone.
         """
@@ -306,7 +309,7 @@ class MavlinkServos(LegServos):
         return self._snapshot[1].copy()
 
     def write(self, targets: JointTargets) -> JointTargets:
-        """Send targets as pulses; return them, or the nearest that the pulse limits allow."""
+        """Send targets as pulses; the result is the nearest targets that the pulse limits allow."""
         check_connected(self._opened is not None, WHO)
         check_targets(targets)
         sent = targets
@@ -319,13 +322,13 @@ class MavlinkServos(LegServos):
         return sent
 
     def disable_torque(self) -> bool:
-        """Let all servos go until the next targets."""
+        """Release all servos until the next targets."""
         check_connected(self._opened is not None, WHO)
         self._send(messages.release(self._peer.system, self._peer.component))
         return True
 
     def close(self) -> None:
-        """Say goodbye and close the port; the board holds the pose."""
+        """Announce the end and close the port; the board holds the pose."""
         if self._opened is not None:
             opened, self._opened = self._opened, None
             opened.close()
@@ -345,16 +348,16 @@ class MavlinkServos(LegServos):
         return f"the port {self._port_text} has gone ({error.strerror or error}); is the cable still in?"
 
     def _await_peer(self) -> Peer:
-        """Wait for the board's heartbeat."""
+        """Wait for the heartbeat of the board."""
 
         def peer() -> Peer | None:
             self._check_port()
             return self._receiver.peer
 
-        return wait_for(peer, PATIENCE_S, self._no_heartbeat, poll_s=0.002)
+        return wait_for(peer, CONNECT_TIMEOUT_S, self._no_heartbeat, poll_s=0.002)
 
     def _no_heartbeat(self) -> str:
-        """Return what to say and check when no servo board beats."""
+        """Error message for a missing heartbeat, with what to check."""
         if self._receiver.wrong_type is not None:
             return (
                 f"a MAVLink system of type {self._receiver.wrong_type} is at {self._port_text}, no servo "
@@ -362,12 +365,12 @@ class MavlinkServos(LegServos):
             )
         heard = f"{self._link.received_bytes} bytes came, {self.counters.malformed} runs of them no MAVLink 2"
         return (
-            f"no heartbeat of a servo board at {self._port_text} within {PATIENCE_S:g} s ({heard}); is it "
-            "on, are port and baud rate right, and has it the same signing key or none?"
+            f"no heartbeat of a servo board at {self._port_text} within {CONNECT_TIMEOUT_S:g} s ({heard}); "
+            "is it on, are port and baud rate right, and has it the same signing key, or none?"
         )
 
     def _await_outputs(self) -> None:
-        """Wait until the board says where its servos are, and lay this end's ticks between its states."""
+        """Wait for the servo positions of the board, and put the ticks of this end between its states."""
 
         def first_outputs() -> Stamped | None:
             self._check_port()
@@ -377,12 +380,12 @@ class MavlinkServos(LegServos):
             f"the servo board at {self._port_text} sends no ACTUATOR_OUTPUT_STATUS with pulses in "
             "microseconds; see docs/firmware.md"
         )
-        outputs = wait_for(first_outputs, PATIENCE_S, message, poll_s=0.002)
+        outputs = wait_for(first_outputs, CONNECT_TIMEOUT_S, message, poll_s=0.002)
         if self._wall is not None:
             self._wall.begin(outputs.at_s - self._clock.period_s * PHASE)
 
     def _newest(self) -> RobotState:
-        """Return the state that the newest messages hold."""
+        """State put together from the newest messages."""
         self._check_port()
         now_s = time.monotonic()
         outputs = self._receiver.newest("outputs")
@@ -407,10 +410,10 @@ class MavlinkServos(LegServos):
         )
 
     def _positions(self, outputs: messages.Outputs, *, measured: bool) -> FloatArray:
-        """Return the joint angles that the board's outputs mean.
+        """Joint angles of the outputs of the board.
 
-        Where a servo without feedback is that is not driven, nobody knows: it counts as where it was sent
-        last, and before that as in the stance.
+        The position of a servo without feedback that is not driven is unknown: its last target counts, and
+        before the first one the stance.
         """
         told = self._map.to_rad(outputs.pulses_us)
         unknown = np.isnan(told)
@@ -419,9 +422,9 @@ class MavlinkServos(LegServos):
         return np.where(unknown, self._assumed_rad, told)
 
     def _pose(self, outputs_at_s: float) -> tuple[FloatArray | None, FloatArray | None]:
-        """Return position and orientation; lost when outputs go on without them, not when all is silent.
+        """Position and orientation; None once outputs keep arriving without them, but not in silence.
 
-        A board with an inertial sensor and nothing more knows its orientation alone.
+        A board with an inertial sensor alone has an orientation and no position.
         """
         if (odometry := _fresh(self._receiver.newest("odometry"), outputs_at_s, STALE_POSE_S)) is not None:
             return odometry.value.position_world, odometry.value.quaternion_world
@@ -432,7 +435,7 @@ class MavlinkServos(LegServos):
         return None if position is None else position.value, attitude.value
 
     def _battery(self, now_s: float) -> messages.Battery:
-        """Return the newest reading of the battery; BATTERY_STATUS goes before SYS_STATUS."""
+        """Newest reading of the battery; BATTERY_STATUS has priority over SYS_STATUS."""
         for name in ("battery", "system"):
             reading = _fresh(self._receiver.newest(name), now_s, STALE_BATTERY_S)
             if reading is not None and reading.value.voltage_v is not None:
@@ -441,7 +444,7 @@ class MavlinkServos(LegServos):
         return messages.Battery(None, None)
 
     def _fault(self, now_s: float, battery: messages.Battery) -> str | None:
-        """Return what is wrong with the board, or None."""
+        """Fault of the board, or None."""
         least, voltage = self._map.low_battery_v, battery.voltage_v
         if least is not None and voltage is not None and voltage < least:
             return f"low battery {voltage:.1f} V"
@@ -455,5 +458,5 @@ class MavlinkServos(LegServos):
 
 
 def _fresh(stamped: Stamped | None, now_s: float, within_s: float) -> Stamped | None:
-    """Return what came if it is not too old."""
+    """The value if it is not too old."""
     return stamped if stamped is not None and now_s - stamped.at_s <= within_s else None

@@ -29,20 +29,20 @@ NEW_STREAM_SLACK_S = 60
 
 KEY_BYTES = 32
 
-#: What decoding may raise for bytes that are none of ours, whatever they are.
+#: What pymavlink may raise for arbitrary bytes.
 DECODING_ERRORS = (common.MAVError, ValueError, TypeError, IndexError, KeyError, struct.error)
 
 
 @dataclass(frozen=True, slots=True)
 class Frame:
-    """A whole message that came.
+    """A received message.
 
     Attributes:
         message: as pymavlink decodes it.
         kind: its name, such as `HEARTBEAT`.
         sequence: its number modulo 256.
-        system: who sent it.
-        component: which part of it.
+        system: identifier of the sending system.
+        component: identifier of its component.
     """
 
     message: Any
@@ -53,15 +53,14 @@ class Frame:
 
 
 class Codec:
-    """One end's encoder and decoder.
+    """Encoder and decoder of one end.
 
     MAVLink 1 is not understood. A frame whose checksum is wrong costs only its first byte, so that garbage in
     front of a good frame does not swallow it. With a key, frames are signed and unsigned ones
     refused; without one, signed frames are.
 
     Attributes:
-        malformed: runs of bytes so far that were no frame, and frames that were wrong or not signed with
-            the key.
+        malformed: runs of undecodable bytes so far, and frames that were damaged or not signed with the key.
     """
 
     def __init__(self, system: int, component: int, *, signing_key: bytes | None = None) -> None:
@@ -77,7 +76,7 @@ class Codec:
             self._mavlink.signing.timestamp = _stamp_now()
 
     def encode(self, message: Any, sequence: int) -> bytes:
-        """Return the frame of a message, numbered modulo 256."""
+        """The frame of a message; its sequence number counts modulo 256."""
         mavlink = self._mavlink
         if mavlink.signing.sign_outgoing:
             # pymavlink counts one up per frame; as time it stays true to what the receiver compares it with.
@@ -87,12 +86,12 @@ class Codec:
         return frame
 
     def decode(self, data: bytes, *, whole: bool) -> list[Frame]:
-        """Return the messages in bytes that came.
+        """The messages in received bytes.
 
         Args:
-            data: what came, anything.
+            data: the bytes, arbitrary.
             whole: True for a datagram, which holds whole frames only; False for a stream, whose last frame
-                may go on in the next bytes.
+                may continue in the next bytes.
         """
         if whole:
             self._in_garbage = False
@@ -104,7 +103,7 @@ class Codec:
         return frames
 
     def _scan(self, data: bytearray) -> tuple[list[Frame], int]:
-        """Return the frames in bytes and where the last unfinished one begins."""
+        """The frames in bytes, and where the last unfinished one begins."""
         frames: list[Frame] = []
         at = 0
         while True:
@@ -127,16 +126,16 @@ class Codec:
                 at += length
 
     def _garbage(self) -> None:
-        """Count a run of bytes that are no frame, once."""
+        """Count a run of undecodable bytes, once."""
         self.malformed += 0 if self._in_garbage else 1
         self._in_garbage = True
 
     def _frame(self, data: bytearray) -> Frame | None:
-        """Return the message in the bytes of one frame, or None."""
+        """The message in the bytes of one frame, or None."""
         if int.from_bytes(data[7:10], "little") not in common.mavlink_map:
             return None
         if data[2] & SIGNED and self._mavlink.signing.secret_key is None:
-            # Whoever signs wants signatures: taken here, its commands' answers would look like a good link.
+            # A peer that signs expects signatures: accepting its frames would look like a working link.
             return None
         try:
             message = self._mavlink.decode(data)
@@ -146,7 +145,7 @@ class Codec:
 
 
 def _frame_length(data: bytearray, at: int) -> int | None:
-    """Return the length of the frame that begins here, None while that is not known, 0 if none does."""
+    """Length of the frame that begins here, None while it is unknown, 0 if none begins here."""
     if len(data) < at + 3:
         return None
     payload, flags = data[at + 1], data[at + 2]
@@ -156,19 +155,19 @@ def _frame_length(data: bytearray, at: int) -> int | None:
 
 
 def _stamp_now() -> int:
-    """Return the time stamp of a signature made now."""
+    """Time stamp of a signature made now."""
     return int((time.time() - EPOCH_2015_S) * STAMPS_PER_S)
 
 
 class _Mavlink(common.MAVLink):  # type: ignore[misc]  # pymavlink has no types
-    """pymavlink's protocol with one hole closed.
+    """pymavlink's protocol with one vulnerability closed.
 
-    As it comes, it takes over the time stamp of a frame before it looks at the signature: one forged frame
-    from the far future locks out the owner of the key.
+    pymavlink takes over the time stamp of a frame before it checks the signature: one forged frame from the
+    far future locks out the owner of the key.
     """
 
     def check_signature(self, msgbuf: bytearray, srcSystem: int, srcComponent: int) -> bool:  # noqa: N803
-        """Return whether a signed frame is ours and newer than all before it on its stream."""
+        """Whether a frame is signed with the key and newer than all before it on its stream."""
         signing = self.signing
         signature = hashlib.sha256(signing.secret_key + msgbuf[:-6]).digest()[:6]
         if not hmac.compare_digest(signature, bytes(msgbuf[-6:])):
@@ -188,7 +187,7 @@ KEY_FILE = "mavlink.key"
 
 
 def read_signing_key(folder: Path | None) -> bytes | None:
-    """Return the key in a folder, or None without a folder.
+    """The signing key in a folder, or None without a folder.
 
     The file holds 32 bytes, or the 64 hexadecimal digits of them. Raises InputError for anything else.
     """
@@ -217,7 +216,7 @@ def read_signing_key(folder: Path | None) -> bytes | None:
 
 
 def write_signing_key(folder: Path) -> Path:
-    """Make a new key in a folder, for its owner's eyes only, and return its file.
+    """Write a new key to a folder, readable for its owner only; the result is its file.
 
     Raises InputError where there is one already, or it cannot be written.
     """

@@ -1,6 +1,10 @@
-"""The MAVLink messages that a controller and a servo board exchange, as values; no port, no thread.
+"""MAVLink messages between a controller and a servo board, as values; no port, no thread.
 
-Every number that comes is checked here: what is not finite, or cannot be, is no message.
+Received numbers are checked here: a message with values that are not finite or impossible is refused.
+
+MAVLink has a north-east-down world and a forward-right-down body; hexctl has z up and y left (REP 103). Both
+pairs share their x axis and differ by half a turn about it, so the same map leads both ways: y and z of a
+vector change sign, and so do y and z of a quaternion; roll stays, pitch and yaw change sign.
 """
 
 import math
@@ -13,18 +17,18 @@ from pymavlink.dialects.v20 import common
 from hexctl.errors import MessageError
 from hexctl.types import N_JOINTS, ArrayFields, BoolArray, FloatArray
 
-#: Who we are: a ground system's number, as overrides come from one, and an onboard computer's component.
+#: Identifiers of the controller: a ground system, as overrides come from one, and an onboard computer.
 CONTROLLER_SYSTEM = 255
 CONTROLLER_COMPONENT = common.MAV_COMP_ID_ONBOARD_COMPUTER
 
-#: Who a servo board is.
+#: Identifiers of a servo board.
 BOARD_SYSTEM = 1
 BOARD_COMPONENT = common.MAV_COMP_ID_AUTOPILOT1
 
-#: Types under which a servo board may show itself; 13 is a drone with six rotors.
+#: Types that a servo board may have; 13 is a drone with six rotors.
 BOARD_TYPES = (common.MAV_TYPE_GENERIC, common.MAV_TYPE_ONBOARD_CONTROLLER)
 
-#: States of a system, as its heartbeat has them.
+#: States of a system in its heartbeat.
 STANDBY, ACTIVE, CRITICAL, EMERGENCY, POWEROFF = (
     common.MAV_STATE_STANDBY,
     common.MAV_STATE_ACTIVE,
@@ -33,7 +37,8 @@ STANDBY, ACTIVE, CRITICAL, EMERGENCY, POWEROFF = (
     common.MAV_STATE_POWEROFF,
 )
 
-#: In an override: leave this channel alone; let it go (channels 1..8, and 9..18, where 0 is "not commanded").
+#: Values of an override: leave the channel as it is; release it (channels 1..8, and 9..18, where 0 means
+#: "not commanded").
 IGNORE_US, RELEASE_LOW_US, RELEASE_HIGH_US = 65535, 0, 65534
 FIRST_HIGH = 8
 
@@ -52,7 +57,7 @@ ODOMETRY_FRAMES = (common.MAV_FRAME_LOCAL_NED, common.MAV_FRAME_LOCAL_FRD)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Outputs(ArrayFields):
-    """What a board says of its channels.
+    """Channels reported by a board.
 
     Attributes:
         pulses_us: by channel, (18,).
@@ -65,7 +70,7 @@ class Outputs(ArrayFields):
 
 @dataclass(frozen=True, slots=True)
 class Battery:
-    """What a board says of its battery; None where it does not know."""
+    """Battery reported by a board: voltage and share left, 0 to 1; None where unknown."""
 
     voltage_v: float | None
     share: float | None
@@ -80,36 +85,36 @@ class Pose(ArrayFields):
 
 
 def heartbeat(kind: int, autopilot: int, state: int) -> Any:
-    """Return a HEARTBEAT."""
+    """A HEARTBEAT."""
     return common.MAVLink_heartbeat_message(kind, autopilot, 0, 0, state, 3)
 
 
 def controller_heartbeat(state: int = ACTIVE) -> Any:
-    """Return the HEARTBEAT of whoever commands."""
+    """The HEARTBEAT of a controller."""
     return heartbeat(common.MAV_TYPE_ONBOARD_CONTROLLER, common.MAV_AUTOPILOT_INVALID, state)
 
 
 def override(pulses_us: FloatArray, system: int, component: int) -> Any:
-    """Return the one message that moves all servos; pulses by channel (18,) become whole microseconds."""
+    """The message that moves all servos; pulses by channel (18,) become whole microseconds."""
     channels = [round(pulse) for pulse in pulses_us.tolist()]
     return common.MAVLink_rc_channels_override_message(system, component, *channels)
 
 
 def release(system: int, component: int) -> Any:
-    """Return the message that lets all servos go."""
+    """The message that releases all servos."""
     channels = [RELEASE_LOW_US] * FIRST_HIGH + [RELEASE_HIGH_US] * (N_JOINTS - FIRST_HIGH)
     return common.MAVLink_rc_channels_override_message(system, component, *channels)
 
 
 def channels_of(message: Any) -> list[int]:
-    """Return the 18 raw values of an RC_CHANNELS_OVERRIDE."""
+    """The 18 raw values of an RC_CHANNELS_OVERRIDE."""
     return [getattr(message, f"chan{channel}_raw") for channel in range(1, N_JOINTS + 1)]
 
 
 def outputs_of(message: Any) -> Outputs:
-    """Return what an ACTUATOR_OUTPUT_STATUS says.
+    """The channels of an ACTUATOR_OUTPUT_STATUS.
 
-    Raises MessageError for a pulse in use that no servo has.
+    Raises MessageError for an active channel with an impossible pulse.
     """
     pulses = np.array(message.actuator[:N_JOINTS], dtype=float)
     active = np.array([message.active >> channel & 1 for channel in range(N_JOINTS)], dtype=bool)
@@ -120,9 +125,9 @@ def outputs_of(message: Any) -> Outputs:
 
 
 def orientation_of(message: Any) -> FloatArray:
-    """Return the orientation, REP 103, of an ATTITUDE or ATTITUDE_QUATERNION, (w, x, y, z).
+    """The orientation, REP 103, of an ATTITUDE or ATTITUDE_QUATERNION, (w, x, y, z).
 
-    Raises MessageError for one that is none.
+    Raises MessageError for an invalid orientation.
     """
     if message.get_type() == "ATTITUDE":
         return flipped_quaternion(
@@ -134,9 +139,9 @@ def orientation_of(message: Any) -> FloatArray:
 
 
 def position_of(message: Any) -> FloatArray:
-    """Return the position, z up, of a LOCAL_POSITION_NED, (3,) in m.
+    """The position, z up, of a LOCAL_POSITION_NED, (3,) in m.
 
-    Raises MessageError for one that is not finite.
+    Raises MessageError for a position that is not finite.
     """
     return flipped_vector(
         np.array([_finite(value, "LOCAL_POSITION_NED") for value in (message.x, message.y, message.z)])
@@ -144,9 +149,9 @@ def position_of(message: Any) -> FloatArray:
 
 
 def pose_of(message: Any) -> Pose:
-    """Return the pose of an ODOMETRY.
+    """The pose of an ODOMETRY.
 
-    Raises MessageError for another frame than x forward, z down, and for what is not finite.
+    Raises MessageError for another frame than x forward, z down, and for values that are not finite.
     """
     if message.frame_id not in ODOMETRY_FRAMES:
         raise MessageError(f"ODOMETRY: got frame {message.frame_id}; allowed: {ODOMETRY_FRAMES}")
@@ -155,7 +160,7 @@ def pose_of(message: Any) -> Pose:
 
 
 def battery_of(message: Any) -> Battery:
-    """Return what a BATTERY_STATUS or SYS_STATUS says of the battery."""
+    """The battery of a BATTERY_STATUS or SYS_STATUS."""
     share = message.battery_remaining / 100 if 0 <= message.battery_remaining <= 100 else None
     if message.get_type() == "SYS_STATUS":
         known = [message.voltage_battery] if message.voltage_battery != 65535 else []
@@ -166,7 +171,7 @@ def battery_of(message: Any) -> Battery:
 
 
 def name_of(message: Any) -> str:
-    """Return the name of a NAMED_VALUE_INT, or the text of a STATUSTEXT, printable characters only."""
+    """The name of a NAMED_VALUE_INT, or the text of a STATUSTEXT, printable characters only."""
     raw = message.name if message.get_type() == "NAMED_VALUE_INT" else message.text
     text = raw.decode("ascii", errors="replace") if isinstance(raw, bytes) else str(raw)
     return "".join(letter for letter in text.split("\0")[0] if letter.isprintable()).strip()
@@ -179,7 +184,7 @@ def _finite(value: float, what: str) -> float:
 
 
 def _unit(components: list[float], what: str) -> FloatArray:
-    """Return an orientation of length 1, flipped to REP 103."""
+    """An orientation of length 1, converted to REP 103."""
     quaternion = np.array(components, dtype=float)
     length = float(np.linalg.norm(quaternion))
     if not abs(length - 1) < QUATERNION_SLACK:  # false for nan too
@@ -195,17 +200,17 @@ FLIP_QUATERNION = np.array([1.0, 1.0, -1.0, -1.0])
 
 
 def flipped_vector(vector: FloatArray) -> FloatArray:
-    """Return a vector (3,) of one frame in the other."""
+    """A vector (3,) of one frame in the other."""
     return np.asarray(vector * FLIP_VECTOR)
 
 
 def flipped_quaternion(quaternion: FloatArray) -> FloatArray:
-    """Return an orientation (w, x, y, z) of one pair of frames in the other."""
+    """An orientation (w, x, y, z) of one pair of frames in the other."""
     return np.asarray(quaternion * FLIP_QUATERNION)
 
 
 def quaternion_of_euler(roll_rad: float, pitch_rad: float, yaw_rad: float) -> FloatArray:
-    """Return the orientation (w, x, y, z) of aerospace angles: yaw about z, then pitch, then roll."""
+    """Orientation (w, x, y, z) of aerospace angles: yaw about z, then pitch, then roll."""
     cr, sr = math.cos(roll_rad / 2), math.sin(roll_rad / 2)
     cp, sp = math.cos(pitch_rad / 2), math.sin(pitch_rad / 2)
     cy, sy = math.cos(yaw_rad / 2), math.sin(yaw_rad / 2)
@@ -220,7 +225,7 @@ def quaternion_of_euler(roll_rad: float, pitch_rad: float, yaw_rad: float) -> Fl
 
 
 def euler_of_quaternion(quaternion: FloatArray) -> tuple[float, float, float]:
-    """Return roll, pitch and yaw in rad of an orientation (w, x, y, z)."""
+    """Roll, pitch and yaw in rad of an orientation (w, x, y, z)."""
     w, x, y, z = quaternion.tolist()
     roll = math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
     pitch = math.asin(max(-1.0, min(1.0, 2 * (w * y - z * x))))

@@ -16,10 +16,10 @@ from typing import Any, Literal
 from hexctl.backends.mavlink.codec import Codec, Frame
 from hexctl.errors import InputError, RobotFaultError
 
-#: Where a board on this computer listens unless told otherwise.
+#: Default port of a board.
 DEFAULT_BOARD_PORT = "udpin:127.0.0.1:14550"
 
-#: Where the other end looks for it.
+#: Default port of a client.
 DEFAULT_PORT = "udpout:127.0.0.1:14550"
 
 DEFAULT_BAUD = 115_200
@@ -30,10 +30,10 @@ ALLOWED = "udpin:HOST:PORT, udpout:HOST:PORT, or a serial device such as /dev/tt
 
 @dataclass(frozen=True, slots=True)
 class PortAddress:
-    """A port as values.
+    """Address of a port.
 
     Attributes:
-        kind: `udpin` waits to be spoken to, `udpout` speaks first, `serial` is a device.
+        kind: `udpin` waits for peers, `udpout` sends first, `serial` is a device.
         place: host name or address, or path of the device.
         number: UDP port, or baud rate.
     """
@@ -44,7 +44,7 @@ class PortAddress:
 
     @property
     def local(self) -> bool:
-        """Return whether nobody beyond this computer and its cables can speak there."""
+        """Whether only this computer and its cables reach the port."""
         if self.kind == "serial" or self.place == "localhost":
             return True
         try:
@@ -54,7 +54,7 @@ class PortAddress:
 
 
 def parse_port(text: str) -> PortAddress:
-    """Return what a port's text says.
+    """The address of a text such as `udpout:HOST:PORT` or `/dev/ttyACM0:115200`.
 
     Raises InputError for anything else.
     """
@@ -72,7 +72,7 @@ def parse_port(text: str) -> PortAddress:
 
 
 def check_guarded(address: PortAddress, *, option: str, text: str, signed: bool, insecure: bool) -> None:
-    """Raise InputError for a port that others on the network reach, without a signature, unless told to."""
+    """Raise InputError for an unsigned port that the network reaches, unless `insecure`."""
     if not (address.local or signed or insecure):
         raise InputError(
             f"{option}: got {text}, where anybody on the network could move the servos; "
@@ -80,22 +80,22 @@ def check_guarded(address: PortAddress, *, option: str, text: str, signed: bool,
         )
 
 
-#: Who sent something; None on a stream, which has one other end.
+#: Address of a sender; None on a stream, which has one other end.
 Address = Any
 
-#: More than any datagram of MAVLink, and than what a stream holds between two looks.
+#: Bytes per read: more than any MAVLink datagram, and than a stream holds between two reads.
 CHUNK = 65_536
 
-#: Datagrams or chunks taken at one go, so that a flood cannot keep a reader from its other work.
-MOST_AT_ONCE = 64
+#: Datagrams per call, so that a flood cannot keep a reader from its other work.
+MAX_DATAGRAMS = 64
 
 
 class Port(ABC):
     """An opened port.
 
     Attributes:
-        datagrams: True where what is received is whole frames with a sender's address.
-        dropped: frames so far that could not be sent because the port was full or nobody was there.
+        datagrams: True where whole frames are received, with the address of the sender.
+        dropped: frames so far that could not be sent: the port was full, or no peer was there.
     """
 
     datagrams = False
@@ -105,7 +105,7 @@ class Port(ABC):
 
     @abstractmethod
     def receive(self, timeout_s: float) -> list[tuple[bytes, Address]]:
-        """Return what came, with its senders, after waiting for something for a while.
+        """Received bytes with their senders, after waiting up to `timeout_s` for the first.
 
         Raises OSError when the port has gone.
         """
@@ -120,7 +120,7 @@ class Port(ABC):
 
 
 class UdpPort(Port):
-    """A UDP socket: bound where others come to, or bound to the one peer it speaks to."""
+    """A UDP socket: bound to an address that peers send to, or connected to one peer."""
 
     datagrams = True
 
@@ -135,7 +135,7 @@ class UdpPort(Port):
             if address.kind == "udpin":
                 self._socket.bind(where)
             else:
-                # The kernel then passes on only what comes from there.
+                # The kernel then delivers only what this peer sends.
                 self._socket.connect(where)
         except BaseException:
             self._socket.close()
@@ -143,30 +143,30 @@ class UdpPort(Port):
         self._speaks_first = address.kind == "udpout"
 
     def receive(self, timeout_s: float) -> list[tuple[bytes, Address]]:
-        """Return the datagrams that came."""
+        """Datagrams received."""
         came: list[tuple[bytes, Address]] = []
         if not select.select([self._socket], [], [], max(0.0, timeout_s))[0]:
             return came
-        while len(came) < MOST_AT_ONCE:
+        while len(came) < MAX_DATAGRAMS:
             try:
                 data, sender = self._socket.recvfrom(CHUNK)
             except BlockingIOError:
                 break
             except ConnectionError:
-                # The system says that nobody listened when something was sent there: no news.
+                # The peer did not listen when something was sent to it: not an error.
                 continue
             came.append((data, None if self._speaks_first else sender))
         return came
 
     def send(self, frame: bytes, to: Address) -> None:
-        """Send a datagram; one that nobody takes is dropped."""
+        """Send a datagram; it is dropped if it cannot be delivered."""
         try:
             if self._speaks_first:
                 self._socket.send(frame)
             elif to is not None:
                 self._socket.sendto(frame, to)
         except OSError:
-            # Nobody there, no route for the moment, buffer full: silence tells, as with a lost datagram.
+            # No peer, no route for the moment, buffer full: like a lost datagram.
             self.dropped += 1
 
     def close(self) -> None:
@@ -180,11 +180,11 @@ class StreamPort(Port):
     def __init__(self, descriptor: int, close: Callable[[], None]) -> None:
         super().__init__()
         self._descriptor, self._close = descriptor, close
-        self._rest = b""
+        self._unsent = b""
         os.set_blocking(descriptor, False)
 
     def receive(self, timeout_s: float) -> list[tuple[bytes, Address]]:
-        """Return the bytes that came."""
+        """Bytes received."""
         if not select.select([self._descriptor], [], [], max(0.0, timeout_s))[0]:
             return []
         try:
@@ -197,22 +197,22 @@ class StreamPort(Port):
 
     def send(self, frame: bytes, to: Address) -> None:
         """Send a frame; one that does not fit is dropped whole, never torn."""
-        self._rest = self._written(self._rest)
-        if self._rest:
+        self._unsent = self._written(self._unsent)
+        if self._unsent:
             self.dropped += 1
             return
-        rest = self._written(frame)
-        if len(rest) == len(frame):
+        unsent = self._written(frame)
+        if len(unsent) == len(frame):
             self.dropped += 1
         else:
-            self._rest = rest
+            self._unsent = unsent
 
     def close(self) -> None:
         """Close the descriptor."""
         self._close()
 
     def _written(self, data: bytes) -> bytes:
-        """Write what fits and return the rest."""
+        """Write what fits; the result is the remainder."""
         if not data:
             return data
         try:
@@ -237,14 +237,14 @@ def open_port(address: PortAddress, *, text: str) -> Port:
 
 
 def open_serial(address: PortAddress) -> StreamPort:
-    """Open a serial device for this program alone, and forget what came before."""
+    """Open a serial device exclusively, and discard what it has buffered."""
     import serial
 
     device = serial.Serial(address.place, address.number, timeout=0, write_timeout=0, exclusive=True)
     try:
         device.reset_input_buffer()
         port = StreamPort(device.fileno(), device.close)
-        # What a long wait left in the system's buffers is older than it looks.
+        # What waited in the buffers of the system is older than its arrival suggests.
         while port.receive(0.0):
             pass
     except BaseException:
@@ -254,7 +254,7 @@ def open_serial(address: PortAddress) -> StreamPort:
 
 
 class PtyPort(StreamPort):
-    """A pseudo-terminal that others open like a serial device.
+    """A pseudo-terminal that clients open like a serial device.
 
     Attributes:
         path: the device to open.
@@ -264,7 +264,7 @@ class PtyPort(StreamPort):
         master, slave = os.openpty()
         tty.setraw(slave)
         self.path = os.ttyname(slave)
-        # The slave stays open here: without it, the master could not be read while nobody is connected.
+        # The slave stays open here: without it, the master could not be read while no client is connected.
         self._both = (master, slave)
         super().__init__(master, self._close_both)
 
@@ -276,17 +276,17 @@ class PtyPort(StreamPort):
 #: Sequence numbers count modulo this.
 MODULUS = 256
 
-#: A sender that was silent for this long may have begun anew: its number says nothing.
+#: A sender that was silent for this long may have restarted: its next number is not compared.
 FORGET_AFTER_S = 0.5
 
 
 @dataclass(slots=True)
 class SequenceCount:
-    """Follows one sender.
+    """Counts lost and reordered frames of one sender by their sequence numbers.
 
     Attributes:
-        lost: frames that never came, by their numbers.
-        out_of_order: frames that came after a later one, or twice.
+        lost: frames that never arrived.
+        out_of_order: frames that arrived after a later one, or twice.
     """
 
     lost: int = 0
@@ -295,16 +295,16 @@ class SequenceCount:
     _at_s: float = 0.0
 
     def in_order(self, number: int, at_s: float) -> bool:
-        """Return whether a frame is newer than all before it, and count what is missing between them.
+        """Whether a frame is newer than all before it; frames missing in between are counted.
 
-        A number is taken for the nearer of its two meanings: up to 127 ahead is later, else it is earlier. A
-        gap longer than that cannot be told from fewer losses.
+        Numbers count modulo 256: up to 127 ahead is later, everything else is earlier. A longer gap cannot
+        be told from fewer losses.
         """
         newest, silent_s = self._newest, at_s - self._at_s
         ahead = 1 if newest is None or silent_s > FORGET_AFTER_S else (number - newest) % MODULUS
         if not 1 <= ahead < MODULUS // 2:
             self.out_of_order += 1
-            # What came late was counted as lost when its successor came; what came twice was not.
+            # A late frame was counted as lost when its successor arrived; a repeated one was not.
             self.lost -= 1 if ahead and self.lost else 0
             return False
         self.lost += ahead - 1
@@ -314,12 +314,12 @@ class SequenceCount:
 
 @dataclass(frozen=True, slots=True)
 class Arrival:
-    """A frame that came.
+    """A received frame.
 
     Attributes:
-        frame: what it says and who says that it sent it.
-        sender: the address it came from, None on a stream.
-        at_s: when, on time.monotonic.
+        frame: the message and the system it names as its sender.
+        sender: address that it was received from, None on a stream.
+        at_s: when it arrived, on time.monotonic.
     """
 
     frame: Frame
@@ -332,10 +332,10 @@ MOST_ADDRESSES = 64
 
 
 class MavlinkLink:
-    """Sends from any thread; receives on one.
+    """A port with a codec: messages out, frames in; sends from any thread, receives on one.
 
     Attributes:
-        received_bytes: everything that came so far.
+        received_bytes: bytes received so far.
     """
 
     def __init__(self, port: Port, codec: Codec) -> None:
@@ -346,16 +346,16 @@ class MavlinkLink:
 
     @property
     def malformed(self) -> int:
-        """Return how many runs of bytes so far were no frame of ours."""
+        """Runs of undecodable bytes so far."""
         return self._codec.malformed
 
     @property
     def dropped(self) -> int:
-        """Return how many frames so far could not be sent."""
+        """Frames so far that could not be sent."""
         return self._port.dropped
 
     def send(self, message: Any, to: Address = None) -> None:
-        """Send a message, or drop it where the port is full; raises OSError when the port has gone."""
+        """Send a message, or drop it if the port is full; raises OSError when the port has gone."""
         with self._sending:
             # Each receiver counts lost frames by these numbers, so each address has its own.
             sequence = self._sequences.pop(to, -1) + 1
@@ -366,7 +366,7 @@ class MavlinkLink:
             self._port.send(self._codec.encode(message, sequence), to)
 
     def receive(self, timeout_s: float) -> list[Arrival]:
-        """Return the frames that came, waiting for something for a while.
+        """Frames received, after waiting up to `timeout_s` for the first.
 
         Raises OSError when the port has gone.
         """

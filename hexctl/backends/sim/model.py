@@ -1,4 +1,4 @@
-"""Compile robot, world and failure into one dm_control Physics in its start state."""
+"""The simulated model: robot, world and failure compiled into one dm_control Physics in its start state."""
 
 import math
 from dataclasses import dataclass
@@ -30,14 +30,14 @@ FIRST_JOINT = 7
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Simulation(ArrayFields):
-    """A compiled simulation in its start state, and what the servos must know of it.
+    """A compiled simulation in its start state.
 
     Attributes:
         physics: dm_control Physics; qpos is base position, base quaternion, 18 joints.
-        world: what it was made from.
+        world: the world it was made from.
         floor: the floor it stands on.
-        joint_offsets_rad: calibration error per joint: true angle - angle the servo believes, (18,).
-        jammed: joints that hold `jammed_at_rad` whatever they are told, (18,).
+        joint_offsets_rad: calibration error per joint: true angle - angle reported by the servo, (18,).
+        jammed: joints that hold `jammed_at_rad` regardless of their targets, (18,).
         jammed_at_rad: (18,).
     """
 
@@ -52,9 +52,9 @@ class Simulation(ArrayFields):
 def make_simulation(
     robot: Robot, world: World, failure: Failure | None = None, seed: int = 0, facing_rad: float = 0.0
 ) -> Simulation:
-    """Return the simulation of a robot that stands in a world, with a failed leg if one is given.
+    """The simulation of a robot that stands in a world, with a failed leg if one is given.
 
-    `facing_rad` is the yaw in which it is put down.
+    `facing_rad` is the yaw in which the robot is put down.
     """
     floor = make_floor(world, seed)
     body = make_body(robot)
@@ -75,7 +75,7 @@ def make_simulation(
 
 
 def _load_trunk(body: Any, robot: Robot, world: World) -> None:
-    """Make the trunk heavier or lighter and shift its mass; its shape stays where it is."""
+    """Change and shift the mass of the trunk; its shape stays where it is."""
     if not world.added_mass_share and not any(world.body_mass_shift_m):
         return
     mass_kg = robot.body.mass_kg + world.added_mass_share * robot.mass_kg
@@ -113,7 +113,7 @@ def _load_payload(body: Any, world: World) -> None:
 
 
 def _make_world(world: World, floor: Floor) -> Any:
-    """Return an mjcf model with the physics options and the floor."""
+    """An mjcf model with the physics options and the floor."""
     root = mjcf.RootElement(model="world")
     root.compiler.angle = "radian"
     root.option.timestep = world.time_step_s
@@ -148,7 +148,7 @@ def _make_world(world: World, floor: Floor) -> Any:
 
 
 def _check_order(physics: Any) -> None:
-    """Make sure that joints and actuators lie in leg-major order, which every array relies on."""
+    """Raise unless joints and actuators are in leg-major order, which every array relies on."""
     expected = [f"leg{leg}/{kind}" for leg in range(1, N_LEGS + 1) for kind in JOINT_KINDS]
     model = physics.model
     joints = [model.id2name(index, "joint") for index in range(1, N_JOINTS + 1)]
@@ -159,14 +159,14 @@ def _check_order(physics: Any) -> None:
 
 
 def _fill_heights(physics: Any, floor: Floor) -> None:
-    """Write the bumps into the compiled height field, which wants 0..1."""
+    """Write the bumps into the compiled height field, scaled to 0..1."""
     if floor.heights_m is not None:
         spread = floor.heights_m - floor.heights_m.min()
         physics.model.hfield_data[:] = (spread / spread.max()).ravel()
 
 
 def _scale_servos(physics: Any, world: World) -> None:
-    """Weaken or soften the servos as the world says."""
+    """Scale torque limit and stiffness of the servos by the world."""
     model = physics.model
     model.actuator_forcerange[:] *= world.servo_strength
     model.actuator_gainprm[:, 0] *= world.servo_stiffness
@@ -186,7 +186,7 @@ def _set_start_state(physics: Any, robot: Robot, floor: Floor, facing_rad: float
 
 
 def _joint_offsets(world: World, seed: int) -> FloatArray:
-    """Return the calibration errors of a world."""
+    """Calibration errors of the joints, (18,)."""
     given = world.joint_offset_deg
     if isinstance(given, tuple):
         return np.radians(given)
@@ -195,7 +195,7 @@ def _joint_offsets(world: World, seed: int) -> FloatArray:
 
 
 def _turned(quaternion: FloatArray, yaw_rad: float) -> FloatArray:
-    """Return an orientation (w, x, y, z) after a turn about the body's own vertical."""
+    """An orientation (w, x, y, z) after a turn about the vertical of the body."""
     cos, sin = math.cos(yaw_rad / 2), math.sin(yaw_rad / 2)
     w, x, y, z = quaternion
     return np.array([w * cos - z * sin, x * cos + y * sin, y * cos - x * sin, z * cos + w * sin])
@@ -210,7 +210,7 @@ NO_CONTACT = {"contype": 0, "conaffinity": 0}
 
 
 def make_body(robot: Robot) -> Any:
-    """Return the mjcf model of a robot; its leg k is the attachment `leg{k}`."""
+    """The mjcf model of a robot; its leg k is the attachment `leg{k}`."""
     root = mjcf.RootElement(model=robot.name)
     trunk = root.worldbody.add("body", name="trunk")
     length, width, height = robot.body.size_m
@@ -231,7 +231,7 @@ def make_body(robot: Robot) -> Any:
 
 
 def _make_leg(robot: Robot, name: str) -> Any:
-    """Return one leg whose plane is x outward, z up: three links, three servos, a foot and its sensor."""
+    """One leg in the plane of x outward and z up: three links, three servos, a foot and its touch sensor."""
     leg = mjcf.RootElement(model=name)
     leg.compiler.angle = "radian"
     parent: Any = leg.worldbody
@@ -261,7 +261,7 @@ def _make_leg(robot: Robot, name: str) -> Any:
 
 
 def _link_end(robot: Robot, index: int) -> list[float]:
-    """Return where a link's solid ends; the tibia's ends short of the foot, so the foot touches first."""
+    """End of the capsule of a link; the tibia ends before the foot, so that the foot touches first."""
     outward, up = robot.link_vectors_m[index]
     share = 1.0
     if JOINT_KINDS[index] == "tibia":
@@ -297,17 +297,17 @@ def _add_servo(leg: Any, link: Any, robot: Robot, index: int) -> None:
     )
 
 
-#: A jammed gear train is this much stiffer than its servo, and no torque moves it.
+#: Stiffness and torque limit of a jammed joint, as multiples of its servo's.
 JAM_STIFFNESS = 20.0
 
-#: What is left of the mass of a missing leg: MuJoCo needs some.
+#: Remaining share of the mass of a missing leg: MuJoCo needs some.
 MISSING_MASS_SHARE = 1e-4
 
 
 def inject_failure(physics: Any, robot: Robot, failure: Failure | None) -> tuple[BoolArray, FloatArray]:
-    """Change the model so that the leg fails.
+    """Change the compiled model so that the leg fails.
 
-    Returns which joints hold a fixed angle whatever they are told, and that angle; (18,) each.
+    The result is which joints hold a fixed angle regardless of their targets, and that angle; (18,) each.
     """
     jammed = np.zeros(N_JOINTS, dtype=bool)
     jammed_at = robot.stance_angles_rad.copy()
@@ -329,7 +329,7 @@ def inject_failure(physics: Any, robot: Robot, failure: Failure | None) -> tuple
 
 
 def _check_angle(robot: Robot, failure: Failure) -> None:
-    """Refuse a joint stuck where it cannot go."""
+    """Raise InputError for a joint stuck outside its range."""
     joint = JOINTS_PER_LEG * (failure.leg - 1) + JOINT_KINDS.index(failure.joint)
     if not robot.joint_lower_rad[joint] <= failure.angle_rad <= robot.joint_upper_rad[joint]:
         low, high = np.degrees([robot.joint_lower_rad[joint], robot.joint_upper_rad[joint]])
@@ -351,14 +351,14 @@ def _jam(physics: Any, jammed: BoolArray, jammed_at: FloatArray, failure: Failur
 
 
 def _scale_torque(physics: Any, joints: slice, fraction: float) -> None:
-    """Multiply every torque that the leg's servos make."""
+    """Scale all torques of the servos of a leg."""
     model = physics.model
     for array in (model.actuator_gainprm, model.actuator_biasprm, model.actuator_forcerange):
         array[joints] *= fraction
 
 
 def _remove_leg(physics: Any, leg: int) -> None:
-    """Let a leg touch nothing and weigh next to nothing."""
+    """Remove the contacts of a leg and almost all of its mass."""
     model = physics.model
     for geom in range(model.ngeom):
         if _belongs_to(model.id2name(geom, "geom"), leg):
@@ -371,5 +371,5 @@ def _remove_leg(physics: Any, leg: int) -> None:
 
 
 def _belongs_to(name: str, leg: int) -> bool:
-    """Return whether a compiled name, robot/leg/part, is of leg 1..6."""
+    """Whether a compiled name, robot/leg/part, belongs to leg 1..6."""
     return name.split("/")[1:2] == [f"leg{leg}"]

@@ -18,7 +18,7 @@ EDGE_M = 1.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Floor(ArrayFields):
-    """The floor as numbers, for the physics and for drawing.
+    """Geometry of a floor, for the physics and for rendering.
 
     Attributes:
         quaternion_world: orientation of the floor's plane (w, x, y, z).
@@ -31,7 +31,7 @@ class Floor(ArrayFields):
     heights_m: FloatArray | None
 
     def highest_near_origin_m(self, radius_m: float) -> float:
-        """Return the greatest height within a radius of the origin."""
+        """Greatest height within a radius of the origin."""
         if self.heights_m is None:
             return 0.0
         axis = np.linspace(-ROUGH_HALF_SIZE_M, ROUGH_HALF_SIZE_M, ROUGH_CELLS)
@@ -40,7 +40,7 @@ class Floor(ArrayFields):
 
 
 def make_floor(world: World, seed: int) -> Floor:
-    """Return the floor of a world; the bumps are drawn with the seed."""
+    """The floor of a world; its bumps are drawn with the seed."""
     slope, uphill = math.radians(world.slope_deg), math.radians(world.slope_direction_deg)
     # Turning x toward z is a negative turn about y, so uphill along x turns about -y.
     axis = np.array([math.sin(uphill), -math.cos(uphill), 0.0])
@@ -53,7 +53,7 @@ def make_floor(world: World, seed: int) -> Floor:
 
 
 def _bumps(world: World, seed: int) -> FloatArray:
-    """Return Gaussian-correlated noise of the wanted standard deviation, smoothed in the Fourier domain."""
+    """Gaussian-correlated noise of the standard deviation of the world, smoothed in the Fourier domain."""
     white = np.random.default_rng(seed).standard_normal((ROUGH_CELLS, ROUGH_CELLS))
     cell_m = 2 * ROUGH_HALF_SIZE_M / ROUGH_CELLS
     frequency = np.fft.fftfreq(ROUGH_CELLS, d=cell_m)
@@ -67,7 +67,7 @@ def _bumps(world: World, seed: int) -> FloatArray:
 
 
 def _inside() -> FloatArray:
-    """Return 1 inside the patch and a slope to 0 over its edge, (cells, cells)."""
+    """1 inside the patch, falling to 0 over its edge, (cells, cells)."""
     axis = np.linspace(-ROUGH_HALF_SIZE_M, ROUGH_HALF_SIZE_M, ROUGH_CELLS)
     share = np.clip((ROUGH_HALF_SIZE_M - np.abs(axis)) / EDGE_M, 0.0, 1.0)
     return np.asarray(np.minimum(share[:, np.newaxis], share))

@@ -324,7 +324,7 @@ def test_losses_and_noise_are_counted(tmp_path: Path) -> None:
 class TestConnecting:
     @pytest.fixture(autouse=True)
     def _impatient(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        monkeypatch.setattr(client, "PATIENCE_S", 0.5)
+        monkeypatch.setattr(client, "CONNECT_TIMEOUT_S", 0.5)
 
     def connecting(self, folder: Path, port: str) -> str:
         """Return in which words connecting fails."""

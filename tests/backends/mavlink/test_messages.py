@@ -9,6 +9,8 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from hexctl.backends.mavlink.messages import (
+    Outputs,
+    Pose,
     euler_of_quaternion,
     flipped_quaternion,
     flipped_vector,
@@ -65,3 +67,11 @@ def test_signs_of_roll_pitch_and_yaw(
     quaternion = flipped_quaternion(quaternion_of_euler(roll, pitch, yaw))
     expected = [math.cos(turn / 2), *(math.sin(turn / 2) * np.array(axis))]
     np.testing.assert_allclose(quaternion, expected, atol=1e-12)
+
+
+def test_what_a_board_says_compares_by_value() -> None:
+    active = np.ones(18, dtype=bool)
+    pulses = np.where(np.arange(18) == 3, np.nan, 1500.0)
+    assert Outputs(pulses, active) == Outputs(pulses.copy(), active.copy())
+    assert Outputs(pulses, active) != Outputs(pulses, ~active)
+    assert Pose(np.zeros(3), np.eye(4)[0]) == Pose(np.zeros(3), np.eye(4)[0])

@@ -123,3 +123,10 @@ def test_no_foot_starts_inside_a_rough_floor(name: str, seed: int) -> None:
     physics = make_simulation(shipped(name), World(roughness_m=0.02), seed=seed).physics
     assert physics.data.ncon == 0 or physics.data.contact.dist.min() > -1e-3
     np.testing.assert_array_equal(physics.data.qpos[FIRST_JOINT:], shipped(name).stance_angles_rad)
+
+
+def test_floors_of_one_world_and_seed_are_equal() -> None:
+    rough = World(roughness_m=0.005)
+    assert make_floor(rough, 1) == make_floor(rough, 1)
+    assert make_floor(rough, 1) != make_floor(rough, 2)
+    assert make_floor(World(), 1) == make_floor(World(), 2) != make_floor(World(slope_deg=3), 1)
