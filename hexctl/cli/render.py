@@ -1,20 +1,12 @@
 """Results as text and tables."""
 
-import math
 import shlex
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-import numpy as np
 from rich.console import RenderableType
 from rich.table import Table
 from rich.text import Text
-
-from hexctl.backends.clock import PERIOD_S
-from hexctl.control.guard import Guard
-from hexctl.control.log import TickLog
-from hexctl.control.plan import TrialPlan
-from hexctl.control.result import TrialResult
 
 #: Width of the labels of a summary.
 LABEL_WIDTH = 9
@@ -27,35 +19,6 @@ HINTS = {
     "estop": "hexctl estop --clear when it may move again",
     "fault": "see to it, then hexctl estop --clear",
 }
-
-
-def report(
-    plan: TrialPlan,
-    result: TrialResult,
-    log: TickLog,
-    guard: Guard,
-    *,
-    wall_s: float,
-    gait_text: str,
-    facts: dict[str, Any],
-) -> dict[str, Any]:
-    """JSON object of `hexctl run --json`; every value is plain and finite, or null."""
-    work_us = log["work_s"] * 1e6  # (ticks,)
-    quantiles = np.percentile(work_us, [50, 99, 100]) if len(log) else np.zeros(3)
-    return {
-        "gait": {"name": gait_text, "slots": list(plan.gait.slots), "code": plan.gait.code(plan.failed_legs)},
-        "failed_leg": plan.failure.leg if plan.failure else None,
-        "failure": str(plan.failure) if plan.failure else None,
-        **result.numbers(),
-        "ideal_yaw_change_deg": math.degrees(plan.turn_rate_rad_s * result.duration_s),
-        "ticks": len(log),
-        "overruns": guard.clock.overruns,
-        "refused_commands": guard.counters.refused,
-        "servo_link": guard.link_counts or None,
-        "tick_us": dict(zip(("p50", "p99", "max"), (round(float(q), 1) for q in quantiles), strict=True)),
-        "realtime_factor": round(len(log) * PERIOD_S / wall_s, 2) if wall_s > 0 else None,
-        **facts,
-    }
 
 
 def plain_table(*columns: str) -> Table:

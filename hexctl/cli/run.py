@@ -1,10 +1,25 @@
 """`hexctl run`: walk."""
 
+import json
+import sys
+from contextlib import ExitStack
+from math import radians
 from pathlib import Path
-from typing import Annotated
+from types import TracebackType
+from typing import TYPE_CHECKING, Annotated, Any, Self
 
 import typer
 
+from hexctl.cli.console import (
+    INTERRUPTED,
+    RUNS,
+    StopOnInterrupt,
+    code_of,
+    make_bar,
+    note_no_window,
+    print_note,
+    print_result,
+)
 from hexctl.cli.options import (
     HEADING_DEG,
     AmplitudeOption,
@@ -28,6 +43,15 @@ from hexctl.cli.options import (
     failure_of,
     number,
 )
+from hexctl.errors import InputError, LimitError, ReachError, RecordingError, RobotFaultError
+
+if TYPE_CHECKING:
+    from hexctl.control.log import Recorder, TickLog
+    from hexctl.record.live import LiveView
+    from hexctl.record.run import Run, RunResult, RunSpec
+
+#: A simulated walk shorter than this has no progress bar.
+SHORT_S = 120.0
 
 
 def run(
@@ -81,50 +105,146 @@ def run(
     Ctrl-C stops softly and keeps the recording. Exit codes: 0 done, 2 bad input, 3 fault of robot or link,
     4 fell or was stopped, 130 interrupted.
     """
-    from math import radians
+    from hexctl.record.run import RunSpec
 
-    from hexctl.cli.walking import Request, execute
-    from hexctl.control.plan import TrialPlan
-    from hexctl.gait.gait import make_gait
-    from hexctl.robot.loader import load_robot_file
-
-    file = load_robot_file(robot)
-    described = file.robot
-    failed = failure_of(failed_leg, failure)
-    in_place = turn is not None and heading is None
-    plan = TrialPlan(
-        gait=make_gait(
-            described,
-            gait,
-            pace_hz=pace,
-            amplitude=amplitude,
-            height=height,
-            failed_legs=(failed.leg,) if failed else (),
-        ),
-        heading_rad=radians(heading or 0.0),
-        travel=0.0 if in_place else 1.0,
-        turn_rate_rad_s=radians(turn or 0.0),
-        duration_s=duration,
-        failure=failed,
-        self_rotation=self_rotation,
-    )
-    request = Request(
+    if no_record and (record is not None or view):
+        raise InputError("--no-record: got --record or --view too; allowed: one or the other")
+    spec = RunSpec(
         backend=backend,
-        robot=described,
+        robot=robot,
         world=world,
-        plan=plan,
-        gait_text=gait,
+        gait=gait,
+        pace_hz=pace,
+        amplitude=amplitude,
+        height=height,
+        heading_rad=None if heading is None else radians(heading),
+        turn_rate_rad_s=None if turn is None else radians(turn),
+        duration_s=duration,
+        failure=failure_of(failed_leg, failure),
+        self_rotation=self_rotation,
+        seed=seed,
         realtime=realtime,
         record=record,
-        no_record=no_record,
-        view=view,
-        seed=seed,
-        robot_file=file,
-        meshes={} if no_record else file.meshes,
+        record_folder=None if no_record or record is not None else RUNS,
         connect=connect,
         credentials=keys,
         insecure=insecure,
         link=link,
-        as_json=as_json,
     )
-    raise typer.Exit(execute(request))
+    raise typer.Exit(_walk(spec, view=view, as_json=as_json))
+
+
+def _walk(spec: "RunSpec", *, view: bool, as_json: bool) -> int:
+    """Walk, print the outcome, show it; the exit code."""
+    from hexctl.backends.clock import request_realtime_priority
+
+    run = _checked(spec)
+    live = None
+    with ExitStack() as stack:
+        interrupt = stack.enter_context(StopOnInterrupt())
+        try:
+            stack.enter_context(run)
+        except RobotFaultError:
+            if interrupt.requested():
+                return INTERRUPTED
+            raise
+        for note in run.notes:
+            print_note(f"hexctl: {note}")
+        if view and spec.paced and (live := _open_live(run)) is not None:
+            stack.enter_context(live)
+        if spec.paced:
+            request_realtime_priority()
+        quiet = as_json or (not spec.paced and spec.duration_s < SHORT_S)
+        progress = stack.enter_context(_WalkProgress(spec.duration_s, quiet=quiet))
+        recorders: list[Recorder] = [progress] if live is None else [progress, live]
+        done = run.walk(recorders=recorders, stop_requested=interrupt.requested)
+    print_result(*([json.dumps(done.outcome)] if as_json else _summary(done)))
+    if (error := done.recording_error) is not None:
+        raise RecordingError(f"the walk is done, its recording is not whole: {error}") from error
+    if live is not None and live.lost is not None:
+        print_note(f"hexctl: {live.lost}; the walk and its recording are whole")
+    elif view and not interrupt.requested():
+        _show(live, None if spec.paced else done.recording)
+    return INTERRUPTED if interrupt.requested() else code_of(done.trial)
+
+
+def _checked(spec: "RunSpec") -> "Run":
+    from hexctl.record.run import Run
+
+    try:
+        return Run(spec)
+    except (ReachError, LimitError) as error:
+        raise InputError(f"{error}; ask for a smaller --amplitude, --height or --turn") from error
+
+
+def _open_live(run: "Run") -> "LiveView | None":
+    """Viewer that shows a walk while it runs; None where there is no screen."""
+    from hexctl.record.live import open_window
+
+    live = open_window(note_no_window)
+    if live is not None:
+        looks = None if run.robot_file is None else str(run.robot_file)
+        live.begin(run.robot, run.plan, title=run.title, floor=run.floor, looks=looks)
+    return live
+
+
+def _show(live: "LiveView | None", recording: Path | None) -> None:
+    """Leave a live view open until it is closed; open the recording of a walk that was not shown live."""
+    if live is not None:
+        print_note("close the viewer, or press Ctrl-C, to end")
+        live.wait()
+    elif recording is not None:
+        from hexctl.record.viewer import open_viewer
+
+        try:
+            open_viewer([recording])
+        except RecordingError as error:
+            print_note(f"hexctl: {error}")
+
+
+def _summary(done: "RunResult") -> list[Any]:
+    from hexctl.cli.render import summary
+
+    return summary(done.outcome)
+
+
+class _WalkProgress:
+    """Recorder that shows on stderr how far a walk is; silent when told so or when stderr is no terminal."""
+
+    def __init__(self, total_s: float, *, quiet: bool) -> None:
+        from hexctl.backends.clock import PERIOD_S
+        from hexctl.control.log import BLOCK_TICKS
+
+        self.block_ticks: int | None = BLOCK_TICKS
+        self._total_s, self._period_s = total_s, PERIOD_S
+        self._quiet = quiet or not sys.stderr.isatty()
+        self._bar: Any = None
+
+    def __enter__(self) -> Self:
+        if not self._quiet:
+            self._bar = make_bar("{task.completed:.0f} of {task.total:.0f} s")
+            self._task = self._bar.add_task(_doing("settle"), total=self._total_s)
+            self._bar.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._bar is not None:
+            self._bar.stop()
+
+    def write_block(self, log: "TickLog", start: int, stop: int) -> None:
+        """Move the bar to where the log is."""
+        if self._bar is not None:
+            walked_s = min(self._total_s, log.walked_ticks * self._period_s)
+            self._bar.update(self._task, completed=walked_s, description=_doing(log.phase))
+
+
+def _doing(phase: str) -> str:
+    what = {
+        "settle": "standing up",
+        "turn": "turning the failed leg away",
+        "walk": "walking",
+        "stop": "stopping",
+    }
+    return f"{what[phase]} (Ctrl-C stops softly)"

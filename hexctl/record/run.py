@@ -1,0 +1,426 @@
+"""One walk on any backend, recorded: what `hexctl run` does, as a library call."""
+
+import math
+import time
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from datetime import datetime
+from functools import cached_property
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+
+from hexctl.backends.base import connection_notes
+from hexctl.backends.clock import PERIOD_S
+from hexctl.backends.registry import BackendOptions, check_options, make_servos
+from hexctl.backends.sim.terrain import Floor, make_floor
+from hexctl.backends.sim.world import World, load_world
+from hexctl.control.guard import Guard
+from hexctl.control.log import (
+    BLOCK_TICKS,
+    PACED_BLOCK_TICKS,
+    Recorder,
+    RecorderFailure,
+    Recorders,
+    TickLog,
+)
+from hexctl.control.plan import TrialPlan
+from hexctl.control.result import TrialResult
+from hexctl.control.trial import StopRequested, never, run_trial
+from hexctl.control.turning import check_plan
+from hexctl.errors import InputError, MissingExtraError
+from hexctl.gait.gait import Gait, make_gait
+from hexctl.record.rrd import probe_file
+from hexctl.robot.failure import Failure
+from hexctl.robot.loader import RobotFile, load_robot_file
+from hexctl.robot.model import Robot
+
+if TYPE_CHECKING:
+    from hexctl.control.controllers import Controller
+    from hexctl.control.trial import MakeController
+    from hexctl.record.recording import Recording
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RunSpec:
+    """What a run does: which robot, where, and how it walks.
+
+    Attributes:
+        backend: `sim`, `zenoh`, `mavlink`, `mock`, or `package.module:Class` for other servos. Options that
+            it would ignore are refused.
+        robot: a shipped name, a robot file, or a robot.
+        world: a name, a file, a member of a family such as `randomised:7`, or a world; None is `flat`. Only
+            with `sim`, or own servos that take one.
+        gait: a name, a code, six slots, or a gait.
+        pace_hz: gait cycles per second; None is the robot's, as for the next two.
+        amplitude: stride as a fraction of the robot's size.
+        height: height of a step as a fraction of the robot's size.
+        heading_rad: direction of travel, counter-clockwise from forward; None is forward, or none at all in a
+            turn in place.
+        turn_rate_rad_s: rate of turning, counter-clockwise. Without a heading the robot turns in place.
+        duration_s: how long to walk.
+        failure: the failed leg, or None.
+        self_rotation: where the failed leg points before the walk: `rear`, `front` or `none`.
+        seed: of everything random in a simulation.
+        realtime: pace a simulation with the wall clock.
+        record: new .rrd file to record to; None for no recording, or for one in `record_folder`.
+        record_folder: folder in which a new recording is named by time, robot and gait.
+        connect: where the robot is: a Zenoh endpoint, or a MAVLink port; None is the backend's default.
+        credentials: folder with the certificates of a link beyond loopback, or None.
+        insecure: True to let a link beyond loopback do without certificates.
+        link: name or path of a link file, or None.
+    """
+
+    backend: str = "sim"
+    robot: str | Path | Robot = "ant"
+    world: str | Path | World | None = None
+    gait: str | int | Sequence[int] | Gait = "demo"
+    pace_hz: float | None = None
+    amplitude: float | None = None
+    height: float | None = None
+    heading_rad: float | None = None
+    turn_rate_rad_s: float | None = None
+    duration_s: float = 30.0
+    failure: Failure | None = None
+    self_rotation: str = "rear"
+    seed: int = 0
+    realtime: bool = False
+    record: Path | None = None
+    record_folder: Path | None = None
+    connect: str | None = None
+    credentials: Path | None = None
+    insecure: bool = False
+    link: str | None = None
+
+    @property
+    def simulated(self) -> bool:
+        """Whether the robot is a simulation in this process."""
+        return self.backend == "sim"
+
+    @property
+    def paced(self) -> bool:
+        """Whether a wall clock paces the walk."""
+        return self.realtime or not self.simulated
+
+    @property
+    def records(self) -> bool:
+        """Whether the walk is recorded."""
+        return self.record is not None or self.record_folder is not None
+
+    @property
+    def gait_text(self) -> str:
+        """Name, code or slots of the gait."""
+        gait = self.gait.slots if isinstance(self.gait, Gait) else self.gait
+        return str(gait) if isinstance(gait, str | int) else ",".join(str(slot) for slot in gait)
+
+    def check(self) -> None:
+        """Raise InputError for options that the backend would ignore, and for a recording that cannot be."""
+        if self.seed < 0:
+            raise InputError(f"seed: got {self.seed}; allowed: 0 or more")
+        check_options(
+            self.backend,
+            world=self.world,
+            seed=self.seed,
+            realtime=self.realtime,
+            connect=self.connect,
+            credentials=self.credentials,
+            insecure=self.insecure,
+            link=self.link,
+        )
+        steps = {"pace_hz": self.pace_hz, "amplitude": self.amplitude, "height": self.height}
+        for name, value in steps.items() if isinstance(self.gait, Gait) else ():
+            if value is not None:
+                raise InputError(f"{name}: got {value} with a Gait; allowed: with a name, a code or slots")
+        if self.record is not None:
+            probe_file(Path(self.record))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RunResult:
+    """Result of a run.
+
+    Attributes:
+        trial: result of the trial.
+        outcome: everything as plain values, the object that `hexctl run --json` prints.
+        recording: the recording, or None.
+        recording_error: why the recording is incomplete, or None.
+        recorder_failures: recorders that raised and were left out from then on.
+        log: every tick.
+    """
+
+    trial: TrialResult
+    outcome: dict[str, Any]
+    recording: Path | None
+    recording_error: Exception | None
+    recorder_failures: tuple[RecorderFailure, ...]
+    log: TickLog
+
+    def to_dict(self) -> dict[str, Any]:
+        """The outcome, plain and finite values or None."""
+        return dict(self.outcome)
+
+
+class Run:
+    """A run: as a context manager it connects the robot and opens the recording, `walk` walks.
+
+    Everything that can be refused is refused when it is made, before anything is opened or moves.
+
+    Attributes:
+        spec: what it does.
+        robot: the robot of the spec.
+        plan: the trial of the spec.
+        notes: once connected, what an operator should know about the robot that answered.
+    """
+
+    def __init__(self, spec: RunSpec) -> None:
+        """Check a spec.
+
+        Raises InputError for what is not allowed, ReachError or LimitError for a walk that the legs cannot
+        make.
+        """
+        spec.check()
+        self.spec = spec
+        self._file: RobotFile | None = None
+        if isinstance(spec.robot, Robot):
+            self.robot = spec.robot
+        else:
+            self._file = load_robot_file(spec.robot)
+            self.robot = self._file.robot
+        self.plan = _plan_of(spec, self.robot)
+        self._meshes = self._file.meshes if self._file is not None and spec.records else {}
+        check_plan(self.robot, self.plan)
+        world = "flat" if spec.world is None else spec.world
+        self._world = world if isinstance(world, World) else load_world(str(world))
+        self.notes: tuple[str, ...] = ()
+        self._guard: Guard | None = None
+        self._recording: Recording | None = None
+        self._stack = ExitStack()
+
+    def __enter__(self) -> Self:
+        """Connect the robot, then create the recording.
+
+        Raises RobotFaultError for a robot that cannot be reached, InputError for a recording that cannot be
+        created, MissingExtraError for an extra that is not installed.
+        """
+        servos = make_servos(self.spec.backend, self._options())
+        with ExitStack() as stack:
+            self._guard = stack.enter_context(Guard(servos))
+            self.notes = tuple(connection_notes(servos, self.plan.failure))
+            self._recording = self._open_recording()
+            if self._recording is not None:
+                stack.enter_context(self._recording)
+            self._stack = stack.pop_all()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._stack.__exit__(kind, error, trace)
+
+    @property
+    def title(self) -> str:
+        """Robot and gait, the title of recordings and live views."""
+        return f"{self.robot.name} {self.spec.gait_text}"
+
+    @property
+    def robot_file(self) -> Path | None:
+        """File of the robot, None for a robot that is not from a file."""
+        return None if self._file is None else self._file.path
+
+    @cached_property
+    def floor(self) -> Floor | None:
+        """Floor of the simulated world, None on a robot that is no simulation here."""
+        return make_floor(self._world, self.spec.seed) if self.spec.simulated else None
+
+    def walk(
+        self,
+        *,
+        controller: "Controller | MakeController | None" = None,
+        recorders: Sequence[Recorder] = (),
+        stop_requested: StopRequested = never,
+    ) -> RunResult:
+        """Walk as the spec says.
+
+        Args:
+            controller: walks instead of the plan's own open-loop walk, as in `run_trial`.
+            recorders: take the ticks in blocks beside the recording; each fails alone.
+            stop_requested: asked every tick; True ends the walk with a soft stop.
+
+        Raises RobotFaultError when the robot or its link fails. A fall, a stop or an incomplete recording is
+        part of the result.
+        """
+        if self._guard is None:
+            raise InputError("run: got a walk before the robot is connected; allowed: inside `with Run(...)`")
+        log, recording = TickLog(), self._recording
+        kept = Recorders(
+            log,
+            *([recording] if recording is not None else []),
+            *recorders,
+            block_ticks=PACED_BLOCK_TICKS if self.spec.paced else BLOCK_TICKS,
+        )
+        began_s = time.perf_counter()
+        trial = run_trial(self._guard, self.plan, controller, kept, stop_requested=stop_requested)
+        outcome = self._outcome(trial, log, time.perf_counter() - began_s)
+        error = kept.error_of(recording)
+        if recording is not None and error is None:
+            try:
+                recording.finish(trial, outcome)
+            except Exception as failure:  # noqa: BLE001  the walk is done, whatever its recording raises
+                error = failure
+        return RunResult(
+            trial=trial,
+            outcome=outcome,
+            recording=None if recording is None else recording.path,
+            recording_error=error,
+            recorder_failures=tuple(kept.failures),
+            log=log,
+        )
+
+    def _options(self) -> BackendOptions:
+        spec = self.spec
+        return BackendOptions(
+            robot=self.robot,
+            world=self._world,
+            failure=spec.failure,
+            seed=spec.seed,
+            realtime=spec.realtime,
+            robot_file=self._file,
+            connect=spec.connect,
+            credentials=spec.credentials,
+            insecure=spec.insecure,
+            link=spec.link,
+        )
+
+    def _open_recording(self) -> "Recording | None":
+        if self.spec.record is not None:
+            return self._recording_at(Path(self.spec.record))
+        if self.spec.record_folder is None:
+            return None
+        while True:
+            path = self._new_path(Path(self.spec.record_folder))
+            try:
+                return self._recording_at(path)
+            except InputError:
+                if not path.exists():
+                    raise
+                # Another run has taken the name in the meantime.
+
+    def _recording_at(self, path: Path) -> "Recording":
+        from hexctl.record.recording import Recording
+
+        try:
+            return Recording(
+                path, self.robot, self.plan, title=self.title, floor=self.floor, meshes=self._meshes
+            )
+        except MissingExtraError as error:
+            raise MissingExtraError("recording (or walk with --no-record)", "view") from error
+
+    def _new_path(self, folder: Path) -> Path:
+        """Path in a folder that no run has used, named by time, robot, gait and failure."""
+        now = datetime.now().strftime("%Y%m%d-%H%M%S")
+        failure = self.plan.failure
+        failed = f"_leg{failure.leg}-{failure.kind}" if failure else ""
+        stem = f"{now}_{self.robot.name}_{self.spec.gait_text.replace(',', '') or 'gait'}{failed}"
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise InputError(
+                f"{folder}/: cannot be used ({error.strerror}); allowed: a folder, or --record FILE"
+            ) from error
+        path, number = folder / f"{stem}.rrd", 2
+        while path.exists():
+            path, number = folder / f"{stem}_{number}.rrd", number + 1
+        return path
+
+    def _outcome(self, trial: TrialResult, log: TickLog, wall_s: float) -> dict[str, Any]:
+        spec, plan, guard = self.spec, self.plan, self._guard
+        assert guard is not None  # noqa: S101  connected, or there would be no trial
+        work_us = log["work_s"] * 1e6  # (ticks,)
+        quantiles = np.percentile(work_us, [50, 99, 100]) if len(log) else np.zeros(3)
+        return {
+            "gait": {
+                "name": spec.gait_text,
+                "slots": list(plan.gait.slots),
+                "code": plan.gait.code(plan.failed_legs),
+            },
+            "failed_leg": plan.failure.leg if plan.failure else None,
+            "failure": str(plan.failure) if plan.failure else None,
+            **trial.numbers(),
+            "ideal_yaw_change_deg": math.degrees(plan.turn_rate_rad_s * trial.duration_s),
+            "ticks": len(log),
+            "overruns": guard.clock.overruns,
+            "refused_commands": guard.counters.refused,
+            "servo_link": guard.link_counts or None,
+            "tick_us": dict(zip(("p50", "p99", "max"), (round(float(q), 1) for q in quantiles), strict=True)),
+            "realtime_factor": round(len(log) * PERIOD_S / wall_s, 2) if wall_s > 0 else None,
+            "backend": spec.backend,
+            "robot": self.robot.name,
+            "world": self._world_text(),
+            "seed": spec.seed,
+            "recording": None if self._recording is None else str(self._recording.path),
+        }
+
+    def _world_text(self) -> str | None:
+        if not self.spec.simulated:
+            return None
+        world = self.spec.world
+        return "custom" if isinstance(world, World) else str(world or "flat")
+
+
+def run(
+    spec: RunSpec | None = None,
+    *,
+    controller: "Controller | MakeController | None" = None,
+    recorders: Sequence[Recorder] = (),
+    stop_requested: StopRequested = never,
+    **options: Any,
+) -> RunResult:
+    """Walk once on any backend: `run(robot="phantomx", gait="tripod", duration_s=10)`.
+
+    Args:
+        spec: what to do; or the fields of `RunSpec` as keywords.
+        controller: walks instead of the plan's own open-loop walk, as in `run_trial`.
+        recorders: take the ticks in blocks beside the recording; each fails alone.
+        stop_requested: asked every tick; True ends the walk with a soft stop.
+        options: fields of `RunSpec`.
+
+    Raises what `Run` raises: InputError, ReachError and LimitError before anything moves, RobotFaultError for
+    a robot or a link that fails.
+    """
+    if spec is not None and options:
+        raise InputError(f"run: got a spec and {', '.join(options)} too; allowed: one or the other")
+    with Run(spec or _spec_of(options)) as connected:
+        return connected.walk(controller=controller, recorders=recorders, stop_requested=stop_requested)
+
+
+def _spec_of(options: Mapping[str, Any]) -> RunSpec:
+    unknown = [name for name in options if name not in RunSpec.__slots__]
+    if unknown:
+        raise InputError(f"run: got {', '.join(unknown)}; allowed: {', '.join(RunSpec.__slots__)}")
+    return RunSpec(**options)
+
+
+def _plan_of(spec: RunSpec, robot: Robot) -> TrialPlan:
+    in_place = spec.turn_rate_rad_s is not None and spec.heading_rad is None
+    gait = spec.gait
+    if not isinstance(gait, Gait):
+        gait = make_gait(
+            robot,
+            gait,
+            pace_hz=spec.pace_hz,
+            amplitude=spec.amplitude,
+            height=spec.height,
+            failed_legs=(spec.failure.leg,) if spec.failure else (),
+        )
+    return TrialPlan(
+        gait=gait,
+        heading_rad=spec.heading_rad or 0.0,
+        travel=0.0 if in_place else 1.0,
+        turn_rate_rad_s=spec.turn_rate_rad_s or 0.0,
+        duration_s=spec.duration_s,
+        failure=spec.failure,
+        self_rotation=spec.self_rotation,
+    )

@@ -1,0 +1,127 @@
+"""A run as a Python program makes it: one walk on any backend, recorded, without printing anything."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from hexctl.backends.sim.world import World
+from hexctl.control.controllers import Stand
+from hexctl.control.log import TickLog
+from hexctl.errors import InputError, ReachError
+from hexctl.gait.gait import make_gait
+from hexctl.record.run import Run, RunSpec, run
+from hexctl.robot.failure import Failure
+from hexctl.robot.loader import load_robot
+
+SHORT: dict[str, Any] = {"duration_s": 1.5}
+
+
+def test_names_and_objects_give_the_same_walk(capfd: pytest.CaptureFixture[str]) -> None:
+    robot = load_robot("ant")
+    by_name = run(gait="tripod", pace_hz=0.8, world="slippery", **SHORT)
+    gait = make_gait(robot, "tripod", pace_hz=0.8)
+    by_object = run(RunSpec(robot=robot, gait=gait, world=World(friction=0.3), **SHORT))
+    assert by_name.trial.status == "ok"
+    again = run(RunSpec(gait="tripod", pace_hz=0.8, world="slippery", **SHORT))
+    assert again.trial.numbers() == by_name.trial.numbers()
+    assert by_object.outcome["gait"]["slots"] == by_name.outcome["gait"]["slots"]
+    assert by_object.outcome["world"] == "custom"
+    assert capfd.readouterr() == ("", "")
+
+
+def test_the_outcome_is_what_the_command_prints() -> None:
+    done = run(failure=Failure(leg=2, kind="weak", torque_fraction=0.5), seed=3, **SHORT)
+    outcome = json.loads(json.dumps(done.to_dict(), allow_nan=False))
+    assert (outcome["failed_leg"], outcome["failure"], outcome["seed"]) == (2, "weak:0.5", 3)
+    assert outcome["ticks"] == len(done.log)
+    assert outcome["recording"] is None
+
+
+def test_it_is_recorded_to_a_file_or_into_a_folder(tmp_path: Path) -> None:
+    done = run(record=tmp_path / "walk.rrd", **SHORT)
+    assert done.recording == tmp_path / "walk.rrd"
+    assert done.recording_error is None
+    folder = tmp_path / "made" / "here"
+    first, second = (run(record_folder=folder, gait="wave", **SHORT).recording for _ in range(2))
+    assert {first, second} == set(folder.iterdir())
+    assert all(path.name.endswith(".rrd") and "_ant_wave" in path.name for path in folder.iterdir())
+
+
+class Broken:
+    """A recorder that fails."""
+
+    block_ticks = None
+
+    def write_block(self, log: TickLog, start: int, stop: int) -> None:
+        raise RuntimeError("no room")
+
+
+class Counting:
+    """A recorder that counts."""
+
+    block_ticks = 10
+
+    def __init__(self) -> None:
+        self.ticks = 0
+
+    def write_block(self, log: TickLog, start: int, stop: int) -> None:
+        self.ticks += stop - start
+
+
+def test_a_recorder_that_fails_costs_neither_walk_nor_recording_nor_other_recorders(tmp_path: Path) -> None:
+    broken, counting = Broken(), Counting()
+    done = run(record=tmp_path / "walk.rrd", recorders=[broken, counting], **SHORT)
+    assert done.trial.status == "ok"
+    assert counting.ticks == len(done.log)
+    assert done.recording_error is None
+    (failure,) = done.recorder_failures
+    assert failure.recorder is broken
+    assert "no room" in str(failure.error)
+
+
+def test_it_stops_on_request() -> None:
+    done = run(stop_requested=lambda: True, duration_s=60)
+    assert (done.trial.status, done.trial.stopped) == ("aborted", "requested")
+
+
+def test_another_controller_may_walk() -> None:
+    robot = load_robot("ant")
+    stand = Stand(robot, robot.stance_angles_rad, 5, 20)
+    done = run(controller=stand, **SHORT)
+    assert abs(done.trial.distance_m or 0.0) < 0.01
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"seed": -1}, "seed: got -1; allowed: 0 or more"),
+        ({"seed": 3, "backend": "mock"}, "--seed: got 3 with --backend mock; allowed: with sim"),
+        ({"realtime": True, "backend": "mock"}, "--realtime: got it with --backend mock; allowed: with sim"),
+        ({"world": "rough", "backend": "zenoh"}, "--world: got rough with --backend zenoh; allowed: with"),
+        ({"connect": "tcp/x:1"}, "--connect: got tcp/x:1 with --backend sim; allowed: with zenoh and"),
+        ({"speed": 3}, "run: got speed; allowed: backend, robot, world"),
+        ({"gait": make_gait(load_robot(), "demo"), "pace_hz": 1.0}, "pace_hz: got 1.0 with a Gait"),
+        ({"record": Path("walk.txt")}, "walk.txt"),
+    ],
+    ids=lambda value: str(value)[:30],
+)
+def test_what_cannot_be_done_is_refused_before_anything_is_opened(
+    options: dict[str, Any], words: str
+) -> None:
+    with pytest.raises(InputError) as refused:
+        run(**options)
+    assert words in str(refused.value)
+
+
+def test_what_the_legs_cannot_reach_is_refused_before_anything_is_opened() -> None:
+    with pytest.raises(ReachError):
+        Run(RunSpec(amplitude=0.6))
+
+
+def test_a_run_walks_only_while_connected() -> None:
+    with pytest.raises(InputError, match="before the robot is connected"):
+        Run(RunSpec()).walk()
+    with pytest.raises(InputError, match="a spec and gait too"):
+        run(RunSpec(), gait="tripod")
