@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -127,22 +127,26 @@ def calibrate(
     check_writable(path)
     file = load_robot_file(path)
     chosen = chosen_joints(joints)
-    check_options(backend, connect=connect, credentials=credentials, insecure=insecure)
-    options = BackendOptions(
-        robot=file.robot, robot_file=file, connect=connect, credentials=credentials, insecure=insecure
-    )
-    servos = make_servos(backend, options)
-    if not isinstance(servos, CalibratedServos):
-        raise InputError(
-            f"--backend: got {backend}, whose servos have no servo map; allowed: mavlink, or servos of your "
-            "own with `servo_map` and `remap`"
-        )
+    given: dict[str, Any] = {"connect": connect, "credentials": credentials, "insecure": insecure}
+    check_options(backend, **given)
+    servos = _calibrated(backend, BackendOptions(robot=file.robot, robot_file=file, **given))
     # One joint at a time, slowly: a computer that is busy for a moment need not end a long sitting.
     with Guard(servos, expiry_s=MAX_EXPIRY_S) as guard:
         guard.clock.tick()
         operator.tell(INTRODUCTION)
         jogger = JointJogger(guard, servos, stop_requested)
         return Calibration(file, jogger, operator).run(chosen)
+
+
+def _calibrated(backend: str, options: BackendOptions) -> Any:
+    """Servos that are both LegServos and CalibratedServos; raises InputError for others."""
+    servos = make_servos(backend, options)
+    if not isinstance(servos, CalibratedServos):
+        raise InputError(
+            f"--backend: got {backend}, whose servos have no servo map; allowed: mavlink, or servos of your "
+            "own with `servo_map` and `remap`"
+        )
+    return servos
 
 
 def chosen_joints(text: str | None) -> list[int]:

@@ -1,10 +1,10 @@
-"""Time for tests: it goes on only when somebody sleeps or works."""
+"""Simulated time for tests: it advances only by `sleep` and `work`."""
 
 from hexctl.backends.clock import PERIOD_S, WallClock
 
 
 class FakeTime:
-    """A monotonic clock and the sleep that belongs to it.
+    """A monotonic clock with its sleep.
 
     Attributes:
         now_s: what the clock shows.
@@ -18,20 +18,20 @@ class FakeTime:
         self.sleeps: list[float] = []
 
     def monotonic_s(self) -> float:
-        """Return the time."""
+        """The time."""
         return self.now_s
 
     def sleep(self, duration_s: float) -> None:
-        """Let time pass; never less than a nanosecond, the grain of real clocks."""
+        """Advance the time; never by less than a nanosecond, the resolution of real clocks."""
         if duration_s < 0:
             raise ValueError("sleep length must be non-negative")
         self.sleeps.append(duration_s)
         self.now_s += max(duration_s * self.early_share, 1e-9)
 
     def work(self, duration_s: float) -> None:
-        """Let time pass while the tick's work is done."""
+        """Advance the time by the work of a tick."""
         self.now_s += duration_s
 
     def clock(self, period_s: float = PERIOD_S) -> WallClock:
-        """Return a wall clock that runs on this time."""
+        """A wall clock on this time."""
         return WallClock(period_s, monotonic_s=self.monotonic_s, sleep=self.sleep)

@@ -44,7 +44,7 @@ def fitting_map(folder: Path) -> ServoMap:
 
 
 def free_port() -> int:
-    """Return a UDP port of this computer that nobody uses just now."""
+    """A free UDP port of this computer."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("127.0.0.1", 0))
         return int(probe.getsockname()[1])

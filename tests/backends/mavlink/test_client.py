@@ -335,7 +335,7 @@ class TestConnecting:
         assert "\n" not in str(refused.value)
         return str(refused.value)
 
-    def test_nobody_there(self, tmp_path: Path) -> None:
+    def test_no_board(self, tmp_path: Path) -> None:
         message = self.connecting(tmp_path, f"udpout:127.0.0.1:{free_port()}")
         assert "no heartbeat" in message
         assert "baud rate" in message

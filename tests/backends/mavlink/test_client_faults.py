@@ -149,7 +149,7 @@ def test_a_walk_on_a_board_that_dies_ends_with_exit_code_3(tmp_path: Path) -> No
 
 
 def await_commands(port: str) -> None:
-    """Wait until a board says that it obeys somebody."""
+    """Wait until a board reports that it executes commands."""
     _, host, number = port.split(":")
     codec = Codec(254, 1)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as watcher:

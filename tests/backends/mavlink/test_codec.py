@@ -138,7 +138,7 @@ class TestSigning:
         assert codec.decode(override_frame(), whole=True) == []
         assert codec.malformed == 2
 
-    def test_another_key_is_refused_and_locks_nobody_out(self, monkeypatch: pytest.MonkeyPatch) -> None:
+    def test_another_key_is_refused_and_locks_no_owner_out(self, monkeypatch: pytest.MonkeyPatch) -> None:
         """pymavlink as it comes takes over the time of a forged frame: the owner is then out."""
         codec, owner = Codec(1, 1, signing_key=KEY), Codec(255, 191, signing_key=KEY)
         message = messages.override(PULSES, 1, 1)
@@ -150,7 +150,7 @@ class TestSigning:
         assert codec.decode(forged, whole=True) == []
         assert codec.decode(owner.encode(message, 2), whole=True)
 
-    def test_a_recording_older_than_a_minute_is_refused_by_a_receiver_that_began_anew(
+    def test_a_recording_older_than_a_minute_is_refused_by_a_restarted_receiver(
         self, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         recorded = override_frame(key=KEY)

@@ -82,7 +82,7 @@ def test_a_frame_that_comes_twice_is_used_once() -> None:
     assert (count.lost, count.out_of_order, accepted) == (0, 1, [True, True, False, True])
 
 
-def test_a_sender_that_begins_anew_after_a_silence_is_heard_at_once() -> None:
+def test_a_sender_that_restarts_after_a_silence_is_received_immediately() -> None:
     count, _ = follow([200, 201])
     assert count.in_order(0, 1 + FORGET_AFTER_S)
     assert count.lost == 0
@@ -116,7 +116,7 @@ class SilentPort(Port):
         pass
 
 
-def test_a_flood_of_addresses_renumbers_nobody_who_is_spoken_to() -> None:
+def test_a_flood_of_addresses_does_not_renumber_an_active_peer() -> None:
     port = SilentPort()
     link = MavlinkLink(port, Codec(1, 1))
     heartbeat = messages.controller_heartbeat()

@@ -117,7 +117,7 @@ def test_without_the_word_plain_it_is_refused(link: Link) -> None:
         ZenohServos(shipped(), link=Link(endpoint=link.endpoint, names=NAMES)).connect()
 
 
-def test_nobody_there() -> None:
+def test_no_robot() -> None:
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     with pytest.raises(RobotFaultError, match=endpoint):
         ZenohServos(shipped(), link=Link(endpoint=endpoint)).connect()
@@ -154,7 +154,7 @@ def test_a_neighbours_robot_is_commanded_only_by_its_name(
             pass
 
 
-def test_a_stop_by_somebody_else_is_told_to_the_controller_as_a_stop(tmp_path: Path) -> None:
+def test_a_stop_by_another_client_is_reported_to_the_controller_as_a_stop(tmp_path: Path) -> None:
     with served(tmp_path, backend="mock") as robot, Guard(servos_of(robot)) as guard:
         assert hexctl("estop", "--connect", robot.endpoint).returncode == 0
         for _ in range(100):
@@ -164,7 +164,7 @@ def test_a_stop_by_somebody_else_is_told_to_the_controller_as_a_stop(tmp_path: P
 
 
 def test_a_lease_that_is_lost_ends_the_controller(tmp_path: Path) -> None:
-    """As when somebody clears a stop, and with it takes the lease away, before this end has seen it."""
+    """As when another client clears a stop, and so revokes the lease, before this end has received it."""
     with served(tmp_path, backend="mock") as robot, servos_of(robot) as servos:
         assert hexctl("estop", "--clear", "--connect", robot.endpoint).returncode == 0
         with pytest.raises(RobotFaultError, match="no longer ours"):
