@@ -1,1 +1,1 @@
-"""Put any LegServos on the network: server, lease, certificates, and the MAVLink board."""
+"""Servers for any LegServos: a robot on the network with leases and stops, and a MAVLink servo board."""

@@ -1,4 +1,4 @@
-"""What the board says: its state as MAVLink messages, and its answers."""
+"""MAVLink messages of a servo board: its state, and answers to queries."""
 
 from typing import Any
 
@@ -11,7 +11,7 @@ from hexctl.types import N_JOINTS, BoolArray, FloatArray, RobotState
 #: Outputs that ACTUATOR_OUTPUT_STATUS has room for.
 OUTPUTS = 32
 
-#: A voltage or share that nobody knows.
+#: Values of an unknown voltage and share.
 UNKNOWN_MV, UNKNOWN_SHARE = 65535, -1
 
 LONGEST_TEXT = 50
@@ -19,48 +19,48 @@ U32 = 0xFFFFFFFF
 
 
 def outputs(pulses_us: FloatArray, active: BoolArray, time_s: float) -> Any:
-    """Return where the servos are, pulses by channel (18,), and which are driven."""
+    """Pulses of the servos by channel, (18,), and which channels are driven."""
     mask = sum(1 << channel for channel in range(N_JOINTS) if active[channel])
     values = [*pulses_us.tolist(), *[0.0] * (OUTPUTS - N_JOINTS)]
     return common.MAVLink_actuator_output_status_message(int(time_s * 1e6), mask, values)
 
 
 def pose(state: RobotState, time_s: float, *, with_euler: bool) -> list[Any]:
-    """Return orientation and position, or nothing where they are not known; Euler angles for displays."""
+    """Orientation and position, with Euler angles for displays; empty where they are unknown."""
     if state.base_quaternion_world is None or state.base_position_world is None:
         return []
     at_ms = _ms(time_s)
     quaternion = flipped_quaternion(state.base_quaternion_world)
     x, y, z = flipped_vector(state.base_position_world).tolist()
-    said = [
+    sent = [
         common.MAVLink_attitude_quaternion_message(at_ms, *quaternion.tolist(), 0.0, 0.0, 0.0),
         common.MAVLink_local_position_ned_message(at_ms, x, y, z, 0.0, 0.0, 0.0),
     ]
     if with_euler:
         angles = euler_of_quaternion(quaternion)
-        said.append(common.MAVLink_attitude_message(at_ms, *angles, 0.0, 0.0, 0.0))
-    return said
+        sent.append(common.MAVLink_attitude_message(at_ms, *angles, 0.0, 0.0, 0.0))
+    return sent
 
 
-def beat(system_state: int) -> Any:
-    """Return the board's heartbeat."""
+def heartbeat(system_state: int) -> Any:
+    """Heartbeat of the board with its MAV_STATE."""
     return messages.heartbeat(common.MAV_TYPE_GENERIC, common.MAV_AUTOPILOT_GENERIC, system_state)
 
 
 def measured(flag: bool, time_s: float) -> Any:
-    """Return whether the joint positions are measured."""
+    """Flag that tells measured joint positions from echoed ones."""
     return common.MAVLink_named_value_int_message(_ms(time_s), messages.MEASURED_NAME.encode(), int(flag))
 
 
 def health(state: RobotState, *, errors: int) -> list[Any]:
-    """Return the battery, where it is known, and the count of bytes and frames that were none."""
+    """Battery, where known, and the count of malformed bytes and frames."""
     millivolts = UNKNOWN_MV if state.battery_v is None else round(1000 * state.battery_v)
     share = UNKNOWN_SHARE if state.battery_share is None else round(100 * state.battery_share)
     errors = min(errors, 65535)
-    said = [common.MAVLink_sys_status_message(0, 0, 0, 0, millivolts, -1, share, 0, errors, 0, 0, 0, 0)]
+    sent = [common.MAVLink_sys_status_message(0, 0, 0, 0, millivolts, -1, share, 0, errors, 0, 0, 0, 0)]
     if state.battery_v is not None:
         cells = [millivolts, *[UNKNOWN_MV] * 9]
-        said.append(
+        sent.append(
             common.MAVLink_battery_status_message(
                 0,
                 common.MAV_BATTERY_FUNCTION_ALL,
@@ -73,16 +73,16 @@ def health(state: RobotState, *, errors: int) -> list[Any]:
                 share,
             )
         )
-    return said
+    return sent
 
 
-def text(severity: int, words: str) -> Any:
-    """Return a line for people."""
-    return common.MAVLink_statustext_message(severity, words.encode("ascii", "replace")[:LONGEST_TEXT])
+def text(severity: int, line: str) -> Any:
+    """Status text for a display."""
+    return common.MAVLink_statustext_message(severity, line.encode("ascii", "replace")[:LONGEST_TEXT])
 
 
 def answers(kind: str, message: Any, system: int, component: int) -> list[Any]:
-    """Return what to answer a system that asks: a ping, its version, or anything else, which is refused."""
+    """Answers to a ping and to a request for the version; any other command is refused."""
     if kind == "PING":
         if message.target_system or message.target_component:
             return []
@@ -92,19 +92,19 @@ def answers(kind: str, message: Any, system: int, component: int) -> list[Any]:
         and message.param1 == common.MAVLINK_MSG_ID_AUTOPILOT_VERSION
     )
     result = common.MAV_RESULT_ACCEPTED if wants_version else common.MAV_RESULT_UNSUPPORTED
-    said = [common.MAVLink_command_ack_message(message.command, result, 0, 0, system, component)]
+    sent = [common.MAVLink_command_ack_message(message.command, result, 0, 0, system, component)]
     if wants_version:
-        said.append(_version())
-    return said
+        sent.append(_version())
+    return sent
 
 
 def _version() -> Any:
-    nobody = [0] * 8
+    unknown = [0] * 8
     return common.MAVLink_autopilot_version_message(
-        common.MAV_PROTOCOL_CAPABILITY_MAVLINK2, 0, 0, 0, 0, nobody, nobody, nobody, 0, 0, 0
+        common.MAV_PROTOCOL_CAPABILITY_MAVLINK2, 0, 0, 0, 0, unknown, unknown, unknown, 0, 0, 0
     )
 
 
 def _ms(time_s: float) -> int:
-    """Return a time in whole milliseconds as MAVLink counts them."""
+    """Time in whole milliseconds, as MAVLink counts them."""
     return int(time_s * 1000) & U32

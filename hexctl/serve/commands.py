@@ -7,15 +7,15 @@ from hexctl.errors import CommandRefusedError, MessageError
 from hexctl.serve.leases import Lease
 from hexctl.wire.messages import Command, decode_command
 
-#: Two clocks that never jump still drift apart, by less than this share: 100 ppm each for their crystals, and
-#: up to 500 ppm for time services that slew one of them. A faster one (chrony may) makes commands late.
+#: Bound on the relative drift of two monotonic clocks: 100 ppm for each crystal, and up to 500 ppm for a time
+#: service that slews one of them. A faster slew (chrony may) makes commands late.
 DRIFT = 1000e-6
 
 
 class TransitDelay:
-    """Compares arrivals with the fastest so far: the clocks of the two ends need not agree.
+    """Delay of each message relative to the fastest one so far; the clocks of both ends need not agree.
 
-    The first message counts as on time. Of a message that waited in a link that was cut, the delay shows.
+    The first message counts as on time. A message that was held up by an interrupted link shows its delay.
     """
 
     def __init__(self) -> None:
@@ -23,11 +23,11 @@ class TransitDelay:
         self._at_s = 0.0
 
     def delay_s(self, stamp_s: float, arrived_s: float) -> float:
-        """Return by how much a message took longer than the fastest one so far.
+        """Time by which a message took longer than the fastest one so far, in s.
 
         Args:
             stamp_s: when it was sent, on the sender's clock.
-            arrived_s: when it came, on the receiver's clock.
+            arrived_s: when it arrived, on the receiver's clock.
         """
         took_s = arrived_s - stamp_s
         if self._fastest_s is None:
@@ -45,12 +45,12 @@ class CommandCounters:
     Attributes:
         accepted: reached the guard and passed it.
         refused: reached the guard, which refused them.
-        malformed: were no command.
-        stale_owner: came without a lease, under an old or under another's.
-        out_of_order: repeated a sequence number or came after a later one.
+        malformed: could not be decoded.
+        stale_owner: carried no lease, an expired one or another client's.
+        out_of_order: repeated a sequence number or followed a later one.
         late: took longer than their time to live.
-        lost: sequence numbers that never came.
-        overflowed: pushed out of a full inbox, with whatever else was in it.
+        lost: sequence numbers that never arrived.
+        overflowed: messages of any kind that a full inbox dropped.
     """
 
     accepted: int = 0
@@ -65,12 +65,12 @@ class CommandCounters:
 
 @dataclass(frozen=True, slots=True)
 class Checked:
-    """A command to obey.
+    """A command to execute.
 
     Attributes:
-        command: what it says.
-        delay_s: how much longer than usual it was on its way.
-        good_for_s: how long it is good for from now.
+        command: its content.
+        delay_s: how much longer than the fastest command it took.
+        good_for_s: how long it stays valid from its arrival.
     """
 
     command: Command
@@ -79,7 +79,7 @@ class Checked:
 
 
 class CommandHandler:
-    """Judges every command that arrives. Counts what it drops."""
+    """Checks every command that arrives, and counts the ones it drops."""
 
     def __init__(self) -> None:
         self.counters = CommandCounters()
@@ -88,9 +88,9 @@ class CommandHandler:
         self._transit = TransitDelay()
 
     def check(self, payload: bytes, attachment: bytes | None, lease: Lease | None, at_s: float) -> Checked:
-        """Return a command that is to be obeyed.
+        """Command to execute, of the current lease, in order and on time.
 
-        Raises MessageError or CommandRefusedError, counted, for every other.
+        Raises MessageError or CommandRefusedError, counted, for any other.
         """
         try:
             command = decode_command(payload, attachment)

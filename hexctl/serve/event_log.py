@@ -1,4 +1,4 @@
-"""What changes on a robot that is served, told to a person in words."""
+"""Event log of a served robot: changes of controller, stop and posture, as lines for the operator."""
 
 import queue
 import threading
@@ -6,24 +6,24 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 
-#: Lines that wait for a slow reader; what comes after them is left out, and counted.
+#: Lines that wait for a slow reader; further ones are dropped and counted.
 WAITING_LINES = 256
 
-#: How long the last lines may take to be read.
-END_PATIENCE_S = 0.5
+#: How long closing waits for the last lines to be read.
+END_TIMEOUT_S = 0.5
 
-#: What a posture means; `commanded` needs no line, its controller has one.
+#: Lines for postures; `commanded` has none, as its controller is reported.
 POSTURES = {
     "holding": "holds its pose",
-    "sitting": "sits down: no commands any more",
+    "sitting": "sits down: commands have stopped",
     "limp": "sits, joints limp",
 }
 
 
 class EventLog:
-    """Tells who commands the robot, what stopped it and how it stands, whenever that changes.
+    """Reports changes of the robot's controller, stop and posture, one line each.
 
-    Lines are written by a thread of their own: a terminal that somebody holds must not hold up the robot.
+    A thread of its own calls `report`: a terminal that is paused must not delay the robot.
     """
 
     def __init__(self, report: Callable[[str], None]) -> None:
@@ -33,10 +33,10 @@ class EventLog:
         self._stopped: str | None = None
         self._posture = "idle"
         self._writer: threading.Thread | None = None
-        self._left_out = 0
+        self._dropped = 0
 
     def note(self, *, controller: str | None, stopped: str | None, posture: str) -> None:
-        """Tell what is not as it was when this was last called."""
+        """Report what differs from the last call."""
         if controller != self._controller:
             self._put(f"commanded by {controller}" if controller else f"{self._controller} has left")
         if stopped != self._stopped:
@@ -46,26 +46,26 @@ class EventLog:
         self._controller, self._stopped, self._posture = controller, stopped, posture
 
     def close(self) -> None:
-        """Let what waits be told, as long as the reader takes it soon."""
+        """Report the lines that wait, as long as the reader takes them in time."""
         if self._writer is not None:
             with suppress(queue.Full):
                 self._lines.put_nowait(None)
-            self._writer.join(END_PATIENCE_S)
+            self._writer.join(END_TIMEOUT_S)
 
-    def _put(self, what: str) -> None:
+    def _put(self, event: str) -> None:
         if self._writer is None:
-            self._writer = threading.Thread(target=self._write, name="journal", daemon=True)
+            self._writer = threading.Thread(target=self._write, name="event log", daemon=True)
             self._writer.start()
-        before = f" ({self._left_out} lines left out)" if self._left_out else ""
+        before = f" ({self._dropped} lines dropped)" if self._dropped else ""
         try:
-            self._lines.put_nowait(f"{time.strftime('%H:%M:%S')}{before} {what}")
-            self._left_out = 0
+            self._lines.put_nowait(f"{time.strftime('%H:%M:%S')}{before} {event}")
+            self._dropped = 0
         except queue.Full:
-            self._left_out += 1
+            self._dropped += 1
 
     def _write(self) -> None:
         while (line := self._lines.get()) is not None:
             try:
                 self._report(line)
             except OSError:
-                return  # whoever read it has gone
+                return  # the reader has closed its end

@@ -1,19 +1,19 @@
-"""What a robot does that nobody commands any more: it holds, after a while sits down, and goes limp."""
+"""Idle supervisor: a robot without commands holds its pose, sits down after a while, and goes limp."""
 
 from hexctl.control.controllers import SITTING_S, sitting_angles_rad
 from hexctl.control.guard import Guard
 from hexctl.errors import CommandRefusedError, EStopError, RobotFaultError
 from hexctl.types import FloatArray, JointTargets
 
-#: A robot without commands for this long sits down.
+#: Default time without commands until the robot sits down.
 SIT_AFTER_S = 10.0
 
 
 class IdleSupervisor:
-    """Follows the silence after the last command; any stop but silence makes it hold the pose.
+    """Moves a robot whose commands have ended: it sits down after a while and its torque is disabled.
 
-    After such a stop it moves no more until the next command, whenever the stop is cleared: whoever clears it
-    may have their hands on the robot.
+    Any stop other than an expired command makes it hold its pose. After such a stop it does not move before
+    the next command, even when the stop is cleared: the operator who clears it may be touching the robot.
 
     Attributes:
         name: `idle` before the first command, then `commanded`, `holding`, `sitting` or `limp`.
@@ -30,11 +30,11 @@ class IdleSupervisor:
         self._sitting_since_s = 0.0
 
     def commanded(self, now_s: float) -> None:
-        """Say that a command reached the servos."""
+        """Note that a command reached the servos, at a time on their clock."""
         self.name, self._commanded_at_s, self._held = "commanded", now_s, False
 
     def tick(self, now_s: float) -> None:
-        """Do what the silence asks for; times are on the clock of the servos."""
+        """Advance by one tick; `now_s` is on the clock of the servos."""
         if self.name in ("idle", "limp"):
             return
         if self._guard.stopped not in (None, "expired"):
@@ -52,12 +52,12 @@ class IdleSupervisor:
         try:
             self._start_rad = self._guard.accepted_rad()
         except RobotFaultError:
-            self.name = "holding"  # nobody knows where the joints are
+            self.name = "holding"  # the joint angles are unknown
         else:
             self.name, self._sitting_since_s = "sitting", now_s
 
     def _sit(self, now_s: float) -> None:
-        """Come a tick nearer to the floor; on it, let the joints go."""
+        """One step of sitting down; at its end the torque is disabled."""
         share = (now_s - self._sitting_since_s) / SITTING_S
         if share > 1:
             self.name = "limp"

@@ -1,4 +1,4 @@
-"""Where everything from the network waits for the one thread that may move the robot."""
+"""Bounded queue between the network and the thread that moves the robot."""
 
 import time
 from collections import deque
@@ -7,18 +7,18 @@ from dataclasses import dataclass
 from threading import Lock
 from typing import Any
 
-#: More than a robot can be told in a tick; what does not fit pushes out the oldest.
+#: More messages than arrive in a tick; a full queue drops its oldest.
 CAPACITY = 64
 
 
 @dataclass(frozen=True, slots=True)
 class Arrival:
-    """Something that came.
+    """A message that arrived.
 
     Attributes:
         kind: the kind of message, as in `KeyMap`.
         item: a Zenoh sample or query.
-        at_s: when, on time.monotonic.
+        at_s: time of arrival, on time.monotonic.
     """
 
     kind: str
@@ -27,38 +27,38 @@ class Arrival:
 
 
 class Inbox:
-    """A bounded queue between Zenoh's threads, which only put, and the robot's, which takes.
+    """Bounded queue from Zenoh's threads, which only put, to the robot's thread, which takes.
 
-    A lock is the bell: one wake-up for each arrival, where a condition variable costs two, and with them a
-    fifth of a round trip. `queue.SimpleQueue` is no choice: interrupted by a signal just when its time was
-    up, or woken for what somebody else took, its `get` waits for ever (CPython 3.11), and the robot with it.
+    A lock wakes the reader: one wake-up per arrival, where a condition variable costs two, a fifth of a round
+    trip. `queue.SimpleQueue` is not usable: its `get` can block forever when a signal interrupts it as its
+    timeout expires, or when it is woken for an item that was already taken (CPython 3.11).
 
     Attributes:
-        overflowed: arrivals pushed out unread so far.
+        overflowed: arrivals dropped unread so far.
     """
 
     def __init__(self, capacity: int = CAPACITY) -> None:
         self._waiting: deque[Arrival] = deque()
         self._bell = Lock()
-        self._bell.acquire()  # silent: held until somebody rings
+        self._bell.acquire()  # held until the first put
         self._capacity = capacity
         self.overflowed = 0
 
     def put(self, kind: str, item: Any) -> None:
-        """Keep an arrival; never waits."""
+        """Append an arrival; never waits."""
         while len(self._waiting) >= self._capacity:
             with suppress(IndexError):
                 self._waiting.popleft()
                 self.overflowed += 1
         self._waiting.append(Arrival(kind, item, time.monotonic()))
-        with suppress(RuntimeError):  # it rings already
+        with suppress(RuntimeError):  # already released
             self._bell.release()
 
-    def take(self, patience_s: float) -> Arrival | None:
-        """Return the oldest arrival, waiting for one for a while; None when none came."""
-        until_s = time.monotonic() + patience_s
+    def take(self, timeout_s: float) -> Arrival | None:
+        """Oldest arrival, after waiting for one up to a timeout; None when there is none."""
+        deadline_s = time.monotonic() + timeout_s
         while (arrival := self._oldest()) is None:
-            left_s = until_s - time.monotonic()
+            left_s = deadline_s - time.monotonic()
             if left_s <= 0 or not self._bell.acquire(timeout=left_s):
                 return self._oldest()
         return arrival

@@ -11,7 +11,7 @@ from hexctl.errors import HexctlError, MessageError
 from hexctl.wire.description import decode_json
 from hexctl.wire.messages import LEASE_ID_BYTES
 
-#: A controller that says nothing for this long has lost the robot; it says something every third of it.
+#: A lease expires after this time unless renewed; clients renew it every third of it.
 LEASE_S = 1.0
 
 #: Longest name of a controller.
@@ -19,7 +19,7 @@ MAX_OWNER = 80
 
 
 class LeaseRefusedError(HexctlError, PermissionError):
-    """Somebody else holds the robot, or the lease is an old one."""
+    """Another client holds the robot, or the lease has expired."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -27,26 +27,26 @@ class Lease:
     """The right to command.
 
     Attributes:
-        lease_id: 16 random bytes that nobody else knows.
+        lease_id: 16 random bytes that only its owner knows.
         sequence: number of this lease; later ones are higher.
-        owner: who holds it, for people.
-        since_s: when it was given.
-        until_s: when it ends unless renewed.
+        owner: name of the client that holds it, for display.
+        since_s: when it was granted.
+        deadline_s: when it expires unless renewed.
     """
 
     lease_id: bytes
     sequence: int
     owner: str
     since_s: float
-    until_s: float
+    deadline_s: float
 
 
 class LeaseManager:
-    """Gives, renews and takes back the one lease of a robot. Times are on any clock that never jumps.
+    """Grants, renews and revokes the one lease of a robot. Times are on any monotonic clock.
 
     Attributes:
         duration_s: how long a lease lasts unless renewed.
-        refused: how often somebody was refused so far.
+        refused: requests refused so far.
     """
 
     def __init__(self, *, duration_s: float = LEASE_S) -> None:
@@ -56,14 +56,14 @@ class LeaseManager:
         self._given = 0
 
     def holder(self, now_s: float) -> Lease | None:
-        """Return the lease in force, or None."""
+        """Current lease, or None."""
         held = self._held
-        return held if held is not None and now_s <= held.until_s else None
+        return held if held is not None and now_s <= held.deadline_s else None
 
     def acquire(self, owner: str, now_s: float) -> Lease:
-        """Give a new lease.
+        """Grant a new lease.
 
-        Raises LeaseRefusedError that says who holds the robot.
+        Raises LeaseRefusedError that names the client that holds the robot.
         """
         holder = self.holder(now_s)
         if holder is not None:
@@ -78,44 +78,44 @@ class LeaseManager:
             sequence=self._given,
             owner=owner[:MAX_OWNER],
             since_s=now_s,
-            until_s=now_s + self.duration_s,
+            deadline_s=now_s + self.duration_s,
         )
         return self._held
 
     def renew(self, lease_id: bytes, now_s: float) -> Lease:
-        """Prolong a lease.
+        """Renew a lease.
 
-        Raises LeaseRefusedError for one that has ended or been replaced.
+        Raises LeaseRefusedError for one that has expired or been replaced.
         """
         held = self._require(lease_id, now_s)
-        self._held = replace(held, until_s=now_s + self.duration_s)
+        self._held = replace(held, deadline_s=now_s + self.duration_s)
         return self._held
 
     def release(self, lease_id: bytes, now_s: float) -> None:
         """Give a lease back.
 
-        Raises LeaseRefusedError for one that is not in force.
+        Raises LeaseRefusedError for one that is not current.
         """
         self._require(lease_id, now_s)
         self._held = None
 
     def revoke(self) -> None:
-        """Take the lease away from whoever holds it."""
+        """Revoke the current lease, if there is one."""
         self._held = None
 
     def _require(self, lease_id: bytes, now_s: float) -> Lease:
         holder = self.holder(now_s)
         if holder is None or not secrets.compare_digest(holder.lease_id, lease_id):
             self.refused += 1
-            now = "nobody holds the robot" if holder is None else f"{holder.owner} holds the robot"
-            raise LeaseRefusedError(f"this lease has ended and {now} now")
+            now = "no client holds the robot" if holder is None else f"{holder.owner} holds the robot"
+            raise LeaseRefusedError(f"this lease has ended, {now} now")
         return holder
 
 
-#: The reason of a stop that somebody asked for.
+#: Reason of a stop that a client requested.
 ESTOP = "estop"
 
-#: The stop that a new lease lifts; every other one is cleared explicitly.
+#: Reason of the stop that a new lease clears; every other one is cleared explicitly.
 LIFTED_BY_LEASE = "expired"
 
 
@@ -123,7 +123,7 @@ class RequestHandler:
     """Answers requests about the lease and the stop of one robot.
 
     Attributes:
-        malformed: requests so far that were none.
+        malformed: requests so far that could not be decoded.
     """
 
     def __init__(self, guard: Guard, leases: LeaseManager) -> None:
@@ -132,7 +132,7 @@ class RequestHandler:
         self._stopped_at_s = -math.inf
 
     def urgent(self, payload: bytes) -> None:
-        """Stop at once if a payload at `estop` asks for it; an empty one does. On any thread."""
+        """Stop the robot if a payload at `estop` asks for it, as an empty one does. Safe on any thread."""
         try:
             wanted = _stop_or_clear(payload)
         except MessageError:
@@ -142,11 +142,11 @@ class RequestHandler:
             self._guard.stop(ESTOP)
 
     def estop(self, payload: bytes, at_s: float) -> dict[str, Any]:
-        """Answer a request at `estop`: say what the robot is stopped for, or clear it.
+        """Answer to a request at `estop`: why the robot is stopped now, after a stop or a clear.
 
         Args:
-            payload: what was asked.
-            at_s: when it came, on time.monotonic: it clears no stop that came after it.
+            payload: of the request.
+            at_s: time of arrival, on time.monotonic; a later stop is not cleared.
         """
         try:
             wanted = _stop_or_clear(payload)
@@ -161,7 +161,7 @@ class RequestHandler:
         return {"stopped": self._guard.stopped}
 
     def lease(self, payload: bytes, now_s: float) -> dict[str, Any]:
-        """Answer a request at `lease`: acquire, renew, rest or release."""
+        """Answer to a request at `lease`: acquire, renew, rest or release."""
         try:
             content = decode_json(payload)
             wanted = _one_of(content, "op", ("acquire", "renew", "rest", "release"))
@@ -218,9 +218,9 @@ def _one_of(content: dict[str, Any], key: str, allowed: tuple[str, ...]) -> str:
 
 
 def _owner(content: dict[str, Any]) -> str:
-    owner = content.get("owner", "somebody")
+    owner = content.get("owner", "unnamed client")
     if not isinstance(owner, str) or not owner.isprintable():
-        raise MessageError("owner: got something else than a name; allowed: printable text")
+        raise MessageError("owner: got a value that is not a name; allowed: printable text")
     return owner
 
 
@@ -229,4 +229,6 @@ def _lease_id(content: dict[str, Any]) -> bytes:
     try:
         return bytes.fromhex(text)
     except (TypeError, ValueError) as error:
-        raise MessageError("lease: got no hexadecimal text; allowed: the one that was given") from error
+        raise MessageError(
+            "lease: got a value that is not hexadecimal; allowed: the one that was granted"
+        ) from error

@@ -27,12 +27,12 @@ from hexctl.types import N_JOINTS, BoolArray, FloatArray, JointTargets, RobotSta
 
 
 class Channels:
-    """What each channel was told last, by channel, (18,).
+    """Last override of each servo channel; arrays are (18,), by channel.
 
     Attributes:
-        pulses_us: the pulse of each channel, within its limits; the last one where it is let go.
+        pulses_us: pulse of each channel, within its limits; the last one where it is released.
         active: which channels are driven.
-        clipped: overrides so far of which a pulse limit changed something.
+        clipped: overrides so far that a pulse limit changed.
     """
 
     def __init__(self, servo_map: ServoMap) -> None:
@@ -43,16 +43,16 @@ class Channels:
         self.clipped = 0
 
     def take(self, raw: list[int]) -> None:
-        """Take an override over, all channels or none.
+        """Apply an override, all channels or none.
 
-        Raises CommandRefusedError for a pulse that no servo has.
+        Raises CommandRefusedError for a pulse outside the range of servos.
         """
         values = np.array(raw)
         high = np.arange(N_JOINTS) >= FIRST_HIGH
-        # Channels 9..18 are an extension whose missing values arrive as 0: nobody meant those.
+        # Channels 9..18 are an extension whose missing values arrive as 0: ignored.
         ignored = (values == IGNORE_US) | (high & (values == 0))
-        let_go = np.where(high, values == RELEASE_HIGH_US, values == RELEASE_LOW_US)
-        driven = ~ignored & ~let_go
+        released = np.where(high, values == RELEASE_HIGH_US, values == RELEASE_LOW_US)
+        driven = ~ignored & ~released
         if not ((values[driven] >= LEAST_US) & (values[driven] <= MOST_US)).all():
             raise CommandRefusedError(
                 f"override: got {raw}; allowed: pulses of {LEAST_US:g} to {MOST_US:g} microseconds"
@@ -60,52 +60,52 @@ class Channels:
         limited = np.clip(values, self._least_us, self._most_us)
         self.clipped += bool((limited != values)[driven].any())
         self.pulses_us = np.where(driven, limited, self.pulses_us)
-        self.active = (self.active & ~let_go) | driven
+        self.active = (self.active & ~released) | driven
 
-    def let_go(self) -> None:
-        """Drive no channel any more."""
+    def release(self) -> None:
+        """Release all channels."""
         self.active = np.zeros(N_JOINTS, dtype=bool)
 
 
-#: Others that the board speaks to at one time.
+#: Most peers that the board answers at one time.
 MOST_PEERS = 8
 
-#: A peer that was silent for this long is forgotten.
+#: A peer that was silent for this long is dropped.
 FORGET_AFTER_S = 5.0
 
-#: Whoever commands loses the board to the next who wants it after this silence; heartbeats come every second.
+#: The commander loses the board to the next peer that commands after this silence; heartbeats come at 1 Hz.
 FREE_AFTER_S = 2.5
 
 
 @dataclass(eq=False, slots=True)
 class Peer:
-    """Another end.
+    """A MAVLink system that sends to the board.
 
     Attributes:
-        address: where it speaks from, None on a stream.
-        system: who it says it is.
-        component: which part of it.
-        heard_at_s: when it said something last, on time.monotonic.
-        told_at_s: when it was told last that another commands.
-        sequence: its lost frames.
+        address: where it sends from, None on a stream.
+        system: its MAVLink system number.
+        component: its MAVLink component number.
+        heard_at_s: time of its last frame, on time.monotonic.
+        refused_at_s: when it was last informed that another peer commands.
+        sequence: count of its frames and of lost ones.
     """
 
     address: Address
     system: int
     component: int
     heard_at_s: float
-    told_at_s: float = float("-inf")
+    refused_at_s: float = float("-inf")
     sequence: SequenceCount = field(default_factory=SequenceCount)
 
 
 class Peers:
-    """The peers heard lately, and the one of them that commands.
+    """Peers that were heard lately, and the one of them that commands.
 
     Attributes:
-        commander: whoever moves the servos, or None.
-        lost: frames of all peers so far that never came.
-        out_of_order: frames that came too late or twice.
-        crowded_out: peers so far that were forgotten because others came.
+        commander: the peer that moves the servos, or None.
+        lost: frames of all peers so far that never arrived.
+        out_of_order: frames that arrived late or twice.
+        crowded_out: peers so far that were dropped to make room for others.
     """
 
     def __init__(self) -> None:
@@ -116,20 +116,20 @@ class Peers:
 
     @property
     def lost(self) -> int:
-        """Return how many frames never came."""
+        """Frames that never arrived."""
         return self._lost_before + sum(peer.sequence.lost for peer in self._known)
 
     @property
     def out_of_order(self) -> int:
-        """Return how many frames came too late or twice."""
+        """Frames that arrived late or twice."""
         return self._late_before + sum(peer.sequence.out_of_order for peer in self._known)
 
     def addresses(self) -> list[Address]:
-        """Return where to send what is for all; a stream has the one address None."""
+        """Addresses of all peers; a stream has the one address None."""
         return list(dict.fromkeys(peer.address for peer in self._known))
 
     def hear(self, address: Address, system: int, component: int, at_s: float) -> tuple[Peer, bool]:
-        """Return who said something, and whether it is new."""
+        """Peer that sent a frame, and whether it is new."""
         for peer in [peer for peer in self._known if at_s - peer.heard_at_s > FORGET_AFTER_S]:
             self._drop(peer)
         for peer in self._known:
@@ -137,7 +137,7 @@ class Peers:
                 peer.heard_at_s = at_s
                 return peer, False
         if len(self._known) >= MOST_PEERS:
-            # The quietest goes: a flood of senders must not keep out whoever wants to command.
+            # The peer that was silent longest is dropped: a flood of senders must not lock out a commander.
             others = [peer for peer in self._known if peer is not self.commander]
             self._drop(min(others, key=lambda peer: peer.heard_at_s))
             self.crowded_out += 1
@@ -145,12 +145,12 @@ class Peers:
         return self._known[-1], True
 
     def may_command(self, peer: Peer, at_s: float) -> bool:
-        """Return whether a peer commands, or may begin to because nobody else does."""
+        """Whether a peer commands, or may begin to because no other peer does."""
         holder = self.commander
         return holder is None or holder is peer or at_s - holder.heard_at_s > FREE_AFTER_S
 
     def farewell(self, peer: Peer) -> None:
-        """Forget a peer that says that it ends; the next may command at once."""
+        """Drop a peer that announces its end; the next one may command without waiting."""
         self._drop(peer)
         if peer is self.commander:
             self.commander = None
@@ -161,32 +161,32 @@ class Peers:
         self._late_before += peer.sequence.out_of_order
 
 
-#: Without anybody who commands for this long, the servos are let go.
+#: Default time without the commander until the servos are released.
 RELEASE_AFTER_S = 10.0
 
-#: The next tick is left alone for this long before it is due, so that it is not late.
+#: No frame is taken up in this time before a tick is due, so that the tick is not late.
 SPARE_S = 0.0003
 
-#: Heartbeat and health go out every so many ticks, angles for displays every so many.
+#: Periods of heartbeat and health, and of Euler angles for displays, in ticks.
 BEAT_TICKS = 50
 EULER_TICKS = 5
 
-#: A peer that may not command is told so no more often than this.
-TELL_EVERY_S = 1.0
+#: Shortest time between two refusals that are sent to one peer.
+REFUSAL_PERIOD_S = 1.0
 
 CRITICAL_SEVERITY, WARNING_SEVERITY = 2, 4
 
 
 @dataclass(slots=True)
 class BoardCounters:
-    """What the board did since it began.
+    """Counts of a board since it began.
 
     Attributes:
-        overrides: obeyed.
-        refused: with a pulse that no servo has, or while the robot is stopped.
-        of_others: of peers that do not command.
-        expired: times that the commands ran out, and the pose was held.
-        released: times that the servos were let go.
+        overrides: executed overrides.
+        refused: overrides with a pulse out of range, or while the robot is stopped.
+        of_others: overrides of peers that do not command.
+        expired: times that commands stopped and the pose was held.
+        released: times that the servos were released.
         ticks: control periods.
     """
 
@@ -199,10 +199,11 @@ class BoardCounters:
 
 
 class ServoBoard:
-    """Moves connected-to-be servos from what comes on a port.
+    """Moves servos as the frames on a MAVLink port command.
 
-    Commands expire after `expiry_s`: then the pose is held. Without whoever commanded for `release_after_s`,
-    its heartbeat included, the servos are let go. The guard looks after ranges, speeds and falls here too.
+    Commands expire after `expiry_s`: then the pose is held. When nothing of the commander arrived for
+    `release_after_s`, not even a heartbeat, the servos are released. The guard limits ranges and speeds and
+    detects falls, as everywhere.
     """
 
     def __init__(
@@ -228,9 +229,9 @@ class ServoBoard:
         self._heard_at_s = 0.0
 
     def run(self, until: Callable[[], bool], *, ready: Callable[[], None] = lambda: None) -> None:
-        """Serve until asked to stop; `ready` is called once others may speak.
+        """Serve until `until` returns True; `ready` is called once peers may send.
 
-        Raises RobotFaultError when the servos cannot be had, or they or the port have gone.
+        Raises RobotFaultError when the servos cannot be reached, or they or the port fail.
         """
         try:
             with self._guard:
@@ -245,7 +246,7 @@ class ServoBoard:
             self._link.close()
 
     def report(self) -> dict[str, Any]:
-        """Return what happened so far, as JSON values."""
+        """Counts so far, as JSON values."""
         return {
             **asdict(self._counters),
             "clipped": self._channels.clipped + self._guard.counters.clipped,
@@ -259,15 +260,15 @@ class ServoBoard:
         }
 
     def _listen(self) -> None:
-        """Do what the port asks for until the next tick is due."""
-        while (patience_s := self._guard.clock.due_in_s - SPARE_S) > 0:
-            for arrival in self._link.receive(patience_s):
+        """Handle frames until the next tick is due."""
+        while (timeout_s := self._guard.clock.due_in_s - SPARE_S) > 0:
+            for arrival in self._link.receive(timeout_s):
                 self._handle(arrival)
         for arrival in self._link.receive(0.0):  # even when a tick took all its time
             self._handle(arrival)
 
     def _handle(self, arrival: Arrival) -> None:
-        """Obey or answer one message; nothing that comes may end the loop."""
+        """Execute or answer one frame; no content of a frame may end the loop."""
         frame = arrival.frame
         peer, new = self._peers.hear(arrival.sender, frame.system, frame.component, arrival.at_s)
         if not peer.sequence.in_order(frame.sequence, arrival.at_s):
@@ -286,16 +287,16 @@ class ServoBoard:
                 self._link.send(answer, peer.address)
 
     def _override(self, message: Any, peer: Peer, at_s: float) -> None:
-        """Move the servos if the sender may."""
+        """Move the servos if the sender may command."""
         if not self._peers.may_command(peer, at_s):
             self._counters.of_others += 1
-            if at_s - peer.told_at_s > TELL_EVERY_S:
-                peer.told_at_s = at_s
+            if at_s - peer.refused_at_s > REFUSAL_PERIOD_S:
+                peer.refused_at_s = at_s
                 words = "another controller holds the servos"
                 self._link.send(board_telemetry.text(CRITICAL_SEVERITY, words), peer.address)
             return
         if peer is not self._peers.commander:
-            # Whoever is new begins anew: a fall or a fault of the one before is over.
+            # A new commander starts afresh: a fall or a fault under the one before does not count.
             self._peers.commander = peer
             self._guard.clear()
         if self._guard.stopped == "expired":
@@ -310,10 +311,10 @@ class ServoBoard:
         self._counters.overrides += 1
 
     def _move(self) -> None:
-        """Send the servos where the channels say; those that are let go stay as they were told last."""
+        """Write the channels' targets; released servos keep their last target."""
         channels = self._channels
         if not channels.active.any():
-            self._let_go()
+            self._release()
             return
         active = channels.active[self._map.channels - 1]
         wanted = self._map.to_rad(channels.pulses_us)
@@ -321,66 +322,66 @@ class ServoBoard:
         self._guard.write(JointTargets(wanted, self._guard.clock.now_s))
         self._commanded = True
 
-    def _let_go(self) -> None:
-        self._channels.let_go()
+    def _release(self) -> None:
+        self._channels.release()
         self._guard.disable_torque()
         self._guard.pause_watchdog()
         self._counters.released += 1
         self._commanded = False
 
     def _tick(self) -> None:
-        """Let one control period pass: look after silence and say how the servos are."""
+        """One control period: read, check for silence, publish."""
         self._guard.clock.tick()
         expired_before = self._guard.stopped == "expired"
         state = self._guard.read()
         self._counters.expired += not expired_before and self._guard.stopped == "expired"
         if self._commanded and time.monotonic() - self._heard_at_s > self._release_after_s:
-            self._let_go()
+            self._release()
             self._peers.commander = None
-        self._say(self._news(state))
+        self._send_to_all(self._telemetry(state))
         self._counters.ticks += 1
 
-    def _news(self, state: RobotState) -> list[Any]:
-        """Return what to say of a state, and now and then how the board is."""
+    def _telemetry(self, state: RobotState) -> list[Any]:
+        """Messages for a state, and periodically for the health of the board."""
         ticks, now_s = self._counters.ticks, time.monotonic()
         pulses = self._map.by_channel(self._map.pulses_us(state.joint_positions_rad))
-        said = [board_telemetry.outputs(pulses, self._channels.active, now_s)]
-        said += board_telemetry.pose(state, now_s, with_euler=ticks % EULER_TICKS == 0)
+        sent = [board_telemetry.outputs(pulses, self._channels.active, now_s)]
+        sent += board_telemetry.pose(state, now_s, with_euler=ticks % EULER_TICKS == 0)
         if ticks % BEAT_TICKS == 0:
-            said = [*self._introduction(state.measured), *said]
-            said += board_telemetry.health(state, errors=self._link.malformed)
-        return said
+            sent = [*self._introduction(state.measured), *sent]
+            sent += board_telemetry.health(state, errors=self._link.malformed)
+        return sent
 
     def _introduction(self, measured: bool) -> list[Any]:
-        """Return who the board is: it beats, and says what its joint positions are worth."""
-        said = [
-            board_telemetry.beat(self._system_state()),
+        """Heartbeat, whether joint positions are measured, and the reason of a stop."""
+        sent = [
+            board_telemetry.heartbeat(self._system_state()),
             board_telemetry.measured(measured, time.monotonic()),
         ]
         if self._guard.stopped not in (None, "expired"):
-            said.append(board_telemetry.text(WARNING_SEVERITY, f"stopped: {self._guard.stopped}"))
-        return said
+            sent.append(board_telemetry.text(WARNING_SEVERITY, f"stopped: {self._guard.stopped}"))
+        return sent
 
     def _introduce(self, peer: Peer) -> None:
-        """Let a new peer know at once who is here."""
-        for message in self._introduction(self._guard.read().measured):
+        """Send a new peer the introduction without waiting for the next heartbeat."""
+        for message in self._introduction(self._guard.peek().measured):
             self._link.send(message, peer.address)
 
     def _system_state(self) -> int:
-        """Return the MAV_STATE: standing by, active, or critical while the pose is held."""
+        """MAV_STATE: standby, active, or critical while the pose is held."""
         if self._guard.stopped is not None:
             return int(messages.CRITICAL)
         return int(messages.ACTIVE if self._commanded else messages.STANDBY)
 
-    def _say(self, said: list[Any]) -> None:
-        """Send to everybody who was heard lately; on a stream whoever is there hears it."""
+    def _send_to_all(self, sent: list[Any]) -> None:
+        """Send messages to all peers that were heard lately; on a stream to its other end."""
         for address in [None] if self._stream else self._peers.addresses():
-            for message in said:
+            for message in sent:
                 self._link.send(message, address)
 
 
 def _for_us(message: Any) -> bool:
-    """Return whether a message is for this board; 0 is for everybody."""
+    """Whether a message is for this board; target 0 is a broadcast."""
     return message.target_system in (0, messages.BOARD_SYSTEM) and message.target_component in (
         0,
         messages.BOARD_COMPONENT,

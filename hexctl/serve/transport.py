@@ -1,4 +1,4 @@
-"""The robot's end of the network: what it publishes, and everything that comes, into one inbox."""
+"""Zenoh transport of a served robot: its publishers, and one inbox for everything that arrives."""
 
 from collections.abc import Callable
 from types import TracebackType
@@ -11,7 +11,7 @@ from hexctl.wire.description import encode_json
 from hexctl.wire.links import KeyMap, Link, Role
 from hexctl.wire.session import open_session
 
-#: What the robot says, and with which priority.
+#: Priority of each kind of message that a robot publishes.
 PUBLISHED = {
     "joint_states": zenoh.Priority.REAL_TIME,
     "odom": zenoh.Priority.REAL_TIME,
@@ -23,9 +23,9 @@ ASKED = ("describe", "lease", "estop")
 
 
 class Transport:
-    """Opens a robot's session; callbacks only put what came into the inbox.
+    """A robot's Zenoh session; its callbacks only put arrivals into the inbox.
 
-    `urgent` is called at once, on Zenoh's thread, with the payload of whatever arrives at `estop`.
+    `urgent` is called on Zenoh's thread, before that, with the payload of each query at `estop`.
     """
 
     def __init__(self, link: Link, robot_name: str, inbox: Inbox, urgent: Callable[[bytes], None]) -> None:
@@ -39,7 +39,7 @@ class Transport:
     def __enter__(self) -> Self:
         """Open the session and declare everything.
 
-        Raises InputError for a link that is not allowed, RobotFaultError when nobody can listen there.
+        Raises InputError for a link that is not allowed, RobotFaultError when its address cannot be used.
         """
         self._session = open_session(self._link, Role.ROBOT, self.keys)
         try:
@@ -56,15 +56,15 @@ class Transport:
             self._session.close()  # type: ignore[no-untyped-call]
 
     def publish(self, kind: str, payload: bytes, attachment: bytes | None = None) -> None:
-        """Send a message to whoever listens; never waits for one who is slow."""
+        """Publish a message; never waits for a slow subscriber."""
         self._publishers[kind].put(payload, attachment=attachment)
 
     def reply(self, kind: str, query: Any, content: dict[str, Any]) -> None:
-        """Answer a query of a kind with JSON, under the robot's own key, and let it go."""
+        """Answer a query of a kind with JSON, under the robot's own key, and release it."""
         try:
             query.reply(getattr(self.keys, kind), encode_json(content))
         except zenoh.ZError:
-            pass  # whoever asked has gone
+            pass  # the client has gone
         finally:
             query.drop()
 
@@ -91,10 +91,10 @@ class Transport:
 
 
 def payload_of(item: Any) -> bytes:
-    """Return the payload of a sample or a query; nothing is empty."""
+    """Payload of a sample or a query; empty where it has none."""
     return bytes(item.payload) if item.payload is not None else b""
 
 
 def attachment_of(item: Any) -> bytes | None:
-    """Return the attachment of a sample, or None."""
+    """Attachment of a sample, or None."""
     return bytes(item.attachment) if item.attachment is not None else None

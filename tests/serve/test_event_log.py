@@ -74,4 +74,4 @@ def test_lines_that_were_left_out_are_counted() -> None:
     reader.await_lines(WAITING_LINES)
     event_log.note(controller="mia", stopped=None, posture="commanded")
     event_log.close()
-    assert reader.lines[-1].endswith("lines left out) commanded by mia")
+    assert reader.lines[-1].endswith("lines dropped) commanded by mia")

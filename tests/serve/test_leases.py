@@ -27,7 +27,7 @@ def test_a_lease_ends_unless_it_is_renewed() -> None:
         desk.renew(lease.lease_id, third * LEASE_S / 3)
     assert desk.holder(3.9 * LEASE_S) is not None
     assert desk.holder(4.1 * LEASE_S) is None
-    with pytest.raises(LeaseRefusedError, match="nobody holds"):
+    with pytest.raises(LeaseRefusedError, match="no client holds"):
         desk.renew(lease.lease_id, 4.1 * LEASE_S)
 
 
