@@ -52,6 +52,8 @@ def own_module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
         "class Mine(MockServos):\n    pass\n"
         "class NoServos:\n    def __init__(self, robot): pass\n"
         "class WantsMore:\n    def __init__(self, robot, port): pass\n"
+        "from hexctl.backends.sim.servos import SimServos\n"
+        "class Simulator(SimServos):\n    pass\n"
         "class Bus(MockServos):\n"
         "    def __init__(self, robot, *, connect='/dev/bus', credentials=None, servo_map=None, **more):\n"
         "        super().__init__(robot)\n"
@@ -91,6 +93,12 @@ def test_servos_of_ones_own_get_the_options_that_they_take(own_module: str, tmp_
     assert servos.given == ("/dev/ttyUSB3", tmp_path, file.servo_map, {})
     servos = make_servos(f"{own_module}:Bus", OPTIONS)
     assert servos.given[:2] == ("/dev/bus", None)
+
+
+def test_a_simulator_of_ones_own_gets_world_failure_and_seed(own_module: str) -> None:
+    servos: Any = make_servos(f"{own_module}:Simulator", OPTIONS)
+    assert (servos.world, servos.failure, servos.seed) == (OPTIONS.world, OPTIONS.failure, 7)
+    check_options(f"{own_module}:Simulator", world="slippery", seed=3, realtime=True)
 
 
 def test_options_that_a_backend_would_ignore_are_refused(own_module: str) -> None:

@@ -35,6 +35,34 @@ RECEIVE_TIMEOUT_S = 0.05
 #: Severity of a STATUSTEXT from which it is a fault: error, critical, alert, emergency.
 ERROR_SEVERITY = 3
 
+#: Messages that are kept, by kind: name to keep them under, and decoder.
+READERS = {
+    "ACTUATOR_OUTPUT_STATUS": ("outputs", messages.outputs_of),
+    "ATTITUDE": ("attitude", messages.orientation_of),
+    "ATTITUDE_QUATERNION": ("attitude", messages.orientation_of),
+    "LOCAL_POSITION_NED": ("position", messages.position_of),
+    "ODOMETRY": ("odometry", messages.pose_of),
+    "BATTERY_STATUS": ("battery", messages.battery_of),
+    "SYS_STATUS": ("system", messages.battery_of),
+}
+
+#: How long a board may take for its first heartbeat, and then for its first servo positions.
+CONNECT_TIMEOUT_S = 3.0
+
+#: A pose this much older than the outputs is not used.
+STALE_POSE_S = 0.2
+
+#: A battery reading older than this is not used.
+STALE_BATTERY_S = 10.0
+
+#: How long an error text of the board is a fault.
+ERROR_TEXT_S = 2.0
+
+#: Where between two states of the board the ticks of this end fall: as far from both as possible.
+PHASE = 0.5
+
+WHO = "the servo board"
+
 
 @dataclass(frozen=True, slots=True)
 class Peer:
@@ -76,18 +104,6 @@ class LinkCounters:
     malformed: int = 0
     dropped: int = 0
     clipped: int = 0
-
-
-#: Messages that are kept, by kind: name to keep them under, and decoder.
-READERS = {
-    "ACTUATOR_OUTPUT_STATUS": ("outputs", messages.outputs_of),
-    "ATTITUDE": ("attitude", messages.orientation_of),
-    "ATTITUDE_QUATERNION": ("attitude", messages.orientation_of),
-    "LOCAL_POSITION_NED": ("position", messages.position_of),
-    "ODOMETRY": ("odometry", messages.pose_of),
-    "BATTERY_STATUS": ("battery", messages.battery_of),
-    "SYS_STATUS": ("system", messages.battery_of),
-}
 
 
 class Receiver:
@@ -188,24 +204,6 @@ class Receiver:
             self._newest["measured"] = Stamped(message.value == 1, at_s)
         elif kind == "STATUSTEXT" and message.severity <= ERROR_SEVERITY:
             self._newest["error"] = Stamped(messages.name_of(message), at_s)
-
-
-#: How long a board may take for its first heartbeat, and then for its first servo positions.
-CONNECT_TIMEOUT_S = 3.0
-
-#: A pose this much older than the outputs is not used.
-STALE_POSE_S = 0.2
-
-#: A battery reading older than this is not used.
-STALE_BATTERY_S = 10.0
-
-#: How long an error text of the board is a fault.
-ERROR_TEXT_S = 2.0
-
-#: Where between two states of the board the ticks of this end fall: as far from both as possible.
-PHASE = 0.5
-
-WHO = "the servo board"
 
 
 class MavlinkServos(LegServos):

@@ -32,6 +32,9 @@ KEY_BYTES = 32
 #: What pymavlink may raise for arbitrary bytes.
 DECODING_ERRORS = (common.MAVError, ValueError, TypeError, IndexError, KeyError, struct.error)
 
+#: Name of the key in the folder that `--keys` names.
+KEY_FILE = "mavlink.key"
+
 
 @dataclass(frozen=True, slots=True)
 class Frame:
@@ -180,10 +183,6 @@ class _Mavlink(common.MAVLink):  # type: ignore[misc]  # pymavlink has no types
         signing.stream_timestamps[stream] = stamp
         signing.timestamp = max(signing.timestamp, stamp)
         return True
-
-
-#: Name of the key in the folder that `--keys` names.
-KEY_FILE = "mavlink.key"
 
 
 def read_signing_key(folder: Path | None) -> bytes | None:

@@ -54,6 +54,12 @@ MEASURED_NAME = "measured"
 #: Frames in which ODOMETRY is understood: x forward or north, y right or east, z down.
 ODOMETRY_FRAMES = (common.MAV_FRAME_LOCAL_NED, common.MAV_FRAME_LOCAL_FRD)
 
+#: Half a turn about x, for (x, y, z).
+FLIP_VECTOR = np.array([1.0, -1.0, -1.0])
+
+#: The same for (w, x, y, z).
+FLIP_QUATERNION = np.array([1.0, 1.0, -1.0, -1.0])
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Outputs(ArrayFields):
@@ -190,13 +196,6 @@ def _unit(components: list[float], what: str) -> FloatArray:
     if not abs(length - 1) < QUATERNION_SLACK:  # false for nan too
         raise MessageError(f"{what}: got an orientation of length {length:g}; allowed: 1")
     return flipped_quaternion(quaternion / length)
-
-
-#: Half a turn about x, for (x, y, z).
-FLIP_VECTOR = np.array([1.0, -1.0, -1.0])
-
-#: The same for (w, x, y, z).
-FLIP_QUATERNION = np.array([1.0, 1.0, -1.0, -1.0])
 
 
 def flipped_vector(vector: FloatArray) -> FloatArray:

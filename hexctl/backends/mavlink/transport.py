@@ -27,6 +27,24 @@ MAX_BAUD = 4_000_000
 
 ALLOWED = "udpin:HOST:PORT, udpout:HOST:PORT, or a serial device such as /dev/ttyACM0 or /dev/ttyACM0:115200"
 
+#: Address of a sender; None on a stream, which has one other end.
+Address = Any
+
+#: Bytes per read: more than any MAVLink datagram, and than a stream holds between two reads.
+CHUNK = 65_536
+
+#: Datagrams per call, so that a flood cannot keep a reader from its other work.
+MAX_DATAGRAMS = 64
+
+#: Sequence numbers count modulo this.
+MODULUS = 256
+
+#: A sender that was silent for this long may have restarted: its next number is not compared.
+FORGET_AFTER_S = 0.5
+
+#: Addresses with sequence numbers of their own; more only occur in a flood.
+MOST_ADDRESSES = 64
+
 
 @dataclass(frozen=True, slots=True)
 class PortAddress:
@@ -78,16 +96,6 @@ def check_guarded(address: PortAddress, *, option: str, text: str, signed: bool,
             f"{option}: got {text}, where anybody on the network could move the servos; "
             "allowed: this computer, a folder with a mavlink.key (hexctl keys mavlink), or --insecure"
         )
-
-
-#: Address of a sender; None on a stream, which has one other end.
-Address = Any
-
-#: Bytes per read: more than any MAVLink datagram, and than a stream holds between two reads.
-CHUNK = 65_536
-
-#: Datagrams per call, so that a flood cannot keep a reader from its other work.
-MAX_DATAGRAMS = 64
 
 
 class Port(ABC):
@@ -273,13 +281,6 @@ class PtyPort(StreamPort):
             os.close(descriptor)
 
 
-#: Sequence numbers count modulo this.
-MODULUS = 256
-
-#: A sender that was silent for this long may have restarted: its next number is not compared.
-FORGET_AFTER_S = 0.5
-
-
 @dataclass(slots=True)
 class SequenceCount:
     """Counts lost and reordered frames of one sender by their sequence numbers.
@@ -325,10 +326,6 @@ class Arrival:
     frame: Frame
     sender: Address
     at_s: float
-
-
-#: Addresses with sequence numbers of their own; more only occur in a flood.
-MOST_ADDRESSES = 64
 
 
 class MavlinkLink:

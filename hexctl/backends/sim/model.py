@@ -27,6 +27,19 @@ from hexctl.types import (
 #: Where the joints begin in qpos: after the free joint's position and quaternion.
 FIRST_JOINT = 7
 
+#: Passive damping of a gearbox without power, in N m s/rad.
+GEAR_DAMPING = 0.02
+
+#: A geom collides with the floor only; legs pass through one another.
+ROBOT_CONTACT = {"contype": 0, "conaffinity": 1}
+NO_CONTACT = {"contype": 0, "conaffinity": 0}
+
+#: Stiffness and torque limit of a jammed joint, as multiples of its servo's.
+JAM_STIFFNESS = 20.0
+
+#: Remaining share of the mass of a missing leg: MuJoCo needs some.
+MISSING_MASS_SHARE = 1e-4
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Simulation(ArrayFields):
@@ -201,14 +214,6 @@ def _turned(quaternion: FloatArray, yaw_rad: float) -> FloatArray:
     return np.array([w * cos - z * sin, x * cos + y * sin, y * cos - x * sin, z * cos + w * sin])
 
 
-#: Passive damping of a gearbox without power, in N m s/rad.
-GEAR_DAMPING = 0.02
-
-#: A geom collides with the floor only; legs pass through one another.
-ROBOT_CONTACT = {"contype": 0, "conaffinity": 1}
-NO_CONTACT = {"contype": 0, "conaffinity": 0}
-
-
 def make_body(robot: Robot) -> Any:
     """The mjcf model of a robot; its leg k is the attachment `leg{k}`."""
     root = mjcf.RootElement(model=robot.name)
@@ -295,13 +300,6 @@ def _add_servo(leg: Any, link: Any, robot: Robot, index: int) -> None:
         forcelimited=True,
         forcerange=[-torque, torque],
     )
-
-
-#: Stiffness and torque limit of a jammed joint, as multiples of its servo's.
-JAM_STIFFNESS = 20.0
-
-#: Remaining share of the mass of a missing leg: MuJoCo needs some.
-MISSING_MASS_SHARE = 1e-4
 
 
 def inject_failure(physics: Any, robot: Robot, failure: Failure | None) -> tuple[BoolArray, FloatArray]:

@@ -19,6 +19,17 @@ MAX_JOINT_OFFSET_DEG = 45.0
 NotNegative = Annotated[Number, Field(ge=0, allow_inf_nan=False)]
 Offset = Annotated[Number, Field(ge=-1, le=1, allow_inf_nan=False)]
 
+#: Members of one family; the legs of a prior take theirs from blocks far apart.
+MAX_MEMBERS = 1 << 20
+
+#: Quantities of a world that are lists, whose elements are drawn independently.
+_PARTS = {"body_mass_shift_m": 3, "payload_position_m": 3, "joint_offset_deg": N_JOINTS}
+
+#: Quantities with discrete values, which cannot be randomized; a kind may set them.
+_IN_STEPS = ("time_step_s", "servo_delay_s", "friction_cone", "sensor_noise")
+
+Finite = Annotated[Number, Field(allow_inf_nan=False)]
+
 
 class _Section(BaseModel):
     """Frozen; unknown keys are refused."""
@@ -116,18 +127,6 @@ class World(_Section):
                 f"got {shown(given)}; allowed: 0 to {most}, or a list of {N_JOINTS}, each -{most} to {most}"
             )
         return given
-
-
-#: Members of one family; the legs of a prior take theirs from blocks far apart.
-MAX_MEMBERS = 1 << 20
-
-#: Quantities of a world that are lists, whose elements are drawn independently.
-_PARTS = {"body_mass_shift_m": 3, "payload_position_m": 3, "joint_offset_deg": N_JOINTS}
-
-#: Quantities with discrete values, which cannot be randomized; a kind may set them.
-_IN_STEPS = ("time_step_s", "servo_delay_s", "friction_cone", "sensor_noise")
-
-Finite = Annotated[Number, Field(allow_inf_nan=False)]
 
 
 class Distribution(BaseModel):

@@ -33,6 +33,25 @@ from hexctl.wire.session import open_session
 #: A robot answers within a tick; more than this is silence.
 ANSWER_TIMEOUT_S = 1.0
 
+#: How long a robot may take to give a lease.
+ACQUIRE_TIMEOUT_S = 2.0
+
+#: How long a robot may take to describe itself.
+DESCRIBE_TIMEOUT_S = 3.0
+
+#: How long the reason for a lost lease may take to arrive.
+STOP_REASON_TIMEOUT_S = 0.3
+
+#: Where in the robot's period the ticks of this end fall: as far from its ticks as possible.
+PHASE = 0.5
+
+NO_LEASE = bytes(LEASE_ID_BYTES)
+
+WHO = "the robot on the network"
+
+#: How long a robot may take to describe itself to a viewer.
+DESCRIBE_TIMEOUT_S = 3.0
+
 
 def ask(
     session: zenoh.Session,
@@ -74,10 +93,6 @@ def ask_until(
     """
     once_s = min(ANSWER_TIMEOUT_S, timeout_s)
     return wait_for(lambda: ask(session, key, content, timeout_s=once_s), timeout_s, silence, poll_s=0.05)
-
-
-#: How long a robot may take to give a lease.
-ACQUIRE_TIMEOUT_S = 2.0
 
 
 def owner_name() -> str:
@@ -168,20 +183,6 @@ class LeaseClient:
         except zenoh.ZError:
             return None
         return answers[0] if answers else None
-
-
-#: How long a robot may take to describe itself.
-DESCRIBE_TIMEOUT_S = 3.0
-
-#: How long the reason for a lost lease may take to arrive.
-STOP_REASON_TIMEOUT_S = 0.3
-
-#: Where in the robot's period the ticks of this end fall: as far from its ticks as possible.
-PHASE = 0.5
-
-NO_LEASE = bytes(LEASE_ID_BYTES)
-
-WHO = "the robot on the network"
 
 
 class ZenohServos(LegServos):
@@ -318,10 +319,6 @@ class ZenohServos(LegServos):
             lease_id=NO_LEASE if lease is None else lease.lease_id,
             lease_sequence=0 if lease is None else lease.sequence,
         ).packed()
-
-
-#: How long a robot may take to describe itself to a viewer.
-DESCRIBE_TIMEOUT_S = 3.0
 
 
 @contextmanager

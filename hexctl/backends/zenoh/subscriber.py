@@ -13,6 +13,23 @@ from hexctl.waiting import wait_for
 from hexctl.wire.links import KeyMap
 from hexctl.wire.messages import StateTag, contacts_of, decode_battery, decode_pose, decode_positions
 
+#: Kinds of messages that are subscribed to.
+SUBSCRIBED = ("joint_states", "odom", "battery")
+
+#: How long a robot may take to send its first state.
+FIRST_STATE_TIMEOUT_S = 3.0
+
+#: A robot that has said nothing for this long has gone; long before, the guard has stopped for an old state.
+GONE_AFTER_S = 5.0
+
+#: A pose this much older than the joint state is not used.
+STALE_POSE_S = 0.2
+
+#: Tag assumed for a robot that sends none.
+PLAIN_TAG = StateTag(
+    sequence=0, stamp_ns=0, age_us=0, command_sequence=0, measured=True, healthy=True, contacts=None
+)
+
 
 @dataclass(frozen=True, slots=True)
 class StampedSample:
@@ -47,24 +64,6 @@ class LatestValues:
     def newest(self, kind: str) -> StampedSample | None:
         """The newest sample of a kind, or None before the first."""
         return self._newest.get(kind)
-
-
-#: Kinds of messages that are subscribed to.
-SUBSCRIBED = ("joint_states", "odom", "battery")
-
-#: How long a robot may take to send its first state.
-FIRST_STATE_TIMEOUT_S = 3.0
-
-#: A robot that has said nothing for this long has gone; long before, the guard has stopped for an old state.
-GONE_AFTER_S = 5.0
-
-#: A pose this much older than the joint state is not used.
-STALE_POSE_S = 0.2
-
-#: Tag assumed for a robot that sends none.
-PLAIN_TAG = StateTag(
-    sequence=0, stamp_ns=0, age_us=0, command_sequence=0, measured=True, healthy=True, contacts=None
-)
 
 
 class StateSubscriber:
