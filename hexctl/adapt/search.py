@@ -295,7 +295,7 @@ def _wants_prior(spec: SessionSpec, wanted: str | None, free: bool) -> bool:
             raise InputError("--prior: got none with --optimizer bayes; allowed: auto or a file")
         if wanted not in (None, "none"):
             raise InputError(f"--prior: got {wanted} with --optimizer {spec.optimizer}; allowed: with bayes")
-        if spec.early_stop:
+        if spec.early_stop and ":" not in spec.optimizer:
             raise InputError("--early-stop: got it without a prior; allowed: with bayes and a prior")
         return False
     if spec.count_repeats:

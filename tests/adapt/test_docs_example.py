@@ -15,7 +15,8 @@ PAGE = Path(__file__).resolve().parents[2] / "docs" / "adaptation.md"
 
 @pytest.fixture
 def nearby(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Make:
-    (program,) = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), flags=re.DOTALL)
+    blocks = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), flags=re.DOTALL)
+    (program,) = [block for block in blocks if "class Nearby" in block]
     (tmp_path / "nearby.py").write_text(program, encoding="utf-8")
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.delitem(sys.modules, "nearby", raising=False)

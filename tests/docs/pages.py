@@ -48,7 +48,9 @@ def inline_commands(page: Path, program: str) -> list[list[str]]:
 
 
 def save_programs(page: Path, folder: Path) -> None:
-    """Save the Python of a page under the name that its text gives."""
-    names = re.findall(r"[Ss]aved? (?:it |this )?as `(\w+\.py)`", page.read_text(encoding="utf-8"))
-    for name, block in zip(names, blocks(page, "python"), strict=False):
-        (folder / name).write_text(block.text, encoding="utf-8")
+    """Save the Python of a page under the names that its text gives, each the block nearest to its name."""
+    text = page.read_text(encoding="utf-8")
+    programs = [found for found in FENCED.finditer(text) if found[1] == "python"]
+    for name in re.finditer(r"[Ss]aved? (?:it |this )?as `(\w+\.py)`", text):
+        near = min(programs, key=lambda block: max(block.start() - name.end(), name.start() - block.end()))
+        (folder / name[1]).write_text(near[2], encoding="utf-8")
