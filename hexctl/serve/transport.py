@@ -9,17 +9,15 @@ import zenoh
 from hexctl.serve.inbox import Inbox
 from hexctl.wire.description import encode_json
 from hexctl.wire.links import KeyMap, Link, Role
-from hexctl.wire.session import open_session
+from hexctl.wire.session import QUERYABLE, SUBSCRIBED, open_session
 
 #: Priority of each kind of message that a robot publishes.
-PUBLISHED = {
+PRIORITIES = {
     "joint_states": zenoh.Priority.REAL_TIME,
     "odom": zenoh.Priority.REAL_TIME,
     "battery": zenoh.Priority.DATA_LOW,
     "status": zenoh.Priority.DATA,
 }
-HEARD = ("command", "pose")
-ASKED = ("describe", "lease", "estop")
 
 
 class Transport:
@@ -69,16 +67,16 @@ class Transport:
             query.drop()
 
     def _declare(self, session: zenoh.Session) -> None:
-        for kind, priority in PUBLISHED.items():
+        for kind, priority in PRIORITIES.items():
             self._publishers[kind] = session.declare_publisher(
                 getattr(self.keys, kind),
                 congestion_control=zenoh.CongestionControl.DROP,
                 priority=priority,
                 express=True,
             )
-        for kind in HEARD:
+        for kind in SUBSCRIBED:
             session.declare_subscriber(getattr(self.keys, kind), self._putter(kind))
-        for kind in ASKED:
+        for kind in QUERYABLE:
             session.declare_queryable(getattr(self.keys, kind), self._putter(kind))
 
     def _putter(self, kind: str) -> Callable[[Any], None]:

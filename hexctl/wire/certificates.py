@@ -30,13 +30,13 @@ from hexctl.wire.links import Role
 
 AUTHORITY_FILE, CERTIFICATE_FILE, KEY_FILE = "ca.pem", "certificate.pem", "key.pem"
 
-#: Whose certificate may stand in for a role's own: who may command may also look.
+#: Roles whose certificate is good for another role too: a controller may also view.
 STAND_INS = {Role.VIEWER: (Role.VIEWER, Role.CONTROLLER)}
 
 
 @dataclass(frozen=True, slots=True)
 class Credentials:
-    """Paths of PEM files.
+    """PEM files of one end of a link.
 
     Attributes:
         authority: certificate of the authority that signed both ends'.
@@ -50,9 +50,9 @@ class Credentials:
 
 
 def find_credentials(folder: Path, role: Role) -> Credentials:
-    """Return the credentials of a role from its own folder, or from the one that `hexctl keys new` made.
+    """Credentials of a role from its own folder, or from the one that `hexctl keys new` made.
 
-    Raises InputError when they are not there, are another role's, expired, or do not belong together.
+    Raises InputError when they are missing, another role's, expired, or do not belong together.
     """
     roles = STAND_INS.get(role, (role,))
     for place in (*(folder / each.value for each in roles), folder):
@@ -67,24 +67,24 @@ def find_credentials(folder: Path, role: Role) -> Credentials:
 
 
 def load_certificate(path: Path) -> x509.Certificate:
-    """Return the certificate of a PEM file.
+    """Certificate of a PEM file.
 
-    Raises InputError for a file that is none.
+    Raises InputError for a file that is not a certificate.
     """
     try:
         return x509.load_pem_x509_certificate(path.read_bytes())
     except (OSError, ValueError) as error:
-        raise InputError(f"{path}: is no certificate ({error}); allowed: a PEM file") from error
+        raise InputError(f"{path}: is not a certificate ({error}); allowed: a PEM file") from error
 
 
 def common_name(certificate: x509.Certificate) -> str:
-    """Return the common name of whom a certificate is for, empty without one."""
+    """Common name of a certificate's subject, empty without one."""
     names = certificate.subject.get_attributes_for_oid(NameOID.COMMON_NAME)
     return str(names[0].value) if names else ""
 
 
 def _check(found: Credentials, roles: tuple[Role, ...]) -> None:
-    """Refuse what the other end would refuse too, but without saying why."""
+    """Raise InputError for what the other end would refuse without giving a reason."""
     certificate, authority = load_certificate(found.certificate), load_certificate(found.authority)
     name = common_name(certificate)
     if name not in [role.value for role in roles]:
@@ -109,9 +109,9 @@ def _check_key(found: Credentials, certificate: x509.Certificate) -> None:
         readable_by_all = found.key.stat().st_mode & stat.S_IROTH
         key = load_pem_private_key(found.key.read_bytes(), password=None)
     except (OSError, ValueError, TypeError) as error:
-        raise InputError(f"{found.key}: is no private key ({error}); allowed: a PEM file") from error
+        raise InputError(f"{found.key}: is not a private key ({error}); allowed: a PEM file") from error
     if readable_by_all:
-        raise InputError(f"{found.key}: everybody on this computer can read it; chmod 600 {found.key}")
+        raise InputError(f"{found.key}: every user of this computer can read it; chmod 600 {found.key}")
     if key.public_key() != certificate.public_key():
         raise InputError(f"{found.key}: does not belong to {found.certificate}")
 
@@ -121,7 +121,7 @@ AUTHORITY_NAME = "hexctl authority"
 
 MIN_DAYS, MAX_DAYS = 1, 3650
 
-#: Valid from so long ago: a robot's computer without a battery for its clock wakes up in the past.
+#: Start of validity before now: a robot's computer without a clock battery boots in the past.
 HEAD_START = timedelta(days=1)
 
 LOOPBACK = ("localhost", "127.0.0.1", "::1")
@@ -138,14 +138,14 @@ class _Issuer:
 
 
 def make_certificates(folder: Path, *, hosts: list[str], days: int) -> None:
-    """Make a new folder with an authority, and a folder for each role with all that it needs.
+    """Create a folder with an authority, and a folder for each role with its certificate and key.
 
     Args:
-        folder: must not exist yet; it is there whole or not at all.
+        folder: must not exist yet; it is created completely or not at all.
         hosts: names and addresses under which clients reach the robot.
-        days: how long all of it is valid.
+        days: validity.
 
-    Raises InputError for a folder that exists or cannot be made, a host that is none, days out of range.
+    Raises InputError for a folder that exists or cannot be made, an invalid host, and days out of range.
     """
     _check_days(days)
     if folder.exists():
@@ -156,7 +156,7 @@ def make_certificates(folder: Path, *, hosts: list[str], days: int) -> None:
         folder.parent.mkdir(parents=True, exist_ok=True)
         half = Path(tempfile.mkdtemp(prefix=f".{folder.name}-", dir=folder.parent))  # mode 0700
         try:
-            (half / ".gitignore").write_text("*\n")  # keys do not belong into anybody's repository
+            (half / ".gitignore").write_text("*\n")  # keys do not belong in a repository
             _write(half / AUTHORITY_FOLDER, issuer, issuer.certificate, issuer.key)
             for role in Role:
                 key = _new_key()
@@ -219,9 +219,9 @@ def _info(place: Path) -> CertificateInfo:
 
 
 def renew_certificates(folder: Path, *, days: int) -> None:
-    """Make all certificates of a folder valid anew, for the same hosts and with the same private keys.
+    """Renew all certificates of a folder, for the same hosts and with the same private keys.
 
-    An end with its old certificate and one with its new still understand each other, as long as both are
+    An end with its old certificate and one with its new one still accept each other, as long as both are
     valid. Raises InputError for a folder without its authority, or one that cannot be written.
     """
     _check_days(days)
@@ -244,7 +244,7 @@ def renew_certificates(folder: Path, *, days: int) -> None:
 
 
 def hosts_of(certificate: x509.Certificate) -> list[x509.GeneralName]:
-    """Return under which hosts the owner of a certificate may listen."""
+    """Hosts under which the owner of a certificate may listen."""
     try:
         return list(certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value)
     except x509.ExtensionNotFound:
@@ -260,14 +260,14 @@ def _load_key(path: Path) -> Key:
     try:
         key = load_pem_private_key(path.read_bytes(), password=None)
     except (OSError, ValueError, TypeError) as error:
-        raise InputError(f"{path}: is no private key ({error}); allowed: one of hexctl keys new") from error
+        raise InputError(f"{path}: is not a private key ({error}); allowed: one of hexctl keys new") from error
     if not isinstance(key, Key):
         raise InputError(f"{path}: is no key of hexctl's kind; allowed: what hexctl keys new made")
     return key
 
 
 def _write(folder: Path, issuer: _Issuer, certificate: x509.Certificate, key: Key) -> None:
-    """Write what one role needs; its private key is for its owner's eyes only."""
+    """Write the files of one role; only their owner can read the private key."""
     folder.mkdir(mode=0o700)
     (folder / AUTHORITY_FILE).write_bytes(issuer.certificate.public_bytes(Encoding.PEM))
     (folder / CERTIFICATE_FILE).write_bytes(certificate.public_bytes(Encoding.PEM))
@@ -278,7 +278,7 @@ def _write(folder: Path, issuer: _Issuer, certificate: x509.Certificate, key: Ke
 
 def _make_authority(days: int) -> _Issuer:
     key = _new_key()
-    # Two authorities must not have one name: who mixes them up would be told of a bad signature.
+    # Authorities need distinct names: mixing two of one name would be reported as a bad signature.
     name = _name(f"{AUTHORITY_NAME} {secrets.token_hex(4)}")
     return _Issuer(_sign_authority(name, key, days), key)
 
@@ -295,10 +295,10 @@ def _sign_authority(name: x509.Name, key: Key, days: int) -> x509.Certificate:
 def _certify(
     role: Role, key: CertificatePublicKeyTypes, hosts: list[x509.GeneralName], issuer: _Issuer, days: int
 ) -> x509.Certificate:
-    """Return the certificate of a role for a public key.
+    """Certificate of a role for a public key.
 
-    Only a robot's is good for listening, under the hosts it is made for: with a client's somebody between
-    a robot and its controllers could pose as the robot.
+    Only a robot's is valid for listening, under its hosts: with a client's certificate, an attacker between a
+    robot and its controllers could pose as the robot.
     """
     listens = role is Role.ROBOT
     usage = ExtendedKeyUsageOID.SERVER_AUTH if listens else ExtendedKeyUsageOID.CLIENT_AUTH
@@ -336,7 +336,7 @@ def _name(common_name: str) -> x509.Name:
 
 
 def _host(text: str) -> x509.GeneralName:
-    """Return a host as certificates name it: an address or a name."""
+    """Host as a certificate names it: an address or a name."""
     try:
         return x509.IPAddress(ipaddress.ip_address(text))
     except ValueError:

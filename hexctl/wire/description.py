@@ -16,7 +16,7 @@ from hexctl.types import JOINT_NAMES
 from hexctl.wire import MAX_PAYLOAD_BYTES, PROTOCOL_VERSION
 from hexctl.wire.links import Link
 
-#: Numbers of two descriptions that differ by no more are equal.
+#: Tolerance for numbers of two descriptions.
 SAME = 1e-9
 
 
@@ -114,7 +114,7 @@ def check_may_command(identity: RobotIdentity, link: Link) -> None:
 
 
 def describe(robot: Robot) -> dict[str, Any]:
-    """Return everything a controller must agree on, as JSON values."""
+    """Everything that robot and controller must agree on, as JSON values."""
     return {
         "protocol": PROTOCOL_VERSION,
         "joints": list(JOINT_NAMES),
@@ -123,12 +123,12 @@ def describe(robot: Robot) -> dict[str, Any]:
 
 
 def encode_json(content: dict[str, Any]) -> bytes:
-    """Return JSON as bytes."""
+    """JSON as bytes."""
     return json.dumps(content, allow_nan=False).encode()
 
 
 def decode_json(payload: bytes) -> dict[str, Any]:
-    """Return the one JSON object that bytes hold.
+    """JSON object of bytes.
 
     Raises MessageError for anything else.
     """
@@ -163,9 +163,9 @@ def check_same_robot(answer: dict[str, Any], robot: Robot) -> None:
 
 
 def robot_of(answer: dict[str, Any]) -> Robot:
-    """Return the robot that an answer describes.
+    """Robot that an answer describes.
 
-    Raises RobotFaultError for one of another protocol, or one that is no robot.
+    Raises RobotFaultError for another protocol, or a description that is not valid.
     """
     content = answer.get("robot")
     if answer.get("protocol") != PROTOCOL_VERSION or not isinstance(content, dict):
@@ -192,7 +192,7 @@ def _plain(value: object) -> Any:
 
 
 def _differences(there: Any, here: Any, place: str) -> Iterator[str]:
-    """Yield every place at which two descriptions differ, with both values."""
+    """Every place at which two descriptions differ, with both values."""
     if isinstance(there, dict) and isinstance(here, dict):
         for key in sorted(here.keys() | there.keys()):
             yield from _differences(there.get(key), here.get(key), f"{place}.{key}" if place else key)

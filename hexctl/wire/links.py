@@ -15,9 +15,9 @@ from hexctl.robot.configs import find_config, read_mapping, validate
 
 
 class Role(Enum):
-    """Who opens a session; also the common name of its certificate, and of the folder that holds it.
+    """Role of one end of a link; also the common name of its certificate, and the name of its folder.
 
-    A robot listens and says; controllers command, stop and may say where a robot is; viewers only read.
+    A robot listens and publishes. Controllers command, stop, and may set a robot's pose. Viewers only read.
     """
 
     ROBOT = "robot"
@@ -31,17 +31,17 @@ ROOT = "hexctl"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class KeyMap:
-    """Where each kind of message travels; every value is a full key expression.
+    """Key of each kind of message; every value is a full key expression.
 
     Attributes:
         command: joint targets to the robot, sensor_msgs/JointState.
         joint_states: joint angles from the robot, sensor_msgs/JointState.
         odom: pose from the robot, nav_msgs/Odometry.
         battery: sensor_msgs/BatteryState.
-        status: what the robot says of itself, JSON.
-        pose: a pose for the robot that does not know its own (motion capture), nav_msgs/Odometry.
+        status: state of the server, JSON.
+        pose: to the robot, a pose from motion capture where it has none of its own, nav_msgs/Odometry.
         describe: queryable: robot description, protocol version, joint order, JSON.
-        lease: queryable: who may command, JSON.
+        lease: queryable: the right to command, JSON.
         estop: queryable: stop, or clear a stop, JSON.
     """
 
@@ -57,11 +57,11 @@ class KeyMap:
 
     @classmethod
     def of(cls, robot_name: str) -> "KeyMap":
-        """Return hexctl's own keys of a robot: `hexctl/<robot>/<kind>`."""
+        """Default keys of a robot: `hexctl/<robot>/<kind>`."""
         return cls(**{kind: f"{ROOT}/{robot_name}/{kind}" for kind in KINDS})
 
     def renamed(self, names: dict[str, str]) -> "KeyMap":
-        """Return the map with some kinds under other keys, for a robot that has names of its own.
+        """Copy with some kinds under other keys, for a robot that has names of its own.
 
         Raises InputError for a kind that does not exist, a key that Zenoh does not take, or two kinds under
         one key.
@@ -92,7 +92,7 @@ def _check_key(kind: str, key: str) -> None:
         )
 
 
-#: Links that hexctl uses; the latter two encrypt.
+#: Transports that hexctl uses.
 PROTOCOLS = ("tcp", "tls", "quic")
 ENCRYPTED = ("tls", "quic")
 
@@ -117,7 +117,7 @@ class Endpoint:
 
     @classmethod
     def parse(cls, text: str) -> "Endpoint":
-        """Return the endpoint that a text such as `tcp/127.0.0.1:7447` names.
+        """Endpoint that a text such as `tcp/127.0.0.1:7447` names.
 
         Raises InputError for anything else.
         """
@@ -135,34 +135,34 @@ class Endpoint:
         return cls(match["protocol"], match["host"].strip("[]"), int(match["port"]))
 
     def __str__(self) -> str:
-        """Return the text that Zenoh understands."""
+        """Text that Zenoh understands."""
         return f"{self.protocol}/{self.place}"
 
     @property
     def place(self) -> str:
-        """Return host and port as text."""
+        """Host and port as text."""
         return f"[{self.host}]:{self.port}" if ":" in self.host else f"{self.host}:{self.port}"
 
     @property
     def encrypted(self) -> bool:
-        """Return whether the link is encrypted and both ends show certificates."""
+        """Whether the link is encrypted and both ends show certificates."""
         return self.protocol in ENCRYPTED
 
     @property
     def is_loopback(self) -> bool:
-        """Return whether nobody beyond this computer can be at the other end."""
+        """Whether only processes of this computer can be at the other end."""
         address = _address(self.host)
         return self.host == "localhost" if address is None else address.is_loopback
 
     @property
     def is_everywhere(self) -> bool:
-        """Return whether it stands for all addresses of this computer: good for listening only."""
+        """Whether it stands for all addresses of this computer, for listening only."""
         address = _address(self.host)
         return address is not None and address.is_unspecified
 
 
 def _is_host(text: str) -> bool:
-    """Return whether a host is a name, or an address that one computer can have."""
+    """Whether a host is a name, or an address that one computer can have."""
     address = _address(text.strip("[]"))
     if address is not None:
         return not address.is_multicast and (address.version == 6) == text.startswith("[")
@@ -188,10 +188,10 @@ class Link:
         endpoint: a Zenoh endpoint, such as `tcp/127.0.0.1:7447` or `tls/robot.local:7447`: where a client
             connects, or where a robot listens.
         credentials: folder that `hexctl keys new` made, or None for a link without certificates.
-        insecure: True where somebody typed that a link beyond loopback may do without certificates.
+        insecure: True where the operator allows a link beyond loopback without certificates.
         names: keys of a robot that has names of its own, by kind.
-        plain: True for a robot that speaks the ROS 2 messages and nothing else of hexctl's: no description is
-            compared, no lease taken, and what happens when commands stop coming is up to it.
+        plain: True for a robot that has only the ROS 2 messages: no description is compared, no lease taken,
+            and its own watchdog decides what happens when commands stop.
         named: False where neither an endpoint nor a link file was given: the default endpoint leads to
             whichever robot is there. Two links to one place are equal whether it was named or not.
     """
@@ -204,15 +204,15 @@ class Link:
     named: bool = field(default=True, compare=False)
 
     def keys(self, robot_name: str) -> KeyMap:
-        """Return the keys of a robot on this link.
+        """Keys of a robot on this link.
 
-        Raises InputError for names that cannot be.
+        Raises InputError for names that are not allowed.
         """
         return KeyMap.of(robot_name).renamed(dict(self.names))
 
 
 class LinkSchema(BaseModel):
-    """What a link file may hold; every key may be left out."""
+    """Content of a link file; every key may be left out."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -230,9 +230,9 @@ def load_link(
     credentials: Path | None = None,
     insecure: bool = False,
 ) -> Link:
-    """Return the link of a file, or the default one, with whatever else is given put in.
+    """Link of a file, or the default one; the other arguments override it.
 
-    A folder of credentials in a file is meant from where the file lies. Raises InputError that says file,
+    A relative folder of credentials in a file starts at the file's folder. Raises InputError that says file,
     key, value and what is allowed.
     """
     schema, folder = LinkSchema(), Path()

@@ -31,14 +31,14 @@ MAX_TEXT_BYTES = 120
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CommandTag:
-    """Beside a command.
+    """Attachment of a command.
 
     Attributes:
         sequence: 1 for the first command of a lease, then growing by one.
-        stamp_ns: when it was made, on a clock of the sender that never jumps; only differences count.
-        time_to_live_ms: how long it is good for.
-        lease_id: of the lease that it is sent under, 16 bytes.
-        lease_sequence: number of that lease; a robot's leases are numbered as it gives them.
+        stamp_ns: time of its creation, on a monotonic clock of the sender; only differences count.
+        time_to_live_ms: how long it is valid.
+        lease_id: identifier of the sender's lease, 16 bytes.
+        lease_sequence: number of that lease; a robot numbers the leases that it grants.
     """
 
     sequence: int
@@ -48,7 +48,7 @@ class CommandTag:
     lease_sequence: int
 
     def packed(self) -> bytes:
-        """Return the 45 bytes of the attachment."""
+        """Attachment, 45 bytes."""
         return _COMMAND.pack(
             _COMMAND_MAGIC,
             PROTOCOL_VERSION,
@@ -61,7 +61,7 @@ class CommandTag:
 
     @classmethod
     def unpacked(cls, attachment: bytes) -> "CommandTag":
-        """Return the tag that an attachment holds.
+        """Tag of an attachment.
 
         Raises MessageError for anything else.
         """
@@ -78,11 +78,11 @@ class CommandTag:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StateTag:
-    """Beside a state.
+    """Attachment of a state.
 
     Attributes:
         sequence: grows by one with each state.
-        stamp_ns: when it was sent, on a clock of the robot that never jumps.
+        stamp_ns: time of sending, on a monotonic clock of the robot.
         age_us: how old the measurement was then, in microseconds.
         command_sequence: of the newest command that reached the servos, 0 before the first of a lease.
         measured: True for joint angles from sensors, False for an echo of the targets.
@@ -103,7 +103,7 @@ class StateTag:
     stopped: str | None = None
 
     def packed(self) -> bytes:
-        """Return the 35 bytes of the attachment and the two texts, each with its length before it."""
+        """Attachment: 35 bytes and two texts, each preceded by its length."""
         flags = self.measured * _MEASURED | self.healthy * _HEALTHY
         flags |= 0 if self.contacts is None else _CONTACTS_KNOWN
         fixed = _STATE.pack(
@@ -120,7 +120,7 @@ class StateTag:
 
     @classmethod
     def unpacked(cls, attachment: bytes) -> "StateTag":
-        """Return the tag that an attachment holds.
+        """Tag of an attachment.
 
         Raises MessageError for anything else.
         """
@@ -159,7 +159,7 @@ def _check(magic: bytes, expected: bytes, version: int) -> None:
 
 
 def _text(text: str | None) -> bytes:
-    """Return a text of at most 120 bytes with its length before it; None is an empty one."""
+    """Text of at most 120 bytes, preceded by its length; None is an empty one."""
     data = (text or "").encode()[:MAX_TEXT_BYTES].decode(errors="ignore").encode()
     return bytes([len(data)]) + data
 
@@ -174,20 +174,20 @@ def _read_text(data: bytes) -> tuple[str | None, bytes]:
 _NAMES = list(JOINT_NAMES)
 _NONE = np.zeros(0)
 
-#: Where the stamp of the header lies in a message, behind the encapsulation header.
+#: Place of the header's stamp in a message, after the encapsulation header.
 _STAMP = slice(4, 12)
 
-#: Behind the positions: two empty sequences.
+#: After the positions: two empty sequences.
 _TAIL_BYTES = 8
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Command(ArrayFields):
-    """What a command says.
+    """A decoded command.
 
     Attributes:
         positions_rad: joint angles, (18,), leg-major order.
-        tag: what travels beside them.
+        tag: its attachment.
     """
 
     positions_rad: FloatArray
@@ -196,9 +196,9 @@ class Command(ArrayFields):
 
 @cache
 def _template() -> tuple[bytes, bytes, bytes]:
-    """Return what is the same in every message of ours: before the stamp, up to the positions, behind them.
+    """Constant parts of every encoded message: before the stamp, up to the positions, and after them.
 
-    Only stamp and angles change, so a message is put together from three pieces: at 50 Hz the general
+    Only stamp and angles change, so a message is assembled from three pieces: at 50 Hz the general
     encoder, whose code the processor has forgotten after each tick, would be a fifth of a round trip.
     """
     whole = _encode_any(np.zeros(N_JOINTS), 0)
@@ -207,7 +207,7 @@ def _template() -> tuple[bytes, bytes, bytes]:
 
 
 def encode_positions(positions_rad: FloatArray, stamp_ns: int | None = None) -> bytes:
-    """Return joint angles, (18,), as sensor_msgs/JointState.
+    """Joint angles, (18,), as sensor_msgs/JointState.
 
     Args:
         positions_rad: leg-major order.
@@ -220,7 +220,7 @@ def encode_positions(positions_rad: FloatArray, stamp_ns: int | None = None) -> 
 
 
 def decode_positions(payload: bytes) -> FloatArray:
-    """Return the joint angles of a sensor_msgs/JointState in leg-major order, (18,), all finite.
+    """Joint angles of a sensor_msgs/JointState in leg-major order, (18,), all finite.
 
     The message may name the joints in any order; each of the 18 once. Raises MessageError for anything else.
     """
@@ -237,7 +237,7 @@ def decode_positions(payload: bytes) -> FloatArray:
 
 
 def decode_command(payload: bytes, attachment: bytes | None) -> Command:
-    """Return the command that a payload and its attachment hold.
+    """Command of a payload and its attachment.
 
     Raises MessageError for anything else.
     """
@@ -260,7 +260,7 @@ def _encode_any(positions_rad: FloatArray, stamp_ns: int) -> bytes:
 
 
 def _decode_any(payload: bytes) -> FloatArray:
-    """Return the angles of a message that others may have laid out, joints in our order."""
+    """Angles of a message of any layout, joints in leg-major order."""
     message = ros_cdr.decode(ros_cdr.JOINT_STATE, payload)
     positions = np.asarray(message.position, dtype=float)
     if positions.shape != (N_JOINTS,) or len(message.name) != N_JOINTS:
@@ -271,7 +271,7 @@ def _decode_any(payload: bytes) -> FloatArray:
 
 
 def _order(names: list[str]) -> list[int]:
-    """Return where each joint is in a message."""
+    """Place of each joint in a message."""
     places = {name: place for place, name in enumerate(names)}
     try:
         return [places[name] for name in JOINT_NAMES]
@@ -291,7 +291,7 @@ _NAN = math.nan
 
 
 def tag_of(state: RobotState, *, sequence: int, stamp_ns: int, command_sequence: int) -> StateTag:
-    """Return the tag that travels beside a state.
+    """Tag of a state.
 
     Args:
         state: of the robot.
@@ -313,14 +313,14 @@ def tag_of(state: RobotState, *, sequence: int, stamp_ns: int, command_sequence:
 
 
 def contacts_of(tag: StateTag) -> BoolArray | None:
-    """Return which feet touch the floor, (6,), or None where unknown."""
+    """Feet that touch the floor, (6,), or None where unknown."""
     if tag.contacts is None:
         return None
     return np.array([bool(tag.contacts >> leg & 1) for leg in range(N_LEGS)])
 
 
 def encode_pose(position_world: FloatArray, quaternion_world: FloatArray) -> bytes:
-    """Return a pose as nav_msgs/Odometry without a twist.
+    """Pose as nav_msgs/Odometry without a twist.
 
     Args:
         position_world: (3,) in m.
@@ -349,7 +349,7 @@ def encode_pose(position_world: FloatArray, quaternion_world: FloatArray) -> byt
 
 
 def decode_pose(payload: bytes) -> tuple[FloatArray, FloatArray]:
-    """Return position (3,) and unit quaternion (w, x, y, z) of a nav_msgs/Odometry, all finite.
+    """Position (3,) and unit quaternion (w, x, y, z) of a nav_msgs/Odometry, all finite.
 
     Raises MessageError for anything else.
     """
@@ -359,12 +359,12 @@ def decode_pose(payload: bytes) -> tuple[FloatArray, FloatArray]:
     quaternion = np.array([turned.w, turned.x, turned.y, turned.z])
     norm = math.hypot(*quaternion.tolist())
     if not (np.isfinite(position).all() and math.isfinite(norm) and abs(norm - 1) < 0.01):
-        raise MessageError("pose: got numbers that are no pose; allowed: finite metres and a unit quaternion")
+        raise MessageError("pose: got an invalid pose; allowed: finite metres and a unit quaternion")
     return position, quaternion / norm
 
 
 def encode_battery(voltage_v: float | None, share: float | None) -> bytes:
-    """Return the battery as sensor_msgs/BatteryState; what is unknown is NaN, as that message wants."""
+    """Battery as sensor_msgs/BatteryState; NaN where unknown, as that message requires."""
     return ros_cdr.encode(
         ros_cdr.make(
             ros_cdr.BATTERY_STATE,
@@ -389,7 +389,7 @@ def encode_battery(voltage_v: float | None, share: float | None) -> bytes:
 
 
 def decode_battery(payload: bytes) -> tuple[float | None, float | None]:
-    """Return voltage in V and what is left, 0 to 1, of a sensor_msgs/BatteryState; None where unknown.
+    """Voltage in V and charge, 0 to 1, of a sensor_msgs/BatteryState; None where unknown.
 
     Raises MessageError for anything else.
     """
@@ -399,7 +399,7 @@ def decode_battery(payload: bytes) -> tuple[float | None, float | None]:
 
 
 def _microseconds(age_s: float) -> int:
-    """Return an age as it fits into the tag; one that is no number is as old as can be."""
+    """Age in the tag's unit; one that is not finite becomes the greatest."""
     return min(max(0, round(age_s * 1e6)), MAX_AGE_US) if math.isfinite(age_s) else MAX_AGE_US
 
 

@@ -22,12 +22,12 @@ def _store() -> Any:
 
 
 def make(kind: str, **fields: Any) -> Any:
-    """Return a message of a ROS 2 type such as `sensor_msgs/msg/JointState`."""
+    """Message of a ROS 2 type such as `sensor_msgs/msg/JointState`."""
     return _store().types[kind](**fields)
 
 
 def header(stamp_ns: int, frame: str = "") -> Any:
-    """Return a std_msgs/Header.
+    """A std_msgs/Header.
 
     Args:
         stamp_ns: nanoseconds since 1970, as ROS 2 tools expect.
@@ -39,12 +39,12 @@ def header(stamp_ns: int, frame: str = "") -> Any:
 
 
 def encode(message: Any) -> bytes:
-    """Return a message as little-endian CDR with its encapsulation header."""
+    """Message as little-endian CDR with its encapsulation header."""
     return bytes(_store().serialize_cdr(message, message.__msgtype__))
 
 
 def decode(kind: str, payload: bytes) -> Any:
-    """Return the message of a type that CDR bytes hold.
+    """Message of a type, from CDR bytes.
 
     Raises MessageError for anything else: cut off, too long, another type.
     """

@@ -16,41 +16,40 @@ from hexctl.wire.links import ROOT, Endpoint, KeyMap, Link, Role
 if TYPE_CHECKING:
     from hexctl.wire.certificates import Credentials
 
-#: What a robot publishes, what it is told, what it answers.
-SAID = ("joint_states", "odom", "battery", "status")
-HEARD = ("command", "pose")
-ANSWERED = ("describe", "lease", "estop")
+#: Kinds of messages that a robot publishes, subscribes to and answers queries of.
+PUBLISHED = ("joint_states", "odom", "battery", "status")
+SUBSCRIBED = ("command", "pose")
+QUERYABLE = ("describe", "lease", "estop")
 
-#: Asked of whatever robot is on a link: its name need not be known.
-ASKED_OF_ANY = ("describe", "estop")
+#: Queries to every robot on a link, whose names need not be known.
+QUERIED_BY_WILDCARD = ("describe", "estop")
 
 
 def access_control(keys: KeyMap, *, certified: bool) -> dict[str, Any]:
-    """Return the `access_control` section of a robot's Zenoh configuration.
+    """Section `access_control` of a robot's Zenoh configuration.
 
-    Without certificates everybody is a controller: a subject without properties is anybody.
-
-    Controllers and viewers get what the robot says and may ask who it is; only controllers may command, say
-    where it is, and ask for lease and stop. Nobody but the robot may say anything in its name, or answer.
+    Controllers and viewers receive what the robot publishes and may query its description. Only controllers
+    may command, set the pose, and query lease and stop. Only the robot may publish or answer under its keys.
+    Without certificates every client is a controller: a subject without properties matches any peer.
     """
-    looking = [
-        _rule("says", "egress", ["put"], _keys(keys, SAID)),
-        _rule("is listened to", "ingress", ["declare_subscriber"], _keys(keys, SAID)),
-        _rule("offers answers", "egress", ["declare_queryable", "reply"], _keys(keys, ANSWERED)),
-        _rule("wants to hear", "egress", ["declare_subscriber"], _keys(keys, HEARD)),
-        _rule("is asked who it is", "ingress", ["query"], _asked(keys, ("describe",))),
+    viewing = [
+        _rule("publish", "egress", ["put"], _keys(keys, PUBLISHED)),
+        _rule("be subscribed to", "ingress", ["declare_subscriber"], _keys(keys, PUBLISHED)),
+        _rule("answer", "egress", ["declare_queryable", "reply"], _keys(keys, QUERYABLE)),
+        _rule("subscribe", "egress", ["declare_subscriber"], _keys(keys, SUBSCRIBED)),
+        _rule("be described", "ingress", ["query"], _queried(keys, ("describe",))),
     ]
     commanding = [
-        _rule("is commanded", "ingress", ["put"], _keys(keys, HEARD)),
-        _rule("is asked", "ingress", ["query"], _asked(keys, ANSWERED)),
+        _rule("be commanded", "ingress", ["put"], _keys(keys, SUBSCRIBED)),
+        _rule("be queried", "ingress", ["query"], _queried(keys, QUERYABLE)),
     ]
-    allowed = {Role.CONTROLLER: looking + commanding}
+    allowed = {Role.CONTROLLER: viewing + commanding}
     if certified:
-        allowed[Role.VIEWER] = looking
+        allowed[Role.VIEWER] = viewing
     return {
         "enabled": True,
         "default_permission": "deny",
-        "rules": looking + commanding,
+        "rules": viewing + commanding,
         "subjects": [
             {"id": role.value, **({"cert_common_names": [role.value]} if certified else {})}
             for role in allowed
@@ -70,38 +69,38 @@ def _keys(keys: KeyMap, kinds: tuple[str, ...]) -> list[str]:
     return [getattr(keys, kind) for kind in kinds]
 
 
-def _asked(keys: KeyMap, kinds: tuple[str, ...]) -> list[str]:
-    """Return the keys of a robot's answers, and the expressions that ask any robot."""
-    return _keys(keys, kinds) + [f"{ROOT}/*/{kind}" for kind in kinds if kind in ASKED_OF_ANY]
+def _queried(keys: KeyMap, kinds: tuple[str, ...]) -> list[str]:
+    """Keys of a robot's queryables, and the expressions that query every robot."""
+    return _keys(keys, kinds) + [f"{ROOT}/*/{kind}" for kind in kinds if kind in QUERIED_BY_WILDCARD]
 
 
-#: How long the other end may take to show what it is.
-PATIENCE_S = 1.0
+#: How long a diagnosis waits for the other end.
+PROBE_TIMEOUT_S = 1.0
 
 
 def why_not_listening(endpoint: Endpoint) -> str:
-    """Return why a robot cannot listen at an endpoint."""
+    """Reason why a robot cannot listen at an endpoint."""
     kind = socket.SOCK_DGRAM if endpoint.protocol == "quic" else socket.SOCK_STREAM
     try:
         family, _, _, _, address = socket.getaddrinfo(endpoint.host, endpoint.port, type=kind)[0]
         with socket.socket(family, kind) as trial:
-            if kind == socket.SOCK_STREAM:  # as Zenoh does; a connection that has just ended is no listener
+            if kind == socket.SOCK_STREAM:  # as Zenoh does; closed connections do not block it
                 trial.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             trial.bind(address)
     except OSError as error:
         return f"cannot listen at {endpoint}: {_bind_problem(endpoint, error)}"
-    return f"cannot listen at {endpoint}: the port is free now, somebody else has just had it; try again"
+    return f"cannot listen at {endpoint}: the port is free now, another process has just used it; try again"
 
 
 def why_not_connected(endpoint: Endpoint, credentials: "Credentials | None") -> str:
-    """Return why a client does not get through to an endpoint, and what to check."""
-    if endpoint.protocol == "quic":  # over UDP nobody says that nobody is there
+    """Reason why a client cannot connect to an endpoint, and what to check."""
+    if endpoint.protocol == "quic":  # UDP does not report that nothing listens
         return (
             f"no robot lets this end in at {endpoint}; is hexctl serve running there, are --keys of the same "
             f"authority on both ends, and was the robot's certificate made for {endpoint.host}?"
         )
     try:
-        with socket.create_connection((endpoint.host, endpoint.port), timeout=PATIENCE_S) as link:
+        with socket.create_connection((endpoint.host, endpoint.port), timeout=PROBE_TIMEOUT_S) as link:
             return _why_refused(endpoint, credentials, link)
     except socket.gaierror:
         return f"{endpoint}: no computer called {endpoint.host} is known here; try its address"
@@ -112,14 +111,14 @@ def why_not_connected(endpoint: Endpoint, credentials: "Credentials | None") -> 
 
 
 def _why_refused(endpoint: Endpoint, credentials: "Credentials | None", link: socket.socket) -> str:
-    """Say what is wrong although something listens."""
+    """Reason of a refusal by something that listens."""
     if credentials is None:
         return f"what listens at {endpoint} is no robot without certificates; does it want tls/ and --keys?"
     try:
         context = ssl.create_default_context(cafile=credentials.authority)
         context.load_cert_chain(credentials.certificate, credentials.key)
         with context.wrap_socket(link, server_hostname=endpoint.host) as secured:
-            secured.recv(1)  # a refusal of our certificate comes only now
+            secured.recv(1)  # a refusal of this end's certificate arrives only now
     except ssl.SSLCertVerificationError as error:
         return (
             f"the robot's certificate at {endpoint} is not good here ({error.verify_message.rstrip('.')}); "
@@ -132,7 +131,7 @@ def _why_refused(endpoint: Endpoint, credentials: "Credentials | None", link: so
             "same authority on both ends? See hexctl keys show"
         )
     except OSError:
-        pass  # it waits for us to speak: either it has let us in, or it does not speak TLS
+        pass  # it waits for data: it either accepted the connection, or does not speak TLS
     return f"something at {endpoint} accepts connections and says nothing; is it hexctl serve with --keys?"
 
 
@@ -145,35 +144,35 @@ def _bind_problem(endpoint: Endpoint, error: OSError) -> str:
 
 
 def _cause(error: OSError) -> str:
-    """Return what the system says of an error, without its number."""
+    """Text of a system error, without its number."""
     return os.strerror(error.errno).lower() if error.errno else str(error)
 
 
 def _alert(error: ssl.SSLError) -> str:
-    """Return the other end's alert in words, such as `unknown ca`."""
+    """TLS alert of the other end, such as `unknown ca`."""
     return (error.reason or str(error)).partition("ALERT_")[2].replace("_", " ").lower() or str(error.reason)
 
 
 #: How long a client tries to reach a robot.
 CONNECT_MS = 3000
 
-#: Longest pause between two tries, then and when a robot has gone: it may come back at any time.
+#: Longest pause between two attempts, at the start and after a robot has gone: it may return at any time.
 RETRY_MS = 1000
 
-#: A peer whose computer hangs or whose cable is pulled is gone after this; Zenoh's own default is 10 s.
+#: A peer whose computer hangs or whose cable is pulled counts as gone after this; Zenoh's default is 10 s.
 LEASE_MS = 1000
 
 #: A busy computer may hold the sending queue for longer than Zenoh's default of 1 ms; a tick is 20 ms.
 WAIT_BEFORE_DROP_US = 10_000
 
-#: A robot has a dozen keys; a message of it fits into this with room for keys and attachment.
+#: Longest transport message: a payload with room for keys and attachment.
 MAX_MESSAGE_BYTES = 2 * MAX_PAYLOAD_BYTES
 
 
 def check_link(link: Link, role: Role) -> Endpoint:
-    """Return a link's endpoint.
+    """Endpoint of a link.
 
-    Raises InputError for one that cannot be, and for one that would be open to strangers.
+    Raises InputError for one that is malformed, and for one that would be open to any client on the network.
     """
     endpoint = Endpoint.parse(link.endpoint)
     if endpoint.encrypted and link.credentials is None:
@@ -186,7 +185,7 @@ def check_link(link: Link, role: Role) -> Endpoint:
     if not (endpoint.encrypted or endpoint.is_loopback or link.insecure):
         raise InputError(
             f"{endpoint}: goes beyond this computer without certificates; use tls/{endpoint.place} "
-            "with --keys FOLDER (hexctl keys new), or say --insecure and mean it"
+            "with --keys FOLDER (hexctl keys new), or give --insecure deliberately"
         )
     if endpoint.is_everywhere and role is not Role.ROBOT:
         raise InputError(
@@ -197,10 +196,10 @@ def check_link(link: Link, role: Role) -> Endpoint:
 
 
 def open_session(link: Link, role: Role, keys: KeyMap) -> zenoh.Session:
-    """Open a session; use it in a with statement, a process that does not close it never ends.
+    """Open a session; use it in a with statement, as a process that does not close it does not end.
 
-    A robot listens at the link's endpoint, everybody else connects to it. Raises InputError for a link that
-    is not allowed, and RobotFaultError when there is no way to listen or to connect.
+    A robot listens at the link's endpoint, every other role connects to it. Raises InputError for a link that
+    is not allowed, and RobotFaultError that says why listening or connecting failed.
     """
     endpoint = check_link(link, role)
     found = _find_credentials(link, role)
@@ -225,11 +224,11 @@ def _find_credentials(link: Link, role: Role) -> "Credentials | None":
 
 
 def _settings(endpoint: Endpoint, role: Role, keys: KeyMap, found: "Credentials | None") -> dict[str, Any]:
-    """Return Zenoh's settings of a session."""
+    """Zenoh settings of a session."""
     listens = role is Role.ROBOT
     settings: dict[str, Any] = {
-        # A robot is a peer, not a router: it keeps no map of the network that others could write into. Like a
-        # router it would pass on what one client says to another, did access control not forbid it.
+        # A robot is a peer, not a router: it keeps no map of the network that others could write into.
+        # It would still forward messages between clients; access control forbids that.
         "mode": "peer" if listens else "client",
         "scouting/multicast/enabled": False,
         "scouting/gossip/enabled": False,
@@ -238,12 +237,12 @@ def _settings(endpoint: Endpoint, role: Role, keys: KeyMap, found: "Credentials 
         "connect/timeout_ms": CONNECT_MS,
         "connect/exit_on_failure": True,
         "connect/retry": {"period_init_ms": 100, "period_max_ms": RETRY_MS, "period_increase_factor": 2.0},
-        # Whoever connects and says nothing takes up a place no longer than this.
+        # A client that connects and sends nothing is dropped after this.
         "transport/unicast/accept_timeout": CONNECT_MS,
         "transport/link/tx/lease": LEASE_MS,
         "transport/link/tx/queue/congestion_control/drop/wait_before_drop": WAIT_BEFORE_DROP_US,
         "transport/link/rx/max_message_size": MAX_MESSAGE_BYTES,
-        # Long messages of this computer would come through shared memory, past the limit above.
+        # Long messages of this computer would otherwise pass through shared memory, past the limit above.
         "transport/shared_memory/enabled": False,
     }
     if found is not None:
@@ -254,7 +253,7 @@ def _settings(endpoint: Endpoint, role: Role, keys: KeyMap, found: "Credentials 
 
 
 def _tls(found: "Credentials", side: str) -> dict[str, Any]:
-    """Return the settings of an encrypted link on which both ends show certificates."""
+    """Settings of an encrypted link on which both ends show certificates."""
     return {
         "transport/link/tls/root_ca_certificate": str(found.authority),
         f"transport/link/tls/{side}_certificate": str(found.certificate),
