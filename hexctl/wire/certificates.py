@@ -260,7 +260,9 @@ def _load_key(path: Path) -> Key:
     try:
         key = load_pem_private_key(path.read_bytes(), password=None)
     except (OSError, ValueError, TypeError) as error:
-        raise InputError(f"{path}: is not a private key ({error}); allowed: one of hexctl keys new") from error
+        raise InputError(
+            f"{path}: is not a private key ({error}); allowed: one of hexctl keys new"
+        ) from error
     if not isinstance(key, Key):
         raise InputError(f"{path}: is no key of hexctl's kind; allowed: what hexctl keys new made")
     return key
