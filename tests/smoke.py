@@ -3,6 +3,7 @@
 `python smoke.py HEXCTL`; standard library only, because nothing of the checkout is there.
 """
 
+import importlib.resources
 import importlib.util
 import json
 import socket
@@ -15,6 +16,8 @@ def main(hexctl: str) -> None:
     for extra in ("mujoco", "dm_control", "rerun", "matplotlib"):
         if importlib.util.find_spec(extra) is not None:
             sys.exit(f"{extra} is installed here, so this shows nothing")
+    template = importlib.resources.files("hexctl") / "study" / "templates" / "report.html"
+    assert template.is_file(), f"{template} is not in the wheel"
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         endpoint = f"tcp/127.0.0.1:{probe.getsockname()[1]}"

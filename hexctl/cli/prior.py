@@ -62,10 +62,10 @@ def build(
     dask: DaskOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Walk all 120 gaits of each failed leg in many plausible worlds, and keep what became of them.
+    """Walk all 120 gaits of each failed leg in many plausible worlds, and keep the outcomes.
 
     On two cores a leg and world take about 20 seconds. Gaits walked are kept under runs/study-cache; Ctrl-C,
-    then the same command goes on. hexctl adapt finds the prior by itself.
+    then the same command continues. hexctl adapt finds the prior by itself.
     """
     from hexctl.adapt.prior.find import PRIORS, describe_prior
     from hexctl.backends.sim.world import load_randomization

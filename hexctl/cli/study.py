@@ -109,7 +109,7 @@ def study(
 ) -> None:
     """Repeat the paper's experiments: all gaits of each failed leg, all searches, one report.
 
-    Gaits are walked once and kept under runs/study-cache; Ctrl-C, then the same command goes on.
+    Gaits are walked once and kept under runs/study-cache; Ctrl-C, then the same command continues.
     """
     common = {
         "legs": listed_legs(legs),
@@ -233,7 +233,7 @@ def interruptible(plan: "Simulated") -> Iterator[None]:
         cache = LandscapeCache()
         saved, total = cache.count(plan.specs())
         print_note(
-            f"interrupted: {saved} of {total} gaits are saved in {cache.folder}; the same command goes on"
+            f"interrupted: {saved} of {total} gaits are saved in {cache.folder}; the same command continues"
         )
         raise typer.Exit(INTERRUPTED) from None
     finally:
@@ -246,7 +246,7 @@ MOST_NAMED = 12
 
 
 class StudyProgress:
-    """Watches landscapes being simulated, and what comes after them."""
+    """Progress on stderr: a bar on a terminal, else one line per landscape."""
 
     def __init__(self) -> None:
         self._bar: Any = None
@@ -266,7 +266,7 @@ class StudyProgress:
             self._bar.stop()
 
     def begin(self, landscapes: "Sequence[Landscape]") -> None:
-        """Say what is known already and how many gaits there are to walk."""
+        """Show what the cache has and how many gaits are left to simulate."""
         self._now_s = time.perf_counter()
         left = [landscape for landscape in landscapes if not landscape.complete]
         known = [landscape for landscape in landscapes if landscape.complete]
@@ -277,7 +277,7 @@ class StudyProgress:
             self._line(f"{landscape.spec.title}: from the cache")
         gaits = sum(len(landscape.missing) for landscape in left)
         if gaits:
-            self._stage("gaits walked (Ctrl-C stops, the same command goes on)", gaits)
+            self._stage("gaits walked (Ctrl-C stops, the same command continues)", gaits)
 
     def advance(self, landscape: "Landscape", gaits: int) -> None:
         """Count some gaits of a landscape."""
@@ -285,7 +285,7 @@ class StudyProgress:
         spent_s = self._began_s.get(title, 0.0) + now_s - self._now_s
         self._began_s[title], self._now_s = spent_s, now_s
         if self._bar is not None:
-            self._bar.update(self._task, advance=gaits, description=f"{title} (Ctrl-C stops, go on later)")
+            self._bar.update(self._task, advance=gaits, description=f"{title} (Ctrl-C stops, continue later)")
         if landscape.complete:
             gaits_valid = f"{int(landscape.valid.sum())} of {len(landscape.codes)} gaits valid"
             self._line(f"{title}: {gaits_valid}, {spent_s:.1f} s")
@@ -295,12 +295,12 @@ class StudyProgress:
         self._stage(what, total)
 
     def step(self) -> None:
-        """Count one step of the part that goes on."""
+        """Count one step of the current part."""
         if self._bar is not None:
             self._bar.update(self._task, advance=1)
 
     def note(self, text: str) -> None:
-        """Print a line that stays."""
+        """Print a line above the bar."""
         self._line(text)
 
     def _stage(self, what: str, total: int) -> None:

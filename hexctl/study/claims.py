@@ -57,17 +57,17 @@ def too_short(duration_s: float) -> str:
 
 
 def per_leg(legs: Sequence[int], values: Sequence[str]) -> str:
-    """Return one text per leg as one line."""
+    """One text per leg, on one line."""
     return "; ".join(f"leg {leg}: {value}" for leg, value in zip(legs, values, strict=True)) or "no such leg"
 
 
 def each(values: dict[str, str]) -> str:
-    """Return one text per optimizer as one line."""
+    """One text per optimizer, on one line."""
     return ", ".join(f"{name} {value}" for name, value in values.items()) or "not within the budget"
 
 
 def cm(value_m: float) -> str:
-    """Return a length in m as text in cm."""
+    """Length in m as text in cm."""
     if not np.isfinite(value_m):
         return "none"
     return f"{100 * value_m:.1f} cm" if abs(value_m) >= 0.01 else f"{100 * value_m:.2f} cm"
@@ -106,7 +106,7 @@ class BarRow:
 
     @property
     def over_m(self) -> float:
-        """Return by how much the bar is missed; negative where it is held."""
+        """Excess of the mean over the bar, in m; negative within the bar."""
         return self.mean_m - self.limit_m
 
     @property
@@ -122,7 +122,7 @@ class BarRow:
 
 
 def limit_m(findings: Findings, evaluations: int, leg: int | None) -> float:
-    """Return the bar of a leg, or the mean of the legs' bars."""
+    """Bar of a leg in m, or the mean of the legs' bars."""
     if evaluations == EARLY:
         return EARLY_M
     if leg is None:
@@ -132,7 +132,7 @@ def limit_m(findings: Findings, evaluations: int, leg: int | None) -> float:
 
 
 def bar_rows(findings: Findings, *, paper_count: bool) -> list[BarRow]:
-    """Return every optimizer against every bar that the budget reaches: all legs together, then each."""
+    """Every optimizer against every bar within the budget: all legs together, then each leg."""
     return [
         _row(findings, optimizer, evaluations, leg, paper_count)
         for optimizer in findings.plan.optimizers
@@ -164,29 +164,29 @@ TENDENCY, BOTH = 0.9, 0.2
 
 
 def left_share(landscape: Landscape) -> float:
-    """Return the share of the gaits that end on the left, of all that have an end; NaN where none has."""
+    """Share of gaits that end on the left, of those that have an end; NaN where none has."""
     left, right = ends(landscape)
     return left / (left + right) if left + right else float("nan")
 
 
 def ends(landscape: Landscape) -> tuple[int, int]:
-    """Return how many gaits end on the left and on the right, valid or not."""
+    """Number of gaits that end on the left and on the right, valid or not."""
     signed = landscape.number("signed_m")
     return int((signed > 0).sum()), int((signed <= 0).sum())
 
 
 def within(landscape: Landscape, limit_m: float) -> int:
-    """Return how many valid gaits end within a distance of the line."""
+    """Number of valid gaits that end within a distance of the line."""
     return int((landscape.final_m[landscape.valid] <= limit_m).sum())
 
 
 def veers_left(findings: Findings) -> Claim:
-    """Return what was found of the claim about legs 2 and 3."""
+    """Claim about legs 2 and 3."""
     return _side(findings, (2, 3), "left", "When leg 2 or 3 fails, the robot moves to the left", 1)
 
 
 def veers_right(findings: Findings) -> Claim:
-    """Return what was found of the claim about legs 5 and 6."""
+    """Claim about legs 5 and 6."""
     return _side(findings, (5, 6), "right", "When leg 5 or 6 fails, the robot moves to the right", -1)
 
 
@@ -204,7 +204,7 @@ def _side(findings: Findings, legs: Sequence[int], side: str, claim: str, sign: 
 
 
 def goes_both_ways(findings: Findings) -> Claim:
-    """Return what was found of the claim about legs 1 and 4."""
+    """Claim about legs 1 and 4."""
     legs = [leg for leg in (1, 4) if leg in findings.plan.legs]
     shares = [left_share(findings.without(leg)) for leg in legs]
     return Claim(
@@ -217,7 +217,7 @@ def goes_both_ways(findings: Findings) -> Claim:
 
 
 def rotation_helps(findings: Findings) -> Claim:
-    """Return what was found of the claim about the effect of the self-rotation."""
+    """Claim about the effect of the self-rotation."""
     legs = findings.plan.legs
     near = [within(findings.rotated(leg), EARLY_M) for leg in legs]
     before = [within(findings.without(leg), EARLY_M) for leg in legs]
@@ -245,12 +245,12 @@ FAST = 0.8
 
 
 def expected_best_rank(draws: int, codes: int = 120) -> float:
-    """Return the expected rank of the best of some codes that were drawn without repetition."""
+    """Expected rank of the best of some codes drawn without repetition: (codes + 1) / (draws + 1)."""
     return (codes + 1) / (min(draws, codes) + 1)
 
 
 def converges(findings: Findings) -> Claim:
-    """Return what was found of the claim about the values at the end."""
+    """Claim about the values at the end of the curves."""
     budget = findings.plan.budget
     finals = np.array(
         [
@@ -273,7 +273,7 @@ def converges(findings: Findings) -> Claim:
 
 
 def fast_then_flat(findings: Findings) -> Claim:
-    """Return what was found of the claim about the shape of the curves."""
+    """Claim about the shape of the curves."""
     curves = _mean_curves(findings)
     shares = {
         name: float((curve[0] - curve[EARLY - 1]) / (curve[0] - curve[-1])) if curve[0] > curve[-1] else 1.0
@@ -290,7 +290,7 @@ def fast_then_flat(findings: Findings) -> Claim:
 
 
 def minimal_by_60(findings: Findings) -> Claim:
-    """Return what was found of the claim about when the curves end to fall."""
+    """Claim about when the curves stop falling."""
     when = {
         name: int(np.argmax(curve <= curve[-1] + CONVERGED_M)) + 1
         for name, curve in _mean_curves(findings).items()
@@ -306,7 +306,7 @@ def minimal_by_60(findings: Findings) -> Claim:
 
 
 def ten_cm_by_20(findings: Findings) -> Claim:
-    """Return what was found of the claim about the first 20 evaluations."""
+    """Claim about the first 20 evaluations."""
     means = _means_at(findings, EARLY)
     over = {name: mean - EARLY_M for name, mean in means.items() if not mean <= EARLY_M}
     missed = "; too much: " + each({name: cm(by) for name, by in over.items()}) if over else ""
@@ -321,7 +321,7 @@ def ten_cm_by_20(findings: Findings) -> Claim:
 
 
 def competitive(findings: Findings) -> Claim:
-    """Return what was found of the claim about the differences between heuristics."""
+    """Claim about the differences between heuristics."""
     means = _means_at(findings, LATE)
     spread = max(means.values()) - min(means.values()) if means else float("nan")
     random = _baseline_at(findings, LATE)
@@ -336,7 +336,7 @@ def competitive(findings: Findings) -> Claim:
 
 
 def best_keep_line(findings: Findings) -> Claim:
-    """Return what was found of the claim about the best trajectories."""
+    """Claim about the best trajectories."""
     legs, names = findings.plan.legs, findings.heuristics
     best = [
         np.array(
@@ -355,7 +355,7 @@ def best_keep_line(findings: Findings) -> Claim:
 
 
 def _mean_curves(findings: Findings) -> dict[str, FloatArray]:
-    """Return each heuristic's mean over legs and runs by the paper's count."""
+    """Mean of each heuristic over legs and runs by the paper's count."""
     return {name: findings.mean_curve(name, paper_count=True).mean for name in findings.heuristics}
 
 

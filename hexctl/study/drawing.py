@@ -38,12 +38,12 @@ def check_drawing() -> None:
 
 
 def color_of(optimizer: str) -> str:
-    """Return the colour of an optimizer, the same one every time."""
+    """Colour of an optimizer, the same in all figures."""
     return OPTIMIZER_COLORS.get(optimizer, OTHER_COLORS[sum(optimizer.encode()) % len(OTHER_COLORS)])
 
 
 def new_figure(rows: int, columns: int, size_in: tuple[float, float]) -> "tuple[Figure, list[Axes]]":
-    """Return a figure and its panels, row by row, with common axes."""
+    """Figure and its panels, row by row, with shared axes."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=size_in, layout="constrained")
@@ -65,7 +65,7 @@ def label_axes(panels: "list[Axes]", used: int, across: str, up: str) -> None:
 
 
 def grid_of(count: int) -> tuple[int, int]:
-    """Return rows and columns for some panels: up to three in a row."""
+    """Rows and columns for a number of panels, up to three in a row."""
     columns = min(3, count)
     return -(-count // columns), columns
 

@@ -27,7 +27,7 @@ EXAMPLE_LEGS, EXAMPLE_CODE = (2, 6), 57
 
 
 def trajectories_figure(landscapes: list[Landscape], title: str) -> "Figure":
-    """Return all trajectories of some landscapes, a panel each, coloured by final deviation."""
+    """All trajectories of some landscapes, one panel each, coloured by final deviation."""
     rows, columns = grid_of(len(landscapes))
     figure, panels = new_figure(rows, columns, _size_in(landscapes, rows, columns))
     for panel, landscape in zip(panels, landscapes, strict=False):
@@ -44,7 +44,7 @@ def trajectories_figure(landscapes: list[Landscape], title: str) -> "Figure":
 
 
 def best_figure(findings: Findings) -> "Figure":
-    """Return the best gaits that the optimizers found over all runs, by the paper's count."""
+    """Best gaits of the optimizers over all runs, by the paper's count."""
     legs = findings.plan.legs
     rows, columns = grid_of(len(legs))
     figure, panels = new_figure(rows, columns, (PANEL_IN * columns + BAR_IN, 2.6 * rows + 0.5))
@@ -63,7 +63,7 @@ def best_figure(findings: Findings) -> "Figure":
 
 
 def examples_figure(findings: Findings) -> "Figure | None":
-    """Return single trajectories of legs 2 and 6, before and after; None when neither leg was studied."""
+    """Single trajectories of legs 2 and 6, without and with self-rotation; None without these legs."""
     legs = [leg for leg in EXAMPLE_LEGS if leg in findings.plan.legs]
     if not legs:
         return None
@@ -84,13 +84,13 @@ def _best_row(landscape: Landscape) -> int:
 
 
 def _found(findings: Findings, leg: int) -> "tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]":
-    """Return the codes that were the best of a run, and how many runs each."""
+    """Codes that were the best of a run, and the number of runs of each."""
     best = [findings.searches[leg, name, True].best_codes for name in findings.plan.optimizers]
     return np.unique(np.concatenate(best), return_counts=True)
 
 
 def _points(landscape: Landscape, row: int) -> FloatArray:
-    """Return a path from its origin, (P, 2), without what was never walked."""
+    """Path from its origin as far as it was walked, (P, 2)."""
     path = landscape.paths_m[row]
     return np.concatenate([np.zeros((1, 2)), path[np.isfinite(path[:, 0])]])
 
@@ -133,7 +133,7 @@ def _draw_example(panel: "Axes", landscape: Landscape, row: int) -> None:
 
 
 def _size_in(landscapes: list[Landscape], rows: int, columns: int) -> tuple[float, float]:
-    """Return width and height of a figure whose panels hold all paths at equal scales."""
+    """Width and height of a figure whose panels hold all paths at equal scales, in inches."""
     points = np.concatenate([landscape.paths_m.reshape(-1, 2) for landscape in landscapes])
     points = np.concatenate([np.zeros((1, 2)), points[np.isfinite(points[:, 0])]])
     wide, high = np.ptp(points, axis=0)
@@ -168,7 +168,7 @@ LOW_M = 0.002
 
 
 def convergence_figure(findings: Findings, *, paper_count: bool) -> "Figure":
-    """Return one panel per leg with the mean of every optimizer, by one of the two counts."""
+    """One panel per leg with the mean of every optimizer, by one of the two counts."""
     legs = findings.plan.legs
     rows, columns = grid_of(len(legs))
     figure, panels = new_figure(rows, columns, (4.6 * columns + 0.6, 3.4 * rows + 0.8))
@@ -190,7 +190,7 @@ def convergence_figure(findings: Findings, *, paper_count: bool) -> "Figure":
 
 
 def means_figure(findings: Findings) -> "Figure":
-    """Return the means over all legs and runs, by both counts, with the project's bars."""
+    """Means over all legs and runs, by both counts, with the project's bars."""
     figure, panels = new_figure(1, 2, (11.0, 4.2))
     best = float(np.mean([findings.rotated(leg).best_m for leg in findings.plan.legs]))
     for panel, paper_count in zip(panels, (True, False), strict=True):
@@ -218,7 +218,7 @@ def _draw_spread(panel: "Axes", name: str, curve: Curve) -> None:
 
 
 def _mark_stuck(panel: "Axes", search: Searches) -> None:
-    """Put a dot where the search, on average, has no codes of its own left and random ones go on."""
+    """Mark where a search, on average, runs out of codes of its own and random ones take over."""
     stuck = float(search.own_codes.mean())
     if not search.paper_count and search.optimizer != BASELINE and stuck < len(search.curve.mean):
         value = search.curve.mean[round(stuck) - 1]
@@ -294,7 +294,7 @@ FIGURES = (
         name="convergence_fresh_count",
         paper="Not in the paper: hexctl walks no gait twice, so a search does not pay for repetitions.",
         here="A dot marks where a search has, on average, asked for its last code of its own; random untried "
-        "codes go on from there. After 120 evaluations every gait is known.",
+        "codes follow from there. After 120 evaluations every gait is known.",
         draw=lambda findings: convergence_figure(findings, paper_count=False),
     ),
     FigureEntry(

@@ -1,4 +1,4 @@
-"""A landscape: what became of every gait of one failed leg."""
+"""Landscape: the outcome of every gait for one failed leg."""
 
 import hashlib
 import json
@@ -24,10 +24,10 @@ from hexctl.robot.model import Robot
 from hexctl.study.versions import code_versions
 from hexctl.types import ArrayFields, BoolArray, FloatArray
 
-#: Every so many ticks a point of a path is kept: 5 Hz.
+#: Ticks between the kept points of a path: 5 points per second.
 PATH_STRIDE = 10
 
-#: The numbers kept of each gait, NaN where there are none.
+#: Numbers kept of each gait; NaN where unknown.
 NUMBERS = ("signed_m", "mean_m", "max_m", "distance_m", "yaw_change_rad", "turned_rad")
 
 N_CODES = 120
@@ -35,20 +35,20 @@ N_CODES = 120
 
 @dataclass(frozen=True, kw_only=True)
 class LandscapeSpec:
-    """Which landscape: everything that decides its numbers, save the code that computes them.
+    """Settings of a landscape: everything that decides its numbers except the code that computes them.
 
     Attributes:
-        robot: who walks.
-        world: where.
+        robot: model of the robot.
+        world: the simulated world.
         leg: the failed leg, 1..6.
-        self_rotation: where the failed leg points during the walk: `rear`, `front`, or `none` for as it is.
-        duration_s: how long each gait walks.
+        self_rotation: where the failed leg points during the walk: `rear`, `front`, or `none`: no turn.
+        duration_s: length of each walk.
         failure: the kind of failure.
-        seed: of the simulation.
+        seed: of sensor noise and rough floors.
         placed: True to put the robot down as its self-rotation would leave it, instead of turning.
         miss_rad: yaw by which that self-rotation would have turned too far; only with `placed`.
         codes: the gaits, ascending.
-        place: what people call the world, where there are several; decides nothing.
+        place: label of the world where there are several; decides no number.
     """
 
     robot: Robot
@@ -65,22 +65,22 @@ class LandscapeSpec:
 
     @cached_property
     def space(self) -> GaitSpace:
-        """Return the gaits of the legs that still walk."""
+        """Gaits of the remaining legs."""
         return GaitSpace((self.leg,))
 
     @property
     def title(self) -> str:
-        """Return the landscape's name for people."""
+        """Name of the landscape for reports and progress."""
         turned = {"none": "without self-rotation"}.get(self.self_rotation, "with self-rotation")
         return f"leg {self.leg} {turned}" + (f", {self.place}" if self.place else "")
 
     @property
     def n_points(self) -> int:
-        """Return how many points a whole path has."""
+        """Number of points of a complete path."""
         return math.ceil(self.duration_s / PERIOD_S - 1e-9) // PATH_STRIDE
 
     def trial(self, code: int) -> SimTrial:
-        """Return the trial of one gait."""
+        """Trial of one gait."""
         default = self.robot.gait
         gait = Gait(
             slots=self.space.slots_of(code),
@@ -101,7 +101,7 @@ class LandscapeSpec:
         return SimTrial(robot=self.robot, plan=plan, world=self.world, seed=self.seed, facing_rad=facing_rad)
 
     def identity(self) -> dict[str, Any]:
-        """Return as plain JSON values what makes two landscapes the same: the question and the code."""
+        """Plain JSON values that are equal for equal landscapes: settings and versions of the code."""
         failure = asdict(Failure(leg=self.leg, kind=self.failure))
         settings = {
             name: getattr(self, name)
@@ -118,7 +118,7 @@ class LandscapeSpec:
 
     @property
     def fingerprint(self) -> str:
-        """Return a short text that is equal for two landscapes exactly if their identities are."""
+        """Digest of the identity, 16 hexadecimal digits."""
         return hashlib.sha256(json.dumps(self.identity(), sort_keys=True).encode()).hexdigest()[:16]
 
 
@@ -128,7 +128,7 @@ class Rows(ArrayFields):
 
     Attributes:
         codes: (n,).
-        status: as in `hexctl.control.result.STATUSES`; empty for a gait that has not walked yet, (n,).
+        status: as in `hexctl.control.result.STATUSES`; empty for a gait that was not simulated yet, (n,).
         numbers: one column for each of `NUMBERS`, (n, 6).
         paths_m: progress and signed deviation, five points a second, the last one at the end; NaN where the
             walk was over, (n, P, 2).
@@ -147,51 +147,51 @@ class Landscape(Rows):
     spec: LandscapeSpec
 
     def number(self, name: str) -> FloatArray:
-        """Return one column of `NUMBERS`, (n,)."""
+        """One column of `NUMBERS`, (n,)."""
         return self.numbers[:, NUMBERS.index(name)]
 
     @property
     def done(self) -> BoolArray:
-        """Return which gaits have walked, (n,)."""
+        """Which gaits were simulated, (n,)."""
         return np.asarray(self.status != "")
 
     @property
     def complete(self) -> bool:
-        """Return whether all gaits have walked."""
+        """Whether all gaits were simulated."""
         return bool(self.done.all())
 
     @property
     def missing(self) -> tuple[int, ...]:
-        """Return the codes that have not walked yet."""
+        """Codes that were not simulated yet."""
         return tuple(self.codes[~self.done].tolist())
 
     @property
     def valid(self) -> BoolArray:
-        """Return which gaits may be ranked, (n,)."""
+        """Which gaits are valid, (n,)."""
         return np.asarray(self.status == "ok")
 
     @property
     def final_m(self) -> FloatArray:
-        """Return the final deviation, the paper's F, (n,); NaN where there is none."""
+        """Final deviation in m, the paper's F, (n,); NaN where unknown."""
         return np.abs(self.number("signed_m"))
 
     @property
     def scores(self) -> FloatArray:
-        """Return what an optimizer is told, (n,): as by the objective `final`."""
+        """Scores by the objective `final`, as an optimizer is told, (n,)."""
         return np.where(self.valid, self.final_m, INVALID_SCORE)
 
     @property
     def best_m(self) -> float:
-        """Return the smallest final deviation of all valid gaits; NaN when there is none."""
+        """Smallest final deviation of all valid gaits in m; NaN without any."""
         return float(self.final_m[self.valid].min()) if self.valid.any() else math.nan
 
     def row_of(self, code: int) -> int:
-        """Return the row of a code."""
+        """Row of a code."""
         return self.spec.codes.index(code)
 
 
 def empty_landscape(spec: LandscapeSpec) -> Landscape:
-    """Return the landscape of a spec before any gait has walked."""
+    """Landscape of a spec before any gait was simulated."""
     n = len(spec.codes)
     return Landscape(
         spec=spec,
@@ -203,7 +203,7 @@ def empty_landscape(spec: LandscapeSpec) -> Landscape:
 
 
 def rows_of(spec: LandscapeSpec, codes: tuple[int, ...], results: list[TrialResult]) -> Rows:
-    """Return the rows of the results of some codes, in their order."""
+    """Rows of the results of some codes, in their order."""
     paths = np.full((len(codes), spec.n_points, 2), np.nan, dtype=np.float32)
     for path, result in zip(paths, results, strict=True):
         points = result.path_m[PATH_STRIDE - 1 :: PATH_STRIDE]
@@ -217,7 +217,7 @@ def rows_of(spec: LandscapeSpec, codes: tuple[int, ...], results: list[TrialResu
 
 
 def with_rows(landscape: Landscape, rows: Rows) -> Landscape:
-    """Return a landscape with more gaits walked; raises ValueError for a code that is not in it."""
+    """Landscape with some rows filled in; raises ValueError for a code that is not in it."""
     at = np.searchsorted(landscape.codes, rows.codes)
     if not np.array_equal(landscape.codes[at.clip(max=len(landscape.codes) - 1)], rows.codes):
         raise ValueError(f"codes: got {rows.codes.tolist()}; allowed: those of the landscape")
@@ -229,7 +229,7 @@ def with_rows(landscape: Landscape, rows: Rows) -> Landscape:
 
 
 def _numbers_of(result: TrialResult) -> list[float]:
-    """Return the values of `NUMBERS`."""
+    """Values of `NUMBERS`."""
     deviation = result.deviation
     signed, mean, most = (
         (deviation.signed, deviation.mean, deviation.max) if deviation is not None else (math.nan,) * 3

@@ -1,4 +1,4 @@
-"""What a study asks: which legs, optimizers, runs and evaluations."""
+"""Settings of a study: legs, optimizers, runs and evaluations."""
 
 import math
 from collections.abc import Iterable
@@ -17,11 +17,11 @@ from hexctl.types import N_LEGS
 HEURISTICS = ("pso", "psosp", "dps", "debest", "derand")
 BASELINE = "random"
 
-#: As the paper walks, and as it searches.
+#: Self-rotation of the landscapes: without, and as the optimizers search.
 WITHOUT, WITH = "none", "rear"
 ROTATIONS = (WITHOUT, WITH)
 
-#: Seeds of runs are told apart by leg and run in one readable number.
+#: A seed shows leg and run as decimal digits, which limits their numbers.
 MAX_RUNS = 999
 MAX_BUDGET = 10_000
 MAX_SEED = 10_000
@@ -29,16 +29,16 @@ MAX_SEED = 10_000
 
 @dataclass(frozen=True, kw_only=True)
 class StudyPlan:
-    """The questions of one study; the defaults are the paper's.
+    """Settings of one study; the defaults are the paper's.
 
     Attributes:
-        robot: who walks.
-        world: where.
+        robot: model of the robot.
+        world: the simulated world.
         legs: the failed legs, ascending.
         optimizers: names as in `hexctl.adapt.registry`.
         runs: seeded runs of each optimizer on each leg.
         budget: evaluations of a run.
-        duration_s: how long each gait walks.
+        duration_s: length of each walk.
         seed: of everything.
     """
 
@@ -52,7 +52,7 @@ class StudyPlan:
     seed: int = 0
 
     def specs(self) -> list[LandscapeSpec]:
-        """Return the specs of all landscapes, leg by leg."""
+        """Specs of all landscapes, leg by leg."""
         return [
             LandscapeSpec(
                 robot=self.robot,
@@ -67,7 +67,7 @@ class StudyPlan:
         ]
 
     def seed_of(self, leg: int, run: int) -> int:
-        """Return the seed of a run, 0 for the first; `hexctl adapt --seed` repeats the run with it."""
+        """Seed of a run, counted from 0; `hexctl adapt --seed` repeats the run with it."""
         return self.seed * 10_000 + leg * 1_000 + run
 
     def check(self) -> None:

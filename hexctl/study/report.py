@@ -22,7 +22,7 @@ READING = (
     "Two counts of evaluations: the paper's, where a repeated code costs one, and hexctl's, where each gait "
     "is paid for once. The paper's claims are judged by the paper's count, the bar is shown by both.",
     "Searches with a population on the one line of codes converge and then ask for nothing new. By the fresh "
-    "count random untried codes go on from there, so what a long curve gains later is the random search's "
+    "count random untried codes follow, so what a long curve gains later is the random search's "
     "work.",
     "The random baseline is strong: the best of n gaits drawn from 120 without repetition has the expected "
     f"rank 121/(n + 1), which is {expected_best_rank(20):.1f} after 20 and {expected_best_rank(60):.1f} "

@@ -67,30 +67,30 @@ class Searches(ArrayFields):
 
     @cached_property
     def best_m(self) -> FloatArray:
-        """Return the best score so far, (R, B), NaN before the first valid gait."""
+        """Best score so far in m, (R, B); NaN before the first valid gait."""
         best = np.minimum.accumulate(self.scores, axis=1)
         return np.where(best < INVALID_SCORE, best, np.nan)
 
     @cached_property
     def curve(self) -> Curve:
-        """Return the statistics over the runs."""
+        """Statistics over the runs."""
         return curve_of(self.best_m)
 
     @property
     def best_codes(self) -> NDArray[np.int64]:
-        """Return the best code of each run that found a valid one."""
+        """Best code of each run that found a valid one."""
         at = self.scores.argmin(axis=1)
         found = self.scores.min(axis=1) < INVALID_SCORE
         return np.array(self.codes[np.arange(len(at)), at][found])
 
     @property
     def distinct(self) -> NDArray[np.int64]:
-        """Return how many different codes each run evaluated, (R,)."""
+        """Number of different codes that each run evaluated, (R,)."""
         return np.array([np.unique(run[run > 0]).size for run in self.codes])
 
 
 def curve_of(best_m: FloatArray) -> Curve:
-    """Return the statistics of best-so-far values, (R, B), over the runs; NaN is none yet."""
+    """Statistics of best-so-far values, (R, B), over the runs; NaN stands for none yet."""
     share = np.isfinite(best_m).mean(axis=0)
     known = share > 0
     some = best_m[:, known]
@@ -105,7 +105,7 @@ def curve_of(best_m: FloatArray) -> Curve:
 def search_landscape(
     landscape: Landscape, optimizer: str, seeds: Sequence[int], budget: int
 ) -> tuple[Searches, Searches]:
-    """Return the runs of an optimizer that looks up every gait in a landscape: fresh count, paper's count.
+    """Runs of an optimizer that looks up every gait in a landscape: by the fresh count and the paper's.
 
     Raises InputError for a landscape that does not hold all gaits.
     """
@@ -133,7 +133,7 @@ def search_landscape(
 def _run(
     optimizer: str, space: GaitSpace, seed: int, scores: FloatArray, budget: int, paper_count: bool
 ) -> list[int]:
-    """Return the codes that one run evaluates, filled up with 0.
+    """Codes that one run evaluates, padded with 0.
 
     Codes are paid for one by one, as `hexctl adapt` does; where repetitions count the size of an ask does not
     matter, and a generation at a time is quicker.
@@ -149,7 +149,7 @@ def _run(
 
 
 def codes_until_stuck(optimizer: str, space: GaitSpace, seed: int, scores: FloatArray) -> int:
-    """Return how many distinct codes a search asks for until none of the next `PATIENCE` is fresh."""
+    """Number of distinct codes a search asks for until none of the next `PATIENCE` is fresh."""
     search = make_optimizer(optimizer, space, seed)
     tried: set[int] = set()
     stale = 0
@@ -161,7 +161,7 @@ def codes_until_stuck(optimizer: str, space: GaitSpace, seed: int, scores: Float
     return len(tried)
 
 
-#: Is told after each leg how many legs were searched.
+#: Called after each leg with the number of legs that were searched.
 OnLeg = Callable[[int], None]
 
 
@@ -170,7 +170,7 @@ class Findings:
     """The results of one study.
 
     Attributes:
-        plan: what was asked.
+        plan: its settings.
         landscapes: by leg and self-rotation.
         searches: by leg, optimizer, and whether repetitions count (the paper's count).
     """
@@ -181,24 +181,24 @@ class Findings:
 
     @property
     def heuristics(self) -> list[str]:
-        """Return the paper's optimizers that were run."""
+        """The paper's optimizers that were run."""
         return [name for name in self.plan.optimizers if name in HEURISTICS]
 
     def without(self, leg: int) -> Landscape:
-        """Return the landscape without self-rotation."""
+        """Landscape without self-rotation."""
         return self.landscapes[leg, WITHOUT]
 
     def rotated(self, leg: int) -> Landscape:
-        """Return the landscape with self-rotation, in which the optimizers search."""
+        """Landscape with self-rotation, in which the optimizers search."""
         return self.landscapes[leg, WITH]
 
     def mean_curve(self, optimizer: str, *, paper_count: bool) -> Curve:
-        """Return the statistics over all legs and runs together."""
+        """Statistics over all legs and runs together."""
         best = [self.searches[leg, optimizer, paper_count].best_m for leg in self.plan.legs]
         return curve_of(np.concatenate(best))
 
     def mean_at(self, optimizer: str, evaluations: int, *, paper_count: bool) -> float:
-        """Return the mean best-so-far over all legs and runs after so many evaluations, in m.
+        """Mean best-so-far over all legs and runs after a number of evaluations, in m.
 
         Only runs that have found a valid gait by then are in it; NaN when the budget is smaller.
         """
@@ -208,7 +208,7 @@ class Findings:
 
 
 def search_all(plan: StudyPlan, landscapes: list[Landscape], on_leg: OnLeg = lambda _: None) -> Findings:
-    """Run every optimizer on every leg, by both counts, and return all there is."""
+    """Run every optimizer on every leg, by both counts; `on_leg` gets the number of finished legs."""
     known = {(landscape.spec.leg, landscape.spec.self_rotation): landscape for landscape in landscapes}
     searches = {}
     for number, leg in enumerate(plan.legs, start=1):

@@ -33,7 +33,7 @@ def write_tables(findings: Findings, folder: Path) -> None:
 
 
 def _landscape_columns(landscape: Landscape) -> dict[str, Any]:
-    """Return a row per gait; the path is cut where the walk was over."""
+    """Columns with a row per gait; paths end where the walk ended."""
     spec, n = landscape.spec, len(landscape.codes)
     paths = [path[np.isfinite(path[:, 0])] for path in landscape.paths_m]
     return {
@@ -52,7 +52,7 @@ def _landscape_columns(landscape: Landscape) -> dict[str, Any]:
 
 
 def _curve_columns(search: Searches) -> dict[str, Any]:
-    """Return a row per evaluation."""
+    """Columns with a row per evaluation."""
     curve, budget = search.curve, len(search.curve.mean)
     names = ("mean", "std", "median", "p10", "p90")
     return {
@@ -64,7 +64,7 @@ def _curve_columns(search: Searches) -> dict[str, Any]:
 
 
 def _run_columns(search: Searches) -> dict[str, Any]:
-    """Return a row per run and evaluation; code 0 is after the end of a run that had tried everything."""
+    """Columns with a row per run and evaluation; code 0 follows the end of a run that tried all codes."""
     runs, budget = search.codes.shape
     return {
         **_head(search, runs * budget),
@@ -84,12 +84,12 @@ def _head(search: Searches, rows: int) -> dict[str, Any]:
     }
 
 
-#: Evaluations at which tables show the curves, as far as the budget goes.
+#: Numbers of evaluations at which tables show the curves, up to the budget.
 SHOWN = (1, 10, 20, 40, 60, 120)
 
 
 def summary_json(findings: Findings) -> dict[str, Any]:
-    """Return what was asked and found as JSON values; null where there is no number."""
+    """Settings and results of a study as JSON values; null where there is no number."""
     plan = findings.plan
     return {
         "robot": plan.robot.name,
@@ -137,7 +137,7 @@ def _landscape(landscape: Landscape) -> dict[str, Any]:
 
 
 def _curve(findings: Findings, optimizer: str, *, paper_count: bool) -> dict[str, Any]:
-    """Return the mean over legs and runs at some evaluations."""
+    """Mean over legs and runs after some numbers of evaluations."""
     curve = findings.mean_curve(optimizer, paper_count=paper_count)
     shown = [count for count in SHOWN if count <= findings.plan.budget]
     searches = [findings.searches[leg, optimizer, paper_count] for leg in findings.plan.legs]
@@ -153,5 +153,5 @@ def _curve(findings: Findings, optimizer: str, *, paper_count: bool) -> dict[str
 
 
 def number(value: float) -> float | None:
-    """Return a number as JSON knows it: None for NaN and infinity."""
+    """Number for JSON: None for NaN and infinity."""
     return float(value) if math.isfinite(value) else None

@@ -1,1 +1,1 @@
-"""How well adaptation does in worlds that nobody has simulated before."""
+"""Transfer benchmark: adaptation in worlds outside every prior."""

@@ -1,4 +1,4 @@
-"""What a transfer benchmark asks: which unseen worlds, legs, optimizers, runs and trials."""
+"""Settings of a transfer benchmark: unseen worlds, legs, optimizers, runs and trials."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -26,7 +26,7 @@ UNSEEN = "transfer"
 #: The first worlds of the family were looked at while `bayes` was made; the benchmark begins after them.
 FIRST_WORLD = 35
 
-#: `bayes` that ends a walk once its outcome is known well enough.
+#: `bayes` with early stopping.
 EARLY = "bayes-early"
 
 PRIORED = (BAYES, EARLY)
@@ -36,19 +36,19 @@ MAX_WORLDS = 1000
 
 @dataclass(frozen=True, kw_only=True)
 class TransferPlan:
-    """The questions of one benchmark.
+    """Settings of one benchmark.
 
     Attributes:
-        robot: who walks.
+        robot: model of the robot.
         family: the unseen worlds, never those of a prior.
-        prior: what `bayes` believes.
-        worlds: how many of the family.
+        prior: prior of `bayes`.
+        worlds: number of worlds of the family.
         legs: the failed legs, ascending.
         optimizers: names as in `hexctl.adapt.registry`, `bayes` and `bayes-early`.
         runs: seeded runs of each optimizer in each world and leg; `bayes` has no seed and one run.
         budget: trials of a run.
-        duration_s: how long each gait walks.
-        target_m: what `bayes` looks for.
+        duration_s: length of each walk.
+        target_m: deviation that `bayes` aims at.
         seed: of the searches.
     """
 
@@ -65,7 +65,7 @@ class TransferPlan:
     seed: int = 0
 
     def specs(self) -> list[LandscapeSpec]:
-        """Return the landscapes, world by world; each world's bumps are drawn with its own number."""
+        """Specs of the landscapes, world by world; a world's number is the seed of its rough floor."""
         numbers = range(FIRST_WORLD, FIRST_WORLD + self.worlds)
         worlds = self.family.members(FIRST_WORLD, self.worlds)
         return [
@@ -83,15 +83,15 @@ class TransferPlan:
         ]
 
     def kind_of(self, spec: LandscapeSpec) -> str:
-        """Return the kind of a landscape's world."""
+        """Kind of a landscape's world."""
         return self.family.kind(spec.seed).name
 
     def runs_of(self, optimizer: str) -> int:
-        """Return how many runs of an optimizer differ."""
+        """Number of runs of an optimizer; without a seed all runs are the same, and one is enough."""
         return 1 if optimizer in PRIORED else self.runs
 
     def seed_of(self, spec: LandscapeSpec, run: int) -> int:
-        """Return the seed of a run."""
+        """Seed of a run."""
         return ((self.seed * MAX_WORLDS + spec.seed) * N_LEGS + spec.leg) * 1_000 + run
 
     def check(self) -> None:
@@ -123,7 +123,7 @@ class TransferPlan:
             raise InputError(f"prior: is for {', '.join(differences)}; allowed: a prior for these trials")
 
     def trial_plan(self) -> TrialPlan:
-        """Return the plan of one trial; its gait is one of many."""
+        """Plan of a trial, with the gait of code 1."""
         return self.specs()[0].trial(1).plan
 
 

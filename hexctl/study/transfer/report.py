@@ -23,13 +23,13 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-#: Mean deviation over all worlds and legs, and the trials within which it is asked; then the stretch.
+#: Mean deviation over all worlds and legs, the trials within which it is required, and the stretch goal.
 ASKED = ((NEAR_M, 4, 2), (NEARER_M, 10, 6))
 
-#: In worlds unlike the prior's, so many trials more than random search at most.
+#: Most trials that `bayes` may need beyond random search, in any kind of world.
 MORE_THAN_RANDOM = 2
 
-#: Share of outcomes that shall lie in their intervals for nine of ten.
+#: Required share of outcomes inside their 90 % intervals.
 COVERAGE = (0.80, 0.97)
 
 
@@ -125,7 +125,7 @@ SECONDS = 120
 
 
 def trials_figure(findings: TransferFindings) -> "Figure":
-    """Return mean, median and 90th percentile over trials, of all worlds and legs."""
+    """Mean, median and 90th percentile over trials, of all worlds and legs."""
     figure, panels = new_figure(1, 3, (13.0, 4.6))
     places = findings.places()
     trials = np.arange(1.0, findings.plan.budget + 1)
@@ -136,7 +136,7 @@ def trials_figure(findings: TransferFindings) -> "Figure":
 
 
 def seconds_figure(findings: TransferFindings) -> "Figure":
-    """Return mean, median and 90th percentile over the seconds walked."""
+    """Mean, median and 90th percentile over the seconds walked."""
     figure, panels = new_figure(1, 3, (13.0, 4.6))
     places = findings.places()
     seconds = np.linspace(0, findings.plan.budget * findings.plan.duration_s, SECONDS + 1)[1:]
@@ -147,7 +147,7 @@ def seconds_figure(findings: TransferFindings) -> "Figure":
 
 
 def kinds_figure(findings: TransferFindings) -> "Figure":
-    """Return the means over trials, one panel for each kind of world."""
+    """Means over trials, one panel per kind of world."""
     kinds = findings.kinds()
     rows, columns = grid_of(len(kinds))
     figure, panels = new_figure(rows, columns, (4.6 * columns + 0.6, 3.4 * rows + 0.8))
@@ -215,11 +215,11 @@ READING = (
     "Deviation of the best gait found so far, as the landscape has it: every gait of every world and leg was "
     "walked, and searches look their trials up.",
     "A search that has found no valid gait yet counts with the worst valid gait of its landscape.",
-    "bayes stops when it is sure of its target; its curve goes on flat from there.",
-    "bayes-early ends a walk once its outcome is known well enough; over trials it therefore sees less, over "
-    "seconds it gets on faster.",
+    "bayes stops when it is sure of its target; its curve is flat from there on.",
+    "bayes-early ends a walk once its outcome is known well enough: it learns less per trial and more per "
+    "second.",
     "The worlds are drawn from wider ranges than the prior's, and every other one is of a kind that no world "
-    "of the prior is. Earlier worlds of the same family were looked at while bayes was made, these never "
+    "of the prior is. Earlier worlds of the same family were used while bayes was developed, these never "
     "were; the other searches have the paper's parameters.",
     "Trials have no noise here: a repeat gives the same end. That bayes is sure says that it measured a gait "
     "within its target; how it does under noise is not told by this page.",
@@ -233,18 +233,18 @@ _FIGURES = (("over_trials", trials_figure), ("over_seconds", seconds_figure), ("
 
 
 def write_transfer_report(findings: TransferFindings, folder: Path) -> Path:
-    """Write table, figures and the report into a folder, and return the report's path."""
+    """Write table, figures and the report into a folder; path of the report."""
     _write_table(findings, folder)
     drawn = [(name, _drawn(draw(findings), folder, name)) for name, draw in _FIGURES]
     path = folder / REPORT
     sections = [*_verdicts(findings), *_pictures(drawn), *_numbers(findings)]
-    heading = "Adaptation in worlds that nobody simulated before"
+    heading = "Adaptation in worlds outside every prior"
     atomic_write(path, render_page("hexctl study --transfer", heading, sections))
     return path
 
 
 def transfer_json(findings: TransferFindings) -> dict[str, Any]:
-    """Return what was asked and found as JSON values."""
+    """Settings and results of a benchmark as JSON values."""
     plan, places = findings.plan, findings.places()
     return {
         "robot": plan.robot.name,
@@ -355,7 +355,7 @@ def _sure_table(findings: TransferFindings) -> Table:
 
 
 def _walked_s(findings: TransferFindings, name: str, places: list[int]) -> float:
-    """Return how many seconds a run walked on the mean."""
+    """Mean walking time of a run, in s."""
     return float(
         np.mean([course.walked_s[-1] for place in places for course in findings.courses[place, name]])
     )

@@ -24,16 +24,16 @@ from hexctl.types import ArrayFields, BoolArray, FloatArray
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Course(ArrayFields):
-    """One run.
+    """One run of a search.
 
     Attributes:
-        codes: what was walked, in order; shorter than the budget when the search was sure, (T,).
-        best_m: deviation of the best gait after each trial of the budget, the last one going on, (B,); the
-            worst of all valid gaits as long as none was found.
+        codes: the gaits walked, in order; fewer than the budget when the search was sure, (T,).
+        best_m: deviation of the best gait after each trial of the budget, constant after the last trial,
+            (B,); that of the worst valid gait as long as no valid one was found.
         walked_s: seconds walked by then, (B,).
-        held: of the gaits walked for the first time, whether they ended in the interval that was to hold nine
-            of ten; empty for searches that expect nothing.
-        sure: whether the search ended because it was sure.
+        held: of the gaits walked for the first time, whether they ended inside their 90 % interval; empty for
+            searches without predictions.
+        sure: whether the search ended because it was sure of its target.
     """
 
     codes: NDArray[np.int64]
@@ -49,15 +49,15 @@ def run_course(
     optimizer: str,
     run: int,
     samples: Samples | None,
-    sag_rad: FloatArray | None = None,
+    deflection_rad: FloatArray | None = None,
 ) -> Course:
-    """Return the course of one run of an optimizer that looks up every walk in a landscape.
+    """Course of one run of an optimizer that looks up every walk in a landscape.
 
-    `sag_rad` is how the robot stands there, for optimizers with a prior that knows how robots stand.
+    `deflection_rad` is the static deflection of the joints in the stance, for `bayes` with such a prior.
     """
     search = _search(plan, landscape, optimizer, run, samples)
-    if sag_rad is not None and isinstance(search, Bayes):
-        search.observe_stance(sag_rad)
+    if deflection_rad is not None and isinstance(search, Bayes):
+        search.observe_stance(deflection_rad)
     codes: list[int] = []
     bests, walked, held = [], [], []
     best_m, walked_s = float(landscape.final_m[landscape.valid].max()), 0.0
@@ -85,7 +85,7 @@ def run_course(
 
 
 def walk_of(landscape: Landscape, code: int, enough: Enough | None = None) -> Observation:
-    """Return a gait's walk as a session would have seen it, cut short where it has shown enough."""
+    """Walk of a gait as a session would observe it, cut short where early stopping ends it."""
     row = landscape.row_of(code)
     path = landscape.paths_m[row]
     path = path[np.isfinite(path[:, 0])].astype(float)
@@ -147,7 +147,7 @@ class Curves(ArrayFields):
 
     @classmethod
     def of(cls, best_m: FloatArray) -> "Curves":
-        """Return the curves of best deviations, (runs, points)."""
+        """Curves of best deviations, (runs, points)."""
         return cls(
             mean=best_m.mean(axis=0),
             median=np.median(best_m, axis=0),
@@ -155,7 +155,7 @@ class Curves(ArrayFields):
         )
 
     def trials_to(self, bound_m: float) -> int | None:
-        """Return after how many trials the mean is within a bound, or None."""
+        """Number of trials after which the mean is within a bound; None if never."""
         within = np.flatnonzero(self.mean <= bound_m)
         return int(within[0]) + 1 if within.size else None
 
@@ -165,9 +165,9 @@ class TransferFindings:
     """The results of one benchmark.
 
     Attributes:
-        plan: what was asked.
+        plan: its settings.
         landscapes: those with at least one valid gait.
-        without: how many have none, and are left out.
+        without: number of landscapes without a valid gait, which are left out.
         courses: by place in `landscapes` and optimizer, one for each run.
     """
 
@@ -177,7 +177,7 @@ class TransferFindings:
     courses: dict[tuple[int, str], list[Course]]
 
     def places(self, kind: str | None = None, *, reachable_m: float = np.inf) -> list[int]:
-        """Return the places of the landscapes of a kind whose best gait is near enough."""
+        """Places of the landscapes of a kind whose best gait is within `reachable_m`."""
         return [
             place
             for place, landscape in enumerate(self.landscapes)
@@ -185,15 +185,15 @@ class TransferFindings:
         ]
 
     def kinds(self) -> list[str]:
-        """Return the kinds of worlds, in the order of their first appearance."""
+        """Kinds of worlds, in the order of their first appearance."""
         return list(dict.fromkeys(self.plan.kind_of(landscape.spec) for landscape in self.landscapes))
 
     def by_trials(self, optimizer: str, places: Sequence[int]) -> Curves:
-        """Return the curves over trials."""
+        """Curves over trials."""
         return Curves.of(np.array([course.best_m for course in self._courses(optimizer, places)]))
 
     def by_seconds(self, optimizer: str, places: Sequence[int], seconds: FloatArray) -> Curves:
-        """Return the curves over seconds walked; before the first trial is over the worst gait counts."""
+        """Curves over seconds walked; until the first trial ends, the worst gait counts."""
         rows = []
         for place in places:
             worst_m = float(self.landscapes[place].final_m[self.landscapes[place].valid].max())
@@ -203,16 +203,16 @@ class TransferFindings:
         return Curves.of(np.array(rows))
 
     def floor_m(self, places: Sequence[int]) -> float:
-        """Return the mean of the best gait of all: no search can be below."""
+        """Mean deviation of the best gaits of all, a lower bound of every search, in m."""
         return float(np.mean([self.landscapes[place].best_m for place in places]))
 
     def coverage(self, optimizer: str, places: Sequence[int]) -> tuple[float, int]:
-        """Return which share of outcomes lay in their interval for nine of ten, and of how many."""
+        """Share of outcomes inside their 90 % intervals, and the number of outcomes."""
         held = np.concatenate([course.held for course in self._courses(optimizer, places)])
         return (float(held.mean()) if held.size else float("nan")), int(held.size)
 
     def sure_share(self, optimizer: str, places: Sequence[int]) -> tuple[float, float]:
-        """Return the share of runs that ended sure of their target, and their mean trials."""
+        """Share of runs that ended sure of their target, and their mean number of trials."""
         courses = self._courses(optimizer, places)
         trials = [len(course.codes) for course in courses if course.sure]
         return len(trials) / len(courses), float(np.mean(trials)) if trials else float("nan")
@@ -232,11 +232,12 @@ def search_worlds(
     courses = {}
     for place, landscape in enumerate(usable):
         spec = landscape.spec
-        sag_rad = None if plan.prior.sag_rad is None else deflection_of(spec)
+        deflection_rad = None if plan.prior.sag_rad is None else deflection_of(spec)
         for name in plan.optimizers:
             known = samples[spec.leg] if name in PRIORED else None
             courses[place, name] = [
-                run_course(plan, landscape, name, run, known, sag_rad) for run in range(plan.runs_of(name))
+                run_course(plan, landscape, name, run, known, deflection_rad)
+                for run in range(plan.runs_of(name))
             ]
         on_landscape(landscape)
     return TransferFindings(

@@ -1,0 +1,80 @@
+"""The library calls behind `hexctl study`: they return results, report progress and print nothing."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from hexctl.errors import InputError
+from hexctl.study.cache import LandscapeCache
+from hexctl.study.plan import StudyPlan
+from hexctl.study.study import run_study, run_transfer
+from tests.robots import shipped
+from tests.study.transfer.made_up import plan as transfer_plan
+from tests.study.watching import Remembering
+
+
+class Staged(Remembering):
+    def __init__(self) -> None:
+        super().__init__()
+        self.stages: list[tuple[str, int]] = []
+        self.steps = 0
+
+    def stage(self, name: str, steps: int) -> None:
+        self.stages.append((name, steps))
+
+    def step(self) -> None:
+        self.steps += 1
+
+
+def plan(duration_s: float = 0.2) -> StudyPlan:
+    return StudyPlan(
+        robot=shipped(), legs=(2,), optimizers=("pso", "random"), runs=2, budget=3, duration_s=duration_s
+    )
+
+
+def test_a_study_from_python(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder, cache, progress = tmp_path / "out", LandscapeCache(tmp_path / "cache"), Staged()
+    result = run_study(plan(), folder=folder, cache=cache, jobs=1, progress=progress)
+    assert capsys.readouterr() == ("", "")
+    assert result.report == folder / "report.html"
+    assert result.findings.plan.legs == (2,)
+    assert json.loads((folder / "study.json").read_text()) == json.loads(json.dumps(result.to_json()))
+    assert progress.known == [False, False]
+    assert sum(progress.gaits) == 240
+    assert progress.steps == sum(steps for _, steps in progress.stages)
+    assert cache.count(plan().specs()) == (240, 240)
+
+    again = Staged()
+    run_study(plan(), folder=folder, cache=cache, progress=again)
+    assert (again.known, again.gaits) == ([True, True], [])
+
+
+class Interrupting(Remembering):
+    def advance(self, landscape: object, gaits: int) -> None:
+        raise KeyboardInterrupt
+
+
+def test_an_interrupted_study_keeps_its_gaits_and_leaves_no_empty_folder(tmp_path: Path) -> None:
+    cache = LandscapeCache(tmp_path / "cache")
+    with pytest.raises(KeyboardInterrupt):
+        run_study(plan(), folder=tmp_path / "out", cache=cache, jobs=1, progress=Interrupting())
+    assert cache.count(plan().specs()) == (40, 240)
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(("jobs", "duration_s"), [(0, 0.2), (1025, 0.2), (1, -1.0)])
+def test_what_cannot_be_done_is_refused_before_anything_runs(
+    jobs: int, duration_s: float, tmp_path: Path
+) -> None:
+    cache = LandscapeCache(tmp_path / "cache")
+    with pytest.raises(InputError):
+        run_study(plan(duration_s), folder=tmp_path / "out", cache=cache, jobs=jobs)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_folder_with_other_things_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "thesis.tex").touch()
+    with pytest.raises(InputError, match="holds other things"):
+        run_transfer(transfer_plan(), folder=tmp_path, cache=LandscapeCache(tmp_path / "cache"))
+    assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]

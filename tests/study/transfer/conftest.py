@@ -1,0 +1,19 @@
+"""Landscapes of the made-up benchmark, and the searches in them."""
+
+import pytest
+
+from hexctl.study.landscape import Landscape
+from hexctl.study.transfer.searches import TransferFindings, search_worlds
+from tests.study.transfer.made_up import MODEL, in_the_model, plan
+
+
+@pytest.fixture(scope="session")
+def landscapes() -> list[Landscape]:
+    specs = plan().specs()
+    worlds = MODEL.worlds(len(specs), seed=600)
+    return [in_the_model(spec, world) for spec, world in zip(specs, worlds, strict=True)]
+
+
+@pytest.fixture(scope="session")
+def findings(landscapes: list[Landscape]) -> TransferFindings:
+    return search_worlds(plan(), landscapes)
