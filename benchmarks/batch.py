@@ -42,7 +42,7 @@ THREADS = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else 
 def batch_rows(scale: Scale) -> Iterator[Row]:
     """Physics steps per second of a batch of trials over bare mj_step on as many threads."""
     plans = recovery_plans(FAILED_LEG, scale.codes, scale.batch_walk_s, "rear")
-    work = BatchWork([SimTrial(robot=ant(), plan=plan) for plan in plans])
+    work = BatchWork([SimTrial(robot=ant(), plan=plan, failure=plan.belief) for plan in plans])
     pairs = alternate(work.ours, work.bare, scale.rounds)
     walks = [(bare.walk_s, ours.walk_s) for ours, bare in pairs]
     wholes = [(bare.whole_s, ours.whole_s) for ours, bare in pairs]

@@ -64,7 +64,7 @@ def _near_rows(name: str, results: list[TrialResult], scale: Scale, bar: Bar | N
 
 def _results(leg: int, scale: Scale, self_rotation: str) -> list[TrialResult]:
     plans = recovery_plans(leg, scale.codes, scale.walk_s, self_rotation)
-    return run_sim_trials([SimTrial(robot=ant(), plan=plan) for plan in plans])
+    return run_sim_trials([SimTrial(robot=ant(), plan=plan, failure=plan.belief) for plan in plans])
 
 
 def _counted(results: list[TrialResult], scale: Scale) -> str:

@@ -31,7 +31,7 @@ def recovery_plans(leg: int, codes: int, walk_s: float, self_rotation: str) -> l
     return [
         TrialPlan(
             gait=default_gait(slots_from_code(code, (leg,))),
-            failure=Failure(leg=leg),
+            belief=Failure(leg=leg),
             duration_s=walk_s,
             self_rotation=self_rotation,
         )

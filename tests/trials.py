@@ -48,6 +48,6 @@ def walk(
     with SimServos(robot, world=world, failure=failure, seed=seed) as servos:
         guard, log = Guard(servos), TickLog()
         result = run_trial(
-            guard, TrialPlan(gait=gait_of(robot, gait), failure=failure, **plan), recorders=(log,)
+            guard, TrialPlan(gait=gait_of(robot, gait), belief=failure, **plan), recorders=(log,)
         )
     return Outcome(result, log, guard)

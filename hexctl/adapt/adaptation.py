@@ -246,7 +246,7 @@ class Adaptation:
             yield None
             return
         request_realtime_priority()
-        failure = setting.plan.failure
+        failure = setting.plan.belief
         options = BackendOptions(
             robot=setting.robot,
             failure=failure,

@@ -158,7 +158,7 @@ class AdaptLoop:
             code=code,
             slots=self._optimizer.space.slots_of(code),
             score=score,
-            outcome=walked.result.numbers(),
+            outcome=walked.result.to_dict(),
             path_m=_kept(walked.result.path_m),
             recording=None if walked.recording is None else str(walked.recording),
             confirms=confirms,

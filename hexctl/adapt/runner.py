@@ -93,7 +93,7 @@ class TrialRunner:
         """Run one trial in a simulation of its own."""
         plan = self.plan_for(slots)
         options = BackendOptions(
-            robot=self.robot, world=self.world, failure=plan.failure, seed=self.spec.seed, trial=index
+            robot=self.robot, world=self.world, failure=plan.belief, seed=self.spec.seed, trial=index
         )
         with Guard(make_servos(self.spec.backend, options)) as servos:
             return self.walk_on(servos, plan, index, code, stop_when(should_stop))

@@ -106,7 +106,7 @@ class TrialRecord:
         code: the gait tried.
         slots: its slots.
         score: by the session's objective; `INVALID_SCORE` for an invalid trial.
-        outcome: the numbers of `TrialResult.numbers`.
+        outcome: the numbers of `TrialResult.to_dict`.
         path_m: progress and signed deviation along the walk, five points a second.
         recording: path of the recording, or None.
         confirms: True for a repeat of the best gait.

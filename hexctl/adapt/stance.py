@@ -94,7 +94,7 @@ def simulated_deflection_rad(
 
     It stands in a simulation of its own, with the sensor noise of trial 0.
     """
-    options = BackendOptions(robot=robot, world=world, failure=plan.failure, seed=seed)
+    options = BackendOptions(robot=robot, world=world, failure=plan.belief, seed=seed)
     try:
         with Guard(make_servos("sim", options)) as servos:
             return stance_deflection_rad(servos, plan)

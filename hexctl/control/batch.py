@@ -14,6 +14,7 @@ from hexctl.control.result import TrialResult, score
 from hexctl.control.trial import MakeController, WalkStart, planned_walk, prepare, run_trial, ticks_of
 from hexctl.control.turning import check_plan
 from hexctl.errors import EStopError, SimulationDivergedError
+from hexctl.robot.failure import Failure
 from hexctl.robot.model import Robot
 from hexctl.types import BoolArray, RobotState
 
@@ -24,7 +25,8 @@ class SimTrial:
 
     Attributes:
         robot: who walks.
-        plan: what it shall do.
+        plan: what it shall do, and what its controller was told.
+        failure: the leg that the simulation breaks, or None.
         world: where.
         seed: of the simulation.
         facing_rad: yaw in which the robot is put down; the plan's heading counts from there.
@@ -32,6 +34,7 @@ class SimTrial:
 
     robot: Robot
     plan: TrialPlan
+    failure: Failure | None
     world: World = field(default_factory=World)
     seed: int = 0
     facing_rad: float = 0.0
@@ -41,7 +44,7 @@ class SimTrial:
         return SimServos(
             self.robot,
             world=self.world,
-            failure=self.plan.failure,
+            failure=self.failure,
             seed=self.seed,
             facing_rad=self.facing_rad,
         )
@@ -50,7 +53,7 @@ class SimTrial:
         """Return what trials must have in common to start their walks from one state."""
         plan = self.plan
         start = (self.facing_rad, plan.heading_rad, plan.self_rotation, plan.turn_rad, plan.settle_s)
-        return (self.robot.fingerprint, self.world, self.seed, plan.failure, start)
+        return (self.robot.fingerprint, self.world, self.seed, self.failure, plan.belief, start)
 
 
 def run_sim_trial(trial: SimTrial, make_controller: MakeController = planned_walk) -> TrialResult:

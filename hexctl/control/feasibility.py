@@ -14,7 +14,7 @@ from hexctl.ik.legs import TOLERANCE_RAD, range_excess_rad, solve_legs
 from hexctl.robot.loader import load_robot_file
 from hexctl.robot.model import Robot
 from hexctl.robot.servo_map import ServoMap, joints_beyond_pulses
-from hexctl.types import JOINT_NAMES, FloatArray
+from hexctl.types import JOINT_NAMES, ArrayFields, FloatArray
 
 #: Points of one gait cycle that are evaluated.
 POINTS = 720
@@ -23,8 +23,8 @@ POINTS = 720
 HEADINGS_RAD = tuple(math.radians(degrees) for degrees in range(0, 360, 15))
 
 
-@dataclass(frozen=True, slots=True)
-class GaitDemand:
+@dataclass(frozen=True, slots=True, eq=False)
+class GaitDemand(ArrayFields):
     """The demand of a gait at full stride, the worst over motions and time.
 
     Attributes:

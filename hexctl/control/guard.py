@@ -14,15 +14,15 @@ from hexctl.backends.base import LegServos, ServosWrapper, check_targets
 from hexctl.errors import CommandRefusedError, EStopError, HexctlError, InputError, RobotFaultError
 from hexctl.robot.model import Robot
 from hexctl.robot.rotations import cos_tilt
-from hexctl.types import BoolArray, FloatArray, JointTargets, RobotState
+from hexctl.types import ArrayFields, BoolArray, FloatArray, JointTargets, RobotState
 
 #: A body that leans further than this, for this long, has fallen.
 FALL_COS_TILT = float(np.cos(np.radians(50)))
 FALL_TICKS = 10
 
 
-@dataclass(frozen=True, slots=True)
-class StepLimits:
+@dataclass(frozen=True, slots=True, eq=False)
+class StepLimits(ArrayFields):
     """Joint ranges and the greatest step of one control period.
 
     Attributes:

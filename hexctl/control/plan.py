@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 
-from hexctl.errors import InputError
+from hexctl.errors import InputError, check_type
 from hexctl.gait.gait import Gait, Motion
 from hexctl.robot.failure import Failure
 
@@ -21,7 +21,8 @@ class TrialPlan:
         travel: 1 to travel, 0 to stay on the spot.
         turn_rate_rad_s: commanded yaw rate during the walk.
         duration_s: how long to walk, the soft start included and the soft stop not.
-        failure: the failed leg; a `locked` one is held in its stance pose by the controller too.
+        belief: the failure that the controller was told of, or None; a `locked` leg is held in its stance
+            pose. What a simulation breaks is given to the simulation.
         self_rotation: where the failed leg shall point before the walk: `rear`, `front` or `none` (as it is).
         turn_rad: how far to turn before the walk instead, where somebody knows better; None to go by
             `self_rotation`.
@@ -33,12 +34,16 @@ class TrialPlan:
     travel: float = 1.0
     turn_rate_rad_s: float = 0.0
     duration_s: float = 30.0
-    failure: Failure | None = None
+    belief: Failure | None = None
     self_rotation: str = "rear"
     turn_rad: float | None = None
     settle_s: float = 1.0
 
     def __post_init__(self) -> None:
+        check_type(self.gait, Gait, "plan.gait", "a Gait, as make_gait(robot, 'tripod') gives")
+        check_type(self.belief, (Failure, type(None)), "plan.belief", "a Failure, as Failure(leg=5), or None")
+        for name in ("heading_rad", "travel", "turn_rate_rad_s", "duration_s", "settle_s"):
+            check_type(getattr(self, name), float, f"plan.{name}")
         if not (math.isfinite(self.duration_s) and 0 < self.duration_s <= MAX_DURATION_S):
             raise InputError(
                 f"duration: got {self.duration_s:g}; allowed: above 0 up to {MAX_DURATION_S:g} s"
@@ -60,9 +65,9 @@ class TrialPlan:
     @property
     def failed_legs(self) -> tuple[int, ...]:
         """Return the failed leg, if there is one, as gait codes want it."""
-        return (self.failure.leg,) if self.failure else ()
+        return (self.belief.leg,) if self.belief else ()
 
     @property
     def held_legs(self) -> tuple[int, ...]:
         """Return the legs that the controller keeps in their stance pose."""
-        return self.failed_legs if self.failure and self.failure.kind == "locked" else ()
+        return self.failed_legs if self.belief and self.belief.kind == "locked" else ()

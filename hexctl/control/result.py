@@ -1,6 +1,7 @@
-"""What a trial came to: distance, the four deviations and a status."""
+"""The result of a trial: distance, the four deviations and a status."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -8,11 +9,12 @@ import numpy as np
 
 from hexctl.control.plan import TrialPlan
 from hexctl.control.trace import TrialFrame
+from hexctl.errors import InputError, MissingExtraError
 from hexctl.gait.foot_trajectory import RAMP_DURATION_S
 from hexctl.gait.gait import ideal_speed_m_s
 from hexctl.robot.model import Robot
 from hexctl.robot.rotations import yaw_rad
-from hexctl.types import FloatArray
+from hexctl.types import ArrayFields, FloatArray
 
 #: A walk with less than this share of the ideal distance made no progress; one that is over before the soft
 #: start is says nothing about it.
@@ -22,14 +24,14 @@ PROGRESS_FLOOR = 0.5
 STATUSES = ("ok", "fell", "diverged", "no_progress", "cut_short", "aborted")
 
 
-@dataclass(frozen=True, slots=True)
-class Deviation:
+@dataclass(frozen=True, slots=True, eq=False)
+class Deviation(ArrayFields):
     """Distance from the line of travel in m.
 
     Attributes:
         final: at the end, absolute (the paper's F).
-        mean: mean of the absolute deviation over the walk; nan where only the end was measured.
-        max: greatest absolute deviation; nan likewise.
+        mean: mean of the absolute deviation over the walk; NaN where only the end was measured.
+        max: greatest absolute deviation; NaN likewise.
         signed: at the end, positive to the left.
     """
 
@@ -38,9 +40,21 @@ class Deviation:
     max: float
     signed: float
 
+    def to_dict(self) -> dict[str, float | None]:
+        """JSON values; None for NaN."""
+        return {name: _known(getattr(self, name)) for name in ("final", "mean", "max", "signed")}
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class TrialResult:
+    @classmethod
+    def from_dict(cls, data: Mapping[str, float | None]) -> "Deviation | None":
+        """Inverse of `to_dict`; None where the end is not known."""
+        if data["signed"] is None:
+            return None
+        values = {name: math.nan if value is None else float(value) for name, value in data.items()}
+        return cls(**values)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
+class TrialResult(ArrayFields):
     """The outcome of one trial; distances are None where the robot knows no pose or never set out.
 
     Attributes:
@@ -54,7 +68,7 @@ class TrialResult:
         deviation: from the line of travel.
         yaw_change_rad: how far the body turned during the walk, counter-clockwise, whole turns counted.
         clipped_ticks: ticks in which the guard changed the targets.
-        path_m: progress and signed deviation at each tick of the walk, (T, 2); nan where nobody measured.
+        path_m: progress and signed deviation at each tick of the walk, (T, 2); NaN where not measured.
     """
 
     status: str
@@ -70,26 +84,82 @@ class TrialResult:
 
     @property
     def valid(self) -> bool:
-        """Return whether the trial may be ranked by its deviation."""
+        """Whether the trial may be ranked by its deviation."""
         return self.status == "ok" and self.deviation is not None
 
-    def numbers(self) -> dict[str, Any]:
-        """Return the outcome as plain JSON values, angles in degrees."""
-        deviation = self.deviation
-        return {
+    def to_dict(self, *, path: bool = False) -> dict[str, Any]:
+        """The outcome as plain JSON values, angles in degrees; with `path`, the path as well."""
+        unknown = {"final": None, "mean": None, "max": None, "signed": None}
+        yaw_change = self.yaw_change_rad
+        data: dict[str, Any] = {
             "duration_s": round(self.duration_s, 6),
             "distance_m": self.distance_m,
             "ideal_distance_m": self.ideal_distance_m,
-            "deviation_m": {
-                name: None if deviation is None else _known(getattr(deviation, name))
-                for name in ("final", "mean", "max", "signed")
-            },
-            "yaw_change_deg": None if self.yaw_change_rad is None else float(np.degrees(self.yaw_change_rad)),
+            "deviation_m": unknown if self.deviation is None else self.deviation.to_dict(),
+            "yaw_change_deg": None if yaw_change is None else float(np.degrees(yaw_change)),
             "self_rotation_deg": float(np.degrees(self.turned_rad)),
             "status": self.status,
             "stopped": self.stopped,
             "clipped_ticks": self.clipped_ticks,
         }
+        if path:
+            data["path_m"] = [[_known(value) for value in row] for row in self.path_m.tolist()]
+        return data
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> "TrialResult":
+        """Inverse of `to_dict`, angles up to rounding; a path that was left out is empty.
+
+        Raises InputError for anything else.
+        """
+        try:
+            yaw_change_deg, path = data["yaw_change_deg"], data.get("path_m") or np.zeros((0, 2))
+            return cls(
+                status=str(data["status"]),
+                stopped=data["stopped"],
+                duration_s=float(data["duration_s"]),
+                turned_rad=math.radians(data["self_rotation_deg"]),
+                distance_m=data["distance_m"],
+                ideal_distance_m=float(data["ideal_distance_m"]),
+                deviation=Deviation.from_dict(data["deviation_m"]),
+                yaw_change_rad=None if yaw_change_deg is None else math.radians(yaw_change_deg),
+                clipped_ticks=int(data["clipped_ticks"]),
+                path_m=np.array(path, dtype=float),
+            )
+        except (KeyError, TypeError, ValueError, AttributeError) as error:
+            raise InputError(
+                f"trial result: cannot be read ({error!r}); allowed: what `to_dict` gives"
+            ) from error
+
+    def plot(self, ax: Any = None) -> Any:
+        """Draw the path seen from above, the line of travel from left to right; the axes drawn in.
+
+        Args:
+            ax: matplotlib axes, or None for those of a new figure.
+
+        Raises MissingExtraError without matplotlib.
+        """
+        try:
+            import matplotlib.pyplot as plt
+        except ModuleNotFoundError as error:
+            raise MissingExtraError("a plot", "study") from error
+        ax = plt.figure().add_subplot() if ax is None else ax
+        ax.axhline(0.0, color="0.6", linewidth=1.0)
+        (line,) = ax.plot(self.path_m[:, 0], self.path_m[:, 1], label=repr(self))
+        if len(self.path_m):
+            ax.plot(*self.path_m[-1], "o", color=line.get_color())
+        ax.set(xlabel="progress in m", ylabel="deviation in m, positive to the left")
+        ax.set_aspect("equal", adjustable="datalim")
+        return ax
+
+    def __repr__(self) -> str:
+        text = self.status if self.stopped is None else f"{self.status} ({self.stopped})"
+        if self.distance_m is not None:
+            text += f", {self.distance_m:.3f} of {self.ideal_distance_m:.3f} m"
+        if self.deviation is not None:
+            side = "left" if self.deviation.signed > 0 else "right"
+            text += f", {self.deviation.final:.4f} m {side} of the line"
+        return f"TrialResult({text}, {self.duration_s:g} s)"
 
 
 def _known(value: float) -> float | None:
@@ -109,7 +179,7 @@ def score(
     positions_world: FloatArray,
     quaternions_world: FloatArray,
 ) -> TrialResult:
-    """Return the result of a walk.
+    """Result of a walk.
 
     Args:
         robot: who walked.
@@ -145,28 +215,28 @@ def score(
 
 
 def progress_floor_m(robot: Robot, plan: TrialPlan, duration_s: float) -> float:
-    """Return the distance below which a walk of a duration made no progress."""
+    """Distance below which a walk of a duration made no progress."""
     ideal_speed = ideal_speed_m_s(robot, plan.gait, plan.motion(0.0))
     return PROGRESS_FLOOR * ideal_speed * _ramped_duration_s(duration_s)
 
 
 def _deviation(signed_m: FloatArray) -> Deviation:
-    """Return the four deviations of a walk, from its signed deviation at each tick."""
+    """The four deviations of a walk, from its signed deviation at each tick."""
     off_m = np.abs(signed_m)
     return Deviation(float(off_m[-1]), float(off_m.mean()), float(off_m.max()), float(signed_m[-1]))
 
 
 def _yaw_change_rad(first_yaw_rad: float, quaternions_world: FloatArray) -> float:
-    """Return how far the body turned, whole turns counted."""
+    """How far the body turned, whole turns counted."""
     yaws = np.unwrap(np.concatenate([[first_yaw_rad], yaw_rad(quaternions_world)]))
     return float(yaws[-1] - yaws[0])
 
 
 def _goes_straight(plan: TrialPlan) -> bool:
-    """Return whether a plan's distance along the heading says how well it went."""
+    """Whether a plan's distance along the heading says how well it went."""
     return plan.travel > 0 and plan.turn_rate_rad_s == 0
 
 
 def _ramped_duration_s(duration_s: float) -> float:
-    """Return the time at full stride that the soft start leaves of a duration of a ramp or more."""
+    """Time at full stride that the soft start leaves of a duration of a ramp or more."""
     return duration_s - RAMP_DURATION_S / 2

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hexctl.types import FloatArray, RobotState
+from hexctl.types import ArrayFields, FloatArray, RobotState
 
 #: The phases of a trial, in their order.
 PHASES = ("settle", "turn", "walk", "stop")
@@ -13,8 +13,8 @@ PHASES = ("settle", "turn", "walk", "stop")
 FIRST_ROWS = 2048
 
 
-@dataclass(frozen=True, slots=True)
-class TrialFrame:
+@dataclass(frozen=True, slots=True, eq=False)
+class TrialFrame(ArrayFields):
     """Frame of a trial, fixed at the start of its walk: origin there, x along the commanded heading.
 
     Attributes:
@@ -34,17 +34,6 @@ class TrialFrame:
         return np.stack(
             [cos * moved[:, 0] + sin * moved[:, 1], cos * moved[:, 1] - sin * moved[:, 0]], axis=-1
         )
-
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, TrialFrame):
-            return NotImplemented
-        return (
-            np.array_equal(self.origin_world, other.origin_world, equal_nan=True)
-            and self.heading_rad == other.heading_rad
-            and self.yaw_rad == other.yaw_rad
-        )
-
-    __hash__ = None  # type: ignore[assignment]  # an array is not hashable
 
 
 class Trace:

@@ -33,10 +33,10 @@ def turn_needed_rad(robot: Robot, plan: TrialPlan) -> float:
     """Return how far to turn, counter-clockwise positive, before the walk of a plan."""
     if plan.turn_rad is not None:
         return plan.turn_rad
-    if plan.failure is None or plan.self_rotation == "none":
+    if plan.belief is None or plan.self_rotation == "none":
         return 0.0
     wanted_rad = plan.heading_rad + (math.pi if plan.self_rotation == "rear" else 0.0)
-    turn_rad = wrapped_rad(wanted_rad - float(robot.leg_azimuths_rad[plan.failure.leg - 1]))
+    turn_rad = wrapped_rad(wanted_rad - float(robot.leg_azimuths_rad[plan.belief.leg - 1]))
     # Half a turn goes either way; rounding must not choose.
     return abs(turn_rad) if abs(turn_rad) > math.pi - 1e-6 else turn_rad
 

@@ -54,12 +54,12 @@ def make_properties(
         "amplitude": gait.amplitude,
         "height": gait.height,
         "heading_deg": math.degrees(plan.heading_rad),
-        "failed_leg": plan.failure.leg if plan.failure else None,
-        "failure": str(plan.failure) if plan.failure else None,
+        "failed_leg": plan.belief.leg if plan.belief else None,
+        "failure": str(plan.belief) if plan.belief else None,
         "self_rotation": plan.self_rotation,
         "stability": stability,
     }
-    numbers = result.numbers()
+    numbers = result.to_dict()
     deviation = numbers.pop("deviation_m")
     values |= numbers | {f"deviation_{name}_m": value for name, value in deviation.items()}
     return {key: _plain(value) for key, value in (values | dict(facts)).items() if value is not None}
@@ -68,8 +68,8 @@ def make_properties(
 def _plan_rows(robot: Robot, plan: TrialPlan) -> Iterator[Row]:
     gait = plan.gait
     code = gait.code(plan.failed_legs)
-    if plan.failure:
-        yield "failed leg", f"{plan.failure.leg} ({plan.failure}), turned to: {plan.self_rotation}"
+    if plan.belief:
+        yield "failed leg", f"{plan.belief.leg} ({plan.belief}), turned to: {plan.self_rotation}"
     yield "robot", robot.name
     yield "gait", " ".join(map(str, gait.slots)) + ("" if code is None else f" (code {code})")
     yield (
@@ -98,7 +98,7 @@ def _result_rows(result: TrialResult, stability: float | None) -> Iterator[Row]:
 
 def _fact_rows(result: TrialResult | None, facts: Mapping[str, Any]) -> Iterator[Row]:
     """Facts that are known and not already in the rows of plan or result."""
-    told = {"robot", "gait", "failed_leg", "failure", *(result.numbers() if result is not None else ())}
+    told = {"robot", "gait", "failed_leg", "failure", *(result.to_dict() if result is not None else ())}
     for key, value in facts.items():
         if key not in told and value is not None:
             yield _cell(key), _cell(value)

@@ -91,14 +91,23 @@ class LandscapeSpec:
         plan = TrialPlan(
             gait=gait,
             duration_s=self.duration_s,
-            failure=Failure(leg=self.leg, kind=self.failure),
+            belief=Failure(leg=self.leg, kind=self.failure),
             self_rotation=self.self_rotation,
         )
         if not self.placed:
-            return SimTrial(robot=self.robot, plan=plan, world=self.world, seed=self.seed)
+            return SimTrial(
+                robot=self.robot, plan=plan, failure=plan.belief, world=self.world, seed=self.seed
+            )
         facing_rad = turn_needed_rad(self.robot, plan) + self.miss_rad
         plan = replace(plan, self_rotation="none", heading_rad=-facing_rad)
-        return SimTrial(robot=self.robot, plan=plan, world=self.world, seed=self.seed, facing_rad=facing_rad)
+        return SimTrial(
+            robot=self.robot,
+            plan=plan,
+            failure=plan.belief,
+            world=self.world,
+            seed=self.seed,
+            facing_rad=facing_rad,
+        )
 
     def identity(self) -> dict[str, Any]:
         """Plain JSON values that are equal for equal landscapes: settings and versions of the code."""

@@ -139,7 +139,7 @@ class MadeUpWorld:
 def plan_of(robot: Robot, **options: Any) -> TrialPlan:
     """Return the plan of a session's trials."""
     failure = options.pop("failure", Failure(leg=5))
-    return TrialPlan(gait=make_gait(robot, "demo"), failure=failure, **options)
+    return TrialPlan(gait=make_gait(robot, "demo"), belief=failure, **options)
 
 
 def key_of(robot: Robot | None = None, **options: Any) -> PriorKey:

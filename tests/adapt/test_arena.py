@@ -123,9 +123,7 @@ ROTATIONS = st.sampled_from(SELF_ROTATIONS)
 
 def plan_of(self_rotation: str, leg: int = 5, heading_rad: float = 0.3) -> TrialPlan:
     gait = make_gait(ROBOT, "demo")
-    return TrialPlan(
-        gait=gait, heading_rad=heading_rad, failure=Failure(leg=leg), self_rotation=self_rotation
-    )
+    return TrialPlan(gait=gait, heading_rad=heading_rad, belief=Failure(leg=leg), self_rotation=self_rotation)
 
 
 def standing(x: float, y: float, yaw_rad: float) -> RobotState:

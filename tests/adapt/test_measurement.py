@@ -20,7 +20,7 @@ from tests.adapt.walking import result_of
 from tests.robots import shipped
 
 ROBOT = shipped()
-PLAN = TrialPlan(gait=make_gait(ROBOT, "demo"), failure=Failure(leg=5))
+PLAN = TrialPlan(gait=make_gait(ROBOT, "demo"), belief=Failure(leg=5))
 
 #: As a robot that knows no pose ends its walk.
 WALKED = replace(
@@ -40,8 +40,8 @@ def test_two_numbers_make_a_trial() -> None:
     assert (result.deviation.final, result.deviation.signed) == (0.12, -0.12)
     assert OBJECTIVES["final"](result) == 0.12
     assert OBJECTIVES["progress"](result) == pytest.approx(0.12 * result.ideal_distance_m / 4.0)
-    assert result.numbers()["deviation_m"] == {"final": 0.12, "signed": -0.12, "mean": None, "max": None}
-    json.dumps(result.numbers(), allow_nan=False)
+    assert result.to_dict()["deviation_m"] == {"final": 0.12, "signed": -0.12, "mean": None, "max": None}
+    json.dumps(result.to_dict(), allow_nan=False)
 
 
 def test_only_the_end_is_learned_from() -> None:

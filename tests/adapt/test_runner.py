@@ -32,7 +32,7 @@ from tests.robots import shipped
 
 ROBOT = shipped()
 SPACE = GaitSpace((5,))
-PLAN = TrialPlan(gait=make_gait(ROBOT, "demo"), failure=Failure(leg=5), duration_s=12.0)
+PLAN = TrialPlan(gait=make_gait(ROBOT, "demo"), belief=Failure(leg=5), duration_s=12.0)
 
 #: The 12 s walk goes up to 1.78 m: this arena is about as small as it may be.
 ARENA = Arena(home_m=(0.0, 0.0), radius_m=1.0)
@@ -78,7 +78,7 @@ def test_a_gait_is_worth_the_same_after_any_self_rotation(code: int) -> None:
         plan = replace(plan_for(SPACE.slots_of(code)), duration_s=30.0)
         # Seen from the body, the walk goes at 60 degrees: opposite to leg 5.
         plan = replace(plan, heading_rad=math.radians(60 + turn_deg), turn_rad=math.radians(turn_deg))
-        servos = SimServos(ROBOT, world=ISOTROPIC, failure=plan.failure)
+        servos = SimServos(ROBOT, world=ISOTROPIC, failure=plan.belief)
         with Guard(servos) as guard:
             result = run_trial(guard, plan)
         assert math.degrees(result.turned_rad) == pytest.approx(turn_deg, abs=2.0)

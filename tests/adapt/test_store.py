@@ -28,7 +28,7 @@ def record(index: int, deviation_m: float = 0.2) -> TrialRecord:
         code=index,
         slots=(1, 2, 3, 4, 5, 6),
         score=OBJECTIVES["final"](result),
-        outcome=result.numbers(),
+        outcome=result.to_dict(),
         path_m=result.path_m[::10].tolist(),
         recording=None,
     )

@@ -63,7 +63,7 @@ def session(trials: int, *, age_s: int = 10, missing: tuple[int, ...] = ()) -> s
                 code=index,
                 slots=(1, 2, 3, 4, 5, 6),
                 score=0.1 * index,
-                outcome=result.numbers(),
+                outcome=result.to_dict(),
                 path_m=np.round(result.path_m[::10], 4).tolist(),
                 recording=str(path),
             )

@@ -2,6 +2,7 @@
 
 import pickle
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -27,15 +28,23 @@ def ant() -> Robot:
     return load_robot("ant")
 
 
-def trial(robot: Robot, gait: str, *, world: World | None = None, seed: int = 0, **plan: object) -> SimTrial:
-    failure = plan.get("failure")
-    legs = (failure.leg,) if isinstance(failure, Failure) else ()
-    made = TrialPlan(gait=make_gait(robot, gait, failed_legs=legs), **{"duration_s": 3.0, **plan})  # type: ignore[arg-type]
-    return SimTrial(robot=robot, plan=made, world=world or World(), seed=seed)
+def trial(
+    robot: Robot,
+    gait: str,
+    *,
+    world: World | None = None,
+    seed: int = 0,
+    failure: Failure | None = None,
+    **plan: Any,
+) -> SimTrial:
+    legs = (failure.leg,) if failure else ()
+    told = {"belief": failure, "duration_s": 3.0, **plan}
+    made = TrialPlan(gait=make_gait(robot, gait, failed_legs=legs), **told)
+    return SimTrial(robot=robot, plan=made, failure=failure, world=world or World(), seed=seed)
 
 
 def assert_same(one: TrialResult, other: TrialResult) -> None:
-    assert one.numbers() == other.numbers()
+    assert one.to_dict() == other.to_dict()
     assert np.array_equal(one.path_m, other.path_m)
 
 

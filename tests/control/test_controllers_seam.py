@@ -70,10 +70,10 @@ class UntilAhead(YawHold):
 def _trials(world: World, duration_s: float = 4.0) -> list[SimTrial]:
     failure = Failure(leg=3)
     plans = [
-        TrialPlan(gait=make_gait(ANT, code, failed_legs=(3,)), failure=failure, duration_s=duration_s)
+        TrialPlan(gait=make_gait(ANT, code, failed_legs=(3,)), belief=failure, duration_s=duration_s)
         for code in ("1", "57", "120")
     ]
-    return [SimTrial(robot=ANT, plan=plan, world=world, seed=4) for plan in plans]
+    return [SimTrial(robot=ANT, plan=plan, failure=failure, world=world, seed=4) for plan in plans]
 
 
 NOISY = World.model_validate({"sensor_noise": {"joint_deg": 0.5, "position_m": 0.002, "yaw_deg": 0.5}})
@@ -96,7 +96,7 @@ def test_a_controller_that_looks_at_the_state_walks_the_same_alone_and_in_a_batc
     alone = [run_sim_trial(trial, make) for trial in trials]
     assert [walk.shapes for walk in made[1:]] == [{(18,)}] * 3
     for one, other in zip(together, alone, strict=True):
-        assert one.numbers() == other.numbers()
+        assert one.to_dict() == other.to_dict()
         assert np.array_equal(one.path_m, other.path_m)
     open_loop = run_sim_trials(trials)
     assert all(
@@ -120,7 +120,7 @@ def test_a_controller_made_beforehand_walks_and_stops_softly() -> None:
         given = run_trial(Guard(servos), plan, walk, recorders=(log,))
     with SimServos(ANT) as servos:
         planned = run_trial(Guard(servos), plan)
-    assert given.numbers() == planned.numbers()
+    assert given.to_dict() == planned.to_dict()
     np.testing.assert_allclose(log["sent_rad"][-1], ANT.stance_angles_rad, atol=1e-9)
 
 
@@ -137,12 +137,14 @@ def test_one_walk_is_a_row_of_a_batch_of_walks() -> None:
 
 def test_trials_that_turn_by_different_angles_do_not_share_a_start() -> None:
     plan = TrialPlan(gait=make_gait(ANT, "tripod"), duration_s=1.0)
-    trials = [SimTrial(robot=ANT, plan=replace(plan, turn_rad=turn_rad)) for turn_rad in (0.6, 0.0)]
+    trials = [
+        SimTrial(robot=ANT, plan=replace(plan, turn_rad=turn_rad), failure=None) for turn_rad in (0.6, 0.0)
+    ]
     results = run_sim_trials(trials)
     assert results[0].turned_rad == pytest.approx(0.6, abs=0.1)
     assert results[1].turned_rad == pytest.approx(0.0, abs=0.02)
     for one, other in zip(results, map(run_sim_trial, trials), strict=True):
-        assert one.numbers() == other.numbers()
+        assert one.to_dict() == other.to_dict()
 
 
 def test_a_recorder_that_fails_is_a_warning_and_the_others_go_on() -> None:

@@ -34,13 +34,13 @@ def test_a_plan_refuses_what_cannot_be_done(change: dict[str, object], words: st
 
 
 def test_a_plan_travels_to_another_process() -> None:
-    plan = TrialPlan(gait=gait_of(shipped()), failure=Failure(leg=3, kind="weak"), heading_rad=0.3)
+    plan = TrialPlan(gait=gait_of(shipped()), belief=Failure(leg=3, kind="weak"), heading_rad=0.3)
     assert pickle.loads(pickle.dumps(plan)) == plan  # noqa: S301  our own bytes
 
 
 @pytest.mark.parametrize("kind", FAILURE_KINDS)
 def test_only_a_locked_leg_is_held_by_the_controller(kind: str) -> None:
-    plan = TrialPlan(gait=gait_of(shipped()), failure=Failure(leg=3, kind=kind))
+    plan = TrialPlan(gait=gait_of(shipped()), belief=Failure(leg=3, kind=kind))
     assert plan.held_legs == ((3,) if kind == "locked" else ())
 
 

@@ -2,16 +2,19 @@
 
 import json
 import math
+from dataclasses import replace
 from typing import Any
 
+import matplotlib
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from hexctl.control.plan import TrialPlan
-from hexctl.control.result import TrialResult, score
+from hexctl.control.result import Deviation, TrialResult, score
 from hexctl.control.trace import TrialFrame
+from hexctl.errors import InputError
 from hexctl.types import FloatArray
 from tests.robots import shipped
 from tests.trials import gait_of
@@ -80,7 +83,7 @@ def test_yaw_counts_whole_turns(turned_deg: float) -> None:
     yaws = np.radians(np.linspace(20, 20 + turned_deg, 400))
     result = _score(_along(1.2, np.zeros(400)), yaws=yaws)
     assert math.degrees(result.yaw_change_rad or 0.0) == pytest.approx(turned_deg, abs=1e-6)
-    assert result.numbers()["yaw_change_deg"] == pytest.approx(turned_deg, abs=1e-6)
+    assert result.to_dict()["yaw_change_deg"] == pytest.approx(turned_deg, abs=1e-6)
 
 
 def test_the_ideal_distance_is_the_papers() -> None:
@@ -123,7 +126,7 @@ def test_a_walk_that_ended_badly_stays_bad_however_far_it_went(status: str) -> N
 
 
 def test_the_numbers_are_plain_json_with_the_promised_keys() -> None:
-    numbers = _score(_along(1.2, np.array([0.0, 0.1]))).numbers()
+    numbers = _score(_along(1.2, np.array([0.0, 0.1]))).to_dict()
     assert json.loads(json.dumps(numbers, allow_nan=False)) == numbers
     assert set(numbers) >= {
         "duration_s",
@@ -141,4 +144,41 @@ def test_the_numbers_are_plain_json_with_the_promised_keys() -> None:
 def test_a_robot_that_never_set_out_has_no_distance() -> None:
     result = _score(np.zeros((0, 2)), status="fell")
     assert (result.distance_m, result.deviation, result.yaw_change_rad) == (None, None, None)
-    json.dumps(result.numbers(), allow_nan=False)
+    json.dumps(result.to_dict(), allow_nan=False)
+
+
+def test_results_compare_by_value_and_travel_as_json() -> None:
+    one = _score(_along(1.2, np.array([0.0, 0.1])))
+    other = _score(_along(1.2, np.array([0.0, 0.1])))
+    assert one == other
+    assert one != replace(one, path_m=one.path_m + 1e-12)
+    assert one != replace(one, status="fell")
+    back = TrialResult.from_dict(json.loads(json.dumps(one.to_dict(path=True), allow_nan=False)))
+    assert back.to_dict(path=True) == one.to_dict(path=True)
+    assert back.deviation == one.deviation
+    assert TrialResult.from_dict(one.to_dict()).path_m.shape == (0, 2)
+
+
+def test_a_result_that_knows_nothing_travels_as_json_too() -> None:
+    one = _score(_along(1.2, np.array([0.0, 0.1])))
+    partly = replace(one, deviation=Deviation(0.1, float("nan"), float("nan"), 0.1), yaw_change_rad=None)
+    for result in (partly, replace(one, deviation=None, distance_m=None, path_m=np.zeros((0, 2)))):
+        data = json.loads(json.dumps(result.to_dict(path=True), allow_nan=False))
+        assert TrialResult.from_dict(data).deviation == result.deviation
+        assert TrialResult.from_dict(data).to_dict(path=True) == data
+
+
+@pytest.mark.parametrize("data", [{}, {"status": "ok"}, 3, None])
+def test_what_is_no_result_is_refused_in_one_line(data: object) -> None:
+    with pytest.raises(InputError, match=r"trial result: cannot be read .* allowed: what `to_dict` gives"):
+        TrialResult.from_dict(data)  # type: ignore[arg-type]
+
+
+def test_a_result_is_one_line_and_can_be_drawn() -> None:
+    matplotlib.use("Agg")
+    result = _score(_along(1.2, np.array([0.0, 0.1])))
+    assert "\n" not in repr(result)
+    assert repr(result).startswith("TrialResult(")
+    ax = result.plot()
+    np.testing.assert_array_equal(ax.lines[1].get_xydata(), result.path_m)
+    assert result.plot(ax) is ax

@@ -30,7 +30,7 @@ UNEVEN_MOUNTS = [
 
 def _all_finite(result: TrialResult) -> bool:
     """Return whether the numbers of a result survive strict JSON, which knows no NaN."""
-    json.dumps(result.numbers(), allow_nan=False)
+    json.dumps(result.to_dict(), allow_nan=False)
     return bool(np.isfinite(result.path_m).all())
 
 

@@ -88,7 +88,7 @@ def test_what_goes_wrong_aborts_the_walk_unless_it_is_over(
         assert result.duration_s == pytest.approx(1)
     else:
         assert (result.status, result.stopped, result.valid) == ("aborted", reason, False)
-    assert result.numbers()["stopped"] == result.stopped
+    assert result.to_dict()["stopped"] == result.stopped
 
 
 def test_a_fall_in_the_soft_stop_leaves_the_walk_as_it_was() -> None:
@@ -115,8 +115,8 @@ def test_a_stop_requested_says_so_in_the_numbers() -> None:
     with Guard(PosedMock()) as guard:
         result = run_trial(guard, _plan(), recorders=(log,), stop_requested=lambda: log.walked_ticks == 20)
     assert result.duration_s == pytest.approx(0.4)
-    assert result.numbers()["status"] == "aborted"
-    assert result.numbers()["stopped"] == "requested"
+    assert result.to_dict()["status"] == "aborted"
+    assert result.to_dict()["stopped"] == "requested"
 
 
 def test_a_recorder_that_fails_lets_the_robot_walk_on_to_the_end() -> None:
@@ -141,8 +141,8 @@ def test_without_a_deviation_a_trial_is_ok_and_cannot_be_ranked() -> None:
 def test_how_far_the_self_rotation_turned_is_in_the_result(leg: int, degrees: float) -> None:
     result = walk(failure=Failure(leg=leg), duration_s=0.1).result
     assert math.degrees(result.turned_rad) == pytest.approx(degrees, abs=8)
-    assert result.numbers()["self_rotation_deg"] == pytest.approx(math.degrees(result.turned_rad))
-    assert result.numbers()["stopped"] is None
+    assert result.to_dict()["self_rotation_deg"] == pytest.approx(math.degrees(result.turned_rad))
+    assert result.to_dict()["stopped"] is None
 
 
 def test_three_trials_in_a_row_on_one_guard_are_each_their_own() -> None:

@@ -61,7 +61,7 @@ def test_it_is_asked_once_a_second_with_the_path_so_far() -> None:
 def test_a_walk_that_never_shows_enough_is_the_walk_that_nobody_asked_about() -> None:
     watched, alone = _walk(2.5, Asked())[0], walk(duration_s=2.5).result
     assert watched.status == "ok"
-    assert watched.numbers() == alone.numbers()
+    assert watched.to_dict() == alone.to_dict()
     np.testing.assert_array_equal(watched.path_m, alone.path_m)
 
 
@@ -77,7 +77,7 @@ def test_what_is_scored_is_the_walk_that_was_made() -> None:
     whole = walk(duration_s=3.0).result
     assert (cut.status, whole.status) == ("cut_short", "ok")
     assert cut.stopped is None
-    assert cut.numbers() | {"status": "ok"} == whole.numbers()
+    assert cut.to_dict() | {"status": "ok"} == whole.to_dict()
     assert cut.duration_s == pytest.approx(3.0)
     assert cut.distance_m == cut.path_m[-1, 0]
     assert cut.deviation is not None

@@ -19,10 +19,10 @@ from hexctl.control.log import TickLog
 from hexctl.control.plan import TrialPlan
 from hexctl.control.result import TrialResult
 from hexctl.control.trial import run_trial
-from hexctl.errors import InputError, LimitError, ReachError, RobotFaultError
+from hexctl.errors import LimitError, ReachError, RobotFaultError
 from hexctl.gait.gait import Gait
 from hexctl.robot.failure import Failure
-from hexctl.types import RobotState
+from hexctl.types import FloatArray, RobotState, leg_slice
 from tests.backends.fake_time import FakeTime
 from tests.control.posed import PosedMock
 from tests.recorders import Calling
@@ -32,7 +32,7 @@ from tests.trials import gait_of, walk
 
 def _all_finite(result: TrialResult) -> bool:
     """Return whether the numbers of a result survive strict JSON, which knows no NaN."""
-    json.dumps(result.numbers(), allow_nan=False)
+    json.dumps(result.to_dict(), allow_nan=False)
     return bool(np.isfinite(result.path_m).all())
 
 
@@ -160,12 +160,12 @@ def test_an_emergency_stop_freezes_at_once_and_aborts() -> None:
 def test_a_robot_that_knows_no_pose_walks_and_is_not_scored() -> None:
     with Guard(MockServos(shipped(), clock=FakeTime().clock())) as guard:
         log = TickLog()
-        plan = TrialPlan(gait=gait_of(shipped()), failure=Failure(leg=2), duration_s=3)
+        plan = TrialPlan(gait=gait_of(shipped()), belief=Failure(leg=2), duration_s=3)
         result = run_trial(guard, plan, recorders=(log,))
     assert result.status == "ok"
     assert result.duration_s == pytest.approx(3)
     assert (result.distance_m, result.deviation, result.yaw_change_rad) == (None, None, None)
-    assert result.numbers()["deviation_m"] == {"final": None, "mean": None, "max": None, "signed": None}
+    assert result.to_dict()["deviation_m"] == {"final": None, "mean": None, "max": None, "signed": None}
     assert log.rows_of("turn") == slice(0, 0), "it could not know when to end the turn"
     held = log["sent_rad"][log.rows_of("walk")][:, 3:6]
     assert (held == shipped().stance_angles_rad[3:6]).all()
@@ -196,7 +196,7 @@ def test_a_robot_that_loses_its_pose_in_the_turn_is_stopped_at_once() -> None:
             servos.position_world = servos.quaternion_world = None
         return False
 
-    plan = TrialPlan(gait=gait_of(shipped()), failure=Failure(leg=2), duration_s=3)
+    plan = TrialPlan(gait=gait_of(shipped()), belief=Failure(leg=2), duration_s=3)
     with Guard(servos) as guard:
         result = run_trial(guard, plan, recorders=(log,), stop_requested=lose_it)
     turning = log.rows_of("turn")
@@ -216,24 +216,36 @@ def test_a_stop_asked_for_in_the_soft_stop_leaves_the_walk_whole() -> None:
     assert result.duration_s == pytest.approx(3)
 
 
-def test_a_plan_with_another_failure_than_the_simulation_is_refused() -> None:
-    plan = TrialPlan(gait=gait_of(shipped()), failure=Failure(leg=5))
-    with Guard(SimServos(shipped())) as guard, pytest.raises(InputError, match="failure"):
-        run_trial(guard, plan)
+def test_what_is_broken_and_what_the_controller_believes_are_two_things() -> None:
+    """A locked leg that nobody knows of is commanded on, and does not follow."""
+    broken = Failure(leg=5)
+    excursion_rad: dict[bool, FloatArray] = {}
+    for told in (False, True):
+        plan = TrialPlan(gait=gait_of(shipped()), belief=broken if told else None, duration_s=3.0)
+        log = TickLog()
+        with SimServos(shipped(), failure=broken) as servos:
+            run_trial(Guard(servos), replace(plan, self_rotation="none"), recorders=(log,))
+        rows, leg = log.rows_of("walk"), leg_slice(5)
+        excursion_rad[told] = np.ptp(
+            [log[name][rows][:, leg] for name in ("wanted_rad", "measured_rad")], axis=1
+        )
+    assert excursion_rad[True].max() < 0.01
+    assert excursion_rad[False][0].max() > 0.2
+    assert excursion_rad[False][1].max() < 0.01
 
 
 def test_a_walk_that_the_legs_cannot_make_after_the_turn_is_refused_before_it() -> None:
     """Forward the gait is possible, sideways, where the self-rotation leads, it is not."""
     robot, failure = shipped("phantomx"), Failure(leg=2)
     gait = replace(gait_of(robot), amplitude=0.13)
-    plan = TrialPlan(gait=gait, failure=failure, duration_s=1)
+    plan = TrialPlan(gait=gait, belief=failure, duration_s=1)
     check_walk(robot, gait, plan.motion(0.0))
     log = TickLog()
     with Guard(SimServos(robot, failure=failure)) as guard, pytest.raises((ReachError, LimitError)):
         run_trial(guard, plan, recorders=(log,))
     assert len(log) == 0
     with pytest.raises((ReachError, LimitError)):
-        run_sim_trials([SimTrial(robot=robot, plan=plan)])
+        run_sim_trials([SimTrial(robot=robot, plan=plan, failure=plan.belief)])
 
 
 @pytest.mark.parametrize(("amplitude", "height"), [(0.6, 0.02), (0.05, 0.3)])

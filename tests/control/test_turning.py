@@ -21,7 +21,7 @@ LEGS = range(1, 7)
 def _needed_deg(leg: int, heading_deg: float = 0.0, self_rotation: str = "rear") -> float:
     plan = TrialPlan(
         gait=gait_of(shipped()),
-        failure=Failure(leg=leg),
+        belief=Failure(leg=leg),
         heading_rad=math.radians(heading_deg),
         self_rotation=self_rotation,
     )
@@ -98,7 +98,7 @@ def test_the_robot_stands_still_before_it_walks() -> None:
 def test_a_robot_that_does_not_turn_walks_from_where_it_is() -> None:
     """Its own yaw never changes: after four times the ideal time it gives up."""
     servos, log = PosedMock(), TickLog()
-    plan = TrialPlan(gait=gait_of(servos.robot), failure=Failure(leg=2), duration_s=1)
+    plan = TrialPlan(gait=gait_of(servos.robot), belief=Failure(leg=2), duration_s=1)
     with Guard(servos) as guard:
         result = run_trial(guard, plan, recorders=(log,))
     turning = log.rows_of("turn")

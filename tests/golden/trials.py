@@ -35,12 +35,17 @@ def _trial(
     world: World | None = None,
     seed: int = 0,
     facing_rad: float = 0.0,
+    failure: Failure | None = None,
     **plan: Any,
 ) -> SimTrial:
-    model, failure = load_robot(robot), plan.get("failure")
+    model = load_robot(robot)
     legs = () if failure is None else (failure.leg,)
-    made = TrialPlan(gait=make_gait(model, gait, failed_legs=legs), **{"duration_s": 3.0, **plan})
-    return SimTrial(robot=model, plan=made, world=world or World(), seed=seed, facing_rad=facing_rad)
+    made = TrialPlan(
+        gait=make_gait(model, gait, failed_legs=legs), **{"belief": failure, "duration_s": 3.0, **plan}
+    )
+    return SimTrial(
+        robot=model, plan=made, failure=failure, world=world or World(), seed=seed, facing_rad=facing_rad
+    )
 
 
 def trials() -> dict[str, SimTrial]:
@@ -84,7 +89,7 @@ def alone(trial: SimTrial) -> tuple[dict[str, Any], dict[str, Any]]:
     with SimServos(
         trial.robot,
         world=trial.world,
-        failure=trial.plan.failure,
+        failure=trial.failure,
         seed=trial.seed,
         facing_rad=trial.facing_rad,
     ) as servos:

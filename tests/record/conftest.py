@@ -49,7 +49,7 @@ def trial() -> Trial:
     robot = load_robot("ant")
     plan = make_plan(robot, failure=Failure(leg=5), duration_s=3.0)
     log = TickLog()
-    with SimServos(robot, failure=plan.failure) as servos:
+    with SimServos(robot, failure=plan.belief) as servos:
         result = run_trial(Guard(servos), plan, recorders=(log,))
         floor = servos.simulation.floor
     return Trial(robot, plan, floor, log, result)

@@ -350,10 +350,10 @@ def test_a_recorder_that_raises_leaves_the_others_whole(trial: Trial, tmp_path: 
         whole = Recording(tmp_path / f"whole{order}.rrd", trial.robot, trial.plan, title="whole")
         full = FullDisk(tmp_path / f"full{order}.rrd", trial.robot, trial.plan, title="full")
         recorders = Recorders(*[full, whole][::order])
-        with SimServos(trial.robot, failure=trial.plan.failure) as servos, whole, full:
+        with SimServos(trial.robot, failure=trial.plan.belief) as servos, whole, full:
             result = run_trial(Guard(servos), trial.plan, recorders=recorders)
             whole.finish(result, {})
-        assert result.numbers() == trial.result.numbers()
+        assert result.to_dict() == trial.result.to_dict()
         assert str(recorders.error_of(full)) == "no space left"
         assert recorders.error_of(whole) is None
         read = ReadBack(whole.path)

@@ -141,7 +141,7 @@ def test_a_robot_that_is_put_down_stands_as_its_self_rotation_would_leave_it(
 def test_a_robot_without_self_rotation_is_put_down_as_it_is() -> None:
     asked = spec(5, "none", 0.4, CODES)
     standing, turned = (run_sim_trial(each.trial(40)) for each in (replace(asked, placed=True), asked))
-    assert standing.numbers() == turned.numbers()
+    assert standing.to_dict() == turned.to_dict()
     np.testing.assert_array_equal(standing.path_m, turned.path_m)
 
 
@@ -173,5 +173,5 @@ def test_robots_put_down_differently_do_not_share_a_start() -> None:
     trials.append(replace(trials[0], facing_rad=0.5))
     assert len({trial.shared_start() for trial in trials}) == 3
     for made, alone in zip(run_sim_trials(trials), map(run_sim_trial, trials), strict=True):
-        assert made.numbers() == alone.numbers()
+        assert made.to_dict() == alone.to_dict()
         np.testing.assert_array_equal(made.path_m, alone.path_m)

@@ -34,7 +34,7 @@ def session(tmp_path_factory: pytest.TempPathFactory, trial: Path) -> tuple[Sess
                 code=index,
                 slots=(1, 2, 3, 4, 5, 6),
                 score=abs(off_m),
-                outcome=result.numbers(),
+                outcome=result.to_dict(),
                 path_m=np.round(result.path_m[::10], 4).tolist(),
                 recording=str(recording),
             )

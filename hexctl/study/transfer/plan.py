@@ -134,7 +134,7 @@ def find_transfer_prior(
     if not legs:
         raise InputError("--legs: got none; allowed: one or more of 1..6")
     failure = Failure(leg=legs[0])
-    plan = TrialPlan(gait=make_gait(robot, "demo"), duration_s=duration_s, failure=failure)
+    plan = TrialPlan(gait=make_gait(robot, "demo"), duration_s=duration_s, belief=failure)
     found = find_prior(PriorKey.of(robot, plan), folders, covers=covering(robot, plan))
     if found.path is None:
         raise InputError(

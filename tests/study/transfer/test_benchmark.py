@@ -34,7 +34,7 @@ def _finals(worlds: int, seed: int) -> FloatArray:
 
 def _question() -> PriorKey:
     robot = shipped()
-    plan = TrialPlan(gait=make_gait(robot, "demo"), duration_s=DURATION_S, failure=Failure(leg=5))
+    plan = TrialPlan(gait=make_gait(robot, "demo"), duration_s=DURATION_S, belief=Failure(leg=5))
     return PriorKey.of(robot, plan)
 
 
