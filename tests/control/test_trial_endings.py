@@ -96,7 +96,7 @@ def test_a_simulation_that_diverges_is_a_result_without_nonsense(value: float) -
 
 def _stopped(phase: str, after_ticks: int, **plan: Any) -> tuple[TrialResult, TickLog, Guard]:
     """Run a trial in the simulation and ask for a stop some ticks into a phase."""
-    failure = plan.get("failure")
+    failure = plan.pop("failure", None)
     with SimServos(shipped(), failure=failure) as servos:
         guard, log = Guard(servos), TickLog()
 
@@ -105,7 +105,10 @@ def _stopped(phase: str, after_ticks: int, **plan: Any) -> tuple[TrialResult, Ti
             return bool(rows.stop - rows.start >= after_ticks)
 
         result = run_trial(
-            guard, TrialPlan(gait=gait_of(shipped()), **plan), recorders=(log,), stop_requested=asked
+            guard,
+            TrialPlan(gait=gait_of(shipped()), belief=failure, **plan),
+            recorders=(log,),
+            stop_requested=asked,
         )
     return result, log, guard
 

@@ -47,7 +47,7 @@ def make_plan(robot: Robot, **changes: Any) -> TrialPlan:
 @pytest.fixture(scope="session")
 def trial() -> Trial:
     robot = load_robot("ant")
-    plan = make_plan(robot, failure=Failure(leg=5), duration_s=3.0)
+    plan = make_plan(robot, belief=Failure(leg=5), duration_s=3.0)
     log = TickLog()
     with SimServos(robot, failure=plan.belief) as servos:
         result = run_trial(Guard(servos), plan, recorders=(log,))

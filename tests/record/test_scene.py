@@ -22,7 +22,7 @@ def read(tmp_path_factory: pytest.TempPathFactory) -> ReadBack:
     (folder / "shin.glb").write_bytes(glb_box())
     turned = {"file": "shin.glb", "scale": 0.02, "position_m": [0.0, 0.0, -0.06], "rotation_deg": [0, 0, 90]}
     file = edited_file(folder, put("meshes", {"body": {"file": "trunk.stl"}, "tibia": turned}))
-    plan = make_plan(shipped(), failure=Failure(leg=5))
+    plan = make_plan(shipped(), belief=Failure(leg=5))
     Recording(folder / "a.rrd", shipped(), plan, title="looks", meshes=load_meshes(file)).close()
     return ReadBack(folder / "a.rrd")
 
