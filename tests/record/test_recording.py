@@ -353,11 +353,7 @@ def test_a_recorder_that_raises_leaves_the_others_whole(trial: Trial, tmp_path: 
         with SimServos(trial.robot, failure=trial.plan.belief) as servos, whole, full:
             result = run_trial(Guard(servos), trial.plan, recorders=recorders)
             whole.finish(result, {})
-<<<<<<< HEAD
         assert result.to_dict() == trial.result.to_dict()
-=======
-        assert result.to_dict() == trial.result.to_dict()
->>>>>>> 6373b1d (Tests of a recorder that raises: today's names)
         assert str(recorders.error_of(full)) == "no space left"
         assert recorders.error_of(whole) is None
         read = ReadBack(whole.path)
