@@ -163,7 +163,7 @@ def prior_file_name(plan: PriorPlan, family: str) -> str:
 
     `family` is the name of the plan's family of worlds, or the path of its file.
     """
-    parts = [plan.robot.name, plan.belief, plan.self_rotation, f"{plan.duration_s:g}s"]
+    parts = [plan.robot.name, plan.failure, plan.self_rotation, f"{plan.duration_s:g}s"]
     if len(plan.legs) < N_LEGS:
         parts.append("leg" + "".join(str(leg) for leg in plan.legs))
     if family != "randomised":
