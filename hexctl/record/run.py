@@ -208,7 +208,7 @@ class Run:
         servos = make_servos(self.spec.backend, self._options())
         with ExitStack() as stack:
             self._guard = stack.enter_context(Guard(servos))
-            self.notes = tuple(connection_notes(servos, self.plan.failure))
+            self.notes = tuple(connection_notes(servos, self.plan.belief))
             self._recording = self._open_recording()
             if self._recording is not None:
                 stack.enter_context(self._recording)
@@ -321,7 +321,7 @@ class Run:
     def _new_path(self, folder: Path) -> Path:
         """Path in a folder that no run has used, named by time, robot, gait and failure."""
         now = datetime.now().strftime("%Y%m%d-%H%M%S")
-        failure = self.plan.failure
+        failure = self.plan.belief
         failed = f"_leg{failure.leg}-{failure.kind}" if failure else ""
         stem = f"{now}_{self.robot.name}_{self.spec.gait_text.replace(',', '') or 'gait'}{failed}"
         try:
@@ -346,9 +346,9 @@ class Run:
                 "slots": list(plan.gait.slots),
                 "code": plan.gait.code(plan.failed_legs),
             },
-            "failed_leg": plan.failure.leg if plan.failure else None,
-            "failure": str(plan.failure) if plan.failure else None,
-            **trial.numbers(),
+            "failed_leg": plan.belief.leg if plan.belief else None,
+            "failure": str(plan.belief) if plan.belief else None,
+            **trial.to_dict(),
             "ideal_yaw_change_deg": math.degrees(plan.turn_rate_rad_s * trial.duration_s),
             "ticks": len(log),
             "overruns": guard.clock.overruns,
@@ -421,6 +421,6 @@ def _plan_of(spec: RunSpec, robot: Robot) -> TrialPlan:
         travel=0.0 if in_place else 1.0,
         turn_rate_rad_s=spec.turn_rate_rad_s or 0.0,
         duration_s=spec.duration_s,
-        failure=spec.failure,
+        belief=spec.failure,
         self_rotation=spec.self_rotation,
     )
