@@ -50,13 +50,13 @@ def write_overview(session: Session, folder: Path, *, into: Path | None = None, 
 
 
 def recordings_of(session: Session, folder: Path) -> dict[int, Path]:
-    """Return the recordings in a folder that there are and that can be opened, by trial."""
+    """Recordings of a session's trials that exist and can be opened, by trial index."""
     files = {trial.index: folder / Path(trial.recording).name for trial in session.trials if trial.recording}
     return {index: path for index, path in files.items() if is_recording(path)}
 
 
 def make_overview(session: Session, addresses: Mapping[int, str] = MappingProxyType({})) -> Overview:
-    """Return a session as its overview shows it, its trials' recordings at some addresses."""
+    """Overview of a session; `addresses` are the URLs of its trials' recordings."""
     ideals_m = [trial.outcome["ideal_distance_m"] for trial in session.trials]
     return Overview(
         title=session.name,
@@ -69,7 +69,7 @@ def make_overview(session: Session, addresses: Mapping[int, str] = MappingProxyT
 
 
 def _facts(session: Session) -> list[str]:
-    """Return what was asked for and what came of it."""
+    """Settings and outcome, a line each."""
     spec, best = session.spec, session.best
     asked = f"leg {spec.failed_leg} {spec.failure}, {spec.robot}, {spec.backend}"
     world = f", world {spec.world}" if spec.world is not None else ""
@@ -104,7 +104,7 @@ def _trial(trial: TrialRecord, address: str | None) -> OverviewTrial:
 
 
 def _path(trial: TrialRecord) -> FloatArray:
-    """Return the kept points and the end itself, (N, 2): the points are taken five times a second."""
+    """Stored points, five per second, and the end, (N, 2)."""
     end = trial.outcome["distance_m"], trial.outcome["deviation_m"]["signed"]
     points = [*trial.path_m, *([end] if None not in end else [])]
     return drawable(np.array(points, dtype=float).reshape(-1, 2))
@@ -196,9 +196,7 @@ def _find_run(name: str, runs: Path) -> Path | StoredSession:
     with SessionStore(runs) as store:
         loaded, folder = store.load(session), store.folder_of(session)
     if not loaded.trials:
-        raise InputError(
-            f"session {session}: has no trial yet; hexctl adapt --resume {session} goes on with it"
-        )
+        raise InputError(f"session {session}: has no trial yet; hexctl adapt --resume {session} continues it")
     return loaded, folder
 
 

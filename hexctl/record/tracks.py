@@ -357,7 +357,7 @@ class BlockWriter:
         return self.tally
 
     def steps(self) -> Iterator[None]:
-        """Send everything part by part: a robot in mid-stride has no time for all of it at once."""
+        """Send everything part by part: all of it takes longer than a tick of a walking robot."""
         block, links = self.block, LinkColumns(self.block.stop - self.block.start)
         for leg in paths.LEGS:
             _send_leg(block, links, leg)

@@ -72,7 +72,7 @@ def session(trials: int, *, age_s: int = 10, missing: tuple[int, ...] = ()) -> s
 
 
 def table_of(overview: Path) -> str:
-    """Return the table of an overview, with its links."""
+    """The table of an overview, with its links."""
     chunks = rr.chunk.RrdReader(overview).stream().to_chunks()
     (table,) = [chunk.to_record_batch() for chunk in chunks if chunk.entity_path == "/table"]
     text: str = table.column("TextDocument:text").to_pylist()[0][0]
@@ -88,7 +88,7 @@ def test_a_session_opens_as_its_overview_with_a_link_to_each_trial() -> None:
         assert f"[▶ {index}]({Path.cwd().as_uri()}/runs/{name}/trial-00{index}.rrd)" in table
 
 
-def test_an_overview_from_before_the_last_trials_is_made_anew() -> None:
+def test_an_outdated_overview_is_written_again() -> None:
     name = session(2)
     stale = Path("runs", name, "overview.rrd")
     stale.write_bytes(b"RRF2")
@@ -156,7 +156,7 @@ def test_a_session_without_trials_is_said(capsys: pytest.CaptureFixture[str]) ->
 
 
 def page_of(viewer: Program) -> str:
-    """Return what a browser gets at the address that a viewer prints."""
+    """What a browser gets at the address that a viewer prints."""
     viewer.wait_for("in a browser")
     match = re.search(r"http://127\.0\.0\.1:\d+/", viewer.said())
     assert match is not None

@@ -56,7 +56,7 @@ def trial() -> Trial:
 
 
 def write(path: Path, trial: Trial, block_ticks: int | None = None) -> Path:
-    """Record a finished trial, in blocks or at once."""
+    """Record a finished trial, in blocks or in one piece."""
     ticks = len(trial.log)
     with Recording(path, trial.robot, trial.plan, title="a trial", floor=trial.floor) as recording:
         for start in range(0, ticks, block_ticks or ticks):
@@ -80,7 +80,7 @@ class ReadBack:
         return set(self._chunks)
 
     def values(self, entity: str, component: str) -> list[Any]:
-        """Return the component's value per row, static ones included."""
+        """The component's value per row, static ones included."""
         return [value for _, value in self._rows(entity, component)]
 
     def times_s(self, entity: str, component: str) -> np.ndarray:
@@ -101,7 +101,7 @@ class ReadBack:
         return sorted((row for row in rows if row[1] is not None), key=lambda row: row[0] or 0)
 
     def temporal(self) -> dict[tuple[str, str], Any]:
-        """Return times and values of everything that changes over time, by entity and component."""
+        """Times and values of everything that changes over time, by entity and component."""
         found = {}
         for entity, batches in self._chunks.items():
             names = {name for batch in batches for name in batch.schema.names if ":" in name}

@@ -1,7 +1,6 @@
-"""A walk that is shown while it goes on: it arrives whole, and no viewer can hold the robot up."""
+"""Live view: the walk arrives whole, and no viewer delays the robot."""
 
 import signal
-import time
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -20,6 +19,7 @@ from hexctl.record import live as live_module
 from hexctl.record.live import LiveView
 from hexctl.record.recording import Recording
 from hexctl.record.rrd import load_rerun
+from hexctl.waiting import wait_for
 from tests.recorders import Calling
 from tests.robots import shipped
 
@@ -49,7 +49,7 @@ def viewing(saved: Path) -> Iterator[LiveView]:
 
 
 def rows_at(path: Path, entity: str) -> int:
-    """Return how many rows a recording has of an entity; 0 while it cannot be read yet."""
+    """Number of rows of an entity in a recording; 0 while it cannot be read yet."""
     try:
         stream = load_rerun().chunk.RrdReader(path).stream()
         chunks = [chunk for chunk in stream if str(chunk.entity_path) == f"/{entity}"]
@@ -68,10 +68,7 @@ def test_what_is_shown_is_the_whole_walk(tmp_path: Path) -> None:
         assert len(log) == TICKS
         live.close()
         assert live.lost is None
-        until_s = time.monotonic() + PATIENCE_S
-        while rows_at(saved, ROBOT) < TICKS and time.monotonic() < until_s:
-            time.sleep(0.1)
-    assert rows_at(saved, ROBOT) == TICKS
+        wait_for(lambda: rows_at(saved, ROBOT) == TICKS, PATIENCE_S, "the viewer did not save the walk")
 
 
 @pytest.mark.parametrize("who", ["viewer", "feeder"])

@@ -25,7 +25,7 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def rows(path: Path, entity: str, component: str) -> dict[int, Any]:
-    """Return what an entity shows from which trial on."""
+    """What an entity shows from which trial on."""
     found: dict[int, Any] = {}
     for chunk in rr.chunk.RrdReader(path).stream().to_chunks():
         batch = chunk.to_record_batch()

@@ -35,7 +35,7 @@ def read(written: Path) -> ReadBack:
 
 
 def _joints(read: ReadBack, which: int) -> np.ndarray:
-    """Return commanded (0) or measured (1) angles, (ticks, 18)."""
+    """Commanded (0) or measured (1) angles, (ticks, 18)."""
     columns = []
     for leg in range(1, 7):
         for kind in JOINT_KINDS:
@@ -79,7 +79,7 @@ def test_the_drawn_feet_are_where_the_kinematics_put_them(read: ReadBack, trial:
 
 
 def _placed(read: ReadBack, path: str, row: int, point: np.ndarray) -> np.ndarray:
-    """Return a point of an entity in its parent; what is static has one row."""
+    """A point of an entity in its parent; what is static has one row."""
     starts, turns = (
         read.values(path, f"Transform3D:{part}") for part in ("translation", "rotation_axis_angle")
     )
@@ -345,7 +345,7 @@ class FullDisk(Recording):
 
 
 def test_a_recorder_that_raises_leaves_the_others_whole(trial: Trial, tmp_path: Path) -> None:
-    """Whatever fails, and in whatever order: the walk and every other recording go on to the end."""
+    """Whichever comes first: the walk and the other recording are complete."""
     for order in (1, -1):
         whole = Recording(tmp_path / f"whole{order}.rrd", trial.robot, trial.plan, title="whole")
         full = FullDisk(tmp_path / f"full{order}.rrd", trial.robot, trial.plan, title="full")

@@ -32,7 +32,7 @@ def trial_file(trial: Trial, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def cut_off(trial_file: Path) -> Path:
-    """Return the recording as a power cut leaves it: it ends in the middle of something."""
+    """The recording as a power cut leaves it: it ends in the middle of something."""
     path = trial_file.with_name("cut.rrd")
     content = trial_file.read_bytes()
     path.write_bytes(content[: len(content) * 9 // 10])

@@ -29,7 +29,7 @@ def read(trial: Trial, tmp_path_factory: pytest.TempPathFactory) -> ReadBack:
 
 
 def rewritten(trial: Trial, **columns: np.ndarray) -> TickLog:
-    """Return the trial's log with other columns."""
+    """The trial's log with other columns."""
     log = TickLog()
     log.frame = trial.log.frame
     log.extend({name: columns.get(name, trial.log[name]) for name, _, _ in COLUMNS})
@@ -41,7 +41,7 @@ def recorded(trial: Trial, log: TickLog, path: Path) -> ReadBack:
 
 
 def lane(read: ReadBack, path: str, ticks: int) -> list[str]:
-    """Return the state at each tick."""
+    """The state at each tick."""
     at = np.round(read.times_s(f"/{path}", "StateChange:state") * 50).astype(int)
     states = [value[0] for value in read.values(f"/{path}", "StateChange:state")]
     rows = np.searchsorted(at, np.arange(ticks), side="right") - 1
@@ -49,7 +49,7 @@ def lane(read: ReadBack, path: str, ticks: int) -> list[str]:
 
 
 def commanded_swing(trial: Trial) -> np.ndarray:
-    """Return which feet the gait of the walk has in the air at each tick of it, (ticks, 6)."""
+    """Which feet the gait of the walk has in the air at each tick of it, (ticks, 6)."""
     log, plan, robot = trial.log, trial.plan, trial.robot
     ticks = np.count_nonzero(log["phase"] == WALK)
     feet = gait_feet_body(robot, plan.gait, plan.motion(trial.result.turned_rad), np.arange(ticks) * 0.02)
@@ -178,7 +178,7 @@ def test_a_stop_is_marked_with_its_reason(tmp_path: Path) -> None:
 
 
 def ended(path: Path, trial: Trial, changes: dict[str, Any]) -> tuple[list[str], str]:
-    """Return level and text of how a trial is said to have ended, and the guard's last state."""
+    """Level and text of how a trial is said to have ended, and the guard's last state."""
     result = replace(trial.result, **changes)
     with Recording(path, trial.robot, trial.plan, title="ended", floor=trial.floor) as recording:
         recording.write_block(trial.log, 0, len(trial.log))

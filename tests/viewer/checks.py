@@ -32,7 +32,7 @@ def check_views(window: Window, kinds: dict[str, int]) -> None:
 
 
 def of_kind(window: Window, kind: str) -> Picture:
-    """Return the picture of the first view of a kind that is on the screen."""
+    """The picture of the first view of a kind that is on the screen."""
     views = [view for view in window.views if view.view_class == kind]
     seen = next(filter(None, map(window.part, views)), None)
     assert seen is not None, f"no view of kind {kind} is on the screen"

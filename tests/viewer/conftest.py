@@ -65,7 +65,7 @@ def place(home: dict[str, str]) -> Iterator[Place]:
 
 @pytest.fixture(scope="session")
 def opened(place: Place) -> Opener:
-    """Return what opens recordings in a viewer."""
+    """What opens recordings in a viewer."""
 
     def open_recordings(*paths: Path) -> AbstractContextManager[Window]:
         return open_window(paths, SIZE, place.screen, place.home)
@@ -75,7 +75,7 @@ def opened(place: Place) -> Opener:
 
 @pytest.fixture(scope="session")
 def trial(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return the recording of a short walk with leg 5 failed."""
+    """The recording of a short walk with leg 5 failed."""
     robot, failure = shipped(), Failure(leg=5)
     plan = TrialPlan(gait=make_gait(robot, "57", failed_legs=(5,)), belief=failure, duration_s=WALK_S)
     path = tmp_path_factory.mktemp("trial") / "trial.rrd"

@@ -19,7 +19,7 @@ WALK_S = 2.0
 
 
 def viewer_of(walk: Program) -> int:
-    """Return the process of the window that a walk has opened."""
+    """The process of the window that a walk has opened."""
 
     def found() -> int | None:
         assert walk.process.poll() is None, walk.said()

@@ -20,7 +20,7 @@ DEVIATIONS_M = (0.8, -0.5, 0.2, 1.2)
 
 @pytest.fixture(scope="module")
 def session(tmp_path_factory: pytest.TempPathFactory, trial: Path) -> tuple[Session, Path]:
-    """Return a session and the folder of its recordings, whose name is one that URLs must quote."""
+    """A session and the folder of its recordings, whose name is one that URLs must quote."""
     with SessionStore(tmp_path_factory.mktemp("a session") / "übung 1%") as store:
         session = store.create(SPEC)
         folder = store.folder_of(session.name)

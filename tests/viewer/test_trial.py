@@ -18,7 +18,7 @@ BEGUN_S, WALKED_S = 0.5, 5.0 + WALK_S
 
 @pytest.fixture(scope="module")
 def window(opened: Opener, trial: Path) -> Iterator[Window]:
-    """Yield a viewer that shows the trial, in mid-walk."""
+    """A viewer that shows the trial, in mid-walk."""
     with opened(trial) as window:
         window.await_shown()
         window.show_time(WALKED_S)

@@ -34,7 +34,7 @@ def page(home: dict[str, str]) -> Iterator[Browser]:
 
 
 def seen(page: Browser) -> Picture:
-    """Return the page once it shows a robot, or as it is when patience ends."""
+    """The page once it shows a robot, or as it is after the timeout."""
     until_s = time.monotonic() + PATIENCE_S
     while True:
         now = page.picture()
