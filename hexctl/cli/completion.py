@@ -1,7 +1,7 @@
-"""What the shell offers for the values of options, once `hexctl --install-completion` has been typed.
+"""Shell completion of option values, once `hexctl --install-completion` has been run.
 
-Each function is called with what has been typed so far, and imports what it asks only then: `hexctl --help`
-stays quick, and so does the Tab key. Where none of a function's words fits, the shell offers files.
+Each function takes the text typed so far and imports what it needs only then, so that `hexctl --help` and the
+Tab key stay quick. Where none of its words fits, the shell offers files.
 """
 
 from collections.abc import Callable, Iterable
@@ -13,7 +13,7 @@ Words = list[str]
 
 
 def _offered(words: Callable[[], Iterable[str]]) -> Callable[[str], Words]:
-    """Return a completion of words; in the middle of a command line nothing may complain."""
+    """Completion of words; an error completes to nothing, because the shell has no place for messages."""
 
     def complete(incomplete: str) -> Words:
         try:
@@ -31,7 +31,7 @@ def _robots() -> Iterable[str]:
 
 
 def _worlds() -> Iterable[str]:
-    # A family is not a world; its members have numbers, of which one shows how they are named.
+    # A family is not a world; its first member shows how members are named.
     families = set(_families())
     return [f"{name}:0" if name in families else name for name in _world_files()]
 

@@ -87,11 +87,12 @@ def note_no_window(error: Exception) -> None:
     print_note(f"hexctl: {error}; going on without")
 
 
-def make_bar(counter: str | None = None) -> "Progress":
+def make_bar(counter: str | None = None, *, quiet: bool = False) -> "Progress":
     """Progress bar on stderr with the time left, not yet started; it disappears when it stops.
 
     Args:
         counter: format of the progress; None counts whole things, done of all.
+        quiet: True for a bar that shows nothing, as where stderr is no terminal.
     """
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
@@ -103,6 +104,7 @@ def make_bar(counter: str | None = None) -> "Progress":
         TimeRemainingColumn(),
         console=Console(stderr=True),
         transient=True,
+        disable=quiet or not sys.stderr.isatty(),
     )
 
 

@@ -1,4 +1,4 @@
-"""The `hexctl` command: its sub-commands, and one place where errors become one line and an exit code."""
+"""The `hexctl` command: its sub-commands, and how errors become a line and an exit code."""
 
 from collections.abc import Sequence
 from typing import Annotated
@@ -68,33 +68,33 @@ def exit_code(arguments: Sequence[str] | None = None) -> int:
     try:
         code = app(args=arguments, prog_name="hexctl", standalone_mode=False)
     except typer.BadParameter as error:
-        return _complain(_bad_value(error), BAD_INPUT)
+        return _print_error(_bad_value(error), BAD_INPUT)
     except TyperException as error:
-        return _complain(error.format_message(), error.exit_code)
+        return _print_error(error.format_message(), error.exit_code)
     except (InputError, LimitError, ReachError, MissingExtraError) as error:
-        return _complain(str(error), BAD_INPUT)
+        return _print_error(str(error), BAD_INPUT)
     except HexctlError as error:
-        return _complain(str(error), FAULT)
+        return _print_error(str(error), FAULT)
     except ModuleNotFoundError as error:
         extra = EXTRAS.get((error.name or "").partition(".")[0])
         if extra is None:
             raise
-        return _complain(str(MissingExtraError("this", extra)), BAD_INPUT)
+        return _print_error(str(MissingExtraError("this", extra)), BAD_INPUT)
     except KeyboardInterrupt:
-        return _complain("interrupted; what has been recorded so far is kept", INTERRUPTED)
+        return _print_error("interrupted; what has been recorded so far is kept", INTERRUPTED)
     return code if isinstance(code, int) else 0
 
 
 def _bad_value(error: typer.BadParameter) -> str:
-    """Value that an option or argument does not take: which one, what it got, what is allowed."""
+    """Message about a value that is not allowed: which option or argument, what it got, what is allowed."""
     if error.param is None or "; allowed: " not in error.message:
         return error.format_message()
     flag = next((name for name in error.param.opts if name.startswith("--")), error.param.name)
     return f"{flag}: {error.message}"
 
 
-def _complain(message: str, code: int) -> int:
-    """Print an error; a help text stays as it is, everything else becomes one line."""
+def _print_error(message: str, code: int) -> int:
+    """Print an error as one line, a help text as it is; the exit code."""
     if not message.strip():
         return code
     text = message if message.lstrip().startswith("Usage") else "hexctl: " + " ".join(message.split())

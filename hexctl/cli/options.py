@@ -107,6 +107,19 @@ def given(context: typer.Context) -> Mapping[str, Any]:
     }
 
 
+def listed(text: str) -> tuple[str, ...]:
+    """Parts of a text between commas."""
+    return tuple(part.strip() for part in text.split(",") if part.strip())
+
+
+def listed_legs(text: str) -> tuple[int, ...]:
+    """Legs of a text such as `2,5`, ascending; raises InputError for anything but numbers."""
+    try:
+        return tuple(sorted(int(part) for part in listed(text)))
+    except ValueError:
+        raise InputError(f"--legs: got {text!r}; allowed: numbers {LEG} with commas, such as 2,5") from None
+
+
 def failure_of(failed_leg: int | None, failure: str | None) -> "Failure | None":
     """Failure that --failed-leg and --failure describe, None where no leg failed.
 
@@ -130,6 +143,8 @@ STEP_FRACTION = Range(low=0, high=1, above=True)
 HEADING_DEG = Range()
 TURN_DEG_S = Range(low=-360, high=360, unit="deg/s")
 JOBS = Range(low=1, high=1024, whole=True)
+
+ALL_LEGS = "1,2,3,4,5,6"
 
 SelfRotation = Literal["rear", "front", "none"]
 
@@ -251,6 +266,7 @@ HeightOption = Annotated[
 # What has failed.
 
 FailedLegOption = Annotated[int | None, number("--failed-leg", LEG, f"{FAILED_LEG_HELP} (default: none)")]
+LegsOption = Annotated[str, typer.Option("--legs", help=f"Failed legs, of {LEG}, with commas.")]
 FailureOption = Annotated[
     str | None,
     typer.Option("--failure", autocompletion=completion.failures, help=f"{FAILURE_HELP} (default: locked)"),

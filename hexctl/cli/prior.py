@@ -9,16 +9,19 @@ import typer
 from hexctl.cli import completion
 from hexctl.cli.console import RUNS, print_note, print_result
 from hexctl.cli.options import (
+    ALL_LEGS,
     FAILURE_HELP,
     DaskOption,
     JobsOption,
     JsonOption,
+    LegsOption,
     Range,
     RobotOption,
     SelfRotationOption,
+    listed_legs,
     number,
 )
-from hexctl.cli.study import StudyProgress, interruptible, listed_legs
+from hexctl.cli.study import StudyProgress, interruptible
 
 WORLDS = Range(low=2, high=1024, whole=True)
 PRIOR_DURATION_S = Range(low=6, unit="s")
@@ -34,7 +37,7 @@ def build(
     worlds: Annotated[
         int, number("--worlds", WORLDS, "Worlds that each failed leg's gaits walk in, {}.")
     ] = 16,
-    legs: Annotated[str, typer.Option("--legs", help="Failed legs, of 1..6, with commas.")] = "1,2,3,4,5,6",
+    legs: LegsOption = ALL_LEGS,
     failure: Annotated[
         str, typer.Option("--failure", autocompletion=completion.failures, help=FAILURE_HELP)
     ] = "locked",

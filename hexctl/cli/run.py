@@ -1,7 +1,6 @@
 """`hexctl run`: walk."""
 
 import json
-import sys
 from contextlib import ExitStack
 from math import radians
 from pathlib import Path
@@ -217,27 +216,22 @@ class _WalkProgress:
 
         self.block_ticks: int | None = BLOCK_TICKS
         self._total_s, self._period_s = total_s, PERIOD_S
-        self._quiet = quiet or not sys.stderr.isatty()
-        self._bar: Any = None
+        self._bar = make_bar("{task.completed:.0f} of {task.total:.0f} s", quiet=quiet)
+        self._task = self._bar.add_task(_doing("settle"), total=total_s)
 
     def __enter__(self) -> Self:
-        if not self._quiet:
-            self._bar = make_bar("{task.completed:.0f} of {task.total:.0f} s")
-            self._task = self._bar.add_task(_doing("settle"), total=self._total_s)
-            self._bar.start()
+        self._bar.start()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if self._bar is not None:
-            self._bar.stop()
+        self._bar.stop()
 
     def write_block(self, log: "TickLog", start: int, stop: int) -> None:
         """Move the bar to where the log is."""
-        if self._bar is not None:
-            walked_s = min(self._total_s, log.walked_ticks * self._period_s)
-            self._bar.update(self._task, completed=walked_s, description=_doing(log.phase))
+        walked_s = min(self._total_s, log.walked_ticks * self._period_s)
+        self._bar.update(self._task, completed=walked_s, description=_doing(log.phase))
 
 
 def _doing(phase: str) -> str:

@@ -16,14 +16,18 @@ import typer
 from hexctl.cli import completion
 from hexctl.cli.console import INTERRUPTED, RUNS, SIGNALS, make_bar, print_note, print_result
 from hexctl.cli.options import (
+    ALL_LEGS,
     WORLD_HELP,
     DaskOption,
     JobsOption,
     JsonOption,
+    LegsOption,
     Range,
     RobotOption,
     SeedOption,
     TrialDurationOption,
+    listed,
+    listed_legs,
     number,
 )
 from hexctl.errors import InputError
@@ -45,7 +49,7 @@ class Simulated(Protocol):
 
 
 def study(
-    legs: Annotated[str, typer.Option("--legs", help="Failed legs, of 1..6, with commas.")] = "1,2,3,4,5,6",
+    legs: LegsOption = ALL_LEGS,
     transfer: Annotated[
         bool,
         typer.Option(
@@ -199,19 +203,6 @@ def _study_lines(result: "StudyResult") -> list[str]:
     if rows and not missed:
         lines.append("bar held by all optimizers, each gait paid for once")
     return [*lines, ", ".join(f"{name} {spent_s:.0f} s" for name, spent_s in result.times_s.items())]
-
-
-def listed(text: str) -> tuple[str, ...]:
-    """Parts of a text between commas."""
-    return tuple(part.strip() for part in text.split(",") if part.strip())
-
-
-def listed_legs(text: str) -> tuple[int, ...]:
-    """Legs of a text such as `2,5`, ascending; raises InputError for anything but numbers."""
-    try:
-        return tuple(sorted(int(part) for part in listed(text)))
-    except ValueError:
-        raise InputError(f"--legs: got {text!r}; allowed: numbers 1..6 with commas, such as 2,5") from None
 
 
 @contextmanager
