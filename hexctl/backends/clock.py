@@ -78,7 +78,7 @@ class Clock(ABC):
 class WallClock(Clock):
     """Waits for the next point of an absolute grid of wall time.
 
-    A tick that comes late by less than a period runs at once, and the grid stays where it is, so nothing
+    A tick that is late by less than a period runs immediately, and the grid stays where it is, so nothing
     drifts. A tick that misses whole grid points skips them and counts them as overruns: a robot must not be
     sent a burst of old targets.
     """

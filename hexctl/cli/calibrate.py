@@ -48,7 +48,7 @@ def calibrate(
 ) -> None:
     """Find direction, offset and limits of each servo, and write them to the robot file.
 
-    Hold the robot so that its legs hang free. Every joint done is saved at once; Ctrl-C ends it.
+    Hold the robot so that its legs hang free. Every joint is saved when it is done; Ctrl-C ends it.
     """
     from hexctl.control.calibration import calibrate as calibrate_servos
 

@@ -54,7 +54,7 @@ AT_ZERO = {
 STEPS_DEG = {"+": 1.0, "-": -1.0, "++": 5.0, "--": -5.0}
 FARTHEST_DEG = 45.0
 
-INTRODUCTION = "skip leaves a step as it is, quit ends; every joint done is saved at once."
+INTRODUCTION = "skip leaves a step as it is, quit ends; every joint is saved when it is done."
 READY = (
     "Hold the robot up so that its legs hang free. Servos without power jump to their places now. "
     "Enter when ready:"
@@ -222,7 +222,7 @@ class JointJogger:
         self._guard.read()
         if self._guard.stopped is not None:
             raise RobotFaultError(
-                f"stopped: {self._guard.stopped}; every joint done is saved, the same command goes on"
+                f"stopped: {self._guard.stopped}; every joint done is saved; run it again for the rest"
             )
         if holding:
             sent = self._guard.write(JointTargets(self._targets_rad, tick.time_s))

@@ -15,6 +15,7 @@ from hexctl.backends.mavlink.codec import Codec
 from hexctl.backends.mavlink.transport import (
     Address,
     Arrival,
+    LinkCounters,
     MavlinkLink,
     SequenceCount,
     open_port,
@@ -79,31 +80,6 @@ class Stamped:
 
     value: Any
     at_s: float
-
-
-@dataclass(slots=True)
-class LinkCounters:
-    """Counters of a link.
-
-    Attributes:
-        received: messages of the board.
-        lost: messages of the board that never arrived, by their sequence numbers.
-        out_of_order: messages that arrived after a later one, or twice; they are not used.
-        refused: messages with impossible values.
-        foreign: messages of other systems.
-        malformed: runs of undecodable bytes: noise, MAVLink 1, unsigned frames, another dialect.
-        dropped: outgoing messages that the port could not take.
-        clipped: commands that a pulse limit changed.
-    """
-
-    received: int = 0
-    lost: int = 0
-    out_of_order: int = 0
-    refused: int = 0
-    foreign: int = 0
-    malformed: int = 0
-    dropped: int = 0
-    clipped: int = 0
 
 
 class Receiver:

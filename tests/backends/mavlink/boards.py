@@ -51,7 +51,7 @@ def free_port() -> int:
 
 
 def fast_clock(speed: float = 4.0) -> WallClock:
-    """Return a clock whose seconds are shorter."""
+    """A clock whose seconds are shorter."""
     return WallClock(
         monotonic_s=lambda: speed * time.monotonic(), sleep=lambda duration_s: time.sleep(duration_s / speed)
     )
@@ -93,7 +93,7 @@ class BoardProcess:
         self.process.communicate()
 
     def _greeting(self) -> str:
-        """Return the first line on stderr."""
+        """The first line on stderr."""
         assert self.process.stderr is not None
         text, until_s = b"", time.monotonic() + PATIENCE_S
         while b"\n" not in text:
@@ -167,7 +167,7 @@ class ScriptedBoard:
         self._socket.sendto(data, self._client)
 
     def overrides(self) -> list[list[int]]:
-        """Return the channels of all overrides that came."""
+        """The channels of all overrides received."""
         return [
             messages.channels_of(frame.message)
             for frame in list(self.heard)

@@ -73,11 +73,11 @@ class Client:
             self._socket.settimeout(0.02)
 
     def newest(self, kind: str) -> Any:
-        """Return the newest message of a kind; fails when there was none."""
+        """The newest message of a kind; fails when there was none."""
         return next(frame.message for frame in reversed(self.heard) if frame.kind == kind)
 
     def outputs(self) -> messages.Outputs:
-        """Return what the board says of its channels next; what waited unread is old."""
+        """The next channels that the board reports; unread ones are discarded."""
         self.drain()
         self.heard.clear()
         self.until(lambda: any(frame.kind == "ACTUATOR_OUTPUT_STATUS" for frame in self.heard))

@@ -108,7 +108,7 @@ def next_state(servos: MavlinkServos) -> RobotState:
 
 
 def state_after(servos: MavlinkServos, board: ScriptedBoard, *said: Any) -> RobotState:
-    """Return the state once the board has said something for a few periods."""
+    """The state once the board has said something for a few periods."""
     board.extra = list(said)
     before = servos.counters.received + servos.counters.refused
     eventually(lambda: servos.counters.received + servos.counters.refused > before + 3 * (2 + len(said)))
@@ -327,7 +327,7 @@ class TestConnecting:
         monkeypatch.setattr(client, "CONNECT_TIMEOUT_S", 0.5)
 
     def connecting(self, folder: Path, port: str) -> str:
-        """Return in which words connecting fails."""
+        """Message with which connecting fails."""
         servos = MavlinkServos(shipped(), servo_map=fitting_map(folder), port=port)
         with pytest.raises(RobotFaultError) as refused:
             servos.connect()

@@ -29,7 +29,7 @@ pytestmark = pytest.mark.realtime
 
 
 def guarded(running: BoardProcess, file: Path) -> Guard:
-    """Return the board behind a guard that a busy machine does not stop."""
+    """The board behind a guard that a busy machine does not stop."""
     servos = MavlinkServos(shipped(), servo_map=load_servo_map(file), port=running.port)
     return Guard(servos, expiry_s=1.0)
 

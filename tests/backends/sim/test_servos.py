@@ -129,7 +129,7 @@ def test_reconnecting_starts_from_the_same_state() -> None:
 
 
 def _errors(world: World, seed: int = 0) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return measured - true of joints, position and yaw over 400 ticks of standing."""
+    """Measured - true of joints, position and yaw over 400 ticks of standing."""
     joints, positions, yaws = [], [], []
     with SimServos(shipped(), world=world, seed=seed) as servos:
         for _ in range(400):

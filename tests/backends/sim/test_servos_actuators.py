@@ -50,7 +50,7 @@ def _simulation(failure: Failure | None = None) -> Simulation:
 def _train(
     failure: Failure | None = None, *, offsets_rad: FloatArray | None = None, **world: float
 ) -> ActuatorModel:
-    """Return the train of a robot that stands in a world."""
+    """The actuator model of a robot that stands in a world."""
     simulation = replace(_simulation(failure), world=World.model_validate(world))
     if offsets_rad is not None:
         simulation = replace(simulation, joint_offsets_rad=offsets_rad)
@@ -58,7 +58,7 @@ def _train(
 
 
 def _targets(given_rad: Sequence[float]) -> FloatArray:
-    """Return targets about the stance, (T, 18)."""
+    """Targets about the stance, (T, 18)."""
     return STANCE + np.outer(given_rad, GAINS)
 
 
@@ -67,7 +67,7 @@ def _driven(train: ActuatorModel, targets_rad: FloatArray) -> FloatArray:
 
 
 def _loose_gear(targets_rad: Sequence[float], play_rad: float, shaft_rad: float) -> list[float]:
-    """Return where one shaft is after each target, the gear's flanks thought of one by one."""
+    """Position of one shaft after each target, from the flanks of the gear one by one."""
     shafts = []
     for target_rad in targets_rad:
         if target_rad - shaft_rad > play_rad / 2:
@@ -180,7 +180,7 @@ def test_copies_and_their_original_leave_one_another_alone() -> None:
 
 
 def _joints_after(world: World, targets_rad: Sequence[FloatArray]) -> FloatArray:
-    """Return the true joint angles one tick after each target, (T, 18)."""
+    """The true joint angles one tick after each target, (T, 18)."""
     joints = []
     with SimServos(shipped(), world=world) as servos:
         for target_rad in targets_rad:

@@ -12,7 +12,7 @@ from tests.robots import ROBOT_NAMES, shipped
 
 
 def _heights_below(world: World, points: FloatArray, seed: int = 0) -> FloatArray:
-    """Return how high the floor is at points (N, 2), as a ray from above finds it."""
+    """Height of the floor at points (N, 2), found by a ray from above."""
     physics = make_simulation(shipped(), world, seed=seed).physics
     physics.data.qpos[:2] = 100.0  # out of the way
     physics.forward()

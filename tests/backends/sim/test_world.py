@@ -127,7 +127,7 @@ def _stood(world: World, *, seconds: float = 2.0, name: str = "ant") -> FloatArr
 
 
 def _model(world: World, name: str = "ant") -> Any:
-    """Return the compiled model of a robot in a world."""
+    """The compiled model of a robot in a world."""
     return make_simulation(shipped(name), world).physics.model
 
 
@@ -286,7 +286,7 @@ def test_drawn_joint_offsets_have_their_deviation_and_follow_the_seed() -> None:
 
 
 def _axes(world: World, facing_rad: float) -> FloatArray:
-    """Return the body's axes in the world, as columns, where a robot is put down."""
+    """The body's axes in the world, as columns, where a robot is put down."""
     with SimServos(shipped(), world=world, facing_rad=facing_rad) as servos:
         quaternion = servos.read().base_quaternion_world
     matrix = np.zeros(9)

@@ -44,12 +44,12 @@ def _written(text: str, folder: Path) -> str:
 
 
 def _values(worlds: list[World], key: str) -> FloatArray:
-    """Return one quantity of some worlds, a column for each of its parts."""
+    """One quantity of some worlds, a column for each of its parts."""
     return np.array([np.atleast_1d(getattr(world, key)) for world in worlds])
 
 
 def _shares(worlds: list[World], key: str, spread: Distribution) -> FloatArray:
-    """Return which share of the family lies below each value, 0..1."""
+    """Share of the family below each value, 0..1."""
     values = _values(worlds, key)
     if spread.scale == "log":
         return np.asarray(np.log(values / spread.low) / np.log(spread.high / spread.low))
