@@ -1,9 +1,7 @@
-"""For all tests: no display, one thread for matrices, hypothesis without deadlines or luck, no priority.
-
-Tests in real time share one worker: they mostly wait, and would hold one another up.
-"""
+"""For all tests: no display, one thread for matrices, hypothesis without deadlines or luck, no priority."""
 
 import os
+from typing import Any
 
 import pytest
 from hypothesis import settings
@@ -17,12 +15,19 @@ settings.register_profile("ci", deadline=None, derandomize=True, max_examples=10
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "local"))
 
 
-@pytest.hookimpl(tryfirst=True)
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Give the tests in real time their group, before xdist reads it."""
-    for item in items:
-        if item.get_closest_marker("realtime"):
-            item.add_marker(pytest.mark.xdist_group("realtime"))
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
+    """Several workers share the tests as `tests.schedule` says."""
+    from tests.schedule import Schedule
+
+    return Schedule(config, log)
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """On a worker, what takes long comes first."""
+    if hasattr(config, "workerinput"):
+        from tests.schedule import ordered
+
+        items[:] = ordered(items)
 
 
 @pytest.fixture(autouse=True)

@@ -18,8 +18,7 @@ from hexctl.robot.failure import Failure
 from tests.adapt.priors import MadeUpModel, MadeUpWorld, key_of, made_up_prior
 from tests.robots import ROBOT_NAMES, shipped
 
-#: One prior is built: on one worker.
-pytestmark = [pytest.mark.slow, pytest.mark.xdist_group("prior")]
+pytestmark = pytest.mark.slow
 
 DURATION = "6"
 BUILD = ["prior", "build", "--duration", DURATION, "--worlds", "2", "--legs", "5"]

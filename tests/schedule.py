@@ -1,0 +1,86 @@
+"""Which worker runs which tests, and in which order: what takes long begins early.
+
+Tests in real time mostly wait, and would hold one another up: they go down two lanes, of one worker each. A
+file whose tests share something expensive stays on one worker; a file of long tests is spread over all.
+"""
+
+from typing import TYPE_CHECKING, Any
+
+from xdist.scheduler import LoadScopeScheduling
+
+if TYPE_CHECKING:
+    import pytest
+
+#: Files and tests in real time, by lane.
+LANES = {
+    "robots": (
+        "tests/serve/test_link_faults.py",
+        "tests/serve/test_servo_board.py",
+        "tests/serve/test_remote.py",
+        "tests/docs/test_commands.py::test_the_commands_of_a_page",
+    ),
+    "links": (
+        "tests/backends/zenoh/test_client.py",
+        "tests/backends/mavlink/test_client.py",
+        "tests/backends/mavlink/test_client_faults.py",
+        "tests/cli/test_serve.py",
+        "tests/cli/test_calibrate.py",
+        "tests/cli/test_run.py::test_ctrl_c",
+        "tests/record/test_live.py",
+    ),
+}
+
+#: Files that take long on the one worker they stay on.
+EARLY = (
+    "tests/cli/test_prior.py",
+    "tests/study/test_report.py",
+    "tests/study/test_claims.py",
+    "tests/adapt/prior/test_samples.py",
+    "tests/control/test_trial.py",
+)
+
+#: Files whose tests are spread one by one.
+SPREAD = (
+    "tests/adapt/test_runner.py",
+    "tests/adapt/test_kill.py",
+    "tests/benchmarks/test_command.py",
+    "tests/test_compatibility.py",
+    "tests/cli/test_adapt.py",
+    "tests/cli/test_study.py",
+    "tests/cli/test_completion.py",
+    "tests/study/test_evaluate.py",
+    "tests/study/test_landscape.py",
+    "tests/adapt/test_differential_evolution.py",
+    "tests/viewer/",
+)
+
+
+def scope_of(nodeid: str) -> str:
+    """What stays together with a test: its lane, itself alone, or its file."""
+    for lane, prefixes in LANES.items():
+        if nodeid.startswith(prefixes):
+            return lane
+    return nodeid if nodeid.startswith(SPREAD) else nodeid.partition("::")[0]
+
+
+def rank(nodeid: str) -> int:
+    """When a test begins: lanes first, then what takes long."""
+    if scope_of(nodeid) in LANES:
+        return 0
+    return 1 if nodeid.startswith(EARLY) else 2 if nodeid.startswith(SPREAD) else 3
+
+
+class Schedule(LoadScopeScheduling):  # type: ignore[misc]
+    """Gives scopes to workers in the order of `rank`."""
+
+    def __init__(self, config: "pytest.Config", log: Any = None) -> None:
+        config.option.loadscopereorder = False
+        super().__init__(config, log)
+
+    def _split_scope(self, nodeid: str) -> str:
+        return scope_of(nodeid)
+
+
+def ordered(items: "list[pytest.Item]") -> "list[pytest.Item]":
+    """Tests in the order in which they are given to workers."""
+    return sorted(items, key=lambda item: rank(item.nodeid))

@@ -1,0 +1,29 @@
+"""Tests in real time are kept apart, and what shares something expensive stays together."""
+
+from pathlib import Path
+
+from tests.schedule import EARLY, LANES, SPREAD, rank, scope_of
+
+TESTS = Path(__file__).parent
+MARKED = "pytestmark = pytest.mark.realtime"
+
+
+def test_every_file_in_real_time_has_a_lane() -> None:
+    marked = [path for path in TESTS.rglob("test_*.py") if MARKED in path.read_text(encoding="utf-8")]
+    for path in marked:
+        if path == Path(__file__):
+            continue
+        assert scope_of(f"{path.relative_to(TESTS.parent).as_posix()}::test") in LANES
+
+
+def test_what_is_named_exists() -> None:
+    for name in (*EARLY, *SPREAD, *(prefix for lane in LANES.values() for prefix in lane)):
+        assert (TESTS.parent / name.partition("::")[0]).exists(), name
+
+
+def test_scopes_and_ranks() -> None:
+    link, walk = "tests/serve/test_link_faults.py::test_a", "tests/control/test_guard.py::test_b"
+    assert (scope_of(link), rank(link)) == ("robots", 0)
+    assert (scope_of(walk), rank(walk)) == ("tests/control/test_guard.py", 3)
+    alone = "tests/adapt/test_kill.py::test_c[dps]"
+    assert (scope_of(alone), rank(alone)) == (alone, 2)
