@@ -20,6 +20,7 @@ TOGETHER = {
     "serve/test_hostile_input.py",
     "serve/test_link_faults.py",
     "serve/test_soak.py",
+    "study/transfer/test_benchmark.py",
 }
 
 
