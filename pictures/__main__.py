@@ -11,7 +11,7 @@ from pathlib import Path
 
 os.environ.setdefault("MUJOCO_GL", "disable")
 
-from pictures import convergence, session, walking
+from pictures import figures
 from pictures.needed import MissingProgramError
 from pictures.picture import Picture
 
@@ -27,10 +27,10 @@ def _prior(folder: Path) -> Picture:
 
 #: Each picture by the name of its file; what it draws goes into an empty folder.
 PICTURES: dict[str, Callable[[Path], Picture]] = {
-    "walking": walking.draw,
-    "session": session.draw,
+    "walking": figures.draw_walking,
+    "session": figures.draw_session,
     "prior": _prior,
-    "convergence": convergence.draw,
+    "convergence": figures.draw_convergence,
 }
 
 

@@ -1,4 +1,4 @@
-"""The programs that are needed beside Python's, and what to do where they are missing."""
+"""Programs needed beside Python packages. Imports nothing: read before anything is installed."""
 
 #: The packages of Debian, and of systems made from it.
 PACKAGES = (

@@ -1,4 +1,4 @@
-"""Rerun's own viewer on a screen, steered from here, and what it shows."""
+"""Rerun's own viewer on a screen, controlled from here, and what it shows."""
 
 import subprocess
 import time
@@ -11,6 +11,7 @@ from hexctl.record.rrd import load_rerun
 from hexctl.record.viewer import LOCAL, free_port, viewer_binary
 from pictures.needed import MissingProgramError
 from pictures.picture import Picture
+from pictures.screen import strange_home, virtual_screen
 
 #: How long the viewer may take for anything, on a slow machine without a graphics card.
 TIMEOUT_S = 60.0
@@ -140,3 +141,20 @@ def _connect(process: "subprocess.Popen[bytes]", port: int, errors: Path) -> Any
         time.sleep(POLL_S)
     said = errors.read_text(errors="replace").splitlines()
     raise MissingProgramError(f"a viewer that starts ({said[-1] if said else 'it says nothing'})")
+
+
+#: Size of the window in points, and height of its title bar, which names the computer.
+SIZE = (1280, 760)
+BAR = 37
+
+
+@contextmanager
+def opened(path: Path) -> Iterator[Window]:
+    """Open a recording until the block ends; raises MissingProgramError where nothing can be shown."""
+    with (
+        strange_home() as home,
+        virtual_screen(SIZE) as screen,
+        open_window([path], SIZE, screen, home) as window,
+    ):
+        window.await_shown()
+        yield window
