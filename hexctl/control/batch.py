@@ -1,4 +1,4 @@
-"""Many simulated trials at once: the same trials as alone, to the last bit, on all cores."""
+"""Batches of simulated trials on all cores; each equals the same trial run alone, to the last bit."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -25,7 +25,7 @@ class SimTrial:
 
     Attributes:
         robot: who walks.
-        plan: what it shall do, and what its controller was told.
+        plan: what the robot does, and what its controller was told.
         failure: the leg that the simulation breaks, or None.
         world: where.
         seed: of the simulation.
@@ -40,7 +40,7 @@ class SimTrial:
     facing_rad: float = 0.0
 
     def servos(self) -> SimServos:
-        """Return the simulated robot of this trial, not yet connected."""
+        """Simulated robot of this trial, not yet connected."""
         return SimServos(
             self.robot,
             world=self.world,
@@ -50,7 +50,7 @@ class SimTrial:
         )
 
     def shared_start(self) -> tuple[object, ...]:
-        """Return what trials must have in common to start their walks from one state."""
+        """Key that trials must have in common to start their walks from one state."""
         plan = self.plan
         start = (self.facing_rad, plan.heading_rad, plan.self_rotation, plan.turn_rad, plan.settle_s)
         return (self.robot.fingerprint, self.world, self.seed, self.failure, plan.belief, start)

@@ -12,7 +12,7 @@ from hexctl.ik.legs import solve_legs, solve_legs_within_limits
 from hexctl.robot.model import Robot
 from hexctl.types import BoolArray, FloatArray, RobotState, leg_slice
 
-#: Ticks planned ahead at once: long enough to spread numpy's cost, short enough to start at once.
+#: Ticks planned together: long enough to spread numpy's cost, short enough to start without delay.
 LOOK_AHEAD_TICKS = 128
 
 #: Points of the gait cycle in which a walk is checked before its first step.
@@ -147,7 +147,7 @@ class Walk(Controller):
 
 
 def joints_of_feet(robot: Robot, feet_body: FloatArray, held_legs: tuple[int, ...] = ()) -> FloatArray:
-    """Return joint angles, leading shape + (18,), with held legs in their stance pose."""
+    """Joint angles, leading shape + (18,), with held legs in their stance pose."""
     joints = solve_legs(robot, feet_body).joint_positions_rad
     for leg in held_legs:
         joints[..., leg_slice(leg)] = robot.stance_angles_rad[leg_slice(leg)]
@@ -165,7 +165,7 @@ SITTING_S = 2.0
 
 
 def sitting_angles_rad(robot: Robot) -> FloatArray:
-    """Return the joint angles, (18,), that bring the body as low as the legs can, the feet where they are."""
+    """Joint angles, (18,), that bring the body as low as the legs can, the feet where they are."""
     lift_m = robot.standing_height_m - robot.body.size_m[2] / 2
     for share in np.linspace(1.0, 0.0, 21).tolist():
         feet_body = robot.stance_feet_body + np.array([0.0, 0.0, share * lift_m])

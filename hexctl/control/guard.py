@@ -37,11 +37,11 @@ class StepLimits(ArrayFields):
 
     @classmethod
     def of(cls, robot: Robot, period_s: float) -> "StepLimits":
-        """Return the limits of a robot that is commanded once per period."""
+        """Limits of a robot that is commanded once per period."""
         return cls(robot.joint_lower_rad, robot.joint_upper_rad, robot.joint_max_speed_rad_s * period_s)
 
     def apply(self, wanted_rad: FloatArray, accepted_rad: FloatArray) -> FloatArray:
-        """Return the targets nearest to the wanted ones that range and speed allow.
+        """Targets nearest to the wanted ones that range and speed allow.
 
         Speed goes first: a joint found outside its range comes back to it no faster than it may turn.
 
@@ -55,7 +55,7 @@ class StepLimits(ArrayFields):
 
 
 def leaning(base_quaternion_world: FloatArray) -> BoolArray:
-    """Return whether a body leans too far, for orientations leading shape + (4,)."""
+    """Whether a body leans too far, for orientations leading shape + (4,)."""
     x, y = base_quaternion_world[..., 1], base_quaternion_world[..., 2]
     return np.asarray(cos_tilt(x, y) < FALL_COS_TILT)
 
@@ -115,11 +115,11 @@ class Guard(ServosWrapper):
 
     @property
     def expects_commands(self) -> bool:
-        """Return whether silence now is a failure: somebody has commanded and has not rested since."""
+        """Whether silence now is a failure: a command has come, and no pause since."""
         return self._accepted_at_s is not None
 
     def accepted_rad(self) -> FloatArray:
-        """Return the last accepted targets, or where the joints are before the first command, (18,).
+        """Last accepted targets, or joint positions before the first command, (18,).
 
         Raises RobotFaultError when the robot does not know where its joints are.
         """
@@ -156,7 +156,7 @@ class Guard(ServosWrapper):
             raise RobotFaultError(f"the link to the robot failed: {error}") from error
 
     def read(self) -> RobotState:
-        """Return the state, and latch a stop when the robot has fallen, is at fault or hears nothing.
+        """Newest state; latches a stop when the robot has fallen, is at fault or gets no commands.
 
         Raises RobotFaultError when the robot has gone.
         """
@@ -259,7 +259,7 @@ class Guard(ServosWrapper):
         self.leaning_ticks = 0
 
     def _baseline(self, now_s: float) -> FloatArray:
-        """Return the target from which this period's steps are measured."""
+        """Target from which this period's steps are measured."""
         period = math.floor(now_s / self.clock.period_s + ROUNDING)
         if self._baseline_rad is None or period > self._baseline_period:
             self._baseline_rad, self._baseline_period = self.accepted_rad(), period
@@ -300,7 +300,7 @@ class Guard(ServosWrapper):
             self.stop("expired")
 
     def _watch_pose(self, state: RobotState) -> None:
-        """Latch a stop for a fall, and for a position or an orientation that is none or comes no more."""
+        """Latch a stop for a fall, and for a position or an orientation that is not finite or has been lost."""
         position, quaternion = state.base_position_world, state.base_quaternion_world
         if (position is None and self._position_known) or (quaternion is None and self._tilt_known):
             self.stop("pose lost")

@@ -182,7 +182,7 @@ class Recorders:
 
     @classmethod
     def of(cls, recorders: "Recorders | Sequence[Recorder | TickLog]") -> "Recorders | None":
-        """The recorders given; None without any, so that nothing is kept for nobody."""
+        """The recorders given; None without any, so that no rows are kept unread."""
         if isinstance(recorders, Recorders):
             return recorders
         return cls(*recorders) if recorders else None

@@ -1,4 +1,4 @@
-"""What a trial shall do: a plain, picklable value."""
+"""The plan of a trial: a plain, picklable value."""
 
 import math
 from dataclasses import dataclass
@@ -23,9 +23,8 @@ class TrialPlan:
         duration_s: how long to walk, the soft start included and the soft stop not.
         belief: the failure that the controller was told of, or None; a `locked` leg is held in its stance
             pose. What a simulation breaks is given to the simulation.
-        self_rotation: where the failed leg shall point before the walk: `rear`, `front` or `none` (as it is).
-        turn_rad: how far to turn before the walk instead, where somebody knows better; None to go by
-            `self_rotation`.
+        self_rotation: where the failed leg points during the walk: `rear`, `front` or `none` (as it is).
+        turn_rad: how far to turn before the walk, overriding `self_rotation`; None to follow it.
         settle_s: time to reach the stance and come to rest.
     """
 
@@ -57,17 +56,17 @@ class TrialPlan:
         self.motion(0.0)
 
     def motion(self, yaw_rad: float) -> Motion:
-        """Return the motion as seen from a body that has turned by a yaw since the trial began."""
+        """Motion in the frame of a body that has turned by a yaw since the trial began."""
         return Motion(
             heading_rad=self.heading_rad - yaw_rad, travel=self.travel, turn_rate_rad_s=self.turn_rate_rad_s
         )
 
     @property
     def failed_legs(self) -> tuple[int, ...]:
-        """Return the failed leg, if there is one, as gait codes want it."""
+        """The failed leg, if there is one, in the form of `GaitSpace`."""
         return (self.belief.leg,) if self.belief else ()
 
     @property
     def held_legs(self) -> tuple[int, ...]:
-        """Return the legs that the controller keeps in their stance pose."""
+        """Legs that the controller keeps in their stance pose."""
         return self.failed_legs if self.belief and self.belief.kind == "locked" else ()

@@ -182,8 +182,8 @@ def score(
     """Result of a walk.
 
     Args:
-        robot: who walked.
-        plan: what was asked for.
+        robot: the robot that walked.
+        plan: the plan.
         status: how the walk ended; a walk that is `ok` so far may still have made no progress.
         stopped: why it was aborted, if it was.
         duration_s: how long it walked.

@@ -26,7 +26,7 @@ from hexctl.types import FloatArray, JointTargets, RobotState
 #: Rest between the self-rotation and the walk.
 PAUSE_S = 0.5
 
-#: Every so many ticks a walk that may end early is looked at.
+#: Ticks between two looks at a walk that may end early.
 LOOK_TICKS = 50
 
 StopRequested = Callable[[], bool]

@@ -11,7 +11,7 @@ from hexctl.robot.model import Robot
 from hexctl.robot.rotations import wrapped_rad, yaw_rad
 from hexctl.types import FloatArray, RobotState
 
-#: Not worth turning for; the walk's heading makes up for what is left.
+#: Smallest angle worth turning for; the walk's heading makes up for what is left.
 CLOSE_ENOUGH_RAD = math.radians(2.0)
 
 #: A failed leg slows the turn; after this many times the ideal time the robot walks from where it is.
@@ -25,12 +25,12 @@ TURN_TOLERANCE_RAD = math.radians(5.0)
 
 
 def turn_gait(robot: Robot) -> Gait:
-    """Return the one gait that every self-rotation uses, so that all codes start from one state."""
+    """The gait of every self-rotation; there is one, so that all codes start from one state."""
     return make_gait(robot, "demo")
 
 
 def turn_needed_rad(robot: Robot, plan: TrialPlan) -> float:
-    """Return how far to turn, counter-clockwise positive, before the walk of a plan."""
+    """Angle to turn before the walk of a plan, counter-clockwise positive."""
     if plan.turn_rad is not None:
         return plan.turn_rad
     if plan.belief is None or plan.self_rotation == "none":
@@ -42,7 +42,7 @@ def turn_needed_rad(robot: Robot, plan: TrialPlan) -> float:
 
 
 def turn_motion(robot: Robot, turn_rad: float) -> Motion:
-    """Return the motion of a self-rotation: in place, at the rate of half the step amplitude."""
+    """Motion of a self-rotation: in place, at the rate of half the step amplitude."""
     rate_rad_s = math.copysign(half_amplitude_turn_rate_rad_s(robot, turn_gait(robot)), turn_rad)
     return Motion(travel=0.0, turn_rate_rad_s=rate_rad_s)
 
@@ -63,9 +63,9 @@ def check_plan(robot: Robot, plan: TrialPlan) -> None:
 class Turn(Controller):
     """A turn in place by an angle, measured on the robot's own yaw.
 
-    It begins its soft stop when what is left is what the stop will still turn. That is told from the
-    commanded rate and from how much of it the robot has made so far, not from the difference of two
-    measurements, which noise would drown.
+    Its soft stop begins when the remaining angle is what the stop itself will turn. That angle is predicted
+    from the commanded rate and the share of it that the robot has made so far; the difference of two
+    measurements would drown in noise.
     """
 
     def __init__(
@@ -112,9 +112,9 @@ class Turn(Controller):
         return self._stopped_at is not None and step >= self._stopped_at + soft_stop_steps(self._period_s)
 
     def _near(self, time_s: float) -> bool:
-        """Return whether a stop that begins now ends at the goal or past it."""
+        """Whether a stop that begins now ends at the goal or past it."""
         envelope = min(1.0, time_s / RAMP_DURATION_S)
-        # Time at full rate that the ramp so far, and the ramp down from here, come to.
+        # Time at full rate that is worth as much as the ramp so far, and as the ramp down from here.
         commanded_s = time_s - RAMP_DURATION_S * (envelope - envelope**2 / 2)
         stopping_s = RAMP_DURATION_S * envelope**2 / 2
         made = USUAL_SHARE
