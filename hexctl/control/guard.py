@@ -300,7 +300,7 @@ class Guard(ServosWrapper):
             self.stop("expired")
 
     def _watch_pose(self, state: RobotState) -> None:
-        """Latch a stop for a fall, and for a position or an orientation that is not finite or has been lost."""
+        """Latch a stop for a fall, and for a pose that is not finite or has been lost."""
         position, quaternion = state.base_position_world, state.base_quaternion_world
         if (position is None and self._position_known) or (quaternion is None and self._tilt_known):
             self.stop("pose lost")
