@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from hexctl.backends.sim.servos import SimServos
     from hexctl.backends.sim.world import World, load_world
     from hexctl.control.batch import SimTrial, run_sim_trials
+    from hexctl.control.feasibility import check_robot
     from hexctl.control.guard import Guard
     from hexctl.control.log import TickLog
     from hexctl.control.plan import TrialPlan
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
     from hexctl.gait.encoding import code_from_slots, slots_from_code
     from hexctl.gait.gait import Gait, Motion, make_gait
     from hexctl.record.recording import Recording
+    from hexctl.record.run import RunResult, RunSpec, run
     from hexctl.robot.failure import Failure
     from hexctl.robot.loader import load_robot
     from hexctl.robot.model import Robot
@@ -53,6 +55,8 @@ _HOMES = {
     "Recording": "hexctl.record.recording",
     "Robot": "hexctl.robot.model",
     "RobotState": "hexctl.types",
+    "RunResult": "hexctl.record.run",
+    "RunSpec": "hexctl.record.run",
     "SimServos": "hexctl.backends.sim.servos",
     "SimTrial": "hexctl.control.batch",
     "Tick": "hexctl.backends.clock",
@@ -61,10 +65,12 @@ _HOMES = {
     "TrialResult": "hexctl.control.result",
     "WallClock": "hexctl.backends.clock",
     "World": "hexctl.backends.sim.world",
+    "check_robot": "hexctl.control.feasibility",
     "code_from_slots": "hexctl.gait.encoding",
     "load_robot": "hexctl.robot.loader",
     "load_world": "hexctl.backends.sim.world",
     "make_gait": "hexctl.gait.gait",
+    "run": "hexctl.record.run",
     "run_sim_trials": "hexctl.control.batch",
     "run_trial": "hexctl.control.trial",
     "slots_from_code": "hexctl.gait.encoding",
@@ -89,6 +95,8 @@ __all__ = [
     "Recording",
     "Robot",
     "RobotState",
+    "RunResult",
+    "RunSpec",
     "Session",
     "SimServos",
     "SimTrial",
@@ -99,10 +107,12 @@ __all__ = [
     "WallClock",
     "World",
     "adapt",
+    "check_robot",
     "code_from_slots",
     "load_robot",
     "load_world",
     "make_gait",
+    "run",
     "run_sim_trials",
     "run_trial",
     "slots_from_code",

@@ -6,12 +6,13 @@ from typing import Any
 
 import pytest
 
+from hexctl import RunSpec, run
 from hexctl.backends.sim.world import World
 from hexctl.control.controllers import Stand
 from hexctl.control.log import TickLog
 from hexctl.errors import InputError, ReachError
 from hexctl.gait.gait import make_gait
-from hexctl.record.run import Run, RunSpec, run
+from hexctl.record.run import Run
 from hexctl.robot.failure import Failure
 from hexctl.robot.loader import load_robot
 

@@ -1,0 +1,92 @@
+"""Results as text, from the object of `hexctl run --json`."""
+
+from typing import Any
+
+import pytest
+
+from hexctl.cli.console import print_result
+from hexctl.cli.render import in_words, link_in_words, summary
+
+OUTCOME: dict[str, Any] = {
+    "gait": {"name": "57", "slots": [4, 2, 3, 5, 1, 6], "code": 57},
+    "failed_leg": None,
+    "failure": None,
+    "duration_s": 10.0,
+    "distance_m": 1.2,
+    "ideal_distance_m": 1.5,
+    "deviation_m": {"final": 0.1, "mean": 0.05, "max": 0.1, "signed": -0.1},
+    "yaw_change_deg": -3.0,
+    "ideal_yaw_change_deg": 0.0,
+    "self_rotation_deg": 0.0,
+    "status": "ok",
+    "stopped": None,
+    "clipped_ticks": 0,
+    "ticks": 500,
+    "overruns": 0,
+    "realtime_factor": 20.0,
+    "servo_link": None,
+    "backend": "sim",
+    "robot": "ant",
+    "world": "flat",
+    "seed": 0,
+    "recording": None,
+}
+
+
+def shown(capsys: pytest.CaptureFixture[str], **changes: Any) -> list[str]:
+    print_result(*summary({**OUTCOME, **changes}))
+    return capsys.readouterr().out.splitlines()
+
+
+def test_a_walk(capsys: pytest.CaptureFixture[str]) -> None:
+    assert shown(capsys) == [
+        "ant in world flat",
+        "gait       slots 4,2,3,5,1,6, code 57",
+        "walked     10.0 s, 1.200 m of 1.500 m ideal (80 %)",
+        "deviation  0.100 m to the right at the end, 0.050 m on average",
+        "turned     -3.0 degrees",
+        "status     ok",
+        "guard      let every command pass",
+        "ticks      500, 0 overruns, 20 x real time",
+    ]
+
+
+def test_a_robot_that_was_stopped_says_why_and_what_to_do(capsys: pytest.CaptureFixture[str]) -> None:
+    lines = shown(
+        capsys,
+        backend="zenoh",
+        world=None,
+        status="aborted",
+        stopped="fault: battery",
+        failed_leg=5,
+        failure="locked",
+        clipped_ticks=7,
+        servo_link={"received": 90, "lost": 2, "late": 0},
+    )
+    assert lines[0] == "ant on zenoh, leg 5 locked"
+    assert "status     aborted (fault: battery): see to it, then hexctl estop --clear" in lines
+    assert "link       90 messages came; 2 lost" in lines
+    assert any(line.startswith("guard      clipped 7 commands") for line in lines)
+
+
+@pytest.mark.parametrize(
+    ("duration_s", "words"),
+    [(10.0, "10.0 s; this robot knows no position"), (0.0, "0.0 s; it never set out")],
+)
+def test_a_walk_without_a_position(duration_s: float, words: str, capsys: pytest.CaptureFixture[str]) -> None:
+    lines = shown(capsys, distance_m=None, duration_s=duration_s)
+    assert f"walked     {words}" in lines
+    assert not any(line.startswith(("deviation", "turned")) for line in lines)
+
+
+def test_a_recording_is_named_with_the_command_that_shows_it(capsys: pytest.CaptureFixture[str]) -> None:
+    assert shown(capsys, recording="runs/my walk.rrd")[-2:] == [
+        "recording  runs/my walk.rrd",
+        "look at it with: hexctl view 'runs/my walk.rrd'",
+    ]
+
+
+def test_counts_in_words() -> None:
+    assert in_words({"late": 2, "stale_owner": 1, "other": 0}) == "2 late, 1 stale owner"
+    assert link_in_words({"received": 5, "lost": 0}) == "5 messages came; none lost"
+    assert link_in_words(None) == ""
