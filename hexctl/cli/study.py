@@ -40,6 +40,56 @@ RUN_COUNT = Range(low=1, high=999, whole=True)
 BUDGET = Range(low=1, high=10_000, whole=True)
 WORLDS = Range(low=1, high=1000, whole=True)
 
+TransferOption = Annotated[
+    bool,
+    typer.Option(
+        "--transfer", help="Ask another question: how do all searches do in worlds that no prior has seen."
+    ),
+]
+OptimizersOption = Annotated[
+    str | None,
+    typer.Option(
+        "--optimizers",
+        help="Searches, with commas: of pso, psosp, dps, debest, derand, random, exhaustive, or your "
+        "own package.module:Class; with --transfer also "
+        "bayes and bayes-early. (default: those six and the bayes ones)",
+    ),
+]
+RunsOption = Annotated[
+    int | None,
+    number("--runs", RUN_COUNT, "Runs of each optimizer on each leg, {}. (default: 30; with --transfer 5)"),
+]
+BudgetOption = Annotated[
+    int | None, number("--budget", BUDGET, "Trials of a run, {}. (default: 120; with --transfer 60)")
+]
+WorldsOption = Annotated[
+    int | None, number("--worlds", WORLDS, "With --transfer, how many worlds, {}. (default: 30)")
+]
+TransferPriorOption = Annotated[
+    str | None,
+    typer.Option(
+        "--prior",
+        autocompletion=completion.priors,
+        help="With --transfer, what bayes believes: auto or a file. (default: auto)",
+    ),
+]
+StudyWorldOption = Annotated[
+    str | None,
+    typer.Option(
+        "--world",
+        autocompletion=completion.worlds,
+        help=f"{WORLD_HELP} Not with --transfer. (default: flat)",
+    ),
+]
+ReportFolderOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--out",
+        help="Folder for the report, new or empty. (default: runs/study-TIME)",
+        show_default=False,
+    ),
+]
+
 
 class Simulated(Protocol):
     """A plan whose landscapes are simulated."""
@@ -50,62 +100,16 @@ class Simulated(Protocol):
 
 def study(
     legs: LegsOption = ALL_LEGS,
-    transfer: Annotated[
-        bool,
-        typer.Option(
-            "--transfer",
-            help="Ask another question: how do all searches do in worlds that no prior has seen.",
-        ),
-    ] = False,
-    optimizers: Annotated[
-        str | None,
-        typer.Option(
-            "--optimizers",
-            help="Searches, with commas: of pso, psosp, dps, debest, derand, random, exhaustive, or your "
-            "own package.module:Class; with --transfer also "
-            "bayes and bayes-early. (default: those six and the bayes ones)",
-        ),
-    ] = None,
-    runs: Annotated[
-        int | None,
-        number(
-            "--runs", RUN_COUNT, "Runs of each optimizer on each leg, {}. (default: 30; with --transfer 5)"
-        ),
-    ] = None,
-    budget: Annotated[
-        int | None,
-        number("--budget", BUDGET, "Trials of a run, {}. (default: 120; with --transfer 60)"),
-    ] = None,
-    worlds: Annotated[
-        int | None,
-        number("--worlds", WORLDS, "With --transfer, how many worlds, {}. (default: 30)"),
-    ] = None,
-    prior: Annotated[
-        str | None,
-        typer.Option(
-            "--prior",
-            autocompletion=completion.priors,
-            help="With --transfer, what bayes believes: auto or a file. (default: auto)",
-        ),
-    ] = None,
+    transfer: TransferOption = False,
+    optimizers: OptimizersOption = None,
+    runs: RunsOption = None,
+    budget: BudgetOption = None,
+    worlds: WorldsOption = None,
+    prior: TransferPriorOption = None,
     duration: TrialDurationOption = 30.0,
     robot: RobotOption = "ant",
-    world: Annotated[
-        str | None,
-        typer.Option(
-            "--world",
-            autocompletion=completion.worlds,
-            help=f"{WORLD_HELP} Not with --transfer. (default: flat)",
-        ),
-    ] = None,
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            "--out",
-            help="Folder for the report, new or empty. (default: runs/study-TIME)",
-            show_default=False,
-        ),
-    ] = None,
+    world: StudyWorldOption = None,
+    out: ReportFolderOption = None,
     jobs: JobsOption = None,
     dask: DaskOption = None,
     seed: SeedOption = 0,

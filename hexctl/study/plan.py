@@ -8,7 +8,7 @@ from hexctl.adapt.registry import make_optimizer
 from hexctl.adapt.space import GaitSpace
 from hexctl.backends.sim.world import World
 from hexctl.control.turning import check_plan
-from hexctl.errors import InputError, LimitError, ReachError
+from hexctl.errors import InputError, LimitError, ReachError, check_type
 from hexctl.robot.model import Robot
 from hexctl.study.landscape import LandscapeSpec
 from hexctl.types import N_LEGS
@@ -51,6 +51,10 @@ class StudyPlan:
     duration_s: float = 30.0
     seed: int = 0
 
+    def __post_init__(self) -> None:
+        check_robot(self.robot)
+        check_type(self.world, World, "plan.world", "a World, as load_world('slippery') gives")
+
     def specs(self) -> list[LandscapeSpec]:
         """Specs of all landscapes, leg by leg."""
         return [
@@ -89,6 +93,11 @@ class StudyPlan:
         _require(len(set(names)) == len(names), "--optimizers", ",".join(names), "each name once")
         for name in names:
             make_optimizer(name, GaitSpace((self.legs[0],)), self.seed)
+
+
+def check_robot(robot: object) -> None:
+    """Raise WrongTypeError unless the robot of a plan is a `Robot`."""
+    check_type(robot, Robot, "plan.robot", "a Robot, as load_robot('ant') gives")
 
 
 def check_walks(specs: Iterable[LandscapeSpec]) -> None:

@@ -14,14 +14,14 @@ from hexctl.adapt.stance import stance_deflection_rad
 from hexctl.backends.sim.world import Distribution, DomainRandomization
 from hexctl.control.guard import Guard
 from hexctl.control.plan import TrialPlan
-from hexctl.errors import EStopError, InputError, SimulationDivergedError
+from hexctl.errors import EStopError, InputError, SimulationDivergedError, check_type
 from hexctl.gait.gait import make_gait
 from hexctl.robot.failure import Failure
 from hexctl.robot.model import Robot
 from hexctl.study.cache import LandscapeCache
 from hexctl.study.evaluate import Progress, Silent, check_jobs, evaluate
 from hexctl.study.landscape import Landscape, LandscapeSpec
-from hexctl.study.plan import check_walks
+from hexctl.study.plan import check_robot, check_walks
 from hexctl.study.versions import code_versions
 from hexctl.types import N_JOINTS, N_LEGS, FloatArray
 
@@ -59,6 +59,11 @@ class PriorPlan:
     failure: str = "locked"
     self_rotation: str = "rear"
     duration_s: float = 30.0
+
+    def __post_init__(self) -> None:
+        check_robot(self.robot)
+        allowed = "a DomainRandomization, as load_randomization('randomised') gives"
+        check_type(self.family, DomainRandomization, "plan.family", allowed)
 
     def specs(self) -> list[LandscapeSpec]:
         """Landscapes to simulate, world by world, so that any beginning of the list covers all legs.

@@ -2,8 +2,11 @@ from typing import Any
 
 import pytest
 
-from hexctl.errors import InputError
+from hexctl.backends.sim.world import load_randomization
+from hexctl.errors import InputError, WrongTypeError
 from hexctl.study.plan import ROTATIONS, StudyPlan
+from hexctl.study.prior import PriorPlan
+from hexctl.study.transfer.plan import TransferPlan
 from tests.robots import shipped
 
 
@@ -43,3 +46,16 @@ def test_the_default_is_the_papers_study() -> None:
 def test_what_is_not_allowed_is_said(options: dict[str, Any], message: str) -> None:
     with pytest.raises(InputError, match=message):
         plan(**options).check()
+
+
+def test_wrong_types_are_refused_at_once() -> None:
+    with pytest.raises(
+        WrongTypeError, match=r"plan.robot: got 'ant' \(str\); allowed: a Robot, as load_robot"
+    ):
+        StudyPlan(robot="ant")  # type: ignore[arg-type]
+    with pytest.raises(WrongTypeError, match=r"plan.world: got 'slippery' \(str\); allowed: a World"):
+        plan(world="slippery")
+    with pytest.raises(WrongTypeError, match=r"plan.family: got 'randomised' \(str\)"):
+        PriorPlan(robot=shipped(), family="randomised")  # type: ignore[arg-type]
+    with pytest.raises(WrongTypeError, match=r"plan.prior: got None"):
+        TransferPlan(robot=shipped(), family=load_randomization("transfer"), prior=None)  # type: ignore[arg-type]

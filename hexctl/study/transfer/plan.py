@@ -11,12 +11,12 @@ from hexctl.adapt.registry import BAYES
 from hexctl.adapt.search import covering
 from hexctl.backends.sim.world import DomainRandomization
 from hexctl.control.plan import TrialPlan
-from hexctl.errors import InputError
+from hexctl.errors import InputError, check_type
 from hexctl.gait.gait import make_gait
 from hexctl.robot.failure import Failure
 from hexctl.robot.model import Robot
 from hexctl.study.landscape import LandscapeSpec
-from hexctl.study.plan import BASELINE, HEURISTICS, StudyPlan
+from hexctl.study.plan import BASELINE, HEURISTICS, StudyPlan, check_robot
 from hexctl.study.prior import WHOLE_S, in_whole_steps
 from hexctl.types import N_LEGS
 
@@ -63,6 +63,12 @@ class TransferPlan:
     duration_s: float = 30.0
     target_m: float = 0.025
     seed: int = 0
+
+    def __post_init__(self) -> None:
+        check_robot(self.robot)
+        allowed = f"a DomainRandomization, as load_randomization('{UNSEEN}') gives"
+        check_type(self.family, DomainRandomization, "plan.family", allowed)
+        check_type(self.prior, Prior, "plan.prior", "a Prior, as load_prior(path) gives")
 
     def specs(self) -> list[LandscapeSpec]:
         """Specs of the landscapes, world by world; a world's number is the seed of its rough floor."""
