@@ -7,9 +7,10 @@ from pathlib import Path
 
 import pytest
 
+from hexctl.backends.mock import MockServos
 from hexctl.cli.main import exit_code
 from hexctl.wire.certificates import make_certificates
-from tests.serve.processes import free_port, hexctl, program, served
+from tests.serve.processes import RECORDED, free_port, hexctl, program, served
 
 pytestmark = pytest.mark.realtime
 
@@ -67,6 +68,24 @@ def test_an_address_that_is_taken_is_said_in_one_line() -> None:
     assert answer.returncode == 3
     assert len(answer.stderr.splitlines()) == 1
     assert endpoint in answer.stderr
+
+
+@pytest.mark.parametrize("method", ["connect", "read"])
+def test_own_servos_that_raise_end_it_as_a_fault_in_one_line(
+    method: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def broken(*_: object) -> None:
+        raise ZeroDivisionError("no such register")
+
+    class Driver(MockServos):
+        pass
+
+    setattr(Driver, method, broken)
+    monkeypatch.setattr("tests.serve.recorded.RecordedServos", Driver)
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    assert exit_code(["serve", "--backend", RECORDED, "--listen", endpoint]) == 3
+    (*_, line) = capsys.readouterr().err.splitlines()
+    assert line == f"hexctl: the servos failed: Driver.{method} raised ZeroDivisionError: no such register"
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

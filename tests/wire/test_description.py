@@ -1,4 +1,4 @@
-"""Self-description of robots: who started one, and which ones may be commanded without being named."""
+"""Self-description of robots: model, protocol, and who started it."""
 
 import os
 import socket
@@ -6,9 +6,20 @@ from dataclasses import replace
 
 import pytest
 
-from hexctl.errors import InputError
-from hexctl.wire.description import RobotIdentity, check_may_command, user_name
+from hexctl.errors import InputError, MessageError, RobotFaultError
+from hexctl.types import JOINT_NAMES
+from hexctl.wire.description import (
+    RobotIdentity,
+    check_may_command,
+    check_same_robot,
+    decode_json,
+    describe,
+    encode_json,
+    robot_of,
+    user_name,
+)
 from hexctl.wire.links import DEFAULT_ENDPOINT, Link, load_link
+from tests.robots import shipped
 
 OURS = RobotIdentity.of_this_process("ant", "sim")
 NEIGHBOURS = replace(OURS, user="mallory")
@@ -46,3 +57,38 @@ def test_a_robot_that_does_not_say_who_started_it_is_accepted_with_a_note(said: 
     assert not identity.known
     assert str(identity) == "ant (sim), which does not say who started it"
     check_may_command(identity, load_link())
+
+
+@pytest.mark.parametrize("name", ["ant", "phantomx", "pexod"])
+def test_a_robot_recognises_its_own_description(name: str) -> None:
+    answer = decode_json(encode_json(describe(shipped(name))))
+    check_same_robot(answer, shipped(name))
+    check_same_robot(answer, robot_of(answer))
+
+
+def test_another_robot_is_refused_with_the_place_where_it_differs() -> None:
+    answer = describe(shipped())
+    answer["robot"]["mount_positions_body"][2][1] += 0.001
+    with pytest.raises(RobotFaultError, match=r"mount_positions_body\[2\]\[1\] is .* there and .* here"):
+        check_same_robot(answer, shipped())
+
+
+def test_another_protocol_or_other_joints_are_refused() -> None:
+    with pytest.raises(RobotFaultError, match="protocol 2"):
+        check_same_robot({**describe(shipped()), "protocol": 2}, shipped())
+    with pytest.raises(RobotFaultError, match="other joints"):
+        check_same_robot({**describe(shipped()), "joints": list(JOINT_NAMES[::-1])}, shipped())
+    with pytest.raises(RobotFaultError):
+        check_same_robot({}, shipped())
+
+
+@pytest.mark.parametrize("payload", [b"", b"{", b"[]", b"1", b"\xff", b"[" * 60_000, b"x" * 70_000])
+def test_what_is_no_json_object_is_refused(payload: bytes) -> None:
+    with pytest.raises(MessageError, match="JSON: got"):
+        decode_json(payload)
+
+
+@pytest.mark.parametrize("spoil", [{}, {"protocol": 1, "robot": {"name": "x"}}, {"protocol": 1, "robot": 5}])
+def test_a_description_of_no_robot_is_refused(spoil: dict[str, object]) -> None:
+    with pytest.raises(RobotFaultError, match="describes itself"):
+        robot_of(spoil)

@@ -1,4 +1,4 @@
-"""Commands, states, tags and descriptions on the wire: byte-exact, complete, and nothing else."""
+"""Commands, states and tags on the wire: byte-exact, complete, and nothing else."""
 
 import struct
 from dataclasses import replace
@@ -8,10 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hexctl.errors import MessageError, RobotFaultError
+from hexctl.errors import MessageError
 from hexctl.types import JOINT_NAMES, RobotState
 from hexctl.wire import MAX_PAYLOAD_BYTES, ros_cdr
-from hexctl.wire.description import check_same_robot, decode_json, describe, encode_json, robot_of
 from hexctl.wire.messages import (
     CommandTag,
     StateTag,
@@ -25,7 +24,6 @@ from hexctl.wire.messages import (
     encode_positions,
     tag_of,
 )
-from tests.robots import shipped
 
 COMMAND = CommandTag(
     sequence=7, stamp_ns=1_500_000_000, time_to_live_ms=200, lease_id=bytes(range(16)), lease_sequence=3
@@ -261,36 +259,7 @@ def test_contacts_travel_in_the_tag() -> None:
     assert contacts_of(replace(tag, contacts=None)) is None
 
 
-@pytest.mark.parametrize("name", ["ant", "phantomx", "pexod"])
-def test_a_robot_recognises_its_own_description(name: str) -> None:
-    answer = decode_json(encode_json(describe(shipped(name))))
-    check_same_robot(answer, shipped(name))
-    check_same_robot(answer, robot_of(answer))
-
-
-def test_another_robot_is_refused_with_the_place_where_it_differs() -> None:
-    answer = describe(shipped())
-    answer["robot"]["mount_positions_body"][2][1] += 0.001
-    with pytest.raises(RobotFaultError, match=r"mount_positions_body\[2\]\[1\] is .* there and .* here"):
-        check_same_robot(answer, shipped())
-
-
-def test_another_protocol_or_other_joints_are_refused() -> None:
-    with pytest.raises(RobotFaultError, match="protocol 2"):
-        check_same_robot({**describe(shipped()), "protocol": 2}, shipped())
-    with pytest.raises(RobotFaultError, match="other joints"):
-        check_same_robot({**describe(shipped()), "joints": list(JOINT_NAMES[::-1])}, shipped())
-    with pytest.raises(RobotFaultError):
-        check_same_robot({}, shipped())
-
-
-@pytest.mark.parametrize("payload", [b"", b"{", b"[]", b"1", b"\xff", b"[" * 60_000, b"x" * 70_000])
-def test_what_is_no_json_object_is_refused(payload: bytes) -> None:
-    with pytest.raises(MessageError, match="JSON: got"):
-        decode_json(payload)
-
-
-@pytest.mark.parametrize("spoil", [{}, {"protocol": 1, "robot": {"name": "x"}}, {"protocol": 1, "robot": 5}])
-def test_a_description_of_no_robot_is_refused(spoil: dict[str, object]) -> None:
-    with pytest.raises(RobotFaultError, match="describes itself"):
-        robot_of(spoil)
+def test_commands_compare_by_value() -> None:
+    one, other = (decode_command(encode_positions(POSITIONS), COMMAND_BYTES) for _ in range(2))
+    assert one == other
+    assert one != replace(other, positions_rad=POSITIONS + 1)
