@@ -17,13 +17,13 @@ if TYPE_CHECKING:
 
 Status = Mapping[str, Any]
 
-#: What each stop asks for; every other one waits until an operator has looked at the robot.
-LIFTED_BY = {
-    "expired": "the next controller lifts it",
+#: What clears each stop; every other one waits until an operator has looked at the robot.
+CLEARED_BY = {
+    "expired": "the next controller clears it",
     "fault": "see to it, then hexctl estop --clear",
     "state": "see to it, then hexctl estop --clear",
 }
-CLEARED = "hexctl estop --clear lifts it"
+CLEARED = "hexctl estop --clear clears it"
 
 WATCH_PERIOD_S = 0.25
 
@@ -31,7 +31,7 @@ POSTURES = {
     "idle": "waiting for its first command",
     "commanded": "commanded",
     "holding": "holding its pose",
-    "sitting": "sitting down: no commands any more",
+    "sitting": "sitting down: commands have stopped",
     "limp": "sitting, joints limp",
 }
 
@@ -144,12 +144,12 @@ def _stopped(reason: str | None) -> str:
     if reason is None:
         return "no"
     kind, colon, detail = reason.partition(":")
-    return f"{kind.upper()}{colon}{detail}; {LIFTED_BY.get(kind, CLEARED)}"
+    return f"{kind.upper()}{colon}{detail}; {CLEARED_BY.get(kind, CLEARED)}"
 
 
 def _controller(status: Status) -> str:
     owner, since_s = status.get("controller"), status.get("controller_since_s")
-    return "nobody" if owner is None else f"{owner}, for {since_s} s"
+    return "none" if owner is None else f"{owner}, for {since_s} s"
 
 
 def _battery(status: Status) -> str:
@@ -161,8 +161,8 @@ def _battery(status: Status) -> str:
 def _joints(status: Status) -> str:
     kind, age_s = status.get("joints"), status.get("state_age_s")
     if kind is None:
-        return "nothing heard of them yet"
-    meaning = "measured" if kind == "measured" else "echoed: what was sent comes back, nobody measures"
+        return "no state received yet"
+    meaning = "measured" if kind == "measured" else "echoed targets, not measured"
     return meaning if age_s is None else f"{meaning}, {1e3 * age_s:.0f} ms old"
 
 
@@ -170,7 +170,7 @@ def _commands(counts: Mapping[str, int]) -> str:
     from hexctl.cli.render import in_words
 
     dropped = in_words({name: n for name, n in counts.items() if name != "accepted"})
-    return f"{counts.get('accepted', 0)} obeyed; {dropped or 'none dropped'}"
+    return f"{counts.get('accepted', 0)} executed; {dropped or 'none dropped'}"
 
 
 def _dropped(status: Status) -> str:

@@ -106,7 +106,7 @@ def test_what_status_says_is_one_json_object_or_a_table(tmp_path: Path) -> None:
         assert said["insecure"] is False
         table = hexctl("status", "--connect", robot.endpoint).stdout
         assert "ant" in table
-        assert "0 obeyed" in table
+        assert "0 executed" in table
 
 
 def test_watching_ends_with_an_interrupt(tmp_path: Path) -> None:

@@ -42,11 +42,11 @@ def test_a_calm_robot() -> None:
         "robot": "ant (sim), world rough, failure leg 5 locked",
         "stopped": "no",
         "posture": "waiting for its first command",
-        "controller": "nobody",
+        "controller": "none",
         "battery": "does not say",
         "joints": "measured, 2 ms old",
         "position": "known",
-        "commands": "7 obeyed; none dropped",
+        "commands": "7 executed; none dropped",
         "guard": "2 targets limited to what the joints can do",
         "loop": "100 ticks of 20 ms, 0 skipped",
         "link": "tcp/127.0.0.1:7447, no certificates",
@@ -56,7 +56,7 @@ def test_a_calm_robot() -> None:
 @pytest.mark.parametrize(
     ("changed", "row", "shown"),
     [
-        ({"stopped": "fell"}, "stopped", "FELL; hexctl estop --clear lifts it"),
+        ({"stopped": "fell"}, "stopped", "FELL; hexctl estop --clear clears it"),
         (
             {"stopped": "fault: low battery 9.5 V"},
             "stopped",
@@ -67,21 +67,21 @@ def test_a_calm_robot() -> None:
             "served by",
             "alice on lab-pc, process 4711",
         ),
-        ({"stopped": "expired"}, "stopped", "EXPIRED; the next controller lifts it"),
+        ({"stopped": "expired"}, "stopped", "EXPIRED; the next controller clears it"),
         ({"controller": "lab", "controller_since_s": 3.5}, "controller", "lab, for 3.5 s"),
         ({"battery_v": 11.13, "battery_share": 0.4}, "battery", "11.1 V, 40%"),
         ({"fault": "low battery"}, "fault", "low battery"),
-        ({"joints": None}, "joints", "nothing heard of them yet"),
+        ({"joints": None}, "joints", "no state received yet"),
         (
             {"joints": "echoed", "state_age_s": None},
             "joints",
-            "echoed: what was sent comes back, nobody measures",
+            "echoed targets, not measured",
         ),
         ({"pose": False}, "position", "not known, so no trial can be scored"),
         (
             {"commands": {"accepted": 7, "late": 2, "stale_owner": 1}},
             "commands",
-            "7 obeyed; 2 late, 1 stale owner",
+            "7 executed; 2 late, 1 stale owner",
         ),
         (
             {"malformed": {"requests": 4, "poses": 0}, "leases_refused": 1},
@@ -147,4 +147,4 @@ def test_a_served_simulation_says_what_it_is(tmp_path: Path) -> None:
     assert same.returncode == 0, same.stderr
     assert "failure" not in same.stderr
     assert "ant (sim), world rough, failure leg 5 limp" in shown.stdout, shown.stderr
-    assert "nobody" in shown.stdout
+    assert "controller  none" in shown.stdout

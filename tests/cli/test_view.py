@@ -18,7 +18,7 @@ from hexctl.control.log import TickLog
 from hexctl.record import live, viewer
 from tests.adapt.walking import SPEC, result_of
 from tests.serve.processes import (
-    PATIENCE_S,
+    TIMEOUT_S,
     Program,
     controlling,
     hexctl,
@@ -163,7 +163,7 @@ def page_of(viewer: Program) -> str:
 
     def fetched() -> str:
         try:
-            with urllib.request.urlopen(match[0], timeout=PATIENCE_S) as answer:  # noqa: S310  loopback
+            with urllib.request.urlopen(match[0], timeout=TIMEOUT_S) as answer:  # noqa: S310  loopback
                 return str(answer.read().decode())
         except OSError:
             return ""

@@ -23,19 +23,19 @@ ROOT = Path(__file__).parents[2]
 RECORDED = "tests.serve.recorded:RecordedServos"
 
 #: Longest a process may take to come up on a busy machine.
-PATIENCE_S = 60.0
+TIMEOUT_S = 60.0
 
 
 def free_port() -> int:
-    """Return a TCP port that nobody uses now."""
+    """A TCP port that is free now."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return int(probe.getsockname()[1])
 
 
-def wait_until(condition: Callable[[], Any], what: str, patience_s: float = PATIENCE_S) -> Any:
+def wait_until(condition: Callable[[], Any], what: str, timeout_s: float = TIMEOUT_S) -> Any:
     """Value of a condition once it is true; fails when it never is."""
-    return wait_for(condition, patience_s, f"{what} never came")
+    return wait_for(condition, timeout_s, f"{what} never came")
 
 
 @dataclass
@@ -84,7 +84,7 @@ class Program:
 
     def wait(self) -> int:
         """Wait for its own end and return its exit code."""
-        return self.process.wait(PATIENCE_S)
+        return self.process.wait(TIMEOUT_S)
 
 
 @contextmanager
@@ -161,13 +161,13 @@ def hexctl(*arguments: str) -> subprocess.CompletedProcess[str]:
     return subprocess.CompletedProcess(arguments, code, out.getvalue(), err.getvalue())
 
 
-def hexctl_process(*arguments: str, patience_s: float = PATIENCE_S) -> subprocess.CompletedProcess[str]:
+def hexctl_process(*arguments: str, timeout_s: float = TIMEOUT_S) -> subprocess.CompletedProcess[str]:
     """Run the command to its end in a process of its own, as several at a time must be."""
     return subprocess.run(
         [sys.executable, "-m", "hexctl", *arguments],
         cwd=ROOT,
         capture_output=True,
         text=True,
-        timeout=patience_s,
+        timeout=timeout_s,
         check=False,
     )

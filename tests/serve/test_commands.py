@@ -98,7 +98,7 @@ def test_a_shorter_time_to_live_counts(lease: Lease) -> None:
     assert CommandHandler().check(PAYLOAD, tag.packed(), lease, 0.0).good_for_s == pytest.approx(0.05)
 
 
-def test_commands_of_nobody_of_an_old_lease_or_of_a_guess_are_dropped(lease: Lease) -> None:
+def test_commands_without_a_lease_of_an_old_one_or_of_a_guess_are_dropped(lease: Lease) -> None:
     desk = CommandHandler()
     tag = tag_for(lease, 1)
     strangers = [replace(tag, lease_id=bytes(16)), replace(tag, lease_sequence=lease.sequence + 1)]

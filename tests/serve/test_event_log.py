@@ -1,10 +1,10 @@
-"""What a robot's keeper reads: every change once, in order, and never at the robot's expense."""
+"""The event log: every change once, in order, without delaying the robot."""
 
 import threading
 
 from hexctl.serve.event_log import WAITING_LINES, EventLog
 
-PATIENCE_S = 10.0
+TIMEOUT_S = 10.0
 
 
 class Reader:
@@ -16,13 +16,13 @@ class Reader:
         self.read = threading.Semaphore(0)
 
     def say(self, line: str) -> None:
-        self.go.wait(PATIENCE_S)
+        self.go.wait(TIMEOUT_S)
         self.lines.append(line.partition(" ")[2])
         self.read.release()
 
     def await_lines(self, count: int) -> list[str]:
         for _ in range(count):
-            assert self.read.acquire(timeout=PATIENCE_S)
+            assert self.read.acquire(timeout=TIMEOUT_S)
         return self.lines
 
 

@@ -106,7 +106,7 @@ def check_spoiled(kind: str, times: int) -> None:
         assert status["controller"] is None
 
 
-def test_spoiled_commands_of_whoever_holds_the_lease_never_leave_the_limits(
+def test_spoiled_commands_of_the_lease_holder_never_leave_the_limits(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(Transport, "publish", lambda *_: None)

@@ -1,4 +1,4 @@
-"""A robot that nobody commands holds, sits down after a while, and goes limp."""
+"""A robot without commands holds its pose, sits down after a while, and goes limp."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""What comes from the network, in order, bounded, and never a reason for the robot to wait for ever."""
+"""The inbox: in order, bounded, and it never blocks the robot forever."""
 
 import signal
 import threading
@@ -9,8 +9,8 @@ import pytest
 
 from hexctl.serve.inbox import CAPACITY, Inbox
 
-#: Whoever waits longer waits for ever.
-FOR_EVER_S = 20.0
+#: A wait longer than this has no end.
+FOREVER_S = 20.0
 
 
 def items(inbox: Inbox) -> list[object]:
@@ -36,9 +36,9 @@ def test_what_does_not_fit_pushes_out_the_oldest_and_is_counted() -> None:
     assert inbox.overflowed == 3
 
 
-@pytest.mark.parametrize("patience_s", [-1.0, 0.0, 0.01])
-def test_nothing_came(patience_s: float) -> None:
-    assert Inbox().take(patience_s) is None
+@pytest.mark.parametrize("timeout_s", [-1.0, 0.0, 0.01])
+def test_nothing_came(timeout_s: float) -> None:
+    assert Inbox().take(timeout_s) is None
 
 
 def test_nothing_came_although_it_rang() -> None:
@@ -49,10 +49,10 @@ def test_nothing_came_although_it_rang() -> None:
     assert inbox.take(0.01) is None
 
 
-def test_an_arrival_wakes_whoever_waits() -> None:
+def test_an_arrival_wakes_the_reader() -> None:
     inbox = Inbox()
     threading.Timer(0.05, inbox.put, ("estop", "now")).start()
-    arrival = inbox.take(FOR_EVER_S)
+    arrival = inbox.take(FOREVER_S)
     assert arrival is not None
     assert (arrival.kind, arrival.item) == ("estop", "now")
 
@@ -68,12 +68,12 @@ def _interrupted() -> Iterator[None]:
 
 
 @pytest.mark.usefixtures("_interrupted")
-def test_signals_and_arrivals_that_others_took_make_nobody_wait_for_ever() -> None:
+def test_signals_and_arrivals_that_were_taken_already_do_not_block_the_reader() -> None:
     inbox = Inbox(capacity=2)
     rescued, done, stop = threading.Event(), threading.Event(), threading.Event()
 
     def rescue() -> None:
-        if done.wait(FOR_EVER_S):
+        if done.wait(FOREVER_S):
             return
         rescued.set()
         while not done.wait(0.001):
@@ -100,4 +100,4 @@ def test_signals_and_arrivals_that_others_took_make_nobody_wait_for_ever() -> No
     finally:
         stop.set()
         done.set()
-    assert not rescued.is_set(), "it waited for ever"
+    assert not rescued.is_set(), "it blocked"

@@ -54,7 +54,7 @@ def test_a_lease_can_be_taken_away() -> None:
     desk.acquire("bob", 0.1)
 
 
-def test_nobody_guesses_a_lease() -> None:
+def test_a_lease_cannot_be_guessed() -> None:
     desk = LeaseManager()
     desk.acquire("alice", 0.0)
     for guess in (b"", bytes(16), b"x" * 100):

@@ -187,7 +187,7 @@ def test_what_is_for_others_moves_nothing(client: Client, stance: FloatArray, to
     assert released(client)
 
 
-def test_0_as_target_is_for_everybody(client: Client, stance: FloatArray) -> None:
+def test_target_0_is_a_broadcast(client: Client, stance: FloatArray) -> None:
     client.drive(stance + 20, to=(0, 0))
     client.until(lambda: shows(client, stance + 20))
 

@@ -1,4 +1,4 @@
-"""Who is not let in, by the real thing, and what a user reads then. Each beside somebody who is let in."""
+"""Sessions over real links: refused clients, with the message that a user reads, beside admitted ones."""
 
 import time
 from collections.abc import Iterator
@@ -23,7 +23,7 @@ from tests.wire.knocking import KEYS, ListeningRobot, answers, knocking, posing_
 
 @pytest.fixture(autouse=True)
 def short(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Nobody who is refused in these tests would be let in later."""
+    """A client that is refused in these tests would not be admitted later either."""
     monkeypatch.setattr(session, "CONNECT_MS", 1500)
 
 
@@ -146,7 +146,7 @@ def test_plain_to_secured_and_secured_to_plain(robot: ListeningRobot, authority:
         ("quic/127.0.0.1:{}", "no robot lets this end in at"),
     ],
 )
-def test_where_nobody_is(endpoint: str, words: str, authority: Path) -> None:
+def test_where_no_robot_is(endpoint: str, words: str, authority: Path) -> None:
     keys = authority if endpoint.startswith("quic") else None
     link = Link(endpoint=endpoint.format(free_port()), credentials=keys, insecure=True)
     assert words in refused(link)
@@ -203,7 +203,7 @@ def test_all_addresses_are_for_listening_only() -> None:
 #: Long enough for a message that is let through to arrive, many times over.
 GRACE_S = 0.5
 
-#: Whatever may be said in a robot's name, to it, or to everybody at once.
+#: Key expressions under which an impostor could speak for a robot, to it, or to all peers.
 ALL_SAID = (KEYS.joint_states, KEYS.status, KEYS.command, KEYS.pose, "hexctl/ant/*", "hexctl/**", "**")
 
 
@@ -260,7 +260,7 @@ def test_a_controller_commands_and_a_viewer_only_reads(accessed_robot: Listening
         ("quic", Role.VIEWER),
     ],
 )
-def test_nobody_speaks_answers_or_listens_in_the_robots_name(
+def test_no_other_peer_publishes_answers_or_listens_in_the_robots_name(
     accessed_robot: ListeningRobot, authority: Path, role: Role, mode: str
 ) -> None:
     settings = {} if accessed_robot.link.credentials is None else tls(authority / role.value, "connect")
