@@ -195,6 +195,8 @@ class Adaptation:
                 meshes=setting.robot_file.meshes if self._record else {},
             )
             ended, trouble = self._search(session, store, setting, runner, servos, on_trial)
+            if live is not None and live.lost is not None:
+                self._note(f"{live.lost}; the trials are not affected")
         return AdaptationResult(
             session=session,
             ended=ended,

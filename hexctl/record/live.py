@@ -100,10 +100,14 @@ class LiveView:
         self._send({"robot": robot, "plan": plan, "title": title, "floor": floor, "looks": looks})
 
     def write_block(self, log: TickLog, start: int, stop: int) -> None:
-        """Pass rows [start, stop) of a log on."""
-        rows = {name: log.rows(name, start, stop) for name, _, _ in COLUMNS}
-        facts = {"frame": log.frame, "pose_known": log.pose_known, "contacts_known": log.contacts_known}
-        self._send({"rows": rows, "at_s": time.time(), **facts})
+        """Pass rows [start, stop) of a log on. What it raises is kept in `lost` too."""
+        try:
+            rows = {name: log.rows(name, start, stop) for name, _, _ in COLUMNS}
+            facts = {"frame": log.frame, "pose_known": log.pose_known, "contacts_known": log.contacts_known}
+            self._send({"rows": rows, "at_s": time.time(), **facts})
+        except Exception as error:
+            self.lost = f"the live view failed: {error}"
+            raise
 
     @property
     def open(self) -> bool:

@@ -154,6 +154,33 @@ def test_a_connected_robot_and_an_operator() -> None:
     assert robot.closed
 
 
+class Lost:
+    """A live view whose viewer has ended."""
+
+    lost = "the live view has ended"
+    block_ticks = None
+
+    def __enter__(self) -> "Lost":
+        return self
+
+    def __exit__(self, *_: object) -> None: ...
+
+    def begin(self, *_: object, **__: object) -> None: ...
+
+    def write_block(self, *_: object) -> None: ...
+
+
+def test_a_live_view_that_was_lost_is_told_and_ends_no_search() -> None:
+    notes: list[str] = []
+    spec = new_spec(
+        failed_leg=5, backend="tests.cli.adaptkits:Blind", ask=True, prior="none", budget=1, duration_s=1.0
+    )
+    view: Any = Lost()
+    adaptation = Adaptation(spec, operator=Measures(), record=False, live=lambda: view, note=notes.append)
+    assert adaptation.run().walked == 1
+    assert notes[-1] == "the live view has ended; the trials are not affected"
+
+
 def test_a_robot_that_stops_raises_and_the_session_stays() -> None:
     with pytest.raises(RobotStoppedError, match="estop"):
         adapt(

@@ -5,6 +5,7 @@ import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -29,7 +30,7 @@ PLAN = TrialPlan(gait=make_gait(shipped(), "tripod"), duration_s=3.0)
 #: Has a row for each tick.
 ROBOT = "world/robot"
 
-PATIENCE_S = 30.0
+TIMEOUT_S = 30.0
 TICKS = 50 + 150 + 101
 
 
@@ -58,8 +59,9 @@ def rows_at(path: Path, entity: str) -> int:
     return sum(chunk.num_rows for chunk in chunks if not chunk.is_static)
 
 
-def test_what_is_shown_is_the_whole_walk(tmp_path: Path) -> None:
+def test_what_is_shown_is_the_whole_walk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The viewer's place is taken by one that saves what it is sent."""
+    monkeypatch.setattr(live_module, "END_TIMEOUT_S", TIMEOUT_S)  # however slowly the feeder starts
     saved = tmp_path / "shown.rrd"
     with viewing(saved) as live:
         live.begin(shipped(), PLAN, title="walk")
@@ -68,7 +70,7 @@ def test_what_is_shown_is_the_whole_walk(tmp_path: Path) -> None:
         assert len(log) == TICKS
         live.close()
         assert live.lost is None
-        wait_for(lambda: rows_at(saved, ROBOT) == TICKS, PATIENCE_S, "the viewer did not save the walk")
+        wait_for(lambda: rows_at(saved, ROBOT) == TICKS, TIMEOUT_S, "the viewer did not save the walk")
 
 
 @pytest.mark.parametrize("who", ["viewer", "feeder"])
@@ -95,6 +97,21 @@ def test_a_viewer_that_dies_or_hangs_holds_nothing_up(tmp_path: Path, who: str, 
         live.close(leave_viewer=False)
     assert rows_at(tmp_path / "walk.rrd", ROBOT) == TICKS
     assert not live.open
+
+
+class Unreadable(TickLog):
+    """A log whose rows cannot be read."""
+
+    def rows(self, name: str, start: int, stop: int) -> Any:
+        raise ValueError(f"no {name}")
+
+
+def test_what_a_live_view_raises_is_kept_and_ends_it(tmp_path: Path) -> None:
+    with viewing(tmp_path / "shown.rrd") as live:
+        with pytest.raises(ValueError, match="no time_s"):
+            live.write_block(Unreadable(), 0, 1)
+        assert live.lost == "the live view failed: no time_s"
+        live.close(leave_viewer=False)
 
 
 def test_what_a_slow_viewer_leaves_waiting_is_bounded(
