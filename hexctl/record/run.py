@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from functools import cached_property
 from pathlib import Path
-from types import TracebackType
+from types import NoneType, TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
@@ -31,7 +31,7 @@ from hexctl.control.plan import TrialPlan
 from hexctl.control.result import TrialResult
 from hexctl.control.trial import StopRequested, never, run_trial
 from hexctl.control.turning import check_plan
-from hexctl.errors import InputError, MissingExtraError
+from hexctl.errors import InputError, MissingExtraError, check_type
 from hexctl.gait.gait import Gait, make_gait
 from hexctl.record.rrd import probe_file
 from hexctl.robot.failure import Failure
@@ -88,12 +88,25 @@ class RunSpec:
     self_rotation: str = "rear"
     seed: int = 0
     realtime: bool = False
-    record: Path | None = None
-    record_folder: Path | None = None
+    record: str | Path | None = None
+    record_folder: str | Path | None = None
     connect: str | None = None
-    credentials: Path | None = None
+    credentials: str | Path | None = None
     insecure: bool = False
     link: str | None = None
+
+    def __post_init__(self) -> None:
+        path = (str, Path, NoneType)
+        check_type(self.backend, str, "backend", "a name or package.module:Class; run_trial takes servos")
+        check_type(self.world, (*path, World), "world")
+        check_type(self.failure, (Failure, NoneType), "failure", "a Failure, as Failure(leg=5), or None")
+        check_type(self.seed, int, "seed", "a whole number, 0 or more")
+        for name in ("realtime", "insecure"):
+            check_type(getattr(self, name), bool, name)
+        for name in ("record", "record_folder", "credentials"):
+            check_type(getattr(self, name), path, name)
+        for name in ("connect", "link"):
+            check_type(getattr(self, name), (str, NoneType), name)
 
     @property
     def simulated(self) -> bool:
@@ -289,7 +302,7 @@ class Run:
             realtime=spec.realtime,
             robot_file=self._file,
             connect=spec.connect,
-            credentials=spec.credentials,
+            credentials=None if spec.credentials is None else Path(spec.credentials),
             insecure=spec.insecure,
             link=spec.link,
         )
@@ -390,6 +403,7 @@ def run(
     Raises what `Run` raises: InputError, ReachError and LimitError before anything moves, RobotFaultError for
     a robot or a link that fails.
     """
+    check_type(spec, (RunSpec, NoneType), "run", "a RunSpec, or its fields as keywords")
     if spec is not None and options:
         raise InputError(f"run: got a spec and {', '.join(options)} too; allowed: one or the other")
     with Run(spec or _spec_of(options)) as connected:

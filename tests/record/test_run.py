@@ -10,7 +10,7 @@ from hexctl import RunSpec, run
 from hexctl.backends.sim.world import World
 from hexctl.control.controllers import Stand
 from hexctl.control.log import TickLog
-from hexctl.errors import InputError, ReachError
+from hexctl.errors import InputError, ReachError, WrongTypeError
 from hexctl.gait.gait import make_gait
 from hexctl.record.run import Run
 from hexctl.robot.failure import Failure
@@ -114,6 +114,31 @@ def test_what_cannot_be_done_is_refused_before_anything_is_opened(
     with pytest.raises(InputError) as refused:
         run(**options)
     assert words in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (
+            {"failure": "locked"},
+            "failure: got 'locked' (str); allowed: a Failure, as Failure(leg=5)",
+        ),
+        ({"seed": 1.5}, "seed: got 1.5 (float); allowed: a whole number, 0 or more"),
+        ({"world": 3}, "world: got 3 (int); allowed: text or a Path or None or a World"),
+        ({"backend": RunSpec}, "allowed: a name or package.module:Class; run_trial takes servos"),
+        ({"realtime": "yes"}, "realtime: got 'yes' (str); allowed: True or False"),
+        ({"record": 5}, "record: got 5 (int); allowed: text or a Path or None"),
+        ({"duration_s": "5"}, "duration_s: got '5' (str); allowed: a number"),
+        ({"robot": 3}, "robot: got 3 (int)"),
+    ],
+    ids=lambda value: str(value)[:30],
+)
+def test_a_wrong_type_is_refused_by_name(options: dict[str, Any], words: str) -> None:
+    with pytest.raises(WrongTypeError) as refused:
+        run(**options)
+    assert words in str(refused.value)
+    with pytest.raises(WrongTypeError, match=r"run: got 'ant' .str.; allowed: a RunSpec"):
+        run("ant")  # type: ignore[arg-type]
 
 
 def test_what_the_legs_cannot_reach_is_refused_before_anything_is_opened() -> None:
