@@ -70,12 +70,11 @@ def robot() -> Iterator[Guard]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("code", [17, 57])
-def test_a_gait_is_worth_the_same_after_any_self_rotation(code: int) -> None:
-    """A short turn, a long one and none: a few centimetres, which is what the turn misses its goal by."""
+def test_a_gait_is_worth_the_same_after_any_self_rotation() -> None:
+    """A long turn and none: a few centimetres, which is what the turn misses its goal by."""
     ends = []
-    for turn_deg in (0.0, 60.0, 170.0):
-        plan = replace(plan_for(SPACE.slots_of(code)), duration_s=30.0)
+    for turn_deg in (0.0, 170.0):
+        plan = replace(plan_for(SPACE.slots_of(17)), duration_s=30.0)
         # Seen from the body, the walk goes at 60 degrees: opposite to leg 5.
         plan = replace(plan, heading_rad=math.radians(60 + turn_deg), turn_rad=math.radians(turn_deg))
         servos = SimServos(ROBOT, world=ISOTROPIC, failure=plan.belief)
@@ -158,7 +157,7 @@ def test_a_walk_that_leaves_is_cut_short_and_the_next_one_aims_back(robot: Guard
 def test_other_self_rotations_stay_in_it_too(self_rotation: str, robot: Guard) -> None:
     plan = replace(PLAN, self_rotation=self_rotation, heading_rad=math.radians(20))
     runner = runner_of(robot, plan, arena=ARENA)
-    for index in (1, 2, 3):
+    for index in (1, 2):
         result = runner.walk(index, 17, SPACE.slots_of(17)).result
         assert result.status != "fell"
     assert StayingSim.farthest_m < ARENA.radius_m + MARGIN_M
