@@ -14,16 +14,16 @@ from hexctl.robot.model import Robot
 from hexctl.robot.rotations import wrapped_rad, yaw_rad
 from hexctl.types import FloatArray, RobotState
 
-#: Nearer to home than this, the direction home means nothing.
+#: Nearer to home than this, the direction to home is undefined.
 AT_HOME_M = 0.05
 
-#: A walk to a better start goes this much farther than it need, because it may end this much short of it.
+#: Margin of a walk to a better start, which may end this much short of its goal.
 SPARE_M = 0.1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Arena:
-    """Where the middle of the body may be, seen from above. Positions are in the world, x and y first.
+    """Circle on the floor in which the middle of the body is kept. Positions are in the world, x and y first.
 
     Attributes:
         home_m: middle of the arena, where the robot stood when its session began.
@@ -34,39 +34,39 @@ class Arena:
     radius_m: float
 
     def distance_m(self, position: FloatArray) -> float:
-        """Return how far a position is from home."""
+        """Horizontal distance of a position from home."""
         return math.hypot(*self._from_home(position))
 
     def aim_rad(self, position: FloatArray, otherwise_rad: float) -> float:
-        """Return the world heading of the longest straight walk from a position: home and beyond.
+        """World heading of the longest straight walk from a position: through home.
 
-        At home all are as long; there it is `otherwise_rad`.
+        At home all directions are equal; there it is `otherwise_rad`.
         """
         x, y = self._from_home(position)
         return math.atan2(-y, -x) if math.hypot(x, y) > AT_HOME_M else otherwise_rad
 
     def room_m(self, position: FloatArray, heading_rad: float) -> float:
-        """Return how far a straight walk goes until it leaves the arena, 0 if it never enters."""
+        """Length of a straight walk until it leaves the arena, 0 if it never enters."""
         x, y = self._from_home(position)
         along = x * math.cos(heading_rad) + y * math.sin(heading_rad)
         inside = along**2 - x**2 - y**2 + self.radius_m**2
         return max(0.0, math.sqrt(inside) - along) if inside > 0 else 0.0
 
     def leaves(self, position: FloatArray, ahead: FloatArray) -> bool:
-        """Return whether a robot that is on its way to a position ahead leaves the arena, or is leaving it.
+        """Whether a robot on its way to a position ahead leaves the arena, or moves away outside of it.
 
-        One that comes back from outside is not.
+        A robot that returns from outside does not.
         """
         away_m = self.distance_m(ahead)
         return away_m > self.radius_m and away_m > self.distance_m(position)
 
     def start(self, reach_m: float) -> "Arena":
-        """Return the circle on whose edge a straight walk of a length best begins: half of it from home."""
+        """Circle on whose edge a straight walk of a length best begins: half the length from home."""
         radius_m = min(reach_m / 2 + SPARE_M, self.radius_m)
         return Arena(home_m=self.home_m, radius_m=radius_m)
 
     def too_near(self, position: FloatArray, reach_m: float) -> bool:
-        """Return whether a walk of a length needs another start, farther from home, to have room."""
+        """Whether a walk of a length needs another start, farther from home, to have room."""
         short_m = self.start(reach_m).radius_m - self.distance_m(position)
         return self.radius_m + self.distance_m(position) < reach_m and short_m > SPARE_M
 
@@ -75,14 +75,14 @@ class Arena:
 
 
 def check_radius(radius_m: float, *, ideal_m: float, least_m: float) -> str | None:
-    """Return what a person should know of an arena before the first trial, or None.
+    """Note on an arena for the operator before the first trial, or None.
 
     Args:
         radius_m: of the arena.
         ideal_m: how far a walk goes that loses nothing.
         least_m: how far it must go to be valid.
 
-    Raises InputError for a radius that is none, and for an arena in which no valid walk is straight.
+    Raises InputError for an invalid radius, and for an arena in which no valid straight walk fits.
     """
     if not (math.isfinite(radius_m) and radius_m > 0):
         raise InputError(f"--arena: got {radius_m}; allowed: above 0 m")
@@ -106,14 +106,14 @@ def check_radius(radius_m: float, *, ideal_m: float, least_m: float) -> str | No
 
 
 def body_heading_rad(plan: TrialPlan, robot: Robot) -> float:
-    """Return the direction of travel as seen from the body once it has turned as a plan wants it."""
+    """Direction of travel in the body frame after the self-rotation of a plan."""
     return plan.heading_rad - turn_needed_rad(robot, plan)
 
 
 def aimed(
     plan: TrialPlan, robot: Robot, state: RobotState, arena: Arena, *, outward: bool = False
 ) -> TrialPlan:
-    """Return a plan turned so that its walk goes through the middle of the arena, or away from it.
+    """Plan whose walk returns home through the middle of the arena, or leads away from it.
 
     At the middle it goes where the body need not turn. Raises RobotFaultError without a pose.
     """
@@ -129,15 +129,15 @@ def aimed(
 
 
 def as_placed(plan: TrialPlan, robot: Robot) -> TrialPlan:
-    """Return a plan for a robot that somebody has put down the way it would turn by itself."""
+    """Plan for a robot that an operator has placed as its self-rotation would leave it."""
     return replace(plan, heading_rad=body_heading_rad(plan, robot), turn_rad=0.0)
 
 
 #: Why a walk was cut short.
 LEFT_THE_ARENA = "arena"
 
-#: A robot that is told to stop now goes on for as long as between two looks: the soft stop takes twice that,
-#: at half the speed. And until the next look it is not told.
+#: Checks ahead for which the position is predicted: a soft stop covers the distance of one interval between
+#: checks (it takes two, at half the speed), and until the next check it is not requested.
 LOOKS_AHEAD = 2.0
 
 

@@ -1,4 +1,4 @@
-"""`random` and `exhaustive`: what a search must beat to be worth its name."""
+"""`random` and `exhaustive`: the baselines that a search must beat."""
 
 from typing import Any
 

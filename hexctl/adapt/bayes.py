@@ -1,4 +1,4 @@
-"""The optimizer that knows before it tries: it believes a prior, and each trial tells which world this is."""
+"""`bayes`: search with a prior of simulated worlds; each trial narrows down which of them the robot is in."""
 
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -25,34 +25,34 @@ from hexctl.types import N_JOINTS, BoolArray, FloatArray
 #: A gait is confirmed when it is within the target with this probability.
 SURE = 0.9
 
-#: A walk goes on while the chance that it ends better than what is known, or within the target, is this.
+#: A walk continues while its chance to end better than the best known, or within the target, is this.
 HOPE = 0.01
 
-#: Share of a walk before which nothing is concluded from it: what shows there is the soft start.
+#: Share of a walk before which it is not stopped early: there the soft start dominates.
 EARLIEST = 0.3
 
-#: After so many trials the next one is chosen for itself alone, no longer for what it tells as well.
+#: Number of first trials that are chosen with a horizon of two trials.
 LOOKING_AHEAD = 2
 
-#: What a trial of one and the same gait differs by, until repeats tell: simulated, and on a real floor.
+#: Standard deviation between trials of one gait, until repeats tell: in simulation, and on a real floor.
 SIMULATED_NOISE_M = 0.001
 REAL_NOISE_M = 0.02
 
 
 class Bayes(Optimizer):
-    """Walks the gait that promises most over this trial and the next, given the prior and all trials so far.
+    """Walks the gait with the greatest expected improvement, given the prior and all trials so far.
 
-    Learns from what a trial showed; without that (`tell` with scores alone) only that the gait was tried.
-    Random numbers play no part in it.
+    Learns from the course of trials; from a score alone (`tell` without observations) it learns only that the
+    gait was tried. It uses no random numbers.
 
     Args:
         space: the gaits of the failed leg.
-        seed: taken for the sake of the interface.
+        seed: part of the interface; has no effect.
         samples: the prior's worlds for this leg.
         target_m: deviation that is good enough.
         duration_s: how long a trial walks.
         floor_m: distance that a valid trial makes at least.
-        noise_m: standard deviation of trials of the same gait, as far as it is known before.
+        noise_m: standard deviation of trials of the same gait, as assumed before any repeat.
     """
 
     name = "bayes"
@@ -80,7 +80,7 @@ class Bayes(Optimizer):
         self._forget()
 
     def observe_stance(self, sag_rad: FloatArray) -> None:
-        """Take in how the robot stood before its first trial: by how much each joint stayed behind, (18,)."""
+        """Condition on the static deflection of the stance before the first trial, (18,)."""
         sag_rad = np.asarray(sag_rad, dtype=float)
         if sag_rad.shape != (N_JOINTS,):
             raise InputError(f"{self.name}: got a sag of shape {sag_rad.shape}; allowed: ({N_JOINTS},)")
@@ -91,14 +91,14 @@ class Bayes(Optimizer):
 
     @property
     def finished(self) -> bool:
-        """Return whether some gait is known to be within the target, surely enough."""
+        """True when a gait is within the target with probability `SURE`."""
         code = self.recommended()
         return code is not None and bool(self._chances()[code - 1] >= SURE)
 
     def recommended(self) -> int | None:
-        """Return the gait that was walked and is likeliest to be within the target, None before any.
+        """Code of the walked gait that is likeliest to be within the target, None before any.
 
-        Where none is likely to be, the one that is believed to end nearest.
+        Where none is likely to be, the one with the smallest expected deviation.
         """
         known, forecast = self._known_good(), self.forecast()
         if not known.any():
@@ -109,7 +109,7 @@ class Bayes(Optimizer):
         return int(np.argmax(np.where(known, worth, -np.inf))) + 1
 
     def predict(self, code: int) -> Prediction:
-        """Return what is believed of a gait now."""
+        """Prediction for a gait now."""
         forecast = self.forecast()
         row = code - 1
         return Prediction(
@@ -121,13 +121,13 @@ class Bayes(Optimizer):
         )
 
     def repeat(self, code: int, score: float, observation: Observation) -> None:
-        """Take in a walk of a gait that was not asked for."""
+        """Learn from a walk of a gait that was not asked for."""
         self._learn_observed([code], [score], [observation])
 
     def early_stopping(self, code: int) -> Enough:
-        """Return what says of a walk of a gait, from its path so far, whether its end is no longer open."""
+        """Predicate for the walk of a gait: whether its path so far leaves no hope of a good end."""
         bound_m = max(self._target_m, min(self._best_m(), WORST_M))
-        # All that is costly happens here, before the walk: it is asked between two ticks.
+        # Everything costly happens here, before the walk: the predicate is called between two ticks.
         course = self._belief.course_of(code)
 
         def should_stop(path_m: FloatArray) -> bool:
@@ -141,24 +141,24 @@ class Bayes(Optimizer):
         return should_stop
 
     def _suggest(self, count: int) -> list[int]:
-        """Return one gait, whatever the count: the next choice wants its outcome."""
+        """One gait, whatever the count: the next choice needs its outcome."""
         tried, best = self._tried(), self.recommended()
         if best is not None and (tried.all() or self._worth_repeating(best)):
             return [best]
         if tried.all():
-            # Every gait has failed: the one that is believed to go farthest, rather than none.
+            # Every gait has failed: the one that is expected to go farthest.
             return [int(np.argmax(self.forecast().distance_m)) + 1]
         choose = most_useful if len(self._trials) < LOOKING_AHEAD else most_promising
         return [choose(self.forecast(), self._chance_valid(), tried, self._best_m()) + 1]
 
     def _worth_repeating(self, code: int) -> bool:
-        """Return whether a gait that was walked is the likeliest of all to be within the target."""
+        """Whether a walked gait is the likeliest of all to be within the target."""
         chances = self._chances()
         within = abs(float(self.forecast().mean_m[code - 1])) <= self._target_m
         return within and bool(chances[code - 1] >= chances[~self._known_good()].max(initial=0.0))
 
     def _best_m(self) -> float:
-        """Return the smallest deviation that is expected of a gait that was walked, infinity before any."""
+        """Smallest expected deviation of a walked gait, infinity before any."""
         known, forecast = self._known_good(), self.forecast()
         sizes_m = expected_size_m(forecast.mean_m, forecast.sd_m)
         return float(sizes_m[known].min(initial=np.inf))
@@ -195,22 +195,22 @@ class Bayes(Optimizer):
         self._known = None
 
     def forecast(self) -> Forecast:
-        """Return what is believed of all gaits now."""
+        """Forecast of all gaits now."""
         if self._known is None:
             self._known = self._belief.forecast()
         return self._known
 
     def _chance_valid(self) -> FloatArray:
-        """Return the probability that each gait walks to the end and makes progress, (gaits,)."""
+        """Probability that each gait walks to the end and makes progress, (gaits,)."""
         forecast = self.forecast()
         progress = chance_above(forecast.distance_m, forecast.distance_sd_m, self._floor_m)
         worlds = len(self._samples.features)
-        # Rule of succession: never seen to fall is not never.
+        # Rule of succession: no fall in these worlds is not a probability of zero.
         walks = (worlds * self._samples.finished + 1) / (worlds + 2)
         return np.where(self._failed(), 0.0, progress * walks)
 
     def _chances(self) -> FloatArray:
-        """Return the probability that each gait is within the target and valid, (gaits,)."""
+        """Probability that each gait is within the target and valid, (gaits,)."""
         forecast = self.forecast()
         valid = np.where(self._known_good(), 1.0, self._chance_valid())
         return chance_within(forecast.mean_m, forecast.sd_m, self._target_m) * valid
@@ -219,11 +219,11 @@ class Bayes(Optimizer):
         return self._walked(lambda _: True)
 
     def _failed(self) -> BoolArray:
-        """Return which gaits ever fell, made no progress or were cut short: they are not asked for again."""
+        """Gaits that ever fell, made no progress or were cut short; they are not asked for again."""
         return self._walked(lambda status: status not in ("ok", "unknown"))
 
     def _known_good(self) -> BoolArray:
-        """Return which gaits walked to the end every time."""
+        """Gaits that walked to the end every time."""
         return self._walked(lambda status: status == "ok") & ~self._failed()
 
     def _walked(self, wanted: Callable[[str], bool]) -> BoolArray:

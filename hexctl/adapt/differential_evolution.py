@@ -22,14 +22,14 @@ class DifferentialEvolution(Population):
     coordinate is always j_i: u_i = v_i, and CR has no effect.
 
     Source: Storn and Price, "Differential evolution", Journal of Global Optimization 11, 1997. Where they and
-    the paper are silent, as in SciPy: coordinates outside the box are drawn anew, uniform in it, and a
+    the paper are silent, as in SciPy: coordinates outside the box are redrawn, uniform in it, and a
     challenger of equal score wins. A generation moves as one (SciPy's `updating="deferred"`).
     """
 
     crossover: ClassVar[float] = 0.5
     scale: ClassVar[float] = 0.7
     takes_ties = True
-    #: How many partners the mutation of one individual takes.
+    #: Number of partners in the mutation of one individual.
     partners: ClassVar[int]
 
     def _move(self, better: BoolArray) -> None:
@@ -43,7 +43,7 @@ class DifferentialEvolution(Population):
 
     @abstractmethod
     def _mutants(self, partners: FloatArray) -> FloatArray:
-        """Return v, (size, dimension), from the partners of each, (partners, size, dimension)."""
+        """Mutants v, (size, dimension), from the partners of each, (partners, size, dimension)."""
 
 
 class BestEvolution(DifferentialEvolution):

@@ -13,17 +13,17 @@ from hexctl.gait.foot_trajectory import RAMP_DURATION_S
 from hexctl.robot.model import Robot
 from hexctl.types import FloatArray
 
-#: Why a trial that nobody measured counts for nothing.
+#: Reason of a trial that the operator did not measure; it is invalid.
 SKIPPED = "skipped"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Answer:
-    """What a person says of a walk.
+    """Answer of an operator about a walk.
 
     Attributes:
-        word: `measured`; `fell`; `skip`: this gait counts for nothing; `again`: forget it and walk it again;
-            `quit`: forget it and end.
+        word: `measured`; `fell`; `skip`: the trial is invalid; `again`: discard the walk and repeat it;
+            `quit`: discard it and end.
         distance_m: progress along the line, with `measured`.
         signed_m: deviation from it, left positive, with `measured`.
     """
@@ -34,17 +34,17 @@ class Answer:
 
 
 class Operator(Protocol):
-    """Somebody beside the robot."""
+    """A person beside the robot, or a program that answers for one."""
 
     def place(self, index: int, code: int) -> bool:
-        """Have the robot put on its mark before a trial; return False to end instead."""
+        """Place the robot on its mark before a trial; return False to end instead."""
 
     def measure(self, index: int, *, at_most_m: float) -> Answer:
-        """Return what came of a trial; no number is larger than `at_most_m`."""
+        """Measure a trial; no number is larger than `at_most_m`."""
 
 
 def measured(result: TrialResult, answer: Answer, robot: Robot, plan: TrialPlan) -> TrialResult:
-    """Return the result of a walk with what a person says of it; what nobody measured is nan."""
+    """Result of a walk completed with an operator's answer; what was not measured is NaN."""
     if answer.word == "quit":
         return replace(result, status="aborted", stopped="requested")
     unknown = _path(result, math.nan, math.nan)
@@ -67,7 +67,7 @@ def measured(result: TrialResult, answer: Answer, robot: Robot, plan: TrialPlan)
 
 
 def not_walked(robot: Robot, plan: TrialPlan) -> TrialResult:
-    """Return the result of a trial that a person did not let begin."""
+    """Result of a trial that an operator did not start."""
     nowhere = np.zeros((0, 3)), np.zeros((0, 4))
     return score(
         robot,
@@ -84,7 +84,7 @@ def not_walked(robot: Robot, plan: TrialPlan) -> TrialResult:
 
 
 def _path(result: TrialResult, distance_m: float, signed_m: float) -> FloatArray:
-    """Return a path of which only the end is known, (T, 2)."""
+    """Path of which only the end is known, (T, 2)."""
     path = np.full((max(1, round(result.duration_s / PERIOD_S)), 2), np.nan)
     path[-1] = distance_m, signed_m
     return path

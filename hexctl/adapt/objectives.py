@@ -58,7 +58,7 @@ def _deviation(result: TrialResult) -> Deviation:
 
 def _progress(result: TrialResult) -> float:
     """Final deviation per share of the ideal distance: of two equally straight walks the faster one wins."""
-    # A short walk may have got nowhere.
+    # A walk shorter than the soft start is valid without progress.
     return _deviation(result).final * result.ideal_distance_m / max(result.distance_m or 0.0, 1e-9)
 
 

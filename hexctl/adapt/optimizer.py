@@ -126,7 +126,7 @@ class Optimizer(ABC):
     #: Name on the command line.
     name: str
 
-    #: True for a search that says by itself, through `finished`, when the target is reached.
+    #: True for a search whose `finished` decides when the target is reached.
     judges_target: bool = False
 
     def __init__(self, space: GaitSpace, seed: int) -> None:

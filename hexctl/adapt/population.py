@@ -35,7 +35,7 @@ class Population(ABC):
         known: which individuals have been scored since they were drawn, (size,).
     """
 
-    #: Whether a new position replaces a kept one of the same score.
+    #: Whether a new position replaces a kept one of equal score.
     takes_ties: ClassVar[bool] = False
     #: The arrays that make up the state.
     arrays: ClassVar[tuple[str, ...]] = ("positions", "kept", "kept_scores", "known")
@@ -65,7 +65,7 @@ class Population(ABC):
         self._move(better)
 
     def state(self) -> dict[str, Any]:
-        """Return all arrays as lists; the random stream belongs to the caller."""
+        """All arrays as lists; the random stream belongs to the caller."""
         return {name: getattr(self, name).tolist() for name in self.arrays}
 
     def restore(self, state: dict[str, Any]) -> None:
@@ -79,11 +79,11 @@ class Population(ABC):
         """Set the next `positions`; `better`, (size,), says whose last position improved on its kept one."""
 
     def _draw(self, count: int) -> FloatArray:
-        """Return points uniform in the box, (count, dimension)."""
+        """Points uniform in the box, (count, dimension)."""
         return self._random.uniform(self.low, self.high, size=(count, self.low.size))
 
     def _others(self, count: int) -> IntArray:
-        """Return for each individual `count` others, all distinct and none itself, (count, size)."""
+        """Indices of `count` others for each individual, all distinct and none itself, (count, size)."""
         lots = self._random.random((self.size, self.size))
         np.fill_diagonal(lots, np.inf)
         return np.argsort(lots, axis=1)[:, :count].T

@@ -20,7 +20,7 @@ OPTIMIZERS: dict[str, type[Optimizer]] = {
     "exhaustive": ExhaustiveSearch,
 }
 
-#: Needs a prior, and is therefore made by `hexctl.adapt.search`.
+#: Needs a prior, so that `hexctl.adapt.search` makes it.
 BAYES = "bayes"
 
 
@@ -41,7 +41,7 @@ def name_of(optimizer: OptimizerChoice) -> str:
 
 
 def make_optimizer(name: OptimizerChoice | OptimizerClass, space: GaitSpace, seed: int) -> Optimizer:
-    """Return a fresh optimizer.
+    """Fresh optimizer of a name or class.
 
     `name` is one of `OPTIMIZERS`, or `package.module:Class` or the class of one of your own. Raises
     InputError for an unknown name, with the known ones.

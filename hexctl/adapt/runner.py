@@ -41,7 +41,7 @@ class RobotStoppedError(RobotFaultError):
 
 
 def check_not_stopped(servos: Guard) -> None:
-    """Raise RobotStoppedError for a robot that must not move before somebody has looked at it."""
+    """Raise RobotStoppedError for a robot that must not move before an operator has seen to it."""
     if servos.stopped is not None:
         raise RobotStoppedError(f"the robot is stopped: {servos.stopped}", servos.stopped)
 
@@ -70,13 +70,13 @@ class TrialRunner:
     """Walks the gaits of one session in simulation, each from the same start.
 
     Attributes:
-        spec: what the session was asked for.
-        robot: who walks.
+        spec: of the session.
+        robot: the robot that walks.
         world: the simulated world, None on a real robot.
         plan_for: the trial plan for slots.
         folder: where recordings go, or None to leave none.
         stop_requested: asked every tick.
-        live: shows the walks while they go on, or None.
+        live: shows the walks while they run, or None.
         meshes: what the robot looks like in recordings.
     """
 
@@ -175,13 +175,13 @@ def _new_path(folder: Path, index: int) -> Path:
     return path
 
 
-#: Ticks that a robot has to say where it is and to be upright.
+#: Ticks in which a robot must report its position and be upright.
 PATIENCE_TICKS = 50
 
-#: How often the robot tries to get to a better start before it begins where it is.
+#: Attempts to reach a better start before the trial begins at the present position.
 APPROACHES = 2
 
-#: A walk to a start may take so many times as long as it would without loss.
+#: Time limit of a walk to a start, in multiples of its duration without slip.
 APPROACH_PATIENCE = 2.5
 
 
@@ -192,8 +192,8 @@ class ResetFreeRunner:
     Attributes:
         runner: makes plans and recordings.
         servos: the robot, connected.
-        arena: where it is kept, or None to let it wander.
-        operator: who puts it down and measures, or None where the robot knows where it is.
+        arena: circle in which it is kept, or None to let it wander.
+        operator: places the robot and measures; None where the robot knows its position.
     """
 
     runner: TrialRunner
@@ -254,7 +254,7 @@ class ResetFreeRunner:
     def _come_to_start(self, arena: Arena) -> TrialResult | None:
         """Walk away from the middle while a walk has no room; return what stopped the robot there, if any.
 
-        It walks with the gait of self-rotations, not with one that nobody knows.
+        It walks with the gait of self-rotations, not with an untested one.
         """
         robot = self.runner.robot
         plan = self.runner.plan_for(turn_gait(robot).slots)
@@ -276,7 +276,7 @@ class ResetFreeRunner:
                 should_stop=Geofence(start),
             )
             if result.status == "fell":
-                # No fault of the gait that is due: nothing to be kept.
+                # The gait of the trial is not at fault: nothing is stored.
                 return replace(result, status="aborted", stopped="fell")
             if result.status == "aborted":
                 return result
@@ -284,14 +284,14 @@ class ResetFreeRunner:
 
 
 def await_ready(servos: Guard, *, needs_pose: bool = True) -> RobotState:
-    """Return the state of a robot that is upright and, if it must, says where it is.
+    """State of a robot once it is upright and, if needed, knows its position.
 
     Raises RobotStoppedError for one that is stopped, RobotFaultError for one that never says where it is:
     without a pose there is nothing to score.
     """
     servos.pause_watchdog()
     check_not_stopped(servos)
-    # It may have been carried, or sat down: it begins from where its joints are, not from the last command.
+    # It may have been carried, or sat down: it starts from its present joint angles.
     servos.clear()
     for _ in range(PATIENCE_TICKS):
         servos.clock.tick()

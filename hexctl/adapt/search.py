@@ -145,7 +145,7 @@ def new_spec(
         objective: name of the objective, the objective or a function.
         prior: `auto`, `none`, or the path or name of a prior; None is `auto`.
         folder: where priors were built.
-        note: is told why a session goes without a prior.
+        note: is told why a session has no prior.
         advice: says how to make the prior that is missing.
         others: further fields of `SessionSpec`.
 

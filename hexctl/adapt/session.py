@@ -5,13 +5,13 @@ from typing import Any
 
 from hexctl.adapt.objectives import INVALID_SCORE, OBJECTIVES
 
-#: Deviations, in m, whose first trial every report names.
+#: Scores in m; reports name the first trial within each.
 MILESTONES_M = (0.10, 0.025)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SessionSpec:
-    """Everything that decides the course of a session; plain values, kept with it.
+    """Everything that decides the course of a session; plain values, stored with it.
 
     Attributes:
         robot: name or path of the robot file.
@@ -42,9 +42,9 @@ class SessionSpec:
         link: name or path of a link file, or None.
         arena_m: radius around `home_m` in which a robot that stays between trials is kept, or None.
         home_m: where it stood when the session began, x and y in the world; None without an arena.
-        ask: True where a person puts the robot down before each trial and measures after it.
-        sag_rad: by how much each joint stayed behind as the robot stood before its first trial, 18 numbers,
-            None for a joint that nobody measures; None where the prior or the robot says nothing of that.
+        ask: True where an operator places the robot before each trial and measures after it.
+        sag_rad: static deflection of each joint in the stance before the first trial, 18 numbers,
+            None for a joint that is not measured; None where the prior or the robot does not tell.
     """
 
     robot: str = "ant"
@@ -154,11 +154,11 @@ class Session:
 
     Attributes:
         name: unique in its store; also the name of its folder.
-        spec: what it was asked for.
+        spec: its options.
         trials: in the order in which they were walked.
         optimizer_state: the state after the last trial, or None before the first.
         created: when it began, ISO 8601.
-        ended: why its search ended, as `AdaptLoop.run` says; None while it may go on.
+        ended: why its search ended, as `AdaptLoop.run` returns it; None while it can be resumed.
         settled_on: the gait that the optimizer settles on and what it expects of it, as `Prediction.as_json`
             says, where it knows one.
     """

@@ -32,31 +32,31 @@ class GaitSpace:
 
     @cached_property
     def size(self) -> int:
-        """Return how many gaits there are."""
+        """Number of gaits."""
         return code_count(self.failed_legs)
 
     @cached_property
     def slots(self) -> "np.ndarray[tuple[int, ...], np.dtype[np.int64]]":
-        """Return the slots of all gaits, (size, 6); row i belongs to code i + 1."""
+        """Slots of all gaits, (size, 6); row i belongs to code i + 1."""
         return np.array([slots_from_code(code, self.failed_legs) for code in range(1, self.size + 1)])
 
     def slots_of(self, code: int) -> Slots:
-        """Return the slots of a code; raises InputError outside 1..size."""
+        """Slots of a code; raises InputError outside 1..size."""
         return slots_from_code(code, self.failed_legs)
 
     def code_of(self, slots: Sequence[int]) -> int:
-        """Return the code of slots; raises InputError for slots that are not in this space."""
+        """Code of slots; raises InputError for slots that are not in this space."""
         return code_from_slots(slots, self.failed_legs)
 
     @cached_property
     def code_distance(self) -> FloatArray:
-        """Return the difference of codes between all gaits, (size, size)."""
+        """Difference of codes between all gaits, (size, size)."""
         codes = np.arange(self.size, dtype=float)
         return np.abs(codes[:, np.newaxis] - codes)
 
     @cached_property
     def phase_distance(self) -> FloatArray:
-        """Return the mean circular phase difference over all pairs of legs, (size, size), in cycles 0..1/2.
+        """Mean circular phase difference over all pairs of legs, (size, size), in cycles 0..1/2.
 
         Compares what two gaits look like from inside, leg against leg, and so does not see the start phase.
         """
@@ -67,7 +67,7 @@ class GaitSpace:
 
     @cached_property
     def kendall_distance(self) -> FloatArray:
-        """Return the number of leg pairs that two gaits put in another order, (size, size)."""
+        """Number of leg pairs that two gaits put in another order, (size, size)."""
         upper = np.triu_indices(N_LEGS, k=1)
         before = self.slots[:, upper[0]] < self.slots[:, upper[1]]  # (size, 15)
         return np.asarray((before[:, np.newaxis] != before).sum(axis=-1), dtype=float)

@@ -1,4 +1,4 @@
-"""How a robot stands before its first trial: what `bayes` knows it by before it has walked."""
+"""The static deflection of the joints in the stance, observed before the first trial."""
 
 import math
 from contextlib import suppress
@@ -17,24 +17,26 @@ from hexctl.errors import CommandRefusedError, EStopError, SimulationDivergedErr
 from hexctl.robot.model import Robot
 from hexctl.types import FloatArray
 
-#: The last share of the settling over which is averaged: the robot should have come to rest by then.
+#: Last share of the settling time, over which deflections are averaged: the robot should be at rest by then.
 AT_REST = 0.25
 
-#: Joints that between the halves of that rest move by more than this, root mean square, are still moving.
+#: Root mean square drift of the joints between the halves of that time, above which they are not at rest.
 MOVING_RAD = math.radians(0.5)
 
-#: How often a robot may stand up, for it to come to rest and for every command to be taken.
+#: Attempts to stand up until the robot is at rest and every command was accepted.
 ATTEMPTS = 2
 
 
 def stance_deflection_rad(
     servos: Guard, plan: TrialPlan, stop_requested: StopRequested = never
 ) -> FloatArray | None:
-    """Stand as before a trial of a plan, without its turn, and return how far each joint stays behind.
+    """Stand as before a trial of a plan, without its turn, and observe the static deflection of the joints.
 
-    What a joint was sent minus what it says, the mean over the rest, (18,); NaN for a joint that says exactly
-    what it was sent all the time, because then nobody measures it. None where nobody measures anything or a
-    stop is asked for, both without a move, and where the robot does not come to rest.
+    Returns:
+        Angle sent minus angle measured, the mean at rest, (18,); NaN for a joint that always reports exactly
+        what it was sent, because it is not measured. None where no joint is measured or a stop is requested,
+        both without a move, and where the robot does not come to rest.
+
     Raises what `drive` raises, but not for a command that was refused once.
     """
     if not servos.read().measured:
@@ -61,14 +63,14 @@ def _stand(servos: Guard, plan: TrialPlan, log: TickLog) -> None:
 
 
 def _is_at_rest(measured_rad: FloatArray) -> bool:
-    """Return whether joints keep still, (ticks, 18)."""
+    """Whether joints are at rest, from their angles, (ticks, 18)."""
     half = len(measured_rad) // 2
     drift_rad = measured_rad[half:].mean(axis=0) - measured_rad[:half].mean(axis=0)
     return float(np.sqrt(np.mean(drift_rad**2))) <= MOVING_RAD
 
 
 def _behind_rad(sags_rad: FloatArray) -> FloatArray | None:
-    """Return the mean of sags, (ticks, 18), of joints that are measured; None where none is."""
+    """Mean of deflections, (ticks, 18), NaN for joints that are not measured; None where no joint is."""
     echoed = (sags_rad == 0).all(axis=0)
     return None if echoed.all() else np.where(echoed, np.nan, sags_rad.mean(axis=0))
 
@@ -76,7 +78,7 @@ def _behind_rad(sags_rad: FloatArray) -> FloatArray | None:
 def connected_deflection_rad(
     servos: Guard, plan: TrialPlan, stop_requested: StopRequested = never
 ) -> FloatArray | None:
-    """Return how a robot stands where it is; None where that cannot be known.
+    """Static deflection of a connected robot where it stands; None where it cannot be measured.
 
     Raises RobotStoppedError for a robot that is stopped meanwhile, RobotFaultError for one that has gone.
     """
@@ -90,7 +92,7 @@ def connected_deflection_rad(
 def simulated_deflection_rad(
     robot: Robot, world: World | None, plan: TrialPlan, seed: int
 ) -> FloatArray | None:
-    """Return how a simulated robot stands where its trials begin; None where it does not stay on its legs.
+    """Static deflection of a simulated robot where its trials begin; None where it falls.
 
     It stands in a simulation of its own, with the sensor noise of trial 0.
     """

@@ -17,7 +17,7 @@ from hexctl.errors import HexctlError, InputError, MissingExtraError
 
 SCHEMA_VERSION = 1
 
-#: How long a process waits for another that writes to the same store.
+#: Time that a process waits for another one that writes to the same store.
 BUSY_TIMEOUT_S = 30.0
 
 _TABLES = """
@@ -47,7 +47,7 @@ class StoreError(HexctlError, OSError):
 
 
 def stored_names(folder: Path) -> list[str]:
-    """Return the names of all sessions in a folder, newest last, without making or writing anything.
+    """Names of all sessions in a folder, newest last, without making or writing anything.
 
     Raises StoreError for a store that cannot be read now.
     """
@@ -124,13 +124,13 @@ class SessionStore:
                 self._connection.execute("INSERT INTO trials VALUES (?, ?, ?, ?)", values)
         except sqlite3.Error as error:
             raise StoreError(
-                f"session {session.name}: trial {trial.index} cannot be kept: {error}"
+                f"session {session.name}: trial {trial.index} cannot be stored: {error}"
             ) from error
         session.trials.append(trial)
         session.optimizer_state = optimizer_state
 
     def keep(self, session: Session) -> None:
-        """Keep what a session was asked for and how it ended, on the disk when this returns.
+        """Store the spec of a session and how it ended, on the disk when this returns.
 
         Raises StoreError when the disk refuses.
         """
@@ -142,10 +142,10 @@ class SessionStore:
                     "UPDATE sessions SET spec = ?, ended = ?, settled_on = ? WHERE name = ?", values
                 )
         except sqlite3.Error as error:
-            raise StoreError(f"session {session.name}: it cannot be kept: {error}") from error
+            raise StoreError(f"session {session.name}: it cannot be stored: {error}") from error
 
     def load(self, name: str) -> Session:
-        """Return a session with all its trials.
+        """Session with all its trials.
 
         Raises InputError for a name that is not in the store.
         """
@@ -175,7 +175,7 @@ class SessionStore:
         return session
 
     def names(self) -> list[str]:
-        """Return the names of all sessions, newest last."""
+        """Names of all sessions, newest last."""
         return _names(self._connection)
 
     def delete(self, name: str) -> None:
@@ -188,12 +188,12 @@ class SessionStore:
             self._connection.execute("DELETE FROM sessions WHERE name = ?", (name,))
 
     def folder_of(self, name: str) -> Path:
-        """Return the folder of a session's recordings."""
+        """Folder of a session's recordings."""
         return self.folder / name
 
     @contextmanager
     def held(self, name: str) -> Iterator[None]:
-        """Keep other processes from continuing a session meanwhile; a killed holder lets go by itself.
+        """Keep other processes from continuing a session meanwhile; the lock of a killed holder is released.
 
         Raises InputError when another process holds it.
         """
@@ -211,7 +211,7 @@ class SessionStore:
     def _prepare(self) -> None:
         connection = self._connection
         connection.execute("PRAGMA journal_mode = WAL")
-        # FULL: a trial is on the disk, not only with the kernel, when its transaction ends.
+        # FULL: when its transaction ends, a trial is on the disk and not only in the cache of the kernel.
         connection.execute("PRAGMA synchronous = FULL")
         connection.execute("PRAGMA foreign_keys = ON")
         (version,) = connection.execute("PRAGMA user_version").fetchone()
@@ -291,7 +291,7 @@ FORMATS = (".csv", ".parquet")
 
 
 def flat_rows(session: Session) -> list[dict[str, Any]]:
-    """Return one flat row per trial; empty for a session without trials."""
+    """Rows, one per trial; empty for a session without trials."""
     rows = []
     for trial in session.trials:
         values = trial.as_json()

@@ -14,7 +14,7 @@ class ParticleSwarm(Population):
 
         v ← ω v + c1 r1 (p - x) + c2 r2 (g - x),   x ← x + v
 
-    p is the particle's best position so far, g the best of all; r1 and r2 are uniform in [0, 1], drawn anew
+    p is the particle's best position so far, g the best of all; r1 and r2 are uniform in [0, 1], drawn
     for each particle and coordinate. Parameters: ω = 0.5, c1 = 0.5, c2 = 2, 10 particles (the paper).
 
     Source: Kennedy and Eberhart, "Particle swarm optimization", ICNN 1995, with the inertia weight of Shi and
@@ -52,7 +52,7 @@ class ParticleSwarm(Population):
         self.velocities = np.where(reached == self.positions, flown, 0.0)
 
     def _first_velocities(self, positions: FloatArray) -> FloatArray:
-        """Return velocities that lead half way to points uniform in the box."""
+        """Velocities that lead half way to points uniform in the box."""
         return (self._draw(len(positions)) - positions) / 2
 
 
@@ -72,7 +72,7 @@ class SpeciatedSwarm(ParticleSwarm):
         v ← ω v + c1 r1 (p - x) + c2 r2 (s - x),   x ← x + v
 
     with p the particle's own best position and s its seed's. A species of more than Pmax particles keeps its
-    best Pmax; the rest are drawn anew and forget what they knew. Parameters: ω, c1, c2 and 10 particles as in
+    best Pmax; the rest are redrawn and lose their memory. Parameters: ω, c1, c2 and 10 particles as in
     `pso` (the paper), r = 0.1 of the range (Euclidean, each coordinate scaled by its range), Pmax = 10.
 
     Source: Parrott and Li, "Locating and tracking multiple dynamic optima by a particle swarm model using
@@ -85,7 +85,7 @@ class SpeciatedSwarm(ParticleSwarm):
     most_per_species: ClassVar[int] = 10
 
     def species(self) -> IntArray:
-        """Return for each particle which particle is the seed of its species, (size,)."""
+        """Index of the seed of each particle's species, (size,)."""
         scaled = self.kept / (self.high - self.low)
         apart = np.linalg.norm(scaled[:, np.newaxis] - scaled, axis=-1)  # (size, size)
         near = (apart <= self.radius).tolist()
@@ -107,7 +107,7 @@ class SpeciatedSwarm(ParticleSwarm):
             self.known[crowded] = False
 
     def _crowded(self, seeds: IntArray) -> list[int]:
-        """Return the particles beyond the best Pmax of their species."""
+        """Particles beyond the best Pmax of their species."""
         order = np.argsort(self.kept_scores, kind="stable")
         return [
             int(particle)

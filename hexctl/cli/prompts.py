@@ -1,4 +1,4 @@
-"""Asks the person beside the robot: questions on stderr, answers in lines on stdin."""
+"""Prompts for the operator beside the robot: on stderr, with answers in lines on stdin."""
 
 import os
 import select
@@ -13,7 +13,7 @@ from hexctl.cli.console import print_note
 from hexctl.control.trial import StopRequested
 from hexctl.errors import InputError
 
-#: How long a wait for a line lasts until it is asked whether to go on waiting.
+#: Interval at which a wait for a line checks for a stop.
 LOOK_S = 0.1
 
 WORDS = ("fell", "skip", "again", "quit")
@@ -21,13 +21,13 @@ HELP = 'two numbers in metres such as "4.1 -0.12", or fell, skip, again, quit'
 
 
 def check_answerable() -> None:
-    """Raise InputError where nobody can answer: stdin is closed or /dev/null."""
+    """Raise InputError where no answer can come: stdin is closed or /dev/null."""
     try:
         mode = os.fstat(sys.stdin.fileno()).st_mode
     except (AttributeError, OSError, ValueError):
         mode = stat.S_IFCHR
     if stat.S_ISCHR(mode) and not (sys.stdin and sys.stdin.isatty()):
-        raise InputError("--ask: nobody can answer on stdin; allowed: a terminal, or lines from a pipe")
+        raise InputError("--ask: no answer can come on stdin; allowed: a terminal, or lines from a pipe")
 
 
 class Prompt:
@@ -38,7 +38,7 @@ class Prompt:
         self._lines = _Lines(stop_requested)
 
     def place(self, index: int, code: int) -> bool:
-        """Have the robot put on its mark; return False to end instead."""
+        """Ask to place the robot on its mark; return False to end instead."""
         spec = self._spec
         facing = {
             "rear": f"leg {spec.failed_leg} pointing back along the line",
@@ -56,7 +56,7 @@ class Prompt:
         return True
 
     def measure(self, index: int, *, at_most_m: float) -> Answer:
-        """Return what came of a trial, asked for until it can be understood."""
+        """Ask for the outcome of a trial until the answer is understood."""
         question = f"trial {index}: metres along the line and metres to its left (right: -): "
         while True:
             said = self._ask(question)
@@ -81,7 +81,7 @@ class Prompt:
 
 
 def _front(heading_deg: float) -> str:
-    """Return how a body stands that will travel in a direction seen from itself."""
+    """Placement of a body that will travel in a direction in its own frame."""
     if heading_deg == 0:
         return "its front along the line"
     side = "right" if heading_deg > 0 else "left"
@@ -89,7 +89,7 @@ def _front(heading_deg: float) -> str:
 
 
 class _Lines:
-    """Lines of stdin, waited for in a way that Ctrl-C ends."""
+    """Lines of stdin; Ctrl-C ends the wait for one."""
 
     def __init__(self, stop_requested: StopRequested) -> None:
         self._stop_requested = stop_requested
@@ -97,7 +97,7 @@ class _Lines:
         self._ended = False
 
     def next_line(self) -> str | None:
-        """Return the next line, None when there is none or a stop was asked for."""
+        """Next line, None at the end of stdin or when a stop is requested."""
         while b"\n" not in self._pending and not self._ended:
             if self._stop_requested():
                 return None

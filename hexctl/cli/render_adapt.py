@@ -70,18 +70,18 @@ class SessionTable:
 
 
 def session_lines(session: Session) -> list[str]:
-    """Return a whole session for a person: what was asked, every trial, what came of it."""
+    """Lines of a whole session: its options, every trial, its outcome."""
     lines = [trial_line(session, trial) for trial in session.trials]
     return [opening_line(session), header_line(session), *lines, closing_lines(session, session.ended)]
 
 
 def header_line(session: Session) -> str:
-    """Return the names of the columns."""
+    """Names of the columns."""
     return HEADER + (EXPECTED if session.spec.prior else "")
 
 
 def opening_line(session: Session) -> str:
-    """Return what a session was asked for."""
+    """Options of a session."""
     spec = session.spec
     believing = f" with the prior {Path(spec.prior).name}" if spec.prior else ""
     return (
@@ -91,7 +91,7 @@ def opening_line(session: Session) -> str:
 
 
 def subject(spec: SessionSpec) -> str:
-    """Return who walks where, and what is wrong with it."""
+    """Robot, world or backend, and failure."""
     where = f"in {spec.world}" if spec.world is not None else f"over {spec.backend}"
     return f"{_robot_name(spec.robot)} {where}, leg {spec.failed_leg} {spec.failure}"
 
@@ -102,7 +102,7 @@ def _objective(spec: SessionSpec) -> str:
 
 @lru_cache
 def _robot_name(file: str) -> str:
-    """Return what a robot calls itself, or its file where that is not there any more."""
+    """Name of a robot, or of its file where that no longer exists."""
     try:
         return load_robot(file).name
     except InputError:
@@ -110,7 +110,7 @@ def _robot_name(file: str) -> str:
 
 
 def trial_line(session: Session, trial: TrialRecord) -> str:
-    """Return a trial as a line of the table, with the best score up to it."""
+    """Line of a trial in the table, with the best score up to it."""
     scores = [other.score for other in session.trials[: trial.index] if other.valid]
     best = f"{min(scores):.3f}" if scores else "-"
     signed, distance_m = trial.outcome["deviation_m"]["signed"], trial.outcome["distance_m"]
@@ -124,7 +124,7 @@ def trial_line(session: Session, trial: TrialRecord) -> str:
 
 
 def _status(trial: TrialRecord) -> str:
-    """Return how a trial ended, and why where it was cut short for something other than its course."""
+    """Status of a trial, with the reason where it was cut short for something other than its course."""
     status, stopped = trial.outcome["status"], trial.outcome.get("stopped")
     return f"cut ({stopped})" if status == "cut_short" and stopped else str(status)
 
@@ -134,7 +134,7 @@ def _trials(count: int) -> str:
 
 
 def _expected(trial: TrialRecord) -> str:
-    """Return where the optimizer expected the trial to end, from right to left, if it did."""
+    """Interval in which the optimizer predicted the trial to end, from right to left; empty without one."""
     if trial.expected is None:
         return ""
     low_m, high_m = trial.expected["low_m"], trial.expected["high_m"]
@@ -155,14 +155,14 @@ ENDS = {
 
 
 def end_of(session: Session) -> str:
-    """Return in a few words whether a session is over, and why."""
+    """Whether a session has ended, and why, in a few words."""
     if session.ended is None:
         return "unfinished"
     return f"ended: {ENDS.get(session.ended, session.ended)}"
 
 
 def closing_lines(session: Session, ended: str | None) -> str:
-    """Return what a person wants to know at the end of a session; None for one that may go on."""
+    """Summary at the end of a session; `ended` is None for one that can be resumed."""
     walked = f"after {_trials(len(session.trials))}, {session.walked_s:.0f} s walked"
     why = "unfinished" if ended is None else f"ended: {ended}"
     lines = [f"{why} {walked}", *_milestone_lines(session), *_surety_lines(session)]
@@ -174,7 +174,7 @@ def closing_lines(session: Session, ended: str | None) -> str:
 
 
 def _surety_lines(session: Session) -> list[str]:
-    """Return which gait the optimizer settles on and how sure it is, where it says."""
+    """Gait that the optimizer settles on, and its probability, where there is one."""
     settled = session.settled_on
     if settled is None:
         return []
@@ -185,13 +185,13 @@ def _surety_lines(session: Session) -> list[str]:
 
 
 def _why_none(session: Session) -> str:
-    """Return what became of the trials of a session without a valid one."""
+    """Statuses of the trials of a session without a valid one."""
     ends = dict.fromkeys(_status(trial) for trial in session.trials)
     return ", ".join(ends) if ends else "none has been walked"
 
 
 def _milestone_lines(session: Session) -> list[str]:
-    """Return the best trial and how soon the milestones were reached."""
+    """Best trial, and the number of trials to each milestone."""
     best = session.best
     if best is None:
         lines = [f"no valid trial yet: {_why_none(session)}"]

@@ -78,7 +78,7 @@ def test_the_same_trial_is_not_kept_twice(tmp_path: Path) -> None:
         session = store.create(SPEC)
         twin = store.load(session.name)
         store.add_trial(session, record(1), {})
-        with pytest.raises(StoreError, match="trial 1 cannot be kept"):
+        with pytest.raises(StoreError, match="trial 1 cannot be stored"):
             store.add_trial(twin, record(1), {})
         assert twin.trials == []
         assert len(store.load(session.name).trials) == 1

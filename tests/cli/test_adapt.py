@@ -308,7 +308,7 @@ def test_a_full_disk_ends_in_one_line_and_loses_no_kept_trial(capsys: pytest.Cap
     )
     assert done.returncode == 3, done.stderr
     assert len(done.stderr.splitlines()) == 1
-    assert "cannot be kept" in done.stderr
+    assert "cannot be stored" in done.stderr
     shown = [line for line in done.stdout.splitlines() if "  ok  " in line or "no_progress" in line]
     (listed,) = run_json(capsys, "sessions", "list")
     assert listed["trials"] == len(shown) > 0

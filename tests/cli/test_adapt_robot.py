@@ -97,7 +97,7 @@ def test_nobody_at_the_keyboard_is_refused(
     with Path(os.devnull).open() as nobody:
         monkeypatch.setattr(sys, "stdin", nobody)
         assert adapt("Blind", "--ask") == 2
-    assert "nobody can answer" in capsys.readouterr().err
+    assert "no answer can come" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(("kit", "words"), [("Blind", "knows no position"), ("NoPort", "/dev/ttyUSB7")])

@@ -128,7 +128,7 @@ def test_show_and_adapt_know_shipped_priors_by_name(name: str, capsys: pytest.Ca
 
 def test_show_refuses_what_is_no_prior(capsys: pytest.CaptureFixture[str]) -> None:
     Path("diary.npz").write_text("my diary")
-    assert "diary.npz: it is no prior" in refused(capsys, "prior", "show", "diary.npz")
+    assert "diary.npz: it is not a prior" in refused(capsys, "prior", "show", "diary.npz")
     assert "no file at 'nowhere.npz'" in refused(capsys, "prior", "show", "nowhere.npz")
 
 

@@ -1,4 +1,4 @@
-"""Which gait to walk next: by how much this trial, and the one after it, will bring the best one down."""
+"""Acquisition functions: expected improvement of the smallest deviation over one trial, and over two."""
 
 import math
 
@@ -9,36 +9,36 @@ from numpy.typing import NDArray
 from hexctl.adapt.prior.belief import Forecast
 from hexctl.types import BoolArray, FloatArray
 
-#: What there is to gain before any trial: a gait that ends farther off is not worth telling apart.
+#: Best deviation assumed before any trial: gaits that end farther off all count as equally bad.
 WORST_M = 0.5
 
-#: Gaits that are looked at two steps ahead: the most promising, and the least known.
+#: Numbers of candidates for two trials ahead: with the greatest gain, and with the greatest uncertainty.
 PROMISING, LEAST_KNOWN = 40, 10
 
-#: A gain of the second trial counts so much of one of the first: what can be had now is not put off.
+#: Discount of the gain of the second trial.
 LATER = 0.98
 
-#: Outcomes of a trial that are played through, as standard scores, and their weights.
+#: Nodes and weights of the quadrature over outcomes of a trial, in standard scores.
 _SCORES, _WEIGHTS = hermegauss(7)
 _WEIGHTS = _WEIGHTS / _WEIGHTS.sum()
 
 
 def chance_within(mean_m: FloatArray, sd_m: FloatArray, bound_m: float) -> FloatArray:
-    """Return the probability that normal deviations lie within a bound on either side."""
+    """Probability that normal deviations lie within a bound on either side."""
     from scipy.special import ndtr
 
     return np.asarray(ndtr((bound_m - mean_m) / sd_m) - ndtr((-bound_m - mean_m) / sd_m))
 
 
 def chance_above(mean_m: FloatArray, sd_m: FloatArray, bound_m: float) -> FloatArray:
-    """Return the probability that normal values lie above a bound."""
+    """Probability that normal values lie above a bound."""
     from scipy.special import ndtr
 
     return np.asarray(ndtr((mean_m - bound_m) / sd_m))
 
 
 def expected_size_m(mean_m: FloatArray, sd_m: FloatArray) -> FloatArray:
-    """Return the expected absolute value of normal deviations: the mean of the folded normal."""
+    """Expected absolute value of normal deviations: the mean of the folded normal."""
     from scipy.special import erf
 
     score = mean_m / sd_m
@@ -47,7 +47,7 @@ def expected_size_m(mean_m: FloatArray, sd_m: FloatArray) -> FloatArray:
 
 
 def expected_gain_m(mean_m: FloatArray, sd_m: FloatArray, best_m: FloatArray | float) -> FloatArray:
-    """Return by how much the absolute value of normal deviations is expected to undercut a best, in m.
+    """Expected improvement of the absolute value of normal deviations on a best, in m.
 
     E[max(0, best - |f|)], expected improvement (Mockus 1978) for an absolute value: a tent of three ramps.
     """
@@ -62,22 +62,22 @@ def expected_gain_m(mean_m: FloatArray, sd_m: FloatArray, best_m: FloatArray | f
 
 
 def most_promising(forecast: Forecast, chance_valid: FloatArray, tried: BoolArray, best_m: float) -> int:
-    """Return the row of the untried gait with the greatest gain over one trial; arguments: `most_useful`."""
+    """Row of the untried gait with the greatest gain over one trial; arguments as of `most_useful`."""
     gain = expected_gain_m(forecast.mean_m, forecast.sd_m, min(best_m, WORST_M)) * chance_valid
     return int(np.argmax(np.where(tried, -np.inf, gain)))
 
 
 def most_useful(forecast: Forecast, chance_valid: FloatArray, tried: BoolArray, best_m: float) -> int:
-    """Return the row of the untried gait with the greatest gain over two trials.
+    """Row of the untried gait with the greatest gain over two trials.
 
-    The first trial's outcome changes what is believed of all gaits; the second is the best one then. Played
-    through for several outcomes of each candidate (as the knowledge gradient does, Frazier 2008).
+    The first trial's outcome changes the belief about all gaits; the second trial is the best one then. The
+    expectation over outcomes of each candidate is a quadrature (as in the knowledge gradient, Frazier 2008).
 
     Args:
-        forecast: what is believed.
-        chance_valid: probability that each gait walks at all, (gaits,).
+        forecast: belief about all gaits.
+        chance_valid: probability that a trial of each gait is valid, (gaits,).
         tried: gaits that are left out, (gaits,).
-        best_m: the smallest deviation expected of a gait that was walked, infinity before any.
+        best_m: smallest expected deviation of a walked gait, infinity before any.
     """
     best_m = min(best_m, WORST_M)
     allowed = np.where(tried, 0.0, chance_valid)
@@ -88,7 +88,7 @@ def most_useful(forecast: Forecast, chance_valid: FloatArray, tried: BoolArray, 
     pull = forecast.covariance_m2[:, rows] / trial_sd_m  # change of every gait per standard score of a trial
     then_mean = forecast.mean_m[:, np.newaxis, np.newaxis] + pull[:, :, np.newaxis] * _SCORES
     then_sd = np.sqrt(np.maximum(sd_m[:, np.newaxis] ** 2 - pull**2, 1e-8))[:, :, np.newaxis]
-    # What the gait itself will be believed to do; a noisy trial tells less of it than it shows.
+    # Mean of the gait itself after the trial; noise makes it move less than the outcome.
     own = forecast.mean_m[rows][:, np.newaxis] + (sd_m[rows] ** 2 / trial_sd_m)[:, np.newaxis] * _SCORES
     valid = chance_valid[rows][:, np.newaxis]
     then_best = valid * np.minimum(best_m, np.abs(own)) + (1 - valid) * best_m
@@ -99,6 +99,6 @@ def most_useful(forecast: Forecast, chance_valid: FloatArray, tried: BoolArray, 
 
 
 def _candidates(gain: FloatArray, sd_m: FloatArray, tried: BoolArray) -> NDArray[np.int64]:
-    """Return the rows of the gaits worth looking at, all untried."""
+    """Rows of the candidates, all untried."""
     rows = np.union1d(np.argsort(-gain, kind="stable")[:PROMISING], np.argsort(-sd_m)[:LEAST_KNOWN])
     return rows[~tried[rows]]

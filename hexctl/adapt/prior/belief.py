@@ -23,22 +23,22 @@ from hexctl.adapt.prior.samples import DISTANCE, FINAL, N_FEATURES, Samples
 from hexctl.adapt.space import GaitSpace
 from hexctl.types import JOINTS_PER_LEG, FloatArray
 
-#: Variance of the noise of what is seen, relative to that between the worlds along each principal direction.
+#: Variance of an observation's noise, relative to that between the worlds along each principal direction.
 NOISE = 0.1
 
-#: To this what servos say is believed: a Dynamixel AX-12A reads its angle in steps of 0.29 degrees. Without
-#: it, joints that hardly differ between worlds would be listened to as if they were read without error.
+#: Resolution assumed of measured angles: a Dynamixel AX-12A reads in steps of 0.29 degrees. Without it,
+#: joints that hardly differ between worlds would be treated as if they were read without error.
 RESOLUTION_RAD = math.radians(0.3)
 
-#: Directions in which the worlds differ by less than this share of a joint's variance say nothing.
+#: Directions in which the worlds differ by less than this share of a joint's variance are ignored.
 NEGLIGIBLE = 0.02
 
-#: The noise is doubled so often at most; what is stranger still tells nothing anyway.
+#: Most doublings of the noise; a stranger observation would have no effect anyway.
 DOUBLINGS = 60
 
 
 def narrowed(sags_rad: FloatArray, seen_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return what a sag that was seen tells of the coordinates of the worlds, standard normal before.
+    """Condition the coordinates of the worlds, standard normal before, on an observed deflection.
 
     A landscape is mean + root.T @ x, with a row of the root for each world. When the sag is farther off than
     any world explains, its noise is raised until it is not: a robot with play in its joints stands like no
@@ -57,7 +57,7 @@ def narrowed(sags_rad: FloatArray, seen_rad: FloatArray) -> tuple[FloatArray, Fl
     known = np.isfinite(seen_rad)
     spread = np.hypot(sags_rad[stood].std(axis=0), RESOLUTION_RAD)
     mean = sags_rad[stood][:, known].mean(axis=0)
-    apart = np.zeros((worlds, int(known.sum())))  # worlds in which the robot fell are told nothing of
+    apart = np.zeros((worlds, int(known.sum())))  # zero for worlds in which the robot fell
     apart[stood] = (sags_rad[stood][:, known] - mean) / spread[known] / np.sqrt(stood.sum() - 1)
     left, sizes, right = np.linalg.svd(apart, full_matrices=False)
     told = sizes**2 > NEGLIGIBLE
@@ -72,7 +72,7 @@ def narrowed(sags_rad: FloatArray, seen_rad: FloatArray) -> tuple[FloatArray, Fl
 
 
 def _noise(variances: FloatArray, surprise: FloatArray) -> float:
-    """Return the least noise, not below NOISE, with which a surprise is no greater than expected."""
+    """Least noise, not below NOISE, with which a surprise is no greater than expected."""
     noise = NOISE
     for _ in range(DOUBLINGS):
         if float((surprise**2 / (variances + noise)).mean()) <= 1:
@@ -86,19 +86,19 @@ def _noise(variances: FloatArray, surprise: FloatArray) -> float:
 #: those of its benchmark.
 UNEXPLAINED = 0.2
 
-#: Shares of the unexplained: what all gaits have in common (a slope, a bent leg, pull to one side), and what
-#: similar gaits have, which may be so far apart (mean phase difference between legs, in cycles).
+#: Shares of the unexplained: common to all gaits (a slope, a bent leg, pull to one side), and common to
+#: similar gaits, with the length scale (mean phase difference between legs, in cycles).
 COMMON_SHARE = 0.25
 ALIKE_SHARE = 0.4
 ALIKE_CYCLES = 0.15
 
-#: What a walk shows on its way is blurred by this share of the unexplained: bumps and sway that no end tells.
+#: Noise of the features before the end, as a share of the unexplained: bumps and sway.
 BLUR = 0.5
 
-#: So many trials' worth of trust has the believed spread when trials speak against it.
+#: Weight, in trials, of the assumed spread against that of the trials.
 TRUST_TRIALS = 4.0
 
-#: Weight, in repeats, of the noise that is assumed before any gait was repeated.
+#: Weight, in repeats, of the assumed noise.
 NOISE_WEIGHT = 2.0
 
 
@@ -124,7 +124,7 @@ class Forecast:
 
     @property
     def sd_m(self) -> FloatArray:
-        """Return the standard deviations of the signed final deviations, (gaits,)."""
+        """Standard deviations of the signed final deviations, (gaits,)."""
         return np.sqrt(np.maximum(np.diagonal(self.covariance_m2), 1e-10))
 
 
@@ -141,7 +141,7 @@ class _Seen:
     value: FloatArray = field(default_factory=lambda: np.zeros(0))
 
     def plus(self, gait: int, features: FloatArray) -> "_Seen":
-        # The end first: what it surprises by is then seen apart from how the walk got there.
+        # The end first: its surprise is then separate from that of the course.
         known = _END_FIRST[np.isfinite(features[_END_FIRST])]
         trial = int(self.trial[-1]) + 1 if self.trial.size else 0
         return _Seen(
@@ -167,7 +167,7 @@ class Course:
     blur: FloatArray
 
     def end(self, features: FloatArray) -> tuple[float, float]:
-        """Return mean and standard deviation of the end in m, given what has shown, NaN for what has not."""
+        """Mean and standard deviation of the end in m, given the features so far, NaN for unknown ones."""
         known = np.flatnonzero(np.isfinite(features))
         if not known.size:
             return float(self.mean[FINAL]), float(np.sqrt(self.covariance[FINAL, FINAL]))
@@ -201,7 +201,7 @@ class Belief:
     Args:
         samples: the prior's worlds.
         noise_m: standard deviation of trials of the same gait, as far as it is known before.
-        sag_rad: by how much each joint stayed behind in the stance, NaN where nobody knows, (18,). The
+        sag_rad: by how much each joint stayed behind in the stance, NaN where it is not measured, (18,). The
             failed leg's is left out: a real one may be locked anywhere, or hang.
     """
 
@@ -225,7 +225,7 @@ class Belief:
         self._seen = self._seen.plus(code - 1, features)
 
     def forecast(self) -> Forecast:
-        """Return what is believed of all gaits now."""
+        """Forecast of all gaits now."""
         noise_m = self._noise_now_m()
         evidence = self._weighed(self._seen, noise_m)
         mean_m, covariance = self._of_all_gaits(evidence, FINAL)
@@ -240,7 +240,7 @@ class Belief:
         )
 
     def course_of(self, code: int) -> Course:
-        """Return what is believed of one walk of a gait, its own noise included."""
+        """Belief about one walk of a gait, its own noise included."""
         noise_m = self._noise_now_m()
         features = np.arange(N_FEATURES)
         gaits = np.full(N_FEATURES, code - 1)
@@ -249,14 +249,14 @@ class Belief:
         return Course(mean=mean, covariance=covariance + noise, blur=BLUR * np.diagonal(self._shape))
 
     def _of_all_gaits(self, evidence: _Evidence, feature: int) -> tuple[FloatArray, FloatArray]:
-        """Return mean (gaits,) and covariance (gaits, gaits) of one feature of all gaits."""
+        """Mean (gaits,) and covariance (gaits, gaits) of one feature of all gaits."""
         gaits = np.arange(len(self._mean))
         return self._conditioned(evidence, gaits, np.full(gaits.size, feature))
 
     def _conditioned(
         self, evidence: _Evidence, gaits: NDArray[np.int64], features: NDArray[np.int64]
     ) -> tuple[FloatArray, FloatArray]:
-        """Return mean (n,) and covariance (n, n) of n numbers, each a feature of a gait."""
+        """Mean (n,) and covariance (n, n) of n numbers, each a feature of a gait."""
         from scipy.linalg import solve_triangular
 
         seen, widened = evidence.seen, evidence.widened
@@ -275,28 +275,28 @@ class Belief:
         other_gaits: NDArray[np.int64],
         other_features: NDArray[np.int64],
     ) -> FloatArray:
-        """Return the prior covariance of n numbers with m others, (n, m)."""
+        """Prior covariance of n numbers with m others, (n, m)."""
         ours = self._root[:, gaits * N_FEATURES + features]
         theirs = self._root[:, other_gaits * N_FEATURES + other_features]
         shape = self._shape[np.ix_(features, other_features)]
         return np.asarray(ours.T @ theirs + self._alike[np.ix_(gaits, other_gaits)] * shape)
 
     def _noise(self, noise_m: float, features: NDArray[np.int64]) -> FloatArray:
-        """Return the covariance of a trial's noise; it bends a walk as everything else that does."""
+        """Covariance of a trial's noise; it has the shape over a walk that all deviations have."""
         shape = self._shape[np.ix_(features, features)]
         return np.asarray(shape * (noise_m**2 / self._shape[FINAL, FINAL]))
 
     def _weighed(self, seen: _Seen, noise_m: float) -> _Evidence:
-        """Return the evidence, with the prior as wide as the ends of the walks ask for, 1 at least."""
+        """Evidence, with the prior as wide as the ends of the walks require, 1 at least."""
         evidence = self._decomposed(seen, noise_m, 1.0)
         ends = seen.feature == FINAL
-        # Whitened in the order of the trials: each end against what was believed just before it.
+        # Whitened in the order of the trials: each end against the belief just before it.
         squares = float((evidence.surprise[ends] ** 2).sum())
         widened = (TRUST_TRIALS + squares) / (TRUST_TRIALS + int(ends.sum()))
         return evidence if widened <= 1 else self._decomposed(seen, noise_m, widened)
 
     def _decomposed(self, seen: _Seen, noise_m: float, widened: float) -> _Evidence:
-        """Return what was seen, whitened by its own covariance."""
+        """Observations, whitened by their own covariance."""
         from scipy.linalg import cholesky, solve_triangular
 
         covariance = widened * self._covariance(seen.gait, seen.feature, seen.gait, seen.feature)
@@ -311,7 +311,7 @@ class Belief:
         return _Evidence(seen, root, solve_triangular(root, surprise, lower=True), widened)
 
     def _noise_now_m(self) -> float:
-        """Return the noise of a trial: what was assumed, corrected by how far repeats of a gait differ."""
+        """Noise of a trial: the assumed one, corrected by the differences between repeats of a gait."""
         final = self._seen.feature == FINAL
         gaits, values = self._seen.gait[final], self._seen.value[final]
         squares, repeats = NOISE_WEIGHT * self._noise_m**2, NOISE_WEIGHT
@@ -323,14 +323,14 @@ class Belief:
 
 
 def _of_walking_legs(sag_rad: FloatArray, failed_leg: int) -> FloatArray:
-    """Return a sag of which the failed leg's joints say nothing, (18,)."""
+    """Deflection with the joints of the failed leg unknown (NaN), (18,)."""
     known = np.array(sag_rad, dtype=float)
     known[JOINTS_PER_LEG * (failed_leg - 1) : JOINTS_PER_LEG * failed_leg] = np.nan
     return known
 
 
 def _likeness(leg: int) -> FloatArray:
-    """Return how much the unexplained of two gaits has in common, 0..1, (gaits, gaits)."""
+    """Correlation of the unexplained parts of two gaits, 0..1, (gaits, gaits)."""
     apart_cycles = GaitSpace((leg,)).phase_distance
     alike = ALIKE_SHARE * np.exp(-apart_cycles / ALIKE_CYCLES)
     own = 1 - COMMON_SHARE - ALIKE_SHARE
@@ -338,9 +338,9 @@ def _likeness(leg: int) -> FloatArray:
 
 
 def _spread(apart: FloatArray) -> FloatArray:
-    """Return each gait's spread over the worlds relative to that of all: touchy gaits surprise more."""
+    """Spread of each gait over the worlds relative to that of all: sensitive gaits surprise more."""
     spread = apart.std(axis=0)
-    # A gait that always fell has shown no spread; that is ignorance, not certainty.
+    # A gait that always fell has no known spread, which is not a spread of zero.
     spread = np.maximum(spread, max(float(np.median(spread)) / 2, 1e-3))
     return np.asarray(spread / np.sqrt((spread**2).mean()))
 

@@ -103,7 +103,7 @@ CHECKPOINTS = 10
 
 _ARRAYS = ("signed_m", "progress_m", "yaw_rad")
 
-#: What a prior may have or lack.
+#: The optional array.
 _STANDING = "sag_rad"
 
 
@@ -152,16 +152,16 @@ class Prior:
 
     @property
     def worlds(self) -> int:
-        """Return in how many worlds each leg has walked."""
+        """Number of worlds in which each leg has walked."""
         return int(self.signed_m.shape[1])
 
     @property
     def head(self) -> dict[str, Any]:
-        """Return what is no array, as JSON values."""
+        """Everything but the arrays, as JSON values."""
         return {"question": self.key.as_json(), "legs": list(self.legs), "origin": self.origin}
 
     def digest(self) -> str:
-        """Return a text that changes with anything in the prior."""
+        """Hash of the whole content."""
         digest = hashlib.sha256(json.dumps(self.head, sort_keys=True).encode())
         for array in self.arrays.values():
             digest.update(array.astype(STORED).tobytes())
@@ -169,7 +169,7 @@ class Prior:
 
     @property
     def arrays(self) -> dict[str, FloatArray]:
-        """Return the arrays that there are, by name."""
+        """Arrays of the prior, by name."""
         arrays: dict[str, FloatArray] = {name: getattr(self, name) for name in _ARRAYS}
         return arrays if self.sag_rad is None else {**arrays, _STANDING: self.sag_rad}
 
@@ -202,9 +202,9 @@ def check_place(path: Path) -> None:
 
 
 def load_prior(path: Path) -> Prior:
-    """Return the prior of a file.
+    """Prior of a file.
 
-    Raises InputError for a file that is none, is of another version, is cut off or was altered.
+    Raises InputError for a file that is not a prior, is of another version, is cut off or was altered.
     """
     head = read_head(path)
     try:
@@ -225,9 +225,9 @@ def load_prior(path: Path) -> Prior:
 
 
 def read_head(path: Path) -> dict[str, Any]:
-    """Return the head of a prior's file, which says what it is an answer to.
+    """Head of a prior's file, with its key.
 
-    Raises InputError for a file that is no prior of this version.
+    Raises InputError for a file that is not a prior of this version.
     """
     try:
         with np.load(path, allow_pickle=False) as file:
@@ -238,9 +238,9 @@ def read_head(path: Path) -> dict[str, Any]:
             "hexctl prior show names"
         ) from None
     except _DAMAGE as error:
-        raise _refused(path, "it is no prior, or cut off") from error
+        raise _refused(path, "it is not a prior, or cut off") from error
     if not isinstance(head, dict) or head.get("format") != FORMAT:
-        raise _refused(path, "it is no prior")
+        raise _refused(path, "it is not a prior")
     if head.get("version") != VERSION:
         raise _refused(path, f"it has version {head.get('version')}, this hexctl reads {VERSION}")
     return head

@@ -34,11 +34,11 @@ class Symmetry:
 
     @property
     def keeps_heading(self) -> bool:
-        """Return whether what points forward still does."""
+        """Whether the forward direction is kept."""
         return abs(math.remainder(self.turn_rad, 2 * math.pi)) < SAME
 
     def keeps_phase(self, leg: int) -> bool:
-        """Return whether a gait also keeps its start phase when this leg failed.
+        """Whether a gait also keeps its start phase when this leg failed.
 
         A failed leg pins its own slot. Where it becomes another leg all slots shift, and the walk begins at
         another point of the cycle: nearly the same walk, but not exactly.
@@ -46,7 +46,7 @@ class Symmetry:
         return self.legs[leg - 1] == leg
 
     def codes(self, leg: int) -> NDArray[np.int64]:
-        """Return, for codes 1..120 with this leg failed, the codes of the moved gaits, (120,)."""
+        """Codes of the moved gaits, for codes 1..120 with this leg failed, (120,)."""
         before, moved_leg = GaitSpace((leg,)), self.legs[leg - 1]
         slots = np.empty_like(before.slots)
         slots[:, np.array(self.legs) - 1] = before.slots
@@ -55,7 +55,7 @@ class Symmetry:
         return np.array([after.code_of(row) for row in ((slots + shift - 1) % N_LEGS + 1).tolist()])
 
     def joints(self, angles_rad: FloatArray) -> FloatArray:
-        """Return angles of all joints, (..., 18), as the moved robot has them; a mirror turns coxae over."""
+        """Angles of all joints, (..., 18), of the moved robot; a mirror changes the sign of the coxae."""
         before = angles_rad.reshape(*angles_rad.shape[:-1], N_LEGS, JOINTS_PER_LEG)
         moved = np.empty_like(before)
         moved[..., np.array(self.legs) - 1, :] = before
@@ -72,7 +72,7 @@ class Symmetries:
 
     @cached_property
     def all(self) -> tuple[Symmetry, ...]:
-        """Return every symmetry of the robot's geometry; its servos and links are alike anyway."""
+        """Every symmetry of the robot's geometry; its servos and links are alike in all legs."""
         found = [
             symmetry
             for mirrored in (False, True)
@@ -82,7 +82,7 @@ class Symmetries:
         return tuple(found)
 
     def _moving_first_to(self, goal: int, mirrored: bool) -> Symmetry | None:
-        """Return the symmetry that moves leg 1 to a leg, if there is one."""
+        """Symmetry that moves leg 1 to a leg, or None."""
         robot = self._robot
         flip = -1.0 if mirrored else 1.0
         turn_rad = float(robot.mount_yaws_rad[goal] - flip * robot.mount_yaws_rad[0])
@@ -97,7 +97,7 @@ class Symmetries:
         return Symmetry(tuple(legs), mirrored, turn_rad)
 
     def _trunk_allows(self, turn_rad: float) -> bool:
-        """Return whether the trunk looks the same after a turn; every trunk does after a mirroring."""
+        """Whether the trunk is the same after a turn; every trunk is after a mirroring."""
         body = self._robot.body
         if body.shape == "cylinder":
             return True
@@ -105,7 +105,7 @@ class Symmetries:
         return abs(math.remainder(turn_rad, quarter)) < SAME
 
     def _leg_at(self, turn_rad: float, flip: float, leg: int) -> int | None:
-        """Return which leg is where a leg comes to lie, joints that reach as far included."""
+        """Leg whose place a moved leg takes, with the same joint limits, or None."""
         robot = self._robot
         place = _moved(robot.mount_positions_body[leg], turn_rad, flip)
         foot = _moved(robot.stance_feet_body[leg], turn_rad, flip)
@@ -123,14 +123,14 @@ class Symmetries:
 
 
 def _moved(point: FloatArray, turn_rad: float, flip: float) -> FloatArray:
-    """Return a point of the body frame after mirroring left and right, if asked, and then a turn."""
+    """Point of the body frame after an optional mirroring of left and right and then a turn."""
     cos, sin = math.cos(turn_rad), math.sin(turn_rad)
     x, y, z = point[0], flip * point[1], point[2]
     return np.array([cos * x - sin * y, sin * x + cos * y, z])
 
 
 def _limits(robot: Robot, leg: int) -> FloatArray:
-    """Return the limits of a leg's joints: angles, speed and torque, (4, 3)."""
+    """Limits of a leg's joints: angles, speed and torque, (4, 3)."""
     joints = slice(JOINTS_PER_LEG * leg, JOINTS_PER_LEG * (leg + 1))
     return np.array(
         [
@@ -143,7 +143,7 @@ def _limits(robot: Robot, leg: int) -> FloatArray:
 
 
 def _flipped(limits: FloatArray, flip: float) -> FloatArray:
-    """Return the limits of a leg seen in a mirror: the coxa's angles change sides."""
+    """Limits of a mirrored leg: the coxa's angles change sign."""
     if flip > 0:
         return limits
     mirrored = limits.copy()
@@ -151,12 +151,12 @@ def _flipped(limits: FloatArray, flip: float) -> FloatArray:
     return mirrored
 
 
-#: What a walk shows, in this order: deviation at the checkpoints, progress at half time and at the end, yaw.
+#: Features of a walk, in this order: deviation at the checkpoints, progress at half time and at the end, yaw.
 PROGRESS_AT = (CHECKPOINTS // 2 - 1, CHECKPOINTS - 1)
 N_FEATURES = CHECKPOINTS + len(PROGRESS_AT) + 1
 FINAL, DISTANCE, YAW = CHECKPOINTS - 1, N_FEATURES - 2, N_FEATURES - 1
 
-#: What changes its sign in a mirror.
+#: Features that change sign in a mirror.
 MIRRORED = np.ones(N_FEATURES)
 MIRRORED[: FINAL + 1] = MIRRORED[YAW] = -1.0
 
@@ -167,9 +167,9 @@ class Samples:
 
     Attributes:
         leg: the failed leg.
-        features: what each gait showed in each world, (worlds, gaits, N_FEATURES).
+        features: of each gait in each world, (worlds, gaits, N_FEATURES).
         finished: the share of worlds in which each gait walked to the end, (gaits,).
-        sag_rad: by how much the joints stayed behind in the stance, (worlds, 18); None where nobody looked.
+        sag_rad: static deflection of the joints in the stance, (worlds, 18), or None.
     """
 
     leg: int
@@ -179,10 +179,10 @@ class Samples:
 
 
 def samples_of(prior: Prior, robot: Robot, leg: int) -> Samples:
-    """Return the samples for a failed leg: of its own worlds, and by the robot's symmetries of other legs'.
+    """Samples for a failed leg: of its own worlds, and of other legs' worlds moved by symmetries.
 
     Another leg's gait, turned or mirrored onto this one, begins at another point of its cycle. That makes it
-    a plausible walk of this leg, not the same one, and a sample is no more than plausible anyway.
+    a plausible walk of this leg, not the same one, and a sample only has to be plausible.
     Raises InputError when nothing in the prior says anything about the leg.
     """
     sources = _sources(robot, prior.key.self_rotation, prior.legs, leg)
@@ -202,12 +202,12 @@ def samples_of(prior: Prior, robot: Robot, leg: int) -> Samples:
 
 
 def covers(robot: Robot, self_rotation: str, legs: tuple[int, ...], leg: int) -> bool:
-    """Return whether a prior of some legs says anything about a failed leg."""
+    """Whether a prior of some legs covers a failed leg, directly or by symmetry."""
     return bool(_sources(robot, self_rotation, legs, leg))
 
 
 def _sources(robot: Robot, self_rotation: str, legs: tuple[int, ...], leg: int) -> list[tuple[Symmetry, int]]:
-    """Return by which symmetries which legs become a failed leg.
+    """Symmetries, and the legs that they move to a failed leg.
 
     Without self-rotation the body does not follow the failed leg, and only what leaves the direction of
     travel as it is will do.
@@ -221,9 +221,9 @@ def _sources(robot: Robot, self_rotation: str, legs: tuple[int, ...], leg: int) 
 
 
 def features_of(observation: Observation, duration_s: float) -> FloatArray:
-    """Return what a walk of a planned duration showed, (N_FEATURES,), NaN for what it did not."""
+    """Features of a walk of a planned duration, (N_FEATURES,), NaN where it ended before."""
     if observation.status == "diverged":
-        return np.full(N_FEATURES, np.nan)  # where it went is the solver's business
+        return np.full(N_FEATURES, np.nan)  # an unstable simulation says nothing
     times_s = duration_s * np.arange(1, CHECKPOINTS + 1) / CHECKPOINTS
     rows = observation.at(times_s)
     yaw_rad = observation.yaw_change_rad if observation.finished else None
@@ -231,7 +231,7 @@ def features_of(observation: Observation, duration_s: float) -> FloatArray:
 
 
 def _moved_worlds(prior: Prior, symmetry: Symmetry, source: int) -> FloatArray:
-    """Return the worlds of a leg, moved by a symmetry, (worlds, gaits, N_FEATURES)."""
+    """Worlds of a leg, moved by a symmetry, (worlds, gaits, N_FEATURES)."""
     row = prior.legs.index(source)
     progress = prior.progress_m[row][..., PROGRESS_AT]
     features = np.concatenate([prior.signed_m[row], progress, prior.yaw_rad[row][..., np.newaxis]], axis=-1)
@@ -243,7 +243,7 @@ def _moved_worlds(prior: Prior, symmetry: Symmetry, source: int) -> FloatArray:
 
 
 def _moved_sags(prior: Prior, sources: list[tuple[Symmetry, int]]) -> FloatArray | None:
-    """Return how the joints stood in the worlds of some legs, moved by symmetries, (worlds, 18)."""
+    """Deflections in the worlds of some legs, moved by symmetries, (worlds, 18)."""
     if prior.sag_rad is None:
         return None
     rows = [symmetry.joints(prior.sag_rad[prior.legs.index(source)]) for symmetry, source in sources]
@@ -251,7 +251,7 @@ def _moved_sags(prior: Prior, sources: list[tuple[Symmetry, int]]) -> FloatArray
 
 
 def _filled(features: FloatArray) -> FloatArray:
-    """Return the features with what fallen robots did not show replaced by the mean of those that walked.
+    """Features, with those of fallen robots that are unknown replaced by the mean of those that walked.
 
     What those that walked differ by is stretched, so that a gait which seldom walks is not believed the more
     alike in all worlds.

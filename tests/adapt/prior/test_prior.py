@@ -135,11 +135,11 @@ def test_a_missing_file_is_named(tmp_path: Path) -> None:
 def test_another_file_is_no_prior(content: bytes, tmp_path: Path) -> None:
     path = tmp_path / "diary.npz"
     path.write_bytes(content)
-    assert "it is no prior" in refusal(path)
+    assert "it is not a prior" in refusal(path)
 
 
 def test_a_folder_is_no_prior(tmp_path: Path) -> None:
-    assert "it is no prior" in refusal(tmp_path)
+    assert "it is not a prior" in refusal(tmp_path)
 
 
 def test_arrays_of_another_program_are_no_prior(tmp_path: Path) -> None:
@@ -147,7 +147,7 @@ def test_arrays_of_another_program_are_no_prior(tmp_path: Path) -> None:
     np.savez(path, a=np.arange(3))
     np.save(alone, np.arange(3))
     for file in (path, alone):
-        assert "it is no prior" in refusal(file)
+        assert "it is not a prior" in refusal(file)
 
 
 @pytest.mark.parametrize("share", [0.001, 0.01, 0.1, 0.25, 0.5, 0.75, 0.9, 0.99, 0.999])
@@ -180,7 +180,7 @@ def parts_of(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
     [
         ({"version": 2}, "it has version 2, this hexctl reads 1"),
         ({"version": None}, "it has version None"),
-        ({"format": "hexctl landscape"}, "it is no prior"),
+        ({"format": "hexctl landscape"}, "it is not a prior"),
         ({"digest": "0" * 32}, "altered"),
         ({"legs": [2, 3]}, "altered"),
         ({"legs": [2]}, "damaged"),
@@ -208,7 +208,7 @@ def test_a_head_without_a_part_is_refused(key: str, path: Path) -> None:
 @pytest.mark.parametrize("head", ["", "[]", "7", "not json"])
 def test_a_head_that_is_none_is_refused(head: str, path: Path) -> None:
     write(path, head, **parts_of(path)[1])
-    assert "it is no prior" in refusal(path)
+    assert "it is not a prior" in refusal(path)
 
 
 @pytest.mark.parametrize("name", ARRAYS)
