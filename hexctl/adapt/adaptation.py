@@ -9,8 +9,8 @@ own, a session that is resumed. Neither prints nor asks: progress goes to callba
 
 import math
 import time
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -20,7 +20,7 @@ from hexctl.adapt.loop import AdaptLoop, OnTrial
 from hexctl.adapt.measurement import Operator
 from hexctl.adapt.objectives import ObjectiveChoice, as_objective
 from hexctl.adapt.registry import OptimizerChoice
-from hexctl.adapt.runner import ResetFreeRunner, TrialRunner, await_ready
+from hexctl.adapt.runner import ResetFreeRunner, TrialRunner, await_ready, connected_robot
 from hexctl.adapt.search import (
     Note,
     Setting,
@@ -35,9 +35,7 @@ from hexctl.adapt.search import (
 from hexctl.adapt.session import Session, SessionSpec, TrialRecord
 from hexctl.adapt.stance import connected_deflection_rad, simulated_deflection_rad
 from hexctl.adapt.store import RUNS, SessionStore
-from hexctl.backends.base import LegServos, connection_notes
-from hexctl.backends.clock import request_realtime_priority
-from hexctl.backends.registry import BackendOptions, make_servos
+from hexctl.backends.base import LegServos
 from hexctl.control.guard import Guard
 from hexctl.control.plan import TrialPlan
 from hexctl.control.trial import StopRequested, never
@@ -222,7 +220,7 @@ class Adaptation:
         note = start_note(spec, setting)
         if note is not None:
             self._note(note)
-        servos = stack.enter_context(self._connected(spec, setting))
+        servos = stack.enter_context(connected_robot(spec, setting, self._servos, self._note))
         if session is None:
             spec = _at_home(spec, servos)
             spec = self._with_stance(spec, setting, servos, stop_requested)
@@ -241,36 +239,6 @@ class Adaptation:
             session.spec = extended(session, self._budget)
         return session
 
-    @contextmanager
-    def _connected(self, spec: SessionSpec, setting: Setting) -> Iterator[Guard | None]:
-        """Keep the robot of a session connected; None where each trial makes a simulation of its own."""
-        if spec.simulated:
-            yield None
-            return
-        request_realtime_priority()
-        failure = setting.plan.belief
-        options = BackendOptions(
-            robot=setting.robot,
-            failure=failure,
-            seed=spec.seed,
-            robot_file=setting.robot_file,
-            connect=spec.connect,
-            credentials=Path(spec.credentials) if spec.credentials is not None else None,
-            insecure=spec.insecure,
-            link=spec.link,
-        )
-        robot = make_servos(spec.backend, options) if self._servos is None else self._servos
-        servos = Guard(robot)
-        try:
-            servos.connect()
-            for note in connection_notes(robot, failure):
-                self._note(note)
-            yield servos
-        finally:
-            # The result comes after the robot is released: a link that fails at that must not cost it.
-            with suppress(RobotFaultError):
-                servos.close()
-
     def _with_stance(
         self, spec: SessionSpec, setting: Setting, servos: Guard | None, stop_requested: StopRequested
     ) -> SessionSpec:
@@ -282,7 +250,9 @@ class Adaptation:
         if spec.ask or not knows_stances(spec):
             return spec
         if servos is None:
-            sag_rad = simulated_deflection_rad(setting.robot, setting.world, setting.plan, spec.seed)
+            sag_rad = simulated_deflection_rad(
+                setting.robot, setting.world, setting.plan, spec.seed, spec.broken
+            )
         else:
             sag_rad = connected_deflection_rad(servos, setting.plan, stop_requested)
         if sag_rad is None:

@@ -7,8 +7,6 @@ from tempfile import TemporaryDirectory
 from types import MappingProxyType
 from urllib.parse import quote
 
-import numpy as np
-
 from hexctl.adapt.session import MILESTONES_M, Session, TrialRecord
 from hexctl.adapt.store import SessionStore, stored_names
 from hexctl.errors import HexctlError, InputError
@@ -23,7 +21,6 @@ from hexctl.record.viewer import (
     serve_web,
     web_origin,
 )
-from hexctl.types import FloatArray
 
 FILE_NAME = "overview.rrd"
 
@@ -57,7 +54,7 @@ def recordings_of(session: Session, folder: Path) -> dict[int, Path]:
 
 def make_overview(session: Session, addresses: Mapping[int, str] = MappingProxyType({})) -> Overview:
     """Overview of a session; `addresses` are the URLs of its trials' recordings."""
-    ideals_m = [trial.outcome["ideal_distance_m"] for trial in session.trials]
+    ideals_m = [trial.result.ideal_distance_m for trial in session.trials]
     return Overview(
         title=session.name,
         facts=tuple(_facts(session)),
@@ -89,25 +86,18 @@ def _facts(session: Session) -> list[str]:
 
 
 def _trial(trial: TrialRecord, address: str | None) -> OverviewTrial:
-    outcome = trial.outcome
+    result = trial.result
     return OverviewTrial(
         index=trial.index,
         code=trial.code,
         slots=trial.slots,
         score_m=trial.score if trial.valid else None,
-        deviation_m=outcome["deviation_m"]["signed"],
-        distance_m=outcome["distance_m"],
-        status=outcome["status"] + (" (repeat)" if trial.confirms else ""),
-        path_m=_path(trial),
+        deviation_m=None if result.deviation is None else result.deviation.signed,
+        distance_m=result.distance_m,
+        status=result.status + (" (repeat)" if trial.confirms else ""),
+        path_m=drawable(result.path_m),
         address=address,
     )
-
-
-def _path(trial: TrialRecord) -> FloatArray:
-    """Stored points, five per second, and the end, (N, 2)."""
-    end = trial.outcome["distance_m"], trial.outcome["deviation_m"]["signed"]
-    points = [*trial.path_m, *([end] if None not in end else [])]
-    return drawable(np.array(points, dtype=float).reshape(-1, 2))
 
 
 #: A session, and the folder of its trials' recordings.

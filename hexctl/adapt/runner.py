@@ -1,13 +1,17 @@
 """Runners of single trials: each in its own simulation, or reset-free on one connected robot."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from hexctl.adapt.arena import LEFT_THE_ARENA, Arena, Geofence, aimed, as_placed
 from hexctl.adapt.measurement import Operator, measured, not_walked
+from hexctl.adapt.search import Note, Setting
 from hexctl.adapt.session import SessionSpec
+from hexctl.backends.base import LegServos, connection_notes
+from hexctl.backends.clock import request_realtime_priority
 from hexctl.backends.registry import BackendOptions, make_servos
 from hexctl.backends.sim.terrain import make_floor
 from hexctl.backends.sim.world import World
@@ -93,7 +97,11 @@ class TrialRunner:
         """Run one trial in a simulation of its own."""
         plan = self.plan_for(slots)
         options = BackendOptions(
-            robot=self.robot, world=self.world, failure=plan.belief, seed=self.spec.seed, trial=index
+            robot=self.robot,
+            world=self.world,
+            failure=self.spec.broken,  # the plan has what the controller is told
+            seed=self.spec.seed,
+            trial=index,
         )
         with Guard(make_servos(self.spec.backend, options)) as servos:
             return self.walk_on(servos, plan, index, code, stop_when(should_stop))
@@ -303,3 +311,44 @@ def await_ready(servos: Guard, *, needs_pose: bool = True) -> RobotState:
         "the robot knows no position, so a trial cannot be scored; use one with odometry or motion capture, "
         "or measure by hand with --ask"
     )
+
+
+@contextmanager
+def connected_robot(
+    spec: SessionSpec, setting: Setting, given: LegServos | None, note: Note
+) -> Iterator[Guard | None]:
+    """Keep the robot of a session connected; None where each trial makes a simulation of its own.
+
+    Args:
+        spec: of the session.
+        setting: what the spec names.
+        given: the robot, where it is not made by `spec.backend`.
+        note: is told what an operator should know about it.
+
+    Raises RobotFaultError for a robot that cannot be reached.
+    """
+    if spec.simulated:
+        yield None
+        return
+    request_realtime_priority()
+    options = BackendOptions(
+        robot=setting.robot,
+        failure=spec.broken,
+        seed=spec.seed,
+        robot_file=setting.robot_file,
+        connect=spec.connect,
+        credentials=Path(spec.credentials) if spec.credentials is not None else None,
+        insecure=spec.insecure,
+        link=spec.link,
+    )
+    robot = make_servos(spec.backend, options) if given is None else given
+    servos = Guard(robot)
+    try:
+        servos.connect()
+        for text in connection_notes(robot, setting.plan.belief):
+            note(text)
+        yield servos
+    finally:
+        # The result comes after the robot is released: a link that fails at that must not cost it.
+        with suppress(RobotFaultError):
+            servos.close()

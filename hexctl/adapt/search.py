@@ -113,7 +113,7 @@ def load_setting(spec: SessionSpec) -> Setting:
         gait=make_gait(robot, "demo"),
         heading_rad=math.radians(spec.heading_deg),
         duration_s=spec.duration_s,
-        belief=parse_failure(spec.failed_leg, spec.failure),
+        belief=spec.broken,
         self_rotation=spec.self_rotation,
     )
     check_plan(robot, plan)

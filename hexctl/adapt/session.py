@@ -4,6 +4,8 @@ from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from hexctl.adapt.objectives import INVALID_SCORE, OBJECTIVES
+from hexctl.control.result import TrialResult
+from hexctl.robot.failure import Failure, parse_failure
 
 #: Scores in m; reports name the first trial within each.
 MILESTONES_M = (0.10, 0.025)
@@ -83,6 +85,11 @@ class SessionSpec:
         return self.backend == "sim"
 
     @property
+    def broken(self) -> Failure:
+        """The failure of the robot; its controller is told of it."""
+        return parse_failure(self.failed_leg, self.failure)
+
+    @property
     def score_label(self) -> str:
         """What the score is, in words."""
         known = OBJECTIVES.get(self.objective)
@@ -106,7 +113,7 @@ class TrialRecord:
         code: the gait tried.
         slots: its slots.
         score: by the session's objective; `INVALID_SCORE` for an invalid trial.
-        outcome: the numbers of `TrialResult.to_dict`.
+        outcome: its result, as `TrialResult.to_dict` writes it; `result` reads it.
         path_m: progress and signed deviation along the walk, five points a second.
         recording: path of the recording, or None.
         confirms: True for a repeat of the best gait.
@@ -122,6 +129,16 @@ class TrialRecord:
     recording: str | None
     confirms: bool = False
     expected: dict[str, Any] | None = None
+
+    @property
+    def result(self) -> TrialResult:
+        """Result of the trial as it is stored: with five points of the path a second, and its end."""
+        distance_m, signed_m = self.outcome["distance_m"], self.outcome["deviation_m"]["signed"]
+        path_m = list(self.path_m)
+        if distance_m is not None and signed_m is not None:
+            path_m.append([distance_m, signed_m])
+        # Sessions of the first versions have no reason of a stop.
+        return TrialResult.from_dict({"stopped": None, **self.outcome, "path_m": path_m})
 
     @property
     def valid(self) -> bool:

@@ -14,6 +14,7 @@ from hexctl.control.log import TickLog
 from hexctl.control.plan import TrialPlan
 from hexctl.control.trial import StopRequested, never, prepare, ticks_of
 from hexctl.errors import CommandRefusedError, EStopError, SimulationDivergedError
+from hexctl.robot.failure import Failure
 from hexctl.robot.model import Robot
 from hexctl.types import FloatArray
 
@@ -90,13 +91,13 @@ def connected_deflection_rad(
 
 
 def simulated_deflection_rad(
-    robot: Robot, world: World | None, plan: TrialPlan, seed: int
+    robot: Robot, world: World | None, plan: TrialPlan, seed: int, failure: Failure | None
 ) -> FloatArray | None:
     """Static deflection of a simulated robot where its trials begin; None where it falls.
 
-    It stands in a simulation of its own, with the sensor noise of trial 0.
+    It stands in a simulation of its own, with the sensor noise of trial 0; `failure` is what is broken there.
     """
-    options = BackendOptions(robot=robot, world=world, failure=plan.belief, seed=seed)
+    options = BackendOptions(robot=robot, world=world, failure=failure, seed=seed)
     try:
         with Guard(make_servos("sim", options)) as servos:
             return stance_deflection_rad(servos, plan)

@@ -25,7 +25,7 @@ SAG_RAD = float(np.radians(1.0))
 
 
 def sag(world: World, seed: int = 0) -> FloatArray:
-    found = simulated_deflection_rad(ROBOT, world, PLAN, seed)
+    found = simulated_deflection_rad(ROBOT, world, PLAN, seed, PLAN.belief)
     assert found is not None
     return found
 
@@ -45,7 +45,7 @@ def test_it_is_the_same_again_and_noise_of_the_sensors_is_averaged_out() -> None
 
 def test_a_robot_that_falls_says_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("hexctl.control.guard.FALL_COS_TILT", 2.0)
-    assert simulated_deflection_rad(ROBOT, World(), PLAN, 0) is None
+    assert simulated_deflection_rad(ROBOT, World(), PLAN, 0, PLAN.belief) is None
 
 
 def test_a_robot_that_stays_says_what_a_simulation_says(

@@ -8,6 +8,7 @@ import sqlite3
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -185,3 +186,15 @@ def test_milestones_and_best() -> None:
     values = json.loads(json.dumps(session.as_json()))
     assert (values["trials_to_0.10_m"], values["trials_to_0.025_m"]) == (2, 4)
     assert values["best"]["index"] == 5
+
+
+def test_a_stored_trial_gives_its_result_again(tmp_path: Path) -> None:
+    with SessionStore(tmp_path) as store:
+        session = store.create(SPEC)
+        store.add_trial(session, record(1), {})
+        (trial,) = store.load(session.name).trials
+    assert trial.result.to_dict() == trial.outcome
+    assert (trial.result.status, trial.result.deviation) == ("ok", result_of(0.2).deviation)
+    assert trial.result.path_m[-1].tolist() == pytest.approx([4.0, 0.2])
+    without = {name: value for name, value in trial.outcome.items() if name != "stopped"}
+    assert replace(trial, outcome=without).result.stopped is None, "as the first versions wrote it"
