@@ -29,7 +29,7 @@ def make(core: type[Population], seed: int, dimension: int = 2) -> Population:
 
 
 def minimum(core: type[Population], function: Function, generations: int, seed: int) -> float:
-    """Return the lowest value found in so many generations."""
+    """Return the lowest value found in a number of generations."""
     population = make(core, seed)
     for _ in range(generations):
         population.advance(function(population.positions))

@@ -1,4 +1,4 @@
-"""A simulated robot that nobody puts back: it stays where it is between trials, sessions and processes."""
+"""A simulated robot without resets: it stays where it is between trials, sessions and processes."""
 
 import math
 from pathlib import Path

@@ -249,3 +249,9 @@ def test_a_search_without_a_valid_trial_says_so(monkeypatch: pytest.MonkeyPatch)
     result = adapt(5, budget=2, record=False)
     assert (result.best, result.to_dict()["found"]) == (None, False)
     assert "no valid trial" in repr(result)
+
+
+def test_early_stopping_is_for_optimizers_that_know_when() -> None:
+    assert new_spec(failed_leg=5, optimizer=Backwards, early_stop=True).early_stop
+    with pytest.raises(InputError, match="--early-stop: got it without a prior"):
+        new_spec(failed_leg=5, optimizer="pso", early_stop=True)

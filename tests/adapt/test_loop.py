@@ -122,7 +122,7 @@ def with_budget(session: Session, budget: int, store: SessionStore) -> Session:
     return store.load(session.name)
 
 
-def test_a_greater_budget_has_the_best_confirmed_anew(store: SessionStore) -> None:
+def test_a_greater_budget_has_the_best_confirmed_again(store: SessionStore) -> None:
     spec = replace(SPEC, budget=14, confirm=2)
     session, _ = run(store, replace(spec, budget=6))
     longer = with_budget(session, 14, store)

@@ -1,4 +1,4 @@
-"""What a person measures becomes a result, and what nobody measured stays unknown."""
+"""Measurements of an operator become a result, and what was not measured stays unknown."""
 
 import json
 import math

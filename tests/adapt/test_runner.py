@@ -181,7 +181,7 @@ def test_a_robot_left_behind_is_found_where_it_was(robot: Guard) -> None:
         assert np.allclose(before, place_of(again), atol=0.01)
 
 
-def test_a_robot_without_a_position_is_refused_unless_somebody_measures() -> None:
+def test_a_robot_without_a_position_is_refused_unless_an_operator_measures() -> None:
     servos = PosedMock(ROBOT)
     servos.position_world = servos.quaternion_world = None
     with Guard(servos) as guard:

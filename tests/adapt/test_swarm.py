@@ -209,7 +209,7 @@ def test_ten_particles_are_never_too_many() -> None:
         assert swarm.known.all()
 
 
-def test_a_crowded_species_keeps_its_best_and_draws_the_rest_anew() -> None:
+def test_a_crowded_species_keeps_its_best_and_redraws_the_rest() -> None:
     swarm = make(Small, 9)
     best = np.inf
     for _ in range(20):

@@ -40,7 +40,7 @@ class Echoing(Kit):
 
 
 class Sagging(Kit):
-    """Its joints stay behind by a degree, but for one that nobody measures."""
+    """Its joints stay behind by a degree, except one that is not measured."""
 
     def read(self) -> RobotState:
         """Return the state, each joint but the last a degree behind."""
@@ -78,7 +78,7 @@ class FaultStanding(Sagging):
 
 
 class InterruptedConnecting(Sagging):
-    """Somebody presses Ctrl-C while it is being reached."""
+    """Ctrl-C is pressed while it connects."""
 
     def connect(self) -> None:
         """Connect, interrupted."""
@@ -87,7 +87,7 @@ class InterruptedConnecting(Sagging):
 
 
 class FallsOnce(Kit):
-    """Falls in its second trial; whoever connects again has stood it up."""
+    """Falls in its second trial; it stands again at the next connection."""
 
     def read(self) -> RobotState:
         """Return the state, on its side from some time on."""

@@ -1,4 +1,4 @@
-"""`hexctl adapt` on robots that nobody can teleport: refusals, stops, questions, and going on after each."""
+"""`hexctl adapt` on real robots, without resets: refusals, stops, prompts, and resuming after each."""
 
 import json
 import os
@@ -50,7 +50,7 @@ def trials_of(name: str) -> list[tuple[int, str]]:
 
 
 def answer(monkeypatch: pytest.MonkeyPatch, text: str) -> None:
-    """Let somebody have typed this."""
+    """Put this text on stdin."""
     reading, writing = os.pipe()
     os.write(writing, text.encode())
     os.close(writing)
@@ -91,11 +91,11 @@ def test_what_does_not_go_together_is_refused_in_one_line(
     assert not Path("runs").exists()
 
 
-def test_nobody_at_the_keyboard_is_refused(
+def test_a_closed_stdin_is_refused(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    with Path(os.devnull).open() as nobody:
-        monkeypatch.setattr(sys, "stdin", nobody)
+    with Path(os.devnull).open() as closed:
+        monkeypatch.setattr(sys, "stdin", closed)
         assert adapt("Blind", "--ask") == 2
     assert "no answer can come" in capsys.readouterr().err
 
@@ -157,7 +157,7 @@ def test_a_robot_that_wanders_is_spoken_of_once(capsys: pytest.CaptureFixture[st
 MEASURED = "\n0.14 -0.02\n\nabout a metre\n20 0\n0.13,0.01\n\nagain\n\nfell\n"
 
 
-def test_somebody_measures(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_operator_measures(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     answer(monkeypatch, MEASURED)
     assert adapt("Blind", "--ask", "--json") == 0
     printed = capsys.readouterr()

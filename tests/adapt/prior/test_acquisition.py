@@ -104,7 +104,7 @@ def test_the_expected_size_is_the_mean_of_the_folded_normal(mean: float, sd: flo
     assert expected_size_m(one(mean), one(sd))[0] >= abs(mean) - 1e-12
 
 
-NOBODY = np.zeros(120, dtype=bool)
+NONE_TRIED = np.zeros(120, dtype=bool)
 ALL_WALK = np.ones(120)
 
 
@@ -113,14 +113,14 @@ ALL_WALK = np.ones(120)
 def test_the_obvious_gait_is_picked(row: int, best_m: float) -> None:
     mean, sd = np.full(120, 1.5), np.full(120, 0.05)
     mean[row], sd[row] = 0.0, 1e-3
-    assert most_useful(forecast(mean, sd), ALL_WALK, NOBODY, best_m) == row
+    assert most_useful(forecast(mean, sd), ALL_WALK, NONE_TRIED, best_m) == row
 
 
 @given(seed=st.integers(0, 10_000), tried=st.integers(0, 119), best_m=st.sampled_from([math.inf, 0.3, 1e-3]))
 def test_a_gait_that_was_tried_is_never_picked(seed: int, tried: int, best_m: float) -> None:
     random = np.random.default_rng(seed)
     rows = random.permutation(120)[:tried]
-    known = NOBODY.copy()
+    known = NONE_TRIED.copy()
     known[rows] = True
     mean, sd = random.uniform(-1.5, 1.5, 120), random.uniform(0.001, 0.5, 120)
     mean[rows], sd[rows] = 0.0, 1e-5
@@ -130,7 +130,7 @@ def test_a_gait_that_was_tried_is_never_picked(seed: int, tried: int, best_m: fl
 
 def test_a_gait_that_was_tried_is_not_picked_even_where_nothing_can_be_gained() -> None:
     """No gait can walk, or the best one is perfect: still something untried is named."""
-    known = NOBODY.copy()
+    known = NONE_TRIED.copy()
     known[:119] = True
     mean = np.linspace(-1, 1, 120)
     assert most_useful(forecast(mean, 0.1), ALL_WALK, known, 0.0) == 119
@@ -140,22 +140,22 @@ def test_a_gait_that_was_tried_is_not_picked_even_where_nothing_can_be_gained() 
 def test_a_gait_that_cannot_walk_is_not_worth_a_trial() -> None:
     mean = np.full(120, 1.5)
     mean[20] = 0.0
-    assert most_useful(forecast(mean, 0.05), ALL_WALK, NOBODY, math.inf) == 20
-    assert most_useful(forecast(mean, 0.05), np.where(mean == 0, 0.0, 1.0), NOBODY, math.inf) != 20
+    assert most_useful(forecast(mean, 0.05), ALL_WALK, NONE_TRIED, math.inf) == 20
+    assert most_useful(forecast(mean, 0.05), np.where(mean == 0, 0.0, 1.0), NONE_TRIED, math.inf) != 20
 
 
 @pytest.mark.parametrize(("mean_m", "sd_m"), [(0.1, 0.05), (0.3, 0.05), (0.2, 0.1), (0.08, 0.1)])
 def test_the_only_gait_that_promises_anything_is_not_put_off(mean_m: float, sd_m: float) -> None:
     mean, sd = np.full(120, 1.5), np.full(120, 0.05)
     mean[80], sd[80] = mean_m, sd_m
-    assert most_useful(forecast(mean, sd), ALL_WALK, NOBODY, math.inf) == 80
+    assert most_useful(forecast(mean, sd), ALL_WALK, NONE_TRIED, math.inf) == 80
 
 
 def test_left_and_right_are_one() -> None:
     random = np.random.default_rng(4)
     some = forecast(random.uniform(-1, 1, 120), random.uniform(0.05, 0.3, 120), common=0.4)
-    row = most_useful(some, ALL_WALK, NOBODY, 0.3)
-    assert most_useful(replace(some, mean_m=-some.mean_m), ALL_WALK, NOBODY, 0.3) == row
+    row = most_useful(some, ALL_WALK, NONE_TRIED, 0.3)
+    assert most_useful(replace(some, mean_m=-some.mean_m), ALL_WALK, NONE_TRIED, 0.3) == row
 
 
 def test_a_gait_that_tells_of_others_is_worth_more_than_its_twin_that_does_not() -> None:
@@ -169,7 +169,7 @@ def test_a_gait_that_tells_of_others_is_worth_more_than_its_twin_that_does_not()
     covariance[np.ix_(together, together)] = 0.95 * 0.2**2
     covariance[np.diag_indices(120)] = sd**2
     telling = replace(plain, covariance_m2=covariance)
-    assert most_useful(telling, np.where(np.arange(120) < 2, 1.0, 0.9), NOBODY, 0.5) != 0
+    assert most_useful(telling, np.where(np.arange(120) < 2, 1.0, 0.9), NONE_TRIED, 0.5) != 0
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -203,7 +203,7 @@ def test_the_gain_over_two_trials_is_what_chance_brings(seed: int) -> None:
             for other in others
         ]
         gains.append(float((0.5 - best + np.max(second, axis=0)).mean()))
-    picked = most_useful(some, ALL_WALK, NOBODY, math.inf)
+    picked = most_useful(some, ALL_WALK, NONE_TRIED, math.inf)
     # Seven outcomes stand for all: what is picked is the best one, or as good as it.
     assert picked in few
     assert gains[few.index(picked)] >= max(gains) - 0.01

@@ -254,7 +254,7 @@ def test_many_trials_of_all_gaits_do_no_harm() -> None:
 
 
 def test_a_gait_that_always_fell_is_not_believed_to_be_certain() -> None:
-    """Its numbers are all the same, because nobody has seen them: that is ignorance."""
+    """Its numbers are all the same, because none was observed: that is ignorance."""
     features = SAMPLES.features.copy()
     features[:, 30] = features[:, 30].mean(axis=0)
     forecast = believed([], Samples(leg=5, features=features, finished=SAMPLES.finished)).forecast()
@@ -370,7 +370,7 @@ def test_a_world_in_which_the_robot_fell_is_told_nothing_of() -> None:
         (sags(), np.full(18, np.nan)),
         (sags()[:1], np.zeros(18)),
     ],
-    ids=["all fell", "all alike", "nobody says", "one world"],
+    ids=["all fell", "all alike", "no joint measured", "one world"],
 )
 def test_where_nothing_can_be_told_nothing_changes(known: FloatArray, seen: FloatArray) -> None:
     shift, shrink = narrowed(known, seen)
