@@ -50,7 +50,7 @@ SPREAD = (
     "tests/cli/test_completion.py",
     "tests/study/test_evaluate.py",
     "tests/study/test_landscape.py",
-    "tests/adapt/test_differential_evolution.py",
+    "tests/adapt/test_population.py",
     "tests/viewer/",
 )
 

@@ -3,10 +3,9 @@
 from collections.abc import Callable
 
 from hexctl.adapt.baselines import ExhaustiveSearch, RandomSearch
-from hexctl.adapt.differential_evolution import DeBest, DeRand
 from hexctl.adapt.optimizer import Optimizer
+from hexctl.adapt.population import DeBest, DeRand, Dps, Pso, Psosp
 from hexctl.adapt.space import GaitSpace
-from hexctl.adapt.swarm import Dps, Pso, Psosp
 from hexctl.errors import InputError
 from hexctl.robot.plugins import module_here
 

@@ -5,12 +5,24 @@ from typing import ClassVar
 
 import numpy as np
 import pytest
+from scipy.optimize import differential_evolution
+from scipy.stats import mannwhitneyu
 
-from hexctl.adapt.population import Population, PopulationOptimizer
+from hexctl.adapt.population import (
+    BestEvolution,
+    DifferentialEvolution,
+    DifferentialSwarm,
+    ParticleSwarm,
+    Population,
+    PopulationOptimizer,
+    Pso,
+    RandomEvolution,
+    SpeciatedSwarm,
+)
 from hexctl.adapt.registry import OPTIMIZERS
-from hexctl.adapt.swarm import Pso
 from hexctl.testing.optimizers import ONE_FAILED
-from tests.adapt.continuous import HIGH, LOW, make, minimum, rosenbrock, sphere
+from hexctl.types import FloatArray
+from tests.adapt.continuous import HIGH, LOW, Function, make, minimum, rosenbrock, sphere
 
 CORES = [kind.core for kind in OPTIMIZERS.values() if issubclass(kind, PopulationOptimizer)]
 
@@ -117,3 +129,437 @@ def test_one_ask_does_not_reach_into_the_next_generation() -> None:
         optimizer.tell(codes, [float(code) for code in codes])
         pieces.append(len(codes))
     assert pieces == [4, 4, 2, 4, 4, 2]
+
+
+FAR = 1e9  # walls that are never met
+
+
+class Certain(np.random.Generator):
+    """A generator whose uniform numbers in [0, 1] are all 1: the deterministic swarm."""
+
+    def random(self, size: object = None, *_: object, **__: object) -> FloatArray:  # type: ignore[override]
+        return np.ones(size)  # type: ignore[call-overload, no-any-return]
+
+
+class Tuned(ParticleSwarm):
+    """A swarm in one dimension far from all walls, with other weights."""
+
+    def __init__(
+        self, inertia: float, cognitive: float, social: float, random: np.random.Generator, size: int
+    ):
+        super().__init__([-FAR], [FAR], random, size)
+        self.weights = inertia, cognitive, social
+
+    inertia: ClassVar[float] = property(lambda self: self.weights[0])  # type: ignore[assignment]
+    cognitive: ClassVar[float] = property(lambda self: self.weights[1])  # type: ignore[assignment]
+    social: ClassVar[float] = property(lambda self: self.weights[2])  # type: ignore[assignment]
+
+
+def stagnating(swarm: ParticleSwarm, own: float, best: float, start: float, steps: int) -> FloatArray:
+    """Return the positions of a swarm whose particles all remember `own` and follow `best`, (steps, size).
+
+    Particle 0 is the one that holds the best.
+    """
+    swarm.positions = np.full((swarm.size, 1), start)
+    swarm.velocities = np.zeros((swarm.size, 1))
+    swarm.kept = np.full((swarm.size, 1), own)
+    swarm.kept[0] = best
+    swarm.kept_scores = np.ones(swarm.size)
+    swarm.kept_scores[0] = 0.0
+    swarm.known[:] = True
+    path = []
+    for _ in range(steps):
+        swarm.advance(np.full(swarm.size, 2.0))  # never better
+        path.append(swarm.positions[:, 0])
+    return np.array(path)
+
+
+@pytest.mark.parametrize(
+    ("inertia", "cognitive", "social"), [(0.5, 0.5, 2.0), (0.7, 0.3, 0.3), (0.9, 1.0, 1.5)]
+)
+def test_without_chance_a_particle_moves_as_trelea_has_it(
+    inertia: float, cognitive: float, social: float
+) -> None:
+    # Trelea 2003: x(t+1) = (1 + ω - φ) x(t) - ω x(t-1) + φ p, in closed form by the roots of λ² - ... = 0.
+    swarm = Tuned(inertia, cognitive, social, Certain(np.random.PCG64(0)), 10)
+    path = stagnating(swarm, own=3.0, best=8.0, start=-40.0, steps=30)[:, 1]
+    weight = cognitive + social
+    point = (cognitive * 3.0 + social * 8.0) / weight
+    roots = np.roots([1, -(1 + inertia - weight), inertia])
+    # x(0) = x(-1) = start, since the first velocity is 0.
+    shares = np.linalg.solve(np.array([[1, 1], 1 / roots]), np.full(2, -40.0 - point))
+    expected = [point + (shares * roots**step).sum().real for step in range(1, 31)]
+    np.testing.assert_allclose(path, expected, rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("inertia", [0.2, 0.5, 0.8])
+def test_without_chance_a_swarm_converges_just_where_theory_says(inertia: float) -> None:
+    # Trelea 2003: it converges for |ω| < 1 and 0 < φ < 2 (1 + ω).
+    bound = 2 * (1 + inertia)
+    for factor, converges in ((0.97, True), (1.03, False)):
+        swarm = Tuned(inertia, factor * bound / 2, factor * bound / 2, Certain(np.random.PCG64(0)), 10)
+        path = stagnating(swarm, own=5.0, best=5.0, start=6.0, steps=300)
+        assert (np.abs(path[-1] - 5.0).max() < 0.01) == converges
+
+
+def moments(inertia: float, cognitive: float, social: float) -> tuple[FloatArray, FloatArray]:
+    """Return A and b of the second moments of a stagnating particle with p = 0 and g = 1.
+
+    m' = A m + b for m = E[x², xy, y², x, y], y the position before x (Poli 2009, "Mean and variance of the
+    sampling distribution of particle swarm optimizers during stagnation"):
+    x' = (1 + ω - φ) x - ω y + φ2, with φ = φ1 + φ2, φ1 uniform in [0, c1], φ2 in [0, c2].
+    """
+    first, second = cognitive / 2, social / 2
+    square = cognitive**2 / 3 + social**2 / 3 + 2 * first * second  # E[φ²]
+    mixed = social**2 / 3 + first * second  # E[φ φ2]
+    mean = 1 + inertia - first - second
+    spread = (1 + inertia) ** 2 - 2 * (1 + inertia) * (first + second) + square  # E[(1 + ω - φ)²]
+    pull = (1 + inertia) * second - mixed  # E[(1 + ω - φ) φ2]
+    matrix = np.array(
+        [
+            [spread, -2 * inertia * mean, inertia**2, 2 * pull, -2 * inertia * second],
+            [mean, -inertia, 0, second, 0],
+            [1, 0, 0, 0, 0],
+            [0, 0, 0, mean, -inertia],
+            [0, 0, 0, 1, 0],
+        ]
+    )
+    return matrix, np.array([social**2 / 3, 0, 0, second, 0])
+
+
+@pytest.mark.parametrize("inertia", [0.0, 0.5, 0.7])
+def test_the_moments_have_polis_bound_of_order_2_stability(inertia: float) -> None:
+    # For c1 = c2 = c: the variance is bounded for c < 12 (1 - ω²) / (7 - 5 ω).
+    bound = 12 * (1 - inertia**2) / (7 - 5 * inertia)
+    for factor, stable in ((0.999, True), (1.001, False)):
+        matrix, _ = moments(inertia, factor * bound, factor * bound)
+        assert (np.abs(np.linalg.eigvals(matrix)).max() < 1) == stable
+
+
+@pytest.mark.parametrize(
+    ("inertia", "cognitive", "social"), [(0.5, 0.5, 2.0), (0.7298, 1.49618, 1.49618), (0.2, 1.0, 1.0)]
+)
+def test_a_stagnating_swarm_spreads_as_poli_has_it(inertia: float, cognitive: float, social: float) -> None:
+    matrix, constant = moments(inertia, cognitive, social)
+    expected = np.linalg.solve(np.eye(5) - matrix, constant)
+    swarm = Tuned(inertia, cognitive, social, np.random.default_rng(0), 10_000)
+    path = stagnating(swarm, own=0.0, best=1.0, start=0.5, steps=300)[200::10, 1:]
+    assert expected[3] == pytest.approx(social / (cognitive + social))
+    assert path.mean() == pytest.approx(expected[3], abs=0.01)
+    assert path.std() == pytest.approx(np.sqrt(expected[0] - expected[3] ** 2), rel=0.05)
+
+
+def test_a_stagnating_swarm_beyond_the_bound_flies_apart() -> None:
+    bound = 12 * (1 - 0.7**2) / (7 - 5 * 0.7)
+    swarm = Tuned(0.7, 1.6 * bound, 1.6 * bound, np.random.default_rng(0), 2000)
+    path = stagnating(swarm, own=0.0, best=1.0, start=0.5, steps=60)[:, 1:]
+    assert path[-1].std() > 10 * path[20].std()
+
+
+def test_the_papers_weights_converge_on_the_sphere() -> None:
+    found = [minimum(ParticleSwarm, sphere, 100, seed) for seed in range(30)]
+    assert np.median(found) < 1e-6
+
+
+def test_a_particle_that_leaves_the_box_stops_at_the_wall() -> None:
+    swarm = make(ParticleSwarm, 0)
+    assert isinstance(swarm, ParticleSwarm)
+    swarm.velocities[:] = [[200.0, 0.0]]
+    swarm.advance(sphere(swarm.positions))
+    np.testing.assert_array_equal(swarm.positions[:, 0], np.full(10, HIGH))
+    np.testing.assert_array_equal(swarm.velocities[:, 0], np.zeros(10))
+    assert (np.abs(swarm.velocities[:, 1]) > 0).sum() >= 9  # free along the wall; the best one rests
+
+
+def test_first_velocities_lead_no_particle_out_of_the_box() -> None:
+    for seed in range(20):
+        swarm = make(ParticleSwarm, seed)
+        assert isinstance(swarm, ParticleSwarm)
+        ahead = swarm.positions + swarm.velocities
+        assert ((ahead >= LOW) & (ahead <= HIGH)).all()
+
+
+class Boundless(SpeciatedSwarm):
+    radius: ClassVar[float] = 2.0
+
+
+class Small(SpeciatedSwarm):
+    most_per_species: ClassVar[int] = 3
+    radius: ClassVar[float] = 2.0
+
+
+def scored(core: type[SpeciatedSwarm], places: list[float]) -> SpeciatedSwarm:
+    """Return a swarm in the box [1, 101] that remembers these places, best first."""
+    swarm = core([1.0], [101.0], np.random.default_rng(0), len(places))
+    swarm.kept = np.array(places)[:, np.newaxis]
+    swarm.kept_scores = np.arange(len(places), dtype=float)
+    swarm.known[:] = True
+    return swarm
+
+
+def test_a_particle_joins_the_first_seed_within_a_tenth_of_the_range() -> None:
+    #                               seed  near  seed  seed  near both: joins the fitter  at r    beyond
+    swarm = scored(SpeciatedSwarm, [50.0, 57.0, 64.0, 10.0, 58.0, 20.0, 30.5])
+    np.testing.assert_array_equal(swarm.species(), [0, 0, 2, 3, 0, 3, 6])
+
+
+def test_species_follow_the_best_scores_not_the_order_of_particles() -> None:
+    swarm = scored(SpeciatedSwarm, [50.0, 57.0, 64.0])
+    swarm.kept_scores = np.array([3.0, 2.0, 1.0])
+    np.testing.assert_array_equal(swarm.species(), [0, 2, 2])
+
+
+def test_in_a_box_of_unequal_sides_each_side_counts_alike() -> None:
+    swarm = SpeciatedSwarm([0.0, 0.0], [1.0, 1000.0], np.random.default_rng(0), 4)
+    swarm.kept = np.array([[0.5, 500.0], [0.5, 590.0], [0.59, 500.0], [0.5, 610.0]])
+    swarm.kept_scores = np.arange(4.0)
+    np.testing.assert_array_equal(swarm.species(), [0, 0, 0, 3])
+
+
+def test_one_species_over_the_whole_box_is_the_plain_swarm() -> None:
+    plain, speciated = make(ParticleSwarm, 7), make(Boundless, 7)
+    for _ in range(40):
+        np.testing.assert_array_equal(speciated.positions, plain.positions)
+        plain.advance(sphere(plain.positions))
+        speciated.advance(sphere(speciated.positions))
+
+
+def test_ten_particles_are_never_too_many() -> None:
+    swarm = make(SpeciatedSwarm, 8)
+    for _ in range(60):
+        swarm.advance(sphere(swarm.positions))
+        assert swarm.known.all()
+
+
+def test_a_crowded_species_keeps_its_best_and_redraws_the_rest() -> None:
+    swarm = make(Small, 9)
+    best = np.inf
+    for _ in range(20):
+        scores = sphere(swarm.positions)
+        better = np.where(swarm.known, np.minimum(scores, swarm.kept_scores), scores)
+        best = min(best, scores.min())
+        swarm.advance(scores)
+        np.testing.assert_array_equal(swarm.kept_scores, better)  # the redrawn have forgotten
+        np.testing.assert_array_equal(np.flatnonzero(swarm.known), np.sort(np.argsort(better)[:3]))
+        assert swarm.kept_scores.min() == best
+
+
+def two_valleys(points: FloatArray) -> FloatArray:
+    """Minima 0 at (-3, -3) and 0.1 at (3, 3)."""
+    return np.minimum(sphere(points + 3.0), sphere(points - 3.0) + 0.1)
+
+
+def test_the_species_keep_both_valleys_where_the_plain_swarm_ends_in_one() -> None:
+    both = {}
+    for core in (ParticleSwarm, SpeciatedSwarm):
+        both[core] = 0
+        for seed in range(20):
+            swarm = core([-5.0, -5.0], [5.0, 5.0], np.random.default_rng(seed), 30)
+            for _ in range(40):
+                swarm.advance(two_valleys(swarm.positions))
+            ends = swarm.positions[sphere(np.abs(swarm.positions) - 3.0) < 0.1]
+            both[core] += bool((ends[:, 0] < 0).any() and (ends[:, 0] > 0).any())
+    assert both[SpeciatedSwarm] >= 18
+    assert both[ParticleSwarm] <= 2
+
+
+def swarm_of(seed: int, dimension: int = 2) -> DifferentialSwarm:
+    swarm = make(DifferentialSwarm, seed, dimension)
+    assert isinstance(swarm, DifferentialSwarm)
+    return swarm
+
+
+def test_the_archive_holds_the_last_ten_successes_and_starts_as_generation_1() -> None:
+    swarm = swarm_of(0)
+    successes: list[tuple[float, ...]] = []
+    idle = np.zeros(10, dtype=int)
+    best = np.full(10, np.inf)
+    for _ in range(30):
+        positions, scores = swarm.positions.copy(), sphere(swarm.positions)
+        for particle in range(10):
+            if scores[particle] < best[particle]:
+                best[particle], idle[particle] = scores[particle], 0
+                successes.append(tuple(positions[particle]))
+            else:
+                idle[particle] += 1
+        swarm.advance(scores)
+        np.testing.assert_array_equal(swarm.archive, successes[-10:])
+        np.testing.assert_array_equal(swarm.archive_scores, sphere(np.array(successes[-10:])))
+        np.testing.assert_array_equal(swarm.idle, idle)
+
+
+def moved(idle: int, seed: int = 1) -> tuple[DifferentialSwarm, FloatArray]:
+    """Return a swarm after one fruitless generation at rest, and where it stood; it was idle before.
+
+    Memories lie at -1, the best one at -2; the archive at 3, its best at 4.
+    """
+    swarm = swarm_of(seed, 1)
+    swarm.kept = np.full((10, 1), -1.0)
+    swarm.kept[9] = -2.0
+    swarm.kept_scores = np.array([1.0] * 9 + [0.0])
+    swarm.archive = np.full((10, 1), 3.0)
+    swarm.archive[0] = 4.0
+    swarm.archive_scores = np.array([0.5] + [1.0] * 9)
+    swarm.known[:] = True
+    swarm.velocities[:] = 0.0
+    swarm.idle[:] = idle
+    before = swarm.positions.copy()
+    swarm.advance(np.full(10, 1e9))
+    return swarm, before
+
+
+def test_a_particle_follows_the_best_and_a_difference_of_memories() -> None:
+    swarm, before = moved(idle=2)  # now 3: not more than Q
+    # v = 0.5 r1 (p_a - p_b) + 2 r2 (-2 - x), and memories differ by at most 1.
+    pulled = 2.0 * (-2.0 - before)
+    reach = 0.5
+    low, high = np.minimum(pulled, 0.0) - reach, np.maximum(pulled, 0.0) + reach
+    assert ((swarm.velocities >= low - 1e-12) & (swarm.velocities <= high + 1e-12)).all()
+    assert len(np.unique(swarm.velocities / pulled)) > 5
+
+
+def test_a_stagnating_particle_takes_its_parents_from_the_archive() -> None:
+    for seed in range(20):
+        swarm, _ = moved(idle=3, seed=seed)  # now 4: more than Q = 3
+        # From 3, its place in the archive, toward 4, and aside by half a difference of at most 1.
+        assert (swarm.positions >= 2.5 - 1e-12).all()
+        # The first starts at 4, where there is nothing to go toward.
+        assert abs(swarm.positions[0, 0] - 4.0) <= 0.5
+
+
+def test_without_stagnation_it_is_not_the_archive() -> None:
+    swarm, _ = moved(idle=0)
+    assert (swarm.positions < 2.5).any()
+
+
+def test_a_success_ends_the_stagnation() -> None:
+    swarm = swarm_of(2)
+    swarm.advance(np.full(10, 1.0))
+    for _ in range(5):
+        swarm.advance(np.full(10, 1.0))
+    assert (swarm.idle == 5).all()
+    swarm.advance(np.array([0.5] + [1.0] * 9))
+    np.testing.assert_array_equal(swarm.idle, [0] + [6] * 9)
+
+
+def test_it_converges_on_the_sphere() -> None:
+    found = [minimum(DifferentialSwarm, sphere, 100, seed) for seed in range(30)]
+    assert np.median(found) < 1e-4
+
+
+def test_its_docstring_says_that_it_is_a_reconstruction() -> None:
+    assert "RECONSTRUCTION" in str(DifferentialSwarm.__doc__)
+    assert DifferentialSwarm.patience == pytest.approx(3)
+
+
+SEEDS = 150
+GENERATIONS = 25
+
+
+def ours(core: type[DifferentialEvolution], function: Function) -> FloatArray:
+    """Return the logarithms of the minima found with many seeds, (SEEDS,)."""
+    return np.log10([minimum(core, function, GENERATIONS, seed) for seed in range(SEEDS)])
+
+
+def scipys(strategy: str, function: Function, mutation: float = 0.7) -> FloatArray:
+    """Return the same found by SciPy: 10 individuals, uniform start, whole generations, CR = 0.5."""
+    runs = [
+        differential_evolution(
+            lambda points: function(points.T),
+            [(LOW, HIGH)] * 2,
+            strategy=strategy,
+            popsize=5,  # times two dimensions
+            init="random",
+            maxiter=GENERATIONS - 1,  # besides the first generation
+            mutation=mutation,
+            recombination=0.5,
+            updating="deferred",
+            vectorized=True,
+            polish=False,
+            tol=0,
+            atol=0,
+            rng=1000 + seed,
+        )
+        for seed in range(SEEDS)
+    ]
+    assert {run.nit for run in runs} == {GENERATIONS - 1}
+    return np.log10([run.fun for run in runs])
+
+
+@pytest.mark.parametrize("function", [sphere, rosenbrock])
+@pytest.mark.parametrize(("core", "strategy"), [(BestEvolution, "best1bin"), (RandomEvolution, "rand1bin")])
+def test_it_converges_as_scipys_does(
+    core: type[DifferentialEvolution], strategy: str, function: Function
+) -> None:
+    # 150 minima each: one from the other is told by rank (Mann-Whitney), and by their medians in decades.
+    found, reference = ours(core, function), scipys(strategy, function)
+    assert mannwhitneyu(found, reference).pvalue > 0.01
+    assert np.median(found) == pytest.approx(np.median(reference), abs=0.5)
+
+
+def test_the_comparison_would_notice_another_factor_or_strategy() -> None:
+    found = ours(BestEvolution, sphere)
+    assert mannwhitneyu(found, scipys("best1bin", sphere, mutation=0.6)).pvalue < 1e-3
+    assert mannwhitneyu(found, scipys("rand1bin", sphere)).pvalue < 1e-9
+
+
+class NoCrossover(BestEvolution):
+    crossover: ClassVar[float] = 0.0
+
+
+class FullCrossover(BestEvolution):
+    crossover: ClassVar[float] = 1.0
+
+
+def differing(core: type[DifferentialEvolution]) -> FloatArray:
+    """Return in how many coordinates each challenger differs from its parent, in five dimensions."""
+    counts = []
+    for seed in range(40):
+        population = make(core, seed, 5)
+        population.advance(sphere(population.positions))
+        counts.append((population.positions != population.kept).sum(axis=1))
+    return np.concatenate(counts)
+
+
+def test_crossover_takes_one_coordinate_for_certain_and_the_others_by_chance() -> None:
+    assert set(differing(NoCrossover)) == {1}
+    assert set(differing(FullCrossover)) == {5}
+    # 1 + 4 CR = 3 of 5; 400 challengers, standard error 0.05.
+    assert differing(BestEvolution).mean() == pytest.approx(3.0, abs=0.2)
+
+
+def test_in_one_dimension_the_crossover_rate_has_no_effect() -> None:
+    none, full = make(NoCrossover, 3, 1), make(FullCrossover, 3, 1)
+    for _ in range(30):
+        np.testing.assert_array_equal(none.positions, full.positions)
+        none.advance(sphere(none.positions))
+        full.advance(sphere(full.positions))
+
+
+@pytest.mark.parametrize("core", [BestEvolution, RandomEvolution])
+def test_challengers_are_made_of_the_parents_by_the_equation(core: type[DifferentialEvolution]) -> None:
+    population = make(core, 4, 1)
+    population.advance(sphere(population.positions))
+    parents, best = population.kept[:, 0], population.kept_scores.argmin()
+    for i, challenger in enumerate(population.positions[:, 0]):
+        others = [j for j in range(10) if j != i]
+        made = [
+            parents[base] + 0.7 * (parents[r] - parents[s])
+            for base in (others if core is RandomEvolution else [best])
+            for r in others
+            for s in others
+            if r != s and (core is BestEvolution or base not in (r, s))
+        ]
+        outside = any(not LOW <= point <= HIGH for point in made)
+        assert outside or min(abs(challenger - point) for point in made) < 1e-12
+
+
+def test_a_challenger_wins_with_a_better_or_equal_score_only() -> None:
+    population = make(BestEvolution, 5)
+    population.advance(np.full(10, 1.0))
+    parents, challengers = population.kept.copy(), population.positions.copy()
+    population.advance(np.array([0.5, 1.0, 1.5, 1e9, 0.9, 1.0, 2.0, 3.0, 4.0, 5.0]))
+    won = [0, 1, 4, 5]
+    np.testing.assert_array_equal(population.kept[won], challengers[won])
+    lost = [2, 3, 6, 7, 8, 9]
+    np.testing.assert_array_equal(population.kept[lost], parents[lost])
