@@ -4,128 +4,160 @@ This is the whole public interface; everything else may change. Names are import
 `import hexctl` costs nothing and needs neither MuJoCo nor Rerun.
 """
 
-import importlib
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from hexctl import testing
     from hexctl.adapt.adaptation import Adaptation, AdaptationResult, adapt
-    from hexctl.adapt.objectives import Objective
-    from hexctl.adapt.optimizer import Optimizer
-    from hexctl.adapt.session import Session
+    from hexctl.adapt.objectives import Objective, make_objective
+    from hexctl.adapt.optimizer import Observation, Optimizer, Prediction
+    from hexctl.adapt.prior.find import list_priors
+    from hexctl.adapt.prior.prior import Prior, load_prior
+    from hexctl.adapt.registry import make_optimizer
+    from hexctl.adapt.search import new_spec
+    from hexctl.adapt.session import Session, SessionSpec, TrialRecord
     from hexctl.adapt.space import GaitSpace
-    from hexctl.backends.base import LegServos
+    from hexctl.adapt.store import delete_session, export_session, list_sessions, load_session
+    from hexctl.backends.base import LegServos, ServosWrapper
     from hexctl.backends.clock import Clock, Tick, WallClock
     from hexctl.backends.mock import MockServos
+    from hexctl.backends.registry import BackendOptions, make_servos
     from hexctl.backends.sim.servos import SimServos
-    from hexctl.backends.sim.world import World, load_world
-    from hexctl.control.batch import SimTrial, run_sim_trials
+    from hexctl.backends.sim.world import DomainRandomization, World, load_randomization, load_world
+    from hexctl.control.batch import SimTrial, run_sim_trial, run_sim_trials
+    from hexctl.control.controllers import Controller, Stand, Walk
     from hexctl.control.feasibility import check_robot
     from hexctl.control.guard import Guard
-    from hexctl.control.log import TickLog
+    from hexctl.control.log import Recorder, Recorders, TickLog
     from hexctl.control.plan import TrialPlan
     from hexctl.control.result import Deviation, TrialResult
-    from hexctl.control.trial import run_trial
-    from hexctl.errors import HexctlError
+    from hexctl.control.trial import WalkStart, planned_walk, run_trial
+    from hexctl.errors import (
+        CommandRefusedError,
+        EStopError,
+        HexctlError,
+        InputError,
+        LimitError,
+        MissingExtraError,
+        ReachError,
+        RecordingError,
+        RobotFaultError,
+        SimulationDivergedError,
+        WrongTypeError,
+    )
     from hexctl.gait.encoding import code_from_slots, slots_from_code
     from hexctl.gait.gait import Gait, Motion, make_gait
     from hexctl.record.recording import Recording
     from hexctl.record.run import RunResult, RunSpec, run
-    from hexctl.robot.failure import Failure
-    from hexctl.robot.loader import load_robot
+    from hexctl.robot.failure import Failure, parse_failure
+    from hexctl.robot.loader import RobotFile, load_robot, load_robot_file
     from hexctl.robot.model import Robot
+    from hexctl.serve.service import RobotService, ServosSpec, serve
+    from hexctl.study.plan import StudyPlan
+    from hexctl.study.prior import PriorPlan, build_prior
+    from hexctl.study.study import StudyResult, study
     from hexctl.types import JointTargets, RobotState
 
-_HOMES = {
-    "Adaptation": "hexctl.adapt.adaptation",
-    "AdaptationResult": "hexctl.adapt.adaptation",
-    "GaitSpace": "hexctl.adapt.space",
-    "Objective": "hexctl.adapt.objectives",
-    "Optimizer": "hexctl.adapt.optimizer",
-    "Session": "hexctl.adapt.session",
-    "Clock": "hexctl.backends.clock",
-    "Deviation": "hexctl.control.result",
-    "Failure": "hexctl.robot.failure",
-    "Gait": "hexctl.gait.gait",
-    "Guard": "hexctl.control.guard",
-    "HexctlError": "hexctl.errors",
-    "JointTargets": "hexctl.types",
-    "LegServos": "hexctl.backends.base",
-    "MockServos": "hexctl.backends.mock",
-    "Motion": "hexctl.gait.gait",
-    "Recording": "hexctl.record.recording",
-    "Robot": "hexctl.robot.model",
-    "RobotState": "hexctl.types",
-    "RunResult": "hexctl.record.run",
-    "RunSpec": "hexctl.record.run",
-    "SimServos": "hexctl.backends.sim.servos",
-    "SimTrial": "hexctl.control.batch",
-    "Tick": "hexctl.backends.clock",
-    "TickLog": "hexctl.control.log",
-    "TrialPlan": "hexctl.control.plan",
-    "TrialResult": "hexctl.control.result",
-    "WallClock": "hexctl.backends.clock",
-    "World": "hexctl.backends.sim.world",
-    "check_robot": "hexctl.control.feasibility",
-    "code_from_slots": "hexctl.gait.encoding",
-    "load_robot": "hexctl.robot.loader",
-    "load_world": "hexctl.backends.sim.world",
-    "make_gait": "hexctl.gait.gait",
-    "run": "hexctl.record.run",
-    "run_sim_trials": "hexctl.control.batch",
-    "run_trial": "hexctl.control.trial",
-    "slots_from_code": "hexctl.gait.encoding",
-}
-
+# fmt: off
 __all__ = [
-    "Adaptation",
-    "AdaptationResult",
-    "Clock",
-    "Deviation",
-    "Failure",
-    "Gait",
-    "GaitSpace",
-    "Guard",
-    "HexctlError",
-    "JointTargets",
-    "LegServos",
-    "MockServos",
-    "Motion",
-    "Objective",
-    "Optimizer",
-    "Recording",
-    "Robot",
-    "RobotState",
-    "RunResult",
-    "RunSpec",
-    "Session",
-    "SimServos",
-    "SimTrial",
-    "Tick",
-    "TickLog",
-    "TrialPlan",
-    "TrialResult",
-    "WallClock",
-    "World",
-    "adapt",
-    "check_robot",
-    "code_from_slots",
-    "load_robot",
-    "load_world",
-    "make_gait",
-    "run",
-    "run_sim_trials",
-    "run_trial",
-    "slots_from_code",
+    # robots, worlds and gaits
+    "Robot", "RobotFile", "load_robot", "load_robot_file", "Failure", "parse_failure",
+    "DomainRandomization", "World", "load_randomization", "load_world", "Gait", "Motion", "make_gait",
+    "code_from_slots", "slots_from_code", "check_robot",
+    # servos and clocks
+    "JointTargets", "RobotState", "LegServos", "ServosWrapper", "Guard", "SimServos", "MockServos",
+    "BackendOptions", "make_servos", "Clock", "Tick", "WallClock",
+    # trials, controllers and recorders
+    "TrialPlan", "WalkStart", "planned_walk", "run_trial", "SimTrial", "run_sim_trial",
+    "run_sim_trials", "Deviation", "TrialResult", "Controller", "Stand", "Walk", "Recorder",
+    "Recorders", "TickLog", "Recording",
+    # search
+    "GaitSpace", "Observation", "Optimizer", "Prediction", "make_optimizer", "Objective",
+    "make_objective",
+    # adaptation, sessions and priors
+    "Adaptation", "AdaptationResult", "adapt", "new_spec", "Session", "SessionSpec", "TrialRecord",
+    "delete_session", "export_session", "list_sessions", "load_session", "Prior", "load_prior",
+    "list_priors", "PriorPlan", "build_prior",
+    # one call for each command
+    "RunResult", "RunSpec", "run", "StudyPlan", "StudyResult", "study", "RobotService", "ServosSpec",
+    "serve",
+    # errors
+    "HexctlError", "InputError", "WrongTypeError", "MissingExtraError", "ReachError", "LimitError",
+    "CommandRefusedError", "EStopError", "RobotFaultError", "SimulationDivergedError", "RecordingError",
+    # conformance suites for servos and optimizers of your own; they need pytest
+    "testing",
 ]
+# fmt: on
+
+#: Where the names live. The packages `adapt`, `study` and `serve` can be called themselves.
+_MODULES = {
+    # robots, worlds and gaits
+    "robot.model": "Robot",
+    "robot.loader": "RobotFile load_robot load_robot_file",
+    "robot.failure": "Failure parse_failure",
+    "backends.sim.world": "DomainRandomization World load_randomization load_world",
+    "gait.gait": "Gait Motion make_gait",
+    "gait.encoding": "code_from_slots slots_from_code",
+    "control.feasibility": "check_robot",
+    # servos and clocks
+    "types": "JointTargets RobotState",
+    "backends.base": "LegServos ServosWrapper",
+    "control.guard": "Guard",
+    "backends.sim.servos": "SimServos",
+    "backends.mock": "MockServos",
+    "backends.registry": "BackendOptions make_servos",
+    "backends.clock": "Clock Tick WallClock",
+    # trials, controllers and recorders
+    "control.plan": "TrialPlan",
+    "control.trial": "WalkStart planned_walk run_trial",
+    "control.batch": "SimTrial run_sim_trial run_sim_trials",
+    "control.result": "Deviation TrialResult",
+    "control.controllers": "Controller Stand Walk",
+    "control.log": "Recorder Recorders TickLog",
+    "record.recording": "Recording",
+    # search
+    "adapt.space": "GaitSpace",
+    "adapt.optimizer": "Observation Optimizer Prediction",
+    "adapt.registry": "make_optimizer",
+    "adapt.objectives": "Objective make_objective",
+    # adaptation, sessions and priors
+    "adapt.adaptation": "Adaptation AdaptationResult adapt",
+    "adapt.search": "new_spec",
+    "adapt.session": "Session SessionSpec TrialRecord",
+    "adapt.store": "delete_session export_session list_sessions load_session",
+    "adapt.prior.prior": "Prior load_prior",
+    "adapt.prior.find": "list_priors",
+    "study.prior": "PriorPlan build_prior",
+    # one call for each command
+    "record.run": "RunResult RunSpec run",
+    "study.plan": "StudyPlan",
+    "study.study": "StudyResult study",
+    "serve.service": "RobotService ServosSpec serve",
+    # errors
+    "errors": (
+        "HexctlError InputError WrongTypeError MissingExtraError ReachError LimitError "
+        "CommandRefusedError EStopError RobotFaultError SimulationDivergedError RecordingError"
+    ),
+}
+_MODULE_OF = {name: module for module, names in _MODULES.items() for name in names.split()}
 
 
 def __getattr__(name: str) -> Any:
     """Import a public name from where it lives."""
-    if name == "adapt":  # a package that can be called
-        return importlib.import_module("hexctl.adapt")
-    if name not in _HOMES:
+    if name in ("adapt", "serve", "study", "testing"):
+        return import_module(f"hexctl.{name}")
+    if name not in _MODULE_OF:
         raise AttributeError(f"module 'hexctl' has no attribute {name!r}; it has {', '.join(__all__)}")
-    return getattr(importlib.import_module(_HOMES[name]), name)
+    try:
+        return getattr(import_module(f"hexctl.{_MODULE_OF[name]}"), name)
+    except ModuleNotFoundError as error:
+        from hexctl.errors import EXTRAS, MissingExtraError
+
+        extra = EXTRAS.get((error.name or "").partition(".")[0])
+        if extra is None:
+            raise
+        raise MissingExtraError(f"hexctl.{name}", extra) from error
 
 
 def __dir__() -> list[str]:

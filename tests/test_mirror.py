@@ -13,6 +13,7 @@ TOGETHER = {
     "test_changed.py",
     "test_compatibility.py",
     "test_mirror.py",
+    "test_public_api.py",
     "test_schedule.py",
     "adapt/test_docs_example.py",
     "adapt/test_kill.py",

@@ -39,7 +39,7 @@ from hexctl.backends.base import LegServos
 from hexctl.control.guard import Guard
 from hexctl.control.plan import TrialPlan
 from hexctl.control.trial import StopRequested, never
-from hexctl.errors import HexctlError, InputError, RecordingError, RobotFaultError
+from hexctl.errors import HexctlError, InputError, RecordingError, RobotFaultError, check_type
 from hexctl.gait.encoding import Slots
 from hexctl.record.live import LiveView
 
@@ -126,6 +126,7 @@ class Adaptation:
 
         Raises InputError for parts that contradict one another.
         """
+        check_type(spec, SessionSpec, "spec", "a SessionSpec, as new_spec(failed_leg=5) gives")
         if spec.ask and operator is None:
             raise InputError("operator: got none with --ask; allowed: one who places the robot and measures")
         if servos is not None and spec.simulated:
@@ -308,8 +309,8 @@ def adapt(
     failed_leg: int,
     *,
     budget: int = 20,
-    robot: str = "ant",
-    world: str | None = None,
+    robot: Path | str = "ant",
+    world: Path | str | None = None,
     failure: str = "locked",
     optimizer: OptimizerChoice | None = None,
     objective: ObjectiveChoice = "final",
@@ -375,6 +376,9 @@ def adapt(
     that stops during the search: the session is stored, and `Adaptation.resume` continues it. RecordingError
     when a recording is not whole.
     """
+    allowed = "LegServos, not connected, or None"
+    check_type(servos, (LegServos, type(None)), "servos", allowed)
+    check_type(folder, (str, Path), "folder", "a path")
     if servos is not None and backend == "sim":
         backend = f"{type(servos).__module__}:{type(servos).__qualname__}"
     spec = new_spec(
@@ -384,10 +388,10 @@ def adapt(
         world=world,
         optimizer=optimizer,
         objective=objective,
-        prior=None if prior is None else str(prior),
+        prior=str(prior) if isinstance(prior, Path) else prior,
         folder=Path(folder),
         note=note,
-        robot=str(robot),
+        robot=robot,
         budget=budget,
         target_m=target_m,
         confirm=confirm,
@@ -398,7 +402,7 @@ def adapt(
         self_rotation=self_rotation,
         seed=seed,
         connect=connect,
-        credentials=None if credentials is None else str(credentials),
+        credentials=str(credentials) if isinstance(credentials, Path) else credentials,
         insecure=insecure,
         link=link,
         arena_m=arena_m,

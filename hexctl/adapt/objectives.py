@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 from hexctl.control.result import Deviation, TrialResult
-from hexctl.errors import InputError
+from hexctl.errors import InputError, check_type
 from hexctl.robot.plugins import module_here
 
 #: Score of a trial that fell, made no progress, diverged or was aborted: worse than any valid score.
@@ -97,6 +97,7 @@ def make_objective(name: str) -> Objective:
     `name` is one of `OBJECTIVES`, or `package.module:name` for one of your own: an `Objective`, or a function
     that returns the score of a valid `TrialResult`. Raises InputError for an unknown name.
     """
+    check_type(name, str, "objective", f"{', '.join(OBJECTIVES)}, or package.module:name")
     if name in OBJECTIVES:
         return OBJECTIVES[name]
     if ":" in name:

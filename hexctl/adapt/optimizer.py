@@ -12,7 +12,7 @@ import numpy as np
 from hexctl.adapt.space import GaitSpace
 from hexctl.control.result import TrialResult
 from hexctl.control.trial import Enough
-from hexctl.errors import HexctlError, InputError
+from hexctl.errors import HexctlError, InputError, check_type
 from hexctl.types import ArrayFields, FloatArray
 
 #: Outcomes of walks that ended early, and so say nothing about where the gait ends.
@@ -130,6 +130,8 @@ class Optimizer(ABC):
     judges_target: bool = False
 
     def __init__(self, space: GaitSpace, seed: int) -> None:
+        check_type(space, GaitSpace, "space", "a GaitSpace, as GaitSpace((5,))")
+        check_type(seed, int, "seed", "0 or more")
         if seed < 0:
             raise InputError(f"seed: got {seed}; allowed: 0 or more")
         self.space = space

@@ -6,7 +6,7 @@ from hexctl.adapt.baselines import ExhaustiveSearch, RandomSearch
 from hexctl.adapt.optimizer import Optimizer
 from hexctl.adapt.population import DeBest, DeRand, Dps, Pso, Psosp
 from hexctl.adapt.space import GaitSpace
-from hexctl.errors import InputError
+from hexctl.errors import InputError, check_type
 from hexctl.robot.plugins import module_here
 
 OPTIMIZERS: dict[str, type[Optimizer]] = {
@@ -45,6 +45,8 @@ def make_optimizer(name: OptimizerChoice | OptimizerClass, space: GaitSpace, see
     `name` is one of `OPTIMIZERS`, or `package.module:Class` or the class of one of your own. Raises
     InputError for an unknown name, with the known ones.
     """
+    allowed = f"{BAYES} (with a prior), {', '.join(OPTIMIZERS)}, or an Optimizer class"
+    check_type(name, (str, Callable), "optimizer", allowed)  # type: ignore[arg-type]
     if not isinstance(name, str):
         return name(space, seed)
     if name in OPTIMIZERS:

@@ -5,7 +5,7 @@ Messages name options as the command line does; each is the parameter of the sam
 
 import logging
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -29,7 +29,7 @@ from hexctl.backends.sim.world import World, load_world
 from hexctl.control.plan import TrialPlan
 from hexctl.control.result import progress_floor_m
 from hexctl.control.turning import check_plan
-from hexctl.errors import InputError
+from hexctl.errors import InputError, check_type
 from hexctl.gait.gait import ideal_speed_m_s, make_gait
 from hexctl.robot.failure import parse_failure
 from hexctl.robot.loader import RobotFile, load_robot, load_robot_file
@@ -55,7 +55,7 @@ def log_note(text: str) -> None:
 
 
 def no_advice(_spec: SessionSpec) -> str:
-    """Return an empty text, the default of `Advice`."""
+    """No advice, the default of `Advice`."""
     return ""
 
 
@@ -125,7 +125,7 @@ def new_spec(
     failed_leg: int,
     failure: str = "locked",
     backend: str = "sim",
-    world: str | None = None,
+    world: Path | str | None = None,
     optimizer: OptimizerChoice | None = None,
     objective: ObjectiveChoice = "final",
     prior: str | None = None,
@@ -152,6 +152,9 @@ def new_spec(
     Raises InputError for anything that is not allowed.
     """
     parse_failure(failed_leg, failure)
+    _check_types({"backend": backend, "world": world, "prior": prior, **others})
+    others["robot"] = str(others.get("robot", "ant"))
+    world = None if world is None else str(world)
     if backend != "sim" and world is not None:
         raise InputError(f"--world: got {world} with --backend {backend}; allowed: with sim")
     measure = as_objective(objective)
@@ -164,7 +167,7 @@ def new_spec(
         objective=measure.name,
         objective_label="" if measure.name in OBJECTIVES else measure.label,
         objective_unit=measure.unit,
-        robot_fingerprint=load_robot(others.get("robot", "ant")).fingerprint,
+        robot_fingerprint=load_robot(others["robot"]).fingerprint,
         **others,
     )
     check_numbers(spec)
@@ -174,6 +177,30 @@ def new_spec(
     setting = load_setting(spec)
     start_note(spec, setting)
     return _with_prior(spec, setting, prior, optimizer is None, prior_folders(folder), note, advice)
+
+
+_STORED = "which the session stores"
+
+#: Types of what a session is asked for, by parameter, and what a message says instead where it says more.
+_TYPES: dict[str, tuple[tuple[type, ...], str | None]] = {
+    "robot": ((str, Path), f"the name or path of a robot file, {_STORED}"),
+    "world": ((str, Path, type(None)), f"the name or path of a world, {_STORED}"),
+    "backend": ((str,), "the name of a backend; a robot of your own is given as `servos`"),
+    "prior": ((str, type(None)), "auto, none, or the name or path of a prior"),
+    **dict.fromkeys(("budget", "confirm", "seed"), ((int,), None)),
+    **dict.fromkeys(("duration_s", "heading_deg"), ((float,), None)),
+    **{name: ((float, type(None)), None) for name in ("target_m", "arena_m")},
+    **dict.fromkeys(("early_stop", "count_repeats", "insecure"), ((bool,), None)),
+    **{name: ((str, type(None)), None) for name in ("connect", "credentials", "link")},
+}
+
+
+def _check_types(given: Mapping[str, object]) -> None:
+    """Raise WrongTypeError for a value of a wrong type, by parameter."""
+    for name, value in given.items():
+        if name in _TYPES:
+            kinds, allowed = _TYPES[name]
+            check_type(value, kinds, name, allowed)
 
 
 def extended(session: Session, budget: int) -> SessionSpec:

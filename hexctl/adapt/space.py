@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from hexctl.errors import InputError
+from hexctl.errors import InputError, check_type
 from hexctl.gait.encoding import Slots, code_count, code_from_slots, slots_from_code
 from hexctl.types import N_LEGS, FloatArray
 
@@ -26,6 +26,10 @@ class GaitSpace:
     failed_legs: tuple[int, ...]
 
     def __post_init__(self) -> None:
+        check_type(self.failed_legs, (tuple, list), "failed legs", "one to three legs, such as (5,)")
+        for leg in self.failed_legs:
+            check_type(leg, int, "failed legs", "one to three legs, such as (5,)")
+        object.__setattr__(self, "failed_legs", tuple(self.failed_legs))
         allowed = 1 <= len(self.failed_legs) <= 3 and sorted(set(self.failed_legs)) == list(self.failed_legs)
         if not allowed or not set(self.failed_legs) <= set(range(1, N_LEGS + 1)):
             raise InputError(f"failed legs: got {self.failed_legs}; allowed: one to three of 1..6, ascending")

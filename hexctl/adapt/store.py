@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from hexctl.adapt.session import Session, SessionSpec, TrialRecord
-from hexctl.errors import HexctlError, InputError, MissingExtraError
+from hexctl.errors import HexctlError, InputError, MissingExtraError, check_type
 
 SCHEMA_VERSION = 1
 
@@ -252,6 +252,7 @@ def list_sessions(folder: Path | str = RUNS) -> list[Session]:
 
 def load_session(name: str, folder: Path | str = RUNS) -> Session:
     """Session of a folder with its trials; raises InputError for a name that is not there."""
+    check_type(name, str, "session", "the name of a session")
     with _existing(Path(folder), name) as store:
         return store.load(name)
 

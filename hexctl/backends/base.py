@@ -3,6 +3,7 @@
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
+from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Protocol, Self, runtime_checkable
 
@@ -113,6 +114,7 @@ class ServosWrapper(LegServos):
     """
 
     def __init__(self, servos: LegServos) -> None:
+        check_type(servos, LegServos, "servos", "LegServos, as SimServos('ant') gives")
         self.wrapped = servos
 
     @property
@@ -214,12 +216,12 @@ def check_connected(connected: bool, who: str) -> None:
         raise RobotFaultError(f"{who} is not connected; call connect() first, or use it in a with statement")
 
 
-def as_robot(robot: Robot | str) -> Robot:
+def as_robot(robot: Robot | str | Path) -> Robot:
     """The robot given, or the one of a shipped name or a robot file.
 
     Raises InputError for a file that cannot be loaded, WrongTypeError for any other type.
     """
-    if isinstance(robot, str):
+    if isinstance(robot, str | Path):
         return load_robot(robot)
     check_type(robot, Robot, "robot", "a Robot, or the name or path of a robot file")
     return robot

@@ -1,6 +1,7 @@
 """Mock servos: every joint is where its last target was. No physics, no pose."""
 
 from collections import deque
+from pathlib import Path
 
 import numpy as np
 
@@ -27,7 +28,7 @@ class MockServos(LegServos):
         limp: whether the torque is disabled.
     """
 
-    def __init__(self, robot: Robot | str, *, clock: Clock | None = None) -> None:
+    def __init__(self, robot: Robot | str | Path, *, clock: Clock | None = None) -> None:
         self._robot = as_robot(robot)
         self._clock = clock or WallClock()
         self._connected = False

@@ -1,27 +1,31 @@
 """Batches of simulated trials on all cores; each equals the same trial run alone, to the last bit."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
 
 import numpy as np
 
+from hexctl.backends.base import as_robot
 from hexctl.backends.sim.batch import SimBatch
 from hexctl.backends.sim.servos import SimServos
-from hexctl.backends.sim.world import World
+from hexctl.backends.sim.world import World, as_world
 from hexctl.control.guard import FALL_TICKS, Guard, StepLimits, leaning
 from hexctl.control.plan import TrialPlan
 from hexctl.control.result import TrialResult, score
 from hexctl.control.trial import MakeController, WalkStart, planned_walk, prepare, run_trial, ticks_of
 from hexctl.control.turning import check_plan
-from hexctl.errors import EStopError, SimulationDivergedError
+from hexctl.errors import EStopError, SimulationDivergedError, check_type
 from hexctl.robot.failure import Failure
 from hexctl.robot.model import Robot
 from hexctl.types import BoolArray, RobotState
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True, init=False)
 class SimTrial:
     """One simulated trial, picklable: evaluating it is a pure function of this value.
+
+    Robot and world may be given by name or path. Raises InputError for what is not allowed.
 
     Attributes:
         robot: who walks.
@@ -35,9 +39,27 @@ class SimTrial:
     robot: Robot
     plan: TrialPlan
     failure: Failure | None
-    world: World = field(default_factory=World)
-    seed: int = 0
-    facing_rad: float = 0.0
+    world: World
+    seed: int
+    facing_rad: float
+
+    def __init__(
+        self,
+        *,
+        robot: Robot | str | Path,
+        plan: TrialPlan,
+        failure: Failure | None,
+        world: World | str | Path | None = None,
+        seed: int = 0,
+        facing_rad: float = 0.0,
+    ) -> None:
+        check_type(plan, TrialPlan, "trial.plan", "a TrialPlan")
+        check_type(failure, (Failure, type(None)), "trial.failure", "a Failure, as Failure(leg=5), or None")
+        check_type(seed, int, "trial.seed")
+        check_type(facing_rad, float, "trial.facing_rad")
+        values = (as_robot(robot), plan, failure, as_world(world), seed, facing_rad)
+        for place, value in zip(fields(self), values, strict=True):
+            object.__setattr__(self, place.name, value)
 
     def servos(self) -> SimServos:
         """Simulated robot of this trial, not yet connected."""
@@ -58,6 +80,7 @@ class SimTrial:
 
 def run_sim_trial(trial: SimTrial, make_controller: MakeController = planned_walk) -> TrialResult:
     """Result of one simulated trial, run alone."""
+    check_type(trial, SimTrial, "trial", "a SimTrial")
     with trial.servos() as servos:
         return run_trial(Guard(servos), trial.plan, make_controller, soft_stop=False)
 
@@ -78,6 +101,7 @@ def run_sim_trials(
     Raises ReachError or LimitError for a walk that the legs cannot make, before any trial runs.
     """
     for trial in trials:
+        check_type(trial, SimTrial, "trials", "SimTrials")
         check_plan(trial.robot, trial.plan)
     groups: dict[tuple[object, ...], list[int]] = {}
     for index, trial in enumerate(trials):

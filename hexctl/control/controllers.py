@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from hexctl.errors import LimitError, ReachError
+from hexctl.errors import LimitError, ReachError, check_type
 from hexctl.gait.foot_trajectory import RAMP_DURATION_S, feet_of_walks, gait_feet_body, stroke_vectors_m
 from hexctl.gait.gait import Gait, Motion
 from hexctl.ik.legs import solve_legs, solve_legs_within_limits
@@ -58,6 +58,7 @@ class Stand(Controller):
     """
 
     def __init__(self, robot: Robot, start_rad: FloatArray, steps: int, rest_steps: int = 0) -> None:
+        check_type(robot, Robot, "robot", "a Robot, as load_robot('ant') gives")
         self._start_rad = start_rad
         self._end_rad = robot.stance_angles_rad
         self._steps = max(1, steps)
@@ -97,10 +98,14 @@ class Walk(Controller):
         period_s: float,
         held_legs: tuple[int, ...] = (),
     ) -> None:
+        check_type(robot, Robot, "robot", "a Robot, as load_robot('ant') gives")
         self._robot, self._period_s, self._held_legs = robot, period_s, held_legs
         alone = isinstance(gaits, Gait)
         each = [gaits] if isinstance(gaits, Gait) else list(gaits)
         ways = [motions] if isinstance(motions, Motion) else list(motions)
+        for gait, motion in zip(each, ways, strict=True):
+            check_type(gait, Gait, "gait", "a Gait, as make_gait(robot, 'tripod') gives")
+            check_type(motion, Motion, "motion", "a Motion, as Motion(heading_rad=0.5)")
         pick = 0 if alone else slice(None)
         self._slots = np.array([gait.slots for gait in each])[pick]
         self._strokes = np.stack(

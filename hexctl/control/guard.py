@@ -11,7 +11,14 @@ from threading import Lock
 import numpy as np
 
 from hexctl.backends.base import LegServos, ServosWrapper, check_targets
-from hexctl.errors import CommandRefusedError, EStopError, HexctlError, InputError, RobotFaultError
+from hexctl.errors import (
+    CommandRefusedError,
+    EStopError,
+    HexctlError,
+    InputError,
+    RobotFaultError,
+    check_type,
+)
 from hexctl.robot.model import Robot
 from hexctl.robot.rotations import cos_tilt
 from hexctl.types import ArrayFields, BoolArray, FloatArray, JointTargets, RobotState
@@ -98,6 +105,7 @@ class Guard(ServosWrapper):
     """
 
     def __init__(self, servos: LegServos, *, expiry_s: float = EXPIRY_S) -> None:
+        check_type(expiry_s, float, "expiry")
         if not 0 < expiry_s <= MAX_EXPIRY_S:
             raise InputError(f"expiry: got {expiry_s:g} s; allowed: above 0 up to {MAX_EXPIRY_S:g} s")
         super().__init__(servos)

@@ -9,7 +9,7 @@ import numpy as np
 
 from hexctl.backends.clock import Tick
 from hexctl.control.trace import PHASES, TrialFrame
-from hexctl.errors import InputError
+from hexctl.errors import InputError, check_type
 from hexctl.types import N_JOINTS, N_LEGS, FloatArray, JointTargets, RobotState
 
 #: Name, width and type of each column; a width of 0 is a plain value per tick.
@@ -168,6 +168,8 @@ class Recorders:
             recorders: what is told of the ticks; a `TickLog` keeps them all.
             block_ticks: ticks of a block for recorders that leave it open.
         """
+        for recorder in recorders:
+            check_type(recorder, (TickLog, Recorder), "recorders", "TickLogs and Recorders")
         logs = [recorder for recorder in recorders if isinstance(recorder, TickLog)]
         if len(logs) > 1:
             raise InputError(f"recorders: got {len(logs)} logs; allowed: one")
@@ -185,6 +187,7 @@ class Recorders:
         """The recorders given; None without any, so that no rows are kept unread."""
         if isinstance(recorders, Recorders):
             return recorders
+        check_type(recorders, Sequence, "recorders", "a sequence of recorders, or Recorders")
         return cls(*recorders) if recorders else None
 
     def begin_phase(self, phase: str, frame: TrialFrame | None) -> None:

@@ -51,6 +51,7 @@ class TrialPlan:
             raise InputError(f"self-rotation: got {self.self_rotation}; allowed: {', '.join(SELF_ROTATIONS)}")
         if not (math.isfinite(self.settle_s) and self.settle_s > 0):
             raise InputError(f"settle time: got {self.settle_s:g}; allowed: above 0 s")
+        check_type(self.turn_rad, (float, type(None)), "plan.turn_rad", "an angle in rad, or None")
         if self.turn_rad is not None and not math.isfinite(self.turn_rad):
             raise InputError(f"turn before the walk: got {self.turn_rad}; allowed: a finite angle")
         self.motion(0.0)

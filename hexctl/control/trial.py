@@ -18,7 +18,7 @@ from hexctl.control.plan import TrialPlan
 from hexctl.control.result import TrialResult, score
 from hexctl.control.trace import Trace, TrialFrame
 from hexctl.control.turning import CLOSE_ENOUGH_RAD, Turn, check_plan, turn_needed_rad
-from hexctl.errors import CommandRefusedError, EStopError, SimulationDivergedError
+from hexctl.errors import CommandRefusedError, EStopError, SimulationDivergedError, check_type
 from hexctl.robot.model import Robot
 from hexctl.robot.rotations import wrapped_rad, yaw_rad
 from hexctl.types import FloatArray, JointTargets, RobotState
@@ -88,7 +88,7 @@ def planned_walk(start: WalkStart) -> Walk:
 
 
 def run_trial(
-    servos: Guard,
+    servos: LegServos,
     plan: TrialPlan,
     controller: Controller | MakeController | None = None,
     recorders: Recorders | Sequence[Recorder | TickLog] = (),
@@ -103,7 +103,7 @@ def run_trial(
     `cut_short`, when `should_stop` ends the walk.
 
     Args:
-        servos: guarded, connected servos.
+        servos: connected servos; those that are not a `Guard` are put behind one for this trial.
         plan: what the robot shall do.
         controller: walks instead of the plan's own open-loop walk; a controller, or what makes one of a
             `WalkStart`. Its `done` may end the walk.
@@ -118,6 +118,11 @@ def run_trial(
     Raises ReachError or LimitError for a walk that the legs cannot make, before anything moves, and
     RobotFaultError when the robot has gone.
     """
+    check_type(servos, LegServos, "servos", "connected LegServos, as Guard(SimServos('ant')) gives")
+    check_type(plan, TrialPlan, "plan", "a TrialPlan")
+    allowed = "a Controller, or what makes one of a WalkStart, or None"
+    check_type(controller, (Controller, Callable, type(None)), "controller", allowed)  # type: ignore[arg-type]
+    servos = servos if isinstance(servos, Guard) else Guard(servos)
     check_plan(servos.robot, plan)
     kept = Recorders.of(recorders)
     trial = _Trial(servos, plan, controller or planned_walk, kept, stop_requested, should_stop)

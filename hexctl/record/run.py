@@ -131,6 +131,9 @@ class RunSpec:
 
     def check(self) -> None:
         """Raise InputError for options that the backend would ignore, and for a recording that cannot be."""
+        check_type(self.backend, str, "backend", "the name of a backend, or package.module:Class")
+        check_type(self.failure, (Failure, type(None)), "failure", "a Failure, as Failure(leg=5), or None")
+        check_type(self.seed, int, "seed")
         if self.seed < 0:
             raise InputError(f"seed: got {self.seed}; allowed: 0 or more")
         check_options(
@@ -206,7 +209,7 @@ class Run:
         self._meshes = self._file.meshes if self._file is not None and spec.records else {}
         check_plan(self.robot, self.plan)
         world = "flat" if spec.world is None else spec.world
-        self._world = world if isinstance(world, World) else load_world(str(world))
+        self._world = world if isinstance(world, World) else load_world(world)
         self.notes: tuple[str, ...] = ()
         self._guard: Guard | None = None
         self._recording: Recording | None = None

@@ -4,13 +4,13 @@ Nothing here prints or handles signals: callers pass callbacks.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hexctl.backends.clock import request_realtime_priority
 from hexctl.backends.registry import BackendOptions, check_options, make_servos
-from hexctl.errors import InputError
+from hexctl.errors import InputError, check_type
 from hexctl.robot.failure import Failure, failure_text
 from hexctl.robot.loader import load_robot_file
 from hexctl.serve.server import RobotServer
@@ -46,7 +46,12 @@ class ServosSpec:
     seed: int = 0
 
     def check(self) -> None:
-        """Raise InputError for values that only a simulation can use."""
+        """Raise InputError for wrong types, and for values that only a simulation can use."""
+        check_type(self.backend, str, "backend", "the name of a backend, or package.module:Class")
+        check_type(self.robot, str, "robot", "the name or path of a robot file")
+        check_type(self.world, (str, type(None)), "world", "the name or path of a world, or None")
+        check_type(self.failure, (Failure, type(None)), "failure", "a Failure, as Failure(leg=5), or None")
+        check_type(self.seed, int, "seed")
         if self.backend != "sim":
             only_sim = {
                 "--world": self.world,
@@ -144,6 +149,8 @@ class RobotService:
     link: str | None = None
 
     def __post_init__(self) -> None:
+        check_type(self.servos, ServosSpec, "servos", "a ServosSpec, as ServosSpec(robot='ant') gives")
+        check_type(self.sit_after_s, float, "sit_after_s")
         backend = self.servos.backend
         if backend == "zenoh":
             raise InputError(
@@ -298,3 +305,41 @@ class BoardService:
 def _check_between(option: str, value: float, lowest: float, highest: float) -> None:
     if not lowest <= value <= highest:  # false for nan too
         raise InputError(f"{option}: got {value:g}; allowed: {lowest:g} to {highest:g} s")
+
+
+def serve(
+    *,
+    backend: str = "sim",
+    robot: str = "ant",
+    world: str | None = None,
+    failure: Failure | None = None,
+    seed: int = 0,
+    stop_requested: Callable[[], bool] = lambda: False,
+    on_started: Callable[[ServiceStarted], None] = lambda _: None,
+    on_event: Callable[[str], None] = lambda _: None,
+    **options: Any,
+) -> None:
+    """Put a robot on the network, as `hexctl serve` does; also called as `hexctl.serve(...)`.
+
+    Blocks until `stop_requested` returns True or a KeyboardInterrupt.
+
+    Args:
+        backend: name of a backend, or `package.module:Class`.
+        robot: name or path of the robot file.
+        world: name or path of the simulated world; None is `flat`. Only with `sim`.
+        failure: failed leg of the simulation, or None. Only with `sim`.
+        seed: of everything random in a simulation.
+        stop_requested: asked at every tick.
+        on_started: called once, when clients can connect.
+        on_event: called with a line for each change of controller, stop and posture.
+        options: further fields of `RobotService`: `listen`, `device`, `device_keys`, `sit_after_s`,
+            `credentials`, `insecure`, `link`.
+
+    Raises what `RobotService.run` raises.
+    """
+    known = [field.name for field in fields(RobotService) if field.name != "servos"]
+    unknown = [name for name in options if name not in known]
+    if unknown:
+        raise InputError(f"serve: got {', '.join(unknown)}; allowed: {', '.join(known)}")
+    spec = ServosSpec(backend=backend, robot=robot, world=world, failure=failure, seed=seed)
+    RobotService(servos=spec, **options).run(stop_requested, on_started=on_started, on_event=on_event)

@@ -54,6 +54,10 @@ class StudyPlan:
     def __post_init__(self) -> None:
         check_robot(self.robot)
         check_type(self.world, World, "plan.world", "a World, as load_world('slippery') gives")
+        for name in ("legs", "optimizers"):
+            check_type(getattr(self, name), (tuple, list), f"plan.{name}", "a tuple")
+        for name, kind in (("runs", int), ("budget", int), ("seed", int), ("duration_s", float)):
+            check_type(getattr(self, name), kind, f"plan.{name}")
 
     def specs(self) -> list[LandscapeSpec]:
         """Specs of all landscapes, leg by leg."""

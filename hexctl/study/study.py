@@ -4,11 +4,14 @@ import json
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
-from hexctl.errors import InputError
+from hexctl.backends.base import as_robot
+from hexctl.backends.sim.world import World, as_world
+from hexctl.errors import InputError, check_type
+from hexctl.robot.model import Robot
 from hexctl.study.cache import LandscapeCache
 from hexctl.study.drawing import check_drawing
 from hexctl.study.evaluate import Progress, Silent, check_jobs, evaluate
@@ -74,6 +77,44 @@ class TransferResult:
         }
 
 
+def study(
+    plan: StudyPlan | None = None,
+    *,
+    folder: Path | str,
+    robot: Robot | str | Path = "ant",
+    world: World | str | Path = "flat",
+    cache: LandscapeCache | None = None,
+    jobs: int | None = None,
+    dask: str | None = None,
+    progress: Progress | None = None,
+    **options: Any,
+) -> StudyResult:
+    """Repeat the paper's experiments, as `hexctl study` does; also called as `hexctl.study(...)`.
+
+    Args:
+        plan: the experiments; None for a plan of `robot`, `world` and `options`.
+        folder: for the report: new, empty, or with an earlier study, which is replaced.
+        robot: a robot, or the name or path of its file.
+        world: a world, or its name or path.
+        cache: as in `run_study`, and so are `jobs`, `dask` and `progress`.
+        jobs: threads per batch of gaits.
+        dask: address of a Dask scheduler.
+        progress: observer.
+        options: further fields of `StudyPlan`: `legs`, `optimizers`, `runs`, `budget`, `duration_s`, `seed`.
+
+    Raises what `run_study` raises.
+    """
+    if plan is None:
+        known = [field.name for field in fields(StudyPlan)]
+        unknown = [name for name in options if name not in known]
+        if unknown:
+            raise InputError(f"study: got {', '.join(unknown)}; allowed: {', '.join(known)}")
+        plan = StudyPlan(robot=as_robot(robot), world=as_world(world), **options)
+    elif options:
+        raise InputError(f"study: got a plan and {', '.join(options)} too; allowed: one or the other")
+    return run_study(plan, folder=Path(folder), cache=cache, jobs=jobs, dask=dask, progress=progress)
+
+
 def run_study(
     plan: StudyPlan,
     *,
@@ -98,7 +139,8 @@ def run_study(
     Raises InputError for a plan, a folder or an address that cannot be used, MissingExtraError without
     Matplotlib or PyArrow, CacheError when landscapes cannot be saved; all but the last before anything runs.
     """
-    cache, progress = cache or LandscapeCache(), progress or Silent()
+    check_type(plan, StudyPlan, "plan", "a StudyPlan")
+    folder, cache, progress = Path(folder), cache or LandscapeCache(), progress or Silent()
     check_jobs(jobs)
     check_drawing()
     plan.check()

@@ -15,7 +15,7 @@ import numpy as np
 
 from hexctl.adapt.space import GaitSpace
 from hexctl.control.plan import TrialPlan
-from hexctl.errors import HexctlError, InputError
+from hexctl.errors import HexctlError, InputError, check_type
 from hexctl.files import atomic_write
 from hexctl.robot.model import Robot
 from hexctl.types import N_JOINTS, FloatArray
@@ -201,11 +201,13 @@ def check_place(path: Path) -> None:
         raise PriorFileError(f"prior: {path} cannot be written: {error.strerror}") from error
 
 
-def load_prior(path: Path) -> Prior:
+def load_prior(path: Path | str) -> Prior:
     """Prior of a file.
 
     Raises InputError for a file that is not a prior, is of another version, is cut off or was altered.
     """
+    check_type(path, (str, Path), "prior", "the path of a file")
+    path = Path(path)
     head = read_head(path)
     try:
         with np.load(path, allow_pickle=False) as file:

@@ -3,6 +3,7 @@
 import math
 from collections import deque
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Self
 
 import numpy as np
@@ -12,7 +13,7 @@ from hexctl.backends.clock import Clock, Tick, WallClock
 from hexctl.backends.sim.dm import PhysicsError
 from hexctl.backends.sim.model import FIRST_JOINT, Simulation, make_simulation
 from hexctl.backends.sim.world import SensorNoise, World, as_world
-from hexctl.errors import SimulationDivergedError
+from hexctl.errors import SimulationDivergedError, check_type
 from hexctl.robot.failure import Failure
 from hexctl.robot.model import Robot
 from hexctl.types import N_JOINTS, FloatArray, JointTargets, RobotState
@@ -166,9 +167,9 @@ class SimServos(LegServos):
 
     def __init__(
         self,
-        robot: Robot | str,
+        robot: Robot | str | Path,
         *,
-        world: World | str | None = None,
+        world: World | str | Path | None = None,
         failure: Failure | None = None,
         seed: int = 0,
         trial: int = 0,
@@ -177,6 +178,11 @@ class SimServos(LegServos):
     ) -> None:
         self._robot = as_robot(robot)
         self.world = as_world(world)
+        check_type(failure, (Failure, type(None)), "failure", "a Failure, as Failure(leg=5), or None")
+        check_type(seed, int, "seed")
+        check_type(trial, int, "trial")
+        check_type(facing_rad, float, "facing_rad")
+        check_type(realtime, bool, "realtime")
         self.failure = failure
         self.seed = seed
         self.trial = trial

@@ -272,6 +272,8 @@ def load_world(name_or_path: str | Path = "flat") -> World:
 
     A file may set one key only; the rest is the flat world's. Raises InputError in one line.
     """
+    allowed = "a name, the path of a YAML file, or a member of a family, such as 'randomised:7'"
+    check_type(name_or_path, (str, Path), "world", allowed)
     text = str(name_or_path)
     family, colon, number = text.rpartition(":")
     if colon and not Path(text).is_file():
@@ -285,14 +287,14 @@ def load_world(name_or_path: str | Path = "flat") -> World:
     return validate(World, content, path)
 
 
-def as_world(world: World | str | None) -> World:
+def as_world(world: World | str | Path | None) -> World:
     """The world given, the one of a name or path, or the flat world for None.
 
     Raises InputError for a world that cannot be loaded, WrongTypeError for any other type.
     """
     if world is None:
         return World()
-    if isinstance(world, str):
+    if isinstance(world, str | Path):
         return load_world(world)
     allowed = "a World, the name or path of a world file, or a member of a family, such as 'randomised:7'"
     check_type(world, World, "world", allowed)

@@ -1,0 +1,32 @@
+"""Packages that can be called: `hexctl.adapt(...)` is a function, `hexctl.adapt.space` one of its parts."""
+
+import inspect
+import sys
+from importlib import import_module
+from types import ModuleType
+from typing import Any
+
+
+def make_callable(package: str, module: str) -> None:
+    """Let a call of a package call the function of the same name in one of its modules.
+
+    The module is imported at the first call, so that importing another part of the package stays cheap.
+
+    Args:
+        package: name of the package, such as `hexctl.adapt`.
+        module: name of the module in it that has the function `adapt`.
+    """
+    name = package.rpartition(".")[2]
+
+    class CallablePackage(ModuleType):
+        def __call__(self, *args: Any, **options: Any) -> Any:
+            return _function()(*args, **options)
+
+        @property
+        def __signature__(self) -> inspect.Signature:
+            return inspect.signature(_function())
+
+    def _function() -> Any:
+        return getattr(import_module(f"{package}.{module}"), name)
+
+    sys.modules[package].__class__ = CallablePackage

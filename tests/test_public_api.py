@@ -1,0 +1,212 @@
+"""The public names: all there, described, imported when first used; and they refuse wrong types by name."""
+
+import ast
+import inspect
+import re
+import subprocess
+import sys
+import typing
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import hexctl
+
+ROOT = Path(__file__).parents[1]
+
+
+def python(code: str) -> str:
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, timeout=60, check=True
+    )
+    return done.stdout.strip()
+
+
+@pytest.mark.parametrize("name", hexctl.__all__)
+def test_a_public_name_is_there_and_described(name: str) -> None:
+    found = getattr(hexctl, name)
+    assert inspect.getdoc(found)
+    assert name in dir(hexctl)
+    if inspect.isclass(found):
+        for attribute, value in vars(found).items():
+            function = getattr(value, "fget", value) or value
+            if not attribute.startswith("_") and inspect.isfunction(function):
+                assert inspect.getdoc(getattr(found, attribute)), f"{name}.{attribute}"
+
+
+def test_the_names_for_type_checkers_are_those_that_are_imported() -> None:
+    (block,) = [
+        node for node in ast.parse(Path(hexctl.__file__).read_text()).body if isinstance(node, ast.If)
+    ]
+    imported = {alias.name for node in block.body if isinstance(node, ast.ImportFrom) for alias in node.names}
+    assert imported == set(hexctl.__all__)
+    assert len(hexctl.__all__) == len(imported)
+    for node in block.body:
+        assert isinstance(node, ast.ImportFrom)
+        for alias in node.names:
+            found = getattr(hexctl, alias.name)
+            if inspect.isclass(found):
+                assert found.__module__ == node.module
+
+
+def test_an_import_loads_nothing_heavy() -> None:
+    loaded = python("import hexctl, sys; print(*sys.modules)").split()
+    assert not {"numpy", "mujoco", "rerun", "typer", "pydantic", "zenoh", "pytest"} & set(loaded)
+
+
+def test_a_missing_extra_is_named() -> None:
+    code = "import sys; sys.modules['dm_control'] = None\nimport hexctl\ntry: hexctl.SimServos\n"
+    said = python(f"{code}except ImportError as error: print(error)")
+    assert said == 'hexctl.SimServos needs the "sim" extra: pip install "hexctl[sim]"'
+
+
+def test_an_unknown_name_is_answered_with_the_known_ones() -> None:
+    with pytest.raises(AttributeError, match="no attribute 'Robott'; it has Robot, RobotFile"):
+        _ = api.Robott
+
+
+@pytest.mark.parametrize("name", ["adapt", "study", "serve"])
+def test_a_package_that_is_called_is_its_function(name: str) -> None:
+    __import__(f"hexctl.{name}")
+    package = getattr(hexctl, name)
+    assert inspect.ismodule(package)
+    assert callable(package)
+    parameters = inspect.signature(package).parameters
+    assert "folder" in parameters or "robot" in parameters
+    with pytest.raises(TypeError):
+        package(no_such_argument=1) if name == "adapt" else package(1, 2, 3)
+
+
+def test_annotations_resolve() -> None:
+    for name in hexctl.__all__:
+        found = getattr(hexctl, name)
+        if inspect.isfunction(found) and found.__module__ != "hexctl.record.run":
+            typing.get_type_hints(found)
+
+
+ROBOT = hexctl.load_robot("ant")
+GAIT = hexctl.make_gait(ROBOT, "tripod")
+PLAN = hexctl.TrialPlan(gait=GAIT, duration_s=0.1, settle_s=0.1)
+
+#: The names without their types, for what a type checker would refuse as well.
+api: Any = hexctl
+
+#: What is called with a value of a wrong type, and the beginning of its answer.
+WRONG: dict[str, tuple[Callable[[], Any], str]] = {
+    "plan: gait": (lambda: api.TrialPlan(gait="tripod"), "plan.gait: got 'tripod' (str); allowed: a Gait"),
+    "plan: turn": (lambda: replace(PLAN, turn_rad="left"), "plan.turn_rad: got 'left'"),
+    "servos: robot": (lambda: api.SimServos(5), "robot: got 5 (int); allowed: a Robot, or the name"),
+    "servos: world": (lambda: api.SimServos("ant", world=5), "world: got 5 (int); allowed: a World"),
+    "servos: failure": (
+        lambda: api.SimServos("ant", failure=5),
+        "failure: got 5 (int); allowed: a Failure",
+    ),
+    "servos: seed": (lambda: api.SimServos("ant", seed="7"), "seed: got '7' (str)"),
+    "mock": (lambda: api.MockServos(None), "robot: got None"),
+    "guard": (lambda: api.Guard("ant"), "servos: got 'ant' (str); allowed: LegServos"),
+    "wrapper": (lambda: api.ServosWrapper(ROBOT), "servos: got Robot("),
+    "trial: servos": (lambda: api.run_trial("ant", PLAN), "servos: got 'ant' (str); allowed: connected"),
+    "trial: plan": (lambda: api.run_trial(api.MockServos("ant"), GAIT), "plan: got Gait("),
+    "trial: controller": (
+        lambda: api.run_trial(api.MockServos("ant"), PLAN, 5),
+        "controller: got 5 (int); allowed: a Controller",
+    ),
+    "trial: recorders": (
+        lambda: api.run_trial(api.MockServos("ant"), PLAN, None, [5]),
+        "recorders: got 5 (int); allowed: TickLogs and Recorders",
+    ),
+    "trial: one recorder": (
+        lambda: api.run_trial(api.MockServos("ant"), PLAN, None, api.TickLog()),
+        "recorders: got <hexctl.control.log.TickLog",
+    ),
+    "sim trial: robot": (
+        lambda: api.SimTrial(robot=5, plan=PLAN, failure=None),
+        "robot: got 5 (int); allowed: a Robot, or the name",
+    ),
+    "sim trial: plan": (
+        lambda: api.SimTrial(robot=ROBOT, plan=GAIT, failure=None),
+        "trial.plan: got Gait(",
+    ),
+    "sim trials": (lambda: api.run_sim_trials([PLAN]), "trials: got TrialPlan("),
+    "sim trial": (lambda: api.run_sim_trial(PLAN), "trial: got TrialPlan("),
+    "space": (
+        lambda: api.GaitSpace(5),
+        "failed legs: got 5 (int); allowed: one to three legs, such as (5,)",
+    ),
+    "space: leg": (lambda: api.GaitSpace(("5",)), "failed legs: got '5' (str)"),
+    "optimizer": (lambda: api.make_optimizer(5, api.GaitSpace((5,)), 0), "optimizer: got 5 (int)"),
+    "optimizer: space": (
+        lambda: api.make_optimizer("pso", 5, 0),
+        "space: got 5 (int); allowed: a GaitSpace",
+    ),
+    "optimizer: seed": (
+        lambda: api.make_optimizer("pso", api.GaitSpace((5,)), "0"),
+        "seed: got '0' (str)",
+    ),
+    "objective": (lambda: api.make_objective(5), "objective: got 5 (int); allowed: final"),
+    "walk": (
+        lambda: api.Walk("ant", GAIT, api.Motion(), period_s=0.02),
+        "robot: got 'ant' (str); allowed: a Robot",
+    ),
+    "world": (lambda: api.load_world(7), "world: got 7 (int); allowed: a name"),
+    "robot": (lambda: api.load_robot(7), "robot: got 7 (int); allowed: a shipped name"),
+    "gait": (lambda: api.make_gait("ant", "tripod"), "make_gait: robot: got 'ant' (str)"),
+    "prior": (lambda: api.load_prior(7), "prior: got 7 (int); allowed: the path"),
+    "session": (lambda: api.load_session(7), "session: got 7 (int); allowed: the name"),
+    "adapt: leg": (
+        lambda: api.adapt(failed_leg="5"),
+        "failed leg: got '5' (str); allowed: a leg's number",
+    ),
+    "adapt: robot": (
+        lambda: api.adapt(failed_leg=5, robot=ROBOT),
+        "robot: got Robot(",
+    ),
+    "adapt: world": (
+        lambda: api.adapt(failed_leg=5, world=api.World()),
+        "world: got World(",
+    ),
+    "adapt: budget": (lambda: api.adapt(failed_leg=5, budget="20"), "budget: got '20' (str)"),
+    "adapt: servos": (lambda: api.adapt(failed_leg=5, servos="mock"), "servos: got 'mock' (str)"),
+    "adaptation": (lambda: api.Adaptation(5), "spec: got 5 (int); allowed: a SessionSpec"),
+    "run": (lambda: api.run("ant"), "run: spec: got 'ant' (str); allowed: a RunSpec"),
+    "run: failure": (lambda: api.run(failure=5), "failure: got 5 (int); allowed: a Failure"),
+    "run: seed": (lambda: api.run(seed="x"), "seed: got 'x' (str)"),
+    "study: robot": (lambda: api.StudyPlan(robot="ant"), "plan.robot: got 'ant' (str); allowed: a Robot"),
+    "study: legs": (lambda: api.StudyPlan(robot=ROBOT, legs=5), "plan.legs: got 5 (int)"),
+    "study": (lambda: api.study(5, folder="report"), "plan: got 5 (int); allowed: a StudyPlan"),
+    "serve": (lambda: api.serve(robot=5), "robot: got 5 (int); allowed: the name"),
+    "serve: failure": (lambda: api.serve(failure=5), "failure: got 5 (int); allowed: a Failure"),
+}
+
+
+@pytest.mark.parametrize("case", WRONG)
+def test_a_wrong_type_is_refused_by_name(case: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    call, answer = WRONG[case]
+    with pytest.raises(hexctl.WrongTypeError, match=re.escape(answer)) as caught:
+        call()
+    assert isinstance(caught.value, TypeError)
+    assert not list(tmp_path.iterdir())
+
+
+def test_what_is_unambiguous_is_accepted(tmp_path: Path) -> None:
+    trial = hexctl.SimTrial(robot="ant", world="slippery", plan=PLAN, failure=None)
+    assert trial.robot == ROBOT
+    assert trial.world == hexctl.load_world("slippery")
+    assert replace(trial, world=Path(ROOT / "configs/worlds/slope.yaml")).world == hexctl.load_world("slope")
+    assert api.GaitSpace([2, 5]) == hexctl.GaitSpace((2, 5))
+    with pytest.raises(hexctl.InputError, match=r"study: got wrold; allowed: robot, world, legs"):
+        hexctl.study(folder=tmp_path, wrold="flat")
+    with pytest.raises(hexctl.InputError, match=r"serve: got port; allowed: listen, device"):
+        hexctl.serve(port=5)
+
+
+def test_servos_without_a_guard_get_one() -> None:
+    with hexctl.SimServos("ant") as servos:
+        alone = hexctl.run_trial(servos, PLAN, soft_stop=False)
+    with hexctl.SimServos("ant") as servos:
+        guarded = hexctl.run_trial(hexctl.Guard(servos), PLAN, soft_stop=False)
+    assert alone == guarded
