@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from hexctl import testing
     from hexctl.adapt.adaptation import Adaptation, AdaptationResult, adapt
-    from hexctl.adapt.objectives import Objective, make_objective
+    from hexctl.adapt.objectives import Objective, as_objective, make_objective
     from hexctl.adapt.optimizer import Observation, Optimizer, Prediction
     from hexctl.adapt.prior.find import list_priors
     from hexctl.adapt.prior.prior import Prior, load_prior
@@ -74,7 +74,7 @@ __all__ = [
     "Recorders", "TickLog", "Recording",
     # search
     "GaitSpace", "Observation", "Optimizer", "Prediction", "make_optimizer", "Objective",
-    "make_objective",
+    "as_objective", "make_objective",
     # adaptation, sessions and priors
     "Adaptation", "AdaptationResult", "adapt", "new_spec", "Session", "SessionSpec", "TrialRecord",
     "delete_session", "export_session", "list_sessions", "load_session", "Prior", "load_prior",
@@ -120,7 +120,7 @@ _MODULES = {
     "adapt.space": "GaitSpace",
     "adapt.optimizer": "Observation Optimizer Prediction",
     "adapt.registry": "make_optimizer",
-    "adapt.objectives": "Objective make_objective",
+    "adapt.objectives": "Objective as_objective make_objective",
     # adaptation, sessions and priors
     "adapt.adaptation": "Adaptation AdaptationResult adapt",
     "adapt.search": "new_spec",

@@ -15,6 +15,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from hexctl.adapt.arena import Arena
 from hexctl.adapt.loop import AdaptLoop, OnTrial
 from hexctl.adapt.measurement import Operator
@@ -38,6 +40,7 @@ from hexctl.adapt.store import RUNS, SessionStore
 from hexctl.backends.base import LegServos
 from hexctl.control.guard import Guard
 from hexctl.control.plan import TrialPlan
+from hexctl.control.result import path_axes
 from hexctl.control.trial import StopRequested, never
 from hexctl.errors import HexctlError, InputError, RecordingError, RobotFaultError, check_type
 from hexctl.gait.encoding import Slots
@@ -84,6 +87,22 @@ class AdaptationResult:
     def to_dict(self) -> dict[str, Any]:
         """The result as `hexctl adapt --json` prints it."""
         return {**self.session.as_json(), "ended": self.ended, "wall_s": round(self.wall_s, 3)}
+
+    def plot(self, ax: Any = None) -> Any:
+        """Draw the paths of all trials seen from above, invalid ones dotted, the best one bold; the axes.
+
+        Args:
+            ax: matplotlib axes, or None for those of a new figure.
+
+        Raises MissingExtraError without matplotlib.
+        """
+        ax, best = path_axes(ax), self.best
+        for trial in self.trials:
+            path_m = np.array(trial.path_m, dtype=float).reshape(-1, 2)
+            look = {"color": "C0", "linewidth": 3.0, "zorder": 3} if trial is best else {"color": "0.5"}
+            style = "-" if trial.valid else ":"
+            ax.plot(path_m[:, 0], path_m[:, 1], style, **look, label=f"code {trial.code}: {trial.score:g}")
+        return ax
 
     def __repr__(self) -> str:
         best = self.best

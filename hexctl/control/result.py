@@ -139,17 +139,10 @@ class TrialResult(ArrayFields):
 
         Raises MissingExtraError without matplotlib.
         """
-        try:
-            import matplotlib.pyplot as plt
-        except ModuleNotFoundError as error:
-            raise MissingExtraError("a plot", "study") from error
-        ax = plt.figure().add_subplot() if ax is None else ax
-        ax.axhline(0.0, color="0.6", linewidth=1.0)
+        ax = path_axes(ax)
         (line,) = ax.plot(self.path_m[:, 0], self.path_m[:, 1], label=repr(self))
         if len(self.path_m):
             ax.plot(*self.path_m[-1], "o", color=line.get_color())
-        ax.set(xlabel="progress in m", ylabel="deviation in m, positive to the left")
-        ax.set_aspect("equal", adjustable="datalim")
         return ax
 
     def __repr__(self) -> str:
@@ -160,6 +153,22 @@ class TrialResult(ArrayFields):
             side = "left" if self.deviation.signed > 0 else "right"
             text += f", {self.deviation.final:.4f} m {side} of the line"
         return f"TrialResult({text}, {self.duration_s:g} s)"
+
+
+def path_axes(ax: Any = None) -> Any:
+    """Matplotlib axes for paths seen from above, with the line of travel: those given, or of a new figure.
+
+    Raises MissingExtraError without matplotlib.
+    """
+    try:
+        import matplotlib.pyplot as plt
+    except ModuleNotFoundError as error:
+        raise MissingExtraError("a plot", "study") from error
+    ax = plt.figure().add_subplot() if ax is None else ax
+    ax.axhline(0.0, color="0.6", linewidth=1.0)
+    ax.set(xlabel="progress in m", ylabel="deviation in m, positive to the left")
+    ax.set_aspect("equal", adjustable="datalim")
+    return ax
 
 
 def _known(value: float) -> float | None:

@@ -5,6 +5,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import matplotlib
 import pytest
 
 import hexctl
@@ -52,6 +53,16 @@ class Backwards(RandomSearch):
 def to_the_left(result: TrialResult) -> float:
     """Distance to the left."""
     return result.deviation.signed if result.deviation is not None else 0.0
+
+
+@pytest.mark.usefixtures("landscape")
+def test_a_plot_shows_the_path_of_every_trial() -> None:
+    matplotlib.use("Agg")
+    result = hexctl.adapt(failed_leg=5, budget=3, optimizer="random", record=False)
+    ax = result.plot()
+    labels = [line.get_label() for line in ax.get_lines() if line.get_label().startswith("code")]
+    assert labels == [f"code {trial.code}: {trial.score:g}" for trial in result.trials]
+    assert result.plot(ax) is ax
 
 
 def test_the_package_is_callable_and_light() -> None:
