@@ -97,7 +97,7 @@ api: Any = hexctl
 #: What is called with a value of a wrong type, and the beginning of its answer.
 WRONG: dict[str, tuple[Callable[[], Any], str]] = {
     "plan: gait": (lambda: api.TrialPlan(gait="tripod"), "plan.gait: got 'tripod' (str); allowed: a Gait"),
-    "plan: turn": (lambda: replace(PLAN, turn_rad="left"), "plan.turn_rad: got 'left'"),
+    "plan: turn": (lambda: api.TrialPlan(gait=GAIT, turn_rad="left"), "plan.turn_rad: got 'left'"),
     "servos: robot": (lambda: api.SimServos(5), "robot: got 5 (int); allowed: a Robot, or the name"),
     "servos: world": (lambda: api.SimServos("ant", world=5), "world: got 5 (int); allowed: a World"),
     "servos: failure": (
@@ -171,7 +171,7 @@ WRONG: dict[str, tuple[Callable[[], Any], str]] = {
     "adapt: budget": (lambda: api.adapt(failed_leg=5, budget="20"), "budget: got '20' (str)"),
     "adapt: servos": (lambda: api.adapt(failed_leg=5, servos="mock"), "servos: got 'mock' (str)"),
     "adaptation": (lambda: api.Adaptation(5), "spec: got 5 (int); allowed: a SessionSpec"),
-    "run": (lambda: api.run("ant"), "run: spec: got 'ant' (str); allowed: a RunSpec"),
+    "run": (lambda: api.run("ant"), "run: got 'ant' (str); allowed: a RunSpec"),
     "run: failure": (lambda: api.run(failure=5), "failure: got 5 (int); allowed: a Failure"),
     "run: seed": (lambda: api.run(seed="x"), "seed: got 'x' (str)"),
     "study: robot": (lambda: api.StudyPlan(robot="ant"), "plan.robot: got 'ant' (str); allowed: a Robot"),
@@ -196,7 +196,9 @@ def test_what_is_unambiguous_is_accepted(tmp_path: Path) -> None:
     trial = hexctl.SimTrial(robot="ant", world="slippery", plan=PLAN, failure=None)
     assert trial.robot == ROBOT
     assert trial.world == hexctl.load_world("slippery")
-    assert replace(trial, world=Path(ROOT / "configs/worlds/slope.yaml")).world == hexctl.load_world("slope")
+    assert replace(trial, seed=3).world == trial.world
+    slope = hexctl.SimServos(ROOT / "configs/robots/ant.yaml", world=ROOT / "configs/worlds/slope.yaml")
+    assert slope.world == hexctl.load_world("slope")
     assert api.GaitSpace([2, 5]) == hexctl.GaitSpace((2, 5))
     with pytest.raises(hexctl.InputError, match=r"study: got wrold; allowed: robot, world, legs"):
         hexctl.study(folder=tmp_path, wrold="flat")

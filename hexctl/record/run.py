@@ -131,9 +131,6 @@ class RunSpec:
 
     def check(self) -> None:
         """Raise InputError for options that the backend would ignore, and for a recording that cannot be."""
-        check_type(self.backend, str, "backend", "the name of a backend, or package.module:Class")
-        check_type(self.failure, (Failure, type(None)), "failure", "a Failure, as Failure(leg=5), or None")
-        check_type(self.seed, int, "seed")
         if self.seed < 0:
             raise InputError(f"seed: got {self.seed}; allowed: 0 or more")
         check_options(

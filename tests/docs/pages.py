@@ -6,7 +6,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
+
+#: The reference, made from docstrings.
+REFERENCE = sorted((ROOT / "docs" / "api").glob("*.md"))
 
 #: Commands are in `sh` blocks only; `hex` are bytes, `diagram` is drawn.
 LANGUAGES = ("sh", "python", "yaml", "hex", "diagram")

@@ -64,6 +64,13 @@ def test_the_files_of_a_page_are_accepted(page: Path, tmp_path: Path) -> None:
 NEEDED = {"recordings.md": ["run", "--duration", "0.5", "--json", "--record", "walk.rrd"]}
 
 
+#: What the README's programs print and how many lines they have at most, by the beginning of the last one.
+README = {
+    "print": (r"ok: \d\.\d\d m, 0\.\d{3} m off the line\n", 12),
+    "result.plot": (r"budget: gait \d+ of 10 tried, score 0\.\d{3}\n", 30),
+}
+
+
 @pytest.mark.parametrize(
     "page", [page for page in PAGES if blocks(page, "python")], ids=lambda page: page.name
 )
@@ -82,5 +89,8 @@ def test_the_programs_of_a_page_run(page: Path, tmp_path: Path, monkeypatch: pyt
         )
         assert done.returncode == 0, done.stderr
         if page.name == "README.md":
-            assert re.fullmatch(r"ok: \d\.\d\d m, 0\.\d{3} m off the line\n", done.stdout)
-            assert len(block.lines) <= 12
+            answer, most_lines = README[block.lines[-1].partition("(")[0]]
+            assert re.fullmatch(answer, done.stdout)
+            assert len(block.lines) <= most_lines
+    if page.name == "README.md":
+        assert (tmp_path / "paths.png").is_file()

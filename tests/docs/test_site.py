@@ -1,21 +1,24 @@
 """The pages as a site: every link leads somewhere, and what they say of the code is so."""
 
 import ast
+import importlib.util
 import os
 import re
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+import hexctl
 from hexctl.gait.encoding import slots_from_code
-from tests.docs.pages import PAGES, ROOT
+from tests.docs.pages import PAGES, REFERENCE, ROOT
 
 DOCS = ROOT / "docs"
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+@pytest.mark.parametrize("page", [*PAGES, *REFERENCE], ids=lambda page: page.name)
 def test_links_lead_somewhere(page: Path) -> None:
     for target in re.findall(r"\]\(([^)#]+)(?:#[^)]*)?\)", page.read_text(encoding="utf-8")):
         assert "://" in target or (page.parent / target).exists(), target
@@ -34,7 +37,7 @@ def test_the_site_builds_without_a_warning_and_needs_no_network(tmp_path: Path) 
     )
     assert done.returncode == 0, done.stderr
     pages = list((tmp_path / "site").glob("*.html"))
-    assert len(pages) >= len(PAGES) - 1
+    assert len(pages) >= len(PAGES) - 2  # all but README and CONTRIBUTING
     assert (tmp_path / "site" / "configs" / "worlds" / "randomised.yaml").is_file()
     assert not list((tmp_path / "site").rglob("*.py"))
     loaded = r"<(?:script|img|iframe)[^>]+src=[\"']?https?://|<link[^>]+rel=[\"']?stylesheet[^>]+https?://"
@@ -44,8 +47,57 @@ def test_the_site_builds_without_a_warning_and_needs_no_network(tmp_path: Path) 
 
 def test_every_page_is_in_the_navigation() -> None:
     navigation = (ROOT / "mkdocs.yml").read_text(encoding="utf-8")
-    for page in DOCS.glob("*.md"):
-        assert f": {page.name}\n" in navigation, page.name
+    for page in DOCS.rglob("*.md"):
+        assert f": {page.relative_to(DOCS).as_posix()}\n" in navigation, page.name
+
+
+def test_every_public_name_is_in_the_reference() -> None:
+    described = [
+        name.removeprefix("hexctl.")
+        for page in REFERENCE
+        for name in re.findall(r"^::: (\S+)$", page.read_text(encoding="utf-8"), re.MULTILINE)
+    ]
+    names = [name.rpartition(".")[2] for name in described if not name.startswith("testing.")]
+    assert sorted(names) == sorted(set(hexctl.__all__) - {"testing"})
+    assert len(described) > len(names)  # the suites
+    overview = (DOCS / "api" / "index.md").read_text(encoding="utf-8")
+    assert set(re.findall(r"`([\w.]+)`", overview.partition("Conventions")[0])) >= set(names)
+
+
+#: What a reader of CONTRIBUTING writes.
+TO_BE_WRITTEN = ("echo", "backwards", "mass", "NAME", "NAME-locked-rear-30s")
+
+
+@pytest.mark.parametrize("page", [*PAGES, *REFERENCE], ids=lambda page: page.name)
+def test_the_names_of_modules_and_files_exist(page: Path) -> None:
+    text = re.sub(r"<this repository>|\]\([^)]*\)", "", page.read_text(encoding="utf-8"))
+    for name in re.findall(r"\bhexctl(?:\.\w+)+", text):
+        assert exists(name.split(".")) or name.endswith(TO_BE_WRITTEN), name
+    for path in re.findall(r"\b(?:hexctl|tests|benchmarks|configs|examples)/[\w/.-]*\w", text):
+        there = any((ROOT / path).parent.glob(f"{Path(path).name}*"))
+        assert there or Path(path).stem.endswith(TO_BE_WRITTEN), path
+
+
+def exists(parts: list[str]) -> bool:
+    """Whether a dotted name is a module, or an attribute that a module or a class has."""
+    for count in range(len(parts), 0, -1):
+        name = ".".join(parts[:count])
+        if find_spec_of(name):
+            found: Any = importlib.import_module(name)
+            for attribute in parts[count:]:
+                fields = getattr(found, "__dataclass_fields__", {})
+                if attribute not in fields and not hasattr(found, attribute):
+                    return False
+                found = getattr(found, attribute, None)
+            return True
+    return False
+
+
+def find_spec_of(name: str) -> bool:
+    try:
+        return importlib.util.find_spec(name) is not None
+    except ModuleNotFoundError:  # its parent is a module, not a package
+        return False
 
 
 def test_the_figures_are_what_their_script_makes(tmp_path: Path) -> None:
