@@ -149,7 +149,7 @@ class Rows(ArrayFields):
     paths_m: NDArray[np.float32]
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Landscape(Rows):
     """The outcomes of all gaits of a spec; row i belongs to `spec.codes[i]`."""
 

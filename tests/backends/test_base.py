@@ -11,6 +11,7 @@ from hexctl.backends.clock import Clock, Tick, WallClock
 from hexctl.backends.mock import MockServos
 from hexctl.control.guard import Guard
 from hexctl.errors import InputError, WrongTypeError
+from hexctl.robot.configs import config_root
 from hexctl.robot.failure import Failure
 from hexctl.serve.server import ServedServos
 from hexctl.testing import LegServosConformance
@@ -121,6 +122,7 @@ def test_servos_and_clocks_with_former_method_names_keep_working() -> None:
 def test_a_robot_is_taken_by_its_name() -> None:
     assert MockServos("phantomx").robot.name == "phantomx"
     np.testing.assert_array_equal(as_robot("ant").stance_angles_rad, shipped().stance_angles_rad)
+    assert MockServos(config_root() / "robots" / "pexod.yaml").robot.name == "pexod"
     with pytest.raises(InputError, match="unknown robot 'spider'"):
         MockServos("spider")
     with pytest.raises(WrongTypeError, match=r"robot: got 3 \(int\); allowed: a Robot, or the name or path"):

@@ -26,6 +26,12 @@ def one() -> Chunk:
     return Chunk(spec=spec(5, "none", 3.0, CODES), codes=CODES)
 
 
+def test_landscapes_compare_by_value(one: Chunk) -> None:
+    first, again = empty_landscape(one.spec), empty_landscape(one.spec)
+    assert first == again
+    assert first != with_rows(again, simulate_chunk(one).rows)
+
+
 def test_rows_are_those_of_the_trials_alone(one: Chunk) -> None:
     rows = simulate_chunk(one).rows
     for row, code in enumerate(CODES):

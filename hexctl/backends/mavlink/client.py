@@ -4,6 +4,7 @@ import threading
 import time
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -202,7 +203,7 @@ class MavlinkServos(LegServos):
 
     def __init__(
         self,
-        robot: Robot | str,
+        robot: Robot | str | Path,
         *,
         servo_map: ServoMap,
         port: str,

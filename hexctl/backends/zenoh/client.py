@@ -6,6 +6,7 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
+from pathlib import Path
 from typing import Any
 
 import zenoh
@@ -48,9 +49,6 @@ PHASE = 0.5
 NO_LEASE = bytes(LEASE_ID_BYTES)
 
 WHO = "the robot on the network"
-
-#: How long a robot may take to describe itself to a viewer.
-DESCRIBE_TIMEOUT_S = 3.0
 
 
 def ask(
@@ -197,7 +195,7 @@ class ZenohServos(LegServos):
         latest: where received messages are kept; a new one unless given.
     """
 
-    def __init__(self, robot: Robot | str, *, link: Link, latest: LatestValues | None = None) -> None:
+    def __init__(self, robot: Robot | str | Path, *, link: Link, latest: LatestValues | None = None) -> None:
         self._robot, self._link = as_robot(robot), link
         self._keys = link.keys(self._robot.name)
         self._wall = WallClock()

@@ -11,6 +11,7 @@ from hexctl.backends.sim.model import FIRST_JOINT
 from hexctl.backends.sim.servos import SimClock, SimServos
 from hexctl.backends.sim.world import SensorNoise, World, load_world
 from hexctl.errors import RobotFaultError, SimulationDivergedError, WrongTypeError
+from hexctl.robot.configs import config_root
 from hexctl.robot.rotations import yaw_rad
 from hexctl.testing.servos import LegServosConformance, move
 from hexctl.types import FloatArray
@@ -229,6 +230,7 @@ def test_robot_and_world_are_taken_by_their_names() -> None:
     assert servos.robot.name == "ant"
     assert servos.world == load_world("slippery")
     assert SimServos("ant", world="transfer:0").world == load_world("transfer:0")
+    assert SimServos("ant", world=config_root() / "worlds" / "slippery.yaml").world == load_world("slippery")
     with pytest.raises(WrongTypeError, match=r"world: got 3 \(int\); allowed: a World"):
         SimServos("ant", world=3)  # type: ignore[arg-type]
     with pytest.raises(WrongTypeError, match=r"robot: got None \(NoneType\); allowed: a Robot"):
