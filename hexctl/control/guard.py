@@ -7,6 +7,7 @@ limits are plain array mathematics, shared with batches of simulated robots.
 import math
 from dataclasses import dataclass
 from threading import Lock
+from types import TracebackType
 
 import numpy as np
 
@@ -93,6 +94,26 @@ class GuardCounters:
     refused: int = 0
 
 
+class _OSErrorsAre:
+    """Context in which an OSError of the servos becomes a RobotFaultError that begins with a text."""
+
+    def __init__(self, text: str) -> None:
+        self._text = text
+
+    def __enter__(self) -> None:
+        return None
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if isinstance(error, OSError) and not isinstance(error, HexctlError):
+            raise RobotFaultError(f"{self._text}: {error}") from error
+
+
+_UNREACHABLE = _OSErrorsAre("the robot cannot be reached")
+_LINK_FAILED = _OSErrorsAre("the link to the robot failed")
+
+
 class Guard(ServosWrapper):
     """Limits, freshness, fall detection and a latched stop around any LegServos.
 
@@ -143,12 +164,8 @@ class Guard(ServosWrapper):
 
         Raises RobotFaultError when they cannot be reached.
         """
-        try:
+        with _UNREACHABLE:
             self.wrapped.connect()
-        except HexctlError:
-            raise
-        except OSError as error:
-            raise RobotFaultError(f"the robot cannot be reached: {error}") from error
 
     def close(self) -> None:
         """Close the servos behind the guard; a stop stays latched.
@@ -156,12 +173,8 @@ class Guard(ServosWrapper):
         Raises RobotFaultError when their link fails at that.
         """
         self._forget()
-        try:
+        with _LINK_FAILED:
             self.wrapped.close()
-        except HexctlError:
-            raise
-        except OSError as error:
-            raise RobotFaultError(f"the link to the robot failed: {error}") from error
 
     def read(self) -> RobotState:
         """Newest state; latches a stop when the robot has fallen, is at fault or gets no commands.
@@ -228,16 +241,24 @@ class Guard(ServosWrapper):
         return True
 
     def disable_torque(self) -> bool:
-        """Let the joints go limp, where the servos can; False where they cannot."""
-        limp = super().disable_torque()
+        """Let the joints go limp, where the servos can; False where they cannot.
+
+        Raises RobotFaultError when the robot has gone.
+        """
+        with _LINK_FAILED:
+            limp = super().disable_torque()
         if limp:
             self._accepted_rad = self._baseline_rad = None
         return limp
 
     def pause_watchdog(self) -> None:
-        """Expect no command until the next one, as between two trials; a stop stays latched."""
+        """Expect no command until the next one, as between two trials; a stop stays latched.
+
+        Raises RobotFaultError when the robot has gone.
+        """
         self._accepted_at_s = None
-        super().pause_watchdog()
+        with _LINK_FAILED:
+            super().pause_watchdog()
         self.clock.pause()
 
     def _pass(self, targets: JointTargets) -> JointTargets:
@@ -249,12 +270,8 @@ class Guard(ServosWrapper):
         if (allowed_rad != targets.positions_rad).any():
             self.counters.clipped += 1
             sent = JointTargets(allowed_rad, targets.stamp_s)
-        try:
+        with _LINK_FAILED:
             sent = self.wrapped.write(sent)
-        except HexctlError:
-            raise
-        except OSError as error:
-            raise RobotFaultError(f"the link to the robot failed: {error}") from error
         self.counters.accepted += 1
         self._accepted_rad = allowed_rad
         self._accepted_at_s = now_s
@@ -274,12 +291,8 @@ class Guard(ServosWrapper):
         return self._baseline_rad
 
     def _read(self) -> RobotState:
-        try:
+        with _LINK_FAILED:
             return self.wrapped.read()
-        except HexctlError:
-            raise
-        except OSError as error:
-            raise RobotFaultError(f"the link to the robot failed: {error}") from error
 
     def _check(self, targets: JointTargets, now_s: float) -> None:
         """Refuse what must not even be limited."""

@@ -43,6 +43,24 @@ def test_a_link_that_breaks_is_a_fault_of_the_robot_wherever_it_is_used(broken: 
     assert guard.counters.accepted == 1
 
 
+class Unplugged(PosedMock):
+    """A board whose calls beside read and write fail."""
+
+    def pause_watchdog(self) -> None:
+        raise BrokenPipeError("pipe")
+
+    def disable_torque(self) -> bool:
+        raise BrokenPipeError("pipe")
+
+
+def test_a_link_that_breaks_at_a_pause_or_at_the_torque_is_a_fault_of_the_robot() -> None:
+    guard = Guard(Unplugged())
+    guard.connect()
+    for call in (guard.pause_watchdog, guard.disable_torque):
+        with pytest.raises(RobotFaultError, match=r"^the link to the robot failed: pipe$"):
+            call()
+
+
 def test_an_error_of_hexctl_passes_the_guard_as_it_is() -> None:
     guard, servos = _connected()
     servos.fail_with(RobotFaultError("the battery is empty"))
