@@ -1,24 +1,33 @@
 """Batches of simulated trials on all cores; each equals the same trial run alone, to the last bit."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
 import numpy as np
 
-from hexctl.backends.base import as_robot
+from hexctl.backends.base import as_robot, check_targets
 from hexctl.backends.sim.batch import SimBatch
 from hexctl.backends.sim.servos import SimServos
 from hexctl.backends.sim.world import World, as_world
 from hexctl.control.guard import FALL_TICKS, Guard, StepLimits, leaning
 from hexctl.control.plan import TrialPlan
 from hexctl.control.result import TrialResult, score
-from hexctl.control.trial import MakeController, WalkStart, planned_walk, prepare, run_trial, ticks_of
+from hexctl.control.trial import (
+    MakeController,
+    WalkStart,
+    made_controller,
+    planned_walk,
+    prepare,
+    run_trial,
+    ticks_of,
+)
 from hexctl.control.turning import check_plan
-from hexctl.errors import EStopError, SimulationDivergedError, check_type
+from hexctl.errors import CommandRefusedError, EStopError, SimulationDivergedError, check_type
 from hexctl.robot.failure import Failure
 from hexctl.robot.model import Robot
-from hexctl.types import BoolArray, RobotState
+from hexctl.types import BoolArray, FloatArray, JointTargets, RobotState, check_shape
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, init=False)
@@ -98,7 +107,8 @@ def run_sim_trials(
         threads: threads that simulate; 0 uses all cores.
         make_controller: makes the controller of each group, for states and targets of leading shape (n,).
 
-    Raises ReachError or LimitError for a walk that the legs cannot make, before any trial runs.
+    Raises ReachError or LimitError for a walk that the legs cannot make, before any trial runs; InputError
+    for targets of another shape than (n, 18).
     """
     for trial in trials:
         check_type(trial, SimTrial, "trials", "SimTrials")
@@ -157,7 +167,7 @@ class _Walks:
     ) -> None:
         n = len(start.plans)
         self._start = start
-        self._controller = make_controller(start)
+        self._controller = made_controller(make_controller, start)
         self._batch = SimBatch(servos, n, threads)
         self._limits = StepLimits.of(start.robot, start.period_s)
         self._accepted_rad = np.tile(guard.accepted_rad(), (n, 1))
@@ -166,6 +176,7 @@ class _Walks:
         self._clipped = np.zeros(n, dtype=int)
         self._leaning_ticks = np.full(n, guard.leaning_ticks)
         self._status = np.full(n, "ok", dtype=object)
+        self._stopped: list[str | None] = [None] * n
         self._positions = np.zeros((n, self._ticks.max(), 3))
         self._quaternions = np.zeros((n, self._ticks.max(), 4))
 
@@ -179,6 +190,7 @@ class _Walks:
             state = self._batch.read()
             self._watch(state)
             wanted_rad = self._controller.targets_rad(step, state)
+            self._refuse(wanted_rad)
             self._accepted_rad = self._limits.apply(wanted_rad, self._accepted_rad)
             self._batch.write(self._accepted_rad)
             self._clipped += running & (self._accepted_rad != wanted_rad).any(axis=-1)
@@ -196,6 +208,7 @@ class _Walks:
                 self._start.robot,
                 plan,
                 status=str(self._status[index]),
+                stopped=self._stopped[index],
                 duration_s=walked * self._start.period_s,
                 turned_rad=self._start.turned_rad,
                 clipped_ticks=int(self._clipped[index]),
@@ -212,6 +225,18 @@ class _Walks:
         leans = leaning(state.base_quaternion_world)
         self._leaning_ticks = np.where(leans, self._leaning_ticks + 1, 0)
         self._end(self._batch.running & (self._leaning_ticks >= FALL_TICKS), "fell")
+
+    def _refuse(self, wanted_rad: FloatArray) -> None:
+        """End the walks whose targets a guard refuses: those that are not finite."""
+        check_shape(wanted_rad, self._accepted_rad.shape, "controller: targets")
+        if math.isfinite(np.add.reduce(wanted_rad, axis=None)):
+            return
+        for index in np.flatnonzero(self._batch.running).tolist():
+            try:
+                check_targets(JointTargets(wanted_rad[index], 0.0))
+            except CommandRefusedError as error:
+                self._stopped[index], self._status[index] = str(error), "aborted"
+                self._batch.running[index] = False
 
     def _end(self, which: BoolArray, status: str) -> None:
         self._status[which] = status

@@ -39,7 +39,10 @@ class Controller(ABC):
         return False
 
     def stop(self, step: int) -> None:  # noqa: B027  a controller may have nothing to let run out
-        """Begin the soft stop at a step; `done` may then end it before `soft_stop_steps` are over."""
+        """Begin the soft stop at a step; targets are then asked for `soft_stop_steps`, whatever `done` says.
+
+        Where a controller has none, the trial moves the joints evenly to the stance in that time.
+        """
 
 
 def soft_stop_steps(period_s: float) -> int:

@@ -87,6 +87,20 @@ def planned_walk(start: WalkStart) -> Walk:
     )
 
 
+#: What a controller may be, for messages.
+CONTROLLERS = "a Controller, or a function or class that makes one of a WalkStart"
+
+
+def made_controller(controller: Controller | MakeController, start: WalkStart) -> Controller:
+    """The controller given, or the one made for a robot that stands ready.
+
+    Raises WrongTypeError for anything else.
+    """
+    made = controller if isinstance(controller, Controller) else controller(start)
+    check_type(made, Controller, "controller", CONTROLLERS)
+    return made
+
+
 def run_trial(
     servos: LegServos,
     plan: TrialPlan,
@@ -115,17 +129,19 @@ def run_trial(
 
     What a simulation breaks may differ from what the plan's controller was told.
 
-    Raises ReachError or LimitError for a walk that the legs cannot make, before anything moves, and
-    RobotFaultError when the robot has gone.
+    Raises WrongTypeError for an argument of another type, and ReachError or LimitError for a walk that the
+    legs cannot make, before anything moves; RobotFaultError when the robot has gone.
     """
     check_type(servos, LegServos, "servos", "connected LegServos, as Guard(SimServos('ant')) gives")
     check_type(plan, TrialPlan, "plan", "a TrialPlan")
-    allowed = "a Controller, or what makes one of a WalkStart, or None"
-    check_type(controller, (Controller, Callable, type(None)), "controller", allowed)  # type: ignore[arg-type]
+    if controller is None:
+        controller = planned_walk
+    elif not callable(controller):
+        check_type(controller, Controller, "controller", CONTROLLERS)
     servos = servos if isinstance(servos, Guard) else Guard(servos)
     check_plan(servos.robot, plan)
     kept = Recorders.of(recorders)
-    trial = _Trial(servos, plan, controller or planned_walk, kept, stop_requested, should_stop)
+    trial = _Trial(servos, plan, controller, kept, stop_requested, should_stop)
     servos.pause_watchdog()
     try:
         trial.run(soft_stop=soft_stop)
@@ -315,8 +331,7 @@ class _Trial:
 
     def _walk(self, start: WalkStart, *, soft_stop: bool) -> None:
         """Walk for the plan's duration, or until a stop is due, and let the strides run out."""
-        given = self._controller
-        walk = given if isinstance(given, Controller) else given(start)
+        walk = made_controller(self._controller, start)
         phases = _Phases(self._servos, self.trace, self._recorders)
         self.trace.frame = start.frame
         phases.begin("walk")
@@ -348,12 +363,29 @@ class _Trial:
         return over
 
     def _stop_softly(self, phases: _Phases, walk: Controller, step: int) -> None:
-        """Let the strides run out from a step on; what goes wrong now no longer changes the walk."""
+        """Bring the robot to a stand from a step on; what goes wrong now no longer changes the walk."""
         phases.begin("stop")
-        walk.stop(step)
-        end = step + soft_stop_steps(self._servos.clock.period_s) - 1
+        steps = soft_stop_steps(self._servos.clock.period_s)
         with suppress(EStopError, CommandRefusedError, SimulationDivergedError):
-            phases.run(walk, until=lambda at, _: at >= end, first_step=step)
+            if type(walk).stop is Controller.stop:
+                phases.run(Stand(self._servos.robot, self._servos.accepted_rad(), steps))
+            else:
+                walk.stop(step)
+                phases.run(_SoftStop(walk, step + steps - 1), first_step=step)
+
+
+class _SoftStop(Controller):
+    """A controller that has been stopped, up to its last step: one that was done has strides to end too."""
+
+    def __init__(self, walk: Controller, last_step: int) -> None:
+        self._walk, self._last_step = walk, last_step
+
+    def targets_rad(self, step: int, state: RobotState) -> FloatArray:
+        return self._walk.targets_rad(step, state)
+
+    def done(self, step: int, state: RobotState) -> bool:
+        self._walk.done(step, state)  # it may follow the state there, as `Turn` does
+        return step >= self._last_step
 
 
 def _span_s(times_s: FloatArray, period_s: float) -> float:

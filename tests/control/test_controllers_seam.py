@@ -5,13 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hexctl import Failure, SimTrial, TrialPlan, World, make_gait, run_sim_trials, run_trial
+from hexctl import Failure, MockServos, SimTrial, TrialPlan, World, make_gait, run_sim_trials, run_trial
 from hexctl.backends.sim.servos import SimServos
 from hexctl.control.batch import run_sim_trial
-from hexctl.control.controllers import Controller, Walk, joints_of_feet
+from hexctl.control.controllers import Controller, Walk, joints_of_feet, soft_stop_steps
 from hexctl.control.guard import Guard
 from hexctl.control.log import TickLog
 from hexctl.control.trial import WalkStart, planned_walk
+from hexctl.errors import InputError, WrongTypeError
 from hexctl.gait.foot_trajectory import feet_of_walks, stroke_vectors_m
 from hexctl.robot.rotations import yaw_rad
 from hexctl.types import BoolArray, FloatArray, RobotState
@@ -122,6 +123,86 @@ def test_a_controller_made_beforehand_walks_and_stops_softly() -> None:
         planned = run_trial(Guard(servos), plan)
     assert given.to_dict() == planned.to_dict()
     np.testing.assert_allclose(log["sent_rad"][-1], ANT.stance_angles_rad, atol=1e-9)
+
+
+class UntilHalfWay(Walk):
+    """Is done after half a second, at a quarter of the full stride."""
+
+    def done(self, step: int, state: RobotState) -> bool:
+        return step >= 25
+
+
+def test_a_controller_that_is_done_still_stops_softly() -> None:
+    plan = TrialPlan(gait=make_gait(ANT, "tripod"), duration_s=10.0)
+    walk = UntilHalfWay(ANT, plan.gait, plan.motion(0.0), period_s=0.02)
+    log = TickLog()
+    with SimServos(ANT) as servos:
+        assert run_trial(Guard(servos), plan, walk, recorders=(log,)).status == "ok"
+    stop = log.rows_of("stop")
+    assert stop.stop - stop.start == soft_stop_steps(0.02)
+    np.testing.assert_allclose(log["sent_rad"][-1], ANT.stance_angles_rad, atol=1e-9)
+
+
+def test_a_controller_without_a_stop_is_followed_by_the_stance() -> None:
+    plan = TrialPlan(gait=make_gait(ANT, "tripod"), duration_s=2.5)
+    log = TickLog()
+    with SimServos(ANT) as servos:
+        run_trial(Guard(servos), plan, YawHold, recorders=(log,))
+    stop = log.rows_of("stop")
+    assert stop.stop - stop.start == soft_stop_steps(0.02)
+    np.testing.assert_allclose(log["sent_rad"][-1], ANT.stance_angles_rad, atol=0.02)
+    steps_rad = np.abs(np.diff(log["sent_rad"][stop.start - 1 : stop.stop], axis=0))
+    assert steps_rad.max() < 0.02, "evenly, not in a jump"
+
+
+class Stumbling(YawHold):
+    """Gives one robot targets that are not finite after a second."""
+
+    def __init__(self, start: WalkStart) -> None:
+        super().__init__(start)
+        codes = [plan.gait.code((3,)) for plan in start.plans]
+        self._wrong = np.array(codes) == 57 if start.batch_shape else codes[0] == 57
+
+    def targets_rad(self, step: int, state: RobotState) -> FloatArray:
+        targets = super().targets_rad(step, state)
+        if step >= 50:
+            targets[self._wrong] = np.nan
+        return targets
+
+
+def test_targets_that_are_not_finite_abort_a_walk_alone_and_in_a_batch() -> None:
+    trials = _trials(World(), duration_s=2.0)
+    together = run_sim_trials(trials, make_controller=Stumbling)
+    assert [result.status for result in together] == ["ok", "aborted", "ok"]
+    assert together == [run_sim_trial(trial, Stumbling) for trial in trials]
+
+
+class Confused(YawHold):
+    """Gives the targets of one robot to all."""
+
+    def targets_rad(self, step: int, state: RobotState) -> FloatArray:
+        return np.asarray(super().targets_rad(step, state)[0])
+
+
+def test_a_batch_refuses_targets_of_another_shape() -> None:
+    with pytest.raises(InputError, match=r"targets: got an array of shape \(18,\); allowed: shape \(3, 18\)"):
+        run_sim_trials(_trials(World()), make_controller=Confused)
+
+
+def test_arguments_of_a_trial_are_refused_by_name() -> None:
+    plan, log = TrialPlan(gait=make_gait(ANT, "tripod"), duration_s=0.1), TickLog()
+    guard = Guard(MockServos(ANT))
+    for arguments, what in (
+        ((ANT, plan), "servos: got .*allowed: connected LegServos"),
+        ((guard, plan.gait), "plan: got .*allowed: a TrialPlan"),
+        ((guard, plan, log), "controller: got <.*allowed: a Controller, or a function"),
+        ((guard, plan, None, log), "recorders: got .*allowed: a sequence"),
+        ((guard, plan, None, (print,)), "recorders: got .*allowed: TickLogs"),
+    ):
+        with pytest.raises(WrongTypeError, match=what):
+            run_trial(*arguments)
+    with pytest.raises(WrongTypeError, match="controller: got None"), SimServos(ANT) as servos:
+        run_trial(Guard(servos), plan, lambda _: None)  # type: ignore[arg-type, return-value]
 
 
 def test_one_walk_is_a_row_of_a_batch_of_walks() -> None:
