@@ -26,6 +26,7 @@ from hexctl.adapt.runner import ResetFreeRunner, TrialRunner, await_ready, conne
 from hexctl.adapt.search import (
     Note,
     Setting,
+    check_parts,
     extended,
     knows_stances,
     load_setting,
@@ -42,7 +43,7 @@ from hexctl.control.guard import Guard
 from hexctl.control.plan import TrialPlan
 from hexctl.control.result import path_axes
 from hexctl.control.trial import StopRequested, never
-from hexctl.errors import HexctlError, InputError, RecordingError, RobotFaultError, check_type
+from hexctl.errors import HexctlError, RecordingError, RobotFaultError, check_type
 from hexctl.gait.encoding import Slots
 from hexctl.record.live import LiveView
 
@@ -146,10 +147,7 @@ class Adaptation:
         Raises InputError for parts that contradict one another.
         """
         check_type(spec, SessionSpec, "spec", "a SessionSpec, as new_spec(failed_leg=5) gives")
-        if spec.ask and operator is None:
-            raise InputError("operator: got none with --ask; allowed: one who places the robot and measures")
-        if servos is not None and spec.simulated:
-            raise InputError("servos: got some with --backend sim; allowed: with the name of their class")
+        check_parts(spec, servos, optimizer, objective, operator)
         self.spec = spec
         self._folder, self._record = Path(folder), record
         self._servos, self._operator, self._live, self._note = servos, operator, live, note
@@ -319,7 +317,7 @@ class Adaptation:
 
         try:
             return write_overview(session, store.folder_of(session.name))
-        except HexctlError as error:
+        except Exception as error:  # noqa: BLE001  the search is done and stored, whatever its picture raises
             self._note(f"no overview: {error}")
             return None
 

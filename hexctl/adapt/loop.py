@@ -60,8 +60,8 @@ class AdaptLoop:
         """Run trials and return why the search ended.
 
         `budget`, `target`, `confirmed` (the optimizer is sure of a gait), `exhausted` or `interrupted`.
-        Raises RobotStoppedError when the robot stopped; RecordingError after a trial, which is stored, whose
-        recording is not whole.
+        Raises RobotStoppedError when the robot stopped; RecordingError after a trial whose recording is not
+        whole: the trial is stored, unless it was interrupted.
         """
         self._session.settled_on = None
         self._store_end(None)
@@ -71,6 +71,11 @@ class AdaptLoop:
         self._note_settled()
         self._store_end(None if ended == "interrupted" else ended)
         return ended
+
+    @property
+    def _index(self) -> int:
+        """Index of the next trial."""
+        return len(self._session.trials) + 1
 
     def _store_end(self, ended: str | None) -> None:
         self._session.ended = ended
@@ -92,6 +97,7 @@ class AdaptLoop:
             should_stop = self._optimizer.early_stopping(code) if spec.early_stop else None
             walked = self._try(code, should_stop)
             if walked.result.status == "aborted":
+                _check_recording(walked, f"trial {self._index} was interrupted")
                 return "interrupted"
             score = self._objective(walked.result)
             self._optimizer.tell([code], [score], [Observation.of(walked.result)])
@@ -123,6 +129,7 @@ class AdaptLoop:
             predicted = self._optimizer.predict(code)
             walked = self._try(code)
             if walked.result.status == "aborted":
+                _check_recording(walked, f"trial {self._index} was interrupted")
                 return False
             score = self._objective(walked.result)
             self._optimizer.repeat(code, score, Observation.of(walked.result))
@@ -135,7 +142,7 @@ class AdaptLoop:
 
     def _try(self, code: int, should_stop: Enough | None = None) -> WalkedTrial:
         """Walk a code; raises RobotStoppedError when the robot, not the operator, stopped it."""
-        index = len(self._session.trials) + 1
+        index = self._index
         walked = self._walk(index, code, self._optimizer.space.slots_of(code), should_stop)
         result = walked.result
         if result.status == "aborted" and result.stopped != "requested":
@@ -154,7 +161,7 @@ class AdaptLoop:
     ) -> None:
         """Make the trial durable and report it; raises RecordingError if its recording is not whole."""
         trial = TrialRecord(
-            index=len(self._session.trials) + 1,
+            index=self._index,
             code=code,
             slots=self._optimizer.space.slots_of(code),
             score=score,
@@ -167,11 +174,14 @@ class AdaptLoop:
         self._store.add_trial(self._session, trial, self._optimizer.state())
         if self._on_trial is not None:
             self._on_trial(self._session, trial)
-        if walked.recording_error is not None:
-            error = walked.recording_error
-            raise RecordingError(
-                f"trial {trial.index} is done, its recording is not whole: {error}"
-            ) from error
+        _check_recording(walked, f"trial {trial.index} is done")
+
+
+def _check_recording(walked: WalkedTrial, done: str) -> None:
+    """Raise RecordingError for a trial whose recording is not whole."""
+    error = walked.recording_error
+    if error is not None:
+        raise RecordingError(f"{done}, its recording is not whole: {error}") from error
 
 
 def _kept(path_m: FloatArray) -> list[list[float]]:

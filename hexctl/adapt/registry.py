@@ -21,7 +21,7 @@ OPTIMIZERS: dict[str, type[Optimizer]] = {
 
 #: Needs a prior, so that `hexctl.adapt.search` makes it.
 BAYES = "bayes"
-
+_BAYES_CLASS = "hexctl.adapt.bayes:Bayes"
 
 OptimizerClass = Callable[[GaitSpace, int], Optimizer]
 
@@ -35,8 +35,11 @@ def name_of(optimizer: OptimizerChoice) -> str:
         return optimizer
     if not (isinstance(optimizer, type) and issubclass(optimizer, Optimizer)):
         raise InputError(f"optimizer: got {optimizer!r}; allowed: a name, or a subclass of Optimizer")
+    place = f"{optimizer.__module__}:{optimizer.__qualname__}"
+    if place == _BAYES_CLASS:
+        return BAYES
     shipped = OPTIMIZERS.get(getattr(optimizer, "name", ""))
-    return optimizer.name if shipped is optimizer else f"{optimizer.__module__}:{optimizer.__qualname__}"
+    return optimizer.name if shipped is optimizer else place
 
 
 def make_optimizer(name: OptimizerChoice | OptimizerClass, space: GaitSpace, seed: int) -> Optimizer:

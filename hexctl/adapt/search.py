@@ -5,7 +5,7 @@ Messages name options as the command line does; each is the parameter of the sam
 
 import logging
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Container, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -15,15 +15,17 @@ import numpy as np
 from hexctl.adapt.arena import check_radius
 from hexctl.adapt.bayes import REAL_NOISE_M, SIMULATED_NOISE_M, Bayes
 from hexctl.adapt.deduplication import Deduplication
+from hexctl.adapt.measurement import Operator
 from hexctl.adapt.objectives import OBJECTIVES, Objective, ObjectiveChoice, as_objective
 from hexctl.adapt.optimizer import Optimizer
 from hexctl.adapt.prior.find import Covers, check_prior, find_prior, named_prior, prior_folders
 from hexctl.adapt.prior.prior import PriorKey, load_prior
 from hexctl.adapt.prior.samples import covers, samples_of
-from hexctl.adapt.registry import BAYES, OptimizerChoice, OptimizerClass, make_optimizer, name_of
+from hexctl.adapt.registry import BAYES, OPTIMIZERS, OptimizerChoice, OptimizerClass, make_optimizer, name_of
 from hexctl.adapt.session import Session, SessionSpec
 from hexctl.adapt.space import GaitSpace
 from hexctl.adapt.store import RUNS
+from hexctl.backends.base import LegServos
 from hexctl.backends.registry import check_options
 from hexctl.backends.sim.world import World, load_world
 from hexctl.control.plan import TrialPlan
@@ -265,6 +267,32 @@ def _check_asking(spec: SessionSpec, objective: Objective) -> None:
             f"--objective: got {spec.objective} with --ask; allowed: {' or '.join(usable)}, "
             "for which the end of a walk is enough"
         )
+
+
+def check_parts(
+    spec: SessionSpec,
+    servos: LegServos | None,
+    optimizer: OptimizerChoice | None,
+    objective: ObjectiveChoice | None,
+    operator: Operator | None,
+) -> None:
+    """Raise InputError for parts of a session, given instead of made from its spec, that contradict it."""
+    if spec.ask and operator is None:
+        raise InputError("operator: got none with --ask; allowed: one who places the robot and measures")
+    if operator is not None and not spec.ask:
+        raise InputError("operator: got one without --ask; allowed: with a spec that has ask")
+    if servos is not None and spec.simulated:
+        raise InputError("servos: got some with --backend sim; allowed: with the name of their class")
+    if optimizer is not None:
+        _check_name("optimizer", name_of(optimizer), spec.optimizer, [BAYES, *OPTIMIZERS])
+    if objective is not None:
+        _check_name("objective", as_objective(objective).name, spec.objective, OBJECTIVES)
+
+
+def _check_name(part: str, got: str, named: str, shipped: Container[str]) -> None:
+    """Raise InputError for another part than the spec names; one of your own may have moved since."""
+    if got != named and (got in shipped or named in shipped):
+        raise InputError(f"{part}: got {got} for a session with {named}; allowed: {named}")
 
 
 def start_note(spec: SessionSpec, setting: Setting) -> str | None:

@@ -176,7 +176,7 @@ def adapt(
         typer.Option(
             "--resume",
             autocompletion=completion.sessions,
-            help="Go on with this session, by its name in hexctl sessions list; --budget lets one whose "
+            help="Continue this session, by its name in hexctl sessions list; --budget lets one whose "
             "budget is spent walk more. (default: begin a new one)",
         ),
     ] = None,
@@ -184,7 +184,7 @@ def adapt(
         bool,
         typer.Option(
             "--view",
-            help="Show a real robot's trials in Rerun while they go on, and the session at its end.",
+            help="Show a real robot's trials in Rerun while they run, and the session at its end.",
         ),
     ] = False,
     no_record: Annotated[bool, typer.Option("--no-record", help="Leave no recordings.")] = False,
@@ -197,7 +197,7 @@ def adapt(
     """Find a gait for a failed leg in few trials; each is kept and recorded.
 
     A trial walks one of the 120 gaits and is scored by how far off the line it ends. Ctrl-C ends a session,
-    --resume goes on with it. Exit codes: 0 done, 2 bad input, 3 fault of robot, link or recording, 4 stopped
+    --resume continues it. Exit codes: 0 done, 2 bad input, 3 fault of robot, link or recording, 4 stopped
     or no valid trial, 130 interrupted.
     """
     if view and no_record:
@@ -240,7 +240,7 @@ def _check_resumed_alone(resume: str, typed: Mapping[str, Any]) -> None:
     others = [flag for flag in typed if flag not in WITH_RESUME]
     if others:
         raise InputError(
-            f"--resume: got {', '.join(others)} too, but a session goes on as it was begun; "
+            f"--resume: got {', '.join(others)} too, but a session continues as it was begun; "
             f"allowed: --resume {resume} alone, or with --budget"
         )
 
@@ -279,14 +279,14 @@ def _execute(
     """Run an adaptation, print its result, and return the exit code."""
     from hexctl.adapt.adaptation import NotBegunError
     from hexctl.adapt.runner import RobotStoppedError
-    from hexctl.cli.prompts import Prompt
+    from hexctl.cli.prompts import TrialPrompt
     from hexctl.cli.render_adapt import ENDS, SessionTable, closing_lines
 
     with StopOnInterrupt() as interrupt, SessionTable(quiet=as_json) as table:
         adaptation = make(
             folder=RUNS,
             record=record,
-            operator=Prompt(spec, interrupt.requested) if spec.ask else None,
+            operator=TrialPrompt(spec, interrupt.requested) if spec.ask else None,
             live=_open_window if view else None,
             note=_note,
         )
@@ -295,7 +295,7 @@ def _execute(
                 on_begin=table.begin, on_trial=table.add, stop_requested=interrupt.requested
             )
         except RobotStoppedError as error:
-            _note(", ".join([f"{error}; {_clearing(spec, error)}begin again"]))
+            _note(f"{error}; {_clearing(spec, error)}begin again")
             return _code_of_stop(error)
         except NotBegunError as error:
             _note(str(error))
@@ -305,8 +305,8 @@ def _execute(
     if extends and result.ended in ENDS and not result.walked:
         _note(f"nothing to walk, {ENDS[result.ended]}; another target takes a new session")
     if result.trouble is not None:
-        go_on = f"{_clearing(spec, result.trouble)}go on with: hexctl adapt --resume {session.name}"
-        _note(f"{result.trouble}; nothing is lost: {go_on}")
+        then = f"{_clearing(spec, result.trouble)}continue with: hexctl adapt --resume {session.name}"
+        _note(f"{result.trouble}; nothing is lost: {then}")
         return _code_of_stop(result.trouble)
     if result.ended == "interrupted":
         return INTERRUPTED

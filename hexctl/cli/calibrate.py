@@ -1,8 +1,5 @@
 """`hexctl calibrate`: sign, offset and limits of each servo, one at a time."""
 
-import os
-import select
-import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -50,12 +47,13 @@ def calibrate(
 
     Hold the robot so that its legs hang free. Every joint is saved when it is done; Ctrl-C ends it.
     """
+    from hexctl.cli.prompts import CalibrationPrompt
     from hexctl.control.calibration import calibrate as calibrate_servos
 
     with StopOnInterrupt() as interrupt:
         result = calibrate_servos(
             robot,
-            Terminal(),
+            CalibrationPrompt(),
             backend=backend,
             joints=joints,
             connect=connect,
@@ -69,42 +67,3 @@ def calibrate(
         before = "" if result.backup is None else f"; as it was before: {result.backup}"
         print_note(saved + before)
         raise typer.Exit(INTERRUPTED if interrupt.requested() else DONE)
-
-
-class Terminal:
-    """An operator at a terminal or a pipe: questions on stderr, answers in lines, never waited for."""
-
-    def __init__(self) -> None:
-        self._waiting = b""
-        self._ended = False
-
-    def tell(self, text: str) -> None:
-        """Print a line."""
-        print_note(text)
-
-    def prompt(self, text: str) -> None:
-        """Print a question and stay on its line."""
-        sys.stderr.write(f"{text} ")
-        sys.stderr.flush()
-
-    def poll(self) -> str | None:
-        """The next whole line without its end, or None while there is none.
-
-        Raises EndedError after the last line of an input that has ended.
-        """
-        from hexctl.control.calibration import EndedError
-
-        descriptor = sys.stdin.fileno()
-        while b"\n" not in self._waiting:
-            if self._ended:
-                print_note("")
-                raise EndedError
-            if not select.select([descriptor], [], [], 0)[0]:
-                return None
-            data = os.read(descriptor, 4096)
-            self._ended = not data
-            self._waiting += data or (b"\n" if self._waiting else b"")
-        line, self._waiting = self._waiting.split(b"\n", 1)
-        if not os.isatty(descriptor):
-            print_note("")  # no key ended the line on the screen
-        return line.decode("utf-8", errors="replace").strip()

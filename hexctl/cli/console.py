@@ -84,7 +84,7 @@ def print_note(text: str) -> None:
 
 def note_no_window(error: Exception) -> None:
     """Say why a walk is not shown."""
-    print_note(f"hexctl: {error}; going on without")
+    print_note(f"hexctl: {error}; continuing without a window")
 
 
 def make_bar(counter: str | None = None, *, quiet: bool = False) -> "Progress":
@@ -106,6 +106,14 @@ def make_bar(counter: str | None = None, *, quiet: bool = False) -> "Progress":
         transient=True,
         disable=quiet or not sys.stderr.isatty(),
     )
+
+
+def print_above(bar: "Progress", text: str, *, err: bool) -> None:
+    """Print a line above a bar; where the bar shows nothing, on stderr or stdout."""
+    if bar.disable:
+        typer.echo(text, err=err)
+    else:
+        bar.console.print(text, highlight=False, markup=False)
 
 
 class StopOnInterrupt:

@@ -1,4 +1,4 @@
-"""Prompts for the operator beside the robot: on stderr, with answers in lines on stdin."""
+"""Prompts for the operator beside the robot, of trials and of a calibration: on stderr, answers on stdin."""
 
 import os
 import select
@@ -10,6 +10,7 @@ import typer
 from hexctl.adapt.measurement import Answer
 from hexctl.adapt.session import SessionSpec
 from hexctl.cli.console import print_note
+from hexctl.control.calibration import EndedError
 from hexctl.control.trial import StopRequested
 from hexctl.errors import InputError
 
@@ -30,12 +31,12 @@ def check_answerable() -> None:
         raise InputError("--ask: no answer can come on stdin; allowed: a terminal, or lines from a pipe")
 
 
-class Prompt:
-    """An operator at a terminal or a pipe; once a stop is requested the answer is quit."""
+class TrialPrompt:
+    """The operator of trials that are measured by hand; once a stop is requested the answer is quit."""
 
     def __init__(self, spec: SessionSpec, stop_requested: StopRequested) -> None:
         self._spec, self._stop_requested = spec, stop_requested
-        self._lines = _Lines(stop_requested)
+        self._lines = StdinLines()
 
     def place(self, index: int, code: int) -> bool:
         """Ask to place the robot on its mark; return False to end instead."""
@@ -73,10 +74,10 @@ class Prompt:
 
     def _ask(self, question: str) -> str:
         typer.echo(question, err=True, nl=False)
-        line = self._lines.next_line()
-        if line is None:
-            print_note("" if self._stop_requested() else "\nhexctl: stdin has ended: quit")
-            return "quit"
+        while (line := self._lines.poll(LOOK_S)) is None:
+            if self._stop_requested() or self._lines.ended:
+                print_note("" if self._stop_requested() else "\nhexctl: stdin has ended: quit")
+                return "quit"
         return " ".join(line.lower().split())
 
 
@@ -88,23 +89,55 @@ def _front(heading_deg: float) -> str:
     return f"its front {abs(heading_deg):g} degrees to the {side} of the line"
 
 
-class _Lines:
-    """Lines of stdin; Ctrl-C ends the wait for one."""
+class CalibrationPrompt:
+    """The operator of a calibration: questions on stderr, answers in lines, never waited for."""
 
-    def __init__(self, stop_requested: StopRequested) -> None:
-        self._stop_requested = stop_requested
-        self._pending = b""
-        self._ended = False
+    def __init__(self) -> None:
+        self._lines = StdinLines()
 
-    def next_line(self) -> str | None:
-        """Next line, None at the end of stdin or when a stop is requested."""
-        while b"\n" not in self._pending and not self._ended:
-            if self._stop_requested():
-                return None
-            if select.select([sys.stdin], [], [], LOOK_S)[0]:
-                more = os.read(sys.stdin.fileno(), 4096)
-                self._pending, self._ended = self._pending + more, not more
-        if not self._pending:
+    def tell(self, text: str) -> None:
+        """Print a line."""
+        print_note(text)
+
+    def prompt(self, text: str) -> None:
+        """Print a question and stay on its line."""
+        typer.echo(f"{text} ", err=True, nl=False)
+
+    def poll(self) -> str | None:
+        """The next whole line without its end, or None while there is none.
+
+        Raises EndedError after the last line of an input that has ended.
+        """
+        line = self._lines.poll()
+        if line is None and not self._lines.ended:
             return None
+        if line is None or not sys.stdin.isatty():
+            print_note("")  # no key ended the line on the screen
+        if line is None:
+            raise EndedError
+        return line.strip()
+
+
+class StdinLines:
+    """Lines of stdin, read without waiting for more than a given time.
+
+    Attributes:
+        ended: True once stdin has ended and its last line was taken.
+    """
+
+    def __init__(self) -> None:
+        self.ended = False
+        self._pending = b""
+
+    def poll(self, wait_s: float = 0.0) -> str | None:
+        """The next line without its end, waited for up to a time; None while there is none."""
+        while b"\n" not in self._pending:
+            if self.ended or not select.select([sys.stdin], [], [], wait_s)[0]:
+                return None
+            more = os.read(sys.stdin.fileno(), 4096)
+            if not more:
+                self.ended = not self._pending
+                more = b"\n" if self._pending else b""  # the last line may lack its end
+            self._pending += more
         line, _, self._pending = self._pending.partition(b"\n")
         return line.decode(errors="replace")

@@ -4,12 +4,12 @@ import sys
 from functools import lru_cache
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Self
 
 import typer
 
 from hexctl.adapt.session import MILESTONES_M, Session, SessionSpec, TrialRecord
-from hexctl.cli.console import make_bar
+from hexctl.cli.console import make_bar, print_above
 from hexctl.errors import InputError
 from hexctl.robot.loader import load_robot
 
@@ -25,7 +25,7 @@ class SessionTable:
 
     def __init__(self, *, quiet: bool) -> None:
         self._quiet = quiet
-        self._bar: Any = None
+        self._bar = make_bar(quiet=True)
 
     def __enter__(self) -> Self:
         return self
@@ -33,8 +33,7 @@ class SessionTable:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if self._bar is not None:
-            self._bar.stop()
+        self._bar.stop()
 
     def begin(self, session: Session) -> None:
         """Print the head of the table, the trials that a resumed session has, and open the bar."""
@@ -45,28 +44,20 @@ class SessionTable:
         for trial in session.trials:
             typer.echo(trial_line(session, trial))
         # A bar and a question would write over one another.
-        if sys.stderr.isatty() and sys.stdout.isatty() and not session.spec.ask:
-            self._open_bar(session)
+        self._bar = make_bar(quiet=session.spec.ask or not sys.stdout.isatty())
+        self._task = self._bar.add_task(
+            "trials (Ctrl-C stops, --resume continues)",
+            total=session.spec.budget,
+            completed=len(session.trials),
+        )
+        self._bar.start()
 
     def add(self, session: Session, trial: TrialRecord) -> None:
         """Print a trial and move the bar."""
         if self._quiet:
             return
-        line = trial_line(session, trial)
-        if self._bar is None:
-            typer.echo(line)
-            return
-        self._bar.console.print(line, highlight=False, markup=False)
+        print_above(self._bar, trial_line(session, trial), err=False)
         self._bar.update(self._task, completed=len(session.trials))
-
-    def _open_bar(self, session: Session) -> None:
-        self._bar = make_bar()
-        self._task = self._bar.add_task(
-            "trials (Ctrl-C stops, --resume goes on)",
-            total=session.spec.budget,
-            completed=len(session.trials),
-        )
-        self._bar.start()
 
 
 def session_lines(session: Session) -> list[str]:
@@ -167,7 +158,7 @@ def closing_lines(session: Session, ended: str | None) -> str:
     why = "unfinished" if ended is None else f"ended: {ended}"
     lines = [f"{why} {walked}", *_milestone_lines(session), *_surety_lines(session)]
     if ended in (None, "interrupted"):
-        lines.append(f"go on with: hexctl adapt --resume {session.name}")
+        lines.append(f"continue with: hexctl adapt --resume {session.name}")
     if any(trial.recording for trial in session.trials):
         lines.append(f"look at it with: hexctl view {session.name}")
     return "\n".join(lines)

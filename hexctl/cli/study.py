@@ -2,7 +2,6 @@
 
 import json
 import signal
-import sys
 import time
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
@@ -14,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Protocol, Self
 import typer
 
 from hexctl.cli import completion
-from hexctl.cli.console import INTERRUPTED, RUNS, SIGNALS, make_bar, print_note, print_result
+from hexctl.cli.console import INTERRUPTED, RUNS, SIGNALS, make_bar, print_above, print_note, print_result
 from hexctl.cli.options import (
     ALL_LEGS,
     WORLD_HELP,
@@ -244,21 +243,18 @@ class StudyProgress:
     """Progress on stderr: a bar on a terminal, else one line per landscape."""
 
     def __init__(self) -> None:
-        self._bar: Any = None
-        self._task: Any = None
+        self._bar = make_bar()
+        self._task = self._bar.add_task("", total=None, visible=False)
         self._began_s: dict[str, float] = {}
 
     def __enter__(self) -> Self:
-        if sys.stderr.isatty():
-            self._bar = make_bar()
-            self._bar.start()
+        self._bar.start()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if self._bar is not None:
-            self._bar.stop()
+        self._bar.stop()
 
     def begin(self, landscapes: "Sequence[Landscape]") -> None:
         """Show what the cache has and how many gaits are left to simulate."""
@@ -279,8 +275,7 @@ class StudyProgress:
         title, now_s = landscape.spec.title, time.perf_counter()
         spent_s = self._began_s.get(title, 0.0) + now_s - self._now_s
         self._began_s[title], self._now_s = spent_s, now_s
-        if self._bar is not None:
-            self._bar.update(self._task, advance=gaits, description=f"{title} (Ctrl-C stops, continue later)")
+        self._bar.update(self._task, advance=gaits, description=f"{title} (Ctrl-C stops, continue later)")
         if landscape.complete:
             gaits_valid = f"{int(landscape.valid.sum())} of {len(landscape.codes)} gaits valid"
             self._line(f"{title}: {gaits_valid}, {spent_s:.1f} s")
@@ -291,21 +286,15 @@ class StudyProgress:
 
     def step(self) -> None:
         """Count one step of the current part."""
-        if self._bar is not None:
-            self._bar.update(self._task, advance=1)
+        self._bar.update(self._task, advance=1)
 
     def note(self, text: str) -> None:
         """Print a line above the bar."""
         self._line(text)
 
     def _stage(self, what: str, total: int) -> None:
-        if self._bar is not None:
-            if self._task is not None:
-                self._bar.remove_task(self._task)
-            self._task = self._bar.add_task(what, total=total)
+        self._bar.remove_task(self._task)
+        self._task = self._bar.add_task(what, total=total)
 
     def _line(self, text: str) -> None:
-        if self._bar is not None:
-            self._bar.console.print(text, highlight=False, markup=False)
-        else:
-            typer.echo(text, err=True)
+        print_above(self._bar, text, err=True)

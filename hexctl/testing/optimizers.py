@@ -183,13 +183,13 @@ class OptimizerConformance:
             arrays.tell(np.array(codes), np.array([slope(code) for code in codes]))  # type: ignore[arg-type]
         assert travelled(arrays.state()) == plain.state()
 
-    def test_a_restored_search_goes_on_exactly(self, make: Make) -> None:
+    def test_a_restored_search_continues_exactly(self, make: Make) -> None:
         for trials, batch in ((0, 1), (1, 1), (7, 1), (10, 1), (33, 1), (24, 3), (38, 10)):
             for told in (True, False):
                 self.check_restores(make, trials, batch, told=told or trials == 0)
 
     def check_restores(self, make: Make, trials: int, batch: int, *, told: bool) -> None:
-        """Check that a search saved after some trials, the last ones told or not, goes on exactly."""
+        """Check that a search saved after some trials, the last ones told or not, continues exactly."""
         original, restored = make(ONE_FAILED, 5), make(ONE_FAILED, 99)
         search(original, trials, batch=batch, told=told)
         search(restored, 17)
@@ -221,7 +221,7 @@ class OptimizerConformance:
     def test_the_state_of_another_optimizer_is_refused(self, optimizer: Optimizer) -> None:
         before = travelled(optimizer.state())
         with pytest.raises(InputError, match="optimizer state: got"):
-            optimizer.restore(before | {"name": "nobody"})
+            optimizer.restore(before | {"name": "unknown"})
         assert optimizer.state() == before
 
     def test_a_damaged_state_is_refused_and_nothing_is_taken_over(

@@ -24,12 +24,12 @@ def rosenbrock(points: FloatArray) -> FloatArray:
 
 
 def make(core: type[Population], seed: int, dimension: int = 2) -> Population:
-    """Return a population of ten in the box."""
+    """A population of ten in the box."""
     return core([LOW] * dimension, [HIGH] * dimension, np.random.default_rng(seed))
 
 
 def minimum(core: type[Population], function: Function, generations: int, seed: int) -> float:
-    """Return the lowest value found in a number of generations."""
+    """The lowest value found in a number of generations."""
     population = make(core, seed)
     for _ in range(generations):
         population.advance(function(population.positions))

@@ -25,7 +25,7 @@ TRIAL_S = 0.002
 
 
 def optimizer_of(spec: SessionSpec) -> Optimizer:
-    """Return the optimizer that `hexctl adapt` makes for a spec; `bayes` with a made-up prior."""
+    """The optimizer that `hexctl adapt` makes for a spec; `bayes` with a made-up prior."""
     if spec.optimizer == "bayes":
         search = made_up_bayes(standing_samples(MadeUpModel(), 12), target_m=1e-6)
         search.observe_stance(np.array(spec.sag_rad))

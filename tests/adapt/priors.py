@@ -43,7 +43,7 @@ class MadeUpModel:
         self._bend = random.normal(0, 1 / np.sqrt(HIDDEN), (HIDDEN, N_JOINTS))
 
     def worlds(self, count: int, seed: int) -> FloatArray:
-        """Return what every gait shows in some worlds, (count, gaits, N_FEATURES)."""
+        """Features of every gait in some worlds, (count, gaits, N_FEATURES)."""
         random = np.random.default_rng([seed, 1])
         hidden = random.normal(size=(count, HIDDEN))
         final = self._middle_m + hidden @ self._pull_m
@@ -58,36 +58,36 @@ class MadeUpModel:
         return features
 
     def sags(self, count: int, seed: int) -> FloatArray:
-        """Return how the robot stands in the same worlds, (count, 18): by what they hide, and noise."""
+        """Static deflections in the same worlds, (count, 18): what they hide, and noise."""
         hidden = np.random.default_rng([seed, 1]).normal(size=(count, HIDDEN))
         other = np.random.default_rng([seed, 2]).normal(size=(count, N_JOINTS))
         return np.asarray(0.02 + 0.01 * hidden @ self._bend + 0.003 * other)
 
     def samples(self, count: int = 32, seed: int = 0, leg: int = 5) -> Samples:
-        """Return worlds as a belief takes them; every gait walks to its end."""
+        """Worlds as a belief takes them; every gait walks to its end."""
         return Samples(leg=leg, features=self.worlds(count, seed), finished=np.ones(GAITS))
 
 
 def standing_samples(model: MadeUpModel, count: int = 32, seed: int = 0) -> Samples:
-    """Return worlds of a model of which it is known how the robot stands in them."""
+    """Worlds of a model with known stances."""
     return replace(model.samples(count, seed), sag_rad=model.sags(count, seed))
 
 
 def made_up_bayes(samples: Samples, **options: Any) -> Bayes:
-    """Return a search that believes samples."""
+    """A search that believes samples."""
     defaults = {"target_m": 0.025, "duration_s": DURATION_S, "floor_m": 1.0}
     return Bayes(GaitSpace((samples.leg,)), 0, samples=samples, **{**defaults, **options})
 
 
 def path_of(features: FloatArray) -> FloatArray:
-    """Return the path through a walk's features, one row for each checkpoint."""
+    """The path through a walk's features, one row for each checkpoint."""
     half = CHECKPOINTS // 2
     at = np.interp(np.arange(1, CHECKPOINTS + 1), [0, half, CHECKPOINTS], [0, *features[-3:-1]])
     return np.column_stack([at, features[: FINAL + 1]])
 
 
 def shown_of(features: FloatArray, status: str = "ok", duration_s: float = DURATION_S) -> Observation:
-    """Return a walk that shows just these features."""
+    """A walk that shows just these features."""
     return Observation(
         path_m=path_of(features), duration_s=duration_s, yaw_change_rad=float(features[YAW]), status=status
     )
@@ -137,13 +137,13 @@ class MadeUpWorld:
 
 
 def plan_of(robot: Robot, **options: Any) -> TrialPlan:
-    """Return the plan of a session's trials."""
+    """The plan of a session's trials."""
     failure = options.pop("failure", Failure(leg=5))
     return TrialPlan(gait=make_gait(robot, "demo"), belief=failure, **options)
 
 
 def key_of(robot: Robot | None = None, **options: Any) -> PriorKey:
-    """Return the question of a session's trials."""
+    """The question of a session's trials."""
     robot = robot or shipped()
     return PriorKey.of(robot, plan_of(robot, **options))
 
@@ -155,7 +155,7 @@ def made_up_prior(
     seed: int = 0,
     model: MadeUpModel | None = None,
 ) -> Prior:
-    """Return a prior whose legs all walk in the worlds of one model."""
+    """A prior whose legs all walk in the worlds of one model."""
     model = model or MadeUpModel()
     features = np.stack([model.worlds(worlds, seed + leg) for leg in legs])
     paths = np.array([path_of(row) for row in features.reshape(-1, N_FEATURES)])

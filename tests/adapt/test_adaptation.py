@@ -11,6 +11,7 @@ import pytest
 import hexctl
 from hexctl.adapt.adaptation import Adaptation, NotBegunError, adapt
 from hexctl.adapt.baselines import RandomSearch
+from hexctl.adapt.bayes import Bayes
 from hexctl.adapt.measurement import Answer
 from hexctl.adapt.runner import RobotStoppedError, TrialRunner, WalkedTrial
 from hexctl.adapt.search import new_spec
@@ -233,6 +234,37 @@ def test_an_operator_is_needed_to_measure() -> None:
     spec = new_spec(failed_leg=5, backend="mock", ask=True, prior="none")
     with pytest.raises(InputError, match="operator: got none"):
         Adaptation(spec)
+
+
+@pytest.mark.parametrize(
+    ("parts", "words"),
+    [
+        ({"operator": Measures()}, "operator: got one without --ask"),
+        ({"optimizer": Backwards}, r"optimizer: got .*:Backwards for a session with pso"),
+        ({"objective": "mean"}, "objective: got mean for a session with final"),
+        ({"objective": to_the_left}, "objective: got .*:to_the_left for a session with final"),
+    ],
+)
+def test_parts_that_contradict_the_spec_are_refused(parts: dict[str, Any], words: str) -> None:
+    spec = new_spec(failed_leg=5, optimizer="pso")
+    with pytest.raises(InputError, match=words):
+        Adaptation(spec, **parts)
+    assert Adaptation(spec, optimizer="pso", objective="final").spec is spec
+
+
+def test_bayes_may_be_named_by_its_class() -> None:
+    assert new_spec(failed_leg=5, optimizer=Bayes) == new_spec(failed_leg=5, optimizer="bayes")
+
+
+@pytest.mark.usefixtures("landscape")
+def test_an_overview_that_cannot_be_drawn_costs_no_result(monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(*_: object) -> None:
+        raise ValueError("no picture")
+
+    monkeypatch.setattr("hexctl.adapt.overview.write_overview_file", broken)
+    notes: list[str] = []
+    result = adapt(5, budget=2, prior="none", note=notes.append)
+    assert (result.ended, result.overview, notes[-1]) == ("budget", None, "no overview: no picture")
 
 
 def test_a_robot_without_a_position_is_refused() -> None:

@@ -28,7 +28,7 @@ IDEAL_M, LEAST_M = 4.455, 2.154
 
 
 def at(arena: Arena, distance_m: float, angle_rad: float) -> FloatArray:
-    """Return the position so far from home in a direction."""
+    """The position so far from home in a direction."""
     x, y = arena.home_m
     return np.array([x + distance_m * math.cos(angle_rad), y + distance_m * math.sin(angle_rad), 0.1])
 

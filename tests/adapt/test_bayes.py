@@ -43,12 +43,12 @@ BELIEVED = MODEL.samples(48)
 
 
 def worlds(count: int, seed: int = 500) -> FloatArray:
-    """Return worlds of the model that the prior has not seen, (count, gaits, N_FEATURES)."""
+    """Worlds of the model that the prior has not seen, (count, gaits, N_FEATURES)."""
     return MODEL.worlds(count, seed)
 
 
 def solvable(count: int, seed: int = 500) -> FloatArray:
-    """Return such worlds in which some gait is within 2 cm."""
+    """Such worlds in which some gait is within 2 cm."""
     drawn = worlds(4 * count, seed)
     found: FloatArray = drawn[np.abs(drawn[..., FINAL]).min(axis=1) < 0.02][:count]
     assert len(found) == count
@@ -381,7 +381,7 @@ def test_a_damaged_trial_in_a_state_is_refused_and_nothing_is_taken_over() -> No
 
 
 def stood(trials: int = 0) -> Bayes:
-    """Return a search that was told how a world stands, and then of trials in it."""
+    """A search that was given the stance in a world, and then trials in it."""
     optimizer, world = made_up_bayes(STANDING, target_m=1e-6), worlds(1)[0]
     optimizer.observe_stance(MODEL.sags(1, 500)[0])
     for _ in range(trials):
@@ -456,7 +456,7 @@ def test_after_two_trials_it_takes_what_promises_most_by_itself() -> None:
 
 @pytest.fixture(scope="module")
 def believed_worlds() -> tuple[Dense, FloatArray]:
-    """Return what the belief takes for the truth, and worlds drawn from it."""
+    """The model that the belief assumes, and worlds drawn from it."""
     dense = Dense(BELIEVED, noise_m=0.001)
     return dense, dense.worlds(40, seed=5)
 
@@ -516,7 +516,7 @@ def test_an_expectation_is_an_interval_around_its_middle() -> None:
 
 
 def whole_path(features: FloatArray) -> FloatArray:
-    """Return a walk tick by tick."""
+    """A walk tick by tick."""
     path = path_of(features)
     ticks = round(DURATION_S / PERIOD_S)
     knots = np.linspace(0, ticks, 11)
@@ -534,7 +534,7 @@ def stopped_after_s(optimizer: Bayes, code: int, path: FloatArray) -> float | No
 
 
 def straight(code: int, final_m: float) -> FloatArray:
-    """Return a walk of a gait of a usual world, but to another end."""
+    """A walk of a gait of a usual world, but to another end."""
     features = BELIEVED.features[0, code - 1].copy()
     features[: FINAL + 1] = final_m * (np.arange(1, 11) / 10) ** 1.5
     features[-1] = 0.4 * final_m
@@ -542,7 +542,7 @@ def straight(code: int, final_m: float) -> FloatArray:
 
 
 def promising(optimizer: Bayes, within_m: float = 0.15) -> list[int]:
-    """Return the gaits that are believed to end near the line."""
+    """The gaits that are believed to end near the line."""
     return [int(row) + 1 for row in np.flatnonzero(np.abs(optimizer.forecast().mean_m) < within_m)]
 
 

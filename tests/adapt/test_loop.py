@@ -116,7 +116,7 @@ def test_a_session_that_was_cut_ends_as_if_it_had_not_been(name: str, cut: int, 
 
 
 def with_budget(session: Session, budget: int, store: SessionStore) -> Session:
-    """Return a session from the disk after it got another budget."""
+    """A session from the disk after it got another budget."""
     session.spec = replace(session.spec, budget=budget)
     store.keep(session)
     return store.load(session.name)
@@ -170,7 +170,7 @@ def believing(**options: Any) -> Bayes:
 
 
 def with_a_bad_start() -> FloatArray:
-    """Return the kind world, but the gait that is tried first goes astray."""
+    """The kind world, but the gait that is tried first goes astray."""
     world: FloatArray = KIND.copy()
     world[believing().ask()[0] - 1, : FINAL + 1] = 2.5 * (np.arange(1, 11) / 10) ** 1.5
     return world
@@ -355,6 +355,24 @@ def test_a_recording_that_is_not_whole_costs_no_trial_and_is_reported(store: Ses
     whole, ended = run(store, SPEC)
     resumed, ended_later = run_on(store, session.name)
     assert (resumed.trials, ended_later) == (whole.trials, ended)
+
+
+@pytest.mark.parametrize("confirm", [0, 1])
+def test_an_interrupted_trial_whose_recording_is_not_whole_is_reported(
+    confirm: int, store: SessionStore
+) -> None:
+    class NoRoom(Landscape):
+        def __call__(
+            self, index: int, code: int, slots: Slots, should_stop: Enough | None = None
+        ) -> WalkedTrial:
+            walked = super().__call__(index, code, slots, should_stop)
+            return replace(walked, recording_error=OSError("disk full")) if index == 3 else walked
+
+    session = store.create(replace(SPEC, budget=3, confirm=confirm))
+    optimizer = Deduplication(make_optimizer(SPEC.optimizer, GaitSpace((5,)), SPEC.seed), SPEC.seed)
+    with pytest.raises(RecordingError, match="trial 3 was interrupted, its recording is not whole: disk"):
+        AdaptLoop(session, store, optimizer, NoRoom(cut_after=2)).run()
+    assert [trial.index for trial in store.load(session.name).trials] == [1, 2]
 
 
 def test_an_objective_of_ones_own_decides(store: SessionStore) -> None:

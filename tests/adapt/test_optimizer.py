@@ -57,7 +57,7 @@ def test_the_size_of_the_pieces_does_not_change_the_search(
 
 
 def found_best(make: Callable[[GaitSpace, int], Optimizer], trials: int, best: int, seeds: int) -> float:
-    """Return in which part of the searches the best code was among the first trials."""
+    """Share of the searches in which the best code was among the first trials."""
     return float(
         np.mean(
             [

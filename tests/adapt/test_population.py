@@ -156,7 +156,7 @@ class Tuned(ParticleSwarm):
 
 
 def stagnating(swarm: ParticleSwarm, own: float, best: float, start: float, steps: int) -> FloatArray:
-    """Return the positions of a swarm whose particles all remember `own` and follow `best`, (steps, size).
+    """The positions of a swarm whose particles all remember `own` and follow `best`, (steps, size).
 
     Particle 0 is the one that holds the best.
     """
@@ -203,7 +203,7 @@ def test_without_chance_a_swarm_converges_just_where_theory_says(inertia: float)
 
 
 def moments(inertia: float, cognitive: float, social: float) -> tuple[FloatArray, FloatArray]:
-    """Return A and b of the second moments of a stagnating particle with p = 0 and g = 1.
+    """A and b of the second moments of a stagnating particle with p = 0 and g = 1.
 
     m' = A m + b for m = E[x², xy, y², x, y], y the position before x (Poli 2009, "Mean and variance of the
     sampling distribution of particle swarm optimizers during stagnation"):
@@ -289,7 +289,7 @@ class Small(SpeciatedSwarm):
 
 
 def scored(core: type[SpeciatedSwarm], places: list[float]) -> SpeciatedSwarm:
-    """Return a swarm in the box [1, 101] that remembers these places, best first."""
+    """A swarm in the box [1, 101] that remembers these places, best first."""
     swarm = core([1.0], [101.0], np.random.default_rng(0), len(places))
     swarm.kept = np.array(places)[:, np.newaxis]
     swarm.kept_scores = np.arange(len(places), dtype=float)
@@ -389,7 +389,7 @@ def test_the_archive_holds_the_last_ten_successes_and_starts_as_generation_1() -
 
 
 def moved(idle: int, seed: int = 1) -> tuple[DifferentialSwarm, FloatArray]:
-    """Return a swarm after one fruitless generation at rest, and where it stood; it was idle before.
+    """A swarm after one fruitless generation at rest, and where it stood; it was idle before.
 
     Memories lie at -1, the best one at -2; the archive at 3, its best at 4.
     """
@@ -457,12 +457,12 @@ GENERATIONS = 25
 
 
 def ours(core: type[DifferentialEvolution], function: Function) -> FloatArray:
-    """Return the logarithms of the minima found with many seeds, (SEEDS,)."""
+    """Logarithms of the minima found with many seeds, (SEEDS,)."""
     return np.log10([minimum(core, function, GENERATIONS, seed) for seed in range(SEEDS)])
 
 
 def scipys(strategy: str, function: Function, mutation: float = 0.7) -> FloatArray:
-    """Return the same found by SciPy: 10 individuals, uniform start, whole generations, CR = 0.5."""
+    """The same found by SciPy: 10 individuals, uniform start, whole generations, CR = 0.5."""
     runs = [
         differential_evolution(
             lambda points: function(points.T),
@@ -512,7 +512,7 @@ class FullCrossover(BestEvolution):
 
 
 def differing(core: type[DifferentialEvolution]) -> FloatArray:
-    """Return in how many coordinates each challenger differs from its parent, in five dimensions."""
+    """Number of coordinates in which each challenger differs from its parent, in five dimensions."""
     counts = []
     for seed in range(40):
         population = make(core, seed, 5)

@@ -18,7 +18,7 @@ DISTANCES = ["code_distance", "phase_distance", "kendall_distance"]
 
 
 def order_of_legs(slots: Slots) -> tuple[int, ...]:
-    """Return the legs in the order of their slots, around from leg 1: what walks, without its start."""
+    """The legs in the order of their slots, around from leg 1: what walks, without its start."""
     legs = sorted(range(1, 7), key=lambda leg: slots[leg - 1])
     start = legs.index(1)
     return tuple(legs[start:] + legs[:start])

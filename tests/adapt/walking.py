@@ -14,7 +14,7 @@ SPEC = SessionSpec(failed_leg=5, optimizer="pso", budget=12, seed=3)
 
 
 def result_of(deviation_m: float, status: str = "ok") -> TrialResult:
-    """Return the result of a walk that ends so far to the left of the line."""
+    """The result of a walk that ends so far to the left of the line."""
     path = np.linspace([0.0, 0.0], [4.0, deviation_m], 100)
     off = abs(deviation_m)
     return TrialResult(

@@ -30,7 +30,7 @@ class Sick(Kit):
     """Reports a fault of its own after two seconds."""
 
     def read(self) -> RobotState:
-        """Return the state, at fault from two seconds on."""
+        """The state, at fault from two seconds on."""
         self.healthy = self.clock.now_s < 2.0
         return super().read()
 
@@ -39,7 +39,7 @@ class Lost(Kit):
     """Knows no pose any more after two seconds."""
 
     def read(self) -> RobotState:
-        """Return the state, without a pose from two seconds on."""
+        """The state, without a pose from two seconds on."""
         if self.clock.now_s >= 2.0:
             self.position_world = self.quaternion_world = None
         return super().read()

@@ -36,7 +36,7 @@ def run_json(capsys: pytest.CaptureFixture[str], *arguments: str, code: int = 0)
 
 
 def course(outcome: dict[str, Any]) -> list[Any]:
-    """Return what two equal sessions have in common."""
+    """What two equal sessions have in common."""
     return [{key: value for key, value in trial.items() if key != "recording"} for trial in outcome["trials"]]
 
 
@@ -145,7 +145,7 @@ def test_a_session_cut_off_goes_on_to_the_same_end(
         (listed,) = run_json(capsys, "sessions", "list")
         assert 2 <= listed["trials"] < 6
         assert exit_code(["sessions", "show", listed["session"]]) == 0
-        assert f"go on with: hexctl adapt --resume {listed['session']}" in capsys.readouterr().out
+        assert f"continue with: hexctl adapt --resume {listed['session']}" in capsys.readouterr().out
         resumed = run_json(capsys, "adapt", "--resume", listed["session"], "--no-record")
         assert course(resumed) == course(whole)
         assert resumed["best"]["code"] == whole["best"]["code"]
@@ -260,7 +260,7 @@ def test_a_recording_that_fails_costs_no_trial_and_is_said(
         assert exit_code(QUICK) == 3
     printed = capsys.readouterr()
     assert "trial 1 is done, its recording is not whole" in printed.err
-    assert "go on with: hexctl adapt --resume" in printed.err
+    assert "continue with: hexctl adapt --resume" in printed.err
     (listed,) = run_json(capsys, "sessions", "list")
     assert listed["trials"] == 1
     assert len(run_json(capsys, "adapt", "--resume", listed["session"])["trials"]) == 3

@@ -301,7 +301,7 @@ def test_a_robot_that_a_person_puts_down_does_not_stand_up_before_it_was_asked_f
 
 
 def standing_prior() -> Prior:
-    """Return a made-up prior for trials of 6 s that knows how robots stand."""
+    """A made-up prior for trials of 6 s that knows how robots stand."""
     model = MadeUpModel()
     prior = made_up_prior(key_of(duration_s=6.0), worlds=6, model=model)
     return replace(prior, sag_rad=model.sags(6, 5)[np.newaxis])

@@ -66,7 +66,7 @@ class Person:
         self.process.communicate()
 
     def look(self) -> FloatArray:
-        """Return the true joint angles in degrees, (18,)."""
+        """The true joint angles in degrees, (18,)."""
         self._eyes.hail()
         self.seen_deg.append(np.degrees(self._wiring.to_rad(self._eyes.outputs().pulses_us)))
         return self.seen_deg[-1]

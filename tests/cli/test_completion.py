@@ -26,7 +26,7 @@ SHELLS = ("bash", "zsh", "fish")
 
 
 def asked(shell: str, line: str, folder: Path) -> list[str]:
-    """Return what a shell is offered for the last word of a line."""
+    """Words that a shell is offered for the last word of a line."""
     words = line.split(" ")
     variables = {
         "_HEXCTL_COMPLETE": f"complete_{shell}",

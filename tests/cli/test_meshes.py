@@ -19,7 +19,7 @@ def robot_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def drawn(path: Path) -> bytes:
-    """Return the mesh that a recording shows as the trunk."""
+    """The mesh that a recording shows as the trunk."""
     return bytes(ReadBack(path).values(f"/{paths.BODY}", "Asset3D:blob")[0][0])
 
 

@@ -46,7 +46,7 @@ def _in_an_empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None
 
 @pytest.fixture
 def prior(built: tuple[Path, dict[str, Any]], tmp_path: Path) -> str:
-    """Return a copy of the built prior as a user names it."""
+    """A copy of the built prior as a user names it."""
     shutil.copy(built[0], tmp_path / "x.npz")
     return "x.npz"
 
@@ -54,7 +54,7 @@ def prior(built: tuple[Path, dict[str, Any]], tmp_path: Path) -> str:
 def run(
     capsys: pytest.CaptureFixture[str], *arguments: str, codes: tuple[int, ...] = (0,)
 ) -> tuple[Any, str]:
-    """Return the JSON of a command and what it said on stderr."""
+    """The JSON of a command and what it said on stderr."""
     capsys.readouterr()
     assert exit_code([*arguments, "--json"]) in codes
     printed = capsys.readouterr()
@@ -62,7 +62,7 @@ def run(
 
 
 def refused(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
-    """Return the one line with which a command is refused before anything has happened."""
+    """The one line with which a command is refused before anything has happened."""
     capsys.readouterr()
     assert exit_code([*arguments]) == 2
     printed = capsys.readouterr()

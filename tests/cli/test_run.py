@@ -238,7 +238,7 @@ def _one_line(captured: str) -> str:
 
 
 def _strict(text: str) -> dict[str, Any]:
-    """Return the one JSON object of a text, which knows no NaN."""
+    """The one JSON object of a text, which knows no NaN."""
     outcome: dict[str, Any] = json.loads(_one_line(text), parse_constant=lambda name: pytest.fail(name))
     return outcome
 

@@ -66,7 +66,7 @@ class Dense:
         self.prior = self.prior - across @ np.linalg.solve(among, across.T)
 
     def numbers(self) -> tuple[list[int], list[int], list[float]]:
-        """Return place, trial and value of every number seen."""
+        """Place, trial and value of every number seen."""
         places, trials, values = [], [], []
         for index, (code, features) in enumerate(self.seen):
             for feature in range(N_FEATURES):
@@ -77,7 +77,7 @@ class Dense:
         return places, trials, values
 
     def posterior(self, feature: int) -> tuple[FloatArray, FloatArray]:
-        """Return mean and covariance of one feature of all gaits."""
+        """Mean and covariance of one feature of all gaits."""
         wanted = np.arange(GAITS) * N_FEATURES + feature
         prior = self.widened * self.prior
         places, trials, values = self.numbers()
@@ -89,7 +89,7 @@ class Dense:
         return mean, prior[np.ix_(wanted, wanted)] - across @ np.linalg.solve(noisy, across.T)
 
     def surprise(self) -> list[float]:
-        """Return by how many standard deviations each end was off, given all trials before it."""
+        """Error of each end in standard deviations, given all trials before it."""
         everything, found = self.seen, []
         for index, (code, features) in enumerate(everything):
             if math.isnan(features[FINAL]):
@@ -108,7 +108,7 @@ class Dense:
         return [float(one) for one in found]
 
     def end_of_trial(self, code: int, features: FloatArray) -> tuple[float, float]:
-        """Return mean and standard deviation of the end of one walk that has shown some features so far."""
+        """Mean and standard deviation of the end of one walk that has shown some features so far."""
         everything = self.seen
         self.seen = [*everything, (code, features)]
         places, trials, values = self.numbers()

@@ -84,7 +84,7 @@ def test_a_gait_that_certainly_ends_on_the_line_gains_everything() -> None:
 
 
 def forecast(mean_m: FloatArray, sd_m: FloatArray | float, common: float = 0.0) -> Forecast:
-    """Return a forecast of gaits that have a share of their deviation in common."""
+    """A forecast of gaits that have a share of their deviation in common."""
     sd = np.broadcast_to(np.asarray(sd_m, dtype=float), mean_m.shape)
     alike = common + (1 - common) * np.eye(mean_m.size)
     return Forecast(

@@ -37,13 +37,13 @@ def trials_in(seed: int, codes: list[int]) -> list[Trial]:
 
 
 def ordinary(codes: list[int]) -> list[Trial]:
-    """Return trials in a world that is just as believed, or nearly: nothing is widened."""
+    """Trials in a world that is just as believed, or nearly: nothing is widened."""
     mean, some = SAMPLES.features.mean(axis=0), SAMPLES.features[3]
     return [(code, mean[code - 1] + 0.3 * (some - mean)[code - 1]) for code in codes]
 
 
 def partly_blind(trials: list[Trial]) -> list[Trial]:
-    """Return trials of which some show only their beginning, or nothing but their end."""
+    """Trials of which some show only their beginning, or nothing but their end."""
     for index, (_, features) in enumerate(trials):
         if index % 3 == 1:
             features[4:FINAL] = np.nan
@@ -272,7 +272,7 @@ def sags(samples: Samples = STANDING) -> FloatArray:
 
 
 def ordinary_sag_rad() -> FloatArray:
-    """Return a sag that is no stranger than the worlds expect."""
+    """A sag that is no stranger than the worlds expect."""
     mean: FloatArray = sags().mean(axis=0)
     return np.asarray(mean + 0.7 * (sags()[3] - mean))
 
@@ -314,7 +314,7 @@ def test_noise_of_the_sensors_leaves_more_than_half_of_it(monkeypatch: pytest.Mo
 
 
 def gain_m(*, noise_deg: float) -> float:
-    """Return by how much nearer worlds are to what is believed of them once it is told how they stand."""
+    """How much nearer worlds are to what is believed of them once their stance is known."""
     samples = samples_of(load_prior(SHIPPED), shipped(), 5)
     random, gains_m = np.random.default_rng(0), []
     for row in range(0, len(samples.features), 5):
@@ -325,13 +325,13 @@ def gain_m(*, noise_deg: float) -> float:
 
 
 def error_m(samples: Samples, ends_m: FloatArray, sag_rad: FloatArray | None) -> float:
-    """Return how far the final deviations of a world are from what is believed, over all gaits."""
+    """Distance of a world's final deviations from what is believed, over all gaits."""
     believed = Belief(samples, noise_m=NOISE_M, sag_rad=sag_rad).forecast()
     return float(np.abs(believed.mean_m - ends_m).mean())
 
 
 def without(samples: Samples, row: int) -> Samples:
-    """Return samples without one world."""
+    """Samples without one world."""
     assert samples.sag_rad is not None
     kept = np.arange(len(samples.features)) != row
     return replace(samples, features=samples.features[kept], sag_rad=samples.sag_rad[kept])

@@ -45,7 +45,7 @@ def prior_with_a_fall() -> Prior:
 
 @cache
 def small_prior() -> Prior:
-    """Return a prior whose file is a few kB."""
+    """A prior whose file is a few kB."""
     prior = made_up_prior(worlds=1)
     return replace(
         prior,

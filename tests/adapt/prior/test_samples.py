@@ -171,7 +171,7 @@ WORLD = World(
 
 
 def mirrored(world: World, symmetry: Symmetry) -> World:
-    """Return a world as it is seen in a mirror along the line of travel."""
+    """A world as it is seen in a mirror along the line of travel."""
     assert isinstance(world.joint_offset_deg, tuple)
     offsets: FloatArray = np.empty((6, 3))
     offsets[np.array(symmetry.legs) - 1] = np.array(world.joint_offset_deg).reshape(6, 3) * [-1, 1, 1]
@@ -186,7 +186,7 @@ def mirrored(world: World, symmetry: Symmetry) -> World:
 
 
 def walked(spec: LandscapeSpec, codes: list[int]) -> FloatArray:
-    """Return signed deviation, progress and yaw of some gaits, (gaits, 3)."""
+    """Signed deviation, progress and yaw of some gaits, (gaits, 3)."""
     results = run_sim_trials([spec.trial(code) for code in codes])
     assert all(result.status == "ok" for result in results)
     rows = [[result.path_m[-1, 1], result.path_m[-1, 0], result.yaw_change_rad] for result in results]
@@ -278,7 +278,7 @@ ROW = 41  # of code 42
 
 
 def rows_like(samples: Samples, features: FloatArray) -> int:
-    """Return how many of the samples are these worlds' features, gait for gait."""
+    """Number of samples that are these worlds' features, gait for gait."""
     return sum(
         all(np.abs(one - own).max() < 1e-12 for one, own in zip(block, features, strict=True))
         for block in np.split(samples.features, len(samples.features) // len(features))
@@ -343,7 +343,7 @@ def test_a_leg_that_nothing_says_anything_about_is_refused() -> None:
 
 
 def with_falls(worlds: int, fallen: tuple[int, ...], from_checkpoint: int = 4) -> Samples:
-    """Return samples of pexod's leg 5, in some worlds of which one gait fell on its way."""
+    """Samples of pexod's leg 5, in some worlds of which one gait fell on its way."""
     prior = made_up_prior(worlds=worlds)
     for world in fallen:
         prior.signed_m[0, world, ROW, from_checkpoint:] = np.nan
