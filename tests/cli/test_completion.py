@@ -9,7 +9,9 @@ from pathlib import Path
 import pytest
 
 from hexctl.adapt.store import SessionStore
+from hexctl.backends.registry import BACKENDS
 from hexctl.cli import completion
+from hexctl.robot.configs import config_names
 from tests.adapt.walking import SPEC
 
 #: Calls hexctl as its console script does, and says on stderr what it has loaded.
@@ -55,7 +57,7 @@ def asked(shell: str, line: str, folder: Path) -> list[str]:
     ("line", "offered"),
     [
         ("hexctl ru", ["run"]),
-        ("hexctl run --robot ", ["ant", "pexod", "phantomx"]),
+        ("hexctl run --robot ", config_names("robots")),
         ("hexctl run --robot p", ["pexod", "phantomx"]),
         ("hexctl run --world s", ["slippery", "slope"]),
         ("hexctl run --world t", ["transfer:0"]),
@@ -65,7 +67,7 @@ def asked(shell: str, line: str, folder: Path) -> list[str]:
         ("hexctl run --failure l", ["locked", "limp"]),
         ("hexctl run --self-rotation ", ["rear", "front", "none"]),
         ("hexctl run --backend m", ["mavlink", "mock"]),
-        ("hexctl serve --backend ", ["sim", "mavlink", "mock"]),
+        ("hexctl serve --backend ", [name for name in BACKENDS if name != "zenoh"]),
         ("hexctl adapt --optimizer de", ["debest", "derand"]),
         ("hexctl adapt --objective m", ["mean", "max"]),
         ("hexctl check a", ["ant"]),
