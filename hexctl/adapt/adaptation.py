@@ -191,9 +191,10 @@ class Adaptation:
         requested before that; StoreError when a trial cannot be stored.
         """
         began_s = time.perf_counter()
+        checked = self._checked(self.spec) if self._name is None else None  # before anything is written
         with ExitStack() as stack:
             store = stack.enter_context(SessionStore(self._folder))
-            session, setting, servos = self._begin(store, stack, stop_requested)
+            session, setting, servos = self._begin(store, stack, stop_requested, checked)
             before = len(session.trials)
             if on_begin is not None:
                 on_begin(session)
@@ -223,7 +224,7 @@ class Adaptation:
         )
 
     def _begin(
-        self, store: SessionStore, stack: ExitStack, stop_requested: StopRequested
+        self, store: SessionStore, stack: ExitStack, stop_requested: StopRequested, checked: Setting | None
     ) -> tuple[Session, Setting, Guard | None]:
         """Session, new or continued and held, what it names, and its robot, connected.
 
@@ -232,9 +233,7 @@ class Adaptation:
         """
         session = self._held_again(store, stack) if self._name is not None else None
         spec = self.spec if session is None else session.spec
-        setting = load_setting(spec)
-        if self._record:
-            _ = setting.robot_file.meshes  # refused before a session exists
+        setting = checked or self._checked(spec)
         note = start_note(spec, setting)
         if note is not None:
             self._note(note)
@@ -247,6 +246,13 @@ class Adaptation:
             session = store.create(spec)
             stack.enter_context(store.held(session.name))
         return session, setting, servos
+
+    def _checked(self, spec: SessionSpec) -> Setting:
+        """What a spec names, loaded, and the meshes too where they are drawn; refused here if it is wrong."""
+        setting = load_setting(spec)
+        if self._record:
+            _ = setting.robot_file.meshes
+        return setting
 
     def _held_again(self, store: SessionStore, stack: ExitStack) -> Session:
         """Session to be continued, as it stands now that no other process adds to it."""

@@ -128,7 +128,8 @@ def test_a_walk_over_the_link_says_what_a_walk_in_process_says(tmp_path: Path) -
     assert there.keys() == here.keys()
     assert there["status"] == here["status"] == "ok"
     assert there["distance_m"] == pytest.approx(here["distance_m"], abs=0.02)
-    assert there["ticks"] == pytest.approx(here["ticks"], abs=3)
+    # Grid points that a busy machine skipped are counted, not lost.
+    assert there["ticks"] + there["overruns"] == pytest.approx(here["ticks"], abs=3)
 
 
 def test_with_certificates_controllers_command_and_viewers_look(tmp_path: Path) -> None:
