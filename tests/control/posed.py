@@ -13,7 +13,7 @@ from tests.robots import shipped
 
 
 class PosedMock(MockServos):
-    """Joints of the mock, a pose of the test's, and time that goes on only with the ticks.
+    """Joints of the mock, a pose of the test's, and time that advances only with the ticks.
 
     Attributes:
         time: the time it lives in.
@@ -42,7 +42,7 @@ class PosedMock(MockServos):
         super().connect()
 
     def read(self) -> RobotState:
-        """Return the mock's echo with the test's pose."""
+        """The mock's echo with the test's pose."""
         self._use_link()
         echo = super().read()
         return RobotState(
@@ -57,7 +57,7 @@ class PosedMock(MockServos):
         )
 
     def write(self, targets: JointTargets) -> JointTargets:
-        """Take the targets over at once, if the link is whole."""
+        """Take the targets over, if the link is whole."""
         self._use_link()
         return super().write(targets)
 
@@ -100,14 +100,14 @@ class FallsAfter(Guard):
         self._posed, self._falls_at_s = servos, servos.time.now_s + after_s
 
     def read(self) -> RobotState:
-        """Return the state, on its side from some time on."""
+        """The newest state; the body lies on its side from some time on."""
         if self._posed.time.now_s > self._falls_at_s:
             self._posed.lean(85.0)
         return super().read()
 
 
 def connected() -> tuple[Guard, PosedMock]:
-    """Return a guard and the servos behind it, in the first tick."""
+    """A guard and the servos behind it, in the first tick."""
     servos = PosedMock()
     guard = Guard(servos)
     guard.connect()
@@ -116,5 +116,5 @@ def connected() -> tuple[Guard, PosedMock]:
 
 
 def send(guard: Guard, wanted: FloatArray) -> FloatArray:
-    """Return what of the wanted angles the guard lets pass now."""
+    """The wanted angles as the guard limits them now."""
     return guard.write(JointTargets(wanted, guard.clock.now_s)).positions_rad

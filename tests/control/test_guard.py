@@ -245,7 +245,7 @@ def test_after_clearing_silence_counts_from_the_next_command() -> None:
     guard.clear()
     guard.clock.tick()
     guard.read()
-    assert guard.stopped is None, "or nobody could ever go on after a silence"
+    assert guard.stopped is None, "or no client could continue after a silence"
     send(guard, STANCE)
     servos.time.work(0.3)
     guard.read()
@@ -334,7 +334,7 @@ def test_a_robot_that_is_reached_again_starts_anew_from_where_its_joints_are() -
     servos.write(JointTargets(STANCE - 0.6, 0.0))  # it was moved in between
     guard.clock.tick()
     guard.read()
-    assert guard.stopped is None, "nobody was silent: nobody was connected"
+    assert guard.stopped is None, "no silence counts without a connection"
     np.testing.assert_allclose(send(guard, STANCE), STANCE - 0.6 + STEP)
 
 
@@ -342,7 +342,7 @@ def test_after_clearing_the_robot_goes_on_from_where_its_joints_are() -> None:
     guard, servos = connected()
     send(guard, STANCE + 0.1)
     guard.stop("by hand")
-    servos.write(JointTargets(STANCE - 0.6, 0.0))  # somebody moves it
+    servos.write(JointTargets(STANCE - 0.6, 0.0))  # an operator moves it
     guard.clear()
     guard.clock.tick()
     np.testing.assert_allclose(send(guard, STANCE), STANCE - 0.6 + STEP)

@@ -1,4 +1,4 @@
-"""Limits of a step for one robot and for many at once, and the same notion of a fall in both."""
+"""Limits of a step for one robot and for a batch, and the same notion of a fall in both."""
 
 import numpy as np
 import pytest

@@ -29,7 +29,7 @@ UNEVEN_MOUNTS = [
 
 
 def _all_finite(result: TrialResult) -> bool:
-    """Return whether the numbers of a result survive strict JSON, which knows no NaN."""
+    """Whether the numbers of a result survive strict JSON, which knows no NaN."""
     json.dumps(result.to_dict(), allow_nan=False)
     return bool(np.isfinite(result.path_m).all())
 

@@ -82,7 +82,7 @@ def test_what_goes_wrong_aborts_the_walk_unless_it_is_over(
     log = recorders.log
     assert guard.stopped == reason
     ends = log.rows_of(phase)
-    assert ends.stop - ends.start == 1, "it stands at once"
+    assert ends.stop - ends.start == 1, "it stands without a step more"
     if phase == "stop":
         assert (result.status, result.stopped, result.valid) == ("ok", None, True)
         assert result.duration_s == pytest.approx(1)

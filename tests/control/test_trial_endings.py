@@ -31,7 +31,7 @@ from tests.trials import gait_of, walk
 
 
 def _all_finite(result: TrialResult) -> bool:
-    """Return whether the numbers of a result survive strict JSON, which knows no NaN."""
+    """Whether the numbers of a result survive strict JSON, which knows no NaN."""
     json.dumps(result.to_dict(), allow_nan=False)
     return bool(np.isfinite(result.path_m).all())
 
@@ -220,7 +220,7 @@ def test_a_stop_asked_for_in_the_soft_stop_leaves_the_walk_whole() -> None:
 
 
 def test_what_is_broken_and_what_the_controller_believes_are_two_things() -> None:
-    """A locked leg that nobody knows of is commanded on, and does not follow."""
+    """A locked leg that the controller was not told of is commanded like the others, and does not follow."""
     broken = Failure(leg=5)
     excursion_rad: dict[bool, FloatArray] = {}
     for told in (False, True):

@@ -23,7 +23,7 @@ NOISY = World(sensor_noise=SensorNoise(yaw_deg=YAW_NOISE_DEG, position_m=POSITIO
 
 
 def _start(seed: int, failure: Failure | None = None) -> tuple[TrialFrame, float]:
-    """Return the frame of a trial among the noise, and the true yaw of the body as its walk begins."""
+    """The frame of a trial among the noise, and the true yaw of the body as its walk begins."""
     plan = TrialPlan(gait=gait_of(shipped()), belief=failure, duration_s=0.02)
     with SimServos(shipped(), world=NOISY, failure=failure, seed=seed) as servos:
         log = TickLog()

@@ -46,7 +46,7 @@ def test_nothing_to_turn_without_a_failed_leg_or_when_told_not_to() -> None:
 
 
 def _leg_off_deg(outcome: Outcome, robot_name: str, leg: int, wanted_deg: float) -> float:
-    """Return how far the failed leg points away from a direction of the trial frame when the walk begins."""
+    """How far the failed leg points away from a direction of the trial frame when the walk begins."""
     frame = outcome.log.frame
     assert frame is not None
     points_to = frame.yaw_rad + float(shipped(robot_name).leg_azimuths_rad[leg - 1])

@@ -52,7 +52,7 @@ class Program:
     name: str
 
     def said(self) -> str:
-        """Return everything it has printed."""
+        """Everything it has printed."""
         return self.output.read_text(encoding="utf-8")
 
     def wait_for(self, text: str) -> None:
@@ -121,11 +121,11 @@ class Served(Program):
     log_path: Path = field(default_factory=Path)
 
     def log(self) -> ServoLog:
-        """Return what its servos were told so far."""
+        """Targets written to its servos so far."""
         return ServoLog.read(self.log_path)
 
     def status(self) -> dict[str, Any]:
-        """Return what `hexctl status` says of it."""
+        """Its status, as `hexctl status --json` prints it."""
         answer = hexctl("status", "--json", "--connect", self.endpoint)
         assert answer.returncode == 0, answer.stderr
         content: dict[str, Any] = json.loads(answer.stdout)

@@ -71,12 +71,12 @@ class ServoLog:
         return cls(rows[:, 0], rows[:, 2:], rows[:, 1] == _RELAX)
 
     def moved_after(self, time_s: float) -> float:
-        """Return how long after a moment the servos were last told to go elsewhere; 0 if never."""
+        """How long after a moment the servos were last told to go elsewhere; 0 if never."""
         changed = np.flatnonzero((np.diff(self.positions_rad, axis=0) != 0).any(axis=1)) + 1
         last_s = self.times_s[changed[-1]] if changed.size else time_s
         return max(0.0, float(last_s - time_s))
 
     def between(self, start_s: float, end_s: float) -> "ServoLog":
-        """Return the part of the log within a time."""
+        """The part of the log within a time."""
         rows = (self.times_s >= start_s) & (self.times_s <= end_s)
         return ServoLog(self.times_s[rows], self.positions_rad[rows], self.relaxed[rows])

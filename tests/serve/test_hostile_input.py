@@ -50,7 +50,7 @@ class Item:
 
 
 def spoiled(good: bytes, chance: random.Random) -> bytes:
-    """Return a payload that is cut off, flipped, too long, random, or good but with numbers that are not."""
+    """A payload that is cut off, flipped, too long, random, or good but with numbers that are not."""
     how = chance.randrange(6)
     if how == 0:
         return good[: chance.randrange(len(good) + 1)]

@@ -24,7 +24,7 @@ pytestmark = pytest.mark.realtime
 #: A stopped robot's targets rest after this, e-stop or silence, on a machine that has time for it.
 STILL_AFTER_S = 0.25
 
-#: The same on a machine that runs other tests beside: what must not go on does not, timing aside.
+#: The same on a machine that runs other tests beside: what must end does, timing aside.
 STILL_ON_A_BUSY_MACHINE_S = 1.0
 
 #: How often a machine may be too busy for a controller.
@@ -48,7 +48,7 @@ def stopped(robot: Served) -> str | None:
 
 
 def status_when(folder: Path, come: Callable[[Served], bool], *options: str) -> dict[str, Any]:
-    """Return what a robot that is swayed says of itself once something has come.
+    """Status of a robot that is swayed, once something has arrived.
 
     All of it again where the machine held the controller up for so long that its silence was real.
     """

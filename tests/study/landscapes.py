@@ -28,12 +28,12 @@ def spec(leg: int = 5, self_rotation: str = "none", duration_s: float = 0.4, cod
 
 
 def made_up(leg: int, self_rotation: str, signed_m: FloatArray, invalid: Sequence[int] = ()) -> Landscape:
-    """Return a landscape with these signed deviations; `invalid` are codes that made no progress."""
+    """A landscape with these signed deviations; `invalid` are codes that made no progress."""
     return made_up_in(spec(leg, self_rotation, duration_s=1.0), signed_m, invalid)
 
 
 def made_up_in(asked: LandscapeSpec, signed_m: FloatArray, invalid: Sequence[int] = ()) -> Landscape:
-    """Return the landscape of a spec, made up likewise."""
+    """The landscape of a spec, made up likewise."""
     empty = empty_landscape(asked)
     numbers = np.zeros((120, len(NUMBERS)))
     numbers[:, NUMBERS.index("signed_m")] = signed_m
@@ -46,7 +46,7 @@ def made_up_in(asked: LandscapeSpec, signed_m: FloatArray, invalid: Sequence[int
 
 
 def spread_out(worst_m: float, sign: FloatArray | float = 1.0) -> FloatArray:
-    """Return 120 deviations, evenly from 0 to the worst, in an order that no search finds smooth."""
+    """120 deviations, evenly from 0 to the worst, in an order that no search finds smooth."""
     order = np.random.default_rng(1).permutation(120)
     return np.asarray(np.linspace(0.001, worst_m, 120)[order] * sign)
 
@@ -61,7 +61,7 @@ def made_up_findings(
     budget: int = 120,
     duration_s: float = 30.0,
 ) -> Findings:
-    """Return findings in which each leg has a share of its gaits on the left without self-rotation.
+    """Findings in which each leg has a share of its gaits on the left without self-rotation.
 
     Paths are those of a second, whatever the duration: no number depends on them.
     """
@@ -78,7 +78,7 @@ def made_up_findings(
 
 
 def same(one: Rows, other: Rows) -> bool:
-    """Return whether all numbers of two landscapes are equal to the last bit."""
+    """Whether all numbers of two landscapes are equal to the last bit."""
     return all(
         np.array_equal(getattr(one, name), getattr(other, name), equal_nan=name in ("numbers", "paths_m"))
         for name in ("codes", "status", "numbers", "paths_m")

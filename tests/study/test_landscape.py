@@ -152,7 +152,7 @@ def test_a_robot_without_self_rotation_is_put_down_as_it_is() -> None:
 
 
 def _moved_m(log: TickLog) -> FloatArray:
-    """Return how far a walk went in the world, (2,)."""
+    """Displacement of a walk in the world, (2,) in m."""
     positions = log["base_position_world"][log.rows_of("walk")]
     return np.asarray((positions[-1] - positions[0])[:2])
 

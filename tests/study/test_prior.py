@@ -118,7 +118,7 @@ def prior_plan(**options: Any) -> PriorPlan:
 
 
 def told_apart(spec: LandscapeSpec, number: int) -> Landscape:
-    """Return a landscape whose ends say which landscape and gait they are of, exactly."""
+    """A landscape whose ends say which landscape and gait they are of, exactly."""
     landscape = made_up_in(spec, number + np.arange(120) / 128)
     landscape.paths_m[:, -1, 1] = landscape.number("signed_m")
     landscape.numbers[:, NUMBERS.index("yaw_change_rad")] = -number - np.arange(120) / 128
@@ -180,7 +180,7 @@ FALLEN = 7
 
 
 def _landscape(spec: LandscapeSpec, seed: int) -> Landscape:
-    """Return a landscape of smooth random walks, of which one ends half way."""
+    """A landscape of smooth random walks, of which one ends half way."""
     empty, random = empty_landscape(spec), np.random.default_rng(seed)
     paths: FloatArray = random.normal(size=(120, spec.n_points, 2)).cumsum(axis=1) * 0.01
     paths[FALLEN - 1, spec.n_points // 2 :] = np.nan

@@ -22,7 +22,7 @@ def landscape() -> Landscape:
 
 
 def brute_force(landscape: Landscape, name: str, seed: int, budget: int, *, paper_count: bool) -> list[float]:
-    """Return the best valid deviation after each evaluation, step by step and without arrays."""
+    """The best valid deviation after each evaluation, step by step and without arrays."""
     search = Deduplication(make_optimizer(name, landscape.spec.space, seed), seed, paper_count=paper_count)
     best, curve = math.nan, []
     for _ in range(budget):

@@ -25,7 +25,7 @@ def test_an_edit_of_the_network_a_servo_board_or_a_recording_keeps_the_landscape
 
 @pytest.fixture
 def root(tmp_path: Path) -> Path:
-    """Return a folder with a hexctl of a few modules, `start` being where the imports begin."""
+    """A folder with a hexctl of a few modules, `start` being where the imports begin."""
     (tmp_path / "hexctl" / "parts").mkdir(parents=True)
     sources = {
         "parts/__init__": "from hexctl import inner\n",

@@ -45,12 +45,12 @@ class ListeningRobot:
 
 
 def answers(session: zenoh.Session, key: str, payload: bytes = b"") -> list[bytes]:
-    """Return what is answered at a key."""
+    """What is answered at a key."""
     return [bytes(reply.ok.payload) for reply in session.get(key, payload=payload, timeout=1.0) if reply.ok]
 
 
 def tls(folder: Path, side: str) -> dict[str, Any]:
-    """Return the settings of TLS with a folder's certificate, to `connect` or to `listen`."""
+    """The settings of TLS with a folder's certificate, to `connect` or to `listen`."""
     return {
         "transport/link/tls/root_ca_certificate": f"{folder}/ca.pem",
         f"transport/link/tls/{side}_certificate": f"{folder}/certificate.pem",

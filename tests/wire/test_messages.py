@@ -139,7 +139,7 @@ POSITIONS = np.arange(18) / 8
 
 
 def joint_state_by_hand(positions: np.ndarray, stamp_s: int, stamp_ns: int) -> bytes:
-    """Return sensor_msgs/JointState as little-endian CDR, laid out with nothing but struct."""
+    """Sensor_msgs/JointState as little-endian CDR, laid out with nothing but struct."""
     out = struct.pack("<IIIB", stamp_s, stamp_ns, 1, 0)
     out += b"\x00" * (-len(out) % 4) + struct.pack("<I", len(JOINT_NAMES))
     for name in JOINT_NAMES:

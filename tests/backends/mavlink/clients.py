@@ -93,7 +93,7 @@ class Client:
             self.listen(0.1 if hailing else 0.01)
 
     def state(self) -> int:
-        """Return MAV_STATE of the board's next heartbeat."""
+        """MAV_STATE of the board's next heartbeat."""
         self.drain()
         self.heard.clear()
         self.until(lambda: any(frame.kind == "HEARTBEAT" for frame in self.heard), hailing=True)

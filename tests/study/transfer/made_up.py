@@ -42,7 +42,7 @@ def plan(**options: Any) -> TransferPlan:
 
 
 def in_the_model(spec: LandscapeSpec, features: FloatArray) -> Landscape:
-    """Return a landscape whose gaits walk as in a world of the made-up model."""
+    """A landscape whose gaits walk as in a world of the made-up model."""
     empty, points = empty_landscape(spec), spec.n_points
     at = np.arange(1, points + 1) / points * 10
     paths = np.empty((120, points, 2), dtype=np.float32)

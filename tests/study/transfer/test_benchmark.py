@@ -26,7 +26,7 @@ GAITS, HIDDEN, DURATION_S = 120, 3, 10.0
 
 
 def _finals(worlds: int, seed: int) -> FloatArray:
-    """Return ends of all gaits in some worlds, which a few hidden numbers move, (worlds, gaits)."""
+    """Ends of all gaits in some worlds, which a few hidden numbers move, (worlds, gaits)."""
     model, random = np.random.default_rng(0), np.random.default_rng([seed, 1])
     middle, pull = model.uniform(-1.5, 1.5, GAITS), model.normal(0, 0.2, (HIDDEN, GAITS))
     return np.asarray(middle + random.normal(size=(worlds, HIDDEN)) @ pull)
@@ -68,7 +68,7 @@ def _plan(**changes: Any) -> TransferPlan:
 
 
 def _landscape(spec: Any, finals: FloatArray, invalid: int = 0) -> Landscape:
-    """Return a landscape with these ends; the first so many gaits made no progress."""
+    """A landscape with these ends; the first gaits, by number, made no progress."""
     empty = empty_landscape(spec)
     share = np.arange(1, spec.n_points + 1) / spec.n_points
     numbers = np.zeros((GAITS, len(NUMBERS)))
