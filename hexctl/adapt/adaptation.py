@@ -17,12 +17,11 @@ from typing import Any
 
 import numpy as np
 
-from hexctl.adapt.arena import Arena
 from hexctl.adapt.loop import AdaptLoop, OnTrial
 from hexctl.adapt.measurement import Operator
 from hexctl.adapt.objectives import ObjectiveChoice, as_objective
 from hexctl.adapt.registry import OptimizerChoice
-from hexctl.adapt.runner import ResetFreeRunner, TrialRunner, await_ready, connected_robot
+from hexctl.adapt.runner import ResetFreeRunner, TrialRunner, arena_of, at_home, connected_robot
 from hexctl.adapt.search import (
     Note,
     Setting,
@@ -40,11 +39,9 @@ from hexctl.adapt.stance import connected_deflection_rad, simulated_deflection_r
 from hexctl.adapt.store import RUNS, SessionStore
 from hexctl.backends.base import LegServos
 from hexctl.control.guard import Guard
-from hexctl.control.plan import TrialPlan
 from hexctl.control.result import path_axes
 from hexctl.control.trial import StopRequested, never
 from hexctl.errors import HexctlError, RecordingError, RobotFaultError, check_type
-from hexctl.gait.encoding import Slots
 from hexctl.record.live import LiveView
 
 OnBegin = Callable[[Session], None]
@@ -201,16 +198,7 @@ class Adaptation:
             live = self._live() if self._live is not None and servos is not None else None
             if live is not None:
                 stack.enter_context(live)
-            runner = TrialRunner(
-                spec=session.spec,
-                robot=setting.robot,
-                world=setting.world,
-                plan_for=_plan_for(setting.plan),
-                folder=store.folder_of(session.name) if self._record else None,
-                stop_requested=stop_requested,
-                live=live,
-                meshes=setting.robot_file.meshes if self._record else {},
-            )
+            runner = self._runner(session, store, setting, stop_requested, live)
             ended, trouble = self._search(session, store, setting, runner, servos, on_trial)
             if live is not None and live.lost is not None:
                 self._note(f"{live.lost}; the trials are not affected")
@@ -221,6 +209,26 @@ class Adaptation:
             walked=len(session.trials) - before,
             wall_s=time.perf_counter() - began_s,
             overview=self._write_overview(session, store),
+        )
+
+    def _runner(
+        self,
+        session: Session,
+        store: SessionStore,
+        setting: Setting,
+        stop_requested: StopRequested,
+        live: LiveView | None,
+    ) -> TrialRunner:
+        """Runner of the trials of a session, which records them where that is wanted."""
+        return TrialRunner(
+            spec=session.spec,
+            robot=setting.robot,
+            world=setting.world,
+            plan_for=setting.plan_for,
+            folder=store.folder_of(session.name) if self._record else None,
+            stop_requested=stop_requested,
+            live=live,
+            meshes=setting.robot_file.meshes if self._record else {},
         )
 
     def _begin(
@@ -239,7 +247,7 @@ class Adaptation:
             self._note(note)
         servos = stack.enter_context(connected_robot(spec, setting, self._servos, self._note))
         if session is None:
-            spec = _at_home(spec, servos)
+            spec = at_home(spec, servos)
             spec = self._with_stance(spec, setting, servos, stop_requested)
             if stop_requested():
                 raise NotBegunError("interrupted before a session began")
@@ -299,7 +307,7 @@ class Adaptation:
         walk = runner.walk
         if servos is not None:
             walk = ResetFreeRunner(
-                runner=runner, servos=servos, arena=_arena_of(spec), operator=self._operator
+                runner=runner, servos=servos, arena=arena_of(spec), operator=self._operator
             ).walk
         loop = AdaptLoop(
             session,
@@ -445,29 +453,3 @@ def adapt(
     if result.trouble is not None:
         raise result.trouble
     return result
-
-
-def _plan_for(plan: TrialPlan) -> Callable[[Slots], TrialPlan]:
-    """Plans of trials by the slots of their gait."""
-    return lambda slots: replace(plan, gait=replace(plan.gait, slots=slots))
-
-
-def _at_home(spec: SessionSpec, servos: Guard | None) -> SessionSpec:
-    """Spec of a session that begins where the robot is now.
-
-    Raises RobotStoppedError for a robot that is stopped, RobotFaultError for one that does not know its
-    position and must.
-    """
-    if servos is None or spec.ask:
-        return spec
-    position = await_ready(servos).base_position_world
-    if spec.arena_m is None or position is None:
-        return spec
-    return replace(spec, home_m=[float(position[0]), float(position[1])])
-
-
-def _arena_of(spec: SessionSpec) -> Arena | None:
-    """Arena of a session, if it has one."""
-    if spec.arena_m is None or spec.home_m is None:
-        return None
-    return Arena(home_m=(spec.home_m[0], spec.home_m[1]), radius_m=spec.arena_m)

@@ -51,10 +51,14 @@ class Population(ABC):
         self.low, self.high = np.asarray(low, dtype=float), np.asarray(high, dtype=float)
         self.size = size
         self._random = random
-        self.positions = self._draw(size)
+        self._begin()
+
+    def _begin(self) -> None:
+        """Draw generation 1; a subclass adds the arrays of its own."""
+        self.positions = self._draw(self.size)
         self.kept = self.positions.copy()
-        self.kept_scores = np.zeros(size)
-        self.known: BoolArray = np.zeros(size, dtype=bool)
+        self.kept_scores = np.zeros(self.size)
+        self.known: BoolArray = np.zeros(self.size, dtype=bool)
 
     def advance(self, scores: FloatArray) -> None:
         """Take the scores of `positions`, (size,), and move on to the next generation."""
@@ -144,14 +148,8 @@ class ParticleSwarm(Population):
 
     arrays: ClassVar[tuple[str, ...]] = (*Population.arrays, "velocities")
 
-    def __init__(
-        self,
-        low: Sequence[float] | FloatArray,
-        high: Sequence[float] | FloatArray,
-        random: np.random.Generator,
-        size: int = POPULATION,
-    ) -> None:
-        super().__init__(low, high, random, size)
+    def _begin(self) -> None:
+        super()._begin()
         self.velocities = self._first_velocities(self.positions)
 
     def _move(self, better: BoolArray) -> None:
@@ -267,17 +265,11 @@ class DifferentialSwarm(ParticleSwarm):
 
     arrays: ClassVar[tuple[str, ...]] = (*ParticleSwarm.arrays, "idle", "archive", "archive_scores")
 
-    def __init__(
-        self,
-        low: Sequence[float] | FloatArray,
-        high: Sequence[float] | FloatArray,
-        random: np.random.Generator,
-        size: int = POPULATION,
-    ) -> None:
-        super().__init__(low, high, random, size)
-        self.idle: IntArray = np.zeros(size, dtype=np.int64)  # generations without success
+    def _begin(self) -> None:
+        super()._begin()
+        self.idle: IntArray = np.zeros(self.size, dtype=np.int64)  # generations without success
         self.archive = self.positions.copy()
-        self.archive_scores = np.zeros(size)
+        self.archive_scores = np.zeros(self.size)
 
     def _move(self, better: BoolArray) -> None:
         self._remember(better)

@@ -184,13 +184,13 @@ def _new_path(folder: Path, index: int) -> Path:
 
 
 #: Ticks in which a robot must report its position and be upright.
-PATIENCE_TICKS = 50
+READY_TICKS = 50
 
 #: Attempts to reach a better start before the trial begins at the present position.
 APPROACHES = 2
 
 #: Time limit of a walk to a start, in multiples of its duration without slip.
-APPROACH_PATIENCE = 2.5
+APPROACH_TIMEOUT = 2.5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -249,15 +249,15 @@ class ResetFreeRunner:
         hindered = self._come_to_start(arena)
         if hindered is not None:
             return WalkedTrial(result=hindered)
-        fence = Geofence(arena, stop_when(should_stop))
+        geofence = Geofence(arena, stop_when(should_stop))
 
         def completed(result: TrialResult) -> TrialResult:
-            at_edge = result.status == "cut_short" and fence.reached
+            at_edge = result.status == "cut_short" and geofence.reached
             return replace(result, stopped=LEFT_THE_ARENA) if at_edge else result
 
         state = await_ready(self.servos)
         here = aimed(plan, self.runner.robot, state, arena)
-        return self.runner.walk_on(self.servos, here, index, code, fence, completed)
+        return self.runner.walk_on(self.servos, here, index, code, geofence, completed)
 
     def _come_to_start(self, arena: Arena) -> TrialResult | None:
         """Walk away from the middle while a walk has no room; return what stopped the robot there, if any.
@@ -275,8 +275,8 @@ class ResetFreeRunner:
             if position is None or not arena.too_near(position, reach_m):
                 return None
             missing_m = start.radius_m - start.distance_m(position)
-            patience_s = APPROACH_PATIENCE * (RAMP_DURATION_S + missing_m / speed_m_s)
-            there = replace(aimed(plan, robot, state, arena, outward=True), duration_s=patience_s)
+            timeout_s = APPROACH_TIMEOUT * (RAMP_DURATION_S + missing_m / speed_m_s)
+            there = replace(aimed(plan, robot, state, arena, outward=True), duration_s=timeout_s)
             result = run_trial(
                 self.servos,
                 there,
@@ -301,7 +301,7 @@ def await_ready(servos: Guard, *, needs_pose: bool = True) -> RobotState:
     check_not_stopped(servos)
     # It may have been carried, or sat down: it starts from its present joint angles.
     servos.clear()
-    for _ in range(PATIENCE_TICKS):
+    for _ in range(READY_TICKS):
         servos.clock.tick()
         state = servos.read()
         check_not_stopped(servos)
@@ -311,6 +311,27 @@ def await_ready(servos: Guard, *, needs_pose: bool = True) -> RobotState:
         "the robot knows no position, so a trial cannot be scored; use one with odometry or motion capture, "
         "or measure by hand with --ask"
     )
+
+
+def at_home(spec: SessionSpec, servos: Guard | None) -> SessionSpec:
+    """Spec of a session that begins where the robot is now.
+
+    Raises RobotStoppedError for a robot that is stopped, RobotFaultError for one that does not know its
+    position and must.
+    """
+    if servos is None or spec.ask:
+        return spec
+    position = await_ready(servos).base_position_world
+    if spec.arena_m is None or position is None:
+        return spec
+    return replace(spec, home_m=[float(position[0]), float(position[1])])
+
+
+def arena_of(spec: SessionSpec) -> Arena | None:
+    """Arena of a session, if it has one."""
+    if spec.arena_m is None or spec.home_m is None:
+        return None
+    return Arena(home_m=(spec.home_m[0], spec.home_m[1]), radius_m=spec.arena_m)
 
 
 @contextmanager

@@ -32,6 +32,7 @@ from hexctl.control.plan import TrialPlan
 from hexctl.control.result import progress_floor_m
 from hexctl.control.turning import check_plan
 from hexctl.errors import InputError, check_type
+from hexctl.gait.encoding import Slots
 from hexctl.gait.gait import ideal_speed_m_s, make_gait
 from hexctl.robot.failure import parse_failure
 from hexctl.robot.loader import RobotFile, load_robot, load_robot_file
@@ -79,6 +80,10 @@ class Setting:
     def robot(self) -> Robot:
         """The robot that walks."""
         return self.robot_file.robot
+
+    def plan_for(self, slots: Slots) -> TrialPlan:
+        """Plan of the trial of a gait."""
+        return replace(self.plan, gait=replace(self.plan.gait, slots=slots))
 
     @property
     def ideal_m(self) -> float:

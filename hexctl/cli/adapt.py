@@ -45,7 +45,7 @@ from hexctl.cli.options import (
 from hexctl.errors import HexctlError, InputError, RecordingError
 
 if TYPE_CHECKING:
-    from hexctl.adapt.adaptation import Adaptation
+    from hexctl.adapt.adaptation import Adaptation, AdaptationResult
     from hexctl.adapt.session import SessionSpec
     from hexctl.record.live import LiveView
 
@@ -280,7 +280,7 @@ def _execute(
     from hexctl.adapt.adaptation import NotBegunError
     from hexctl.adapt.runner import RobotStoppedError
     from hexctl.cli.prompts import TrialPrompt
-    from hexctl.cli.render_adapt import ENDS, SessionTable, closing_lines
+    from hexctl.cli.render_adapt import SessionTable
 
     with StopOnInterrupt() as interrupt, SessionTable(quiet=as_json) as table:
         adaptation = make(
@@ -300,19 +300,25 @@ def _execute(
         except NotBegunError as error:
             _note(str(error))
             return INTERRUPTED
-    session = result.session
-    print_result(json.dumps(result.to_dict()) if as_json else closing_lines(session, result.ended))
-    if extends and result.ended in ENDS and not result.walked:
-        _note(f"nothing to walk, {ENDS[result.ended]}; another target takes a new session")
+    _print_end(result, as_json=as_json, extends=extends)
     if result.trouble is not None:
-        then = f"{_clearing(spec, result.trouble)}continue with: hexctl adapt --resume {session.name}"
+        then = f"{_clearing(spec, result.trouble)}continue with: hexctl adapt --resume {result.session.name}"
         _note(f"{result.trouble}; nothing is lost: {then}")
         return _code_of_stop(result.trouble)
     if result.ended == "interrupted":
         return INTERRUPTED
-    if view and session.trials:
-        _show(session.name)
+    if view and result.trials:
+        _show(result.session.name)
     return DONE if result.best is not None else ABORTED
+
+
+def _print_end(result: "AdaptationResult", *, as_json: bool, extends: bool) -> None:
+    """Print how a search ended; `extends` is True for a session that was given another budget."""
+    from hexctl.cli.render_adapt import ENDS, closing_lines
+
+    print_result(json.dumps(result.to_dict()) if as_json else closing_lines(result.session, result.ended))
+    if extends and result.ended in ENDS and not result.walked:
+        _note(f"nothing to walk, {ENDS[result.ended]}; another target takes a new session")
 
 
 def _note(text: str) -> None:
