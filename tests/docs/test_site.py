@@ -6,10 +6,12 @@ import os
 import re
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
 
 import hexctl
 from hexctl.gait.encoding import slots_from_code
@@ -134,6 +136,13 @@ def test_the_layout_page_tells_who_imports_whom() -> None:
     for part, _names in rows:  # each row imports rows above it only
         assert told[part] <= seen, part
         seen.add(part)
+
+
+def test_the_citation_is_complete_and_of_this_version() -> None:
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    assert {"cff-version", "message", "title", "authors"} <= set(citation)
+    assert (citation["version"], citation["license"]) == (project["version"], project["license"])
 
 
 def test_the_rooms_of_the_layout_page_are_those_of_today() -> None:
