@@ -206,7 +206,7 @@ def test_what_is_unambiguous_is_accepted(tmp_path: Path) -> None:
         hexctl.serve(port=5)
 
 
-def test_servos_without_a_guard_get_one() -> None:
+def test_a_simulation_without_a_guard_gets_one() -> None:
     with hexctl.SimServos("ant") as servos:
         alone = hexctl.run_trial(servos, PLAN, soft_stop=False)
     with hexctl.SimServos("ant") as servos:

@@ -18,7 +18,7 @@ from hexctl.control.plan import TrialPlan
 from hexctl.control.result import TrialResult, score
 from hexctl.control.trace import Trace, TrialFrame
 from hexctl.control.turning import CLOSE_ENOUGH_RAD, Turn, check_plan, turn_needed_rad
-from hexctl.errors import CommandRefusedError, EStopError, SimulationDivergedError, check_type
+from hexctl.errors import CommandRefusedError, EStopError, InputError, SimulationDivergedError, check_type
 from hexctl.robot.model import Robot
 from hexctl.robot.rotations import wrapped_rad, yaw_rad
 from hexctl.types import FloatArray, JointTargets, RobotState
@@ -117,7 +117,7 @@ def run_trial(
     `cut_short`, when `should_stop` ends the walk.
 
     Args:
-        servos: connected servos; those that are not a `Guard` are put behind one for this trial.
+        servos: guarded, connected servos; a simulation without a guard is put behind one for this trial.
         plan: what the robot shall do.
         controller: walks instead of the plan's own open-loop walk; a controller, or what makes one of a
             `WalkStart`. Its `done` may end the walk.
@@ -129,8 +129,9 @@ def run_trial(
 
     What a simulation breaks may differ from what the plan's controller was told.
 
-    Raises WrongTypeError for an argument of another type, and ReachError or LimitError for a walk that the
-    legs cannot make, before anything moves; RobotFaultError when the robot has gone.
+    Raises WrongTypeError for an argument of another type, InputError for a robot without a guard, ReachError
+    or LimitError for a walk that the legs cannot make, all before anything moves; RobotFaultError when the
+    robot has gone.
     """
     check_type(servos, LegServos, "servos", "connected LegServos, as Guard(SimServos('ant')) gives")
     check_type(plan, TrialPlan, "plan", "a TrialPlan")
@@ -138,11 +139,11 @@ def run_trial(
         controller = planned_walk
     elif not callable(controller):
         check_type(controller, Controller, "controller", CONTROLLERS)
-    servos = servos if isinstance(servos, Guard) else Guard(servos)
     check_plan(servos.robot, plan)
     kept = Recorders.of(recorders)
-    trial = _Trial(servos, plan, controller, kept, stop_requested, should_stop)
-    servos.pause_watchdog()
+    guard = _guarded(servos)
+    trial = _Trial(guard, plan, controller, kept, stop_requested, should_stop)
+    guard.pause_watchdog()
     try:
         trial.run(soft_stop=soft_stop)
     finally:
@@ -152,8 +153,23 @@ def run_trial(
         for failure in kept.failures:
             warnings.warn(f"{type(failure.recorder).__name__} failed: {failure.error}", stacklevel=2)
     # What comes now takes its time, and silence must not be taken for a failure.
-    servos.pause_watchdog()
+    guard.pause_watchdog()
     return trial.result()
+
+
+def _guarded(servos: LegServos) -> Guard:
+    """The guard given, or a new one around a simulation.
+
+    Raises InputError for other servos: a stop is latched in the guard, which therefore outlives the trial.
+    """
+    if isinstance(servos, Guard):
+        return servos
+    if servos.injects_failure:
+        return Guard(servos)
+    raise InputError(
+        f"servos: got {type(servos).__name__} without a guard; allowed: Guard(servos), one for all trials, "
+        "as its stops stay latched; only a simulation needs none"
+    )
 
 
 def prepare(

@@ -205,6 +205,15 @@ def test_arguments_of_a_trial_are_refused_by_name() -> None:
         run_trial(Guard(servos), plan, lambda _: None)  # type: ignore[arg-type, return-value]
 
 
+def test_a_robot_without_a_guard_does_not_walk() -> None:
+    """A guard of each trial's own would forget the stops of the trial before."""
+    plan = TrialPlan(gait=make_gait(ANT, "tripod"), duration_s=0.1)
+    with MockServos(ANT) as servos:
+        with pytest.raises(InputError, match="servos: got MockServos without a guard; allowed: Guard"):
+            run_trial(servos, plan)
+        assert not servos.sent
+
+
 def test_one_walk_is_a_row_of_a_batch_of_walks() -> None:
     plans = tuple(trial.plan for trial in _trials(World()))
     start = WalkStart(robot=ANT, plans=plans, batch_shape=(3,), period_s=0.02, turned_rad=0.3, frame=None)
