@@ -186,8 +186,8 @@ class Optimizer(ABC):
 
         `observations` are the courses of the walks, for searches that learn from them.
 
-        Raises OptimizerMisuseError without an ask, InputError for other codes, or scores that are no finite
-        numbers; then nothing is taken over.
+        Raises OptimizerMisuseError without an ask, InputError for other codes, or scores that are not
+        finite numbers; then nothing is taken over.
         """
         if self._asked is None:
             raise OptimizerMisuseError(f"{self.name}: tell without ask")

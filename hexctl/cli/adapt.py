@@ -3,6 +3,7 @@
 import json
 from collections.abc import Callable, Mapping
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -53,6 +54,9 @@ BUDGET = Range(low=1, high=100_000, whole=True)
 REPEATS = Range(low=0, whole=True)
 METRES = Range(low=0, above=True, unit="m")
 
+#: Parameters of the command itself; all others are named as those of `hexctl.adapt.search.new_spec`.
+OF_COMMAND = ("context", "resume", "view", "no_record", "as_json")
+
 #: Options that go with --resume.
 WITH_RESUME = ("--resume", "--budget", "--view", "--no-record", "--json")
 
@@ -99,7 +103,7 @@ def adapt(
             "per share of the ideal distance walked), or package.module:name for your own. (default: final)",
         ),
     ] = None,
-    target: Annotated[
+    target_m: Annotated[
         float | None,
         number(
             "--target",
@@ -116,11 +120,11 @@ def adapt(
         bool,
         typer.Option("--count-repeats", help="Walk a gait again when the optimizer asks for it again."),
     ] = False,
-    duration: Annotated[
+    duration_s: Annotated[
         float | None,
         number("--duration", DURATION_S, "Seconds that each trial walks, {}. (default: 30)"),
     ] = None,
-    heading: Annotated[
+    heading_deg: Annotated[
         float | None,
         number(
             "--heading",
@@ -151,10 +155,10 @@ def adapt(
     ] = None,
     world: WorldOption = None,
     connect: ConnectOption = None,
-    keys: KeysOption = None,
+    credentials: KeysOption = None,
     insecure: InsecureOption = False,
     link: LinkOption = None,
-    arena: Annotated[
+    arena_m: Annotated[
         float | None,
         number(
             "--arena",
@@ -200,6 +204,7 @@ def adapt(
     --resume continues it. Exit codes: 0 done, 2 bad input, 3 fault of robot, link or recording, 4 stopped
     or no valid trial, 130 interrupted.
     """
+    options = locals().copy()  # the parameters, by name: most go to the spec as they are
     if view and no_record:
         raise InputError("--no-record: got --view too; allowed: one or the other")
     if resume is not None:
@@ -207,32 +212,12 @@ def adapt(
         raise typer.Exit(_resume(resume, budget, record=not no_record, view=view, as_json=as_json))
     if failed_leg is None:
         raise InputError("--failed-leg: is missing; allowed: 1..6 (or --resume SESSION)")
-    options = {
-        "robot": robot,
-        "failure": failure,
-        "backend": backend,
-        "world": world,
-        "optimizer": optimizer,
-        "prior": prior,
-        "early_stop": early_stop,
-        "objective": objective,
-        "budget": budget,
-        "target_m": target,
-        "confirm": confirm,
-        "count_repeats": count_repeats,
-        "duration_s": duration,
-        "heading_deg": heading,
-        "self_rotation": self_rotation,
-        "seed": seed,
-        "connect": connect,
-        "credentials": None if keys is None else str(keys),
-        "insecure": insecure,
-        "link": link,
-        "arena_m": arena,
-        "ask": ask,
+    asked = {
+        name: str(value) if isinstance(value, Path) else value
+        for name, value in options.items()
+        if name not in OF_COMMAND and value is not None
     }
-    asked = {name: value for name, value in options.items() if value is not None}
-    raise typer.Exit(_begin(failed_leg, asked, record=not no_record, view=view, as_json=as_json))
+    raise typer.Exit(_begin(asked, record=not no_record, view=view, as_json=as_json))
 
 
 def _check_resumed_alone(resume: str, typed: Mapping[str, Any]) -> None:
@@ -245,13 +230,13 @@ def _check_resumed_alone(resume: str, typed: Mapping[str, Any]) -> None:
         )
 
 
-def _begin(failed_leg: int, asked: dict[str, Any], **shown: bool) -> int:
+def _begin(asked: dict[str, Any], **shown: bool) -> int:
     """Search in a new session and return the exit code."""
     from hexctl.adapt.adaptation import Adaptation
     from hexctl.adapt.search import new_spec
     from hexctl.cli.prompts import check_answerable
 
-    spec = new_spec(failed_leg=failed_leg, **asked, folder=RUNS, note=_note, advice=_how_to_build_prior)
+    spec = new_spec(**asked, folder=RUNS, note=_note, advice=_how_to_build_prior)
     if spec.ask:
         check_answerable()
     return _execute(partial(Adaptation, spec), spec, **shown)

@@ -48,7 +48,7 @@ def code_of(result: "TrialResult") -> int:
 def print_result(*parts: "RenderableType") -> None:
     """Print on stdout: texts as they are, tables as wide as the terminal.
 
-    A reader that has closed the pipe, as `head` does, is no error. Raises RobotFaultError when the result
+    A reader that has closed the pipe, as `head` does, is not an error. Raises RobotFaultError when the result
     cannot be written, as on a full disk.
     """
     text = "\n".join(part if isinstance(part, str) else _rendered(part) for part in parts)
@@ -92,7 +92,7 @@ def make_bar(counter: str | None = None, *, quiet: bool = False) -> "Progress":
 
     Args:
         counter: format of the progress; None counts whole things, done of all.
-        quiet: True for a bar that shows nothing, as where stderr is no terminal.
+        quiet: True for a bar that shows nothing, as where stderr is not a terminal.
     """
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn

@@ -177,7 +177,7 @@ def _checked(spec: "RunSpec") -> "Run":
 
 
 def _open_live(run: "Run") -> "LiveView | None":
-    """Viewer that shows a walk while it runs; None where there is no screen."""
+    """Viewer that shows a walk while it runs; None without a screen."""
     from hexctl.record.live import open_window
 
     live = open_window(note_no_window)
@@ -208,7 +208,7 @@ def _summary(done: "RunResult") -> list[Any]:
 
 
 class _WalkProgress:
-    """Recorder that shows on stderr how far a walk is; silent when told so or when stderr is no terminal."""
+    """Recorder that shows the progress of a walk on stderr, on a terminal and unless told to be quiet."""
 
     def __init__(self, total_s: float, *, quiet: bool) -> None:
         from hexctl.backends.clock import PERIOD_S

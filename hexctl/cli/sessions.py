@@ -77,7 +77,7 @@ def delete(
 
 
 def _agreed(request: str) -> bool:
-    """Ask; raises InputError where there is no answer."""
+    """Ask; raises InputError without an answer."""
     try:
         return typer.confirm(request)
     except typer.Abort:

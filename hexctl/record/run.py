@@ -245,7 +245,7 @@ class Run:
 
     @cached_property
     def floor(self) -> Floor | None:
-        """Floor of the simulated world, None on a robot that is no simulation here."""
+        """Floor of the simulated world, None on a robot that is not simulated here."""
         return make_floor(self._world, self.spec.seed) if self.spec.simulated else None
 
     def walk(

@@ -192,7 +192,7 @@ Event = tuple[int, str, str]
 
 INFO, WARNING, ERROR = "INFO", "WARN", "ERROR"
 
-#: Statuses of trials that ended early, and the stop that was requested and is no fault.
+#: Statuses of trials that ended early, and the reason of a requested stop, which is not a fault.
 STOPS = ("fell", "diverged", "aborted")
 REQUESTED = "requested"
 

@@ -120,7 +120,7 @@ def test_it_is_sure_only_of_a_gait_that_was_walked_and_is_within_the_target() ->
             assert sure
             assert (finals(world, sure) <= target_m).all()
             assert optimizer.recommended() in sure
-            # And it did not go on after it had found one, save one so near to the target that it may miss.
+            # And it did not continue after it had found one, save one so near to the target that it may miss.
             assert all(off_m > 0.9 * target_m for off_m in finals(world, codes)[:-1])
 
 

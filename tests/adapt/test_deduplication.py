@@ -1,4 +1,4 @@
-"""Deduplication: no code is walked twice, and the search never notices."""
+"""Deduplication: every code is walked once, and the search inside is unaffected."""
 
 from collections.abc import Callable, Iterator, Sequence
 from itertools import count, repeat

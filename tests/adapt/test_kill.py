@@ -1,4 +1,4 @@
-"""`kill -9` at random moments: the session goes on to the same end every time."""
+"""`kill -9` at random moments: the session continues to the same end every time."""
 
 import multiprocessing
 import time

@@ -1,4 +1,4 @@
-"""The table of optimizers."""
+"""The registry of optimizers."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Trials on a robot that stays where the last one ended: inside its arena, and worth the same."""
+"""The reset-free runner: trials inside the arena of one robot, worth the same as simulated ones."""
 
 import math
 from collections.abc import Iterator

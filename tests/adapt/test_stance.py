@@ -1,4 +1,4 @@
-"""How a robot stands before its first trial, simulated and not."""
+"""The static deflection of the stance before the first trial, simulated and connected."""
 
 from typing import Any
 

@@ -6,7 +6,7 @@ from tests.control.posed import PosedMock
 
 
 class Kit(PosedMock):
-    """A robot in good health, in a time of its own that passes at once.
+    """A robot in good health, with a clock that does not wait.
 
     Attributes:
         made: all kits made so far, newest last.

@@ -1,4 +1,4 @@
-"""What every command prints: results on stdout, whoever reads them, and Ctrl-C."""
+"""What every command prints: results on stdout, a reader that closes the pipe, and Ctrl-C."""
 
 import os
 import signal

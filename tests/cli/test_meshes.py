@@ -51,7 +51,7 @@ def test_a_broken_one_is_refused_before_anything_moves(
     assert not list(tmp_path.glob("runs/*"))
 
 
-def test_without_a_recording_nobody_looks_at_them(robot_file: Path, tmp_path: Path) -> None:
+def test_without_a_recording_they_are_not_loaded(robot_file: Path, tmp_path: Path) -> None:
     (tmp_path / "trunk.stl").unlink()
     run = ["run", "--robot", str(robot_file), "--duration", "0.2", "--no-record", "--json"]
     assert exit_code(run) == 0

@@ -359,7 +359,7 @@ def test_a_session_that_believes_goes_on_where_it_was(prior: str, capsys: pytest
 def test_how_the_robot_stood_is_kept_with_the_session_and_told_again(
     prior: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Cut off before its first trial: it goes on with what it saw when it began, and does not look again."""
+    """Cut off before its first trial: it continues with what it measured first and does not measure again."""
     words = [*ADAPT, "--prior", prior, "--target", "0.001", "--budget", "2"]
     whole, _ = run(capsys, *words)
     assert len(whole["sag_rad"]) == 18

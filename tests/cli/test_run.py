@@ -145,7 +145,7 @@ def test_two_runs_at_once_leave_two_recordings(tmp_path: Path, monkeypatch: pyte
 
 @pytest.fixture
 def _no_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Give the mock robot a time that passes at once."""
+    """Give the mock robot a clock that does not wait."""
     monkeypatch.setattr(mock, "WallClock", lambda: FakeTime().clock())
 
 

@@ -72,7 +72,7 @@ def narrowed(sags_rad: FloatArray, seen_rad: FloatArray) -> tuple[FloatArray, Fl
 
 
 def _noise(variances: FloatArray, surprise: FloatArray) -> float:
-    """Least noise, not below NOISE, with which a surprise is no greater than expected."""
+    """Least noise, not below NOISE, with which a surprise is at most as great as expected."""
     noise = NOISE
     for _ in range(DOUBLINGS):
         if float((surprise**2 / (variances + noise)).mean()) <= 1:

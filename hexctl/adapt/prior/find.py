@@ -52,7 +52,7 @@ Covers = Callable[[tuple[int, ...]], bool]
 
 
 def any_legs(_legs: tuple[int, ...]) -> bool:
-    """Return True: the legs of a prior do not matter."""
+    """True: the legs of a prior do not matter."""
     return True
 
 
