@@ -51,7 +51,7 @@ OptimizersOption = Annotated[
         "--optimizers",
         help="Searches, with commas: of pso, psosp, dps, debest, derand, random, exhaustive, or your "
         "own package.module:Class; with --transfer also "
-        "bayes and bayes-early. (default: those six and the bayes ones)",
+        "bayes and bayes-early. (default: all of those but exhaustive, and the bayes ones)",
     ),
 ]
 RunsOption = Annotated[
