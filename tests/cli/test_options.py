@@ -20,7 +20,8 @@ from hexctl.types import N_LEGS
 #: What an option or argument that takes a number says about it.
 RANGE = re.compile(r"\d\.\.\d|or more|above 0|any finite number")
 UNIT = re.compile(
-    r"second|metre|kilogram|degree|\bday|fraction|gait cycles|leg that failed|trials|threads|runs|worlds|whole number",
+    r"second|metre|kilogram|degree|\bday|fraction|gait cycles|"
+    r"leg that failed|trials|threads|runs|worlds|whole number",
     re.IGNORECASE,
 )
 
