@@ -36,7 +36,7 @@ from hexctl.adapt.search import (
 )
 from hexctl.adapt.session import Session, SessionSpec, TrialRecord
 from hexctl.adapt.stance import connected_deflection_rad, simulated_deflection_rad
-from hexctl.adapt.store import RUNS, SessionStore
+from hexctl.adapt.store import RUNS, SessionStore, load_session
 from hexctl.backends.base import LegServos
 from hexctl.control.guard import Guard
 from hexctl.control.result import path_axes
@@ -162,8 +162,7 @@ class Adaptation:
         `options` are those of `Adaptation`. Raises InputError for a name that is not in the store, and a
         budget that is spent already.
         """
-        with SessionStore(Path(folder)) as store:
-            session = store.load(name)
+        session = load_session(name, folder)
         spec = session.spec if budget is None else extended(session, budget)
         adaptation = cls(spec, folder=folder, **options)
         adaptation._name, adaptation._budget = name, budget

@@ -275,8 +275,10 @@ def test_a_robot_without_a_position_is_refused() -> None:
 @pytest.mark.usefixtures("landscape")
 def test_sessions_are_listed_exported_and_deleted() -> None:
     assert list_sessions() == []
-    with pytest.raises(InputError, match="none yet"):
-        load_session("nobody")
+    for load in (load_session, Adaptation.resume):
+        with pytest.raises(InputError, match="none yet"):
+            load("unknown")
+    assert not Path("runs").exists()
     result = adapt(5, budget=3, record=False)
     (session,) = list_sessions()
     assert session.name == result.session.name
