@@ -21,7 +21,14 @@ from hexctl.adapt.loop import AdaptLoop, OnTrial
 from hexctl.adapt.measurement import Operator
 from hexctl.adapt.objectives import ObjectiveChoice, as_objective
 from hexctl.adapt.registry import OptimizerChoice
-from hexctl.adapt.runner import ResetFreeRunner, TrialRunner, arena_of, at_home, connected_robot
+from hexctl.adapt.runner import (
+    NotBegunError,
+    ResetFreeRunner,
+    TrialRunner,
+    arena_of,
+    at_home,
+    connected_robot,
+)
 from hexctl.adapt.search import (
     Note,
     Setting,
@@ -41,14 +48,10 @@ from hexctl.backends.base import LegServos
 from hexctl.control.guard import Guard
 from hexctl.control.result import path_axes
 from hexctl.control.trial import StopRequested, never
-from hexctl.errors import HexctlError, RecordingError, RobotFaultError, check_type
+from hexctl.errors import RecordingError, RobotFaultError, check_type
 from hexctl.record.live import LiveView
 
 OnBegin = Callable[[Session], None]
-
-
-class NotBegunError(HexctlError, RuntimeError):
-    """A stop was requested before there was a session."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)

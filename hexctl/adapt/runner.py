@@ -21,7 +21,7 @@ from hexctl.control.plan import TrialPlan
 from hexctl.control.result import TrialResult
 from hexctl.control.trial import Enough, ShouldStop, StopRequested, never, run_trial, stop_when
 from hexctl.control.turning import turn_gait
-from hexctl.errors import RobotFaultError
+from hexctl.errors import HexctlError, RobotFaultError
 from hexctl.gait.encoding import Slots
 from hexctl.gait.foot_trajectory import RAMP_DURATION_S
 from hexctl.gait.gait import ideal_speed_m_s
@@ -30,6 +30,10 @@ from hexctl.record.recording import Recording
 from hexctl.robot.meshes import Meshes
 from hexctl.robot.model import Robot
 from hexctl.types import RobotState
+
+
+class NotBegunError(HexctlError, RuntimeError):
+    """A stop was requested before there was a session."""
 
 
 class RobotStoppedError(RobotFaultError):

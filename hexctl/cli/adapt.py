@@ -262,8 +262,7 @@ def _execute(
     extends: bool = False,
 ) -> int:
     """Run an adaptation, print its result, and return the exit code."""
-    from hexctl.adapt.adaptation import NotBegunError
-    from hexctl.adapt.runner import RobotStoppedError
+    from hexctl.adapt.runner import NotBegunError, RobotStoppedError
     from hexctl.cli.prompts import TrialPrompt
     from hexctl.cli.render_adapt import SessionTable
 

@@ -9,11 +9,11 @@ import matplotlib
 import pytest
 
 import hexctl
-from hexctl.adapt.adaptation import Adaptation, NotBegunError, adapt
+from hexctl.adapt.adaptation import Adaptation, adapt
 from hexctl.adapt.baselines import RandomSearch
 from hexctl.adapt.bayes import Bayes
 from hexctl.adapt.measurement import Answer
-from hexctl.adapt.runner import RobotStoppedError, TrialRunner, WalkedTrial
+from hexctl.adapt.runner import NotBegunError, RobotStoppedError, TrialRunner, WalkedTrial
 from hexctl.adapt.search import new_spec
 from hexctl.adapt.store import delete_session, export_session, list_sessions, load_session
 from hexctl.control.result import TrialResult
