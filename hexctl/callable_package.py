@@ -19,8 +19,9 @@ def make_callable(package: str, module: str) -> None:
     name = package.rpartition(".")[2]
 
     class CallablePackage(ModuleType):
-        def __call__(self, *args: Any, **options: Any) -> Any:
-            return _function()(*args, **options)
+        @property
+        def __call__(self) -> Any:
+            return _function()
 
         @property
         def __signature__(self) -> inspect.Signature:

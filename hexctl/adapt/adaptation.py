@@ -412,6 +412,7 @@ def adapt(
     allowed = "LegServos, not connected, or None"
     check_type(servos, (LegServos, type(None)), "servos", allowed)
     check_type(folder, (str, Path), "folder", "a path")
+    check_type(record, bool, "record", "True or False; recordings go into folder")
     if servos is not None and backend == "sim":
         backend = f"{type(servos).__module__}:{type(servos).__qualname__}"
     spec = new_spec(

@@ -142,5 +142,5 @@ def _load(name: str) -> object:
     except (ImportError, AttributeError, ValueError) as error:
         raise InputError(
             f"objective: {name!r} cannot be loaded ({error}); allowed: an Objective or a function of a "
-            "TrialResult, as package.module:name"
+            "TrialResult, as package.module:name in a file that can be imported"
         ) from error

@@ -73,7 +73,8 @@ def _own(name: str) -> type[Optimizer]:
         found = getattr(module_here(module_name), class_name)
     except (ImportError, AttributeError, ValueError) as error:
         raise InputError(
-            f"optimizer: {name!r} cannot be loaded ({error}); allowed: an Optimizer class"
+            f"optimizer: {name!r} cannot be loaded ({error}); allowed: an Optimizer class "
+            "in a file that can be imported"
         ) from error
     if not (isinstance(found, type) and issubclass(found, Optimizer)):
         raise InputError(f"optimizer: {name!r} is {found!r}; allowed: a subclass of Optimizer")

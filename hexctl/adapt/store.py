@@ -3,6 +3,7 @@
 import csv
 import fcntl
 import json
+import re
 import shutil
 import sqlite3
 from collections.abc import Iterator
@@ -103,7 +104,9 @@ class SessionStore:
     def create(self, spec: SessionSpec) -> Session:
         """Add a session with a new name."""
         now = datetime.now().astimezone()
-        stem = f"{now:%Y%m%d-%H%M%S}-leg{spec.failed_leg}-{spec.optimizer}"
+        # The name of an optimizer of one's own has a colon, which tools that copy folders take for a host.
+        optimizer = re.sub(r"[^\w.-]+", "-", spec.optimizer)
+        stem = f"{now:%Y%m%d-%H%M%S}-leg{spec.failed_leg}-{optimizer}"
         with self._transaction():
             name, number = stem, 2
             while self._exists(name):

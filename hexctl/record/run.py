@@ -34,7 +34,7 @@ from hexctl.control.turning import check_plan
 from hexctl.errors import InputError, MissingExtraError, check_type
 from hexctl.gait.gait import Gait, make_gait
 from hexctl.record.rrd import probe_file
-from hexctl.robot.failure import Failure
+from hexctl.robot.failure import Failure, parse_failure
 from hexctl.robot.loader import RobotFile, load_robot_file
 from hexctl.robot.model import Robot
 
@@ -398,7 +398,7 @@ def run(
         controller: walks instead of the plan's own open-loop walk, as in `run_trial`.
         recorders: take the ticks in blocks beside the recording; each fails alone.
         stop_requested: asked every tick; True ends the walk with a soft stop.
-        options: fields of `RunSpec`.
+        options: fields of `RunSpec`; `failed_leg=5, failure="limp"` say a failure in words.
 
     Raises what `Run` raises: InputError, ReachError and LimitError before anything moves, RobotFaultError for
     a robot or a link that fails.
@@ -411,10 +411,18 @@ def run(
 
 
 def _spec_of(options: Mapping[str, Any]) -> RunSpec:
-    unknown = [name for name in options if name not in RunSpec.__slots__]
+    """Spec of keywords: the fields of `RunSpec`, with a failure in words too."""
+    given = dict(options)
+    failed_leg, failure = given.pop("failed_leg", None), given.get("failure")
+    if failed_leg is not None or isinstance(failure, str):
+        check_type(failed_leg, int, "failed_leg", "1..6, the leg that fails")
+        check_type(failure, (str, NoneType), "failure", f"words such as 'limp' with failed_leg={failed_leg}")
+        given["failure"] = parse_failure(failed_leg, failure or "locked")
+    unknown = [name for name in given if name not in RunSpec.__slots__]
     if unknown:
-        raise InputError(f"run: got {', '.join(unknown)}; allowed: {', '.join(RunSpec.__slots__)}")
-    return RunSpec(**options)
+        allowed = ("failed_leg", *RunSpec.__slots__, "controller", "recorders", "stop_requested")
+        raise InputError(f"run: got {', '.join(unknown)}; allowed: {', '.join(allowed)}")
+    return RunSpec(**given)
 
 
 def _plan_of(spec: RunSpec, robot: Robot) -> TrialPlan:

@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from hexctl.adapt.objectives import OBJECTIVES
-from hexctl.adapt.session import Session, TrialRecord
+from hexctl.adapt.session import Session, SessionSpec, TrialRecord
 from hexctl.adapt.store import SessionStore, StoreError
 from hexctl.errors import InputError
 from tests.adapt.walking import SPEC, result_of
@@ -198,3 +198,10 @@ def test_a_stored_trial_gives_its_result_again(tmp_path: Path) -> None:
     assert trial.result.path_m[-1].tolist() == pytest.approx([4.0, 0.2])
     without = {name: value for name, value in trial.outcome.items() if name != "stopped"}
     assert replace(trial, outcome=without).result.stopped is None, "as the first versions wrote it"
+
+
+def test_a_session_of_an_optimizer_of_ones_own_has_a_name_that_every_tool_takes(tmp_path: Path) -> None:
+    with SessionStore(tmp_path) as store:
+        name = store.create(SessionSpec(optimizer="my.search:Nearest")).name
+        assert name.endswith("-leg5-my.search-Nearest")
+        assert store.load(name).spec.optimizer == "my.search:Nearest"

@@ -102,7 +102,7 @@ def test_another_controller_may_walk() -> None:
         ({"realtime": True, "backend": "mock"}, "--realtime: got it with --backend mock; allowed: with sim"),
         ({"world": "rough", "backend": "zenoh"}, "--world: got rough with --backend zenoh; allowed: with"),
         ({"connect": "tcp/x:1"}, "--connect: got tcp/x:1 with --backend sim; allowed: with zenoh and"),
-        ({"speed": 3}, "run: got speed; allowed: backend, robot, world"),
+        ({"speed": 3}, "run: got speed; allowed: failed_leg, backend, robot, world"),
         ({"gait": make_gait(load_robot(), "demo"), "pace_hz": 1.0}, "pace_hz: got 1.0 with a Gait"),
         ({"record": Path("walk.txt")}, "walk.txt"),
     ],
@@ -151,3 +151,13 @@ def test_a_run_walks_only_while_connected() -> None:
         Run(RunSpec()).walk()
     with pytest.raises(InputError, match="a spec and gait too"):
         run(RunSpec(), gait="tripod")
+
+
+def test_a_failure_may_be_said_in_words() -> None:
+    spec = RunSpec(failure=Failure(leg=5, kind="limp"), gait=57, duration_s=0.2)
+    assert run(failed_leg=5, failure="limp", gait=57, duration_s=0.2).trial == run(spec).trial
+    assert run(failed_leg=2, duration_s=0.2).outcome["failure"] == "locked"
+    with pytest.raises(WrongTypeError, match=r"failed_leg: got '5' \(str\); allowed: 1..6"):
+        run(failed_leg="5")
+    with pytest.raises(WrongTypeError, match="failed_leg: got None"):
+        run(failure="limp")
