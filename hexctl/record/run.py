@@ -414,7 +414,7 @@ def _spec_of(options: Mapping[str, Any]) -> RunSpec:
     """Spec of keywords: the fields of `RunSpec`, with a failure in words too."""
     given = dict(options)
     failed_leg, failure = given.pop("failed_leg", None), given.get("failure")
-    if failed_leg is not None or isinstance(failure, str):
+    if failed_leg is not None:
         check_type(failed_leg, int, "failed_leg", "1..6, the leg that fails")
         check_type(failure, (str, NoneType), "failure", f"words such as 'limp' with failed_leg={failed_leg}")
         given["failure"] = parse_failure(failed_leg, failure or "locked")

@@ -159,5 +159,5 @@ def test_a_failure_may_be_said_in_words() -> None:
     assert run(failed_leg=2, duration_s=0.2).outcome["failure"] == "locked"
     with pytest.raises(WrongTypeError, match=r"failed_leg: got '5' \(str\); allowed: 1..6"):
         run(failed_leg="5")
-    with pytest.raises(WrongTypeError, match="failed_leg: got None"):
+    with pytest.raises(WrongTypeError, match="failure: got 'limp'"):
         run(failure="limp")
