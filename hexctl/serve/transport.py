@@ -9,6 +9,7 @@ import zenoh
 from hexctl.serve.inbox import Inbox
 from hexctl.wire.description import encode_json
 from hexctl.wire.links import KeyMap, Link, Role
+from hexctl.wire.messages import prepare_codec
 from hexctl.wire.session import QUERYABLE, SUBSCRIBED, open_session
 
 #: Priority of each kind of message that a robot publishes.
@@ -39,6 +40,7 @@ class Transport:
 
         Raises InputError for a link that is not allowed, RobotFaultError when its address cannot be used.
         """
+        prepare_codec()
         self._session = open_session(self._link, Role.ROBOT, self.keys)
         try:
             self._declare(self._session)

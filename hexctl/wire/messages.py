@@ -206,6 +206,14 @@ def _template() -> tuple[bytes, bytes, bytes]:
     return whole[: _STAMP.start], whole[_STAMP.stop : positions_at], whole[-_TAIL_BYTES:]
 
 
+@cache
+def prepare_codec() -> None:
+    """Load and build what messages of a robot are encoded with, about 0.1 s, before it must keep time."""
+    decode_positions(encode_positions(np.zeros(N_JOINTS)))
+    decode_pose(encode_pose(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])))
+    decode_battery(encode_battery(None, None))
+
+
 def encode_positions(positions_rad: FloatArray, stamp_ns: int | None = None) -> bytes:
     """Joint angles, (18,), as sensor_msgs/JointState.
 

@@ -1,6 +1,8 @@
 """Commands, states and tags on the wire: byte-exact, complete, and nothing else."""
 
 import struct
+import subprocess
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -263,3 +265,19 @@ def test_commands_compare_by_value() -> None:
     one, other = (decode_command(encode_positions(POSITIONS), COMMAND_BYTES) for _ in range(2))
     assert one == other
     assert one != replace(other, positions_rad=POSITIONS + 1)
+
+
+def test_a_prepared_codec_loads_nothing_more_in_a_tick() -> None:
+    """The first message of a robot must not cost its controller a tenth of a second."""
+    program = """
+import sys
+import numpy as np
+from hexctl.wire import messages
+assert "rosbags" not in sys.modules
+messages.prepare_codec()
+before = set(sys.modules)
+messages.decode_positions(messages.encode_positions(np.ones(18)))
+messages.decode_pose(messages.encode_pose(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])))
+assert "rosbags" in before and set(sys.modules) == before, set(sys.modules) - before
+"""
+    subprocess.run([sys.executable, "-c", program], check=True, timeout=60)

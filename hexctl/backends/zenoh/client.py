@@ -28,7 +28,7 @@ from hexctl.wire.description import (
     robot_of,
 )
 from hexctl.wire.links import KeyMap, Link, Role
-from hexctl.wire.messages import LEASE_ID_BYTES, CommandTag, encode_positions
+from hexctl.wire.messages import LEASE_ID_BYTES, CommandTag, encode_positions, prepare_codec
 from hexctl.wire.session import open_session
 
 #: A robot answers within a tick; more than this is silence.
@@ -223,6 +223,7 @@ class ZenohServos(LegServos):
         """
         if self._opened is not None:
             return
+        prepare_codec()
         with ExitStack() as opening:
             session = opening.enter_context(open_session(self._link, Role.CONTROLLER, self._keys))
             if not self._link.plain:
