@@ -22,11 +22,15 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
     return Schedule(config, log)
 
 
+@pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """On a worker, what takes long comes first."""
-    if hasattr(config, "workerinput"):
-        from tests.schedule import ordered
+    """Tests of a lane are in real time; on a worker, what takes long comes first."""
+    from tests.schedule import LANES, ordered, scope_of
 
+    for item in items:
+        if scope_of(item.nodeid) in LANES:
+            item.add_marker("realtime")
+    if hasattr(config, "workerinput"):
         items[:] = ordered(items)
 
 
