@@ -30,7 +30,7 @@ setup: $(INSTALLED)
 $(RUNNABLE): pyproject.toml constraints.txt
 	@echo "setting up $(VENV), which takes a minute or two"
 	$(PYTHON) -m venv $(VENV)
-	$(PIP) --no-compile -e ".[sim,view]"
+	$(PIP) -e ".[sim,view]"
 	touch $@
 
 $(INSTALLED): $(RUNNABLE)
