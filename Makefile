@@ -12,12 +12,13 @@ WORKERS ?= $(shell $(PYTHON) -c 'import os; print((os.cpu_count() or 2) + 1)')
 # No display is needed or looked for; set MUJOCO_GL yourself to render.
 export MUJOCO_GL ?= disable
 
-.PHONY: help setup demo docs check test lint smoke bench pictures soak clean
+.PHONY: help setup demo docs check test test-all test-slow lint smoke bench pictures soak clean
 
 help:
 	@echo "make demo   find a gait for a hexapod whose leg 5 has failed, in simulation"
 	@echo "make check  style, types and the quick tests of what changed (under a minute)"
-	@echo "make test   style, types and all tests (about 10 minutes on two cores)"
+	@echo "make test   style, types and tests (under 4 minutes on two cores)"
+	@echo "make test-all  the same, whole commands and studies, and what runs in real time (about 10 minutes)"
 	@echo "make smoke  the built wheel, installed alone"
 	@echo "make bench  the numbers hexctl promises, measured (about 20 minutes)"
 	@echo "make pictures  the pictures of the documentation, made anew (about 7 minutes)"
@@ -50,9 +51,14 @@ lint: $(INSTALLED)
 check: lint
 	$(BIN)/python -m tests.changed
 
-# What computes fills the cores; what keeps time comes afterwards, with nothing beside it to be held up by.
 test: lint
-	$(BIN)/pytest -n $(WORKERS) -m "not soak and not realtime"
+	$(BIN)/pytest -n $(WORKERS) -m "not soak and not realtime and not slow"
+
+test-all: test test-slow
+
+# What computes fills the cores; what keeps time comes afterwards, with nothing beside it to be held up by.
+test-slow: $(INSTALLED)
+	$(BIN)/pytest -n $(WORKERS) -m "slow and not realtime and not soak"
 	$(BIN)/pytest -n 2 -m "realtime and not soak"
 
 # The built wheel, alone in a fresh environment: what a robot's own computer gets.

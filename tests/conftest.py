@@ -24,12 +24,12 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Tests of a lane are in real time; on a worker, what takes long comes first."""
-    from tests.schedule import LANES, ordered, scope_of
+    """Tests are marked by their place; on a worker, what takes long comes first."""
+    from tests.schedule import markers_of, ordered
 
     for item in items:
-        if scope_of(item.nodeid) in LANES:
-            item.add_marker("realtime")
+        for marker in markers_of(item.nodeid):
+            item.add_marker(marker)
     if hasattr(config, "workerinput"):
         items[:] = ordered(items)
 

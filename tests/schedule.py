@@ -42,6 +42,34 @@ EARLY = (
     "tests/control/test_trial.py",
 )
 
+#: Commands, programs, viewers and studies from end to end, and searches over many walks: `make test-all` and
+#: `.ci/run` run them, `make test` and `make check` do not.
+SLOW = (
+    "tests/adapt/prior/test_prior.py::test_no_byte_can_be_changed_unnoticed",
+    "tests/adapt/prior/test_samples.py",
+    "tests/adapt/test_kill.py",
+    "tests/adapt/test_runner.py",
+    "tests/benchmarks/test_command.py",
+    "tests/cli/test_adapt.py",
+    "tests/cli/test_adapt_robot.py",
+    "tests/cli/test_completion.py",
+    "tests/cli/test_prior.py",
+    "tests/cli/test_study.py",
+    "tests/control/test_trial_start_line.py",
+    "tests/docs/test_blocks.py",
+    "tests/docs/test_commands.py::test_the_commands_of_a_page",
+    "tests/docs/test_site.py::test_the_figures_are_what_their_script_makes",
+    "tests/docs/test_site.py::test_the_site_builds_without_a_warning",
+    "tests/examples/",
+    "tests/study/test_evaluate.py",
+    "tests/study/test_landscape.py",
+    "tests/study/test_report.py",
+    "tests/study/test_study.py",
+    "tests/test_compatibility.py::test_a_stored_session_is_shown_and_goes_on_as_it_would_have",
+    "tests/test_compatibility.py::test_json_of_the_commands",
+    "tests/viewer/",
+)
+
 #: Files whose tests are spread one by one.
 SPREAD = (
     "tests/adapt/test_runner.py",
@@ -64,6 +92,12 @@ def scope_of(nodeid: str) -> str:
         if nodeid.startswith(prefixes):
             return lane
     return nodeid if nodeid.startswith(SPREAD) else nodeid.partition("::")[0]
+
+
+def markers_of(nodeid: str) -> list[str]:
+    """Markers of a test by its place: `realtime`, `slow`, both or neither."""
+    realtime = ["realtime"] if scope_of(nodeid) in LANES else []
+    return realtime + (["slow"] if nodeid.startswith(SLOW) else [])
 
 
 def rank(nodeid: str) -> int:

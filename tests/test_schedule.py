@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from tests.schedule import EARLY, LANES, SPREAD, rank, scope_of
+from tests.schedule import EARLY, LANES, SLOW, SPREAD, markers_of, rank, scope_of
 
 TESTS = Path(__file__).parent
 MARKED = "pytestmark = pytest.mark.realtime"
@@ -17,7 +17,7 @@ def test_every_file_in_real_time_has_a_lane() -> None:
 
 
 def test_what_is_named_exists() -> None:
-    for name in (*EARLY, *SPREAD, *(prefix for lane in LANES.values() for prefix in lane)):
+    for name in (*EARLY, *SLOW, *SPREAD, *(prefix for lane in LANES.values() for prefix in lane)):
         assert (TESTS.parent / name.partition("::")[0]).exists(), name
 
 
@@ -27,3 +27,13 @@ def test_scopes_and_ranks() -> None:
     assert (scope_of(walk), rank(walk)) == ("tests/control/test_guard.py", 3)
     alone = "tests/adapt/test_kill.py::test_c[dps]"
     assert (scope_of(alone), rank(alone)) == (alone, 2)
+
+
+def test_markers_follow_from_the_place() -> None:
+    assert markers_of("tests/serve/test_link_faults.py::test_a") == ["realtime"]
+    assert markers_of("tests/viewer/test_web.py::test_b") == ["slow"]
+    assert markers_of("tests/docs/test_commands.py::test_the_commands_of_a_page[README.md]") == [
+        "realtime",
+        "slow",
+    ]
+    assert markers_of("tests/control/test_guard.py::test_c") == []

@@ -46,7 +46,6 @@ def _killed_after(trials: int, delay_s: float, *arguments: str) -> None:
         here.close()
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("optimizer", SESSIONS)
 def test_kill_9_at_random_moments_never_changes_the_result(optimizer: str, tmp_path: Path) -> None:
     spec = SPECS_TO_KILL[optimizer]

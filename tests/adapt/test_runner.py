@@ -69,7 +69,6 @@ def robot() -> Iterator[Guard]:
         yield servos
 
 
-@pytest.mark.slow
 def test_a_gait_is_worth_the_same_after_any_self_rotation() -> None:
     """A long turn and none: a few centimetres, which is what the turn misses its goal by."""
     ends = []
@@ -87,7 +86,6 @@ def test_a_gait_is_worth_the_same_after_any_self_rotation() -> None:
     assert np.ptp(ends, axis=0) == pytest.approx([0.0, 0.0], abs=0.06)
 
 
-@pytest.mark.slow
 def test_many_trials_of_good_and_bad_gaits_stay_in_the_arena(
     robot: Guard, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -152,7 +150,6 @@ def test_a_walk_that_leaves_is_cut_short_and_the_next_one_aims_back(robot: Guard
     assert StayingSim.farthest_m < arena.radius_m + MARGIN_M
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("self_rotation", ["front", "none"])
 def test_other_self_rotations_stay_in_it_too(self_rotation: str, robot: Guard) -> None:
     plan = replace(PLAN, self_rotation=self_rotation, heading_rad=math.radians(20))

@@ -38,7 +38,6 @@ def rows_of(output: str) -> list[dict[str, Any]]:
     return [json.loads(line) for line in output.splitlines()]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", EACH_KIND)
 def test_every_benchmark_prints_one_json_object_per_row(
     name: str, capsys: pytest.CaptureFixture[str]

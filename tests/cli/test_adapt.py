@@ -131,7 +131,6 @@ def test_a_robot_without_a_position_cannot_be_scored(capsys: pytest.CaptureFixtu
     assert "knows no position" in capsys.readouterr().err
 
 
-@pytest.mark.slow
 def test_a_session_cut_off_goes_on_to_the_same_end(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

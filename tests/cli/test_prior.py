@@ -18,8 +18,6 @@ from hexctl.robot.failure import Failure
 from tests.adapt.priors import MadeUpModel, MadeUpWorld, key_of, made_up_prior
 from tests.robots import ROBOT_NAMES, shipped
 
-pytestmark = pytest.mark.slow
-
 DURATION = "6"
 BUILD = ["prior", "build", "--duration", DURATION, "--worlds", "2", "--legs", "5"]
 ADAPT = ["adapt", "--failed-leg", "5", "--duration", DURATION, "--no-record"]

@@ -15,12 +15,8 @@ COMMAND = re.compile(r"\s*(\$ |# )?(hexctl|make|pip|python3?|git|sudo|mkdocs|das
 
 
 def marked(page: Path) -> ParameterSet:
-    """A page as a parameter; where it serves a robot or a board, its walks take their time."""
-    begun = {" ".join(words[:2]) for words in commands(page)}
-    paced = begun & {"hexctl serve", "hexctl board"}
-    return pytest.param(
-        page, id=page.name, marks=[pytest.mark.slow, *([pytest.mark.realtime] if paced else [])]
-    )
+    """A page as a parameter."""
+    return pytest.param(page, id=page.name)
 
 
 @pytest.mark.parametrize("page", [marked(page) for page in PAGES if commands(page)])
