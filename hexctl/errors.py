@@ -1,15 +1,38 @@
 """Errors that hexctl raises, each of which is also a built-in error.
 
 Every message says what was wrong, the value got, what is allowed and, where it helps, what to do next.
-`check_type` refuses a value of the wrong type in those words.
+`check_type` refuses a value of the wrong type in those words, `argument` names an argument in them.
 """
 
+import re
+from collections.abc import Callable
 from numbers import Integral, Real
 from reprlib import Repr
+
+#: The name of an argument as a message holds it, between marks that no text has.
+_ARGUMENT = re.compile("\0([a-z_.]+)\0")
+
+
+def argument(name: str) -> str:
+    """Name of an argument in the message of a `HexctlError`: in Python itself, on the command line its flag.
+
+    raise InputError(f"{argument('seed')}: got {seed}; allowed: 0 or more")
+    # str(error): seed: got -1; allowed: 0 or more
+    # hexctl run: --seed: got -1; allowed: 0 or more
+    """
+    return f"\0{name}\0"
 
 
 class HexctlError(Exception):
     """Base class of hexctl's errors; the text is one line for the user."""
+
+    def __init__(self, message: str = "") -> None:
+        super().__init__(_ARGUMENT.sub(r"\1", str(message)))
+        self._message = str(message)
+
+    def worded(self, name: Callable[[str], str]) -> str:
+        """The text, with `name(argument)` in place of each argument that it names."""
+        return _ARGUMENT.sub(lambda found: name(found[1]), self._message)
 
 
 class InputError(HexctlError, ValueError):

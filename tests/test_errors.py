@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from hexctl import errors
-from hexctl.errors import HexctlError, InputError, MissingExtraError, WrongTypeError, check_type
+from hexctl.errors import HexctlError, InputError, MissingExtraError, WrongTypeError, argument, check_type
 
 KINDS = [
     kind
@@ -28,6 +28,14 @@ def test_every_error_travels_with_its_text(kind: type[HexctlError]) -> None:
     there = pickle.loads(pickle.dumps(kind("one line")))  # noqa: S301
     assert type(there) is kind
     assert str(there) == "one line"
+
+
+def test_an_argument_in_a_message_is_shown_as_the_reader_gives_it() -> None:
+    error = InputError(f"{argument('target_m')}: got 0 with {argument('ask')}; allowed: above 0 m")
+    assert str(error) == "target_m: got 0 with ask; allowed: above 0 m"
+    assert error.args == (str(error),)
+    there = pickle.loads(pickle.dumps(error))  # noqa: S301
+    assert there.worded(str.upper) == "TARGET_M: got 0 with ASK; allowed: above 0 m"
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ from hexctl.control.plan import TrialPlan
 from hexctl.control.trace import Trace
 from hexctl.control.trial import LOOK_TICKS, ShouldStop
 from hexctl.control.turning import turn_needed_rad
-from hexctl.errors import InputError, RobotFaultError
+from hexctl.errors import InputError, RobotFaultError, argument
 from hexctl.robot.model import Robot
 from hexctl.robot.rotations import wrapped_rad, yaw_rad
 from hexctl.types import FloatArray, RobotState
@@ -85,11 +85,12 @@ def check_radius(radius_m: float, *, ideal_m: float, least_m: float) -> str | No
     Raises InputError for an invalid radius, and for an arena in which no valid straight walk fits.
     """
     if not (math.isfinite(radius_m) and radius_m > 0):
-        raise InputError(f"--arena: got {radius_m}; allowed: above 0 m")
-    advice = f"allowed: {ideal_m / 2:.2f} m or more, or a shorter --duration"
+        raise InputError(f"{argument('arena_m')}: got {radius_m}; allowed: above 0 m")
+    advice = f"allowed: {ideal_m / 2:.2f} m or more, or a shorter {argument('duration_s')}"
     if 2 * radius_m < least_m:
         raise InputError(
-            f"--arena: got {radius_m:g} m, where no straight walk is long enough ({least_m:.2f} m); {advice}"
+            f"{argument('arena_m')}: got {radius_m:g} m, where no straight walk is long enough "
+            f"({least_m:.2f} m); {advice}"
         )
     if 2 * radius_m < ideal_m:
         return (

@@ -21,7 +21,7 @@ from hexctl.control.plan import TrialPlan
 from hexctl.control.result import TrialResult
 from hexctl.control.trial import Enough, ShouldStop, StopRequested, never, run_trial, stop_when
 from hexctl.control.turning import turn_gait
-from hexctl.errors import HexctlError, RobotFaultError
+from hexctl.errors import HexctlError, RobotFaultError, argument
 from hexctl.gait.encoding import Slots
 from hexctl.gait.foot_trajectory import RAMP_DURATION_S
 from hexctl.gait.gait import ideal_speed_m_s
@@ -100,12 +100,10 @@ class TrialRunner:
     def walk(self, index: int, code: int, slots: Slots, should_stop: Enough | None = None) -> WalkedTrial:
         """Run one trial in a simulation of its own."""
         plan = self.plan_for(slots)
-        options = BackendOptions(
-            robot=self.robot,
-            world=self.world,
-            failure=self.spec.broken,  # the plan has what the controller is told
-            seed=self.spec.seed,
-            trial=index,
+        # What the simulation breaks; the plan has what the controller is told.
+        broken = self.spec.broken
+        options = BackendOptions.of(
+            self.spec, robot=self.robot, world=self.world, failure=broken, trial=index
         )
         with Guard(make_servos(self.spec.backend, options)) as servos:
             return self.walk_on(servos, plan, index, code, stop_when(should_stop))
@@ -313,7 +311,7 @@ def await_ready(servos: Guard, *, needs_pose: bool = True) -> RobotState:
             return state
     raise RobotFaultError(
         "the robot knows no position, so a trial cannot be scored; use one with odometry or motion capture, "
-        "or measure by hand with --ask"
+        f"or measure by hand with {argument('ask')}"
     )
 
 
@@ -356,15 +354,8 @@ def connected_robot(
         yield None
         return
     request_realtime_priority()
-    options = BackendOptions(
-        robot=setting.robot,
-        failure=spec.broken,
-        seed=spec.seed,
-        robot_file=setting.robot_file,
-        connect=spec.connect,
-        credentials=Path(spec.credentials) if spec.credentials is not None else None,
-        insecure=spec.insecure,
-        link=spec.link,
+    options = BackendOptions.of(
+        spec, robot=setting.robot, world=None, failure=spec.broken, robot_file=setting.robot_file
     )
     robot = make_servos(spec.backend, options) if given is None else given
     servos = Guard(robot)

@@ -1,7 +1,4 @@
-"""From what was asked for to a checked session spec, and from a spec to the optimizer that it names.
-
-Messages name options as the command line does; each is the parameter of the same name here.
-"""
+"""From what was asked for to a checked session spec, and from a spec to the optimizer that it names."""
 
 import logging
 import math
@@ -26,12 +23,12 @@ from hexctl.adapt.session import Session, SessionSpec
 from hexctl.adapt.space import GaitSpace
 from hexctl.adapt.store import RUNS
 from hexctl.backends.base import LegServos
-from hexctl.backends.registry import check_options
+from hexctl.backends.registry import check_options, option_values
 from hexctl.backends.sim.world import World, load_world
 from hexctl.control.plan import TrialPlan
 from hexctl.control.result import progress_floor_m
 from hexctl.control.turning import check_plan
-from hexctl.errors import InputError, check_type
+from hexctl.errors import InputError, argument, check_type
 from hexctl.gait.encoding import Slots
 from hexctl.gait.gait import ideal_speed_m_s, make_gait
 from hexctl.robot.failure import parse_failure
@@ -163,7 +160,9 @@ def new_spec(
     others["robot"] = str(others.get("robot", "ant"))
     world = None if world is None else str(world)
     if backend != "sim" and world is not None:
-        raise InputError(f"--world: got {world} with --backend {backend}; allowed: with sim")
+        raise InputError(
+            f"{argument('world')}: got {world} with {argument('backend')} {backend}; allowed: with sim"
+        )
     measure = as_objective(objective)
     spec = SessionSpec(
         failed_leg=failed_leg,
@@ -214,7 +213,9 @@ def extended(session: Session, budget: int) -> SessionSpec:
     """Spec of a session with another budget; raises InputError for one that is spent already."""
     walked = len(session.trials)
     if budget <= walked:
-        raise InputError(f"--budget: got {budget}, of which {walked} are walked; allowed: more than {walked}")
+        raise InputError(
+            f"{argument('budget')}: got {budget}, of which {walked} are walked; allowed: more than {walked}"
+        )
     spec = replace(session.spec, budget=budget)
     check_numbers(spec)
     return spec
@@ -223,38 +224,35 @@ def extended(session: Session, budget: int) -> SessionSpec:
 def check_numbers(spec: SessionSpec) -> None:
     """Raise InputError for a number of a spec that is not allowed."""
     if not 1 <= spec.budget <= MAX_BUDGET:
-        raise InputError(f"--budget: got {spec.budget}; allowed: 1..{MAX_BUDGET}")
+        raise InputError(f"{argument('budget')}: got {spec.budget}; allowed: 1..{MAX_BUDGET}")
     if not 0 <= spec.confirm < spec.budget:
         raise InputError(
-            f"--confirm: got {spec.confirm}; allowed: 0 to less than the budget of {spec.budget}"
+            f"{argument('confirm')}: got {spec.confirm}; allowed: 0 to less than the budget of {spec.budget}"
         )
     if spec.seed < 0:
-        raise InputError(f"--seed: got {spec.seed}; allowed: 0 or more")
+        raise InputError(f"{argument('seed')}: got {spec.seed}; allowed: 0 or more")
     if spec.target_m is not None and not (math.isfinite(spec.target_m) and spec.target_m > 0):
-        raise InputError(f"--target: got {spec.target_m}; allowed: above 0 m")
+        raise InputError(f"{argument('target_m')}: got {spec.target_m}; allowed: above 0 m")
     if not math.isfinite(spec.heading_deg):
-        raise InputError(f"--heading: got {spec.heading_deg}; allowed: any finite number")
+        raise InputError(f"{argument('heading_deg')}: got {spec.heading_deg}; allowed: any finite number")
 
 
 def _check_robot_options(spec: SessionSpec, objective: Objective) -> None:
     """Raise InputError for options that do not belong to the session's robot or contradict one another."""
-    linked: dict[str, Any] = {
-        "connect": spec.connect,
-        "credentials": spec.credentials,
-        "insecure": spec.insecure,
-        "link": spec.link,
-    }
+    linked = option_values(spec, but=("robot", "world", "failure", "seed"))
     if ":" not in spec.backend or any(linked.values()):
         check_options(spec.backend, **linked)
     if spec.simulated and (spec.arena_m is not None or spec.ask):
         raise InputError(
-            f"--{'ask' if spec.ask else 'arena'}: got it with --backend sim, where each trial begins at the "
+            f"{argument('ask' if spec.ask else 'arena_m')}: got it with {argument('backend')} sim, where "
+            "each trial begins at the "
             "same place; allowed: with a robot that stays where a walk ends"
         )
     if (spec.arena_m is not None or spec.ask) and spec.heading_deg and spec.self_rotation != "none":
         raise InputError(
-            f"--heading: got {spec.heading_deg:g} with --{'ask' if spec.ask else 'arena'}, where the line is "
-            "wherever it fits; allowed: with --self-rotation none, as seen from the body"
+            f"{argument('heading_deg')}: got {spec.heading_deg:g} with "
+            f"{argument('ask' if spec.ask else 'arena_m')}, where the line is "
+            f"wherever it fits; allowed: with {argument('self_rotation')} none, as seen from the body"
         )
     if spec.ask:
         _check_asking(spec, objective)
@@ -263,13 +261,20 @@ def _check_robot_options(spec: SessionSpec, objective: Objective) -> None:
 def _check_asking(spec: SessionSpec, objective: Objective) -> None:
     """Raise InputError for options that need more than what an operator measures."""
     if spec.arena_m is not None:
-        raise InputError("--arena: got it with --ask; allowed: with a robot that knows where it is")
+        raise InputError(
+            f"{argument('arena_m')}: got it with {argument('ask')}; allowed: with a robot that knows where "
+            "it is"
+        )
     if spec.early_stop:
-        raise InputError("--early-stop: got it with --ask; allowed: with a robot that knows where it is")
+        raise InputError(
+            f"{argument('early_stop')}: got it with {argument('ask')}; allowed: with a robot that knows "
+            "where it is"
+        )
     if objective.needs_course:
         usable = [name for name, shipped in OBJECTIVES.items() if not shipped.needs_course]
         raise InputError(
-            f"--objective: got {spec.objective} with --ask; allowed: {' or '.join(usable)}, "
+            f"{argument('objective')}: got {spec.objective} with {argument('ask')}; allowed: "
+            f"{' or '.join(usable)}, "
             "for which the end of a walk is enough"
         )
 
@@ -283,11 +288,15 @@ def check_parts(
 ) -> None:
     """Raise InputError for parts of a session, given instead of made from its spec, that contradict it."""
     if spec.ask and operator is None:
-        raise InputError("operator: got none with --ask; allowed: one who places the robot and measures")
+        raise InputError(
+            f"operator: got none with {argument('ask')}; allowed: one who places the robot and measures"
+        )
     if operator is not None and not spec.ask:
-        raise InputError("operator: got one without --ask; allowed: with a spec that has ask")
+        raise InputError(f"operator: got one without {argument('ask')}; allowed: with a spec that has ask")
     if servos is not None and spec.simulated:
-        raise InputError("servos: got some with --backend sim; allowed: with the name of their class")
+        raise InputError(
+            f"servos: got some with {argument('backend')} sim; allowed: with the name of their class"
+        )
     if optimizer is not None:
         _check_name("optimizer", name_of(optimizer), spec.optimizer, [BAYES, *OPTIMIZERS])
     if objective is not None:
@@ -352,15 +361,23 @@ def _wants_prior(spec: SessionSpec, wanted: str | None, free: bool) -> bool:
     believes = spec.optimizer == BAYES and not free
     if not (free or believes) or wanted == "none" or (spec.count_repeats and free and wanted is None):
         if believes:
-            raise InputError("--prior: got none with --optimizer bayes; allowed: auto or a file")
+            raise InputError(
+                f"{argument('prior')}: got none with {argument('optimizer')} bayes; allowed: auto or a file"
+            )
         if wanted not in (None, "none"):
-            raise InputError(f"--prior: got {wanted} with --optimizer {spec.optimizer}; allowed: with bayes")
+            raise InputError(
+                f"{argument('prior')}: got {wanted} with {argument('optimizer')} {spec.optimizer}; allowed: "
+                "with bayes"
+            )
         if spec.early_stop and ":" not in spec.optimizer:
-            raise InputError("--early-stop: got it without a prior; allowed: with bayes and a prior")
+            raise InputError(
+                f"{argument('early_stop')}: got it without a prior; allowed: with bayes and a prior"
+            )
         return False
     if spec.count_repeats:
         raise InputError(
-            "--count-repeats: got it with bayes; allowed: without, bayes repeats a gait when that tells most"
+            f"{argument('count_repeats')}: got it with bayes; allowed: without, bayes repeats a gait when "
+            "that tells most"
         )
     return True
 

@@ -1,13 +1,14 @@
 """Registry of backends: from a name to servos that can be connected, importing only what is asked for."""
 
 import inspect
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Container, Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, Self
 
 from hexctl.backends.base import LegServos
-from hexctl.errors import InputError, MissingExtraError
+from hexctl.errors import InputError, MissingExtraError, argument
 from hexctl.robot.failure import Failure
 from hexctl.robot.loader import RobotFile
 from hexctl.robot.model import Robot
@@ -49,6 +50,20 @@ class BackendOptions:
     insecure: bool = False
     link: str | None = None
 
+    @classmethod
+    def of(cls, spec: object, *, robot: Robot, **others: Any) -> Self:
+        """Options of a spec: its fields of the same names, except those given by keyword.
+
+        Args:
+            spec: what is asked for, such as a `RunSpec` or a `SessionSpec`.
+            robot: the robot of the spec, loaded.
+            others: further options, in place of the spec's.
+        """
+        values = {**option_values(spec), "robot": robot, **others}
+        if values.get("credentials") is not None:
+            values["credentials"] = Path(values["credentials"])
+        return cls(**values)
+
     @property
     def servo_map(self) -> ServoMap:
         """The servo map of the robot file's section `servos`, or the default of a robot without a file."""
@@ -61,23 +76,22 @@ class Backend:
 
     Attributes:
         make: makes the servos, not connected.
-        takes: the fields of `BackendOptions` that the user may set for it.
+        takes: the fields of `BackendOptions` that it uses, beside the robot and its file.
     """
 
     make: Callable[[BackendOptions], LegServos]
     takes: frozenset[str]
 
 
-#: Fields of `BackendOptions` by the options of the command line that set them.
-FLAGS = {
-    "world": "--world",
-    "seed": "--seed",
-    "realtime": "--realtime",
-    "connect": "--connect",
-    "credentials": "--keys",
-    "insecure": "--insecure",
-    "link": "--link",
-}
+def option_values(spec: object, *, but: Container[str] = ()) -> dict[str, Any]:
+    """Values of a spec that are options of a backend, by field of `BackendOptions`.
+
+    Args:
+        spec: any object; its other attributes are left out.
+        but: fields to leave out as well.
+    """
+    names = [field.name for field in fields(BackendOptions) if field.name not in but]
+    return {name: getattr(spec, name) for name in names if hasattr(spec, name)}
 
 
 def make_servos(name: str, options: BackendOptions) -> LegServos:
@@ -92,25 +106,32 @@ def make_servos(name: str, options: BackendOptions) -> LegServos:
     return _make_own(name, options)
 
 
-def check_options(name: str, *, flags: Mapping[str, str] | None = None, **given: object) -> None:
+def check_options(
+    name: str,
+    *,
+    names: Mapping[str, str] = MappingProxyType({}),
+    offered: Container[str] | None = None,
+    **given: object,
+) -> None:
     """Raise InputError for an option that was given and that the backend would ignore.
 
     Args:
         name: the backend, as for `make_servos`.
-        flags: names of options on the command line, where they differ from `FLAGS`.
+        names: what the caller's arguments are called, where that differs from the fields.
+        offered: backends that a message may name; None is all.
         given: values by field of `BackendOptions`; None, False and 0 are not given.
     """
     takes = BACKENDS[name].takes if name in BACKENDS else _arguments(_own_class(name))
     for field, value in given.items():
         if not value or field in takes:
             continue
-        flag = (flags or {}).get(field, FLAGS[field])
-        others = " and ".join(known for known, backend in BACKENDS.items() if field in backend.takes)
+        takers = [known for known, backend in BACKENDS.items() if field in backend.takes]
+        allowed = " and ".join(known for known in takers if offered is None or known in offered) or "none"
         own = name not in BACKENDS
         raise InputError(
-            f"{flag}: got {'it' if value is True else value} with --backend {name}"
-            f"{f', whose class takes no `{field}`' if own else ''}; "
-            f"allowed: with {others}{f', or a class that takes `{field}`' if own else ''}"
+            f"{argument(names.get(field, field))}: got {'it' if value is True else value} "
+            f"with {argument('backend')} {name}{f', whose class takes no `{field}`' if own else ''}; "
+            f"allowed: with {allowed}{f', or a class that takes `{field}`' if own else ''}"
         )
 
 
@@ -209,7 +230,7 @@ def _not_loaded(name: str, error: Exception) -> InputError:
 
 
 BACKENDS: dict[str, Backend] = {
-    "sim": Backend(_sim, frozenset({"world", "seed", "realtime"})),
+    "sim": Backend(_sim, frozenset({"world", "failure", "seed", "trial", "realtime"})),
     "zenoh": Backend(_zenoh, frozenset({"connect", "credentials", "insecure", "link"})),
     "mavlink": Backend(_mavlink, frozenset({"connect", "credentials", "insecure"})),
     "mock": Backend(_mock, frozenset()),

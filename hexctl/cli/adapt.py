@@ -17,6 +17,7 @@ from hexctl.cli.console import (
     INTERRUPTED,
     RUNS,
     StopOnInterrupt,
+    in_flags,
     note_no_window,
     print_note,
     print_result,
@@ -279,7 +280,7 @@ def _execute(
                 on_begin=table.begin, on_trial=table.add, stop_requested=interrupt.requested
             )
         except RobotStoppedError as error:
-            _note(f"{error}; {_clearing(spec, error)}begin again")
+            _note(f"{in_flags(error)}; {_clearing(spec, error)}begin again")
             return _code_of_stop(error)
         except NotBegunError as error:
             _note(str(error))
@@ -287,7 +288,7 @@ def _execute(
     _print_end(result, as_json=as_json, extends=extends)
     if result.trouble is not None:
         then = f"{_clearing(spec, result.trouble)}continue with: hexctl adapt --resume {result.session.name}"
-        _note(f"{result.trouble}; nothing is lost: {then}")
+        _note(f"{in_flags(result.trouble)}; nothing is lost: {then}")
         return _code_of_stop(result.trouble)
     if result.ended == "interrupted":
         return INTERRUPTED

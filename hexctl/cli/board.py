@@ -15,7 +15,6 @@ from hexctl.cli.options import (
     SimFailureOption,
     WorldOption,
     choice,
-    failure_of,
     number,
 )
 
@@ -75,6 +74,7 @@ def board(
     It runs until Ctrl-C. hexctl run --backend mavlink walks its simulated robot.
     """
     from hexctl.cli.console import StopOnInterrupt, print_note, print_result
+    from hexctl.robot.failure import failure_of
     from hexctl.serve.service import BoardService, ServiceStarted, ServosSpec
 
     service = BoardService(

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 import typer
 
-from hexctl.errors import RobotFaultError
+from hexctl.errors import HexctlError, RobotFaultError
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -75,6 +75,24 @@ def _rendered(part: "RenderableType") -> str:
 def _discard_stdout() -> None:
     """Point stdout to nowhere, so that Python does not report the closed pipe again when it exits."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+#: Flags that are not named as the library's argument is.
+FLAGS = {"credentials": "--keys", "failure.leg": "--failed-leg"}
+
+#: Units at the end of an argument's name, which its flag leaves out.
+_UNITS = ("_m", "_s", "_deg")
+
+
+def flag_of(argument: str) -> str:
+    """Flag that gives an argument of the library on the command line: `--target` for `target_m`."""
+    unit = next((unit for unit in _UNITS if argument.endswith(unit)), "")
+    return FLAGS.get(argument) or "--" + argument.removesuffix(unit).replace("_", "-")
+
+
+def in_flags(error: HexctlError) -> str:
+    """Text of an error with the command line's flags in place of the library's arguments."""
+    return error.worded(flag_of)
 
 
 def print_note(text: str) -> None:

@@ -10,7 +10,7 @@ from hexctl.cli.adapt import adapt
 from hexctl.cli.board import board
 from hexctl.cli.calibrate import calibrate
 from hexctl.cli.check import check
-from hexctl.cli.console import BAD_INPUT, FAULT, INTERRUPTED
+from hexctl.cli.console import BAD_INPUT, FAULT, INTERRUPTED, in_flags
 from hexctl.cli.estop import estop
 from hexctl.cli.keys import keys
 from hexctl.cli.prior import prior
@@ -72,9 +72,9 @@ def exit_code(arguments: Sequence[str] | None = None) -> int:
     except TyperException as error:
         return _print_error(error.format_message(), error.exit_code)
     except (InputError, LimitError, ReachError, MissingExtraError) as error:
-        return _print_error(str(error), BAD_INPUT)
+        return _print_error(in_flags(error), BAD_INPUT)
     except HexctlError as error:
-        return _print_error(str(error), FAULT)
+        return _print_error(in_flags(error), FAULT)
     except ModuleNotFoundError as error:
         extra = EXTRAS.get((error.name or "").partition(".")[0])
         if extra is None:

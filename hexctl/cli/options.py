@@ -7,15 +7,12 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
+from typing import Annotated, Any, Literal, get_args
 
 import typer
 
 from hexctl.cli import completion
 from hexctl.errors import InputError
-
-if TYPE_CHECKING:
-    from hexctl.robot.failure import Failure
 
 #: A range with no more whole numbers than this is offered by the Tab key.
 MAX_OFFERED = 10
@@ -118,20 +115,6 @@ def listed_legs(text: str) -> tuple[int, ...]:
         return tuple(sorted(int(part) for part in listed(text)))
     except ValueError:
         raise InputError(f"--legs: got {text!r}; allowed: numbers {LEG} with commas, such as 2,5") from None
-
-
-def failure_of(failed_leg: int | None, failure: str | None) -> "Failure | None":
-    """Failure that --failed-leg and --failure describe, None where no leg failed.
-
-    Raises InputError for a failure without a leg.
-    """
-    if failed_leg is None:
-        if failure is not None:
-            raise InputError(f"--failure: got {failure} without a leg; allowed: with --failed-leg 1..6")
-        return None
-    from hexctl.robot.failure import parse_failure
-
-    return parse_failure(failed_leg, failure or "locked")
 
 
 #: Ranges of options. Where the library has the same limit, a test holds both together.

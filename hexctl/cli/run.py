@@ -39,7 +39,6 @@ from hexctl.cli.options import (
     SelfRotationOption,
     TurnOption,
     WorldOption,
-    failure_of,
     number,
 )
 from hexctl.errors import InputError, LimitError, ReachError, RecordingError, RobotFaultError
@@ -105,6 +104,7 @@ def run(
     4 fell or was stopped, 130 interrupted.
     """
     from hexctl.record.run import RunSpec
+    from hexctl.robot.failure import failure_of
 
     if no_record and (record is not None or view):
         raise InputError("--no-record: got --record or --view too; allowed: one or the other")

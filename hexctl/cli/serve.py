@@ -20,7 +20,6 @@ from hexctl.cli.options import (
     SimFailedLegOption,
     SimFailureOption,
     WorldOption,
-    failure_of,
     number,
 )
 
@@ -86,6 +85,7 @@ def serve(
     It runs until Ctrl-C. hexctl run --backend zenoh walks it.
     """
     from hexctl.cli.console import StopOnInterrupt, print_note
+    from hexctl.robot.failure import failure_of
     from hexctl.serve.service import RobotService, ServiceStarted, ServosSpec
     from hexctl.wire.links import Role
 

@@ -11,7 +11,7 @@ import numpy as np
 from hexctl.backends.base import CalibratedServos
 from hexctl.backends.registry import BackendOptions, check_options, make_servos
 from hexctl.control.guard import MAX_EXPIRY_S, Guard
-from hexctl.errors import InputError, RobotFaultError
+from hexctl.errors import InputError, RobotFaultError, argument
 from hexctl.robot.configs import find_config
 from hexctl.robot.loader import RobotFile, load_robot_file
 from hexctl.robot.servo_map import (
@@ -143,7 +143,8 @@ def _calibrated(backend: str, options: BackendOptions) -> Any:
     servos = make_servos(backend, options)
     if not isinstance(servos, CalibratedServos):
         raise InputError(
-            f"--backend: got {backend}, whose servos have no servo map; allowed: mavlink, or servos of your "
+            f"{argument('backend')}: got {backend}, whose servos have no servo map; allowed: mavlink, or "
+            "servos of your "
             "own with `servo_map` and `remap`"
         )
     return servos
@@ -160,7 +161,9 @@ def chosen_joints(text: str | None) -> list[int]:
     for part in (part.strip() for part in text.split(",")):
         named = [joint for joint, name in enumerate(JOINT_NAMES) if part in (name, name.split("_")[0])]
         if not named:
-            raise InputError(f"--joints: got {part!r}; allowed: {', '.join(JOINT_NAMES)}, or leg1 .. leg6")
+            raise InputError(
+                f"{argument('joints')}: got {part!r}; allowed: {', '.join(JOINT_NAMES)}, or leg1 .. leg6"
+            )
         chosen.update(named)
     return sorted(chosen)
 

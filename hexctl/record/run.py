@@ -15,7 +15,7 @@ import numpy as np
 
 from hexctl.backends.base import connection_notes
 from hexctl.backends.clock import PERIOD_S
-from hexctl.backends.registry import BackendOptions, check_options, make_servos
+from hexctl.backends.registry import BackendOptions, check_options, make_servos, option_values
 from hexctl.backends.sim.terrain import Floor, make_floor
 from hexctl.backends.sim.world import World, load_world
 from hexctl.control.guard import Guard
@@ -31,10 +31,10 @@ from hexctl.control.plan import TrialPlan
 from hexctl.control.result import TrialResult
 from hexctl.control.trial import StopRequested, never, run_trial
 from hexctl.control.turning import check_plan
-from hexctl.errors import InputError, MissingExtraError, check_type
+from hexctl.errors import InputError, MissingExtraError, argument, check_type
 from hexctl.gait.gait import Gait, make_gait
 from hexctl.record.rrd import probe_file
-from hexctl.robot.failure import Failure, parse_failure
+from hexctl.robot.failure import Failure, failure_of
 from hexctl.robot.loader import RobotFile, load_robot_file
 from hexctl.robot.model import Robot
 
@@ -133,16 +133,8 @@ class RunSpec:
         """Raise InputError for options that the backend would ignore, and for a recording that cannot be."""
         if self.seed < 0:
             raise InputError(f"seed: got {self.seed}; allowed: 0 or more")
-        check_options(
-            self.backend,
-            world=self.world,
-            seed=self.seed,
-            realtime=self.realtime,
-            connect=self.connect,
-            credentials=self.credentials,
-            insecure=self.insecure,
-            link=self.link,
-        )
+        # A failure is the plan's too: on a robot that is not simulated it tells the controller.
+        check_options(self.backend, **option_values(self, but=("robot", "failure")))
         steps = {"pace_hz": self.pace_hz, "amplitude": self.amplitude, "height": self.height}
         for name, value in steps.items() if isinstance(self.gait, Gait) else ():
             if value is not None:
@@ -218,7 +210,8 @@ class Run:
         Raises RobotFaultError for a robot that cannot be reached, InputError for a recording that cannot be
         created, MissingExtraError for an extra that is not installed.
         """
-        servos = make_servos(self.spec.backend, self._options())
+        options = BackendOptions.of(self.spec, robot=self.robot, world=self._world, robot_file=self._file)
+        servos = make_servos(self.spec.backend, options)
         with ExitStack() as stack:
             self._guard = stack.enter_context(Guard(servos))
             self.notes = tuple(connection_notes(servos, self.plan.belief))
@@ -292,21 +285,6 @@ class Run:
             log=log,
         )
 
-    def _options(self) -> BackendOptions:
-        spec = self.spec
-        return BackendOptions(
-            robot=self.robot,
-            world=self._world,
-            failure=spec.failure,
-            seed=spec.seed,
-            realtime=spec.realtime,
-            robot_file=self._file,
-            connect=spec.connect,
-            credentials=None if spec.credentials is None else Path(spec.credentials),
-            insecure=spec.insecure,
-            link=spec.link,
-        )
-
     def _open_recording(self) -> "Recording | None":
         if self.spec.record is not None:
             return self._recording_at(Path(self.spec.record))
@@ -341,7 +319,8 @@ class Run:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise InputError(
-                f"{folder}/: cannot be used ({error.strerror}); allowed: a folder, or --record FILE"
+                f"{folder}/: cannot be used ({error.strerror}); allowed: a folder, or {argument('record')} "
+                "FILE"
             ) from error
         path, number = folder / f"{stem}.rrd", 2
         while path.exists():
@@ -417,7 +396,7 @@ def _spec_of(options: Mapping[str, Any]) -> RunSpec:
     if failed_leg is not None:
         check_type(failed_leg, int, "failed_leg", "1..6, the leg that fails")
         check_type(failure, (str, NoneType), "failure", f"words such as 'limp' with failed_leg={failed_leg}")
-        given["failure"] = parse_failure(failed_leg, failure or "locked")
+        given["failure"] = failure_of(failed_leg, failure)
     unknown = [name for name in given if name not in RunSpec.__slots__]
     if unknown:
         allowed = ("failed_leg", *RunSpec.__slots__, "controller", "recorders", "stop_requested")

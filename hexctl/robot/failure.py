@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 
-from hexctl.errors import InputError, check_type
+from hexctl.errors import InputError, argument, check_type
 from hexctl.types import JOINT_KINDS, N_LEGS
 
 FAILURE_KINDS = ("locked", "limp", "stuck", "weak", "missing")
@@ -58,6 +58,21 @@ class Failure:
 def failure_text(failure: Failure | None) -> str:
     """Leg and failure as text, such as `leg 5 locked`; `none` where no leg failed."""
     return "none" if failure is None else f"leg {failure.leg} {failure}"
+
+
+def failure_of(failed_leg: int | None, failure: str | None) -> Failure | None:
+    """Failure of a leg's number and words, as options and keywords have them; None where no leg failed.
+
+    Words are those of `parse_failure`; without any the leg is locked. Raises InputError for words without a
+    leg, and for what is not allowed.
+    """
+    if failed_leg is not None:
+        return parse_failure(failed_leg, failure or "locked")
+    if failure is None:
+        return None
+    raise InputError(
+        f"{argument('failure')}: got {failure} without a leg; allowed: with {argument('failed_leg')} 1..6"
+    )
 
 
 def parse_failure(leg: int, text: str) -> Failure:

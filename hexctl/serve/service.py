@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from hexctl.backends.clock import request_realtime_priority
 from hexctl.backends.registry import BackendOptions, check_options, make_servos
-from hexctl.errors import InputError, check_type
+from hexctl.errors import InputError, argument, check_type
 from hexctl.robot.failure import Failure, failure_text
 from hexctl.robot.loader import load_robot_file
 from hexctl.serve.server import RobotServer
@@ -24,6 +24,7 @@ DEFAULT_WORLD = "flat"
 MIN_SIT_AFTER_S, MAX_SIT_AFTER_S = 1.0, 3600.0
 MIN_EXPIRY_S, MAX_EXPIRY_S = 0.05, 1.0
 MIN_RELEASE_S, MAX_RELEASE_S = 1.0, 3600.0
+SERVED_BACKENDS = ("sim", "mavlink", "mock")
 BOARD_BACKENDS = ("sim", "mock")
 
 
@@ -34,8 +35,9 @@ class ServosSpec:
     Attributes:
         backend: name of a backend, or `package.module:Class`.
         robot: name or path of the robot file.
-        world: name or path of the simulated world; None is `flat`. Only with `sim`.
-        failure: failed leg of the simulation, or None. Only with `sim`.
+        world: name or path of the simulated world; None is `flat`. Only with `sim`, or own servos that take
+            one, as for the next two.
+        failure: failed leg of the simulation, or None.
         seed: of everything random in a simulation.
     """
 
@@ -52,19 +54,15 @@ class ServosSpec:
         check_type(self.world, (str, type(None)), "world", "the name or path of a world, or None")
         check_type(self.failure, (Failure, type(None)), "failure", "a Failure, as Failure(leg=5), or None")
         check_type(self.seed, int, "seed")
-        if self.backend != "sim":
-            only_sim = {
-                "--world": self.world,
-                "--failed-leg": None if self.failure is None else self.failure.leg,
-            }
-            for option, value in only_sim.items():
-                if value is not None:
-                    raise InputError(
-                        f"{option}: got {value} with --backend {self.backend}; allowed: with sim"
-                    )
         if self.seed < 0:
-            raise InputError(f"--seed: got {self.seed}; allowed: 0 or more")
-        check_options(self.backend, seed=self.seed)
+            raise InputError(f"{argument('seed')}: got {self.seed}; allowed: 0 or more")
+        check_options(
+            self.backend,
+            names={"failure": "failure.leg"},
+            world=self.world,
+            failure=None if self.failure is None else self.failure.leg,
+            seed=self.seed,
+        )
 
     def options(
         self, *, connect: str | None = None, credentials: Path | None = None, insecure: bool = False
@@ -77,11 +75,10 @@ class ServosSpec:
             insecure: whether a board beyond this computer may do without that key.
         """
         file = load_robot_file(self.robot)
-        return BackendOptions(
+        return BackendOptions.of(
+            self,
             robot=file.robot,
             world=self._world(),
-            failure=self.failure,
-            seed=self.seed,
             realtime=True,
             robot_file=file,
             connect=connect,
@@ -97,7 +94,7 @@ class ServosSpec:
         return {"world": self.world or DEFAULT_WORLD, "failure": failure_text(self.failure)}
 
     def _world(self) -> "World | None":
-        if self.backend != "sim":
+        if self.backend != "sim" and self.world is None:
             return None
         from hexctl.backends.sim.world import load_world
 
@@ -154,17 +151,18 @@ class RobotService:
         backend = self.servos.backend
         if backend == "zenoh":
             raise InputError(
-                "--backend: got zenoh, which is a robot that is served already; allowed: sim, mavlink, mock"
+                f"{argument('backend')}: got zenoh, which is a robot that is served already; "
+                f"allowed: {', '.join(SERVED_BACKENDS)}"
             )
         self.servos.check()
-        own = ":" in backend
-        if own:
-            flags = {"connect": "--device", "credentials": "--device-keys"}
-            check_options(backend, flags=flags, connect=self.device, credentials=self.device_keys)
-        for option, value in (("--device", self.device), ("--device-keys", self.device_keys)):
-            if value is not None and backend != "mavlink" and not own:
-                raise InputError(f"{option}: got {value} with --backend {backend}; allowed: with mavlink")
-        _check_between("--sit-after", self.sit_after_s, MIN_SIT_AFTER_S, MAX_SIT_AFTER_S)
+        check_options(
+            backend,
+            names={"connect": "device", "credentials": "device_keys"},
+            offered=SERVED_BACKENDS,
+            connect=self.device,
+            credentials=self.device_keys,
+        )
+        _check_between(argument("sit_after_s"), self.sit_after_s, MIN_SIT_AFTER_S, MAX_SIT_AFTER_S)
 
     def resolved_link(self) -> Link:
         """Link that the options describe; raises InputError for a bad link file."""
@@ -233,12 +231,16 @@ class BoardService:
 
     def __post_init__(self) -> None:
         if self.servos.backend not in BOARD_BACKENDS:
-            raise InputError(f"--backend: got {self.servos.backend}; allowed: {', '.join(BOARD_BACKENDS)}")
+            raise InputError(
+                f"{argument('backend')}: got {self.servos.backend}; allowed: {', '.join(BOARD_BACKENDS)}"
+            )
         self.servos.check()
         if self.pty and self.port is not None:
-            raise InputError(f"--pty: got --port {self.port} too; allowed: one or the other")
-        _check_between("--expiry", self.expiry_s, MIN_EXPIRY_S, MAX_EXPIRY_S)
-        _check_between("--release-after", self.release_after_s, MIN_RELEASE_S, MAX_RELEASE_S)
+            raise InputError(
+                f"{argument('pty')}: got {argument('port')} {self.port} too; allowed: one or the other"
+            )
+        _check_between(argument("expiry_s"), self.expiry_s, MIN_EXPIRY_S, MAX_EXPIRY_S)
+        _check_between(argument("release_after_s"), self.release_after_s, MIN_RELEASE_S, MAX_RELEASE_S)
 
     @property
     def signed(self) -> bool:
@@ -288,7 +290,7 @@ class BoardService:
             return None
         text = self.port or DEFAULT_BOARD_PORT
         address = parse_port(text)
-        check_guarded(address, option="--port", text=text, signed=self.signed, insecure=self.insecure)
+        check_guarded(address, option=argument("port"), text=text, signed=self.signed, insecure=self.insecure)
         return address
 
     def _open_port(self, address: "PortAddress | None") -> "tuple[Port, str]":

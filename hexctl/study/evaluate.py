@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 from hexctl.control.batch import run_sim_trials
-from hexctl.errors import InputError, MissingExtraError, RobotFaultError
+from hexctl.errors import InputError, MissingExtraError, RobotFaultError, argument
 from hexctl.study.cache import LandscapeCache
 from hexctl.study.landscape import Landscape, LandscapeSpec, Rows, rows_of, with_rows
 from hexctl.study.versions import code_versions
@@ -86,7 +86,7 @@ class Silent:
 def check_jobs(jobs: int | None) -> None:
     """Raise InputError unless a number of threads is within 1..`MAX_JOBS`; None is the default number."""
     if jobs is not None and not 1 <= jobs <= MAX_JOBS:
-        raise InputError(f"--jobs: got {jobs}; allowed: 1..{MAX_JOBS}")
+        raise InputError(f"{argument('jobs')}: got {jobs}; allowed: 1..{MAX_JOBS}")
 
 
 def evaluate(
@@ -204,13 +204,14 @@ def _client(address: str) -> Any:
     try:
         from distributed import Client
     except ModuleNotFoundError as error:
-        raise MissingExtraError("--dask", "study") from error
+        raise MissingExtraError(argument("dask"), "study") from error
     try:
         return Client(address, timeout=CONNECT_S, set_as_default=False)
     except (OSError, ValueError) as error:
         reason = " ".join(str(error).split())
         raise InputError(
-            f"--dask: got {address}; allowed: the address of a Dask scheduler that answers ({reason})"
+            f"{argument('dask')}: got {address}; allowed: the address of a Dask scheduler that answers "
+            f"({reason})"
         ) from error
 
 

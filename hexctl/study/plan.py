@@ -8,7 +8,7 @@ from hexctl.adapt.registry import make_optimizer
 from hexctl.adapt.space import GaitSpace
 from hexctl.backends.sim.world import World
 from hexctl.control.turning import check_plan
-from hexctl.errors import InputError, LimitError, ReachError, check_type
+from hexctl.errors import InputError, LimitError, ReachError, argument, check_type
 from hexctl.robot.model import Robot
 from hexctl.study.landscape import LandscapeSpec
 from hexctl.types import N_LEGS
@@ -80,21 +80,21 @@ class StudyPlan:
 
     def check(self) -> None:
         """Raise InputError for anything that is not allowed, before anything runs."""
-        _require(bool(self.legs), "--legs", "none", "one or more of 1..6")
+        _require(bool(self.legs), argument("legs"), "none", "one or more of 1..6")
         unknown = [leg for leg in self.legs if not 1 <= leg <= N_LEGS]
-        _require(not unknown, "--legs", unknown, "1..6")
-        _require(len(set(self.legs)) == len(self.legs), "--legs", list(self.legs), "each leg once")
-        _require(1 <= self.runs <= MAX_RUNS, "--runs", self.runs, f"1..{MAX_RUNS}")
-        _require(1 <= self.budget <= MAX_BUDGET, "--budget", self.budget, f"1..{MAX_BUDGET}")
-        _require(0 <= self.seed <= MAX_SEED, "--seed", self.seed, f"0..{MAX_SEED}")
-        _require(math.isfinite(self.duration_s), "--duration", self.duration_s, "a finite time")
+        _require(not unknown, argument("legs"), unknown, "1..6")
+        _require(len(set(self.legs)) == len(self.legs), argument("legs"), list(self.legs), "each leg once")
+        _require(1 <= self.runs <= MAX_RUNS, argument("runs"), self.runs, f"1..{MAX_RUNS}")
+        _require(1 <= self.budget <= MAX_BUDGET, argument("budget"), self.budget, f"1..{MAX_BUDGET}")
+        _require(0 <= self.seed <= MAX_SEED, argument("seed"), self.seed, f"0..{MAX_SEED}")
+        _require(math.isfinite(self.duration_s), argument("duration_s"), self.duration_s, "a finite time")
         self._check_optimizers()
         check_walks(self.specs())
 
     def _check_optimizers(self) -> None:
         names = self.optimizers
-        _require(bool(names), "--optimizers", "none", "one or more names")
-        _require(len(set(names)) == len(names), "--optimizers", ",".join(names), "each name once")
+        _require(bool(names), argument("optimizers"), "none", "one or more names")
+        _require(len(set(names)) == len(names), argument("optimizers"), ",".join(names), "each name once")
         for name in names:
             make_optimizer(name, GaitSpace((self.legs[0],)), self.seed)
 

@@ -14,7 +14,7 @@ from hexctl.adapt.stance import stance_deflection_rad
 from hexctl.backends.sim.world import Distribution, DomainRandomization
 from hexctl.control.guard import Guard
 from hexctl.control.plan import TrialPlan
-from hexctl.errors import EStopError, InputError, SimulationDivergedError, check_type
+from hexctl.errors import EStopError, InputError, SimulationDivergedError, argument, check_type
 from hexctl.gait.gait import make_gait
 from hexctl.robot.failure import Failure
 from hexctl.robot.model import Robot
@@ -109,18 +109,23 @@ class PriorPlan:
     def check(self) -> None:
         """Raise InputError for anything that is not allowed, before anything runs."""
         if not self.legs or not set(self.legs) <= set(range(1, N_LEGS + 1)):
-            raise InputError(f"--legs: got {list(self.legs)}; allowed: one or more of 1..{N_LEGS}")
+            raise InputError(
+                f"{argument('legs')}: got {list(self.legs)}; allowed: one or more of 1..{N_LEGS}"
+            )
         if len(set(self.legs)) != len(self.legs):
-            raise InputError(f"--legs: got {list(self.legs)}; allowed: each leg once")
+            raise InputError(f"{argument('legs')}: got {list(self.legs)}; allowed: each leg once")
         if not math.isfinite(self.duration_s):
-            raise InputError(f"--duration: got {self.duration_s:g}; allowed: {MIN_DURATION_S:g} s or more")
+            raise InputError(
+                f"{argument('duration_s')}: got {self.duration_s:g}; allowed: {MIN_DURATION_S:g} s or more"
+            )
         if self.duration_s < MIN_DURATION_S or not in_whole_steps(self.duration_s):
             raise InputError(
-                f"--duration: got {self.duration_s:g}; allowed: {MIN_DURATION_S:g} s or more, in steps of "
+                f"{argument('duration_s')}: got {self.duration_s:g}; allowed: {MIN_DURATION_S:g} s or more, "
+                "in steps of "
                 f"{WHOLE_S:g} s"
             )
         if not 2 <= self.worlds <= WORLDS_PER_LEG:
-            raise InputError(f"--worlds: got {self.worlds}; allowed: 2..{WORLDS_PER_LEG}")
+            raise InputError(f"{argument('worlds')}: got {self.worlds}; allowed: 2..{WORLDS_PER_LEG}")
         # Whether the gaits can be walked does not depend on the world.
         check_walks(replace(self, worlds=1).specs())
 
@@ -153,7 +158,7 @@ def build_prior(
     check_jobs(jobs)
     plan.check()
     if path.suffix != SUFFIX or path.is_dir():
-        raise InputError(f"--out: got {path}; allowed: a file whose name ends in {SUFFIX}")
+        raise InputError(f"{argument('out')}: got {path}; allowed: a file whose name ends in {SUFFIX}")
     cache.probe()
     check_place(path)
     landscapes = evaluate(plan.specs(), cache, jobs=jobs, dask=dask, progress=progress)

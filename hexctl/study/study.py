@@ -10,7 +10,7 @@ from typing import Any
 
 from hexctl.backends.base import as_robot
 from hexctl.backends.sim.world import World, as_world
-from hexctl.errors import InputError, check_type
+from hexctl.errors import InputError, argument, check_type
 from hexctl.robot.model import Robot
 from hexctl.study.cache import LandscapeCache
 from hexctl.study.drawing import check_drawing
@@ -214,9 +214,11 @@ def _report_folder(folder: Path, report: str) -> Iterator[None]:
         (folder / ".probe").unlink()
         others = any(folder.iterdir()) and not (folder / report).exists()
     except OSError as error:
-        raise InputError(f"--out: {folder} cannot be used ({error.strerror}); allowed: a folder") from error
+        raise InputError(
+            f"{argument('out')}: {folder} cannot be used ({error.strerror}); allowed: a folder"
+        ) from error
     if others:
-        raise InputError(f"--out: {folder} holds other things; allowed: a new or empty folder")
+        raise InputError(f"{argument('out')}: {folder} holds other things; allowed: a new or empty folder")
     try:
         yield
     finally:

@@ -24,7 +24,7 @@ from cryptography.hazmat.primitives.serialization import (
 )
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
-from hexctl.errors import InputError
+from hexctl.errors import InputError, argument
 from hexctl.files import atomic_write
 from hexctl.wire.links import Role
 
@@ -61,7 +61,7 @@ def find_credentials(folder: Path, role: Role) -> Credentials:
             _check(found, roles)
             return found
     raise InputError(
-        f"--keys: got {folder}, which has no {role.value}/{CERTIFICATE_FILE}; "
+        f"{argument('credentials')}: got {folder}, which has no {role.value}/{CERTIFICATE_FILE}; "
         "allowed: a folder that hexctl keys new made"
     )
 
@@ -253,7 +253,7 @@ def hosts_of(certificate: x509.Certificate) -> list[x509.GeneralName]:
 
 def _check_days(days: int) -> None:
     if not MIN_DAYS <= days <= MAX_DAYS:
-        raise InputError(f"--days: got {days}; allowed: {MIN_DAYS} to {MAX_DAYS}")
+        raise InputError(f"{argument('days')}: got {days}; allowed: {MIN_DAYS} to {MAX_DAYS}")
 
 
 def _load_key(path: Path) -> Key:
@@ -344,5 +344,7 @@ def _host(text: str) -> x509.GeneralName:
     except ValueError:
         pass
     if not text or not all(sign.isalnum() or sign in "-._" for sign in text) or not text.isascii():
-        raise InputError(f"--host: got {text!r}; allowed: a name or an address, without protocol and port")
+        raise InputError(
+            f"{argument('host')}: got {text!r}; allowed: a name or an address, without protocol and port"
+        )
     return x509.DNSName(text)

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from hexctl.errors import InputError, MessageError, RobotFaultError
+from hexctl.errors import InputError, MessageError, RobotFaultError, argument
 from hexctl.robot.model import Body, GaitDefaults, Robot, ServoModel
 from hexctl.types import JOINT_NAMES
 from hexctl.wire import MAX_PAYLOAD_BYTES, PROTOCOL_VERSION
@@ -109,7 +109,7 @@ def check_may_command(identity: RobotIdentity, link: Link) -> None:
         return
     raise InputError(
         f"the robot that answers at {link.endpoint} is {identity}, not by {user_name()} on "
-        f"{socket.gethostname()}; if it is the one you mean, name it: --connect {link.endpoint}"
+        f"{socket.gethostname()}; if it is the one you mean, name it: {argument('connect')} {link.endpoint}"
     )
 
 
@@ -158,7 +158,7 @@ def check_same_robot(answer: dict[str, Any], robot: Robot) -> None:
         more = f" and in {len(different) - 1} more places" if len(different) > 1 else ""
         raise RobotFaultError(
             f"the robot at the other end is another one: {different[0]}{more}; "
-            "give both ends the same --robot file"
+            f"give both ends the same {argument('robot')} file"
         )
 
 

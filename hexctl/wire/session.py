@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import zenoh
 
-from hexctl.errors import InputError, RobotFaultError
+from hexctl.errors import InputError, RobotFaultError, argument
 from hexctl.wire import MAX_PAYLOAD_BYTES
 from hexctl.wire.links import ROOT, Endpoint, KeyMap, Link, Role
 
@@ -96,7 +96,8 @@ def why_not_connected(endpoint: Endpoint, credentials: "Credentials | None") -> 
     """Reason why a client cannot connect to an endpoint, and what to check."""
     if endpoint.protocol == "quic":  # UDP does not report that nothing listens
         return (
-            f"no robot lets this end in at {endpoint}; is hexctl serve running there, are --keys of the same "
+            f"no robot lets this end in at {endpoint}; is hexctl serve running there, are "
+            f"{argument('credentials')} of the same "
             f"authority on both ends, and was the robot's certificate made for {endpoint.host}?"
         )
     try:
@@ -113,7 +114,8 @@ def why_not_connected(endpoint: Endpoint, credentials: "Credentials | None") -> 
 def _why_refused(endpoint: Endpoint, credentials: "Credentials | None", link: socket.socket) -> str:
     """Reason of a refusal by something that listens."""
     if credentials is None:
-        return f"what listens at {endpoint} is no robot without certificates; does it want tls/ and --keys?"
+        keys = argument("credentials")
+        return f"what listens at {endpoint} is no robot without certificates; does it want tls/ and {keys}?"
     try:
         context = ssl.create_default_context(cafile=credentials.authority)
         context.load_cert_chain(credentials.certificate, credentials.key)
@@ -122,17 +124,20 @@ def _why_refused(endpoint: Endpoint, credentials: "Credentials | None", link: so
     except ssl.SSLCertVerificationError as error:
         return (
             f"the robot's certificate at {endpoint} is not good here ({error.verify_message.rstrip('.')}); "
-            f"are --keys of the same authority on both ends, and was it made for {endpoint.host}? "
+            f"are {argument('credentials')} of the same authority on both ends, and was it made for "
+            f"{endpoint.host}? "
             "See hexctl keys show"
         )
     except ssl.SSLError as error:
         return (
-            f"the robot at {endpoint} refuses this end's certificate ({_alert(error)}); are --keys of the "
+            f"the robot at {endpoint} refuses this end's certificate ({_alert(error)}); are "
+            f"{argument('credentials')} of the "
             "same authority on both ends? See hexctl keys show"
         )
     except OSError:
         pass  # it waits for data: it either accepted the connection, or does not speak TLS
-    return f"something at {endpoint} accepts connections and says nothing; is it hexctl serve with --keys?"
+    keys = argument("credentials")
+    return f"something at {endpoint} accepts connections and says nothing; is it hexctl serve with {keys}?"
 
 
 def _bind_problem(endpoint: Endpoint, error: OSError) -> str:
@@ -176,16 +181,20 @@ def check_link(link: Link, role: Role) -> Endpoint:
     """
     endpoint = Endpoint.parse(link.endpoint)
     if endpoint.encrypted and link.credentials is None:
-        raise InputError(f"{endpoint}: needs certificates; give --keys FOLDER, made with hexctl keys new")
+        raise InputError(
+            f"{endpoint}: needs certificates; give {argument('credentials')} FOLDER, made with hexctl keys "
+            "new"
+        )
     if not endpoint.encrypted and link.credentials is not None:
         raise InputError(
-            f"{endpoint}: got --keys {link.credentials}, and tcp knows no certificates; "
+            f"{endpoint}: got {argument('credentials')} {link.credentials}, and tcp knows no certificates; "
             f"use tls/{endpoint.place}"
         )
     if not (endpoint.encrypted or endpoint.is_loopback or link.insecure):
         raise InputError(
             f"{endpoint}: goes beyond this computer without certificates; use tls/{endpoint.place} "
-            "with --keys FOLDER (hexctl keys new), or give --insecure deliberately"
+            f"with {argument('credentials')} FOLDER (hexctl keys new), or give {argument('insecure')} "
+            "deliberately"
         )
     if endpoint.is_everywhere and role is not Role.ROBOT:
         raise InputError(

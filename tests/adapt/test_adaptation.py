@@ -95,7 +95,7 @@ def test_one_call_searches_in_simulation(capsys: pytest.CaptureFixture[str]) -> 
 def test_a_session_is_continued_with_more_budget() -> None:
     whole = adapt(5, budget=9, optimizer="pso", record=False, folder="whole")
     part = adapt(5, budget=4, optimizer="pso", record=False)
-    with pytest.raises(InputError, match="--budget: got 4, of which 4 are walked"):
+    with pytest.raises(InputError, match="budget: got 4, of which 4 are walked"):
         Adaptation.resume(part.session.name, budget=4, record=False)
     resumed = Adaptation.resume(part.session.name, budget=9, record=False).run()
     assert (resumed.walked, resumed.trials) == (5, whole.trials)
@@ -215,13 +215,13 @@ def test_a_robot_that_stops_raises_and_the_session_stays() -> None:
     [
         ({"failed_leg": 7}, "7"),
         ({"world": "mars"}, "mars"),
-        ({"budget": 0}, "--budget: got 0; allowed: 1..100000"),
+        ({"budget": 0}, "budget: got 0; allowed: 1..100000"),
         ({"optimizer": "magic"}, "magic"),
         ({"optimizer": Landscape}, "allowed: a name, or a subclass of Optimizer"),
         ({"objective": "speed"}, "speed"),
         ({"objective": 3}, "allowed: a name, an Objective, or a function"),
-        ({"arena_m": 3.0}, "--arena: got it with --backend sim"),
-        ({"backend": "mock", "world": "flat"}, "--world: got flat with --backend mock"),
+        ({"arena_m": 3.0}, "arena_m: got it with backend sim"),
+        ({"backend": "mock", "world": "flat"}, "world: got flat with backend mock"),
     ],
 )
 def test_bad_input_is_refused_before_a_session_exists(options: dict[str, Any], words: str) -> None:
@@ -239,7 +239,7 @@ def test_an_operator_is_needed_to_measure() -> None:
 @pytest.mark.parametrize(
     ("parts", "words"),
     [
-        ({"operator": Measures()}, "operator: got one without --ask"),
+        ({"operator": Measures()}, "operator: got one without ask"),
         ({"optimizer": Backwards}, r"optimizer: got .*:Backwards for a session with pso"),
         ({"objective": "mean"}, "objective: got mean for a session with final"),
         ({"objective": to_the_left}, "objective: got .*:to_the_left for a session with final"),
@@ -298,5 +298,5 @@ def test_a_search_without_a_valid_trial_says_so(monkeypatch: pytest.MonkeyPatch)
 
 def test_early_stopping_is_for_optimizers_that_know_when() -> None:
     assert new_spec(failed_leg=5, optimizer=Backwards, early_stop=True).early_stop
-    with pytest.raises(InputError, match="--early-stop: got it without a prior"):
+    with pytest.raises(InputError, match="early_stop: got it without a prior"):
         new_spec(failed_leg=5, optimizer="pso", early_stop=True)

@@ -95,7 +95,7 @@ def test_at_home_it_goes_where_it_is_told(heading_rad: float) -> None:
 
 @pytest.mark.parametrize("radius_m", [0.0, -1.0, math.nan, math.inf])
 def test_a_radius_that_is_none_is_refused(radius_m: float) -> None:
-    with pytest.raises(InputError, match="--arena"):
+    with pytest.raises(InputError, match="arena_m"):
         check_radius(radius_m, ideal_m=IDEAL_M, least_m=LEAST_M)
 
 

@@ -13,6 +13,7 @@ from hexctl.backends.sim.servos import SimServos
 from hexctl.backends.sim.world import World
 from hexctl.cli.main import exit_code
 from hexctl.errors import InputError
+from hexctl.record.run import RunSpec
 from hexctl.robot.failure import Failure
 from hexctl.robot.loader import load_robot_file
 from tests.robots import shipped
@@ -103,17 +104,17 @@ def test_a_simulator_of_ones_own_gets_world_failure_and_seed(own_module: str) ->
 
 def test_options_that_a_backend_would_ignore_are_refused(own_module: str) -> None:
     for name, given, words in (
-        ("mock", {"seed": 3}, "--seed: got 3 with --backend mock; allowed: with sim"),
-        ("mock", {"realtime": True}, "--realtime: got it with --backend mock; allowed: with sim"),
-        ("zenoh", {"seed": 3}, "--seed: got 3 with --backend zenoh; allowed: with sim"),
+        ("mock", {"seed": 3}, "seed: got 3 with backend mock; allowed: with sim"),
+        ("mock", {"realtime": True}, "realtime: got it with backend mock; allowed: with sim"),
+        ("zenoh", {"seed": 3}, "seed: got 3 with backend zenoh; allowed: with sim"),
         (
             "sim",
             {"connect": "there"},
-            "--connect: got there with --backend sim; allowed: with zenoh",
+            "connect: got there with backend sim; allowed: with zenoh",
         ),
-        ("mavlink", {"link": "lab"}, "--link: got lab with --backend mavlink; allowed: with zenoh"),
+        ("mavlink", {"link": "lab"}, "link: got lab with backend mavlink; allowed: with zenoh"),
         (f"{own_module}:Bus", {"seed": 3}, "whose class takes no `seed`; allowed: with sim, or a class that"),
-        (f"{own_module}:Mine", {"connect": "x"}, f"--connect: got x with --backend {own_module}:Mine, whose"),
+        (f"{own_module}:Mine", {"connect": "x"}, f"connect: got x with backend {own_module}:Mine, whose"),
         (f"{own_module}:Missing", {}, "cannot be loaded"),
         ("hardware", {}, "backend: got 'hardware'; allowed: sim, zenoh"),
     ):
@@ -123,8 +124,24 @@ def test_options_that_a_backend_would_ignore_are_refused(own_module: str) -> Non
     check_options("sim", seed=3, realtime=True, world="flat", connect=None)
     check_options("zenoh", connect="tcp/a:1", link="lab", insecure=True, seed=0)
     check_options(f"{own_module}:Bus", connect="x", credentials="y", seed=0)
-    with pytest.raises(InputError, match=r"^--device: got x with"):
-        check_options("mock", flags={"connect": "--device"}, connect="x")
+    with pytest.raises(InputError, match=r"^device: got x with backend mock; allowed: with mavlink$"):
+        check_options("mock", names={"connect": "device"}, offered=("sim", "mavlink"), connect="x")
+
+
+def test_every_option_of_a_backend_can_be_checked() -> None:
+    given: dict[str, Any]
+    for field, allowed in (("failure", "with sim"), ("trial", "with sim"), ("robot_file", "with none")):
+        given = {field: 3}
+        with pytest.raises(InputError, match=f"^{field}: got 3 with backend mock; allowed: {allowed}$"):
+            check_options("mock", **given)
+
+
+def test_options_are_those_of_a_spec_except_where_they_are_given(tmp_path: Path) -> None:
+    spec = RunSpec(robot="pexod", world="rough", seed=4, connect="tcp/a:1", credentials=str(tmp_path))
+    options = BackendOptions.of(spec, robot=shipped(), world=OPTIONS.world)
+    assert options == BackendOptions(
+        robot=shipped(), world=OPTIONS.world, seed=4, connect="tcp/a:1", credentials=tmp_path
+    )
 
 
 @pytest.mark.parametrize("options", [["--seed", "3"], ["--realtime"], ["--connect", "/dev/ttyUSB0"]])

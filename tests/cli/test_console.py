@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from hexctl.cli.console import StopOnInterrupt, print_result
+from hexctl.cli.console import StopOnInterrupt, flag_of, print_result
 from hexctl.cli.render import label_table, plain_table
 
 
@@ -32,6 +32,22 @@ def test_a_result_that_cannot_be_written_is_a_fault() -> None:
         said = process.communicate(timeout=60)[1].decode()
     assert process.returncode == 3
     assert "the result cannot be printed: No space left on device" in said
+
+
+@pytest.mark.parametrize(
+    ("argument", "flag"),
+    [
+        ("seed", "--seed"),
+        ("early_stop", "--early-stop"),
+        ("target_m", "--target"),
+        ("sit_after_s", "--sit-after"),
+        ("heading_deg", "--heading"),
+        ("credentials", "--keys"),
+        ("failure.leg", "--failed-leg"),
+    ],
+)
+def test_an_argument_of_the_library_has_a_flag(argument: str, flag: str) -> None:
+    assert flag_of(argument) == flag
 
 
 def test_lines_of_a_table_are_not_wrapped_in_a_pipe(capsys: pytest.CaptureFixture[str]) -> None:

@@ -190,7 +190,7 @@ def test_servos_without_a_servo_map_are_refused(file: Path, capsys: pytest.Captu
         def poll(self) -> str | None:
             raise EndedError
 
-    with pytest.raises(InputError, match="--backend: got mock, whose servos have no servo map; allowed"):
+    with pytest.raises(InputError, match="backend: got mock, whose servos have no servo map; allowed"):
         calibrate(file, Never(), backend="mock")
     assert exit_code(["calibrate", str(file), "--backend", "mock"]) == 2
     assert capsys.readouterr().err.startswith("hexctl: --backend: got mock")
@@ -207,5 +207,5 @@ def test_joints_are_named_alone_or_by_the_leg() -> None:
     assert chosen_joints(None) == list(range(18))
     assert chosen_joints("leg6_tibia, leg1") == [0, 1, 2, 17]
     assert chosen_joints("leg2,leg2_coxa") == [3, 4, 5]
-    with pytest.raises(InputError, match="--joints: got 'leg7'; allowed: leg1_coxa"):
+    with pytest.raises(InputError, match="joints: got 'leg7'; allowed: leg1_coxa"):
         chosen_joints("leg7")

@@ -50,5 +50,5 @@ def test_the_section_servos_and_the_port_reach_the_kit(tmp_path: Path) -> None:
 
 
 def test_an_option_that_the_kit_does_not_name_is_refused() -> None:
-    with pytest.raises(InputError, match=f"--seed: got 3 with --backend {NAME}, whose class takes no `seed`"):
+    with pytest.raises(InputError, match=f"^seed: got 3 with backend {NAME}, whose class takes no `seed`"):
         check_options(NAME, seed=3)

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from hexctl.errors import InputError, WrongTypeError
-from hexctl.robot.failure import FAILURE_KINDS, Failure, parse_failure
+from hexctl.robot.failure import FAILURE_KINDS, Failure, failure_of, parse_failure
 
 
 @pytest.mark.parametrize(
@@ -60,6 +60,14 @@ def test_anything_else_is_refused_with_what_is_allowed(leg: int, text: str, allo
         parse_failure(leg, text)
     assert allowed in str(refused.value)
     assert "\n" not in str(refused.value)
+
+
+def test_a_failure_needs_its_leg_and_a_leg_alone_is_locked() -> None:
+    assert failure_of(None, None) is None
+    assert failure_of(5, None) == Failure(leg=5)
+    assert failure_of(5, "limp") == Failure(leg=5, kind="limp")
+    with pytest.raises(InputError, match=r"^failure: got limp without a leg; allowed: with failed_leg 1..6$"):
+        failure_of(None, "limp")
 
 
 @pytest.mark.parametrize("kind", FAILURE_KINDS)

@@ -12,12 +12,19 @@ from tests.serve.processes import free_port
     ("make", "message"),
     [
         (lambda: RobotService(servos=ServosSpec(backend="zenoh")), "served already; allowed: sim"),
-        (lambda: RobotService(device="/dev/ttyACM0"), "--device: got /dev/ttyACM0 with --backend sim"),
+        (
+            lambda: RobotService(device="/dev/ttyACM0"),
+            "ttyACM0 with backend sim; allowed: with mavlink$",
+        ),
         (lambda: RobotService(sit_after_s=float("nan")), "got nan; allowed: 1 to 3600 s"),
-        (lambda: RobotService(servos=ServosSpec(seed=-1)), "--seed: got -1"),
+        (lambda: RobotService(servos=ServosSpec(seed=-1)), "seed: got -1"),
         (
             lambda: RobotService(servos=ServosSpec(backend="mock", failure=Failure(leg=5))),
-            "--failed-leg: got 5 with --backend mock",
+            "failure.leg: got 5 with backend mock; allowed: with sim$",
+        ),
+        (
+            lambda: RobotService(servos=ServosSpec(backend="mock", world="rough")),
+            "world: got rough with backend mock; allowed: with sim$",
         ),
         (lambda: BoardService(servos=ServosSpec(backend="mavlink")), "allowed: sim, mock"),
         (lambda: BoardService(expiry_s=2.0), "got 2; allowed: 0.05 to 1 s"),

@@ -72,5 +72,5 @@ def test_any_executor_will_do(local: Sequence[Landscape], tmp_path: Path) -> Non
 @pytest.mark.parametrize("address", ["nonsense", "tcp://127.0.0.1:1"])
 def test_a_scheduler_that_is_not_there_is_named(address: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("hexctl.study.evaluate.CONNECT_S", 0.5)
-    with pytest.raises(InputError, match="--dask"), dask_executor(address):
+    with pytest.raises(InputError, match="dask: got"), dask_executor(address):
         pass

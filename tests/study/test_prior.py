@@ -94,7 +94,7 @@ def test_a_prior_of_two_worlds_to_a_whole_block_is_allowed(worlds: int) -> None:
 
 @pytest.mark.parametrize("worlds", [-1, 0, 1, WORLDS_PER_LEG + 1])
 def test_another_number_of_worlds_is_refused(worlds: int) -> None:
-    with pytest.raises(InputError, match=rf"^--worlds: got {worlds}; allowed: 2\.\.1024$"):
+    with pytest.raises(InputError, match=rf"^worlds: got {worlds}; allowed: 2\.\.1024$"):
         plan(worlds=worlds).check()
 
 

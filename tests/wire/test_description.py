@@ -36,7 +36,7 @@ def test_a_robot_of_this_process_is_ours() -> None:
 @pytest.mark.parametrize("other", [NEIGHBOURS, replace(OURS, host="elsewhere")])
 def test_a_robot_of_another_user_or_computer_is_not_commanded_by_default(other: RobotIdentity) -> None:
     by_default = load_link()
-    with pytest.raises(InputError, match=rf"started by {other.user} on {other.host}.*--connect tcp/127"):
+    with pytest.raises(InputError, match=rf"started by {other.user} on {other.host}.*connect tcp/127"):
         check_may_command(other, by_default)
     check_may_command(OURS, by_default)
     for named in (load_link(endpoint=DEFAULT_ENDPOINT), load_link("loopback"), Link()):

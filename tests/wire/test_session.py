@@ -128,13 +128,13 @@ def test_a_robot_under_another_name_than_its_certificates(tmp_path: Path) -> Non
 
 def test_plain_to_secured_and_secured_to_plain(robot: ListeningRobot, authority: Path) -> None:
     plain = Link(endpoint=robot.link.endpoint.replace("tls/", "tcp/"))
-    assert "does it want tls/ and --keys?" in refused(plain)
+    assert "does it want tls/ and credentials?" in refused(plain)
     assert not robot.heard
     open_one = Link(endpoint=f"tcp/127.0.0.1:{free_port()}")
     with open_session(open_one, Role.ROBOT, KEYS) as opened:
         ListeningRobot(open_one, opened).listen()
         secured = Link(endpoint=open_one.endpoint.replace("tcp/", "tls/"), credentials=authority)
-        assert "is it hexctl serve with --keys?" in refused(secured)
+        assert "is it hexctl serve with credentials?" in refused(secured)
         assert let_in(open_one, Role.VIEWER)
 
 
@@ -170,7 +170,7 @@ def test_where_a_robot_cannot_listen(robot: ListeningRobot) -> None:
     [
         ("tcp/0.0.0.0:7447", "without certificates"),
         ("tcp/192.168.1.20:7447", "without certificates"),
-        ("tcp/robot.local:7447", "--insecure"),
+        ("tcp/robot.local:7447", "insecure deliberately"),
         ("tcp/[::]:7447", r"use tls/\[::\]:7447"),
         ("tls/127.0.0.1:7447", "needs certificates"),
         ("quic/0.0.0.0:7447", "needs certificates"),

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from hexctl.backends.mavlink.codec import Codec, Frame
-from hexctl.errors import InputError, RobotFaultError
+from hexctl.errors import InputError, RobotFaultError, argument
 
 #: Default port of a board.
 DEFAULT_BOARD_PORT = "udpin:127.0.0.1:14550"
@@ -94,7 +94,8 @@ def check_guarded(address: PortAddress, *, option: str, text: str, signed: bool,
     if not (address.local or signed or insecure):
         raise InputError(
             f"{option}: got {text}, where anybody on the network could move the servos; "
-            "allowed: this computer, a folder with a mavlink.key (hexctl keys mavlink), or --insecure"
+            "allowed: this computer, a folder with a mavlink.key (hexctl keys mavlink), or "
+            f"{argument('insecure')}"
         )
 
 

@@ -14,7 +14,7 @@ import zenoh
 from hexctl.backends.base import LegServos, as_robot, check_connected, check_targets
 from hexctl.backends.clock import Clock, CountedClock, WallClock
 from hexctl.backends.zenoh.subscriber import LatestValues, StateSubscriber
-from hexctl.errors import MessageError, RobotFaultError
+from hexctl.errors import MessageError, RobotFaultError, argument
 from hexctl.robot.model import Robot
 from hexctl.types import JointTargets, RobotState
 from hexctl.waiting import wait_for
@@ -281,7 +281,7 @@ class ZenohServos(LegServos):
         """Raise RobotFaultError for another robot than the one expected."""
         silence = (
             f"no robot called {self._robot.name} answers at {self._link.endpoint}; "
-            "is hexctl serve running there, with the same --robot?"
+            f"is hexctl serve running there, with the same {argument('robot')}?"
         )
         answers = ask_until(session, self._keys.describe, timeout_s=DESCRIBE_TIMEOUT_S, silence=silence)
         if len(answers) > 1:

@@ -11,7 +11,7 @@ from hexctl.adapt.registry import BAYES
 from hexctl.adapt.search import covering
 from hexctl.backends.sim.world import DomainRandomization
 from hexctl.control.plan import TrialPlan
-from hexctl.errors import InputError, check_type
+from hexctl.errors import InputError, argument, check_type
 from hexctl.gait.gait import make_gait
 from hexctl.robot.failure import Failure
 from hexctl.robot.model import Robot
@@ -103,7 +103,7 @@ class TransferPlan:
     def check(self) -> None:
         """Raise InputError for anything that is not allowed, before anything runs."""
         if not 1 <= self.worlds <= MAX_WORLDS:
-            raise InputError(f"--worlds: got {self.worlds}; allowed: 1..{MAX_WORLDS}")
+            raise InputError(f"{argument('worlds')}: got {self.worlds}; allowed: 1..{MAX_WORLDS}")
         others = tuple(name for name in self.optimizers if name not in PRIORED) or (BASELINE,)
         StudyPlan(
             robot=self.robot,
@@ -116,14 +116,18 @@ class TransferPlan:
         ).check()
         if not self.optimizers or len(set(self.optimizers)) != len(self.optimizers):
             given = ",".join(self.optimizers) or "none"
-            raise InputError(f"--optimizers: got {given}; allowed: one or more names, each once")
+            raise InputError(f"{argument('optimizers')}: got {given}; allowed: one or more names, each once")
         if self.family.model_dump(mode="json") == self.prior.origin.get("family"):
             raise InputError("transfer: the prior was built from these worlds; allowed: a family of others")
         missing = [leg for leg in self.legs if not covers(self.robot, "rear", self.prior.legs, leg)]
         if missing:
-            raise InputError(f"prior: has nothing on legs {missing}; allowed: --legs {list(self.prior.legs)}")
+            raise InputError(
+                f"prior: has nothing on legs {missing}; allowed: {argument('legs')} {list(self.prior.legs)}"
+            )
         if not in_whole_steps(self.duration_s):
-            raise InputError(f"--duration: got {self.duration_s:g}; allowed: multiples of {WHOLE_S:g} s")
+            raise InputError(
+                f"{argument('duration_s')}: got {self.duration_s:g}; allowed: multiples of {WHOLE_S:g} s"
+            )
         differences = self.prior.key.differences(PriorKey.of(self.robot, self.trial_plan()))
         if differences:
             raise InputError(f"prior: is for {', '.join(differences)}; allowed: a prior for these trials")
@@ -138,7 +142,7 @@ def find_transfer_prior(
 ) -> Prior:
     """First prior in some folders that covers the trials of a benchmark; InputError if there is none."""
     if not legs:
-        raise InputError("--legs: got none; allowed: one or more of 1..6")
+        raise InputError(f"{argument('legs')}: got none; allowed: one or more of 1..6")
     failure = Failure(leg=legs[0])
     plan = TrialPlan(gait=make_gait(robot, "demo"), duration_s=duration_s, belief=failure)
     found = find_prior(PriorKey.of(robot, plan), folders, covers=covering(robot, plan))

@@ -148,7 +148,7 @@ def test_a_neighbours_robot_is_commanded_only_by_its_name(
             assert servos.identity is not None
             assert servos.identity.pid == robot.process.pid
         monkeypatch.setattr("hexctl.wire.description.user_name", lambda: "neighbour")
-        with pytest.raises(InputError, match=f"name it: --connect {robot.endpoint}"):
+        with pytest.raises(InputError, match=f"name it: connect {robot.endpoint}"):
             ZenohServos(shipped(), link=by_default).connect()
         with ZenohServos(shipped(), link=Link(endpoint=robot.endpoint)):
             pass

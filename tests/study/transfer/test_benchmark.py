@@ -199,11 +199,11 @@ def test_landscapes_without_a_valid_gait_are_left_out_and_counted(findings: Tran
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"worlds": 0}, "--worlds"),
-        ({"budget": 0}, "--budget"),
-        ({"runs": 0}, "--runs"),
+        ({"worlds": 0}, "worlds"),
+        ({"budget": 0}, "budget"),
+        ({"runs": 0}, "runs"),
         ({"legs": (5, 9)}, "9"),
-        ({"duration_s": 11.0}, "--duration"),
+        ({"duration_s": 11.0}, "duration"),
         ({"duration_s": 12.0}, "duration 10 s, not 12 s"),
         ({"optimizers": ("bayes", "bayes")}, "once"),
         ({"optimizers": ("nobody",)}, "nobody"),
