@@ -150,7 +150,7 @@ class Walk(Controller):
             stop_s=None if self._stop_step is None else self._stop_step * self._period_s,
         )
         joints_rad = joints_of_feet(self._robot, feet, self._held_legs)  # leading shape + (steps, 18)
-        self._planned_rad = np.ascontiguousarray(np.moveaxis(joints_rad, -2, 0))
+        self._planned_rad = np.ascontiguousarray(joints_rad.swapaxes(0, -2))
         self._planned_from = step
 
 

@@ -47,7 +47,7 @@ def lift_offset(u: FloatArray) -> FloatArray:
 
     6 (u - 1/3) in [1/3, 1/2), 1 - 6 (u - 1/2) in [1/2, 2/3), and 0 in the stance.
     """
-    return np.clip(1.0 - 6.0 * np.abs(u - SWING_TOP), 0.0, None)
+    return np.maximum(1.0 - 6.0 * np.abs(u - SWING_TOP), 0.0)
 
 
 def in_stance(u: FloatArray) -> BoolArray:
@@ -71,9 +71,9 @@ def ramp(time_s: ArrayLike, stop_s: float | None = None) -> FloatArray:
     """
     rising = np.asarray(time_s) * RAMP_RATE_PER_S
     if stop_s is None:
-        return np.clip(rising, 0.0, 1.0)
+        return np.minimum(np.maximum(rising, 0.0), 1.0)
     falling = min(1.0, stop_s * RAMP_RATE_PER_S) - (np.asarray(time_s) - stop_s) * RAMP_RATE_PER_S
-    return np.clip(np.minimum(rising, falling), 0.0, 1.0)
+    return np.minimum(np.maximum(np.minimum(rising, falling), 0.0), 1.0)
 
 
 def stroke_vectors_m(robot: Robot, gait: Gait, motion: Motion) -> FloatArray:
@@ -142,7 +142,7 @@ def feet_of_walks(
     times = (1,) * len(walks) + time_s.shape + (1,)
 
     def per_walk(values: ArrayLike, tail: tuple[int, ...]) -> FloatArray:
-        return np.reshape(values, walks + (1,) * time_s.ndim + tail)
+        return np.asarray(values).reshape(walks + (1,) * time_s.ndim + tail)
 
     cycles = per_walk(pace_hz, (1,)) * time_s.reshape(times)
     u = phase_in_cycle(cycles, per_walk(slots, (6,)))

@@ -143,6 +143,16 @@ class Robot(ArrayFields):
         return float(np.hypot(self.stance_feet_body[:, 0], self.stance_feet_body[:, 1]).max())
 
     @cached_property
+    def link_lengths_m(self) -> FloatArray:
+        """Lengths of coxa, femur and tibia in the leg plane, (3,)."""
+        return np.sqrt((self.link_vectors_m**2).sum(axis=-1))
+
+    @cached_property
+    def link_slopes_rad(self) -> FloatArray:
+        """Slopes of coxa, femur and tibia at joint angle zero, (3,)."""
+        return np.arctan2(self.link_vectors_m[:, 1], self.link_vectors_m[:, 0])
+
+    @cached_property
     def leg_azimuths_rad(self) -> FloatArray:
         """Direction of each nominal foot from the body's vertical axis, (6,)."""
         return np.arctan2(self.stance_feet_body[:, 1], self.stance_feet_body[:, 0])
