@@ -1,19 +1,18 @@
 """Tests in real time are kept apart, and what shares something expensive stays together."""
 
+import re
 from pathlib import Path
 
 from tests.schedule import EARLY, LANES, SLOW, SPREAD, markers_of, rank, scope_of
 
 TESTS = Path(__file__).parent
-MARKED = "pytestmark = pytest.mark.realtime"
+#: What a file would mark its tests with by itself.
+BY_ITSELF = re.compile(r"mark\.(realtime|slow)\b")
 
 
-def test_every_file_in_real_time_has_a_lane() -> None:
-    marked = [path for path in TESTS.rglob("test_*.py") if MARKED in path.read_text(encoding="utf-8")]
-    for path in marked:
-        if path == Path(__file__):
-            continue
-        assert scope_of(f"{path.relative_to(TESTS.parent).as_posix()}::test") in LANES
+def test_no_file_marks_its_own_tests() -> None:
+    marked = [path for path in TESTS.rglob("*.py") if BY_ITSELF.search(path.read_text(encoding="utf-8"))]
+    assert not marked, "tests/schedule.py says what is slow or in real time"
 
 
 def test_what_is_named_exists() -> None:

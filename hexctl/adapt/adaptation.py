@@ -20,7 +20,7 @@ import numpy as np
 from hexctl.adapt.loop import AdaptLoop, OnTrial
 from hexctl.adapt.measurement import Operator
 from hexctl.adapt.objectives import ObjectiveChoice, as_objective
-from hexctl.adapt.registry import OptimizerChoice
+from hexctl.adapt.optimizer import OptimizerChoice
 from hexctl.adapt.runner import (
     NotBegunError,
     ResetFreeRunner,

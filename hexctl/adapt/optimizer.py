@@ -2,7 +2,7 @@
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from numbers import Real
 from typing import Any
@@ -264,3 +264,10 @@ class Optimizer(ABC):
     @abstractmethod
     def _restore_search(self, state: dict[str, Any]) -> None:
         """Take over a state that `_search_state` returned."""
+
+
+#: Makes a fresh optimizer from a space and a seed; an `Optimizer` class is one.
+OptimizerClass = Callable[[GaitSpace, int], Optimizer]
+
+#: An optimizer as users name it: a name of the registry, `package.module:Class`, or the class.
+OptimizerChoice = str | type[Optimizer]

@@ -2,31 +2,13 @@
 
 from collections.abc import Callable
 
-from hexctl.adapt.baselines import ExhaustiveSearch, RandomSearch
-from hexctl.adapt.optimizer import Optimizer
-from hexctl.adapt.population import DeBest, DeRand, Dps, Pso, Psosp
+from hexctl.adapt.optimizer import Optimizer, OptimizerChoice, OptimizerClass
+from hexctl.adapt.shipped import BAYES, OPTIMIZERS
 from hexctl.adapt.space import GaitSpace
 from hexctl.errors import InputError, check_type
 from hexctl.robot.plugins import module_here
 
-OPTIMIZERS: dict[str, type[Optimizer]] = {
-    "pso": Pso,
-    "psosp": Psosp,
-    "dps": Dps,
-    "debest": DeBest,
-    "derand": DeRand,
-    "random": RandomSearch,
-    "exhaustive": ExhaustiveSearch,
-}
-
-#: Needs a prior, so that `hexctl.adapt.search` makes it.
-BAYES = "bayes"
 _BAYES_CLASS = "hexctl.adapt.bayes:Bayes"
-
-OptimizerClass = Callable[[GaitSpace, int], Optimizer]
-
-#: An optimizer as users name it: a name of the registry, `package.module:Class`, or the class.
-OptimizerChoice = str | type[Optimizer]
 
 
 def name_of(optimizer: OptimizerChoice) -> str:

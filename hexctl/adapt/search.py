@@ -14,12 +14,13 @@ from hexctl.adapt.bayes import REAL_NOISE_M, SIMULATED_NOISE_M, Bayes
 from hexctl.adapt.deduplication import Deduplication
 from hexctl.adapt.measurement import Operator
 from hexctl.adapt.objectives import OBJECTIVES, Objective, ObjectiveChoice, as_objective
-from hexctl.adapt.optimizer import Optimizer
+from hexctl.adapt.optimizer import Optimizer, OptimizerChoice, OptimizerClass
 from hexctl.adapt.prior.find import Covers, check_prior, find_prior, named_prior, prior_folders
 from hexctl.adapt.prior.prior import PriorKey, load_prior
 from hexctl.adapt.prior.samples import covers, samples_of
-from hexctl.adapt.registry import BAYES, OPTIMIZERS, OptimizerChoice, OptimizerClass, make_optimizer, name_of
+from hexctl.adapt.registry import make_optimizer, name_of
 from hexctl.adapt.session import Session, SessionSpec
+from hexctl.adapt.shipped import BAYES, OPTIMIZERS
 from hexctl.adapt.space import GaitSpace
 from hexctl.adapt.store import RUNS
 from hexctl.backends.base import LegServos

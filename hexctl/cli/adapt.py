@@ -3,7 +3,6 @@
 import json
 from collections.abc import Callable, Mapping
 from functools import partial
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -54,9 +53,6 @@ if TYPE_CHECKING:
 BUDGET = Range(low=1, high=100_000, whole=True)
 REPEATS = Range(low=0, whole=True)
 METRES = Range(low=0, above=True, unit="m")
-
-#: Parameters of the command itself; all others are named as those of `hexctl.adapt.search.new_spec`.
-OF_COMMAND = ("context", "resume", "view", "no_record", "as_json")
 
 #: Options that go with --resume.
 WITH_RESUME = ("--resume", "--budget", "--view", "--no-record", "--json")
@@ -205,7 +201,6 @@ def adapt(
     --resume continues it. Exit codes: 0 done, 2 bad input, 3 fault of robot, link or recording, 4 stopped
     or no valid trial, 130 interrupted.
     """
-    options = locals().copy()  # the parameters, by name: most go to the spec as they are
     if view and no_record:
         raise InputError("--no-record: got --view too; allowed: one or the other")
     if resume is not None:
@@ -213,12 +208,37 @@ def adapt(
         raise typer.Exit(_resume(resume, budget, record=not no_record, view=view, as_json=as_json))
     if failed_leg is None:
         raise InputError("--failed-leg: is missing; allowed: 1..6 (or --resume SESSION)")
-    asked = {
-        name: str(value) if isinstance(value, Path) else value
-        for name, value in options.items()
-        if name not in OF_COMMAND and value is not None
-    }
+    asked = _given(
+        failed_leg=failed_leg,
+        failure=failure,
+        budget=budget,
+        optimizer=optimizer,
+        prior=prior,
+        early_stop=early_stop,
+        objective=objective,
+        target_m=target_m,
+        confirm=confirm,
+        count_repeats=count_repeats,
+        duration_s=duration_s,
+        heading_deg=heading_deg,
+        self_rotation=self_rotation,
+        backend=backend,
+        robot=robot,
+        world=world,
+        connect=connect,
+        credentials=None if credentials is None else str(credentials),
+        insecure=insecure,
+        link=link,
+        arena_m=arena_m,
+        ask=ask,
+        seed=seed,
+    )
     raise typer.Exit(_begin(asked, record=not no_record, view=view, as_json=as_json))
+
+
+def _given(**options: Any) -> dict[str, Any]:
+    """The options that have a value; for the others the library's own defaults hold."""
+    return {name: value for name, value in options.items() if value is not None}
 
 
 def _check_resumed_alone(resume: str, typed: Mapping[str, Any]) -> None:

@@ -67,7 +67,7 @@ def _backends() -> Iterable[str]:
 
 
 def _optimizers() -> Iterable[str]:
-    from hexctl.adapt.registry import BAYES, OPTIMIZERS
+    from hexctl.adapt.shipped import BAYES, OPTIMIZERS
 
     return [BAYES, *OPTIMIZERS]
 

@@ -145,7 +145,8 @@ class Robot(ArrayFields):
     @cached_property
     def link_lengths_m(self) -> FloatArray:
         """Lengths of coxa, femur and tibia in the leg plane, (3,)."""
-        return np.sqrt((self.link_vectors_m**2).sum(axis=-1))
+        lengths_m: FloatArray = np.sqrt((self.link_vectors_m**2).sum(axis=-1))
+        return lengths_m
 
     @cached_property
     def link_slopes_rad(self) -> FloatArray:

@@ -35,7 +35,7 @@ class StudyPlan:
         robot: model of the robot.
         world: the simulated world.
         legs: the failed legs, ascending.
-        optimizers: names as in `hexctl.adapt.registry`.
+        optimizers: names as in `hexctl.adapt.shipped`.
         runs: seeded runs of each optimizer on each leg.
         budget: evaluations of a run.
         duration_s: length of each walk.

@@ -8,7 +8,8 @@ import pytest
 from hexctl.adapt.deduplication import Deduplication
 from hexctl.adapt.optimizer import Observation, Optimizer
 from hexctl.adapt.population import PopulationOptimizer
-from hexctl.adapt.registry import OPTIMIZERS, make_optimizer
+from hexctl.adapt.registry import make_optimizer
+from hexctl.adapt.shipped import OPTIMIZERS
 from hexctl.adapt.space import GaitSpace
 from hexctl.control.result import STATUSES
 from hexctl.testing.optimizers import BATCHES, ONE_FAILED, Make, OptimizerConformance, search

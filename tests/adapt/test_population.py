@@ -19,7 +19,7 @@ from hexctl.adapt.population import (
     RandomEvolution,
     SpeciatedSwarm,
 )
-from hexctl.adapt.registry import OPTIMIZERS
+from hexctl.adapt.shipped import OPTIMIZERS
 from hexctl.testing.optimizers import ONE_FAILED
 from hexctl.types import FloatArray
 from tests.adapt.continuous import HIGH, LOW, Function, make, minimum, rosenbrock, sphere

@@ -1,15 +1,26 @@
 """The registry of optimizers."""
 
+import subprocess
+import sys
+
 import pytest
 
 from hexctl.adapt.baselines import RandomSearch
-from hexctl.adapt.registry import OPTIMIZERS, make_optimizer
+from hexctl.adapt.registry import make_optimizer
+from hexctl.adapt.shipped import OPTIMIZERS
 from hexctl.errors import InputError
 from hexctl.testing.optimizers import ONE_FAILED
 
 
 def test_the_five_of_the_paper_and_two_baselines() -> None:
     assert list(OPTIMIZERS) == ["pso", "psosp", "dps", "debest", "derand", "random", "exhaustive"]
+
+
+def test_the_names_alone_load_nothing_heavy() -> None:
+    names = "import sys; from hexctl.adapt.shipped import OPTIMIZERS; list(OPTIMIZERS)"
+    code = f"{names}; print('numpy' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == "False\n"
 
 
 @pytest.mark.parametrize("name", OPTIMIZERS)

@@ -26,8 +26,6 @@ from hexctl.types import JOINT_NAMES, FloatArray
 from tests.backends.mavlink.boards import PATIENCE_S, BoardProcess, board, fitting_file
 from tests.backends.mavlink.clients import Client
 
-pytestmark = pytest.mark.realtime
-
 #: How the robot is really wired: one servo turned round and mounted off, one only mounted off.
 TRUE_WIRING = {
     "leg1_coxa": {"sign": -1, "offset_deg": 12},

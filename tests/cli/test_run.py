@@ -177,7 +177,6 @@ def test_a_fall_is_an_abort(tmp_path: Path, capsys: pytest.CaptureFixture[str]) 
     assert outcome["status"] == "fell"
 
 
-@pytest.mark.realtime
 def test_ctrl_c_stops_softly_and_keeps_the_recording(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "hexctl", "run", "--realtime", "--duration", "600", "--json"]
     numbers = (signal.SIGINT, signal.SIGTERM)

@@ -12,8 +12,6 @@ from hexctl.cli.main import exit_code
 from hexctl.wire.certificates import make_certificates
 from tests.serve.processes import RECORDED, free_port, hexctl, program, served
 
-pytestmark = pytest.mark.realtime
-
 REFUSED = [
     (["serve", "--backend", "zenoh"], ["--backend", "zenoh", "sim, mavlink, mock"]),
     (["serve", "--backend", "warp"], ["backend", "'warp'"]),

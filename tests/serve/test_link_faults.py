@@ -19,8 +19,6 @@ from tests.serve.processes import Served, controlling, hexctl, served, wait_unti
 from tests.serve.recorded import JUMP_AT, JUMP_VARIABLE, ServoLog
 from tests.serve.swaying import HELD_UP
 
-pytestmark = pytest.mark.realtime
-
 #: A stopped robot's targets rest after this, e-stop or silence, on a machine that has time for it.
 STILL_AFTER_S = 0.25
 

@@ -17,8 +17,6 @@ from hexctl.types import FloatArray
 from tests.backends.mavlink.boards import BoardProcess, board, fitting_file, stance_us
 from tests.backends.mavlink.clients import Client
 
-pytestmark = pytest.mark.realtime
-
 ALL = [1600] * 18
 RELEASE, IGNORE = [0] * 8 + [65534] * 10, [65535] * 18
 

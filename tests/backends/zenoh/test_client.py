@@ -23,8 +23,6 @@ from hexctl.wire.session import open_session
 from tests.robots import edited_file, put, shipped
 from tests.serve.processes import Served, free_port, hexctl, hexctl_process, served, wait_until
 
-pytestmark = pytest.mark.realtime
-
 
 class ServedConformance(LegServosConformance):
     """The suite over a link; each class of tests has a robot of its own."""

@@ -1,0 +1,41 @@
+"""The optimizers that come with hexctl, by name: light to import, for the Tab key."""
+
+from collections.abc import Iterator, Mapping
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from hexctl.adapt.optimizer import Optimizer
+
+
+class _Shipped(Mapping[str, "type[Optimizer]"]):
+    """Classes by name, each imported when it is asked for: the names alone load nothing."""
+
+    def __init__(self, **places: str) -> None:
+        self._places = places
+
+    def __getitem__(self, name: str) -> "type[Optimizer]":
+        module, _, kind = self._places[name].partition(":")
+        found: type[Optimizer] = getattr(import_module(f"hexctl.adapt.{module}"), kind)
+        return found
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._places)
+
+    def __len__(self) -> int:
+        return len(self._places)
+
+
+#: The optimizers that come with hexctl and need no prior, by name.
+OPTIMIZERS: "Mapping[str, type[Optimizer]]" = _Shipped(
+    pso="population:Pso",
+    psosp="population:Psosp",
+    dps="population:Dps",
+    debest="population:DeBest",
+    derand="population:DeRand",
+    random="baselines:RandomSearch",
+    exhaustive="baselines:ExhaustiveSearch",
+)
+
+#: Needs a prior, so that `hexctl.adapt.search` makes it.
+BAYES = "bayes"
