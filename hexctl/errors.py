@@ -129,6 +129,12 @@ def check_type(value: object, kind: type | tuple[type, ...], what: str, allowed:
     raise WrongTypeError(f"{what}: got {shown(value)} ({type(value).__name__}); allowed: {allowed}")
 
 
+def check_callable(value: object, what: str, allowed: str) -> None:
+    """Raise WrongTypeError unless a value can be called, or is None; the words are those of `check_type`."""
+    if value is not None and not callable(value):
+        raise WrongTypeError(f"{what}: got {shown(value)} ({type(value).__name__}); allowed: {allowed}")
+
+
 def shown(value: object) -> str:
     """Short text of a value on one line, however large it is."""
     short = Repr()

@@ -7,7 +7,15 @@ import numpy as np
 import pytest
 
 from hexctl import errors
-from hexctl.errors import HexctlError, InputError, MissingExtraError, WrongTypeError, argument, check_type
+from hexctl.errors import (
+    HexctlError,
+    InputError,
+    MissingExtraError,
+    WrongTypeError,
+    argument,
+    check_callable,
+    check_type,
+)
 
 KINDS = [
     kind
@@ -78,3 +86,10 @@ def test_a_value_of_another_type_is_refused_in_one_line(value: object, kind: typ
 def test_a_value_however_large_is_shown_in_one_short_line() -> None:
     with pytest.raises(WrongTypeError, match=r"^plan: got .{,180}; allowed: a robot$"):
         check_type([["x" * 1000] * 1000] * 1000, str, "plan", "a robot")
+
+
+def test_what_must_be_called_can_be() -> None:
+    check_callable(len, "on_trial", "a function")
+    check_callable(None, "on_trial", "a function")
+    with pytest.raises(WrongTypeError, match=r"^on_trial: got 3 \(int\); allowed: a function$"):
+        check_callable(3, "on_trial", "a function")

@@ -47,8 +47,8 @@ from hexctl.adapt.store import RUNS, SessionStore, load_session
 from hexctl.backends.base import LegServos
 from hexctl.control.guard import Guard
 from hexctl.control.result import path_axes
-from hexctl.control.trial import StopRequested, never
-from hexctl.errors import RecordingError, RobotFaultError, check_type
+from hexctl.control.trial import STOP_REQUESTED, StopRequested, never
+from hexctl.errors import RecordingError, RobotFaultError, check_callable, check_type
 from hexctl.record.live import LiveView
 
 OnBegin = Callable[[Session], None]
@@ -147,6 +147,8 @@ class Adaptation:
         Raises InputError for parts that contradict one another.
         """
         check_type(spec, SessionSpec, "spec", "a SessionSpec, as new_spec(failed_leg=5) gives")
+        check_callable(live, "live", "a function that makes a LiveView, or None")
+        check_callable(note, "note", "a function of a text")
         check_parts(spec, servos, optimizer, objective, operator)
         self.spec = spec
         self._folder, self._record = Path(folder), record
@@ -189,6 +191,9 @@ class Adaptation:
         one) for a robot that cannot be used, both before a session exists; NotBegunError when a stop was
         requested before that; StoreError when a trial cannot be stored.
         """
+        check_callable(on_begin, "on_begin", "a function of the session, or None")
+        check_callable(on_trial, "on_trial", "a function of the session and a trial, or None")
+        check_callable(stop_requested, "stop_requested", STOP_REQUESTED)
         began_s = time.perf_counter()
         checked = self._checked(self.spec) if self._name is None else None  # before anything is written
         with ExitStack() as stack:

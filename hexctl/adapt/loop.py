@@ -12,7 +12,7 @@ from hexctl.adapt.runner import RobotStoppedError, WalkedTrial
 from hexctl.adapt.session import Session, TrialRecord
 from hexctl.adapt.store import SessionStore
 from hexctl.control.trial import Enough, StopRequested, never
-from hexctl.errors import RecordingError
+from hexctl.errors import HexctlError, InputError, RecordingError, argument
 from hexctl.gait.encoding import Slots
 from hexctl.types import FloatArray
 
@@ -60,8 +60,8 @@ class AdaptLoop:
         """Run trials and return why the search ended.
 
         `budget`, `target`, `confirmed` (the optimizer is sure of a gait), `exhausted` or `interrupted`.
-        Raises RobotStoppedError when the robot stopped; RecordingError after a trial whose recording is not
-        whole: the trial is stored, unless it was interrupted.
+        Raises InputError when the objective fails; RobotStoppedError when the robot stopped; RecordingError
+        after a trial whose recording is not whole: the trial is stored, unless it was interrupted.
         """
         self._session.settled_on = None
         self._store_end(None)
@@ -99,7 +99,7 @@ class AdaptLoop:
             if walked.result.status == "aborted":
                 _check_recording(walked, f"trial {self._index} was interrupted")
                 return "interrupted"
-            score = self._objective(walked.result)
+            score = self._score(code, walked)
             self._optimizer.tell([code], [score], [Observation.of(walked.result)])
             self._store_trial(code, score, walked, predicted)
         if self._optimizer.finished:
@@ -131,7 +131,7 @@ class AdaptLoop:
             if walked.result.status == "aborted":
                 _check_recording(walked, f"trial {self._index} was interrupted")
                 return False
-            score = self._objective(walked.result)
+            score = self._score(code, walked)
             self._optimizer.repeat(code, score, Observation.of(walked.result))
             self._store_trial(code, score, walked, predicted, confirms=True)
         return True
@@ -149,6 +149,22 @@ class AdaptLoop:
             reason = result.stopped or "for no known reason"
             raise RobotStoppedError(f"trial {index}: the robot was stopped: {reason}", reason)
         return walked
+
+    def _score(self, code: int, walked: WalkedTrial) -> float:
+        """Score of a walked trial.
+
+        Raises InputError when the objective fails; the session is as it was before the trial, which can be
+        walked again once the objective is mended.
+        """
+        try:
+            return self._objective(walked.result)
+        except Exception as error:
+            reason = str(error) if isinstance(error, HexctlError) else f"{type(error).__name__}: {error}"
+            raise InputError(
+                f"objective {self._objective.name}: failed on trial {self._index}, gait {code} "
+                f"({' '.join(reason.split())}); the trials before it are stored: once it is mended, "
+                f"{argument('resume')} {self._session.name} walks it again"
+            ) from error
 
     def _store_trial(
         self,

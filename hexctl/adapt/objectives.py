@@ -7,7 +7,7 @@ from types import MappingProxyType
 
 from hexctl.control.result import Deviation, TrialResult
 from hexctl.errors import InputError, check_type
-from hexctl.robot.plugins import module_here
+from hexctl.robot.plugins import load_named
 
 #: Score of a trial that fell, made no progress, diverged or was aborted: worse than any valid score.
 INVALID_SCORE = 1e6
@@ -136,9 +136,8 @@ def as_objective(measure: object, name: str = "") -> Objective:
 
 
 def _load(name: str) -> object:
-    module_name, _, attribute = name.partition(":")
     try:
-        return getattr(module_here(module_name), attribute)
+        return load_named(name, "objective")
     except (ImportError, AttributeError, ValueError) as error:
         raise InputError(
             f"objective: {name!r} cannot be loaded ({error}); allowed: an Objective or a function of a "

@@ -6,7 +6,7 @@ from hexctl.adapt.optimizer import Optimizer, OptimizerChoice, OptimizerClass
 from hexctl.adapt.shipped import BAYES, OPTIMIZERS
 from hexctl.adapt.space import GaitSpace
 from hexctl.errors import InputError, check_type
-from hexctl.robot.plugins import module_here
+from hexctl.robot.plugins import load_named
 
 _BAYES_CLASS = "hexctl.adapt.bayes:Bayes"
 
@@ -50,9 +50,8 @@ def make_optimizer(name: OptimizerChoice | OptimizerClass, space: GaitSpace, see
 
 
 def _own(name: str) -> type[Optimizer]:
-    module_name, _, class_name = name.partition(":")
     try:
-        found = getattr(module_here(module_name), class_name)
+        found = load_named(name, "optimizer")
     except (ImportError, AttributeError, ValueError) as error:
         raise InputError(
             f"optimizer: {name!r} cannot be loaded ({error}); allowed: an Optimizer class "

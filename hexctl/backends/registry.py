@@ -12,7 +12,7 @@ from hexctl.errors import InputError, MissingExtraError, argument
 from hexctl.robot.failure import Failure
 from hexctl.robot.loader import RobotFile
 from hexctl.robot.model import Robot
-from hexctl.robot.plugins import module_here
+from hexctl.robot.plugins import load_named
 from hexctl.robot.servo_map import ServoMap, default_servo_map
 
 if TYPE_CHECKING:
@@ -201,14 +201,13 @@ def _make_own(name: str, options: BackendOptions) -> LegServos:
 
 def _own_class(name: str) -> Any:
     """The class of `package.module:Class`; raises InputError for one that cannot be loaded."""
-    module_name, colon, class_name = name.partition(":")
-    if not colon:
+    if ":" not in name:
         raise InputError(
             f"backend: got {name!r}; allowed: {', '.join(BACKENDS)}, "
             "or package.module:Class for your own LegServos"
         )
     try:
-        return getattr(module_here(module_name), class_name)
+        return load_named(name, "servos")
     except (ImportError, AttributeError, TypeError, ValueError) as error:
         raise _not_loaded(name, error) from error
 

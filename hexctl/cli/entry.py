@@ -1,7 +1,11 @@
 """The entry point; it imports almost nothing before it handles Ctrl-C."""
 
+import atexit
 import os
+import signal
 import sys
+
+INTERRUPTED = 130
 
 
 def main() -> None:
@@ -10,11 +14,20 @@ def main() -> None:
     # take the cores from the simulation and the 50 Hz loop. Read when NumPy and SciPy are imported.
     for variable in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(variable, "1")
+    # The last that Python does is to restore the default, with which Ctrl-C ends a process by its signal.
+    atexit.register(signal.signal, signal.SIGINT, signal.SIG_IGN)
     try:
         from hexctl.cli.main import exit_code
 
         code = exit_code()
+        signal.signal(signal.SIGINT, _quit)
     except KeyboardInterrupt:
+        signal.signal(signal.SIGINT, _quit)
         sys.stderr.write("hexctl: interrupted\n")
-        code = 130
+        code = INTERRUPTED
     sys.exit(code)
+
+
+def _quit(*_: object) -> None:
+    """Quit: the command is over, and a Ctrl-C while its threads end need not wait for them."""
+    os._exit(INTERRUPTED)

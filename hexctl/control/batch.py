@@ -15,6 +15,7 @@ from hexctl.control.guard import FALL_TICKS, Guard, StepLimits, leaning
 from hexctl.control.plan import TrialPlan
 from hexctl.control.result import TrialResult, score
 from hexctl.control.trial import (
+    CONTROLLERS,
     MakeController,
     WalkStart,
     made_controller,
@@ -24,7 +25,7 @@ from hexctl.control.trial import (
     ticks_of,
 )
 from hexctl.control.turning import check_plan
-from hexctl.errors import CommandRefusedError, EStopError, SimulationDivergedError, check_type
+from hexctl.errors import CommandRefusedError, EStopError, SimulationDivergedError, check_callable, check_type
 from hexctl.robot.failure import Failure
 from hexctl.robot.model import Robot
 from hexctl.types import BoolArray, FloatArray, JointTargets, RobotState, check_shape
@@ -110,6 +111,9 @@ def run_sim_trials(
     Raises ReachError or LimitError for a walk that the legs cannot make, before any trial runs; InputError
     for targets of another shape than (n, 18).
     """
+    check_type(trials, Sequence, "trials", "a sequence of SimTrials")
+    check_type(threads, int, "threads", "a whole number, 0 for all cores")
+    check_callable(make_controller, "make_controller", CONTROLLERS)
     for trial in trials:
         check_type(trial, SimTrial, "trials", "SimTrials")
         check_plan(trial.robot, trial.plan)

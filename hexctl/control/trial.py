@@ -18,7 +18,14 @@ from hexctl.control.plan import TrialPlan
 from hexctl.control.result import TrialResult, score
 from hexctl.control.trace import Trace, TrialFrame
 from hexctl.control.turning import CLOSE_ENOUGH_RAD, Turn, check_plan, turn_needed_rad
-from hexctl.errors import CommandRefusedError, EStopError, InputError, SimulationDivergedError, check_type
+from hexctl.errors import (
+    CommandRefusedError,
+    EStopError,
+    InputError,
+    SimulationDivergedError,
+    check_callable,
+    check_type,
+)
 from hexctl.robot.model import Robot
 from hexctl.robot.rotations import wrapped_rad, yaw_rad
 from hexctl.types import FloatArray, JointTargets, RobotState
@@ -30,6 +37,9 @@ PAUSE_S = 0.5
 LOOK_TICKS = 50
 
 StopRequested = Callable[[], bool]
+
+#: What a stop request may be, for messages.
+STOP_REQUESTED = "a function without arguments that says whether to stop"
 
 #: Asked every `LOOK_TICKS` of a walk with the trace so far; True ends the walk early, as `cut_short`.
 ShouldStop = Callable[[Trace], bool]
@@ -135,6 +145,8 @@ def run_trial(
     """
     check_type(servos, LegServos, "servos", "connected LegServos, as Guard(SimServos('ant')) gives")
     check_type(plan, TrialPlan, "plan", "a TrialPlan")
+    check_callable(stop_requested, "stop_requested", STOP_REQUESTED)
+    check_callable(should_stop, "should_stop", "a function of the trace that says whether to end, or None")
     if controller is None:
         controller = planned_walk
     elif not callable(controller):

@@ -6,6 +6,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from types import TracebackType
 from typing import Any, Self
 
@@ -20,6 +21,7 @@ from hexctl.record.viewer import LOCAL, check_display, free_port, viewer_binary,
 from hexctl.robot.model import Robot
 from hexctl.robot.rotations import yaw_rad
 from hexctl.types import JointTargets, RobotState
+from hexctl.waiting import wait_for
 
 #: Ticks of a block: ten updates a second.
 LIVE_BLOCK_TICKS = 5
@@ -121,9 +123,8 @@ class LiveView:
     def close(self, *, leave_viewer: bool = True) -> None:
         """End the feeder, by force if it hangs; the viewer stays open unless `leave_viewer` is False."""
         deadline_s = time.monotonic() + END_TIMEOUT_S
-        while self._waiting and self.lost is None and time.monotonic() < deadline_s:
-            self._push()
-            time.sleep(0.01)
+        with suppress(RobotFaultError):  # a feeder that hangs is ended below
+            wait_for(self._passed_on, END_TIMEOUT_S, "the feeder hangs")
         stdin = self._feeder.stdin
         if stdin is not None and not stdin.closed:
             stdin.close()
@@ -144,6 +145,12 @@ class LiveView:
         self._push()
         if len(self._waiting) > MAX_WAITING_BYTES:
             self.lost = "the live view is too slow and was given up"
+
+    def _passed_on(self) -> bool:
+        """Whether no bytes wait any more, after another attempt to write them."""
+        if self._waiting and self.lost is None:
+            self._push()
+        return not self._waiting or self.lost is not None
 
     def _push(self) -> None:
         """Write waiting bytes as far as the pipe takes them."""

@@ -17,7 +17,7 @@ from hexctl.adapt.runner import NotBegunError, RobotStoppedError, TrialRunner, W
 from hexctl.adapt.search import new_spec
 from hexctl.adapt.store import delete_session, export_session, list_sessions, load_session
 from hexctl.control.result import TrialResult
-from hexctl.errors import InputError, RobotFaultError
+from hexctl.errors import InputError, RobotFaultError, WrongTypeError
 from tests.adapt.walking import Landscape, result_of
 from tests.cli.adaptkits import Blind, EStopped
 from tests.cli.kits import Kit
@@ -300,3 +300,11 @@ def test_early_stopping_is_for_optimizers_that_know_when() -> None:
     assert new_spec(failed_leg=5, optimizer=Backwards, early_stop=True).early_stop
     with pytest.raises(InputError, match="early_stop: got it without a prior"):
         new_spec(failed_leg=5, optimizer="pso", early_stop=True)
+
+
+@pytest.mark.parametrize("part", ["on_trial", "stop_requested", "note"])
+def test_what_must_be_a_function_is_refused_by_name(part: str, tmp_path: Path) -> None:
+    given: dict[str, Any] = {part: 3}
+    with pytest.raises(WrongTypeError, match=rf"^{part}: got 3 .int.; allowed: a function"):
+        adapt(5, optimizer="random", **given)
+    assert not list(tmp_path.iterdir())

@@ -10,7 +10,7 @@ import pytest
 from hexctl.adapt.bayes import REAL_NOISE_M, Bayes
 from hexctl.adapt.deduplication import Deduplication
 from hexctl.adapt.loop import AdaptLoop
-from hexctl.adapt.objectives import INVALID_SCORE, as_objective
+from hexctl.adapt.objectives import INVALID_SCORE, OBJECTIVES, as_objective
 from hexctl.adapt.optimizer import Optimizer
 from hexctl.adapt.prior.samples import FINAL
 from hexctl.adapt.registry import make_optimizer
@@ -18,8 +18,9 @@ from hexctl.adapt.runner import WalkedTrial
 from hexctl.adapt.session import Session, SessionSpec
 from hexctl.adapt.space import GaitSpace
 from hexctl.adapt.store import SessionStore
+from hexctl.control.result import TrialResult
 from hexctl.control.trial import Enough
-from hexctl.errors import RecordingError
+from hexctl.errors import InputError, RecordingError
 from hexctl.gait.encoding import Slots
 from hexctl.types import FloatArray
 from tests.adapt.priors import BAYES_SPEC, MadeUpModel, MadeUpWorld, made_up_bayes, shown_of
@@ -70,6 +71,31 @@ def test_the_papers_count_pays_for_repetitions(store: SessionStore) -> None:
     session, _ = run(store, replace(SPEC, budget=120, count_repeats=True))
     assert len(session.trials) == 120
     assert len({trial.code for trial in session.trials}) < 120
+
+
+def test_an_objective_that_fails_is_named_with_its_trial_and_nothing_before_it_is_lost(
+    store: SessionStore,
+) -> None:
+    whole, _ = run(store, SPEC)
+    session = store.create(SPEC)
+
+    def divides(result: TrialResult) -> float:
+        return OBJECTIVES["final"].measure(result) / (len(session.trials) < 4)
+
+    spoiled = as_objective(divides, "mine:ratio")
+    with pytest.raises(InputError) as failed:
+        AdaptLoop(session, store, optimizer_of(SPEC), Landscape(), objective=spoiled).run()
+    code = whole.trials[4].code  # the fourth trial is invalid and not measured
+    assert str(failed.value) == (
+        f"objective mine:ratio: failed on trial 5, gait {code} (ZeroDivisionError: float division by zero); "
+        f"the trials before it are stored: once it is mended, resume {session.name} walks it again"
+    )
+    assert len(store.load(session.name).trials) == 4
+    resumed, ended = run_on(store, session.name)
+    assert (ended, [trial.code for trial in resumed.trials]) == (
+        "budget",
+        [trial.code for trial in whole.trials],
+    )
 
 
 def test_it_stops_at_the_target(store: SessionStore) -> None:

@@ -198,3 +198,34 @@ def test_a_bad_value_names_option_value_and_range(
 ) -> None:
     assert exit_code(arguments) == 2
     assert capsys.readouterr().err.splitlines()[0].startswith(line.partition(" (")[0])
+
+
+#: A command that has ended, in a process that takes its time to end; another Ctrl-C comes at some point.
+ENDED = """
+import atexit, os, signal, threading, time
+import hexctl.cli.main
+from hexctl.cli.entry import main
+
+def interrupt():
+    os.kill(os.getpid(), signal.SIGINT)
+
+def linger():
+    time.sleep(0.2)
+    interrupt()
+    time.sleep(5)
+
+def end():
+    {last}
+    return 4
+
+hexctl.cli.main.exit_code = end
+atexit.register(interrupt)
+main()
+"""
+
+
+@pytest.mark.parametrize(("last", "code"), [("", 4), ("threading.Thread(target=linger).start()", 130)])
+def test_a_ctrl_c_after_the_end_of_a_command_is_no_signal_and_no_traceback(last: str, code: int) -> None:
+    process = [sys.executable, "-c", ENDED.format(last=last)]
+    done = subprocess.run(process, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (code, "", "")

@@ -12,7 +12,7 @@ from hexctl.backends.sim.servos import SimServos
 from hexctl.control.batch import run_sim_trial
 from hexctl.control.controllers import check_walk
 from hexctl.control.result import TrialResult
-from hexctl.errors import LimitError, ReachError
+from hexctl.errors import LimitError, ReachError, WrongTypeError
 
 WORLDS = {
     "flat": World(),
@@ -146,3 +146,11 @@ def test_a_robot_that_falls_before_its_walk(ant: Robot) -> None:
         assert made.status == "fell"
         assert made.deviation is None
         assert_same(made, alone)
+
+
+def test_wrong_types_are_refused_by_name(ant: Robot) -> None:
+    trials: Any = 3
+    with pytest.raises(WrongTypeError, match=r"^trials: got 3 .int.; allowed: a sequence of SimTrials$"):
+        run_sim_trials(trials)
+    with pytest.raises(WrongTypeError, match=r"^make_controller: got 3 .int.; allowed: a Controller, or a"):
+        run_sim_trials([trial(ant, "tripod")], make_controller=trials)

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from hexctl.robot.plugins import module_here
+from hexctl.robot.plugins import load_named, module_here
 
 
 def test_a_module_in_the_working_folder_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -21,3 +21,10 @@ def test_a_module_in_the_working_folder_is_found(tmp_path: Path, monkeypatch: py
 def test_an_error_of_the_import_is_passed_on() -> None:
     with pytest.raises(ModuleNotFoundError, match="no_such_module_here"):
         module_here("no_such_module_here")
+
+
+def test_what_a_script_has_defined_is_given_from_python() -> None:
+    continued = r"of the script that began .*: hexctl.Adaptation.resume\(NAME, optimizer=Mine\).run"
+    with pytest.raises(ImportError, match=continued):
+        load_named("__main__:Mine", "optimizer")
+    assert load_named("hexctl.robot.plugins:load_named", "optimizer") is load_named
