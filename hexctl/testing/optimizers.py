@@ -92,6 +92,7 @@ class OptimizerConformance:
         return make(ONE_FAILED, 1)
 
     def test_codes_are_in_the_space_and_no_more_than_asked_for(self, make: Make) -> None:
+        """`ask(n)` gives one to n codes, each a whole number in the space."""
         for space, batch in itertools.product(self.spaces, BATCHES):
             self.check_asks(make(space, 3), space, batch)
 
@@ -106,23 +107,28 @@ class OptimizerConformance:
             optimizer.tell(codes, [slope(code) for code in codes])
 
     def test_the_same_seed_gives_the_same_search(self, make: Make) -> None:
+        """Two searches with one seed and the same scores ask for the same codes."""
         assert search(make(ONE_FAILED, 7), 60) == search(make(ONE_FAILED, 7), 60)
 
     def test_another_seed_gives_another_search(self, make: Make) -> None:
+        """Another seed gives other codes, unless `seeded` is False."""
         same = search(make(ONE_FAILED, 7), 20) == search(make(ONE_FAILED, 8), 20)
         assert same != self.seeded
 
     def test_a_negative_seed_is_refused(self, make: Make) -> None:
+        """A negative seed is refused with InputError."""
         with pytest.raises(InputError, match="seed: got -1"):
             make(ONE_FAILED, -1)
 
     def test_asking_for_nothing_is_refused(self, optimizer: Optimizer) -> None:
+        """`ask(0)` and `ask(-1)` are refused with InputError, and the next `ask` works."""
         for count in (0, -1):
             with pytest.raises(InputError, match=f"got a request for {count} codes; allowed: 1 or more"):
                 optimizer.ask(count)
         assert optimizer.ask()
 
     def test_ask_after_ask_is_refused_and_changes_nothing(self, optimizer: Optimizer) -> None:
+        """A second `ask` before a `tell` is refused with OptimizerMisuseError."""
         codes = optimizer.ask(3)
         before = travelled(optimizer.state())
         with pytest.raises(OptimizerMisuseError, match="ask after ask"):
@@ -131,6 +137,7 @@ class OptimizerConformance:
         optimizer.tell(codes, [1.0] * len(codes))
 
     def test_tell_without_ask_is_refused_and_changes_nothing(self, optimizer: Optimizer) -> None:
+        """A `tell` that no `ask` came before is refused with OptimizerMisuseError."""
         before = travelled(optimizer.state())
         with pytest.raises(OptimizerMisuseError, match="tell without ask"):
             optimizer.tell([1], [1.0])
@@ -141,6 +148,7 @@ class OptimizerConformance:
             optimizer.tell(codes, [1.0])
 
     def test_a_wrong_tell_is_refused_and_nothing_is_taken_over(self, optimizer: Optimizer) -> None:
+        """A `tell` of other codes, or of scores that are not finite numbers, changes nothing."""
         search(optimizer, 13)
         codes = optimizer.ask(3)
         scores = [slope(code) for code in codes]
@@ -152,6 +160,7 @@ class OptimizerConformance:
         optimizer.tell(codes, scores)
 
     def test_the_lists_of_the_caller_stay_as_they_are(self, optimizer: Optimizer) -> None:
+        """`tell` leaves the lists that it is given as they are."""
         for _ in range(6):
             codes = optimizer.ask(5)
             scores = [slope(code) for code in codes]
@@ -160,6 +169,7 @@ class OptimizerConformance:
             assert (codes, scores) == (kept_codes, kept_scores)
 
     def test_what_the_caller_does_to_its_lists_has_no_effect(self, make: Make) -> None:
+        """Lists and states that were given out may be changed by the caller without effect."""
         undisturbed, disturbed = make(ONE_FAILED, 2), make(ONE_FAILED, 2)
         for _ in range(8):
             codes = undisturbed.ask(4)
@@ -175,6 +185,7 @@ class OptimizerConformance:
         assert disturbed.state() == undisturbed.state()
 
     def test_numpy_arrays_are_taken_like_lists(self, make: Make) -> None:
+        """`tell` takes numpy arrays, and the state stays plain JSON."""
         plain, arrays = make(ONE_FAILED, 2), make(ONE_FAILED, 2)
         for _ in range(8):
             codes = plain.ask(4)
@@ -184,6 +195,7 @@ class OptimizerConformance:
         assert travelled(arrays.state()) == plain.state()
 
     def test_a_restored_search_continues_exactly(self, make: Make) -> None:
+        """A search restored from its state, through JSON, asks for the same codes as the original."""
         for trials, batch in ((0, 1), (1, 1), (7, 1), (10, 1), (33, 1), (24, 3), (38, 10)):
             for told in (True, False):
                 self.check_restores(make, trials, batch, told=told or trials == 0)
@@ -203,6 +215,7 @@ class OptimizerConformance:
         assert restored.state() == original.state()
 
     def test_saving_does_not_change_the_search(self, make: Make) -> None:
+        """`state` may be called at any time and changes nothing."""
         quiet, saved = make(ONE_FAILED, 4), make(ONE_FAILED, 4)
         codes = search(quiet, 40)
         for code in codes:
@@ -212,6 +225,7 @@ class OptimizerConformance:
             saved.tell([code], [slope(code)])
 
     def test_the_state_of_another_space_is_refused(self, make: Make, optimizer: Optimizer) -> None:
+        """The state of a search in another space is refused with InputError and not taken over."""
         before = travelled(optimizer.state())
         for other in (GaitSpace((2,)), *self.spaces[1:2]):
             with pytest.raises(InputError, match="optimizer state: got"):
@@ -219,6 +233,7 @@ class OptimizerConformance:
             assert optimizer.state() == before
 
     def test_the_state_of_another_optimizer_is_refused(self, optimizer: Optimizer) -> None:
+        """The state of an optimizer of another name is refused with InputError and not taken over."""
         before = travelled(optimizer.state())
         with pytest.raises(InputError, match="optimizer state: got"):
             optimizer.restore(before | {"name": "unknown"})
@@ -227,6 +242,7 @@ class OptimizerConformance:
     def test_a_damaged_state_is_refused_and_nothing_is_taken_over(
         self, make: Make, optimizer: Optimizer
     ) -> None:
+        """A state that lacks a part is refused with InputError and not taken over."""
         search(optimizer, 13)
         before = travelled(optimizer.state())
         other = make(ONE_FAILED, 9)
@@ -239,6 +255,7 @@ class OptimizerConformance:
             assert optimizer.state() == before, part
 
     def test_500_equal_scores_do_no_harm(self, make: Make) -> None:
+        """500 equal scores neither raise nor hang; an exhausted search has asked for every code."""
         for space in self.spaces:
             optimizer = make(space, 6)
             codes = search(optimizer, 500, landscape=lambda _: 1e9)
@@ -246,11 +263,13 @@ class OptimizerConformance:
             assert len(codes) == 500 or (optimizer.exhausted and sorted(codes) == every)
 
     def test_a_landscape_of_failures_with_one_good_code_does_no_harm(self, make: Make) -> None:
+        """A landscape of invalid trials with one valid code neither raises nor hangs."""
         optimizer = make(ONE_FAILED, 6)
         codes = search(optimizer, 300, batch=10, landscape=lambda code: 0.01 if code == 60 else 1e9)
         assert set(codes) <= set(range(1, 121))
 
     def test_another_score_for_the_same_code_is_taken(self, make: Make) -> None:
+        """A code may get another score each time: trials on a robot are noisy."""
         optimizer, random = make(ONE_FAILED, 6), np.random.default_rng(0)
         search(optimizer, 200, landscape=lambda code: slope(code) + random.normal())
         travelled(optimizer.state())

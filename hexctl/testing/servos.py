@@ -45,23 +45,27 @@ class LegServosConformance:
         return fresh
 
     def test_robot_and_clock_are_readable_before_connecting(self, fresh: LegServos) -> None:
+        """Robot and clock can be read before the servos are connected."""
         assert fresh.robot.stance_angles_rad.shape == (N_JOINTS,)
         assert fresh.clock.period_s == PERIOD_S
         assert fresh.clock.overruns == 0
 
     def test_nothing_is_read_or_written_before_connecting(self, fresh: LegServos) -> None:
+        """`read` and `write` raise RobotFaultError that names `connect` before it was called."""
         with pytest.raises(RobotFaultError, match="connect"):
             fresh.read()
         with pytest.raises(RobotFaultError, match="connect"):
             fresh.write(JointTargets(fresh.robot.stance_angles_rad, 0.0))
 
     def test_connecting_twice_changes_nothing(self, servos: LegServos) -> None:
+        """A second `connect` moves nothing and loses no state."""
         move(servos, servos.robot.stance_angles_rad + 0.02, ticks=TICKS_PER_SECOND)
         before = servos.read()
         servos.connect()
         np.testing.assert_array_equal(servos.read().joint_positions_rad, before.joint_positions_rad)
 
     def test_closing_twice_or_before_connecting_changes_nothing(self, fresh: LegServos) -> None:
+        """`close` may come before `connect` and twice; then `read` and `write` are refused."""
         fresh.close()
         fresh.connect()
         fresh.close()
@@ -72,6 +76,7 @@ class LegServosConformance:
             fresh.write(JointTargets(fresh.robot.stance_angles_rad, fresh.clock.now_s))
 
     def test_a_with_statement_connects_and_closes(self, fresh: LegServos) -> None:
+        """A with statement connects at its begin and closes at its end."""
         with fresh as entered:
             assert entered is fresh
             assert fresh.read().joint_positions_rad.shape == (N_JOINTS,)
@@ -79,12 +84,14 @@ class LegServosConformance:
             fresh.read()
 
     def test_a_with_statement_closes_after_an_error_and_lets_it_through(self, fresh: LegServos) -> None:
+        """A with statement closes after an error in its block, which it passes on."""
         with pytest.raises(ZeroDivisionError), fresh:
             raise ZeroDivisionError
         with pytest.raises(RobotFaultError):
             fresh.read()
 
     def test_after_closing_the_robot_can_be_reached_again(self, servos: LegServos) -> None:
+        """Closed servos can be connected again; their clock's ticks continue to grow."""
         move(servos, servos.robot.stance_angles_rad + 0.02, ticks=10)
         last = servos.clock.tick()
         servos.close()
@@ -94,6 +101,7 @@ class LegServosConformance:
         self.check_reaches(servos, servos.robot.stance_angles_rad - 0.02)
 
     def test_ticks_lie_on_a_grid_and_grow(self, servos: LegServos) -> None:
+        """Ticks grow, lie at multiples of the control period, and are never early."""
         ticks = []
         for _ in range(20):
             ticks.append(servos.clock.tick())
@@ -104,17 +112,20 @@ class LegServosConformance:
             assert tick.late_s >= 0
 
     def test_time_is_on_the_axis_of_the_ticks(self, servos: LegServos) -> None:
+        """The time of the clock is never before its last tick."""
         for _ in range(5):
             tick = servos.clock.tick()
             assert servos.clock.now_s >= tick.time_s - 1e-9
             hold(servos)
 
     def test_a_state_has_the_shapes_that_it_promises(self, servos: LegServos) -> None:
+        """A state has the shapes, types and ranges that `RobotState` documents."""
         check_state(servos.read(), servos)
         servos.clock.tick()
         check_state(servos.read(), servos)
 
     def test_reading_again_within_a_tick_changes_nothing(self, servos: LegServos) -> None:
+        """Reading again within a tick gives the same state and takes no control period."""
         tick, skipped = servos.clock.tick(), servos.clock.overruns
         hold(servos)
         first = servos.read()
@@ -124,6 +135,7 @@ class LegServosConformance:
         assert servos.clock.tick().index == tick.index + 1 + servos.clock.overruns - skipped
 
     def test_a_state_is_not_changed_by_what_comes_later(self, servos: LegServos) -> None:
+        """The arrays of a state stay as they are when the robot moves on."""
         state = servos.read()
         kept = [None if array is None else array.copy() for array in arrays_of(state)]
         move(servos, servos.robot.stance_angles_rad + 0.02, ticks=20)
@@ -131,6 +143,7 @@ class LegServosConformance:
             np.testing.assert_array_equal(array, copy)
 
     def test_writing_into_a_state_does_not_change_the_robot(self, servos: LegServos) -> None:
+        """The arrays of a state are the caller's: writing into them moves nothing."""
         state, expected = servos.read(), servos.read()
         for array in arrays_of(state):
             if array is not None:
@@ -139,18 +152,21 @@ class LegServosConformance:
             np.testing.assert_array_equal(array, untouched)
 
     def test_messages_are_counted(self, servos: LegServos) -> None:
+        """`link_counts` holds whole numbers, which the guard passes on."""
         servos.clock.tick()
         servos.read()
         assert all(isinstance(n, int) and n >= 0 for n in servos.link_counts.values())
         assert Guard(servos).link_counts == servos.link_counts
 
     def test_write_returns_what_was_sent(self, servos: LegServos) -> None:
+        """`write` gives the targets that were really sent."""
         servos.clock.tick()
         wanted = servos.robot.stance_angles_rad + 0.01
         sent = servos.write(JointTargets(wanted, servos.clock.now_s))
         np.testing.assert_array_equal(sent.positions_rad, wanted)
 
     def test_targets_are_taken_over_when_they_are_written(self, servos: LegServos) -> None:
+        """An array of targets may be changed by its owner once `write` is over."""
         wanted = servos.robot.stance_angles_rad + 0.02
         mine = wanted.copy()
         for _ in range(TICKS_PER_SECOND):
@@ -162,10 +178,12 @@ class LegServosConformance:
         np.testing.assert_allclose(reached, wanted, atol=self.tolerance_rad)
 
     def test_a_small_change_is_reached_within_a_second(self, servos: LegServos) -> None:
+        """Each joint is within `tolerance_rad` of a target near its stance after a second."""
         self.check_reaches(servos, servos.robot.stance_angles_rad + np.tile([0.1, -0.06, 0.06], N_LEGS))
         self.check_reaches(servos, servos.robot.stance_angles_rad + np.tile([-0.1, 0.06, -0.06], N_LEGS))
 
     def test_targets_that_are_not_finite_are_refused(self, servos: LegServos) -> None:
+        """Targets with NaN or infinity are refused with CommandRefusedError, and nothing moves."""
         stance_rad = servos.robot.stance_angles_rad
         spoiled = [stance_rad + 0.1 for _ in range(6)]
         for wanted, (bad, joint) in zip(
@@ -175,6 +193,7 @@ class LegServosConformance:
         self.check_refused(servos, spoiled)
 
     def test_targets_of_another_shape_are_refused(self, servos: LegServos) -> None:
+        """Targets of another shape than (18,) are refused with CommandRefusedError, and nothing moves."""
         shapes: list[tuple[int, ...]] = [(), (0,), (N_JOINTS - 1,), (N_JOINTS + 1,), (6, 3), (1, N_JOINTS)]
         self.check_refused(servos, [np.full(shape, 0.1) for shape in shapes])
 
