@@ -71,12 +71,13 @@ def solve_legs(robot: Robot, feet_body: FloatArray) -> LegAngles:
         feet_body: leading shape + (6, 3) in m.
     """
     from_mount = feet_body - robot.mount_positions_body
-    coxa = np.arctan2(from_mount[..., 1], from_mount[..., 0]) - robot.mount_yaws_rad
-    outward = np.sqrt(from_mount[..., 0] ** 2 + from_mount[..., 1] ** 2) - robot.link_vectors_m[0, 0]
-    up = from_mount[..., 2] - robot.link_vectors_m[0, 1]
-    _, femur_length, tibia_length = robot.link_lengths_m
-    _, femur_slope, tibia_slope = robot.link_slopes_rad
+    x, y, z = from_mount[..., 0], from_mount[..., 1], from_mount[..., 2]
+    coxa_outward, coxa_up = robot.link_vectors_m[0].tolist()
+    _, femur_length, tibia_length = robot.link_lengths_m.tolist()
+    _, femur_slope, tibia_slope = robot.link_slopes_rad.tolist()
 
+    coxa = np.arctan2(y, x) - robot.mount_yaws_rad
+    outward, up = np.sqrt(x**2 + y**2) - coxa_outward, z - coxa_up
     distance = np.sqrt(outward**2 + up**2)
     least, most = abs(femur_length - tibia_length), femur_length + tibia_length
     reachable = (distance >= least) & (distance <= most)
