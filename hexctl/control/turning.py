@@ -7,9 +7,11 @@ from hexctl.control.controllers import Controller, Walk, check_walk, soft_stop_s
 from hexctl.control.plan import TrialPlan
 from hexctl.gait.foot_trajectory import RAMP_DURATION_S
 from hexctl.gait.gait import Gait, Motion, half_amplitude_turn_rate_rad_s, make_gait
+from hexctl.ik.legs import foot_positions_body
+from hexctl.robot.failure import Failure
 from hexctl.robot.model import Robot
 from hexctl.robot.rotations import wrapped_rad, yaw_rad
-from hexctl.types import FloatArray, RobotState
+from hexctl.types import JOINT_KINDS, FloatArray, RobotState, leg_slice
 
 #: Smallest angle worth turning for; the walk's heading makes up for what is left.
 CLOSE_ENOUGH_RAD = math.radians(2.0)
@@ -36,9 +38,23 @@ def turn_needed_rad(robot: Robot, plan: TrialPlan) -> float:
     if plan.belief is None or plan.self_rotation == "none":
         return 0.0
     wanted_rad = plan.heading_rad + (math.pi if plan.self_rotation == "rear" else 0.0)
-    turn_rad = wrapped_rad(wanted_rad - float(robot.leg_azimuths_rad[plan.belief.leg - 1]))
+    turn_rad = wrapped_rad(wanted_rad - failed_foot_azimuth_rad(robot, plan.belief))
     # Half a turn goes either way; rounding must not choose.
     return abs(turn_rad) if abs(turn_rad) > math.pi - 1e-6 else turn_rad
+
+
+def failed_foot_azimuth_rad(robot: Robot, failure: Failure) -> float:
+    """Direction of the foot of a failed leg from the body's vertical axis.
+
+    That of its stance; of a leg with a jammed joint, the one in which the jam puts the foot while the other
+    two joints are in the stance.
+    """
+    if failure.kind != "stuck":
+        return float(robot.leg_azimuths_rad[failure.leg - 1])
+    joints_rad = robot.stance_angles_rad.copy()
+    joints_rad[leg_slice(failure.leg)][JOINT_KINDS.index(failure.joint)] = failure.angle_rad
+    x, y, _ = foot_positions_body(robot, joints_rad)[failure.leg - 1].tolist()
+    return math.atan2(y, x)
 
 
 def turn_motion(robot: Robot, turn_rad: float) -> Motion:

@@ -14,9 +14,9 @@ from hexctl.errors import InputError
 from hexctl.robot.configs import find_config, read_mapping, validate
 from hexctl.robot.meshes import Meshes, read_meshes
 from hexctl.robot.model import Body, GaitDefaults, Robot, ServoModel, stance_angles
-from hexctl.robot.schema import LinkSection, MountSection, RobotSchema
+from hexctl.robot.schema import JointSection, LinkSection, MountSection, RobotSchema
 from hexctl.robot.servo_map import ServoMap, servo_map_of
-from hexctl.types import JOINT_NAMES, N_LEGS, FloatArray
+from hexctl.types import JOINT_KINDS, JOINT_NAMES, N_LEGS, FloatArray
 
 
 @dataclass(frozen=True)
@@ -94,7 +94,7 @@ def _build(schema: RobotSchema) -> Robot:
     robot = Robot(
         name=schema.name,
         size_m=schema.size_m,
-        body=Body(schema.body.shape, schema.body.size_m, schema.body.mass_kg),
+        body=Body(**schema.body.model_dump()),
         mount_positions_body=positions,
         mount_yaws_rad=yaws,
         link_vectors_m=np.array([link.end_m for link in links]),
@@ -109,6 +109,10 @@ def _build(schema: RobotSchema) -> Robot:
         stance_angles_rad=angles,
         servo=ServoModel(**schema.servo.model_dump()),
         gait=GaitDefaults(**schema.gait.model_dump()),
+        link_coms_m=_link_coms(links),
+        joint_stiffness_nm_per_rad=_stiffness(schema, joints),
+        joint_dry_friction_nm=_dry_friction(joints),
+        joint_no_load_speed_rad_s=_no_load_speeds(joints),
     )
     _check_stance_limits(robot)
     _check_leg_order(robot)
@@ -119,6 +123,41 @@ def _build(schema: RobotSchema) -> Robot:
 def _per_joint(values: list[float]) -> FloatArray:
     """Values per joint kind, repeated for all six legs, (18,)."""
     return np.tile(np.array(values), N_LEGS)
+
+
+def _link_coms(links: list[LinkSection]) -> FloatArray | None:
+    """Centres of mass of the links, (3, 2), or None where all are in the middle."""
+    if all(link.com_m is None for link in links):
+        return None
+    return np.array([np.array(link.end_m) / 2 if link.com_m is None else link.com_m for link in links])
+
+
+def _stiffness(schema: RobotSchema, joints: list[JointSection]) -> FloatArray | None:
+    """Stiffness of each joint, (18,), or None where all have the servo's."""
+    own = [joint.stiffness_nm_per_rad for joint in joints]
+    usual = schema.servo.stiffness_nm_per_rad
+    return _per_joint([one or usual for one in own]) if any(own) else None
+
+
+def _dry_friction(joints: list[JointSection]) -> FloatArray | None:
+    """Dry friction of each joint, (18,), or None without any."""
+    friction = [joint.dry_friction_nm for joint in joints]
+    return _per_joint(friction) if any(friction) else None
+
+
+def _no_load_speeds(joints: list[JointSection]) -> FloatArray | None:
+    """Speed without load of each joint, (18,), or None where torque does not depend on speed.
+
+    Either all three joint kinds have one or none has.
+    """
+    given = [joint.no_load_speed_deg_s for joint in joints]
+    known = [math.radians(speed) for speed in given if speed is not None]
+    if known and len(known) < len(given):
+        kind = JOINT_KINDS[given.index(None)]
+        raise InputError(
+            f"joints.{kind}: got no no_load_speed_deg_s; allowed: one for every joint kind, or for none"
+        )
+    return _per_joint(known) if known else None
 
 
 def _mounts(mounts: list[MountSection]) -> tuple[FloatArray, FloatArray]:

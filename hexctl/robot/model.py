@@ -2,31 +2,68 @@
 
 import hashlib
 import math
-from dataclasses import dataclass, fields
+from dataclasses import MISSING, dataclass, fields, is_dataclass
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from hexctl.errors import InputError, check_type
-from hexctl.types import JOINTS_PER_LEG, N_JOINTS, N_LEGS, ArrayFields, FloatArray, check_finite
+from hexctl.types import JOINTS_PER_LEG, N_JOINTS, N_LEGS, ArrayFields, FloatArray, check_finite, same_value
 
 
 @dataclass(frozen=True)
 class Body:
     """The trunk: a box or an upright cylinder, centred on the body frame.
 
-    `size_m` is length, width, height; a cylinder's diameter is its length.
+    Attributes:
+        shape: `box` or `cylinder`.
+        size_m: length, width, height; a cylinder's diameter is its length.
+        mass_kg: its mass.
+        com_m: centre of mass in the body frame.
+        inertia_kg_m2: moments of inertia about axes through the centre of mass that are parallel to the body
+            frame's; None for those of the shape with its mass spread evenly.
     """
 
     shape: str
     size_m: tuple[float, float, float]
     mass_kg: float
+    com_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    inertia_kg_m2: tuple[float, float, float] | None = None
 
     def __post_init__(self) -> None:
         check_type(self.shape, str, "body.shape")
         check_type(self.size_m, (tuple, list), "body.size_m", "length, width and height in m")
+        check_type(self.com_m, (tuple, list), "body.com_m", "x, y and z in m")
         object.__setattr__(self, "size_m", tuple(self.size_m))
+        object.__setattr__(self, "com_m", tuple(self.com_m))
+        if self.inertia_kg_m2 is not None:
+            object.__setattr__(self, "inertia_kg_m2", _possible_inertia(self.inertia_kg_m2))
+
+    @property
+    def even_box_m(self) -> tuple[float, float, float] | None:
+        """Length, width and height of the evenly filled box that has the trunk's mass and inertia.
+
+        A box of sides a, b, c has I_x = m (b^2 + c^2) / 12 and so on, so a^2 = 6 (I_y + I_z - I_x) / m.
+        None where the inertia is that of the shape.
+        """
+        if self.inertia_kg_m2 is None:
+            return None
+        whole = sum(self.inertia_kg_m2)
+        x, y, z = (math.sqrt(6 * (whole - 2 * own) / self.mass_kg) for own in self.inertia_kg_m2)
+        return x, y, z
+
+
+def _possible_inertia(given: Any) -> tuple[float, float, float]:
+    """Moments of inertia that a rigid body can have: above 0, and each below the sum of the other two."""
+    check_type(given, (tuple, list), "body.inertia_kg_m2", "moments about x, y and z in kg m2")
+    moments = tuple(given)
+    if len(moments) != 3 or not all(0 < moment < sum(moments) - moment for moment in moments):
+        raise InputError(
+            f"body.inertia_kg_m2: got {', '.join(f'{moment:g}' for moment in moments)}; "
+            "allowed: three moments above 0, each below the sum of the other two"
+        )
+    return moments
 
 
 @dataclass(frozen=True)
@@ -40,7 +77,10 @@ class GaitDefaults:
 
 @dataclass(frozen=True)
 class ServoModel:
-    """Position control of the simulated servos: torque = stiffness * error - damping * speed."""
+    """Position control of the simulated servos: torque = stiffness * error - damping * speed.
+
+    The stiffness holds for joints that have none of their own.
+    """
 
     stiffness_nm_per_rad: float
     damping_nm_s_per_rad: float
@@ -73,6 +113,12 @@ class Robot(ArrayFields):
         stance_angles_rad: joint angles that put the feet there, (18,).
         servo: the simulated servos' stiffness and damping.
         gait: default pace, amplitude and height.
+        link_coms_m: centres of mass of coxa, femur and tibia from their joints, (3, 2) as (outward, up); None
+            for the middles of the links.
+        joint_stiffness_nm_per_rad: (18,), or None for the servo's in all joints.
+        joint_dry_friction_nm: torque below which a joint does not turn, (18,), or None for none.
+        joint_no_load_speed_rad_s: speed at which no torque is left, (18,), or None where torque does not
+            depend on speed.
     """
 
     name: str
@@ -92,6 +138,10 @@ class Robot(ArrayFields):
     stance_angles_rad: FloatArray
     servo: ServoModel
     gait: GaitDefaults
+    link_coms_m: FloatArray | None = None
+    joint_stiffness_nm_per_rad: FloatArray | None = None
+    joint_dry_friction_nm: FloatArray | None = None
+    joint_no_load_speed_rad_s: FloatArray | None = None
 
     def __post_init__(self) -> None:
         check_type(self.name, str, "robot.name")
@@ -101,6 +151,9 @@ class Robot(ArrayFields):
             check_type(getattr(self, name), part, f"robot.{name}")
         for name, shape in _SHAPES.items():
             check_finite(getattr(self, name), shape, f"robot.{name}")
+        for name, shape in _OPTIONAL_SHAPES.items():
+            if getattr(self, name) is not None:
+                check_finite(getattr(self, name), shape, f"robot.{name}")
         self._freeze()
 
     def __repr__(self) -> str:
@@ -120,17 +173,48 @@ class Robot(ArrayFields):
 
     @cached_property
     def fingerprint(self) -> str:
-        """SHA-256 of the description: equal for two robots exactly if their descriptions are."""
+        """SHA-256 of the description: equal for two robots exactly if their descriptions are.
+
+        A field that has a default counts where it differs from it, with its name, so that a robot that
+        does without a new field keeps its fingerprint.
+        """
         digest = hashlib.sha256()
-        for field in fields(self):
-            value = getattr(self, field.name)
-            digest.update(value.tobytes() if isinstance(value, np.ndarray) else repr(value).encode())
+        for name, value in told_fields(self):
+            digest.update(value.tobytes() if isinstance(value, np.ndarray) else _text(value).encode())
+            if name in _OPTIONAL_SHAPES:
+                digest.update(name.encode())
         return digest.hexdigest()
 
     @cached_property
     def mass_kg(self) -> float:
         """Mass of the whole robot in kg."""
         return self.body.mass_kg + N_LEGS * float(self.link_masses_kg.sum())
+
+    @cached_property
+    def stiffness_nm_per_rad(self) -> FloatArray:
+        """Stiffness of each joint's servo, (18,)."""
+        own = self.joint_stiffness_nm_per_rad
+        return np.full(N_JOINTS, self.servo.stiffness_nm_per_rad) if own is None else own
+
+    @cached_property
+    def dry_friction_nm(self) -> FloatArray:
+        """Dry friction of each joint, (18,)."""
+        own = self.joint_dry_friction_nm
+        return np.zeros(N_JOINTS) if own is None else own
+
+    @cached_property
+    def back_emf_nm_s_per_rad(self) -> FloatArray:
+        """Torque that each joint's motor loses per speed, (18,): stall torque / no-load speed.
+
+        A direct-current motor at the share u of its voltage gives the torque
+
+            stall * u - (stall / no_load) * speed,  -1 <= u <= 1
+
+        so what it can give falls linearly from the stall torque to 0 at the no-load speed. Zero for joints
+        whose torque does not depend on speed.
+        """
+        no_load_rad_s = self.joint_no_load_speed_rad_s
+        return np.zeros(N_JOINTS) if no_load_rad_s is None else self.joint_max_torque_nm / no_load_rad_s
 
     @cached_property
     def standing_height_m(self) -> float:
@@ -173,6 +257,32 @@ _SHAPES = {
     "stance_feet_body": (N_LEGS, 3),
     "stance_angles_rad": (N_JOINTS,),
 }
+
+#: Shapes of a robot's arrays that may be left out.
+_OPTIONAL_SHAPES = {
+    "link_coms_m": (JOINTS_PER_LEG, 2),
+    "joint_stiffness_nm_per_rad": (N_JOINTS,),
+    "joint_dry_friction_nm": (N_JOINTS,),
+    "joint_no_load_speed_rad_s": (N_JOINTS,),
+}
+
+
+def told_fields(part: Any) -> list[tuple[str, Any]]:
+    """Names and values of the fields of a robot or a part of it, without those that are at their defaults."""
+    return [
+        (field.name, getattr(part, field.name))
+        for field in fields(part)
+        if field.default is MISSING or not same_value(getattr(part, field.name), field.default)
+    ]
+
+
+def _text(value: Any) -> str:
+    """The `repr` of a value; of a dataclass without the fields that are at their defaults."""
+    if not is_dataclass(value):
+        return repr(value)
+    content = ", ".join(f"{name}={part!r}" for name, part in told_fields(value))
+    return f"{type(value).__name__}({content})"
+
 
 Vector2 = tuple[float, float]
 

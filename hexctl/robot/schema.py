@@ -42,11 +42,13 @@ class Section(BaseModel):
 
 
 class BodySection(Section):
-    """The trunk."""
+    """The trunk; without `com_m` and `inertia_kg_m2` its mass fills its shape evenly."""
 
     shape: Literal["box", "cylinder"] = "box"
     size_m: tuple[Length, Length, Length]
     mass_kg: Mass
+    com_m: tuple[Coordinate, Coordinate, Coordinate] = (0.0, 0.0, 0.0)
+    inertia_kg_m2: tuple[Positive, Positive, Positive] | None = None
 
 
 class MountSection(Section):
@@ -68,11 +70,15 @@ class MountSection(Section):
 
 
 class LinkSection(Section):
-    """One link: the vector to its end at joint angle zero, as outward and up in the leg's plane."""
+    """One link: the vector to its end at joint angle zero, as outward and up in the leg's plane.
+
+    `com_m` is its centre of mass in the same form, its middle where left out.
+    """
 
     end_m: tuple[Coordinate, Coordinate]
     mass_kg: Mass
     radius_m: Length
+    com_m: tuple[Coordinate, Coordinate] | None = None
 
     @field_validator("end_m")
     @classmethod
@@ -91,18 +97,39 @@ class LinksSection(Section):
 
 
 class JointSection(Section):
-    """Range, speed and torque of one joint."""
+    """Range, speed and torque of one joint.
+
+    The rest may be left out: dry friction, the speed without load at which no torque is left, and a stiffness
+    other than the servo's.
+    """
 
     min_deg: AngleDeg
     max_deg: AngleDeg
     max_speed_deg_s: Positive
     max_torque_nm: Positive
+    dry_friction_nm: Annotated[Number, Field(ge=0, allow_inf_nan=False)] = 0.0
+    no_load_speed_deg_s: Positive | None = None
+    stiffness_nm_per_rad: Positive | None = None
 
     @model_validator(mode="after")
     def _ordered(self) -> Self:
         if self.min_deg >= self.max_deg:
             raise ValueError(
                 f"got min_deg {self.min_deg:g} and max_deg {self.max_deg:g}; allowed: min_deg below max_deg"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _can_turn(self) -> Self:
+        if self.dry_friction_nm >= self.max_torque_nm:
+            raise ValueError(
+                f"got dry_friction_nm {self.dry_friction_nm:g} and max_torque_nm {self.max_torque_nm:g}; "
+                "allowed: a friction below the torque"
+            )
+        if self.no_load_speed_deg_s is not None and self.no_load_speed_deg_s < self.max_speed_deg_s:
+            raise ValueError(
+                f"got max_speed_deg_s {self.max_speed_deg_s:g} and no_load_speed_deg_s "
+                f"{self.no_load_speed_deg_s:g}; allowed: max_speed_deg_s up to the speed without load"
             )
         return self
 

@@ -5,13 +5,13 @@ import os
 import pwd
 import socket
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass, fields, is_dataclass
+from dataclasses import asdict, dataclass, is_dataclass
 from typing import Any
 
 import numpy as np
 
 from hexctl.errors import InputError, MessageError, RobotFaultError, argument
-from hexctl.robot.model import Body, GaitDefaults, Robot, ServoModel
+from hexctl.robot.model import Body, GaitDefaults, Robot, ServoModel, told_fields
 from hexctl.types import JOINT_NAMES
 from hexctl.wire import MAX_PAYLOAD_BYTES, PROTOCOL_VERSION
 from hexctl.wire.links import Link
@@ -118,7 +118,7 @@ def describe(robot: Robot) -> dict[str, Any]:
     return {
         "protocol": PROTOCOL_VERSION,
         "joints": list(JOINT_NAMES),
-        "robot": {field.name: _plain(getattr(robot, field.name)) for field in fields(robot)},
+        "robot": _plain(robot),
     }
 
 
@@ -187,7 +187,7 @@ def _plain(value: object) -> Any:
     if isinstance(value, np.ndarray):
         return value.tolist()
     if is_dataclass(value) and not isinstance(value, type):
-        return {name: _plain(part) for name, part in asdict(value).items()}
+        return {name: _plain(part) for name, part in told_fields(value)}
     return list(value) if isinstance(value, tuple) else value
 
 

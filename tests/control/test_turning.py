@@ -10,6 +10,7 @@ from hexctl.control.log import TickLog
 from hexctl.control.plan import TrialPlan
 from hexctl.control.trial import run_trial
 from hexctl.control.turning import turn_needed_rad
+from hexctl.ik.legs import foot_positions_body
 from hexctl.robot.failure import Failure
 from tests.control.posed import PosedMock
 from tests.robots import ROBOT_NAMES, shipped
@@ -43,6 +44,38 @@ def test_the_turn_takes_the_heading_into_account() -> None:
 def test_nothing_to_turn_without_a_failed_leg_or_when_told_not_to() -> None:
     assert turn_needed_rad(shipped(), TrialPlan(gait=gait_of(shipped()))) == 0
     assert _needed_deg(2, self_rotation="none") == 0
+
+
+@pytest.mark.parametrize("name", ROBOT_NAMES)
+def test_the_foot_of_a_jammed_leg_is_where_the_jam_puts_it(name: str) -> None:
+    """Leg 5 with its coxa at +30 deg: the foot stands further forward than the leg's stance."""
+    robot = shipped(name)
+    failure = Failure(leg=5, kind="stuck", joint="coxa", angle_rad=math.radians(30))
+    mount, foot = robot.mount_positions_body[4, :2], robot.stance_feet_body[4, :2]
+    cos, sin = math.cos(failure.angle_rad), math.sin(failure.angle_rad)
+    x, y = np.array([[cos, -sin], [sin, cos]]) @ (foot - mount) + mount
+    plan = TrialPlan(gait=gait_of(robot), belief=failure)
+    wanted_deg = math.remainder(180 - math.degrees(math.atan2(y, x)), 360)
+    assert math.degrees(turn_needed_rad(robot, plan)) == pytest.approx(wanted_deg, abs=1e-9)
+
+
+def test_a_jam_in_the_legs_own_plane_does_not_change_the_turn() -> None:
+    failure = Failure(leg=5, kind="stuck", joint="femur", angle_rad=math.radians(30))
+    assert turn_needed_rad(shipped(), TrialPlan(gait=gait_of(shipped()), belief=failure)) == pytest.approx(
+        math.radians(-60)
+    )
+
+
+def test_a_jammed_foot_trails_when_the_walk_begins() -> None:
+    outcome = walk(
+        failure=Failure(leg=5, kind="stuck", joint="coxa", angle_rad=math.radians(30)), duration_s=0.02
+    )
+    start, frame = outcome.log.rows_of("walk").start, outcome.log.frame
+    assert frame is not None
+    joints = outcome.log["measured_rad"][start]
+    x, y, _ = foot_positions_body(shipped(), joints)[4]
+    off_rad = frame.yaw_rad + math.atan2(y, x) - frame.heading_rad - math.pi
+    assert abs(math.degrees(math.remainder(off_rad, math.tau))) < 3
 
 
 def _leg_off_deg(outcome: Outcome, robot_name: str, leg: int, wanted_deg: float) -> float:

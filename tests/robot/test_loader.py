@@ -71,6 +71,32 @@ def test_shipped_robots_have_their_legs_counter_clockwise_from_the_front(name: s
     assert robot.stance_feet_body[0, 0] > 0, "leg 1 stands in front"
 
 
+def test_what_a_joint_may_leave_out_is_without_friction_at_any_speed_and_of_the_servos_stiffness() -> None:
+    ant = shipped("ant")
+    np.testing.assert_array_equal(ant.dry_friction_nm, np.zeros(18))
+    np.testing.assert_array_equal(ant.back_emf_nm_s_per_rad, np.zeros(18))
+    np.testing.assert_array_equal(ant.stiffness_nm_per_rad, np.full(18, 15.0))
+    assert (ant.body.com_m, ant.body.inertia_kg_m2, ant.link_coms_m) == ((0, 0, 0), None, None)
+
+
+def test_friction_stiffness_and_speed_without_load_are_per_joint_kind(tmp_path: Path) -> None:
+    edits = [put("joints", kind, "no_load_speed_deg_s", 720) for kind in ("coxa", "femur", "tibia")]
+    edits += [
+        put("joints", "tibia", "stiffness_nm_per_rad", 9.0),
+        put("joints", "femur", "dry_friction_nm", 0.1),
+    ]
+    robot = load_robot(edited_file(tmp_path, *edits))
+    np.testing.assert_array_equal(robot.stiffness_nm_per_rad, np.tile([15.0, 15.0, 9.0], 6))
+    np.testing.assert_array_equal(robot.dry_friction_nm, np.tile([0.0, 0.1, 0.0], 6))
+    np.testing.assert_allclose(robot.back_emf_nm_s_per_rad, 2.5 / (4 * np.pi))
+
+
+def test_links_without_a_centre_of_mass_have_it_in_the_middle(tmp_path: Path) -> None:
+    robot = load_robot(edited_file(tmp_path, put("links", "tibia", "com_m", [0.03, 0.01])))
+    assert robot.link_coms_m is not None
+    np.testing.assert_allclose(robot.link_coms_m, [[0.02515, -0.0056], [0.0362, 0], [0.03, 0.01]])
+
+
 RAISED = [(1, 0.04, 0.0692820323, 60), (4, -0.04, -0.0692820323, 240)]
 
 
@@ -194,6 +220,31 @@ BAD_VALUES: dict[str, tuple[Edit, list[str]]] = {
     "angle beyond a turn": (put("joints", "coxa", "max_deg", 400), ["joints.coxa.max_deg", "400", "360"]),
     "range upside down": (_swapped_range, ["joints.femur", "min_deg 40", "max_deg -30", "below"]),
     "unknown shape": (put("body", "shape", "ball"), ["body.shape", "'ball'", "'box' or 'cylinder'"]),
+    "an inertia that no body has": (
+        put("body", "inertia_kg_m2", [0.001, 0.001, 0.003]),
+        ["body.inertia_kg_m2", "0.001, 0.001, 0.003", "below the sum of the other two"],
+    ),
+    "a negative inertia": (
+        put("body", "inertia_kg_m2", [0.001, -0.001, 0.001]),
+        ["body.inertia_kg_m2[1]", "-0.001", "above 0"],
+    ),
+    "a centre of mass in the plane": (put("body", "com_m", [0.0, 0.1]), ["body.com_m", "[0.0, 0.1]"]),
+    "friction above the torque": (
+        put("joints", "femur", "dry_friction_nm", 2.5),
+        ["joints.femur", "dry_friction_nm 2.5", "max_torque_nm 2.5", "below the torque"],
+    ),
+    "faster than without load": (
+        put("joints", "femur", "no_load_speed_deg_s", 300),
+        ["joints.femur", "max_speed_deg_s 360", "no_load_speed_deg_s 300", "up to the speed without load"],
+    ),
+    "a speed without load for one joint": (
+        put("joints", "coxa", "no_load_speed_deg_s", 400),
+        ["joints.femur", "no no_load_speed_deg_s", "every joint kind, or for none"],
+    ),
+    "no stiffness": (
+        put("joints", "tibia", "stiffness_nm_per_rad", 0),
+        ["joints.tibia.stiffness_nm_per_rad", "got 0", "above 0"],
+    ),
     "name with spaces": (put("name", "My Robot!"), ["name", "'My Robot!'", "allowed"]),
     "link of length zero": (
         put("links", "femur", "end_m", [0, 0]),

@@ -7,9 +7,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from hexctl.errors import InputError
 from hexctl.robot.loader import load_robot
+from hexctl.robot.model import Body
 from hexctl.types import N_JOINTS
 from tests.robots import ROBOT_NAMES, edited_file, put, shipped
 
@@ -26,6 +29,57 @@ def test_equal_descriptions_have_equal_fingerprints(tmp_path: Path) -> None:
     assert load_robot("ant").fingerprint == load_robot("ant").fingerprint
     other = load_robot(edited_file(tmp_path, put("body", "mass_kg", 0.11)))
     assert other.fingerprint != load_robot("ant").fingerprint
+
+
+#: Fingerprints that sessions and priors were written with.
+FINGERPRINTS = {
+    "ant": "bd0d38a18059a3ae7bb9be6228a1d318fc4110ecf98e8568c9a018ec406e4619",
+    "pexod": "03474e14803b036830878662745cd09400e0c374e30be028085a2f8d58fe84c5",
+}
+
+
+@pytest.mark.parametrize("name", FINGERPRINTS)
+def test_a_robot_that_uses_no_new_key_keeps_its_fingerprint(name: str, tmp_path: Path) -> None:
+    """Sessions and priors of earlier versions name it."""
+    assert shipped(name).fingerprint == FINGERPRINTS[name]
+    spelled_out = edited_file(
+        tmp_path,
+        put("body", "com_m", [0.0, 0.0, 0.0]),
+        put("joints", "coxa", "dry_friction_nm", 0),
+        base=name,
+    )
+    assert load_robot(spelled_out).fingerprint == FINGERPRINTS[name]
+
+
+NEW_KEYS = {
+    "centre of mass": put("body", "com_m", [0.0, 0.0, 0.01]),
+    "inertia": put("body", "inertia_kg_m2", [0.001, 0.001, 0.001]),
+    "centre of mass of a link": put("links", "femur", "com_m", [0.03, 0.0]),
+    "friction": put("joints", "coxa", "dry_friction_nm", 0.1),
+    "stiffness": put("joints", "coxa", "stiffness_nm_per_rad", 9.0),
+}
+
+
+def test_each_new_key_makes_another_robot(tmp_path: Path) -> None:
+    robots = [load_robot(edited_file(tmp_path, edit)) for edit in NEW_KEYS.values()]
+    assert len({robot.fingerprint for robot in [*robots, shipped()]}) == len(NEW_KEYS) + 1
+    assert all(robot != shipped() for robot in robots)
+
+
+@given(st.tuples(*[st.floats(1e-5, 0.1)] * 3), st.floats(0.05, 5))
+def test_the_even_box_has_the_inertia_or_the_inertia_is_refused(
+    moments: tuple[float, float, float], mass_kg: float
+) -> None:
+    possible = all(2 * own < sum(moments) * (1 - 1e-9) for own in moments)
+    if not possible:
+        if any(2 * own > sum(moments) * (1 + 1e-9) for own in moments):
+            with pytest.raises(InputError, match="each below the sum of the other two"):
+                Body("box", (0.1, 0.1, 0.1), mass_kg, inertia_kg_m2=moments)
+        return
+    box = Body("box", (0.1, 0.1, 0.1), mass_kg, inertia_kg_m2=moments).even_box_m
+    assert box is not None
+    x, y, z = np.square(box)
+    np.testing.assert_allclose(mass_kg / 12 * np.array([y + z, x + z, x + y]), moments, rtol=1e-9)
 
 
 def test_a_robot_that_travelled_is_still_read_only() -> None:

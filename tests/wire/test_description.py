@@ -4,6 +4,7 @@ import os
 import socket
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from hexctl.errors import InputError, MessageError, RobotFaultError
@@ -92,3 +93,28 @@ def test_what_is_no_json_object_is_refused(payload: bytes) -> None:
 def test_a_description_of_no_robot_is_refused(spoil: dict[str, object]) -> None:
     with pytest.raises(RobotFaultError, match="describes itself"):
         robot_of(spoil)
+
+
+def test_a_robot_with_masses_and_friction_of_its_own_arrives_whole() -> None:
+    body = replace(shipped().body, com_m=(0.01, 0.0, 0.02), inertia_kg_m2=(1e-4, 1e-4, 1.5e-4))
+    robot = replace(
+        shipped(),
+        body=body,
+        joint_dry_friction_nm=np.full(18, 0.1),
+        joint_no_load_speed_rad_s=np.full(18, 7.0),
+        joint_stiffness_nm_per_rad=np.arange(1.0, 19.0),
+        link_coms_m=np.full((3, 2), 0.01),
+    )
+    answer = decode_json(encode_json(describe(robot)))
+    assert robot_of(answer) == robot
+    assert robot_of(answer).fingerprint == robot.fingerprint
+    check_same_robot(answer, robot)
+    with pytest.raises(RobotFaultError, match=r"another one: body\.com_m"):
+        check_same_robot(answer, replace(robot, body=shipped().body))
+
+
+def test_a_robot_that_uses_no_new_key_is_described_as_before() -> None:
+    """An earlier version at the other end compares every key."""
+    told = describe(shipped())["robot"]
+    assert told["body"].keys() == {"shape", "size_m", "mass_kg"}
+    assert not [name for name in told if name.endswith(("friction_nm", "load_speed_rad_s", "coms_m"))]

@@ -17,6 +17,13 @@ from hexctl.types import JOINTS_PER_LEG, N_LEGS, FloatArray
 #: Two places or angles this near are the same, in m and rad.
 SAME = 1e-4
 
+#: Trunks' centres of mass this near are the same, in m. The worlds of a prior shift them by up to 15 mm each
+#: way, and a sample has to be plausible, not exact.
+SAME_COM_M = 4e-3
+
+#: Moments of inertia are the same up to this share.
+SAME_INERTIA = 0.05
+
 
 @dataclass(frozen=True)
 class Symmetry:
@@ -86,7 +93,7 @@ class Symmetries:
         robot = self._robot
         flip = -1.0 if mirrored else 1.0
         turn_rad = float(robot.mount_yaws_rad[goal] - flip * robot.mount_yaws_rad[0])
-        if not self._trunk_allows(turn_rad):
+        if not self._trunk_allows(turn_rad, flip):
             return None
         legs = []
         for leg in range(N_LEGS):
@@ -96,13 +103,24 @@ class Symmetries:
             legs.append(at + 1)
         return Symmetry(tuple(legs), mirrored, turn_rad)
 
-    def _trunk_allows(self, turn_rad: float) -> bool:
-        """Whether the trunk is the same after a turn; every trunk is after a mirroring."""
+    def _trunk_allows(self, turn_rad: float, flip: float) -> bool:
+        """Whether the trunk is the same after an optional mirroring and then a turn.
+
+        Its shape is after every mirroring, its inertia too, and its centre of mass where it lies in the plane
+        of the mirror.
+        """
         body = self._robot.body
+        com_m = np.array(body.com_m)
+        if np.linalg.norm(_moved(com_m, turn_rad, flip) - com_m) > SAME_COM_M:
+            return False
+        half = abs(math.remainder(turn_rad, math.pi)) < SAME
+        x, y, _ = body.inertia_kg_m2 or (1.0, 1.0, 1.0)
+        if abs(x - y) > SAME_INERTIA * max(x, y) and not half:
+            return False
         if body.shape == "cylinder":
             return True
-        quarter = math.pi / 2 if body.size_m[0] == body.size_m[1] else math.pi
-        return abs(math.remainder(turn_rad, quarter)) < SAME
+        square = body.size_m[0] == body.size_m[1]
+        return half or (square and abs(math.remainder(turn_rad, math.pi / 2)) < SAME)
 
     def _leg_at(self, turn_rad: float, flip: float, leg: int) -> int | None:
         """Leg whose place a moved leg takes, with the same joint limits, or None."""

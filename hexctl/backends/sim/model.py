@@ -12,7 +12,7 @@ from hexctl.backends.sim.terrain import ROUGH_CELLS, ROUGH_HALF_SIZE_M, Floor, m
 from hexctl.backends.sim.world import World
 from hexctl.errors import InputError
 from hexctl.robot.failure import Failure
-from hexctl.robot.model import Robot
+from hexctl.robot.model import Body, Robot
 from hexctl.types import (
     JOINT_KINDS,
     JOINTS_PER_LEG,
@@ -27,12 +27,19 @@ from hexctl.types import (
 #: Where the joints begin in qpos: after the free joint's position and quaternion.
 FIRST_JOINT = 7
 
+#: Where the joints begin in qvel: after the free joint's velocities.
+FIRST_SPEED = 6
+
 #: Passive damping of a gearbox without power, in N m s/rad.
 GEAR_DAMPING = 0.02
 
 #: A geom collides with the floor only; legs pass through one another.
 ROBOT_CONTACT = {"contype": 0, "conaffinity": 1}
 NO_CONTACT = {"contype": 0, "conaffinity": 0}
+
+#: Impedance of dry friction. With MuJoCo's 0.9 a joint creeps at degrees per second under half the torque
+#: that would break it loose; with this, at hundredths.
+STICTION = [0.999, 0.999, 0.001]
 
 #: Stiffness and torque limit of a jammed joint, as multiples of its servo's.
 JAM_STIFFNESS = 20.0
@@ -97,17 +104,19 @@ def _load_trunk(body: Any, robot: Robot, world: World) -> None:
         raise InputError(
             f"added_mass_share: got {world.added_mass_share:g}; allowed for {robot.name}: above {least:.3g}"
         )
-    shape = body.find("geom", "trunk")
+    # A solid beside the trunk's own carries the mass.
+    solid = body.find("geom", "mass") or body.find("geom", "trunk")
+    at = np.zeros(3) if solid.pos is None else np.array(solid.pos)
     body.find("body", "trunk").add(
         "geom",
         name="ballast",
-        type=shape.type,
-        size=shape.size,
-        pos=world.body_mass_shift_m,
+        type=solid.type,
+        size=solid.size,
+        pos=at + world.body_mass_shift_m,
         mass=mass_kg,
         **NO_CONTACT,
     )
-    shape.mass = 0
+    solid.mass = 0
 
 
 def _load_payload(body: Any, world: World) -> None:
@@ -224,6 +233,7 @@ def make_body(robot: Robot) -> Any:
         "cylinder": {"type": "cylinder", "size": [length / 2, height / 2]},
     }[robot.body.shape]
     trunk.add("geom", name="trunk", mass=robot.body.mass_kg, **shape, **ROBOT_CONTACT)
+    _place_mass(trunk, robot.body)
     for index in range(N_LEGS):
         mount = trunk.add(
             "site",
@@ -233,6 +243,24 @@ def make_body(robot: Robot) -> Any:
         )
         mount.attach(_make_leg(robot, f"leg{index + 1}"))
     return root
+
+
+def _place_mass(trunk: Any, body: Body) -> None:
+    """Give the trunk its own centre of mass and inertia, where the robot file has them.
+
+    A solid without contact carries the mass: the trunk's own shape, or the box that has the inertia.
+    """
+    box_m = body.even_box_m
+    if box_m is None and not any(body.com_m):
+        return
+    shape = trunk.geom["trunk"]
+    solid = (
+        {"type": shape.type, "size": shape.size}
+        if box_m is None
+        else {"type": "box", "size": [side / 2 for side in box_m]}
+    )
+    trunk.add("geom", name="mass", pos=body.com_m, mass=body.mass_kg, **solid, **NO_CONTACT)
+    shape.mass = 0
 
 
 def _make_leg(robot: Robot, name: str) -> Any:
@@ -256,6 +284,7 @@ def _make_leg(robot: Robot, name: str) -> Any:
             mass=robot.link_masses_kg[index],
             **contact,
         )
+        _shift_link_mass(link, robot, index)
         parent = link
     parent.add(
         "geom", name="foot", type="sphere", pos=start, size=[robot.foot_radius_m], mass=0, **ROBOT_CONTACT
@@ -263,6 +292,26 @@ def _make_leg(robot: Robot, name: str) -> Any:
     touch = parent.add("site", name="foot", type="sphere", pos=start, size=[1.5 * robot.foot_radius_m])
     leg.sensor.add("touch", name="foot", site=touch)
     return leg
+
+
+def _shift_link_mass(link: Any, robot: Robot, index: int) -> None:
+    """Move the mass of a link to its centre of mass, where the robot file has one."""
+    if robot.link_coms_m is None:
+        return
+    shape = link.geom[JOINT_KINDS[index]]
+    off = robot.link_coms_m[index] - robot.link_vectors_m[index] / 2
+    start = [off[0], 0.0, off[1]]
+    end = [off[0] + robot.link_vectors_m[index][0], 0.0, off[1] + robot.link_vectors_m[index][1]]
+    link.add(
+        "geom",
+        name=f"{JOINT_KINDS[index]}_mass",
+        type="capsule",
+        fromto=[*start, *end],
+        size=shape.size,
+        mass=shape.mass,
+        **NO_CONTACT,
+    )
+    shape.mass = 0
 
 
 def _link_end(robot: Robot, index: int) -> list[float]:
@@ -280,6 +329,7 @@ def _add_servo(leg: Any, link: Any, robot: Robot, index: int) -> None:
     low, high = robot.joint_lower_rad[index], robot.joint_upper_rad[index]
     # A negative turn about y lifts what points along x.
     axis = [0, 0, 1] if kind == "coxa" else [0, -1, 0]
+    friction_nm = float(robot.dry_friction_nm[index])
     joint = link.add(
         "joint",
         name=kind,
@@ -288,14 +338,17 @@ def _add_servo(leg: Any, link: Any, robot: Robot, index: int) -> None:
         limited=True,
         range=[low, high],
         armature=robot.servo.rotor_inertia_kg_m2,
-        damping=GEAR_DAMPING,
+        # The servo is a motor at a share of its voltage, limited to 1, of which its back-EMF takes a part.
+        damping=GEAR_DAMPING + float(robot.back_emf_nm_s_per_rad[index]),
+        frictionloss=friction_nm,
+        solimpfriction=STICTION,
     )
     torque = robot.joint_max_torque_nm[index]
     leg.actuator.add(
         "position",
         name=kind,
         joint=joint,
-        kp=robot.servo.stiffness_nm_per_rad,
+        kp=robot.stiffness_nm_per_rad[index],
         kv=robot.servo.damping_nm_s_per_rad,
         forcelimited=True,
         forcerange=[-torque, torque],
@@ -318,9 +371,9 @@ def inject_failure(physics: Any, robot: Robot, failure: Failure | None) -> tuple
         _check_angle(robot, failure)
         _jam(physics, jammed, jammed_at, failure)
     elif failure.kind == "limp":
-        _scale_torque(physics, joints, 0.0)
+        _scale_torque(physics, robot, failure.leg, 0.0)
     elif failure.kind == "weak":
-        _scale_torque(physics, joints, failure.torque_fraction)
+        _scale_torque(physics, robot, failure.leg, failure.torque_fraction)
     else:
         _remove_leg(physics, failure.leg)
     return jammed, jammed_at
@@ -348,9 +401,11 @@ def _jam(physics: Any, jammed: BoolArray, jammed_at: FloatArray, failure: Failur
     model.actuator_forcerange[joint] *= JAM_STIFFNESS
 
 
-def _scale_torque(physics: Any, joints: slice, fraction: float) -> None:
-    """Scale all torques of the servos of a leg."""
-    model = physics.model
+def _scale_torque(physics: Any, robot: Robot, leg: int, fraction: float) -> None:
+    """Scale all torques of the servos of a leg, their back-EMF too; the friction of its gears stays."""
+    model, joints = physics.model, leg_slice(leg)
+    for joint in range(N_JOINTS)[joints]:
+        model.dof_damping[FIRST_SPEED + joint] -= (1 - fraction) * robot.back_emf_nm_s_per_rad[joint]
     for array in (model.actuator_gainprm, model.actuator_biasprm, model.actuator_forcerange):
         array[joints] *= fraction
 

@@ -26,6 +26,7 @@ from hexctl.adapt.space import GaitSpace
 from hexctl.backends.sim.world import World
 from hexctl.control.batch import run_sim_trials
 from hexctl.errors import InputError
+from hexctl.robot.model import Body
 from hexctl.study.landscape import LandscapeSpec
 from hexctl.study.prior import deflection_of
 from hexctl.types import FloatArray
@@ -56,6 +57,23 @@ def test_a_robot_has_as_many_symmetries_as_its_drawing(name: str) -> None:
     assert len(set(found)) == len(found)
     assert sum(symmetry.mirrored for symmetry in found) == len(found) // 2
     assert found[0] == Symmetry(tuple(LEGS), mirrored=False)
+
+
+WITH_MASS = [
+    (Body("cylinder", (0.16, 0.16, 0.03), 0.1, com_m=(0.0, 0.0, 0.02)), 12),
+    (Body("cylinder", (0.16, 0.16, 0.03), 0.1, com_m=(0.01, 0.0, 0.0)), 2),
+    (Body("cylinder", (0.16, 0.16, 0.03), 0.1, com_m=(0.02, 0.006, 0.0)), 1),
+    (Body("cylinder", (0.16, 0.16, 0.03), 0.1, inertia_kg_m2=(1e-4, 1e-4, 1.5e-4)), 12),
+    (Body("cylinder", (0.16, 0.16, 0.03), 0.1, inertia_kg_m2=(1e-4, 1.5e-4, 1.5e-4)), 4),
+]
+
+
+@pytest.mark.parametrize(("body", "count"), WITH_MASS)
+def test_a_centre_of_mass_off_the_axis_and_an_uneven_inertia_have_fewer_symmetries(
+    body: Body, count: int
+) -> None:
+    """`ant` has 12; with its mass forward only the mirror is left, with it forward and left none."""
+    assert len(Symmetries(replace(shipped("ant"), body=body)).all) == count
 
 
 @pytest.mark.parametrize("name", ROBOT_NAMES)
