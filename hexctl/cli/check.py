@@ -54,7 +54,7 @@ def check(
     height: HeightOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Check a robot file: can the robot walk a gait, in reach, angles, speeds and servo pulses."""
+    """Check a robot file: can the robot walk a gait, in reach, angles, speeds, torques and servo pulses."""
     from hexctl.control.feasibility import check_robot
 
     if robot_name is not None and robot is not None and robot_name != robot:
@@ -88,20 +88,27 @@ def _heading(report: dict[str, Any]) -> list[str]:
 
 
 def _joint_table(report: dict[str, Any]) -> "Table":
-    """Angles and speeds of each joint, needed and allowed."""
+    """Angles, speeds and static torques of each joint, needed and allowed."""
     from hexctl.cli.render import plain_table
 
-    table = plain_table("joint", "needs (deg)", "range (deg)", "peak deg/s", "limit", "")
+    table = plain_table(
+        "joint", "needs (deg)", "range (deg)", "peak deg/s", "limit", "holds N m", "limit", ""
+    )
     for name, row in report["joints"].items():
         peak, limit = row["peak_speed_deg_s"], row["max_speed_deg_s"]
+        torque, most = row["static_torque_nm"], row["max_torque_nm"]
         marks = ["out of range"] if name in report["joints_out_of_range"] else []
+        marks += ["too fast"] if peak > limit else []
+        marks += ["too weak"] if torque > most else []
         table.add_row(
             name,
             f"{row['lowest_deg']:.1f} .. {row['highest_deg']:.1f}",
             f"{row['min_deg']:g} .. {row['max_deg']:g}",
             f"{peak:.0f}",
             f"{limit:.0f}",
-            ", ".join([*marks, "too fast"] if peak > limit else marks),
+            f"{torque:.2g}",
+            f"{most:.2g}",
+            ", ".join(marks),
         )
     return table
 
@@ -117,8 +124,27 @@ def _verdict(report: dict[str, Any]) -> list[str]:
         f"range: exceeded by {outside}" if outside else "range: kept",
         f"speed: kept{upto}" if report["speed_holds"] else f"speed: too fast, the guard will clip it{upto}",
         f"feet: {spacing:g} m apart or more" + ("" if report["feet_stay_apart"] else ": they touch"),
+        *_load_verdicts(report),
         _pulse_verdict(report),
+        *(f"warning: {warning}" for warning in report["warnings"]),
         _conclusion(report),
+    ]
+
+
+def _load_verdicts(report: dict[str, Any]) -> list[str]:
+    """Legs that touch, static torque, sag and heat, a line each."""
+    one, other = report["nearest_legs"]
+    near = f"legs: {one} and {other} come within {1000 * report['least_leg_clearance_m']:.0f} mm"
+    if report["legs_touch"]:
+        near = f"legs: {one} and {other} {'pass through one another' if report['legs_cross'] else 'touch'}"
+    share, capacity = report["static_torque_share"], report["load_capacity"]
+    return [
+        near,
+        f"torque: standing on its feet takes up to {100 * share:.0f} % of a servo's; "
+        f"the legs carry {capacity:.3g} times the weight",
+        f"sag: joints give way by up to {report['sag_deg']:.1f} deg, the body sinks by up to "
+        f"{report['sag_mm']:.1f} mm of the {report['step_height_mm']:g} mm of a step",
+        f"heat: more than 35 % of the torque for {100 * report['duty']:.0f} % of the cycle",
     ]
 
 
@@ -133,4 +159,5 @@ def _pulse_verdict(report: dict[str, Any]) -> str:
 def _conclusion(report: dict[str, Any]) -> str:
     if not report["possible"]:
         return "this robot cannot walk this gait"
-    return "this robot can walk this gait" + ("" if report["speed_holds"] else ", clipped at its fastest")
+    clipped = "" if report["speed_holds"] else ", clipped at its fastest"
+    return f"this robot can walk this gait{clipped}{', see the warnings' if report['warnings'] else ''}"

@@ -1,4 +1,4 @@
-"""Feasibility of a gait on a robot: joint ranges, reach, joint speeds, spacing of the feet, servo pulses."""
+"""Feasibility of a gait on a robot: ranges, reach, speeds, torques, sag, legs that touch, servo pulses."""
 
 import math
 from collections.abc import Sequence
@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from hexctl.control.gait_load import GaitLoad, gait_load
 from hexctl.gait.foot_trajectory import RAMP_DURATION_S, gait_feet_body
 from hexctl.gait.gait import Gait, Motion, ideal_speed_m_s, make_gait
 from hexctl.ik.legs import TOLERANCE_RAD, range_excess_rad, solve_legs
@@ -88,6 +89,7 @@ class RobotCheck:
         robot: the robot of the file.
         gait: the gait that is checked.
         demand: what the gait demands of the joints.
+        load: what the robot's weight demands of its servos, and how near its legs come.
         servo_map: how joint angles become pulses.
         mesh_parts: parts of the robot that are drawn with a mesh.
     """
@@ -95,13 +97,19 @@ class RobotCheck:
     robot: Robot
     gait: Gait
     demand: GaitDemand
+    load: GaitLoad
     servo_map: ServoMap
     mesh_parts: tuple[str, ...] = ()
 
     @property
     def possible(self) -> bool:
         """Whether the robot can walk the gait, clipped by the guard or not."""
-        return self.demand.possible
+        return self.demand.possible and self.load.possible
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What keeps the robot from walking the gait, or may, one sentence each."""
+        return (*self.load.obstacles, *self.load.warnings)
 
     @property
     def gait_fits_pulses(self) -> bool:
@@ -124,26 +132,36 @@ class RobotCheck:
             "joints_out_of_range": [JOINT_NAMES[joint] for joint in demand.limits_exceeded],
             "least_foot_spacing_m": round(demand.least_foot_spacing_m, 4),
             "feet_stay_apart": demand.least_foot_spacing_m > 2 * robot.foot_radius_m,
-            "possible": demand.possible,
+            "possible": self.possible,
             "joints": self._joints(),
             "pulses_us": self._pulses_us(),
             "joints_beyond_pulses": list(joints_beyond_pulses(self.servo_map, robot)),
             "gait_fits_pulses": self.gait_fits_pulses,
             "meshes": list(self.mesh_parts),
+            **self.load.to_dict(),
+            "warnings": list(self.warnings),
         }
 
     def _joints(self) -> dict[str, dict[str, float]]:
         """Needed and allowed angles and speeds of each joint, in degrees."""
-        columns = {
+        angles = {
             "lowest_deg": self.demand.lowest_rad,
             "highest_deg": self.demand.highest_rad,
             "min_deg": self.robot.joint_lower_rad,
             "max_deg": self.robot.joint_upper_rad,
             "peak_speed_deg_s": self.demand.peak_speed_rad_s,
             "max_speed_deg_s": self.robot.joint_max_speed_rad_s,
+            "sag_deg": self.load.deflections_rad,
         }
+        loads = {
+            "static_torque_nm": self.load.torques_nm,
+            "max_torque_nm": self.robot.joint_max_torque_nm,
+            "duty": self.load.duties,
+        }
+        columns = {key: np.degrees(values) for key, values in angles.items()} | loads
+        places = {"static_torque_nm": 4, "max_torque_nm": 4}
         return {
-            name: {key: round(float(np.degrees(values[joint])), 2) for key, values in columns.items()}
+            name: {key: round(float(values[joint]), places.get(key, 2)) for key, values in columns.items()}
             for joint, name in enumerate(JOINT_NAMES)
         }
 
@@ -181,10 +199,12 @@ def check_robot(
     """
     file = load_robot_file(robot)
     checked = make_gait(file.robot, gait, pace_hz=pace_hz, amplitude=amplitude, height=height)
+    motions = _motions(heading_rad, turn_rate_rad_s)
     return RobotCheck(
         robot=file.robot,
         gait=checked,
-        demand=gait_demand(file.robot, checked, _motions(heading_rad, turn_rate_rad_s)),
+        demand=gait_demand(file.robot, checked, motions),
+        load=gait_load(file.robot, checked, motions),
         servo_map=file.servo_map,
         mesh_parts=tuple(file.meshes),
     )

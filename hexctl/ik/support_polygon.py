@@ -51,14 +51,14 @@ def centre_of_mass_of(robot: Robot, link_points: FloatArray) -> FloatArray:
         link_points: what `link_points_body` returns, leading shape + (6, 4, 3) in m.
     """
     # The middle of a link is a weighted mean of its two ends.
-    at_end = 0.5 * _solid_shares(robot) * robot.link_masses_kg
+    at_end = 0.5 * solid_shares(robot) * robot.link_masses_kg
     weights = np.zeros(len(at_end) + 1)
     weights[:-1] += robot.link_masses_kg - at_end
     weights[1:] += at_end
     return np.asarray(np.einsum("...lpc,p->...c", link_points, weights) / robot.mass_kg)
 
 
-def _solid_shares(robot: Robot) -> FloatArray:
+def solid_shares(robot: Robot) -> FloatArray:
     """Part of each link's length that is solid, (3,): that of the tibia ends where the foot begins."""
     length = float(np.hypot(*robot.link_vectors_m[-1]))
     return np.array([1.0, 1.0, max(0.5, 1 - robot.foot_radius_m / length)])

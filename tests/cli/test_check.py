@@ -90,3 +90,34 @@ def test_a_bad_servo_map_is_bad_input(tmp_path: Path, capsys: pytest.CaptureFixt
     path = str(fitting_file(tmp_path, {"leg1_coxa": {"channel": 2}}))
     assert exit_code(["check", path]) == 2
     assert "channel 2 for leg1_coxa and leg1_femur" in capsys.readouterr().err
+
+
+def test_servos_too_weak_for_the_weight_are_impossible(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "weak.yaml"
+    text = (config_root() / "robots" / "ant.yaml").read_text()
+    path.write_text(text.replace("max_torque_nm: 2.5", "max_torque_nm: 0.05"))
+    report = check_json(capsys, str(path), code=2)
+    assert not report["possible"]
+    assert report["load_capacity"] < 1
+    femur = report["joints"]["leg1_femur"]
+    assert femur["static_torque_nm"] > femur["max_torque_nm"]
+    assert exit_code(["check", str(path)]) == 2
+    printed = capsys.readouterr().out
+    assert "too weak" in printed
+    assert "this robot cannot walk this gait" in printed
+
+
+def test_a_heavy_robot_on_soft_servos_is_warned_of(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "heavy.yaml"
+    text = (config_root() / "robots" / "phantomx.yaml").read_text()
+    path.write_text(text.replace("mass_kg: 1.522", "mass_kg: 8.0"))
+    report = check_json(capsys, str(path))
+    assert report["sag_deg"] > 8
+    assert report["dragging_legs"]
+    assert any(warning.startswith("soft") for warning in report["warnings"])
+    assert exit_code(["check", str(path)]) == 0
+    assert "see the warnings" in capsys.readouterr().out

@@ -1,0 +1,161 @@
+"""Statics of a robot that stands: weight on each foot, torque and deflection of each joint, sag of the body.
+
+Servos hold their targets as springs of stiffness k. A foot i that presses on the floor with f_i pushes each
+of its joints up by f_i r_j, where r_j is the horizontal distance from the joint to the foot, and the links'
+own weight pulls it down by g_j. So a joint deflects from its target by
+
+    d_j = (f_i r_j - g_j) / k_j,    holding the torque -k_j d_j,
+
+and the foot yields by the sum of r_j d_j. Floor and feet slide without friction: every step sets the feet
+down unloaded, so that what a foot holds sideways is small and not known. A body pose, height and two tilts,
+remains; it is where all forces f_i >= 0 of feet on the floor balance the weight and its two moments.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from hexctl.ik.legs import link_points_body
+from hexctl.ik.support_polygon import centre_of_mass_of, solid_shares
+from hexctl.robot.model import Robot
+from hexctl.types import JOINTS_PER_LEG, N_JOINTS, N_LEGS, ArrayFields, BoolArray, FloatArray
+
+GRAVITY_M_S2 = 9.81
+
+#: Passes over the geometry, each at the deflected pose of the one before.
+PASSES = 4
+
+#: Rounds in which feet may come to the floor or leave it.
+ROUNDS = 20
+
+#: Deflection beyond which the geometry of a pass is not trusted.
+MAX_DEFLECTION_RAD = 1.0
+
+#: Part of the weight that forces may be off by and still balance.
+BALANCE = 0.01
+
+#: Least compliance of a leg, m/N: one whose foot is straight below its joints does not yield.
+LEAST_COMPLIANCE = 1e-9
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StaticLoad(ArrayFields):
+    """A robot at rest under its weight.
+
+    Attributes:
+        torques_nm: what the servos hold, positive as their angles, leading shape + (18,).
+        deflections_rad: joint angles less their targets, leading shape + (18,).
+        foot_forces_n: upward forces on the feet, leading shape + (6,).
+        foot_heights_m: heights of the feet over the floor, 0 for those on it, leading shape + (6,).
+        sag_m: how much lower the body frame is than on rigid servos, leading shape.
+        balanced: whether forces and weight balance, leading shape; a robot for which they do not tips over,
+            and the other values mean nothing.
+    """
+
+    torques_nm: FloatArray
+    deflections_rad: FloatArray
+    foot_forces_n: FloatArray
+    foot_heights_m: FloatArray
+    sag_m: FloatArray
+    balanced: BoolArray
+
+
+def static_load(robot: Robot, joint_targets_rad: FloatArray) -> StaticLoad:
+    """Load of a robot on an even floor whose servos hold targets, whatever torque that takes.
+
+    Args:
+        robot: geometry, masses and the servos' stiffness.
+        joint_targets_rad: leading shape + (18,).
+    """
+    stiffness = np.full(N_JOINTS, robot.servo.stiffness_nm_per_rad).reshape(N_LEGS, JOINTS_PER_LEG)
+    targets = joint_targets_rad.reshape(*joint_targets_rad.shape[:-1], N_LEGS, JOINTS_PER_LEG)
+    joints, level_m = targets, np.zeros(targets.shape[:-2])
+    for number in range(PASSES):
+        points = link_points_body(robot, joints.reshape(joint_targets_rad.shape))
+        arms = arms_m(robot, points, joints)
+        weights = link_torques_nm(robot, arms)
+        reach = arms[..., -1, :]  # joint to foot, (..., 6, 3)
+        compliance = np.maximum((reach**2 / stiffness).sum(axis=-1), LEAST_COMPLIANCE)
+        rest_m = points[..., -1, 2] + (reach * (targets - joints - weights / stiffness)).sum(axis=-1)
+        if number == 0:
+            level_m = points[..., -1, 2].min(axis=-1)
+        centre = centre_of_mass_of(robot, points)
+        body, forces = _balance(robot.mass_kg, points[..., -1, :2], rest_m, compliance, centre)
+        deflections = (forces[..., np.newaxis] * reach - weights) / stiffness
+        joints = targets + np.clip(deflections, -MAX_DEFLECTION_RAD, MAX_DEFLECTION_RAD)
+    heights = _plane(body, points[..., -1, :2]) + rest_m + compliance * forces
+    return StaticLoad(
+        torques_nm=(-stiffness * deflections).reshape(joint_targets_rad.shape),
+        deflections_rad=deflections.reshape(joint_targets_rad.shape),
+        foot_forces_n=forces,
+        foot_heights_m=np.maximum(heights, 0.0),
+        sag_m=-(body[..., 0] + level_m),
+        balanced=_balanced(robot, points[..., -1, :2], forces, centre),
+    )
+
+
+def _balanced(robot: Robot, feet: FloatArray, forces: FloatArray, centre: FloatArray) -> BoolArray:
+    """Whether upward forces at feet balance the weight and its moments, within a hundredth."""
+    levers = feet - centre[..., np.newaxis, :2]
+    moments = np.abs((forces[..., np.newaxis] * levers).sum(axis=-2)).max(axis=-1)
+    weight_n = GRAVITY_M_S2 * robot.mass_kg
+    off = np.maximum(np.abs(forces.sum(axis=-1) - weight_n), moments / robot.stance_radius_m)
+    return np.asarray(off < BALANCE * weight_n)
+
+
+def arms_m(robot: Robot, points: FloatArray, joints: FloatArray) -> FloatArray:
+    """Distances outward in the leg plane from each joint to link centres and foot, (..., 6, 4, 3).
+
+    Row l of the four is the centre of mass of link l, the last row the foot. A coxa turns about the vertical
+    and has none; a joint has none to the links before it.
+    """
+    azimuth = robot.mount_yaws_rad + joints[..., 0]
+    outward = points[..., 0] * np.cos(azimuth)[..., np.newaxis]
+    outward += points[..., 1] * np.sin(azimuth)[..., np.newaxis]  # (..., 6, 4)
+    starts, ends = outward[..., :-1], outward[..., 1:]
+    centres = starts + 0.5 * solid_shares(robot) * (ends - starts)
+    rows = np.concatenate([centres, outward[..., -1:]], axis=-1)
+    arms = rows[..., :, np.newaxis] - starts[..., np.newaxis, :]
+    carried = np.arange(JOINTS_PER_LEG + 1)[:, np.newaxis] >= np.arange(JOINTS_PER_LEG)
+    carried[:, 0] = False
+    return np.where(carried, arms, 0.0)
+
+
+def link_torques_nm(robot: Robot, arms: FloatArray) -> FloatArray:
+    """Torques with which the links' weight pulls the joints down, (..., 6, 3)."""
+    return np.asarray(GRAVITY_M_S2 * np.einsum("...lj,l->...j", arms[..., :-1, :], robot.link_masses_kg))
+
+
+def _plane(body: FloatArray, feet: FloatArray) -> FloatArray:
+    """Height that a body pose (height, slope along x, along y) gives to points (..., 6, 2)."""
+    return np.asarray(body[..., :1] + (body[..., np.newaxis, 1:] * feet).sum(axis=-1))
+
+
+def _balance(
+    mass_kg: float, feet: FloatArray, rest_m: FloatArray, compliance: FloatArray, centre: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Body pose (..., 3) and foot forces (..., 6) that carry a mass; Newton's method over which feet press.
+
+    The energy of the legs as springs under a plate is convex, so the feet that press are unique.
+    """
+    weight_n = GRAVITY_M_S2 * mass_kg
+    columns = np.concatenate([np.ones_like(feet[..., :1]), feet], axis=-1)  # (..., 6, 3)
+    load = weight_n * np.concatenate([np.ones_like(centre[..., :1]), centre[..., :2]], axis=-1)
+    scale = np.diag([1.0, 1e-2, 1e-2])
+    pressing = np.ones(rest_m.shape, dtype=bool)
+    for _ in range(ROUNDS):
+        body = _pose(columns, np.where(pressing, 1 / compliance, 0.0), rest_m, load, scale)
+        gaps = _plane(body, feet) + rest_m
+        before, pressing = pressing, gaps < 0
+        if (before == pressing).all():
+            break
+    return body, np.maximum(0.0, -gaps / compliance)
+
+
+def _pose(
+    columns: FloatArray, stiffness: FloatArray, rest_m: FloatArray, load: FloatArray, scale: FloatArray
+) -> FloatArray:
+    """Body pose at which springs on the floor carry a load; a robot that tips has a huge one."""
+    matrix = np.einsum("...ia,...i,...ib->...ab", columns, stiffness, columns) + 1e-3 * scale
+    pull = load + np.einsum("...ia,...i,...i->...a", columns, stiffness, rest_m)
+    return np.asarray(-np.linalg.solve(matrix, pull[..., np.newaxis])[..., 0])

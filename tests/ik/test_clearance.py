@@ -1,0 +1,65 @@
+"""Clearance between legs: against sampled segments and MuJoCo's own distances."""
+
+import mujoco
+import numpy as np
+import pytest
+
+from hexctl.backends.sim.servos import SimServos
+from hexctl.ik.clearance import PARTS, leg_clearance, segment_distance_m
+from tests.robots import ROBOT_NAMES, shipped
+
+
+def test_segments_are_as_far_apart_as_their_nearest_points() -> None:
+    ends = np.random.default_rng(1).normal(size=(200, 4, 3))
+    ends[:20, 1] = ends[:20, 0]  # points
+    ends[20:40, 3] = ends[20:40, 2] + ends[20:40, 1] - ends[20:40, 0]  # parallel
+    share = np.linspace(0, 1, 101)[:, np.newaxis]
+    one = ends[:, np.newaxis, 0] + share * (ends[:, np.newaxis, 1] - ends[:, np.newaxis, 0])
+    other = ends[:, np.newaxis, 2] + share * (ends[:, np.newaxis, 3] - ends[:, np.newaxis, 2])
+    sampled = np.linalg.norm(one[:, :, np.newaxis] - other[:, np.newaxis], axis=-1).min(axis=(1, 2))
+    exact = segment_distance_m(*(ends[:, index] for index in range(4)))
+    assert exact == pytest.approx(sampled, abs=0.02)
+    assert (exact <= sampled + 1e-9).all()
+
+
+@pytest.mark.parametrize("name", ROBOT_NAMES)
+def test_gaps_are_those_of_the_simulated_solids(name: str) -> None:
+    robot = shipped(name)
+    rng = np.random.default_rng(2)
+    low, high = robot.joint_lower_rad, robot.joint_upper_rad
+    with SimServos(robot) as servos:
+        physics = servos.simulation.physics
+        model, data = physics.model.ptr, physics.data.ptr
+        geoms = {
+            (leg, part): physics.model.name2id(f"{robot.name}/leg{leg}/{part}", "geom")
+            for leg in range(1, 7)
+            for part in PARTS
+        }
+        for joints_rad in rng.uniform(low, high, size=(10, 18)):
+            data.qpos[7:] = joints_rad
+            mujoco.mj_forward(model, data)
+            clearance = leg_clearance(robot, joints_rad)
+            for leg in range(1, 7):
+                gaps = [
+                    mujoco.mj_geomDistance(
+                        model, data, geoms[leg, one], geoms[leg % 6 + 1, other], 10.0, np.zeros(6)
+                    )
+                    for one in PARTS
+                    for other in PARTS
+                ]
+                gap_m = float(clearance.gaps_m[leg - 1])
+                # A simulated tibia ends a foot's radius before the centre of the foot.
+                assert gap_m <= min(gaps) + 1e-6
+                if gap_m > 0:
+                    assert gap_m == pytest.approx(min(gaps), abs=robot.foot_radius_m)
+
+
+def test_legs_that_swap_sides_meet_in_their_axes() -> None:
+    robot = shipped("pexod")
+    joints_rad = robot.stance_angles_rad.copy()
+    apart = leg_clearance(robot, joints_rad)
+    assert (apart.depths == 0).all()
+    joints_rad[0], joints_rad[3] = np.radians(80), np.radians(-80)  # legs 1 and 2, toward one another
+    crossed = leg_clearance(robot, joints_rad)
+    assert crossed.gaps_m.argmin() == 0
+    assert crossed.depths[0] > 0

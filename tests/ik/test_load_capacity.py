@@ -1,0 +1,97 @@
+"""Load capacity: against a linear program with all forces in it, and against a simulation that sinks."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.optimize import linprog
+
+from hexctl.backends.sim.servos import SimServos
+from hexctl.ik.legs import link_points_body
+from hexctl.ik.load_capacity import FRICTION, load_capacity
+from hexctl.ik.statics import GRAVITY_M_S2, arms_m, link_torques_nm, static_load
+from hexctl.ik.support_polygon import centre_of_mass_of
+from hexctl.robot.model import Robot
+from hexctl.types import BoolArray, FloatArray, JointTargets
+from tests.robots import ROBOT_NAMES, shipped
+
+EVERY_FOOT = np.ones(6, dtype=bool)
+
+
+def with_torque(robot: Robot, share: float) -> Robot:
+    """The robot with a share of its torque."""
+    return replace(robot, joint_max_torque_nm=share * robot.joint_max_torque_nm)
+
+
+def lowered_m(robot: Robot) -> float:
+    """How far a simulated robot sinks that stands in its stance for three seconds."""
+    with SimServos(robot) as servos:
+        for _ in range(150):
+            servos.clock.tick()
+            state = servos.read()
+            servos.write(JointTargets(robot.stance_angles_rad, servos.clock.now_s))
+        assert state.base_position_world is not None
+        return robot.standing_height_m - float(state.base_position_world[2])
+
+
+@pytest.mark.parametrize("name", ROBOT_NAMES)
+def test_a_robot_stands_above_a_capacity_of_one_and_sinks_below(name: str) -> None:
+    robot = shipped(name)
+    whole = float(load_capacity(robot, robot.stance_angles_rad, EVERY_FOOT))
+    sag_m = float(static_load(robot, robot.stance_angles_rad).sag_m)
+    # Above it friction between the feet has to help, and the joints give way a little until it does.
+    assert lowered_m(with_torque(robot, 2.5 / whole)) < 4 * sag_m + 0.002
+    assert lowered_m(with_torque(robot, 0.4 / whole)) > 0.03
+
+
+def test_fewer_feet_carry_less_and_one_side_alone_nothing() -> None:
+    robot = shipped("pexod")
+    tripod = np.array([True, False, True, False, True, False])
+    left = np.array([True, True, True, False, False, False])
+    every, three, side = (
+        float(load_capacity(robot, robot.stance_angles_rad, feet)) for feet in (EVERY_FOOT, tripod, left)
+    )
+    assert every > three > 0
+    assert side == 0
+
+
+def test_it_is_what_a_linear_program_finds() -> None:
+    """Forces on all feet at once, with the torques, the friction and the balance as rows of one program."""
+    robot = shipped("phantomx")
+    rng = np.random.default_rng(3)
+    for _ in range(8):
+        joints_rad = robot.stance_angles_rad + rng.uniform(-0.3, 0.3, 18)
+        standing = rng.random(6) < 0.8
+        expected = _program(robot, joints_rad, standing)
+        assert float(load_capacity(robot, joints_rad, standing)) == pytest.approx(expected, rel=1e-6)
+
+
+def _program(robot: Robot, joints_rad: FloatArray, standing: BoolArray) -> float:
+    points = link_points_body(robot, joints_rad)
+    arms = arms_m(robot, points, joints_rad.reshape(6, 3))
+    own, centre = link_torques_nm(robot, arms), centre_of_mass_of(robot, points)
+    # Unknowns: up and outward force of each leg, and the multiple of the weight.
+    rows, bounds_of = [], []
+    for leg in range(6):
+        for joint in (1, 2):
+            row = np.zeros(13)
+            row[leg] = -arms[leg, -1, joint]
+            row[6 + leg] = points[leg, -1, 2] - points[leg, joint, 2]
+            limit = robot.joint_max_torque_nm[3 * leg + joint]
+            rows += [row, -row]
+            bounds_of += [limit - own[leg, joint], limit + own[leg, joint]]
+        for sign in (1, -1):
+            row = np.zeros(13)
+            row[6 + leg], row[leg] = sign, -FRICTION
+            rows.append(row)
+            bounds_of.append(0.0)
+    weight_n = GRAVITY_M_S2 * robot.mass_kg
+    feet = points[:, -1, :2]
+    equal = np.zeros((3, 13))
+    equal[0, :6], equal[1:, :6] = 1.0, feet.T
+    equal[:, 12] = -weight_n * np.array([1.0, *centre[:2]])
+    bounds = [(0, None if stands else 0) for stands in standing] + [(None, None)] * 6 + [(0, None)]
+    cost = np.zeros(13)
+    cost[12] = -1.0
+    found = linprog(cost, A_ub=np.array(rows), b_ub=bounds_of, A_eq=equal, b_eq=np.zeros(3), bounds=bounds)
+    return float(found.x[12]) if found.success else 0.0

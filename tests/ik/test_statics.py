@@ -1,0 +1,78 @@
+"""Statics: against MuJoCo at rest, and against what weight and levers say."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hexctl.backends.sim.servos import SimServos
+from hexctl.backends.sim.world import World
+from hexctl.gait.foot_trajectory import gait_feet_body
+from hexctl.gait.gait import Motion, make_gait
+from hexctl.ik.legs import solve_legs
+from hexctl.ik.statics import GRAVITY_M_S2, static_load
+from hexctl.robot.model import Robot
+from hexctl.types import FloatArray, JointTargets
+from tests.robots import ROBOT_NAMES, shipped
+
+#: Feet slide, as in the model, and the floor is hard.
+ICE = World(friction=0.001, contact_time_s=0.005)
+
+
+def at_rest(robot: Robot, targets_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Torques of the servos and joint angles of a simulated robot that has held targets for two seconds."""
+    with SimServos(robot, world=ICE) as servos:
+        for _ in range(100):
+            servos.clock.tick()
+            state = servos.read()
+            servos.write(JointTargets(targets_rad, servos.clock.now_s))
+        return servos.simulation.physics.data.actuator_force.copy(), state.joint_positions_rad
+
+
+@pytest.mark.parametrize("name", ROBOT_NAMES)
+@pytest.mark.parametrize("lifted", [False, True])
+def test_torques_and_deflections_are_those_of_a_simulation_at_rest(name: str, lifted: bool) -> None:
+    robot = shipped(name)
+    targets_rad = robot.stance_angles_rad
+    if lifted:
+        gait = make_gait(robot, "demo")
+        feet = gait_feet_body(robot, gait, Motion(travel=0.0), 2.0 + 0.12 / gait.pace_hz)
+        targets_rad = solve_legs(robot, feet).joint_positions_rad
+    load = static_load(robot, targets_rad)
+    torques_nm, joints_rad = at_rest(robot, targets_rad)
+    most_nm = np.abs(torques_nm).max()
+    assert load.balanced
+    assert load.torques_nm == pytest.approx(torques_nm, abs=0.06 * most_nm)
+    assert load.deflections_rad == pytest.approx(
+        joints_rad - targets_rad, abs=0.06 * most_nm / robot.servo.stiffness_nm_per_rad
+    )
+    assert (load.foot_forces_n == 0).any() == lifted
+
+
+def test_forces_carry_the_weight_and_only_from_below() -> None:
+    robot = shipped("pexod")
+    rng = np.random.default_rng(0)
+    lifts = np.where(rng.random((50, 6)) < 0.3, 0.03, 0.0)
+    feet = robot.stance_feet_body + np.stack([0 * lifts, 0 * lifts, lifts], axis=-1)
+    load = static_load(robot, solve_legs(robot, feet).joint_positions_rad)
+    assert (load.foot_forces_n >= 0).all()
+    assert load.foot_forces_n[load.balanced].sum(axis=-1) == pytest.approx(
+        GRAVITY_M_S2 * robot.mass_kg, rel=0.01
+    )
+    assert (load.foot_heights_m[load.foot_forces_n > 0] < 1e-6).all()
+
+
+def test_a_robot_on_two_feet_on_one_side_comes_down_on_others() -> None:
+    robot = shipped("pexod")
+    lifts = np.array([0.0, 0.0, 0.0, 0.02, 0.02, 0.02])
+    feet = robot.stance_feet_body + np.stack([0 * lifts, 0 * lifts, lifts], axis=-1)
+    load = static_load(robot, solve_legs(robot, feet).joint_positions_rad)
+    assert (load.foot_forces_n[3:] > 0).any()
+
+
+def test_a_stiffer_servo_sags_less() -> None:
+    robot = shipped("phantomx")
+    stiff = replace(robot, servo=replace(robot.servo, stiffness_nm_per_rad=180.0))
+    soft, hard = (static_load(one, one.stance_angles_rad) for one in (robot, stiff))
+    assert hard.sag_m == pytest.approx(soft.sag_m / 10, rel=0.1)
+    assert hard.torques_nm == pytest.approx(soft.torques_nm, abs=0.05 * np.abs(soft.torques_nm).max())
