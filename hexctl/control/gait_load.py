@@ -44,7 +44,7 @@ MOST_SAG = 1.25
 #: Share of the step height that is left to each foot on servos that are stiff enough.
 GOOD_LIFT = 1 / 3
 
-#: Depth of an overlap, as a share of both radii, from which axes meet: the legs would pass through one another.
+#: Depth of an overlap, as a share of both radii, from which the axes meet: the legs would cross.
 CROSSING_DEPTH = 0.9
 
 
@@ -64,8 +64,8 @@ class GaitLoad(ArrayFields):
         dragging_legs: legs 1..6 whose feet do not leave the floor in some motion.
         capacity: multiple of its weight that the robot carries at the median over the cycle, with forces
             between the feet as helpful as friction allows.
-        tipping: share of the cycle in which its centre of mass lies outside all feet; torques and sag are those
-            of the rest.
+        tipping: share of the cycle in which its centre of mass lies outside all feet; torques and sag are
+            those of the rest.
         least_clearance_m: least gap between two neighbouring legs, negative where they overlap.
         nearest_legs: the two legs with the least gap.
         nearest_parts: their parts, of `hexctl.ik.clearance.PARTS`.
@@ -195,7 +195,7 @@ def gait_load(robot: Robot, gait: Gait, motions: Sequence[Motion]) -> GaitLoad:
         torques_nm=torques.max(axis=(0, 1)),
         max_torques_nm=robot.joint_max_torque_nm,
         duties=(torques > CONTINUOUS_SHARE * robot.joint_max_torque_nm).mean(axis=1).max(axis=0),
-        deflections_rad=(torques / robot.servo.stiffness_nm_per_rad).max(axis=(0, 1)),
+        deflections_rad=(torques / robot.stiffness_nm_per_rad).max(axis=(0, 1)),
         most_sag_m=float(sag_m.max()),
         typical_sag_m=float(np.median(sag_m, axis=-1).max()),
         step_height_m=height_m,
@@ -208,7 +208,7 @@ def gait_load(robot: Robot, gait: Gait, motions: Sequence[Motion]) -> GaitLoad:
 
 
 def _nearest(robot: Robot, joints: FloatArray) -> dict[str, Any]:
-    """The fields of a load that are about legs near one another: the pair with the deepest overlap or least gap."""
+    """Fields of a load on the two legs with the deepest overlap, or else the least gap."""
     near = leg_clearance(robot, joints)
     worst = near.depths.argmax() if near.depths.any() else near.gaps_m.argmin()
     place = np.unravel_index(int(worst), near.gaps_m.shape)

@@ -4,8 +4,9 @@ A servo at its torque limit yields, and the weight goes to the legs that have to
 as long as any distribution of forces on its feet balances the weight within all limits. Two steps:
 
 - The most that leg i carries, F_i: the largest upward force f with an outward force h, |h| <= mu f, for
-  which femur and tibia hold |g_j - f r_j + h z_j| <= limit_j (r_j outward, z_j up from the joint to the foot,
-  g_j the links' own weight). Outward forces of opposite legs balance one another and cost nothing.
+  which femur and tibia hold |g_j - f r_j + h z_j| <= torque limit + dry friction (r_j outward, z_j up from
+  the joint to the foot, g_j the links' own weight). Outward forces of opposite legs balance one another and
+  cost nothing.
 - The weight W at the centre of mass falls about some line through two feet first. By the duality of linear
   programming the capacity is the least over these lines, with d the distances from the line:
 
@@ -62,7 +63,7 @@ def _leg_capacity_n(robot: Robot, joint_positions_rad: FloatArray, points: Float
     outward = arms[..., -1, 1:]
     up = points[..., -1:, 2] - points[..., 1:-1, 2]
     own = link_torques_nm(robot, arms)[..., 1:]
-    limit = robot.joint_max_torque_nm.reshape(N_LEGS, JOINTS_PER_LEG)[:, 1:]
+    limit = (robot.joint_max_torque_nm + robot.dry_friction_nm).reshape(N_LEGS, JOINTS_PER_LEG)[:, 1:]
     ones = np.ones_like(outward[..., :1])
     # a f + b h <= c: both joints to either side, and the two sides of the friction cone.
     a = np.concatenate([-outward, outward, -FRICTION * ones, -FRICTION * ones], axis=-1)

@@ -2,7 +2,8 @@
 
 Servos hold their targets as springs of stiffness k. A foot i that presses on the floor with f_i pushes each
 of its joints up by f_i r_j, where r_j is the horizontal distance from the joint to the foot, and the links'
-own weight pulls it down by g_j. So a joint deflects from its target by
+own weight pulls it down by g_j. (Dry friction, which may hold either way, is left out.) So a joint deflects
+from its target by
 
     d_j = (f_i r_j - g_j) / k_j,    holding the torque -k_j d_j,
 
@@ -16,9 +17,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from hexctl.ik.legs import link_points_body
-from hexctl.ik.support_polygon import centre_of_mass_of, solid_shares
+from hexctl.ik.support_polygon import centre_of_mass_of, link_centres_of
 from hexctl.robot.model import Robot
-from hexctl.types import JOINTS_PER_LEG, N_JOINTS, N_LEGS, ArrayFields, BoolArray, FloatArray
+from hexctl.types import JOINTS_PER_LEG, N_LEGS, ArrayFields, BoolArray, FloatArray
 
 GRAVITY_M_S2 = 9.81
 
@@ -67,7 +68,7 @@ def static_load(robot: Robot, joint_targets_rad: FloatArray) -> StaticLoad:
         robot: geometry, masses and the servos' stiffness.
         joint_targets_rad: leading shape + (18,).
     """
-    stiffness = np.full(N_JOINTS, robot.servo.stiffness_nm_per_rad).reshape(N_LEGS, JOINTS_PER_LEG)
+    stiffness = robot.stiffness_nm_per_rad.reshape(N_LEGS, JOINTS_PER_LEG)
     targets = joint_targets_rad.reshape(*joint_targets_rad.shape[:-1], N_LEGS, JOINTS_PER_LEG)
     joints, level_m = targets, np.zeros(targets.shape[:-2])
     for number in range(PASSES):
@@ -109,12 +110,13 @@ def arms_m(robot: Robot, points: FloatArray, joints: FloatArray) -> FloatArray:
     Row l of the four is the centre of mass of link l, the last row the foot. A coxa turns about the vertical
     and has none; a joint has none to the links before it.
     """
-    azimuth = robot.mount_yaws_rad + joints[..., 0]
-    outward = points[..., 0] * np.cos(azimuth)[..., np.newaxis]
-    outward += points[..., 1] * np.sin(azimuth)[..., np.newaxis]  # (..., 6, 4)
-    starts, ends = outward[..., :-1], outward[..., 1:]
-    centres = starts + 0.5 * solid_shares(robot) * (ends - starts)
-    rows = np.concatenate([centres, outward[..., -1:]], axis=-1)
+    azimuth = (robot.mount_yaws_rad + joints[..., 0])[..., np.newaxis]
+
+    def outward(places: FloatArray) -> FloatArray:
+        return np.asarray(places[..., 0] * np.cos(azimuth) + places[..., 1] * np.sin(azimuth))
+
+    starts = outward(points[..., :-1, :])
+    rows = np.concatenate([outward(link_centres_of(robot, points)), outward(points[..., -1:, :])], axis=-1)
     arms = rows[..., :, np.newaxis] - starts[..., np.newaxis, :]
     carried = np.arange(JOINTS_PER_LEG + 1)[:, np.newaxis] >= np.arange(JOINTS_PER_LEG)
     carried[:, 0] = False

@@ -43,19 +43,39 @@ def centre_of_mass_body(robot: Robot, joint_positions_rad: FloatArray) -> FloatA
 def centre_of_mass_of(robot: Robot, link_points: FloatArray) -> FloatArray:
     """Centre of mass of a robot whose links begin and end at points, leading shape + (3,) in m.
 
-    The mass of the trunk is at the origin of the body frame, that of a link in the middle of its solid. What
-    a world adds to the robot, such as a payload, does not count.
+    What a world adds to the robot, such as a payload, does not count.
 
     Args:
-        robot: masses.
+        robot: masses and where they are.
         link_points: what `link_points_body` returns, leading shape + (6, 4, 3) in m.
     """
-    # The middle of a link is a weighted mean of its two ends.
-    at_end = 0.5 * solid_shares(robot) * robot.link_masses_kg
-    weights = np.zeros(len(at_end) + 1)
-    weights[:-1] += robot.link_masses_kg - at_end
-    weights[1:] += at_end
-    return np.asarray(np.einsum("...lpc,p->...c", link_points, weights) / robot.mass_kg)
+    links = np.einsum("...lkc,k->...c", link_centres_of(robot, link_points), robot.link_masses_kg)
+    trunk = robot.body.mass_kg * np.asarray(robot.body.com_m)
+    return np.asarray((links + trunk) / robot.mass_kg)
+
+
+def link_centres_of(robot: Robot, link_points: FloatArray) -> FloatArray:
+    """Centres of mass of links that begin and end at points, leading shape + (6, 3, 3) in m.
+
+    That of a link without one of its own is in the middle of its solid.
+
+    Args:
+        robot: geometry.
+        link_points: what `link_points_body` returns, leading shape + (6, 4, 3) in m.
+    """
+    starts, along = link_points[..., :-1, :], np.diff(link_points, axis=-2)
+    if robot.link_coms_m is None:
+        return np.asarray(starts + (0.5 * solid_shares(robot))[:, np.newaxis] * along)
+    # A centre is a multiple of its link's vector, and of that vector turned upward by a right angle.
+    (outward, up), (com_outward, com_up) = robot.link_vectors_m.T, robot.link_coms_m.T
+    square = outward**2 + up**2
+    ahead = (com_outward * outward + com_up * up) / square
+    beside = (com_up * outward - com_outward * up) / square
+    level = along[..., :1, :2]  # a coxa points outward
+    out = level / np.maximum(np.hypot(level[..., :1], level[..., 1:]), SAME_PLACE_M)
+    across = (along[..., :2] * out).sum(axis=-1, keepdims=True)
+    turned = np.concatenate([-along[..., 2:] * out, across], axis=-1)
+    return np.asarray(starts + ahead[:, np.newaxis] * along + beside[:, np.newaxis] * turned)
 
 
 def solid_shares(robot: Robot) -> FloatArray:

@@ -76,3 +76,18 @@ def test_a_stiffer_servo_sags_less() -> None:
     soft, hard = (static_load(one, one.stance_angles_rad) for one in (robot, stiff))
     assert hard.sag_m == pytest.approx(soft.sag_m / 10, rel=0.1)
     assert hard.torques_nm == pytest.approx(soft.torques_nm, abs=0.05 * np.abs(soft.torques_nm).max())
+
+
+def test_loads_of_a_robot_with_its_own_centres_of_mass_and_stiffness() -> None:
+    robot = shipped("phantomx")
+    uneven = replace(
+        robot,
+        body=replace(robot.body, com_m=(0.02, -0.01, 0.03)),
+        link_coms_m=robot.link_vectors_m * 0.3 + np.array([[0.0, 0.01], [0.005, -0.01], [-0.01, -0.02]]),
+        joint_stiffness_nm_per_rad=np.tile([20.0, 30.0, 12.0], 6),
+    )
+    load = static_load(uneven, uneven.stance_angles_rad)
+    torques_nm, joints_rad = at_rest(uneven, uneven.stance_angles_rad)
+    most_nm = np.abs(torques_nm).max()
+    assert load.torques_nm == pytest.approx(torques_nm, abs=0.06 * most_nm)
+    assert load.deflections_rad == pytest.approx(joints_rad - uneven.stance_angles_rad, abs=0.004)

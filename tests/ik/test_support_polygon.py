@@ -1,5 +1,7 @@
 """The centre of gravity against MuJoCo, the support polygon against SciPy's hull."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -19,8 +21,12 @@ plane = st.lists(st.floats(-1, 1), min_size=12, max_size=12).map(lambda xy: np.r
 
 
 @pytest.mark.parametrize("name", ROBOT_NAMES)
-def test_the_centre_of_mass_is_that_of_the_simulated_body(name: str) -> None:
+@pytest.mark.parametrize("own", [False, True])
+def test_the_centre_of_mass_is_that_of_the_simulated_body(name: str, own: bool) -> None:
     robot = shipped(name)
+    if own:
+        coms = 0.3 * robot.link_vectors_m + np.array([[0.0, 0.01], [0.005, -0.01], [-0.01, -0.02]])
+        robot = replace(robot, body=replace(robot.body, com_m=(0.02, -0.01, 0.03)), link_coms_m=coms)
     simulation = make_simulation(robot, World())
     data = simulation.physics.data
     random = np.random.default_rng(3)
