@@ -19,7 +19,7 @@ from hexctl.control.plan import TrialPlan
 from hexctl.control.result import TrialResult
 from hexctl.control.turning import turn_needed_rad
 from hexctl.gait.gait import Gait
-from hexctl.robot.failure import Failure
+from hexctl.robot.failure import Failure, parse_failure
 from hexctl.robot.model import Robot
 from hexctl.study.versions import code_versions
 from hexctl.types import ArrayFields, BoolArray, FloatArray
@@ -43,7 +43,7 @@ class LandscapeSpec:
         leg: the failed leg, 1..6.
         self_rotation: where the failed leg points during the walk: `rear`, `front`, or `none`: no turn.
         duration_s: length of each walk.
-        failure: the kind of failure.
+        failure: of the leg, in the words of `parse_failure`, such as `limp` or `weak:0.5`.
         seed: of sensor noise and rough floors.
         placed: True to put the robot down as its self-rotation would leave it, instead of turning.
         miss_rad: yaw by which that self-rotation would have turned too far; only with `placed`.
@@ -62,6 +62,11 @@ class LandscapeSpec:
     miss_rad: float = 0.0
     codes: tuple[int, ...] = tuple(range(1, N_CODES + 1))
     place: str = ""
+
+    @property
+    def leg_failure(self) -> Failure:
+        """The failure of the leg, as simulated and as the controller believes it."""
+        return parse_failure(self.leg, self.failure)
 
     @cached_property
     def space(self) -> GaitSpace:
@@ -91,7 +96,7 @@ class LandscapeSpec:
         plan = TrialPlan(
             gait=gait,
             duration_s=self.duration_s,
-            belief=Failure(leg=self.leg, kind=self.failure),
+            belief=self.leg_failure,
             self_rotation=self.self_rotation,
         )
         if not self.placed:
@@ -111,7 +116,7 @@ class LandscapeSpec:
 
     def identity(self) -> dict[str, Any]:
         """Plain JSON values that are equal for equal landscapes: settings and versions of the code."""
-        failure = asdict(Failure(leg=self.leg, kind=self.failure))
+        failure = asdict(self.leg_failure)
         settings = {
             name: getattr(self, name)
             for name in ("self_rotation", "duration_s", "seed", "placed", "miss_rad")
