@@ -16,6 +16,8 @@ from hexctl.cli import completion
 from hexctl.cli.console import INTERRUPTED, RUNS, SIGNALS, make_bar, print_above, print_note, print_result
 from hexctl.cli.options import (
     ALL_LEGS,
+    FAILURE_HELP,
+    SELF_ROTATION_HELP,
     WORLD_HELP,
     DaskOption,
     JobsOption,
@@ -24,7 +26,9 @@ from hexctl.cli.options import (
     Range,
     RobotOption,
     SeedOption,
+    SelfRotation,
     TrialDurationOption,
+    choice,
     listed,
     listed_legs,
     number,
@@ -62,7 +66,29 @@ BudgetOption = Annotated[
     int | None, number("--budget", BUDGET, "Trials of a run, {}. (default: 120; with --transfer 60)")
 ]
 WorldsOption = Annotated[
-    int | None, number("--worlds", WORLDS, "With --transfer, how many worlds, {}. (default: 30)")
+    int | None,
+    number(
+        "--worlds",
+        WORLDS,
+        "In how many worlds, {}: with --transfer unseen ones (default: 30), else --world and others like it, "
+        "up to 100, over which claims have intervals (default: 1).",
+    ),
+]
+StudyFailureOption = Annotated[
+    str | None,
+    typer.Option(
+        "--failure",
+        autocompletion=completion.failures,
+        help=f"{FAILURE_HELP} Not with --transfer. (default: locked)",
+    ),
+]
+StudySelfRotationOption = Annotated[
+    SelfRotation | None,
+    choice(
+        "--self-rotation",
+        SelfRotation,
+        f"{SELF_ROTATION_HELP} The optimizers search in these walks. Not with --transfer. (default: rear)",
+    ),
 ]
 TransferPriorOption = Annotated[
     str | None,
@@ -99,6 +125,8 @@ class Simulated(Protocol):
 
 def study(
     legs: LegsOption = ALL_LEGS,
+    failure: StudyFailureOption = None,
+    self_rotation: StudySelfRotationOption = None,
     transfer: TransferOption = False,
     optimizers: OptimizersOption = None,
     runs: RunsOption = None,
@@ -127,12 +155,15 @@ def study(
     result: StudyResult | TransferResult
     folder = out or RUNS / f"study-{datetime.now():%Y%m%d-%H%M%S}"
     if transfer:
-        if world is not None:
-            raise InputError(f"--world: got {world} with --transfer; allowed: without, it has its own")
+        own = {"world": world, "failure": failure, "self-rotation": self_rotation}
+        for name, value in own.items():
+            if value is not None:
+                raise InputError(f"--{name}: got {value} with --transfer; allowed: without, it has its own")
         result, lines = _transfer(robot, prior, common | _given(worlds=worlds), folder, jobs, dask)
     else:
-        for name, value in _given(worlds=worlds, prior=prior).items():
-            raise InputError(f"--{name}: got {value}; allowed: with --transfer")
+        if prior is not None:
+            raise InputError(f"--prior: got {prior}; allowed: with --transfer")
+        common |= _given(worlds=worlds, failure=failure, self_rotation=self_rotation)
         result, lines = _study(robot, world or "flat", common, folder, jobs, dask)
     print_result(json.dumps(result.to_json()) if as_json else "\n".join([*lines, f"report: {result.report}"]))
 
@@ -192,7 +223,9 @@ def _verdict_lines(verdicts: Iterable[tuple[str, str]]) -> list[str]:
 
 def _study_lines(result: "StudyResult") -> list[str]:
     """Claims, bars that are missed, and the time spent."""
-    from hexctl.study.claims import bar_rows, claims_of, cm
+    from hexctl.study.bars import bar_rows
+    from hexctl.study.claims import claims_of
+    from hexctl.study.evidence import cm
 
     findings = result.findings
     lines = _verdict_lines((claim.verdict, claim.claim) for claim in claims_of(findings))

@@ -1,237 +1,47 @@
-"""The claims of the paper and the project's own bar, each with its rule and the numbers measured."""
+"""The claims of the paper, each with its rule, the numbers measured, and one of three verdicts.
+
+A claim holds, does not hold, or there is no evidence: because the numbers decide nothing, because a symmetry
+implies it, or because it holds on random numbers as well. What cannot be measured is not judged. Here are the
+claims about searches; those about trajectories are in `hexctl.study.trajectories`.
+"""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from statistics import fmean
+from dataclasses import replace
 
 import numpy as np
 
-from hexctl.study.landscape import Landscape
+from hexctl.study.evidence import (
+    ABOUT,
+    NULL_SHARE,
+    Claim,
+    Measure,
+    Tolerance,
+    cm,
+    judge_all,
+    limit_text,
+    make_claim,
+    measures_text,
+    null_share,
+    share_text,
+    too_short,
+)
 from hexctl.study.plan import BASELINE
-from hexctl.study.searches import Findings
+from hexctl.study.searches import Findings, mean_of
+from hexctl.study.trajectories import (
+    EARLY,
+    EARLY_M,
+    LATE,
+    LATE_M,
+    experiment_text,
+    goes_both_ways,
+    rotation_helps,
+    rotation_straightens,
+    veers_left,
+    veers_right,
+)
 from hexctl.types import FloatArray
 
-#: Shorter walks are not judged: deviations grow with the time walked, and the distances in claims and bars
-#: are those of walks of this duration.
-JUDGED_FROM_S = 30.0
-
-
-@dataclass(frozen=True, kw_only=True)
-class Claim:
-    """A claim of the paper and the numbers of this study.
-
-    Attributes:
-        claim: the paper's statement.
-        rule: condition under which it counts as held here.
-        measured: the numbers, with the excess where it does not hold.
-        beside: result of the random baseline, or another fact to compare with.
-        holds: None where this study did not measure it or cannot judge it.
-        not_judged: why the numbers cannot be judged; empty where they can.
-    """
-
-    claim: str
-    rule: str
-    measured: str
-    beside: str
-    holds: bool | None
-    not_judged: str = ""
-
-    @property
-    def verdict(self) -> str:
-        """Verdict in words."""
-        return verdict_of(self.holds, self.not_judged)
-
-
-def verdict_of(holds: bool | None, not_judged: str = "") -> str:
-    """Verdict in words; `not_judged` is the reason why there is none."""
-    if not_judged:
-        return f"not judged: {not_judged}"
-    return {True: "holds", False: "does not hold", None: "not measured"}[holds]
-
-
-def too_short(duration_s: float) -> str:
-    """Reason why walks of a duration are not judged, empty for those that are long enough."""
-    if duration_s >= JUDGED_FROM_S:
-        return ""
-    return f"walks of {duration_s:g} s, needs at least {JUDGED_FROM_S:g} s"
-
-
-def per_leg(legs: Sequence[int], values: Sequence[str]) -> str:
-    """One text per leg, on one line."""
-    return "; ".join(f"leg {leg}: {value}" for leg, value in zip(legs, values, strict=True)) or "no such leg"
-
-
-def each(values: dict[str, str]) -> str:
-    """One text per optimizer, on one line."""
-    return ", ".join(f"{name} {value}" for name, value in values.items()) or "not within the budget"
-
-
-def cm(value_m: float) -> str:
-    """Length in m as text in cm."""
-    if not np.isfinite(value_m):
-        return "none"
-    return f"{100 * value_m:.1f} cm" if abs(value_m) >= 0.01 else f"{100 * value_m:.2f} cm"
-
-
-#: After 20 evaluations the mean is to be within 10 cm.
-EARLY, EARLY_M = 20, 0.10
-
-#: After 60 within 2.5 cm, or within 1 cm of the best gait that there is where that is not within 2.5 cm.
-LATE, LATE_M, LATE_ABOVE_BEST_M = 60, 0.025, 0.01
-
-
-@dataclass(frozen=True, kw_only=True)
-class BarRow:
-    """One optimizer against the bar at one number of evaluations.
-
-    Attributes:
-        optimizer: its name.
-        paper_count: which count of evaluations.
-        evaluations: 20 or 60.
-        leg: the leg, or None for all legs together.
-        mean_m: mean best-so-far over the runs that have found a valid gait; NaN when there is none.
-        limit_m: the bar.
-        share: of the runs that are in the mean.
-        not_judged: why the mean cannot be judged; empty where it can.
-    """
-
-    optimizer: str
-    paper_count: bool
-    evaluations: int
-    leg: int | None
-    mean_m: float
-    limit_m: float
-    share: float
-    not_judged: str = ""
-
-    @property
-    def over_m(self) -> float:
-        """Excess of the mean over the bar, in m; negative within the bar."""
-        return self.mean_m - self.limit_m
-
-    @property
-    def holds(self) -> bool | None:
-        """Whether the mean is within the bar; False without any mean, None where it cannot be judged."""
-        return None if self.not_judged else bool(self.over_m <= 0)
-
-    @property
-    def verdict(self) -> str:
-        """Verdict in words, with the excess."""
-        missed = f", by {cm(self.over_m)}" if self.holds is False else ""
-        return verdict_of(self.holds, self.not_judged) + missed
-
-
-def limit_m(findings: Findings, evaluations: int, leg: int | None) -> float:
-    """Bar of a leg in m, or the mean of the legs' bars."""
-    if evaluations == EARLY:
-        return EARLY_M
-    if leg is None:
-        return fmean(limit_m(findings, evaluations, each) for each in findings.plan.legs)
-    best = findings.rotated(leg).best_m
-    return best + LATE_ABOVE_BEST_M if best > LATE_M else LATE_M
-
-
-def bar_rows(findings: Findings, *, paper_count: bool) -> list[BarRow]:
-    """Every optimizer against every bar within the budget: all legs together, then each leg."""
-    return [
-        _row(findings, optimizer, evaluations, leg, paper_count)
-        for optimizer in findings.plan.optimizers
-        for evaluations in (EARLY, LATE)
-        if evaluations <= findings.plan.budget
-        for leg in (None, *findings.plan.legs)
-    ]
-
-
-def _row(findings: Findings, optimizer: str, evaluations: int, leg: int | None, paper_count: bool) -> BarRow:
-    if leg is None:
-        curve = findings.mean_curve(optimizer, paper_count=paper_count)
-    else:
-        curve = findings.searches[leg, optimizer, paper_count].curve
-    return BarRow(
-        optimizer=optimizer,
-        paper_count=paper_count,
-        evaluations=evaluations,
-        leg=leg,
-        mean_m=float(curve.mean[evaluations - 1]),
-        limit_m=limit_m(findings, evaluations, leg),
-        share=float(curve.share[evaluations - 1]),
-        not_judged=too_short(findings.plan.duration_s),
-    )
-
-
-#: Share of the gaits that is a tendency to one side; both sides have at least a fifth.
-TENDENCY, BOTH = 0.9, 0.2
-
-
-def left_share(landscape: Landscape) -> float:
-    """Share of gaits that end on the left, of those that have an end; NaN where none has."""
-    left, right = ends(landscape)
-    return left / (left + right) if left + right else float("nan")
-
-
-def ends(landscape: Landscape) -> tuple[int, int]:
-    """Number of gaits that end on the left and on the right, valid or not."""
-    signed = landscape.number("signed_m")
-    return int((signed > 0).sum()), int((signed <= 0).sum())
-
-
-def within(landscape: Landscape, limit_m: float) -> int:
-    """Number of valid gaits that end within a distance of the line."""
-    return int((landscape.final_m[landscape.valid] <= limit_m).sum())
-
-
-def veers_left(findings: Findings) -> Claim:
-    """Claim about legs 2 and 3."""
-    return _side(findings, (2, 3), "left", "When leg 2 or 3 fails, the robot moves to the left", 1)
-
-
-def veers_right(findings: Findings) -> Claim:
-    """Claim about legs 5 and 6."""
-    return _side(findings, (5, 6), "right", "When leg 5 or 6 fails, the robot moves to the right", -1)
-
-
-def _side(findings: Findings, legs: Sequence[int], side: str, claim: str, sign: int) -> Claim:
-    legs = [leg for leg in legs if leg in findings.plan.legs]
-    shares = [left_share(findings.without(leg)) for leg in legs]
-    shares = [share if sign > 0 else 1 - share for share in shares]
-    return Claim(
-        claim=claim,
-        rule=f"at least {TENDENCY:.0%} of each leg's gaits end on the {side}, without self-rotation",
-        measured=per_leg(legs, [f"{share:.0%} {side}" for share in shares]),
-        beside="",
-        holds=all(share >= TENDENCY for share in shares) if legs else None,
-    )
-
-
-def goes_both_ways(findings: Findings) -> Claim:
-    """Claim about legs 1 and 4."""
-    legs = [leg for leg in (1, 4) if leg in findings.plan.legs]
-    shares = [left_share(findings.without(leg)) for leg in legs]
-    return Claim(
-        claim="When leg 1 or 4 fails, the robot goes straight or turns left or right, depending on the gait",
-        rule=f"each side has at least {BOTH:.0%} of each leg's gaits, without self-rotation",
-        measured=per_leg(legs, [f"{share:.0%} left, {1 - share:.0%} right" for share in shares]),
-        beside="",
-        holds=all(BOTH <= share <= 1 - BOTH for share in shares) if legs else None,
-    )
-
-
-def rotation_helps(findings: Findings) -> Claim:
-    """Claim about the effect of the self-rotation."""
-    legs = findings.plan.legs
-    near = [within(findings.rotated(leg), EARLY_M) for leg in legs]
-    before = [within(findings.without(leg), EARLY_M) for leg in legs]
-    counts = [
-        f"{count} ({within(findings.rotated(leg), LATE_M)} within 2.5 cm)"
-        for leg, count in zip(legs, near, strict=True)
-    ]
-    return Claim(
-        claim="After the self-rotation there are gaits with a small deviation, whichever leg failed",
-        rule="each leg has a valid gait that ends within 10 cm of the line",
-        measured="gaits within 10 cm: " + per_leg(legs, counts),
-        beside="without self-rotation: " + per_leg(legs, [str(count) for count in before]),
-        holds=all(count > 0 for count in near),
-    )
+MORE_THAN_HALF = Tolerance(float(np.nextafter(0.5, 1)), 1.0)
 
 
 #: A curve has converged when it is this near to its last value.
@@ -249,158 +59,213 @@ def expected_best_rank(draws: int, codes: int = 120) -> float:
     return (codes + 1) / (min(draws, codes) + 1)
 
 
+def _about(low: float, high: float | None = None) -> tuple[Tolerance, str]:
+    """Tolerance of "about" a length in m, and its text."""
+    tolerance = Tolerance.about(low, high)
+    return (
+        tolerance,
+        f"{limit_text(tolerance.low)} to {limit_text(tolerance.high)} (the paper's number ± {ABOUT:.0%})",
+    )
+
+
 def converges(findings: Findings) -> Claim:
     """Claim about the values at the end of the curves."""
-    budget = findings.plan.budget
-    finals = np.array(
+    tolerance, text = _about(LATE_M)
+    finals = [_finals(world) for world in findings.worlds]
+    measure = Measure("of the cases", tuple(_share_within(values, tolerance) for values in finals))
+    every = np.concatenate(finals) if finals else np.zeros(0)
+    low, high = int((every < tolerance.low).sum()), int((every > tolerance.high).sum())
+    budget, best = findings.plan.budget, [findings.rotated(group[0]).best_m for group in findings.experiments]
+    enough = [measure] if every.size and budget >= LATE else []
+    return make_claim(
+        "The optimizers converge to about 2.5 cm in most cases",
+        f"more than half of the cases (experiment and heuristic) have a mean at the end of {text}, by the "
+        "paper's count",
+        f"{measures_text([measure], share_text, MORE_THAN_HALF)} after {budget} evaluations; {low} of "
+        f"{every.size} below, {high} above; median case {cm(_median(every))}",
+        judge_all(enough, MORE_THAN_HALF),
+        beside=f"best of all gaits: {', '.join(map(cm, best))}; {_random(findings, budget)}",
+    )
+
+
+def _finals(findings: Findings) -> FloatArray:
+    """Mean at the end of each case: experiment and heuristic."""
+    return np.array(
         [
-            findings.searches[leg, name, True].curve.mean[-1]
-            for leg in findings.plan.legs
+            mean_of(np.concatenate([findings.searches[leg, name, True].best_m for leg in group]))[-1]
+            for group in findings.experiments
             for name in findings.heuristics
-        ]
+        ],
+        dtype=float,
     )
-    best = np.mean([findings.rotated(leg).best_m for leg in findings.plan.legs])
-    reached = int((finals <= LATE_M).sum())
-    return Claim(
-        claim="The optimizers converge to about 2.5 cm in most cases",
-        rule="more than half of the cases (leg and heuristic) have a mean within 2.5 cm at the end, "
-        "by the paper's count",
-        measured=f"{reached} of {finals.size} cases after {budget} evaluations; "
-        f"median case {cm(_median(finals))}, worst {cm(_worst(finals))}",
-        beside=f"best of all gaits, mean over legs: {cm(float(best))}; {_random(findings, budget)}",
-        holds=reached > finals.size / 2 if finals.size and budget >= LATE else None,
-    )
+
+
+def _share_within(values: FloatArray, tolerance: Tolerance) -> float:
+    if not np.isfinite(values).any():
+        return float("nan")
+    return float(((values >= tolerance.low) & (values <= tolerance.high)).mean())
+
+
+def _per_heuristic(findings: Findings, number: Callable[[FloatArray], float]) -> list[Measure]:
+    """A number of each heuristic's mean curve, in each world."""
+    note = "" if np.isfinite(findings.rotated(findings.searched[0]).best_m) else "no valid gait"
+    return [
+        Measure(name, tuple(float(number(world.voted_curve(name))) for world in findings.worlds), note)
+        for name in findings.heuristics
+    ]
 
 
 def fast_then_flat(findings: Findings) -> Claim:
     """Claim about the shape of the curves."""
-    curves = _mean_curves(findings)
-    shares = {
-        name: float((curve[0] - curve[EARLY - 1]) / (curve[0] - curve[-1])) if curve[0] > curve[-1] else 1.0
-        for name, curve in curves.items()
-        if len(curve) > EARLY
-    }
-    return Claim(
-        claim="Convergence is fastest in the first 20 evaluations and relatively flat from 20 to 120",
-        rule=f"the first 20 evaluations make at least {FAST:.0%} of the improvement of each heuristic's mean",
-        measured=each({name: f"{share:.0%}" for name, share in shares.items()}),
-        beside="",
-        holds=all(share >= FAST for share in shares.values()) if shares else None,
+    tolerance = Tolerance(FAST, 1.0)
+    measures = _per_heuristic(findings, _early_share) if findings.plan.budget > EARLY else []
+    return make_claim(
+        "Convergence is fastest in the first 20 evaluations and relatively flat from 20 to 120",
+        f"the first 20 evaluations make at least {FAST:.0%} of the improvement of each heuristic's mean",
+        measures_text(measures, share_text, tolerance),
+        judge_all(measures, tolerance),
     )
+
+
+def _early_share(curve: FloatArray) -> float:
+    """Share of a curve's improvement that its first 20 evaluations make."""
+    first, early, last = curve[0], curve[EARLY - 1], curve[-1]
+    return float((first - early) / (first - last)) if first > last else (1.0 if first == last else np.nan)
 
 
 def minimal_by_60(findings: Findings) -> Claim:
     """Claim about when the curves stop falling."""
-    when = {
-        name: int(np.argmax(curve <= curve[-1] + CONVERGED_M)) + 1
-        for name, curve in _mean_curves(findings).items()
-        if findings.plan.budget > LATE
-    }
-    return Claim(
-        claim="Minimal values are reached in about 40 to 60 evaluations",
-        rule="by 60, each heuristic's mean over legs is within 0.5 cm of where it ends, by the paper's count",
-        measured=each({name: f"after {count}" for name, count in when.items()}),
+    tolerance = Tolerance.about(40, LATE)
+    measures = _per_heuristic(findings, _converged_after) if findings.plan.budget > LATE else []
+    return make_claim(
+        "Minimal values are reached in about 40 to 60 evaluations",
+        f"each heuristic's mean comes within 0.5 cm of where it ends after {tolerance.low:g} to "
+        f"{tolerance.high:g} evaluations (40 - {ABOUT:.0%} to 60 + {ABOUT:.0%}), by the paper's count",
+        measures_text(measures, lambda count: f"after {count:.0f}", tolerance),
+        judge_all(measures, tolerance),
         beside=f"expected best rank of {LATE} random draws: {expected_best_rank(LATE):.1f} of 120",
-        holds=all(count <= LATE for count in when.values()) if when else None,
     )
+
+
+def _converged_after(curve: FloatArray) -> float:
+    if not np.isfinite(curve[-1]):
+        return float("nan")
+    return float(np.argmax(curve <= curve[-1] + CONVERGED_M) + 1)
 
 
 def ten_cm_by_20(findings: Findings) -> Claim:
     """Claim about the first 20 evaluations."""
-    means = _means_at(findings, EARLY)
-    over = {name: mean - EARLY_M for name, mean in means.items() if not mean <= EARLY_M}
-    missed = "; too much: " + each({name: cm(by) for name, by in over.items()}) if over else ""
-    return Claim(
-        claim="A deviation of about 10 cm is reached in less than 20 evaluations",
-        rule="by 20, each heuristic's mean over legs and runs is within 10 cm, by the paper's count",
-        measured=each({name: cm(mean) for name, mean in means.items()}) + missed,
-        beside=f"{_random(findings, EARLY)}; expected best rank of {EARLY} random draws: "
-        f"{expected_best_rank(EARLY):.1f} of 120",
-        holds=not over if means else None,
+    return _mean_claim(
+        findings, "A deviation of about 10 cm is reached in less than 20 evaluations", EARLY, EARLY_M
+    )
+
+
+def late_mean(findings: Findings) -> Claim:
+    """Claim of the abstract about 40 to 60 evaluations."""
+    return _mean_claim(
+        findings, "A deviation of 2.5 cm on average is reached with 40 to 60 evaluations", LATE, LATE_M
+    )
+
+
+def _mean_claim(findings: Findings, statement: str, evaluations: int, about_m: float) -> Claim:
+    """Claim about the mean of each heuristic after a number of evaluations."""
+    tolerance, text = _about(about_m)
+    enough = evaluations <= findings.plan.budget
+    measures = _per_heuristic(findings, lambda curve: curve[evaluations - 1]) if enough else []
+    return make_claim(
+        statement,
+        f"after {evaluations}, each heuristic's mean over legs and runs is {text}, by the paper's count",
+        measures_text(measures, cm, tolerance),
+        judge_all(measures, tolerance),
+        beside=f"{_random(findings, evaluations)}; expected best rank of {evaluations} random draws: "
+        f"{expected_best_rank(evaluations):.1f} of 120",
     )
 
 
 def competitive(findings: Findings) -> Claim:
     """Claim about the differences between heuristics."""
-    means = _means_at(findings, LATE)
-    spread = max(means.values()) - min(means.values()) if means else float("nan")
-    random = _baseline_at(findings, LATE)
-    better = sum(mean < random for mean in means.values())
-    return Claim(
-        claim="All heuristics are competitive under few evaluations",
-        rule="by 60, the worst heuristic's mean is within 2.5 cm of the best's, by the paper's count",
-        measured=f"{each({name: cm(mean) for name, mean in means.items()})}; {cm(spread)} apart",
-        beside=f"{_random(findings, LATE)}; heuristics better than random: {better} of {len(means)}",
-        holds=bool(spread <= COMPETITIVE_M) if len(means) > 1 else None,
+    tolerance = Tolerance(high=COMPETITIVE_M)
+    measures = []
+    if findings.plan.budget >= LATE and len(findings.heuristics) > 1:
+        spreads = [np.ptp([one.voted_curve(name)[LATE - 1] for name in one.heuristics])
+                   for one in findings.worlds]  # fmt: skip
+        measures = [Measure("spread", tuple(float(spread) for spread in spreads))]
+    return make_claim(
+        "All heuristics are competitive under few evaluations",
+        "by 60, the worst heuristic's mean is within 2.5 cm of the best's, by the paper's count",
+        measures_text(measures, cm, tolerance),
+        judge_all(measures, tolerance),
+        beside=_random(findings, LATE),
     )
 
 
 def best_keep_line(findings: Findings) -> Claim:
     """Claim about the best trajectories."""
-    legs, names = findings.plan.legs, findings.heuristics
-    best = [
-        np.array(
-            [np.nanmin(findings.searches[leg, name, True].best_m[:, -1], initial=np.inf) for name in names]
+    tolerance = Tolerance(high=EARLY_M)
+    measures = [
+        Measure(
+            experiment_text(findings, group),
+            tuple(_worst_best_m(world, group) for world in findings.worlds),
+            "no run found a valid gait" if np.isnan(_worst_best_m(findings, group)) else "",
         )
-        for leg in legs
+        for group in (findings.experiments if findings.heuristics else ())
     ]
-    worst = [float(max(values)) if names else float("nan") for values in best]
-    return Claim(
-        claim="With the best gaits found, the robot keeps the direction reasonably well for each failed leg",
-        rule="each heuristic's best run ends within 10 cm of the line for each leg",
-        measured="the heuristics' best runs, worst of them: " + per_leg(legs, [cm(value) for value in worst]),
-        beside="",
-        holds=all(value <= EARLY_M for value in worst) if names else None,
+    return make_claim(
+        "With the best gaits found, the robot keeps the direction reasonably well for each failed leg",
+        "each heuristic's best run ends within 10 cm of the line for each leg",
+        "the heuristics' best runs, worst of them: " + measures_text(measures, cm, tolerance),
+        judge_all(measures, tolerance),
     )
 
 
-def _mean_curves(findings: Findings) -> dict[str, FloatArray]:
-    """Mean of each heuristic over legs and runs by the paper's count."""
-    return {name: findings.mean_curve(name, paper_count=True).mean for name in findings.heuristics}
-
-
-def _means_at(findings: Findings, evaluations: int) -> dict[str, float]:
-    if evaluations > findings.plan.budget:
-        return {}
-    return {name: findings.mean_at(name, evaluations, paper_count=True) for name in findings.heuristics}
-
-
-def _baseline_at(findings: Findings, evaluations: int) -> float:
-    if BASELINE not in findings.plan.optimizers:
-        return float("nan")
-    return findings.mean_at(BASELINE, evaluations, paper_count=True)
+def _worst_best_m(findings: Findings, group: Sequence[int]) -> float:
+    """Best run of the heuristic whose best run is worst, in m; NaN when one has no valid gait."""
+    best = [
+        np.nanmin(findings.searches[leg, name, True].best_m[:, -1], initial=np.inf)
+        for leg in group
+        if leg in findings.searched
+        for name in findings.heuristics
+    ]
+    worst = max(best, default=np.nan)
+    return float(worst) if np.isfinite(worst) else float("nan")
 
 
 def _random(findings: Findings, evaluations: int) -> str:
-    return f"random: {cm(_baseline_at(findings, evaluations))} after {evaluations}"
+    """The random baseline after a number of evaluations."""
+    known = evaluations <= findings.plan.budget
+    mean_m = findings.voted_curve(BASELINE)[evaluations - 1] if known else float("nan")
+    return f"random: {cm(float(mean_m))} after {evaluations}"
 
 
 def _median(values: FloatArray) -> float:
-    return float(np.median(values)) if values.size else float("nan")
+    known = values[np.isfinite(values)]
+    return float(np.median(known)) if known.size else float("nan")
 
 
-def _worst(values: FloatArray) -> float:
-    return float(values.max()) if values.size else float("nan")
+#: Claims about the robot, and claims about searches, which are tried on random numbers, too.
+OF_WALKS = (veers_left, veers_right, goes_both_ways, rotation_straightens, rotation_helps)
+OF_SEARCHES = (
+    converges, fast_then_flat, minimal_by_60, ten_cm_by_20, late_mean, competitive, best_keep_line
+)  # fmt: skip
 
 
 def claims_of(findings: Findings) -> list[Claim]:
     """All claims in the paper's order; walks that are too short leave those that were measured not judged."""
-    makers: list[Callable[[Findings], Claim]] = [
-        veers_left,
-        veers_right,
-        goes_both_ways,
-        rotation_helps,
-        converges,
-        fast_then_flat,
-        minimal_by_60,
-        ten_cm_by_20,
-        competitive,
-        best_keep_line,
-    ]
-    claims = [make(findings) for make in makers]
+    claims = [make(findings) for make in OF_WALKS]
+    claims += [_against_null(make, findings) for make in OF_SEARCHES]
     reason = too_short(findings.plan.duration_s)
     if not reason:
         return claims
-    return [
-        claim if claim.holds is None else replace(claim, holds=None, not_judged=reason) for claim in claims
-    ]
+    return [replace(claim, holds=None, no_evidence="", not_judged=reason)
+            if claim.holds is not None or claim.no_evidence or claim.not_judged else claim
+            for claim in claims]  # fmt: skip
+
+
+def _against_null(make: Callable[[Findings], Claim], findings: Findings) -> Claim:
+    """Claim about searches beside the same rule on random numbers: what holds on those, too, says nothing."""
+    claim = make(findings)
+    draws = [make(null).holds for null in findings.nulls]
+    claim = replace(claim, null=f"holds in {draws.count(True)} of {len(draws)} draws")
+    if claim.holds and null_share(draws) > NULL_SHARE:
+        return replace(claim, holds=None, no_evidence="also holds on random numbers")
+    return claim

@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hexctl.palette import INVALID_COLOR, LEGEND_M, LINE_COLOR, hex_color, scale_stops
-from hexctl.study.claims import EARLY, EARLY_M, LATE, LATE_M, cm, ends, within
 from hexctl.study.drawing import color_of, grid_of, label_axes, new_figure, save_figure
+from hexctl.study.evidence import cm
 from hexctl.study.landscape import Landscape
 from hexctl.study.plan import BASELINE
 from hexctl.study.searches import Curve, Findings, Searches
+from hexctl.study.trajectories import EARLY, EARLY_M, LATE, LATE_M, ends, within
 from hexctl.types import FloatArray
 
 if TYPE_CHECKING:
@@ -45,7 +46,7 @@ def trajectories_figure(landscapes: list[Landscape], title: str) -> "Figure":
 
 def best_figure(findings: Findings) -> "Figure":
     """Best gaits of the optimizers over all runs, by the paper's count."""
-    legs = findings.plan.legs
+    legs = findings.searched
     rows, columns = grid_of(len(legs))
     figure, panels = new_figure(rows, columns, (PANEL_IN * columns + BAR_IN, 2.6 * rows + 0.5))
     for panel, leg in zip(panels, legs, strict=False):
@@ -70,13 +71,17 @@ def examples_figure(findings: Findings) -> "Figure | None":
     figure, panels = new_figure(len(legs), 2, (11.0, 3.2 * len(legs) + 0.4))
     for row, leg in enumerate(legs):
         best = _best_row(findings.rotated(leg))
-        pairs = [(findings.without(leg), EXAMPLE_CODE - 1), (findings.rotated(leg), best)]
+        pairs = [(findings.without(leg), _example_row(findings.without(leg))), (findings.rotated(leg), best)]
         for panel, (landscape, chosen) in zip(panels[2 * row :], pairs, strict=False):
             _draw_example(panel, landscape, chosen)
     _finish_paths(
         figure, panels, len(panels), "Left: an arbitrary gait. Right: self-rotation and the best gait"
     )
     return figure
+
+
+def _example_row(landscape: Landscape) -> int:
+    return landscape.row_of(EXAMPLE_CODE) if EXAMPLE_CODE in landscape.spec.codes else 0
 
 
 def _best_row(landscape: Landscape) -> int:
@@ -169,7 +174,7 @@ LOW_M = 0.002
 
 def convergence_figure(findings: Findings, *, paper_count: bool) -> "Figure":
     """One panel per leg with the mean of every optimizer, by one of the two counts."""
-    legs = findings.plan.legs
+    legs = findings.searched
     rows, columns = grid_of(len(legs))
     figure, panels = new_figure(rows, columns, (4.6 * columns + 0.6, 3.4 * rows + 0.8))
     for panel, leg in zip(panels, legs, strict=False):
@@ -192,7 +197,7 @@ def convergence_figure(findings: Findings, *, paper_count: bool) -> "Figure":
 def means_figure(findings: Findings) -> "Figure":
     """Means over all legs and runs, by both counts, with the project's bars."""
     figure, panels = new_figure(1, 2, (11.0, 4.2))
-    best = float(np.mean([findings.rotated(leg).best_m for leg in findings.plan.legs]))
+    best = float(np.mean([findings.rotated(leg).best_m for leg in findings.searched]))
     for panel, paper_count in zip(panels, (True, False), strict=True):
         for name in findings.plan.optimizers:
             _draw_curve(panel, name, findings.mean_curve(name, paper_count=paper_count))
@@ -270,9 +275,13 @@ FIGURES = (
     FigureEntry(
         name="trajectories_with_self_rotation",
         paper="Fig. 6: after turning on the spot there are gaits with a small deviation for every leg.",
-        here="The same gaits after the robot has turned until the failed leg trails.",
-        draw=lambda findings: trajectories_figure(
-            [findings.rotated(leg) for leg in findings.plan.legs], "All gaits, with self-rotation"
+        here="The same gaits after the robot has turned until the failed leg trails, or leads if asked for.",
+        draw=lambda findings: (
+            None
+            if findings.plan.self_rotation == "none"
+            else trajectories_figure(
+                [findings.rotated(leg) for leg in findings.plan.legs], "All gaits, with self-rotation"
+            )
         ),
     ),
     FigureEntry(

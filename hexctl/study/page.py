@@ -21,7 +21,7 @@ class Bullets:
 
 @dataclass(frozen=True)
 class Table:
-    """A table of text; cells that begin with `holds` or `does not hold` are coloured."""
+    """A table of text; cells that begin with a verdict are coloured."""
 
     header: Sequence[str]
     rows: Sequence[Sequence[str]]

@@ -4,22 +4,30 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from hexctl.adapt.registry import make_optimizer
 from hexctl.adapt.space import GaitSpace
 from hexctl.backends.sim.world import World
 from hexctl.control.turning import check_plan
 from hexctl.errors import InputError, LimitError, ReachError, argument, check_type
+from hexctl.robot.failure import FAILURE_FORMS, parse_failure
 from hexctl.robot.model import Robot
-from hexctl.study.landscape import LandscapeSpec
+from hexctl.study.experiments import experiments_of
+from hexctl.study.landscape import N_CODES, LandscapeSpec
+from hexctl.study.worlds import MAX_WORLDS, nearby_worlds
 from hexctl.types import N_LEGS
 
 #: The five of the paper.
 HEURISTICS = ("pso", "psosp", "dps", "debest", "derand")
 BASELINE = "random"
 
-#: Self-rotation of the landscapes: without, and as the optimizers search.
+#: Self-rotation of the landscapes: without, and as the optimizers search unless told otherwise.
 WITHOUT, WITH = "none", "rear"
 ROTATIONS = (WITHOUT, WITH)
+
+#: Self-rotations in which the optimizers may search.
+SELF_ROTATIONS = ("rear", "front", "none")
 
 #: A seed shows leg and run as decimal digits, which limits their numbers.
 MAX_RUNS = 999
@@ -40,6 +48,12 @@ class StudyPlan:
         budget: evaluations of a run.
         duration_s: length of each walk.
         seed: of everything.
+        failure: of each leg, in the words of `parse_failure`, such as `limp` or `weak:0.5`.
+        self_rotation: before the walks that the optimizers search: `rear`, `front` or `none`.
+        worlds: in how many worlds claims are judged: `world` and others like it (`nearby_worlds`).
+        by_symmetry: simulate one leg of each experiment (`experiments_of`), and take the others from it; in
+            the worlds like `world` this is always done.
+        without_gaits: number of gaits that are walked without self-rotation, drawn from all.
     """
 
     robot: Robot
@@ -50,33 +64,83 @@ class StudyPlan:
     budget: int = 120
     duration_s: float = 30.0
     seed: int = 0
+    failure: str = "locked"
+    self_rotation: str = WITH
+    worlds: int = 1
+    by_symmetry: bool = False
+    without_gaits: int = N_CODES
 
     def __post_init__(self) -> None:
         check_robot(self.robot)
         check_type(self.world, World, "plan.world", "a World, as load_world('slippery') gives")
         for name in ("legs", "optimizers"):
             check_type(getattr(self, name), (tuple, list), f"plan.{name}", "a tuple")
-        for name, kind in (("runs", int), ("budget", int), ("seed", int), ("duration_s", float)):
-            check_type(getattr(self, name), kind, f"plan.{name}")
+        for name in ("runs", "budget", "seed", "worlds", "without_gaits"):
+            check_type(getattr(self, name), int, f"plan.{name}")
+        check_type(self.duration_s, float, "plan.duration_s")
+        check_type(self.failure, str, "plan.failure", FAILURE_FORMS)
+        check_type(self.self_rotation, str, "plan.self_rotation", ", ".join(SELF_ROTATIONS))
+
+    @property
+    def rotations(self) -> tuple[str, ...]:
+        """Self-rotations of the landscapes."""
+        return tuple(dict.fromkeys((WITHOUT, self.self_rotation)))
 
     def specs(self) -> list[LandscapeSpec]:
-        """Specs of all landscapes, leg by leg."""
+        """Specs of all landscapes, world by world and leg by leg."""
+        return [spec for specs in self.specs_by_world() for spec in specs]
+
+    def specs_by_world(self) -> list[list[LandscapeSpec]]:
+        """Specs of the landscapes of each world, the plan's own world first."""
+        worlds = nearby_worlds(self.world, self.worlds)
+        return [self._specs_in(world, number) for number, world in enumerate(worlds)]
+
+    def searched_specs(self) -> list[LandscapeSpec]:
+        """Specs of the landscapes of the plan's own world that the optimizers search."""
+        return [spec for spec in self.specs_by_world()[0] if spec.self_rotation == self.self_rotation]
+
+    def _specs_in(self, world: World, number: int) -> list[LandscapeSpec]:
+        walked = {rotation: self._legs_walked(world, number, rotation) for rotation in self.rotations}
         return [
             LandscapeSpec(
                 robot=self.robot,
-                world=self.world,
+                world=world,
                 leg=leg,
                 self_rotation=rotation,
                 duration_s=self.duration_s,
+                failure=self.failure,
                 seed=self.seed,
+                codes=self._codes(rotation),
+                place=f"world {number + 1} of {self.worlds}" if number else "",
             )
             for leg in self.legs
-            for rotation in ROTATIONS
+            for rotation in self.rotations
+            if leg in walked[rotation]
         ]
 
-    def seed_of(self, leg: int, run: int) -> int:
-        """Seed of a run, counted from 0; `hexctl adapt --seed` repeats the run with it."""
-        return self.seed * 10_000 + leg * 1_000 + run
+    def _legs_walked(self, world: World, number: int, rotation: str) -> tuple[int, ...]:
+        """Legs that are simulated in a world: all, or the first one of each experiment."""
+        if number == 0 and not self.by_symmetry:
+            return self.legs
+        return tuple(group[0] for group in self.experiments(world, rotation))
+
+    def experiments(self, world: World, rotation: str) -> tuple[tuple[int, ...], ...]:
+        """Legs in groups that are one experiment each, in a world and with a self-rotation."""
+        return experiments_of(self.robot, world, rotation, self.legs, self.failure)
+
+    def _codes(self, rotation: str) -> tuple[int, ...]:
+        """Gaits of a landscape; the optimizers search all of them."""
+        if rotation == self.self_rotation or self.without_gaits >= N_CODES:
+            return tuple(range(1, N_CODES + 1))
+        drawn = np.random.default_rng(0).permutation(N_CODES)[: self.without_gaits] + 1
+        return tuple(sorted(drawn.tolist()))
+
+    def seed_of(self, leg: int, run: int, world: int = 0) -> int:
+        """Seed of a run, counted from 0; `hexctl adapt --seed` repeats the run with it.
+
+        Runs in other worlds, counted from 1, have seeds of their own.
+        """
+        return world * (MAX_SEED + 1) * 10_000 + self.seed * 10_000 + leg * 1_000 + run
 
     def check(self) -> None:
         """Raise InputError for anything that is not allowed, before anything runs."""
@@ -87,6 +151,12 @@ class StudyPlan:
         _require(1 <= self.runs <= MAX_RUNS, argument("runs"), self.runs, f"1..{MAX_RUNS}")
         _require(1 <= self.budget <= MAX_BUDGET, argument("budget"), self.budget, f"1..{MAX_BUDGET}")
         _require(0 <= self.seed <= MAX_SEED, argument("seed"), self.seed, f"0..{MAX_SEED}")
+        turn = self.self_rotation
+        _require(turn in SELF_ROTATIONS, argument("self_rotation"), turn, ", ".join(SELF_ROTATIONS))
+        _require(1 <= self.worlds <= MAX_WORLDS, argument("worlds"), self.worlds, f"1..{MAX_WORLDS}")
+        gaits = self.without_gaits
+        _require(1 <= gaits <= N_CODES, argument("without_gaits"), gaits, f"1..{N_CODES}")
+        parse_failure(self.legs[0], self.failure)
         _require(math.isfinite(self.duration_s), argument("duration_s"), self.duration_s, "a finite time")
         self._check_optimizers()
         check_walks(self.specs())

@@ -4,17 +4,30 @@ from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
 from hexctl.files import atomic_write
-from hexctl.study.claims import BarRow, bar_rows, claims_of, cm, expected_best_rank, left_share, within
+from hexctl.study.bars import BarRow, bar_rows
+from hexctl.study.claims import claims_of, expected_best_rank
+from hexctl.study.evidence import Claim, cm
 from hexctl.study.figures import FigureEntry, draw_figures
 from hexctl.study.landscape import Landscape
 from hexctl.study.page import Block, Bullets, Picture, Section, Table, render_page
-from hexctl.study.searches import Curve, Findings
+from hexctl.study.searches import NULL_DRAWS, Curve, Findings
 from hexctl.study.tables import SHOWN, TABLES, write_tables
+from hexctl.study.trajectories import left_share, within
 from hexctl.study.versions import code_versions
 
 REPORT = "report.html"
 
 READING = (
+    "A claim holds, does not hold, or there is no evidence: the numbers decide nothing, a symmetry implies "
+    "it, or it holds on random numbers, too. The red and the grey ones are as much a result as the green.",
+    'Where the paper gives a number, "about" is that number plus or minus half of it, on both sides: a mean '
+    "far below it is not what the paper reports either, and the table says which side is missed.",
+    "Legs that a symmetry of the robot turns into one another are one experiment and have one vote. "
+    "Intervals are 95 % intervals of the mean over worlds that differ in what the paper leaves open "
+    "(friction, stiffness of the servos, contact time); with one world there is none.",
+    "Random numbers: the scores of each landscape dealt out at random over the codes, "
+    f"{NULL_DRAWS} times. A claim about searches that holds there, too, says nothing about the encoding or "
+    "the search.",
     "Final deviation (the paper's F) counts, of valid trials only: a robot that fell, or made less than half "
     "of the ideal distance, is behind every other, however near to the line it stands.",
     "A run that has found no valid gait yet has no best-so-far. It is left out of means and percentiles; the "
@@ -84,10 +97,11 @@ def _numbers(findings: Findings) -> Iterator[Section]:
 def _settings(findings: Findings) -> str:
     plan = findings.plan
     return (
-        f"Robot {plan.robot.name}; legs {', '.join(str(leg) for leg in plan.legs)}, each locked in its "
-        f"stance pose on the floor; all 120 gaits, {plan.duration_s:g} s each, with and without "
-        f"self-rotation; then {', '.join(plan.optimizers)} with {plan.runs} seeded runs of "
-        f"{plan.budget} evaluations, looked up in the landscapes with self-rotation. "
+        f"Robot {plan.robot.name}; legs {', '.join(str(leg) for leg in plan.legs)}, each {plan.failure}; all "
+        f"120 gaits, {plan.duration_s:g} s each, self-rotation {' and '.join(plan.rotations)}; claims judged "
+        f"over {plan.worlds} world{'s' * (plan.worlds > 1)}; then {', '.join(plan.optimizers)} with "
+        f"{plan.runs} seeded runs of {plan.budget} evaluations, looked up in the landscapes with "
+        f"self-rotation {plan.self_rotation}. "
         f"Seed {plan.seed}. World: "
         + ", ".join(
             f"{name} {value}" for name, value in plan.world.model_dump().items() if name != "sensor_noise"
@@ -98,7 +112,7 @@ def _settings(findings: Findings) -> str:
 def _stuck(findings: Findings) -> str:
     """After how many codes the searches of this study were stuck."""
     means = {
-        name: [float(findings.searches[leg, name, True].own_codes.mean()) for leg in findings.plan.legs]
+        name: [float(findings.searches[leg, name, True].own_codes.mean()) for leg in findings.searched]
         for name in findings.heuristics
     }
     each = ", ".join(f"{name} after {min(of):.0f} to {max(of):.0f}" for name, of in means.items())
@@ -109,14 +123,21 @@ def _stuck(findings: Findings) -> str:
 
 def _claims(findings: Findings) -> Table:
     rows = [
-        (claim.claim, claim.rule, claim.measured, claim.beside, claim.verdict)
+        (claim.claim, claim.rule, claim.measured, _beside(claim), claim.verdict)
         for claim in claims_of(findings)
     ]
     return Table(("claim of the paper", "holds here if", "measured here", "beside it", "verdict"), rows)
 
 
+def _beside(claim: Claim) -> str:
+    """What a claim is compared with: the baseline, symmetries, random numbers."""
+    null = f"random numbers: {claim.null}" if claim.null else ""
+    symmetric = f"symmetry: {claim.symmetric}" if claim.symmetric else ""
+    return "; ".join(text for text in (claim.beside, symmetric, null) if text)
+
+
 def _bars(findings: Findings, *, paper_count: bool) -> Table:
-    legs = [f"leg {leg}" for leg in findings.plan.legs]
+    legs = [f"leg {leg}" for leg in findings.searched]
     rows = bar_rows(findings, paper_count=paper_count)
     header = ("optimizer", "evaluations", "bar", "mean", "verdict", *legs)
     return Table(header, list(_bar_lines(rows, len(legs))))
@@ -172,7 +193,7 @@ def _leg_means(findings: Findings) -> Table:
     shown = [count for count in SHOWN if count <= findings.plan.budget]
     rows = [
         [str(leg), name, *_curve_cells(findings.searches[leg, name, True].curve, shown)]
-        for leg in findings.plan.legs
+        for leg in findings.searched
         for name in findings.plan.optimizers
     ]
     return Table(("leg", "optimizer", *[f"after {count}" for count in shown]), rows)
@@ -188,8 +209,8 @@ def _distinct(findings: Findings) -> Table:
     """Codes that each search asks for by itself, and those that the paper's count pays for."""
     rows = []
     for name in findings.plan.optimizers:
-        searches = [findings.searches[leg, name, True] for leg in findings.plan.legs]
+        searches = [findings.searches[leg, name, True] for leg in findings.searched]
         cells = [f"{search.own_codes.mean():.0f} / {search.distinct.mean():.0f}" for search in searches]
         rows.append([name, *cells])
-    legs = [f"leg {leg}" for leg in findings.plan.legs]
+    legs = [f"leg {leg}" for leg in findings.searched]
     return Table(("optimizer", *legs), rows)

@@ -1,7 +1,7 @@
 """Searches in known landscapes: every optimizer, many seeded runs, no simulation."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -12,9 +12,11 @@ from hexctl.adapt.objectives import INVALID_SCORE
 from hexctl.adapt.population import POPULATION
 from hexctl.adapt.registry import make_optimizer
 from hexctl.adapt.space import GaitSpace
+from hexctl.backends.sim.world import World
 from hexctl.errors import InputError
+from hexctl.study.experiments import landscape_by_symmetry
 from hexctl.study.landscape import Landscape
-from hexctl.study.plan import HEURISTICS, WITH, WITHOUT, StudyPlan
+from hexctl.study.plan import HEURISTICS, WITHOUT, StudyPlan
 from hexctl.types import ArrayFields, FloatArray
 
 
@@ -102,6 +104,14 @@ def curve_of(best_m: FloatArray) -> Curve:
     return Curve(mean=mean, std=std, median=median, p10=p10, p90=p90, share=share)
 
 
+def mean_of(best_m: FloatArray) -> FloatArray:
+    """Mean of best-so-far values, (R, B), over the runs that have one, (B,); NaN where none has."""
+    known = np.isfinite(best_m)
+    counts = known.sum(axis=0)
+    sums = np.where(known, best_m, 0.0).sum(axis=0)
+    return np.where(counts > 0, sums / np.maximum(counts, 1), np.nan)
+
+
 def search_landscape(
     landscape: Landscape, optimizer: str, seeds: Sequence[int], budget: int
 ) -> tuple[Searches, Searches]:
@@ -109,25 +119,51 @@ def search_landscape(
 
     Raises InputError for a landscape that does not hold all gaits.
     """
+    _check_whole(landscape)
     space, scores = landscape.spec.space, landscape.scores
-    if len(scores) != space.size or not landscape.complete:
-        raise InputError(f"{landscape.spec.title}: got {landscape.done.sum()} gaits; allowed: {space.size}")
     own = [codes_until_stuck(optimizer, space, seed, scores) for seed in seeds]
+    fresh, paper = (
+        _searches(landscape, optimizer, seeds, budget, paper_count=count, own=own) for count in (False, True)
+    )
+    return fresh, paper
 
-    def search(paper_count: bool) -> Searches:
-        runs = [_run(optimizer, space, seed, scores, budget, paper_count) for seed in seeds]
-        codes = np.array(runs, dtype=np.int64).reshape(len(seeds), budget)
-        return Searches(
-            leg=landscape.spec.leg,
-            optimizer=optimizer,
-            paper_count=paper_count,
-            seeds=np.array(seeds, dtype=np.int64),
-            codes=codes,
-            scores=np.where(codes > 0, scores[codes - 1], INVALID_SCORE),
-            own_codes=np.array(own, dtype=np.int64),
-        )
 
-    return search(False), search(True)
+def search_by_paper_count(
+    landscape: Landscape, optimizer: str, seeds: Sequence[int], budget: int
+) -> Searches:
+    """Runs of an optimizer by the paper's count alone, with no number of own codes (0)."""
+    _check_whole(landscape)
+    return _searches(landscape, optimizer, seeds, budget, paper_count=True, own=[0] * len(seeds))
+
+
+def _check_whole(landscape: Landscape) -> None:
+    size = landscape.spec.space.size
+    if len(landscape.scores) != size or not landscape.complete:
+        raise InputError(f"{landscape.spec.title}: got {landscape.done.sum()} gaits; allowed: {size}")
+
+
+def _searches(
+    landscape: Landscape,
+    optimizer: str,
+    seeds: Sequence[int],
+    budget: int,
+    *,
+    paper_count: bool,
+    own: Sequence[int],
+) -> Searches:
+    """Runs counted by one rule."""
+    space, scores = landscape.spec.space, landscape.scores
+    runs = [_run(optimizer, space, seed, scores, budget, paper_count) for seed in seeds]
+    codes = np.array(runs, dtype=np.int64).reshape(len(seeds), budget)
+    return Searches(
+        leg=landscape.spec.leg,
+        optimizer=optimizer,
+        paper_count=paper_count,
+        seeds=np.array(seeds, dtype=np.int64),
+        codes=codes,
+        scores=np.where(codes > 0, scores[codes - 1], INVALID_SCORE),
+        own_codes=np.array(own, dtype=np.int64),
+    )
 
 
 def _run(
@@ -167,22 +203,45 @@ OnLeg = Callable[[int], None]
 
 @dataclass(frozen=True, kw_only=True)
 class Findings:
-    """The results of one study.
+    """The results of one study in one world, with those in the other worlds.
 
     Attributes:
         plan: its settings.
         landscapes: by leg and self-rotation.
         searches: by leg, optimizer, and whether repetitions count (the paper's count).
+        world: the simulated world.
+        nearby: the results in worlds like this one, over which claims are judged, too.
+        nulls: the searches of the heuristics in landscapes of random numbers, see `null_findings`.
     """
 
     plan: StudyPlan
     landscapes: dict[tuple[int, str], Landscape]
     searches: dict[tuple[int, str, bool], Searches]
+    world: World
+    nearby: tuple["Findings", ...] = ()
+    nulls: tuple["Findings", ...] = ()
+
+    @property
+    def worlds(self) -> tuple["Findings", ...]:
+        """The results in each world, this one first."""
+        return (self, *self.nearby)
 
     @property
     def heuristics(self) -> list[str]:
         """The paper's optimizers that were run."""
         return [name for name in self.plan.optimizers if name in HEURISTICS]
+
+    @cached_property
+    def searched(self) -> list[int]:
+        """Legs whose landscapes were searched, ascending."""
+        return sorted({leg for leg, _, _ in self.searches})
+
+    @cached_property
+    def experiments(self) -> tuple[tuple[int, ...], ...]:
+        """Searched legs in groups: one experiment each, and one vote."""
+        groups = self.plan.experiments(self.world, self.plan.self_rotation)
+        some = [tuple(leg for leg in group if leg in self.searched) for group in groups]
+        return tuple(group for group in some if group)
 
     def without(self, leg: int) -> Landscape:
         """Landscape without self-rotation."""
@@ -190,12 +249,29 @@ class Findings:
 
     def rotated(self, leg: int) -> Landscape:
         """Landscape with self-rotation, in which the optimizers search."""
-        return self.landscapes[leg, WITH]
+        return self.landscapes[leg, self.plan.self_rotation]
 
     def mean_curve(self, optimizer: str, *, paper_count: bool) -> Curve:
-        """Statistics over all legs and runs together."""
-        best = [self.searches[leg, optimizer, paper_count].best_m for leg in self.plan.legs]
+        """Statistics over all searched legs and runs together."""
+        best = [self.searches[leg, optimizer, paper_count].best_m for leg in self.searched]
         return curve_of(np.concatenate(best))
+
+    def voted_curve(self, optimizer: str) -> FloatArray:
+        """Mean best-so-far by the paper's count, one vote for each experiment, (B,), in m.
+
+        Runs without a valid gait yet are left out; NaN where there is none, and for an optimizer that was not
+        run.
+        """
+        votes = [
+            mean_of(np.concatenate([self.searches[leg, optimizer, True].best_m for leg in group]))
+            for group in self.experiments
+            if all((leg, optimizer, True) in self.searches for leg in group)
+        ]
+        known = np.isfinite(votes).any(axis=0) if votes else np.zeros(self.plan.budget, dtype=bool)
+        means = np.full(self.plan.budget, np.nan)
+        if known.any():
+            means[known] = np.nanmean(np.array(votes)[:, known], axis=0)
+        return means
 
     def mean_at(self, optimizer: str, evaluations: int, *, paper_count: bool) -> float:
         """Mean best-so-far over all legs and runs after a number of evaluations, in m.
@@ -208,13 +284,95 @@ class Findings:
 
 
 def search_all(plan: StudyPlan, landscapes: list[Landscape], on_leg: OnLeg = lambda _: None) -> Findings:
-    """Run every optimizer on every leg, by both counts; `on_leg` gets the number of finished legs."""
-    known = {(landscape.spec.leg, landscape.spec.self_rotation): landscape for landscape in landscapes}
+    """Run every optimizer on every leg, by both counts; `on_leg` gets the number of finished legs.
+
+    `landscapes` are those of `plan.specs()`, in their order. In the worlds like the plan's own one the
+    searches are run by the paper's count alone, and so are those in random numbers.
+    """
+    left = iter(landscapes)
+    by_world = [[next(left) for _ in specs] for specs in plan.specs_by_world()]
+    findings, *nearby = [_search_world(plan, some, number, on_leg) for number, some in enumerate(by_world)]
+    findings = replace(findings, nearby=tuple(nearby))
+    return replace(findings, nulls=null_findings(findings))
+
+
+def _search_world(plan: StudyPlan, walked: list[Landscape], number: int, on_leg: OnLeg) -> Findings:
+    """Searches in the landscapes of one world."""
     searches = {}
-    for number, leg in enumerate(plan.legs, start=1):
-        seeds = [plan.seed_of(leg, run) for run in range(plan.runs)]
+    rotated = [landscape for landscape in walked if landscape.spec.self_rotation == plan.self_rotation]
+    for count, landscape in enumerate(rotated, start=1):
+        leg = landscape.spec.leg
+        seeds = [plan.seed_of(leg, run, number) for run in range(plan.runs)]
         for optimizer in plan.optimizers:
-            for search in search_landscape(known[leg, WITH], optimizer, seeds, plan.budget):
+            if number:
+                searches[leg, optimizer, True] = search_by_paper_count(
+                    landscape, optimizer, seeds, plan.budget
+                )
+                continue
+            for search in search_landscape(landscape, optimizer, seeds, plan.budget):
                 searches[leg, optimizer, search.paper_count] = search
-        on_leg(number)
-    return Findings(plan=plan, landscapes=known, searches=searches)
+        if not number:
+            on_leg(count)
+    return Findings(
+        plan=plan,
+        landscapes=_of_all_legs(plan, walked),
+        searches=searches,
+        world=walked[0].spec.world,
+    )
+
+
+def _of_all_legs(plan: StudyPlan, walked: list[Landscape]) -> dict[tuple[int, str], Landscape]:
+    """Landscapes of all legs, those that were not walked as images of others."""
+    known = {
+        rotation: [landscape for landscape in walked if landscape.spec.self_rotation == rotation]
+        for rotation in plan.rotations
+    }
+    return {
+        (leg, rotation): landscape_by_symmetry(known[rotation], leg)
+        for leg in plan.legs
+        for rotation in plan.rotations
+    }
+
+
+#: How many landscapes of random numbers each landscape is compared with.
+NULL_DRAWS = 19
+
+
+def null_findings(findings: Findings, draws: int = NULL_DRAWS) -> tuple[Findings, ...]:
+    """The searches of the heuristics in landscapes of random numbers, one `Findings` for each draw.
+
+    In each draw the gaits of every landscape change places at random: the codes have the same scores, in an
+    order that means nothing. What then still holds is true of any numbers that are as large.
+    """
+    random = np.random.default_rng([findings.plan.seed, 120])
+    return tuple(
+        replace(first, nearby=tuple(others))
+        for first, *others in (
+            [_null_of(one, number, random) for number, one in enumerate(findings.worlds)]
+            for _ in range(draws)
+        )
+    )
+
+
+def _null_of(findings: Findings, number: int, random: np.random.Generator) -> Findings:
+    """Findings with permuted landscapes, one leg of each experiment."""
+    plan = findings.plan
+    landscapes, searches = dict(findings.landscapes), {}
+    for leg, *_ in findings.experiments:
+        landscape = landscapes[leg, plan.self_rotation] = permuted(findings.rotated(leg), random)
+        seeds = [plan.seed_of(leg, run, number) for run in range(plan.runs)]
+        for name in findings.heuristics:
+            searches[leg, name, True] = search_by_paper_count(landscape, name, seeds, plan.budget)
+    return Findings(plan=plan, landscapes=landscapes, searches=searches, world=findings.world)
+
+
+def permuted(landscape: Landscape, random: np.random.Generator) -> Landscape:
+    """Landscape whose gaits have changed places at random."""
+    order = random.permutation(len(landscape.codes))
+    return Landscape(
+        spec=landscape.spec,
+        codes=landscape.codes,
+        status=landscape.status[order],
+        numbers=landscape.numbers[order],
+        paths_m=landscape.paths_m[order],
+    )

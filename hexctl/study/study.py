@@ -100,7 +100,7 @@ def study(
         jobs: threads per batch of gaits.
         dask: address of a Dask scheduler.
         progress: observer.
-        options: further fields of `StudyPlan`: `legs`, `optimizers`, `runs`, `budget`, `duration_s`, `seed`.
+        options: further fields of `StudyPlan`, such as `legs`, `failure`, `self_rotation`, `worlds`, `runs`.
 
     Raises what `run_study` raises.
     """
@@ -149,7 +149,7 @@ def run_study(
         times_s = _Stopwatch()
         landscapes = evaluate(plan.specs(), cache, jobs=jobs, dask=dask, progress=progress)
         times_s.lap("landscapes")
-        progress.stage("searches, leg by leg", len(plan.legs))
+        progress.stage("searches, leg by leg", len(plan.searched_specs()))
         findings = search_all(plan, landscapes, lambda _: progress.step())
         times_s.lap("searches")
         progress.stage("figures", len(FIGURES))

@@ -7,9 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from hexctl.study.claims import BarRow, bar_rows, claims_of, left_share, within
+from hexctl.study.bars import BarRow, bar_rows
+from hexctl.study.claims import claims_of
 from hexctl.study.landscape import NUMBERS, Landscape
 from hexctl.study.searches import Findings, Searches
+from hexctl.study.trajectories import left_share, within
 from hexctl.study.versions import code_versions
 
 COUNT_NAMES = {True: "paper", False: "fresh"}
@@ -100,6 +102,9 @@ def summary_json(findings: Findings) -> dict[str, Any]:
         "budget": plan.budget,
         "duration_s": plan.duration_s,
         "seed": plan.seed,
+        "failure": plan.failure,
+        "self_rotation": plan.self_rotation,
+        "worlds": plan.worlds,
         "code": code_versions(),
         "claims": [{**asdict(claim), "verdict": claim.verdict} for claim in claims_of(findings)],
         "bars": [_bar(row) for count in (False, True) for row in bar_rows(findings, paper_count=count)],
@@ -140,7 +145,7 @@ def _curve(findings: Findings, optimizer: str, *, paper_count: bool) -> dict[str
     """Mean over legs and runs after some numbers of evaluations."""
     curve = findings.mean_curve(optimizer, paper_count=paper_count)
     shown = [count for count in SHOWN if count <= findings.plan.budget]
-    searches = [findings.searches[leg, optimizer, paper_count] for leg in findings.plan.legs]
+    searches = [findings.searches[leg, optimizer, paper_count] for leg in findings.searched]
     return {
         "optimizer": optimizer,
         "count": COUNT_NAMES[paper_count],

@@ -2,8 +2,10 @@
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from hexctl.backends.sim.world import Distribution, World
-from hexctl.errors import InputError
+from hexctl.errors import InputError, argument
 
 #: What the paper leaves open and no leg is favoured by, as factors on the world's own values: floor, servos,
 #: contacts. Neither joint offsets nor a shifted trunk are among them: legs that are one experiment stay one.
@@ -27,7 +29,7 @@ def nearby_worlds(world: World, count: int) -> list[World]:
     design of which any beginning covers the ranges. Raises InputError for a count outside 1..`MAX_WORLDS`.
     """
     if not 1 <= count <= MAX_WORLDS:
-        raise InputError(f"worlds: got {count}; allowed: 1..{MAX_WORLDS}")
+        raise InputError(f"{argument('worlds')}: got {count}; allowed: 1..{MAX_WORLDS}")
     if count == 1:
         return [world]
     shares = _design(count - 1)
@@ -36,7 +38,6 @@ def nearby_worlds(world: World, count: int) -> list[World]:
 
 def _design(count: int) -> list[list[float]]:
     """Points of a Sobol design in the unit cube, one row per world."""
-    import numpy as np
     from scipy.stats.qmc import Sobol
 
     sequence = Sobol(len(FACTORS), scramble=True, rng=np.random.default_rng(SEED))
@@ -45,8 +46,6 @@ def _design(count: int) -> list[list[float]]:
 
 
 def _varied(world: World, shares: Sequence[float]) -> World:
-    import numpy as np
-
     values = world.model_dump()
     for (name, factor), share in zip(FACTORS.items(), shares, strict=True):
         values[name] = float(values[name] * factor.at(np.array(share)))

@@ -40,7 +40,7 @@ def test_a_study_from_end_to_end_and_again_from_the_cache(
     first = capsys.readouterr()
     outcome = json.loads(first.out)
     assert outcome["legs"] == [2]
-    assert len(outcome["claims"]) == 10
+    assert len(outcome["claims"]) == 12
     assert Path(outcome["report"]).read_text(encoding="utf-8").startswith("<!doctype html>")
     assert json.loads((tmp_path / "first" / "study.json").read_text()) == outcome
     assert "leg 2 without self-rotation: 120 of 120 gaits valid" in first.err
@@ -70,6 +70,11 @@ def test_a_study_from_end_to_end_and_again_from_the_cache(
         (["--optimizers", "annealing"], "pso, psosp, dps"),
         (["--robot", "spot"], "allowed: ant"),
         (["--world", "moon"], "allowed: flat"),
+        (["--failure", "tired"], "allowed: locked, limp"),
+        (["--failure", "weak:2"], "weak torque fraction: got 2"),
+        (["--self-rotation", "left"], "--self-rotation: got left; allowed: rear, front, none"),
+        (["--worlds", "101"], "--worlds: got 101; allowed: 1..100"),
+        (["--prior", "auto"], "--prior: got auto; allowed: with --transfer"),
         (["--out", "a-file"], "--out"),
         (["--out", "full"], "holds other things"),
         (["--dask", "nonsense"], "--dask"),
@@ -93,6 +98,26 @@ def test_bad_input_is_one_line_before_anything_runs(
     assert message in printed.err
     assert not list(tmp_path.rglob("*.npz"))
     assert not list(tmp_path.rglob("report.html"))
+
+
+def test_another_failure_turn_and_more_worlds(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    options = ["--failure", "weak:0.5", "--self-rotation", "none", "--worlds", "2"]
+    assert exit_code([*TINY, *options, "--json"]) == 0
+    printed = capsys.readouterr()
+    outcome = json.loads(printed.out)
+    assert (outcome["failure"], outcome["self_rotation"], outcome["worlds"]) == ("weak:0.5", "none", 2)
+    assert "leg 2 without self-rotation, world 2 of 2: " in printed.err
+    assert [one["self_rotation"] for one in outcome["landscapes"]] == ["none"]
+    (report,) = Path("runs").glob("study-2*/report.html")
+    assert "each weak:0.5" in report.read_text(encoding="utf-8")
+
+
+def test_the_transfer_benchmark_has_its_own_world_and_failure(capsys: pytest.CaptureFixture[str]) -> None:
+    assert exit_code(["study", "--transfer", "--failure", "limp"]) == 2
+    assert "--failure: got limp with --transfer" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

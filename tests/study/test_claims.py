@@ -1,22 +1,32 @@
+"""Claims of the paper: what holds, what does not, and what random numbers or a symmetry would say as well."""
+
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from hexctl.study.claims import Claim, bar_rows, claims_of, cm, expected_best_rank
-from hexctl.study.searches import Findings
-from tests.study.landscapes import made_up_findings, spread_out
+from hexctl.study.claims import OF_SEARCHES, OF_WALKS, claims_of, expected_best_rank
+from hexctl.study.evidence import Claim
+from hexctl.study.searches import Findings, search_all
+from hexctl.types import FloatArray
+from tests.study.landscapes import made_up, made_up_findings, spread_out
 
 CLAIMS = {
     "left": "moves to the left",
     "right": "moves to the right",
     "both": "goes straight or turns",
+    "straighter": "avoids motions",
     "rotation": "After the self-rotation",
     "converges": "converge to about 2.5 cm",
     "flat": "fastest in the first 20",
-    "minimal": "40 to 60",
+    "minimal": "Minimal values",
     "early": "about 10 cm",
+    "late": "2.5 cm on average",
     "competitive": "competitive",
     "best": "keeps the direction",
 }
+
+SEARCHES = ("converges", "flat", "minimal", "early", "late", "competitive", "best")
 
 SIGNS = np.where(np.arange(120) % 2, 1.0, -1.0)
 
@@ -29,9 +39,9 @@ def good() -> Findings:
 
 @pytest.fixture(scope="module")
 def bad() -> Findings:
-    """All gaits far off, and each leg on the wrong side."""
+    """All gaits far off, farther than without self-rotation, and each leg on the wrong side."""
     wrong = {1: 1.0, 2: 0.5, 3: 0.0, 4: 0.0, 5: 1.0, 6: 0.5}
-    return made_up_findings(0.5 + spread_out(3.0), wrong, runs=5)
+    return made_up_findings(2.5 + spread_out(3.0), wrong, runs=5)
 
 
 def named(findings: Findings, key: str) -> Claim:
@@ -40,20 +50,98 @@ def named(findings: Findings, key: str) -> Claim:
 
 
 def test_every_claim_is_there_once(good: Findings) -> None:
-    assert len(claims_of(good)) == len(CLAIMS)
+    assert len(claims_of(good)) == len(CLAIMS) == len(OF_WALKS) + len(OF_SEARCHES)
     assert all(claim.rule and claim.measured for claim in claims_of(good))
 
 
-@pytest.mark.parametrize("key", list(CLAIMS))
+@pytest.mark.parametrize("key", ["left", "right", "straighter", "rotation"])
 def test_claims_that_hold(good: Findings, key: str) -> None:
     claim = named(good, key)
     assert (claim.holds, claim.verdict) == (True, "holds"), claim
 
 
-@pytest.mark.parametrize("key", ["left", "right", "both", "rotation", "converges", "early", "best"])
+@pytest.mark.parametrize(
+    "key", ["left", "right", "straighter", "rotation", "converges", "early", "late", "best"]
+)
 def test_claims_that_do_not_hold(bad: Findings, key: str) -> None:
     claim = named(bad, key)
     assert (claim.holds, claim.verdict) == (False, "does not hold"), claim
+
+
+@pytest.mark.parametrize("worst_m", [0.25, 1.2])
+def test_no_claim_about_searches_is_green_on_random_numbers(worst_m: float) -> None:
+    findings = made_up_findings(spread_out(worst_m, SIGNS), legs=(1, 2), runs=5)
+    claims = [named(findings, key) for key in SEARCHES]
+    assert not any(claim.holds for claim in claims), claims
+    grey = [claim for claim in claims if claim.no_evidence]
+    assert {claim.verdict for claim in grey} == {"no evidence: also holds on random numbers"}
+    assert all("of 19 draws" in claim.null for claim in claims)
+
+
+def test_what_only_the_order_of_the_codes_makes_possible_is_green() -> None:
+    """In a valley a search that keeps to its best code ends at the bottom; in random numbers it does not."""
+    valley = np.abs(np.arange(1, 121) - 60.0) * 0.3 + 0.026
+    findings = made_up_findings(valley, legs=(1,), runs=10, optimizers=("debest",))
+    claim = named(findings, "late")
+    assert (claim.verdict, claim.null) == ("holds", "holds in 0 of 19 draws")
+
+
+def test_a_number_that_is_missed_on_the_good_side_is_missed(good: Findings) -> None:
+    """The paper reports about 10 cm; 2 cm is another result, however welcome."""
+    early = named(good, "early")
+    assert early.holds is False
+    assert "below 5 cm" in early.measured
+    assert "5 cm to 15 cm" in early.rule
+
+
+def test_what_symmetry_implies_is_no_evidence(good: Findings) -> None:
+    both = named(good, "both")
+    assert both.verdict == "no evidence: the mirror symmetry alone implies it"
+    assert "one vote" in named(good, "right").symmetric
+    assert "legs 1, 2, 3, 4, 5, 6 (one experiment)" in named(good, "rotation").measured
+
+
+def with_invalid(signed_m: FloatArray, invalid: range) -> Findings:
+    """Leg 2 with gaits that are invalid without self-rotation."""
+    plan = made_up_findings(signed_m, {2: 1.0}, legs=(2,), runs=2).plan
+    return search_all(plan, [made_up(2, "none", np.ones(120), invalid), made_up(2, "rear", signed_m)])
+
+
+def test_a_leg_without_valid_gaits_is_not_judged() -> None:
+    claim = named(with_invalid(spread_out(0.25, SIGNS), range(1, 121)), "left")
+    assert claim.verdict == "not judged: leg 2: 0 of 120 gaits valid"
+    assert "leg 2 100%" in claim.beside
+    some = named(with_invalid(spread_out(0.25, SIGNS), range(1, 101)), "left")
+    assert some.holds is True
+    assert "20 of 120 gaits valid" in some.measured
+
+
+def test_the_rotation_is_compared_gait_by_gait() -> None:
+    """Gaits as near to the line with the self-rotation as without are no evidence for it."""
+    same = made_up_findings(spread_out(2.0), {2: 1.0}, legs=(2,), runs=2)
+    claim = named(same, "straighter")
+    assert claim.holds is False
+    assert "leg 2 0%" in claim.measured
+    assert named(same, "rotation").holds is True
+
+
+def test_without_a_self_rotation_nothing_is_compared() -> None:
+    plan = replace(made_up_findings(spread_out(2.0), {2: 1.0}, legs=(2,), runs=2).plan, self_rotation="none")
+    findings = search_all(plan, [made_up(2, "none", spread_out(2.0))])
+    assert named(findings, "straighter").verdict == "not measured"
+    assert findings.rotated(2) is findings.without(2)
+
+
+def test_worlds_that_disagree_are_no_evidence() -> None:
+    plan = replace(made_up_findings(spread_out(2.0), legs=(2,), runs=2).plan, worlds=3)
+    landscapes = [
+        replace(made_up(spec.leg, spec.self_rotation, spread_out(worst_m)), spec=spec)
+        for specs, worst_m in zip(plan.specs_by_world(), (0.5, 1.2, 30.0), strict=True)
+        for spec in specs
+    ]
+    early = named(search_all(plan, landscapes), "early")
+    assert early.verdict == "no evidence: the interval over worlds reaches across the limit"
+    assert "3 worlds]" in early.measured
 
 
 def test_a_single_good_gait_is_found_late() -> None:
@@ -61,25 +149,23 @@ def test_a_single_good_gait_is_found_late() -> None:
     needle[77] = 0.001
     findings = made_up_findings(needle, optimizers=("pso", "derand", "random"), legs=(1, 2), runs=20)
     assert named(findings, "flat").holds is False
-    assert named(findings, "minimal").holds is False
 
 
-def test_by_how_much_is_said(bad: Findings) -> None:
-    assert "too much: pso " in named(bad, "early").measured
-    assert "0 of 30 cases" in named(bad, "converges").measured
-    assert "leg 3: 0% left" in named(bad, "left").measured
+def test_on_which_side_a_number_is_missed_is_said(bad: Findings) -> None:
+    assert "above 15 cm" in named(bad, "early").measured
+    assert "0 of 5 below, 5 above" in named(bad, "converges").measured
+    assert "leg 3 0%" in named(bad, "left").measured
 
 
 def test_the_random_baseline_stands_beside(good: Findings) -> None:
     assert "random: " in named(good, "early").beside
     assert "5.8 of 120" in named(good, "early").beside
-    assert "better than random" in named(good, "competitive").beside
 
 
 def test_what_was_not_measured_is_not_judged() -> None:
     findings = made_up_findings(spread_out(0.25), legs=(1,), optimizers=("random",), budget=10)
-    judged = {key for key in CLAIMS if named(findings, key).holds is not None}
-    assert judged == {"both", "rotation"}
+    judged = {key for key in CLAIMS if named(findings, key).verdict != "not measured"}
+    assert judged == {"both", "straighter", "rotation"}
 
 
 def test_walks_that_are_too_short_are_measured_but_not_judged() -> None:
@@ -89,35 +175,8 @@ def test_walks_that_are_too_short_are_measured_but_not_judged() -> None:
         words = "not judged: walks of 0.5 s, needs at least 30 s" if judged else "not measured"
         assert (claim.holds, claim.verdict) == (None, words)
         assert claim.measured
-    rows = bar_rows(findings, paper_count=False)
-    assert {(row.holds, row.verdict) for row in rows} == {
-        (None, "not judged: walks of 0.5 s, needs at least 30 s")
-    }
-    assert named(made_up_findings(spread_out(0.25, SIGNS), legs=(1, 2), runs=2), "both").holds is True
-
-
-def test_the_bar_is_the_mean_of_what_each_leg_allows(good: Findings, bad: Findings) -> None:
-    rows = bar_rows(good, paper_count=False)
-    assert len(rows) == 6 * 2 * 7
-    assert all(row.holds for row in rows if row.leg is None)
-    assert {round(row.limit_m, 9) for row in rows} == {0.10, 0.025}
-    late = [row for row in bar_rows(bad, paper_count=True) if row.evaluations == 60]
-    best = bad.rotated(1).best_m
-    assert [row.limit_m for row in late] == [pytest.approx(best + 0.01)] * len(late)
-    row = next(row for row in late if not row.holds)
-    assert row.over_m == pytest.approx(row.mean_m - row.limit_m)
-    assert row.over_m > 0
-
-
-def test_no_bar_beyond_the_budget() -> None:
-    findings = made_up_findings(spread_out(0.25), legs=(1,), optimizers=("random",), budget=30)
-    assert {row.evaluations for row in bar_rows(findings, paper_count=False)} == {20}
 
 
 def test_the_expected_rank_of_random_draws() -> None:
     assert expected_best_rank(20) == pytest.approx(5.76, abs=0.01)
     assert expected_best_rank(500) == 1.0
-
-
-def test_small_lengths_keep_a_digit() -> None:
-    assert (cm(0.123), cm(0.0004), cm(float("nan"))) == ("12.3 cm", "0.04 cm", "none")

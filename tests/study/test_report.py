@@ -88,7 +88,7 @@ def test_tables_hold_every_gait_evaluation_and_run(findings: Findings, folder: P
 
 def test_the_summary_is_plain_json(findings: Findings) -> None:
     text = json.dumps(summary_json(findings), allow_nan=False)
-    assert len(json.loads(text)["claims"]) == 10
+    assert len(json.loads(text)["claims"]) == 12
 
 
 def test_a_study_without_valid_gaits_still_reports(tmp_path: Path) -> None:

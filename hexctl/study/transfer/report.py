@@ -9,8 +9,8 @@ import numpy as np
 
 from hexctl.adapt.shipped import BAYES
 from hexctl.files import atomic_write
-from hexctl.study.claims import cm, too_short, verdict_of
 from hexctl.study.drawing import color_of, grid_of, label_axes, new_figure, save_figure
+from hexctl.study.evidence import cm, too_short, verdict_of
 from hexctl.study.page import Block, Bullets, Picture, Section, Table, render_page
 from hexctl.study.plan import BASELINE
 from hexctl.study.tables import number

@@ -1,0 +1,223 @@
+"""Evidence for a claim: numbers of several worlds, tolerances, intervals over worlds, and three verdicts."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from hexctl.types import FloatArray
+
+#: What "about" means for a number of the paper: up to this share more or less.
+ABOUT = 0.5
+
+#: Confidence of the intervals over worlds.
+CONFIDENCE = 0.95
+
+
+@dataclass(frozen=True)
+class Tolerance:
+    """The values that count as what a claim says, both ends included; in the unit of the number."""
+
+    low: float = -np.inf
+    high: float = np.inf
+
+    @classmethod
+    def about(cls, low: float, high: float | None = None) -> "Tolerance":
+        """Tolerance of "about `low`", or of "about `low` to `high`"."""
+        return cls(low * (1 - ABOUT), (low if high is None else high) * (1 + ABOUT))
+
+
+@dataclass(frozen=True)
+class Measure:
+    """One number of a claim, measured in each world.
+
+    Attributes:
+        name: what it is of, such as `leg 2` or `pso`.
+        values: one for each world; NaN where it cannot be judged.
+        note: counts behind it, or why it is not judged.
+    """
+
+    name: str
+    values: tuple[float, ...]
+    note: str = ""
+
+    @cached_property
+    def known(self) -> FloatArray:
+        """Values of the worlds in which it can be judged."""
+        values = np.array(self.values, dtype=float)
+        return np.asarray(values[np.isfinite(values)])
+
+    @property
+    def mean(self) -> float:
+        """Mean over the worlds; NaN without any."""
+        return float(self.known.mean()) if self.known.size else float("nan")
+
+    @cached_property
+    def interval(self) -> tuple[float, float]:
+        """Confidence interval of the mean over worlds (Student's t); the mean itself for one world."""
+        if self.known.size < 2:
+            return self.mean, self.mean
+        from scipy.special import stdtrit
+
+        error = self.known.std(ddof=1) / np.sqrt(self.known.size)
+        half = float(stdtrit(self.known.size - 1, 0.5 + CONFIDENCE / 2) * error)
+        return self.mean - half, self.mean + half
+
+
+#: What `judge` answers.
+WITHIN, BELOW, ABOVE, ACROSS, UNKNOWN = "within", "below", "above", "across", "unknown"
+
+
+def judge(measure: Measure, tolerance: Tolerance) -> str:
+    """Where the interval of a number lies: within a tolerance, below, above or across its end, or unknown.
+
+    Across is no evidence either way: worlds like these differ by more than they are away from the limit.
+    """
+    if not measure.known.size:
+        return UNKNOWN
+    low, high = measure.interval
+    if tolerance.low <= low and high <= tolerance.high:
+        return WITHIN
+    if high < tolerance.low:
+        return BELOW
+    return ABOVE if low > tolerance.high else ACROSS
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """Verdict on several numbers together: all have to be within their tolerance.
+
+    Attributes:
+        holds: None where there is no verdict.
+        no_evidence: reason why the numbers decide nothing; empty otherwise.
+        not_judged: reason why there is no number to judge; empty otherwise.
+    """
+
+    holds: bool | None
+    no_evidence: str = ""
+    not_judged: str = ""
+
+
+def judge_all(measures: Sequence[Measure], tolerance: Tolerance) -> Judgement:
+    """Judgement of all numbers of a claim; without any, the claim was not measured."""
+    where = {measure.name: judge(measure, tolerance) for measure in measures}
+    if any(side in (BELOW, ABOVE) for side in where.values()):
+        return Judgement(False)
+    unknown = [measure for measure in measures if where[measure.name] == UNKNOWN]
+    if unknown:
+        reasons = "; ".join(f"{measure.name}: {measure.note}" for measure in unknown)
+        return Judgement(None, not_judged=reasons)
+    if any(side == ACROSS for side in where.values()):
+        return Judgement(None, no_evidence="the interval over worlds reaches across the limit")
+    return Judgement(True if measures else None)
+
+
+#: A claim that holds in more than this share of the draws of random numbers says nothing when it holds.
+NULL_SHARE = 0.05
+
+
+def null_share(holds: Sequence[bool | None]) -> float:
+    """Chance that a claim holds on random numbers, from draws of them: (k + 1) / (n + 1)."""
+    return (sum(held is True for held in holds) + 1) / (len(holds) + 1)
+
+
+#: Shorter walks are not judged: deviations grow with the time walked, and the distances in claims and bars
+#: are those of walks of this duration.
+JUDGED_FROM_S = 30.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Claim:
+    """A claim of the paper and the numbers of this study.
+
+    Attributes:
+        claim: the paper's statement.
+        rule: condition under which it counts as held here.
+        measured: the numbers, with their intervals over worlds where there are several.
+        beside: result of the random baseline, or another fact to compare with.
+        holds: None where this study did not measure it, cannot judge it, or has no evidence.
+        not_judged: why the numbers cannot be judged; empty where they can.
+        no_evidence: why the numbers decide nothing; empty where they do.
+        symmetric: which symmetry implies the claim, or another one of the claims; empty where none does.
+        null: result of the same rule on random numbers; empty for a claim that is not about searches.
+    """
+
+    claim: str
+    rule: str
+    measured: str
+    beside: str
+    holds: bool | None
+    not_judged: str = ""
+    no_evidence: str = ""
+    symmetric: str = ""
+    null: str = ""
+
+    @property
+    def verdict(self) -> str:
+        """Verdict in words."""
+        return verdict_of(self.holds, self.not_judged, self.no_evidence)
+
+
+def verdict_of(holds: bool | None, not_judged: str = "", no_evidence: str = "") -> str:
+    """Verdict in words; the texts are the reasons why there is none."""
+    if not_judged:
+        return f"not judged: {not_judged}"
+    if no_evidence:
+        return f"no evidence: {no_evidence}"
+    return {True: "holds", False: "does not hold", None: "not measured"}[holds]
+
+
+def too_short(duration_s: float) -> str:
+    """Reason why walks of a duration are not judged, empty for those that are long enough."""
+    if duration_s >= JUDGED_FROM_S:
+        return ""
+    return f"walks of {duration_s:g} s, needs at least {JUDGED_FROM_S:g} s"
+
+
+def cm(value_m: float) -> str:
+    """Length in m as text in cm."""
+    if not np.isfinite(value_m):
+        return "none"
+    return f"{100 * value_m:.1f} cm" if abs(value_m) >= 0.01 else f"{100 * value_m:.2f} cm"
+
+
+def limit_text(value_m: float) -> str:
+    """Limit in m as text in cm, with all its digits."""
+    return f"{100 * value_m:g} cm"
+
+
+def share_text(share: float) -> str:
+    """Share as text in percent."""
+    return f"{share:.0%}"
+
+
+def measures_text(measures: Sequence[Measure], text: Callable[[float], str], tolerance: Tolerance) -> str:
+    """Numbers on one line: mean, interval over worlds, on which side it misses the tolerance, and counts."""
+    return "; ".join(_measure_text(measure, text, tolerance) for measure in measures) or "not measured"
+
+
+def _measure_text(measure: Measure, text: Callable[[float], str], tolerance: Tolerance) -> str:
+    note = f" ({measure.note})" if measure.note else ""
+    if not measure.known.size:
+        return f"{measure.name}: no number{note}"
+    worlds = measure.known.size
+    interval = " [{} to {}, {} worlds]".format(*map(text, measure.interval), worlds) if worlds > 1 else ""
+    side = judge(measure, tolerance)
+    limit = {BELOW: tolerance.low, ABOVE: tolerance.high}.get(side)
+    missed = f", {side} {limit_text(limit) if text is cm else text(limit)}" if limit is not None else ""
+    return f"{measure.name} {text(measure.mean)}{interval}{missed}{note}"
+
+
+def make_claim(statement: str, rule: str, measured: str, judgement: Judgement, **others: str) -> Claim:
+    """Claim with a judgement; `others` are further texts of a `Claim`."""
+    return Claim(
+        claim=statement,
+        rule=rule,
+        measured=measured,
+        beside=others.pop("beside", ""),
+        holds=judgement.holds,
+        not_judged=judgement.not_judged,
+        no_evidence=judgement.no_evidence,
+        **others,
+    )
