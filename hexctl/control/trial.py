@@ -17,7 +17,16 @@ from hexctl.control.loop import TickObserver, Until, run_controller
 from hexctl.control.plan import TrialPlan
 from hexctl.control.result import TrialResult, score
 from hexctl.control.trace import Trace, TrialFrame
-from hexctl.control.turning import CLOSE_ENOUGH_RAD, Turn, check_plan, turn_needed_rad
+from hexctl.control.turning import (
+    MAX_TURN_STEPS,
+    SMALL_TURN_RAD,
+    TURN_WITHIN_RAD,
+    Turn,
+    TurnStep,
+    TurnSteps,
+    check_plan,
+    turn_needed_rad,
+)
 from hexctl.errors import (
     CommandRefusedError,
     EStopError,
@@ -28,7 +37,7 @@ from hexctl.errors import (
 )
 from hexctl.robot.model import Robot
 from hexctl.robot.rotations import wrapped_rad, yaw_rad
-from hexctl.types import FloatArray, JointTargets, RobotState
+from hexctl.types import ArrayFields, FloatArray, JointTargets, RobotState
 
 #: Rest between the self-rotation and the walk.
 PAUSE_S = 0.5
@@ -257,17 +266,37 @@ class _Preparation:
         self._stand(plan.settle_s)
         if not self._trace.pose_known or self._stop_requested():
             return self._start(0.0, None)
-        position, first_yaw_rad = self._resting_pose(plan.settle_s)
-        yaw = first_yaw_rad
+        pose = first = self._resting_pose(plan.settle_s)
         turn_rad = turn_needed_rad(robot, plan)
-        if abs(turn_rad) > CLOSE_ENOUGH_RAD:
+        if abs(turn_rad) > TURN_WITHIN_RAD:
             self._phases.begin("turn")
-            period_s = self._servos.clock.period_s
-            self._phases.run(Turn(robot, plan, turn_rad, first_yaw_rad, period_s, self._stop_requested))
-            self._stand(PAUSE_S)
-            position, yaw = self._resting_pose(PAUSE_S)
-        frame = TrialFrame(position, first_yaw_rad + plan.heading_rad, yaw)
-        return self._start(wrapped_rad(yaw - first_yaw_rad), frame)
+            pose = self._turn(turn_rad, first)
+        frame = TrialFrame(pose.position_world, first.yaw_rad + plan.heading_rad, pose.yaw_rad)
+        return self._start(wrapped_rad(pose.yaw_rad - first.yaw_rad), frame)
+
+    def _turn(self, turn_rad: float, first: "_RestingPose") -> "_RestingPose":
+        """Turn in place, then in small steps to the goal; the pose in which the robot stands then."""
+        robot, plan, period_s = self._servos.robot, self._plan, self._servos.clock.period_s
+        pose, steps = first, TurnSteps()
+        if abs(turn_rad) > SMALL_TURN_RAD:
+            turn = Turn(robot, plan, turn_rad, first.yaw_rad, period_s, self._stop_requested)
+            pose = self._stand_after(turn)
+            if turn.timed_out:
+                return pose
+        for _ in range(MAX_TURN_STEPS):
+            missing_rad = wrapped_rad(turn_rad - (pose.yaw_rad - first.yaw_rad))
+            if abs(missing_rad) <= max(TURN_WITHIN_RAD, 2 * pose.yaw_error_rad) or self._stop_requested():
+                break
+            step = TurnStep(robot, plan, steps.command_rad(missing_rad), period_s)
+            before, pose = pose, self._stand_after(step)
+            steps.learn(step.commanded_rad, wrapped_rad(pose.yaw_rad - before.yaw_rad))
+        return pose
+
+    def _stand_after(self, controller: Controller) -> "_RestingPose":
+        """Run a controller, stand, and measure the pose at rest."""
+        self._phases.run(controller)
+        self._stand(PAUSE_S)
+        return self._resting_pose(PAUSE_S)
 
     def _start(self, turned_rad: float, frame: TrialFrame | None) -> WalkStart:
         return WalkStart(
@@ -285,14 +314,27 @@ class _Preparation:
         moving = ticks // 2
         self._phases.run(Stand(self._servos.robot, self._servos.accepted_rad(), moving, ticks - moving))
 
-    def _resting_pose(self, duration_s: float) -> tuple[FloatArray, float]:
-        """Mean position (3,) and mean yaw of the resting half of a stand that has just ended."""
+    def _resting_pose(self, duration_s: float) -> "_RestingPose":
+        """The pose over the resting half of a stand that has just ended."""
         rest = slice(max(0, len(self._trace) - ticks_of(self._servos, duration_s) // 2 - 1), None)
         positions, quaternions = self._trace.positions_world[rest], self._trace.quaternions_world[rest]
         known = np.isfinite(positions[:, 0])
         yaws = yaw_rad(quaternions[known])
-        yaw = float(yaws[-1]) + float(np.mean([wrapped_rad(value - yaws[-1]) for value in yaws.tolist()]))
-        return positions[known].mean(axis=0), yaw
+        off_rad = np.array([wrapped_rad(value - yaws[-1]) for value in yaws.tolist()])
+        return _RestingPose(
+            positions[known].mean(axis=0),
+            float(yaws[-1]) + float(off_rad.mean()),
+            float(off_rad.std() / math.sqrt(len(off_rad))),
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _RestingPose(ArrayFields):
+    """Mean pose of a robot at rest: position (3,), yaw, and the standard error of the yaw."""
+
+    position_world: FloatArray
+    yaw_rad: float
+    yaw_error_rad: float
 
 
 class _Trial:

@@ -60,7 +60,8 @@ class World(_Section):
         body_mass_shift_m: how far the trunk's centre of mass lies from where the robot file has it, in the
             body frame.
         contact_time_s: time constant in which a contact gives way; longer is a softer floor.
-        friction_cone: how the solver bounds friction; `pyramidal` is quicker and a little weaker diagonally.
+        friction_cone: how the solver bounds friction; `pyramidal` is quicker, and weaker diagonally: the same
+            walk in another compass direction ends decimetres elsewhere.
         time_step_s: step of the physics, a whole part of the 20 ms tick.
         servo_delay_s: time from a target to the servo that follows it, in whole ticks.
         servo_backlash_deg: play between a servo and its joint, from stop to stop.
@@ -81,7 +82,7 @@ class World(_Section):
     added_mass_share: Annotated[Number, Field(ge=-0.5, le=5, allow_inf_nan=False)] = 0.0
     body_mass_shift_m: tuple[Offset, Offset, Offset] = (0.0, 0.0, 0.0)
     contact_time_s: Annotated[Number, Field(ge=0.005, le=0.2, allow_inf_nan=False)] = 0.02
-    friction_cone: Literal["pyramidal", "elliptic"] = "pyramidal"
+    friction_cone: Literal["elliptic", "pyramidal"] = "elliptic"
     time_step_s: Annotated[Number, Field(ge=0.0005, le=0.005, allow_inf_nan=False)] = 0.002
     servo_delay_s: Annotated[Number, Field(ge=0, le=0.5, allow_inf_nan=False)] = 0.0
     servo_backlash_deg: Annotated[Number, Field(ge=0, le=20, allow_inf_nan=False)] = 0.0
