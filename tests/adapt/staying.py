@@ -19,9 +19,6 @@ PLACE = Path("staying.npz")
 #: Ticks after which the place is written down; a program may be killed at any time.
 NOTED_TICKS = 25
 
-#: A floor without a grain: with the pyramidal friction cone a walk depends on its direction in the world.
-ISOTROPIC = World(friction_cone="elliptic")
-
 
 class StayingSim(LegServos):
     """A twin with leg 5 locked, in a world of its own, that `connect` finds where it was left.
@@ -30,7 +27,7 @@ class StayingSim(LegServos):
         farthest_m: how far from its first place the middle of its body has ever been, all robots together.
     """
 
-    world = ISOTROPIC
+    world = World()
     failure_of_twin = Failure(leg=5)
     farthest_m = 0.0
 

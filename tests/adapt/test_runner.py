@@ -26,7 +26,7 @@ from hexctl.gait.gait import make_gait
 from hexctl.robot.failure import Failure
 from hexctl.robot.rotations import wrapped_rad
 from hexctl.types import FloatArray
-from tests.adapt.staying import ISOTROPIC, StayingSim
+from tests.adapt.staying import StayingSim
 from tests.control.posed import FallsAfter, PosedMock
 from tests.robots import shipped
 
@@ -76,7 +76,7 @@ def test_a_gait_is_worth_the_same_after_any_self_rotation() -> None:
         plan = replace(plan_for(SPACE.slots_of(17)), duration_s=30.0)
         # Seen from the body, the walk goes at 60 degrees: opposite to leg 5.
         plan = replace(plan, heading_rad=math.radians(60 + turn_deg), turn_rad=math.radians(turn_deg))
-        servos = SimServos(ROBOT, world=ISOTROPIC, failure=plan.belief)
+        servos = SimServos(ROBOT, failure=plan.belief)
         with Guard(servos) as guard:
             result = run_trial(guard, plan)
         assert math.degrees(result.turned_rad) == pytest.approx(turn_deg, abs=2.0)

@@ -128,7 +128,7 @@ def test_a_plan_that_the_legs_cannot_make_is_refused_before_any_robot_is_built(
 
 def test_a_fall_in_a_batch_ends_that_trial_as_it_does_alone(ant: Robot) -> None:
     """A top-heavy robot falls with one gait in its own time; with the others it walks on."""
-    world = World(payload_kg=3.0, payload_position_m=(0.0, 0.0, 0.6))
+    world = World(payload_kg=6.0, payload_position_m=(0.0, 0.0, 0.5))
     trials = [trial(ant, "tripod", world=world, duration_s=6.0, heading_rad=0.0)]
     trials.append(trial(ant, "wave", world=world, duration_s=6.0))
     trials.append(trial(ant, "demo", world=world, duration_s=6.0))

@@ -36,21 +36,24 @@ def hexctl(folder: Path, line: str, *, json_: bool = True) -> Any:
     return json.loads(done.stdout) if json_ else done.stdout
 
 
-def make_sessions(folder: Path) -> dict[str, Any]:
-    """Walk the sessions, keep them and what they are when continued."""
+def make_sessions(folder: Path) -> None:
+    """Walk sessions and keep them; only for sessions of another form: those of before must stay readable."""
     sessions.place_prior(folder)
     sessions.STORE.unlink(missing_ok=True)
-    courses = {}
     for name, (options, trials_kept) in sessions.BEGUN.items():
         prior = f"--prior {sessions.PRIOR}" if "bayes" in name else ""
         whole = hexctl(folder, f"adapt {options} {prior} --no-record")
         store = folder / "runs" / "sessions.sqlite"
         sessions.keep(store, whole["session"], sessions.STORE, name, trials_kept)
-        courses[name] = sessions.course(whole)
-        if "--budget" in sessions.CONTINUED[name]:
-            extended = sessions.CONTINUED[name].replace(name, whole["session"])
-            courses[name] = sessions.course(hexctl(folder, f"adapt {extended} --no-record"))
-    return courses
+
+
+def continue_sessions(folder: Path) -> dict[str, Any]:
+    """What the kept sessions are when continued."""
+    sessions.unpack(folder)
+    return {
+        name: sessions.course(hexctl(folder, f"adapt {line} --no-record"))
+        for name, line in sessions.CONTINUED.items()
+    }
 
 
 def make_shapes(folder: Path) -> dict[str, Any]:
@@ -105,8 +108,11 @@ def main() -> None:
             "asked": {f"{name} {seed}": choices.asked(name, seed) for name, seed in choices.SEARCHES},
         },
     )
+    if not sessions.STORE.exists():
+        with tempfile.TemporaryDirectory() as folder:
+            make_sessions(Path(folder))
     with tempfile.TemporaryDirectory() as folder:
-        write("sessions.json", make_sessions(Path(folder)))
+        write("sessions.json", continue_sessions(Path(folder)))
     with tempfile.TemporaryDirectory() as folder:
         write("shapes.json", make_shapes(Path(folder)))
 

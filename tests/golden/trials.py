@@ -24,7 +24,7 @@ from hexctl import (
 
 NOISY = World.model_validate({"sensor_noise": {"joint_deg": 0.5, "position_m": 0.002, "yaw_deg": 0.5}})
 WORN = World(servo_delay_s=0.02, servo_backlash_deg=1.0, servo_strength=0.7, joint_offset_deg=2.0)
-LOADED = World(payload_kg=0.4, payload_position_m=(0.03, 0.0, 0.02), friction_cone="elliptic")
+LOADED = World(payload_kg=0.4, payload_position_m=(0.03, 0.0, 0.02), friction_cone="pyramidal")
 TOP_HEAVY = World(payload_kg=3.0, payload_position_m=(0.0, 0.0, 0.6))
 TIPPING = World(payload_kg=6.0, payload_position_m=(0.5, 0.0, 0.3))
 

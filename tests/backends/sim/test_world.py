@@ -41,7 +41,7 @@ def test_all_keys_are_read(tmp_path: Path) -> None:
     path.write_text(
         "payload_kg: 1.5\npayload_position_m: [0.01, 0, 0.03]\nservo_strength: 0.5\n"
         "added_mass_share: -0.05\nbody_mass_shift_m: [0, 0.01, -0.02]\ncontact_time_s: 0.03\n"
-        "friction_cone: elliptic\ntime_step_s: 0.004\nservo_delay_s: 0.06\nservo_backlash_deg: 1\n"
+        "friction_cone: pyramidal\ntime_step_s: 0.004\nservo_delay_s: 0.06\nservo_backlash_deg: 1\n"
         f"joint_offset_deg: [{offsets}]\nsensor_noise: {{joint_deg: 0.1}}\n",
         encoding="utf-8",
     )
@@ -50,7 +50,7 @@ def test_all_keys_are_read(tmp_path: Path) -> None:
     assert world.joint_offset_deg == tuple(range(18))
     assert world.sensor_noise == SensorNoise(joint_deg=0.1)
     assert (world.added_mass_share, world.body_mass_shift_m) == (-0.05, (0, 0.01, -0.02))
-    assert (world.contact_time_s, world.friction_cone, world.servo_backlash_deg) == (0.03, "elliptic", 1)
+    assert (world.contact_time_s, world.friction_cone, world.servo_backlash_deg) == (0.03, "pyramidal", 1)
     assert (world.steps_per_tick, world.delay_ticks) == (5, 3)
 
 
@@ -79,7 +79,7 @@ def test_all_keys_are_read(tmp_path: Path) -> None:
         ("body_mass_shift_m: [0, -2, 0]", ["body_mass_shift_m[1]", "-2", "-1 or more"]),
         ("contact_time_s: 0", ["contact_time_s", "got 0", "0.005 or more"]),
         ("contact_time_s: 1", ["contact_time_s", "got 1", "0.2 or less"]),
-        ("friction_cone: round", ["friction_cone", "'round'", "'pyramidal' or 'elliptic'"]),
+        ("friction_cone: round", ["friction_cone", "'round'", "'elliptic' or 'pyramidal'"]),
         ("time_step_s: 0.003", ["time_step_s", "got 0.003", "0.02 s divided by a whole number"]),
         ("time_step_s: 0", ["time_step_s", "got 0", "0.0005 or more"]),
         ("time_step_s: 0.01", ["time_step_s", "got 0.01", "0.005 or less"]),
@@ -233,8 +233,8 @@ def test_a_tick_is_twenty_milliseconds_whatever_the_step_of_the_physics(time_ste
 
 
 def test_the_cone_of_friction_is_the_worlds() -> None:
-    cones = [_model(world).opt.cone for world in (World(), World(friction_cone="elliptic"))]
-    assert cones == [mujoco.mjtCone.mjCONE_PYRAMIDAL, mujoco.mjtCone.mjCONE_ELLIPTIC]
+    cones = [_model(world).opt.cone for world in (World(), World(friction_cone="pyramidal"))]
+    assert cones == [mujoco.mjtCone.mjCONE_ELLIPTIC, mujoco.mjtCone.mjCONE_PYRAMIDAL]
 
 
 def test_a_world_that_says_nothing_compiles_to_mujocos_own_contacts_and_the_robots_own_mass() -> None:
@@ -326,8 +326,7 @@ def test_a_robot_put_down_turned_on_a_slope_stands_on_six_feet() -> None:
 
 def _walked(facing_rad: float, heading_rad: float) -> TrialResult:
     plan = TrialPlan(gait=gait_of(shipped(), "tripod"), heading_rad=heading_rad, duration_s=3.0)
-    # A pyramid of friction would lie the same way in the world, not under the robot.
-    with SimServos(shipped(), world=World(friction_cone="elliptic"), facing_rad=facing_rad) as servos:
+    with SimServos(shipped(), facing_rad=facing_rad) as servos:
         return run_trial(Guard(servos), plan, soft_stop=False)
 
 

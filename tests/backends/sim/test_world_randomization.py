@@ -128,7 +128,7 @@ def test_the_parts_of_a_list_are_spread_one_by_one() -> None:
 def test_kinds_take_turns() -> None:
     transfer = family("transfer")
     names = [transfer.kind(number).name for number in range(20)]
-    assert names[:10] == ["plain", "rough", "plain", "backlash", "plain", "delay", "plain", "elliptic",
+    assert names[:10] == ["plain", "rough", "plain", "backlash", "plain", "delay", "plain", "wavy",
                           "plain", "timestep"]  # fmt: skip
     assert names[10:] == names[:10]
     for first in (0, 10, 7):

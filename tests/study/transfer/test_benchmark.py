@@ -107,7 +107,7 @@ def test_half_of_the_worlds_are_of_a_kind_that_no_world_of_a_prior_is() -> None:
     for spec in plan.specs():
         world = spec.world
         odd = (world.roughness_m, world.servo_backlash_deg, world.servo_delay_s)
-        like_a_prior = not any(odd) and (world.friction_cone, world.time_step_s) == ("pyramidal", 0.002)
+        like_a_prior = not any(odd) and (world.friction_cone, world.time_step_s) == ("elliptic", 0.002)
         assert like_a_prior == (spec in plain)
 
 
