@@ -25,9 +25,9 @@ def ends_m(trials: list[SimTrial]) -> FloatArray:
     return np.array([result.deviation.signed for result in results if result.deviation is not None])
 
 
-def plan_of(code: int, **more: float) -> TrialPlan:
+def plan_of(code: int, duration_s: float = 30.0, heading_rad: float = 0.0) -> TrialPlan:
     gait = make_gait(shipped(), str(code), failed_legs=(5,))
-    return TrialPlan(gait=gait, belief=Failure(leg=5), **more)
+    return TrialPlan(gait=gait, belief=Failure(leg=5), duration_s=duration_s, heading_rad=heading_rad)
 
 
 def spreads_m(cone: str, duration_s: float) -> FloatArray:
@@ -45,7 +45,7 @@ def spreads_m(cone: str, duration_s: float) -> FloatArray:
             for code in CODES
         ]
         ends.append(ends_m(trials))
-    return np.ptp(ends, axis=0)
+    return np.asarray(np.ptp(ends, axis=0))
 
 
 def test_a_walk_put_down_in_eight_headings_ends_within_a_centimetre_of_itself() -> None:
