@@ -7,7 +7,7 @@ import numpy as np
 from mujoco.batch import Batch, SimulationError
 
 from hexctl.backends.sim.model import FIRST_JOINT
-from hexctl.backends.sim.servos import SimServos
+from hexctl.backends.sim.servos import SimServos, Snapshot
 from hexctl.types import FloatArray, RobotState
 
 
@@ -24,7 +24,10 @@ class SimBatch:
     def __init__(self, servos: SimServos, n: int, threads: int = 0) -> None:
         self._simulation = servos.simulation
         self._noise = copy.deepcopy(servos.noise)
+        self._loss = copy.deepcopy(servos.loss)
         self._actuators = servos.actuators.copies(n)
+        self._world = servos.world
+        self._late = None if servos.late is None else servos.late.copies(servos.world, n)
         self._nstep = servos.world.steps_per_tick
         self._period_s = servos.clock.period_s
         self._start_index, self._ticks = round(servos.clock.now_s / self._period_s), 0
@@ -40,28 +43,46 @@ class SimBatch:
 
     def tick(self) -> None:
         """Step every running simulation by one control period."""
+        after = 0 if self._late is None else self._late.steps_after
+        self._step(self._nstep - after)
+        if self._late is not None:
+            self._late.keep(self._measured())
+        if after:
+            self._step(after)
+        self._noise.draw()
+        self._loss.draw()
+        self._ticks += 1
+
+    def _step(self, nstep: int) -> None:
+        """Step every running simulation; one that diverges no longer runs."""
+        if not self.running.any():
+            return
         everyone = self.running.all()
         try:
-            self._batch.step(None if everyone else np.flatnonzero(self.running), nstep=self._nstep)
+            self._batch.step(None if everyone else np.flatnonzero(self.running), nstep=nstep)
         except SimulationError as error:
             self.running[error.ids] = False
         if self._batch.warning.any():
             self.running &= ~self._batch.warning.any(axis=-1)
-        self._noise.draw()
-        self._ticks += 1
+
+    def _measured(self) -> Snapshot:
+        """What is measured now, without errors."""
+        return Snapshot(self._qpos.copy(), self._touch.copy())
 
     def read(self) -> RobotState:
         """States after the last tick, with the world's sensor noise; arrays of leading shape (n,)."""
-        qpos = self._qpos.copy()
+        measured = self._measured() if self._late is None else self._late.oldest
+        qpos = measured.qpos
         joints = qpos[:, FIRST_JOINT:] - self._simulation.joint_offsets_rad
         position, quaternion = qpos[:, :3], qpos[:, 3:FIRST_JOINT]
         if not self._noise.silent:
             joints = joints + self._noise.joints_rad
             position = position + self._noise.position_m
             quaternion = self._noise.turned(quaternion)
-        now_s = (self._start_index + self._ticks) * self._period_s
-        return RobotState(joints, now_s, True, position, quaternion, self._touch > 0)
+        age_s = self._world.latency_steps * self._world.time_step_s
+        stamp_s = (self._start_index + self._ticks) * self._period_s - age_s
+        return RobotState(joints, stamp_s, True, position, quaternion, measured.touch > 0, age_s)
 
     def write(self, positions_rad: FloatArray) -> None:
         """Command the simulated servos; targets (n, 18) in rad."""
-        self._ctrl[:] = self._actuators.drive(positions_rad)
+        self._ctrl[:] = self._actuators.drive(positions_rad, self._loss.lost)

@@ -4,34 +4,32 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-import mujoco
 import numpy as np
 
 from hexctl.backends.sim.dm import mjcf
+from hexctl.backends.sim.failure import FIRST_SPEED, inject_failure
 from hexctl.backends.sim.terrain import ROUGH_CELLS, ROUGH_HALF_SIZE_M, Floor, make_floor
-from hexctl.backends.sim.world import World
+from hexctl.backends.sim.world import World, per_joint, per_leg
 from hexctl.errors import InputError
 from hexctl.robot.failure import Failure
 from hexctl.robot.model import Body, Robot
 from hexctl.types import (
     JOINT_KINDS,
-    JOINTS_PER_LEG,
     N_JOINTS,
     N_LEGS,
     ArrayFields,
     BoolArray,
     FloatArray,
-    leg_slice,
 )
 
 #: Where the joints begin in qpos: after the free joint's position and quaternion.
 FIRST_JOINT = 7
 
-#: Where the joints begin in qvel: after the free joint's velocities.
-FIRST_SPEED = 6
-
 #: Passive damping of a gearbox without power, in N m s/rad.
 GEAR_DAMPING = 0.02
+
+#: Friction of a contact against spinning and rolling; contacts of three dimensions have none.
+TURNING_FRICTION = (0.005, 0.0001)
 
 #: A geom collides with the floor only; legs pass through one another.
 ROBOT_CONTACT = {"contype": 0, "conaffinity": 1}
@@ -44,12 +42,6 @@ STICTION = [0.999, 0.999, 0.001]
 #: Tolerance of the constraint solver. With MuJoCo's 1e-8 what is left of the last iteration depends on the
 #: compass direction of a walk, and 2 cm may grow of it in 30 s; with this, 0.1 mm for most walks.
 SOLVER_TOLERANCE = 1e-12
-
-#: Stiffness and torque limit of a jammed joint, as multiples of its servo's.
-JAM_STIFFNESS = 20.0
-
-#: Remaining share of the mass of a missing leg: MuJoCo needs some.
-MISSING_MASS_SHARE = 1e-4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -82,18 +74,21 @@ def make_simulation(
     """
     floor = make_floor(world, seed)
     body = make_body(robot)
+    _stretch_tibias(body, world)
     _load_trunk(body, robot, world)
     _load_payload(body, world)
     root = _make_world(world, floor)
     root.attach(body).add("freejoint")
+    missing = failure.leg if failure is not None and failure.kind == "missing" else None
+    _lay_grain(root, body, world, missing)
     physics = mjcf.Physics.from_mjcf_model(root)
     # The plain mj_step order, which mujoco.batch also takes: results are then equal to the last bit.
     physics.legacy_step = False
     _check_order(physics)
     _fill_heights(physics, floor)
-    _scale_servos(physics, world)
+    _change_joints(physics, world)
     jammed, jammed_at = inject_failure(physics, robot, failure)
-    _set_start_state(physics, robot, floor, facing_rad)
+    _set_start_state(physics, robot, world, floor, facing_rad)
     offsets = _joint_offsets(world, seed)
     return Simulation(physics, world, floor, offsets, jammed, jammed_at)
 
@@ -138,6 +133,38 @@ def _load_payload(body: Any, world: World) -> None:
         )
 
 
+def _stretch_tibias(body: Any, world: World) -> None:
+    """Make the tibias longer or shorter than the robot file has them; their mass stays where it is."""
+    for leg, error in enumerate(per_leg(world.tibia_error).tolist(), start=1):
+        if error:
+            tibia = body.find("geom", f"leg{leg}/tibia")
+            tibia.fromto = [*tibia.fromto[:3], *((1 + error) * np.array(tibia.fromto[3:]))]
+            for part in (body.find("geom", f"leg{leg}/foot"), body.find("site", f"leg{leg}/foot")):
+                part.pos = (1 + error) * np.array(part.pos)
+
+
+def _lay_grain(root: Any, body: Any, world: World, missing_leg: int | None) -> None:
+    """Give the feet another friction along the world's y axis than along its x axis.
+
+    A contact's first tangential axis is the y axis, projected onto the floor, for every contact between a
+    sphere and a plane or a height field; only explicit pairs of geoms have a friction for each axis.
+    """
+    if world.friction_ratio == 1:
+        return
+    along_y = world.friction * world.friction_ratio
+    floors = [geom for name in ("bumps", "floor") if (geom := root.find("geom", name)) is not None]
+    for leg in range(1, N_LEGS + 1):
+        for floor in floors if leg != missing_leg else ():
+            root.contact.add(
+                "pair",
+                geom1=floor,
+                geom2=body.find("geom", f"leg{leg}/foot"),
+                condim=3,
+                friction=[along_y, world.friction, *TURNING_FRICTION, TURNING_FRICTION[1]],
+                solref=floor.solref,
+            )
+
+
 def _make_world(world: World, floor: Floor) -> Any:
     """An mjcf model with the physics options and the floor."""
     root = mjcf.RootElement(model="world")
@@ -149,7 +176,7 @@ def _make_world(world: World, floor: Floor) -> Any:
     contact: dict[str, Any] = {
         "contype": 1,
         "conaffinity": 0,
-        "friction": [world.friction, 0.005, 0.0001],
+        "friction": [world.friction, *TURNING_FRICTION],
         "solref": [world.contact_time_s, 1],
         "priority": 1,  # the floor's friction and softness count, whatever the feet are made of
         "quat": floor.quaternion_world,
@@ -192,18 +219,22 @@ def _fill_heights(physics: Any, floor: Floor) -> None:
         physics.model.hfield_data[:] = (spread / spread.max()).ravel()
 
 
-def _scale_servos(physics: Any, world: World) -> None:
-    """Scale torque limit and stiffness of the servos by the world."""
+def _change_joints(physics: Any, world: World) -> None:
+    """Scale torque limit and stiffness of the servos by the world, and give the joints its friction."""
     model = physics.model
     model.actuator_forcerange[:] *= world.servo_strength
-    model.actuator_gainprm[:, 0] *= world.servo_stiffness
-    model.actuator_biasprm[:, 1] *= world.servo_stiffness
+    stiffness = world.servo_stiffness * per_joint(world.joint_stiffness)
+    model.actuator_gainprm[:, 0] *= stiffness
+    model.actuator_biasprm[:, 1] *= stiffness
+    if world.joint_friction_nm is not None:
+        model.dof_frictionloss[FIRST_SPEED:] = per_joint(world.joint_friction_nm)
 
 
-def _set_start_state(physics: Any, robot: Robot, floor: Floor, facing_rad: float) -> None:
-    """Put the robot on the floor in its nominal stance."""
+def _set_start_state(physics: Any, robot: Robot, world: World, floor: Floor, facing_rad: float) -> None:
+    """Put the robot on the floor in its nominal stance; where legs are too long, a little above."""
     radius = robot.stance_radius_m + 2 * robot.foot_radius_m
-    height = robot.standing_height_m + max(0.0, floor.highest_near_origin_m(radius))
+    longest = max(0.0, float(per_leg(world.tibia_error).max())) * float(robot.link_lengths_m[-1])
+    height = robot.standing_height_m + longest + max(0.0, floor.highest_near_origin_m(radius))
     data = physics.data
     data.qpos[:3] = height * floor.normal_world
     data.qpos[3:FIRST_JOINT] = _turned(floor.quaternion_world, facing_rad)
@@ -358,76 +389,3 @@ def _add_servo(leg: Any, link: Any, robot: Robot, index: int) -> None:
         forcelimited=True,
         forcerange=[-torque, torque],
     )
-
-
-def inject_failure(physics: Any, robot: Robot, failure: Failure | None) -> tuple[BoolArray, FloatArray]:
-    """Change the compiled model so that the leg fails.
-
-    The result is which joints hold a fixed angle regardless of their targets, and that angle; (18,) each.
-    """
-    jammed = np.zeros(N_JOINTS, dtype=bool)
-    jammed_at = robot.stance_angles_rad.copy()
-    if failure is None:
-        return jammed, jammed_at
-    joints = leg_slice(failure.leg)
-    if failure.kind == "locked":
-        jammed[joints] = True
-    elif failure.kind == "stuck":
-        _check_angle(robot, failure)
-        _jam(physics, jammed, jammed_at, failure)
-    elif failure.kind == "limp":
-        _scale_torque(physics, robot, failure.leg, 0.0)
-    elif failure.kind == "weak":
-        _scale_torque(physics, robot, failure.leg, failure.torque_fraction)
-    else:
-        _remove_leg(physics, failure.leg)
-    return jammed, jammed_at
-
-
-def _check_angle(robot: Robot, failure: Failure) -> None:
-    """Raise InputError for a joint stuck outside its range."""
-    joint = JOINTS_PER_LEG * (failure.leg - 1) + JOINT_KINDS.index(failure.joint)
-    if not robot.joint_lower_rad[joint] <= failure.angle_rad <= robot.joint_upper_rad[joint]:
-        low, high = np.degrees([robot.joint_lower_rad[joint], robot.joint_upper_rad[joint]])
-        raise InputError(
-            f"stuck {failure.joint}: got {np.degrees(failure.angle_rad):g} deg; "
-            f"allowed: {low:g} to {high:g} deg"
-        )
-
-
-def _jam(physics: Any, jammed: BoolArray, jammed_at: FloatArray, failure: Failure) -> None:
-    """Hold one joint at an angle with far more than the servo's stiffness and torque."""
-    joint = JOINTS_PER_LEG * (failure.leg - 1) + JOINT_KINDS.index(failure.joint)
-    jammed[joint] = True
-    jammed_at[joint] = failure.angle_rad
-    model = physics.model
-    for gains in (model.actuator_gainprm, model.actuator_biasprm):
-        gains[joint] *= JAM_STIFFNESS
-    model.actuator_forcerange[joint] *= JAM_STIFFNESS
-
-
-def _scale_torque(physics: Any, robot: Robot, leg: int, fraction: float) -> None:
-    """Scale all torques of the servos of a leg, their back-EMF too; the friction of its gears stays."""
-    model, joints = physics.model, leg_slice(leg)
-    for joint in range(N_JOINTS)[joints]:
-        model.dof_damping[FIRST_SPEED + joint] -= (1 - fraction) * robot.back_emf_nm_s_per_rad[joint]
-    for array in (model.actuator_gainprm, model.actuator_biasprm, model.actuator_forcerange):
-        array[joints] *= fraction
-
-
-def _remove_leg(physics: Any, leg: int) -> None:
-    """Remove the contacts of a leg and almost all of its mass."""
-    model = physics.model
-    for geom in range(model.ngeom):
-        if _belongs_to(model.id2name(geom, "geom"), leg):
-            model.geom_conaffinity[geom] = 0
-    for body in range(model.nbody):
-        if _belongs_to(model.id2name(body, "body"), leg):
-            model.body_mass[body] *= MISSING_MASS_SHARE
-            model.body_inertia[body] *= MISSING_MASS_SHARE
-    mujoco.mj_setConst(model.ptr, physics.data.ptr)
-
-
-def _belongs_to(name: str, leg: int) -> bool:
-    """Whether a compiled name, robot/leg/part, belongs to leg 1..6."""
-    return name.split("/")[1:2] == [f"leg{leg}"]

@@ -3,6 +3,7 @@
 import math
 from collections import deque
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Self
 
@@ -16,7 +17,7 @@ from hexctl.backends.sim.world import SensorNoise, World, as_world
 from hexctl.errors import SimulationDivergedError, check_type
 from hexctl.robot.failure import Failure
 from hexctl.robot.model import Robot
-from hexctl.types import N_JOINTS, FloatArray, JointTargets, RobotState
+from hexctl.types import N_JOINTS, ArrayFields, FloatArray, JointTargets, RobotState
 
 #: Random numbers per tick: 18 joints, 3 of position, 1 of yaw.
 N_DRAWS = N_JOINTS + 4
@@ -100,8 +101,61 @@ class Noise:
         return np.stack([cos * w - sin * z, cos * x - sin * y, cos * y + sin * x, cos * z + sin * w], axis=-1)
 
 
+class CommandLoss:
+    """A seeded stream of which control periods lose their command, drawn once per tick.
+
+    Attributes:
+        lost: whether a command of this period is lost.
+    """
+
+    def __init__(self, share: float, seed: int, trial: int = 0) -> None:
+        # A stream of its own beside those of the bumps, of the joint offsets and of the noise.
+        self._stream = np.random.default_rng([seed, 3, trial])
+        self._share = share
+        self.lost = False
+
+    def draw(self) -> None:
+        """Draw the loss of the next tick."""
+        if self._share:
+            self.lost = bool(self._stream.random() < self._share)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Snapshot(ArrayFields):
+    """What is measured at one moment: qpos, leading shape + (25,), and foot forces, leading shape + (6,)."""
+
+    qpos: FloatArray
+    touch: FloatArray
+
+
+class LateStates:
+    """States on their way to the reader: each is `latency_steps` steps of the physics old when it is read.
+
+    Attributes:
+        steps_after: steps of the physics that follow the moment of measurement within a tick.
+    """
+
+    def __init__(self, world: World, now: Snapshot, on_their_way: Sequence[Snapshot] = ()) -> None:
+        whole_ticks, self.steps_after = divmod(world.latency_steps, world.steps_per_tick)
+        self._latest = deque(on_their_way or [now] * (whole_ticks + 1), maxlen=whole_ticks + 1)
+
+    def keep(self, now: Snapshot) -> None:
+        """Measure, once per tick."""
+        self._latest.append(now)
+
+    @property
+    def oldest(self) -> Snapshot:
+        """The state that is read."""
+        return self._latest[0]
+
+    def copies(self, world: World, n: int) -> "LateStates":
+        """The states of n robots in the state of this one."""
+        rows = [Snapshot(np.tile(one.qpos, (n, 1)), np.tile(one.touch, (n, 1))) for one in self._latest]
+        return LateStates(world, rows[-1], rows)
+
+
 class ActuatorModel:
-    """From joint targets to actuator commands: delay, calibration error, backlash and jammed joints.
+    """From joint targets to actuator commands: loss, delay, calibration error, backlash and jammed joints.
 
     For one robot, or for n robots together. Backlash is a hysteresis: the shaft stands still until the servo
     has crossed the play, and then follows it half the play behind.
@@ -110,9 +164,16 @@ class ActuatorModel:
         plain: whether targets reach the actuators unchanged.
     """
 
-    def __init__(self, simulation: Simulation, shaft_rad: FloatArray, late_rad: Sequence[FloatArray]) -> None:
-        """Begin with given shaft angles and the delayed targets, oldest first."""
+    def __init__(
+        self,
+        simulation: Simulation,
+        heard_rad: FloatArray,
+        shaft_rad: FloatArray,
+        late_rad: Sequence[FloatArray],
+    ) -> None:
+        """Begin with the targets heard last, given shaft angles and the delayed targets, oldest first."""
         self._simulation = simulation
+        self._heard_rad = heard_rad
         self._half_play_rad = math.radians(simulation.world.servo_backlash_deg) / 2
         self._shaft_rad = shaft_rad
         self._late_rad = deque(late_rad)
@@ -121,21 +182,27 @@ class ActuatorModel:
             or simulation.joint_offsets_rad.any()
             or self._late_rad
             or self._half_play_rad
+            or simulation.world.lost_commands
         )
 
     @classmethod
     def at_rest(cls, simulation: Simulation, stance_rad: FloatArray) -> Self:
         """The model of a robot that has stood in its stance for longer than the delay."""
         late_rad = [stance_rad] * simulation.world.delay_ticks
-        return cls(simulation, stance_rad + simulation.joint_offsets_rad, late_rad)
+        return cls(simulation, stance_rad, stance_rad + simulation.joint_offsets_rad, late_rad)
 
     def copies(self, n: int) -> "ActuatorModel":
         """The model of n robots in the state of this one; it takes targets (n, 18)."""
         late_rad = [np.tile(positions_rad, (n, 1)) for positions_rad in self._late_rad]
-        return ActuatorModel(self._simulation, np.tile(self._shaft_rad, (n, 1)), late_rad)
+        heard_rad, shaft_rad = np.tile(self._heard_rad, (n, 1)), np.tile(self._shaft_rad, (n, 1))
+        return ActuatorModel(self._simulation, heard_rad, shaft_rad, late_rad)
 
-    def drive(self, positions_rad: FloatArray) -> FloatArray:
-        """Actuator commands of one tick for its joint targets, (18,) or (n, 18)."""
+    def drive(self, positions_rad: FloatArray, lost: bool = False) -> FloatArray:
+        """Actuator commands of one tick for its joint targets, (18,) or (n, 18), which may be lost."""
+        if lost:
+            positions_rad = self._heard_rad
+        elif self._simulation.world.lost_commands:
+            self._heard_rad = positions_rad.copy()
         if self._late_rad:
             self._late_rad.append(positions_rad.copy())
             positions_rad = self._late_rad.popleft()
@@ -224,16 +291,19 @@ class SimServos(LegServos):
         self._springs = [(model.actuator_gainprm[:, 0], model.actuator_gainprm[:, 0].copy())]
         self._springs += [(model.actuator_biasprm[:, 1], model.actuator_biasprm[:, 1].copy())]
         self.noise = Noise(self.world.sensor_noise, self.seed, self.trial)
+        self.loss = CommandLoss(self.world.lost_commands, self.seed, self.trial)
         data = simulation.physics.data.ptr
         # Views of MuJoCo's own memory: they stay valid and save the wrapper's cost on every tick.
         self._qpos, self._ctrl, self._touch = data.qpos, data.ctrl, data.sensordata
+        self.late = LateStates(self.world, self._measured()) if self.world.latency_steps else None
         self.actuators = ActuatorModel.at_rest(simulation, self._robot.stance_angles_rad)
         self._offsets_rad = simulation.joint_offsets_rad if simulation.joint_offsets_rad.any() else None
 
     def read(self) -> RobotState:
         """State after the last tick, with the sensor noise of the world."""
         check_connected(self._simulation is not None, "the simulated robot")
-        qpos = self._qpos.copy()
+        measured = self._measured() if self.late is None else self.late.oldest
+        qpos = measured.qpos
         joints, position, quaternion = qpos[FIRST_JOINT:], qpos[:3], qpos[3:FIRST_JOINT]
         if self._offsets_rad is not None:
             joints = joints - self._offsets_rad
@@ -241,8 +311,9 @@ class SimServos(LegServos):
             joints = joints + self.noise.joints_rad
             position = position + self.noise.position_m
             quaternion = self.noise.turned(quaternion)
-        now_s = self._clock.now_s
-        return RobotState(joints, now_s, True, position, quaternion, self._touch > 0)
+        age_s = self.world.latency_steps * self.world.time_step_s
+        stamp_s = self._clock.now_s - age_s
+        return RobotState(joints, stamp_s, True, position, quaternion, measured.touch > 0, age_s)
 
     def write(self, targets: JointTargets) -> JointTargets:
         """Command the simulated servos; a jammed joint ignores its target."""
@@ -251,7 +322,8 @@ class SimServos(LegServos):
         if self._limp:
             self._set_springs(1.0)
         positions = targets.positions_rad
-        np.copyto(self._ctrl, positions if self.actuators.plain else self.actuators.drive(positions))
+        plain = self.actuators.plain
+        np.copyto(self._ctrl, positions if plain else self.actuators.drive(positions, self.loss.lost))
         return targets
 
     def disable_torque(self) -> bool:
@@ -274,8 +346,19 @@ class SimServos(LegServos):
 
     def _step(self) -> None:
         """Step the physics by one control period."""
+        physics, after = self.simulation.physics, 0
         try:
-            self.simulation.physics.step(self.world.steps_per_tick)
+            if self.late is not None:
+                after = self.late.steps_after
+                physics.step(self.world.steps_per_tick - after)
+                self.late.keep(self._measured())
+            if after or self.late is None:
+                physics.step(after or self.world.steps_per_tick)
         except PhysicsError as error:
             raise SimulationDivergedError(f"the simulation became unstable: {error}") from error
         self.noise.draw()
+        self.loss.draw()
+
+    def _measured(self) -> Snapshot:
+        """What is measured now, without errors."""
+        return Snapshot(self._qpos.copy(), self._touch.copy())

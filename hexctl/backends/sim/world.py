@@ -6,12 +6,12 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator, model_validator
 
 from hexctl.backends.clock import PERIOD_S
 from hexctl.errors import InputError, check_type, shown
 from hexctl.robot.configs import Number, find_config, read_mapping, validate
-from hexctl.types import N_JOINTS, FloatArray
+from hexctl.types import JOINT_KINDS, JOINTS_PER_LEG, N_JOINTS, N_LEGS, FloatArray
 
 #: Greatest calibration error of a joint.
 MAX_JOINT_OFFSET_DEG = 45.0
@@ -23,7 +23,17 @@ Offset = Annotated[Number, Field(ge=-1, le=1, allow_inf_nan=False)]
 MAX_MEMBERS = 1 << 20
 
 #: Quantities of a world that are lists, whose elements are drawn independently.
-_PARTS = {"body_mass_shift_m": 3, "payload_position_m": 3, "joint_offset_deg": N_JOINTS}
+_PARTS = {
+    "body_mass_shift_m": 3,
+    "payload_position_m": 3,
+    "joint_offset_deg": N_JOINTS,
+    "joint_stiffness": N_JOINTS,
+    "joint_friction_nm": N_JOINTS,
+    "tibia_error": N_LEGS,
+}
+
+#: Values of the joints whose kind no range names.
+_UNTOUCHED = {"joint_offset_deg": 0.0, "joint_stiffness": 1.0, "joint_friction_nm": 0.0}
 
 #: Quantities with discrete values, which cannot be randomized; a kind may set them.
 _IN_STEPS = ("time_step_s", "servo_delay_s", "friction_cone", "sensor_noise")
@@ -50,6 +60,8 @@ class World(_Section):
 
     Attributes:
         friction: sliding friction between feet and floor.
+        friction_ratio: the feet's friction along the world's y axis, as a multiple of that along its x axis;
+            a floor with a grain, such as wood or carpet.
         slope_deg: inclination of the floor.
         slope_direction_deg: where uphill is, counter-clockwise from the x axis.
         roughness_m: standard deviation of the floor's height; 0 is an even floor.
@@ -67,12 +79,21 @@ class World(_Section):
         servo_backlash_deg: play between a servo and its joint, from stop to stop.
         servo_strength: the servos' torque limit as a fraction of the robot file's.
         servo_stiffness: the servos' stiffness as a multiple of the robot file's.
+        joint_stiffness: stiffness of single joints as multiples of the robot file's, on top of
+            `servo_stiffness`: one number, three for coxa, femur and tibia, or one for each of the 18 joints.
+        joint_friction_nm: dry friction of the joints, likewise; None for the robot file's.
+        tibia_error: how much longer than in the robot file the tibias are, as a share: one number, or one for
+            each leg.
         joint_offset_deg: calibration error; one number is the standard deviation of errors drawn with the
             seed, a list of 18 gives each joint its own.
         sensor_noise: noise of what is measured.
+        state_latency_s: age of a state when it is read; rounded to whole steps of the physics.
+        lost_commands: share of the control periods whose command is lost, drawn with the seed; the servos
+            keep to the one before.
     """
 
     friction: Annotated[Number, Field(gt=0, le=5, allow_inf_nan=False)] = 0.8
+    friction_ratio: Annotated[Number, Field(ge=0.2, le=5, allow_inf_nan=False)] = 1.0
     slope_deg: Annotated[Number, Field(ge=0, le=40, allow_inf_nan=False)] = 0.0
     slope_direction_deg: Annotated[Number, Field(ge=-360, le=360, allow_inf_nan=False)] = 0.0
     roughness_m: Annotated[Number, Field(ge=0, le=0.2, allow_inf_nan=False)] = 0.0
@@ -88,8 +109,13 @@ class World(_Section):
     servo_backlash_deg: Annotated[Number, Field(ge=0, le=20, allow_inf_nan=False)] = 0.0
     servo_strength: Annotated[Number, Field(gt=0, le=10, allow_inf_nan=False)] = 1.0
     servo_stiffness: Annotated[Number, Field(gt=0, le=10, allow_inf_nan=False)] = 1.0
+    joint_stiffness: float | tuple[float, ...] = 1.0
+    joint_friction_nm: float | tuple[float, ...] | None = None
+    tibia_error: float | tuple[float, ...] = 0.0
     joint_offset_deg: float | tuple[float, ...] = 0.0
     sensor_noise: SensorNoise = SensorNoise()
+    state_latency_s: Annotated[Number, Field(ge=0, le=0.1, allow_inf_nan=False)] = 0.0
+    lost_commands: Annotated[Number, Field(ge=0, le=0.5, allow_inf_nan=False)] = 0.0
 
     @property
     def steps_per_tick(self) -> int:
@@ -100,6 +126,28 @@ class World(_Section):
     def delay_ticks(self) -> int:
         """Servo delay in control periods."""
         return round(self.servo_delay_s / PERIOD_S)
+
+    @property
+    def latency_steps(self) -> int:
+        """Age of a state in steps of the physics."""
+        return round(self.state_latency_s / self.time_step_s)
+
+    @field_validator("joint_stiffness", "joint_friction_nm", "tibia_error", mode="before")
+    @classmethod
+    def _one_or_several(cls, given: Any, info: ValidationInfo) -> Any:
+        (least, most), counts = _SEVERAL[str(info.field_name)]
+        each = given if isinstance(given, list | tuple) else [given]
+        plain = all(isinstance(number, int | float) and not isinstance(number, bool) for number in each)
+        if given is None and info.field_name == "joint_friction_nm":
+            return given
+        if not (plain and all(least <= number <= most for number in each)) or (
+            each is given and len(given) not in counts
+        ):
+            lengths = " or ".join(map(str, counts))
+            raise ValueError(
+                f"got {shown(given)}; allowed: {least:g} to {most:g}, or a list of {lengths} of these"
+            )
+        return given
 
     @field_validator("time_step_s")
     @classmethod
@@ -128,6 +176,39 @@ class World(_Section):
                 f"got {shown(given)}; allowed: 0 to {most}, or a list of {N_JOINTS}, each -{most} to {most}"
             )
         return given
+
+
+#: Bounds of the quantities that are one number or several, and how many there may be.
+_SEVERAL = {
+    "joint_stiffness": ((0.01, 20.0), (JOINTS_PER_LEG, N_JOINTS)),
+    "joint_friction_nm": ((0.0, 5.0), (JOINTS_PER_LEG, N_JOINTS)),
+    "tibia_error": ((-0.2, 0.2), (N_LEGS,)),
+}
+
+
+def per_joint(given: float | tuple[float, ...]) -> FloatArray:
+    """Values of the 18 joints, (18,), of one number, one for each joint kind, or one for each joint."""
+    values = np.atleast_1d(np.asarray(given, dtype=float))
+    return np.tile(values, N_JOINTS // len(values))
+
+
+def per_leg(given: float | tuple[float, ...]) -> FloatArray:
+    """Values of the six legs, (6,), of one number or one for each leg."""
+    return np.broadcast_to(np.asarray(given, dtype=float), (N_LEGS,))
+
+
+def _can_be_drawn(key: str) -> bool:
+    """Whether a key of ranges is a quantity without steps, or one joint kind of one for each joint."""
+    name, dot, kind = key.partition(".")
+    if dot:
+        return _PARTS.get(name) == N_JOINTS and kind in JOINT_KINDS
+    return name in World.model_fields and name not in _IN_STEPS
+
+
+def _parts(key: str) -> int:
+    """How many values a key of ranges draws."""
+    name, dot, _ = key.partition(".")
+    return N_LEGS if dot else _PARTS.get(name, 1)
 
 
 class Distribution(BaseModel):
@@ -193,7 +274,7 @@ class DomainRandomization(BaseModel):
     Attributes:
         seed: scrambles the design; families with the same ranges and other seeds have other members.
         ranges: the randomized quantities, by the keys of a world file; every element of a list is drawn
-            independently.
+            independently. Of a list of 18 joints a key may name one joint kind: `joint_stiffness.coxa`.
         kinds: subsets to which the members belong in turn; one plain kind unless given.
     """
 
@@ -206,7 +287,7 @@ class DomainRandomization(BaseModel):
     @model_validator(mode="after")
     def _makes_worlds(self) -> "DomainRandomization":
         """Refuse ranges whose corners are not valid worlds."""
-        unknown = [key for key in self.ranges if key not in World.model_fields or key in _IN_STEPS]
+        unknown = [key for key in self.ranges if not _can_be_drawn(key)]
         if unknown or not self.kinds:
             raise ValueError(
                 f"got {', '.join(unknown) or 'no kinds'}; allowed: quantities of a world file that have no "
@@ -232,7 +313,7 @@ class DomainRandomization(BaseModel):
     @cached_property
     def _dimensions(self) -> int:
         """Dimensions of the design, the spare one included."""
-        return sum(_PARTS.get(key, 1) for key in self.ranges) + 1
+        return sum(_parts(key) for key in self.ranges) + 1
 
     def _shares(self, first: int, count: int) -> FloatArray:
         if not (count >= 1 and first >= 0 and first + count <= MAX_MEMBERS):
@@ -249,9 +330,14 @@ class DomainRandomization(BaseModel):
         values: dict[str, Any] = {}
         at = 0
         for key, distribution in self.ranges.items():
-            parts = _PARTS.get(key, 1)
+            parts = _parts(key)
             drawn = distribution.at(np.asarray(shares[at : at + parts])).tolist()
-            values[key] = drawn if parts > 1 else drawn[0]
+            name, dot, joint_kind = key.partition(".")
+            if dot:
+                joints = values.setdefault(name, [_UNTOUCHED[name]] * N_JOINTS)
+                joints[JOINT_KINDS.index(joint_kind) :: JOINTS_PER_LEG] = drawn
+            else:
+                values[key] = drawn if parts > 1 else drawn[0]
             at += parts
         return World.model_validate(values | kind.world)
 

@@ -10,15 +10,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from hexctl.backends.sim.batch import SimBatch
 from hexctl.backends.sim.model import FIRST_JOINT, Simulation, make_simulation
-from hexctl.backends.sim.servos import ActuatorModel, SimServos
-from hexctl.backends.sim.world import World
+from hexctl.backends.sim.servos import ActuatorModel, CommandLoss, SimServos
+from hexctl.backends.sim.world import World, load_world
 from hexctl.control.batch import SimTrial, run_sim_trial, run_sim_trials
 from hexctl.control.plan import TrialPlan
 from hexctl.gait.gait import make_gait
 from hexctl.robot.failure import Failure
 from hexctl.testing.servos import move
-from hexctl.types import FloatArray
+from hexctl.types import FloatArray, JointTargets
 from tests.robots import shipped
 
 STANCE = shipped().stance_angles_rad
@@ -37,6 +38,12 @@ LOOSE = World(
     body_mass_shift_m=(0.01, -0.005, 0.005),
     contact_time_s=0.012,
     slope_deg=1.0,
+    joint_stiffness=(1.6, 1.2, 0.7),
+    joint_friction_nm=tuple(np.linspace(0.05, 0.3, 18).tolist()),
+    tibia_error=(0.02, -0.02, 0.01, 0.0, -0.01, 0.015),
+    friction_ratio=0.8,
+    state_latency_s=0.028,
+    lost_commands=0.1,
 )
 
 angles = st.lists(st.floats(-1.0, 1.0), min_size=1, max_size=30)
@@ -94,8 +101,9 @@ def test_in_the_flat_world_targets_reach_the_actuators_as_they_are() -> None:
         _train(servo_backlash_deg=0.1),
         _train(offsets_rad=np.full(18, 0.01)),
         _train(Failure(leg=2, kind="stuck")),
+        _train(lost_commands=0.1),
     ],
-    ids=["delay", "play", "offset", "jam"],
+    ids=["delay", "play", "offset", "jam", "loss"],
 )
 def test_a_train_with_a_flaw_is_not_plain(train: ActuatorModel) -> None:
     assert not train.plain
@@ -207,6 +215,113 @@ def test_a_robot_with_play_in_its_joints_does_not_follow_small_targets() -> None
     np.testing.assert_allclose(large, half_behind, rtol=0, atol=1e-9)
 
 
+@given(losses=st.lists(st.booleans(), min_size=1, max_size=30), ticks=st.integers(0, 3))
+def test_a_lost_command_leaves_the_servos_at_the_one_before(losses: list[bool], ticks: int) -> None:
+    train = _train(lost_commands=0.5, servo_delay_s=ticks * 0.02)
+    targets = _targets(np.linspace(-1, 1, len(losses)).tolist())
+    driven = np.array([train.drive(row, lost) for row, lost in zip(targets, losses, strict=True)])
+    heard = [STANCE] * ticks
+    for row, lost in zip(targets, losses, strict=True):
+        heard.append((heard[-1] if heard else STANCE) if lost else row)
+    np.testing.assert_array_equal(driven, heard[: len(driven)])
+
+
+def test_as_many_commands_are_lost_as_the_world_says_the_same_ones_every_time() -> None:
+    def drawn(share: float, seed: int) -> list[bool]:
+        loss, lost = CommandLoss(share, seed), []
+        for _ in range(4000):
+            loss.draw()
+            lost.append(loss.lost)
+        return lost
+
+    assert np.mean(drawn(0.1, 0)) == pytest.approx(0.1, abs=0.02)
+    assert drawn(0.1, 0) == drawn(0.1, 0)
+    assert drawn(0.1, 0) != drawn(0.1, 1)
+    assert not any(drawn(0.0, 0))
+
+
+def test_a_robot_that_hears_nothing_new_stands_still() -> None:
+    """Of 40 commands of a moving target about half are heard: the actuators follow in fewer steps."""
+    heard = []
+    with SimServos(shipped(), world=World(lost_commands=0.5)) as servos:
+        for index in range(40):
+            move(servos, STANCE + 0.005 * index, ticks=1)
+            heard.append(float(servos.simulation.physics.data.ctrl[0]))
+    assert 10 < len(set(heard)) < 32
+    assert np.all(np.diff(heard) >= 0)
+
+
+@pytest.mark.parametrize("latency_s", [0.008, 0.013, 0.02, 0.05])
+def test_a_state_is_as_old_as_the_latency(latency_s: float) -> None:
+    """Its joints are those of as many physics steps ago, and it says its age."""
+    steps = round(latency_s / 0.002)
+    course: list[FloatArray] = []
+    with (
+        SimServos(shipped(), world=World(state_latency_s=latency_s)) as late,
+        SimServos(shipped()) as twin,
+    ):
+        for servos in (late, twin):
+            servos.write(JointTargets(STANCE + 0.2, 0.0))
+        course.append(twin.simulation.physics.data.qpos.copy())
+        for _ in range(10):
+            late.clock.tick()
+            for _ in range(10):
+                twin.simulation.physics.step()
+                course.append(twin.simulation.physics.data.qpos.copy())
+            state = late.read()
+            then = course[max(0, len(course) - 1 - steps)]
+            np.testing.assert_array_equal(state.joint_positions_rad, then[FIRST_JOINT:])
+            np.testing.assert_array_equal(state.base_position_world, then[:3])
+            assert state.age_s == pytest.approx(0.002 * steps)
+            assert state.stamp_s == pytest.approx(late.clock.now_s - 0.002 * steps)
+
+
+def test_a_batch_that_starts_amid_late_states_goes_on_with_them() -> None:
+    with SimServos(shipped(), world=World(state_latency_s=0.05, lost_commands=0.3)) as servos:
+        for index in range(6):
+            move(servos, STANCE + 0.02 * index, ticks=1)
+        batch = SimBatch(servos, 3)
+        for index in range(12):
+            target_rad = STANCE + 0.02 * (6 + index)
+            batch.write(np.tile(target_rad, (3, 1)))
+            batch.tick()
+            servos.write(JointTargets(target_rad, servos.clock.now_s))
+            servos.clock.tick()
+            alone, together = servos.read(), batch.read()
+            np.testing.assert_array_equal(together.joint_positions_rad[1], alone.joint_positions_rad)
+            assert (together.stamp_s, together.age_s) == (alone.stamp_s, alone.age_s)
+
+
+@pytest.mark.parametrize(
+    "world",
+    [
+        World(joint_stiffness=(1.6, 1.2, 0.7)),
+        World(joint_friction_nm=0.2),
+        World(tibia_error=(0.02, -0.02, 0.01, 0.0, -0.01, 0.015)),
+        World(friction_ratio=0.7),
+        World(state_latency_s=0.01),
+        World(lost_commands=0.2),
+        load_world("real:3"),
+    ],
+    ids=["stiffness", "friction", "legs", "grain", "latency", "loss", "real:3"],
+)
+def test_a_batch_in_each_new_kind_of_world_equals_its_single_trials(world: World) -> None:
+    trials = [
+        SimTrial(
+            robot=shipped(),
+            plan=TrialPlan(gait=make_gait(shipped(), code), duration_s=1.5),
+            failure=None,
+            world=world,
+            seed=5,
+            facing_rad=0.7,
+        )
+        for code in ("1", "57")
+    ]
+    for made, alone in zip(run_sim_trials(trials), map(run_sim_trial, trials), strict=True):
+        assert made.to_dict() == alone.to_dict()
+        assert np.array_equal(made.path_m, alone.path_m)
+
+
 @pytest.mark.parametrize("failure", [None, Failure(leg=3), Failure(leg=3, kind="stuck", angle_rad=0.2)])
 def test_a_batch_with_everything_loose_equals_its_single_trials(failure: Failure | None) -> None:
     legs = (failure.leg,) if failure else ()
@@ -233,7 +348,20 @@ def test_a_batch_with_everything_loose_equals_its_single_trials(failure: Failure
 
 
 @pytest.mark.parametrize(
-    "key", ["servo_delay_s", "servo_backlash_deg", "friction_cone", "time_step_s", "added_mass_share"]
+    "key",
+    [
+        "servo_delay_s",
+        "servo_backlash_deg",
+        "friction_cone",
+        "time_step_s",
+        "added_mass_share",
+        "joint_stiffness",
+        "joint_friction_nm",
+        "tibia_error",
+        "friction_ratio",
+        "state_latency_s",
+        "lost_commands",
+    ],
 )
 def test_each_of_them_makes_a_difference_to_the_walk(key: str) -> None:
     plan = TrialPlan(gait=make_gait(shipped(), "demo"), duration_s=0.5)

@@ -21,10 +21,10 @@ from hexctl.backends.sim.world import (
 )
 from hexctl.errors import InputError
 from hexctl.study.prior import WORLDS_PER_LEG
-from hexctl.types import FloatArray
+from hexctl.types import JOINT_KINDS, FloatArray
 from tests.robots import ROBOT_NAMES, shipped
 
-FAMILIES = ("randomised", "transfer")
+FAMILIES = ("randomised", "transfer", "real")
 
 #: The least that a file of a family says.
 SMALL = "seed: 1\nranges:\n  friction: {low: 0.4, high: 1.0}\n"
@@ -45,7 +45,9 @@ def _written(text: str, folder: Path) -> str:
 
 def _values(worlds: list[World], key: str) -> FloatArray:
     """One quantity of some worlds, a column for each of its parts."""
-    return np.array([np.atleast_1d(getattr(world, key)) for world in worlds])
+    name, _, kind = key.partition(".")
+    columns = np.array([np.atleast_1d(getattr(world, name)) for world in worlds])
+    return columns[:, JOINT_KINDS.index(kind) :: 3] if kind else columns
 
 
 def _shares(worlds: list[World], key: str, spread: Distribution) -> FloatArray:
@@ -98,8 +100,8 @@ def test_a_normal_range_holds_nineteen_of_twenty() -> None:
 @given(block=st.integers(0, MAX_MEMBERS // 16 - 1))
 def test_each_sixteen_members_are_spread_evenly(block: int) -> None:
     """One in each sixteenth of every range, and so eight in each of its halves."""
-    kinds_touch = {key for kind in family("transfer").kinds for key in kind.world}
     for name in FAMILIES:
+        kinds_touch = {key for kind in family(name).kinds for key in kind.world}
         worlds = family(name).members(16 * block, 16)
         for key, spread in family(name).ranges.items():
             assert key not in kinds_touch
@@ -267,6 +269,12 @@ def test_members_that_a_family_does_not_have_are_refused(first: int, count: int)
             ["unknown key ranges.friction.hi"],
         ),
         pytest.param("seed: 1\nranges: {friction: {low: 1}}", ["ranges.friction.high"]),
+        ("seed: 1\nranges: {joint_stiffness.knee: {low: 1, high: 2}}", ["joint_stiffness.knee", "allowed"]),
+        ("seed: 1\nranges: {friction.coxa: {low: 1, high: 2}}", ["friction.coxa", "allowed"]),
+        (
+            "seed: 1\nranges: {joint_stiffness.coxa: {low: -1, high: 2}}",
+            ["joint_stiffness", "-1", "0.01 to 20"],
+        ),
     ],
 )
 def test_a_bad_family_is_refused_in_one_line(text: str, parts: list[str], tmp_path: Path) -> None:
@@ -288,6 +296,28 @@ def test_a_quantity_that_knows_steps_only_cannot_be_spread(spread: str, tmp_path
         load_randomization(_written(f"seed: 1\nranges: {{{spread}}}", tmp_path)).members(0, 8)
 
 
+def test_a_range_of_one_joint_kind_leaves_the_other_joints_as_they_are(tmp_path: Path) -> None:
+    text = "seed: 1\nranges: {joint_stiffness.tibia: {low: 0.5, high: 0.9}}"
+    (world,) = load_randomization(_written(text, tmp_path)).members(3, 1)
+    stiffness = np.reshape(world.joint_stiffness, (6, 3))
+    assert (stiffness[:, :2] == 1).all()
+    assert len(set(stiffness[:, 2].tolist())) == 6
+    assert ((stiffness[:, 2] >= 0.5) & (stiffness[:, 2] <= 0.9)).all()
+
+
+def test_the_joints_of_real_robots_are_as_stiff_as_those_measured() -> None:
+    """Hips of 22 to 79 and knees of 10 to 24 N m/rad, on a file's 18."""
+    worlds = family("real").members(0, 256)
+    joints = np.array(
+        [18 * world.servo_stiffness * np.reshape(world.joint_stiffness, (6, 3)) for world in worlds]
+    )
+    hips, knees = joints[..., :2], joints[..., 2]
+    assert hips.min() == pytest.approx(22, abs=1)
+    assert hips.max() == pytest.approx(79, abs=3)
+    assert knees.min() == pytest.approx(10, abs=0.5)
+    assert knees.max() == pytest.approx(24, abs=1)
+
+
 def _worlds_of_legs(name: str, count: int) -> Iterator[World]:
     """Give the first worlds of each leg of a prior."""
     for leg in range(6):
@@ -296,9 +326,10 @@ def _worlds_of_legs(name: str, count: int) -> Iterator[World]:
 
 def test_no_world_that_a_prior_is_tried_on_is_one_that_it_was_built_from() -> None:
     built_from = set(_worlds_of_legs("randomised", 64))
-    tried_on = set(_worlds_of_legs("transfer", 64)) | set(family("transfer").members(0, 256))
     assert len(built_from) == 6 * 64
-    assert built_from.isdisjoint(tried_on)
+    for name in ("transfer", "real"):
+        tried_on = set(_worlds_of_legs(name, 64)) | set(family(name).members(0, 256))
+        assert built_from.isdisjoint(tried_on)
 
 
 def test_a_prior_is_tried_on_wider_ranges_and_other_kinds_than_it_was_built_from() -> None:
