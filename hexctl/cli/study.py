@@ -17,6 +17,7 @@ from hexctl.cli.console import INTERRUPTED, RUNS, SIGNALS, make_bar, print_above
 from hexctl.cli.options import (
     ALL_LEGS,
     FAILURE_HELP,
+    ROBOT_HELP,
     SELF_ROTATION_HELP,
     WORLD_HELP,
     DaskOption,
@@ -24,7 +25,6 @@ from hexctl.cli.options import (
     JsonOption,
     LegsOption,
     Range,
-    RobotOption,
     SeedOption,
     SelfRotation,
     TrialDurationOption,
@@ -37,6 +37,7 @@ from hexctl.errors import InputError
 
 if TYPE_CHECKING:
     from hexctl.study.landscape import Landscape, LandscapeSpec
+    from hexctl.study.matrix import MatrixResult
     from hexctl.study.study import StudyResult, TransferResult
 
 RUN_COUNT = Range(low=1, high=999, whole=True)
@@ -106,6 +107,28 @@ StudyWorldOption = Annotated[
         help=f"{WORLD_HELP} Not with --transfer. (default: flat)",
     ),
 ]
+StudyRobotOption = Annotated[
+    str | None,
+    typer.Option(
+        "--robot",
+        autocompletion=completion.robots,
+        help=f"{ROBOT_HELP} (default: ant; with --matrix ant,phantomx,pexod)",
+    ),
+]
+MatrixOption = Annotated[
+    bool,
+    typer.Option(
+        "--matrix",
+        help="Judge the claims in many settings: --failure, --world, --robot and --time-steps take several "
+        "with commas; each failure is walked in the first of each, and in every other one of each.",
+    ),
+]
+TimeStepsOption = Annotated[
+    str | None,
+    typer.Option(
+        "--time-steps", help="With --matrix, steps of the physics in ms, with commas. (default: 2,4)"
+    ),
+]
 ReportFolderOption = Annotated[
     Path | None,
     typer.Option(
@@ -128,13 +151,15 @@ def study(
     failure: StudyFailureOption = None,
     self_rotation: StudySelfRotationOption = None,
     transfer: TransferOption = False,
+    matrix: MatrixOption = False,
+    time_steps: TimeStepsOption = None,
     optimizers: OptimizersOption = None,
     runs: RunsOption = None,
     budget: BudgetOption = None,
     worlds: WorldsOption = None,
     prior: TransferPriorOption = None,
     duration: TrialDurationOption = 30.0,
-    robot: RobotOption = "ant",
+    robot: StudyRobotOption = None,
     world: StudyWorldOption = None,
     out: ReportFolderOption = None,
     jobs: JobsOption = None,
@@ -152,19 +177,29 @@ def study(
         "seed": seed,
         **_given(optimizers=None if optimizers is None else listed(optimizers), runs=runs, budget=budget),
     }
-    result: StudyResult | TransferResult
+    result: StudyResult | TransferResult | MatrixResult
     folder = out or RUNS / f"study-{datetime.now():%Y%m%d-%H%M%S}"
+    if time_steps is not None and not matrix:
+        raise InputError(f"--time-steps: got {time_steps}; allowed: with --matrix")
+    if transfer and matrix:
+        raise InputError("--matrix: got it with --transfer; allowed: one or the other")
     if transfer:
         own = {"world": world, "failure": failure, "self-rotation": self_rotation}
         for name, value in own.items():
             if value is not None:
                 raise InputError(f"--{name}: got {value} with --transfer; allowed: without, it has its own")
-        result, lines = _transfer(robot, prior, common | _given(worlds=worlds), folder, jobs, dask)
+        result, lines = _transfer(robot or "ant", prior, common | _given(worlds=worlds), folder, jobs, dask)
     else:
         if prior is not None:
             raise InputError(f"--prior: got {prior}; allowed: with --transfer")
         common |= _given(worlds=worlds, failure=failure, self_rotation=self_rotation)
-        result, lines = _study(robot, world or "flat", common, folder, jobs, dask)
+        if matrix:
+            settings = _given(
+                robots=robot, worlds=world, failures=common.pop("failure", None), steps=time_steps
+            )
+            result, lines = _matrix(settings, common, folder, jobs, dask)
+        else:
+            result, lines = _study(robot or "ant", world or "flat", common, folder, jobs, dask)
     print_result(json.dumps(result.to_json()) if as_json else "\n".join([*lines, f"report: {result.report}"]))
 
 
@@ -206,6 +241,47 @@ def _transfer(
         result = run_transfer(plan, folder=folder, jobs=jobs, dask=dask, progress=progress)
     bars = transfer_bars(result.findings)
     return result, _verdict_lines((bar.verdict, f"{bar.asked}: {bar.measured}") for bar in bars)
+
+
+def _matrix(
+    settings: dict[str, str], options: dict[str, Any], folder: Path, jobs: int | None, dask: str | None
+) -> "tuple[MatrixResult, list[str]]":
+    """Run the matrix of verdicts; returns the result and its table as lines."""
+    from hexctl.backends.sim.world import load_world
+    from hexctl.robot.loader import load_robot
+    from hexctl.study.matrix import FAILURES, ROBOTS, TIME_STEPS_S, WORLDS, MatrixPlan, cells_of, run_matrix
+
+    def several(name: str, default: Sequence[str]) -> tuple[str, ...]:
+        return listed(settings[name]) if name in settings else tuple(default)
+
+    steps = several("steps", [f"{1000 * step_s:g}" for step_s in TIME_STEPS_S])
+    cells = cells_of(
+        [load_robot(name) for name in several("robots", ROBOTS)],
+        {name: load_world(name) for name in several("worlds", WORLDS)},
+        several("failures", FAILURES),
+        [_step_s(text) for text in steps],
+        **options,
+    )
+    plan = MatrixPlan(cells=cells)
+    with interruptible(plan), StudyProgress() as progress:
+        result = run_matrix(plan, folder=folder, jobs=jobs, dask=dask, progress=progress)
+    return result, result.to_markdown().splitlines()
+
+
+#: Length of a tick in ms, and steps of the physics, of which it is a whole number.
+TICK_MS = 20
+TIME_STEP_MS = Range(low=0.5, high=5, unit="ms")
+
+
+def _step_s(text: str) -> float:
+    """Step of the physics in s from a text in ms; raises InputError unless the tick is a multiple of it."""
+    try:
+        step_ms = float(TIME_STEP_MS.parse(text))
+    except typer.BadParameter as error:
+        raise InputError(f"--time-steps: {error.message}") from None
+    if abs(round(TICK_MS / step_ms) * step_ms - TICK_MS) > 1e-6:
+        raise InputError(f"--time-steps: got {text}; allowed: {TICK_MS} ms divided by a whole number")
+    return step_ms / 1000
 
 
 def _given(**options: Any) -> dict[str, Any]:

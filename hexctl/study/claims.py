@@ -248,6 +248,12 @@ OF_SEARCHES = (
     converges, fast_then_flat, minimal_by_60, ten_cm_by_20, late_mean, competitive, best_keep_line
 )  # fmt: skip
 
+#: Short names of all claims, in the order of `claims_of`.
+NAMES = (
+    "left", "right", "both sides", "turn helps", "gaits near the line", "ends at 2.5 cm", "fast, then flat",
+    "40 to 60", "10 cm by 20", "2.5 cm by 60", "competitive", "best keep the line",
+)  # fmt: skip
+
 
 def claims_of(findings: Findings) -> list[Claim]:
     """All claims in the paper's order; walks that are too short leave those that were measured not judged."""

@@ -144,7 +144,7 @@ def run_study(
     check_jobs(jobs)
     check_drawing()
     plan.check()
-    with _report_folder(folder, REPORT):
+    with report_folder(folder, REPORT):
         cache.probe()
         times_s = _Stopwatch()
         landscapes = evaluate(plan.specs(), cache, jobs=jobs, dask=dask, progress=progress)
@@ -177,7 +177,7 @@ def run_transfer(
     check_jobs(jobs)
     check_drawing()
     plan.check()
-    with _report_folder(folder, TRANSFER_REPORT):
+    with report_folder(folder, TRANSFER_REPORT):
         cache.probe()
         landscapes = evaluate(plan.specs(), cache, jobs=jobs, dask=dask, progress=progress)
         progress.stage("searches, world by world", len(landscapes))
@@ -203,7 +203,7 @@ class _Stopwatch:
 
 
 @contextmanager
-def _report_folder(folder: Path, report: str) -> Iterator[None]:
+def report_folder(folder: Path, report: str) -> Iterator[None]:
     """Create the folder of a report; remove it at the end when nothing was written into it.
 
     Raises InputError unless it is new, empty, or has an earlier report of the same kind.

@@ -115,6 +115,40 @@ def test_another_failure_turn_and_more_worlds(
     assert "each weak:0.5" in report.read_text(encoding="utf-8")
 
 
+def test_a_matrix_of_settings(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    settings = ["--failure", "locked,missing", "--world", "flat", "--robot", "ant", "--time-steps", "4"]
+    assert exit_code([*TINY, "--matrix", *settings, "--worlds", "1", "--out", "out"]) == 0
+    printed = capsys.readouterr()
+    assert printed.out.startswith("| setting | left | right |")
+    assert "| ant, flat, 4 ms, missing |" in printed.out
+    assert printed.out.endswith(f"report: {Path('out') / 'matrix.html'}\n")
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--time-steps", "2"], "--time-steps: got 2; allowed: with --matrix"),
+        (["--matrix", "--time-steps", "3"], "--time-steps: got 3; allowed: 20 ms divided"),
+        (["--matrix", "--time-steps", "fast"], "--time-steps: got 'fast'"),
+        (["--matrix", "--failure", "locked,tired"], "allowed: locked, limp"),
+        (["--matrix", "--transfer"], "--matrix: got it with --transfer"),
+    ],
+)
+def test_a_matrix_that_cannot_be_is_refused_in_one_line(
+    options: list[str], message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    monkeypatch.chdir(tmp_path)
+    assert exit_code([*TINY, *options]) == 2
+    printed = capsys.readouterr()
+    assert (printed.out, len(printed.err.splitlines())) == ("", 1)
+    assert message in printed.err
+    assert not list(tmp_path.rglob("*.npz"))
+
+
 def test_the_transfer_benchmark_has_its_own_world_and_failure(capsys: pytest.CaptureFixture[str]) -> None:
     assert exit_code(["study", "--transfer", "--failure", "limp"]) == 2
     assert "--failure: got limp with --transfer" in capsys.readouterr().err

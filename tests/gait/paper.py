@@ -1,4 +1,4 @@
-"""The paper's Eq. 1 to 5, one leg and one moment at a time, in the paper's own cases and letters."""
+"""The paper's Eq. 1 to 5 and its encoding, one leg and one moment at a time, in its own cases and letters."""
 
 import math
 
@@ -44,3 +44,20 @@ def walking_feet(
         m = stroke(u, amplitude)
         feet.append((x + m * math.cos(theta), y + m * math.sin(theta), z + lift(u, height)))
     return feet
+
+
+def numbered_gait(number: int, legs: int = 6) -> Slots:
+    """Permutation g of a number in 1..n!, by the factorial number system: digit k counts (n - 1 - k)!."""
+    rest, left = number - 1, list(range(1, legs + 1))
+    g = []
+    for k in range(legs):
+        digit, rest = divmod(rest, math.factorial(legs - 1 - k))
+        g.append(left.pop(digit))
+    return tuple(g)
+
+
+def numbered_recovery(number: int, failed: int) -> Slots:
+    """Gait of the remaining five legs from a number in 1..5!; the failed leg keeps its own index."""
+    others = [leg for leg in range(1, 7) if leg != failed]
+    g = dict(zip(others, (others[index - 1] for index in numbered_gait(number, legs=5)), strict=True))
+    return tuple({**g, failed: failed}[leg] for leg in range(1, 7))

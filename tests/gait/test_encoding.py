@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from hexctl.errors import InputError
 from hexctl.gait.encoding import Slots, code_count, code_from_slots, slots_from_code
+from tests.gait.paper import numbered_gait, numbered_recovery
 
 FAILED_SETS = [(), *((leg,) for leg in range(1, 7)), (2, 5), (1, 6), (1, 3, 5), (4, 5, 6)]
 
@@ -49,6 +50,15 @@ def test_code_one_is_the_identity_and_a_failed_leg_keeps_its_slot(failed: tuple[
     assert all(last[leg - 1] == leg for leg in failed)
     walking = [last[leg - 1] for leg in range(1, 7) if leg not in failed]
     assert walking == sorted(walking, reverse=True)
+
+
+def test_all_gaits_are_those_of_the_papers_factorial_number_system() -> None:
+    """The 720 gaits of six legs, and the 120 of each failed leg, transcribed from the text alone."""
+    assert [slots_from_code(number) for number in range(1, 721)] == [*map(numbered_gait, range(1, 721))]
+    for failed in range(1, 7):
+        recoveries = [numbered_recovery(number, failed) for number in range(1, 121)]
+        assert [slots_from_code(number, (failed,)) for number in range(1, 121)] == recoveries
+        assert len(set(recoveries)) == 120
 
 
 def test_the_papers_example() -> None:
