@@ -53,7 +53,9 @@ class Chain:
 
     def __init__(self, name: str) -> None:
         content = yaml.safe_load((FILES / f"{name}.yaml").read_text(encoding="utf-8"))
-        legs = [leg_mjcf(number, mount, content["links"]) for number, mount in enumerate(content["mounts"], 1)]
+        legs = [
+            leg_mjcf(number, mount, content["links"]) for number, mount in enumerate(content["mounts"], 1)
+        ]
         text = f"<mujoco><compiler angle='degree'/><worldbody>{''.join(legs)}</worldbody></mujoco>"
         self._model = mujoco.MjModel.from_xml_string(text)
         self._data = mujoco.MjData(self._model)
@@ -95,7 +97,5 @@ def test_inverse_kinematics_put_the_feet_of_that_chain_where_they_are_wished(nam
         feet_body = robot.stance_feet_body + random.uniform(-0.03, 0.03, (6, 3))
         solution = solve_legs(robot, feet_body)
         reached = chain.points(solution.joint_positions_rad)[:, -1]
-        np.testing.assert_allclose(
-            reached[solution.reachable], feet_body[solution.reachable], atol=1e-9
-        )
+        np.testing.assert_allclose(reached[solution.reachable], feet_body[solution.reachable], atol=1e-9)
         assert solution.reachable.mean() > 0.5
