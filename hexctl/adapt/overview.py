@@ -94,7 +94,9 @@ def _trial(trial: TrialRecord, address: str | None) -> OverviewTrial:
         score_m=trial.score if trial.valid else None,
         deviation_m=None if result.deviation is None else result.deviation.signed,
         distance_m=result.distance_m,
-        status=result.status + (" (repeat)" if trial.confirms else ""),
+        status=result.status
+        + ("" if result.cause is None else f" ({result.cause})")
+        + (" (repeat)" if trial.confirms else ""),
         path_m=drawable(result.path_m),
         address=address,
     )

@@ -158,6 +158,7 @@ class TrialRecord:
             "status": self.outcome["status"],
             "stopped": self.outcome.get("stopped"),
             "clipped_ticks": self.outcome["clipped_ticks"],
+            "cause": self.outcome.get("cause"),
             "confirms": self.confirms,
             "walked_s": self.outcome["duration_s"],
             "expected": self.expected,

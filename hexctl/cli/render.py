@@ -48,7 +48,7 @@ def summary(outcome: dict[str, Any]) -> list[RenderableType]:
     rows = [
         ("gait", _gait_text(outcome["gait"])),
         *_distance_rows(outcome),
-        ("status", outcome["status"] + _why(outcome["stopped"])),
+        ("status", outcome["status"] + _why(outcome["stopped"]) + _cause(outcome.get("cause"))),
         ("guard", _clipped(outcome["clipped_ticks"])),
         *([("link", link)] if link else []),
         (
@@ -69,6 +69,13 @@ def _why(stopped: str | None) -> str:
         return ""
     hint = HINTS.get(stopped.partition(":")[0])
     return f" ({stopped})" if hint is None else f" ({stopped}): {hint}"
+
+
+def _cause(cause: str | None) -> str:
+    """Likely cause of a walk without progress, in words."""
+    from hexctl.control.cause import CAUSES
+
+    return "" if cause is None else f" ({cause}: {CAUSES.get(cause, '')})"
 
 
 def _gait_text(gait: dict[str, Any]) -> str:

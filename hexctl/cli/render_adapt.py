@@ -10,6 +10,7 @@ import typer
 
 from hexctl.adapt.session import MILESTONES_M, Session, SessionSpec, TrialRecord
 from hexctl.cli.console import make_bar, print_above
+from hexctl.control.cause import CAUSES
 from hexctl.errors import InputError
 from hexctl.robot.loader import load_robot
 
@@ -111,13 +112,19 @@ def trial_line(session: Session, trial: TrialRecord) -> str:
     status = _status(trial) + (" (repeat)" if again and not session.spec.count_repeats else "")
     slots = ",".join(str(slot) for slot in trial.slots)
     numbers = f"{trial.index:>5} {trial.code:>5}  {slots:<11}  {deviation:<12} {distance:>9}"
-    return f"{numbers}  {status:<12} {best:>6}{_expected(trial)}"
+    return f"{numbers}  {status:<12} {best:>6}{_expected(trial)}{_cause(trial)}"
 
 
 def _status(trial: TrialRecord) -> str:
     """Status of a trial, with the reason where it was cut short for something other than its course."""
     status, stopped = trial.outcome["status"], trial.outcome.get("stopped")
     return f"cut ({stopped})" if status == "cut_short" and stopped else str(status)
+
+
+def _cause(trial: TrialRecord) -> str:
+    """Likely cause of a trial without progress; empty without one."""
+    cause = trial.outcome.get("cause")
+    return "" if cause is None else f"  {cause}: {CAUSES.get(cause, '')}"
 
 
 def _trials(count: int) -> str:

@@ -11,6 +11,7 @@ from hexctl.backends.base import as_robot, check_targets
 from hexctl.backends.sim.batch import SimBatch
 from hexctl.backends.sim.servos import SimServos
 from hexctl.backends.sim.world import World, as_world
+from hexctl.control.cause import WalkSamples
 from hexctl.control.guard import FALL_TICKS, Guard, StepLimits, leaning
 from hexctl.control.plan import TrialPlan
 from hexctl.control.result import TrialResult, score
@@ -181,6 +182,7 @@ class _Walks:
         self._leaning_ticks = np.full(n, guard.leaning_ticks)
         self._status = np.full(n, "ok", dtype=object)
         self._stopped: list[str | None] = [None] * n
+        self._samples = WalkSamples(int(self._ticks.max()), (n,))
         self._positions = np.zeros((n, self._ticks.max(), 3))
         self._quaternions = np.zeros((n, self._ticks.max(), 4))
 
@@ -197,6 +199,7 @@ class _Walks:
             self._refuse(wanted_rad)
             self._accepted_rad = self._limits.apply(wanted_rad, self._accepted_rad)
             self._batch.write(self._accepted_rad)
+            self._samples.add(state, self._accepted_rad)
             self._clipped += running & (self._accepted_rad != wanted_rad).any(axis=-1)
             self._walked += running
             self._positions[:, step] = state.base_position_world
@@ -219,6 +222,7 @@ class _Walks:
                 frame=self._start.frame,
                 positions_world=self._positions[index, :walked],
                 quaternions_world=self._quaternions[index, :walked],
+                samples=self._samples.of(walked, (index,)),
             )
             for index, (plan, walked) in enumerate(zip(self._start.plans, self._walked.tolist(), strict=True))
         ]

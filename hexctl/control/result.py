@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from hexctl.control.cause import Samples, symptoms
 from hexctl.control.plan import TrialPlan
 from hexctl.control.trace import TrialFrame
 from hexctl.errors import InputError, MissingExtraError
@@ -69,6 +70,8 @@ class TrialResult(ArrayFields):
         yaw_change_rad: how far the body turned during the walk, counter-clockwise, whole turns counted.
         clipped_ticks: ticks in which the guard changed the targets.
         path_m: progress and signed deviation at each tick of the walk, (T, 2); NaN where not measured.
+        cause: the likely cause of `no_progress`, one of `hexctl.control.cause.CAUSES`; None for any other
+            status, and where none stands out or joints and feet are not measured.
     """
 
     status: str
@@ -81,6 +84,7 @@ class TrialResult(ArrayFields):
     yaw_change_rad: float | None
     clipped_ticks: int
     path_m: FloatArray
+    cause: str | None = None
 
     @property
     def valid(self) -> bool:
@@ -101,6 +105,7 @@ class TrialResult(ArrayFields):
             "status": self.status,
             "stopped": self.stopped,
             "clipped_ticks": self.clipped_ticks,
+            "cause": self.cause,
         }
         if path:
             data["path_m"] = [[_known(value) for value in row] for row in self.path_m.tolist()]
@@ -125,6 +130,7 @@ class TrialResult(ArrayFields):
                 yaw_change_rad=None if yaw_change_deg is None else math.radians(yaw_change_deg),
                 clipped_ticks=int(data["clipped_ticks"]),
                 path_m=np.array(path, dtype=float),
+                cause=data.get("cause"),
             )
         except (KeyError, TypeError, ValueError, AttributeError) as error:
             raise InputError(
@@ -146,7 +152,8 @@ class TrialResult(ArrayFields):
         return ax
 
     def __repr__(self) -> str:
-        text = self.status if self.stopped is None else f"{self.status} ({self.stopped})"
+        why = self.stopped or self.cause
+        text = self.status if why is None else f"{self.status} ({why})"
         if self.distance_m is not None:
             text += f", {self.distance_m:.3f} of {self.ideal_distance_m:.3f} m"
         if self.deviation is not None:
@@ -187,6 +194,7 @@ def score(
     frame: TrialFrame | None,
     positions_world: FloatArray,
     quaternions_world: FloatArray,
+    samples: Samples | None = None,
 ) -> TrialResult:
     """Result of a walk.
 
@@ -201,6 +209,8 @@ def score(
         frame: the trial frame, None where the robot knows no pose or never set out.
         positions_world: base positions of the walk, (T, 3).
         quaternions_world: base orientations of the walk, (T, 4).
+        samples: of its joints and feet, from which the cause of a walk without progress is told; None where
+            they are not known.
     """
     walked = frame is not None and len(positions_world) > 0
     path = frame.path(positions_world) if frame is not None else np.zeros((0, 2))
@@ -209,6 +219,10 @@ def score(
     long_enough = duration_s >= RAMP_DURATION_S
     if status == "ok" and distance_m is not None and long_enough and _goes_straight(plan):
         status = "ok" if distance_m >= progress_floor_m(robot, plan, duration_s) else "no_progress"
+    cause = None
+    if status == "no_progress" and samples is not None:
+        seen = symptoms(robot, plan, samples, positions_world, quaternions_world)
+        cause = None if seen is None else seen.cause
     return TrialResult(
         status=status,
         stopped=stopped,
@@ -220,6 +234,7 @@ def score(
         yaw_change_rad=_yaw_change_rad(frame.yaw_rad, quaternions_world) if frame and walked else None,
         clipped_ticks=clipped_ticks,
         path_m=path,
+        cause=cause,
     )
 
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from hexctl.backends.base import LegServos
 from hexctl.backends.clock import Tick
+from hexctl.control.cause import WalkSamples
 from hexctl.control.controllers import Controller, Stand, Walk, soft_stop_steps
 from hexctl.control.guard import Guard
 from hexctl.control.log import Recorder, Recorders, TickLog
@@ -225,6 +226,19 @@ class _TraceObserver:
         """Nothing: a trace keeps no durations."""
 
 
+class _SampleObserver:
+    """Adds every tick of the walk to its samples."""
+
+    def __init__(self, samples: WalkSamples) -> None:
+        self._samples = samples
+
+    def record(self, tick: Tick, state: RobotState, wanted_rad: FloatArray, sent: JointTargets) -> None:
+        self._samples.add(state, sent.positions_rad)
+
+    def took(self, work_s: float) -> None:
+        """Nothing: samples keep no durations."""
+
+
 class _Phases:
     """Runs controllers one after the other, each as a phase of the trial."""
 
@@ -239,9 +253,17 @@ class _Phases:
         if self._recorders is not None:
             self._recorders.begin_phase(phase, self.trace.frame)
 
-    def run(self, controller: Controller, *, until: Until | None = None, first_step: int = 0) -> int:
+    def run(
+        self,
+        controller: Controller,
+        *,
+        until: Until | None = None,
+        first_step: int = 0,
+        samples: WalkSamples | None = None,
+    ) -> int:
         """Run a controller until it is done; the last step."""
-        return run_controller(self.servos, controller, self._observers, until=until, first_step=first_step)[0]
+        observers = [*self._observers, *([] if samples is None else [_SampleObserver(samples)])]
+        return run_controller(self.servos, controller, observers, until=until, first_step=first_step)[0]
 
 
 class _Preparation:
@@ -364,6 +386,7 @@ class _Trial:
         self.stopped: str | None = None
         self.turned_rad, self.clipped_ticks = 0.0, 0
         self._requested = False
+        self._samples = WalkSamples(ticks_of(servos, plan.duration_s))
 
     def run(self, *, soft_stop: bool) -> None:
         """Settle, turn, walk and stop."""
@@ -397,6 +420,7 @@ class _Trial:
             frame=trace.frame,
             positions_world=trace.positions_world[rows],
             quaternions_world=trace.quaternions_world[rows],
+            samples=self._samples.of(rows.stop - rows.start),
         )
 
     def _walk(self, start: WalkStart, *, soft_stop: bool) -> None:
@@ -407,7 +431,7 @@ class _Trial:
         phases.begin("walk")
         clipped_before = self._servos.counters.clipped
         try:
-            step = phases.run(walk, until=self._until())
+            step = phases.run(walk, until=self._until(), samples=self._samples)
         finally:
             self.clipped_ticks = self._servos.counters.clipped - clipped_before
         if self.status == "aborted" and not self._requested:

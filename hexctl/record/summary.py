@@ -5,6 +5,7 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from hexctl.control.cause import CAUSES
 from hexctl.control.plan import TrialPlan
 from hexctl.control.result import TrialResult
 from hexctl.robot.model import Robot
@@ -83,6 +84,8 @@ def _plan_rows(robot: Robot, plan: TrialPlan) -> Iterator[Row]:
 
 def _result_rows(result: TrialResult, stability: float | None) -> Iterator[Row]:
     yield "**result**", f"**{result.status}** after {result.duration_s:.1f} s"
+    if result.cause is not None:
+        yield "likely cause", f"{result.cause}: {CAUSES.get(result.cause, '')}"
     if result.distance_m is not None:
         yield "distance", f"{result.distance_m:.3f} m of {result.ideal_distance_m:.3f} m without slip"
     if result.deviation is not None:

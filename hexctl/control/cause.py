@@ -1,0 +1,160 @@
+"""The likely cause of a walk without progress: saturated servos, sag or slip, from what the trial saw."""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from hexctl.backends.clock import PERIOD_S
+from hexctl.control.plan import TrialPlan
+from hexctl.gait.foot_trajectory import RAMP_DURATION_S
+from hexctl.gait.gait import ideal_speed_m_s
+from hexctl.ik.legs import link_points_body
+from hexctl.ik.support_polygon import foot_heights_body, to_world
+from hexctl.robot.model import Robot
+from hexctl.types import JOINTS_PER_LEG, N_JOINTS, N_LEGS, BoolArray, FloatArray, RobotState
+
+#: Causes and what they mean, for people.
+CAUSES = {
+    "saturation": "servos at their torque limit",
+    "sag": "joints give way under the weight",
+    "slip": "feet slide over the floor",
+}
+
+#: Bounds of the symptoms. Over walks of three robots without progress, weak servos held more than their limit
+#: for 0.88 of the time or more and others for 0; soft servos left 0.49 of the motion or more and slipping
+#: robots 0.34 at most; feet that slipped made 0.52 of the speed or more, and those of good walks 0.3 at most.
+MOST_SATURATED = 0.5
+MOST_TRACKING_ERROR = 0.42
+MOST_SLIP = 0.4
+
+#: Share of the step height below which a foot is meant to be on the floor.
+ON_THE_FLOOR = 0.1
+
+#: Ticks between two samples of a walk: no divisor of the usual gait cycles, so that all phases are seen.
+SAMPLE_TICKS = 7
+
+#: Most samples kept: those of the first minutes of a long walk.
+MAX_SAMPLES = 2000
+
+
+class WalkSamples:
+    """Joints, targets and contacts of a walk, one robot's or a batch's, every `SAMPLE_TICKS`.
+
+    Args:
+        ticks: most ticks of the walk.
+        batch_shape: () for one robot, (n,) for n.
+    """
+
+    def __init__(self, ticks: int, batch_shape: tuple[int, ...] = ()) -> None:
+        rows = min(MAX_SAMPLES, math.ceil(ticks / SAMPLE_TICKS))
+        self._measured = np.full((*batch_shape, rows, N_JOINTS), np.nan)
+        self._sent = np.full((*batch_shape, rows, N_JOINTS), np.nan)
+        self._contacts = np.zeros((*batch_shape, rows, N_LEGS), dtype=bool)
+        self._rows, self._ticks = 0, 0
+        self._complete = True
+
+    def add(self, state: RobotState, sent_rad: FloatArray) -> None:
+        """Take the next tick; the state before its targets."""
+        row, part = divmod(self._ticks, SAMPLE_TICKS)
+        self._ticks += 1
+        if part or row >= self._sent.shape[-2]:
+            return
+        self._rows = row + 1
+        self._measured[..., row, :] = state.joint_positions_rad
+        self._sent[..., row, :] = sent_rad
+        self._complete &= state.measured and state.foot_contacts is not None
+        if state.foot_contacts is not None:
+            self._contacts[..., row, :] = state.foot_contacts
+
+    def of(self, ticks: int, index: tuple[int, ...] = ()) -> "Samples | None":
+        """Samples of the first ticks of one robot; None where its joints or feet are not measured."""
+        rows = min(MAX_SAMPLES, math.ceil(ticks / SAMPLE_TICKS))
+        if not self._complete or rows > self._rows:
+            return None
+        return Samples(self._measured[index][:rows], self._sent[index][:rows], self._contacts[index][:rows])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Samples:
+    """Samples of one robot: measured and sent joint angles (T, 18), and feet on the floor (T, 6)."""
+
+    measured_rad: FloatArray
+    sent_rad: FloatArray
+    contacts: BoolArray
+
+
+@dataclass(frozen=True, slots=True)
+class Symptoms:
+    """What a walk showed of its servos and feet, after its soft start.
+
+    Attributes:
+        saturated: share of the time in which the femur or tibia of a leg on the floor is further from its
+            target than its torque limit can hold, error >= limit / stiffness.
+        tracking_error: error of all joints, rms, as a share of the motion of their targets.
+        slip: speed of feet on the floor over it, as a share of the speed of a walk without slip.
+    """
+
+    saturated: float
+    tracking_error: float
+    slip: float
+
+    @property
+    def cause(self) -> str | None:
+        """The likely cause of a walk without progress, one of `CAUSES`; None where nothing stands out."""
+        if self.saturated > MOST_SATURATED:
+            return "saturation"
+        if self.tracking_error > MOST_TRACKING_ERROR:
+            return "sag"
+        return "slip" if self.slip > MOST_SLIP else None
+
+
+def symptoms(
+    robot: Robot,
+    plan: TrialPlan,
+    samples: Samples,
+    positions_world: FloatArray,
+    quaternions_world: FloatArray,
+) -> Symptoms | None:
+    """Symptoms of a walk; None for one that ended within a second of its soft start.
+
+    Args:
+        robot: the robot that walked.
+        plan: its gait and failed leg, which is left out.
+        samples: of the walk.
+        positions_world: base positions of the walk, (ticks, 3).
+        quaternions_world: base orientations of the walk, (ticks, 4).
+    """
+    first = math.ceil(RAMP_DURATION_S / (SAMPLE_TICKS * PERIOD_S))
+    measured, sent = samples.measured_rad[first:], samples.sent_rad[first:]
+    ideal_m_s = ideal_speed_m_s(robot, plan.gait, plan.motion(0.0))
+    if len(measured) * SAMPLE_TICKS * PERIOD_S < 1.0 or ideal_m_s == 0:
+        return None
+    legs = [leg for leg in range(N_LEGS) if leg + 1 not in plan.failed_legs]
+    up_m = foot_heights_body(robot, sent) - robot.stance_feet_body[:, 2]
+    down = samples.contacts[first:] & (up_m < ON_THE_FLOOR * plan.gait.height * robot.size_m)
+    feet = to_world(
+        link_points_body(robot, measured)[..., -1, :],
+        positions_world[::SAMPLE_TICKS][first : first + len(measured)],
+        quaternions_world[::SAMPLE_TICKS][first : first + len(measured)],
+    )
+    speeds_m_s = np.linalg.norm(np.diff(feet[..., :2], axis=0), axis=-1) / (SAMPLE_TICKS * PERIOD_S)
+    held = np.abs(sent - measured) * robot.stiffness_nm_per_rad >= robot.joint_max_torque_nm
+    saturated = _by_leg(held)[..., 1:].any(axis=-1)
+    error, motion = _by_leg(sent - measured)[:, legs], _by_leg(sent - sent.mean(axis=0))[:, legs]
+    return Symptoms(
+        saturated=_mean(saturated[:, legs], down[:, legs]),
+        tracking_error=math.sqrt((error**2).mean() / max(float((motion**2).mean()), 1e-12)),
+        slip=_mean(speeds_m_s[:, legs], (down[1:] & down[:-1])[:, legs]) / ideal_m_s,
+    )
+
+
+def _by_leg(joints: Any) -> Any:
+    """Values of joints (T, 18) as (T, 6, 3)."""
+    return joints.reshape(-1, N_LEGS, JOINTS_PER_LEG)
+
+
+def _mean(values: FloatArray | BoolArray, where: BoolArray) -> float:
+    """Mean of values at places; 0 without any."""
+    return float(np.asarray(values, dtype=float)[where].mean()) if where.any() else 0.0
