@@ -72,7 +72,7 @@ def converges(findings: Findings) -> Claim:
     """Claim about the values at the end of the curves."""
     tolerance, text = _about(LATE_M)
     finals = [_finals(world) for world in findings.worlds]
-    measure = Measure("of the cases", tuple(_share_within(values, tolerance) for values in finals))
+    measure = Measure("of the cases", tuple(_share_within(values, tolerance) for values in finals), most=1.0)
     every = np.concatenate(finals) if finals else np.zeros(0)
     low, high = int((every < tolerance.low).sum()), int((every > tolerance.high).sum())
     budget, best = findings.plan.budget, [findings.rotated(group[0]).best_m for group in findings.experiments]
@@ -106,11 +106,13 @@ def _share_within(values: FloatArray, tolerance: Tolerance) -> float:
     return float(((values >= tolerance.low) & (values <= tolerance.high)).mean())
 
 
-def _per_heuristic(findings: Findings, number: Callable[[FloatArray], float]) -> list[Measure]:
+def _per_heuristic(
+    findings: Findings, number: Callable[[FloatArray], float], most: float = np.inf
+) -> list[Measure]:
     """A number of each heuristic's mean curve, in each world."""
     note = "" if np.isfinite(findings.rotated(findings.searched[0]).best_m) else "no valid gait"
     return [
-        Measure(name, tuple(float(number(world.voted_curve(name))) for world in findings.worlds), note)
+        Measure(name, tuple(float(number(world.voted_curve(name))) for world in findings.worlds), note, most)
         for name in findings.heuristics
     ]
 
@@ -118,7 +120,7 @@ def _per_heuristic(findings: Findings, number: Callable[[FloatArray], float]) ->
 def fast_then_flat(findings: Findings) -> Claim:
     """Claim about the shape of the curves."""
     tolerance = Tolerance(FAST, 1.0)
-    measures = _per_heuristic(findings, _early_share) if findings.plan.budget > EARLY else []
+    measures = _per_heuristic(findings, _early_share, 1.0) if findings.plan.budget > EARLY else []
     return make_claim(
         "Convergence is fastest in the first 20 evaluations and relatively flat from 20 to 120",
         f"the first 20 evaluations make at least {FAST:.0%} of the improvement of each heuristic's mean",
@@ -136,7 +138,11 @@ def _early_share(curve: FloatArray) -> float:
 def minimal_by_60(findings: Findings) -> Claim:
     """Claim about when the curves stop falling."""
     tolerance = Tolerance.about(40, LATE)
-    measures = _per_heuristic(findings, _converged_after) if findings.plan.budget > LATE else []
+    measures = (
+        _per_heuristic(findings, _converged_after, findings.plan.budget)
+        if findings.plan.budget > LATE
+        else []
+    )
     return make_claim(
         "Minimal values are reached in about 40 to 60 evaluations",
         f"each heuristic's mean comes within 0.5 cm of where it ends after {tolerance.low:g} to "

@@ -36,11 +36,13 @@ class Measure:
         name: what it is of, such as `leg 2` or `pso`.
         values: one for each world; NaN where it cannot be judged.
         note: counts behind it, or why it is not judged.
+        most: greatest value that is possible, such as 1 for a share; the least is 0.
     """
 
     name: str
     values: tuple[float, ...]
     note: str = ""
+    most: float = np.inf
 
     @cached_property
     def known(self) -> FloatArray:
@@ -55,14 +57,17 @@ class Measure:
 
     @cached_property
     def interval(self) -> tuple[float, float]:
-        """Confidence interval of the mean over worlds (Student's t); the mean itself for one world."""
+        """Confidence interval of the mean over worlds (Student's t), as far as values are possible.
+
+        For one world it is the mean itself.
+        """
         if self.known.size < 2:
             return self.mean, self.mean
         from scipy.special import stdtrit
 
         error = self.known.std(ddof=1) / np.sqrt(self.known.size)
         half = float(stdtrit(self.known.size - 1, 0.5 + CONFIDENCE / 2) * error)
-        return self.mean - half, self.mean + half
+        return max(0.0, self.mean - half), min(self.most, self.mean + half)
 
 
 #: What `judge` answers.

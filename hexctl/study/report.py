@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
 from hexctl.files import atomic_write
+from hexctl.study.assumptions import HEADER, assumption_rows
 from hexctl.study.bars import BarRow, bar_rows
 from hexctl.study.claims import claims_of, expected_best_rank
 from hexctl.study.evidence import Claim, cm
@@ -70,6 +71,11 @@ def _verdicts(findings: Findings) -> Iterator[Section]:
     )
     fresh, paper = (_bars(findings, paper_count=count) for count in (False, True))
     blocks: list[Block] = [bar, "Each gait paid for once:", fresh, "By the paper's count:", paper]
+    left_open = (
+        "What the paper leaves open, and how it is read here; numbers are those of ant on the flat "
+        "floor, leg locked, after the turn."
+    )
+    yield Section("Assumptions", [left_open, Table(HEADER, assumption_rows())])
     yield Section("The bar: mean over legs and runs", blocks)
 
 

@@ -77,6 +77,7 @@ def _sides(findings: Findings, legs: Sequence[int], sign: int) -> list[Measure]:
                 f"leg {leg}",
                 tuple(share if sign > 0 else 1 - share for share in shares),
                 _counts((int(one.valid.sum()) for one in landscapes), len(landscapes[0].codes)),
+                most=1.0,
             )
         )
     return measures
@@ -177,7 +178,7 @@ def _nearer(findings: Findings, group: Sequence[int]) -> Measure:
         nearer = after.scores[rows][some] < before.scores[some]
         values.append(float(nearer.mean()) if nearer.size else float("nan"))
         counts.append(f"{nearer.size} pairs, {int(before.valid.sum())} valid before")
-    return Measure(legs_text(group), tuple(values), ", ".join(dict.fromkeys(counts)))
+    return Measure(legs_text(group), tuple(values), ", ".join(dict.fromkeys(counts)), most=1.0)
 
 
 def legs_text(group: Sequence[int]) -> str:

@@ -16,6 +16,8 @@ def test_the_interval_over_worlds_is_students() -> None:
     values = (0.08, 0.11, 0.09, 0.14)
     expected = stats.t.interval(0.95, 3, loc=sum(values) / 4, scale=stats.sem(values))
     assert Measure("pso", values).interval == pytest.approx(expected)
+    assert Measure("share", (0.9, 1.0), most=1.0).interval == pytest.approx((0.3147, 1.0), abs=1e-4)
+    assert Measure("pso", (0.01, 0.3)).interval[0] == 0.0
     assert Measure("pso", (0.08, float("nan"))).interval == (0.08, 0.08)
 
 

@@ -61,6 +61,8 @@ def test_the_page_says_what_holds_and_how_to_read_it(folder: Path) -> None:
         ">holds<",
         "not measured",
         "reconstruction",
+        "Assumptions",
+        "no evidence: also holds on random numbers",
         "random untried codes",
         "121/",
     ):
