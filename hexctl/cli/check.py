@@ -52,6 +52,9 @@ def check(
     pace: PaceOption = None,
     amplitude: AmplitudeOption = None,
     height: HeightOption = None,
+    physics: Annotated[
+        bool, typer.Option("--physics", help="Measure the simulation's own uncertainty: about a minute.")
+    ] = False,
     as_json: JsonOption = False,
 ) -> None:
     """Check a robot file: can the robot walk a gait, in reach, angles, speeds, torques and servo pulses."""
@@ -69,10 +72,14 @@ def check(
         height=height,
     )
     report = checked.to_dict()
+    if physics and checked.possible:
+        from hexctl.control.uncertainty import simulation_uncertainty
+
+        report["physics"] = simulation_uncertainty(checked.robot).to_dict()
     if as_json:
         print_result(json.dumps(report))
     else:
-        print_result(*_heading(report), "", _joint_table(report), "", *_verdict(report))
+        print_result(*_heading(report), "", _joint_table(report), "", *_verdict(report), *_physics(report))
     if not checked.possible:
         raise typer.Exit(BAD_INPUT)
 
@@ -145,6 +152,22 @@ def _load_verdicts(report: dict[str, Any]) -> list[str]:
         f"sag: joints give way by up to {report['sag_deg']:.1f} deg, the body sinks by up to "
         f"{report['sag_mm']:.1f} mm of the {report['step_height_mm']:g} mm of a step",
         f"heat: more than 35 % of the torque for {100 * report['duty']:.0f} % of the cycle",
+    ]
+
+
+def _physics(report: dict[str, Any]) -> list[str]:
+    """The simulation's own uncertainty, where it was measured."""
+    if "physics" not in report:
+        return []
+    found = report["physics"]
+    whole, step, solver, contact = (
+        f"{100 * found[name]:.1f} cm" for name in ("numerical_m", "step_m", "solver_m", "contact_m")
+    )
+    return [
+        "",
+        f"simulation: walks of {found['duration_s']:g} s end ± {whole} (rms of {found['walks']}) from a "
+        f"finer computation: {step} by the time step, {solver} by the solver",
+        f"assumption: {contact} elsewhere on a floor a third softer or harder",
     ]
 
 

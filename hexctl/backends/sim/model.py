@@ -39,9 +39,6 @@ NO_CONTACT = {"contype": 0, "conaffinity": 0}
 #: that would break it loose; with this, at hundredths.
 STICTION = [0.999, 0.999, 0.001]
 
-#: Tolerance of the constraint solver. With MuJoCo's 1e-8 what is left of the last iteration depends on the
-#: compass direction of a walk, and 2 cm may grow of it in 30 s; with this, 0.1 mm for most walks.
-SOLVER_TOLERANCE = 1e-12
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -172,7 +169,10 @@ def _make_world(world: World, floor: Floor) -> Any:
     root.option.timestep = world.time_step_s
     root.option.integrator = "implicitfast"
     root.option.cone = world.friction_cone
-    root.option.tolerance = SOLVER_TOLERANCE
+    root.option.tolerance = world.solver_tolerance
+    # One robot on one floor: a sparse Jacobian and no search for islands save a fifth of the time.
+    root.option.jacobian = "sparse"
+    root.option.flag.island = "disable"
     contact: dict[str, Any] = {
         "contype": 1,
         "conaffinity": 0,
