@@ -40,7 +40,6 @@ NO_CONTACT = {"contype": 0, "conaffinity": 0}
 STICTION = [0.999, 0.999, 0.001]
 
 
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Simulation(ArrayFields):
     """A compiled simulation in its start state.
