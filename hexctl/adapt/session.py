@@ -158,11 +158,11 @@ class TrialRecord:
             "status": self.outcome["status"],
             "stopped": self.outcome.get("stopped"),
             "clipped_ticks": self.outcome["clipped_ticks"],
-            "cause": self.outcome.get("cause"),
             "confirms": self.confirms,
             "walked_s": self.outcome["duration_s"],
             "expected": self.expected,
             "recording": self.recording,
+            "cause": self.outcome.get("cause"),
         }
 
 
