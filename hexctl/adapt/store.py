@@ -294,6 +294,10 @@ EXPECTED = ("signed_m", "low_m", "high_m", "chance")
 FORMATS = (".csv", ".parquet")
 
 
+#: Columns that were added last, in the order in which they came.
+LATER_COLUMNS = ("cause",)
+
+
 def flat_rows(session: Session) -> list[dict[str, Any]]:
     """Rows, one per trial; empty for a session without trials."""
     rows = []
@@ -306,7 +310,9 @@ def flat_rows(session: Session) -> list[dict[str, Any]]:
         values |= {f"deviation_{name}_m": value for name, value in deviation.items()}
         spec = session.spec
         head = {"session": session.name, "optimizer": spec.optimizer, "failed_leg": spec.failed_leg}
-        rows.append({**head, "seed": spec.seed, **values})
+        # Columns that came later stay behind those of before.
+        later = {name: values.pop(name) for name in LATER_COLUMNS}
+        rows.append({**head, "seed": spec.seed, **values, **later})
     return rows
 
 
