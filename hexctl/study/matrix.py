@@ -150,10 +150,11 @@ class MatrixResult:
 
     def to_markdown(self) -> str:
         """Table of verdicts in Markdown: a row for each cell, a column for each claim."""
-        lines = ["| " + " | ".join(("setting", *NAMES)) + " |", "|---" * (len(NAMES) + 1) + "|"]
+        header = ("setting", "worlds", *NAMES)
+        lines = ["| " + " | ".join(header) + " |", "|---" * len(header) + "|"]
         for cell, claims in zip(self.plan.cells, self.claims, strict=True):
             words = [_bold(short_verdict(claim)) for claim in claims]
-            lines.append("| " + " | ".join((cell.title, *words)) + " |")
+            lines.append("| " + " | ".join((cell.title, str(cell.plan.worlds), *words)) + " |")
         return "\n".join(lines) + "\n"
 
 

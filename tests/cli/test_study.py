@@ -122,8 +122,8 @@ def test_a_matrix_of_settings(
     settings = ["--failure", "locked,missing", "--world", "flat", "--robot", "ant", "--time-steps", "4"]
     assert exit_code([*TINY, "--matrix", *settings, "--worlds", "1", "--out", "out"]) == 0
     printed = capsys.readouterr()
-    assert printed.out.startswith("| setting | left | right |")
-    assert "| ant, flat, 4 ms, missing |" in printed.out
+    assert printed.out.startswith("| setting | worlds | left | right |")
+    assert "| ant, flat, 4 ms, missing | 1 |" in printed.out
     assert printed.out.endswith(f"report: {Path('out') / 'matrix.html'}\n")
 
 
