@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from hexctl.adapt.loop import AdaptLoop, OnTrial
+from hexctl.adapt.loop import AdaptLoop, OnBaseline, OnTrial
 from hexctl.adapt.measurement import Operator
 from hexctl.adapt.objectives import ObjectiveChoice, as_objective
 from hexctl.adapt.optimizer import OptimizerChoice
@@ -32,6 +32,7 @@ from hexctl.adapt.runner import (
 from hexctl.adapt.search import (
     Note,
     Setting,
+    baseline_note,
     check_parts,
     extended,
     knows_stances,
@@ -41,7 +42,7 @@ from hexctl.adapt.search import (
     new_spec,
     start_note,
 )
-from hexctl.adapt.session import Session, SessionSpec, TrialRecord
+from hexctl.adapt.session import BaselineRecord, Session, SessionSpec, TrialRecord
 from hexctl.adapt.stance import connected_deflection_rad, simulated_deflection_rad
 from hexctl.adapt.store import RUNS, SessionStore, load_session
 from hexctl.backends.base import LegServos
@@ -85,12 +86,19 @@ class AdaptationResult:
         """All trials of the session, in the order in which they were walked."""
         return self.session.trials
 
+    @property
+    def baseline(self) -> list[BaselineRecord]:
+        """Walks with the gaits that the robot would use anyway, before the first trial."""
+        return self.session.baseline
+
     def to_dict(self) -> dict[str, Any]:
         """The result as `hexctl adapt --json` prints it."""
         return {**self.session.as_json(), "ended": self.ended, "wall_s": round(self.wall_s, 3)}
 
     def plot(self, ax: Any = None) -> Any:
         """Draw the paths of all trials seen from above, invalid ones dotted, the best one bold; the axes.
+
+        The baseline is drawn in another colour.
 
         Args:
             ax: matplotlib axes, or None for those of a new figure.
@@ -103,6 +111,10 @@ class AdaptationResult:
             look = {"color": "C0", "linewidth": 3.0, "zorder": 3} if trial is best else {"color": "0.5"}
             style = "-" if trial.valid else ":"
             ax.plot(path_m[:, 0], path_m[:, 1], style, **look, label=f"code {trial.code}: {trial.score:g}")
+        for walk in self.baseline:
+            path_m = np.array(walk.path_m, dtype=float).reshape(-1, 2)
+            style, label = "-" if walk.valid else ":", f"{walk.gait}: {walk.score:g}"
+            ax.plot(path_m[:, 0], path_m[:, 1], style, color="C1", label=label)
         return ax
 
     def __repr__(self) -> str:
@@ -178,6 +190,7 @@ class Adaptation:
         *,
         on_begin: OnBegin | None = None,
         on_trial: OnTrial | None = None,
+        on_baseline: OnBaseline | None = None,
         stop_requested: StopRequested = never,
     ) -> AdaptationResult:
         """Search until the session ends; the result holds what a robot or a recording suffered meanwhile.
@@ -185,6 +198,7 @@ class Adaptation:
         Args:
             on_begin: called with the session before its first trial of this run.
             on_trial: called with the session and each trial, once it is stored.
+            on_baseline: called with the session and each walk of the baseline, once it is stored.
             stop_requested: asked every tick; True stops the robot softly and ends the run.
 
         Raises InputError for anything that is not allowed, RobotFaultError (of which RobotStoppedError is
@@ -193,6 +207,7 @@ class Adaptation:
         """
         check_callable(on_begin, "on_begin", "a function of the session, or None")
         check_callable(on_trial, "on_trial", "a function of the session and a trial, or None")
+        check_callable(on_baseline, "on_baseline", "a function of the session and a walk, or None")
         check_callable(stop_requested, "stop_requested", STOP_REQUESTED)
         began_s = time.perf_counter()
         checked = self._checked(self.spec) if self._name is None else None  # before anything is written
@@ -206,7 +221,7 @@ class Adaptation:
             if live is not None:
                 stack.enter_context(live)
             runner = self._runner(session, store, setting, stop_requested, live)
-            ended, trouble = self._search(session, store, setting, runner, servos, on_trial)
+            ended, trouble = self._search(session, store, setting, runner, servos, on_trial, on_baseline)
             if live is not None and live.lost is not None:
                 self._note(f"{live.lost}; the trials are not affected")
         return AdaptationResult(
@@ -251,6 +266,8 @@ class Adaptation:
         setting = checked or self._checked(spec)
         note = start_note(spec, setting)
         if note is not None:
+            self._note(note)
+        if (session is None or not session.trials) and (note := baseline_note(spec)) is not None:
             self._note(note)
         servos = stack.enter_context(connected_robot(spec, setting, self._servos, self._note))
         if session is None:
@@ -308,6 +325,7 @@ class Adaptation:
         runner: TrialRunner,
         servos: Guard | None,
         on_trial: OnTrial | None,
+        on_baseline: OnBaseline | None,
     ) -> tuple[str, RobotFaultError | RecordingError | None]:
         """Why the search ended, and what is wrong with the robot or its recordings if it was that."""
         spec = session.spec
@@ -324,6 +342,7 @@ class Adaptation:
             objective=self._objective,
             stop_requested=runner.stop_requested,
             on_trial=on_trial,
+            on_baseline=on_baseline,
         )
         try:
             return loop.run(), None
@@ -357,6 +376,7 @@ def adapt(
     confirm: int = 0,
     early_stop: bool = False,
     count_repeats: bool = False,
+    baseline: bool = True,
     duration_s: float = 30.0,
     heading_deg: float = 0.0,
     self_rotation: str = "rear",
@@ -392,6 +412,8 @@ def adapt(
         confirm: trials of the budget that repeat the best gait.
         early_stop: with `bayes`, end a walk once it is clear that it misses.
         count_repeats: walk and count a gait again when the optimizer asks for it again.
+        baseline: walk the gaits that the robot would use anyway, its default and the tripod, before the first
+            trial, to compare with; they do not count.
         duration_s: how long each trial walks.
         heading_deg: direction of travel, counter-clockwise from forward.
         self_rotation: where the failed leg points during the walk: `rear`, `front` or `none`.
@@ -436,6 +458,7 @@ def adapt(
         confirm=confirm,
         early_stop=early_stop,
         count_repeats=count_repeats,
+        baseline=baseline,
         duration_s=duration_s,
         heading_deg=heading_deg,
         self_rotation=self_rotation,

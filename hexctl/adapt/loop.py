@@ -9,11 +9,13 @@ import numpy as np
 from hexctl.adapt.objectives import Objective, make_objective
 from hexctl.adapt.optimizer import Observation, Optimizer, Prediction
 from hexctl.adapt.runner import RobotStoppedError, WalkedTrial
-from hexctl.adapt.session import Session, TrialRecord
+from hexctl.adapt.session import BASELINE_INDEX, BaselineRecord, Session, TrialRecord
+from hexctl.adapt.space import GaitSpace
 from hexctl.adapt.store import SessionStore
 from hexctl.control.trial import Enough, StopRequested, never
 from hexctl.errors import HexctlError, InputError, RecordingError, argument
 from hexctl.gait.encoding import Slots
+from hexctl.gait.gait import NAMED_SLOTS
 from hexctl.types import FloatArray
 
 #: Ticks between two stored points of a path: 5 Hz.
@@ -24,10 +26,15 @@ class Walk(Protocol):
     """Walks a gait."""
 
     def __call__(self, index: int, code: int, slots: Slots, should_stop: Enough | None = None) -> WalkedTrial:
-        """Walk the trial of an index, until `should_stop` of its path, where that is given."""
+        """Walk the trial of an index, until `should_stop` of its path, where that is given.
+
+        The index of a baseline is `BASELINE_INDEX`; its code is 0 where its slots have none.
+        """
 
 
 OnTrial = Callable[[Session, TrialRecord], None]
+
+OnBaseline = Callable[[Session, BaselineRecord], None]
 
 
 class AdaptLoop:
@@ -47,12 +54,13 @@ class AdaptLoop:
         objective: Objective | None = None,
         stop_requested: StopRequested = never,
         on_trial: OnTrial | None = None,
+        on_baseline: OnBaseline | None = None,
     ) -> None:
         """Prepare to continue a session; `objective` is the one that its spec names unless given."""
         self._session, self._store, self._optimizer = session, store, optimizer
         self._walk = walk
         self._objective = make_objective(session.spec.objective) if objective is None else objective
-        self._stop_requested, self._on_trial = stop_requested, on_trial
+        self._stop_requested, self._on_trial, self._on_baseline = stop_requested, on_trial, on_baseline
         if session.optimizer_state is not None:
             optimizer.restore(session.optimizer_state)
 
@@ -65,7 +73,7 @@ class AdaptLoop:
         """
         self._session.settled_on = None
         self._store_end(None)
-        ended = self._search()
+        ended = self._search() if self._walk_baseline() else "interrupted"
         if ended != "interrupted" and not self._confirm():
             ended = "interrupted"
         self._note_settled()
@@ -80,6 +88,40 @@ class AdaptLoop:
     def _store_end(self, ended: str | None) -> None:
         self._session.ended = ended
         self._store.keep(self._session)
+
+    def _walk_baseline(self) -> bool:
+        """Walk the gaits that the robot would use anyway, those that are missing; False when interrupted.
+
+        They are walked before the first trial or not at all, and the optimizer is not told of them.
+        """
+        session, space = self._session, self._optimizer.space
+        walked = {walk.gait for walk in session.baseline}
+        for name in [] if session.trials else session.spec.baseline_gaits:
+            if name in walked:
+                continue
+            if self._stop_requested():
+                return False
+            slots = NAMED_SLOTS[name]
+            code = _code_of(space, slots)
+            what = f"the baseline {name}"
+            one = self._checked(self._walk(BASELINE_INDEX, code or 0, slots, None), what)
+            if one.result.status == "aborted":
+                _check_recording(one, f"{what} was interrupted")
+                return False
+            record = BaselineRecord(
+                gait=name,
+                code=code,
+                slots=slots,
+                score=self._scored(one, what),
+                outcome=one.result.to_dict(),
+                path_m=_kept(one.result.path_m),
+                recording=None if one.recording is None else str(one.recording),
+            )
+            self._store.add_baseline(session, record)
+            if self._on_baseline is not None:
+                self._on_baseline(session, record)
+            _check_recording(one, f"{what} is done")
+        return True
 
     def _search(self) -> str:
         spec = self._session.spec
@@ -142,18 +184,25 @@ class AdaptLoop:
 
     def _try(self, code: int, should_stop: Enough | None = None) -> WalkedTrial:
         """Walk a code; raises RobotStoppedError when the robot, not the operator, stopped it."""
-        index = self._index
-        walked = self._walk(index, code, self._optimizer.space.slots_of(code), should_stop)
+        index, slots = self._index, self._optimizer.space.slots_of(code)
+        return self._checked(self._walk(index, code, slots, should_stop), f"trial {index}")
+
+    def _checked(self, walked: WalkedTrial, what: str) -> WalkedTrial:
+        """A walk; raises RobotStoppedError when the robot, not the operator, stopped it."""
         result = walked.result
         if result.status == "aborted" and result.stopped != "requested":
             reason = result.stopped or "for no known reason"
-            raise RobotStoppedError(f"trial {index}: the robot was stopped: {reason}", reason)
+            raise RobotStoppedError(f"{what}: the robot was stopped: {reason}", reason)
         return walked
 
     def _score(self, code: int, walked: WalkedTrial) -> float:
-        """Score of a walked trial.
+        """Score of a walked trial."""
+        return self._scored(walked, f"trial {self._index}, gait {code}")
 
-        Raises InputError when the objective fails; the session is as it was before the trial, which can be
+    def _scored(self, walked: WalkedTrial, what: str) -> float:
+        """Score of a walk.
+
+        Raises InputError when the objective fails; the session is as it was before the walk, which can be
         walked again once the objective is mended.
         """
         try:
@@ -161,7 +210,7 @@ class AdaptLoop:
         except Exception as error:
             reason = str(error) if isinstance(error, HexctlError) else f"{type(error).__name__}: {error}"
             raise InputError(
-                f"objective {self._objective.name}: failed on trial {self._index}, gait {code} "
+                f"objective {self._objective.name}: failed on {what} "
                 f"({' '.join(reason.split())}); the trials before it are stored: once it is mended, "
                 f"{argument('resume')} {self._session.name} walks it again"
             ) from error
@@ -191,6 +240,14 @@ class AdaptLoop:
         if self._on_trial is not None:
             self._on_trial(self._session, trial)
         _check_recording(walked, f"trial {trial.index} is done")
+
+
+def _code_of(space: GaitSpace, slots: Slots) -> int | None:
+    """Code of slots; None for those that are not in the space."""
+    try:
+        return space.code_of(slots)
+    except InputError:
+        return None
 
 
 def _check_recording(walked: WalkedTrial, done: str) -> None:

@@ -37,7 +37,10 @@ class Operator(Protocol):
     """A person beside the robot, or a program that answers for one."""
 
     def place(self, index: int, code: int) -> bool:
-        """Place the robot on its mark before a trial; return False to end instead."""
+        """Place the robot on its mark before a trial; return False to end instead.
+
+        The index of a walk of the baseline is 0, and so is a code that it does not have.
+        """
 
     def measure(self, index: int, *, at_most_m: float) -> Answer:
         """Measure a trial; no number is larger than `at_most_m`."""

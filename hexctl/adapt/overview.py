@@ -7,7 +7,7 @@ from tempfile import TemporaryDirectory
 from types import MappingProxyType
 from urllib.parse import quote
 
-from hexctl.adapt.session import MILESTONES_M, Session, TrialRecord
+from hexctl.adapt.session import BASELINE_INDEX, MILESTONES_M, BaselineRecord, Session, TrialRecord
 from hexctl.adapt.store import SessionStore, stored_names
 from hexctl.errors import HexctlError, InputError
 from hexctl.record.overview import Overview, OverviewTrial, drawable
@@ -46,14 +46,16 @@ def write_overview(session: Session, folder: Path, *, into: Path | None = None, 
     return path
 
 
-def recordings_of(session: Session, folder: Path) -> dict[int, Path]:
-    """Recordings of a session's trials that exist and can be opened, by trial index."""
-    files = {trial.index: folder / Path(trial.recording).name for trial in session.trials if trial.recording}
-    return {index: path for index, path in files.items() if is_recording(path)}
+def recordings_of(session: Session, folder: Path) -> dict[int | str, Path]:
+    """Recordings of a session that exist and can be opened, by trial index, or by gait for its baseline."""
+    walks: dict[int | str, str | None] = {walk.gait: walk.recording for walk in session.baseline}
+    walks |= {trial.index: trial.recording for trial in session.trials}
+    files = {key: folder / Path(recording).name for key, recording in walks.items() if recording}
+    return {key: path for key, path in files.items() if is_recording(path)}
 
 
-def make_overview(session: Session, addresses: Mapping[int, str] = MappingProxyType({})) -> Overview:
-    """Overview of a session; `addresses` are the URLs of its trials' recordings."""
+def make_overview(session: Session, addresses: Mapping[int | str, str] = MappingProxyType({})) -> Overview:
+    """Overview of a session; `addresses` are the URLs of its recordings, as of `recordings_of`."""
     ideals_m = [trial.result.ideal_distance_m for trial in session.trials]
     return Overview(
         title=session.name,
@@ -62,6 +64,23 @@ def make_overview(session: Session, addresses: Mapping[int, str] = MappingProxyT
         unit=session.spec.objective_unit,
         course_m=max(ideals_m, default=0.0) or 1.0,
         trials=tuple(_trial(trial, addresses.get(trial.index)) for trial in session.trials),
+        baseline=tuple(_baseline(walk, addresses.get(walk.gait)) for walk in session.baseline),
+    )
+
+
+def _baseline(walk: BaselineRecord, address: str | None) -> OverviewTrial:
+    result = walk.result
+    return OverviewTrial(
+        index=BASELINE_INDEX,
+        code=walk.code or 0,
+        slots=walk.slots,
+        score_m=walk.score if walk.valid else None,
+        deviation_m=None if result.deviation is None else result.deviation.signed,
+        distance_m=result.distance_m,
+        status=result.status + ("" if result.cause is None else f" ({result.cause})"),
+        path_m=drawable(result.path_m),
+        address=address,
+        gait=walk.gait,
     )
 
 
@@ -77,6 +96,12 @@ def _facts(session: Session) -> list[str]:
     ]
     if best is not None:
         lines.append(f"**best: trial {best.index}, code {best.code}, score {spec.score_text(best.score)}**")
+    if session.baseline:
+        walks = [
+            f"{walk.gait} {spec.score_text(walk.score) if walk.valid else walk.outcome['status']}"
+            for walk in session.baseline
+        ]
+        lines.append(f"without a search: {', '.join(walks)}")
     for milestone_m in MILESTONES_M if spec.objective_unit == "m" else ():
         reached = session.trials_to(milestone_m)
         lines.append(

@@ -9,7 +9,7 @@ from typing import Any
 from hexctl.adapt.arena import LEFT_THE_ARENA, Arena, Geofence, aimed, as_placed
 from hexctl.adapt.measurement import Operator, measured, not_walked
 from hexctl.adapt.search import Note, Setting
-from hexctl.adapt.session import SessionSpec
+from hexctl.adapt.session import BASELINE_INDEX, SessionSpec
 from hexctl.backends.base import LegServos, connection_notes
 from hexctl.backends.clock import request_realtime_priority
 from hexctl.backends.registry import BackendOptions, make_servos
@@ -24,7 +24,7 @@ from hexctl.control.turning import turn_gait
 from hexctl.errors import HexctlError, RobotFaultError, argument
 from hexctl.gait.encoding import Slots
 from hexctl.gait.foot_trajectory import RAMP_DURATION_S
-from hexctl.gait.gait import ideal_speed_m_s
+from hexctl.gait.gait import NAMED_SLOTS, ideal_speed_m_s
 from hexctl.record.live import LiveView
 from hexctl.record.recording import Recording
 from hexctl.robot.meshes import Meshes
@@ -123,7 +123,7 @@ class TrialRunner:
         """
         recording = self._open_recording(index, code, plan)
         try:
-            recorders = self._recorders(recording, plan, f"trial {index}: gait {code}")
+            recorders = self._recorders(recording, plan, title_of(index, code, plan))
             result = run_trial(
                 servos,
                 plan,
@@ -151,8 +151,8 @@ class TrialRunner:
         if self.folder is None:
             return None
         floor = make_floor(self.world, self.spec.seed) if self.world is not None else None
-        path = _new_path(self.folder, index)
-        title = f"trial {index}: gait {code}"
+        stem = f"trial-{index:03d}" if index != BASELINE_INDEX else f"baseline-{_name_of(plan)}"
+        path, title = _new_path(self.folder, stem), title_of(index, code, plan)
         return Recording(path, self.robot, plan, title=title, floor=floor, meshes=self.meshes)
 
     def _facts(self, index: int, code: int) -> dict[str, Any]:
@@ -176,12 +176,24 @@ def _finished(recording: Recording, result: TrialResult, facts: dict[str, Any]) 
     return None
 
 
-def _new_path(folder: Path, index: int) -> Path:
+def title_of(index: int, code: int, plan: TrialPlan) -> str:
+    """Title of a trial, or of a walk with a gait that the robot would use anyway."""
+    return f"baseline: gait {_name_of(plan)}" if index == BASELINE_INDEX else f"trial {index}: gait {code}"
+
+
+def _name_of(plan: TrialPlan) -> str:
+    """Name of a plan's gait; its slots for one without a name."""
+    slots = tuple(plan.gait.slots)
+    named = (name for name, own in NAMED_SLOTS.items() if own == slots)
+    return next(named, "".join(str(slot) for slot in slots))
+
+
+def _new_path(folder: Path, stem: str) -> Path:
     """Path that no recording has; a trial that was cut off keeps its own."""
     folder.mkdir(parents=True, exist_ok=True)
-    path, number = folder / f"trial-{index:03d}.rrd", 2
+    path, number = folder / f"{stem}.rrd", 2
     while path.exists():
-        path, number = folder / f"trial-{index:03d}-{number}.rrd", number + 1
+        path, number = folder / f"{stem}-{number}.rrd", number + 1
     return path
 
 

@@ -36,6 +36,9 @@ from hexctl.robot.failure import parse_failure
 from hexctl.robot.loader import RobotFile, load_robot, load_robot_file
 from hexctl.robot.model import Robot
 
+#: Gaits that a robot would walk with anyway: its default one, and the tripod.
+BASELINE_GAITS = ("demo", "tripod")
+
 #: The paper's finer deviation: the target of `bayes` unless told otherwise.
 DEFAULT_TARGET_M = 0.025
 
@@ -137,6 +140,7 @@ def new_spec(
     folder: Path = RUNS,
     note: Note = log_note,
     advice: Advice = no_advice,
+    baseline: bool = True,
     **others: Any,
 ) -> SessionSpec:
     """Spec of a new session, checked before the session exists.
@@ -152,12 +156,14 @@ def new_spec(
         folder: where priors were built.
         note: is told why a session has no prior.
         advice: says how to make the prior that is missing.
+        baseline: whether the gaits that the robot would use anyway are walked first, to compare with.
         others: further fields of `SessionSpec`.
 
     Raises InputError for anything that is not allowed.
     """
     parse_failure(failed_leg, failure)
-    _check_types({"backend": backend, "world": world, "prior": prior, **others})
+    _check_types({"backend": backend, "world": world, "prior": prior, "baseline": baseline, **others})
+    others.setdefault("baseline_gaits", list(BASELINE_GAITS) if baseline else [])
     others["robot"] = str(others.get("robot", "ant"))
     world = None if world is None else str(world)
     if backend != "sim" and world is not None:
@@ -197,7 +203,7 @@ _TYPES: dict[str, tuple[tuple[type, ...], str | None]] = {
     **dict.fromkeys(("budget", "confirm", "seed"), ((int,), None)),
     **dict.fromkeys(("duration_s", "heading_deg"), ((float,), None)),
     **{name: ((float, type(None)), None) for name in ("target_m", "arena_m")},
-    **dict.fromkeys(("early_stop", "count_repeats", "insecure"), ((bool,), None)),
+    **dict.fromkeys(("early_stop", "count_repeats", "insecure", "baseline"), ((bool,), None)),
     **{name: ((str, type(None)), None) for name in ("connect", "credentials", "link")},
 }
 
@@ -321,6 +327,17 @@ def start_note(spec: SessionSpec, setting: Setting) -> str | None:
         return None
     return (
         "each trial begins where the last one ended, so the robot will wander; --arena RADIUS keeps it near"
+    )
+
+
+def baseline_note(spec: SessionSpec) -> str | None:
+    """How long a real robot walks for its baseline, or None."""
+    if spec.simulated or not spec.baseline_gaits:
+        return None
+    count = len(spec.baseline_gaits)
+    return (
+        f"{count} walks of {spec.duration_s:g} s come before the first trial, with the gaits it would use "
+        f"anyway ({', '.join(spec.baseline_gaits)}); --no-baseline leaves them out"
     )
 
 

@@ -45,6 +45,7 @@ class SessionSpec:
         arena_m: radius around `home_m` in which a robot that stays between trials is kept, or None.
         home_m: where it stood when the session began, x and y in the world; None without an arena.
         ask: True where an operator places the robot before each trial and measures after it.
+        baseline_gaits: named gaits that are walked before the first trial, to compare with.
         sag_rad: static deflection of each joint in the stance before the first trial, 18 numbers,
             None for a joint that is not measured; None where the prior or the robot does not tell.
     """
@@ -78,6 +79,7 @@ class SessionSpec:
     home_m: list[float] | None = None
     ask: bool = False
     sag_rad: list[float | None] | None = None
+    baseline_gaits: list[str] = field(default_factory=list)
 
     @property
     def simulated(self) -> bool:
@@ -133,12 +135,7 @@ class TrialRecord:
     @property
     def result(self) -> TrialResult:
         """Result of the trial as it is stored: with five points of the path a second, and its end."""
-        distance_m, signed_m = self.outcome["distance_m"], self.outcome["deviation_m"]["signed"]
-        path_m = list(self.path_m)
-        if distance_m is not None and signed_m is not None:
-            path_m.append([distance_m, signed_m])
-        # Sessions of the first versions have no reason of a stop.
-        return TrialResult.from_dict({"stopped": None, **self.outcome, "path_m": path_m})
+        return _result_of(self.outcome, self.path_m)
 
     @property
     def valid(self) -> bool:
@@ -166,6 +163,72 @@ class TrialRecord:
         }
 
 
+#: The index of a baseline: it comes before the first trial.
+BASELINE_INDEX = 0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BaselineRecord:
+    """A walk with a gait that the robot would use anyway; it is no trial, and no optimizer is told of it.
+
+    Attributes:
+        gait: its name, such as `demo`.
+        code: its code; None where it is not one of the session's gaits.
+        slots: its slots.
+        score: by the session's objective; `INVALID_SCORE` for an invalid walk.
+        outcome: its result, as `TrialResult.to_dict` writes it; `result` reads it.
+        path_m: progress and signed deviation along the walk, five points a second.
+        recording: path of the recording, or None.
+    """
+
+    gait: str
+    code: int | None
+    slots: tuple[int, ...]
+    score: float
+    outcome: dict[str, Any]
+    path_m: list[list[float]]
+    recording: str | None
+
+    @property
+    def result(self) -> TrialResult:
+        """Result of the walk as it is stored."""
+        return _result_of(self.outcome, self.path_m)
+
+    @property
+    def valid(self) -> bool:
+        """Whether the walk counts."""
+        return self.score < INVALID_SCORE
+
+    def as_json(self) -> dict[str, Any]:
+        """The walk as `hexctl adapt --json` prints it."""
+        return {
+            "gait": self.gait,
+            "index": BASELINE_INDEX,
+            "code": self.code,
+            "slots": list(self.slots),
+            "score": self.score if self.valid else None,
+            "deviation_m": self.outcome["deviation_m"],
+            "distance_m": self.outcome["distance_m"],
+            "yaw_change_deg": self.outcome["yaw_change_deg"],
+            "status": self.outcome["status"],
+            "stopped": self.outcome.get("stopped"),
+            "clipped_ticks": self.outcome["clipped_ticks"],
+            "walked_s": self.outcome["duration_s"],
+            "recording": self.recording,
+            "cause": self.outcome.get("cause"),
+        }
+
+
+def _result_of(outcome: dict[str, Any], path_m: list[list[float]]) -> TrialResult:
+    """Result as it is stored: with five points of the path a second, and its end."""
+    distance_m, signed_m = outcome["distance_m"], outcome["deviation_m"]["signed"]
+    points = list(path_m)
+    if distance_m is not None and signed_m is not None:
+        points.append([distance_m, signed_m])
+    # Sessions of the first versions have no reason of a stop.
+    return TrialResult.from_dict({"stopped": None, **outcome, "path_m": points})
+
+
 @dataclass(slots=True, kw_only=True)
 class Session:
     """A session as it stands: grows by a trial at a time.
@@ -179,6 +242,7 @@ class Session:
         ended: why its search ended, as `AdaptLoop.run` returns it; None while it can be resumed.
         settled_on: the gait that the optimizer settles on and what it expects of it, as `Prediction.as_json`
             says, where it knows one.
+        baseline: walks with the gaits that the robot would use anyway, before the first trial.
     """
 
     name: str
@@ -188,6 +252,7 @@ class Session:
     optimizer_state: dict[str, Any] | None = None
     settled_on: dict[str, Any] | None = None
     ended: str | None = None
+    baseline: list[BaselineRecord] = field(default_factory=list)
 
     @property
     def walked_s(self) -> float:
@@ -213,6 +278,7 @@ class Session:
             "session": self.name,
             "created": self.created,
             **self.spec.as_json(),
+            "baseline": [walk.as_json() for walk in self.baseline],
             "trials": [trial.as_json() for trial in self.trials],
             "best": None if best is None else best.as_json(),
             "found": best is not None,

@@ -13,7 +13,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any, Self
 
-from hexctl.adapt.session import Session, SessionSpec, TrialRecord
+from hexctl.adapt.session import BaselineRecord, Session, SessionSpec, TrialRecord
 from hexctl.errors import HexctlError, InputError, MissingExtraError, check_type
 
 SCHEMA_VERSION = 1
@@ -35,6 +35,12 @@ CREATE TABLE IF NOT EXISTS trials (
     record TEXT NOT NULL,
     optimizer_state TEXT NOT NULL,
     PRIMARY KEY (session, number)
+);
+CREATE TABLE IF NOT EXISTS baselines (
+    session TEXT NOT NULL REFERENCES sessions(name) ON DELETE CASCADE,
+    gait TEXT NOT NULL,
+    record TEXT NOT NULL,
+    PRIMARY KEY (session, gait)
 );
 """
 
@@ -132,6 +138,21 @@ class SessionStore:
         session.trials.append(trial)
         session.optimizer_state = optimizer_state
 
+    def add_baseline(self, session: Session, walk: BaselineRecord) -> None:
+        """Add a walk with a gait that the robot would use anyway, on the disk when this returns.
+
+        Raises StoreError when the disk refuses or another process has added it already.
+        """
+        values = (session.name, walk.gait, json.dumps(asdict(walk)))
+        try:
+            with self._transaction():
+                self._connection.execute("INSERT INTO baselines VALUES (?, ?, ?)", values)
+        except sqlite3.Error as error:
+            raise StoreError(
+                f"session {session.name}: the baseline {walk.gait} cannot be stored: {error}"
+            ) from error
+        session.baseline.append(walk)
+
     def keep(self, session: Session) -> None:
         """Store the spec of a session and how it ended, on the disk when this returns.
 
@@ -175,6 +196,12 @@ class SessionStore:
             values = json.loads(record)
             session.trials.append(TrialRecord(**{**values, "slots": tuple(values["slots"])}))
             session.optimizer_state = json.loads(state)
+        walks = self._connection.execute(
+            "SELECT record FROM baselines WHERE session = ? ORDER BY rowid", (name,)
+        )
+        for (record,) in walks:
+            values = json.loads(record)
+            session.baseline.append(BaselineRecord(**{**values, "slots": tuple(values["slots"])}))
         return session
 
     def names(self) -> list[str]:

@@ -117,6 +117,14 @@ def adapt(
         bool,
         typer.Option("--count-repeats", help="Walk a gait again when the optimizer asks for it again."),
     ] = False,
+    no_baseline: Annotated[
+        bool,
+        typer.Option(
+            "--no-baseline",
+            help="Leave out the walks with the gaits that the robot would use anyway, its default and the "
+            "tripod, that come before the first trial.",
+        ),
+    ] = False,
     duration_s: Annotated[
         float | None,
         number("--duration", DURATION_S, "Seconds that each trial walks, {}. (default: 30)"),
@@ -219,6 +227,7 @@ def adapt(
         target_m=target_m,
         confirm=confirm,
         count_repeats=count_repeats,
+        baseline=not no_baseline,
         duration_s=duration_s,
         heading_deg=heading_deg,
         self_rotation=self_rotation,
@@ -297,7 +306,10 @@ def _execute(
         )
         try:
             result = adaptation.run(
-                on_begin=table.begin, on_trial=table.add, stop_requested=interrupt.requested
+                on_begin=table.begin,
+                on_trial=table.add,
+                on_baseline=table.add_baseline,
+                stop_requested=interrupt.requested,
             )
         except RobotStoppedError as error:
             _note(f"{in_flags(error)}; {_clearing(spec, error)}begin again")

@@ -8,7 +8,7 @@ import sys
 import typer
 
 from hexctl.adapt.measurement import Answer
-from hexctl.adapt.session import SessionSpec
+from hexctl.adapt.session import BASELINE_INDEX, SessionSpec
 from hexctl.cli.console import print_note
 from hexctl.control.calibration import EndedError
 from hexctl.control.trial import StopRequested
@@ -47,8 +47,8 @@ class TrialPrompt:
             "none": _front(spec.heading_deg),
         }
         question = (
-            f"trial {index}, gait {code}: put the robot on the mark with {facing[spec.self_rotation]}; "
-            "Enter walks, quit ends: "
+            f"{_walk_name(index, f', gait {code}')}: put the robot on the mark with "
+            f"{facing[spec.self_rotation]}; Enter walks, quit ends: "
         )
         while (said := self._ask(question)) != "":
             if said == "quit":
@@ -58,7 +58,7 @@ class TrialPrompt:
 
     def measure(self, index: int, *, at_most_m: float) -> Answer:
         """Ask for the outcome of a trial until the answer is understood."""
-        question = f"trial {index}: metres along the line and metres to its left (right: -): "
+        question = f"{_walk_name(index)}: metres along the line and metres to its left (right: -): "
         while True:
             said = self._ask(question)
             if said in WORDS:
@@ -79,6 +79,11 @@ class TrialPrompt:
                 print_note("" if self._stop_requested() else "\nhexctl: stdin has ended: quit")
                 return "quit"
         return " ".join(line.lower().split())
+
+
+def _walk_name(index: int, gait: str = "") -> str:
+    """Name of a trial, or of a walk with a gait that the robot would use anyway."""
+    return "the baseline" if index == BASELINE_INDEX else f"trial {index}{gait}"
 
 
 def _front(heading_deg: float) -> str:

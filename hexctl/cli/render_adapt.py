@@ -8,7 +8,14 @@ from typing import Self
 
 import typer
 
-from hexctl.adapt.session import MILESTONES_M, Session, SessionSpec, TrialRecord
+from hexctl.adapt.session import (
+    BASELINE_INDEX,
+    MILESTONES_M,
+    BaselineRecord,
+    Session,
+    SessionSpec,
+    TrialRecord,
+)
 from hexctl.cli.console import make_bar, print_above
 from hexctl.control.cause import CAUSES
 from hexctl.errors import InputError
@@ -42,8 +49,8 @@ class SessionTable:
             return
         typer.echo(opening_line(session))
         typer.echo(header_line(session))
-        for trial in session.trials:
-            typer.echo(trial_line(session, trial))
+        for line in [*map(baseline_line, session.baseline), *_trial_lines(session)]:
+            typer.echo(line)
         # A bar and a question would write over one another.
         self._bar = make_bar(quiet=session.spec.ask or not sys.stdout.isatty())
         self._task = self._bar.add_task(
@@ -60,10 +67,19 @@ class SessionTable:
         print_above(self._bar, trial_line(session, trial), err=False)
         self._bar.update(self._task, completed=len(session.trials))
 
+    def add_baseline(self, session: Session, walk: BaselineRecord) -> None:
+        """Print a walk with a gait that the robot would use anyway; it moves no bar."""
+        if not self._quiet:
+            print_above(self._bar, baseline_line(walk), err=False)
+
+
+def _trial_lines(session: Session) -> list[str]:
+    return [trial_line(session, trial) for trial in session.trials]
+
 
 def session_lines(session: Session) -> list[str]:
-    """Lines of a whole session: its options, every trial, its outcome."""
-    lines = [trial_line(session, trial) for trial in session.trials]
+    """Lines of a whole session: its options, its baseline, every trial, its outcome."""
+    lines = [*map(baseline_line, session.baseline), *_trial_lines(session)]
     return [opening_line(session), header_line(session), *lines, closing_lines(session, session.ended)]
 
 
@@ -105,23 +121,33 @@ def trial_line(session: Session, trial: TrialRecord) -> str:
     """Line of a trial in the table, with the best score up to it."""
     scores = [other.score for other in session.trials[: trial.index] if other.valid]
     best = f"{min(scores):.3f}" if scores else "-"
-    signed, distance_m = trial.outcome["deviation_m"]["signed"], trial.outcome["distance_m"]
-    deviation = "-" if signed is None else _side(signed)
-    distance = "-" if distance_m is None else f"{distance_m:.2f} m"
     again = any(other.code == trial.code for other in session.trials[: trial.index - 1])
     status = _status(trial) + (" (repeat)" if again and not session.spec.count_repeats else "")
-    slots = ",".join(str(slot) for slot in trial.slots)
-    numbers = f"{trial.index:>5} {trial.code:>5}  {slots:<11}  {deviation:<12} {distance:>9}"
-    return f"{numbers}  {status:<12} {best:>6}{_expected(trial)}{_cause(trial)}"
+    head = f"{trial.index:>5} {trial.code:>5}"
+    return f"{head}  {_walk_text(trial, status)} {best:>6}{_expected(trial)}{_cause(trial)}"
 
 
-def _status(trial: TrialRecord) -> str:
+def baseline_line(walk: BaselineRecord) -> str:
+    """Line of a walk with a gait that the robot would use anyway, trial 0."""
+    return f"{BASELINE_INDEX:>4} {walk.gait:>6}  {_walk_text(walk, _status(walk))} {'-':>6}{_cause(walk)}"
+
+
+def _walk_text(walk: TrialRecord | BaselineRecord, status: str) -> str:
+    """Slots, deviation, distance and status, in their columns."""
+    signed, distance_m = walk.outcome["deviation_m"]["signed"], walk.outcome["distance_m"]
+    deviation = "-" if signed is None else _side(signed)
+    distance = "-" if distance_m is None else f"{distance_m:.2f} m"
+    slots = ",".join(str(slot) for slot in walk.slots)
+    return f"{slots:<11}  {deviation:<12} {distance:>9}  {status:<12}"
+
+
+def _status(trial: TrialRecord | BaselineRecord) -> str:
     """Status of a trial, with the reason where it was cut short for something other than its course."""
     status, stopped = trial.outcome["status"], trial.outcome.get("stopped")
     return f"cut ({stopped})" if status == "cut_short" and stopped else str(status)
 
 
-def _cause(trial: TrialRecord) -> str:
+def _cause(trial: TrialRecord | BaselineRecord) -> str:
     """Likely cause of a trial without progress; empty without one."""
     cause = trial.outcome.get("cause")
     return "" if cause is None else f"  {cause}: {CAUSES.get(cause, '')}"
@@ -163,12 +189,22 @@ def closing_lines(session: Session, ended: str | None) -> str:
     """Summary at the end of a session; `ended` is None for one that can be resumed."""
     walked = f"after {_trials(len(session.trials))}, {session.walked_s:.0f} s walked"
     why = "unfinished" if ended is None else f"ended: {ended}"
-    lines = [f"{why} {walked}", *_milestone_lines(session), *_surety_lines(session)]
+    lines = [f"{why} {walked}", *_milestone_lines(session), *_baseline_lines(session)]
+    lines += _surety_lines(session)
     if ended in (None, "interrupted"):
         lines.append(f"continue with: hexctl adapt --resume {session.name}")
     if any(trial.recording for trial in session.trials):
         lines.append(f"look at it with: hexctl view {session.name}")
     return "\n".join(lines)
+
+
+def _baseline_lines(session: Session) -> list[str]:
+    """What the gaits that the robot would use anyway made of it."""
+    walks = [
+        f"{walk.gait} {session.spec.score_text(walk.score) if walk.valid else _status(walk)}"
+        for walk in session.baseline
+    ]
+    return [f"without a search: {', '.join(walks)}"] if walks else []
 
 
 def _surety_lines(session: Session) -> list[str]:

@@ -26,6 +26,7 @@ class OverviewTrial(ArrayFields):
         status: how it ended, in words.
         path_m: progress along the heading and signed deviation, positive to the left, (N, 2).
         address: URL of its recording, which a viewer opens; None where there is none.
+        gait: name of the gait, shown instead of a code that there is none of; None shows the code.
     """
 
     index: int
@@ -37,6 +38,7 @@ class OverviewTrial(ArrayFields):
     status: str
     path_m: FloatArray
     address: str | None = None
+    gait: str | None = None
 
     @property
     def end_m(self) -> FloatArray:
@@ -56,6 +58,7 @@ class Overview:
         unit: of the score, empty where it has none.
         course_m: length of the line of travel: the distance of a walk without slip.
         trials: in the order in which they were walked.
+        baseline: walks with the gaits that the robot would use anyway; they are never the best trial.
     """
 
     title: str
@@ -64,6 +67,7 @@ class Overview:
     unit: str = "m"
     course_m: float
     trials: tuple[OverviewTrial, ...]
+    baseline: tuple[OverviewTrial, ...] = ()
 
     @property
     def best(self) -> OverviewTrial | None:
@@ -99,7 +103,8 @@ COLUMNS = ("trial", "code", "slots", "deviation", "distance", "status", "best so
 def make_table(overview: Overview) -> str:
     """Markdown: title, facts, and a row per trial with the best one in bold."""
     best = overview.best
-    rows = [
+    rows = [_row(_cells(walk, None, overview.unit), bold=False) for walk in overview.baseline]
+    rows += [
         _row(_cells(trial, so_far, overview.unit), bold=trial is best)
         for trial, so_far in zip(overview.trials, overview.best_so_far(), strict=True)
     ]
@@ -109,7 +114,7 @@ def make_table(overview: Overview) -> str:
 
 
 def _how_to_open(overview: Overview) -> tuple[str, ...]:
-    if not any(trial.address for trial in overview.trials):
+    if not any(trial.address for trial in (*overview.baseline, *overview.trials)):
         return ()
     return ("click ▶ to see a trial walk; ← at the top comes back",)
 
@@ -120,7 +125,7 @@ def _cells(trial: OverviewTrial, best: OverviewTrial | None, unit: str) -> tuple
     slots = ",".join(str(slot) for slot in trial.slots)
     off = deviation_text(trial.deviation_m)
     number = str(trial.index) if trial.address is None else f"[▶ {trial.index}]({trial.address})"
-    return number, str(trial.code), slots, off, distance, trial.status, so_far
+    return number, trial.gait or str(trial.code), slots, off, distance, trial.status, so_far
 
 
 def _row(cells: tuple[str, ...], *, bold: bool) -> str:

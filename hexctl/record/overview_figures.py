@@ -34,6 +34,7 @@ BANDS = "above/bands"
 LINE = "above/line_of_travel"
 START = "above/start"
 LEGEND = "above/legend"
+BASELINE = "above/baseline"
 BEST = "above/best"
 BEST_END = "above/best/end"
 
@@ -82,7 +83,7 @@ def visible_m(overview: Overview) -> FloatArray:
     """Corners of the picture, ((x low, y low), (x high, y high)) in m."""
     length = overview.course_m
     corners = np.array([[0.0, -SIDE_LEAST * length], [length, SIDE_LEAST * length]])
-    points = np.concatenate([corners, *(trial.path_m for trial in overview.trials)])
+    points = np.concatenate([corners, *(trial.path_m for trial in (*overview.baseline, *overview.trials))])
     points = np.clip(points, [-END_LIMIT * length, -SIDE_LIMIT * length], [length * 1.1, SIDE_LIMIT * length])
     margin = MARGIN * length
     return np.array([points.min(axis=0) - margin, points.max(axis=0) + margin])
@@ -93,6 +94,8 @@ def send_above(stream: Any, overview: Overview) -> None:
     _send_axes(stream, overview)
     _send_course(stream, overview)
     _send_legend(stream, overview)
+    for walk in overview.baseline:
+        _send_baseline(stream, walk)
     for trial in overview.trials:
         _send_trial(stream, trial)
     _send_best(stream, overview)
@@ -169,6 +172,16 @@ def _send_trial(stream: Any, trial: OverviewTrial) -> None:
         draw_order=[TRACK_ORDER + LEGEND_M[-1] - off_m],
     )
     stream.send_columns(trial_path(trial.index), [at([trial.index])], look)
+
+
+def _send_baseline(stream: Any, walk: OverviewTrial) -> None:
+    """Send the trajectory of a gait that the robot would use anyway, its name at its end."""
+    if not len(walk.path_m):
+        return
+    rr, path = load_rerun(), f"{BASELINE}/{walk.gait}"
+    look = {"colors": [TEXT_COLOR], "radii": [THIN], "draw_order": TRACK_ORDER}
+    stream.log(path, rr.LineStrips2D([picture(walk.path_m)], **look), static=True)
+    _send_names(stream, f"{path}/name", [(walk.end_m, walk.gait or "")])
 
 
 def _send_best(stream: Any, overview: Overview) -> None:

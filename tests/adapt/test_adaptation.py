@@ -157,7 +157,14 @@ class Measures:
 def test_a_connected_robot_and_an_operator() -> None:
     operator = Measures()
     result = adapt(
-        5, budget=2, duration_s=1.0, servos=Blind(shipped()), operator=operator, prior="none", record=False
+        5,
+        budget=2,
+        duration_s=1.0,
+        servos=Blind(shipped()),
+        operator=operator,
+        prior="none",
+        record=False,
+        baseline=False,
     )
     assert [trial.score for trial in result.trials] == [pytest.approx(0.1)] * 2
     assert operator.placed == [trial.code for trial in result.trials]
@@ -203,6 +210,7 @@ def test_a_robot_that_stops_raises_and_the_session_stays() -> None:
             backend="tests.cli.adaptkits:EStopped",
             prior="none",
             record=False,
+            baseline=False,
         )
     (session,) = list_sessions()
     assert len(session.trials) == 1

@@ -410,3 +410,49 @@ def test_an_objective_of_ones_own_decides(store: SessionStore) -> None:
     valid = [trial for trial in session.trials if trial.valid]
     assert session.best.code == max(valid, key=lambda trial: trial.outcome["deviation_m"]["final"]).code
     assert session.trials_to(0.1) is None, "a milestone in m of a score that is not"
+
+
+BASELINE_SPEC = replace(SPEC, baseline_gaits=["demo", "tripod"])
+
+
+def test_a_baseline_comes_before_the_trials_and_changes_none_of_them(store: SessionStore) -> None:
+    walk = Landscape()
+    session, ended = run(store, BASELINE_SPEC, walk)
+    plain, _ = run(store, SPEC)
+    assert (ended, [one.gait for one in session.baseline]) == ("budget", ["demo", "tripod"])
+    assert walk.walked[:2] == [0, 0]
+    assert [trial.code for trial in session.trials] == [trial.code for trial in plain.trials]
+    assert store.load(session.name) == session
+    assert session.best == plain.best
+
+
+def test_a_baseline_is_walked_once_whenever_the_session_was_cut_off(store: SessionStore) -> None:
+    session = store.create(BASELINE_SPEC)
+    for cut, gaits in ((1, ["demo"]), (1, ["demo", "tripod"]), (3, ["demo", "tripod"])):
+        session = store.load(session.name)
+        loop = AdaptLoop(session, store, optimizer_of(session.spec), Landscape(cut_after=cut))
+        assert loop.run() == "interrupted"
+        assert [one.gait for one in session.baseline] == gaits
+    assert len(session.trials) == 3
+    ended, whole = run_on(store, session.name)[1], run(store, SPEC)[0]
+    assert ended == "budget"
+    assert [trial.code for trial in store.load(session.name).trials] == [one.code for one in whole.trials]
+
+
+def test_an_old_session_is_continued_without_a_baseline(store: SessionStore) -> None:
+    session = store.create(SPEC)
+    assert not AdaptLoop(session, store, optimizer_of(SPEC), Landscape()).run().startswith("inter")
+    assert session.baseline == []
+
+
+def test_an_invalid_baseline_has_no_score_and_is_never_the_best(store: SessionStore) -> None:
+    class Stuck(Landscape):
+        def __call__(
+            self, index: int, code: int, slots: Slots, should_stop: Enough | None = None
+        ) -> WalkedTrial:
+            status = "no_progress" if index == 0 else "ok"
+            return WalkedTrial(result=result_of(0.0 if index == 0 else 0.2, status))
+
+    session, _ = run(store, BASELINE_SPEC, Stuck())
+    assert [one.as_json()["score"] for one in session.baseline] == [None, None]
+    assert session.best is session.trials[0]

@@ -9,9 +9,10 @@ import rerun as rr
 
 from hexctl.adapt.objectives import OBJECTIVES
 from hexctl.adapt.overview import make_overview, write_overview
-from hexctl.adapt.session import Session, TrialRecord
+from hexctl.adapt.session import BaselineRecord, Session, TrialRecord
 from hexctl.control.result import TrialResult
 from hexctl.errors import InputError
+from hexctl.record.overview import make_table
 from tests.adapt.walking import SPEC, result_of
 
 
@@ -97,3 +98,24 @@ def test_it_is_written_beside_the_trials_and_replaced_after_more(tmp_path: Path)
 def test_a_session_without_trials_has_none(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no trials"):
         write_overview(make_session(), tmp_path)
+
+
+def test_the_baseline_is_shown_before_the_trials_and_is_never_the_best() -> None:
+    session = make_session(result_of(-0.3))
+    result = result_of(0.01)
+    session.baseline.append(
+        BaselineRecord(
+            gait="tripod",
+            code=None,
+            slots=(1, 4, 1, 4, 1, 4),
+            score=0.01,
+            outcome=result.to_dict(),
+            path_m=np.round(result.path_m[::10], 4).tolist(),
+            recording=None,
+        )
+    )
+    overview = make_overview(session)
+    assert overview.best is overview.trials[0]
+    assert "without a search: tripod 0.010 m" in overview.facts
+    rows = [row for row in make_table(overview).splitlines() if row.startswith("| ")]
+    assert rows[1].startswith("| 0 | tripod | 1,4,1,4,1,4 | 0.010 m left |")

@@ -69,10 +69,31 @@ def test_the_same_seed_gives_the_same_session(capsys: pytest.CaptureFixture[str]
     assert first["session"] != again["session"]
 
 
+def test_the_gaits_it_would_use_anyway_are_walked_first_and_are_no_trials(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    outcome = run_json(capsys, *QUICK)
+    assert [walk["gait"] for walk in outcome["baseline"]] == ["demo", "tripod"]
+    for walk in outcome["baseline"]:
+        assert Path(walk["recording"]).name == f"baseline-{walk['gait']}.rrd"
+        assert walk["status"] == "ok"
+    assert [trial["index"] for trial in outcome["trials"]] == [1, 2, 3]
+    without = run_json(capsys, *QUICK, "--no-baseline")
+    assert without["baseline"] == []
+    assert course(without) == course(outcome)
+    name = outcome["session"]
+    longer = run_json(capsys, "adapt", "--resume", name, "--budget", "4")
+    assert longer["baseline"] == outcome["baseline"]
+    assert len(longer["trials"]) == 4
+    assert exit_code(["sessions", "delete", name, "--yes"]) == 0
+
+
 def test_the_table_and_the_sessions(capsys: pytest.CaptureFixture[str]) -> None:
     assert exit_code([*QUICK, "--no-record"]) == 0
     printed = capsys.readouterr().out
-    assert len([line for line in printed.splitlines() if " ok " in line]) == 3
+    assert len([line for line in printed.splitlines() if " ok " in line]) == 5
+    assert [line.split()[:2] for line in printed.splitlines()[2:4]] == [["0", "demo"], ["0", "tripod"]]
+    assert "without a search: demo " in printed
     (listed,) = run_json(capsys, "sessions", "list")
     name = listed["session"]
     assert name in printed
@@ -256,7 +277,7 @@ def test_a_recording_that_fails_costs_no_trial_and_is_said(
 
     with monkeypatch.context() as patch:
         patch.setattr(Recording, "write_block", no_room)
-        assert exit_code(QUICK) == 3
+        assert exit_code([*QUICK, "--no-baseline"]) == 3
     printed = capsys.readouterr()
     assert "trial 1 is done, its recording is not whole" in printed.err
     assert "continue with: hexctl adapt --resume" in printed.err
@@ -308,6 +329,7 @@ def test_a_full_disk_ends_in_one_line_and_loses_no_kept_trial(capsys: pytest.Cap
     assert done.returncode == 3, done.stderr
     assert len(done.stderr.splitlines()) == 1
     assert "cannot be stored" in done.stderr
-    shown = [line for line in done.stdout.splitlines() if "  ok  " in line or "no_progress" in line]
+    walked = [line for line in done.stdout.splitlines() if "  ok  " in line or "no_progress" in line]
+    shown = [line for line in walked if not line.startswith("   0 ")]
     (listed,) = run_json(capsys, "sessions", "list")
     assert listed["trials"] == len(shown) > 0

@@ -26,7 +26,7 @@ ROOT = Path(__file__).parents[2]
 PATIENCE_S = 90.0
 
 #: Trials whose times are known: no self-rotation, one second of walk.
-SHORT = ["--self-rotation", "none", "--duration", "1", "--no-record", "--budget", "3"]
+SHORT = ["--self-rotation", "none", "--duration", "1", "--no-record", "--no-baseline", "--budget", "3"]
 
 
 @pytest.fixture(autouse=True)
@@ -225,6 +225,7 @@ def test_ctrl_c_ends_a_question() -> None:
 
 
 TWIN = ["adapt", "--failed-leg", "5", "--backend", "tests.adapt.staying:StayingSim", "--no-record"]
+TWIN += ["--no-baseline"]
 SMALL = ["--duration", "6", "--arena", "0.6", "--budget", "5"]
 
 
@@ -260,7 +261,8 @@ def test_how_a_robot_stands_is_measured_where_it_measures(
 ) -> None:
     """Before the session is made, and so before its first gait is chosen."""
     save_prior(standing_prior(), Path("x.npz"))
-    words = ["adapt", "--failed-leg", "5", "--backend", backend, "--no-record", "--duration", "6"]
+    words = ["adapt", "--failed-leg", "5", "--backend", backend, "--no-record", "--no-baseline"]
+    words += ["--duration", "6"]
     code = 4 if KITS in backend else 0  # kits do not move, so that no trial is valid
     outcome, err = json_and_err(capsys, *words, "--prior", "x.npz", "--budget", "1", code=code)
     assert (outcome["sag_rad"] is not None) == knows
@@ -326,3 +328,20 @@ def test_the_arena_stays_where_it_was_after_a_kill(capsys: pytest.CaptureFixture
     assert resumed["arena_m"] == 0.6
     assert np.hypot(*resumed["home_m"]) < 0.05 < away_m, "home is where it began, not where it was found"
     assert float(np.hypot(*np.load(PLACE)["qpos"][:2])) < 0.75
+
+
+def test_the_baseline_is_announced_and_walked_on_a_robot_and_asked_for_by_name(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    words = ["adapt", "--failed-leg", "5", "--backend", f"{KITS}:Blind", "--ask", "--no-record", "--json"]
+    answer(monkeypatch, "\n0.14 -0.02\n\n0.13 0.01\n\n0.12 0.03\n")
+    assert exit_code([*words, "--self-rotation", "none", "--duration", "1", "--budget", "1"]) == 0
+    said = capsys.readouterr()
+    assert "2 walks of 1 s come before the first trial" in said.err
+    assert "the baseline: put the robot on the mark" in said.err
+    session = json.loads(said.out)
+    assert [(walk["gait"], walk["score"]) for walk in session["baseline"]] == [
+        ("demo", 0.02),
+        ("tripod", 0.01),
+    ]
+    assert [(trial["index"], trial["score"]) for trial in session["trials"]] == [(1, 0.03)]
