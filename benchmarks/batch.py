@@ -27,7 +27,7 @@ from hexctl.backends.sim.servos import SimServos
 from hexctl.control.batch import SimTrial, run_sim_trials
 from hexctl.control.guard import Guard
 from hexctl.control.log import TickLog
-from hexctl.control.trial import prepare
+from hexctl.control.preparation import prepare
 from hexctl.types import FloatArray
 
 #: The failed leg of the demonstration.

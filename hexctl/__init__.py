@@ -31,8 +31,9 @@ if TYPE_CHECKING:
     from hexctl.control.guard import Guard
     from hexctl.control.log import Recorder, Recorders, TickLog
     from hexctl.control.plan import TrialPlan
+    from hexctl.control.preparation import WalkStart
     from hexctl.control.result import Deviation, TrialResult
-    from hexctl.control.trial import WalkStart, planned_walk, run_trial
+    from hexctl.control.trial import planned_walk, run_trial
     from hexctl.errors import (
         CommandRefusedError,
         EStopError,

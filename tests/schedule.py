@@ -55,7 +55,7 @@ SLOW = (
     "tests/cli/test_completion.py",
     "tests/cli/test_prior.py",
     "tests/cli/test_study.py",
-    "tests/control/test_heading_invariance.py",
+    "tests/control/test_trial_heading_invariance.py",
     "tests/control/test_trial_start_line.py",
     "tests/docs/test_blocks.py",
     "tests/docs/test_commands.py::test_the_commands_of_a_page",

@@ -47,8 +47,9 @@ from hexctl.adapt.stance import connected_deflection_rad, simulated_deflection_r
 from hexctl.adapt.store import RUNS, SessionStore, load_session
 from hexctl.backends.base import LegServos
 from hexctl.control.guard import Guard
+from hexctl.control.preparation import StopRequested, never
 from hexctl.control.result import path_axes
-from hexctl.control.trial import STOP_REQUESTED, StopRequested, never
+from hexctl.control.trial import STOP_REQUESTED
 from hexctl.errors import RecordingError, RobotFaultError, check_callable, check_type
 from hexctl.record.live import LiveView
 

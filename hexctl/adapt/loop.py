@@ -12,7 +12,8 @@ from hexctl.adapt.runner import RobotStoppedError, WalkedTrial
 from hexctl.adapt.session import BASELINE_INDEX, BaselineRecord, Session, TrialRecord
 from hexctl.adapt.space import GaitSpace
 from hexctl.adapt.store import SessionStore
-from hexctl.control.trial import Enough, StopRequested, never
+from hexctl.control.preparation import StopRequested, never
+from hexctl.control.trial import Enough
 from hexctl.errors import HexctlError, InputError, RecordingError, argument
 from hexctl.gait.encoding import Slots
 from hexctl.gait.gait import NAMED_SLOTS

@@ -18,8 +18,9 @@ from hexctl.backends.sim.world import World
 from hexctl.control.guard import Guard
 from hexctl.control.log import BLOCK_TICKS, PACED_BLOCK_TICKS, Recorders
 from hexctl.control.plan import TrialPlan
+from hexctl.control.preparation import StopRequested, never
 from hexctl.control.result import TrialResult
-from hexctl.control.trial import Enough, ShouldStop, StopRequested, never, run_trial, stop_when
+from hexctl.control.trial import Enough, ShouldStop, run_trial, stop_when
 from hexctl.control.turning import turn_gait
 from hexctl.errors import HexctlError, RobotFaultError, argument
 from hexctl.gait.encoding import Slots

@@ -12,7 +12,7 @@ from hexctl.backends.sim.world import World
 from hexctl.control.guard import Guard
 from hexctl.control.log import TickLog
 from hexctl.control.plan import TrialPlan
-from hexctl.control.trial import StopRequested, never, prepare, ticks_of
+from hexctl.control.preparation import StopRequested, never, prepare, ticks_of
 from hexctl.errors import CommandRefusedError, EStopError, SimulationDivergedError
 from hexctl.robot.failure import Failure
 from hexctl.robot.model import Robot

@@ -11,7 +11,7 @@ from hexctl.adapt.measurement import Answer
 from hexctl.adapt.session import BASELINE_INDEX, SessionSpec
 from hexctl.cli.console import print_note
 from hexctl.control.calibration import EndedError
-from hexctl.control.trial import StopRequested
+from hexctl.control.preparation import StopRequested
 from hexctl.errors import InputError
 
 #: Interval at which a wait for a line checks for a stop.

@@ -14,17 +14,9 @@ from hexctl.backends.sim.world import World, as_world
 from hexctl.control.cause import WalkSamples
 from hexctl.control.guard import FALL_TICKS, Guard, StepLimits, leaning
 from hexctl.control.plan import TrialPlan
+from hexctl.control.preparation import WalkStart, prepare, ticks_of
 from hexctl.control.result import TrialResult, score
-from hexctl.control.trial import (
-    CONTROLLERS,
-    MakeController,
-    WalkStart,
-    made_controller,
-    planned_walk,
-    prepare,
-    run_trial,
-    ticks_of,
-)
+from hexctl.control.trial import CONTROLLERS, MakeController, made_controller, planned_walk, run_trial
 from hexctl.control.turning import check_plan
 from hexctl.errors import CommandRefusedError, EStopError, SimulationDivergedError, check_callable, check_type
 from hexctl.robot.failure import Failure

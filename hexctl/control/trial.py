@@ -1,32 +1,28 @@
 """One trial on any robot: settle, self-rotation, walk, stop; and its result."""
 
-import math
 import warnings
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
-
-import numpy as np
 
 from hexctl.backends.base import LegServos
-from hexctl.backends.clock import Tick
 from hexctl.control.cause import WalkSamples
 from hexctl.control.controllers import Controller, Stand, Walk, soft_stop_steps
 from hexctl.control.guard import Guard
 from hexctl.control.log import Recorder, Recorders, TickLog
-from hexctl.control.loop import TickObserver, Until, run_controller
+from hexctl.control.loop import Until
 from hexctl.control.plan import TrialPlan
+from hexctl.control.preparation import (
+    Phases,
+    Preparation,
+    StopRequested,
+    WalkStart,
+    never,
+    ticks_of,
+)
 from hexctl.control.result import TrialResult, score
-from hexctl.control.trace import Trace, TrialFrame
+from hexctl.control.trace import Trace
 from hexctl.control.turning import (
-    MAX_TURN_STEPS,
-    SMALL_TURN_RAD,
-    TURN_WITHIN_RAD,
-    Turn,
-    TurnStep,
-    TurnSteps,
     check_plan,
-    turn_needed_rad,
 )
 from hexctl.errors import (
     CommandRefusedError,
@@ -36,17 +32,10 @@ from hexctl.errors import (
     check_callable,
     check_type,
 )
-from hexctl.robot.model import Robot
-from hexctl.robot.rotations import wrapped_rad, yaw_rad
-from hexctl.types import ArrayFields, FloatArray, JointTargets, RobotState
-
-#: Rest between the self-rotation and the walk.
-PAUSE_S = 0.5
+from hexctl.types import FloatArray, RobotState
 
 #: Ticks between two looks at a walk that may end early.
 LOOK_TICKS = 50
-
-StopRequested = Callable[[], bool]
 
 #: What a stop request may be, for messages.
 STOP_REQUESTED = "a function without arguments that says whether to stop"
@@ -58,35 +47,9 @@ ShouldStop = Callable[[Trace], bool]
 Enough = Callable[[FloatArray], bool]
 
 
-def never() -> bool:
-    """No stop is requested."""
-    return False
-
-
 def stop_when(enough: Enough | None) -> ShouldStop | None:
     """Early stopping by the path alone; None for None."""
     return None if enough is None else lambda trace: enough(trace.path_m)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class WalkStart:
-    """A robot, or a batch of n robots in one state, that stands ready to walk.
-
-    Attributes:
-        robot: who walks.
-        plans: what each of them shall do; one plan alone, n in a batch.
-        batch_shape: () alone, (n,) in a batch: the leading shape of states and targets.
-        period_s: control period.
-        turned_rad: how far the body has turned since the trial began.
-        frame: the trial frame, or None where the robot knows no pose.
-    """
-
-    robot: Robot
-    plans: tuple[TrialPlan, ...]
-    batch_shape: tuple[int, ...]
-    period_s: float
-    turned_rad: float
-    frame: TrialFrame | None
 
 
 #: Makes the controller of a walk, once the robot stands ready: a class that takes a `WalkStart` is one.
@@ -194,171 +157,6 @@ def _guarded(servos: LegServos) -> Guard:
     )
 
 
-def prepare(
-    servos: Guard,
-    plan: TrialPlan,
-    recorders: Recorders | Sequence[Recorder | TickLog] = (),
-    stop_requested: StopRequested = never,
-) -> WalkStart:
-    """Settle in the stance and turn the failed leg away; the robot at the start of its walk.
-
-    Position and yaw are the means over the rest before the walk, so that noise of the sensors does not bend
-    the line of travel. Raises what `run_controller` raises.
-    """
-    return _Preparation(servos, plan, Trace(), Recorders.of(recorders), stop_requested).run()
-
-
-def ticks_of(servos: LegServos, duration_s: float) -> int:
-    """A duration in whole control periods, at least one."""
-    return max(1, math.ceil(duration_s / servos.clock.period_s - 1e-9))
-
-
-class _TraceObserver:
-    """Adds every tick to the trial's trace."""
-
-    def __init__(self, trace: Trace) -> None:
-        self._trace = trace
-
-    def record(self, tick: Tick, state: RobotState, wanted_rad: FloatArray, sent: JointTargets) -> None:
-        self._trace.add(tick.time_s, state)
-
-    def took(self, work_s: float) -> None:
-        """Nothing: a trace keeps no durations."""
-
-
-class _SampleObserver:
-    """Adds every tick of the walk to its samples."""
-
-    def __init__(self, samples: WalkSamples) -> None:
-        self._samples = samples
-
-    def record(self, tick: Tick, state: RobotState, wanted_rad: FloatArray, sent: JointTargets) -> None:
-        self._samples.add(state, sent.positions_rad)
-
-    def took(self, work_s: float) -> None:
-        """Nothing: samples keep no durations."""
-
-
-class _Phases:
-    """Runs controllers one after the other, each as a phase of the trial."""
-
-    def __init__(self, servos: Guard, trace: Trace, recorders: Recorders | None) -> None:
-        self.servos, self.trace, self._recorders = servos, trace, recorders
-        self._observers: list[TickObserver] = [_TraceObserver(trace)]
-        if recorders is not None:
-            self._observers.append(recorders)
-
-    def begin(self, phase: str) -> None:
-        self.trace.begin_phase(phase)
-        if self._recorders is not None:
-            self._recorders.begin_phase(phase, self.trace.frame)
-
-    def run(
-        self,
-        controller: Controller,
-        *,
-        until: Until | None = None,
-        first_step: int = 0,
-        samples: WalkSamples | None = None,
-    ) -> int:
-        """Run a controller until it is done; the last step."""
-        observers = [*self._observers, *([] if samples is None else [_SampleObserver(samples)])]
-        return run_controller(self.servos, controller, observers, until=until, first_step=first_step)[0]
-
-
-class _Preparation:
-    """Settling and self-rotation."""
-
-    def __init__(
-        self,
-        servos: Guard,
-        plan: TrialPlan,
-        trace: Trace,
-        recorders: Recorders | None,
-        stop_requested: StopRequested,
-    ) -> None:
-        self._servos, self._plan, self._stop_requested = servos, plan, stop_requested
-        self._phases = _Phases(servos, trace, recorders)
-        self._trace = trace
-
-    def run(self) -> WalkStart:
-        """Settle, turn if need be, and lay the trial frame."""
-        plan, robot = self._plan, self._servos.robot
-        self._phases.begin("settle")
-        self._stand(plan.settle_s)
-        if not self._trace.pose_known or self._stop_requested():
-            return self._start(0.0, None)
-        pose = first = self._resting_pose(plan.settle_s)
-        turn_rad = turn_needed_rad(robot, plan)
-        if abs(turn_rad) > TURN_WITHIN_RAD:
-            self._phases.begin("turn")
-            pose = self._turn(turn_rad, first)
-        frame = TrialFrame(pose.position_world, first.yaw_rad + plan.heading_rad, pose.yaw_rad)
-        return self._start(wrapped_rad(pose.yaw_rad - first.yaw_rad), frame)
-
-    def _turn(self, turn_rad: float, first: "_RestingPose") -> "_RestingPose":
-        """Turn in place, then in small steps to the goal; the pose in which the robot stands then."""
-        robot, plan, period_s = self._servos.robot, self._plan, self._servos.clock.period_s
-        pose, steps = first, TurnSteps()
-        if abs(turn_rad) > SMALL_TURN_RAD:
-            turn = Turn(robot, plan, turn_rad, first.yaw_rad, period_s, self._stop_requested)
-            pose = self._stand_after(turn)
-            if turn.timed_out:
-                return pose
-        for _ in range(MAX_TURN_STEPS):
-            missing_rad = wrapped_rad(turn_rad - (pose.yaw_rad - first.yaw_rad))
-            if abs(missing_rad) <= max(TURN_WITHIN_RAD, 2 * pose.yaw_error_rad) or self._stop_requested():
-                break
-            step = TurnStep(robot, plan, steps.command_rad(missing_rad), period_s)
-            before, pose = pose, self._stand_after(step)
-            steps.learn(step.commanded_rad, wrapped_rad(pose.yaw_rad - before.yaw_rad))
-        return pose
-
-    def _stand_after(self, controller: Controller) -> "_RestingPose":
-        """Run a controller, stand, and measure the pose at rest."""
-        self._phases.run(controller)
-        self._stand(PAUSE_S)
-        return self._resting_pose(PAUSE_S)
-
-    def _start(self, turned_rad: float, frame: TrialFrame | None) -> WalkStart:
-        return WalkStart(
-            robot=self._servos.robot,
-            plans=(self._plan,),
-            batch_shape=(),
-            period_s=self._servos.clock.period_s,
-            turned_rad=turned_rad,
-            frame=frame,
-        )
-
-    def _stand(self, duration_s: float) -> None:
-        """Come to the stance in the first half of a duration and rest in it for the second."""
-        ticks = ticks_of(self._servos, duration_s)
-        moving = ticks // 2
-        self._phases.run(Stand(self._servos.robot, self._servos.accepted_rad(), moving, ticks - moving))
-
-    def _resting_pose(self, duration_s: float) -> "_RestingPose":
-        """The pose over the resting half of a stand that has just ended."""
-        rest = slice(max(0, len(self._trace) - ticks_of(self._servos, duration_s) // 2 - 1), None)
-        positions, quaternions = self._trace.positions_world[rest], self._trace.quaternions_world[rest]
-        known = np.isfinite(positions[:, 0])
-        yaws = yaw_rad(quaternions[known])
-        off_rad = np.array([wrapped_rad(value - yaws[-1]) for value in yaws.tolist()])
-        return _RestingPose(
-            positions[known].mean(axis=0),
-            float(yaws[-1]) + float(off_rad.mean()),
-            float(off_rad.std() / math.sqrt(len(off_rad))),
-        )
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _RestingPose(ArrayFields):
-    """Mean pose of a robot at rest: position (3,), yaw, and the standard error of the yaw."""
-
-    position_world: FloatArray
-    yaw_rad: float
-    yaw_error_rad: float
-
-
 class _Trial:
     """A trial on its way: how far it went, and why no further.
 
@@ -392,7 +190,7 @@ class _Trial:
         """Settle, turn, walk and stop."""
         servos, trace, recorders = self._servos, self.trace, self._recorders
         try:
-            start = _Preparation(servos, self._plan, trace, recorders, self._stop_requested).run()
+            start = Preparation(servos, self._plan, trace, recorders, self._stop_requested).run()
             self.turned_rad = start.turned_rad
             if not self._stop_requested():
                 self._walk(start, soft_stop=soft_stop)
@@ -426,7 +224,7 @@ class _Trial:
     def _walk(self, start: WalkStart, *, soft_stop: bool) -> None:
         """Walk for the plan's duration, or until a stop is due, and let the strides run out."""
         walk = made_controller(self._controller, start)
-        phases = _Phases(self._servos, self.trace, self._recorders)
+        phases = Phases(self._servos, self.trace, self._recorders)
         self.trace.frame = start.frame
         phases.begin("walk")
         clipped_before = self._servos.counters.clipped
@@ -456,7 +254,7 @@ class _Trial:
 
         return over
 
-    def _stop_softly(self, phases: _Phases, walk: Controller, step: int) -> None:
+    def _stop_softly(self, phases: Phases, walk: Controller, step: int) -> None:
         """Bring the robot to a stand from a step on; what goes wrong now no longer changes the walk."""
         phases.begin("stop")
         steps = soft_stop_steps(self._servos.clock.period_s)

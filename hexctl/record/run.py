@@ -28,8 +28,9 @@ from hexctl.control.log import (
     TickLog,
 )
 from hexctl.control.plan import TrialPlan
+from hexctl.control.preparation import StopRequested, never
 from hexctl.control.result import TrialResult
-from hexctl.control.trial import StopRequested, never, run_trial
+from hexctl.control.trial import run_trial
 from hexctl.control.turning import check_plan
 from hexctl.errors import InputError, MissingExtraError, argument, check_type
 from hexctl.gait.gait import Gait, make_gait

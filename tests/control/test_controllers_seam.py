@@ -11,7 +11,8 @@ from hexctl.control.batch import run_sim_trial
 from hexctl.control.controllers import Controller, Walk, joints_of_feet, soft_stop_steps
 from hexctl.control.guard import Guard
 from hexctl.control.log import TickLog
-from hexctl.control.trial import WalkStart, planned_walk
+from hexctl.control.preparation import WalkStart
+from hexctl.control.trial import planned_walk
 from hexctl.errors import InputError, WrongTypeError
 from hexctl.gait.foot_trajectory import feet_of_walks, stroke_vectors_m
 from hexctl.robot.rotations import yaw_rad

@@ -1,0 +1,229 @@
+"""From where a robot stands to the start of its walk: settling, the self-rotation, the trial frame."""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from hexctl.backends.base import LegServos
+from hexctl.backends.clock import Tick
+from hexctl.control.cause import WalkSamples
+from hexctl.control.controllers import Controller, Stand
+from hexctl.control.guard import Guard
+from hexctl.control.log import Recorder, Recorders, TickLog
+from hexctl.control.loop import TickObserver, Until, run_controller
+from hexctl.control.plan import TrialPlan
+from hexctl.control.trace import Trace, TrialFrame
+from hexctl.control.turning import (
+    MAX_TURN_STEPS,
+    SMALL_TURN_RAD,
+    TURN_WITHIN_RAD,
+    Turn,
+    TurnStep,
+    TurnSteps,
+    turn_needed_rad,
+)
+from hexctl.robot.model import Robot
+from hexctl.robot.rotations import wrapped_rad, yaw_rad
+from hexctl.types import ArrayFields, FloatArray, JointTargets, RobotState
+
+#: Rest between the self-rotation and the walk.
+PAUSE_S = 0.5
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WalkStart:
+    """A robot, or a batch of n robots in one state, that stands ready to walk.
+
+    Attributes:
+        robot: who walks.
+        plans: what each of them shall do; one plan alone, n in a batch.
+        batch_shape: () alone, (n,) in a batch: the leading shape of states and targets.
+        period_s: control period.
+        turned_rad: how far the body has turned since the trial began.
+        frame: the trial frame, or None where the robot knows no pose.
+    """
+
+    robot: Robot
+    plans: tuple[TrialPlan, ...]
+    batch_shape: tuple[int, ...]
+    period_s: float
+    turned_rad: float
+    frame: TrialFrame | None
+
+
+#: Asked every tick; True ends the trial.
+StopRequested = Callable[[], bool]
+
+
+def never() -> bool:
+    """No stop is requested."""
+    return False
+
+
+def prepare(
+    servos: Guard,
+    plan: TrialPlan,
+    recorders: Recorders | Sequence[Recorder | TickLog] = (),
+    stop_requested: StopRequested = never,
+) -> WalkStart:
+    """Settle in the stance and turn the failed leg away; the robot at the start of its walk.
+
+    Position and yaw are the means over the rest before the walk, so that noise of the sensors does not bend
+    the line of travel. Raises what `run_controller` raises.
+    """
+    return Preparation(servos, plan, Trace(), Recorders.of(recorders), stop_requested).run()
+
+
+def ticks_of(servos: LegServos, duration_s: float) -> int:
+    """A duration in whole control periods, at least one."""
+    return max(1, math.ceil(duration_s / servos.clock.period_s - 1e-9))
+
+
+class _TraceObserver:
+    """Adds every tick to the trial's trace."""
+
+    def __init__(self, trace: Trace) -> None:
+        self._trace = trace
+
+    def record(self, tick: Tick, state: RobotState, wanted_rad: FloatArray, sent: JointTargets) -> None:
+        self._trace.add(tick.time_s, state)
+
+    def took(self, work_s: float) -> None:
+        """Nothing: a trace keeps no durations."""
+
+
+class SampleObserver:
+    """Adds every tick of the walk to its samples."""
+
+    def __init__(self, samples: WalkSamples) -> None:
+        self._samples = samples
+
+    def record(self, tick: Tick, state: RobotState, wanted_rad: FloatArray, sent: JointTargets) -> None:
+        """Take one tick."""
+        self._samples.add(state, sent.positions_rad)
+
+    def took(self, work_s: float) -> None:
+        """Nothing: samples keep no durations."""
+
+
+class Phases:
+    """Runs controllers one after the other, each as a phase of the trial."""
+
+    def __init__(self, servos: Guard, trace: Trace, recorders: Recorders | None) -> None:
+        self.servos, self.trace, self._recorders = servos, trace, recorders
+        self._observers: list[TickObserver] = [_TraceObserver(trace)]
+        if recorders is not None:
+            self._observers.append(recorders)
+
+    def begin(self, phase: str) -> None:
+        """Count the next ticks to a phase, in the trace and in every recording."""
+        self.trace.begin_phase(phase)
+        if self._recorders is not None:
+            self._recorders.begin_phase(phase, self.trace.frame)
+
+    def run(
+        self,
+        controller: Controller,
+        *,
+        until: Until | None = None,
+        first_step: int = 0,
+        samples: WalkSamples | None = None,
+    ) -> int:
+        """Run a controller until it is done; the last step."""
+        observers = [*self._observers, *([] if samples is None else [SampleObserver(samples)])]
+        return run_controller(self.servos, controller, observers, until=until, first_step=first_step)[0]
+
+
+class Preparation:
+    """Settling and self-rotation."""
+
+    def __init__(
+        self,
+        servos: Guard,
+        plan: TrialPlan,
+        trace: Trace,
+        recorders: Recorders | None,
+        stop_requested: StopRequested,
+    ) -> None:
+        self._servos, self._plan, self._stop_requested = servos, plan, stop_requested
+        self._phases = Phases(servos, trace, recorders)
+        self._trace = trace
+
+    def run(self) -> WalkStart:
+        """Settle, turn if need be, and lay the trial frame."""
+        plan, robot = self._plan, self._servos.robot
+        self._phases.begin("settle")
+        self._stand(plan.settle_s)
+        if not self._trace.pose_known or self._stop_requested():
+            return self._start(0.0, None)
+        pose = first = self._resting_pose(plan.settle_s)
+        turn_rad = turn_needed_rad(robot, plan)
+        if abs(turn_rad) > TURN_WITHIN_RAD:
+            self._phases.begin("turn")
+            pose = self._turn(turn_rad, first)
+        frame = TrialFrame(pose.position_world, first.yaw_rad + plan.heading_rad, pose.yaw_rad)
+        return self._start(wrapped_rad(pose.yaw_rad - first.yaw_rad), frame)
+
+    def _turn(self, turn_rad: float, first: "_RestingPose") -> "_RestingPose":
+        """Turn in place, then in small steps to the goal; the pose in which the robot stands then."""
+        robot, plan, period_s = self._servos.robot, self._plan, self._servos.clock.period_s
+        pose, steps = first, TurnSteps()
+        if abs(turn_rad) > SMALL_TURN_RAD:
+            turn = Turn(robot, plan, turn_rad, first.yaw_rad, period_s, self._stop_requested)
+            pose = self._stand_after(turn)
+            if turn.timed_out:
+                return pose
+        for _ in range(MAX_TURN_STEPS):
+            missing_rad = wrapped_rad(turn_rad - (pose.yaw_rad - first.yaw_rad))
+            if abs(missing_rad) <= max(TURN_WITHIN_RAD, 2 * pose.yaw_error_rad) or self._stop_requested():
+                break
+            step = TurnStep(robot, plan, steps.command_rad(missing_rad), period_s)
+            before, pose = pose, self._stand_after(step)
+            steps.learn(step.commanded_rad, wrapped_rad(pose.yaw_rad - before.yaw_rad))
+        return pose
+
+    def _stand_after(self, controller: Controller) -> "_RestingPose":
+        """Run a controller, stand, and measure the pose at rest."""
+        self._phases.run(controller)
+        self._stand(PAUSE_S)
+        return self._resting_pose(PAUSE_S)
+
+    def _start(self, turned_rad: float, frame: TrialFrame | None) -> WalkStart:
+        return WalkStart(
+            robot=self._servos.robot,
+            plans=(self._plan,),
+            batch_shape=(),
+            period_s=self._servos.clock.period_s,
+            turned_rad=turned_rad,
+            frame=frame,
+        )
+
+    def _stand(self, duration_s: float) -> None:
+        """Come to the stance in the first half of a duration and rest in it for the second."""
+        ticks = ticks_of(self._servos, duration_s)
+        moving = ticks // 2
+        self._phases.run(Stand(self._servos.robot, self._servos.accepted_rad(), moving, ticks - moving))
+
+    def _resting_pose(self, duration_s: float) -> "_RestingPose":
+        """The pose over the resting half of a stand that has just ended."""
+        rest = slice(max(0, len(self._trace) - ticks_of(self._servos, duration_s) // 2 - 1), None)
+        positions, quaternions = self._trace.positions_world[rest], self._trace.quaternions_world[rest]
+        known = np.isfinite(positions[:, 0])
+        yaws = yaw_rad(quaternions[known])
+        off_rad = np.array([wrapped_rad(value - yaws[-1]) for value in yaws.tolist()])
+        return _RestingPose(
+            positions[known].mean(axis=0),
+            float(yaws[-1]) + float(off_rad.mean()),
+            float(off_rad.std() / math.sqrt(len(off_rad))),
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _RestingPose(ArrayFields):
+    """Mean pose of a robot at rest: position (3,), yaw, and the standard error of the yaw."""
+
+    position_world: FloatArray
+    yaw_rad: float
+    yaw_error_rad: float
