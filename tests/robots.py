@@ -2,6 +2,7 @@
 
 import copy
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,12 @@ Edit = Callable[[Content], None]
 def shipped(name: str = "ant") -> Robot:
     """A shipped robot, loaded once."""
     return load_robot(name)
+
+
+@cache
+def without_friction(name: str) -> Robot:
+    """A shipped robot whose joints have no dry friction: what they hold at rest has one solution."""
+    return replace(shipped(name), joint_dry_friction_nm=None)
 
 
 def put(*path_and_value: Any) -> Edit:

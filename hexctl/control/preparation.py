@@ -22,6 +22,7 @@ from hexctl.control.turning import (
     Turn,
     TurnStep,
     TurnSteps,
+    swallowed_rad,
     turn_needed_rad,
 )
 from hexctl.robot.model import Robot
@@ -169,7 +170,7 @@ class Preparation:
     def _turn(self, turn_rad: float, first: "_RestingPose") -> "_RestingPose":
         """Turn in place, then in small steps to the goal; the pose in which the robot stands then."""
         robot, plan, period_s = self._servos.robot, self._plan, self._servos.clock.period_s
-        pose, steps = first, TurnSteps()
+        pose, steps = first, TurnSteps(swallowed_rad(robot))
         if abs(turn_rad) > SMALL_TURN_RAD:
             turn = Turn(robot, plan, turn_rad, first.yaw_rad, period_s, self._stop_requested)
             pose = self._stand_after(turn)

@@ -11,7 +11,7 @@ from hexctl.control.guard import Guard
 from hexctl.control.log import TickLog
 from hexctl.control.plan import TrialPlan
 from hexctl.control.trial import run_trial
-from hexctl.control.turning import MAX_TURN_STEPS, TurnSteps, turn_needed_rad
+from hexctl.control.turning import MAX_TURN_STEPS, TurnSteps, swallowed_rad, turn_needed_rad
 from hexctl.ik.legs import foot_positions_body
 from hexctl.robot.failure import Failure
 from hexctl.robot.rotations import yaw_rad
@@ -79,6 +79,24 @@ def test_a_jammed_foot_trails_when_the_walk_begins() -> None:
     x, y, _ = foot_positions_body(shipped(), joints)[4]
     off_rad = frame.yaw_rad + math.atan2(y, x) - frame.heading_rad - math.pi
     assert abs(math.degrees(math.remainder(off_rad, math.tau))) < 3
+
+
+def test_dry_friction_is_stepped_over() -> None:
+    """A robot whose friction swallows the first 3 degrees of a small step reaches its goal all the same."""
+    swallowed, missing_rad = math.radians(3.0), math.radians(0.5)
+    steps = TurnSteps(swallowed)
+    for _ in range(MAX_TURN_STEPS):
+        command_rad = steps.command_rad(missing_rad)
+        assert abs(command_rad) > swallowed
+        turned_rad = 0.4 * math.copysign(abs(command_rad) - swallowed, command_rad)
+        steps.learn(command_rad, turned_rad)
+        missing_rad -= turned_rad
+    assert abs(math.degrees(missing_rad)) < 0.03
+
+
+def test_only_a_robot_with_dry_friction_loses_the_beginning_of_a_step() -> None:
+    assert swallowed_rad(shipped("ant")) == 0
+    assert math.degrees(swallowed_rad(shipped("phantomx"))) == pytest.approx(2.4 * math.degrees(0.5 / 18))
 
 
 def _leg_off_deg(outcome: Outcome, robot_name: str, leg: int, wanted_deg: float) -> float:

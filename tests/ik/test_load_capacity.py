@@ -13,7 +13,7 @@ from hexctl.ik.statics import GRAVITY_M_S2, arms_m, link_torques_nm, static_load
 from hexctl.ik.support_polygon import centre_of_mass_of
 from hexctl.robot.model import Robot
 from hexctl.types import BoolArray, FloatArray, JointTargets
-from tests.robots import ROBOT_NAMES, shipped
+from tests.robots import ROBOT_NAMES, shipped, without_friction
 
 EVERY_FOOT = np.ones(6, dtype=bool)
 
@@ -36,7 +36,7 @@ def lowered_m(robot: Robot) -> float:
 
 @pytest.mark.parametrize("name", ROBOT_NAMES)
 def test_a_robot_stands_above_a_capacity_of_one_and_sinks_below(name: str) -> None:
-    robot = shipped(name)
+    robot = without_friction(name)
     whole = float(load_capacity(robot, robot.stance_angles_rad, EVERY_FOOT))
     sag_m = float(static_load(robot, robot.stance_angles_rad).sag_m)
     # Above it friction between the feet has to help, and the joints give way a little until it does.
@@ -57,7 +57,7 @@ def test_fewer_feet_carry_less_and_one_side_alone_nothing() -> None:
 
 def test_it_is_what_a_linear_program_finds() -> None:
     """Forces on all feet at once, with the torques, the friction and the balance as rows of one program."""
-    robot = shipped("phantomx")
+    robot = without_friction("phantomx")
     rng = np.random.default_rng(3)
     for _ in range(8):
         joints_rad = robot.stance_angles_rad + rng.uniform(-0.3, 0.3, 18)

@@ -13,7 +13,7 @@ from hexctl.ik.legs import solve_legs
 from hexctl.ik.statics import GRAVITY_M_S2, static_load
 from hexctl.robot.model import Robot
 from hexctl.types import FloatArray, JointTargets
-from tests.robots import ROBOT_NAMES, shipped
+from tests.robots import ROBOT_NAMES, shipped, without_friction
 
 #: Feet slide, as in the model, and the floor is hard.
 ICE = World(friction=0.001, contact_time_s=0.005)
@@ -32,7 +32,7 @@ def at_rest(robot: Robot, targets_rad: FloatArray) -> tuple[FloatArray, FloatArr
 @pytest.mark.parametrize("name", ROBOT_NAMES)
 @pytest.mark.parametrize("lifted", [False, True])
 def test_torques_and_deflections_are_those_of_a_simulation_at_rest(name: str, lifted: bool) -> None:
-    robot = shipped(name)
+    robot = without_friction(name)
     targets_rad = robot.stance_angles_rad
     if lifted:
         gait = make_gait(robot, "demo")
@@ -79,7 +79,7 @@ def test_a_stiffer_servo_sags_less() -> None:
 
 
 def test_loads_of_a_robot_with_its_own_centres_of_mass_and_stiffness() -> None:
-    robot = shipped("phantomx")
+    robot = without_friction("phantomx")
     uneven = replace(
         robot,
         body=replace(robot.body, com_m=(0.02, -0.01, 0.03)),

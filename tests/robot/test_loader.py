@@ -41,8 +41,23 @@ def test_phantomx_has_the_vendors_numbers() -> None:
     assert phantomx.body.mass_kg == 1.522
     assert phantomx.mass_kg == pytest.approx(3.22, abs=0.005)
     np.testing.assert_allclose(phantomx.link_masses_kg, [0.0247, 0.0858, 0.1718])
+    np.testing.assert_allclose(phantomx.body.com_m, [0.001522, 0.000302, 0.015345], atol=5e-5)
+    assert phantomx.body.inertia_kg_m2 == (0.004466, 0.008489, 0.009202)
+    assert phantomx.link_coms_m is not None
+    np.testing.assert_allclose(
+        phantomx.link_coms_m, [[0.019066, 0.006577], [0.020226, -0.00063], [0.036797, -0.011991]], atol=6e-5
+    )
+    np.testing.assert_allclose(phantomx.dry_friction_nm, 0.5)
     np.testing.assert_allclose(np.degrees(phantomx.joint_max_speed_rad_s), 180)
     np.testing.assert_allclose(np.degrees(phantomx.joint_upper_rad[0]), 55)
+
+
+def test_phantomx_has_the_torque_and_speed_of_its_servo() -> None:
+    """An XL430-W250 at 12 V: 1.5 N m, 61 rev/min. The vendor's description has an effort of 3 N m."""
+    phantomx = shipped("phantomx")
+    np.testing.assert_allclose(phantomx.joint_max_torque_nm, 1.5)
+    assert phantomx.joint_no_load_speed_rad_s is not None
+    np.testing.assert_allclose(phantomx.joint_no_load_speed_rad_s, 61 / 60 * 2 * np.pi)
 
 
 def test_pexod_has_the_numbers_of_its_papers() -> None:
