@@ -62,8 +62,8 @@ class AdaptationResult:
 
     Attributes:
         session: the session as it stands now, with all its trials.
-        ended: why the search ended: `budget`, `target`, `confirmed`, `exhausted`; `interrupted` by a
-            requested stop; `stopped` by `trouble`.
+        ended: why the search ended: `budget`, `target`, `confirmed`, `exhausted`, `not
+            worth another trial`; `interrupted` by a requested stop; `stopped` by `trouble`.
         trouble: what the robot or the recordings suffered; the session can be resumed after it.
         walked: trials of this run; those of the session may be more.
         wall_s: duration of the run.
@@ -374,6 +374,8 @@ def adapt(
     objective: ObjectiveChoice = "final",
     prior: Path | str | None = None,
     target_m: float | None = None,
+    target: float | str | None = None,
+    worth_m: float | None = None,
     confirm: int = 0,
     early_stop: bool = False,
     count_repeats: bool = False,
@@ -410,6 +412,9 @@ def adapt(
             a valid `TrialResult`; the smaller the better.
         prior: `auto`, `none`, or the path or name of a prior; None is `auto`.
         target_m: score at which to stop; None is 0.025 m with `bayes`, else none.
+        target: the same as a number, or as a share of the ideal distance of a walk, such as `"1%"`.
+        worth_m: with `bayes`, the expected gain of another trial below which the search ends; None is a
+            quarter of the noise between trials, 0 goes on whatever the gain.
         confirm: trials of the budget that repeat the best gait.
         early_stop: with `bayes`, end a walk once it is clear that it misses.
         count_repeats: walk and count a gait again when the optimizer asks for it again.
@@ -456,6 +461,8 @@ def adapt(
         robot=robot,
         budget=budget,
         target_m=target_m,
+        target=target,
+        worth_m=worth_m,
         confirm=confirm,
         early_stop=early_stop,
         count_repeats=count_repeats,

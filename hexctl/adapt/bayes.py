@@ -10,6 +10,7 @@ from hexctl.adapt.prior.acquisition import (
     WORST_M,
     chance_above,
     chance_within,
+    expected_gain_m,
     expected_size_m,
     most_promising,
     most_useful,
@@ -38,6 +39,9 @@ LOOKING_AHEAD = 2
 SIMULATED_NOISE_M = 0.001
 REAL_NOISE_M = 0.02
 
+#: Expected gain below which another trial is not worth it, as a share of that noise.
+WORTH_SHARE = 0.25
+
 
 class Bayes(Optimizer):
     """Walks the gait with the greatest expected improvement, given the prior and all trials so far.
@@ -53,6 +57,8 @@ class Bayes(Optimizer):
         duration_s: how long a trial walks.
         floor_m: distance that a valid trial makes at least.
         noise_m: standard deviation of trials of the same gait, as assumed before any repeat.
+        worth_m: expected gain of another trial over the best known gait below which it is not worth it; 0 to
+            go on whatever the gain.
     """
 
     name = "bayes"
@@ -68,13 +74,14 @@ class Bayes(Optimizer):
         duration_s: float,
         floor_m: float,
         noise_m: float = SIMULATED_NOISE_M,
+        worth_m: float = 0.0,
     ) -> None:
         super().__init__(space, seed)
         if space.failed_legs != (samples.leg,):
             raise InputError(f"prior: got failed legs {space.failed_legs}; allowed: {(samples.leg,)}")
         self._samples, self._target_m = samples, target_m
         self._duration_s, self._noise_m = duration_s, noise_m
-        self._floor_m = floor_m
+        self._floor_m, self._worth_m = floor_m, worth_m
         self._known: Forecast | None = None
         self._sag_rad: FloatArray | None = None
         self._forget()
@@ -94,6 +101,16 @@ class Bayes(Optimizer):
         """True when a gait is within the target with probability `SURE`."""
         code = self.recommended()
         return code is not None and bool(self._chances()[code - 1] >= SURE)
+
+    @property
+    def worthwhile(self) -> bool:
+        """Whether an untried gait is expected to gain `worth_m`, or the best one needs a repeat."""
+        best = self.recommended()
+        if best is None or self._worth_m <= 0 or self._worth_repeating(best):
+            return True
+        forecast, best_m = self.forecast(), min(self._best_m(), WORST_M)
+        gain_m = expected_gain_m(forecast.mean_m, forecast.sd_m, best_m) * self._chance_valid()
+        return bool(gain_m[~self._tried()].max(initial=0.0) >= self._worth_m)
 
     def recommended(self) -> int | None:
         """Code of the walked gait that is likeliest to be within the target, None before any.

@@ -73,6 +73,11 @@ class Deduplication(Optimizer):
         """As the wrapped optimizer says."""
         return self._inner.finished
 
+    @property
+    def worthwhile(self) -> bool:
+        """As the wrapped optimizer says."""
+        return self._inner.worthwhile
+
     def recommended(self) -> int | None:
         """As the wrapped optimizer says."""
         return self._inner.recommended()

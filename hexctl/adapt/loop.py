@@ -23,6 +23,10 @@ from hexctl.types import FloatArray
 PATH_STRIDE = 10
 
 
+#: Why a search ended whose optimizer expects too little of another trial.
+NOT_WORTH = "not worth another trial"
+
+
 class Walk(Protocol):
     """Walks a gait."""
 
@@ -68,7 +72,8 @@ class AdaptLoop:
     def run(self) -> str:
         """Run trials and return why the search ended.
 
-        `budget`, `target`, `confirmed` (the optimizer is sure of a gait), `exhausted` or `interrupted`.
+        `budget`, `target`, `confirmed` (the optimizer is sure of a gait), `exhausted`,
+        `not worth another trial` (too little is expected to be gained) or `interrupted`.
         Raises InputError when the objective fails; RobotStoppedError when the robot stopped; RecordingError
         after a trial whose recording is not whole: the trial is stored, unless it was interrupted.
         """
@@ -131,6 +136,8 @@ class AdaptLoop:
                 return "target"
             if self._optimizer.finished:
                 return "confirmed"
+            if not self._optimizer.worthwhile:
+                return NOT_WORTH
             if self._optimizer.exhausted:
                 return "exhausted"
             if self._stop_requested():

@@ -119,8 +119,8 @@ class Optimizer(ABC):
 
     A subclass sets `name` and implements four methods: `_suggest`, `_learn`, `_search_state` and
     `_restore_search`. Everything else public has a default and may be overridden: `exhausted`, `finished`,
-    `judges_target`, `recommended`, `predict`, `early_stopping`, `repeat`; and `_learn_observed` instead of a
-    use of `_learn`, to learn from the course of walks.
+    `worthwhile`, `judges_target`, `recommended`, `predict`, `early_stopping`, `repeat`; and `_learn_observed`
+    instead of a use of `_learn`, to learn from the course of walks.
     """
 
     #: Name on the command line.
@@ -147,6 +147,11 @@ class Optimizer(ABC):
     def finished(self) -> bool:
         """True when a gait is known to be good enough; most searches never know."""
         return False
+
+    @property
+    def worthwhile(self) -> bool:
+        """False when another trial is not expected to gain enough; most searches never know."""
+        return True
 
     def recommended(self) -> int | None:
         """Code of the gait that the search would settle on; None where the best score decides."""

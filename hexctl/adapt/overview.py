@@ -92,7 +92,7 @@ def _facts(session: Session) -> list[str]:
     lines = [
         f"{asked}{world}",
         f"{spec.optimizer}, seed {spec.seed}: {len(session.trials)} of {spec.budget} trials",
-        f"score: {spec.score_label}",
+        f"score: {spec.score_label}" + ("" if spec.target_m is None else f", target {spec.target_text}"),
     ]
     if best is not None:
         lines.append(f"**best: trial {best.index}, code {best.code}, score {spec.score_text(best.score)}**")

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from hexctl.adapt.arena import check_radius
-from hexctl.adapt.bayes import REAL_NOISE_M, SIMULATED_NOISE_M, Bayes
+from hexctl.adapt.bayes import REAL_NOISE_M, SIMULATED_NOISE_M, WORTH_SHARE, Bayes
 from hexctl.adapt.deduplication import Deduplication
 from hexctl.adapt.measurement import Operator
 from hexctl.adapt.objectives import OBJECTIVES, Objective, ObjectiveChoice, as_objective
@@ -141,6 +141,7 @@ def new_spec(
     note: Note = log_note,
     advice: Advice = no_advice,
     baseline: bool = True,
+    target: float | str | None = None,
     **others: Any,
 ) -> SessionSpec:
     """Spec of a new session, checked before the session exists.
@@ -157,12 +158,14 @@ def new_spec(
         note: is told why a session has no prior.
         advice: says how to make the prior that is missing.
         baseline: whether the gaits that the robot would use anyway are walked first, to compare with.
+        target: the target in the objective's unit, or as a share of the ideal distance, such as `"1%"`.
         others: further fields of `SessionSpec`.
 
     Raises InputError for anything that is not allowed.
     """
     parse_failure(failed_leg, failure)
-    _check_types({"backend": backend, "world": world, "prior": prior, "baseline": baseline, **others})
+    given = {"backend": backend, "world": world, "prior": prior, "baseline": baseline, "target": target}
+    _check_types({**given, **others})
     others.setdefault("baseline_gaits", list(BASELINE_GAITS) if baseline else [])
     others["robot"] = str(others.get("robot", "ant"))
     world = None if world is None else str(world)
@@ -183,6 +186,7 @@ def new_spec(
         robot_fingerprint=load_robot(others["robot"]).fingerprint,
         **others,
     )
+    spec = _with_target(spec, target)
     check_numbers(spec)
     _check_robot_options(spec, measure)
     if spec.optimizer != BAYES:
@@ -202,7 +206,8 @@ _TYPES: dict[str, tuple[tuple[type, ...], str | None]] = {
     "prior": ((str, type(None)), "auto, none, or the name or path of a prior"),
     **dict.fromkeys(("budget", "confirm", "seed"), ((int,), None)),
     **dict.fromkeys(("duration_s", "heading_deg"), ((float,), None)),
-    **{name: ((float, type(None)), None) for name in ("target_m", "arena_m")},
+    **{name: ((float, type(None)), None) for name in ("target_m", "arena_m", "worth_m")},
+    "target": ((float, str, type(None)), "a number, or a share of the distance such as '1%'"),
     **dict.fromkeys(("early_stop", "count_repeats", "insecure", "baseline"), ((bool,), None)),
     **{name: ((str, type(None)), None) for name in ("connect", "credentials", "link")},
 }
@@ -240,8 +245,35 @@ def check_numbers(spec: SessionSpec) -> None:
         raise InputError(f"{argument('seed')}: got {spec.seed}; allowed: 0 or more")
     if spec.target_m is not None and not (math.isfinite(spec.target_m) and spec.target_m > 0):
         raise InputError(f"{argument('target_m')}: got {spec.target_m}; allowed: above 0 m")
+    if spec.worth_m is not None and not (math.isfinite(spec.worth_m) and spec.worth_m >= 0):
+        raise InputError(f"{argument('worth_m')}: got {spec.worth_m}; allowed: 0 m or more")
     if not math.isfinite(spec.heading_deg):
         raise InputError(f"{argument('heading_deg')}: got {spec.heading_deg}; allowed: any finite number")
+
+
+def _with_target(spec: SessionSpec, target: float | str | None) -> SessionSpec:
+    """Spec with a target that was given as a number or as a share of the ideal distance."""
+    if target is None:
+        return spec
+    if spec.target_m is not None:
+        raise InputError(f"target: got {target} and target_m {spec.target_m}; allowed: one of the two")
+    text = str(target).strip()
+    allowed = "a number above 0, or a share of the distance above 0 % up to 100 %, such as 1%"
+    try:
+        value = float(text.removesuffix("%"))
+    except ValueError:
+        raise InputError(f"{argument('target')}: got {target!r}; allowed: {allowed}") from None
+    if not text.endswith("%"):
+        return replace(spec, target_m=value)
+    if not 0 < value <= 100:
+        raise InputError(f"{argument('target')}: got {target}; allowed: {allowed}")
+    if spec.objective_unit != "m":
+        raise InputError(
+            f"{argument('target')}: got {target} with the objective {spec.objective}, which is not in "
+            "metres; allowed: a number"
+        )
+    share = value / 100
+    return replace(spec, target_m=share * load_setting(spec).ideal_m, target_share=share)
 
 
 def _check_robot_options(spec: SessionSpec, objective: Objective) -> None:
@@ -404,7 +436,15 @@ def _believing(spec: SessionSpec, path: Path) -> SessionSpec:
     """Spec of a session with `bayes` and a prior."""
     target_m = DEFAULT_TARGET_M if spec.target_m is None else spec.target_m
     digest = load_prior(path).digest()
-    return replace(spec, optimizer=BAYES, target_m=target_m, prior=str(path), prior_digest=digest)
+    worth_m = WORTH_SHARE * _noise_m(spec) if spec.worth_m is None else spec.worth_m
+    return replace(
+        spec, optimizer=BAYES, target_m=target_m, prior=str(path), prior_digest=digest, worth_m=worth_m
+    )
+
+
+def _noise_m(spec: SessionSpec) -> float:
+    """Standard deviation between trials of one gait that is assumed before any repeat."""
+    return SIMULATED_NOISE_M if spec.backend == "sim" else REAL_NOISE_M
 
 
 def make_search(
@@ -432,7 +472,8 @@ def make_search(
         target_m=DEFAULT_TARGET_M if spec.target_m is None else spec.target_m,
         duration_s=spec.duration_s,
         floor_m=progress_floor_m(robot, plan, plan.duration_s),
-        noise_m=SIMULATED_NOISE_M if spec.backend == "sim" else REAL_NOISE_M,
+        noise_m=_noise_m(spec),
+        worth_m=spec.worth_m or 0.0,
     )
     if spec.sag_rad is not None:
         search.observe_stance(np.array(spec.sag_rad, dtype=float))  # None becomes NaN

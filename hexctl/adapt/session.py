@@ -28,6 +28,8 @@ class SessionSpec:
         objective_unit: of the score.
         budget: trials that may be walked.
         target_m: a score at which to stop early, or None.
+        target_share: the target as it was asked for, as a share of the ideal distance, or None.
+        worth_m: expected gain below which `bayes` ends the search; None to spend the budget.
         confirm: repeats of the best gait after the search, within the budget.
         count_repeats: True to walk and count a code again when the optimizer asks for it again (the paper's
             count), False to answer from memory.
@@ -80,6 +82,8 @@ class SessionSpec:
     ask: bool = False
     sag_rad: list[float | None] | None = None
     baseline_gaits: list[str] = field(default_factory=list)
+    target_share: float | None = None
+    worth_m: float | None = None
 
     @property
     def simulated(self) -> bool:
@@ -96,6 +100,17 @@ class SessionSpec:
         """What the score is, in words."""
         known = OBJECTIVES.get(self.objective)
         return known.label if known is not None else self.objective_label or self.objective
+
+    @property
+    def target_text(self) -> str | None:
+        """The target, for a person; both figures for a share of the distance. None without a target."""
+        if self.target_m is None:
+            return None
+        text = f"{self.target_m:.3g} {self.objective_unit}".rstrip()
+        if self.target_share is None:
+            return text
+        share = self.target_share
+        return f"{text} ({100 * share:g} % of {self.target_m / share:.2f} {self.objective_unit})"
 
     def score_text(self, score: float) -> str:
         """Score with its unit, for a person."""

@@ -53,6 +53,7 @@ if TYPE_CHECKING:
 BUDGET = Range(low=1, high=100_000, whole=True)
 REPEATS = Range(low=0, whole=True)
 METRES = Range(low=0, above=True, unit="m")
+GAIN_M = Range(low=0, unit="m")
 
 #: Options that go with --resume.
 WITH_RESUME = ("--resume", "--budget", "--view", "--no-record", "--json")
@@ -100,13 +101,22 @@ def adapt(
             "per share of the ideal distance walked), or package.module:name for your own. (default: final)",
         ),
     ] = None,
-    target_m: Annotated[
+    target: Annotated[
+        str | None,
+        typer.Option(
+            "--target",
+            metavar="METRES or PERCENT%",
+            help="Stop once the objective is this small: in metres (0.05), or as a share of the ideal "
+            "distance of a walk (1%); bayes once it is 90 % sure. (default: 0.025 with bayes, else none)",
+        ),
+    ] = None,
+    worth_m: Annotated[
         float | None,
         number(
-            "--target",
-            METRES,
-            "Stop once the objective is this small, in metres, {}; bayes once it is 90 % sure. "
-            "(default: 0.025 with bayes, else none)",
+            "--worth",
+            GAIN_M,
+            "With bayes: end the search once another trial is expected to gain less than this, in metres, "
+            "{}; 0 goes on whatever the gain. (default: 0.00025 in simulation, 0.005 on a real robot)",
         ),
     ] = None,
     confirm: Annotated[
@@ -224,7 +234,8 @@ def adapt(
         prior=prior,
         early_stop=early_stop,
         objective=objective,
-        target_m=target_m,
+        target=target,
+        worth_m=worth_m,
         confirm=confirm,
         count_repeats=count_repeats,
         baseline=not no_baseline,

@@ -8,6 +8,7 @@ from typing import Self
 
 import typer
 
+from hexctl.adapt.loop import NOT_WORTH
 from hexctl.adapt.session import (
     BASELINE_INDEX,
     MILESTONES_M,
@@ -94,8 +95,13 @@ def opening_line(session: Session) -> str:
     believing = f" with the prior {Path(spec.prior).name}" if spec.prior else ""
     return (
         f"session {session.name}: {subject(spec)}, {spec.optimizer}{believing}, "
-        f"{_trials(spec.budget)} of {spec.duration_s:g} s{_objective(spec)}"
+        f"{_trials(spec.budget)} of {spec.duration_s:g} s{_objective(spec)}{_target(spec)}"
     )
+
+
+def _target(spec: SessionSpec) -> str:
+    """A target that was given as a share of the distance, in metres too."""
+    return "" if spec.target_share is None else f", target {spec.target_text}"
 
 
 def subject(spec: SessionSpec) -> str:
@@ -175,6 +181,7 @@ ENDS = {
     "target": "its target is reached",
     "confirmed": "it is sure of a gait",
     "exhausted": "every gait was tried",
+    NOT_WORTH: "another trial is not worth it",
 }
 
 

@@ -218,9 +218,31 @@ def test_a_robot_that_stops_raises_and_the_session_stays() -> None:
     assert (result.ended, result.walked) == ("budget", 2)
 
 
+def test_a_target_may_be_a_share_of_the_distance() -> None:
+    spec = new_spec(failed_leg=5, prior="none", target="1%", duration_s=10.0)
+    ideal_m = 1.5 * 0.11 * 0.9 * 10.0
+    assert spec.target_m == pytest.approx(0.01 * ideal_m)
+    assert spec.target_share == 0.01
+    assert spec.target_text == "0.0149 m (1 % of 1.49 m)"
+    metres = new_spec(failed_leg=5, prior="none", target="0.05")
+    assert (metres.target_m, metres.target_share, metres.target_text) == (0.05, None, "0.05 m")
+    assert new_spec(failed_leg=5, prior="none", target=0.05) == metres
+    assert new_spec(failed_leg=5, prior="none", target_m=0.05) == metres
+
+
+def test_a_search_with_a_prior_knows_what_a_trial_is_worth() -> None:
+    assert new_spec(failed_leg=5).worth_m == pytest.approx(0.00025)
+    assert new_spec(failed_leg=5, worth_m=0.01).worth_m == 0.01
+    assert new_spec(failed_leg=5, prior="none").worth_m is None
+
+
 @pytest.mark.parametrize(
     ("options", "words"),
     [
+        ({"target": "0%"}, "target: got 0%; allowed: a number above 0, or a share"),
+        ({"target": "much"}, "target: got 'much'"),
+        ({"target": "1%", "target_m": 0.1}, "allowed: one of the two"),
+        ({"worth_m": -1.0}, "worth_m: got -1.0; allowed: 0 m or more"),
         ({"failed_leg": 7}, "7"),
         ({"world": "mars"}, "mars"),
         ({"budget": 0}, "budget: got 0; allowed: 1..100000"),

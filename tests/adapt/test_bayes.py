@@ -146,6 +146,26 @@ def test_in_a_world_in_which_no_gait_is_within_the_target_it_goes_on() -> None:
     assert len(set(codes)) == 30
 
 
+def test_a_trial_is_not_worth_it_once_little_is_expected_to_be_gained() -> None:
+    world = worlds(4)[3]
+
+    def walked(worth_m: float) -> list[int]:
+        optimizer = made_up_bayes(BELIEVED, target_m=0.0001, worth_m=worth_m)
+        codes: list[int] = []
+        assert optimizer.worthwhile  # nothing is known yet
+        while optimizer.worthwhile and len(codes) < 30:
+            (code,) = optimizer.ask(1)
+            tell(optimizer, code, world[code - 1])
+            codes.append(code)
+        return codes
+
+    endless, patient, hasty = walked(0.0), walked(0.0003), walked(0.004)
+    assert len(endless) == 30
+    assert len(hasty) < len(patient) < 30
+    assert endless[: len(patient)] == patient
+    assert patient[: len(hasty)] == hasty
+
+
 def test_a_noisy_gait_near_the_target_is_walked_again() -> None:
     """On a real floor one trial within the target is not yet sure; the same gait is the next choice."""
     world = solvable(1)[0]

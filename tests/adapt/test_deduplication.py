@@ -207,6 +207,7 @@ class Outspoken(Scripted):
     judges_target = True
     exhausted = True
     finished = True
+    worthwhile = False
 
     def __init__(self) -> None:
         super().__init__(count(1))
@@ -243,6 +244,7 @@ def test_everything_that_the_search_says_passes_through(paper_count: bool) -> No
         "judges_target": optimizer.judges_target,
         "exhausted": optimizer.exhausted,
         "finished": optimizer.finished,
+        "worthwhile": optimizer.worthwhile,
         "recommended": optimizer.recommended(),
         "predict": optimizer.predict(3),
         "early_stopping": optimizer.early_stopping(3),
@@ -253,6 +255,7 @@ def test_everything_that_the_search_says_passes_through(paper_count: bool) -> No
         "judges_target": True,
         "exhausted": True,
         "finished": True,
+        "worthwhile": False,
         "recommended": 17,
         "predict": FORECAST,
         "early_stopping": never_stop,

@@ -221,6 +221,12 @@ def test_a_search_that_is_sure_ends_confirmed(store: SessionStore) -> None:
     assert session.as_json()["settled_on"] == session.settled_on
 
 
+def test_a_search_ends_when_another_trial_is_not_worth_it(store: SessionStore) -> None:
+    session, ended = walked_by_bayes(store, MadeUpWorld(HARD), worth_m=0.05)
+    assert ended == session.ended == "not worth another trial"
+    assert 1 <= len(session.trials) < 12
+
+
 def test_what_was_expected_is_kept_with_each_trial(store: SessionStore) -> None:
     session, _ = walked_by_bayes(store, MadeUpWorld(KIND))
     kept = store.load(session.name).trials
