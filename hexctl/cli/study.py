@@ -72,7 +72,7 @@ WorldsOption = Annotated[
         "--worlds",
         WORLDS,
         "In how many worlds, {}: with --transfer unseen ones (default: 30), else --world and others like it, "
-        "up to 100, over which claims have intervals (default: 1).",
+        "up to 100, over which claims have intervals (default: 1; with --matrix 3).",
     ),
 ]
 StudyFailureOption = Annotated[

@@ -147,7 +147,7 @@ def minimal_by_60(findings: Findings) -> Claim:
         "Minimal values are reached in about 40 to 60 evaluations",
         f"each heuristic's mean comes within 0.5 cm of where it ends after {tolerance.low:g} to "
         f"{tolerance.high:g} evaluations (40 - {ABOUT:.0%} to 60 + {ABOUT:.0%}), by the paper's count",
-        measures_text(measures, lambda count: f"after {count:.0f}", tolerance),
+        measures_text(measures, lambda count: f"{count:.0f}", tolerance),
         judge_all(measures, tolerance),
         beside=f"expected best rank of {LATE} random draws: {expected_best_rank(LATE):.1f} of 120",
     )
