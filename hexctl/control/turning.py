@@ -38,6 +38,12 @@ STEP_SPREAD = np.array([0.15, math.radians(0.1)])
 STEP_NOISE_RAD = math.radians(0.02)
 LEAST_SHARE = 0.2
 
+#: Where more than this is expected of a step and less than this share of it comes, friction that the robot
+#: file does not have swallowed this part of the step.
+SMALLEST_STEP_RAD = math.radians(0.1)
+LOST_SHARE = 0.15
+LOST_PART = 0.9
+
 #: Commanded angle that dry friction swallows, as a multiple of the joint angle at which a servo overcomes it.
 #: Measured on `phantomx`: of 3.8 degrees, at a joint angle of 1.6, less than 0.1 degree comes.
 FRICTION_FACTOR = 2.4
@@ -227,6 +233,25 @@ class TurnSteps:
     def learn(self, commanded_rad: float, turned_rad: float) -> None:
         """Take in what a step made of its command."""
         effective_rad = math.copysign(max(0.0, abs(commanded_rad) - self._swallowed_rad), commanded_rad)
+        sign = math.copysign(1.0, commanded_rad)
+        share, besides_rad = np.linalg.solve(self._precision, self._weighted).tolist()
+        expected_rad = share * abs(effective_rad) + sign * besides_rad
+        if self._corrects_swallowed(abs(effective_rad), expected_rad, sign * turned_rad):
+            return
         row = np.array([effective_rad, 1.0]) / STEP_NOISE_RAD
         self._precision += np.outer(row, row)
         self._weighted += row * (turned_rad / STEP_NOISE_RAD)
+
+    def _corrects_swallowed(self, effective_rad: float, expected_rad: float, turned_rad: float) -> bool:
+        """Whether a step shows that friction swallows more, or less, than believed; believe it then.
+
+        All angles are positive in the direction of the command. No robot turns further than commanded.
+        """
+        if expected_rad > SMALLEST_STEP_RAD and turned_rad < LOST_SHARE * expected_rad:
+            self._swallowed_rad += LOST_PART * effective_rad
+            return True
+        if self._swallowed_rad and turned_rad > effective_rad + SMALLEST_STEP_RAD:
+            too_much_rad = turned_rad / float(USUAL_STEP[0]) - effective_rad
+            self._swallowed_rad = max(0.0, self._swallowed_rad - too_much_rad)
+            return True
+        return False

@@ -81,17 +81,17 @@ def test_a_jammed_foot_trails_when_the_walk_begins() -> None:
     assert abs(math.degrees(math.remainder(off_rad, math.tau))) < 3
 
 
-def test_dry_friction_is_stepped_over() -> None:
-    """A robot whose friction swallows the first 3 degrees of a small step reaches its goal all the same."""
-    swallowed, missing_rad = math.radians(3.0), math.radians(0.5)
-    steps = TurnSteps(swallowed)
+@pytest.mark.parametrize("believed_deg", [3.0, 2.0, 4.2])
+def test_dry_friction_is_stepped_over(believed_deg: float) -> None:
+    """Friction swallows the first 3 degrees of each small step; the robot file may have it otherwise."""
+    swallowed, missing_rad = math.radians(3.0), math.radians(0.8)
+    steps = TurnSteps(math.radians(believed_deg))
     for _ in range(MAX_TURN_STEPS):
         command_rad = steps.command_rad(missing_rad)
-        assert abs(command_rad) > swallowed
-        turned_rad = 0.4 * math.copysign(abs(command_rad) - swallowed, command_rad)
+        turned_rad = 0.5 * math.copysign(max(0.0, abs(command_rad) - swallowed), command_rad)
         steps.learn(command_rad, turned_rad)
         missing_rad -= turned_rad
-    assert abs(math.degrees(missing_rad)) < 0.03
+    assert abs(math.degrees(missing_rad)) < 0.15
 
 
 def test_only_a_robot_with_dry_friction_loses_the_beginning_of_a_step() -> None:
