@@ -231,7 +231,7 @@ def test_the_shipped_prior_is_believed_by_default(
 ) -> None:
     world = MadeUpWorld(MadeUpModel(3).worlds(1, 0)[0])
     monkeypatch.setattr(TrialRunner, "walk", lambda _, *trial: world(*trial))
-    outcome, err = run(capsys, "adapt", "--failed-leg", "5", "--no-record", "--budget", "3")
+    outcome, err = run(capsys, "adapt", "--failed-leg", "5", "--no-record", "--no-baseline", "--budget", "3")
     assert (outcome["optimizer"], err) == ("bayes", "")
     assert Path(outcome["prior"]).name == "ant-locked-rear-30s.npz"
     assert world.walked == [trial["code"] for trial in outcome["trials"]]
