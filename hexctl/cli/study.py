@@ -104,7 +104,7 @@ StudyWorldOption = Annotated[
     typer.Option(
         "--world",
         autocompletion=completion.worlds,
-        help=f"{WORLD_HELP} Not with --transfer. (default: flat)",
+        help=f"{WORLD_HELP} With --transfer a family of worlds, transfer or real. (default: flat; transfer)",
     ),
 ]
 StudyRobotOption = Annotated[
@@ -184,11 +184,12 @@ def study(
     if transfer and matrix:
         raise InputError("--matrix: got it with --transfer; allowed: one or the other")
     if transfer:
-        own = {"world": world, "failure": failure, "self-rotation": self_rotation}
+        own = {"failure": failure, "self-rotation": self_rotation}
         for name, value in own.items():
             if value is not None:
                 raise InputError(f"--{name}: got {value} with --transfer; allowed: without, it has its own")
-        result, lines = _transfer(robot or "ant", prior, common | _given(worlds=worlds), folder, jobs, dask)
+        options = common | _given(worlds=worlds)
+        result, lines = _transfer(robot or "ant", world, prior, options, folder, jobs, dask)
     else:
         if prior is not None:
             raise InputError(f"--prior: got {prior}; allowed: with --transfer")
@@ -219,7 +220,13 @@ def _study(
 
 
 def _transfer(
-    robot: str, prior: str | None, options: dict[str, Any], folder: Path, jobs: int | None, dask: str | None
+    robot: str,
+    family: str | None,
+    prior: str | None,
+    options: dict[str, Any],
+    folder: Path,
+    jobs: int | None,
+    dask: str | None,
 ) -> "tuple[TransferResult, list[str]]":
     """Run the transfer benchmark; returns the result and its verdicts as lines."""
     from hexctl.adapt.prior.find import prior_folders
@@ -236,7 +243,7 @@ def _transfer(
         believed = find_transfer_prior(model, options["legs"], options["duration_s"], folders)
     else:
         believed = load_prior(Path(str(prior)))
-    plan = TransferPlan(robot=model, family=load_randomization(UNSEEN), prior=believed, **options)
+    plan = TransferPlan(robot=model, family=load_randomization(family or UNSEEN), prior=believed, **options)
     with interruptible(plan), StudyProgress() as progress:
         result = run_transfer(plan, folder=folder, jobs=jobs, dask=dask, progress=progress)
     bars = transfer_bars(result.findings)

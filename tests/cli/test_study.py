@@ -152,6 +152,8 @@ def test_a_matrix_that_cannot_be_is_refused_in_one_line(
 def test_the_transfer_benchmark_has_its_own_world_and_failure(capsys: pytest.CaptureFixture[str]) -> None:
     assert exit_code(["study", "--transfer", "--failure", "limp"]) == 2
     assert "--failure: got limp with --transfer" in capsys.readouterr().err
+    assert exit_code(["study", "--transfer", "--world", "slippery"]) == 2
+    assert "has no `ranges`; allowed: a family of worlds" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
