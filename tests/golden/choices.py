@@ -22,7 +22,7 @@ BELIEVED = {
     "ant 5": ("ant", 5, 0, False),
     "ant 5, standing": ("ant", 5, 1, True),
     "ant 2, standing": ("ant", 2, 1, True),
-    "phantomx 2, standing": ("phantomx", 2, 0, True),
+    "pexod 2, standing": ("pexod", 2, 0, True),
     "pexod 3": ("pexod", 3, 0, False),
 }
 
