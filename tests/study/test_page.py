@@ -25,7 +25,8 @@ def test_verdicts_are_coloured_and_nothing_else_is() -> None:
     text = render_page("", "", [Section("", [Table(["holds"] * 6, [row])])])
     assert '<td class="yes">holds</td>' in text
     assert '<td class="no">does not hold, by 2 cm</td>' in text
-    assert text.count('class="') == 2
+    assert '<td class="open">not judged: too short</td>' in text
+    assert text.count('class="') == 3
 
 
 def test_a_section_without_a_title_has_no_heading() -> None:

@@ -256,7 +256,7 @@ def test_servo_strength_scales_the_greatest_torque(strength: float) -> None:
 
 
 def test_servos_without_strength_let_the_robot_down() -> None:
-    weak, whole = (_stood(World(servo_strength=share), name="phantomx") for share in (0.02, 1.0))
+    weak, whole = (_stood(World(servo_strength=share), name="pexod") for share in (0.02, 1.0))
     assert weak[2] < whole[2] - 0.05
 
 
