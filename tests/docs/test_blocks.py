@@ -32,9 +32,14 @@ def servos(values: dict[str, Any], _folder: Path) -> None:
     RobotSchema.model_validate({**robot, **values})
 
 
-def mounts(values: list[dict[str, Any]], _folder: Path) -> None:
-    for value in values:
-        MountSection.model_validate(value)
+def parts(values: Any, _folder: Path) -> None:
+    """Mounts by themselves, or sections that replace those of a whole robot."""
+    if isinstance(values, list):
+        for value in values:
+            MountSection.model_validate(value)
+        return
+    robot = yaml.safe_load((ROOT / "configs" / "robots" / "phantomx.yaml").read_text())
+    RobotSchema.model_validate({**robot, **values, "joints": robot["joints"] | values["joints"]})
 
 
 def meshes(values: dict[str, Any], folder: Path) -> None:
@@ -47,7 +52,7 @@ def meshes(values: dict[str, Any], folder: Path) -> None:
 #: What a page's YAML is.
 FILES: dict[str, Callable[[Any, Path], object]] = {
     "walking.md": lambda values, _folder: World.model_validate(values),
-    "robots.md": mounts,
+    "robots.md": parts,
     "recordings.md": meshes,
     "firmware.md": servos,
     "protocol.md": a_link,
