@@ -162,14 +162,7 @@ class TrialRecord:
         return {
             "index": self.index,
             "code": self.code,
-            "slots": list(self.slots),
-            "score": self.score if self.valid else None,
-            "deviation_m": self.outcome["deviation_m"],
-            "distance_m": self.outcome["distance_m"],
-            "yaw_change_deg": self.outcome["yaw_change_deg"],
-            "status": self.outcome["status"],
-            "stopped": self.outcome.get("stopped"),
-            "clipped_ticks": self.outcome["clipped_ticks"],
+            **_measured_json(self),
             "confirms": self.confirms,
             "walked_s": self.outcome["duration_s"],
             "expected": self.expected,
@@ -220,18 +213,23 @@ class BaselineRecord:
             "gait": self.gait,
             "index": BASELINE_INDEX,
             "code": self.code,
-            "slots": list(self.slots),
-            "score": self.score if self.valid else None,
-            "deviation_m": self.outcome["deviation_m"],
-            "distance_m": self.outcome["distance_m"],
-            "yaw_change_deg": self.outcome["yaw_change_deg"],
-            "status": self.outcome["status"],
-            "stopped": self.outcome.get("stopped"),
-            "clipped_ticks": self.outcome["clipped_ticks"],
+            **_measured_json(self),
             "walked_s": self.outcome["duration_s"],
             "recording": self.recording,
             "cause": self.outcome.get("cause"),
         }
+
+
+def _measured_json(walk: TrialRecord | BaselineRecord) -> dict[str, Any]:
+    """Outcome of a stored walk, in the order in which tables have it."""
+    outcome = walk.outcome
+    return {
+        "slots": list(walk.slots),
+        "score": walk.score if walk.valid else None,
+        **{name: outcome[name] for name in ("deviation_m", "distance_m", "yaw_change_deg", "status")},
+        "stopped": outcome.get("stopped"),
+        "clipped_ticks": outcome["clipped_ticks"],
+    }
 
 
 def _result_of(outcome: dict[str, Any], path_m: list[list[float]]) -> TrialResult:

@@ -13,7 +13,7 @@ from hexctl.ik.legs import foot_positions_body
 from hexctl.robot.failure import Failure
 from hexctl.robot.model import Robot
 from hexctl.robot.rotations import wrapped_rad, yaw_rad
-from hexctl.types import JOINT_KINDS, JOINTS_PER_LEG, FloatArray, RobotState, leg_slice
+from hexctl.types import JOINTS_PER_LEG, FloatArray, RobotState
 
 #: A self-rotation ends within this of its goal, or the noise of the measured yaw. One degree of miss moves
 #: the end of a 30 s walk by 8 to 14 cm; the walk's heading makes up for what is left.
@@ -78,7 +78,7 @@ def failed_foot_azimuth_rad(robot: Robot, failure: Failure) -> float:
     if failure.kind != "stuck":
         return float(robot.leg_azimuths_rad[failure.leg - 1])
     joints_rad = robot.stance_angles_rad.copy()
-    joints_rad[leg_slice(failure.leg)][JOINT_KINDS.index(failure.joint)] = failure.angle_rad
+    joints_rad[failure.joint_index] = failure.angle_rad
     x, y, _ = foot_positions_body(robot, joints_rad)[failure.leg - 1].tolist()
     return math.atan2(y, x)
 
@@ -226,7 +226,7 @@ class TurnSteps:
 
     def command_rad(self, missing_rad: float) -> float:
         """The angle to command for one that is missing."""
-        share, besides_rad = np.linalg.solve(self._precision, self._weighted).tolist()
+        share, besides_rad = self._estimate()
         effective_rad = (missing_rad - besides_rad) / max(LEAST_SHARE, share)
         return float(effective_rad + math.copysign(self._swallowed_rad, effective_rad))
 
@@ -234,13 +234,18 @@ class TurnSteps:
         """Take in what a step made of its command."""
         effective_rad = math.copysign(max(0.0, abs(commanded_rad) - self._swallowed_rad), commanded_rad)
         sign = math.copysign(1.0, commanded_rad)
-        share, besides_rad = np.linalg.solve(self._precision, self._weighted).tolist()
+        share, besides_rad = self._estimate()
         expected_rad = share * abs(effective_rad) + sign * besides_rad
         if self._corrects_swallowed(abs(effective_rad), expected_rad, sign * turned_rad):
             return
         row = np.array([effective_rad, 1.0]) / STEP_NOISE_RAD
         self._precision += np.outer(row, row)
         self._weighted += row * (turned_rad / STEP_NOISE_RAD)
+
+    def _estimate(self) -> list[float]:
+        """Share and besides in rad, by the steps so far."""
+        estimate: list[float] = np.linalg.solve(self._precision, self._weighted).tolist()
+        return estimate
 
     def _corrects_swallowed(self, effective_rad: float, expected_rad: float, turned_rad: float) -> bool:
         """Whether a step shows that friction swallows more, or less, than believed; believe it then.

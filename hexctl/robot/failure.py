@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 
 from hexctl.errors import InputError, argument, check_type
-from hexctl.types import JOINT_KINDS, N_LEGS
+from hexctl.types import JOINT_KINDS, JOINTS_PER_LEG, N_LEGS
 
 FAILURE_KINDS = ("locked", "limp", "stuck", "weak", "missing")
 
@@ -34,6 +34,11 @@ class Failure:
     joint: str = "coxa"
     angle_rad: float = 0.0
     torque_fraction: float = 0.3
+
+    @property
+    def joint_index(self) -> int:
+        """Index of the stuck joint in arrays of 18."""
+        return JOINTS_PER_LEG * (self.leg - 1) + JOINT_KINDS.index(self.joint)
 
     def __post_init__(self) -> None:
         check_type(self.leg, int, "failed leg", f"a leg's number, 1..{N_LEGS}")

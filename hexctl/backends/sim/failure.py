@@ -9,8 +9,6 @@ from hexctl.errors import InputError
 from hexctl.robot.failure import Failure
 from hexctl.robot.model import Robot
 from hexctl.types import (
-    JOINT_KINDS,
-    JOINTS_PER_LEG,
     N_JOINTS,
     BoolArray,
     FloatArray,
@@ -53,7 +51,7 @@ def inject_failure(physics: Any, robot: Robot, failure: Failure | None) -> tuple
 
 def _check_angle(robot: Robot, failure: Failure) -> None:
     """Raise InputError for a joint stuck outside its range."""
-    joint = JOINTS_PER_LEG * (failure.leg - 1) + JOINT_KINDS.index(failure.joint)
+    joint = failure.joint_index
     if not robot.joint_lower_rad[joint] <= failure.angle_rad <= robot.joint_upper_rad[joint]:
         low, high = np.degrees([robot.joint_lower_rad[joint], robot.joint_upper_rad[joint]])
         raise InputError(
@@ -64,7 +62,7 @@ def _check_angle(robot: Robot, failure: Failure) -> None:
 
 def _jam(physics: Any, jammed: BoolArray, jammed_at: FloatArray, failure: Failure) -> None:
     """Hold one joint at an angle with far more than the servo's stiffness and torque."""
-    joint = JOINTS_PER_LEG * (failure.leg - 1) + JOINT_KINDS.index(failure.joint)
+    joint = failure.joint_index
     jammed[joint] = True
     jammed_at[joint] = failure.angle_rad
     model = physics.model
