@@ -17,7 +17,7 @@ from hexctl.control.plan import TrialPlan
 from hexctl.control.preparation import WalkStart, prepare, ticks_of
 from hexctl.control.result import TrialResult, score
 from hexctl.control.trial import CONTROLLERS, MakeController, made_controller, planned_walk, run_trial
-from hexctl.control.turning import check_plan
+from hexctl.control.turning import check_plan, turn_needed_rad
 from hexctl.errors import CommandRefusedError, EStopError, SimulationDivergedError, check_callable, check_type
 from hexctl.robot.failure import Failure
 from hexctl.robot.model import Robot
@@ -73,6 +73,15 @@ class SimTrial:
             seed=self.seed,
             facing_rad=self.facing_rad,
         )
+
+    def put_down_turned(self, miss_rad: float = 0.0) -> "SimTrial":
+        """The same trial, the robot put down as its self-rotation would leave it, instead of turning.
+
+        `miss_rad` is the yaw by which that self-rotation would have turned too far.
+        """
+        turn_rad = turn_needed_rad(self.robot, self.plan) + miss_rad
+        plan = replace(self.plan, self_rotation="none", heading_rad=self.plan.heading_rad - turn_rad)
+        return replace(self, plan=plan, facing_rad=self.facing_rad + turn_rad)
 
     def shared_start(self) -> tuple[object, ...]:
         """Key that trials must have in common to start their walks from one state."""

@@ -11,7 +11,6 @@ from hexctl.backends.base import as_robot
 from hexctl.backends.sim.world import World, as_world
 from hexctl.control.batch import SimTrial, run_sim_trials
 from hexctl.control.plan import TrialPlan
-from hexctl.control.turning import turn_needed_rad
 from hexctl.errors import InputError
 from hexctl.gait.gait import make_gait
 from hexctl.robot.failure import Failure
@@ -126,9 +125,7 @@ def _placed(robot: Robot, world: World, leg: int, code: int, duration_s: float) 
     failure = Failure(leg=leg)
     gait = make_gait(robot, str(code), failed_legs=(leg,))
     plan = TrialPlan(gait=gait, belief=failure, duration_s=duration_s)
-    facing_rad = turn_needed_rad(robot, plan)
-    plan = replace(plan, self_rotation="none", heading_rad=-facing_rad)
-    return SimTrial(robot=robot, plan=plan, failure=failure, world=world, facing_rad=facing_rad)
+    return SimTrial(robot=robot, plan=plan, failure=failure, world=world).put_down_turned()
 
 
 def _ends_m(trials: Sequence[SimTrial]) -> FloatArray:

@@ -3,7 +3,7 @@
 import hashlib
 import json
 import math
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from functools import cached_property
 from typing import Any
 
@@ -17,7 +17,6 @@ from hexctl.backends.sim.world import World
 from hexctl.control.batch import SimTrial
 from hexctl.control.plan import TrialPlan
 from hexctl.control.result import TrialResult
-from hexctl.control.turning import turn_needed_rad
 from hexctl.gait.gait import Gait
 from hexctl.robot.failure import Failure, parse_failure
 from hexctl.robot.model import Robot
@@ -99,20 +98,8 @@ class LandscapeSpec:
             belief=self.leg_failure,
             self_rotation=self.self_rotation,
         )
-        if not self.placed:
-            return SimTrial(
-                robot=self.robot, plan=plan, failure=plan.belief, world=self.world, seed=self.seed
-            )
-        facing_rad = turn_needed_rad(self.robot, plan) + self.miss_rad
-        plan = replace(plan, self_rotation="none", heading_rad=-facing_rad)
-        return SimTrial(
-            robot=self.robot,
-            plan=plan,
-            failure=plan.belief,
-            world=self.world,
-            seed=self.seed,
-            facing_rad=facing_rad,
-        )
+        trial = SimTrial(robot=self.robot, plan=plan, failure=plan.belief, world=self.world, seed=self.seed)
+        return trial.put_down_turned(self.miss_rad) if self.placed else trial
 
     def identity(self) -> dict[str, Any]:
         """Plain JSON values that are equal for equal landscapes: settings and versions of the code."""
