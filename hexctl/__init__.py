@@ -9,12 +9,13 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from hexctl import testing
-    from hexctl.adapt.adaptation import Adaptation, AdaptationResult, adapt
+    from hexctl.adapt.adaptation import Adaptation, adapt
     from hexctl.adapt.objectives import Objective, as_objective, make_objective
     from hexctl.adapt.optimizer import Observation, Optimizer, Prediction
     from hexctl.adapt.prior.find import list_priors
     from hexctl.adapt.prior.prior import Prior, load_prior
     from hexctl.adapt.registry import make_optimizer
+    from hexctl.adapt.result import AdaptationResult
     from hexctl.adapt.search import new_spec
     from hexctl.adapt.session import Session, SessionSpec, TrialRecord
     from hexctl.adapt.space import GaitSpace
@@ -123,7 +124,8 @@ _MODULES = {
     "adapt.registry": "make_optimizer",
     "adapt.objectives": "Objective as_objective make_objective",
     # adaptation, sessions and priors
-    "adapt.adaptation": "Adaptation AdaptationResult adapt",
+    "adapt.adaptation": "Adaptation adapt",
+    "adapt.result": "AdaptationResult",
     "adapt.search": "new_spec",
     "adapt.session": "Session SessionSpec TrialRecord",
     "adapt.store": "delete_session export_session list_sessions load_session",

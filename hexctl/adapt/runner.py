@@ -8,8 +8,8 @@ from typing import Any
 
 from hexctl.adapt.arena import LEFT_THE_ARENA, Arena, Geofence, aimed, as_placed
 from hexctl.adapt.measurement import Operator, measured, not_walked
-from hexctl.adapt.search import Note, Setting
 from hexctl.adapt.session import BASELINE_INDEX, SessionSpec
+from hexctl.adapt.setting import Note, Setting
 from hexctl.backends.base import LegServos, connection_notes
 from hexctl.backends.clock import request_realtime_priority
 from hexctl.backends.registry import BackendOptions, make_servos

@@ -1,131 +1,41 @@
 """From what was asked for to a checked session spec, and from a spec to the optimizer that it names."""
 
-import logging
 import math
-from collections.abc import Callable, Container, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Container, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from hexctl.adapt.arena import check_radius
-from hexctl.adapt.bayes import REAL_NOISE_M, SIMULATED_NOISE_M, WORTH_SHARE, Bayes
+from hexctl.adapt.bayes import Bayes
 from hexctl.adapt.deduplication import Deduplication
 from hexctl.adapt.measurement import Operator
 from hexctl.adapt.objectives import OBJECTIVES, Objective, ObjectiveChoice, as_objective
 from hexctl.adapt.optimizer import Optimizer, OptimizerChoice, OptimizerClass
-from hexctl.adapt.prior.find import Covers, check_prior, find_prior, named_prior, prior_folders
+from hexctl.adapt.prior.choice import DEFAULT_TARGET_M, Advice, choose_prior, covering, no_advice, noise_m
+from hexctl.adapt.prior.find import check_prior, prior_folders
 from hexctl.adapt.prior.prior import PriorKey, load_prior
-from hexctl.adapt.prior.samples import covers, samples_of
+from hexctl.adapt.prior.samples import samples_of
 from hexctl.adapt.registry import make_optimizer, name_of
 from hexctl.adapt.session import Session, SessionSpec
+from hexctl.adapt.setting import Note, load_setting, log_note, start_note
 from hexctl.adapt.shipped import BAYES, OPTIMIZERS
 from hexctl.adapt.space import GaitSpace
 from hexctl.adapt.store import RUNS
 from hexctl.backends.base import LegServos
 from hexctl.backends.registry import check_options, option_values
-from hexctl.backends.sim.world import World, load_world
 from hexctl.control.plan import TrialPlan
 from hexctl.control.result import progress_floor_m
-from hexctl.control.turning import check_plan
 from hexctl.errors import InputError, argument, check_type
-from hexctl.gait.encoding import Slots
-from hexctl.gait.gait import ideal_speed_m_s, make_gait
 from hexctl.robot.failure import parse_failure
-from hexctl.robot.loader import RobotFile, load_robot, load_robot_file
+from hexctl.robot.loader import load_robot
 from hexctl.robot.model import Robot
 
 #: Gaits that a robot would walk with anyway: its default one, and the tripod.
 BASELINE_GAITS = ("demo", "tripod")
 
-#: The paper's finer deviation: the target of `bayes` unless told otherwise.
-DEFAULT_TARGET_M = 0.025
-
 MAX_BUDGET = 100_000
-
-_LOG = logging.getLogger(__name__)
-
-#: Takes a sentence that a person should read; nothing depends on it.
-Note = Callable[[str], None]
-
-#: Ends a sentence on a missing prior with how to make one; empty where none can be made.
-Advice = Callable[[SessionSpec], str]
-
-
-def log_note(text: str) -> None:
-    """Log a note, the default of `Note`."""
-    _LOG.info(text)
-
-
-def no_advice(_spec: SessionSpec) -> str:
-    """No advice, the default of `Advice`."""
-    return ""
-
-
-@dataclass(frozen=True, slots=True)
-class Setting:
-    """What a spec names, loaded.
-
-    Attributes:
-        robot_file: of the robot that walks.
-        world: the simulated world, None on a real robot.
-        plan: of its trials, with the demo gait.
-    """
-
-    robot_file: RobotFile
-    world: World | None
-    plan: TrialPlan
-
-    @property
-    def robot(self) -> Robot:
-        """The robot that walks."""
-        return self.robot_file.robot
-
-    def plan_for(self, slots: Slots) -> TrialPlan:
-        """Plan of the trial of a gait."""
-        return replace(self.plan, gait=replace(self.plan.gait, slots=slots))
-
-    @property
-    def ideal_m(self) -> float:
-        """Distance of a walk without slip."""
-        speed_m_s = ideal_speed_m_s(self.robot, self.plan.gait, self.plan.motion(0.0))
-        return speed_m_s * self.plan.duration_s
-
-    @property
-    def floor_m(self) -> float:
-        """Distance that a valid walk makes at least."""
-        return progress_floor_m(self.robot, self.plan, self.plan.duration_s)
-
-    @property
-    def prior_key(self) -> PriorKey:
-        """Key of the priors for these trials."""
-        return PriorKey.of(self.robot, self.plan)
-
-
-def load_setting(spec: SessionSpec) -> Setting:
-    """Load what a spec names.
-
-    Raises InputError for a robot that is not the one that the session began with, or a file that cannot be
-    used; ReachError or LimitError for trials that the legs cannot walk.
-    """
-    file = load_robot_file(spec.robot)
-    robot = file.robot
-    if robot.fingerprint != spec.robot_fingerprint:
-        raise InputError(
-            f"session: robot {spec.robot} is not the one that it began with; "
-            "allowed: the same robot file, or a new session"
-        )
-    world = load_world(spec.world) if spec.world is not None else None
-    plan = TrialPlan(
-        gait=make_gait(robot, "demo"),
-        heading_rad=math.radians(spec.heading_deg),
-        duration_s=spec.duration_s,
-        belief=spec.broken,
-        self_rotation=spec.self_rotation,
-    )
-    check_plan(robot, plan)
-    return Setting(file, world, plan)
 
 
 def new_spec(
@@ -193,7 +103,15 @@ def new_spec(
         make_optimizer(optimizer or spec.optimizer, GaitSpace((failed_leg,)), spec.seed)
     setting = load_setting(spec)
     start_note(spec, setting)
-    return _with_prior(spec, setting, prior, optimizer is None, prior_folders(folder), note, advice)
+    return choose_prior(
+        spec,
+        setting,
+        prior,
+        free=optimizer is None,
+        folders=prior_folders(folder),
+        note=note,
+        advice=advice,
+    )
 
 
 _STORED = "which the session stores"
@@ -348,105 +266,6 @@ def _check_name(part: str, got: str, named: str, shipped: Container[str]) -> Non
         raise InputError(f"{part}: got {got} for a session with {named}; allowed: {named}")
 
 
-def start_note(spec: SessionSpec, setting: Setting) -> str | None:
-    """What an operator should know before the robot moves, or None.
-
-    Raises InputError for an arena that is too small.
-    """
-    if spec.arena_m is not None:
-        return check_radius(spec.arena_m, ideal_m=setting.ideal_m, least_m=setting.floor_m)
-    if spec.simulated or spec.ask:
-        return None
-    return (
-        "each trial begins where the last one ended, so the robot will wander; --arena RADIUS keeps it near"
-    )
-
-
-def baseline_note(spec: SessionSpec) -> str | None:
-    """How long a real robot walks for its baseline, or None."""
-    if spec.simulated or not spec.baseline_gaits:
-        return None
-    count = len(spec.baseline_gaits)
-    return (
-        f"{count} walks of {spec.duration_s:g} s come before the first trial, with the gaits it would use "
-        f"anyway ({', '.join(spec.baseline_gaits)}); --no-baseline leaves them out"
-    )
-
-
-def _with_prior(
-    spec: SessionSpec,
-    setting: Setting,
-    wanted: str | None,
-    free: bool,
-    folders: list[Path],
-    note: Note,
-    advice: Advice,
-) -> SessionSpec:
-    """Choose optimizer and prior: `free` where no optimizer was asked for, `wanted` as it was asked for.
-
-    Raises InputError for what contradicts itself, and for a prior that does not fit.
-    """
-    named = wanted not in (None, "auto")
-    if not _wants_prior(spec, wanted, free):
-        return spec
-    key, covered = setting.prior_key, covering(setting.robot, setting.plan)
-    reason = "" if spec.objective == "final" else f"priors are for the objective final, not {spec.objective}"
-    if not reason and named:
-        path = named_prior(str(wanted), folders)
-        check_prior(path, key, covers=covered)
-        return _believing(spec, path)
-    if not reason:
-        found = find_prior(key, folders, covers=covered)
-        if found.path is not None:
-            return _believing(spec, found.path)
-        reason = found.reason
-    if not free or named or spec.early_stop:
-        raise InputError(f"prior: there is none for these trials ({reason}){advice(spec)}")
-    note(f"no prior for these trials ({reason}); searching with {spec.optimizer} instead{advice(spec)}")
-    return spec
-
-
-def _wants_prior(spec: SessionSpec, wanted: str | None, free: bool) -> bool:
-    """Whether a prior is wanted, if there is one; raises InputError for contradicting options."""
-    believes = spec.optimizer == BAYES and not free
-    if not (free or believes) or wanted == "none" or (spec.count_repeats and free and wanted is None):
-        if believes:
-            raise InputError(
-                f"{argument('prior')}: got none with {argument('optimizer')} bayes; allowed: auto or a file"
-            )
-        if wanted not in (None, "none"):
-            raise InputError(
-                f"{argument('prior')}: got {wanted} with {argument('optimizer')} {spec.optimizer}; allowed: "
-                "with bayes"
-            )
-        if spec.early_stop and ":" not in spec.optimizer:
-            raise InputError(
-                f"{argument('early_stop')}: got it without a prior; allowed: with bayes and a prior"
-            )
-        return False
-    if spec.count_repeats:
-        raise InputError(
-            f"{argument('count_repeats')}: got it with bayes; allowed: without, bayes repeats a gait when "
-            "that tells most"
-        )
-    return True
-
-
-def _believing(spec: SessionSpec, path: Path) -> SessionSpec:
-    """Spec of a session with `bayes` and a prior."""
-    target_m = DEFAULT_TARGET_M if spec.target_m is None else spec.target_m
-    digest = load_prior(path).digest()
-    worth_m = WORTH_SHARE * _noise_m(spec) if spec.worth_m is None else spec.worth_m
-    return replace(
-        spec, optimizer=BAYES, target_m=target_m, prior=str(path), prior_digest=digest, worth_m=worth_m
-    )
-
-
-def _noise_m(spec: SessionSpec) -> float:
-    """Standard deviation between trials of one gait that is assumed before any repeat."""
-    return SIMULATED_NOISE_M if spec.backend == "sim" else REAL_NOISE_M
-
-
 def make_search(
     spec: SessionSpec, robot: Robot, plan: TrialPlan, optimizer: OptimizerClass | None = None
 ) -> Optimizer:
@@ -472,23 +291,9 @@ def make_search(
         target_m=DEFAULT_TARGET_M if spec.target_m is None else spec.target_m,
         duration_s=spec.duration_s,
         floor_m=progress_floor_m(robot, plan, plan.duration_s),
-        noise_m=_noise_m(spec),
+        noise_m=noise_m(spec),
         worth_m=spec.worth_m or 0.0,
     )
     if spec.sag_rad is not None:
         search.observe_stance(np.array(spec.sag_rad, dtype=float))  # None becomes NaN
     return search
-
-
-def knows_stances(spec: SessionSpec) -> bool:
-    """Whether the session's prior can tell anything from the robot's stance.
-
-    Raises InputError for a file that is not a prior.
-    """
-    return spec.prior is not None and load_prior(Path(spec.prior)).sag_rad is not None
-
-
-def covering(robot: Robot, plan: TrialPlan) -> Covers:
-    """Predicate for `find_prior`: whether a prior of some legs covers the failed leg of a plan."""
-    (leg,) = plan.failed_legs
-    return lambda legs: covers(robot, plan.self_rotation, legs, leg)

@@ -46,7 +46,8 @@ from hexctl.cli.options import (
 from hexctl.errors import HexctlError, InputError, RecordingError
 
 if TYPE_CHECKING:
-    from hexctl.adapt.adaptation import Adaptation, AdaptationResult
+    from hexctl.adapt.adaptation import Adaptation
+    from hexctl.adapt.result import AdaptationResult
     from hexctl.adapt.session import SessionSpec
     from hexctl.record.live import LiveView
 

@@ -1,0 +1,125 @@
+"""Choice of a session's prior: none, the one that was asked for, or the first that fits."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+from hexctl.adapt.bayes import REAL_NOISE_M, SIMULATED_NOISE_M, WORTH_SHARE
+from hexctl.adapt.prior.find import Covers, check_prior, find_prior, named_prior
+from hexctl.adapt.prior.prior import load_prior
+from hexctl.adapt.prior.samples import covers
+from hexctl.adapt.session import SessionSpec
+from hexctl.adapt.setting import Note, Setting
+from hexctl.adapt.shipped import BAYES
+from hexctl.control.plan import TrialPlan
+from hexctl.errors import InputError, argument
+from hexctl.robot.model import Robot
+
+#: The paper's finer deviation: the target of `bayes` unless told otherwise.
+DEFAULT_TARGET_M = 0.025
+
+#: Ends a sentence on a missing prior with how to make one; empty where none can be made.
+Advice = Callable[[SessionSpec], str]
+
+
+def no_advice(_spec: SessionSpec) -> str:
+    """No advice, the default of `Advice`."""
+    return ""
+
+
+def choose_prior(
+    spec: SessionSpec,
+    setting: Setting,
+    wanted: str | None,
+    *,
+    free: bool,
+    folders: list[Path],
+    note: Note,
+    advice: Advice,
+) -> SessionSpec:
+    """Spec with its optimizer and prior chosen: `bayes` where a prior is wanted and fits.
+
+    Args:
+        spec: of a session, without a prior.
+        setting: what the spec names, loaded.
+        wanted: `auto`, `none`, or the path or name of a prior; None is `auto`.
+        free: whether the optimizer is left open, so that a missing prior is no error.
+        folders: searched for priors, in this order.
+        note: is told why a session has no prior.
+        advice: says how to make the prior that is missing.
+
+    Raises InputError for options that contradict one another, and for a prior that does not fit.
+    """
+    named = wanted not in (None, "auto")
+    if not _wants_prior(spec, wanted, free):
+        return spec
+    key, covered = setting.prior_key, covering(setting.robot, setting.plan)
+    reason = "" if spec.objective == "final" else f"priors are for the objective final, not {spec.objective}"
+    if not reason and named:
+        path = named_prior(str(wanted), folders)
+        check_prior(path, key, covers=covered)
+        return _with_bayes(spec, path)
+    if not reason:
+        found = find_prior(key, folders, covers=covered)
+        if found.path is not None:
+            return _with_bayes(spec, found.path)
+        reason = found.reason
+    if not free or named or spec.early_stop:
+        raise InputError(f"prior: there is none for these trials ({reason}){advice(spec)}")
+    note(f"no prior for these trials ({reason}); searching with {spec.optimizer} instead{advice(spec)}")
+    return spec
+
+
+def _wants_prior(spec: SessionSpec, wanted: str | None, free: bool) -> bool:
+    """Whether a prior is wanted, if there is one; raises InputError for contradicting options."""
+    believes = spec.optimizer == BAYES and not free
+    if not (free or believes) or wanted == "none" or (spec.count_repeats and free and wanted is None):
+        if believes:
+            raise InputError(
+                f"{argument('prior')}: got none with {argument('optimizer')} bayes; allowed: auto or a file"
+            )
+        if wanted not in (None, "none"):
+            raise InputError(
+                f"{argument('prior')}: got {wanted} with {argument('optimizer')} {spec.optimizer}; allowed: "
+                "with bayes"
+            )
+        if spec.early_stop and ":" not in spec.optimizer:
+            raise InputError(
+                f"{argument('early_stop')}: got it without a prior; allowed: with bayes and a prior"
+            )
+        return False
+    if spec.count_repeats:
+        raise InputError(
+            f"{argument('count_repeats')}: got it with bayes; allowed: without, bayes repeats a gait when "
+            "that tells most"
+        )
+    return True
+
+
+def _with_bayes(spec: SessionSpec, path: Path) -> SessionSpec:
+    """Spec of a session with `bayes` and a prior."""
+    target_m = DEFAULT_TARGET_M if spec.target_m is None else spec.target_m
+    digest = load_prior(path).digest()
+    worth_m = WORTH_SHARE * noise_m(spec) if spec.worth_m is None else spec.worth_m
+    return replace(
+        spec, optimizer=BAYES, target_m=target_m, prior=str(path), prior_digest=digest, worth_m=worth_m
+    )
+
+
+def noise_m(spec: SessionSpec) -> float:
+    """Standard deviation between trials of one gait that is assumed before any repeat."""
+    return SIMULATED_NOISE_M if spec.backend == "sim" else REAL_NOISE_M
+
+
+def knows_stances(spec: SessionSpec) -> bool:
+    """Whether the session's prior can tell anything from the robot's stance.
+
+    Raises InputError for a file that is not a prior.
+    """
+    return spec.prior is not None and load_prior(Path(spec.prior)).sag_rad is not None
+
+
+def covering(robot: Robot, plan: TrialPlan) -> Covers:
+    """Predicate for `find_prior`: whether a prior of some legs covers the failed leg of a plan."""
+    (leg,) = plan.failed_legs
+    return lambda legs: covers(robot, plan.self_rotation, legs, leg)

@@ -1,0 +1,119 @@
+"""What a session spec names, loaded: robot, world and plan; and the notes that follow from it."""
+
+import logging
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+from hexctl.adapt.arena import check_radius
+from hexctl.adapt.prior.prior import PriorKey
+from hexctl.adapt.session import SessionSpec
+from hexctl.backends.sim.world import World, load_world
+from hexctl.control.plan import TrialPlan
+from hexctl.control.result import progress_floor_m
+from hexctl.control.turning import check_plan
+from hexctl.errors import InputError
+from hexctl.gait.encoding import Slots
+from hexctl.gait.gait import ideal_speed_m_s, make_gait
+from hexctl.robot.loader import RobotFile, load_robot_file
+from hexctl.robot.model import Robot
+
+_LOG = logging.getLogger(__name__)
+
+#: Takes a sentence that a person should read; nothing depends on it.
+Note = Callable[[str], None]
+
+
+def log_note(text: str) -> None:
+    """Log a note, the default of `Note`."""
+    _LOG.info(text)
+
+
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """What a spec names, loaded.
+
+    Attributes:
+        robot_file: of the robot that walks.
+        world: the simulated world, None on a real robot.
+        plan: of its trials, with the demo gait.
+    """
+
+    robot_file: RobotFile
+    world: World | None
+    plan: TrialPlan
+
+    @property
+    def robot(self) -> Robot:
+        """The robot that walks."""
+        return self.robot_file.robot
+
+    def plan_for(self, slots: Slots) -> TrialPlan:
+        """Plan of the trial of a gait."""
+        return replace(self.plan, gait=replace(self.plan.gait, slots=slots))
+
+    @property
+    def ideal_m(self) -> float:
+        """Distance of a walk without slip."""
+        speed_m_s = ideal_speed_m_s(self.robot, self.plan.gait, self.plan.motion(0.0))
+        return speed_m_s * self.plan.duration_s
+
+    @property
+    def floor_m(self) -> float:
+        """Distance that a valid walk makes at least."""
+        return progress_floor_m(self.robot, self.plan, self.plan.duration_s)
+
+    @property
+    def prior_key(self) -> PriorKey:
+        """Key of the priors for these trials."""
+        return PriorKey.of(self.robot, self.plan)
+
+
+def load_setting(spec: SessionSpec) -> Setting:
+    """Load what a spec names.
+
+    Raises InputError for a robot that is not the one that the session began with, or a file that cannot be
+    used; ReachError or LimitError for trials that the legs cannot walk.
+    """
+    file = load_robot_file(spec.robot)
+    robot = file.robot
+    if robot.fingerprint != spec.robot_fingerprint:
+        raise InputError(
+            f"session: robot {spec.robot} is not the one that it began with; "
+            "allowed: the same robot file, or a new session"
+        )
+    world = load_world(spec.world) if spec.world is not None else None
+    plan = TrialPlan(
+        gait=make_gait(robot, "demo"),
+        heading_rad=math.radians(spec.heading_deg),
+        duration_s=spec.duration_s,
+        belief=spec.broken,
+        self_rotation=spec.self_rotation,
+    )
+    check_plan(robot, plan)
+    return Setting(file, world, plan)
+
+
+def start_note(spec: SessionSpec, setting: Setting) -> str | None:
+    """What an operator should know before the robot moves, or None.
+
+    Raises InputError for an arena that is too small.
+    """
+    if spec.arena_m is not None:
+        return check_radius(spec.arena_m, ideal_m=setting.ideal_m, least_m=setting.floor_m)
+    if spec.simulated or spec.ask:
+        return None
+    return (
+        "each trial begins where the last one ended, so the robot will wander; --arena RADIUS keeps it near"
+    )
+
+
+def baseline_note(spec: SessionSpec) -> str | None:
+    """How long a real robot walks for its baseline, or None."""
+    if spec.simulated or not spec.baseline_gaits:
+        return None
+    count = len(spec.baseline_gaits)
+    return (
+        f"{count} walks of {spec.duration_s:g} s come before the first trial, with the gaits it would use "
+        f"anyway ({', '.join(spec.baseline_gaits)}); --no-baseline leaves them out"
+    )
