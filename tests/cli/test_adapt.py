@@ -1,5 +1,6 @@
 """`hexctl adapt` and `hexctl sessions` as a user calls them."""
 
+import csv
 import json
 import os
 import signal
@@ -9,6 +10,7 @@ import time
 from pathlib import Path
 from typing import Any
 
+import pyarrow.parquet as pq
 import pytest
 
 from hexctl.adapt.runner import TrialRunner, WalkedTrial
@@ -108,6 +110,17 @@ def test_the_table_and_the_sessions(capsys: pytest.CaptureFixture[str]) -> None:
         assert exit_code(["sessions", "export", name, f"out.{ending}"]) == 0
         assert Path(f"out.{ending}").stat().st_size > 100
     assert len(Path("out.csv").read_text().splitlines()) == 4
+    tables = [list(csv.DictReader(Path("out.csv").read_text().splitlines())), pq.read_table("out.parquet").to_pylist()]
+    shown = run_json(capsys, "sessions", "show", name)["baseline"]
+    assert [walk["gait"] for walk in shown] == ["demo", "tripod"]
+    for rows in tables:
+        for row in rows:
+            for walk in shown:
+                head = f"baseline_{walk['gait']}"
+                assert float(row[f"{head}_score"]) == walk["score"]
+                assert float(row[f"{head}_deviation_m"]) == walk["deviation_m"]["signed"]
+                assert float(row[f"{head}_distance_m"]) == walk["distance_m"]
+                assert row[f"{head}_status"] == walk["status"]
     assert exit_code(["sessions", "export", name, "out.csv"]) == 2
     assert exit_code(["sessions", "delete", name, "--yes"]) == 0
     assert run_json(capsys, "sessions", "list") == []
