@@ -110,7 +110,10 @@ def test_the_table_and_the_sessions(capsys: pytest.CaptureFixture[str]) -> None:
         assert exit_code(["sessions", "export", name, f"out.{ending}"]) == 0
         assert Path(f"out.{ending}").stat().st_size > 100
     assert len(Path("out.csv").read_text().splitlines()) == 4
-    tables = [list(csv.DictReader(Path("out.csv").read_text().splitlines())), pq.read_table("out.parquet").to_pylist()]
+    tables = [
+        list(csv.DictReader(Path("out.csv").read_text().splitlines())),
+        pq.read_table("out.parquet").to_pylist(),
+    ]
     shown = run_json(capsys, "sessions", "show", name)["baseline"]
     assert [walk["gait"] for walk in shown] == ["demo", "tripod"]
     for rows in tables:
