@@ -95,7 +95,8 @@ def test_the_table_and_the_sessions(capsys: pytest.CaptureFixture[str]) -> None:
     printed = capsys.readouterr().out
     assert len([line for line in printed.splitlines() if " ok " in line]) == 5
     assert [line.split()[:2] for line in printed.splitlines()[2:4]] == [["0", "demo"], ["0", "tripod"]]
-    assert "without a search: demo " in printed
+    (said,) = [line for line in printed.splitlines() if line.startswith("without a search: demo ")]
+    assert said.endswith("; no trial is better than tripod")
     (listed,) = run_json(capsys, "sessions", "list")
     name = listed["session"]
     assert name in printed
@@ -137,6 +138,7 @@ REFUSED = [
     (["adapt", "--resume", "some", "--seed", "30"], ["--resume", "--seed", "--budget"]),
     (["adapt", "--resume", "some", "--budget", "30"], ["some"]),
     (["adapt", "--failed-leg", "5", "--budget", "0"], ["--budget", "0", "1.."]),
+    (["adapt", "--failed-leg", "5", "--worth", "0.1", "--optimizer", "pso"], ["--worth", "0.1", "bayes"]),
     (["adapt", "--failed-leg", "5", "--optimizer", "magic"], ["magic", "pso"]),
     (["adapt", "--failed-leg", "5", "--objective", "speed"], ["speed", "final, mean, max, progress"]),
     (["adapt", "--failed-leg", "5", "--target", "-1"], ["--target", "-1"]),
