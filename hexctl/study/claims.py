@@ -110,6 +110,8 @@ def _per_heuristic(
     findings: Findings, number: Callable[[FloatArray], float], most: float = np.inf
 ) -> list[Measure]:
     """A number of each heuristic's mean curve, in each world."""
+    if not findings.heuristics:  # in random numbers nothing was searched then
+        return []
     note = "" if np.isfinite(findings.rotated(findings.searched[0]).best_m) else "no valid gait"
     return [
         Measure(name, tuple(float(number(world.voted_curve(name))) for world in findings.worlds), note, most)

@@ -38,7 +38,7 @@ def trial(
     **plan: Any,
 ) -> SimTrial:
     legs = (failure.leg,) if failure else ()
-    told = {"belief": failure, "duration_s": 3.0, **plan}
+    told = {"belief": failure, "duration_s": 1.5, **plan}
     made = TrialPlan(gait=make_gait(robot, gait, failed_legs=legs), **told)
     return SimTrial(robot=robot, plan=made, failure=failure, world=world or World(), seed=seed)
 
@@ -51,7 +51,7 @@ def assert_same(one: TrialResult, other: TrialResult) -> None:
 @pytest.mark.parametrize("world", WORLDS.values(), ids=WORLDS.keys())
 def test_a_batch_equals_its_single_trials(world: World, ant: Robot) -> None:
     failure = Failure(leg=3)
-    trials = [trial(ant, code, world=world, seed=5, failure=failure) for code in ("1", "57", "120")]
+    trials = [trial(ant, code, world=world, seed=5, failure=failure) for code in ("1", "120")]
     for made, alone in zip(run_sim_trials(trials), map(run_sim_trial, trials), strict=True):
         assert_same(made, alone)
 

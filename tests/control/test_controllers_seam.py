@@ -82,19 +82,19 @@ NOISY = World.model_validate({"sensor_noise": {"joint_deg": 0.5, "position_m": 0
 
 
 @pytest.mark.parametrize(
-    ("controller", "world"),
+    ("controller", "world", "duration_s"),
     [
-        (YawHold, World()),
-        (YawHold, NOISY),
-        (YawHold, World(roughness_m=0.005)),
-        (UntilAhead, World()),
+        (YawHold, World(), 1.5),
+        (YawHold, NOISY, 1.5),
+        (YawHold, World(roughness_m=0.005), 1.5),
+        (UntilAhead, World(), 3.0),
     ],
     ids=["flat", "noisy", "rough", "until ahead"],
 )
 def test_a_controller_that_looks_at_the_state_walks_the_same_alone_and_in_a_batch(
-    controller: type[YawHold], world: World
+    controller: type[YawHold], world: World, duration_s: float
 ) -> None:
-    trials = _trials(world)
+    trials = _trials(world, duration_s)
     made: list[YawHold] = []
 
     def make(start: WalkStart) -> Controller:
@@ -102,7 +102,7 @@ def test_a_controller_that_looks_at_the_state_walks_the_same_alone_and_in_a_batc
         return made[-1]
 
     together = run_sim_trials(trials, make_controller=make)
-    assert all((result.duration_s < 3.0) == (controller is UntilAhead) for result in together)
+    assert all((result.duration_s < duration_s) == (controller is UntilAhead) for result in together)
     assert [walk.shapes for walk in made] == [{(3, 18)}]
     alone = [run_sim_trial(trial, make) for trial in trials]
     assert [walk.shapes for walk in made[1:]] == [{(18,)}] * 3

@@ -135,7 +135,7 @@ def test_a_robot_whose_mounts_differ_in_height_stands_level_and_walks(tmp_path: 
 def test_every_robot_with_every_failure_comes_to_a_result(name: str, kind: str) -> None:
     leg = 1 + (FAILURE_KINDS.index(kind) + ROBOT_NAMES.index(name)) % 6
     failure = Failure(leg=leg, kind=kind, joint="femur", angle_rad=0.3)
-    outcome = walk(robot=shipped(name), failure=failure, duration_s=10)
+    outcome = walk(robot=shipped(name), failure=failure, duration_s=4)
     assert outcome.result.status in STATUSES
     assert outcome.result.distance_m is not None
     assert _all_finite(outcome.result)
@@ -147,7 +147,7 @@ def test_every_robot_with_every_failure_comes_to_a_result(name: str, kind: str) 
 def test_after_the_self_rotation_it_walks_along_the_heading_that_it_was_given(
     leg: int, heading_deg: float
 ) -> None:
-    plan: dict[str, Any] = {"heading_rad": math.radians(heading_deg), "duration_s": 6}
+    plan: dict[str, Any] = {"heading_rad": math.radians(heading_deg), "duration_s": 4}
     outcome = walk(failure=Failure(leg=leg), **plan)
     frame, result = outcome.log.frame, outcome.result
     assert frame is not None

@@ -103,7 +103,7 @@ def test_what_symmetry_implies_is_no_evidence(good: Findings) -> None:
 
 def with_invalid(signed_m: FloatArray, invalid: range) -> Findings:
     """Leg 2 with gaits that are invalid without self-rotation."""
-    plan = made_up_findings(signed_m, {2: 1.0}, legs=(2,), runs=2).plan
+    plan = made_up_findings(signed_m, {2: 1.0}, legs=(2,), optimizers=("random",), runs=2).plan
     return search_all(plan, [made_up(2, "none", np.ones(120), invalid), made_up(2, "rear", signed_m)])
 
 
@@ -118,7 +118,7 @@ def test_a_leg_without_valid_gaits_is_not_judged() -> None:
 
 def test_the_rotation_is_compared_gait_by_gait() -> None:
     """Gaits as near to the line with the self-rotation as without are no evidence for it."""
-    same = made_up_findings(spread_out(2.0), {2: 1.0}, legs=(2,), runs=2)
+    same = made_up_findings(spread_out(2.0), {2: 1.0}, legs=(2,), optimizers=("random",), runs=2)
     claim = named(same, "straighter")
     assert claim.holds is False
     assert "leg 2 0%" in claim.measured
@@ -126,14 +126,16 @@ def test_the_rotation_is_compared_gait_by_gait() -> None:
 
 
 def test_without_a_self_rotation_nothing_is_compared() -> None:
-    plan = replace(made_up_findings(spread_out(2.0), {2: 1.0}, legs=(2,), runs=2).plan, self_rotation="none")
+    plan = made_up_findings(spread_out(2.0), {2: 1.0}, legs=(2,), optimizers=("random",), runs=2).plan
+    plan = replace(plan, self_rotation="none")
     findings = search_all(plan, [made_up(2, "none", spread_out(2.0))])
     assert named(findings, "straighter").verdict == "not measured"
     assert findings.rotated(2) is findings.without(2)
 
 
 def test_worlds_that_disagree_are_no_evidence() -> None:
-    plan = replace(made_up_findings(spread_out(2.0), legs=(2,), runs=2).plan, worlds=3)
+    plan = made_up_findings(spread_out(2.0), legs=(2,), optimizers=("pso", "random"), runs=2).plan
+    plan = replace(plan, worlds=3)
     landscapes = [
         replace(made_up(spec.leg, spec.self_rotation, spread_out(worst_m)), spec=spec)
         for specs, worst_m in zip(plan.specs_by_world(), (0.5, 1.2, 30.0), strict=True)
@@ -166,6 +168,11 @@ def test_what_was_not_measured_is_not_judged() -> None:
     findings = made_up_findings(spread_out(0.25), legs=(1,), optimizers=("random",), budget=10)
     judged = {key for key in CLAIMS if named(findings, key).verdict != "not measured"}
     assert judged == {"both", "straighter", "rotation"}
+
+
+def test_without_a_heuristic_nothing_is_said_about_searches() -> None:
+    findings = made_up_findings(spread_out(0.25, SIGNS), legs=(1,), optimizers=("random",), runs=1)
+    assert {named(findings, key).verdict for key in SEARCHES if key != "best"} == {"not measured"}
 
 
 def test_walks_that_are_too_short_are_measured_but_not_judged() -> None:
