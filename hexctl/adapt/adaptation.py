@@ -296,6 +296,7 @@ def adapt(
     target_m: float | None = None,
     target: float | str | None = None,
     worth_m: float | None = None,
+    uncertainty_m: float | None = None,
     confirm: int = 0,
     early_stop: bool = False,
     count_repeats: bool = False,
@@ -334,7 +335,10 @@ def adapt(
         target_m: score at which to stop; None is 0.025 m with `bayes`, else none.
         target: the same as a number, or as a share of the ideal distance of a walk, such as `"1%"`.
         worth_m: with `bayes`, the expected gain of another trial below which the search ends; None is a
-            quarter of the noise between trials, 0 goes on whatever the gain.
+            quarter of the noise between trials, or of the simulation's own uncertainty where that is greater;
+            0 goes on whatever the gain.
+        uncertainty_m: the simulation's own uncertainty of where walks end, counted when a gait is confirmed;
+            None is the one that was measured for such walks, 0 counts none.
         confirm: trials of the budget that repeat the best gait.
         early_stop: with `bayes`, end a walk once it is clear that it misses.
         count_repeats: walk and count a gait again when the optimizer asks for it again.
@@ -383,6 +387,7 @@ def adapt(
         target_m=target_m,
         target=target,
         worth_m=worth_m,
+        uncertainty_m=uncertainty_m,
         confirm=confirm,
         early_stop=early_stop,
         count_repeats=count_repeats,

@@ -39,7 +39,8 @@ LOOKING_AHEAD = 2
 SIMULATED_NOISE_M = 0.001
 REAL_NOISE_M = 0.02
 
-#: Expected gain below which another trial is not worth it, as a share of that noise.
+#: Expected gain below which another trial is not worth it, as a share of that noise, or of the simulation's
+#: own uncertainty where that is greater.
 WORTH_SHARE = 0.25
 
 
@@ -57,6 +58,9 @@ class Bayes(Optimizer):
         duration_s: how long a trial walks.
         floor_m: distance that a valid trial makes at least.
         noise_m: standard deviation of trials of the same gait, as assumed before any repeat.
+        uncertainty_m: standard uncertainty that no repeat takes away, such as the simulation's own, in which
+            a gait repeats exactly and would still end elsewhere in a finer computation. A gait is confirmed
+            against it; what trials tell of one another is not changed by it.
         worth_m: expected gain of another trial over the best known gait below which it is not worth it; 0 to
             go on whatever the gain.
     """
@@ -74,12 +78,15 @@ class Bayes(Optimizer):
         duration_s: float,
         floor_m: float,
         noise_m: float = SIMULATED_NOISE_M,
+        uncertainty_m: float = 0.0,
         worth_m: float = 0.0,
     ) -> None:
         super().__init__(space, seed)
         if space.failed_legs != (samples.leg,):
             raise InputError(f"prior: got failed legs {space.failed_legs}; allowed: {(samples.leg,)}")
-        self._samples, self._target_m = samples, target_m
+        if not (np.isfinite(uncertainty_m) and uncertainty_m >= 0):
+            raise InputError(f"uncertainty_m: got {uncertainty_m}; allowed: 0 m or more")
+        self._samples, self._target_m, self._uncertainty_m = samples, target_m, uncertainty_m
         self._duration_s, self._noise_m = duration_s, noise_m
         self._floor_m, self._worth_m = floor_m, worth_m
         self._known: Forecast | None = None
@@ -98,7 +105,7 @@ class Bayes(Optimizer):
 
     @property
     def finished(self) -> bool:
-        """True when a gait is within the target with probability `SURE`."""
+        """True when a gait is within the target with probability `SURE`, `uncertainty_m` included."""
         code = self.recommended()
         return code is not None and bool(self._chances()[code - 1] >= SURE)
 
@@ -169,9 +176,14 @@ class Bayes(Optimizer):
         return [choose(self.forecast(), self._chance_valid(), tried, self._best_m()) + 1]
 
     def _worth_repeating(self, code: int) -> bool:
-        """Whether a walked gait is the likeliest of all to be within the target."""
-        chances = self._chances()
-        within = abs(float(self.forecast().mean_m[code - 1])) <= self._target_m
+        """Whether a walked gait is the likeliest of all to be within the target and a repeat tells more.
+
+        It does not where the end of the gait is known better than to `uncertainty_m`.
+        """
+        chances, forecast = self._chances(), self.forecast()
+        if forecast.sd_m[code - 1] < self._uncertainty_m:
+            return False
+        within = abs(float(forecast.mean_m[code - 1])) <= self._target_m
         return within and bool(chances[code - 1] >= chances[~self._known_good()].max(initial=0.0))
 
     def _best_m(self) -> float:
@@ -227,10 +239,11 @@ class Bayes(Optimizer):
         return np.where(self._failed(), 0.0, progress * walks)
 
     def _chances(self) -> FloatArray:
-        """Probability that each gait is within the target and valid, (gaits,)."""
+        """Probability that each gait is within the target and valid, `uncertainty_m` included, (gaits,)."""
         forecast = self.forecast()
         valid = np.where(self._known_good(), 1.0, self._chance_valid())
-        return chance_within(forecast.mean_m, forecast.sd_m, self._target_m) * valid
+        sd_m = np.hypot(forecast.sd_m, self._uncertainty_m)
+        return chance_within(forecast.mean_m, sd_m, self._target_m) * valid
 
     def _tried(self) -> BoolArray:
         return self._walked(lambda _: True)

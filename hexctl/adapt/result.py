@@ -47,6 +47,11 @@ class AdaptationResult:
         """Walks with the gaits that the robot would use anyway, before the first trial."""
         return self.session.baseline
 
+    @property
+    def uncertainty_m(self) -> float | None:
+        """The simulation's own standard uncertainty of each end; None on a real robot, or not known."""
+        return self.session.spec.uncertainty_m or None
+
     def to_dict(self) -> dict[str, Any]:
         """The result as `hexctl adapt --json` prints it."""
         return {**self.session.as_json(), "ended": self.ended, "wall_s": round(self.wall_s, 3)}

@@ -18,8 +18,8 @@ from hexctl.adapt.prior.find import check_prior, prior_folders
 from hexctl.adapt.prior.prior import PriorKey, load_prior
 from hexctl.adapt.prior.samples import samples_of
 from hexctl.adapt.registry import make_optimizer, name_of
-from hexctl.adapt.session import BASELINE_GAITS, Session, SessionSpec
-from hexctl.adapt.setting import Note, load_setting, log_note, start_note
+from hexctl.adapt.session import Session, SessionSpec
+from hexctl.adapt.setting import Note, load_setting, log_note, start_note, with_known_uncertainty
 from hexctl.adapt.shipped import BAYES, OPTIMIZERS
 from hexctl.adapt.space import GaitSpace
 from hexctl.adapt.store import RUNS
@@ -31,6 +31,9 @@ from hexctl.errors import InputError, argument, check_type
 from hexctl.robot.failure import parse_failure
 from hexctl.robot.loader import load_robot
 from hexctl.robot.model import Robot
+
+#: Gaits that a robot would walk with anyway: its default one, and the tripod.
+BASELINE_GAITS = ("demo", "tripod")
 
 MAX_BUDGET = 100_000
 
@@ -49,6 +52,7 @@ def new_spec(
     advice: Advice = no_advice,
     baseline: bool = True,
     target: float | str | None = None,
+    uncertainty_m: float | None = None,
     **others: Any,
 ) -> SessionSpec:
     """Spec of a new session, checked before the session exists.
@@ -61,18 +65,19 @@ def new_spec(
         optimizer: name or class of the optimizer; None is `bayes` where a prior fits, else `random`.
         objective: name of the objective, the objective or a function.
         prior: `auto`, `none`, or the path or name of a prior; None is `auto`.
-        folder: where priors were built.
-        note: is told why a session has no prior.
+        folder: where priors were built, and the simulation's uncertainty was measured.
+        note: is told why a session has no prior, and no uncertainty.
         advice: says how to make the prior that is missing.
         baseline: whether the gaits that the robot would use anyway are walked first, to compare with.
         target: the target in the objective's unit, or as a share of the ideal distance, such as `"1%"`.
+        uncertainty_m: as in `SessionSpec`; None is the one that was measured for such walks, if any.
         others: further fields of `SessionSpec`.
 
     Raises InputError for anything that is not allowed.
     """
     parse_failure(failed_leg, failure)
     given = {"backend": backend, "world": world, "prior": prior, "baseline": baseline, "target": target}
-    _check_types({**given, **others})
+    _check_types({**given, "uncertainty_m": uncertainty_m, **others})
     others.setdefault("baseline_gaits", list(BASELINE_GAITS) if baseline else [])
     others["robot"] = str(others.get("robot", "ant"))
     world = None if world is None else str(world)
@@ -91,6 +96,7 @@ def new_spec(
         objective_label="" if measure.name in OBJECTIVES else measure.label,
         objective_unit=measure.unit,
         robot_fingerprint=load_robot(others["robot"]).fingerprint,
+        uncertainty_m=uncertainty_m or 0.0,
         **others,
     )
     spec = _with_target(spec, target)
@@ -100,6 +106,8 @@ def new_spec(
         make_optimizer(optimizer or spec.optimizer, GaitSpace((failed_leg,)), spec.seed)
     setting = load_setting(spec)
     start_note(spec, setting)
+    if uncertainty_m is None:
+        spec = with_known_uncertainty(spec, setting, folder, note)
     return choose_prior(
         spec,
         setting,
@@ -121,7 +129,7 @@ _TYPES: dict[str, tuple[tuple[type, ...], str | None]] = {
     "prior": ((str, type(None)), "auto, none, or the name or path of a prior"),
     **dict.fromkeys(("budget", "confirm", "seed"), ((int,), None)),
     **dict.fromkeys(("duration_s", "heading_deg"), ((float,), None)),
-    **{name: ((float, type(None)), None) for name in ("target_m", "arena_m", "worth_m")},
+    **{name: ((float, type(None)), None) for name in ("target_m", "arena_m", "worth_m", "uncertainty_m")},
     "target": ((float, str, type(None)), "a number, or a share of the distance such as '1%'"),
     **dict.fromkeys(("early_stop", "count_repeats", "insecure", "baseline"), ((bool,), None)),
     **{name: ((str, type(None)), None) for name in ("connect", "credentials", "link")},
@@ -162,6 +170,13 @@ def check_numbers(spec: SessionSpec) -> None:
         raise InputError(f"{argument('target_m')}: got {spec.target_m}; allowed: above 0 m")
     if spec.worth_m is not None and not (math.isfinite(spec.worth_m) and spec.worth_m >= 0):
         raise InputError(f"{argument('worth_m')}: got {spec.worth_m}; allowed: 0 m or more")
+    if not (math.isfinite(spec.uncertainty_m) and spec.uncertainty_m >= 0):
+        raise InputError(f"uncertainty_m: got {spec.uncertainty_m}; allowed: 0 m or more")
+    if spec.uncertainty_m and not spec.simulated:
+        raise InputError(
+            f"uncertainty_m: got {spec.uncertainty_m} with {argument('backend')} {spec.backend}; allowed: "
+            "with sim, whose own it is"
+        )
     if not math.isfinite(spec.heading_deg):
         raise InputError(f"{argument('heading_deg')}: got {spec.heading_deg}; allowed: any finite number")
 
@@ -289,6 +304,7 @@ def make_search(
         duration_s=spec.duration_s,
         floor_m=progress_floor_m(robot, plan, plan.duration_s),
         noise_m=noise_m(spec),
+        uncertainty_m=spec.uncertainty_m,
         worth_m=spec.worth_m or 0.0,
     )
     if spec.sag_rad is not None:

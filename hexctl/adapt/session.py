@@ -1,5 +1,6 @@
 """A session: the spec of one adaptation, and its trials."""
 
+import math
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
@@ -30,6 +31,8 @@ class SessionSpec:
         target_m: a score at which to stop early, or None.
         target_share: the target as it was asked for, as a share of the ideal distance, or None.
         worth_m: expected gain below which `bayes` ends the search; None to spend the budget.
+        uncertainty_m: the simulation's own standard uncertainty of where a walk ends across its line, counted
+            when a gait is confirmed; 0 where it is not known, not counted, or the robot is real.
         confirm: repeats of the best gait after the search, within the budget.
         count_repeats: True to walk and count a code again when the optimizer asks for it again (the paper's
             count), False to answer from memory.
@@ -84,6 +87,7 @@ class SessionSpec:
     baseline_gaits: list[str] = field(default_factory=list)
     target_share: float | None = None
     worth_m: float | None = None
+    uncertainty_m: float = 0.0
 
     @property
     def simulated(self) -> bool:
@@ -112,9 +116,23 @@ class SessionSpec:
         share = self.target_share
         return f"{text} ({100 * share:g} % of {self.target_m / share:.2f} {self.objective_unit})"
 
+    @property
+    def greatest_chance(self) -> float | None:
+        """Probability that a gait which ends on the line is within the target, by `uncertainty_m` alone.
+
+        No gait can be confirmed with a greater one. None without a target or an uncertainty.
+        """
+        if self.target_m is None or self.uncertainty_m <= 0:
+            return None
+        return math.erf(self.target_m / (math.sqrt(2) * self.uncertainty_m))
+
     def score_text(self, score: float) -> str:
         """Score with its unit, for a person."""
         return f"{score:.3f} {self.objective_unit}".rstrip()
+
+    def uncertain_text(self, score: float) -> str:
+        """Score with its unit and the simulation's own uncertainty, where that is known."""
+        return self.score_text(score) + (f" ± {self.uncertainty_m:.3f} m" if self.uncertainty_m > 0 else "")
 
     def as_json(self) -> dict[str, Any]:
         """The spec as JSON values."""
@@ -170,9 +188,6 @@ class TrialRecord:
             "cause": self.outcome.get("cause"),
         }
 
-
-#: Gaits that a robot would walk with anyway: its default one, and the tripod.
-BASELINE_GAITS = ("demo", "tripod")
 
 #: The index of a baseline: it comes before the first trial.
 BASELINE_INDEX = 0
@@ -300,6 +315,7 @@ class Session:
             "found": best is not None,
             "walked_s": round(self.walked_s, 3),
             "settled_on": self.settled_on,
+            "greatest_chance": self.spec.greatest_chance,
             "ended": self.ended,
             **{
                 f"trials_to_{milestone:.{digits}f}_m": self.trials_to(milestone)

@@ -2,8 +2,10 @@
 
 import logging
 import math
+import shlex
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 from hexctl.adapt.arena import check_radius
 from hexctl.adapt.prior.prior import PriorKey
@@ -17,6 +19,10 @@ from hexctl.gait.encoding import Slots
 from hexctl.gait.gait import ideal_speed_m_s, make_gait
 from hexctl.robot.loader import RobotFile, load_robot_file
 from hexctl.robot.model import Robot
+
+#: Duration of the walks that `hexctl check --physics` measures unless told otherwise. How uncertain shorter
+#: ones are is not asked for.
+MEASURED_S = 30.0
 
 _LOG = logging.getLogger(__name__)
 
@@ -117,3 +123,38 @@ def baseline_note(spec: SessionSpec) -> str | None:
         f"{count} walks of {spec.duration_s:g} s come before the first trial, with the gaits it would use "
         f"anyway ({', '.join(spec.baseline_gaits)}); --no-baseline leaves them out"
     )
+
+
+def with_known_uncertainty(spec: SessionSpec, setting: Setting, folder: Path, note: Note) -> SessionSpec:
+    """Spec with the simulation's own uncertainty of its trials, where that was measured, else a note.
+
+    Args:
+        spec: of the session; one of a real robot, or with another objective than the end of a walk, has none.
+        setting: what the spec names.
+        folder: of sessions and recordings, with what was measured here.
+        note: is told how the uncertainty of walks of the usual duration or longer is measured.
+
+    Raises InputError for a file of measurements that is damaged.
+    """
+    if setting.world is None or spec.objective != "final":
+        return spec
+    from hexctl.control.uncertainty import known_uncertainty
+
+    found = known_uncertainty(setting.robot, setting.world, duration_s=spec.duration_s, folder=folder)
+    if found is not None:
+        return replace(spec, uncertainty_m=found.to_dict()["numerical_m"])
+    if spec.duration_s >= MEASURED_S:
+        command = _measuring(spec, setting.world)
+        note(f"the simulation's own uncertainty is not known here; {command} measures it")
+    return spec
+
+
+def _measuring(spec: SessionSpec, world: World) -> str:
+    """Command that measures the simulation's uncertainty for the walks of a session."""
+    usual = World()
+    words = ["hexctl", "check", spec.robot, "--physics"]
+    if (world.time_step_s, world.friction_cone) != (usual.time_step_s, usual.friction_cone):
+        words += ["--world", str(spec.world)]
+    if spec.duration_s != MEASURED_S:
+        words += ["--duration", f"{spec.duration_s:g}"]
+    return shlex.join(words)

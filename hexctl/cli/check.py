@@ -7,10 +7,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from hexctl.cli import completion
-from hexctl.cli.console import BAD_INPUT, print_result
+from hexctl.cli.console import BAD_INPUT, RUNS, print_note, print_result
 from hexctl.cli.options import (
+    DURATION_S,
     HEADING_DEG,
     ROBOT_HELP,
+    WORLD_HELP,
     AmplitudeOption,
     GaitOption,
     HeightOption,
@@ -23,6 +25,8 @@ from hexctl.errors import InputError
 
 if TYPE_CHECKING:
     from rich.table import Table
+
+    from hexctl.robot.model import Robot
 
 
 def check(
@@ -53,8 +57,25 @@ def check(
     amplitude: AmplitudeOption = None,
     height: HeightOption = None,
     physics: Annotated[
-        bool, typer.Option("--physics", help="Measure the simulation's own uncertainty: about a minute.")
+        bool,
+        typer.Option(
+            "--physics",
+            help="Measure the simulation's own uncertainty, in a minute or two, and keep it under runs/ for "
+            "adapt and study.",
+        ),
     ] = False,
+    world: Annotated[
+        str | None,
+        typer.Option(
+            "--world",
+            autocompletion=completion.worlds,
+            help=f"With --physics: {WORLD_HELP} (default: flat)",
+        ),
+    ] = None,
+    duration_s: Annotated[
+        float | None,
+        number("--duration", DURATION_S, "With --physics, seconds that each gait walks, {}. (default: 30)"),
+    ] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Check a robot file: can the robot walk a gait, in reach, angles, speeds, torques and servo pulses."""
@@ -62,6 +83,10 @@ def check(
 
     if robot_name is not None and robot is not None and robot_name != robot:
         raise InputError(f"check: got robots {robot_name} and {robot}; allowed: one")
+    measured_in = {"--world": world, "--duration": duration_s}
+    for flag, value in measured_in.items():
+        if value is not None and not physics:
+            raise InputError(f"{flag}: got {value}; allowed: with --physics")
     checked = check_robot(
         robot_name or robot or "ant",
         gait,
@@ -73,15 +98,38 @@ def check(
     )
     report = checked.to_dict()
     if physics and checked.possible:
-        from hexctl.control.uncertainty import simulation_uncertainty
-
-        report["physics"] = simulation_uncertainty(checked.robot).to_dict()
+        report["physics"] = _measured(checked.robot, world or "flat", duration_s or 30.0)
     if as_json:
         print_result(json.dumps(report))
     else:
         print_result(*_heading(report), "", _joint_table(report), "", *_verdict(report), *_physics(report))
     if not checked.possible:
         raise typer.Exit(BAD_INPUT)
+
+
+def _measured(robot: "Robot", world_name: str, duration_s: float) -> dict[str, Any]:
+    """Uncertainty of a robot's walks in a world, measured and kept; a folder that takes no file is a note."""
+    from hexctl.backends.sim.world import load_world
+    from hexctl.control.uncertainty import (
+        CODES,
+        LEGS,
+        keep_uncertainty,
+        known_uncertainty,
+        simulation_uncertainty,
+    )
+
+    world = load_world(world_name)
+    known_uncertainty(robot, world, duration_s=duration_s, folder=RUNS)  # a damaged file is refused at once
+    found = simulation_uncertainty(robot, world, duration_s=duration_s)
+    how = (
+        f"hexctl check --physics: codes {', '.join(map(str, CODES))} with leg {' and '.join(map(str, LEGS))} "
+        f"locked, in {world_name}"
+    )
+    try:
+        keep_uncertainty(robot, world, found, folder=RUNS, how=how)
+    except InputError as error:
+        print_note(f"hexctl: not kept: {error}")
+    return found.to_dict()
 
 
 def _heading(report: dict[str, Any]) -> list[str]:
@@ -143,8 +191,7 @@ def _load_verdicts(report: dict[str, Any]) -> list[str]:
     one, other = report["nearest_legs"]
     near = f"legs: {one} and {other} come within {1000 * report['least_leg_clearance_m']:.0f} mm"
     if report["legs_touch"]:
-        cross = f"cross for {100 * report['legs_cross_share']:.0f} % of the cycle"
-        near = f"legs: {one} and {other} {cross if report['legs_cross'] else 'touch'}"
+        near = f"legs: {one} and {other} {'pass through one another' if report['legs_cross'] else 'touch'}"
     share, capacity = report["static_torque_share"], report["load_capacity"]
     return [
         near,
@@ -183,7 +230,5 @@ def _pulse_verdict(report: dict[str, Any]) -> str:
 def _conclusion(report: dict[str, Any]) -> str:
     if not report["possible"]:
         return "this robot cannot walk this gait"
-    if report["doubtful"]:
-        return "whether this robot walks this gait is open, see the warnings"
     clipped = "" if report["speed_holds"] else ", clipped at its fastest"
     return f"this robot can walk this gait{clipped}{', see the warnings' if report['warnings'] else ''}"

@@ -8,8 +8,8 @@ from typing import Self
 
 import typer
 
+from hexctl.adapt.bayes import SURE
 from hexctl.adapt.loop import NOT_WORTH
-from hexctl.adapt.objectives import INVALID_SCORE
 from hexctl.adapt.session import (
     BASELINE_INDEX,
     MILESTONES_M,
@@ -18,6 +18,7 @@ from hexctl.adapt.session import (
     SessionSpec,
     TrialRecord,
 )
+from hexctl.adapt.shipped import BAYES
 from hexctl.cli.console import make_bar, print_above
 from hexctl.control.cause import CAUSES
 from hexctl.errors import InputError
@@ -25,6 +26,9 @@ from hexctl.robot.loader import load_robot
 
 HEADER = "trial  code  slots        deviation     distance  status        best"
 EXPECTED = "  expected, 9 of 10"
+
+#: Says whose uncertainty a ± is.
+BY_ITSELF = "by the simulation's own uncertainty"
 
 
 class SessionTable:
@@ -97,12 +101,18 @@ def opening_line(session: Session) -> str:
     return (
         f"session {session.name}: {subject(spec)}, {spec.optimizer}{believing}, "
         f"{_trials(spec.budget)} of {spec.duration_s:g} s{_objective(spec)}{_target(spec)}"
+        f"{_uncertainty(spec)}"
     )
 
 
 def _target(spec: SessionSpec) -> str:
     """A target that was given as a share of the distance, in metres too."""
     return "" if spec.target_share is None else f", target {spec.target_text}"
+
+
+def _uncertainty(spec: SessionSpec) -> str:
+    """The ± of all deviations, where it is known."""
+    return f", deviations ± {spec.uncertainty_m:.3f} m {BY_ITSELF}" if spec.uncertainty_m > 0 else ""
 
 
 def subject(spec: SessionSpec) -> str:
@@ -198,7 +208,7 @@ def closing_lines(session: Session, ended: str | None) -> str:
     walked = f"after {_trials(len(session.trials))}, {session.walked_s:.0f} s walked"
     why = "unfinished" if ended is None else f"ended: {ended}"
     lines = [f"{why} {walked}", *_milestone_lines(session), *_baseline_lines(session)]
-    lines += _surety_lines(session)
+    lines += [*_surety_lines(session), *_indistinct_lines(session.spec)]
     if ended in (None, "interrupted"):
         lines.append(f"continue with: hexctl adapt --resume {session.name}")
     if any(trial.recording for trial in session.trials):
@@ -212,10 +222,7 @@ def _baseline_lines(session: Session) -> list[str]:
         f"{walk.gait} {session.spec.score_text(walk.score) if walk.valid else _status(walk)}"
         for walk in session.baseline
     ]
-    best_m = INVALID_SCORE if session.best is None else session.best.score
-    unbeaten = [walk.gait for walk in session.baseline if walk.score < best_m and session.trials]
-    suffix = f"; no trial is better than {' and '.join(unbeaten)}" if unbeaten else ""
-    return [f"without a search: {', '.join(walks)}{suffix}"] if walks else []
+    return [f"without a search: {', '.join(walks)}"] if walks else []
 
 
 def _surety_lines(session: Session) -> list[str]:
@@ -227,6 +234,18 @@ def _surety_lines(session: Session) -> list[str]:
     if sure < 1:
         return [f"no gait is known to end {within}"]
     return [f"sure to {sure:.0f} % that gait {settled['code']} ends {within}"]
+
+
+def _indistinct_lines(spec: SessionSpec) -> list[str]:
+    """Why no gait can be confirmed, where the simulation is less certain than the target is small."""
+    greatest = spec.greatest_chance
+    if spec.optimizer != BAYES or greatest is None or greatest >= SURE:
+        return []
+    return [
+        f"no gait can be confirmed within {spec.target_m:g} m: with the simulation's own uncertainty, "
+        f"± {spec.uncertainty_m:.3f} m, even one that ends on the line is within it to "
+        f"{100 * greatest:.0f} % only, not {100 * SURE:.0f} %"
+    ]
 
 
 def _why_none(session: Session) -> str:
@@ -242,7 +261,8 @@ def _milestone_lines(session: Session) -> list[str]:
         lines = [f"no valid trial yet: {_why_none(session)}"]
     else:
         slots = ",".join(str(slot) for slot in best.slots)
-        score = session.spec.score_text(best.score)
+        score = session.spec.uncertain_text(best.score)
+        score += f" {BY_ITSELF}" if session.spec.uncertainty_m > 0 else ""
         lines = [f"best: trial {best.index}, code {best.code} (slots {slots}), {score}"]
     for milestone in MILESTONES_M if session.spec.objective_unit == "m" else ():
         reached = session.trials_to(milestone)
@@ -255,7 +275,7 @@ def _milestone_lines(session: Session) -> list[str]:
 def session_line(session: Session) -> str:
     """One line on a session: its name, what it searched, how far it came."""
     spec, best = session.spec, session.best
-    outcome = f"best {spec.score_text(best.score)} (code {best.code})" if best else "no valid trial"
+    outcome = f"best {spec.uncertain_text(best.score)} (code {best.code})" if best else "no valid trial"
     return (
         f"{session.name}  {subject(spec)}, {spec.optimizer}, {len(session.trials)} of {spec.budget} trials "
         f"of {spec.duration_s:g} s, {outcome}; {end_of(session)}"

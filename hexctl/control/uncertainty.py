@@ -1,18 +1,27 @@
-"""The simulation's own uncertainty: how far a walk ends elsewhere when it is computed otherwise."""
+"""The simulation's own uncertainty: how far a walk ends elsewhere when it is computed otherwise.
 
-from collections.abc import Sequence
+It is measured once for a robot, a time step, a friction cone and a duration, and kept: values of the shipped
+robots come with hexctl, those of `hexctl check --physics` lie in the folder of sessions and recordings.
+"""
+
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
+import yaml
+from pydantic import BaseModel, ConfigDict, Field
 
 from hexctl.backends.base import as_robot
 from hexctl.backends.sim.world import World, as_world
 from hexctl.control.batch import SimTrial, run_sim_trials
 from hexctl.control.plan import TrialPlan
 from hexctl.errors import InputError
+from hexctl.files import atomic_write
 from hexctl.gait.gait import make_gait
+from hexctl.robot.configs import Number, config_root, read_mapping, validate
 from hexctl.robot.failure import Failure
 from hexctl.robot.model import Robot
 from hexctl.types import FloatArray
@@ -72,24 +81,20 @@ class SimulationUncertainty:
 def uncertainty_of_walks(trials: Sequence[SimTrial]) -> SimulationUncertainty:
     """Uncertainty of walks of one duration, by walking each of them five times.
 
-    Walks that have no end, because the robot fell, are left out. Raises InputError where no walk is left, or
-    for a time step that cannot be halved.
+    Walks that have no end, because the robot fell, are left out. Raises InputError for walks of several
+    durations, for a time step that cannot be halved, and where no walk is left.
     """
-    (duration_s,) = {trial.plan.duration_s for trial in trials}
-    half_s = trials[0].world.time_step_s / 2
-    if half_s < LEAST_STEP_S:
-        least_s = 2 * LEAST_STEP_S
-        raise InputError(f"time_step_s: got {2 * half_s:g}; allowed: {least_s:g} or more, to halve it")
-    contact_s = trials[0].world.contact_time_s
+    duration_s = _duration_s(trials)
+    least_s = min(trial.world.time_step_s for trial in trials)
+    if least_s / 2 < LEAST_STEP_S:
+        raise InputError(f"time_step_s: got {least_s:g}; allowed: {2 * LEAST_STEP_S:g} or more, to halve it")
     plain = _ends_m(trials)
     step, solver, softer, harder = (
-        _ends_m([replace(trial, world=trial.world.model_copy(update=changed)) for trial in trials]) - plain
-        for changed in (
-            {"time_step_s": half_s},
-            {"solver_tolerance": LOOSE_TOLERANCE},
-            {"contact_time_s": CONTACT_FACTOR * contact_s},
-            {"contact_time_s": contact_s / CONTACT_FACTOR},
+        _ends_m(
+            [replace(trial, world=trial.world.model_copy(update=change(trial.world))) for trial in trials]
         )
+        - plain
+        for change in _CHANGES
     )
     known = np.isfinite(step + solver + softer + harder)
     if not known.any():
@@ -103,20 +108,43 @@ def uncertainty_of_walks(trials: Sequence[SimTrial]) -> SimulationUncertainty:
     )
 
 
+#: What is changed of a world, in the order step, solver, softer, harder.
+_CHANGES: tuple[Callable[[World], dict[str, float]], ...] = (
+    lambda world: {"time_step_s": world.time_step_s / 2},
+    lambda _: {"solver_tolerance": LOOSE_TOLERANCE},
+    lambda world: {"contact_time_s": CONTACT_FACTOR * world.contact_time_s},
+    lambda world: {"contact_time_s": world.contact_time_s / CONTACT_FACTOR},
+)
+
+
+def _duration_s(trials: Sequence[SimTrial]) -> float:
+    """The one duration of all walks; raises InputError without any, or for several durations."""
+    durations_s = sorted({trial.plan.duration_s for trial in trials})
+    if len(durations_s) != 1:
+        got = ", ".join(f"{duration_s:g}" for duration_s in durations_s) + " s" if durations_s else "none"
+        raise InputError(f"duration_s of the walks: got {got}; allowed: walks of one duration")
+    return durations_s[0]
+
+
 def simulation_uncertainty(
-    robot: Robot | str | Path, world: World | str | Path | None = None, *, duration_s: float = 30.0
+    robot: Robot | str | Path,
+    world: World | str | Path | None = None,
+    *,
+    duration_s: float = 30.0,
+    codes: Sequence[int] = CODES,
 ) -> SimulationUncertainty:
-    """Uncertainty of a robot's walks in a world, measured over ten gaits and two failed legs.
+    """Uncertainty of a robot's walks in a world, measured over some gaits and two failed legs.
 
     Args:
         robot: the robot, or the name or path of its file.
         world: where, or its name or path; flat unless given.
         duration_s: how long each walk takes.
+        codes: the gaits, ten unless given; the more, the surer the result, and the longer it takes.
 
     Raises InputError as `uncertainty_of_walks` does, ReachError or LimitError for a robot that cannot walk.
     """
     model, place = as_robot(robot), as_world(world)
-    trials = [_placed(model, place, leg, code, duration_s) for leg in LEGS for code in CODES]
+    trials = [_placed(model, place, leg, code, duration_s) for leg in LEGS for code in codes]
     return uncertainty_of_walks(trials)
 
 
@@ -136,3 +164,130 @@ def _ends_m(trials: Sequence[SimTrial]) -> FloatArray:
 
 def _rms(values: FloatArray) -> float:
     return float(np.sqrt(np.mean(values**2)))
+
+
+#: File of the values that were measured, in the folder of sessions and recordings; `configs` has one too.
+UNCERTAINTIES = "uncertainty.yaml"
+
+_Metres = Annotated[Number, Field(ge=0, allow_inf_nan=False)]
+_Seconds = Annotated[Number, Field(gt=0, allow_inf_nan=False)]
+
+
+class _Entry(BaseModel):
+    """A measurement in a file; the ± of results is `numerical_m`, step and solver together."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    robot: str
+    fingerprint: str
+    time_step_s: _Seconds
+    friction_cone: Literal["elliptic", "pyramidal"]
+    duration_s: _Seconds
+    step_m: _Metres
+    solver_m: _Metres
+    contact_m: _Metres
+    numerical_m: _Metres
+    walks: Annotated[int, Field(ge=1)]
+    how: str = ""
+
+    @classmethod
+    def of(cls, robot: Robot, world: World, found: SimulationUncertainty, how: str) -> "_Entry":
+        """Entry of a measurement."""
+        return cls(
+            robot=robot.name,
+            fingerprint=robot.fingerprint,
+            time_step_s=world.time_step_s,
+            friction_cone=world.friction_cone,
+            how=how,
+            **found.to_dict(),
+        )
+
+    def is_for(self, robot: Robot, world: World, duration_s: float) -> bool:
+        """Whether this is the uncertainty of a robot's walks in a world."""
+        return (
+            self.fingerprint == robot.fingerprint
+            and self.friction_cone == world.friction_cone
+            and math.isclose(self.time_step_s, world.time_step_s)
+            and math.isclose(self.duration_s, duration_s)
+        )
+
+    @property
+    def uncertainty(self) -> SimulationUncertainty:
+        """What was measured."""
+        return SimulationUncertainty(
+            step_m=self.step_m,
+            solver_m=self.solver_m,
+            contact_m=self.contact_m,
+            walks=self.walks,
+            duration_s=self.duration_s,
+        )
+
+
+class _Entries(BaseModel):
+    """A file of measurements."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    measured: list[_Entry] = []
+
+
+def known_uncertainty(
+    robot: Robot | str | Path,
+    world: World | str | Path | None = None,
+    *,
+    duration_s: float = 30.0,
+    folder: Path | str = "runs",
+) -> SimulationUncertainty | None:
+    """Uncertainty of a robot's walks as it was measured before, or None where it was not.
+
+    It is known by the robot's fingerprint, the world's time step and friction cone, and the duration; floor,
+    load and servos of the world it was measured in may be others. What was measured here goes before what
+    comes with hexctl.
+
+    Args:
+        robot: the robot, or the name or path of its file.
+        world: where, or its name or path; flat unless given.
+        duration_s: how long the walks take.
+        folder: of sessions and recordings, with what was measured here.
+
+    Raises InputError for a file of measurements that is damaged.
+    """
+    model, place = as_robot(robot), as_world(world)
+    for path in (Path(folder) / UNCERTAINTIES, config_root() / UNCERTAINTIES):
+        for entry in _entries(path):
+            if entry.is_for(model, place, duration_s):
+                return entry.uncertainty
+    return None
+
+
+def keep_uncertainty(
+    robot: Robot, world: World, found: SimulationUncertainty, *, folder: Path | str = "runs", how: str = ""
+) -> Path:
+    """Keep a measurement for `known_uncertainty`, in place of an earlier one of the same; path of its file.
+
+    Args:
+        robot: the robot that walked.
+        world: where.
+        found: what was measured.
+        folder: of sessions and recordings.
+        how: how it was measured, for people.
+
+    Raises InputError for a file that is damaged or cannot be written.
+    """
+    path = Path(folder) / UNCERTAINTIES
+    others = [entry for entry in _entries(path) if not entry.is_for(robot, world, found.duration_s)]
+    entries = [*others, _Entry.of(robot, world, found, how)]
+    content = {"measured": [entry.model_dump() for entry in entries]}
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        atomic_write(path, yaml.safe_dump(content, sort_keys=False, allow_unicode=True))
+    except OSError as error:
+        raise InputError(
+            f"{path}: cannot be written ({error.strerror}); allowed: a writable folder"
+        ) from error
+    return path
+
+
+def _entries(path: Path) -> list[_Entry]:
+    """Measurements in a file; none where there is no file."""
+    return validate(_Entries, read_mapping(path), path).measured if path.is_file() else []

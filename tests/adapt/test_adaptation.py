@@ -231,17 +231,11 @@ def test_a_target_may_be_a_share_of_the_distance() -> None:
 
 
 def test_a_search_with_a_prior_knows_what_a_trial_is_worth() -> None:
-    assert new_spec(failed_leg=5).worth_m == pytest.approx(0.00025)
+    uncertain = new_spec(failed_leg=5)
+    assert uncertain.worth_m == pytest.approx(0.25 * uncertain.uncertainty_m)
+    assert new_spec(failed_leg=5, uncertainty_m=0).worth_m == pytest.approx(0.00025)
     assert new_spec(failed_leg=5, worth_m=0.01).worth_m == 0.01
     assert new_spec(failed_leg=5, prior="none").worth_m is None
-
-
-@pytest.mark.parametrize(
-    "options", [{"prior": "none"}, {"optimizer": "random"}, {"duration_s": 7.0}, {"objective": "mean"}]
-)
-def test_a_search_without_a_belief_does_not_know_what_a_trial_is_worth(options: dict[str, Any]) -> None:
-    with pytest.raises(InputError, match="prior"):
-        new_spec(failed_leg=5, worth_m=0.01, **options)
 
 
 @pytest.mark.parametrize(
@@ -251,6 +245,11 @@ def test_a_search_without_a_belief_does_not_know_what_a_trial_is_worth(options: 
         ({"target": "much"}, "target: got 'much'"),
         ({"target": "1%", "target_m": 0.1}, "allowed: one of the two"),
         ({"worth_m": -1.0}, "worth_m: got -1.0; allowed: 0 m or more"),
+        ({"uncertainty_m": -1.0}, "uncertainty_m: got -1.0; allowed: 0 m or more"),
+        (
+            {"uncertainty_m": 0.1, "backend": "mock"},
+            "uncertainty_m: got 0.1 with backend mock; allowed: with",
+        ),
         ({"failed_leg": 7}, "7"),
         ({"world": "mars"}, "mars"),
         ({"budget": 0}, "budget: got 0; allowed: 1..100000"),

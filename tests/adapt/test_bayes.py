@@ -166,6 +166,58 @@ def test_a_trial_is_not_worth_it_once_little_is_expected_to_be_gained() -> None:
     assert patient[: len(hasty)] == hasty
 
 
+def search_until_it_ends(optimizer: Bayes, world: FloatArray, budget: int = 60) -> list[int]:
+    codes: list[int] = []
+    while len(codes) < budget and not optimizer.finished and optimizer.worthwhile:
+        (code,) = optimizer.ask(1)
+        tell(optimizer, code, world[code - 1])
+        codes.append(code)
+    return codes
+
+
+def test_an_uncertainty_confirms_less_and_chooses_alike() -> None:
+    """What trials tell of one another stays as it is, since a simulated gait repeats exactly."""
+    for world in solvable(4, seed=77):
+        sure, unsure = made_up_bayes(BELIEVED), made_up_bayes(BELIEVED, uncertainty_m=0.012)
+        codes = search_until_it_ends(sure, world)
+        longer = search_until_it_ends(unsure, world)
+        assert longer[: len(codes)] == codes
+        assert sure.finished
+        if unsure.finished:
+            assert abs(unsure.predict(longer[-1]).signed_m) < 0.012
+        for code in (1, 60, 120):
+            forecasts = [made_up_bayes(BELIEVED, uncertainty_m=u_m).predict(code) for u_m in (0.0, 0.012)]
+            assert len({(one.signed_m, one.sd_m, one.trial_sd_m) for one in forecasts}) == 1
+
+
+def test_a_gait_is_confirmed_with_its_own_doubt_and_the_simulations_together() -> None:
+    world = solvable(1)[0]
+    (code,) = made_up_bayes(BELIEVED).ask()
+    on_the_line = world[code - 1] * 0.0
+    for uncertainty_m, sure in ((0.014, True), (0.017, False)):  # 0.025 m is 1.79 and 1.47 times as much
+        optimizer = made_up_bayes(BELIEVED, uncertainty_m=uncertainty_m)
+        assert optimizer.ask() == [code]
+        tell(optimizer, code, on_the_line)
+        assert optimizer.finished is sure
+        chance = math.erf(0.025 / uncertainty_m / math.sqrt(2))
+        assert optimizer.predict(code).chance == pytest.approx(chance, abs=0.01)
+
+
+def test_a_target_below_the_uncertainty_ends_for_lack_of_gain_and_repeats_nothing() -> None:
+    for world in solvable(3):
+        optimizer = made_up_bayes(BELIEVED, uncertainty_m=0.021, worth_m=0.005)
+        codes = search_until_it_ends(optimizer, world, budget=120)
+        assert not optimizer.finished
+        assert not optimizer.worthwhile
+        assert len(set(codes)) == len(codes) < 60
+
+
+@pytest.mark.parametrize("uncertainty_m", [-0.01, math.nan, math.inf])
+def test_an_uncertainty_that_is_none_is_refused(uncertainty_m: float) -> None:
+    with pytest.raises(InputError, match=r"uncertainty_m: got .*; allowed: 0 m or more"):
+        made_up_bayes(BELIEVED, uncertainty_m=uncertainty_m)
+
+
 def test_a_noisy_gait_near_the_target_is_walked_again() -> None:
     """On a real floor one trial within the target is not yet sure; the same gait is the next choice."""
     world = solvable(1)[0]

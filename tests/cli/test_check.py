@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 
 from hexctl.cli.main import exit_code
+from hexctl.control.uncertainty import known_uncertainty
 from hexctl.robot.configs import config_root
 from tests.backends.mavlink.boards import fitting_file
 
@@ -118,30 +119,25 @@ def test_a_heavy_robot_on_soft_servos_is_warned_of(
     report = check_json(capsys, str(path))
     assert report["sag_deg"] > 8
     assert report["dragging_legs"]
-    (soft,) = [warning for warning in report["warnings"] if warning.startswith("soft")]
-    assert "such robots that were simulated" in soft
-    assert report["possible"]
-    assert report["doubtful"]
+    assert any(warning.startswith("soft") for warning in report["warnings"])
     assert exit_code(["check", str(path)]) == 0
-    assert "whether this robot walks this gait is open, see the warnings" in capsys.readouterr().out
+    assert "see the warnings" in capsys.readouterr().out
 
 
-def test_legs_that_cross_leave_open_whether_the_robot_walks(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+def test_the_simulations_own_uncertainty_is_measured_and_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    text = (config_root() / "robots" / "pexod.yaml").read_text()
-    for x_m, nearer_m in (("0.11", "0.03"), ("-0.01", "0.0"), ("-0.13", "-0.03")):
-        text = text.replace(f"position_m: [{x_m},", f"position_m: [{nearer_m},")
-    path = tmp_path / "crowded.yaml"
-    path.write_text(text)
-    report = check_json(capsys, str(path))
-    assert report["legs_cross"]
-    assert report["doubtful"]
-    percent = f"cross for {100 * report['legs_cross_share']:.0f} % of the cycle"
-    assert exit_code(["check", str(path)]) == 0
-    printed = capsys.readouterr().out
-    assert printed.count(percent) == 2
-    assert "such robots that were simulated with solid legs" in printed
-    assert "whether this robot walks this gait is open, see the warnings" in printed
-    assert exit_code(["check", "pexod"]) == 0
-    assert "open" not in capsys.readouterr().out
+    monkeypatch.chdir(tmp_path)
+    assert known_uncertainty("pexod", duration_s=0.5) is None
+    physics = check_json(capsys, "pexod", "--physics", "--duration", "0.5")["physics"]
+    found = known_uncertainty("pexod", duration_s=0.5)
+    assert found is not None
+    assert found.to_dict() == physics
+    assert (tmp_path / "runs" / "uncertainty.yaml").is_file()
+
+
+def test_where_and_how_long_belong_to_the_measurement(capsys: pytest.CaptureFixture[str]) -> None:
+    assert exit_code(["check", "ant", "--duration", "5"]) == 2
+    assert "--duration: got 5.0; allowed: with --physics" in capsys.readouterr().err
+    assert exit_code(["check", "ant", "--world", "flat"]) == 2
+    assert "--world: got flat; allowed: with --physics" in capsys.readouterr().err

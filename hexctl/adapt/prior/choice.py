@@ -64,7 +64,7 @@ def choose_prior(
         if found.path is not None:
             return _with_bayes(spec, found.path)
         reason = found.reason
-    if not free or named or spec.early_stop or spec.worth_m is not None:
+    if not free or named or spec.early_stop:
         raise InputError(f"prior: there is none for these trials ({reason}){advice(spec)}")
     note(f"no prior for these trials ({reason}); searching with {spec.optimizer} instead{advice(spec)}")
     return spec
@@ -87,11 +87,6 @@ def _wants_prior(spec: SessionSpec, wanted: str | None, free: bool) -> bool:
             raise InputError(
                 f"{argument('early_stop')}: got it without a prior; allowed: with bayes and a prior"
             )
-        if spec.worth_m is not None:
-            raise InputError(
-                f"{argument('worth_m')}: got {spec.worth_m:g} without a prior; allowed: with bayes and "
-                "a prior"
-            )
         return False
     if spec.count_repeats:
         raise InputError(
@@ -105,7 +100,8 @@ def _with_bayes(spec: SessionSpec, path: Path) -> SessionSpec:
     """Spec of a session with `bayes` and a prior."""
     target_m = DEFAULT_TARGET_M if spec.target_m is None else spec.target_m
     digest = load_prior(path).digest()
-    worth_m = WORTH_SHARE * noise_m(spec) if spec.worth_m is None else spec.worth_m
+    unsure_m = max(noise_m(spec), spec.uncertainty_m)
+    worth_m = WORTH_SHARE * unsure_m if spec.worth_m is None else spec.worth_m
     return replace(
         spec, optimizer=BAYES, target_m=target_m, prior=str(path), prior_digest=digest, worth_m=worth_m
     )

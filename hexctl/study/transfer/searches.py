@@ -115,6 +115,7 @@ def _search(
     if optimizer not in PRIORED:
         return Deduplication(make_optimizer(optimizer, landscape.spec.space, seed), seed)
     assert samples is not None  # noqa: S101  only bayes needs them, and gets them
+    # No `uncertainty_m`: the simulated world stands for the robot here, and its walks are what is true.
     return Bayes(
         landscape.spec.space,
         seed,

@@ -1,0 +1,66 @@
+"""What a session spec names, and the simulation's own uncertainty of its walks."""
+
+from pathlib import Path
+
+import pytest
+import yaml
+
+from hexctl.adapt.search import new_spec
+from hexctl.adapt.session import SessionSpec
+from hexctl.backends.sim.world import World
+from hexctl.control.uncertainty import SimulationUncertainty, keep_uncertainty
+from hexctl.robot.configs import config_root
+from tests.robots import shipped
+
+FOUND = SimulationUncertainty(step_m=0.03, solver_m=0.04, contact_m=0.1, walks=7, duration_s=40.0)
+
+
+def spec_of(folder: Path, notes: list[str], **options: object) -> SessionSpec:
+    return new_spec(failed_leg=5, prior="none", folder=folder, note=notes.append, **options)  # type: ignore[arg-type]
+
+
+def test_a_simulated_session_stores_the_uncertainty_that_was_measured(tmp_path: Path) -> None:
+    notes: list[str] = []
+    assert 0 < spec_of(tmp_path, notes).uncertainty_m < 0.05
+    keep_uncertainty(shipped(), World(), FOUND, folder=tmp_path)
+    assert spec_of(tmp_path, notes, duration_s=40.0).uncertainty_m == pytest.approx(0.05)
+    assert spec_of(tmp_path, notes, duration_s=40.0, uncertainty_m=0).uncertainty_m == 0
+    assert not notes
+
+
+def test_an_uncertainty_that_is_not_known_is_one_note_with_its_command(tmp_path: Path) -> None:
+    world = tmp_path / "coarse.yaml"
+    world.write_text("time_step_s: 0.004")
+    robot = yaml.safe_load((config_root() / "robots" / "ant.yaml").read_text())
+    robot["body"]["mass_kg"] *= 1.5
+    own = tmp_path / "own robot.yaml"
+    own.write_text(yaml.safe_dump(robot))
+    commands = (
+        ({"robot": str(own)}, f"hexctl check '{own}' --physics"),
+        ({"duration_s": 45.0}, "hexctl check ant --physics --duration 45"),
+        ({"world": str(world)}, f"hexctl check ant --physics --world {world}"),
+    )
+    for options, command in commands:
+        notes: list[str] = []
+        assert spec_of(tmp_path, notes, **options).uncertainty_m == 0
+        assert notes == [f"the simulation's own uncertainty is not known here; {command} measures it"]
+
+
+@pytest.mark.parametrize("options", [{"backend": "mock"}, {"objective": "mean"}, {"duration_s": 5.0}])
+def test_there_is_none_on_a_robot_of_other_scores_and_of_short_walks(
+    options: dict[str, object], tmp_path: Path
+) -> None:
+    notes: list[str] = []
+    assert spec_of(tmp_path, notes, **options).uncertainty_m == 0
+    assert not notes
+
+
+def test_a_session_from_before_goes_on_without() -> None:
+    assert SessionSpec().uncertainty_m == 0
+    assert SessionSpec(target_m=0.025).greatest_chance is None
+
+
+def test_the_greatest_chance_is_that_of_a_walk_which_ends_on_the_line() -> None:
+    spec = SessionSpec(target_m=0.025, uncertainty_m=0.025)
+    assert spec.greatest_chance == pytest.approx(0.6827, abs=1e-4)
+    assert SessionSpec(uncertainty_m=0.025).greatest_chance is None
