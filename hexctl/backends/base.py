@@ -228,13 +228,15 @@ def as_robot(robot: Robot | str | Path) -> Robot:
 
 
 def connection_notes(servos: LegServos, failure: Failure | None) -> list[str]:
-    """What an operator should know about the robot that servos have connected to over a link.
+    """What an operator should know about the robot that servos have connected to.
 
-    Which robot it is and who started it; and for a simulation whether its failure is another than the
-    controller's. Empty for servos without a link.
+    Over a link, which robot it is and who started it; and for a simulation, here or there, whether its
+    failure is another than the controller's.
     """
     notes = [] if servos.identity is None else [f"the robot is {servos.identity}"]
     there, here = (servos.simulated or {}).get("failure"), failure_text(failure)
+    if servos.injects_failure and servos.failure != failure:
+        notes.append(f"the simulation breaks {failure_text(servos.failure)}; the controller is told {here}")
     if there not in (None, here):
         notes.append(f"the simulated robot there has failure {there}, this end walks as with failure {here}")
     return notes

@@ -136,7 +136,8 @@ WORLD_HELP = (
 )
 FAILURE_HELP = (
     "What is wrong with the failed leg: locked (holds its stance), limp (no torque), missing, "
-    "weak:FRACTION of its torque, 0..1 (0.3), stuck:JOINT:DEGREES with coxa, femur or tibia (coxa, 0)."
+    "weak:FRACTION of its torque, 0..1 (0.3), stuck:JOINT:DEGREES with coxa, femur or tibia (coxa, 0), or "
+    "unknown: the controller is not told, and a simulation draws one of these with the seed."
 )
 FAILED_LEG_HELP = f"Leg that failed, {LEG}, counter-clockwise from the front."
 SELF_ROTATION_HELP = (

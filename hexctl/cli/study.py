@@ -80,7 +80,7 @@ StudyFailureOption = Annotated[
     typer.Option(
         "--failure",
         autocompletion=completion.failures,
-        help=f"{FAILURE_HELP} Not with --transfer. (default: locked)",
+        help=f"{FAILURE_HELP} (default: locked)",
     ),
 ]
 StudySelfRotationOption = Annotated[
@@ -129,6 +129,13 @@ TimeStepsOption = Annotated[
         "--time-steps", help="With --matrix, steps of the physics in ms, with commas. (default: 2,4)"
     ),
 ]
+OneLegOption = Annotated[
+    bool,
+    typer.Option(
+        "--one-leg",
+        help="With --transfer, one leg fails in each world, the next one in the next world: a sixth of the time.",
+    ),
+]
 ReportFolderOption = Annotated[
     Path | None,
     typer.Option(
@@ -151,6 +158,7 @@ def study(
     failure: StudyFailureOption = None,
     self_rotation: StudySelfRotationOption = None,
     transfer: TransferOption = False,
+    one_leg: OneLegOption = False,
     matrix: MatrixOption = False,
     time_steps: TimeStepsOption = None,
     optimizers: OptimizersOption = None,
@@ -184,15 +192,16 @@ def study(
     if transfer and matrix:
         raise InputError("--matrix: got it with --transfer; allowed: one or the other")
     if transfer:
-        own = {"failure": failure, "self-rotation": self_rotation}
-        for name, value in own.items():
-            if value is not None:
-                raise InputError(f"--{name}: got {value} with --transfer; allowed: without, it has its own")
-        options = common | _given(worlds=worlds)
+        if self_rotation is not None:
+            raise InputError(
+                f"--self-rotation: got {self_rotation} with --transfer; allowed: without, it is rear"
+            )
+        options = common | _given(worlds=worlds, failure=failure) | {"one_leg": one_leg}
         result, lines = _transfer(robot or "ant", world, prior, options, folder, jobs, dask)
     else:
-        if prior is not None:
-            raise InputError(f"--prior: got {prior}; allowed: with --transfer")
+        if prior is not None or one_leg:
+            option = f"--prior: got {prior}" if prior is not None else "--one-leg: got it"
+            raise InputError(f"{option}; allowed: with --transfer")
         common |= _given(worlds=worlds, failure=failure, self_rotation=self_rotation)
         if matrix:
             settings = _given(
@@ -240,7 +249,10 @@ def _transfer(
     model = load_robot(robot)
     if prior in (None, "auto"):
         folders = prior_folders(RUNS)
-        believed = find_transfer_prior(model, options["legs"], options["duration_s"], folders)
+        failure = options.get("failure", "locked")
+        believed = find_transfer_prior(
+            model, options["legs"], options["duration_s"], folders, failure=failure
+        )
     else:
         believed = load_prior(Path(str(prior)))
     plan = TransferPlan(robot=model, family=load_randomization(family or UNSEEN), prior=believed, **options)

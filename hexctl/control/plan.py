@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from hexctl.errors import InputError, check_type
 from hexctl.gait.gait import Gait, Motion
-from hexctl.robot.failure import Failure
+from hexctl.robot.failure import UNKNOWN, Failure
 
 SELF_ROTATIONS = ("rear", "front", "none")
 MAX_DURATION_S = 86_400.0
@@ -21,8 +21,8 @@ class TrialPlan:
         travel: 1 to travel, 0 to stay on the spot.
         turn_rate_rad_s: commanded yaw rate during the walk.
         duration_s: how long to walk, the soft start included and the soft stop not.
-        belief: the failure that the controller was told of, or None; a `locked` leg is held in its stance
-            pose. What a simulation breaks is given to the simulation.
+        belief: the failure that the controller was told of, or None; a leg that is `locked`, or failed in
+            an `unknown` way, is held in its stance pose. What a simulation breaks is given to the simulation.
         self_rotation: where the failed leg points during the walk: `rear`, `front` or `none` (as it is).
         turn_rad: how far to turn before the walk, overriding `self_rotation`; None to follow it.
         settle_s: time to reach the stance and come to rest.
@@ -70,4 +70,4 @@ class TrialPlan:
     @property
     def held_legs(self) -> tuple[int, ...]:
         """Legs that the controller keeps in their stance pose."""
-        return self.failed_legs if self.belief and self.belief.kind == "locked" else ()
+        return self.failed_legs if self.belief and self.belief.kind in ("locked", UNKNOWN) else ()

@@ -1,4 +1,4 @@
-"""Failures of a leg: `locked`, `limp`, `stuck`, `weak`, `missing`."""
+"""Failures of a leg: `locked`, `limp`, `stuck`, `weak`, `missing`; and `unknown`."""
 
 import math
 from dataclasses import dataclass
@@ -6,18 +6,25 @@ from dataclasses import dataclass
 from hexctl.errors import InputError, argument, check_type
 from hexctl.types import JOINT_KINDS, JOINTS_PER_LEG, N_LEGS
 
-FAILURE_KINDS = ("locked", "limp", "stuck", "weak", "missing")
+BROKEN_KINDS = ("locked", "limp", "stuck", "weak", "missing")
+
+#: A leg that failed in a way that the controller is not told.
+UNKNOWN = "unknown"
+
+FAILURE_KINDS = (*BROKEN_KINDS, UNKNOWN)
 
 #: What the command-line text of a failure looks like.
-FAILURE_FORMS = "locked, limp, missing, weak:FRACTION, stuck:JOINT:DEGREES"
+FAILURE_FORMS = "locked, limp, missing, weak:FRACTION, stuck:JOINT:DEGREES, unknown"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Failure:
-    """The failure of one leg, as the simulation applies it.
+    """The failure of one leg: what a simulation breaks, and what a controller is told.
 
     A `locked` leg holds its stance pose, on the floor. A `limp` one has no torque. A `stuck` one has one
-    joint jammed. A `weak` one has part of its torque. A `missing` one has neither contacts nor mass.
+    joint jammed. A `weak` one has part of its torque. A `missing` one has neither contacts nor mass. Of an
+    `unknown` failure only the leg is known: a controller keeps that leg in its stance pose, whatever it does
+    there, and a simulation draws what breaks (`hexctl.backends.sim.failure.drawn_failure`).
 
     Attributes:
         leg: number of the leg, 1..6.
@@ -83,7 +90,8 @@ def failure_of(failed_leg: int | None, failure: str | None) -> Failure | None:
 def parse_failure(leg: int, text: str) -> Failure:
     """Failure of a leg from its command-line text.
 
-    `locked`, `limp`, `missing`, `weak[:FRACTION]` or `stuck[:JOINT[:DEGREES]]`, for example `stuck:femur:30`.
+    `locked`, `limp`, `missing`, `weak[:FRACTION]`, `stuck[:JOINT[:DEGREES]]`, for example `stuck:femur:30`,
+    or `unknown`.
     Raises InputError for anything else.
     """
     check_type(text, str, "failure", FAILURE_FORMS)

@@ -43,7 +43,7 @@ class LandscapeSpec:
         self_rotation: where the failed leg points during the walk: `rear`, `front`, or `none`: no turn.
         duration_s: length of each walk.
         failure: of the leg, in the words of `parse_failure`, such as `limp` or `weak:0.5`.
-        seed: of sensor noise and rough floors.
+        seed: of sensor noise, rough floors, and what an `unknown` failure breaks.
         placed: True to put the robot down as its self-rotation would leave it, instead of turning.
         miss_rad: yaw by which that self-rotation would have turned too far; only with `placed`.
         codes: the gaits, ascending.
@@ -64,7 +64,7 @@ class LandscapeSpec:
 
     @property
     def leg_failure(self) -> Failure:
-        """The failure of the leg, as simulated and as the controller believes it."""
+        """The failure of the leg, as the simulation is given it and the controller believes it."""
         return parse_failure(self.leg, self.failure)
 
     @cached_property

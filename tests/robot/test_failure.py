@@ -21,13 +21,16 @@ from hexctl.robot.failure import FAILURE_KINDS, Failure, failure_of, parse_failu
         ("stuck", Failure(leg=5, kind="stuck", joint="coxa", angle_rad=0.0)),
         ("stuck:tibia", Failure(leg=5, kind="stuck", joint="tibia")),
         ("stuck:femur:-30", Failure(leg=5, kind="stuck", joint="femur", angle_rad=math.radians(-30))),
+        ("unknown", Failure(leg=5, kind="unknown")),
     ],
 )
 def test_a_failure_is_read_from_its_text(text: str, failure: Failure) -> None:
     assert parse_failure(5, text) == failure
 
 
-@pytest.mark.parametrize("text", ["locked", "limp", "missing", "weak:0.5", "stuck:coxa:0", "stuck:femur:-30"])
+@pytest.mark.parametrize(
+    "text", ["locked", "limp", "missing", "weak:0.5", "stuck:coxa:0", "stuck:femur:-30", "unknown"]
+)
 def test_the_text_of_a_failure_reads_back(text: str) -> None:
     assert str(parse_failure(2, text)) == text
 
@@ -42,6 +45,7 @@ def test_the_text_of_a_failure_reads_back(text: str) -> None:
         (1, "Locked", "locked"),
         (1, "locked:1", "weak:FRACTION"),
         (1, "limp:0", "weak:FRACTION"),
+        (1, "unknown:1", "weak:FRACTION"),
         (1, "weak:0.1:2", "weak:FRACTION"),
         (1, "weak:1.5", "0..1"),
         (1, "weak:-0.1", "0..1"),

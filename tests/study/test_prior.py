@@ -77,7 +77,7 @@ def test_robots_are_put_down_a_little_off_to_both_sides() -> None:
     misses_deg = np.degrees([spec.miss_rad for spec in plan(worlds=64).specs()])
     assert len(set(misses_deg.tolist())) == 6 * 64
     assert misses_deg.mean() == pytest.approx(0, abs=0.1)
-    assert misses_deg.std() == pytest.approx(2.0, abs=0.2)
+    assert misses_deg.std() == pytest.approx(0.5, abs=0.05)
     assert (np.abs(misses_deg) <= 4).mean() == pytest.approx(0.9545, abs=0.02)
 
 

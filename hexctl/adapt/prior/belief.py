@@ -202,7 +202,7 @@ class Belief:
         samples: the prior's worlds.
         noise_m: standard deviation of trials of the same gait, as far as it is known before.
         sag_rad: by how much each joint stayed behind in the stance, NaN where it is not measured, (18,). The
-            failed leg's is left out: a real one may be locked anywhere, or hang.
+            failed leg's is left out unless it tells what broke: a locked one may really be locked anywhere.
     """
 
     def __init__(self, samples: Samples, *, noise_m: float, sag_rad: FloatArray | None = None) -> None:
@@ -216,7 +216,8 @@ class Belief:
         self._noise_m = noise_m
         self._seen = _Seen()
         if sag_rad is not None and samples.sag_rad is not None:
-            shift, shrink = narrowed(samples.sag_rad, _of_walking_legs(sag_rad, samples.leg))
+            told_rad = sag_rad if samples.failed_leg_tells else _of_walking_legs(sag_rad, samples.leg)
+            shift, shrink = narrowed(samples.sag_rad, told_rad)
             self._mean = self._mean + (shift @ self._root).reshape(self._mean.shape)
             self._root = shrink @ self._root
 

@@ -11,6 +11,7 @@ from hexctl.adapt.optimizer import Observation
 from hexctl.adapt.prior.prior import CHECKPOINTS, Prior
 from hexctl.adapt.space import GaitSpace
 from hexctl.errors import InputError
+from hexctl.robot.failure import UNKNOWN
 from hexctl.robot.model import Robot
 from hexctl.types import JOINTS_PER_LEG, N_LEGS, FloatArray
 
@@ -188,12 +189,15 @@ class Samples:
         features: of each gait in each world, (worlds, gaits, N_FEATURES).
         finished: the share of worlds in which each gait walked to the end, (gaits,).
         sag_rad: static deflection of the joints in the stance, (worlds, 18), or None.
+        failed_leg_tells: whether the failed leg's own deflection tells which world this is: where the worlds
+            differ in what broke, it hangs in some and is jammed in others.
     """
 
     leg: int
     features: FloatArray
     finished: FloatArray
     sag_rad: FloatArray | None = None
+    failed_leg_tells: bool = False
 
 
 def samples_of(prior: Prior, robot: Robot, leg: int) -> Samples:
@@ -215,7 +219,11 @@ def samples_of(prior: Prior, robot: Robot, leg: int) -> Samples:
         )
     finished = np.isfinite(features[..., FINAL]).mean(axis=0)
     return Samples(
-        leg=leg, features=_filled(features), finished=finished, sag_rad=_moved_sags(prior, sources)
+        leg=leg,
+        features=_filled(features),
+        finished=finished,
+        sag_rad=_moved_sags(prior, sources),
+        failed_leg_tells=prior.key.failure == UNKNOWN,
     )
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from hexctl.backends.base import LegServos, as_robot, check_connected, check_targets
 from hexctl.backends.clock import Clock, Tick, WallClock
 from hexctl.backends.sim.dm import PhysicsError
+from hexctl.backends.sim.failure import drawn_failure
 from hexctl.backends.sim.model import FIRST_JOINT, Simulation, make_simulation
 from hexctl.backends.sim.world import SensorNoise, World, as_world
 from hexctl.errors import SimulationDivergedError, check_type
@@ -223,8 +224,9 @@ class SimServos(LegServos):
     Args:
         robot: the robot, or the name or path of its file.
         world: a World, or the name or path of one, such as `slippery` or `randomised:7`; flat unless given.
-        failure: the failed leg, or None.
-        seed: draws the bumps and calibration errors of the world, and with `trial` the sensor noise.
+        failure: the failed leg, or None; the attribute is what breaks, also where an `unknown` one is given.
+        seed: draws the bumps and calibration errors of the world, what an `unknown` failure breaks, and with
+            `trial` the sensor noise.
         trial: number of the trial.
         facing_rad: yaw in which the robot is put down.
         realtime: pace the clock with wall time; otherwise the physics runs as fast as it can.
@@ -250,7 +252,7 @@ class SimServos(LegServos):
         check_type(trial, int, "trial")
         check_type(facing_rad, float, "facing_rad")
         check_type(realtime, bool, "realtime")
-        self.failure = failure
+        self.failure = drawn_failure(self._robot, failure, seed)
         self.seed = seed
         self.trial = trial
         self.facing_rad = facing_rad

@@ -13,7 +13,7 @@ from hexctl.backends.sim.world import DomainRandomization
 from hexctl.control.plan import TrialPlan
 from hexctl.errors import InputError, argument, check_type
 from hexctl.gait.gait import make_gait
-from hexctl.robot.failure import Failure
+from hexctl.robot.failure import FAILURE_FORMS, parse_failure
 from hexctl.robot.model import Robot
 from hexctl.study.landscape import LandscapeSpec
 from hexctl.study.plan import BASELINE, HEURISTICS, StudyPlan, check_robot
@@ -50,6 +50,9 @@ class TransferPlan:
         duration_s: length of each walk.
         target_m: deviation that `bayes` aims at.
         seed: of the searches.
+        failure: of each leg, in the words of `parse_failure`; with `unknown` each world draws what breaks,
+            and the searches are not told.
+        one_leg: one leg fails in each world, the next one in the next world, instead of all in every world.
     """
 
     robot: Robot
@@ -63,15 +66,19 @@ class TransferPlan:
     duration_s: float = 30.0
     target_m: float = 0.025
     seed: int = 0
+    failure: str = "locked"
+    one_leg: bool = False
 
     def __post_init__(self) -> None:
         check_robot(self.robot)
         allowed = f"a DomainRandomization, as load_randomization('{UNSEEN}') gives"
         check_type(self.family, DomainRandomization, "plan.family", allowed)
         check_type(self.prior, Prior, "plan.prior", "a Prior, as load_prior(path) gives")
+        check_type(self.failure, str, "plan.failure", FAILURE_FORMS)
+        check_type(self.one_leg, bool, "plan.one_leg")
 
     def specs(self) -> list[LandscapeSpec]:
-        """Specs of the landscapes, world by world; a world's number is the seed of its rough floor."""
+        """Specs of the landscapes, world by world; a world's number is the seed of what is drawn in it."""
         numbers = range(FIRST_WORLD, FIRST_WORLD + self.worlds)
         worlds = self.family.members(FIRST_WORLD, self.worlds)
         return [
@@ -81,12 +88,17 @@ class TransferPlan:
                 leg=leg,
                 self_rotation="rear",
                 duration_s=self.duration_s,
+                failure=self.failure,
                 seed=number,
                 place=f"world {number} ({self.family.kind(number).name})",
             )
             for number, world in zip(numbers, worlds, strict=True)
-            for leg in self.legs
+            for leg in self._legs_in(number)
         ]
+
+    def _legs_in(self, number: int) -> tuple[int, ...]:
+        """Legs that fail in a world."""
+        return (self.legs[number % len(self.legs)],) if self.one_leg else self.legs
 
     def kind_of(self, spec: LandscapeSpec) -> str:
         """Kind of a landscape's world."""
@@ -104,6 +116,7 @@ class TransferPlan:
         """Raise InputError for anything that is not allowed, before anything runs."""
         if not 1 <= self.worlds <= MAX_WORLDS:
             raise InputError(f"{argument('worlds')}: got {self.worlds}; allowed: 1..{MAX_WORLDS}")
+        parse_failure(1, self.failure)
         others = tuple(name for name in self.optimizers if name not in PRIORED) or (BASELINE,)
         StudyPlan(
             robot=self.robot,
@@ -138,13 +151,18 @@ class TransferPlan:
 
 
 def find_transfer_prior(
-    robot: Robot, legs: tuple[int, ...], duration_s: float, folders: Iterable[Path]
+    robot: Robot,
+    legs: tuple[int, ...],
+    duration_s: float,
+    folders: Iterable[Path],
+    *,
+    failure: str = "locked",
 ) -> Prior:
     """First prior in some folders that covers the trials of a benchmark; InputError if there is none."""
     if not legs:
         raise InputError(f"{argument('legs')}: got none; allowed: one or more of 1..6")
-    failure = Failure(leg=legs[0])
-    plan = TrialPlan(gait=make_gait(robot, "demo"), duration_s=duration_s, belief=failure)
+    belief = parse_failure(legs[0], failure)
+    plan = TrialPlan(gait=make_gait(robot, "demo"), duration_s=duration_s, belief=belief)
     found = find_prior(PriorKey.of(robot, plan), folders, covers=covering(robot, plan))
     if found.path is None:
         raise InputError(

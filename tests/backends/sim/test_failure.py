@@ -5,10 +5,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hexctl.backends.sim.failure import drawn_failure
 from hexctl.backends.sim.servos import SimServos
 from hexctl.backends.sim.world import World
 from hexctl.errors import InputError
-from hexctl.robot.failure import FAILURE_KINDS, Failure
+from hexctl.robot.failure import BROKEN_KINDS, Failure
 from hexctl.robot.loader import load_robot
 from hexctl.testing.servos import move
 from hexctl.types import JOINT_KINDS, FloatArray, JointTargets, leg_slice
@@ -109,7 +110,7 @@ def test_a_robot_that_is_called_like_its_missing_leg_keeps_the_others(tmp_path: 
     assert mass == pytest.approx(robot.mass_kg - robot.link_masses_kg.sum(), rel=1e-3)
 
 
-@pytest.mark.parametrize("kind", FAILURE_KINDS)
+@pytest.mark.parametrize("kind", BROKEN_KINDS)
 def test_a_failure_changes_its_own_leg_only(kind: str) -> None:
     """The other legs' servos answer a big command with all their torque, as they do in a whole robot."""
     failure = Failure(leg=LEG, kind=kind, angle_rad=0.3)
@@ -126,3 +127,37 @@ def test_a_joint_cannot_be_stuck_where_it_cannot_go(degrees: float) -> None:
     failure = Failure(leg=LEG, kind="stuck", joint="coxa", angle_rad=float(np.radians(degrees)))
     with pytest.raises(InputError, match=f"stuck coxa: got {degrees} deg; allowed: -60 to 60 deg"):
         SimServos(shipped(), failure=failure).connect()
+
+
+@pytest.mark.parametrize("name", ROBOT_NAMES)
+def test_an_unknown_failure_is_drawn_with_the_seed_and_can_be_simulated(name: str) -> None:
+    robot, unknown = load_robot(name), Failure(leg=LEG, kind="unknown")
+    drawn = [drawn_failure(robot, unknown, seed) for seed in range(60)]
+    assert drawn == [drawn_failure(robot, unknown, seed) for seed in range(60)]
+    assert {one.kind for one in drawn if one is not None} == set(BROKEN_KINDS)
+    jams = [one for one in drawn if one is not None and one.kind == "stuck"]
+    assert {one.joint for one in jams} == set(JOINT_KINDS)
+    for jam in jams:
+        index = jam.joint_index
+        assert robot.joint_lower_rad[index] <= jam.angle_rad <= robot.joint_upper_rad[index]
+    for seed in range(3):
+        with SimServos(robot, failure=unknown, seed=seed) as servos:
+            assert servos.failure == drawn[seed]
+
+
+def test_a_failure_that_is_told_is_not_drawn() -> None:
+    weak = Failure(leg=3, kind="weak", torque_fraction=0.9)
+    assert drawn_failure(shipped(), weak, 7) is weak
+    assert drawn_failure(shipped(), None, 7) is None
+
+
+def test_a_locked_leg_walks_the_same_whether_the_controller_is_told_or_not() -> None:
+    robot, unknown = shipped(), Failure(leg=LEG, kind="unknown")
+    seed = next(
+        seed
+        for seed in range(100)
+        if (one := drawn_failure(robot, unknown, seed)) is not None and one.kind == "locked"
+    )
+    told = walk(duration_s=2.0, failure=Failure(leg=LEG), seed=seed)
+    untold = walk(duration_s=2.0, failure=unknown, seed=seed)
+    np.testing.assert_array_equal(told.result.path_m, untold.result.path_m)
