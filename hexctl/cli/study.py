@@ -133,7 +133,7 @@ OneLegOption = Annotated[
     bool,
     typer.Option(
         "--one-leg",
-        help="With --transfer, one leg fails in each world, the next one in the next world: a sixth of the time.",
+        help="With --transfer, one leg fails in each world, the next one in the next: a sixth of the time.",
     ),
 ]
 ReportFolderOption = Annotated[

@@ -91,6 +91,23 @@ def test_one_call_searches_in_simulation(capsys: pytest.CaptureFixture[str]) -> 
     assert "".join(capsys.readouterr()) == ""
 
 
+def test_what_an_unknown_failure_breaks_is_noted_and_not_told() -> None:
+    notes: list[str] = []
+    result = adapt(
+        5,
+        failure="unknown",
+        seed=1,
+        budget=1,
+        duration_s=1.0,
+        prior="none",
+        baseline=False,
+        note=notes.append,
+        record=False,
+    )
+    assert result.session.spec.failure == "unknown"
+    assert "the simulation breaks leg 5 missing; neither controller nor search is told" in notes
+
+
 @pytest.mark.usefixtures("landscape")
 def test_a_session_is_continued_with_more_budget() -> None:
     whole = adapt(5, budget=9, optimizer="pso", record=False, folder="whole")

@@ -75,6 +75,7 @@ def test_a_study_from_end_to_end_and_again_from_the_cache(
         (["--self-rotation", "left"], "--self-rotation: got left; allowed: rear, front, none"),
         (["--worlds", "101"], "--worlds: got 101; allowed: 1..100"),
         (["--prior", "auto"], "--prior: got auto; allowed: with --transfer"),
+        (["--one-leg"], "--one-leg: got it; allowed: with --transfer"),
         (["--out", "a-file"], "--out"),
         (["--out", "full"], "holds other things"),
         (["--dask", "nonsense"], "--dask"),
@@ -149,9 +150,11 @@ def test_a_matrix_that_cannot_be_is_refused_in_one_line(
     assert not list(tmp_path.rglob("*.npz"))
 
 
-def test_the_transfer_benchmark_has_its_own_world_and_failure(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_transfer_benchmark_has_its_own_worlds_and_rotation(capsys: pytest.CaptureFixture[str]) -> None:
+    assert exit_code(["study", "--transfer", "--self-rotation", "front"]) == 2
+    assert "--self-rotation: got front with --transfer" in capsys.readouterr().err
     assert exit_code(["study", "--transfer", "--failure", "limp"]) == 2
-    assert "--failure: got limp with --transfer" in capsys.readouterr().err
+    assert "prior: there is none for these trials" in capsys.readouterr().err
     assert exit_code(["study", "--transfer", "--world", "slippery"]) == 2
     assert "has no `ranges`; allowed: a family of worlds" in capsys.readouterr().err
 

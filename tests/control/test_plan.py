@@ -39,9 +39,9 @@ def test_a_plan_travels_to_another_process() -> None:
 
 
 @pytest.mark.parametrize("kind", FAILURE_KINDS)
-def test_only_a_locked_leg_is_held_by_the_controller(kind: str) -> None:
+def test_a_leg_is_held_by_the_controller_when_it_is_locked_or_nothing_more_is_known(kind: str) -> None:
     plan = TrialPlan(gait=gait_of(shipped()), belief=Failure(leg=3, kind=kind))
-    assert plan.held_legs == ((3,) if kind == "locked" else ())
+    assert plan.held_legs == ((3,) if kind in ("locked", "unknown") else ())
 
 
 def test_a_body_that_has_turned_walks_the_same_way_in_the_world() -> None:

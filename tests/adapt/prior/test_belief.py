@@ -11,7 +11,7 @@ from hexctl.adapt.prior.belief import NOISE_WEIGHT, TRUST_TRIALS, Belief, Foreca
 from hexctl.adapt.prior.prior import load_prior
 from hexctl.adapt.prior.samples import DISTANCE, FINAL, N_FEATURES, Samples, samples_of
 from hexctl.robot.configs import config_root
-from hexctl.types import FloatArray
+from hexctl.types import FloatArray, leg_slice
 from tests.adapt.prior.dense import Dense, Trial
 from tests.adapt.priors import GAITS, MadeUpModel, standing_samples
 from tests.robots import shipped
@@ -394,3 +394,17 @@ def test_a_prior_that_knows_no_stances_believes_the_same() -> None:
     untold = Belief(STANDING, noise_m=NOISE_M).forecast()
     np.testing.assert_array_equal(told.mean_m, untold.mean_m)
     np.testing.assert_array_equal(told.covariance_m2, untold.covariance_m2)
+
+
+def test_the_failed_legs_own_deflection_tells_only_where_it_is_not_known_what_broke() -> None:
+    samples = replace(STANDING, failed_leg_tells=True)
+    joints = leg_slice(samples.leg)
+    hanging_rad = ordinary_sag_rad()
+    hanging_rad[joints] = sags()[:, joints].mean(axis=0) + 2 * sags()[:, joints].std(axis=0)
+
+    def means_m(samples: Samples, sag_rad: FloatArray) -> FloatArray:
+        return Belief(samples, noise_m=NOISE_M, sag_rad=sag_rad).forecast().mean_m
+
+    np.testing.assert_array_equal(means_m(STANDING, hanging_rad), means_m(STANDING, ordinary_sag_rad()))
+    moved_m = means_m(samples, hanging_rad) - means_m(samples, ordinary_sag_rad())
+    assert np.abs(moved_m).max() > 0.01

@@ -5,8 +5,10 @@ from typing import Any
 import pytest
 
 from hexctl.adapt.prior.prior import PriorKey
+from hexctl.backends.sim.failure import drawn_failure
 from hexctl.backends.sim.world import load_randomization
 from hexctl.errors import InputError
+from hexctl.robot.failure import Failure
 from hexctl.study.prior import PriorPlan
 from hexctl.study.transfer.plan import FIRST_WORLD
 from tests.adapt.priors import made_up_prior, plan_of
@@ -80,3 +82,25 @@ def test_no_optimizers_are_refused() -> None:
 def test_the_trials_of_the_benchmark_are_those_of_a_session() -> None:
     session = PriorKey.of(shipped(), plan_of(shipped(), duration_s=DURATION_S))
     assert PriorKey.of(shipped(), plan().trial_plan()).differences(session) == []
+
+
+def test_one_leg_may_fail_in_each_world_the_next_one_in_the_next() -> None:
+    asked = plan(worlds=5, legs=(2, 3, 5), one_leg=True).specs()
+    legs = [(2, 3, 5)[number % 3] for number in range(FIRST_WORLD, FIRST_WORLD + 5)]
+    assert [(spec.seed, spec.leg) for spec in asked] == list(enumerate(legs, FIRST_WORLD))
+
+
+def test_what_is_not_known_differs_from_world_to_world_and_needs_a_prior_for_that() -> None:
+    unknown = plan_of(shipped(), duration_s=DURATION_S, failure=Failure(leg=5, kind="unknown"))
+    prior = made_up_prior(PriorKey.of(shipped(), unknown))
+    asked = plan(failure="unknown", prior=prior, worlds=20)
+    asked.check()
+    broken = [
+        drawn_failure(spec.robot, trial.failure, trial.seed)
+        for spec in asked.specs()
+        for trial in [spec.trial(1)]
+    ]
+    assert len({str(one) for one in broken}) > 8
+    assert {trial.plan.belief.kind for spec in asked.specs() for trial in [spec.trial(1)]} == {"unknown"}
+    with pytest.raises(InputError, match="failure locked, not unknown"):
+        plan(failure="unknown").check()
