@@ -34,14 +34,14 @@ SIGNS = np.where(np.arange(120) % 2, 1.0, -1.0)
 @pytest.fixture(scope="module")
 def good() -> Findings:
     """Many gaits near the line, and the sides that the paper saw."""
-    return made_up_findings(spread_out(0.25, SIGNS), runs=5)
+    return made_up_findings(spread_out(0.25, SIGNS), runs=3)
 
 
 @pytest.fixture(scope="module")
 def bad() -> Findings:
     """All gaits far off, farther than without self-rotation, and each leg on the wrong side."""
     wrong = {1: 1.0, 2: 0.5, 3: 0.0, 4: 0.0, 5: 1.0, 6: 0.5}
-    return made_up_findings(2.5 + spread_out(3.0), wrong, runs=5)
+    return made_up_findings(2.5 + spread_out(3.0), wrong, runs=3)
 
 
 def named(findings: Findings, key: str) -> Claim:

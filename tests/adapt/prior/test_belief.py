@@ -317,7 +317,7 @@ def gain_m(*, noise_deg: float) -> float:
     """How much nearer worlds are to what is believed of them once their stance is known."""
     samples = samples_of(load_prior(SHIPPED), shipped(), 5)
     random, gains_m = np.random.default_rng(0), []
-    for row in range(0, len(samples.features), 5):
+    for row in range(0, len(samples.features), 10):
         others, ends_m = without(samples, row), samples.features[row][:, FINAL]
         read_rad = sags(samples)[row] + np.radians(random.normal(0, noise_deg, 18))
         gains_m.append(error_m(others, ends_m, None) - error_m(others, ends_m, read_rad))

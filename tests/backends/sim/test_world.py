@@ -278,11 +278,11 @@ def test_given_joint_offsets_are_between_what_a_joint_is_and_what_it_believes() 
 
 def test_drawn_joint_offsets_have_their_deviation_and_follow_the_seed() -> None:
     world = World(joint_offset_deg=2.0)
-    drawn = np.array([make_simulation(shipped(), world, seed=seed).joint_offsets_rad for seed in range(12)])
+    drawn = np.array([make_simulation(shipped(), world, seed=seed).joint_offsets_rad for seed in range(8)])
     assert np.degrees(drawn.std()) == pytest.approx(2.0, rel=0.15)
     again = make_simulation(shipped(), world, seed=7).joint_offsets_rad
     np.testing.assert_array_equal(drawn[7], again)
-    assert len({tuple(row) for row in drawn.tolist()}) == 12
+    assert len({tuple(row) for row in drawn.tolist()}) == 8
 
 
 def _axes(world: World, facing_rad: float) -> FloatArray:
@@ -305,7 +305,7 @@ def test_a_robot_is_put_down_facing_where_it_is_told(facing_rad: float) -> None:
     np.testing.assert_allclose(state.base_position_world[:2], 0, atol=1e-12)
 
 
-@pytest.mark.parametrize("facing_rad", [0.0, 1.0, -2.5, math.pi])
+@pytest.mark.parametrize("facing_rad", [1.0, -2.5])
 @pytest.mark.parametrize("uphill_deg", [0.0, 75.0])
 def test_on_a_slope_a_robot_turns_about_the_floors_normal(facing_rad: float, uphill_deg: float) -> None:
     world = World(slope_deg=20, slope_direction_deg=uphill_deg)
