@@ -29,6 +29,9 @@ INVALID_COLOR: Color = (120, 120, 124)
 LINE_COLOR: Color = (100, 155, 250)
 BEST_COLOR: Color = (255, 255, 255)
 
+#: Level lines of the gaits that a robot would use anyway, readable on white and on the dark background.
+BASELINE_COLORS: tuple[Color, ...] = ((200, 120, 0), (150, 110, 220))
+
 #: Background of every view of the viewer, whatever its theme, and what is written and ruled on it.
 BACKGROUND: Color = (24, 28, 36)
 TEXT_COLOR: Color = (170, 180, 194)

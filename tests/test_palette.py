@@ -3,7 +3,16 @@
 import numpy as np
 import pytest
 
-from hexctl.palette import BACKGROUND, INVALID_COLOR, LEGEND_M, LINE_COLOR, SCALE, Color, deviation_color
+from hexctl.palette import (
+    BACKGROUND,
+    BASELINE_COLORS,
+    INVALID_COLOR,
+    LEGEND_M,
+    LINE_COLOR,
+    SCALE,
+    Color,
+    deviation_color,
+)
 
 WHITE: Color = (255, 255, 255)
 
@@ -21,7 +30,7 @@ def contrast(one: Color, other: Color) -> float:
 
 
 def test_every_colour_is_readable_on_white_and_on_dark() -> None:
-    for color in (*(color for _, color in SCALE), INVALID_COLOR):
+    for color in (*(color for _, color in SCALE), INVALID_COLOR, *BASELINE_COLORS):
         assert contrast(color, WHITE) >= 3, color
         assert contrast(color, BACKGROUND) >= 3, color
     assert min(contrast(LINE_COLOR, WHITE), contrast(LINE_COLOR, BACKGROUND)) >= 2.5

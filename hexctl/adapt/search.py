@@ -18,7 +18,7 @@ from hexctl.adapt.prior.find import check_prior, prior_folders
 from hexctl.adapt.prior.prior import PriorKey, load_prior
 from hexctl.adapt.prior.samples import samples_of
 from hexctl.adapt.registry import make_optimizer, name_of
-from hexctl.adapt.session import Session, SessionSpec
+from hexctl.adapt.session import BASELINE_GAITS, Session, SessionSpec
 from hexctl.adapt.setting import Note, load_setting, log_note, start_note, with_known_uncertainty
 from hexctl.adapt.shipped import BAYES, OPTIMIZERS
 from hexctl.adapt.space import GaitSpace
@@ -31,9 +31,6 @@ from hexctl.errors import InputError, argument, check_type
 from hexctl.robot.failure import parse_failure
 from hexctl.robot.loader import load_robot
 from hexctl.robot.model import Robot
-
-#: Gaits that a robot would walk with anyway: its default one, and the tripod.
-BASELINE_GAITS = ("demo", "tripod")
 
 MAX_BUDGET = 100_000
 

@@ -189,6 +189,9 @@ class TrialRecord:
         }
 
 
+#: Gaits that a robot would walk with anyway: its default one, and the tripod.
+BASELINE_GAITS = ("demo", "tripod")
+
 #: The index of a baseline: it comes before the first trial.
 BASELINE_INDEX = 0
 

@@ -13,7 +13,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any, Self
 
-from hexctl.adapt.session import BaselineRecord, Session, SessionSpec, TrialRecord
+from hexctl.adapt.session import BASELINE_GAITS, BaselineRecord, Session, SessionSpec, TrialRecord
 from hexctl.errors import HexctlError, InputError, MissingExtraError, check_type
 
 SCHEMA_VERSION = 1
@@ -321,13 +321,17 @@ EXPECTED = ("signed_m", "low_m", "high_m", "chance")
 FORMATS = (".csv", ".parquet")
 
 
-#: Columns that were added last, in the order in which they came.
+#: Columns that were added last, in the order in which they came; those of the baseline follow them.
 LATER_COLUMNS = ("cause",)
 
 
 def flat_rows(session: Session) -> list[dict[str, Any]]:
-    """Rows, one per trial; empty for a session without trials."""
+    """Rows, one per trial; empty for a session without trials.
+
+    The baseline is in columns of its own, the same in every row: a row of its own would be taken for a trial.
+    """
     rows = []
+    baseline = _baseline_columns(session)
     for trial in session.trials:
         values = trial.as_json()
         deviation = values.pop("deviation_m")
@@ -339,8 +343,21 @@ def flat_rows(session: Session) -> list[dict[str, Any]]:
         head = {"session": session.name, "optimizer": spec.optimizer, "failed_leg": spec.failed_leg}
         # Columns that came later stay behind those of before.
         later = {name: values.pop(name) for name in LATER_COLUMNS}
-        rows.append({**head, "seed": spec.seed, **values, **later})
+        rows.append({**head, "seed": spec.seed, **values, **later, **baseline})
     return rows
+
+
+def _baseline_columns(session: Session) -> dict[str, Any]:
+    """Four columns for each gait of a baseline, None where it was not walked."""
+    walked = {walk.gait: walk.as_json() for walk in session.baseline}
+    columns: dict[str, Any] = {}
+    for gait in dict.fromkeys((*BASELINE_GAITS, *walked)):
+        walk = walked.get(gait, {})
+        columns[f"baseline_{gait}_score"] = walk.get("score")
+        columns[f"baseline_{gait}_deviation_m"] = walk.get("deviation_m", {}).get("signed")
+        columns[f"baseline_{gait}_distance_m"] = walk.get("distance_m")
+        columns[f"baseline_{gait}_status"] = walk.get("status")
+    return columns
 
 
 def export(session: Session, path: Path) -> None:

@@ -191,7 +191,8 @@ def _load_verdicts(report: dict[str, Any]) -> list[str]:
     one, other = report["nearest_legs"]
     near = f"legs: {one} and {other} come within {1000 * report['least_leg_clearance_m']:.0f} mm"
     if report["legs_touch"]:
-        near = f"legs: {one} and {other} {'pass through one another' if report['legs_cross'] else 'touch'}"
+        cross = f"cross for {100 * report['legs_cross_share']:.0f} % of the cycle"
+        near = f"legs: {one} and {other} {cross if report['legs_cross'] else 'touch'}"
     share, capacity = report["static_torque_share"], report["load_capacity"]
     return [
         near,
@@ -230,5 +231,7 @@ def _pulse_verdict(report: dict[str, Any]) -> str:
 def _conclusion(report: dict[str, Any]) -> str:
     if not report["possible"]:
         return "this robot cannot walk this gait"
+    if report["doubtful"]:
+        return "whether this robot walks this gait is open, see the warnings"
     clipped = "" if report["speed_holds"] else ", clipped at its fastest"
     return f"this robot can walk this gait{clipped}{', see the warnings' if report['warnings'] else ''}"

@@ -10,6 +10,7 @@ import typer
 
 from hexctl.adapt.bayes import SURE
 from hexctl.adapt.loop import NOT_WORTH
+from hexctl.adapt.objectives import INVALID_SCORE
 from hexctl.adapt.session import (
     BASELINE_INDEX,
     MILESTONES_M,
@@ -222,7 +223,10 @@ def _baseline_lines(session: Session) -> list[str]:
         f"{walk.gait} {session.spec.score_text(walk.score) if walk.valid else _status(walk)}"
         for walk in session.baseline
     ]
-    return [f"without a search: {', '.join(walks)}"] if walks else []
+    best_m = INVALID_SCORE if session.best is None else session.best.score
+    unbeaten = [walk.gait for walk in session.baseline if walk.score < best_m and session.trials]
+    suffix = f"; no trial is better than {' and '.join(unbeaten)}" if unbeaten else ""
+    return [f"without a search: {', '.join(walks)}{suffix}"] if walks else []
 
 
 def _surety_lines(session: Session) -> list[str]:

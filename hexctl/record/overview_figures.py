@@ -12,6 +12,7 @@ from hexctl.files import replacing
 from hexctl.palette import (
     AXIS_COLOR,
     BACKGROUND,
+    BASELINE_COLORS,
     BEST_COLOR,
     INVALID_COLOR,
     LEGEND_M,
@@ -27,6 +28,9 @@ from hexctl.types import FloatArray
 
 #: The only timeline: the index of the trial.
 TIMELINE = "trial"
+
+#: Where on it the baseline is.
+BEFORE_TRIALS = 0
 
 ABOVE = "above"
 AXES = "above/axes"
@@ -46,6 +50,7 @@ SCORE = "curve/score"
 INVALID = "curve/invalid"
 BEST_SO_FAR = "curve/best_so_far"
 TARGETS = "curve/targets"
+BASELINE_SCORES = "curve/baseline"
 TABLE = "table"
 
 
@@ -207,17 +212,19 @@ def _send_best(stream: Any, overview: Overview) -> None:
 
 
 def score_top_m(overview: Overview) -> float:
-    """Score above those of all valid trials, at which invalid trials are drawn."""
-    scores_m = [trial.score_m for trial in overview.trials if trial.score_m is not None]
+    """Score above those of all valid walks, at which invalid trials are drawn."""
+    walks = (*overview.baseline, *overview.trials)
+    scores_m = [walk.score_m for walk in walks if walk.score_m is not None]
     return 1.1 * max([TARGET_BANDS[0][0], *scores_m])
 
 
 def send_curve(stream: Any, overview: Overview) -> None:
-    """Send scores, best so far and targets to a recording stream."""
+    """Send scores, best so far, targets and the baseline to a recording stream."""
     _send_scores(stream, overview)
     _send_invalid(stream, overview)
     _send_best_so_far(stream, overview)
     _send_targets(stream, overview)
+    _send_baseline_scores(stream, overview)
 
 
 def _send_scores(stream: Any, overview: Overview) -> None:
@@ -271,6 +278,20 @@ def _send_targets(stream: Any, overview: Overview) -> None:
         stream.log(path, look, static=True)
         indices = [trial.index for trial in overview.trials]
         scalars = rr.Scalars.columns(scalars=np.full(len(indices), half_width_m))
+        stream.send_columns(path, [at(indices)], scalars)
+
+
+def _send_baseline_scores(stream: Any, overview: Overview) -> None:
+    """Send a level line per valid walk of the baseline, which begins before the first trial."""
+    rr = load_rerun()
+    indices = [BEFORE_TRIALS, *(trial.index for trial in overview.trials)]
+    for number, walk in enumerate(overview.baseline):
+        if walk.score_m is None:
+            continue
+        path, color = f"{BASELINE_SCORES}/{walk.gait}", BASELINE_COLORS[number % len(BASELINE_COLORS)]
+        name = f"{walk.gait}, without a search"
+        stream.log(path, rr.SeriesLines(names=[name], colors=[color], widths=[1.5]), static=True)
+        scalars = rr.Scalars.columns(scalars=np.full(len(indices), walk.score_m))
         stream.send_columns(path, [at(indices)], scalars)
 
 

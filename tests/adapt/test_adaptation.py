@@ -256,6 +256,14 @@ def test_a_search_with_a_prior_knows_what_a_trial_is_worth() -> None:
 
 
 @pytest.mark.parametrize(
+    "options", [{"prior": "none"}, {"optimizer": "random"}, {"duration_s": 7.0}, {"objective": "mean"}]
+)
+def test_a_search_without_a_belief_does_not_know_what_a_trial_is_worth(options: dict[str, Any]) -> None:
+    with pytest.raises(InputError, match="prior"):
+        new_spec(failed_leg=5, worth_m=0.01, **options)
+
+
+@pytest.mark.parametrize(
     ("options", "words"),
     [
         ({"target": "0%"}, "target: got 0%; allowed: a number above 0, or a share"),

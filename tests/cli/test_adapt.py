@@ -1,5 +1,6 @@
 """`hexctl adapt` and `hexctl sessions` as a user calls them."""
 
+import csv
 import json
 import os
 import signal
@@ -9,6 +10,7 @@ import time
 from pathlib import Path
 from typing import Any
 
+import pyarrow.parquet as pq
 import pytest
 
 from hexctl.adapt.runner import TrialRunner, WalkedTrial
@@ -93,7 +95,8 @@ def test_the_table_and_the_sessions(capsys: pytest.CaptureFixture[str]) -> None:
     printed = capsys.readouterr().out
     assert len([line for line in printed.splitlines() if " ok " in line]) == 5
     assert [line.split()[:2] for line in printed.splitlines()[2:4]] == [["0", "demo"], ["0", "tripod"]]
-    assert "without a search: demo " in printed
+    (said,) = [line for line in printed.splitlines() if line.startswith("without a search: demo ")]
+    assert said.endswith("; no trial is better than tripod")
     (listed,) = run_json(capsys, "sessions", "list")
     name = listed["session"]
     assert name in printed
@@ -108,6 +111,20 @@ def test_the_table_and_the_sessions(capsys: pytest.CaptureFixture[str]) -> None:
         assert exit_code(["sessions", "export", name, f"out.{ending}"]) == 0
         assert Path(f"out.{ending}").stat().st_size > 100
     assert len(Path("out.csv").read_text().splitlines()) == 4
+    tables = [
+        list(csv.DictReader(Path("out.csv").read_text().splitlines())),
+        pq.read_table("out.parquet").to_pylist(),
+    ]
+    shown = run_json(capsys, "sessions", "show", name)["baseline"]
+    assert [walk["gait"] for walk in shown] == ["demo", "tripod"]
+    for rows in tables:
+        for row in rows:
+            for walk in shown:
+                head = f"baseline_{walk['gait']}"
+                assert float(row[f"{head}_score"]) == walk["score"]
+                assert float(row[f"{head}_deviation_m"]) == walk["deviation_m"]["signed"]
+                assert float(row[f"{head}_distance_m"]) == walk["distance_m"]
+                assert row[f"{head}_status"] == walk["status"]
     assert exit_code(["sessions", "export", name, "out.csv"]) == 2
     assert exit_code(["sessions", "delete", name, "--yes"]) == 0
     assert run_json(capsys, "sessions", "list") == []
@@ -121,6 +138,7 @@ REFUSED = [
     (["adapt", "--resume", "some", "--seed", "30"], ["--resume", "--seed", "--budget"]),
     (["adapt", "--resume", "some", "--budget", "30"], ["some"]),
     (["adapt", "--failed-leg", "5", "--budget", "0"], ["--budget", "0", "1.."]),
+    (["adapt", "--failed-leg", "5", "--worth", "0.1", "--optimizer", "pso"], ["--worth", "0.1", "bayes"]),
     (["adapt", "--failed-leg", "5", "--optimizer", "magic"], ["magic", "pso"]),
     (["adapt", "--failed-leg", "5", "--objective", "speed"], ["speed", "final, mean, max, progress"]),
     (["adapt", "--failed-leg", "5", "--target", "-1"], ["--target", "-1"]),

@@ -119,9 +119,33 @@ def test_a_heavy_robot_on_soft_servos_is_warned_of(
     report = check_json(capsys, str(path))
     assert report["sag_deg"] > 8
     assert report["dragging_legs"]
-    assert any(warning.startswith("soft") for warning in report["warnings"])
+    (soft,) = [warning for warning in report["warnings"] if warning.startswith("soft")]
+    assert "such robots that were simulated" in soft
+    assert report["possible"]
+    assert report["doubtful"]
     assert exit_code(["check", str(path)]) == 0
-    assert "see the warnings" in capsys.readouterr().out
+    assert "whether this robot walks this gait is open, see the warnings" in capsys.readouterr().out
+
+
+def test_legs_that_cross_leave_open_whether_the_robot_walks(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = (config_root() / "robots" / "pexod.yaml").read_text()
+    for x_m, nearer_m in (("0.11", "0.03"), ("-0.01", "0.0"), ("-0.13", "-0.03")):
+        text = text.replace(f"position_m: [{x_m},", f"position_m: [{nearer_m},")
+    path = tmp_path / "crowded.yaml"
+    path.write_text(text)
+    report = check_json(capsys, str(path))
+    assert report["legs_cross"]
+    assert report["doubtful"]
+    percent = f"cross for {100 * report['legs_cross_share']:.0f} % of the cycle"
+    assert exit_code(["check", str(path)]) == 0
+    printed = capsys.readouterr().out
+    assert printed.count(percent) == 2
+    assert "such robots that were simulated with solid legs" in printed
+    assert "whether this robot walks this gait is open, see the warnings" in printed
+    assert exit_code(["check", "pexod"]) == 0
+    assert "open" not in capsys.readouterr().out
 
 
 def test_the_simulations_own_uncertainty_is_measured_and_kept(

@@ -1,6 +1,7 @@
 """The overview recording of made-up sessions, read back."""
 
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -74,6 +75,25 @@ def test_the_curve_has_scores_best_so_far_and_invalid_trials_above(written: Path
     assert list(invalid) == [2]
     assert invalid[2][0] > 1.2
     assert rows(written, "/curve/targets/2", "Scalars:scalars") == {index: [0.025] for index in (1, 2, 3, 4)}
+
+
+def test_the_baseline_is_a_level_line_from_before_the_first_trial(tmp_path: Path) -> None:
+    walks = (
+        replace(make_trial(0, 1.6), gait="demo"),
+        replace(make_trial(0, 0.001), gait="tripod"),
+        replace(make_trial(0, 0.5, valid=False), gait="wave"),
+    )
+    session = replace(SESSION, baseline=walks)
+    path = tmp_path / "overview.rrd"
+    write_overview_file(path, session)
+    levels = {name: rows(path, f"/curve/baseline/{name}", "Scalars:scalars") for name in ("demo", "tripod")}
+    assert levels["demo"] == {index: [1.6] for index in (0, 1, 2, 3, 4)}
+    assert levels["tripod"] == {index: [0.001] for index in (0, 1, 2, 3, 4)}
+    names = [ReadBack(path).values(f"/curve/baseline/{name}", "SeriesLines:names") for name in levels]
+    assert names == [[["demo, without a search"]], [["tripod, without a search"]]]
+    assert "/curve/baseline/wave" not in ReadBack(path).entities
+    invalid = rows(path, "/curve/invalid", "Scalars:scalars")
+    assert invalid[2][0] > 1.6, "a baseline that is worse than every trial is inside the picture"
 
 
 def test_line_bands_start_table_and_layout_are_in_the_file(written: Path) -> None:

@@ -64,7 +64,7 @@ def choose_prior(
         if found.path is not None:
             return _with_bayes(spec, found.path)
         reason = found.reason
-    if not free or named or spec.early_stop:
+    if not free or named or spec.early_stop or spec.worth_m is not None:
         raise InputError(f"prior: there is none for these trials ({reason}){advice(spec)}")
     note(f"no prior for these trials ({reason}); searching with {spec.optimizer} instead{advice(spec)}")
     return spec
@@ -86,6 +86,11 @@ def _wants_prior(spec: SessionSpec, wanted: str | None, free: bool) -> bool:
         if spec.early_stop and ":" not in spec.optimizer:
             raise InputError(
                 f"{argument('early_stop')}: got it without a prior; allowed: with bayes and a prior"
+            )
+        if spec.worth_m is not None:
+            raise InputError(
+                f"{argument('worth_m')}: got {spec.worth_m:g} without a prior; allowed: with bayes and "
+                "a prior"
             )
         return False
     if spec.count_repeats:
