@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hexctl.palette import INVALID_COLOR, LEGEND_M, LINE_COLOR, hex_color, scale_stops
+from hexctl.palette import BASELINE_COLORS, INVALID_COLOR, LEGEND_M, LINE_COLOR, hex_color, scale_stops
+from hexctl.study.default_gaits import DefaultWalk
 from hexctl.study.drawing import color_of, grid_of, label_axes, new_figure, save_figure
 from hexctl.study.evidence import cm
 from hexctl.study.landscape import Landscape
@@ -185,13 +186,30 @@ def convergence_figure(findings: Findings, *, paper_count: bool) -> "Figure":
             _mark_stuck(panel, search)
         best = findings.rotated(leg).best_m
         panel.axhline(best, color=FLOOR_COLOR, linewidth=1.2, linestyle=":", label="best of all gaits")
-        below = " (below the scale)" if best < LOW_M else ""
-        panel.set_title(f"leg {leg}:  best of all gaits {cm(best)}{below}", fontsize=9)
+        own = _draw_defaults(panel, findings.defaults(leg))
+        panel.set_title("\n".join([f"leg {leg}:  best of all gaits {_on_scale(best)}", *own]), fontsize=9)
     counted = "repetitions counted (the paper's count)" if paper_count else "each gait paid for once"
     _finish_curves(
         figure, panels, len(legs), f"Mean of the best deviation over {findings.plan.runs} runs, {counted}"
     )
     return figure
+
+
+def _draw_defaults(panel: "Axes", walks: list[DefaultWalk]) -> list[str]:
+    """Draw where the robot's own gaits end, as level lines; a line of text with their values, if any."""
+    for walk, color in zip(walks, BASELINE_COLORS, strict=False):
+        # One that is invalid has an entry in the legend, too: it is that of all panels.
+        level_m = float("nan") if walk.final_m is None else walk.final_m
+        label = f"{walk.gait}, without a search"
+        panel.axhline(level_m, color=hex_color(color), linewidth=1.4, linestyle="-.", label=label)
+    texts = [
+        f"{walk.gait} {walk.status if walk.final_m is None else _on_scale(walk.final_m)}" for walk in walks
+    ]
+    return [f"without a search: {', '.join(texts)}"] if texts else []
+
+
+def _on_scale(value_m: float) -> str:
+    return cm(value_m) + (" (below the scale)" if value_m < LOW_M else "")
 
 
 def means_figure(findings: Findings) -> "Figure":
@@ -296,7 +314,7 @@ FIGURES = (
         paper="Fig. 7: curves fall within 20 evaluations, are flat after, and end around 2.5 cm.",
         here="A repeated code costs an evaluation, as in the paper. A run without a valid gait so far is "
         "left out of the mean. The scale is logarithmic. The spread of every optimizer is in "
-        "convergence.parquet.",
+        "convergence.parquet. Level lines: where the robot ends with its default gait and with the tripod.",
         draw=lambda findings: convergence_figure(findings, paper_count=True),
     ),
     FigureEntry(

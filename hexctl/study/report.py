@@ -3,6 +3,8 @@
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
+import numpy as np
+
 from hexctl.files import atomic_write
 from hexctl.study.assumptions import HEADER, assumption_rows
 from hexctl.study.bars import BarRow, bar_rows
@@ -47,6 +49,18 @@ READING = (
 )
 
 
+DEFAULT_GAITS = (
+    "The gaits that the robot would use anyway, its default one and the tripod, walked with the same failed "
+    "leg, self-rotation and world. They are no part of the landscapes: the tripod has no code. Where one of "
+    "them ends nearer to the line than a search, the search was not needed. A tripod that is its own mirror "
+    "image about the trailing leg ends near the line on a robot and in a world that are symmetric, too, and "
+    "in no other. Searches: the median of the runs and, in brackets, the best one, each gait paid for once."
+)
+
+#: Evaluations after which searches stand beside the robot's own gaits, or the budget where it is smaller.
+BESIDE_DEFAULTS = 20
+
+
 def write_report(findings: Findings, folder: Path, on_figure: Callable[[str], None] = lambda _: None) -> Path:
     """Write tables, figures and the report into a folder; path of the report.
 
@@ -77,6 +91,8 @@ def _verdicts(findings: Findings) -> Iterator[Section]:
     )
     yield Section("Assumptions", [left_open, Table(HEADER, assumption_rows())])
     yield Section("The bar: mean over legs and runs", blocks)
+    if findings.default_walks:
+        yield Section("Without a search", [DEFAULT_GAITS, _defaults(findings)])
 
 
 def _pictures(drawn: Iterable[FigureEntry], folder: Path) -> Iterator[Section]:
@@ -183,6 +199,29 @@ def _landscapes(landscapes: Iterable[Landscape]) -> Table:
         for landscape in landscapes
     ]
     return Table(header, rows)
+
+
+def _defaults(findings: Findings) -> Table:
+    """The robot's own gaits beside the landscape and the searches of each leg."""
+    names = list(dict.fromkeys(walk.gait for walk in findings.default_walks))
+    after = min(BESIDE_DEFAULTS, findings.plan.budget)
+    searches = [f"{name} after {after}" for name in findings.plan.optimizers]
+    header = ("leg", *names, "median of all valid gaits", "best of all gaits", *searches)
+    return Table(header, [_default_row(findings, leg, after) for leg in findings.searched])
+
+
+def _default_row(findings: Findings, leg: int, after: int) -> list[str]:
+    landscape = findings.rotated(leg)
+    valid_m = landscape.final_m[landscape.valid]
+    cells = [walk.status if walk.final_m is None else cm(walk.final_m) for walk in findings.defaults(leg)]
+    median_m = float(np.median(valid_m)) if valid_m.size else float("nan")
+    cells += [cm(median_m), cm(landscape.best_m)]
+    for name in findings.plan.optimizers:
+        search = findings.searches[leg, name, False]
+        found_m = search.best_m[:, after - 1]
+        best_m = float(np.nanmin(found_m)) if np.isfinite(found_m).any() else float("nan")
+        cells.append(f"{cm(search.curve.median[after - 1])} ({cm(best_m)})")
+    return [str(leg), *cells]
 
 
 def _means(findings: Findings) -> Table:

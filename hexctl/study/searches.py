@@ -14,6 +14,7 @@ from hexctl.adapt.registry import make_optimizer
 from hexctl.adapt.space import GaitSpace
 from hexctl.backends.sim.world import World
 from hexctl.errors import InputError
+from hexctl.study.default_gaits import DefaultWalk
 from hexctl.study.experiments import landscape_by_symmetry
 from hexctl.study.landscape import Landscape
 from hexctl.study.plan import HEURISTICS, WITHOUT, StudyPlan
@@ -212,6 +213,7 @@ class Findings:
         world: the simulated world.
         nearby: the results in worlds like this one, over which claims are judged, too.
         nulls: the searches of the heuristics in landscapes of random numbers, see `null_findings`.
+        default_walks: walks with the gaits that the robot would use anyway, where they were walked.
     """
 
     plan: StudyPlan
@@ -220,6 +222,7 @@ class Findings:
     world: World
     nearby: tuple["Findings", ...] = ()
     nulls: tuple["Findings", ...] = ()
+    default_walks: tuple[DefaultWalk, ...] = ()
 
     @property
     def worlds(self) -> tuple["Findings", ...]:
@@ -242,6 +245,10 @@ class Findings:
         groups = self.plan.experiments(self.world, self.plan.self_rotation)
         some = [tuple(leg for leg in group if leg in self.searched) for group in groups]
         return tuple(group for group in some if group)
+
+    def defaults(self, leg: int) -> list[DefaultWalk]:
+        """Walks of a failed leg with the gaits that the robot would use anyway."""
+        return [walk for walk in self.default_walks if walk.leg == leg]
 
     def without(self, leg: int) -> Landscape:
         """Landscape without self-rotation."""

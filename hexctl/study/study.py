@@ -4,7 +4,7 @@ import json
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +13,7 @@ from hexctl.backends.sim.world import World, as_world
 from hexctl.errors import InputError, argument, check_type
 from hexctl.robot.model import Robot
 from hexctl.study.cache import LandscapeCache
+from hexctl.study.default_gaits import walk_default_gaits
 from hexctl.study.drawing import check_drawing
 from hexctl.study.evaluate import Progress, Silent, check_jobs, evaluate
 from hexctl.study.figures import FIGURES
@@ -126,7 +127,8 @@ def run_study(
 ) -> StudyResult:
     """Simulate all gaits of a plan, search the landscapes, write report, figures, tables and `study.json`.
 
-    Simulated gaits are saved while this runs: a call that was interrupted is continued by the next one.
+    The robot's own gaits are walked beside them, on this computer. Simulated gaits are saved while this runs:
+    a call that was interrupted is continued by the next one.
 
     Args:
         plan: the experiments.
@@ -148,9 +150,12 @@ def run_study(
         cache.probe()
         times_s = _Stopwatch()
         landscapes = evaluate(plan.specs(), cache, jobs=jobs, dask=dask, progress=progress)
+        progress.stage("the robot's own gaits", len(plan.legs))
+        default_walks = walk_default_gaits(plan, cache, jobs=jobs, on_leg=progress.step)
         times_s.lap("landscapes")
         progress.stage("searches, leg by leg", len(plan.searched_specs()))
         findings = search_all(plan, landscapes, lambda _: progress.step())
+        findings = replace(findings, default_walks=default_walks)
         times_s.lap("searches")
         progress.stage("figures", len(FIGURES))
         report = write_report(findings, folder, lambda _: progress.step())

@@ -109,6 +109,7 @@ def summary_json(findings: Findings) -> dict[str, Any]:
         "claims": [{**asdict(claim), "verdict": claim.verdict} for claim in claims_of(findings)],
         "bars": [_bar(row) for count in (False, True) for row in bar_rows(findings, paper_count=count)],
         "landscapes": [_landscape(landscape) for landscape in findings.landscapes.values()],
+        "default_gaits": [{**asdict(walk), "final_m": walk.final_m} for walk in findings.default_walks],
         "convergence": [
             _curve(findings, name, paper_count=count) for count in (False, True) for name in plan.optimizers
         ],
