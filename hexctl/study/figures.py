@@ -24,6 +24,9 @@ if TYPE_CHECKING:
 #: Width of a panel and of the colour bar, in inches.
 PANEL_IN, BAR_IN = 4.3, 1.0
 
+#: Width of a legend's entry, in inches.
+LEGEND_ENTRY_IN = 2.0
+
 #: Legs whose examples the paper shows, and the arbitrary gait that stands for them without self-rotation.
 EXAMPLE_LEGS, EXAMPLE_CODE = (2, 6), 57
 
@@ -164,7 +167,7 @@ def _finish_paths(
         if equal:
             panel.set_aspect("equal", adjustable="box")
     label_axes(panels, used, "progress along the heading in m", "to the left of the line in m")
-    figure.suptitle(title, fontsize=11)
+    figure.suptitle(title, fontsize=11, wrap=True)
 
 
 FLOOR_COLOR = "#888888"
@@ -259,8 +262,9 @@ def _finish_curves(figure: "Figure", panels: "list[Axes]", used: int, title: str
         panel.set_ylim(bottom=LOW_M)
     label_axes(panels, used, "evaluations", "deviation from the line")
     handles, labels = panels[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=len(labels), fontsize=9, frameon=False)
-    figure.suptitle(title, fontsize=11)
+    columns = min(len(labels), max(2, int(figure.get_figwidth() / LEGEND_ENTRY_IN)))
+    figure.legend(handles, labels, loc="outside lower center", ncols=columns, fontsize=9, frameon=False)
+    figure.suptitle(title, fontsize=11, wrap=True)
 
 
 @dataclass(frozen=True, kw_only=True)
