@@ -28,7 +28,7 @@ def changed(name: str, *, stiffness: float = 1.0, torque: float = 1.0) -> Robot:
 
 
 def trial_of(robot: Robot, world: World, failure: Failure | None = None) -> SimTrial:
-    plan = TrialPlan(gait=gait_of(robot, "demo"), duration_s=8.0, belief=failure)
+    plan = TrialPlan(gait=gait_of(robot, "demo"), duration_s=5.0, belief=failure)
     return SimTrial(robot=robot, plan=plan, failure=failure, world=world)
 
 
