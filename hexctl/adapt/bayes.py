@@ -35,9 +35,17 @@ EARLIEST = 0.3
 #: Number of first trials that are chosen with a horizon of two trials.
 LOOKING_AHEAD = 2
 
-#: Standard deviation between trials of one gait, until repeats tell: in simulation, and on a real floor.
+#: Standard deviation between trials of one gait, until repeats tell. In simulation a gait repeats to the last
+#: bit: this is only not 0. On a real robot it is what repeats made in simulated robots as they are built and
+#: worn: `ant` in the worlds real:0 to real:9, leg 5 locked, 30 s after the self-rotation, sensor noise of 0.5
+#: degrees of yaw, 2 mm and 0.2 degrees per joint, lost commands and noise drawn anew in each of four repeats.
+#: Over three gaits, 27 of 30 pairs in which they make progress, it was 1.0 to 10.8 cm, 3.7 at the median and
+#: 4.9 as root mean square.
 SIMULATED_NOISE_M = 0.001
-REAL_NOISE_M = 0.02
+REAL_NOISE_M = 0.04
+
+#: What sessions believed of a real robot before they stored it.
+FORMER_REAL_NOISE_M = 0.02
 
 #: Expected gain below which another trial is not worth it, as a share of that noise, or of the simulation's
 #: own uncertainty where that is greater.

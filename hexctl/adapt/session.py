@@ -33,6 +33,8 @@ class SessionSpec:
         worth_m: expected gain below which `bayes` ends the search; None to spend the budget.
         uncertainty_m: the simulation's own standard uncertainty of where a walk ends across its line, counted
             when a gait is confirmed; 0 where it is not known, not counted, or the robot is real.
+        noise_m: standard deviation between trials of one gait that `bayes` believes until repeats tell; None
+            in sessions from before it was stored, and without `bayes`.
         confirm: repeats of the best gait after the search, within the budget.
         count_repeats: True to walk and count a code again when the optimizer asks for it again (the paper's
             count), False to answer from memory.
@@ -88,6 +90,7 @@ class SessionSpec:
     target_share: float | None = None
     worth_m: float | None = None
     uncertainty_m: float = 0.0
+    noise_m: float | None = None
 
     @property
     def simulated(self) -> bool:

@@ -118,7 +118,7 @@ def adapt(
             GAIN_M,
             "With bayes: end the search once another trial is expected to gain less than this, in metres, "
             "{}; 0 goes on whatever the gain. (default: a quarter of the noise between trials, or of the "
-            "simulation's own uncertainty; 0.005 on a real robot)",
+            "simulation's own uncertainty; 0.01 on a real robot)",
         ),
     ] = None,
     confirm: Annotated[

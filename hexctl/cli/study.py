@@ -321,6 +321,7 @@ def _study_lines(result: "StudyResult") -> list[str]:
     from hexctl.study.bars import bar_rows
     from hexctl.study.claims import claims_of
     from hexctl.study.evidence import cm
+    from hexctl.study.uncertainty import StudyUncertainty
 
     findings = result.findings
     lines = _verdict_lines((claim.verdict, claim.claim) for claim in claims_of(findings))
@@ -333,6 +334,8 @@ def _study_lines(result: "StudyResult") -> list[str]:
     ]
     if rows and not missed:
         lines.append("bar held by all optimizers, each gait paid for once")
+    plan = findings.plan
+    lines += StudyUncertainty.of(plan.robot, plan.world, plan.duration_s).lines
     return [*lines, ", ".join(f"{name} {spent_s:.0f} s" for name, spent_s in result.times_s.items())]
 
 

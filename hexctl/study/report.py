@@ -16,6 +16,7 @@ from hexctl.study.page import Block, Bullets, Picture, Section, Table, render_pa
 from hexctl.study.searches import NULL_DRAWS, Curve, Findings
 from hexctl.study.tables import SHOWN, TABLES, write_tables
 from hexctl.study.trajectories import left_share, within
+from hexctl.study.uncertainty import StudyUncertainty
 from hexctl.study.versions import code_versions
 
 REPORT = "report.html"
@@ -76,7 +77,7 @@ def write_report(findings: Findings, folder: Path, on_figure: Callable[[str], No
 
 
 def _verdicts(findings: Findings) -> Iterator[Section]:
-    yield Section("", [_settings(findings)])
+    yield Section("", [_settings(findings), _uncertainty(findings).sentence])
     yield Section("Claims of the paper", [_claims(findings)])
     yield Section("How to read this", [Bullets([*READING, _stuck(findings)])])
     bar = (
@@ -102,7 +103,7 @@ def _pictures(drawn: Iterable[FigureEntry], folder: Path) -> Iterator[Section]:
 
 
 def _numbers(findings: Findings) -> Iterator[Section]:
-    yield Section("Landscapes", [_landscapes(findings.landscapes.values())])
+    yield Section("Landscapes", [_landscapes(findings.landscapes.values(), _uncertainty(findings))])
     yield Section("Means over all legs and runs, with standard deviation", [_means(findings)])
     title = "Means of each leg over its runs, with standard deviation, by the paper's count"
     yield Section(title, [_leg_means(findings)])
@@ -114,6 +115,11 @@ def _numbers(findings: Findings) -> Iterator[Section]:
     beside = f"Beside this page: {', '.join(TABLES)}, and each figure as PNG and SVG."
     versions = ", ".join(f"{name} {value}" for name, value in code_versions().items())
     yield Section("Files and versions", [beside, versions])
+
+
+def _uncertainty(findings: Findings) -> StudyUncertainty:
+    plan = findings.plan
+    return StudyUncertainty.of(plan.robot, plan.world, plan.duration_s)
 
 
 def _settings(findings: Findings) -> str:
@@ -183,7 +189,7 @@ def _share(share: float) -> str:
     return "" if share == 1 else f" [{share:.0%} of the runs]"
 
 
-def _landscapes(landscapes: Iterable[Landscape]) -> Table:
+def _landscapes(landscapes: Iterable[Landscape], uncertainty: StudyUncertainty) -> Table:
     header = ("leg", "self-rotation", "gaits", "valid", "end left", "within 10 cm", "within 2.5 cm", "best")
     rows = [
         (
@@ -194,7 +200,7 @@ def _landscapes(landscapes: Iterable[Landscape]) -> Table:
             f"{left_share(landscape):.0%}",
             str(within(landscape, 0.10)),
             str(within(landscape, 0.025)),
-            cm(landscape.best_m),
+            uncertainty.beside(landscape.best_m),
         )
         for landscape in landscapes
     ]

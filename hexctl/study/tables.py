@@ -12,6 +12,7 @@ from hexctl.study.claims import claims_of
 from hexctl.study.landscape import NUMBERS, Landscape
 from hexctl.study.searches import Findings, Searches
 from hexctl.study.trajectories import left_share, within
+from hexctl.study.uncertainty import StudyUncertainty
 from hexctl.study.versions import code_versions
 
 COUNT_NAMES = {True: "paper", False: "fresh"}
@@ -105,6 +106,7 @@ def summary_json(findings: Findings) -> dict[str, Any]:
         "failure": plan.failure,
         "self_rotation": plan.self_rotation,
         "worlds": plan.worlds,
+        "uncertainty": StudyUncertainty.of(plan.robot, plan.world, plan.duration_s).as_json(),
         "code": code_versions(),
         "claims": [{**asdict(claim), "verdict": claim.verdict} for claim in claims_of(findings)],
         "bars": [_bar(row) for count in (False, True) for row in bar_rows(findings, paper_count=count)],

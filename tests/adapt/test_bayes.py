@@ -238,7 +238,7 @@ def test_repeats_that_differ_make_it_unsure() -> None:
     (code,) = steady.ask()
     on_the_line = world[code - 1] * 0.01
     for index in range(6):
-        for optimizer, off_m in ((steady, 0.0), (shaky, 0.08 * (-1) ** index)):
+        for optimizer, off_m in ((steady, 0.0), (shaky, 4 * REAL_NOISE_M * (-1) ** index)):
             features = on_the_line.copy()
             features[FINAL] += off_m
             told(optimizer, code, features)

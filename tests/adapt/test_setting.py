@@ -1,10 +1,13 @@
 """What a session spec names, and the simulation's own uncertainty of its walks."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 import yaml
 
+from hexctl.adapt.bayes import REAL_NOISE_M, SIMULATED_NOISE_M
+from hexctl.adapt.prior.choice import noise_m
 from hexctl.adapt.search import new_spec
 from hexctl.adapt.session import SessionSpec
 from hexctl.backends.sim.world import World
@@ -58,6 +61,14 @@ def test_there_is_none_on_a_robot_of_other_scores_and_of_short_walks(
 def test_a_session_from_before_goes_on_without() -> None:
     assert SessionSpec().uncertainty_m == 0
     assert SessionSpec(target_m=0.025).greatest_chance is None
+
+
+def test_what_noise_is_believed_is_stored_and_sessions_from_before_keep_theirs() -> None:
+    simulated, real = (new_spec(failed_leg=5, backend=backend) for backend in ("sim", "mock"))
+    assert (simulated.noise_m, real.noise_m) == (SIMULATED_NOISE_M, REAL_NOISE_M)
+    assert real.worth_m == pytest.approx(REAL_NOISE_M / 4)
+    before = [replace(spec, noise_m=None) for spec in (simulated, real)]
+    assert [noise_m(spec) for spec in (simulated, real, *before)] == [0.001, REAL_NOISE_M, 0.001, 0.02]
 
 
 def test_the_greatest_chance_is_that_of_a_walk_which_ends_on_the_line() -> None:

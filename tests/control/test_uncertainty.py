@@ -21,6 +21,7 @@ from hexctl.control.uncertainty import (
 )
 from hexctl.errors import InputError
 from hexctl.gait.gait import make_gait
+from hexctl.robot.configs import config_names
 from hexctl.robot.failure import Failure
 from tests.robots import shipped
 
@@ -127,7 +128,7 @@ def test_a_measurement_takes_the_place_of_an_earlier_one_and_of_the_shipped_one(
     assert shipped_one.walks not in (7, 9)
 
 
-@pytest.mark.parametrize("name", ["ant", "phantomx"])
+@pytest.mark.parametrize("name", config_names("robots"))
 def test_the_shipped_robots_have_one(name: str, tmp_path: Path) -> None:
     """Of each robot file as it is now: another description of the robot needs another measurement."""
     found = known_uncertainty(name, folder=tmp_path)

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
-from hexctl.adapt.bayes import REAL_NOISE_M, SIMULATED_NOISE_M, WORTH_SHARE
+from hexctl.adapt.bayes import FORMER_REAL_NOISE_M, REAL_NOISE_M, SIMULATED_NOISE_M, WORTH_SHARE
 from hexctl.adapt.prior.find import Covers, check_prior, find_prior, named_prior
 from hexctl.adapt.prior.prior import load_prior
 from hexctl.adapt.prior.samples import covers
@@ -105,16 +105,25 @@ def _with_bayes(spec: SessionSpec, path: Path) -> SessionSpec:
     """Spec of a session with `bayes` and a prior."""
     target_m = DEFAULT_TARGET_M if spec.target_m is None else spec.target_m
     digest = load_prior(path).digest()
-    unsure_m = max(noise_m(spec), spec.uncertainty_m)
+    believed_m = SIMULATED_NOISE_M if spec.simulated else REAL_NOISE_M
+    unsure_m = max(believed_m, spec.uncertainty_m)
     worth_m = WORTH_SHARE * unsure_m if spec.worth_m is None else spec.worth_m
     return replace(
-        spec, optimizer=BAYES, target_m=target_m, prior=str(path), prior_digest=digest, worth_m=worth_m
+        spec,
+        optimizer=BAYES,
+        target_m=target_m,
+        prior=str(path),
+        prior_digest=digest,
+        worth_m=worth_m,
+        noise_m=believed_m,
     )
 
 
 def noise_m(spec: SessionSpec) -> float:
     """Standard deviation between trials of one gait that is assumed before any repeat."""
-    return SIMULATED_NOISE_M if spec.backend == "sim" else REAL_NOISE_M
+    if spec.noise_m is not None:
+        return spec.noise_m
+    return SIMULATED_NOISE_M if spec.simulated else FORMER_REAL_NOISE_M
 
 
 def knows_stances(spec: SessionSpec) -> bool:

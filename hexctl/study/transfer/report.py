@@ -16,6 +16,7 @@ from hexctl.study.plan import BASELINE
 from hexctl.study.tables import number
 from hexctl.study.transfer.plan import EARLY, PRIORED
 from hexctl.study.transfer.searches import NEAR_M, NEARER_M, Curves, TransferFindings
+from hexctl.study.uncertainty import StudyUncertainty
 from hexctl.study.versions import code_versions
 from hexctl.types import FloatArray
 
@@ -255,6 +256,7 @@ def transfer_json(findings: TransferFindings) -> dict[str, Any]:
         "budget": plan.budget,
         "duration_s": plan.duration_s,
         "target_m": plan.target_m,
+        "uncertainty": _uncertainty(findings).as_json(),
         "code": code_versions(),
         "landscapes": len(findings.landscapes),
         "landscapes_without_valid_gait": findings.without,
@@ -281,6 +283,11 @@ def _found(findings: TransferFindings, name: str, places: list[int]) -> dict[str
     }
 
 
+def _uncertainty(findings: TransferFindings) -> StudyUncertainty:
+    plan = findings.plan
+    return StudyUncertainty.of(plan.robot, plan.specs()[0].world, plan.duration_s)
+
+
 def _verdicts(findings: TransferFindings) -> Iterator[Section]:
     plan = findings.plan
     settings = (
@@ -289,7 +296,7 @@ def _verdicts(findings: TransferFindings) -> Iterator[Section]:
         f"of each search that has a seed; prior of {plan.prior.worlds} worlds a leg; "
         f"target {cm(plan.target_m)}."
     )
-    yield Section("", [settings])
+    yield Section("", [settings, _uncertainty(findings).sentence])
     rows = [(bar.asked, bar.measured, bar.verdict) for bar in transfer_bars(findings)]
     yield Section("Bars", [Table(("asked", "measured", "verdict"), rows)])
     yield Section("How to read this", [Bullets(READING), _reach(findings)])
@@ -315,7 +322,7 @@ def _numbers(findings: TransferFindings) -> Iterator[Section]:
 def _reach(findings: TransferFindings) -> str:
     total = len(findings.landscapes)
     within = [len(findings.places(reachable_m=bound)) for bound in (NEAR_M, NEARER_M)]
-    floor = cm(findings.floor_m(findings.places()))
+    floor = _uncertainty(findings).beside(findings.floor_m(findings.places()))
     return (
         f"Best of all gaits: {floor} on the mean. Of {total} worlds and legs {within[0]} have a valid gait "
         f"within 10 cm and {within[1]} one within 2.5 cm; {findings.without} more have no valid gait at all "

@@ -64,6 +64,8 @@ def test_the_report_is_one_page_with_figures_and_table_beside_it(
     assert text.count("data:image/png;base64,") == 3
     for words in (*OPTIMIZERS, *findings.kinds(), f"{WORLDS} worlds", f"{BUDGET} trials"):
         assert words in text
+    assert "own uncertainty is not known for these walks" in text  # they take some seconds
+    assert transfer_json(findings)["uncertainty"] is None
     table = pq.read_table(tmp_path / TABLE)
     assert table.num_rows == sum(
         len(course.codes) for courses in findings.courses.values() for course in courses

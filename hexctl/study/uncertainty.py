@@ -1,0 +1,53 @@
+"""The simulation's own uncertainty beside the deviations of a study."""
+
+from dataclasses import dataclass
+from typing import Any
+
+from hexctl.backends.sim.world import World
+from hexctl.control.uncertainty import SimulationUncertainty, known_uncertainty
+from hexctl.robot.model import Robot
+from hexctl.study.evidence import JUDGED_FROM_S, cm
+
+
+@dataclass(frozen=True, slots=True)
+class StudyUncertainty:
+    """What is known of the uncertainty of the walks of a study.
+
+    Attributes:
+        known: as measured; None where it was not.
+        duration_s: how long the walks take.
+    """
+
+    known: SimulationUncertainty | None
+    duration_s: float
+
+    @classmethod
+    def of(cls, robot: Robot, world: World, duration_s: float) -> "StudyUncertainty":
+        """Uncertainty of a robot's walks in a world; raises InputError for a damaged file of measurements."""
+        return cls(known_uncertainty(robot, world, duration_s=duration_s), duration_s)
+
+    @property
+    def sentence(self) -> str:
+        """What a reader should know of it."""
+        if self.known is None:
+            return (
+                "The simulation's own uncertainty is not known for these walks; hexctl check ROBOT --physics "
+                "measures it."
+            )
+        return (
+            f"Every deviation is ± {cm(self.known.numerical_m)} by the simulation's own uncertainty (time "
+            "step and solver): gaits whose ends are nearer to one another than this cannot be told apart."
+        )
+
+    @property
+    def lines(self) -> list[str]:
+        """The sentence as lines of a summary; none if unknown for walks that are too short to be judged."""
+        return [self.sentence] if self.known is not None or self.duration_s >= JUDGED_FROM_S else []
+
+    def beside(self, deviation_m: float) -> str:
+        """A deviation with its uncertainty, where that is known."""
+        return cm(deviation_m) + ("" if self.known is None else f" ± {cm(self.known.numerical_m)}")
+
+    def as_json(self) -> dict[str, Any] | None:
+        """As in `hexctl check --physics --json`; None where it is not known."""
+        return None if self.known is None else self.known.to_dict()
