@@ -394,7 +394,8 @@ def test_a_prior_that_knows_no_stances_does_not_look(
 
 
 def test_a_session_does_not_go_on_with_another_prior(prior: str, capsys: pytest.CaptureFixture[str]) -> None:
-    name = interrupted_after(1, capsys, *ADAPT, "--prior", prior, "--target", "0.001")
+    words = [*ADAPT, "--prior", prior, "--target", "0.001", "--worth", "0"]
+    name = interrupted_after(1, capsys, *words)
     original = Path(prior).read_bytes()
     resume = ["adapt", "--resume", name]
 
