@@ -13,7 +13,6 @@ from hexctl.adapt.setting import Note, Setting
 from hexctl.backends.base import LegServos, connection_notes
 from hexctl.backends.clock import request_realtime_priority
 from hexctl.backends.registry import BackendOptions, make_servos
-from hexctl.backends.sim.failure import drawn_failure
 from hexctl.backends.sim.terrain import make_floor
 from hexctl.backends.sim.world import World
 from hexctl.control.guard import Guard
@@ -29,7 +28,7 @@ from hexctl.gait.foot_trajectory import RAMP_DURATION_S
 from hexctl.gait.gait import NAMED_SLOTS, ideal_speed_m_s
 from hexctl.record.live import LiveView
 from hexctl.record.recording import Recording
-from hexctl.robot.failure import failure_text
+from hexctl.robot.failure import drawn_failure, failure_text
 from hexctl.robot.meshes import Meshes
 from hexctl.robot.model import Robot
 from hexctl.types import RobotState

@@ -71,6 +71,10 @@ def _why(stopped: str | None) -> str:
     return f" ({stopped})" if hint is None else f" ({stopped}): {hint}"
 
 
+#: Misses of a self-rotation up to this are usual.
+NOTED_MISS_DEG = 0.15
+
+
 def _cause(cause: str | None) -> str:
     """Likely cause of a walk without progress, in words."""
     from hexctl.control.cause import CAUSES
@@ -98,9 +102,18 @@ def _distance_rows(outcome: dict[str, Any]) -> list[tuple[str, str]]:
     distance, side = f"{outcome['distance_m']:.3f} m", _side(outcome["deviation_m"]["signed"])
     if turn and ideal:
         return [("walked", f"{duration} in an arc, ended {distance} ahead and {side}"), turned]
+    missed = _turn_missed(outcome.get("turn_miss_deg"))
     share = f" of {ideal:.3f} m ideal ({100 * outcome['distance_m'] / ideal:.0f} %)" if ideal else ""
     mean = f"{outcome['deviation_m']['mean']:.3f} m on average"
-    return [("walked", f"{duration}, {distance}{share}"), ("deviation", f"{side} at the end, {mean}"), turned]
+    rows = [("walked", f"{duration}, {distance}{share}"), ("deviation", f"{side} at the end, {mean}"), turned]
+    return [*rows, *missed]
+
+
+def _turn_missed(miss_deg: float | None) -> list[tuple[str, str]]:
+    """A row for a self-rotation that missed its goal by more than it should."""
+    if miss_deg is None or abs(miss_deg) <= NOTED_MISS_DEG:
+        return []
+    return [("turn", f"the self-rotation missed its goal by {miss_deg:+.1f} degrees")]
 
 
 def _side(signed_m: float) -> str:

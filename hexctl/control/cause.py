@@ -18,7 +18,7 @@ from hexctl.types import JOINTS_PER_LEG, N_JOINTS, N_LEGS, BoolArray, FloatArray
 #: Causes and what they mean, for people.
 CAUSES = {
     "saturation": "servos at their torque limit",
-    "sag": "joints give way under the weight",
+    "sag": "joints stay far behind their targets: soft servos under the weight, or late commands",
     "slip": "feet slide over the floor",
 }
 

@@ -25,6 +25,7 @@ from hexctl.control.turning import (
     swallowed_rad,
     turn_needed_rad,
 )
+from hexctl.errors import RobotFaultError
 from hexctl.robot.model import Robot
 from hexctl.robot.rotations import wrapped_rad, yaw_rad
 from hexctl.types import ArrayFields, FloatArray, JointTargets, RobotState
@@ -212,6 +213,8 @@ class Preparation:
         rest = slice(max(0, len(self._trace) - ticks_of(self._servos, duration_s) // 2 - 1), None)
         positions, quaternions = self._trace.positions_world[rest], self._trace.quaternions_world[rest]
         known = np.isfinite(positions[:, 0])
+        if not known.any():
+            raise RobotFaultError("the robot's pose was lost before the walk; check what measures it")
         yaws = yaw_rad(quaternions[known])
         off_rad = np.array([wrapped_rad(value - yaws[-1]) for value in yaws.tolist()])
         return _RestingPose(

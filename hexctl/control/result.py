@@ -10,11 +10,12 @@ import numpy as np
 from hexctl.control.cause import Samples, symptoms
 from hexctl.control.plan import TrialPlan
 from hexctl.control.trace import TrialFrame
+from hexctl.control.turning import TURN_WITHIN_RAD, turn_needed_rad
 from hexctl.errors import InputError, MissingExtraError
 from hexctl.gait.foot_trajectory import RAMP_DURATION_S
 from hexctl.gait.gait import ideal_speed_m_s
 from hexctl.robot.model import Robot
-from hexctl.robot.rotations import yaw_rad
+from hexctl.robot.rotations import wrapped_rad, yaw_rad
 from hexctl.types import ArrayFields, FloatArray
 
 #: A walk with less than this share of the ideal distance made no progress; one that is over before the soft
@@ -72,6 +73,8 @@ class TrialResult(ArrayFields):
         path_m: progress and signed deviation at each tick of the walk, (T, 2); NaN where not measured.
         cause: the likely cause of `no_progress`, one of `hexctl.control.cause.CAUSES`; None for any other
             status, and where none stands out or joints and feet are not measured.
+        turn_miss_rad: how much further than its goal the self-rotation turned, counter-clockwise; None
+            without one, and where the robot knows no yaw. A degree is worth 8 to 14 cm after 30 s.
     """
 
     status: str
@@ -85,6 +88,7 @@ class TrialResult(ArrayFields):
     clipped_ticks: int
     path_m: FloatArray
     cause: str | None = None
+    turn_miss_rad: float | None = None
 
     @property
     def valid(self) -> bool:
@@ -106,6 +110,7 @@ class TrialResult(ArrayFields):
             "stopped": self.stopped,
             "clipped_ticks": self.clipped_ticks,
             "cause": self.cause,
+            "turn_miss_deg": None if self.turn_miss_rad is None else math.degrees(self.turn_miss_rad),
         }
         if path:
             data["path_m"] = [[_known(value) for value in row] for row in self.path_m.tolist()]
@@ -118,6 +123,7 @@ class TrialResult(ArrayFields):
         Raises InputError for anything else.
         """
         try:
+            miss_deg = data.get("turn_miss_deg")
             yaw_change_deg, path = data["yaw_change_deg"], data.get("path_m") or np.zeros((0, 2))
             return cls(
                 status=str(data["status"]),
@@ -131,6 +137,7 @@ class TrialResult(ArrayFields):
                 clipped_ticks=int(data["clipped_ticks"]),
                 path_m=np.array(path, dtype=float),
                 cause=data.get("cause"),
+                turn_miss_rad=None if miss_deg is None else math.radians(miss_deg),
             )
         except (KeyError, TypeError, ValueError, AttributeError) as error:
             raise InputError(
@@ -235,7 +242,14 @@ def score(
         clipped_ticks=clipped_ticks,
         path_m=path,
         cause=cause,
+        turn_miss_rad=_turn_miss_rad(robot, plan, turned_rad) if frame is not None else None,
     )
+
+
+def _turn_miss_rad(robot: Robot, plan: TrialPlan, turned_rad: float) -> float | None:
+    """How much further than its goal a self-rotation turned; None for a plan without one."""
+    wanted_rad = turn_needed_rad(robot, plan)
+    return wrapped_rad(turned_rad - wanted_rad) if abs(wanted_rad) > TURN_WITHIN_RAD else None
 
 
 def progress_floor_m(robot: Robot, plan: TrialPlan, duration_s: float) -> float:

@@ -97,7 +97,8 @@ def check_plan(robot: Robot, plan: TrialPlan) -> None:
     turn_rad = turn_needed_rad(robot, plan)
     check_walk(robot, plan.gait, plan.motion(turn_rad))
     if turn_rad:
-        check_walk(robot, turn_gait(robot), turn_motion(robot, turn_rad))
+        for way_rad in (-turn_rad, turn_rad):  # the small steps at its end go either way
+            check_walk(robot, turn_gait(robot), turn_motion(robot, way_rad))
         for off_rad in (-TURN_TOLERANCE_RAD, TURN_TOLERANCE_RAD):
             check_walk(robot, plan.gait, plan.motion(turn_rad + off_rad))
 

@@ -1,10 +1,16 @@
 """Failures of a leg: `locked`, `limp`, `stuck`, `weak`, `missing`; and `unknown`."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
 
 from hexctl.errors import InputError, argument, check_type
 from hexctl.types import JOINT_KINDS, JOINTS_PER_LEG, N_LEGS
+
+if TYPE_CHECKING:
+    from hexctl.robot.model import Robot
 
 BROKEN_KINDS = ("locked", "limp", "stuck", "weak", "missing")
 
@@ -24,7 +30,7 @@ class Failure:
     A `locked` leg holds its stance pose, on the floor. A `limp` one has no torque. A `stuck` one has one
     joint jammed. A `weak` one has part of its torque. A `missing` one has neither contacts nor mass. Of an
     `unknown` failure only the leg is known: a controller keeps that leg in its stance pose, whatever it does
-    there, and a simulation draws what breaks (`hexctl.backends.sim.failure.drawn_failure`).
+    there, and a simulation draws what breaks (`drawn_failure`).
 
     Attributes:
         leg: number of the leg, 1..6.
@@ -116,3 +122,27 @@ def _number(text: str, whole: str) -> float:
 def _require(holds: bool, what: str, got: object, allowed: str) -> None:
     if not holds:
         raise InputError(f"{what}: got {got}; allowed: {allowed}")
+
+
+#: Standard deviation of the angle at which a joint of an unknown failure jams, about its angle in the stance.
+JAM_SPREAD_RAD = math.radians(20.0)
+
+#: Share of the torque that a weak leg of an unknown failure has.
+WEAK_SHARES = (0.05, 0.6)
+
+
+def drawn_failure(robot: "Robot", failure: Failure | None, seed: int) -> Failure | None:
+    """The failure that a simulation with a seed applies: the one given, or one drawn where it is `unknown`.
+
+    Every kind is as likely as any other. A jammed joint is any of the three, near its angle in the stance.
+    """
+    if failure is None or failure.kind != UNKNOWN:
+        return failure
+    # A stream of its own beside those of bumps, joint offsets, noise and lost commands.
+    rng = np.random.default_rng([seed, 4, failure.leg])
+    kind, joint = str(rng.choice(BROKEN_KINDS)), str(rng.choice(JOINT_KINDS))
+    drawn = Failure(leg=failure.leg, kind=kind, joint=joint, torque_fraction=float(rng.uniform(*WEAK_SHARES)))
+    index = drawn.joint_index
+    angle_rad = robot.stance_angles_rad[index] + JAM_SPREAD_RAD * rng.standard_normal()
+    within_rad = np.clip(angle_rad, robot.joint_lower_rad[index], robot.joint_upper_rad[index])
+    return replace(drawn, angle_rad=float(within_rad))

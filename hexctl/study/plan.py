@@ -11,7 +11,7 @@ from hexctl.adapt.space import GaitSpace
 from hexctl.backends.sim.world import World
 from hexctl.control.turning import check_plan
 from hexctl.errors import InputError, LimitError, ReachError, argument, check_type
-from hexctl.robot.failure import FAILURE_FORMS, parse_failure
+from hexctl.robot.failure import FAILURE_FORMS, UNKNOWN, parse_failure
 from hexctl.robot.model import Robot
 from hexctl.study.experiments import experiments_of
 from hexctl.study.landscape import N_CODES, LandscapeSpec
@@ -157,6 +157,12 @@ class StudyPlan:
         gaits = self.without_gaits
         _require(1 <= gaits <= N_CODES, argument("without_gaits"), gaits, f"1..{N_CODES}")
         parse_failure(self.legs[0], self.failure)
+        _require(
+            self.failure != UNKNOWN,
+            argument("failure"),
+            self.failure,
+            "one that is the same in every leg; the transfer benchmark takes unknown",
+        )
         _require(math.isfinite(self.duration_s), argument("duration_s"), self.duration_s, "a finite time")
         self._check_optimizers()
         check_walks(self.specs())

@@ -32,6 +32,14 @@ heavy = {"mujoco", "dm_control", "rerun", "zenoh", "typer", "hexctl.adapt.adapta
 assert not heavy, heavy
 """
 
+#: A robot's own computer adapts over a link, without a simulation.
+WITHOUT_SIMULATION = """
+import sys
+import hexctl.adapt.adaptation
+heavy = {"mujoco", "dm_control"} & set(sys.modules)
+assert not heavy, heavy
+"""
+
 
 @pytest.fixture(autouse=True)
 def _in_an_empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -70,6 +78,10 @@ def test_the_package_is_callable_and_light() -> None:
     subprocess.run([sys.executable, "-c", LIGHT], check=True)
 
 
+def test_adapting_over_a_link_loads_no_simulation() -> None:
+    subprocess.run([sys.executable, "-c", WITHOUT_SIMULATION], check=True)
+
+
 def test_one_call_searches_in_simulation(capsys: pytest.CaptureFixture[str]) -> None:
     seen: list[int] = []
     result = hexctl.adapt(
@@ -105,7 +117,7 @@ def test_what_an_unknown_failure_breaks_is_noted_and_not_told() -> None:
         record=False,
     )
     assert result.session.spec.failure == "unknown"
-    assert "the simulation breaks leg 5 missing; neither controller nor search is told" in notes
+    assert "the simulation breaks leg 5 limp; neither controller nor search is told" in notes
 
 
 @pytest.mark.usefixtures("landscape")

@@ -15,6 +15,7 @@ from hexctl.control.plan import TrialPlan
 from hexctl.control.result import Deviation, TrialResult, score
 from hexctl.control.trace import TrialFrame
 from hexctl.errors import InputError
+from hexctl.robot.failure import Failure
 from hexctl.types import FloatArray
 from tests.robots import shipped
 from tests.trials import gait_of
@@ -37,13 +38,13 @@ def _score(
     turned = path @ np.array([[cos, sin], [-sin, cos]])
     world = np.column_stack([turned + origin[:2], np.full(len(path), 0.1)])
     quaternions = np.tile(UPRIGHT, (len(path), 1)) if yaws is None else _turned(yaws)
-    duration_s = plan.pop("duration_s", 10.0)
+    duration_s, turned_rad = plan.pop("duration_s", 10.0), plan.pop("turned_rad", 0.0)
     return score(
         shipped(),
         TrialPlan(gait=gait_of(shipped()), **plan),
         status=status,
         duration_s=duration_s,
-        turned_rad=0.0,
+        turned_rad=turned_rad,
         clipped_ticks=3,
         frame=TrialFrame(origin, heading, 0.0 if yaws is None else float(yaws[0])),
         positions_world=world,
@@ -182,3 +183,18 @@ def test_a_result_is_one_line_and_can_be_drawn() -> None:
     ax = result.plot()
     np.testing.assert_array_equal(ax.lines[1].get_xydata(), result.path_m)
     assert result.plot(ax) is ax
+
+
+@pytest.mark.parametrize(("turned_deg", "miss_deg"), [(60.0, 0.0), (61.5, 1.5), (-299.0, 1.0)])
+def test_a_self_rotation_that_misses_its_goal_says_so(turned_deg: float, miss_deg: float) -> None:
+    """Leg 3 of ant points to 120 degrees: it trails after a turn by 60."""
+    result = _score(
+        _along(1.2, np.zeros(5)), belief=Failure(leg=3), turned_rad=math.radians(turned_deg), duration_s=1.0
+    )
+    assert result.turn_miss_rad == pytest.approx(math.radians(miss_deg), abs=1e-9)
+    again = TrialResult.from_dict(result.to_dict(path=True))
+    assert again.turn_miss_rad == pytest.approx(result.turn_miss_rad)
+    assert _score(_along(1.2, np.zeros(5))).turn_miss_rad is None
+    old = result.to_dict()
+    del old["turn_miss_deg"]
+    assert TrialResult.from_dict(old).turn_miss_rad is None

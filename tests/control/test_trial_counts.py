@@ -140,7 +140,7 @@ def test_without_a_deviation_a_trial_is_ok_and_cannot_be_ranked() -> None:
 @pytest.mark.parametrize(("leg", "degrees"), [(3, 60), (5, -60), (4, 0)])
 def test_how_far_the_self_rotation_turned_is_in_the_result(leg: int, degrees: float) -> None:
     result = walk(failure=Failure(leg=leg), duration_s=0.1).result
-    assert math.degrees(result.turned_rad) == pytest.approx(degrees, abs=8)
+    assert math.degrees(result.turned_rad) == pytest.approx(degrees, abs=0.15)
     assert result.to_dict()["self_rotation_deg"] == pytest.approx(math.degrees(result.turned_rad))
     assert result.to_dict()["stopped"] is None
 

@@ -40,6 +40,7 @@ def test_the_default_is_the_papers_study() -> None:
         ({"duration_s": float("nan")}, "duration"),
         ({"failure": "tired"}, "failure: got tired; allowed: locked, limp"),
         ({"failure": "weak:half"}, "weak:half"),
+        ({"failure": "unknown"}, "failure: got unknown; allowed: one that is the same"),
         ({"self_rotation": "left"}, "self_rotation: got left; allowed: rear, front, none"),
         ({"worlds": 0}, "worlds: got 0; allowed: 1..100"),
         ({"without_gaits": 121}, "without_gaits"),

@@ -10,12 +10,12 @@ import pytest
 
 from hexctl.adapt.prior.prior import CHECKPOINTS, PriorKey, load_prior, save_prior
 from hexctl.adapt.prior.samples import features_of
-from hexctl.backends.sim.failure import drawn_failure
-from hexctl.backends.sim.world import DomainRandomization, load_randomization
+from hexctl.backends.sim.world import DomainRandomization, Kind, load_randomization
 from hexctl.errors import InputError
-from hexctl.robot.failure import BROKEN_KINDS, Failure
+from hexctl.robot.failure import BROKEN_KINDS, Failure, drawn_failure
 from hexctl.study.landscape import NUMBERS, Landscape, LandscapeSpec, Rows, empty_landscape, with_rows
 from hexctl.study.prior import (
+    TIME_STEP_S,
     WORLDS_PER_LEG,
     PriorPlan,
     checkpoints_of,
@@ -37,7 +37,7 @@ def _family() -> DomainRandomization:
 
 
 def plan(**options: Any) -> PriorPlan:
-    return PriorPlan(robot=shipped(), family=_family(), **options)
+    return PriorPlan(**{"robot": shipped(), "family": _family(), **options})
 
 
 def test_landscapes_come_world_by_world_so_that_a_part_serves_all_legs() -> None:
@@ -63,7 +63,14 @@ def test_each_leg_has_worlds_of_its_own() -> None:
     assert len({spec.world for spec in specs}) == len(specs) == 6 * 16
     for leg in (1, 6):
         worlds = [spec.world for spec in specs if spec.leg == leg]
-        assert worlds == _family().members((leg - 1) * WORLDS_PER_LEG, 16)
+        members = _family().members((leg - 1) * WORLDS_PER_LEG, 16)
+        assert worlds == [world.model_copy(update={"time_step_s": TIME_STEP_S}) for world in members]
+
+
+def test_a_family_that_sets_a_step_keeps_it() -> None:
+    family = _family().model_copy(update={"kinds": (Kind(name="fine", world={"time_step_s": 0.001}),)})
+    specs = plan(worlds=2, family=family).specs()
+    assert {spec.world.time_step_s for spec in specs} == {0.001}
 
 
 def test_all_that_a_prior_says_is_in_its_landscapes() -> None:

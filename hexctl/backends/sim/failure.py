@@ -1,17 +1,14 @@
 """A failed leg in the compiled model: its torques, its jammed joint, or the leg itself."""
 
-import math
-from dataclasses import replace
 from typing import Any
 
 import mujoco
 import numpy as np
 
 from hexctl.errors import InputError
-from hexctl.robot.failure import BROKEN_KINDS, UNKNOWN, Failure
+from hexctl.robot.failure import Failure
 from hexctl.robot.model import Robot
 from hexctl.types import (
-    JOINT_KINDS,
     N_JOINTS,
     BoolArray,
     FloatArray,
@@ -26,29 +23,6 @@ JAM_STIFFNESS = 20.0
 
 #: Remaining share of the mass of a missing leg: MuJoCo needs some.
 MISSING_MASS_SHARE = 1e-4
-
-
-#: Standard deviation of the angle at which a joint of an unknown failure jams, about its angle in the stance.
-JAM_SPREAD_RAD = math.radians(20.0)
-
-#: Share of the torque that a weak leg of an unknown failure has.
-WEAK_SHARES = (0.05, 0.6)
-
-
-def drawn_failure(robot: Robot, failure: Failure | None, seed: int) -> Failure | None:
-    """The failure that a simulation with a seed applies: the one given, or one drawn where it is `unknown`.
-
-    Every kind is as likely as any other. A jammed joint is any of the three, near its angle in the stance.
-    """
-    if failure is None or failure.kind != UNKNOWN:
-        return failure
-    rng = np.random.default_rng((seed, failure.leg))
-    kind, joint = str(rng.choice(BROKEN_KINDS)), str(rng.choice(JOINT_KINDS))
-    drawn = Failure(leg=failure.leg, kind=kind, joint=joint, torque_fraction=float(rng.uniform(*WEAK_SHARES)))
-    index = drawn.joint_index
-    angle_rad = robot.stance_angles_rad[index] + JAM_SPREAD_RAD * rng.standard_normal()
-    within_rad = np.clip(angle_rad, robot.joint_lower_rad[index], robot.joint_upper_rad[index])
-    return replace(drawn, angle_rad=float(within_rad))
 
 
 def inject_failure(physics: Any, robot: Robot, failure: Failure | None) -> tuple[BoolArray, FloatArray]:

@@ -12,11 +12,10 @@ import numpy as np
 from hexctl.backends.base import LegServos, as_robot, check_connected, check_targets
 from hexctl.backends.clock import Clock, Tick, WallClock
 from hexctl.backends.sim.dm import PhysicsError
-from hexctl.backends.sim.failure import drawn_failure
 from hexctl.backends.sim.model import FIRST_JOINT, Simulation, make_simulation
 from hexctl.backends.sim.world import SensorNoise, World, as_world
 from hexctl.errors import SimulationDivergedError, check_type
-from hexctl.robot.failure import Failure
+from hexctl.robot.failure import Failure, drawn_failure
 from hexctl.robot.model import Robot
 from hexctl.types import N_JOINTS, ArrayFields, FloatArray, JointTargets, RobotState
 

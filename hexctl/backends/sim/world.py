@@ -61,7 +61,7 @@ class World(_Section):
     Attributes:
         friction: sliding friction between feet and floor.
         friction_ratio: the feet's friction along the world's y axis, as a multiple of that along its x axis;
-            a floor with a grain, such as wood or carpet.
+            a floor with a grain, such as wood or carpet. Shanks that touch the floor feel none of it.
         slope_deg: inclination of the floor.
         slope_direction_deg: where uphill is, counter-clockwise from the x axis.
         roughness_m: standard deviation of the floor's height; 0 is an even floor.
@@ -290,6 +290,7 @@ class DomainRandomization(BaseModel):
     @model_validator(mode="after")
     def _makes_worlds(self) -> "DomainRandomization":
         """Refuse ranges whose corners are not valid worlds."""
+        self._check_joint_kinds()
         unknown = [key for key in self.ranges if not _can_be_drawn(key)]
         if unknown or not self.kinds:
             raise ValueError(
@@ -299,6 +300,14 @@ class DomainRandomization(BaseModel):
         for share in (0.0, 1.0):
             self._world(np.full(self._dimensions, share), self.kinds[0])
         return self
+
+    def _check_joint_kinds(self) -> None:
+        """Refuse a quantity that is drawn as a whole and by joint kind, or lacks kinds without a default."""
+        for name in {key.partition(".")[0] for key in self.ranges if "." in key}:
+            keys = [f"{name}.{kind}" for kind in JOINT_KINDS]
+            given = [key for key in (name, *keys) if key in self.ranges]
+            if name in given or (name == "joint_friction_nm" and given != keys):
+                raise ValueError(f"got {', '.join(given)}; allowed: {name} alone, or {', '.join(keys)}")
 
     def members(self, first: int, count: int) -> list[World]:
         """Worlds first .. first + count - 1."""

@@ -5,11 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hexctl.backends.sim.failure import drawn_failure
 from hexctl.backends.sim.servos import SimServos
 from hexctl.backends.sim.world import World
 from hexctl.errors import InputError
-from hexctl.robot.failure import BROKEN_KINDS, Failure
+from hexctl.robot.failure import BROKEN_KINDS, Failure, drawn_failure
 from hexctl.robot.loader import load_robot
 from hexctl.testing.servos import move
 from hexctl.types import JOINT_KINDS, FloatArray, JointTargets, leg_slice

@@ -244,6 +244,14 @@ def test_members_that_a_family_does_not_have_are_refused(first: int, count: int)
             "seed: 1\nranges: {friction: {low: 1, high: 2, scale: cubic}}",
             ["'cubic'", "'even', 'log' or 'normal'"],
         ),
+        (
+            "seed: 1\nranges: {joint_friction_nm.coxa: {low: 0.1, high: 0.2}}",
+            ["got joint_friction_nm.coxa", "joint_friction_nm alone"],
+        ),
+        (
+            "seed: 1\nranges: {joint_stiffness: {low: 1, high: 2}, joint_stiffness.tibia: {low: 1, high: 2}}",
+            ["got joint_stiffness, joint_stiffness.tibia", "joint_stiffness alone"],
+        ),
         ("seed: 1\nranges: {friction: 1}", ["ranges.friction", "got 1", "mapping"]),
         ("seed: 1\nranges: {fricton: {low: 0.4, high: 1}}", ["fricton", "quantities of a world file"]),
         ("seed: 1\nranges: {slope_deg: {low: 0, high: 90}}", ["slope_deg", "got 90", "40 or less"]),

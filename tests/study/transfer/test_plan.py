@@ -5,10 +5,9 @@ from typing import Any
 import pytest
 
 from hexctl.adapt.prior.prior import PriorKey
-from hexctl.backends.sim.failure import drawn_failure
 from hexctl.backends.sim.world import load_randomization
 from hexctl.errors import InputError
-from hexctl.robot.failure import Failure
+from hexctl.robot.failure import Failure, drawn_failure
 from hexctl.study.prior import PriorPlan
 from hexctl.study.transfer.plan import FIRST_WORLD
 from tests.adapt.priors import made_up_prior, plan_of
