@@ -7,7 +7,6 @@ from contextlib import closing
 from pathlib import Path
 from typing import Any
 
-from hexctl.robot.configs import config_root
 
 #: The store of before, as it lies in `runs/`.
 STORE = Path(__file__).parents[1] / "data" / "sessions.sqlite"
@@ -42,9 +41,9 @@ def unpack(folder: Path) -> None:
 
 
 def place_prior(folder: Path) -> None:
-    """Put the shipped prior of `ant` where the stored sessions expect it."""
+    """Put the prior that the stored sessions believe, shipped when they began, where they expect it."""
     (folder / PRIOR).parent.mkdir()
-    shutil.copy(config_root() / PRIOR, folder / PRIOR)
+    shutil.copy(STORE.parent / Path(PRIOR).name, folder / PRIOR)
 
 
 def keep(source: Path, name: str, target: Path, new_name: str, trials: int) -> None:
