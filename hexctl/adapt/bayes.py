@@ -47,10 +47,6 @@ REAL_NOISE_M = 0.04
 #: What sessions believed of a real robot before they stored it.
 FORMER_REAL_NOISE_M = 0.02
 
-#: Expected gain below which another trial is not worth it, as a share of that noise, or of the simulation's
-#: own uncertainty where that is greater.
-WORTH_SHARE = 0.25
-
 
 class Bayes(Optimizer):
     """Walks the gait with the greatest expected improvement, given the prior and all trials so far.
@@ -69,8 +65,9 @@ class Bayes(Optimizer):
         uncertainty_m: standard uncertainty that no repeat takes away, such as the simulation's own, in which
             a gait repeats exactly and would still end elsewhere in a finer computation. A gait is confirmed
             against it; what trials tell of one another is not changed by it.
-        worth_m: expected gain of another trial over the best known gait below which it is not worth it; 0 to
-            go on whatever the gain.
+        worth_m: expected gain over the best known gait, of all the trials that are left, below which another
+            one is not worth it; 0 to go on whatever the gain.
+        budget: how many trials there may be; None to count the gain of a single one.
     """
 
     name = "bayes"
@@ -88,6 +85,7 @@ class Bayes(Optimizer):
         noise_m: float = SIMULATED_NOISE_M,
         uncertainty_m: float = 0.0,
         worth_m: float = 0.0,
+        budget: int | None = None,
     ) -> None:
         super().__init__(space, seed)
         if space.failed_legs != (samples.leg,):
@@ -96,7 +94,7 @@ class Bayes(Optimizer):
             raise InputError(f"uncertainty_m: got {uncertainty_m}; allowed: 0 m or more")
         self._samples, self._target_m, self._uncertainty_m = samples, target_m, uncertainty_m
         self._duration_s, self._noise_m = duration_s, noise_m
-        self._floor_m, self._worth_m = floor_m, worth_m
+        self._floor_m, self._worth_m, self._budget = floor_m, worth_m, budget
         self._known: Forecast | None = None
         self._sag_rad: FloatArray | None = None
         self._forget()
@@ -119,13 +117,19 @@ class Bayes(Optimizer):
 
     @property
     def worthwhile(self) -> bool:
-        """Whether an untried gait is expected to gain `worth_m`, or the best one needs a repeat."""
+        """Whether the trials left are expected to gain `worth_m`, or the best gait needs a repeat.
+
+        Their gain is the sum of those of as many untried gaits, each as it is expected now: what they will
+        tell of one another may be worth more, and two that succeed gain less than their sum.
+        """
         best = self.recommended()
         if best is None or self._worth_m <= 0 or self._worth_repeating(best):
             return True
         forecast, best_m = self.forecast(), min(self._best_m(), WORST_M)
         gain_m = expected_gain_m(forecast.mean_m, forecast.sd_m, best_m) * self._chance_valid()
-        return bool(gain_m[~self._tried()].max(initial=0.0) >= self._worth_m)
+        left = 1 if self._budget is None else max(1, self._budget - len(self._trials))
+        greatest_m = np.sort(gain_m[~self._tried()])[-left:]
+        return min(best_m, float(greatest_m.sum())) >= self._worth_m
 
     def recommended(self) -> int | None:
         """Code of the walked gait that is likeliest to be within the target, None before any.

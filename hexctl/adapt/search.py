@@ -303,6 +303,7 @@ def make_search(
         noise_m=noise_m(spec),
         uncertainty_m=spec.uncertainty_m,
         worth_m=spec.worth_m or 0.0,
+        budget=spec.budget - spec.confirm,
     )
     if spec.sag_rad is not None:
         search.observe_stance(np.array(spec.sag_rad, dtype=float))  # None becomes NaN

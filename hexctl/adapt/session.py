@@ -30,7 +30,7 @@ class SessionSpec:
         budget: trials that may be walked.
         target_m: a score at which to stop early, or None.
         target_share: the target as it was asked for, as a share of the ideal distance, or None.
-        worth_m: expected gain below which `bayes` ends the search; None to spend the budget.
+        worth_m: expected gain of the trials left below which `bayes` ends the search; None to spend all.
         uncertainty_m: the simulation's own standard uncertainty of where a walk ends across its line, counted
             when a gait is confirmed; 0 where it is not known, not counted, or the robot is real.
         noise_m: standard deviation between trials of one gait that `bayes` believes until repeats tell; None

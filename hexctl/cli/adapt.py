@@ -116,9 +116,9 @@ def adapt(
         number(
             "--worth",
             GAIN_M,
-            "With bayes: end the search once another trial is expected to gain less than this, in metres, "
-            "{}; 0 goes on whatever the gain. (default: a quarter of the noise between trials, or of the "
-            "simulation's own uncertainty; 0.01 on a real robot)",
+            "With bayes: end the search once all trials that are left are expected to gain less than this, "
+            "in metres, {}; 0 goes on whatever the gain. (default: the noise between trials, or the "
+            "simulation's own uncertainty; 0.04 on a real robot)",
         ),
     ] = None,
     confirm: Annotated[

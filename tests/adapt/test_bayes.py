@@ -212,6 +212,22 @@ def test_a_target_below_the_uncertainty_ends_for_lack_of_gain_and_repeats_nothin
         assert len(set(codes)) == len(codes) < 60
 
 
+def test_what_the_trials_left_gain_together_decides() -> None:
+    """With many trials left a search goes on where a single one would not be worth it."""
+    world = worlds(4)[3]
+
+    def walked(budget: int | None) -> int:
+        optimizer = made_up_bayes(BELIEVED, target_m=0.0001, worth_m=0.004, budget=budget)
+        count = 0
+        while optimizer.worthwhile and count < 30:
+            (code,) = optimizer.ask(1)
+            tell(optimizer, code, world[code - 1])
+            count += 1
+        return count
+
+    assert walked(None) == walked(1) < walked(10) <= walked(40) <= 30
+
+
 @pytest.mark.parametrize("uncertainty_m", [-0.01, math.nan, math.inf])
 def test_an_uncertainty_that_is_none_is_refused(uncertainty_m: float) -> None:
     with pytest.raises(InputError, match=r"uncertainty_m: got .*; allowed: 0 m or more"):

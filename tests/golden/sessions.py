@@ -7,7 +7,6 @@ from contextlib import closing
 from pathlib import Path
 from typing import Any
 
-
 #: The store of before, as it lies in `runs/`.
 STORE = Path(__file__).parents[1] / "data" / "sessions.sqlite"
 

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
-from hexctl.adapt.bayes import FORMER_REAL_NOISE_M, REAL_NOISE_M, SIMULATED_NOISE_M, WORTH_SHARE
+from hexctl.adapt.bayes import FORMER_REAL_NOISE_M, REAL_NOISE_M, SIMULATED_NOISE_M
 from hexctl.adapt.prior.find import Covers, check_prior, find_prior, named_prior
 from hexctl.adapt.prior.prior import load_prior
 from hexctl.adapt.prior.samples import covers
@@ -106,8 +106,7 @@ def _with_bayes(spec: SessionSpec, path: Path) -> SessionSpec:
     target_m = DEFAULT_TARGET_M if spec.target_m is None else spec.target_m
     digest = load_prior(path).digest()
     believed_m = SIMULATED_NOISE_M if spec.simulated else REAL_NOISE_M
-    unsure_m = max(believed_m, spec.uncertainty_m)
-    worth_m = WORTH_SHARE * unsure_m if spec.worth_m is None else spec.worth_m
+    worth_m = max(believed_m, spec.uncertainty_m) if spec.worth_m is None else spec.worth_m
     return replace(
         spec,
         optimizer=BAYES,
