@@ -261,8 +261,8 @@ def test_a_target_may_be_a_share_of_the_distance() -> None:
 
 def test_a_search_with_a_prior_knows_what_a_trial_is_worth() -> None:
     uncertain = new_spec(failed_leg=5)
-    assert uncertain.worth_m == pytest.approx(0.25 * uncertain.uncertainty_m)
-    assert new_spec(failed_leg=5, uncertainty_m=0).worth_m == pytest.approx(0.00025)
+    assert uncertain.worth_m == pytest.approx(uncertain.uncertainty_m)
+    assert new_spec(failed_leg=5, uncertainty_m=0).worth_m == pytest.approx(0.001)
     assert new_spec(failed_leg=5, worth_m=0.01).worth_m == 0.01
     assert new_spec(failed_leg=5, prior="none").worth_m is None
 

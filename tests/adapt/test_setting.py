@@ -66,7 +66,7 @@ def test_a_session_from_before_goes_on_without() -> None:
 def test_what_noise_is_believed_is_stored_and_sessions_from_before_keep_theirs() -> None:
     simulated, real = (new_spec(failed_leg=5, backend=backend) for backend in ("sim", "mock"))
     assert (simulated.noise_m, real.noise_m) == (SIMULATED_NOISE_M, REAL_NOISE_M)
-    assert real.worth_m == pytest.approx(REAL_NOISE_M / 4)
+    assert real.worth_m == pytest.approx(REAL_NOISE_M)
     before = [replace(spec, noise_m=None) for spec in (simulated, real)]
     assert [noise_m(spec) for spec in (simulated, real, *before)] == [0.001, REAL_NOISE_M, 0.001, 0.02]
 
