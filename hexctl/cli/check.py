@@ -187,20 +187,21 @@ def _verdict(report: dict[str, Any]) -> list[str]:
 
 
 def _load_verdicts(report: dict[str, Any]) -> list[str]:
-    """Legs that touch, static torque, sag and heat, a line each."""
+    """Figures of legs that come near, static torque, sag and heat, a line each."""
+    from hexctl.control.gait_load import CONTINUOUS_SHARE
+
     one, other = report["nearest_legs"]
-    near = f"legs: {one} and {other} come within {1000 * report['least_leg_clearance_m']:.0f} mm"
-    if report["legs_touch"]:
-        cross = f"cross for {100 * report['legs_cross_share']:.0f} % of the cycle"
-        near = f"legs: {one} and {other} {cross if report['legs_cross'] else 'touch'}"
+    gap_mm = 1000 * report["least_leg_clearance_m"]
+    near = f"overlap by {-gap_mm:.0f} mm" if report["legs_touch"] else f"come within {gap_mm:.0f} mm"
     share, capacity = report["static_torque_share"], report["load_capacity"]
     return [
-        near,
+        f"legs: {one} and {other} {near}",
         f"torque: standing on its feet takes up to {100 * share:.0f} % of a servo's; "
         f"the legs carry {capacity:.3g} times the weight",
         f"sag: joints give way by up to {report['sag_deg']:.1f} deg, the body sinks by up to "
         f"{report['sag_mm']:.1f} mm of the {report['step_height_mm']:g} mm of a step",
-        f"heat: more than 35 % of the torque for {100 * report['duty']:.0f} % of the cycle",
+        f"heat: more than {100 * CONTINUOUS_SHARE:.0f} % of the torque for "
+        f"{100 * report['duty']:.0f} % of the cycle",
     ]
 
 

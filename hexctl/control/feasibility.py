@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from hexctl.control.gait_load import GaitLoad, gait_load
+from hexctl.control.load_verdict import LoadVerdict, load_verdict
 from hexctl.gait.foot_trajectory import RAMP_DURATION_S, gait_feet_body
 from hexctl.gait.gait import Gait, Motion, ideal_speed_m_s, make_gait
 from hexctl.ik.legs import TOLERANCE_RAD, range_excess_rad, solve_legs
@@ -102,14 +103,19 @@ class RobotCheck:
     mesh_parts: tuple[str, ...] = ()
 
     @property
+    def verdict(self) -> LoadVerdict:
+        """Verdict on the load."""
+        return load_verdict(self.load)
+
+    @property
     def possible(self) -> bool:
         """Whether the robot can walk the gait, clipped by the guard or not."""
-        return self.demand.possible and self.load.possible
+        return self.demand.possible and self.verdict.possible
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """What keeps the robot from walking the gait, or may, one sentence each."""
-        return (*self.load.obstacles, *self.load.warnings)
+        return (*self.verdict.obstacles, *self.verdict.warnings)
 
     @property
     def gait_fits_pulses(self) -> bool:
@@ -139,6 +145,7 @@ class RobotCheck:
             "gait_fits_pulses": self.gait_fits_pulses,
             "meshes": list(self.mesh_parts),
             **self.load.to_dict(),
+            "doubtful": self.verdict.doubtful,
             "warnings": list(self.warnings),
         }
 

@@ -20,10 +20,11 @@ class LegClearance(ArrayFields):
     """Gaps between each leg and the next one, leg 1 and 2 first, leg 6 and 1 last.
 
     Attributes:
-        gaps_m: least gap between two parts, negative where they overlap, leading shape + (6,).
-        depths: how deep they overlap, as a share of the sum of their radii: 0 where there is a gap, 1 where
-            their axes meet; the deepest, leading shape + (6,).
-        nearest: indices in `PARTS` of the two parts with the least gap, leading shape + (6, 2).
+        nearest: indices in `PARTS` of the nearest two parts, leading shape + (6, 2): those that overlap
+            deepest, as a share of the sum of their radii, or the least gap where none do.
+        gaps_m: gap between these two, negative where they overlap, leading shape + (6,).
+        depths: the share by which they overlap: 0 where there is a gap, 1 where their axes meet, leading
+            shape + (6,).
     """
 
     gaps_m: FloatArray
@@ -51,8 +52,14 @@ def leg_clearance(robot: Robot, joint_positions_rad: FloatArray) -> LegClearance
     touching = radii[:, np.newaxis] + radii
     gaps = (between - touching).reshape(*between.shape[:-2], -1)
     depths = np.maximum(0.0, 1 - between / touching).reshape(gaps.shape)
-    nearest = np.stack(np.divmod(gaps.argmin(axis=-1), len(PARTS)), axis=-1)
-    return LegClearance(gaps.min(axis=-1), depths.max(axis=-1), nearest)
+    pair = nearness(gaps, depths).argmin(axis=-1)[..., np.newaxis]
+    gaps_m, depths = (np.take_along_axis(values, pair, -1)[..., 0] for values in (gaps, depths))
+    return LegClearance(gaps_m, depths, np.stack(np.divmod(pair[..., 0], len(PARTS)), axis=-1))
+
+
+def nearness(gaps_m: FloatArray, depths: FloatArray) -> FloatArray:
+    """Order of pairs, the nearest least: by depth where they overlap, by gap where they do not."""
+    return np.where(depths > 0, -depths, gaps_m)
 
 
 def segment_distance_m(

@@ -23,23 +23,23 @@ from hexctl.ik.support_polygon import centre_of_mass_of
 from hexctl.robot.model import Robot
 from hexctl.types import JOINTS_PER_LEG, N_LEGS, BoolArray, FloatArray
 
-#: Sliding friction of feet that hold outward forces: the flat world's.
-FRICTION = 0.8
-
 #: Determinants and distances below this are zero.
 TINY = 1e-12
 
 
-def load_capacity(robot: Robot, joint_positions_rad: FloatArray, standing: BoolArray) -> FloatArray:
+def load_capacity(
+    robot: Robot, joint_positions_rad: FloatArray, standing: BoolArray, *, friction: float
+) -> FloatArray:
     """Multiples of its weight that a robot carries, leading shape; below 1 it sinks, 0 where it tips over.
 
     Args:
         robot: geometry, masses and torque limits.
         joint_positions_rad: leading shape + (18,).
         standing: which feet are on the floor, leading shape + (6,).
+        friction: sliding friction mu of the feet, by which they hold outward forces.
     """
     points = link_points_body(robot, joint_positions_rad)
-    forces = np.where(standing, _leg_capacity_n(robot, joint_positions_rad, points), 0.0)
+    forces = np.where(standing, _leg_capacity_n(robot, joint_positions_rad, points, friction), 0.0)
     feet, centre = points[..., -1, :2], centre_of_mass_of(robot, points)[..., :2]
     weight_n = GRAVITY_M_S2 * robot.mass_kg
     capacity = forces.sum(axis=-1) / weight_n
@@ -56,7 +56,9 @@ def load_capacity(robot: Robot, joint_positions_rad: FloatArray, standing: BoolA
     return np.asarray(capacity)
 
 
-def _leg_capacity_n(robot: Robot, joint_positions_rad: FloatArray, points: FloatArray) -> FloatArray:
+def _leg_capacity_n(
+    robot: Robot, joint_positions_rad: FloatArray, points: FloatArray, friction: float
+) -> FloatArray:
     """The most that each leg carries, (..., 6): a linear program in (f, h), solved at its corners."""
     joints = joint_positions_rad.reshape(*joint_positions_rad.shape[:-1], N_LEGS, JOINTS_PER_LEG)
     arms = arms_m(robot, points, joints)
@@ -66,7 +68,7 @@ def _leg_capacity_n(robot: Robot, joint_positions_rad: FloatArray, points: Float
     limit = (robot.joint_max_torque_nm + robot.dry_friction_nm).reshape(N_LEGS, JOINTS_PER_LEG)[:, 1:]
     ones = np.ones_like(outward[..., :1])
     # a f + b h <= c: both joints to either side, and the two sides of the friction cone.
-    a = np.concatenate([-outward, outward, -FRICTION * ones, -FRICTION * ones], axis=-1)
+    a = np.concatenate([-outward, outward, -friction * ones, -friction * ones], axis=-1)
     b = np.concatenate([up, -up, ones, -ones], axis=-1)
     c = np.concatenate([limit - own, limit + own, 0 * ones, 0 * ones], axis=-1)
     best = np.zeros(outward.shape[:-1])

@@ -29,6 +29,14 @@ PASSES = 4
 #: Rounds in which feet may come to the floor or leave it.
 ROUNDS = 20
 
+#: Stiffness of a support that holds the body where fewer than three feet do: N/m upward, N m per unit of
+#: slope. It makes the equations regular; a leg has some 100 N/m, and a robot that rests on it has sunk by
+#: kilometres, so that nothing balances.
+SUPPORT = np.diag([1e-3, 1e-5, 1e-5])
+
+#: Part of a step of the body pose below which a foot does not move.
+TINY_M = 1e-15
+
 #: Deflection beyond which the geometry of a pass is not trusted.
 MAX_DEFLECTION_RAD = 1.0
 
@@ -138,26 +146,74 @@ def _balance(
 ) -> tuple[FloatArray, FloatArray]:
     """Body pose (..., 3) and foot forces (..., 6) that carry a mass; Newton's method over which feet press.
 
-    The energy of the legs as springs under a plate is convex, so the feet that press are unique.
+    The energy of the legs as springs under a plate is convex, so the feet that press are unique. Full steps
+    may go round between two sets of feet; with the least energy along each step no set comes back.
     """
     weight_n = GRAVITY_M_S2 * mass_kg
     columns = np.concatenate([np.ones_like(feet[..., :1]), feet], axis=-1)  # (..., 6, 3)
     load = weight_n * np.concatenate([np.ones_like(centre[..., :1]), centre[..., :2]], axis=-1)
-    scale = np.diag([1.0, 1e-2, 1e-2])
-    pressing = np.ones(rest_m.shape, dtype=bool)
+    plate = _Plate(columns, 1 / compliance, rest_m, load)
+    body = plate.rest(np.ones(rest_m.shape, dtype=bool))
     for _ in range(ROUNDS):
-        body = _pose(columns, np.where(pressing, 1 / compliance, 0.0), rest_m, load, scale)
-        gaps = _plane(body, feet) + rest_m
-        before, pressing = pressing, gaps < 0
-        if (before == pressing).all():
+        pressing = plate.gaps_m(body) < 0
+        step = plate.rest(pressing) - body
+        body = body + plate.least(body, step)[..., np.newaxis] * step
+        if ((plate.gaps_m(body) < 0) == pressing).all():
             break
-    return body, np.maximum(0.0, -gaps / compliance)
+    return body, np.maximum(0.0, -plate.gaps_m(body) / compliance)
 
 
-def _pose(
-    columns: FloatArray, stiffness: FloatArray, rest_m: FloatArray, load: FloatArray, scale: FloatArray
-) -> FloatArray:
-    """Body pose at which springs on the floor carry a load; a robot that tips has a huge one."""
-    matrix = np.einsum("...ia,...i,...ib->...ab", columns, stiffness, columns) + 1e-3 * scale
-    pull = load + np.einsum("...ia,...i,...i->...a", columns, stiffness, rest_m)
-    return np.asarray(-np.linalg.solve(matrix, pull[..., np.newaxis])[..., 0])
+@dataclass(frozen=True, slots=True, eq=False)
+class _Plate:
+    """The body as a plate under a load, on one spring for each foot that only pushes.
+
+    Attributes:
+        columns: 1, x and y of each foot, (..., 6, 3).
+        stiffness: of the springs in N/m, (..., 6).
+        rest_m: heights of the feet over the plate without force, (..., 6).
+        load: the weight, N, and its moments, N m, (..., 3).
+    """
+
+    columns: FloatArray
+    stiffness: FloatArray
+    rest_m: FloatArray
+    load: FloatArray
+
+    def gaps_m(self, body: FloatArray) -> FloatArray:
+        """Heights of unloaded feet over the floor (..., 6), negative where a foot presses."""
+        return np.asarray(np.einsum("...ia,...a->...i", self.columns, body) + self.rest_m)
+
+    def rest(self, pressing: BoolArray) -> FloatArray:
+        """Pose in equilibrium on springs at these feet; a robot that tips over has a huge one."""
+        held = np.where(pressing, self.stiffness, 0.0)
+        matrix = np.einsum("...ia,...i,...ib->...ab", self.columns, held, self.columns) + SUPPORT
+        pull = self.load + np.einsum("...ia,...i,...i->...a", self.columns, held, self.rest_m)
+        return np.asarray(-np.linalg.solve(matrix, pull[..., np.newaxis])[..., 0])
+
+    def least(self, body: FloatArray, step: FloatArray) -> FloatArray:
+        """Share 0..1 of a step with the least energy, leading shape.
+
+        The slope of the energy along the step grows, on a line between the shares at which a foot comes to
+        the floor or leaves it.
+        """
+        start = self.gaps_m(body)
+        change = np.einsum("...ia,...a->...i", self.columns, step)
+        moving = np.abs(change) > TINY_M
+        meets = np.where(moving, -start / np.where(moving, change, 1.0), 0.0)
+        ends = np.zeros_like(start[..., :1])
+        shares = np.sort(np.concatenate([ends, np.clip(meets, 0.0, 1.0), ends + 1.0], axis=-1), axis=-1)
+        slopes = self._slopes(body, step, shares)
+        after = np.clip((slopes < 0).sum(axis=-1, keepdims=True), 1, shares.shape[-1] - 1)
+        low, high = (np.take_along_axis(slopes, index, -1)[..., 0] for index in (after - 1, after))
+        begin, end = (np.take_along_axis(shares, index, -1)[..., 0] for index in (after - 1, after))
+        rising = high > low
+        share = begin - low * (end - begin) / np.where(rising, high - low, 1.0)
+        return np.asarray(np.clip(np.where(rising, share, end), begin, end))
+
+    def _slopes(self, body: FloatArray, step: FloatArray, shares: FloatArray) -> FloatArray:
+        """Derivatives of the energy along a step at shares of it, the shape of the shares."""
+        poses = body[..., np.newaxis, :] + shares[..., np.newaxis] * step[..., np.newaxis, :]
+        gaps = np.einsum("...ia,...sa->...si", self.columns, poses) + self.rest_m[..., np.newaxis, :]
+        pushes = self.stiffness[..., np.newaxis, :] * np.minimum(gaps, 0.0)
+        pull = np.einsum("...si,...ia->...sa", pushes, self.columns) + poses @ SUPPORT
+        return np.asarray(((pull + self.load[..., np.newaxis, :]) * step[..., np.newaxis, :]).sum(axis=-1))

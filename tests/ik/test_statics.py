@@ -4,13 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial import ConvexHull
 
 from hexctl.backends.sim.servos import SimServos
 from hexctl.backends.sim.world import World
 from hexctl.gait.foot_trajectory import gait_feet_body
 from hexctl.gait.gait import Motion, make_gait
-from hexctl.ik.legs import solve_legs
+from hexctl.ik.legs import link_points_body, solve_legs
 from hexctl.ik.statics import GRAVITY_M_S2, static_load
+from hexctl.ik.support_polygon import centre_of_mass_of
 from hexctl.robot.model import Robot
 from hexctl.types import FloatArray, JointTargets
 from tests.robots import ROBOT_NAMES, shipped, without_friction
@@ -29,6 +31,17 @@ def at_rest(robot: Robot, targets_rad: FloatArray) -> tuple[FloatArray, FloatArr
         return servos.simulation.physics.data.actuator_force.copy(), state.joint_positions_rad
 
 
+def same_torques(computed_nm: FloatArray, simulated_nm: FloatArray) -> None:
+    """Each joint that carries within 3 % of its own torque, the others within 2 % of the greatest.
+
+    Measured: 2.1 % and 1.5 %. The statics leave out what feet still hold sideways, the floor they press in,
+    and how the links turn with a body that tilts.
+    """
+    errors_nm, most_nm = np.abs(computed_nm - simulated_nm), np.abs(simulated_nm).max()
+    carrying = np.abs(simulated_nm) > 0.1 * most_nm
+    assert (errors_nm <= np.where(carrying, 0.03 * np.abs(simulated_nm), 0.02 * most_nm)).all()
+
+
 @pytest.mark.parametrize("name", ROBOT_NAMES)
 @pytest.mark.parametrize("lifted", [False, True])
 def test_torques_and_deflections_are_those_of_a_simulation_at_rest(name: str, lifted: bool) -> None:
@@ -40,12 +53,10 @@ def test_torques_and_deflections_are_those_of_a_simulation_at_rest(name: str, li
         targets_rad = solve_legs(robot, feet).joint_positions_rad
     load = static_load(robot, targets_rad)
     torques_nm, joints_rad = at_rest(robot, targets_rad)
-    most_nm = np.abs(torques_nm).max()
     assert load.balanced
-    assert load.torques_nm == pytest.approx(torques_nm, abs=0.06 * most_nm)
-    assert load.deflections_rad == pytest.approx(
-        joints_rad - targets_rad, abs=0.06 * most_nm / robot.servo.stiffness_nm_per_rad
-    )
+    same_torques(load.torques_nm, torques_nm)
+    most_rad = np.abs(torques_nm).max() / robot.servo.stiffness_nm_per_rad
+    assert load.deflections_rad == pytest.approx(joints_rad - targets_rad, abs=0.02 * most_rad)
     assert (load.foot_forces_n == 0).any() == lifted
 
 
@@ -88,6 +99,32 @@ def test_loads_of_a_robot_with_its_own_centres_of_mass_and_stiffness() -> None:
     )
     load = static_load(uneven, uneven.stance_angles_rad)
     torques_nm, joints_rad = at_rest(uneven, uneven.stance_angles_rad)
-    most_nm = np.abs(torques_nm).max()
-    assert load.torques_nm == pytest.approx(torques_nm, abs=0.06 * most_nm)
-    assert load.deflections_rad == pytest.approx(joints_rad - uneven.stance_angles_rad, abs=0.004)
+    same_torques(load.torques_nm, torques_nm)
+    assert load.deflections_rad == pytest.approx(joints_rad - uneven.stance_angles_rad, abs=0.0002)
+
+
+def test_a_robot_that_stands_inside_its_feet_balances_on_any_servos() -> None:
+    """Each Newton step alone may go round between two sets of feet for ever."""
+    robot = shipped("ant")
+    rng = np.random.default_rng(1)
+    inside = 0
+    for mass, stiffness in ((1.0, 0.94), (4.6, 1.03), (7.4, 1.06), (3.0, 0.1)):
+        heavy = replace(
+            robot,
+            body=replace(robot.body, mass_kg=mass * robot.body.mass_kg),
+            servo=replace(robot.servo, stiffness_nm_per_rad=stiffness * robot.servo.stiffness_nm_per_rad),
+        )
+        moved = rng.uniform(-0.03, 0.03, (300, 6, 2))
+        lifted = np.where(rng.random((300, 6, 1)) < 0.5, rng.uniform(0, 0.04, (300, 6, 1)), 0.0)
+        feet = robot.stance_feet_body + np.concatenate([moved, lifted], axis=-1)
+        solution = solve_legs(heavy, feet)
+        joints_rad = solution.joint_positions_rad[solution.reachable.all(axis=-1)]
+        load = static_load(heavy, joints_rad)
+        points = link_points_body(heavy, joints_rad + load.deflections_rad)
+        centres = centre_of_mass_of(heavy, points)
+        for feet_m, centre_m, balanced in zip(points[..., -1, :2], centres, load.balanced, strict=True):
+            hull = ConvexHull(feet_m).equations
+            if (hull[:, :2] @ centre_m[:2] + hull[:, 2] < -0.01).all():
+                inside += 1
+                assert balanced
+    assert inside > 1000

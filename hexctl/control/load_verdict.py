@@ -1,0 +1,158 @@
+"""Verdict on the load of a gait: what keeps a robot from walking it, and what may.
+
+Thresholds are judged by `python -m benchmarks --only check`, which simulates random robots and counts those
+that make half of their way.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from hexctl.control.gait_load import CONTINUOUS_SHARE, GaitLoad
+from hexctl.types import JOINT_NAMES
+
+#: Share of the cycle above the continuous torque from which a servo is called hot. Heat goes with the square
+#: of torque: 35 % of the stall torque for 60 % of the time is an rms of 27 % or more, where Robotis puts the
+#: continuous torque of its servos at 20 % (robotis.us/robotis-blog/torque-ratings).
+MOST_DUTY = 0.6
+
+#: A robot that carries less than this multiple of its weight sinks. In simulation robots walked, badly, down
+#: to 0.76, as the median over the cycle leaves out the best poses and the feet in the air that it sinks onto.
+LEAST_CAPACITY = 0.7
+
+#: Multiple of its weight from which torque was not what made a robot slow.
+GOOD_CAPACITY = 1.25
+
+#: Share of the cycle in which a robot may tip over all its feet and still walk.
+MOST_TIPPING = 0.5
+
+#: A body that sinks by this multiple of the step height lifts no foot; robots walked, badly, up to 1.1.
+MOST_SAG = 1.25
+
+#: Share of the step height that is left to each foot on servos that are stiff enough.
+GOOD_LIFT = 1 / 3
+
+#: Robots with legs that cross, simulated with solid legs: up to a share of the cycle in which they cross, how
+#: many made half of their way, of how many that do with legs that pass through one another.
+CROSSING_WALKS = ((0.25, 23, 26), (1.0, 19, 30))
+
+#: Robots whose sag leaves a foot less than a third of its step, simulated for 30 s: how many made half of
+#: their way, of how many, where all feet drag, where some do, and where none does.
+DRAGGING_WALKS, PARTLY_DRAGGING_WALKS, SOFT_WALKS = (3, 42), (22, 32), (31, 35)
+
+
+@dataclass(frozen=True, slots=True)
+class LoadVerdict:
+    """Verdict on a load.
+
+    Attributes:
+        obstacles: why the robot does not walk the gait, one sentence each; empty where nothing is known.
+        warnings: what may keep the robot from walking it well, one sentence each.
+        doubtful: whether a warning names what kept some robots from walking in the simulation.
+    """
+
+    obstacles: tuple[str, ...]
+    warnings: tuple[str, ...]
+    doubtful: bool
+
+    @property
+    def possible(self) -> bool:
+        """Whether the robot carries its weight and lifts a foot."""
+        return not self.obstacles
+
+
+def load_verdict(load: GaitLoad) -> LoadVerdict:
+    """Verdict on the load of a gait."""
+    obstacles = tuple(filter(None, (_tips_over(load) or _too_weak(load), _too_soft(load))))
+    telling = tuple(filter(None, (_unsteady(load), _weak(load), _soft(load), _cross(load))))
+    return LoadVerdict(
+        obstacles=obstacles,
+        warnings=(*telling, *filter(None, (_touch(load), _hot(load)))),
+        doubtful=bool(telling) and not obstacles,
+    )
+
+
+def _tips_over(load: GaitLoad) -> str:
+    if load.tipping <= MOST_TIPPING:
+        return ""
+    return f"it tips over: its centre of mass is outside its feet for {100 * load.tipping:.0f} % of the cycle"
+
+
+def _too_weak(load: GaitLoad) -> str:
+    if load.capacity >= LEAST_CAPACITY:
+        return ""
+    return f"too weak: its servos carry {load.capacity:.2f} of its weight while it walks"
+
+
+def _too_soft(load: GaitLoad) -> str:
+    if load.typical_sag_m < MOST_SAG * load.step_height_m:
+        return ""
+    return (
+        f"too soft: its body sinks {1000 * load.typical_sag_m:.0f} mm where a step is "
+        f"{1000 * load.step_height_m:.0f} mm high, so no foot leaves the floor"
+    )
+
+
+def _unsteady(load: GaitLoad) -> str:
+    if not 0 < load.tipping <= MOST_TIPPING:
+        return ""
+    return f"unsteady: it tips over its feet for {100 * load.tipping:.0f} % of the cycle"
+
+
+def _weak(load: GaitLoad) -> str:
+    if not LEAST_CAPACITY <= load.capacity < GOOD_CAPACITY:
+        return ""
+    return (
+        f"weak: its servos carry {load.capacity:.2f} times its weight while it walks; "
+        f"{GOOD_CAPACITY:g} or more is safe"
+    )
+
+
+def _soft(load: GaitLoad) -> str:
+    """Warning of a robot whose sag takes most of its step height."""
+    if load.lift_left >= GOOD_LIFT or _too_soft(load):
+        return ""
+    count, legs = len(load.dragging_legs), ", ".join(str(leg) for leg in load.dragging_legs)
+    if load.all_drag:
+        (walked, of), left = DRAGGING_WALKS, "no foot leaves the floor"
+    elif load.dragging_legs:
+        (walked, of) = PARTLY_DRAGGING_WALKS
+        left = f"leg{'s' * (count > 1)} {legs} {'do' if count > 1 else 'does'} not leave the floor"
+    else:
+        (walked, of), left = SOFT_WALKS, f"a foot keeps {100 * load.lift_left:.0f} % of its step height"
+    sag_deg = float(np.degrees(load.deflections_rad.max()))
+    return (
+        f"soft: joints give way by up to {sag_deg:.1f} deg under the weight; {left}; of {of} such "
+        f"robots that were simulated, {walked} made half of their way"
+    )
+
+
+def _cross(load: GaitLoad) -> str:
+    """Warning of legs that would have to pass through one another."""
+    if not load.crossing:
+        return ""
+    walked, of = next((walked, of) for most, walked, of in CROSSING_WALKS if load.crossing_share <= most)
+    return (
+        f"{_nearest(load)} cross for {100 * load.crossing_share:.0f} % of the cycle: of {of} such "
+        f"robots that were simulated with solid legs, {walked} made half of their way"
+    )
+
+
+def _touch(load: GaitLoad) -> str:
+    return f"{_nearest(load)} touch" if load.least_clearance_m <= 0 and not load.crossing else ""
+
+
+def _nearest(load: GaitLoad) -> str:
+    (one, other), (part, other_part) = load.nearest_legs, load.nearest_parts
+    return f"legs {one} ({part}) and {other} ({other_part})"
+
+
+def _hot(load: GaitLoad) -> str:
+    """Warning of a servo with too little rest."""
+    hot = int(load.duties.argmax())
+    if load.duties[hot] <= MOST_DUTY:
+        return ""
+    return (
+        f"hot: {JOINT_NAMES[hot]} holds more than {100 * CONTINUOUS_SHARE:.0f} % of its torque for "
+        f"{100 * load.duties[hot]:.0f} % of the cycle; servos overheat above that continuously"
+    )
