@@ -32,6 +32,14 @@ BEST_COLOR: Color = (255, 255, 255)
 #: Level lines of the gaits that a robot would use anyway, readable on white and on the dark background.
 BASELINE_COLORS: tuple[Color, ...] = ((200, 120, 0), (150, 110, 220))
 
+#: Verdicts on a claim, by their first words, and any other one.
+VERDICT_COLORS: dict[str, Color] = {
+    "holds": (46, 139, 87),
+    "does not hold": (192, 57, 43),
+    "no evidence": (154, 160, 166),
+}
+UNJUDGED_COLOR: Color = (232, 234, 237)
+
 #: Background of every view of the viewer, whatever its theme, and what is written and ruled on it.
 BACKGROUND: Color = (24, 28, 36)
 TEXT_COLOR: Color = (170, 180, 194)

@@ -182,7 +182,8 @@ def _mean_claim(findings: Findings, statement: str, evaluations: int, about_m: f
     measures = _per_heuristic(findings, lambda curve: curve[evaluations - 1]) if enough else []
     return make_claim(
         statement,
-        f"after {evaluations}, each heuristic's mean over legs and runs is {text}, by the paper's count",
+        f"after {evaluations}, each heuristic's mean over experiments and runs is {text}, by the paper's "
+        "count",
         measures_text(measures, cm, tolerance),
         judge_all(measures, tolerance),
         beside=f"{_random(findings, evaluations)}; expected best rank of {evaluations} random draws: "
@@ -266,7 +267,7 @@ NAMES = (
 def claims_of(findings: Findings) -> list[Claim]:
     """All claims in the paper's order; walks that are too short leave those that were measured not judged."""
     claims = [make(findings) for make in OF_WALKS]
-    claims += [_against_null(make, findings) for make in OF_SEARCHES]
+    claims += [_against_null(make, findings.judged) for make in OF_SEARCHES]
     reason = too_short(findings.plan.duration_s)
     if not reason:
         return claims

@@ -36,13 +36,15 @@ class Measure:
         name: what it is of, such as `leg 2` or `pso`.
         values: one for each world; NaN where it cannot be judged.
         note: counts behind it, or why it is not judged.
-        most: greatest value that is possible, such as 1 for a share; the least is 0.
+        most: greatest value that is possible, such as 1 for a share.
+        least: smallest one; that of a difference is negative.
     """
 
     name: str
     values: tuple[float, ...]
     note: str = ""
     most: float = np.inf
+    least: float = 0.0
 
     @cached_property
     def known(self) -> FloatArray:
@@ -67,7 +69,7 @@ class Measure:
 
         error = self.known.std(ddof=1) / np.sqrt(self.known.size)
         half = float(stdtrit(self.known.size - 1, 0.5 + CONFIDENCE / 2) * error)
-        return max(0.0, self.mean - half), min(self.most, self.mean + half)
+        return max(self.least, self.mean - half), min(self.most, self.mean + half)
 
 
 #: What `judge` answers.
@@ -145,7 +147,7 @@ class Claim:
         not_judged: why the numbers cannot be judged; empty where they can.
         no_evidence: why the numbers decide nothing; empty where they do.
         symmetric: which symmetry implies the claim, or another one of the claims; empty where none does.
-        null: result of the same rule on random numbers; empty for a claim that is not about searches.
+        null: what random numbers would give; empty for a claim that is not compared with any.
     """
 
     claim: str

@@ -1,13 +1,22 @@
 """Figures of a study: paths seen from above, and best-so-far over evaluations."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hexctl.palette import BASELINE_COLORS, INVALID_COLOR, LEGEND_M, LINE_COLOR, hex_color, scale_stops
+from hexctl.palette import (
+    BASELINE_COLORS,
+    INVALID_COLOR,
+    LEGEND_M,
+    LINE_COLOR,
+    UNJUDGED_COLOR,
+    VERDICT_COLORS,
+    hex_color,
+    scale_stops,
+)
 from hexctl.study.default_gaits import DefaultWalk
 from hexctl.study.drawing import color_of, grid_of, label_axes, new_figure, save_figure
 from hexctl.study.evidence import cm
@@ -26,6 +35,9 @@ PANEL_IN, BAR_IN = 4.3, 1.0
 
 #: Width of a legend's entry, in inches.
 LEGEND_ENTRY_IN = 2.0
+
+#: Opacity of a verdict without an interval.
+PALE = 0.4
 
 #: Legs whose examples the paper shows, and the arbitrary gait that stands for them without self-rotation.
 EXAMPLE_LEGS, EXAMPLE_CODE = (2, 6), 57
@@ -265,6 +277,39 @@ def _finish_curves(figure: "Figure", panels: "list[Axes]", used: int, title: str
     columns = min(len(labels), max(2, int(figure.get_figwidth() / LEGEND_ENTRY_IN)))
     figure.legend(handles, labels, loc="outside lower center", ncols=columns, fontsize=9, frameon=False)
     figure.suptitle(title, fontsize=11, wrap=True)
+
+
+def verdicts_figure(rows: Sequence[tuple[str, Sequence[str]]], columns: Sequence[str]) -> "Figure":
+    """Verdicts as coloured squares: a row for each setting, a column for each claim.
+
+    Those in brackets, which no interval was tested for, are pale.
+    """
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(0.55 * len(columns) + 3.4, 0.3 * len(rows) + 2.0), layout="constrained")
+    panel = figure.subplots()
+    for row, (_, verdicts) in enumerate(rows):
+        for column, verdict in enumerate(verdicts):
+            panel.add_patch(_square(column, row, verdict))
+    panel.set_xlim(-0.5, len(columns) - 0.5)
+    panel.set_ylim(len(rows) - 0.5, -0.5)
+    panel.set_xticks(range(len(columns)), columns, rotation=40, ha="right", fontsize=8)
+    panel.set_yticks(range(len(rows)), [title for title, _ in rows], fontsize=8)
+    panel.tick_params(length=0)
+    names = [*VERDICT_COLORS, "not judged"]
+    shown = {verdict for _, verdicts in rows for verdict in verdicts}
+    names += [f"({name})" for name in VERDICT_COLORS if f"({name})" in shown]
+    keys = [_square(0, 0, name, name) for name in names]
+    figure.legend(handles=keys, loc="outside upper center", ncols=4, fontsize=8, frameon=False)
+    return figure
+
+
+def _square(column: int, row: int, verdict: str, label: str = "") -> Any:
+    from matplotlib.patches import Rectangle
+
+    color = hex_color(VERDICT_COLORS.get(verdict.strip("()"), UNJUDGED_COLOR))
+    alpha = PALE if verdict.startswith("(") else 1.0
+    return Rectangle((column - 0.46, row - 0.46), 0.92, 0.92, color=color, alpha=alpha, label=label)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -4,7 +4,7 @@ import json
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from hexctl.backends.sim.world import World
 from hexctl.errors import InputError, argument
@@ -15,15 +15,13 @@ from hexctl.study.claims import NAMES, claims_of
 from hexctl.study.drawing import check_drawing, save_figure
 from hexctl.study.evaluate import Progress, Silent, check_jobs, evaluate
 from hexctl.study.evidence import Claim
+from hexctl.study.figures import verdicts_figure
 from hexctl.study.landscape import LandscapeSpec
 from hexctl.study.page import Picture, Section, Table, render_page
 from hexctl.study.plan import StudyPlan
 from hexctl.study.searches import search_all
 from hexctl.study.study import report_folder
 from hexctl.study.versions import code_versions
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 REPORT = "matrix.html"
 
@@ -36,9 +34,11 @@ ROBOTS = ("ant", "phantomx", "pexod")
 #: Worlds of each cell, and gaits that are walked without self-rotation: what they show needs no more.
 CELL_WORLDS, CELL_GAITS = 3, 40
 
-#: Colours of the verdicts in the figure, by their first words.
-COLORS = {"holds": "#2e8b57", "does not hold": "#c0392b", "no evidence": "#9aa0a6"}
-OTHER_COLOR = "#e8eaed"
+#: How a verdict without an interval is to be read.
+SINGLE_WORLD = (
+    "A verdict in brackets is that of a single world: the number itself decides, and no interval tells by "
+    "how much another world would change it."
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,6 +52,11 @@ class Cell:
 
     title: str
     plan: StudyPlan
+
+    def short_verdict(self, claim: Claim) -> str:
+        """Verdict without its reason; in brackets where it is that of a single world."""
+        verdict = claim.verdict.partition(":")[0]
+        return verdict if claim.holds is None or self.plan.worlds > 1 else f"({verdict})"
 
 
 def cells_of(
@@ -152,9 +157,7 @@ class MatrixResult:
         """Table of verdicts in Markdown: a row for each cell, a column for each claim."""
         header = ("setting", "worlds", *NAMES)
         lines = ["| " + " | ".join(header) + " |", "|---" * len(header) + "|"]
-        for cell, claims in zip(self.plan.cells, self.claims, strict=True):
-            words = [_bold(short_verdict(claim)) for claim in claims]
-            lines.append("| " + " | ".join((cell.title, str(cell.plan.worlds), *words)) + " |")
+        lines += ["| " + " | ".join(map(_bold, row)) + " |" for row in _rows(self)]
         return "\n".join(lines) + "\n"
 
 
@@ -197,18 +200,14 @@ def write_matrix(result: MatrixResult) -> None:
     folder = result.report.parent
     atomic_write(folder / "matrix.json", json.dumps(result.to_json(), indent=1))
     atomic_write(folder / "matrix.md", result.to_markdown())
-    save_figure(matrix_figure(result), folder, "matrix")
+    rows = [(title, verdicts) for title, _, *verdicts in _rows(result)]
+    save_figure(verdicts_figure(rows, NAMES), folder, "matrix")
     page = render_page("hexctl study --matrix", "Verdicts on the paper's claims", _sections(result))
     atomic_write(result.report, page)
 
 
-def short_verdict(claim: Claim) -> str:
-    """Verdict without its reason."""
-    return claim.verdict.partition(":")[0]
-
-
 def _bold(verdict: str) -> str:
-    return f"**{verdict}**" if verdict == "does not hold" else verdict
+    return verdict.replace("does not hold", "**does not hold**")
 
 
 def _cell_json(cell: Cell, claims: Sequence[Claim]) -> dict[str, Any]:
@@ -220,6 +219,7 @@ def _cell_json(cell: Cell, claims: Sequence[Claim]) -> dict[str, Any]:
         "self_rotation": plan.self_rotation,
         "world": plan.world.model_dump(mode="json"),
         "worlds": plan.worlds,
+        "interval_tested": plan.worlds > 1,
         "runs": plan.runs,
         "claims": [
             {"name": name, **asdict(claim), "verdict": claim.verdict}
@@ -228,46 +228,24 @@ def _cell_json(cell: Cell, claims: Sequence[Claim]) -> dict[str, Any]:
     }
 
 
-def _sections(result: MatrixResult) -> Iterator[Section]:
-    rows = [
-        [cell.title, str(cell.plan.worlds), *map(short_verdict, claims)]
+def _rows(result: MatrixResult) -> list[list[str]]:
+    """Setting, number of worlds and short verdicts of each cell."""
+    return [
+        [cell.title, str(cell.plan.worlds), *map(cell.short_verdict, claims)]
         for cell, claims in zip(result.plan.cells, result.claims, strict=True)
     ]
+
+
+def _sections(result: MatrixResult) -> Iterator[Section]:
+    counts = sorted({cell.plan.without_gaits for cell in result.plan.cells})
     how = (
         "Each failed leg of each robot with all gaits. Legs that are one experiment are walked once, and "
-        f"without self-rotation {CELL_GAITS} gaits. The study's page says how claims are judged."
+        f"without self-rotation {' or '.join(map(str, counts))} gaits. {SINGLE_WORLD} The study's page says "
+        "how claims are judged."
     )
     picture = Picture(result.report.parent / "matrix.png", "One robot, one simulator, one reading.", how)
-    yield Section("Verdicts", [picture, Table(("setting", "worlds", *NAMES), rows)])
+    yield Section("Verdicts", [picture, Table(("setting", "worlds", *NAMES), _rows(result))])
     header = ("claim of the paper", "holds here if", "measured here", "random numbers", "verdict")
     for cell, claims in zip(result.plan.cells, result.claims, strict=True):
         lines = [(one.claim, one.rule, one.measured, one.null, one.verdict) for one in claims]
         yield Section(cell.title, [Table(header, lines)])
-
-
-def matrix_figure(result: MatrixResult) -> "Figure":
-    """Verdicts as coloured squares: a row for each cell, a column for each claim."""
-    from matplotlib.figure import Figure
-
-    cells = result.plan.cells
-    figure = Figure(figsize=(0.55 * len(NAMES) + 3.4, 0.3 * len(cells) + 2.0), layout="constrained")
-    panel = figure.subplots()
-    for row, claims in enumerate(result.claims):
-        for column, claim in enumerate(claims):
-            color = COLORS.get(short_verdict(claim), OTHER_COLOR)
-            panel.add_patch(_square(column, row, color))
-    panel.set_xlim(-0.5, len(NAMES) - 0.5)
-    panel.set_ylim(len(cells) - 0.5, -0.5)
-    panel.set_xticks(range(len(NAMES)), NAMES, rotation=40, ha="right", fontsize=8)
-    panel.set_yticks(range(len(cells)), [cell.title for cell in cells], fontsize=8)
-    panel.tick_params(length=0)
-    legend = {**COLORS, "not judged": OTHER_COLOR}
-    keys = [_square(0, 0, color, label) for label, color in legend.items()]
-    figure.legend(handles=keys, loc="outside upper center", ncols=4, fontsize=8, frameon=False)
-    return figure
-
-
-def _square(column: int, row: int, color: str, label: str = "") -> Any:
-    from matplotlib.patches import Rectangle
-
-    return Rectangle((column - 0.46, row - 0.46), 0.92, 0.92, color=color, label=label)

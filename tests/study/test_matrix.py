@@ -1,6 +1,7 @@
 """The matrix of verdicts."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -9,6 +10,8 @@ from hexctl.backends.sim.world import World
 from hexctl.errors import InputError
 from hexctl.study.cache import LandscapeCache
 from hexctl.study.claims import NAMES, OF_SEARCHES, OF_WALKS, claims_of
+from hexctl.study.evidence import Judgement, make_claim
+from hexctl.study.figures import verdicts_figure
 from hexctl.study.matrix import Cell, MatrixPlan, MatrixResult, cells_of, run_matrix, write_matrix
 from tests.robots import shipped
 from tests.study.landscapes import made_up_findings, spread_out
@@ -52,6 +55,7 @@ def test_a_matrix_is_walked_once_and_written(tmp_path: Path) -> None:
     assert values == json.loads(json.dumps(result.to_json(), allow_nan=False))
     assert [cell["failure"] for cell in values["cells"]] == ["locked", "limp"]
     assert "not judged" in (tmp_path / "out" / "matrix.md").read_text(encoding="utf-8")
+    assert "without self-rotation 3 gaits" in (tmp_path / "out" / "matrix.html").read_text(encoding="utf-8")
 
 
 def test_the_table_shows_red_where_it_is_red_and_what_survives_everywhere(tmp_path: Path) -> None:
@@ -69,4 +73,24 @@ def test_the_table_shows_red_where_it_is_red_and_what_survives_everywhere(tmp_pa
     assert [cell.strip() for cell in header.split("|")[1:4]] == ["setting", "worlds", "left"]
     assert rows[2].count("**does not hold**") > rows[0].count("**does not hold**")
     assert result.to_json()["survive"] == ["left", "right"]
-    assert "mirror symmetry" in (tmp_path / "matrix.html").read_text(encoding="utf-8")
+    assert "(holds)" in rows[0]
+    assert "(**does not hold**)" in rows[2]
+    assert {cell["interval_tested"] for cell in result.to_json()["cells"]} == {False}
+    page = (tmp_path / "matrix.html").read_text(encoding="utf-8")
+    assert "that of a single world" in page
+    assert "mirror symmetry" in page
+
+
+def test_a_verdict_of_one_world_is_in_brackets_and_pale() -> None:
+    """One world has no interval: its red and green are not those of three worlds that agree."""
+    plan = made_up_findings(spread_out(0.25), legs=(2,), optimizers=("random",), runs=1, budget=5).plan
+    one, three = (Cell(title="", plan=replace(plan, worlds=worlds)) for worlds in (1, 3))
+    red, grey = (
+        make_claim("", "", "", judgement) for judgement in (Judgement(False), Judgement(None, "why"))
+    )
+    assert (one.short_verdict(red), three.short_verdict(red)) == ("(does not hold)", "does not hold")
+    assert one.short_verdict(grey) == three.short_verdict(grey) == "no evidence"
+    figure = verdicts_figure([("one", ["(holds)", "holds", "not judged"])], ["a", "b", "c"])
+    pale, full, unjudged = figure.axes[0].patches
+    assert pale.get_facecolor()[:3] == full.get_facecolor()[:3] != unjudged.get_facecolor()[:3]
+    assert pale.get_alpha() < full.get_alpha()
