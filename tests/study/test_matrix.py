@@ -11,7 +11,7 @@ from hexctl.errors import InputError
 from hexctl.study.cache import LandscapeCache
 from hexctl.study.claims import NAMES, OF_SEARCHES, OF_WALKS, claims_of
 from hexctl.study.evidence import Judgement, make_claim
-from hexctl.study.figures import verdicts_figure
+from hexctl.study.figures import PALE, verdicts_figure
 from hexctl.study.matrix import Cell, MatrixPlan, MatrixResult, cells_of, run_matrix, write_matrix
 from tests.robots import shipped
 from tests.study.landscapes import made_up_findings, spread_out
@@ -93,4 +93,4 @@ def test_a_verdict_of_one_world_is_in_brackets_and_pale() -> None:
     figure = verdicts_figure([("one", ["(holds)", "holds", "not judged"])], ["a", "b", "c"])
     pale, full, unjudged = figure.axes[0].patches
     assert pale.get_facecolor()[:3] == full.get_facecolor()[:3] != unjudged.get_facecolor()[:3]
-    assert pale.get_alpha() < full.get_alpha()
+    assert (pale.get_alpha(), full.get_alpha()) == (PALE, 1.0)
