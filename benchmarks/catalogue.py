@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterator, Sequence
 
 from benchmarks.adapt import adapt_rows
 from benchmarks.batch import batch_rows
+from benchmarks.check import check_rows
 from benchmarks.clock import clock_rows
 from benchmarks.landscape import landscape_benchmarks
 from benchmarks.link import link_rows
@@ -30,6 +31,7 @@ BENCHMARKS: dict[str, Benchmark] = {
     "batch": batch_rows,
     "adapt": adapt_rows,
     "study": study_rows,
+    "check": check_rows,
     **landscape_benchmarks(),
 }
 

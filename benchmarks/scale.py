@@ -18,6 +18,7 @@ class Scale:
         link_s: how long round trips over the link are measured.
         twin_s: how long a robot at the other end of the link walks.
         starts: how often a process is started.
+        robots: random robots of each verdict of `hexctl check`.
     """
 
     rounds: int
@@ -30,6 +31,7 @@ class Scale:
     link_s: float
     twin_s: float
     starts: int
+    robots: int
 
 
 FULL = Scale(
@@ -43,6 +45,7 @@ FULL = Scale(
     link_s=60.0,
     twin_s=600.0,
     starts=7,
+    robots=20,
 )
 
 #: A smoke test: every number comes out, none of them means much.
@@ -57,4 +60,5 @@ QUICK = Scale(
     link_s=1.0,
     twin_s=3.0,
     starts=2,
+    robots=1,
 )

@@ -23,6 +23,7 @@ TINY = Scale(
     link_s=0.5,
     twin_s=2.0,
     starts=1,
+    robots=1,
 )
 
 SOME_LANDSCAPES = ("landscape.straight.leg1", "landscape.rotated.leg4")
