@@ -319,12 +319,10 @@ def _verdict_lines(verdicts: Iterable[tuple[str, str]]) -> list[str]:
 def _study_lines(result: "StudyResult") -> list[str]:
     """Claims, bars that are missed, and the time spent."""
     from hexctl.study.bars import bar_rows
-    from hexctl.study.claims import claims_of
     from hexctl.study.evidence import cm
-    from hexctl.study.uncertainty import StudyUncertainty
 
     findings = result.findings
-    lines = _verdict_lines((claim.verdict, claim.claim) for claim in claims_of(findings))
+    lines = _verdict_lines((claim.verdict, claim.claim) for claim in result.claims)
     rows = [row for row in bar_rows(findings, paper_count=False) if row.leg is None and row.holds is not None]
     missed = [row for row in rows if not row.holds]
     lines += [
@@ -334,8 +332,7 @@ def _study_lines(result: "StudyResult") -> list[str]:
     ]
     if rows and not missed:
         lines.append("bar held by all optimizers, each gait paid for once")
-    plan = findings.plan
-    lines += StudyUncertainty.of(plan.robot, plan.world, plan.duration_s).lines
+    lines += result.uncertainty.lines
     return [*lines, ", ".join(f"{name} {spent_s:.0f} s" for name, spent_s in result.times_s.items())]
 
 

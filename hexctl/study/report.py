@@ -1,21 +1,21 @@
 """The report of a study: one HTML page that needs no other file, with figures and tables beside it."""
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from hexctl.files import atomic_write
 from hexctl.study.assumptions import HEADER, assumption_rows
-from hexctl.study.bars import BarRow, bar_rows
-from hexctl.study.claims import claims_of, expected_best_rank
-from hexctl.study.evidence import Claim, cm
+from hexctl.study.bars import LATE_ABOVE_BEST_M, BarRow, bar_rows
+from hexctl.study.claims import expected_best_rank
+from hexctl.study.evidence import Claim, cm, limit_text
 from hexctl.study.figures import FigureEntry, draw_figures
 from hexctl.study.landscape import Landscape
 from hexctl.study.page import Block, Bullets, Picture, Section, Table, render_page
 from hexctl.study.searches import NULL_DRAWS, Curve, Findings
 from hexctl.study.tables import SHOWN, TABLES, write_tables
-from hexctl.study.trajectories import left_share, within
+from hexctl.study.trajectories import EARLY, EARLY_M, LATE, LATE_M, left_share, within
 from hexctl.study.uncertainty import StudyUncertainty
 from hexctl.study.versions import code_versions
 
@@ -42,8 +42,8 @@ READING = (
     "count random untried codes follow, so what a long curve gains later is the random search's "
     "work.",
     "The random baseline is strong: the best of n gaits drawn from 120 without repetition has the expected "
-    f"rank 121/(n + 1), which is {expected_best_rank(20):.1f} after 20 and {expected_best_rank(60):.1f} "
-    "after 60.",
+    f"rank 121/(n + 1), which is {expected_best_rank(EARLY):.1f} after {EARLY} and "
+    f"{expected_best_rank(LATE):.1f} after {LATE}.",
     "dps is a reconstruction from published parents: the equations of the original are not open to us.",
     "No parameter was tuned on these landscapes. Simulator, floor friction and servos are not the paper's, "
     "which does not give them; directions and orders of magnitude compare, single numbers do not.",
@@ -58,42 +58,61 @@ DEFAULT_GAITS = (
     "in no other. Searches: the median of the runs and, in brackets, the best one, each gait paid for once."
 )
 
-#: Evaluations after which searches stand beside the robot's own gaits, or the budget where it is smaller.
-BESIDE_DEFAULTS = 20
 
-
-def write_report(findings: Findings, folder: Path, on_figure: Callable[[str], None] = lambda _: None) -> Path:
+def write_report(
+    findings: Findings,
+    claims: Sequence[Claim],
+    uncertainty: StudyUncertainty,
+    folder: Path,
+    on_figure: Callable[[str], None] = lambda _: None,
+) -> Path:
     """Write tables, figures and the report into a folder; path of the report.
 
-    `on_figure` is called with the name of each figure that is done.
+    Args:
+        findings: landscapes and searches.
+        claims: judged by them, as `claims_of` gives.
+        uncertainty: of the walks.
+        folder: for the files.
+        on_figure: called with the name of each figure that is done.
     """
     write_tables(findings, folder)
     drawn = draw_figures(findings, folder, on_figure)
     path = folder / REPORT
-    sections = [*_verdicts(findings), *_pictures(drawn, folder), *_numbers(findings)]
+    sections = [
+        *_verdicts(findings, claims, uncertainty),
+        *_pictures(drawn, folder),
+        *_numbers(findings, uncertainty),
+    ]
     heading = "Gaits for a failed leg: the paper's experiments repeated"
     atomic_write(path, render_page("hexctl study", heading, sections))
     return path
 
 
-def _verdicts(findings: Findings) -> Iterator[Section]:
-    yield Section("", [_settings(findings), _uncertainty(findings).sentence])
-    yield Section("Claims of the paper", [_claims(findings)])
+def _verdicts(
+    findings: Findings, claims: Sequence[Claim], uncertainty: StudyUncertainty
+) -> Iterator[Section]:
+    yield Section("", [_settings(findings), uncertainty.sentence])
+    yield Section("Claims of the paper", [_claims(claims)])
     yield Section("How to read this", [Bullets([*READING, _stuck(findings)])])
-    bar = (
-        "10 cm within 20 evaluations; within 60, 2.5 cm, or, for a leg whose best gait of all is above "
-        "2.5 cm, 1 cm more than that gait. Beside it the random baseline, which has to hold it too."
-    )
-    fresh, paper = (_bars(findings, paper_count=count) for count in (False, True))
-    blocks: list[Block] = [bar, "Each gait paid for once:", fresh, "By the paper's count:", paper]
     left_open = (
         "What the paper leaves open, and how it is read here; numbers are those of ant on the flat "
         "floor, leg locked, after the turn."
     )
     yield Section("Assumptions", [left_open, Table(HEADER, assumption_rows())])
-    yield Section("The bar: mean over legs and runs", blocks)
+    yield Section("The bar: mean over legs and runs", _bar_blocks(findings))
     if findings.default_walks:
         yield Section("Without a search", [DEFAULT_GAITS, _defaults(findings)])
+
+
+def _bar_blocks(findings: Findings) -> list[Block]:
+    late = limit_text(LATE_M)
+    bar = (
+        f"{limit_text(EARLY_M)} within {EARLY} evaluations; within {LATE}, {late}, or, for a leg whose best "
+        f"gait of all is above {late}, {limit_text(LATE_ABOVE_BEST_M)} more than that gait. Beside it the "
+        "random baseline, which has to hold it too."
+    )
+    fresh, paper = (_bars(findings, paper_count=count) for count in (False, True))
+    return [bar, "Each gait paid for once:", fresh, "By the paper's count:", paper]
 
 
 def _pictures(drawn: Iterable[FigureEntry], folder: Path) -> Iterator[Section]:
@@ -102,8 +121,8 @@ def _pictures(drawn: Iterable[FigureEntry], folder: Path) -> Iterator[Section]:
         yield Section(entry.name.replace("_", " ").capitalize(), [picture])
 
 
-def _numbers(findings: Findings) -> Iterator[Section]:
-    yield Section("Landscapes", [_landscapes(findings.landscapes.values(), _uncertainty(findings))])
+def _numbers(findings: Findings, uncertainty: StudyUncertainty) -> Iterator[Section]:
+    yield Section("Landscapes", [_landscapes(findings.landscapes.values(), uncertainty)])
     yield Section("Means over all legs and runs, with standard deviation", [_means(findings)])
     title = "Means of each leg over its runs, with standard deviation, by the paper's count"
     yield Section(title, [_leg_means(findings)])
@@ -115,11 +134,6 @@ def _numbers(findings: Findings) -> Iterator[Section]:
     beside = f"Beside this page: {', '.join(TABLES)}, and each figure as PNG and SVG."
     versions = ", ".join(f"{name} {value}" for name, value in code_versions().items())
     yield Section("Files and versions", [beside, versions])
-
-
-def _uncertainty(findings: Findings) -> StudyUncertainty:
-    plan = findings.plan
-    return StudyUncertainty.of(plan.robot, plan.world, plan.duration_s)
 
 
 def _settings(findings: Findings) -> str:
@@ -149,11 +163,8 @@ def _stuck(findings: Findings) -> str:
     )
 
 
-def _claims(findings: Findings) -> Table:
-    rows = [
-        (claim.claim, claim.rule, claim.measured, _beside(claim), claim.verdict)
-        for claim in claims_of(findings)
-    ]
+def _claims(claims: Iterable[Claim]) -> Table:
+    rows = [(claim.claim, claim.rule, claim.measured, _beside(claim), claim.verdict) for claim in claims]
     return Table(("claim of the paper", "holds here if", "measured here", "beside it", "verdict"), rows)
 
 
@@ -198,8 +209,8 @@ def _landscapes(landscapes: Iterable[Landscape], uncertainty: StudyUncertainty) 
             str(len(landscape.codes)),
             str(int(landscape.valid.sum())),
             f"{left_share(landscape):.0%}",
-            str(within(landscape, 0.10)),
-            str(within(landscape, 0.025)),
+            str(within(landscape, EARLY_M)),
+            str(within(landscape, LATE_M)),
             uncertainty.beside(landscape.best_m),
         )
         for landscape in landscapes
@@ -210,7 +221,7 @@ def _landscapes(landscapes: Iterable[Landscape], uncertainty: StudyUncertainty) 
 def _defaults(findings: Findings) -> Table:
     """The robot's own gaits beside the landscape and the searches of each leg."""
     names = list(dict.fromkeys(walk.gait for walk in findings.default_walks))
-    after = min(BESIDE_DEFAULTS, findings.plan.budget)
+    after = min(EARLY, findings.plan.budget)
     searches = [f"{name} after {after}" for name in findings.plan.optimizers]
     header = ("leg", *names, "median of all valid gaits", "best of all gaits", *searches)
     return Table(header, [_default_row(findings, leg, after) for leg in findings.searched])

@@ -13,9 +13,11 @@ from hexctl.backends.sim.world import World, as_world
 from hexctl.errors import InputError, argument, check_type
 from hexctl.robot.model import Robot
 from hexctl.study.cache import LandscapeCache
+from hexctl.study.claims import claims_of
 from hexctl.study.default_gaits import walk_default_gaits
 from hexctl.study.drawing import check_drawing
 from hexctl.study.evaluate import Progress, Silent, check_jobs, evaluate
+from hexctl.study.evidence import Claim
 from hexctl.study.figures import FIGURES
 from hexctl.study.plan import StudyPlan
 from hexctl.study.report import REPORT, write_report
@@ -25,6 +27,7 @@ from hexctl.study.transfer.plan import TransferPlan
 from hexctl.study.transfer.report import REPORT as TRANSFER_REPORT
 from hexctl.study.transfer.report import transfer_json, write_transfer_report
 from hexctl.study.transfer.searches import TransferFindings, search_worlds
+from hexctl.study.uncertainty import StudyUncertainty
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -33,12 +36,16 @@ class StudyResult:
 
     Attributes:
         findings: landscapes and searches.
+        claims: the paper's claims, judged by them.
+        uncertainty: the simulation's own, of the walks.
         report: the HTML page; tables and figures are files beside it.
         notes: remarks on files of the cache that could not be used.
         times_s: wall time of the parts `landscapes`, `searches` and `report`.
     """
 
     findings: Findings
+    claims: tuple[Claim, ...]
+    uncertainty: StudyUncertainty
     report: Path
     notes: tuple[str, ...]
     times_s: dict[str, float]
@@ -48,7 +55,7 @@ class StudyResult:
         return {
             "out": str(self.report.parent),
             "report": str(self.report),
-            **summary_json(self.findings),
+            **summary_json(self.findings, self.claims, self.uncertainty),
             "notes": list(self.notes),
             "times_s": self.times_s,
         }
@@ -60,11 +67,13 @@ class TransferResult:
 
     Attributes:
         findings: landscapes of unseen worlds and the searches in them.
+        uncertainty: the simulation's own, of the walks.
         report: the HTML page; table and figures are files beside it.
         notes: remarks on files of the cache that could not be used.
     """
 
     findings: TransferFindings
+    uncertainty: StudyUncertainty
     report: Path
     notes: tuple[str, ...]
 
@@ -73,7 +82,7 @@ class TransferResult:
         return {
             "out": str(self.report.parent),
             "report": str(self.report),
-            **transfer_json(self.findings),
+            **transfer_json(self.findings, self.uncertainty),
             "notes": list(self.notes),
         }
 
@@ -133,7 +142,8 @@ def run_study(
     Args:
         plan: the experiments.
         folder: for the report: new, empty, or with an earlier study, which is replaced.
-        cache: of landscapes; None is the one of the command line, `runs/study-cache`.
+        cache: of landscapes; None is the one of the command line, `runs/study-cache`. Measurements of the
+            simulation's uncertainty are read from the folder around it.
         jobs: threads per batch of gaits; None is all cores here, one on a Dask worker.
         dask: address of a Dask scheduler whose workers simulate; None simulates here.
         progress: observer.
@@ -148,6 +158,7 @@ def run_study(
     plan.check()
     with report_folder(folder, REPORT):
         cache.probe()
+        uncertainty = _uncertainty_of(plan, plan.world, cache)
         times_s = _Stopwatch()
         landscapes = evaluate(plan.specs(), cache, jobs=jobs, dask=dask, progress=progress)
         progress.stage("the robot's own gaits", len(plan.legs))
@@ -156,11 +167,19 @@ def run_study(
         progress.stage("searches, leg by leg", len(plan.searched_specs()))
         findings = search_all(plan, landscapes, lambda _: progress.step())
         findings = replace(findings, default_walks=default_walks)
+        claims = tuple(claims_of(findings))
         times_s.lap("searches")
         progress.stage("figures", len(FIGURES))
-        report = write_report(findings, folder, lambda _: progress.step())
+        report = write_report(findings, claims, uncertainty, folder, lambda _: progress.step())
         times_s.lap("report")
-        result = StudyResult(findings=findings, report=report, notes=tuple(cache.notes), times_s=times_s.laps)
+        result = StudyResult(
+            findings=findings,
+            claims=claims,
+            uncertainty=uncertainty,
+            report=report,
+            notes=tuple(cache.notes),
+            times_s=times_s.laps,
+        )
         _write_json(result.to_json(), folder / "study.json")
     return result
 
@@ -184,13 +203,21 @@ def run_transfer(
     plan.check()
     with report_folder(folder, TRANSFER_REPORT):
         cache.probe()
+        uncertainty = _uncertainty_of(plan, plan.specs()[0].world, cache)
         landscapes = evaluate(plan.specs(), cache, jobs=jobs, dask=dask, progress=progress)
         progress.stage("searches, world by world", len(landscapes))
         findings = search_worlds(plan, landscapes, lambda _: progress.step())
-        report = write_transfer_report(findings, folder)
-        result = TransferResult(findings=findings, report=report, notes=tuple(cache.notes))
+        report = write_transfer_report(findings, uncertainty, folder)
+        result = TransferResult(
+            findings=findings, uncertainty=uncertainty, report=report, notes=tuple(cache.notes)
+        )
         _write_json(result.to_json(), folder / "transfer.json")
     return result
+
+
+def _uncertainty_of(plan: StudyPlan | TransferPlan, world: World, cache: LandscapeCache) -> StudyUncertainty:
+    """Uncertainty of the walks of a plan, as measured in the folder around the cache or shipped."""
+    return StudyUncertainty.of(plan.robot, world, plan.duration_s, cache.folder.parent)
 
 
 class _Stopwatch:

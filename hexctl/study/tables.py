@@ -1,6 +1,7 @@
 """The numbers of a study: Parquet tables and one JSON object."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -8,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from hexctl.study.bars import BarRow, bar_rows
-from hexctl.study.claims import claims_of
+from hexctl.study.evidence import Claim
 from hexctl.study.landscape import NUMBERS, Landscape
 from hexctl.study.searches import Findings, Searches
 from hexctl.study.trajectories import left_share, within
@@ -91,7 +92,9 @@ def _head(search: Searches, rows: int) -> dict[str, Any]:
 SHOWN = (1, 10, 20, 40, 60, 120)
 
 
-def summary_json(findings: Findings) -> dict[str, Any]:
+def summary_json(
+    findings: Findings, claims: Sequence[Claim], uncertainty: StudyUncertainty
+) -> dict[str, Any]:
     """Settings and results of a study as JSON values; null where there is no number."""
     plan = findings.plan
     return {
@@ -106,9 +109,9 @@ def summary_json(findings: Findings) -> dict[str, Any]:
         "failure": plan.failure,
         "self_rotation": plan.self_rotation,
         "worlds": plan.worlds,
-        "uncertainty": StudyUncertainty.of(plan.robot, plan.world, plan.duration_s).as_json(),
+        "uncertainty": uncertainty.as_json(),
         "code": code_versions(),
-        "claims": [{**asdict(claim), "verdict": claim.verdict} for claim in claims_of(findings)],
+        "claims": [{**asdict(claim), "verdict": claim.verdict} for claim in claims],
         "bars": [_bar(row) for count in (False, True) for row in bar_rows(findings, paper_count=count)],
         "landscapes": [_landscape(landscape) for landscape in findings.landscapes.values()],
         "default_gaits": [{**asdict(walk), "final_m": walk.final_m} for walk in findings.default_walks],

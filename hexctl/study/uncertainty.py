@@ -1,6 +1,7 @@
 """The simulation's own uncertainty beside the deviations of a study."""
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from hexctl.backends.sim.world import World
@@ -22,9 +23,14 @@ class StudyUncertainty:
     duration_s: float
 
     @classmethod
-    def of(cls, robot: Robot, world: World, duration_s: float) -> "StudyUncertainty":
-        """Uncertainty of a robot's walks in a world; raises InputError for a damaged file of measurements."""
-        return cls(known_uncertainty(robot, world, duration_s=duration_s), duration_s)
+    def of(
+        cls, robot: Robot, world: World, duration_s: float, folder: Path | str = "runs"
+    ) -> "StudyUncertainty":
+        """Uncertainty of a robot's walks in a world, as measured before; `folder` is that of sessions.
+
+        Raises InputError for a damaged file of measurements.
+        """
+        return cls(known_uncertainty(robot, world, duration_s=duration_s, folder=folder), duration_s)
 
     @property
     def sentence(self) -> str:

@@ -1,13 +1,19 @@
 """Landscapes for tests: made up in an instant, or really walked for a moment."""
 
 from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from hexctl.backends.sim.world import World
+from hexctl.study.claims import claims_of
 from hexctl.study.landscape import NUMBERS, Landscape, LandscapeSpec, Rows, empty_landscape, with_rows
 from hexctl.study.plan import ROTATIONS, StudyPlan
+from hexctl.study.report import write_report
 from hexctl.study.searches import Findings, search_all
+from hexctl.study.tables import summary_json
+from hexctl.study.uncertainty import StudyUncertainty
 from hexctl.types import FloatArray
 from tests.robots import shipped
 
@@ -83,3 +89,18 @@ def same(one: Rows, other: Rows) -> bool:
         np.array_equal(getattr(one, name), getattr(other, name), equal_nan=name in ("numbers", "paths_m"))
         for name in ("codes", "status", "numbers", "paths_m")
     )
+
+
+def reported(findings: Findings, folder: Path) -> Path:
+    """Report of findings, in a folder."""
+    return write_report(findings, claims_of(findings), uncertainty_of(findings), folder)
+
+
+def summarised(findings: Findings) -> dict[str, Any]:
+    """Findings as in `study.json`."""
+    return summary_json(findings, claims_of(findings), uncertainty_of(findings))
+
+
+def uncertainty_of(findings: Findings) -> StudyUncertainty:
+    """The simulation's own uncertainty of the walks."""
+    return StudyUncertainty.of(findings.plan.robot, findings.plan.world, findings.plan.duration_s)

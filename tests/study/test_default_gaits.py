@@ -13,10 +13,8 @@ from hexctl.study.default_gaits import DefaultWalk, default_trial, walk_default_
 from hexctl.study.evidence import cm
 from hexctl.study.figures import convergence_figure
 from hexctl.study.plan import StudyPlan
-from hexctl.study.report import write_report
-from hexctl.study.tables import summary_json
 from tests.robots import shipped
-from tests.study.landscapes import made_up_findings, spread_out
+from tests.study.landscapes import made_up_findings, reported, spread_out, summarised
 from tests.trials import gait_of
 
 PLAN = StudyPlan(robot=shipped(), legs=(2, 5), failure="limp", duration_s=0.2)
@@ -83,9 +81,9 @@ def test_the_report_has_them_beside_the_searches(tmp_path: Path) -> None:
     findings = made_up_findings(
         spread_out(0.5), {2: 0.5, 6: 0.0}, legs=(2, 6), optimizers=("pso", "random"), runs=3, budget=25
     )
-    assert "Without a search" not in write_report(findings, tmp_path).read_text(encoding="utf-8")
+    assert "Without a search" not in reported(findings, tmp_path).read_text(encoding="utf-8")
     findings = replace(findings, default_walks=WALKS)
-    text = write_report(findings, tmp_path).read_text(encoding="utf-8")
+    text = reported(findings, tmp_path).read_text(encoding="utf-8")
     section = text[text.index("Without a search") :]
     section = section[: section.index("</table>")]
     cells = (cm(0.35), cm(0.001), "fell", "no_progress", "random after 20", "median of all valid gaits")
@@ -101,6 +99,6 @@ def test_the_report_has_them_beside_the_searches(tmp_path: Path) -> None:
     assert f"demo {cm(0.35)}, tripod {cm(0.001)} (below the scale)" in panel.get_title()
     assert "demo fell, tripod no_progress" in other.get_title()
 
-    (demo, *_, stopped) = summary_json(findings)["default_gaits"]
+    (demo, *_, stopped) = summarised(findings)["default_gaits"]
     assert (demo["leg"], demo["gait"], demo["signed_m"], demo["final_m"]) == (2, "demo", -0.35, 0.35)
     assert (stopped["status"], stopped["signed_m"], stopped["final_m"]) == ("no_progress", 0.2, None)

@@ -9,10 +9,9 @@ import pyarrow.parquet as pq
 import pytest
 
 from hexctl.study.figures import FIGURES
-from hexctl.study.report import write_report
 from hexctl.study.searches import Findings
-from hexctl.study.tables import TABLES, summary_json
-from tests.study.landscapes import made_up, made_up_findings, spread_out
+from hexctl.study.tables import TABLES
+from tests.study.landscapes import made_up, made_up_findings, reported, spread_out, summarised
 
 PNG = b"\x89PNG\r\n\x1a\n"
 
@@ -28,7 +27,7 @@ def findings() -> Findings:
 @pytest.fixture(scope="module")
 def folder(findings: Findings, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("study")
-    write_report(findings, folder)
+    reported(findings, folder)
     return folder
 
 
@@ -89,7 +88,7 @@ def test_tables_hold_every_gait_evaluation_and_run(findings: Findings, folder: P
 
 
 def test_the_summary_is_plain_json(findings: Findings) -> None:
-    text = json.dumps(summary_json(findings), allow_nan=False)
+    text = json.dumps(summarised(findings), allow_nan=False)
     assert len(json.loads(text)["claims"]) == 12
 
 
@@ -99,18 +98,18 @@ def test_a_study_without_valid_gaits_still_reports(tmp_path: Path) -> None:
     plan = made_up_findings(spread_out(1.0), legs=(2,), optimizers=("pso",), runs=2, budget=20).plan
     nothing = [made_up(2, rotation, spread_out(1.0), invalid=range(1, 121)) for rotation in ("none", "rear")]
     findings = search_all(plan, nothing)
-    assert write_report(findings, tmp_path).exists()
-    json.dumps(summary_json(findings), allow_nan=False)
+    assert reported(findings, tmp_path).exists()
+    json.dumps(summarised(findings), allow_nan=False)
 
 
 def test_a_short_study_reports_that_it_judges_nothing(tmp_path: Path) -> None:
     findings = made_up_findings(
         spread_out(0.5), {2: 0.5}, legs=(2,), optimizers=("pso",), runs=2, budget=20, duration_s=0.5
     )
-    text = write_report(findings, tmp_path).read_text(encoding="utf-8")
+    text = reported(findings, tmp_path).read_text(encoding="utf-8")
     assert "not judged: walks of 0.5 s, needs at least 30 s" in text
     assert not re.search(r'class="(yes|no)"', text)
-    outcome = json.loads(json.dumps(summary_json(findings), allow_nan=False))
+    outcome = json.loads(json.dumps(summarised(findings), allow_nan=False))
     assert (
         {claim["holds"] for claim in outcome["claims"]} == {bar["holds"] for bar in outcome["bars"]} == {None}
     )

@@ -5,6 +5,8 @@ from pathlib import Path
 
 import pytest
 
+from hexctl.backends.sim.world import World
+from hexctl.control.uncertainty import SimulationUncertainty, keep_uncertainty
 from hexctl.errors import InputError
 from hexctl.study.cache import LandscapeCache
 from hexctl.study.plan import StudyPlan
@@ -48,6 +50,29 @@ def test_a_study_from_python(tmp_path: Path, capsys: pytest.CaptureFixture[str])
     again = Staged()
     run_study(plan(), folder=folder, cache=cache, progress=again)
     assert (again.known, again.gaits) == ([True, True], [])
+
+
+def test_the_uncertainty_measured_beside_the_cache_is_that_of_the_study(tmp_path: Path) -> None:
+    cache = LandscapeCache(tmp_path / "runs" / "study-cache")
+    found = SimulationUncertainty(step_m=0.3, solver_m=0.4, contact_m=1.0, walks=20, duration_s=0.2)
+    keep_uncertainty(shipped(), World(), found, folder=tmp_path / "runs")
+    result = run_study(plan(), folder=tmp_path / "out", cache=cache, jobs=1)
+    assert result.uncertainty.known == found
+    assert result.to_json()["uncertainty"]["numerical_m"] == 0.5
+    assert "± 50.0 cm" in result.report.read_text(encoding="utf-8")
+    assert [claim["verdict"] for claim in result.to_json()["claims"]] == [
+        claim.verdict for claim in result.claims
+    ]
+
+
+def test_a_damaged_file_of_measurements_is_refused_before_anything_is_walked(tmp_path: Path) -> None:
+    (tmp_path / "uncertainty.yaml").write_text("measured: 3", encoding="utf-8")
+    progress = Staged()
+    with pytest.raises(InputError, match="uncertainty.yaml"):
+        run_study(
+            plan(), folder=tmp_path / "out", cache=LandscapeCache(tmp_path / "cache"), progress=progress
+        )
+    assert progress.gaits == []
 
 
 class Interrupting(Remembering):

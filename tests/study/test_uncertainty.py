@@ -8,12 +8,10 @@ import pytest
 from hexctl.backends.sim.world import World
 from hexctl.control.uncertainty import known_uncertainty
 from hexctl.study.evidence import cm
-from hexctl.study.report import write_report
 from hexctl.study.searches import Findings
-from hexctl.study.tables import summary_json
 from hexctl.study.uncertainty import StudyUncertainty
 from tests.robots import shipped
-from tests.study.landscapes import made_up_findings, spread_out
+from tests.study.landscapes import made_up_findings, reported, spread_out, summarised
 
 
 @pytest.fixture(autouse=True)
@@ -50,10 +48,10 @@ def test_report_and_summary_have_it() -> None:
     findings = findings_of()
     study = StudyUncertainty.of(findings.plan.robot, findings.plan.world, 30.0)
     assert findings.plan.duration_s == 30.0
-    page = write_report(findings, Path()).read_text(encoding="utf-8")
+    page = reported(findings, Path()).read_text(encoding="utf-8")
     assert study.sentence.replace("'", "&#39;") in page
     best_m = min(landscape.best_m for landscape in findings.landscapes.values())
     assert f"<td>{study.beside(best_m)}</td>" in page
-    assert summary_json(findings)["uncertainty"] == study.as_json()
+    assert summarised(findings)["uncertainty"] == study.as_json()
     slow = replace(findings, plan=replace(findings.plan, duration_s=45.0))
-    assert summary_json(slow)["uncertainty"] is None
+    assert summarised(slow)["uncertainty"] is None

@@ -233,18 +233,18 @@ READING = (
 _FIGURES = (("over_trials", trials_figure), ("over_seconds", seconds_figure), ("kinds", kinds_figure))
 
 
-def write_transfer_report(findings: TransferFindings, folder: Path) -> Path:
+def write_transfer_report(findings: TransferFindings, uncertainty: StudyUncertainty, folder: Path) -> Path:
     """Write table, figures and the report into a folder; path of the report."""
     _write_table(findings, folder)
     drawn = [(name, _drawn(draw(findings), folder, name)) for name, draw in _FIGURES]
     path = folder / REPORT
-    sections = [*_verdicts(findings), *_pictures(drawn), *_numbers(findings)]
+    sections = [*_verdicts(findings, uncertainty), *_pictures(drawn), *_numbers(findings)]
     heading = "Adaptation in worlds outside every prior"
     atomic_write(path, render_page("hexctl study --transfer", heading, sections))
     return path
 
 
-def transfer_json(findings: TransferFindings) -> dict[str, Any]:
+def transfer_json(findings: TransferFindings, uncertainty: StudyUncertainty) -> dict[str, Any]:
     """Settings and results of a benchmark as JSON values."""
     plan, places = findings.plan, findings.places()
     return {
@@ -256,7 +256,7 @@ def transfer_json(findings: TransferFindings) -> dict[str, Any]:
         "budget": plan.budget,
         "duration_s": plan.duration_s,
         "target_m": plan.target_m,
-        "uncertainty": _uncertainty(findings).as_json(),
+        "uncertainty": uncertainty.as_json(),
         "code": code_versions(),
         "landscapes": len(findings.landscapes),
         "landscapes_without_valid_gait": findings.without,
@@ -283,12 +283,7 @@ def _found(findings: TransferFindings, name: str, places: list[int]) -> dict[str
     }
 
 
-def _uncertainty(findings: TransferFindings) -> StudyUncertainty:
-    plan = findings.plan
-    return StudyUncertainty.of(plan.robot, plan.specs()[0].world, plan.duration_s)
-
-
-def _verdicts(findings: TransferFindings) -> Iterator[Section]:
+def _verdicts(findings: TransferFindings, uncertainty: StudyUncertainty) -> Iterator[Section]:
     plan = findings.plan
     settings = (
         f"Robot {plan.robot.name}; legs {', '.join(str(leg) for leg in plan.legs)} locked, self-rotation "
@@ -296,10 +291,10 @@ def _verdicts(findings: TransferFindings) -> Iterator[Section]:
         f"of each search that has a seed; prior of {plan.prior.worlds} worlds a leg; "
         f"target {cm(plan.target_m)}."
     )
-    yield Section("", [settings, _uncertainty(findings).sentence])
+    yield Section("", [settings, uncertainty.sentence])
     rows = [(bar.asked, bar.measured, bar.verdict) for bar in transfer_bars(findings)]
     yield Section("Bars", [Table(("asked", "measured", "verdict"), rows)])
-    yield Section("How to read this", [Bullets(READING), _reach(findings)])
+    yield Section("How to read this", [Bullets(READING), _reach(findings, uncertainty)])
 
 
 def _pictures(drawn: list[tuple[str, Path]]) -> Iterator[Section]:
@@ -319,10 +314,10 @@ def _numbers(findings: TransferFindings) -> Iterator[Section]:
     yield Section("Versions", [", ".join(f"{name} {value}" for name, value in code_versions().items())])
 
 
-def _reach(findings: TransferFindings) -> str:
+def _reach(findings: TransferFindings, uncertainty: StudyUncertainty) -> str:
     total = len(findings.landscapes)
     within = [len(findings.places(reachable_m=bound)) for bound in (NEAR_M, NEARER_M)]
-    floor = _uncertainty(findings).beside(findings.floor_m(findings.places()))
+    floor = uncertainty.beside(findings.floor_m(findings.places()))
     return (
         f"Best of all gaits: {floor} on the mean. Of {total} worlds and legs {within[0]} have a valid gait "
         f"within 10 cm and {within[1]} one within 2.5 cm; {findings.without} more have no valid gait at all "

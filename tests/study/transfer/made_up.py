@@ -9,6 +9,8 @@ from hexctl.adapt.prior.samples import FINAL
 from hexctl.backends.sim.world import load_randomization
 from hexctl.study.landscape import NUMBERS, Landscape, LandscapeSpec, Rows, empty_landscape, with_rows
 from hexctl.study.transfer.plan import EARLY, TransferPlan
+from hexctl.study.transfer.searches import TransferFindings
+from hexctl.study.uncertainty import StudyUncertainty
 from hexctl.types import FloatArray
 from tests.adapt.priors import MadeUpModel, key_of, made_up_prior, path_of
 from tests.robots import shipped
@@ -58,3 +60,9 @@ def in_the_model(spec: LandscapeSpec, features: FloatArray) -> Landscape:
         status[code - 1] = "fell"
         paths[code - 1, points // 2 :] = np.nan
     return with_rows(empty, Rows(codes=empty.codes, status=status, numbers=numbers, paths_m=paths))
+
+
+def uncertainty_of(findings: TransferFindings) -> StudyUncertainty:
+    """The simulation's own uncertainty of the walks."""
+    plan = findings.plan
+    return StudyUncertainty.of(plan.robot, plan.specs()[0].world, plan.duration_s)

@@ -21,6 +21,7 @@ from hexctl.study.transfer.report import transfer_bars, transfer_json, write_tra
 from hexctl.study.transfer.searches import TransferFindings, search_worlds, walk_of
 from hexctl.types import FloatArray
 from tests.robots import shipped
+from tests.study.transfer.made_up import uncertainty_of
 
 GAITS, HIDDEN, DURATION_S = 120, 3, 10.0
 
@@ -177,12 +178,12 @@ def test_a_walk_is_what_a_session_would_have_seen(findings: TransferFindings) ->
 
 
 def test_the_report_and_its_numbers(findings: TransferFindings, tmp_path: Path) -> None:
-    report = write_transfer_report(findings, tmp_path)
+    report = write_transfer_report(findings, uncertainty_of(findings), tmp_path)
     text = report.read_text(encoding="utf-8")
     for bar in transfer_bars(findings):
         assert bar.measured.split(";")[0] in text
     assert {path.name for path in tmp_path.iterdir()} >= {"transfer.parquet", "transfer_kinds.png"}
-    found = json.loads(json.dumps(transfer_json(findings), allow_nan=False))
+    found = json.loads(json.dumps(transfer_json(findings, uncertainty_of(findings)), allow_nan=False))
     assert found["landscapes"] == 4
     assert set(found["optimizers_found"]) == set(findings.plan.optimizers)
 

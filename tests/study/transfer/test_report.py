@@ -14,6 +14,7 @@ from tests.study.transfer.made_up import (
     OPTIMIZERS,
     WORLDS,
     plan,
+    uncertainty_of,
 )
 
 
@@ -54,7 +55,7 @@ def test_without_bayes_there_is_nothing_to_judge_and_small_budgets_ask_less(
 def test_the_report_is_one_page_with_figures_and_table_beside_it(
     findings: TransferFindings, tmp_path: Path
 ) -> None:
-    assert write_transfer_report(findings, tmp_path) == tmp_path / REPORT
+    assert write_transfer_report(findings, uncertainty_of(findings), tmp_path) == tmp_path / REPORT
     figures = {f"transfer_{name}.png" for name in ("over_trials", "over_seconds", "kinds")}
     names = {path.name for path in tmp_path.iterdir()}
     assert figures | {REPORT, TABLE} <= names
@@ -65,7 +66,7 @@ def test_the_report_is_one_page_with_figures_and_table_beside_it(
     for words in (*OPTIMIZERS, *findings.kinds(), f"{WORLDS} worlds", f"{BUDGET} trials"):
         assert words in text
     assert "own uncertainty is not known for these walks" in text  # they take some seconds
-    assert transfer_json(findings)["uncertainty"] is None
+    assert transfer_json(findings, uncertainty_of(findings))["uncertainty"] is None
     table = pq.read_table(tmp_path / TABLE)
     assert table.num_rows == sum(
         len(course.codes) for courses in findings.courses.values() for course in courses
@@ -76,7 +77,7 @@ def test_the_report_is_one_page_with_figures_and_table_beside_it(
 
 
 def test_the_summary_is_plain_json_of_the_curves(findings: TransferFindings) -> None:
-    outcome = transfer_json(findings)
+    outcome = transfer_json(findings, uncertainty_of(findings))
     assert json.loads(json.dumps(outcome, allow_nan=False)) == outcome
     assert outcome["best_of_all_m"] == pytest.approx(findings.floor_m(findings.places()), rel=1e-3)
     for name in OPTIMIZERS:
@@ -91,5 +92,5 @@ def test_one_world_one_optimizer_and_one_trial_make_a_report_too(
     landscapes: list[Landscape], tmp_path: Path
 ) -> None:
     found = search_worlds(plan(worlds=1, legs=(2,), optimizers=("bayes",), budget=1), landscapes[:1])
-    assert write_transfer_report(found, tmp_path).exists()
-    json.dumps(transfer_json(found), allow_nan=False)
+    assert write_transfer_report(found, uncertainty_of(found), tmp_path).exists()
+    json.dumps(transfer_json(found, uncertainty_of(found)), allow_nan=False)
