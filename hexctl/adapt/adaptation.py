@@ -335,8 +335,8 @@ def adapt(
         target_m: score at which to stop; None is 0.025 m with `bayes`, else none.
         target: the same as a number, or as a share of the ideal distance of a walk, such as `"1%"`.
         worth_m: with `bayes`, the expected gain of all trials that are left below which the search ends; None
-            is the noise between trials, or the simulation's own uncertainty where that is greater; 0 goes on
-            whatever the gain.
+            is the noise between trials, or the simulation's own uncertainty where that is greater; 0
+            continues whatever the gain.
         uncertainty_m: the simulation's own uncertainty of where walks end, counted when a gait is confirmed;
             None is the one that was measured for such walks, 0 counts none.
         confirm: trials of the budget that repeat the best gait.

@@ -38,9 +38,10 @@ LOOKING_AHEAD = 2
 #: Standard deviation between trials of one gait, until repeats tell. In simulation a gait repeats to the last
 #: bit: this is only not 0. On a real robot it is what repeats made in simulated robots as they are built and
 #: worn: `ant` in the worlds real:0 to real:9, leg 5 locked, 30 s after the self-rotation, sensor noise of 0.5
-#: degrees of yaw, 2 mm and 0.2 degrees per joint, lost commands and noise drawn anew in each of four repeats.
-#: Over three gaits, 27 of 30 pairs in which they make progress, it was 1.0 to 10.8 cm, 3.7 at the median and
-#: 4.9 as root mean square.
+#: degrees of yaw, 2 mm and 0.2 degrees per joint, lost commands and noise drawn separately for each of four
+#: repeats. Over three gaits, 27 of 30 pairs in which they make progress, it was 1.0 to 10.8 cm, 3.7 at the
+#: median and 4.9 as root mean square. 4 cm lies between both: a few worlds make the root mean square, and
+#: repeats correct a value that is too small.
 SIMULATED_NOISE_M = 0.001
 REAL_NOISE_M = 0.04
 
@@ -66,7 +67,7 @@ class Bayes(Optimizer):
             a gait repeats exactly and would still end elsewhere in a finer computation. A gait is confirmed
             against it; what trials tell of one another is not changed by it.
         worth_m: expected gain over the best known gait, of all the trials that are left, below which another
-            one is not worth it; 0 to go on whatever the gain.
+            one is not worth it; 0 to continue whatever the gain.
         budget: how many trials there may be; None to count the gain of a single one.
     """
 

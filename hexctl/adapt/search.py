@@ -96,6 +96,11 @@ def new_spec(
         uncertainty_m=uncertainty_m or 0.0,
         **others,
     )
+    if spec.uncertainty_m and spec.objective != "final":
+        raise InputError(
+            f"uncertainty_m: got {spec.uncertainty_m} with {argument('objective')} {spec.objective}; "
+            "allowed: with final, whose end of a walk it is of"
+        )
     spec = _with_target(spec, target)
     check_numbers(spec)
     _check_robot_options(spec, measure)

@@ -6,6 +6,7 @@ from typing import Any
 
 from hexctl.adapt.objectives import INVALID_SCORE, OBJECTIVES
 from hexctl.control.result import TrialResult
+from hexctl.control.uncertainty_store import DISTINCT
 from hexctl.robot.failure import Failure, parse_failure
 
 #: Scores in m; reports name the first trial within each.
@@ -33,6 +34,8 @@ class SessionSpec:
         worth_m: expected gain of the trials left below which `bayes` ends the search; None to spend all.
         uncertainty_m: the simulation's own standard uncertainty of where a walk ends across its line, counted
             when a gait is confirmed; 0 where it is not known, not counted, or the robot is real.
+        uncertainty_caveat: how the walks by which it was measured differ from those of the session, in words;
+            empty where they do not.
         noise_m: standard deviation between trials of one gait that `bayes` believes until repeats tell; None
             in sessions from before it was stored, and without `bayes`.
         confirm: repeats of the best gait after the search, within the budget.
@@ -91,6 +94,7 @@ class SessionSpec:
     worth_m: float | None = None
     uncertainty_m: float = 0.0
     noise_m: float | None = None
+    uncertainty_caveat: str = ""
 
     @property
     def simulated(self) -> bool:
@@ -125,7 +129,7 @@ class SessionSpec:
 
         No gait can be confirmed with a greater one. None without a target or an uncertainty.
         """
-        if self.target_m is None or self.uncertainty_m <= 0:
+        if self.target_m is None or not self.uncertainty_text:
             return None
         return math.erf(self.target_m / (math.sqrt(2) * self.uncertainty_m))
 
@@ -135,7 +139,18 @@ class SessionSpec:
 
     def uncertain_text(self, score: float) -> str:
         """Score with its unit and the simulation's own uncertainty, where that is known."""
-        return self.score_text(score) + (f" ± {self.uncertainty_m:.3f} m" if self.uncertainty_m > 0 else "")
+        return self.score_text(score) + (f" ± {self.uncertainty_text}" if self.uncertainty_text else "")
+
+    @property
+    def uncertainty_text(self) -> str:
+        """The simulation's own uncertainty of a score; empty where it is not known, or the score no end."""
+        uncertain = self.uncertainty_m > 0 and self.objective == "final"
+        return f"{self.uncertainty_m:.3f} m" if uncertain else ""
+
+    def distinct(self, score: float, other: float) -> bool:
+        """Whether two scores differ by more than the simulation's own uncertainty, with 95 % confidence."""
+        least = DISTINCT * self.uncertainty_m if self.uncertainty_text else 0.0
+        return abs(score - other) > least
 
     def as_json(self) -> dict[str, Any]:
         """The spec as JSON values."""

@@ -14,6 +14,7 @@ from hexctl.backends.sim.world import World, load_world
 from hexctl.control.plan import TrialPlan
 from hexctl.control.result import progress_floor_m
 from hexctl.control.turning import check_plan
+from hexctl.control.uncertainty_store import COMPUTATION, known_uncertainty
 from hexctl.errors import InputError
 from hexctl.gait.encoding import Slots
 from hexctl.gait.gait import ideal_speed_m_s, make_gait
@@ -138,11 +139,10 @@ def with_known_uncertainty(spec: SessionSpec, setting: Setting, folder: Path, no
     """
     if setting.world is None or spec.objective != "final":
         return spec
-    from hexctl.control.uncertainty import known_uncertainty
-
     found = known_uncertainty(setting.robot, setting.world, duration_s=spec.duration_s, folder=folder)
     if found is not None:
-        return replace(spec, uncertainty_m=found.to_dict()["numerical_m"])
+        caveat = found.caveat(spec.failure)
+        return replace(spec, uncertainty_m=round(found.numerical_m, 4), uncertainty_caveat=caveat)
     if spec.duration_s >= MEASURED_S:
         command = _measuring(spec, setting.world)
         note(f"the simulation's own uncertainty is not known here; {command} measures it")
@@ -153,7 +153,7 @@ def _measuring(spec: SessionSpec, world: World) -> str:
     """Command that measures the simulation's uncertainty for the walks of a session."""
     usual = World()
     words = ["hexctl", "check", spec.robot, "--physics"]
-    if (world.time_step_s, world.friction_cone) != (usual.time_step_s, usual.friction_cone):
+    if any(getattr(world, name) != getattr(usual, name) for name in COMPUTATION):
         words += ["--world", str(spec.world)]
     if spec.duration_s != MEASURED_S:
         words += ["--duration", f"{spec.duration_s:g}"]

@@ -110,21 +110,22 @@ def check(
 def _measured(robot: "Robot", world_name: str, duration_s: float) -> dict[str, Any]:
     """Uncertainty of a robot's walks in a world, measured and kept; a folder that takes no file is a note."""
     from hexctl.backends.sim.world import load_world
-    from hexctl.control.uncertainty import (
-        CODES,
-        LEGS,
-        keep_uncertainty,
-        known_uncertainty,
-        simulation_uncertainty,
-    )
+    from hexctl.control.uncertainty import CODES, LEGS, simulation_uncertainty
+    from hexctl.control.uncertainty_store import keep_uncertainty, known_uncertainty
 
     world = load_world(world_name)
-    known_uncertainty(robot, world, duration_s=duration_s, folder=RUNS)  # a damaged file is refused at once
+    # A damaged file is refused before anything is measured.
+    before = known_uncertainty(robot, world, duration_s=duration_s, folder=RUNS)
     found = simulation_uncertainty(robot, world, duration_s=duration_s)
     how = (
         f"hexctl check --physics: codes {', '.join(map(str, CODES))} with leg {' and '.join(map(str, LEGS))} "
         f"locked, in {world_name}"
     )
+    if before is not None and not before.borrowed and before.walks > found.walks:
+        print_note(
+            f"hexctl: not kept: ± {100 * before.numerical_m:.1f} cm of {before.walks} walks is known already"
+        )
+        return found.to_dict()
     try:
         keep_uncertainty(robot, world, found, folder=RUNS, how=how)
     except InputError as error:
@@ -213,10 +214,13 @@ def _physics(report: dict[str, Any]) -> list[str]:
     whole, step, solver, contact = (
         f"{100 * found[name]:.1f} cm" for name in ("numerical_m", "step_m", "solver_m", "contact_m")
     )
+    of = f"rms of {found['walks']} walks"
+    if found["low_m"] is not None:
+        of += f", {100 * found['low_m']:.1f} to {100 * found['high_m']:.1f} cm with 95 % confidence"
     return [
         "",
-        f"simulation: walks of {found['duration_s']:g} s end ± {whole} (rms of {found['walks']}) from a "
-        f"finer computation: {step} by the time step, {solver} by the solver",
+        f"simulation: walks of {found['duration_s']:g} s end ± {whole} ({of}) from a finer computation: "
+        f"{step} by half the time step, {solver} by the solver",
         f"assumption: {contact} elsewhere on a floor a third softer or harder",
     ]
 

@@ -113,7 +113,16 @@ def _target(spec: SessionSpec) -> str:
 
 def _uncertainty(spec: SessionSpec) -> str:
     """The ± of all deviations, where it is known."""
-    return f", deviations ± {spec.uncertainty_m:.3f} m {BY_ITSELF}" if spec.uncertainty_m > 0 else ""
+    if not spec.uncertainty_text:
+        return ""
+    return f", deviations ± {spec.uncertainty_text}{_by_itself(spec)}"
+
+
+def _by_itself(spec: SessionSpec) -> str:
+    """Whose uncertainty a ± is, and the walks it was measured on where they are others; empty without one."""
+    if not spec.uncertainty_text:
+        return ""
+    return f" {BY_ITSELF}" + (f" ({spec.uncertainty_caveat})" if spec.uncertainty_caveat else "")
 
 
 def subject(spec: SessionSpec) -> str:
@@ -220,13 +229,24 @@ def closing_lines(session: Session, ended: str | None) -> str:
 def _baseline_lines(session: Session) -> list[str]:
     """What the gaits that the robot would use anyway made of it."""
     walks = [
-        f"{walk.gait} {session.spec.score_text(walk.score) if walk.valid else _status(walk)}"
+        f"{walk.gait} {session.spec.uncertain_text(walk.score) if walk.valid else _status(walk)}"
         for walk in session.baseline
     ]
-    best_m = INVALID_SCORE if session.best is None else session.best.score
-    unbeaten = [walk.gait for walk in session.baseline if walk.score < best_m and session.trials]
-    suffix = f"; no trial is better than {' and '.join(unbeaten)}" if unbeaten else ""
-    return [f"without a search: {', '.join(walks)}{suffix}"] if walks else []
+    return [f"without a search: {', '.join(walks)}{_compared(session)}"] if walks else []
+
+
+def _compared(session: Session) -> str:
+    """Gaits of the baseline that no trial is better than, or that the best trial cannot be told from."""
+    spec, best_m = session.spec, INVALID_SCORE if session.best is None else session.best.score
+    valid = [walk for walk in session.baseline if walk.valid and session.trials]
+    unbeaten = [walk.gait for walk in valid if walk.score < best_m and spec.distinct(walk.score, best_m)]
+    alike = (
+        [walk.gait for walk in valid if not spec.distinct(walk.score, best_m)]
+        if spec.uncertainty_text
+        else []
+    )
+    text = f"; no trial is better than {' and '.join(unbeaten)}" if unbeaten else ""
+    return text + (f"; the best trial is not distinguishable from {' and '.join(alike)}" if alike else "")
 
 
 def _surety_lines(session: Session) -> list[str]:
@@ -265,13 +285,14 @@ def _milestone_lines(session: Session) -> list[str]:
         lines = [f"no valid trial yet: {_why_none(session)}"]
     else:
         slots = ",".join(str(slot) for slot in best.slots)
-        score = session.spec.uncertain_text(best.score)
-        score += f" {BY_ITSELF}" if session.spec.uncertainty_m > 0 else ""
+        score = session.spec.uncertain_text(best.score) + _by_itself(session.spec)
         lines = [f"best: trial {best.index}, code {best.code} (slots {slots}), {score}"]
     for milestone in MILESTONES_M if session.spec.objective_unit == "m" else ():
         reached = session.trials_to(milestone)
+        plus_minus = f", ± {session.spec.uncertainty_text}" if session.spec.uncertainty_text else ""
         lines.append(
-            f"within {milestone:g} m: " + (f"after {_trials(reached)}" if reached else "not reached")
+            f"within {milestone:g} m: "
+            + (f"after {_trials(reached)}{plus_minus}" if reached else "not reached")
         )
     return lines
 

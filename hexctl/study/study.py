@@ -217,7 +217,7 @@ def run_transfer(
 
 def _uncertainty_of(plan: StudyPlan | TransferPlan, world: World, cache: LandscapeCache) -> StudyUncertainty:
     """Uncertainty of the walks of a plan, as measured in the folder around the cache or shipped."""
-    return StudyUncertainty.of(plan.robot, world, plan.duration_s, cache.folder.parent)
+    return StudyUncertainty.of(plan.robot, world, plan.duration_s, cache.folder.parent, failure=plan.failure)
 
 
 class _Stopwatch:

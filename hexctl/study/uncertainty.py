@@ -5,7 +5,12 @@ from pathlib import Path
 from typing import Any
 
 from hexctl.backends.sim.world import World
-from hexctl.control.uncertainty import SimulationUncertainty, known_uncertainty
+from hexctl.control.uncertainty_store import (
+    DISTINCT,
+    MEASURED_FAILURE,
+    SimulationUncertainty,
+    known_uncertainty,
+)
 from hexctl.robot.model import Robot
 from hexctl.study.evidence import JUDGED_FROM_S, cm
 
@@ -17,20 +22,29 @@ class StudyUncertainty:
     Attributes:
         known: as measured; None where it was not.
         duration_s: how long the walks take.
+        failure: of their legs.
     """
 
     known: SimulationUncertainty | None
     duration_s: float
+    failure: str = MEASURED_FAILURE
 
     @classmethod
     def of(
-        cls, robot: Robot, world: World, duration_s: float, folder: Path | str = "runs"
+        cls,
+        robot: Robot,
+        world: World,
+        duration_s: float,
+        folder: Path | str = "runs",
+        *,
+        failure: str = MEASURED_FAILURE,
     ) -> "StudyUncertainty":
         """Uncertainty of a robot's walks in a world, as measured before; `folder` is that of sessions.
 
         Raises InputError for a damaged file of measurements.
         """
-        return cls(known_uncertainty(robot, world, duration_s=duration_s, folder=folder), duration_s)
+        known = known_uncertainty(robot, world, duration_s=duration_s, folder=folder)
+        return cls(known, duration_s, failure)
 
     @property
     def sentence(self) -> str:
@@ -40,9 +54,12 @@ class StudyUncertainty:
                 "The simulation's own uncertainty is not known for these walks; hexctl check ROBOT --physics "
                 "measures it."
             )
+        caveat = self.known.caveat(self.failure)
         return (
-            f"Every deviation is ± {cm(self.known.numerical_m)} by the simulation's own uncertainty (time "
-            "step and solver): gaits whose ends are nearer to one another than this cannot be told apart."
+            f"Every deviation of a single walk is ± {cm(self.known.numerical_m)} by the simulation's own "
+            f"uncertainty (time step and solver{f'; {caveat}' if caveat else ''}): two gaits whose ends are "
+            f"nearer to one another than {DISTINCT} times this, {cm(DISTINCT * self.known.numerical_m)}, "
+            "cannot be told apart with a confidence of 95 %."
         )
 
     @property
@@ -51,7 +68,7 @@ class StudyUncertainty:
         return [self.sentence] if self.known is not None or self.duration_s >= JUDGED_FROM_S else []
 
     def beside(self, deviation_m: float) -> str:
-        """A deviation with its uncertainty, where that is known."""
+        """The deviation of a single walk with its uncertainty, where that is known."""
         return cm(deviation_m) + ("" if self.known is None else f" ± {cm(self.known.numerical_m)}")
 
     def as_json(self) -> dict[str, Any] | None:

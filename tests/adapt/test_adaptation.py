@@ -287,6 +287,10 @@ def test_a_search_without_a_belief_does_not_know_what_a_trial_is_worth(options: 
             {"uncertainty_m": 0.1, "backend": "mock"},
             "uncertainty_m: got 0.1 with backend mock; allowed: with",
         ),
+        (
+            {"uncertainty_m": 0.1, "objective": "progress"},
+            "uncertainty_m: got 0.1 with objective progress; allowed: with final",
+        ),
         ({"failed_leg": 7}, "7"),
         ({"world": "mars"}, "mars"),
         ({"budget": 0}, "budget: got 0; allowed: 1..100000"),

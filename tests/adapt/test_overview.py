@@ -59,6 +59,14 @@ def test_the_facts_say_what_was_asked_and_what_came_of_it() -> None:
     assert "within 2.5 cm after 2 trials" in facts
 
 
+def test_the_facts_have_the_simulations_own_uncertainty() -> None:
+    session = make_session(result_of(0.3), result_of(0.02))
+    session.spec = replace(session.spec, uncertainty_m=0.027)
+    facts = make_overview(session).facts
+    assert "**best: trial 2, code 2, score 0.020 m ± 0.027 m**" in facts
+    assert "within 2.5 cm after 2 trials, ± 0.027 m" in facts
+
+
 def test_a_repeat_says_so() -> None:
     session = make_session(result_of(0.3))
     session.trials.append(record(2, result_of(0.3), confirms=True))

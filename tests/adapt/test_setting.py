@@ -10,8 +10,8 @@ from hexctl.adapt.bayes import REAL_NOISE_M, SIMULATED_NOISE_M
 from hexctl.adapt.prior.choice import noise_m
 from hexctl.adapt.search import new_spec
 from hexctl.adapt.session import SessionSpec
-from hexctl.backends.sim.world import World
-from hexctl.control.uncertainty import SimulationUncertainty, keep_uncertainty
+from hexctl.backends.sim.world import World, load_world
+from hexctl.control.uncertainty_store import SimulationUncertainty, keep_uncertainty
 from hexctl.robot.configs import config_root
 from tests.robots import shipped
 
@@ -29,6 +29,19 @@ def test_a_simulated_session_stores_the_uncertainty_that_was_measured(tmp_path: 
     assert spec_of(tmp_path, notes, duration_s=40.0).uncertainty_m == pytest.approx(0.05)
     assert spec_of(tmp_path, notes, duration_s=40.0, uncertainty_m=0).uncertainty_m == 0
     assert not notes
+
+
+def test_a_session_stores_which_walks_were_measured(tmp_path: Path) -> None:
+    """The value of the flat world was printed in every world as if it were its own."""
+    notes: list[str] = []
+    assert spec_of(tmp_path, notes).uncertainty_caveat == ""
+    limp = spec_of(tmp_path, notes, world="slope", failure="limp")
+    assert limp.uncertainty_caveat == "measured with locked legs on the flat world"
+    assert limp.uncertainty_m == spec_of(tmp_path, notes).uncertainty_m
+    keep_uncertainty(shipped(), load_world("slope"), replace(FOUND, duration_s=30.0), folder=tmp_path)
+    assert spec_of(tmp_path, notes).uncertainty_m < 0.05
+    assert spec_of(tmp_path, notes, world="slope").uncertainty_m == pytest.approx(0.05)
+    assert spec_of(tmp_path, notes, world="slope").uncertainty_caveat == ""
 
 
 def test_an_uncertainty_that_is_not_known_is_one_note_with_its_command(tmp_path: Path) -> None:

@@ -1,15 +1,18 @@
 """`hexctl check` as a user calls it."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from hexctl.backends.sim.world import World
 from hexctl.cli.main import exit_code
-from hexctl.control.uncertainty import known_uncertainty
+from hexctl.control.uncertainty_store import keep_uncertainty, known_uncertainty
 from hexctl.robot.configs import config_root
 from tests.backends.mavlink.boards import fitting_file
+from tests.robots import shipped
 
 
 def check_json(capsys: pytest.CaptureFixture[str], *arguments: str, code: int = 0) -> dict[str, Any]:
@@ -161,6 +164,15 @@ def test_the_simulations_own_uncertainty_is_measured_and_kept(
     assert found is not None
     assert found.to_dict() == physics
     assert (tmp_path / "runs" / "uncertainty.yaml").is_file()
+    keep_uncertainty(shipped("pexod"), World(), replace(found, walks=100), folder=tmp_path / "runs")
+    assert exit_code(["check", "pexod", "--physics", "--duration", "0.5"]) == 0
+    printed = capsys.readouterr()
+    assert "cm of 100 walks is known already" in printed.err
+    assert "rms of 20 walks, " in printed.out
+    assert "cm with 95 % confidence" in printed.out
+    kept = known_uncertainty("pexod", duration_s=0.5)
+    assert kept is not None
+    assert kept.walks == 100
 
 
 def test_where_and_how_long_belong_to_the_measurement(capsys: pytest.CaptureFixture[str]) -> None:

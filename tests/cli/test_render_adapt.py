@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from hexctl.adapt.session import Session, SessionSpec, TrialRecord
+from hexctl.adapt.session import BaselineRecord, Session, SessionSpec, TrialRecord
 from hexctl.cli.render_adapt import closing_lines, opening_line, session_line
 
 SPEC = SessionSpec(optimizer="bayes", prior="x.npz", target_m=0.025)
@@ -50,3 +50,44 @@ def test_a_target_that_no_gait_can_be_confirmed_within_is_said_in_one_line() -> 
     )
     for distinct in ({"uncertainty_m": 0.014}, {"uncertainty_m": 0.0213, "optimizer": "pso"}, {}):
         assert "can be confirmed" not in closing_lines(session(**distinct), "budget")
+
+
+def with_tripod(score: float, **changes: object) -> Session:
+    """The session with a walk of the tripod before it."""
+    walk = BaselineRecord(
+        gait="tripod", code=None, slots=(0,) * 6, score=score, outcome=OUTCOME, path_m=[], recording=None
+    )
+    whole = session(**changes)
+    whole.baseline.append(walk)
+    return whole
+
+
+def test_a_gait_within_the_uncertainty_of_the_best_trial_is_not_called_better_or_worse() -> None:
+    for tripod in (0.001, 0.05):
+        text = closing_lines(with_tripod(tripod, uncertainty_m=0.0213), "budget")
+        said = f"without a search: tripod {tripod:.3f} m ± 0.021 m"
+        assert f"{said}; the best trial is not distinguishable from tripod" in text.splitlines()
+    text = closing_lines(with_tripod(0.08, uncertainty_m=0.0213), "budget")  # 7.4 cm: 3.5 times 2.1 cm
+    assert "without a search: tripod 0.080 m ± 0.021 m" in text.splitlines()
+    text = closing_lines(with_tripod(0.001, uncertainty_m=0.0013), "budget")
+    assert "; no trial is better than tripod" in text
+    text = closing_lines(with_tripod(0.001), "budget")  # not known: as they are
+    assert "without a search: tripod 0.001 m; no trial is better than tripod" in text.splitlines()
+
+
+def test_a_milestone_has_the_uncertainty_of_the_walk_that_reached_it() -> None:
+    lines = closing_lines(session(uncertainty_m=0.0213), "budget").splitlines()
+    assert "within 0.025 m: after 1 trial, ± 0.021 m" in lines
+
+
+def test_the_uncertainty_is_only_of_the_end_of_a_walk() -> None:
+    """Sessions of before may have stored one with another objective: its ± was metres, whatever the unit."""
+    turned = session(uncertainty_m=0.0213, objective="scores:heading_lost", objective_unit="rad")
+    for text in (closing_lines(turned, "budget"), opening_line(turned), session_line(turned)):
+        assert "±" not in text
+
+
+def test_which_walks_were_measured_is_said_where_they_are_others() -> None:
+    borrowed = session(uncertainty_m=0.0213, uncertainty_caveat="measured on the flat world")
+    for text in (closing_lines(borrowed, "budget"), opening_line(borrowed)):
+        assert "0.021 m by the simulation's own uncertainty (measured on the flat world)" in text

@@ -2,8 +2,6 @@
 
 import math
 from dataclasses import replace
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -11,17 +9,10 @@ import pytest
 from hexctl.backends.sim.world import World
 from hexctl.control.batch import SimTrial, run_sim_trial
 from hexctl.control.plan import TrialPlan
-from hexctl.control.uncertainty import (
-    UNCERTAINTIES,
-    SimulationUncertainty,
-    keep_uncertainty,
-    known_uncertainty,
-    simulation_uncertainty,
-    uncertainty_of_walks,
-)
+from hexctl.control.uncertainty import simulation_uncertainty, uncertainty_of_walks
+from hexctl.control.uncertainty_store import SimulationUncertainty
 from hexctl.errors import InputError
 from hexctl.gait.gait import make_gait
-from hexctl.robot.configs import config_names
 from hexctl.robot.failure import Failure
 from tests.robots import shipped
 
@@ -51,6 +42,7 @@ def test_it_is_how_far_each_walk_ends_elsewhere() -> None:
     assert found.numerical_m == pytest.approx(np.hypot(found.step_m, found.solver_m))
     assert 0 < found.solver_m < found.contact_m
     assert (found.walks, found.duration_s) == (2, 4.0)
+    assert (found.low_m, found.high_m) == (None, None)  # of two walks
 
 
 def test_a_coarse_step_is_more_uncertain_than_a_fine_one() -> None:
@@ -75,6 +67,9 @@ def test_a_robot_is_measured_over_gaits_and_legs() -> None:
     assert isinstance(found, SimulationUncertainty)
     assert found.walks == 20
     assert found.to_dict()["numerical_m"] == round(found.numerical_m, 4)
+    assert found.low_m is not None
+    assert found.high_m is not None
+    assert 0 < found.low_m < found.numerical_m < found.high_m < 2 * found.numerical_m
 
 
 def test_walks_of_several_durations_are_refused() -> None:
@@ -91,62 +86,3 @@ def test_each_walk_is_compared_with_a_finer_one_in_its_own_world() -> None:
     alone = [uncertainty_of_walks([walk(time_step_s=step_s)]).step_m for step_s in (0.004, 0.002)]
     together = uncertainty_of_walks([walk(time_step_s=step_s) for step_s in (0.004, 0.002)])
     assert together.step_m == pytest.approx(math.hypot(*alone) / math.sqrt(2))
-
-
-FOUND = SimulationUncertainty(step_m=0.03, solver_m=0.04, contact_m=0.1, walks=7, duration_s=12.0)
-
-
-def test_a_kept_measurement_is_found_for_the_same_robot_step_cone_and_duration(tmp_path: Path) -> None:
-    path = keep_uncertainty(shipped(), World(), FOUND, folder=tmp_path / "runs", how="by a test")
-    assert path == tmp_path / "runs" / UNCERTAINTIES
-
-    def known(robot: str = "ant", duration_s: float = 12.0, **world: Any) -> SimulationUncertainty | None:
-        place = World.model_validate(world)
-        return known_uncertainty(robot, place, duration_s=duration_s, folder=tmp_path / "runs")
-
-    assert known() == known(friction=0.4) == FOUND
-    assert known().numerical_m == pytest.approx(0.05)  # type: ignore[union-attr]
-    others = (
-        known("pexod"),
-        known(duration_s=13.0),
-        known(time_step_s=0.004),
-        known(friction_cone="pyramidal"),
-    )
-    assert others == (None,) * 4
-    assert known_uncertainty("ant", duration_s=12.0, folder=tmp_path) is None
-
-
-def test_a_measurement_takes_the_place_of_an_earlier_one_and_of_the_shipped_one(tmp_path: Path) -> None:
-    shipped_one = known_uncertainty("ant", folder=tmp_path)
-    for walks, duration_s in ((7, 30.0), (8, 12.0), (9, 30.0)):
-        keep_uncertainty(
-            shipped(), World(), replace(FOUND, walks=walks, duration_s=duration_s), folder=tmp_path
-        )
-    found = [known_uncertainty("ant", duration_s=duration_s, folder=tmp_path) for duration_s in (30.0, 12.0)]
-    assert [one.walks for one in found if one is not None] == [9, 8]
-    assert shipped_one is not None
-    assert shipped_one.walks not in (7, 9)
-
-
-@pytest.mark.parametrize("name", config_names("robots"))
-def test_the_shipped_robots_have_one(name: str, tmp_path: Path) -> None:
-    """Of each robot file as it is now: another description of the robot needs another measurement."""
-    found = known_uncertainty(name, folder=tmp_path)
-    assert found is not None
-    assert found.walks >= 80
-    assert 0 < found.numerical_m < 0.05
-
-
-@pytest.mark.parametrize("text", ["measured: 3", "measured: [{robot: ant}]", "measured: [", "other: 1"])
-def test_a_damaged_file_is_named(text: str, tmp_path: Path) -> None:
-    (tmp_path / UNCERTAINTIES).write_text(text)
-    with pytest.raises(InputError, match=UNCERTAINTIES):
-        known_uncertainty("ant", folder=tmp_path)
-
-
-def test_a_folder_that_cannot_be_written_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "file").touch()
-    with pytest.raises(
-        InputError, match=r"uncertainty.yaml: cannot be written .*; allowed: a writable folder"
-    ):
-        keep_uncertainty(shipped(), World(), FOUND, folder=tmp_path / "file")

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from hexctl.backends.sim.world import World
-from hexctl.control.uncertainty import SimulationUncertainty, keep_uncertainty, known_uncertainty
+from hexctl.control.uncertainty_store import SimulationUncertainty, keep_uncertainty, known_uncertainty
 from hexctl.study.assumptions import assumptions, assumptions_markdown
 from hexctl.study.evidence import cm
 from tests.robots import shipped
@@ -26,7 +26,7 @@ def test_what_step_solver_and_contacts_change_is_what_was_measured(
     known = known_uncertainty("ant", folder=tmp_path)
     assert known is not None
     monkeypatch.chdir(tmp_path)
-    other = SimulationUncertainty(step_m=0.5, solver_m=0.5, contact_m=0.5, walks=1, duration_s=30.0)
+    other = SimulationUncertainty(step_m=0.5, solver_m=0.5, contact_m=0.5, walks=1000, duration_s=30.0)
     keep_uncertainty(shipped(), World(), other)
     simulator = assumptions()[-1].otherwise
     for moved_m in (known.step_m, known.solver_m, known.contact_m):

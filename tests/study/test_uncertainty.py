@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from hexctl.backends.sim.world import World
-from hexctl.control.uncertainty import known_uncertainty
+from hexctl.backends.sim.world import World, load_world
+from hexctl.control.uncertainty_store import known_uncertainty
 from hexctl.study.evidence import cm
 from hexctl.study.searches import Findings
 from hexctl.study.uncertainty import StudyUncertainty
@@ -32,7 +32,10 @@ def test_what_is_known_stands_beside_deviations_with_what_it_means() -> None:
     assert study.beside(0.006) == f"{cm(0.006)} ± {cm(known.numerical_m)}"
     assert study.as_json() == known.to_dict()
     assert study.lines == [study.sentence]
-    assert "cannot be told apart" in study.sentence
+    assert f"2.8 times this, {cm(2.8 * known.numerical_m)}, cannot be told apart" in study.sentence
+    assert "measured" not in study.sentence
+    limp = StudyUncertainty.of(shipped(), load_world("slope"), 30.0, failure="limp")
+    assert "; measured with locked legs on the flat world)" in limp.sentence
 
 
 def test_what_is_not_known_is_said_once_and_not_of_short_walks() -> None:

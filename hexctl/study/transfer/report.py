@@ -227,7 +227,8 @@ READING = (
     "Outcomes in intervals: each gait's first walk, where it was walked out; walks that were cut short are "
     "not among them.",
     "Seconds are of walking; settling, self-rotation and stopping come on top, some 12 s a trial.",
-    "The legs of one world are correlated: a kind with 3 worlds has 18 curves, but only 3 worlds.",
+    "The legs of one world are correlated: a kind with 3 worlds has 18 curves, but only 3 worlds. The "
+    "standard error of a mean counts worlds, not curves.",
 )
 
 _FIGURES = (("over_trials", trials_figure), ("over_seconds", seconds_figure), ("kinds", kinds_figure))
@@ -261,6 +262,7 @@ def transfer_json(findings: TransferFindings, uncertainty: StudyUncertainty) -> 
         "landscapes": len(findings.landscapes),
         "landscapes_without_valid_gait": findings.without,
         "best_of_all_m": number(findings.floor_m(places)),
+        "best_of_all_standard_error_m": number(findings.floor_error_m(places)),
         "reachable": {f"{bound:g}": len(findings.places(reachable_m=bound)) for bound in (NEAR_M, NEARER_M)},
         "bars": [bar.as_json() for bar in transfer_bars(findings)],
         "optimizers_found": {name: _found(findings, name, places) for name in plan.optimizers},
@@ -271,11 +273,13 @@ def _found(findings: TransferFindings, name: str, places: list[int]) -> dict[str
     curves = findings.by_trials(name, places)
     shown = [count for count in SHOWN if count <= findings.plan.budget]
     share, outcomes = findings.coverage(name, places)
+    error_m = findings.standard_error_m(name, places)
     return {
         **{
             f"{what}_m": {str(count): number(getattr(curves, what)[count - 1]) for count in shown}
             for what in ("mean", "median", "p90")
         },
+        "standard_error_m": {str(count): number(error_m[count - 1]) for count in shown},
         "trials_to": {f"{bound:g}": curves.trials_to(bound) for bound in (NEAR_M, NEARER_M)},
         "walked_s": number(_walked_s(findings, name, places)),
         "coverage": number(share),
@@ -294,7 +298,7 @@ def _verdicts(findings: TransferFindings, uncertainty: StudyUncertainty) -> Iter
     yield Section("", [settings, uncertainty.sentence])
     rows = [(bar.asked, bar.measured, bar.verdict) for bar in transfer_bars(findings)]
     yield Section("Bars", [Table(("asked", "measured", "verdict"), rows)])
-    yield Section("How to read this", [Bullets(READING), _reach(findings, uncertainty)])
+    yield Section("How to read this", [Bullets(READING), _reach(findings)])
 
 
 def _pictures(drawn: list[tuple[str, Path]]) -> Iterator[Section]:
@@ -314,10 +318,11 @@ def _numbers(findings: TransferFindings) -> Iterator[Section]:
     yield Section("Versions", [", ".join(f"{name} {value}" for name, value in code_versions().items())])
 
 
-def _reach(findings: TransferFindings, uncertainty: StudyUncertainty) -> str:
+def _reach(findings: TransferFindings) -> str:
     total = len(findings.landscapes)
     within = [len(findings.places(reachable_m=bound)) for bound in (NEAR_M, NEARER_M)]
-    floor = uncertainty.beside(findings.floor_m(findings.places()))
+    places = findings.places()
+    floor = _with_error(findings.floor_m(places), findings.floor_error_m(places))
     return (
         f"Best of all gaits: {floor} on the mean. Of {total} worlds and legs {within[0]} have a valid gait "
         f"within 10 cm and {within[1]} one within 2.5 cm; {findings.without} more have no valid gait at all "
@@ -332,13 +337,20 @@ def _curves(findings: TransferFindings, places: list[int]) -> list[Block]:
         if not places:
             continue
         curves = findings.by_trials(name, places)
-        for what in ("mean", "median", "p90"):
+        error_m = findings.standard_error_m(name, places)
+        means = [_with_error(curves.mean[count - 1], error_m[count - 1]) for count in shown]
+        rows.append([f"{name}, mean", *means])
+        for what in ("median", "p90"):
             values = getattr(curves, what)
             rows.append([f"{name}, {what}", *[cm(float(values[count - 1])) for count in shown]])
-    note = (
-        f"{len(places)} worlds and legs; best of all gaits {cm(findings.floor_m(places)) if places else '-'}."
-    )
+    floor = _with_error(findings.floor_m(places), findings.floor_error_m(places)) if places else "-"
+    note = f"{len(places)} worlds and legs; best of all gaits {floor}. Means ± standard error over worlds."
     return [note, Table(("deviation", *[f"after {count}" for count in shown]), rows)]
+
+
+def _with_error(mean_m: float, error_m: float) -> str:
+    """A mean with its standard error, where that is known."""
+    return cm(mean_m) + (f" ± {cm(error_m)}" if np.isfinite(error_m) else "")
 
 
 def _sure_table(findings: TransferFindings) -> Table:

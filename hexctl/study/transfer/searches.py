@@ -207,6 +207,32 @@ class TransferFindings:
         """Mean deviation of the best gaits of all, a lower bound of every search, in m."""
         return float(np.mean([self.landscapes[place].best_m for place in places]))
 
+    def standard_error_m(self, optimizer: str, places: Sequence[int]) -> FloatArray:
+        """Standard error over worlds of the mean after each trial, (B,), in m; NaN for a single world."""
+        means_m = [
+            np.mean([course.best_m for course in self.courses[place, optimizer]], axis=0) for place in places
+        ]
+        return self._error_m(places, np.array(means_m))
+
+    def floor_error_m(self, places: Sequence[int]) -> float:
+        """Standard error over worlds of `floor_m`, in m; NaN for a single world."""
+        best_m = np.array([[self.landscapes[place].best_m] for place in places])
+        return float(self._error_m(places, best_m)[0])
+
+    def _error_m(self, places: Sequence[int], values_m: FloatArray) -> FloatArray:
+        """Standard error, (points,), of the mean of values, (places, points), whose worlds are independent.
+
+        Of N values in W worlds, `W / (W - 1)` times the sum of the squares of the worlds' residual sums, its
+        root divided by N: the cluster-robust variance of a mean.
+        """
+        worlds = np.array([self.landscapes[place].spec.seed for place in places])
+        numbers = np.unique(worlds)
+        if len(numbers) < 2:
+            return np.full(values_m.shape[1], np.nan)
+        residuals_m = (values_m - values_m.mean(axis=0)) / len(values_m)
+        by_world_m = np.array([residuals_m[worlds == number].sum(axis=0) for number in numbers])
+        return np.asarray(np.sqrt(len(numbers) / (len(numbers) - 1) * (by_world_m**2).sum(axis=0)))
+
     def coverage(self, optimizer: str, places: Sequence[int]) -> tuple[float, int]:
         """Share of outcomes inside their 90 % intervals, and the number of outcomes."""
         held = np.concatenate([course.held for course in self._courses(optimizer, places)])

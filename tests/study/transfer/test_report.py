@@ -2,9 +2,11 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
+from hexctl.study.evidence import cm
 from hexctl.study.landscape import Landscape
 from hexctl.study.transfer.report import REPORT, TABLE, transfer_bars, transfer_json, write_transfer_report
 from hexctl.study.transfer.searches import TransferFindings, search_worlds
@@ -86,6 +88,29 @@ def test_the_summary_is_plain_json_of_the_curves(findings: TransferFindings) -> 
         assert list(found["mean_m"]) == ["1", "2", "3", "4", "6", "8", "10", "15", "20"]
         assert found["mean_m"]["10"] == pytest.approx(curves.mean[9], rel=1e-3)
     assert outcome["optimizers_found"]["random"]["coverage"] is None
+
+
+def test_a_mean_has_its_standard_error_over_worlds(findings: TransferFindings, tmp_path: Path) -> None:
+    """The ± beside a mean over all worlds was that of one walk."""
+    places, after = findings.places(), 10
+    seeds = [findings.landscapes[place].spec.seed for place in places]
+    assert len(set(seeds)) < len(seeds)
+    by_world = [
+        np.mean(
+            [
+                course.best_m[after - 1]
+                for place, other in zip(places, seeds, strict=True)
+                if other == seed
+                for course in findings.courses[place, "bayes"]
+            ]
+        )
+        for seed in dict.fromkeys(seeds)
+    ]
+    expected_m = np.std(by_world, ddof=1) / np.sqrt(len(by_world))
+    found = transfer_json(findings, uncertainty_of(findings))["optimizers_found"]["bayes"]
+    assert found["standard_error_m"]["10"] == pytest.approx(expected_m)
+    page = write_transfer_report(findings, uncertainty_of(findings), tmp_path).read_text(encoding="utf-8")
+    assert f"<td>{cm(found['mean_m']['10'])} ± {cm(expected_m)}</td>" in page
 
 
 def test_one_world_one_optimizer_and_one_trial_make_a_report_too(
