@@ -69,9 +69,9 @@ def test_a_robot_at_its_limits_walks_and_is_warned_of(
     ("stiffness", "drags", "walked"),
     [
         (1.0, None, None),
-        (0.5, "a foot keeps", "of 35 such robots that were simulated, 31 made half"),
-        (0.4, "not leave the floor", "of 32 such robots that were simulated, 22 made half"),
-        (0.25, "no foot leaves the floor", "of 42 such robots that were simulated, 3 made half"),
+        (0.5, "a foot keeps", "of 20 such robots that were simulated, 14 made half"),
+        (0.4, "not leave the floor", "of 20 such robots that were simulated, 2 made half"),
+        (0.25, "no foot leaves the floor", "of 20 such robots that were simulated, 4 made half"),
     ],
 )
 def test_a_soft_robot_is_told_how_many_like_it_walked(
@@ -111,3 +111,12 @@ def test_a_robot_whose_weight_is_outside_its_feet_tips_over() -> None:
     verdict = verdict_of(moved_back(0.9))
     assert not verdict.possible
     assert "tips over" in verdict.obstacles[0]
+
+
+def test_a_robot_is_called_weak_well_before_it_sinks() -> None:
+    """A limit analysis shares the weight better than legs in motion do."""
+    robot = changed("ant", torque=0.05)
+    verdict = verdict_of(robot)
+    assert 1.25 < load_of(robot).capacity < 3
+    assert verdict.doubtful
+    assert any(warning.startswith("weak") for warning in verdict.warnings)
