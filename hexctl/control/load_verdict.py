@@ -108,7 +108,8 @@ def _weak(load: GaitLoad) -> str:
         return ""
     return (
         f"weak: its servos carry {load.capacity:.2f} times its weight while it walks; "
-        f"of {WEAK_WALKS[1]} robots below {GOOD_CAPACITY:g} that were simulated, {WEAK_WALKS[0]} made half of their way"
+        f"of {WEAK_WALKS[1]} robots below {GOOD_CAPACITY:g} that were simulated, "
+        f"{WEAK_WALKS[0]} made half of their way"
     )
 
 
