@@ -115,7 +115,7 @@ def test_a_robot_whose_weight_is_outside_its_feet_tips_over() -> None:
 
 def test_a_robot_is_called_weak_well_before_it_sinks() -> None:
     """A limit analysis shares the weight better than legs in motion do."""
-    robot = changed("ant", torque=0.05)
+    robot = changed("ant", torque=0.07)
     verdict = verdict_of(robot)
     assert 1.25 < load_of(robot).capacity < 3
     assert verdict.doubtful
