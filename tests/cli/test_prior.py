@@ -217,12 +217,12 @@ def test_the_papers_count_goes_without_a_prior_and_without_words(capsys: pytest.
     assert (outcome["optimizer"], err) == ("random", "")
 
 
-@pytest.mark.parametrize("robot", ["ant", "pexod"])
-def test_shipped_priors_are_small_and_know_how_robots_stand(robot: str) -> None:
-    (path,) = shipped_priors().glob(f"{robot}-*.npz")
+@pytest.mark.parametrize("path", sorted(shipped_priors().glob("*.npz")), ids=lambda path: path.stem)
+def test_shipped_priors_are_small_and_know_how_robots_stand(path: Path) -> None:
     prior = load_prior(path)
     assert path.stat().st_size < 500_000
-    assert prior.key.robot_fingerprint == shipped(robot).fingerprint
+    assert prior.key.robot_fingerprint == shipped(prior.key.robot).fingerprint
+    assert path.stem == f"{prior.key.robot}-{prior.key.failure}-rear-30s"
     assert prior.sag_rad is not None
     assert np.isfinite(prior.sag_rad).all()
 
