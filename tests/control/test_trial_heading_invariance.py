@@ -50,7 +50,12 @@ def put_down(robot: str, codes: list[int], duration_s: float, cone: str = "ellip
     return ranges_m([[trial(robot, plan, facing_rad, cone) for plan in plans] for facing_rad in HEADINGS_RAD])
 
 
-@pytest.mark.parametrize("robot", ROBOT_NAMES)
+def _long(robot: str) -> Any:
+    """The other robots are left to `make soak`."""
+    return robot if robot == "ant" else pytest.param(robot, marks=pytest.mark.soak)
+
+
+@pytest.mark.parametrize("robot", [_long(robot) for robot in ROBOT_NAMES])
 def test_a_walk_put_down_in_eight_headings_ends_within_a_centimetre_of_itself(robot: str) -> None:
     assert put_down(robot, random_codes(3, seed=74207), 30.0).max() < 0.01
 
@@ -59,6 +64,7 @@ def test_eight_headings_show_a_grain_where_there_is_one() -> None:
     assert put_down("ant", [17, 77, 118], 5.0, cone="pyramidal").max() > 0.01
 
 
+@pytest.mark.soak
 def test_a_trial_with_its_self_rotation_ends_within_seven_centimetres_of_itself() -> None:
     """Eight headings are eight angles to turn by, and what is left of a turn moves the end.
 
