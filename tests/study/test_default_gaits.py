@@ -1,5 +1,6 @@
 """Walks with the gaits that a robot would use anyway, beside the landscapes of a study."""
 
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,6 +19,14 @@ from tests.study.landscapes import made_up_findings, reported, spread_out, summa
 from tests.trials import gait_of
 
 PLAN = StudyPlan(robot=shipped(), legs=(2, 5), failure="limp", duration_s=0.2)
+
+
+@pytest.fixture(scope="module")
+def walked(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with the walks of the plan."""
+    folder = tmp_path_factory.mktemp("walked")
+    walk_default_gaits(PLAN, LandscapeCache(folder), jobs=1)
+    return folder
 
 
 def test_each_leg_walks_the_default_gait_and_the_tripod_as_a_trial_would(tmp_path: Path) -> None:
@@ -49,7 +58,8 @@ def test_walks_are_simulated_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
 @pytest.mark.parametrize(
     "content", ["", "[]", "{}", '[{"leg": 2}]', "[1, 2]", "null", '[{"leg": 9, "gait": "demo"}]']
 )
-def test_a_damaged_file_is_named_and_walked_again(content: str, tmp_path: Path) -> None:
+def test_a_damaged_file_is_named_and_walked_again(content: str, walked: Path, tmp_path: Path) -> None:
+    shutil.copytree(walked, tmp_path, dirs_exist_ok=True)
     cache = LandscapeCache(tmp_path)
     walks = walk_default_gaits(PLAN, cache, jobs=1)
     (damaged, _) = sorted(tmp_path.glob("*.default.json"))
