@@ -17,8 +17,8 @@ class AdaptationResult:
 
     Attributes:
         session: the session as it stands now, with all its trials.
-        ended: why the search ended: `budget`, `target`, `confirmed`, `exhausted`, `not
-            worth another trial`; `interrupted` by a requested stop; `stopped` by `trouble`.
+        ended: why the search ended: `budget`, `target`, `confirmed`, `exhausted` or
+            `not worth another trial`; `interrupted` by a requested stop; `stopped` by `trouble`.
         trouble: what the robot or the recordings suffered; the session can be resumed after it.
         walked: trials of this run; those of the session may be more.
         wall_s: duration of the run.

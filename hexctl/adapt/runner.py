@@ -28,7 +28,7 @@ from hexctl.gait.foot_trajectory import RAMP_DURATION_S
 from hexctl.gait.gait import NAMED_SLOTS, ideal_speed_m_s
 from hexctl.record.live import LiveView
 from hexctl.record.recording import Recording
-from hexctl.robot.failure import drawn_failure, failure_text
+from hexctl.robot.failure import drawn_failure, untold_note
 from hexctl.robot.meshes import Meshes
 from hexctl.robot.model import Robot
 from hexctl.types import RobotState
@@ -365,9 +365,9 @@ def connected_robot(
     Raises RobotFaultError for a robot that cannot be reached.
     """
     if spec.simulated:
-        broken = drawn_failure(setting.robot, spec.broken, spec.seed)
-        if broken != spec.broken:
-            note(f"the simulation breaks {failure_text(broken)}; neither controller nor search is told")
+        text = untold_note(drawn_failure(setting.robot, spec.broken, spec.seed), spec.broken)
+        if text is not None:
+            note(text)
         yield None
         return
     request_realtime_priority()

@@ -11,7 +11,7 @@ import numpy as np
 
 from hexctl.backends.clock import Clock, accept_former_names
 from hexctl.errors import CommandRefusedError, RobotFaultError, check_type
-from hexctl.robot.failure import Failure, failure_text
+from hexctl.robot.failure import Failure, failure_text, untold_note
 from hexctl.robot.loader import load_robot
 from hexctl.robot.model import Robot
 from hexctl.robot.servo_map import ServoMap
@@ -234,9 +234,9 @@ def connection_notes(servos: LegServos, failure: Failure | None) -> list[str]:
     failure is another than the controller's.
     """
     notes = [] if servos.identity is None else [f"the robot is {servos.identity}"]
+    if servos.injects_failure and (note := untold_note(servos.failure, failure)) is not None:
+        notes.append(note)
     there, here = (servos.simulated or {}).get("failure"), failure_text(failure)
-    if servos.injects_failure and servos.failure != failure:
-        notes.append(f"the simulation breaks {failure_text(servos.failure)}; the controller is told {here}")
     if there not in (None, here):
         notes.append(f"the simulated robot there has failure {there}, this end walks as with failure {here}")
     return notes

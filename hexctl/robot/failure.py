@@ -78,6 +78,13 @@ def failure_text(failure: Failure | None) -> str:
     return "none" if failure is None else f"leg {failure.leg} {failure}"
 
 
+def untold_note(broken: Failure | None, told: Failure | None) -> str | None:
+    """What an operator should know where a simulation breaks something else than its controller is told."""
+    if broken == told:
+        return None
+    return f"the simulation breaks {failure_text(broken)}; the controller is told {failure_text(told)}"
+
+
 def failure_of(failed_leg: int | None, failure: str | None) -> Failure | None:
     """Failure of a leg's number and words, as options and keywords have them; None where no leg failed.
 
