@@ -19,7 +19,6 @@ from hexctl.adapt.loop import AdaptLoop, OnBaseline, OnTrial
 from hexctl.adapt.measurement import Operator
 from hexctl.adapt.objectives import ObjectiveChoice, as_objective
 from hexctl.adapt.optimizer import OptimizerChoice
-from hexctl.adapt.prior.choice import knows_stances
 from hexctl.adapt.result import AdaptationResult
 from hexctl.adapt.runner import (
     NotBegunError,
@@ -224,7 +223,7 @@ class Adaptation:
         A connected robot stands up for that, unless an operator puts it down: it then moves only when the
         operator says so, and by then the first gait is chosen.
         """
-        if spec.ask or not knows_stances(spec):
+        if spec.ask or setting.prior is None or setting.prior.sag_rad is None:
             return spec
         if servos is None:
             sag_rad = simulated_deflection_rad(
@@ -258,7 +257,7 @@ class Adaptation:
         loop = AdaptLoop(
             session,
             store,
-            make_search(spec, setting.robot, setting.plan, self._optimizer),
+            make_search(spec, setting.robot, setting.plan, setting.prior, self._optimizer),
             walk,
             objective=self._objective,
             stop_requested=runner.stop_requested,

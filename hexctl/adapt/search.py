@@ -13,9 +13,9 @@ from hexctl.adapt.deduplication import Deduplication
 from hexctl.adapt.measurement import Operator
 from hexctl.adapt.objectives import OBJECTIVES, Objective, ObjectiveChoice, as_objective
 from hexctl.adapt.optimizer import Optimizer, OptimizerChoice, OptimizerClass
-from hexctl.adapt.prior.choice import DEFAULT_TARGET_M, Advice, choose_prior, covering, no_advice, noise_m
-from hexctl.adapt.prior.find import check_prior, prior_folders
-from hexctl.adapt.prior.prior import PriorKey, load_prior
+from hexctl.adapt.prior.choice import DEFAULT_TARGET_M, Advice, choose_prior, no_advice, noise_m
+from hexctl.adapt.prior.find import prior_folders
+from hexctl.adapt.prior.prior import Prior
 from hexctl.adapt.prior.samples import samples_of
 from hexctl.adapt.registry import make_optimizer, name_of
 from hexctl.adapt.session import BASELINE_GAITS, Session, SessionSpec
@@ -76,49 +76,53 @@ def new_spec(
     given = {"backend": backend, "world": world, "prior": prior, "baseline": baseline, "target": target}
     _check_types({**given, "uncertainty_m": uncertainty_m, **others})
     others.setdefault("baseline_gaits", list(BASELINE_GAITS) if baseline else [])
-    others["robot"] = str(others.get("robot", "ant"))
-    world = None if world is None else str(world)
-    if backend != "sim" and world is not None:
-        raise InputError(
-            f"{argument('world')}: got {world} with {argument('backend')} {backend}; allowed: with sim"
-        )
     measure = as_objective(objective)
-    spec = SessionSpec(
+    spec = _spec_of(
+        measure,
         failed_leg=failed_leg,
         failure=failure,
         backend=backend,
-        world=(world or "flat") if backend == "sim" else None,
+        world=_world_of(backend, world),
         optimizer="random" if optimizer is None else name_of(optimizer),
-        objective=measure.name,
-        objective_label="" if measure.name in OBJECTIVES else measure.label,
-        objective_unit=measure.unit,
-        robot_fingerprint=load_robot(others["robot"]).fingerprint,
         uncertainty_m=uncertainty_m or 0.0,
         **others,
     )
-    if spec.uncertainty_m and spec.objective != "final":
-        raise InputError(
-            f"uncertainty_m: got {spec.uncertainty_m} with {argument('objective')} {spec.objective}; "
-            "allowed: with final, whose end of a walk it is of"
-        )
     spec = _with_target(spec, target)
     check_numbers(spec)
-    _check_robot_options(spec, measure)
+    _check_options(spec, measure)
     if spec.optimizer != BAYES:
         make_optimizer(optimizer or spec.optimizer, GaitSpace((failed_leg,)), spec.seed)
     setting = load_setting(spec)
     start_note(spec, setting)
+    if spec.target_m is None and spec.target_share is not None:
+        spec = replace(spec, target_m=spec.target_share * setting.ideal_m)
     if uncertainty_m is None:
         spec = with_known_uncertainty(spec, setting, folder, note)
-    return choose_prior(
-        spec,
-        setting,
-        prior,
-        free=optimizer is None,
-        folders=prior_folders(folder),
-        note=note,
-        advice=advice,
+    free, folders = optimizer is None, prior_folders(folder)
+    return choose_prior(spec, setting, prior, free=free, folders=folders, note=note, advice=advice)
+
+
+def _spec_of(measure: Objective, *, robot: Path | str = "ant", **fields: Any) -> SessionSpec:
+    """Spec with what its objective and its robot file add."""
+    return SessionSpec(
+        robot=str(robot),
+        robot_fingerprint=load_robot(robot).fingerprint,
+        objective=measure.name,
+        objective_label="" if measure.name in OBJECTIVES else measure.label,
+        objective_unit=measure.unit,
+        **fields,
     )
+
+
+def _world_of(backend: str, world: Path | str | None) -> str | None:
+    """World of a session, `flat` where none is asked for, None on a real robot."""
+    if backend == "sim":
+        return "flat" if world is None else str(world)
+    if world is not None:
+        raise InputError(
+            f"{argument('world')}: got {world} with {argument('backend')} {backend}; allowed: with sim"
+        )
+    return None
 
 
 _STORED = "which the session stores"
@@ -184,7 +188,7 @@ def check_numbers(spec: SessionSpec) -> None:
 
 
 def _with_target(spec: SessionSpec, target: float | str | None) -> SessionSpec:
-    """Spec with a target that was given as a number or as a share of the ideal distance."""
+    """Spec with a target that was given as a number, or as a share of a distance that is not known yet."""
     if target is None:
         return spec
     if spec.target_m is not None:
@@ -204,12 +208,16 @@ def _with_target(spec: SessionSpec, target: float | str | None) -> SessionSpec:
             f"{argument('target')}: got {target} with the objective {spec.objective}, which is not in "
             "metres; allowed: a number"
         )
-    share = value / 100
-    return replace(spec, target_m=share * load_setting(spec).ideal_m, target_share=share)
+    return replace(spec, target_share=value / 100)
 
 
-def _check_robot_options(spec: SessionSpec, objective: Objective) -> None:
-    """Raise InputError for options that do not belong to the session's robot or contradict one another."""
+def _check_options(spec: SessionSpec, objective: Objective) -> None:
+    """Raise InputError for options that do not belong to the session's robot, or contradict one another."""
+    if spec.uncertainty_m and spec.objective != "final":
+        raise InputError(
+            f"uncertainty_m: got {spec.uncertainty_m} with {argument('objective')} {spec.objective}; "
+            "allowed: with final, whose end of a walk it is of"
+        )
     linked = option_values(spec, but=("robot", "world", "failure", "seed"))
     if ":" not in spec.backend or any(linked.values()):
         check_options(spec.backend, **linked)
@@ -281,23 +289,25 @@ def _check_name(part: str, got: str, named: str, shipped: Container[str]) -> Non
 
 
 def make_search(
-    spec: SessionSpec, robot: Robot, plan: TrialPlan, optimizer: OptimizerClass | None = None
+    spec: SessionSpec,
+    robot: Robot,
+    plan: TrialPlan,
+    prior: Prior | None,
+    optimizer: OptimizerClass | None = None,
 ) -> Optimizer:
-    """Fresh optimizer of a session: the one that its spec names, unless its class is given.
+    """Fresh optimizer of a session: `bayes` with a prior, else the one that its spec names.
 
-    Raises InputError for a file that is not a prior, or not the prior of the session any more.
+    Args:
+        spec: of the session.
+        robot: the robot that walks.
+        plan: of its trials.
+        prior: of the session, None where it has none.
+        optimizer: class of the optimizer, where it cannot be imported by the name in the spec.
     """
     space = GaitSpace((spec.failed_leg,))
-    if spec.prior is None:
+    if prior is None:
         inner = make_optimizer(optimizer or spec.optimizer, space, spec.seed)
         return Deduplication(inner, spec.seed, paper_count=spec.count_repeats)
-    path = Path(spec.prior)
-    check_prior(path, PriorKey.of(robot, plan), covers=covering(robot, plan))
-    prior = load_prior(path)
-    if spec.prior_digest and prior.digest() != spec.prior_digest:
-        raise InputError(
-            f"prior {path}: is not the one the session began with; allowed: the same file, or a new session"
-        )
     search = Bayes(
         space,
         spec.seed,

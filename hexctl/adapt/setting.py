@@ -1,4 +1,4 @@
-"""What a session spec names, loaded: robot, world and plan; and the notes that follow from it."""
+"""What a session spec names, loaded: robot, world, plan and prior; and the notes that follow from it."""
 
 import logging
 import math
@@ -8,7 +8,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from hexctl.adapt.arena import check_radius
-from hexctl.adapt.prior.prior import PriorKey
+from hexctl.adapt.prior.find import check_prior
+from hexctl.adapt.prior.prior import Prior, PriorKey, load_prior
+from hexctl.adapt.prior.samples import covering
 from hexctl.adapt.session import SessionSpec
 from hexctl.backends.sim.world import World, load_world
 from hexctl.control.plan import TrialPlan
@@ -44,11 +46,13 @@ class Setting:
         robot_file: of the robot that walks.
         world: the simulated world, None on a real robot.
         plan: of its trials, with the demo gait.
+        prior: what the optimizer believes, None where it believes nothing.
     """
 
     robot_file: RobotFile
     world: World | None
     plan: TrialPlan
+    prior: Prior | None = None
 
     @property
     def robot(self) -> Robot:
@@ -79,8 +83,8 @@ class Setting:
 def load_setting(spec: SessionSpec) -> Setting:
     """Load what a spec names.
 
-    Raises InputError for a robot that is not the one that the session began with, or a file that cannot be
-    used; ReachError or LimitError for trials that the legs cannot walk.
+    Raises InputError for a robot or a prior that is not the one that the session began with, or a file that
+    cannot be used; ReachError or LimitError for trials that the legs cannot walk.
     """
     file = load_robot_file(spec.robot)
     robot = file.robot
@@ -98,7 +102,24 @@ def load_setting(spec: SessionSpec) -> Setting:
         self_rotation=spec.self_rotation,
     )
     check_plan(robot, plan)
-    return Setting(file, world, plan)
+    return Setting(file, world, plan, prior_of(spec, robot, plan))
+
+
+def prior_of(spec: SessionSpec, robot: Robot, plan: TrialPlan) -> Prior | None:
+    """The prior of a session, None where it has none.
+
+    Raises InputError for a file that is not a prior, or not the prior of the session any more.
+    """
+    if spec.prior is None:
+        return None
+    path = Path(spec.prior)
+    check_prior(path, PriorKey.of(robot, plan), covers=covering(robot, plan))
+    prior = load_prior(path)
+    if spec.prior_digest and prior.digest() != spec.prior_digest:
+        raise InputError(
+            f"prior {path}: is not the one the session began with; allowed: the same file, or a new session"
+        )
+    return prior
 
 
 def start_note(spec: SessionSpec, setting: Setting) -> str | None:

@@ -4,6 +4,7 @@ import subprocess
 import sys
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 import matplotlib
 import pytest
@@ -13,9 +14,11 @@ from hexctl.adapt.adaptation import Adaptation, adapt
 from hexctl.adapt.baselines import RandomSearch
 from hexctl.adapt.bayes import Bayes
 from hexctl.adapt.measurement import Answer
+from hexctl.adapt.prior.prior import Prior
 from hexctl.adapt.runner import NotBegunError, RobotStoppedError, TrialRunner, WalkedTrial
 from hexctl.adapt.search import new_spec
 from hexctl.adapt.store import delete_session, export_session, list_sessions, load_session
+from hexctl.backends.sim.world import load_world
 from hexctl.control.result import TrialResult
 from hexctl.errors import InputError, RobotFaultError, WrongTypeError
 from tests.adapt.walking import Landscape, result_of
@@ -257,6 +260,21 @@ def test_a_target_may_be_a_share_of_the_distance() -> None:
     assert (metres.target_m, metres.target_share, metres.target_text) == (0.05, None, "0.05 m")
     assert new_spec(failed_leg=5, prior="none", target=0.05) == metres
     assert new_spec(failed_leg=5, prior="none", target_m=0.05) == metres
+
+
+def test_a_share_of_the_distance_loads_its_world_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    loaded = mock.Mock(side_effect=load_world)
+    monkeypatch.setattr("hexctl.adapt.setting.load_world", loaded)
+    new_spec(failed_leg=5, prior="none", target="1%", world="slope")
+    assert loaded.call_count == 1
+
+
+def test_a_session_reads_its_prior_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    made = mock.Mock()
+    monkeypatch.setattr(Prior, "__post_init__", lambda prior: made(prior.key))
+    result = adapt(5, budget=1, baseline=False, record=False)
+    assert result.session.spec.sag_rad is not None
+    assert made.call_count == 1
 
 
 def test_a_search_with_a_prior_knows_what_a_trial_is_worth() -> None:

@@ -8,6 +8,7 @@ import numpy as np
 from hexctl import Failure, TrialPlan, load_robot, make_gait
 from hexctl.adapt.objectives import INVALID_SCORE
 from hexctl.adapt.optimizer import Observation, Optimizer
+from hexctl.adapt.prior.prior import load_prior
 from hexctl.adapt.registry import make_optimizer
 from hexctl.adapt.search import make_search
 from hexctl.adapt.session import SessionSpec
@@ -61,7 +62,7 @@ def believed(robot_name: str, leg: int, seed: int, stance: bool, trials: int = 1
         target_m=1e-6,
         sag_rad=[0.004 * math.sin(joint + leg) for joint in range(18)] if stance else None,
     )
-    search = make_search(spec, robot, plan)
+    search = make_search(spec, robot, plan, load_prior(prior))
     codes, expected_m = [], []
     for _ in range(trials):
         (code,) = search.ask(1)
@@ -83,7 +84,7 @@ def asked(name: str, seed: int, trials: int = 40) -> list[int]:
     """The first choices of a heuristic as a session asks it: no gait twice."""
     robot = load_robot("ant")
     plan = TrialPlan(gait=make_gait(robot, "1", failed_legs=(5,)), belief=Failure(leg=5))
-    return _told(make_search(SessionSpec(optimizer=name, seed=seed), robot, plan), seed, trials)
+    return _told(make_search(SessionSpec(optimizer=name, seed=seed), robot, plan, None), seed, trials)
 
 
 def _told(search: Optimizer, seed: int, trials: int) -> list[int]:

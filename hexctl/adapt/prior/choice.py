@@ -5,15 +5,13 @@ from dataclasses import replace
 from pathlib import Path
 
 from hexctl.adapt.bayes import FORMER_REAL_NOISE_M, REAL_NOISE_M, SIMULATED_NOISE_M
-from hexctl.adapt.prior.find import Covers, check_prior, find_prior, named_prior
-from hexctl.adapt.prior.prior import load_prior
-from hexctl.adapt.prior.samples import covers
+from hexctl.adapt.prior.find import check_prior, find_prior, named_prior
+from hexctl.adapt.prior.prior import read_head
+from hexctl.adapt.prior.samples import covering
 from hexctl.adapt.session import SessionSpec
 from hexctl.adapt.setting import Note, Setting
 from hexctl.adapt.shipped import BAYES
-from hexctl.control.plan import TrialPlan
 from hexctl.errors import InputError, argument
-from hexctl.robot.model import Robot
 
 #: The paper's finer deviation: the target of `bayes` unless told otherwise.
 DEFAULT_TARGET_M = 0.025
@@ -102,9 +100,8 @@ def _wants_prior(spec: SessionSpec, wanted: str | None, free: bool) -> bool:
 
 
 def _with_bayes(spec: SessionSpec, path: Path) -> SessionSpec:
-    """Spec of a session with `bayes` and a prior."""
+    """Spec of a session with `bayes` and a prior, whose content is checked when the session loads it."""
     target_m = DEFAULT_TARGET_M if spec.target_m is None else spec.target_m
-    digest = load_prior(path).digest()
     believed_m = SIMULATED_NOISE_M if spec.simulated else REAL_NOISE_M
     worth_m = max(believed_m, spec.uncertainty_m) if spec.worth_m is None else spec.worth_m
     return replace(
@@ -112,7 +109,7 @@ def _with_bayes(spec: SessionSpec, path: Path) -> SessionSpec:
         optimizer=BAYES,
         target_m=target_m,
         prior=str(path),
-        prior_digest=digest,
+        prior_digest=str(read_head(path).get("digest", "")),
         worth_m=worth_m,
         noise_m=believed_m,
     )
@@ -123,17 +120,3 @@ def noise_m(spec: SessionSpec) -> float:
     if spec.noise_m is not None:
         return spec.noise_m
     return SIMULATED_NOISE_M if spec.simulated else FORMER_REAL_NOISE_M
-
-
-def knows_stances(spec: SessionSpec) -> bool:
-    """Whether the session's prior can tell anything from the robot's stance.
-
-    Raises InputError for a file that is not a prior.
-    """
-    return spec.prior is not None and load_prior(Path(spec.prior)).sag_rad is not None
-
-
-def covering(robot: Robot, plan: TrialPlan) -> Covers:
-    """Predicate for `find_prior`: whether a prior of some legs covers the failed leg of a plan."""
-    (leg,) = plan.failed_legs
-    return lambda legs: covers(robot, plan.self_rotation, legs, leg)

@@ -8,6 +8,7 @@ import os
 import zipfile
 import zlib
 from dataclasses import asdict, dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -161,7 +162,11 @@ class Prior:
         return {"question": self.key.as_json(), "legs": list(self.legs), "origin": self.origin}
 
     def digest(self) -> str:
-        """Hash of the whole content."""
+        """Hash of the whole content, computed once."""
+        return self._digest
+
+    @cached_property
+    def _digest(self) -> str:
         digest = hashlib.sha256(json.dumps(self.head, sort_keys=True).encode())
         for array in self.arrays.values():
             digest.update(array.astype(STORED).tobytes())

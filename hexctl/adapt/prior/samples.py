@@ -8,8 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hexctl.adapt.optimizer import Observation
+from hexctl.adapt.prior.find import Covers
 from hexctl.adapt.prior.prior import CHECKPOINTS, Prior
 from hexctl.adapt.space import GaitSpace
+from hexctl.control.plan import TrialPlan
 from hexctl.errors import InputError
 from hexctl.robot.failure import UNKNOWN
 from hexctl.robot.model import Robot
@@ -230,6 +232,12 @@ def samples_of(prior: Prior, robot: Robot, leg: int) -> Samples:
 def covers(robot: Robot, self_rotation: str, legs: tuple[int, ...], leg: int) -> bool:
     """Whether a prior of some legs covers a failed leg, directly or by symmetry."""
     return bool(_sources(robot, self_rotation, legs, leg))
+
+
+def covering(robot: Robot, plan: TrialPlan) -> Covers:
+    """Predicate for `find_prior`: whether a prior of some legs covers the failed leg of a plan."""
+    (leg,) = plan.failed_legs
+    return lambda legs: covers(robot, plan.self_rotation, legs, leg)
 
 
 def _sources(robot: Robot, self_rotation: str, legs: tuple[int, ...], leg: int) -> list[tuple[Symmetry, int]]:

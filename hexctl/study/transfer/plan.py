@@ -4,10 +4,9 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from hexctl.adapt.prior.choice import covering
 from hexctl.adapt.prior.find import find_prior
 from hexctl.adapt.prior.prior import Prior, PriorKey, load_prior
-from hexctl.adapt.prior.samples import covers
+from hexctl.adapt.prior.samples import covering, covers
 from hexctl.adapt.shipped import BAYES
 from hexctl.backends.sim.world import DomainRandomization
 from hexctl.control.plan import TrialPlan

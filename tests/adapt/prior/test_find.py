@@ -6,10 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hexctl.adapt.prior.choice import covering
 from hexctl.adapt.prior.find import check_prior, find_prior, prior_files, shipped_priors
 from hexctl.adapt.prior.prior import PriorKey, load_prior, save_prior
-from hexctl.adapt.prior.samples import samples_of
+from hexctl.adapt.prior.samples import covering, samples_of
 from hexctl.errors import InputError
 from hexctl.robot.failure import Failure
 from tests.adapt.priors import key_of, made_up_prior, plan_of
