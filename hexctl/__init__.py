@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from hexctl.adapt.registry import make_optimizer
     from hexctl.adapt.result import AdaptationResult
     from hexctl.adapt.search import new_spec
-    from hexctl.adapt.session import Session, SessionSpec, TrialRecord
+    from hexctl.adapt.session import BaselineRecord, Session, SessionSpec, TrialRecord, WalkRecord
     from hexctl.adapt.space import GaitSpace
     from hexctl.adapt.store import delete_session, export_session, list_sessions, load_session
     from hexctl.backends.base import LegServos, ServosWrapper
@@ -79,8 +79,8 @@ __all__ = [
     "as_objective", "make_objective",
     # adaptation, sessions and priors
     "Adaptation", "AdaptationResult", "adapt", "new_spec", "Session", "SessionSpec", "TrialRecord",
-    "delete_session", "export_session", "list_sessions", "load_session", "Prior", "load_prior",
-    "list_priors", "PriorPlan", "build_prior",
+    "BaselineRecord", "WalkRecord", "delete_session", "export_session", "list_sessions", "load_session",
+    "Prior", "load_prior", "list_priors", "PriorPlan", "build_prior",
     # one call for each command
     "RunResult", "RunSpec", "run", "StudyPlan", "StudyResult", "study", "RobotService", "ServosSpec",
     "serve",
@@ -127,7 +127,7 @@ _MODULES = {
     "adapt.adaptation": "Adaptation adapt",
     "adapt.result": "AdaptationResult",
     "adapt.search": "new_spec",
-    "adapt.session": "Session SessionSpec TrialRecord",
+    "adapt.session": "Session SessionSpec TrialRecord BaselineRecord WalkRecord",
     "adapt.store": "delete_session export_session list_sessions load_session",
     "adapt.prior.prior": "Prior load_prior",
     "adapt.prior.find": "list_priors",

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from itertools import takewhile
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -17,7 +17,6 @@ from hexctl.control.trial import Enough
 from hexctl.errors import HexctlError, InputError, RecordingError, argument
 from hexctl.gait.encoding import Slots
 from hexctl.gait.gait import NAMED_SLOTS
-from hexctl.types import FloatArray
 
 #: Ticks between two stored points of a path: 5 Hz.
 PATH_STRIDE = 10
@@ -119,9 +118,7 @@ class AdaptLoop:
                 code=code,
                 slots=slots,
                 score=self._scored(one, what),
-                outcome=one.result.to_dict(),
-                path_m=_kept(one.result.path_m),
-                recording=None if one.recording is None else str(one.recording),
+                **_stored(one),
             )
             self._store.add_baseline(session, record)
             if self._on_baseline is not None:
@@ -238,9 +235,7 @@ class AdaptLoop:
             code=code,
             slots=self._optimizer.space.slots_of(code),
             score=score,
-            outcome=walked.result.to_dict(),
-            path_m=_kept(walked.result.path_m),
-            recording=None if walked.recording is None else str(walked.recording),
+            **_stored(walked),
             confirms=confirms,
             expected=None if predicted is None else predicted.as_json(),
         )
@@ -265,8 +260,11 @@ def _check_recording(walked: WalkedTrial, done: str) -> None:
         raise RecordingError(f"{done}, its recording is not whole: {error}") from error
 
 
-def _kept(path_m: FloatArray) -> list[list[float]]:
-    """Points of a path that are stored, where they are known."""
-    points = np.round(path_m[::PATH_STRIDE], 4)
-    kept: list[list[float]] = points[np.isfinite(points).all(axis=1)].tolist()
-    return kept
+def _stored(walked: WalkedTrial) -> dict[str, Any]:
+    """Result and recording of a walk, by the fields of its record."""
+    points = np.round(walked.result.path_m[::PATH_STRIDE], 4)
+    return {
+        "outcome": walked.result.to_dict(),
+        "path_m": points[np.isfinite(points).all(axis=1)].tolist(),
+        "recording": None if walked.recording is None else str(walked.recording),
+    }

@@ -5,9 +5,17 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from types import MappingProxyType
+from typing import Any
 from urllib.parse import quote
 
-from hexctl.adapt.session import BASELINE_INDEX, MILESTONES_M, BaselineRecord, Session, TrialRecord
+from hexctl.adapt.session import (
+    BASELINE_INDEX,
+    MILESTONES_M,
+    BaselineRecord,
+    Session,
+    TrialRecord,
+    WalkRecord,
+)
 from hexctl.adapt.store import SessionStore, stored_names
 from hexctl.errors import HexctlError, InputError
 from hexctl.record.overview import Overview, OverviewTrial, drawable
@@ -68,22 +76,6 @@ def make_overview(session: Session, addresses: Mapping[int | str, str] = Mapping
     )
 
 
-def _baseline(walk: BaselineRecord, address: str | None) -> OverviewTrial:
-    result = walk.result
-    return OverviewTrial(
-        index=BASELINE_INDEX,
-        code=walk.code or 0,
-        slots=walk.slots,
-        score_m=walk.score if walk.valid else None,
-        deviation_m=None if result.deviation is None else result.deviation.signed,
-        distance_m=result.distance_m,
-        status=result.status + ("" if result.cause is None else f" ({result.cause})"),
-        path_m=drawable(result.path_m),
-        address=address,
-        gait=walk.gait,
-    )
-
-
 def _facts(session: Session) -> list[str]:
     """Settings and outcome, a line each."""
     spec, best = session.spec, session.best
@@ -115,19 +107,26 @@ def _facts(session: Session) -> list[str]:
 
 
 def _trial(trial: TrialRecord, address: str | None) -> OverviewTrial:
-    result = trial.result
+    note = " (repeat)" if trial.confirms else ""
+    return _walk(trial, index=trial.index, code=trial.code, address=address, note=note)
+
+
+def _baseline(walk: BaselineRecord, address: str | None) -> OverviewTrial:
+    return _walk(walk, index=BASELINE_INDEX, code=walk.code or 0, address=address, gait=walk.gait)
+
+
+def _walk(walk: WalkRecord, *, note: str = "", **named: Any) -> OverviewTrial:
+    """A walk in the overview; the note follows its status."""
+    result = walk.result
+    cause = "" if result.cause is None else f" ({result.cause})"
     return OverviewTrial(
-        index=trial.index,
-        code=trial.code,
-        slots=trial.slots,
-        score_m=trial.score if trial.valid else None,
+        slots=walk.slots,
+        score_m=walk.score if walk.valid else None,
         deviation_m=None if result.deviation is None else result.deviation.signed,
         distance_m=result.distance_m,
-        status=result.status
-        + ("" if result.cause is None else f" ({result.cause})")
-        + (" (repeat)" if trial.confirms else ""),
+        status=f"{result.status}{cause}{note}",
         path_m=drawable(result.path_m),
-        address=address,
+        **named,
     )
 
 

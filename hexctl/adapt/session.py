@@ -158,47 +158,72 @@ class SessionSpec:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class TrialRecord:
-    """One trial of a session.
+class WalkRecord:
+    """A walk of a session, as it is stored.
+
+    Attributes:
+        slots: of its gait.
+        score: by the session's objective; `INVALID_SCORE` for an invalid walk.
+        outcome: its result, as `TrialResult.to_dict` writes it; `result` reads it.
+        path_m: progress and signed deviation along the walk, five points a second.
+        recording: path of the recording, or None.
+    """
+
+    slots: tuple[int, ...]
+    score: float
+    outcome: dict[str, Any]
+    path_m: list[list[float]]
+    recording: str | None
+
+    @property
+    def result(self) -> TrialResult:
+        """Result of the walk as it is stored: with five points of the path a second, and its end."""
+        distance_m, signed_m = self.outcome["distance_m"], self.outcome["deviation_m"]["signed"]
+        points = list(self.path_m)
+        if distance_m is not None and signed_m is not None:
+            points.append([distance_m, signed_m])
+        # Sessions of the first versions have no reason of a stop.
+        return TrialResult.from_dict({"stopped": None, **self.outcome, "path_m": points})
+
+    @property
+    def valid(self) -> bool:
+        """Whether the walk counts."""
+        return self.score < INVALID_SCORE
+
+    def _measured_json(self) -> dict[str, Any]:
+        """Outcome, in the order in which tables have it."""
+        outcome = self.outcome
+        return {
+            "slots": list(self.slots),
+            "score": self.score if self.valid else None,
+            **{name: outcome[name] for name in ("deviation_m", "distance_m", "yaw_change_deg", "status")},
+            "stopped": outcome.get("stopped"),
+            "clipped_ticks": outcome["clipped_ticks"],
+        }
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TrialRecord(WalkRecord):
+    """One trial of a session, a `WalkRecord` with more.
 
     Attributes:
         index: 1 for the first trial.
         code: the gait tried.
-        slots: its slots.
-        score: by the session's objective; `INVALID_SCORE` for an invalid trial.
-        outcome: its result, as `TrialResult.to_dict` writes it; `result` reads it.
-        path_m: progress and signed deviation along the walk, five points a second.
-        recording: path of the recording, or None.
         confirms: True for a repeat of the best gait.
         expected: what the optimizer expected of the trial, as `Prediction.as_json` says, or None.
     """
 
     index: int
     code: int
-    slots: tuple[int, ...]
-    score: float
-    outcome: dict[str, Any]
-    path_m: list[list[float]]
-    recording: str | None
     confirms: bool = False
     expected: dict[str, Any] | None = None
-
-    @property
-    def result(self) -> TrialResult:
-        """Result of the trial as it is stored: with five points of the path a second, and its end."""
-        return _result_of(self.outcome, self.path_m)
-
-    @property
-    def valid(self) -> bool:
-        """Whether the trial counts."""
-        return self.score < INVALID_SCORE
 
     def as_json(self) -> dict[str, Any]:
         """The trial as `hexctl adapt --json` prints it."""
         return {
             "index": self.index,
             "code": self.code,
-            **_measured_json(self),
+            **self._measured_json(),
             "confirms": self.confirms,
             "walked_s": self.outcome["duration_s"],
             "expected": self.expected,
@@ -215,36 +240,16 @@ BASELINE_INDEX = 0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class BaselineRecord:
-    """A walk with a gait that the robot would use anyway; it is no trial, and no optimizer is told of it.
+class BaselineRecord(WalkRecord):
+    """A `WalkRecord` of a gait that the robot would use anyway; no trial, and no optimizer is told of it.
 
     Attributes:
         gait: its name, such as `demo`.
         code: its code; None where it is not one of the session's gaits.
-        slots: its slots.
-        score: by the session's objective; `INVALID_SCORE` for an invalid walk.
-        outcome: its result, as `TrialResult.to_dict` writes it; `result` reads it.
-        path_m: progress and signed deviation along the walk, five points a second.
-        recording: path of the recording, or None.
     """
 
     gait: str
     code: int | None
-    slots: tuple[int, ...]
-    score: float
-    outcome: dict[str, Any]
-    path_m: list[list[float]]
-    recording: str | None
-
-    @property
-    def result(self) -> TrialResult:
-        """Result of the walk as it is stored."""
-        return _result_of(self.outcome, self.path_m)
-
-    @property
-    def valid(self) -> bool:
-        """Whether the walk counts."""
-        return self.score < INVALID_SCORE
 
     def as_json(self) -> dict[str, Any]:
         """The walk as `hexctl adapt --json` prints it."""
@@ -252,33 +257,11 @@ class BaselineRecord:
             "gait": self.gait,
             "index": BASELINE_INDEX,
             "code": self.code,
-            **_measured_json(self),
+            **self._measured_json(),
             "walked_s": self.outcome["duration_s"],
             "recording": self.recording,
             "cause": self.outcome.get("cause"),
         }
-
-
-def _measured_json(walk: TrialRecord | BaselineRecord) -> dict[str, Any]:
-    """Outcome of a stored walk, in the order in which tables have it."""
-    outcome = walk.outcome
-    return {
-        "slots": list(walk.slots),
-        "score": walk.score if walk.valid else None,
-        **{name: outcome[name] for name in ("deviation_m", "distance_m", "yaw_change_deg", "status")},
-        "stopped": outcome.get("stopped"),
-        "clipped_ticks": outcome["clipped_ticks"],
-    }
-
-
-def _result_of(outcome: dict[str, Any], path_m: list[list[float]]) -> TrialResult:
-    """Result as it is stored: with five points of the path a second, and its end."""
-    distance_m, signed_m = outcome["distance_m"], outcome["deviation_m"]["signed"]
-    points = list(path_m)
-    if distance_m is not None and signed_m is not None:
-        points.append([distance_m, signed_m])
-    # Sessions of the first versions have no reason of a stop.
-    return TrialResult.from_dict({"stopped": None, **outcome, "path_m": points})
 
 
 @dataclass(slots=True, kw_only=True)

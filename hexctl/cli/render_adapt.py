@@ -18,6 +18,7 @@ from hexctl.adapt.session import (
     Session,
     SessionSpec,
     TrialRecord,
+    WalkRecord,
 )
 from hexctl.adapt.shipped import BAYES
 from hexctl.cli.console import make_bar, print_above
@@ -159,7 +160,7 @@ def baseline_line(walk: BaselineRecord) -> str:
     return f"{BASELINE_INDEX:>4} {walk.gait:>6}  {_walk_text(walk, _status(walk))} {'-':>6}{_cause(walk)}"
 
 
-def _walk_text(walk: TrialRecord | BaselineRecord, status: str) -> str:
+def _walk_text(walk: WalkRecord, status: str) -> str:
     """Slots, deviation, distance and status, in their columns."""
     signed, distance_m = walk.outcome["deviation_m"]["signed"], walk.outcome["distance_m"]
     deviation = "-" if signed is None else _side(signed)
@@ -168,15 +169,15 @@ def _walk_text(walk: TrialRecord | BaselineRecord, status: str) -> str:
     return f"{slots:<11}  {deviation:<12} {distance:>9}  {status:<12}"
 
 
-def _status(trial: TrialRecord | BaselineRecord) -> str:
-    """Status of a trial, with the reason where it was cut short for something other than its course."""
-    status, stopped = trial.outcome["status"], trial.outcome.get("stopped")
+def _status(walk: WalkRecord) -> str:
+    """Status of a walk, with the reason where it was cut short for something other than its course."""
+    status, stopped = walk.outcome["status"], walk.outcome.get("stopped")
     return f"cut ({stopped})" if status == "cut_short" and stopped else str(status)
 
 
-def _cause(trial: TrialRecord | BaselineRecord) -> str:
-    """Likely cause of a trial without progress; empty without one."""
-    cause = trial.outcome.get("cause")
+def _cause(walk: WalkRecord) -> str:
+    """Likely cause of a walk without progress; empty without one."""
+    cause = walk.outcome.get("cause")
     return "" if cause is None else f"  {cause}: {CAUSES.get(cause, '')}"
 
 
