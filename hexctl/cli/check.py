@@ -20,6 +20,7 @@ from hexctl.cli.options import (
     PaceOption,
     TurnOption,
     number,
+    refuse_given,
 )
 from hexctl.errors import InputError
 
@@ -83,10 +84,8 @@ def check(
 
     if robot_name is not None and robot is not None and robot_name != robot:
         raise InputError(f"check: got robots {robot_name} and {robot}; allowed: one")
-    measured_in = {"--world": world, "--duration": duration_s}
-    for flag, value in measured_in.items():
-        if value is not None and not physics:
-            raise InputError(f"{flag}: got {value}; allowed: with --physics")
+    if not physics:
+        refuse_given({"--world": world, "--duration": duration_s}, "with --physics")
     checked = check_robot(
         robot_name or robot or "ant",
         gait,
@@ -117,15 +116,13 @@ def _measured(robot: "Robot", world_name: str, duration_s: float) -> dict[str, A
     # A damaged file is refused before anything is measured.
     before = known_uncertainty(robot, world, duration_s=duration_s, folder=RUNS)
     found = simulation_uncertainty(robot, world, duration_s=duration_s)
-    how = (
-        f"hexctl check --physics: codes {', '.join(map(str, CODES))} with leg {' and '.join(map(str, LEGS))} "
-        f"locked, in {world_name}"
-    )
     if before is not None and not before.borrowed and before.walks > found.walks:
         print_note(
             f"hexctl: not kept: ± {100 * before.numerical_m:.1f} cm of {before.walks} walks is known already"
         )
         return found.to_dict()
+    codes, legs = ", ".join(map(str, CODES)), " and ".join(map(str, LEGS))
+    how = f"hexctl check --physics: codes {codes} with leg {legs} locked, in {world_name}"
     try:
         keep_uncertainty(robot, world, found, folder=RUNS, how=how)
     except InputError as error:

@@ -117,6 +117,13 @@ def listed_legs(text: str) -> tuple[int, ...]:
         raise InputError(f"--legs: got {text!r}; allowed: numbers {LEG} with commas, such as 2,5") from None
 
 
+def refuse_given(options: Mapping[str, object], allowed: str) -> None:
+    """Raise InputError for an option, by its flag, that was given: one that is not None."""
+    for flag, value in options.items():
+        if value is not None:
+            raise InputError(f"{flag}: got {'it' if value is True else value}; allowed: {allowed}")
+
+
 #: Ranges of options. Where the library has the same limit, a test holds both together.
 LEG = Range(low=1, high=6, whole=True)
 SEED = Range(low=0, whole=True)

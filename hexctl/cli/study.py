@@ -32,6 +32,7 @@ from hexctl.cli.options import (
     listed,
     listed_legs,
     number,
+    refuse_given,
 )
 from hexctl.errors import InputError
 
@@ -179,38 +180,42 @@ def study(
 
     Gaits are walked once and kept under runs/study-cache; Ctrl-C, then the same command continues.
     """
-    common = {
-        "legs": listed_legs(legs),
-        "duration_s": duration,
-        "seed": seed,
-        **_given(optimizers=None if optimizers is None else listed(optimizers), runs=runs, budget=budget),
-    }
-    result: StudyResult | TransferResult | MatrixResult
+    _check_kind(transfer, matrix, self_rotation, time_steps, prior, one_leg)
     folder = out or RUNS / f"study-{datetime.now():%Y%m%d-%H%M%S}"
-    if time_steps is not None and not matrix:
-        raise InputError(f"--time-steps: got {time_steps}; allowed: with --matrix")
+    options: dict[str, Any] = {"legs": listed_legs(legs), "duration_s": duration, "seed": seed}
+    searches = None if optimizers is None else listed(optimizers)
+    options |= _given(optimizers=searches, runs=runs, budget=budget, worlds=worlds)
+    result: StudyResult | TransferResult | MatrixResult
+    if transfer:
+        options |= _given(failure=failure) | {"one_leg": one_leg}
+        result, lines = _transfer(robot or "ant", world, prior, options, folder, jobs, dask)
+    elif matrix:
+        options |= _given(self_rotation=self_rotation)
+        settings = _given(robots=robot, worlds=world, failures=failure, steps=time_steps)
+        result, lines = _matrix(settings, options, folder, jobs, dask)
+    else:
+        options |= _given(failure=failure, self_rotation=self_rotation)
+        result, lines = _study(robot or "ant", world or "flat", options, folder, jobs, dask)
+    print_result(json.dumps(result.to_json()) if as_json else "\n".join([*lines, f"report: {result.report}"]))
+
+
+def _check_kind(
+    transfer: bool,
+    matrix: bool,
+    self_rotation: str | None,
+    time_steps: str | None,
+    prior: str | None,
+    one_leg: bool,
+) -> None:
+    """Raise InputError for options that the kind of study does not take."""
     if transfer and matrix:
         raise InputError("--matrix: got it with --transfer; allowed: one or the other")
     if transfer:
-        if self_rotation is not None:
-            raise InputError(
-                f"--self-rotation: got {self_rotation} with --transfer; allowed: without, it is rear"
-            )
-        options = common | _given(worlds=worlds, failure=failure) | {"one_leg": one_leg}
-        result, lines = _transfer(robot or "ant", world, prior, options, folder, jobs, dask)
+        refuse_given({"--self-rotation": self_rotation}, "without --transfer, which turns to the rear")
     else:
-        if prior is not None or one_leg:
-            option = f"--prior: got {prior}" if prior is not None else "--one-leg: got it"
-            raise InputError(f"{option}; allowed: with --transfer")
-        common |= _given(worlds=worlds, failure=failure, self_rotation=self_rotation)
-        if matrix:
-            settings = _given(
-                robots=robot, worlds=world, failures=common.pop("failure", None), steps=time_steps
-            )
-            result, lines = _matrix(settings, common, folder, jobs, dask)
-        else:
-            result, lines = _study(robot or "ant", world or "flat", common, folder, jobs, dask)
-    print_result(json.dumps(result.to_json()) if as_json else "\n".join([*lines, f"report: {result.report}"]))
+        refuse_given({"--prior": prior, "--one-leg": one_leg or None}, "with --transfer")
+    if not matrix:
+        refuse_given({"--time-steps": time_steps}, "with --matrix")
 
 
 def _study(

@@ -152,7 +152,7 @@ def test_a_matrix_that_cannot_be_is_refused_in_one_line(
 
 def test_the_transfer_benchmark_has_its_own_worlds_and_rotation(capsys: pytest.CaptureFixture[str]) -> None:
     assert exit_code(["study", "--transfer", "--self-rotation", "front"]) == 2
-    assert "--self-rotation: got front with --transfer" in capsys.readouterr().err
+    assert "--self-rotation: got front; allowed: without --transfer" in capsys.readouterr().err
     assert exit_code(["study", "--transfer", "--failure", "limp"]) == 2
     assert "prior: there is none for these trials" in capsys.readouterr().err
     assert exit_code(["study", "--transfer", "--world", "slippery"]) == 2
