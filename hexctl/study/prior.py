@@ -11,7 +11,7 @@ import numpy as np
 from hexctl.adapt.prior.find import SUFFIX
 from hexctl.adapt.prior.prior import CHECKPOINTS, Prior, PriorKey, check_place, save_prior
 from hexctl.adapt.stance import stance_deflection_rad
-from hexctl.backends.sim.world import Distribution, DomainRandomization, SensorNoise, World
+from hexctl.backends.sim.world import Distribution, DomainRandomization, World
 from hexctl.control.guard import Guard
 from hexctl.control.plan import TrialPlan
 from hexctl.errors import EStopError, InputError, SimulationDivergedError, argument, check_type
@@ -91,7 +91,7 @@ class PriorPlan:
                 self_rotation=self.self_rotation,
                 duration_s=self.duration_s,
                 failure=self.failure,
-                seed=first + index if self._draws_with_seed(world) else 0,
+                seed=first + index if world.seeded or self.failure == UNKNOWN else 0,
                 placed=True,
                 miss_rad=math.radians(miss_deg) if self.self_rotation != "none" else 0.0,
                 place=f"world {index + 1}",
@@ -104,12 +104,6 @@ class PriorPlan:
         if "time_step_s" in self.family.kind(number).world:
             return world
         return world.model_copy(update={"time_step_s": TIME_STEP_S})
-
-    def _draws_with_seed(self, world: World) -> bool:
-        """Whether a landscape in a world depends on its seed."""
-        offsets = not isinstance(world.joint_offset_deg, tuple)
-        noise = world.sensor_noise != SensorNoise() or world.lost_commands > 0
-        return bool(world.roughness_m) or offsets or noise or self.failure == UNKNOWN
 
     def trial_plan(self) -> TrialPlan:
         """Trial of a session that the prior is for, self-rotation included, with the gait `demo`."""

@@ -17,6 +17,10 @@ from hexctl.types import JOINT_KINDS, JOINTS_PER_LEG, N_JOINTS, N_LEGS, FloatArr
 MAX_JOINT_OFFSET_DEG = 45.0
 
 NotNegative = Annotated[Number, Field(ge=0, allow_inf_nan=False)]
+
+#: Marks a quantity of which a simulation draws with its seed where it is not 0.
+DRAWN = "drawn with the seed"
+
 Offset = Annotated[Number, Field(ge=-1, le=1, allow_inf_nan=False)]
 
 #: Members of one family; the legs of a prior take theirs from blocks far apart.
@@ -98,7 +102,7 @@ class World(_Section):
     friction_ratio: Annotated[Number, Field(ge=0.2, le=5, allow_inf_nan=False)] = 1.0
     slope_deg: Annotated[Number, Field(ge=0, le=40, allow_inf_nan=False)] = 0.0
     slope_direction_deg: Annotated[Number, Field(ge=-360, le=360, allow_inf_nan=False)] = 0.0
-    roughness_m: Annotated[Number, Field(ge=0, le=0.2, allow_inf_nan=False)] = 0.0
+    roughness_m: Annotated[Number, Field(ge=0, le=0.2, allow_inf_nan=False), DRAWN] = 0.0
     roughness_length_m: Annotated[Number, Field(ge=0.02, le=2, allow_inf_nan=False)] = 0.1
     payload_kg: Annotated[Number, Field(ge=0, le=1000, allow_inf_nan=False)] = 0.0
     payload_position_m: tuple[Offset, Offset, Offset] = (0.0, 0.0, 0.0)
@@ -115,10 +119,19 @@ class World(_Section):
     joint_stiffness: float | tuple[float, ...] = 1.0
     joint_friction_nm: float | tuple[float, ...] | None = None
     tibia_error: float | tuple[float, ...] = 0.0
-    joint_offset_deg: float | tuple[float, ...] = 0.0
-    sensor_noise: SensorNoise = SensorNoise()
+    joint_offset_deg: Annotated[float | tuple[float, ...], DRAWN] = 0.0
+    sensor_noise: Annotated[SensorNoise, DRAWN] = SensorNoise()
     state_latency_s: Annotated[Number, Field(ge=0, le=0.1, allow_inf_nan=False)] = 0.0
-    lost_commands: Annotated[Number, Field(ge=0, le=0.5, allow_inf_nan=False)] = 0.0
+    lost_commands: Annotated[Number, Field(ge=0, le=0.5, allow_inf_nan=False), DRAWN] = 0.0
+
+    @property
+    def seeded(self) -> bool:
+        """Whether a simulation depends on its seed; a list has a value for each joint, none is drawn."""
+        drawn = {name: field for name, field in World.model_fields.items() if DRAWN in field.metadata}
+        values = {name: getattr(self, name) for name in drawn}
+        return any(
+            value != drawn[name].default and not isinstance(value, tuple) for name, value in values.items()
+        )
 
     @property
     def steps_per_tick(self) -> int:

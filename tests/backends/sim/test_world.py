@@ -18,7 +18,7 @@ from hexctl.control.trial import run_trial
 from hexctl.errors import InputError
 from hexctl.robot.rotations import yaw_rad
 from hexctl.testing.servos import move
-from hexctl.types import FloatArray, JointTargets
+from hexctl.types import FloatArray, JointTargets, RobotState
 from tests.robots import shipped
 from tests.trials import gait_of
 
@@ -337,3 +337,57 @@ def test_a_walk_does_not_depend_on_where_the_robot_faces(facing_rad: float, head
     np.testing.assert_allclose(turned.path_m, straight.path_m, atol=0.005)
     assert turned.distance_m is not None
     assert turned.distance_m > 0.2
+
+
+#: A value of every quantity that is not the flat world's.
+CHANGED: dict[str, Any] = {
+    "friction": 0.5,
+    "friction_ratio": 0.8,
+    "slope_deg": 5.0,
+    "slope_direction_deg": 90.0,
+    "roughness_m": 0.01,
+    "roughness_length_m": 0.2,
+    "payload_kg": 0.5,
+    "payload_position_m": (0.05, 0.0, 0.0),
+    "added_mass_share": 0.2,
+    "body_mass_shift_m": (0.02, 0.0, 0.0),
+    "contact_time_s": 0.03,
+    "friction_cone": "pyramidal",
+    "time_step_s": 0.004,
+    "solver_tolerance": 1e-8,
+    "servo_delay_s": 0.04,
+    "servo_backlash_deg": 1.0,
+    "servo_strength": 0.5,
+    "servo_stiffness": 0.5,
+    "joint_stiffness": 0.5,
+    "joint_friction_nm": 0.1,
+    "tibia_error": 0.05,
+    "joint_offset_deg": 2.0,
+    "sensor_noise": SensorNoise(joint_deg=0.5),
+    "state_latency_s": 0.01,
+    "lost_commands": 0.5,
+}
+
+
+def measured(world: World, seed: int) -> tuple[RobotState, ...]:
+    """States of a robot whose joints move a little in every tick."""
+    robot = shipped()
+    with SimServos(robot, world=world, seed=seed) as servos:
+        states = []
+        for tick in range(1, 13):
+            time_s = servos.clock.tick().time_s
+            states.append(servos.read())
+            moved_rad = robot.stance_angles_rad + 0.2 * math.sin(0.3 * tick)
+            servos.write(JointTargets(moved_rad, time_s))
+    return tuple(states)
+
+
+def test_a_world_knows_whether_its_simulation_depends_on_the_seed() -> None:
+    """The prior listed such quantities by hand; one that was forgotten had the same draw in each world."""
+    assert CHANGED.keys() == World.model_fields.keys(), "each quantity needs an example"
+    for name, value in CHANGED.items():
+        world = World.model_validate({name: value})
+        one, other = (measured(world, seed) for seed in (1, 2))
+        alike = all(first == second for first, second in zip(one, other, strict=True))
+        assert world.seeded is not alike, name
+    assert not World(joint_offset_deg=(2.0,) * 18).seeded
