@@ -11,7 +11,7 @@ against its direction in the stance. At the start and the stop of a walk, m and 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hexctl.gait.gait import Gait, Motion, turn_amplitude_m
+from hexctl.gait.gait import STROKES_PER_CYCLE, Gait, Motion, turn_amplitude_m
 from hexctl.robot.model import Robot
 from hexctl.types import BoolArray, FloatArray
 
@@ -92,6 +92,44 @@ def stroke_vectors_m(robot: Robot, gait: Gait, motion: Motion) -> FloatArray:
         [turn * y - travel * np.cos(motion.heading_rad), -turn * x - travel * np.sin(motion.heading_rad)],
         axis=-1,
     )
+
+
+def strokes_per_velocity(robot: Robot, pace_hz: ArrayLike) -> FloatArray:
+    """Strokes of the feet per velocity of the body without slip, leading shape + (6, 2, 3).
+
+    The last axis is for v_x and v_y in m/s and omega in rad/s, all in the body frame. A foot on the floor
+    covers (3/2) f strokes in a second (Eq. 3), and moves against the body:
+
+        stroke = (-v_x + omega y, -v_y - omega x) / ((3/2) f)
+
+    Args:
+        robot: its stance gives the positions (x, y) of the feet.
+        pace_hz: f, leading shape.
+    """
+    per_velocity = np.zeros((*robot.stance_feet_body[:, :2].shape, 3))
+    per_velocity[:, 0, 0] = per_velocity[:, 1, 1] = -1.0
+    per_velocity[:, 0, 2] = robot.stance_feet_body[:, 1]
+    per_velocity[:, 1, 2] = -robot.stance_feet_body[:, 0]
+    return np.asarray(per_velocity / (STROKES_PER_CYCLE * np.asarray(pace_hz)[..., None, None, None]))
+
+
+def feet_at_phases(
+    robot: Robot, u: FloatArray, strokes: FloatArray, height_m: FloatArray, envelope: float
+) -> FloatArray:
+    """Foot positions of walks at one moment, leading shape + (6, 3) in m.
+
+    Args:
+        robot: its stance gives the initial positions p_i^o.
+        u: normalised time of each foot, leading shape + (6,).
+        strokes: in the body frame, leading shape + (6, 2) in m.
+        height_m: step heights, broadcast against u.
+        envelope: factor of strokes and heights, 0 to 1.
+    """
+    feet = np.empty((*u.shape, 3))
+    feet[..., :2] = (envelope * stroke_offset(u))[..., np.newaxis] * strokes
+    feet[..., 2] = envelope * lift_offset(u) * height_m
+    feet += robot.stance_feet_body
+    return feet
 
 
 def gait_feet_body(

@@ -1,0 +1,209 @@
+"""Steering: the velocity that keeps a walk on its line, from the position and the yaw that a robot measures.
+
+The law is integral line of sight, as ships keep a course (Børhaug, Pavlov & Pettersen, CDC 2008), for a robot
+that walks sideways as well as ahead. In units of the gait, with the cycle T, the way of a cycle at full stride
+L = (3/2) A and the control period dt:
+
+    e', psi'  deviation from the line, positive to the left, and yaw error: means over about a cycle
+    z     = e' + sigma I              dI = dt / T  D^2 e' / (D^2 + z^2)           D = 2.5 L
+    chi   = -atan2(z, D)              course relative to the line
+    theta = line - yaw' + chi         direction of travel in the body: the course is right in the world at once
+    omega = -clip(K psi' + K_i J, +-most) / T     dJ = dt / T  psi', not while omega is at its limit
+
+The integral takes up what pulls the robot aside all the time, and the turn brings the body back to the yaw that
+it had at the start. One set of gains serves all robots.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from hexctl.errors import InputError, check_type
+from hexctl.robot.rotations import yaw_rad
+from hexctl.types import ArrayFields, BoolArray, FloatArray, RobotState
+
+#: What a walk holds: its line, its heading alone, or nothing.
+HOLDS = ("line", "heading", "none")
+
+#: Position or yaw that stays away for longer than this is lost: its part of the law then decays.
+LOST_AFTER_S = 1.0
+
+#: A value that does not change for longer than this is not measured any more.
+FROZEN_AFTER_S = 4.0
+
+#: A change between two measurements that no walking robot makes; it is believed once it has stayed for so long
+#: that the bound, which grows by half of itself in a second, reaches it.
+JUMP_M = 0.25
+JUMP_RAD = math.radians(30.0)
+JUMP_GROWTH_PER_S = 0.5
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SteeringGains:
+    """Gains of the law, in units of the gait.
+
+    Attributes:
+        look_ahead: D, in ways of a cycle at full stride.
+        integral: sigma.
+        turn: K, the part of a yaw error that is turned back in a cycle.
+        turn_integral: K_i, per cycle.
+        mean_cycles: time constant of the means, in cycles.
+    """
+
+    look_ahead: float = 2.5
+    integral: float = 0.15
+    turn: float = 0.4
+    turn_integral: float = 0.02
+    mean_cycles: float = 0.5
+
+
+class Measured:
+    """A number that each robot measures, with what to make of dropouts, jumps and a sensor that has frozen.
+
+    Attributes:
+        value: the last one believed, leading shape; NaN before the first.
+        fresh: whether it is of the last update, leading shape.
+        missing_s: time since it was, leading shape.
+    """
+
+    def __init__(self, shape: tuple[int, ...], jump: float) -> None:
+        self.value: FloatArray = np.full(shape, np.nan)[()]
+        self.fresh: BoolArray = np.zeros(shape, dtype=bool)[()]
+        self.missing_s: FloatArray = np.zeros(shape)[()]
+        self._raw, self._same_s = self.value, self.missing_s
+        self._jump = jump
+
+    @property
+    def lost(self) -> BoolArray:
+        """Whether it is too old to steer by, leading shape."""
+        return np.asarray((self.missing_s > LOST_AFTER_S) | (self.value != self.value))
+
+    def update(self, raw: FloatArray, dt_s: float) -> None:
+        """Take a measurement, NaN where there is none."""
+        self._same_s = (self._same_s + dt_s) * (raw == self._raw)
+        self._raw = raw
+        most = self._jump * (1 + JUMP_GROWTH_PER_S * self.missing_s)
+        # Not greater is true for the first value, when there is nothing to compare with.
+        near = ~(abs(raw - self.value) > most)
+        self.fresh = (raw == raw) & near & (self._same_s <= FROZEN_AFTER_S)
+        self.value = np.where(self.fresh, raw, self.value)[()]
+        self.missing_s = (self.missing_s + dt_s) * ~self.fresh
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Course(ArrayFields):
+    """A line to walk along, and how fast.
+
+    Attributes:
+        origin_world: a point of the line, (2,) in m; NaN where the robot has no position.
+        heading_rad: direction of the line in the world.
+        yaw_rad: yaw of the body to keep, in the world.
+    """
+
+    origin_world: FloatArray
+    heading_rad: float
+    yaw_rad: float
+
+
+class CourseHold:
+    """The law, for one robot or a batch of n; arrays have the leading shape () or (n,).
+
+    Args:
+        course: the line.
+        speed_m_s: speed along it, leading shape.
+        cycle_s: T, leading shape.
+        stride_m: L, way of a cycle at full stride, leading shape.
+        most_turn_rad_s: greatest rate of the turn, leading shape.
+        hold: one of `HOLDS`: with `heading` positions are ignored, with `none` everything is.
+        gains: of the law.
+
+    Attributes:
+        velocity_body: forward and sideways in m/s and turn in rad/s, leading shape + (3,).
+    """
+
+    def __init__(
+        self,
+        course: Course,
+        *,
+        speed_m_s: FloatArray,
+        cycle_s: FloatArray,
+        stride_m: FloatArray,
+        most_turn_rad_s: FloatArray,
+        hold: str = "line",
+        gains: SteeringGains | None = None,
+    ) -> None:
+        if hold not in HOLDS:
+            raise InputError(f"hold: got {hold}; allowed: {', '.join(HOLDS)}")
+        check_type(course, Course, "course", "a Course")
+        shape = np.shape(speed_m_s)
+        self._course, self._hold, self._gains = course, hold, gains or SteeringGains()
+        self._speed_m_s, self._cycle_s = speed_m_s, cycle_s
+        self._ahead_m = self._gains.look_ahead * stride_m
+        self._most_turn_rad = most_turn_rad_s * cycle_s
+        self._deviation, self._yaw = Measured(shape, JUMP_M), Measured(shape, JUMP_RAD)
+        zero = np.zeros(shape)[()]
+        self._deviation_m, self._yaw_error_rad = zero, zero  # means
+        self._pull_m, self._turned_rad = zero, zero  # integrals
+        self._walked_cycles, self._turn_rad = zero, zero
+        self._nothing = np.full(shape, np.nan)[()]
+        self._left = np.array([-math.sin(course.heading_rad), math.cos(course.heading_rad)])
+        self.velocity_body = self._velocity()
+
+    def update(self, dt_s: float, state: RobotState) -> FloatArray:
+        """Velocity for the next control period, from the state and the time since the last one."""
+        if self._hold != "none":
+            cycles = dt_s / self._cycle_s
+            self._walked_cycles = self._walked_cycles + cycles
+            self._measure(dt_s, cycles, state)
+            self._integrate(cycles)
+            self.velocity_body = self._velocity()
+        return self.velocity_body
+
+    def _measure(self, dt_s: float, cycles: FloatArray, state: RobotState) -> None:
+        """Means of deviation and yaw error; each stays as it is where nothing is measured."""
+        share = 1 - np.exp(-cycles / self._gains.mean_cycles)
+        quaternion, position = state.base_quaternion_world, state.base_position_world
+        off_rad = self._nothing
+        if quaternion is not None:
+            off_rad = yaw_rad(quaternion) - self._course.yaw_rad
+            before_rad = np.where(self._yaw.value == self._yaw.value, self._yaw.value, 0.0)[()]
+            off_rad = off_rad - math.tau * np.rint((off_rad - before_rad) / math.tau)
+        self._yaw.update(off_rad, dt_s)
+        self._yaw_error_rad = self._mean(self._yaw_error_rad, self._yaw, share)
+        if self._hold != "line":
+            return
+        deviation_m = self._nothing
+        if position is not None:
+            moved = position[..., :2] - self._course.origin_world
+            deviation_m = moved[..., 0] * self._left[0] + moved[..., 1] * self._left[1]
+        self._deviation.update(deviation_m, dt_s)
+        mean_m = self._mean(self._deviation_m, self._deviation, share)
+        # Without a position only what is known to pull remains.
+        self._deviation_m = mean_m * (1 - share * self._deviation.lost)
+
+    @staticmethod
+    def _mean(mean: FloatArray, measured: Measured, share: FloatArray) -> FloatArray:
+        return np.where(measured.fresh, mean + share * (measured.value - mean), mean)[()]
+
+    def _integrate(self, cycles: FloatArray) -> None:
+        """The two integrals and the turn; the first cycle, in which the strides grow, is left out."""
+        gains, deviation_m, error_rad = self._gains, self._deviation_m, self._yaw_error_rad
+        cycles = cycles * (self._walked_cycles > 1)
+        aside_m = deviation_m + gains.integral * self._pull_m
+        square = self._ahead_m * self._ahead_m
+        self._pull_m = self._pull_m + cycles * square * deviation_m / (square + aside_m * aside_m)
+        turn_rad = gains.turn * error_rad + gains.turn_integral * self._turned_rad
+        outward = (abs(turn_rad) >= self._most_turn_rad) & (turn_rad * error_rad > 0)
+        self._turned_rad = self._turned_rad + cycles * error_rad * ~outward
+        self._turn_rad = -np.minimum(np.maximum(turn_rad, -self._most_turn_rad), self._most_turn_rad)
+
+    def _velocity(self) -> FloatArray:
+        aside_m = self._deviation_m + self._gains.integral * self._pull_m
+        course_rad = -np.arctan2(aside_m, self._ahead_m)
+        toward_rad = self._course.heading_rad - self._course.yaw_rad - self._yaw_error_rad + course_rad
+        velocity = np.empty((*np.shape(self._speed_m_s), 3))
+        velocity[..., 0] = self._speed_m_s * np.cos(toward_rad)
+        velocity[..., 1] = self._speed_m_s * np.sin(toward_rad)
+        velocity[..., 2] = self._turn_rad / self._cycle_s
+        return velocity
