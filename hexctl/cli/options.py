@@ -137,6 +137,7 @@ JOBS = Range(low=1, high=1024, whole=True)
 ALL_LEGS = "1,2,3,4,5,6"
 
 SelfRotation = Literal["rear", "front", "none"]
+Hold = Literal["auto", "line", "heading", "none"]
 
 WORLD_HELP = (
     "Simulated world: flat, slippery, slope, rough, a YAML file, or one of a family such as randomised:7."
@@ -263,6 +264,15 @@ FailureOption = Annotated[
     typer.Option("--failure", autocompletion=completion.failures, help=f"{FAILURE_HELP} (default: locked)"),
 ]
 SelfRotationOption = Annotated[SelfRotation, choice("--self-rotation", SelfRotation, SELF_ROTATION_HELP)]
+HoldOption = Annotated[
+    Hold,
+    choice(
+        "--hold",
+        Hold,
+        "Keep the walk on its line by feedback of position and yaw, keep its heading by yaw alone, or none: open "
+        "loop, as in the paper; auto is the best that the robot's state allows.",
+    ),
+]
 SimFailedLegOption = Annotated[
     int | None, number("--failed-leg", LEG, f"{FAILED_LEG_HELP} Only with sim. (default: none)")
 ]

@@ -29,6 +29,7 @@ from hexctl.cli.options import (
     FailureOption,
     GaitOption,
     HeightOption,
+    HoldOption,
     InsecureOption,
     JsonOption,
     KeysOption,
@@ -74,6 +75,7 @@ def run(
     failed_leg: FailedLegOption = None,
     failure: FailureOption = None,
     self_rotation: SelfRotationOption = "rear",
+    hold: HoldOption = "auto",
     realtime: Annotated[
         bool,
         typer.Option("--realtime", help="Simulate at the speed of a real robot, not as fast as possible."),
@@ -121,6 +123,7 @@ def run(
         duration_s=duration,
         failure=failure_of(failed_leg, failure),
         self_rotation=self_rotation,
+        hold=hold,
         seed=seed,
         realtime=realtime,
         record=record,

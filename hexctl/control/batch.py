@@ -84,9 +84,10 @@ class SimTrial:
         return replace(self, plan=plan, facing_rad=self.facing_rad + turn_rad)
 
     def shared_start(self) -> tuple[object, ...]:
-        """Key that trials must have in common to start their walks from one state."""
+        """Key that trials must have in common to walk together, from one state and with one kind of walk."""
         plan = self.plan
         start = (self.facing_rad, plan.heading_rad, plan.self_rotation, plan.turn_rad, plan.settle_s)
+        start += (plan.hold, plan.straight)
         return (self.robot.fingerprint, self.world, self.seed, self.failure, plan.belief, start)
 
 
@@ -220,6 +221,7 @@ class _Walks:
                 duration_s=walked * self._start.period_s,
                 turned_rad=self._start.turned_rad,
                 clipped_ticks=int(self._clipped[index]),
+                hold=self._controller.hold,
                 frame=self._start.frame,
                 positions_world=self._positions[index, :walked],
                 quaternions_world=self._quaternions[index, :walked],

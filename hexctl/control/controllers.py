@@ -25,7 +25,13 @@ class Controller(ABC):
     One robot or many are the same code: in a batch of n, the arrays of the state and the targets have the
     leading shape (n,), alone they have none. So `targets_rad` is written elementwise over robots, with `...`
     in its indices.
+
+    Attributes:
+        hold: what it holds by feedback, one of `hexctl.control.plan.HOLDS` but `auto`; results and recordings
+            say so.
     """
+
+    hold: str = "none"
 
     @abstractmethod
     def targets_rad(self, step: int, state: RobotState) -> FloatArray:

@@ -8,6 +8,9 @@ from hexctl.gait.gait import Gait, Motion
 from hexctl.robot.failure import UNKNOWN, Failure
 
 SELF_ROTATIONS = ("rear", "front", "none")
+
+#: What a walk holds by feedback: its line, its heading alone, nothing; `auto`: the best the robot allows.
+HOLDS = ("auto", "line", "heading", "none")
 MAX_DURATION_S = 86_400.0
 
 
@@ -26,6 +29,7 @@ class TrialPlan:
         self_rotation: where the failed leg points during the walk: `rear`, `front` or `none` (as it is).
         turn_rad: how far to turn before the walk, overriding `self_rotation`; None to follow it.
         settle_s: time to reach the stance and come to rest.
+        hold: what the walk holds, one of `HOLDS`; with `none` it is open loop, as in the paper.
     """
 
     gait: Gait
@@ -37,6 +41,7 @@ class TrialPlan:
     self_rotation: str = "rear"
     turn_rad: float | None = None
     settle_s: float = 1.0
+    hold: str = "none"
 
     def __post_init__(self) -> None:
         check_type(self.gait, Gait, "plan.gait", "a Gait, as make_gait(robot, 'tripod') gives")
@@ -49,6 +54,8 @@ class TrialPlan:
             )
         if self.self_rotation not in SELF_ROTATIONS:
             raise InputError(f"self-rotation: got {self.self_rotation}; allowed: {', '.join(SELF_ROTATIONS)}")
+        if self.hold not in HOLDS:
+            raise InputError(f"hold: got {self.hold}; allowed: {', '.join(HOLDS)}")
         if not (math.isfinite(self.settle_s) and self.settle_s > 0):
             raise InputError(f"settle time: got {self.settle_s:g}; allowed: above 0 s")
         check_type(self.turn_rad, (float, type(None)), "plan.turn_rad", "an angle in rad, or None")
@@ -61,6 +68,11 @@ class TrialPlan:
         return Motion(
             heading_rad=self.heading_rad - yaw_rad, travel=self.travel, turn_rate_rad_s=self.turn_rate_rad_s
         )
+
+    @property
+    def straight(self) -> bool:
+        """Whether the walk goes along a line, so that there is something to hold."""
+        return self.travel > 0 and self.turn_rate_rad_s == 0
 
     @property
     def failed_legs(self) -> tuple[int, ...]:

@@ -75,6 +75,7 @@ class TrialResult(ArrayFields):
             status, and where none stands out or joints and feet are not measured.
         turn_miss_rad: how much further than its goal the self-rotation turned, counter-clockwise; None
             without one, and where the robot knows no yaw. A degree is worth 8 to 14 cm after 30 s.
+        hold: what the walk held by feedback: `line`, `heading` or `none`.
     """
 
     status: str
@@ -89,6 +90,7 @@ class TrialResult(ArrayFields):
     path_m: FloatArray
     cause: str | None = None
     turn_miss_rad: float | None = None
+    hold: str = "none"
 
     @property
     def valid(self) -> bool:
@@ -111,6 +113,7 @@ class TrialResult(ArrayFields):
             "clipped_ticks": self.clipped_ticks,
             "cause": self.cause,
             "turn_miss_deg": None if self.turn_miss_rad is None else math.degrees(self.turn_miss_rad),
+            "hold": self.hold,
         }
         if path:
             data["path_m"] = [[_known(value) for value in row] for row in self.path_m.tolist()]
@@ -138,6 +141,7 @@ class TrialResult(ArrayFields):
                 path_m=np.array(path, dtype=float),
                 cause=data.get("cause"),
                 turn_miss_rad=None if miss_deg is None else math.radians(miss_deg),
+                hold=str(data.get("hold", "none")),
             )
         except (KeyError, TypeError, ValueError, AttributeError) as error:
             raise InputError(
@@ -202,6 +206,7 @@ def score(
     positions_world: FloatArray,
     quaternions_world: FloatArray,
     samples: Samples | None = None,
+    hold: str = "none",
 ) -> TrialResult:
     """Result of a walk.
 
@@ -218,6 +223,7 @@ def score(
         quaternions_world: base orientations of the walk, (T, 4).
         samples: of its joints and feet, from which the cause of a walk without progress is told; None where
             they are not known.
+        hold: what the walk held by feedback.
     """
     walked = frame is not None and len(positions_world) > 0
     path = frame.path(positions_world) if frame is not None else np.zeros((0, 2))
@@ -243,6 +249,7 @@ def score(
         path_m=path,
         cause=cause,
         turn_miss_rad=_turn_miss_rad(robot, plan, turned_rad) if frame is not None else None,
+        hold=hold,
     )
 
 

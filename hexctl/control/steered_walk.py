@@ -7,7 +7,7 @@ import numpy as np
 from hexctl.control.controllers import Controller, joints_of_feet, soft_stop_steps
 from hexctl.control.preparation import WalkStart
 from hexctl.control.steering import Course, CourseHold, SteeringGains
-from hexctl.errors import check_type
+from hexctl.errors import InputError, check_type
 from hexctl.gait.foot_trajectory import feet_at_phases, phase_in_cycle, ramp, strokes_per_velocity
 from hexctl.gait.gait import STROKES_PER_CYCLE, half_amplitude_turn_rate_rad_s, ideal_speed_m_s
 from hexctl.types import BoolArray, FloatArray, RobotState
@@ -22,12 +22,12 @@ OVERDRIVE = 1.2
 class SteeredWalk(Controller):
     """Walks with a gait along the line of the trial, its course corrected at every tick.
 
-    Strokes are proportional to the velocity asked for and follow it smoothly, so that no foot jumps. One robot
-    or many are the same code: a walk in a batch is the same to the last bit as alone.
+    Strokes are proportional to the velocity asked for and follow it smoothly, so that no foot jumps. A walk
+    in a batch is the same to the last bit as alone.
 
     Args:
         start: the robot, or batch of robots, ready to walk.
-        hold: what is held, one of `hexctl.control.steering.HOLDS`.
+        hold: `line`, or `heading`: positions are then ignored.
         gains: of the law.
 
     Attributes:
@@ -37,6 +37,9 @@ class SteeredWalk(Controller):
     def __init__(self, start: WalkStart, *, hold: str = "line", gains: SteeringGains | None = None) -> None:
         check_type(start, WalkStart, "start", "a WalkStart, as a trial gives to its controller")
         robot, plans, frame = start.robot, start.plans, start.frame
+        if frame is None:
+            raise InputError("steering: got a robot without a pose; allowed: one that knows position and yaw")
+        self.hold = hold
         self._robot, self._period_s, self._held_legs = robot, start.period_s, plans[0].held_legs
         pick = 0 if start.batch_shape == () else slice(None)
         gaits = [plan.gait for plan in plans]
@@ -50,11 +53,8 @@ class SteeredWalk(Controller):
         amplitude_m = each([gait.amplitude * robot.size_m for gait in gaits])
         self._most_stroke_m2 = (OVERDRIVE * amplitude_m) ** 2
         self._per_velocity = strokes_per_velocity(robot, self._pace_hz)
-        assert frame is not None  # noqa: S101
-        self._hold = CourseHold(
-            Course(
-                origin_world=frame.origin_world[:2], heading_rad=frame.heading_rad, yaw_rad=frame.yaw_rad
-            ),
+        self._law = CourseHold(
+            Course(origin_world=frame.origin_world[:2], heading_rad=frame.heading_rad, yaw_rad=frame.yaw_rad),
             speed_m_s=each([ideal_speed_m_s(robot, p.gait, p.motion(0.0)) for p in plans]),
             cycle_s=1 / self._pace_hz,
             stride_m=STROKES_PER_CYCLE * amplitude_m,
@@ -62,7 +62,7 @@ class SteeredWalk(Controller):
             hold=hold,
             gains=gains,
         )
-        self._velocity_body = self._hold.velocity_body
+        self._velocity_body = self._law.velocity_body
         self._cycles = np.zeros(start.batch_shape)[()]
         self.limited_steps = np.zeros(start.batch_shape, dtype=int)[()]
         self._last_step = 0
@@ -73,7 +73,7 @@ class SteeredWalk(Controller):
         dt_s = (step - self._last_step) * self._period_s
         self._last_step = step
         if dt_s > 0:
-            wanted = self._hold.update(dt_s, state)
+            wanted = self._law.update(dt_s, state)
             share = 1 - math.exp(-dt_s / RESPONSE_S)
             self._velocity_body = self._velocity_body + share * (wanted - self._velocity_body)
             self._cycles = self._cycles + dt_s * self._pace_hz

@@ -1,17 +1,17 @@
 """Steering: the velocity that keeps a walk on its line, from the position and the yaw that a robot measures.
 
-The law is integral line of sight, as ships keep a course (Børhaug, Pavlov & Pettersen, CDC 2008), for a robot
-that walks sideways as well as ahead. In units of the gait, with the cycle T, the way of a cycle at full stride
-L = (3/2) A and the control period dt:
+The law is integral line of sight, as ships keep a course (Børhaug, Pavlov & Pettersen, CDC 2008), for a
+robot that walks sideways as well as ahead. In units of the gait, with the cycle T, the way of a cycle at full
+stride L = (3/2) A and the control period dt:
 
     e', psi'  deviation from the line, positive to the left, and yaw error: means over about a cycle
     z     = e' + sigma I              dI = dt / T  D^2 e' / (D^2 + z^2)           D = 2.5 L
     chi   = -atan2(z, D)              course relative to the line
-    theta = line - yaw' + chi         direction of travel in the body: the course is right in the world at once
+    theta = line - yaw' + chi         direction of travel in the body: right in the world without delay
     omega = -clip(K psi' + K_i J, +-most) / T     dJ = dt / T  psi', not while omega is at its limit
 
-The integral takes up what pulls the robot aside all the time, and the turn brings the body back to the yaw that
-it had at the start. One set of gains serves all robots.
+The integral takes up what pulls the robot aside all the time, and the turn brings the body back to the yaw
+that it had at the start. One set of gains serves all robots.
 """
 
 import math
@@ -19,12 +19,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hexctl.control.plan import TrialPlan
+from hexctl.control.trace import TrialFrame
 from hexctl.errors import InputError, check_type
 from hexctl.robot.rotations import yaw_rad
 from hexctl.types import ArrayFields, BoolArray, FloatArray, RobotState
-
-#: What a walk holds: its line, its heading alone, or nothing.
-HOLDS = ("line", "heading", "none")
 
 #: Position or yaw that stays away for longer than this is lost: its part of the law then decays.
 LOST_AFTER_S = 1.0
@@ -32,8 +31,8 @@ LOST_AFTER_S = 1.0
 #: A value that does not change for longer than this is not measured any more.
 FROZEN_AFTER_S = 4.0
 
-#: A change between two measurements that no walking robot makes; it is believed once it has stayed for so long
-#: that the bound, which grows by half of itself in a second, reaches it.
+#: A change between two measurements that no walking robot makes; it is believed once it has stayed until the
+#: bound, which grows by half of itself in a second, reaches it.
 JUMP_M = 0.25
 JUMP_RAD = math.radians(30.0)
 JUMP_GROWTH_PER_S = 0.5
@@ -106,6 +105,16 @@ class Course(ArrayFields):
     yaw_rad: float
 
 
+def held(plan: TrialPlan, frame: TrialFrame | None) -> str:
+    """What a walk can hold of what its plan wants: `line`, `heading` or `none`.
+
+    A turn in place and an arc have no line, and a robot without a pose has no frame to hold.
+    """
+    if plan.hold == "none" or not plan.straight or frame is None:
+        return "none"
+    return "heading" if plan.hold == "heading" else "line"
+
+
 class CourseHold:
     """The law, for one robot or a batch of n; arrays have the leading shape () or (n,).
 
@@ -115,7 +124,7 @@ class CourseHold:
         cycle_s: T, leading shape.
         stride_m: L, way of a cycle at full stride, leading shape.
         most_turn_rad_s: greatest rate of the turn, leading shape.
-        hold: one of `HOLDS`: with `heading` positions are ignored, with `none` everything is.
+        hold: `line`, or `heading`: positions are then ignored.
         gains: of the law.
 
     Attributes:
@@ -133,9 +142,9 @@ class CourseHold:
         hold: str = "line",
         gains: SteeringGains | None = None,
     ) -> None:
-        if hold not in HOLDS:
-            raise InputError(f"hold: got {hold}; allowed: {', '.join(HOLDS)}")
         check_type(course, Course, "course", "a Course")
+        if hold not in ("line", "heading"):
+            raise InputError(f"hold: got {hold}; allowed: line, heading")
         shape = np.shape(speed_m_s)
         self._course, self._hold, self._gains = course, hold, gains or SteeringGains()
         self._speed_m_s, self._cycle_s = speed_m_s, cycle_s
@@ -152,12 +161,11 @@ class CourseHold:
 
     def update(self, dt_s: float, state: RobotState) -> FloatArray:
         """Velocity for the next control period, from the state and the time since the last one."""
-        if self._hold != "none":
-            cycles = dt_s / self._cycle_s
-            self._walked_cycles = self._walked_cycles + cycles
-            self._measure(dt_s, cycles, state)
-            self._integrate(cycles)
-            self.velocity_body = self._velocity()
+        cycles = dt_s / self._cycle_s
+        self._walked_cycles = self._walked_cycles + cycles
+        self._measure(dt_s, cycles, state)
+        self._integrate(cycles)
+        self.velocity_body = self._velocity()
         return self.velocity_body
 
     def _measure(self, dt_s: float, cycles: FloatArray, state: RobotState) -> None:

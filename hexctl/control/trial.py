@@ -20,6 +20,8 @@ from hexctl.control.preparation import (
     ticks_of,
 )
 from hexctl.control.result import TrialResult, score
+from hexctl.control.steered_walk import SteeredWalk
+from hexctl.control.steering import held
 from hexctl.control.trace import Trace
 from hexctl.control.turning import (
     check_plan,
@@ -56,8 +58,14 @@ def stop_when(enough: Enough | None) -> ShouldStop | None:
 MakeController = Callable[[WalkStart], Controller]
 
 
-def planned_walk(start: WalkStart) -> Walk:
-    """The open-loop walk of the plans, as in the paper: constant gait and motion."""
+def planned_walk(start: WalkStart) -> Walk | SteeredWalk:
+    """The walk of the plans: steered where they hold something, else open loop with constant gait and motion.
+
+    Plans that walk together hold the same.
+    """
+    hold = held(start.plans[0], start.frame)
+    if hold != "none":
+        return SteeredWalk(start, hold=hold)
     gaits = [plan.gait for plan in start.plans]
     motions = [plan.motion(start.turned_rad) for plan in start.plans]
     alone = start.batch_shape == ()
@@ -166,6 +174,7 @@ class _Trial:
         stopped: why it was aborted, if it was.
         turned_rad: how far the self-rotation turned.
         clipped_ticks: ticks of the walk in which the guard changed the targets.
+        hold: what the controller held.
     """
 
     def __init__(
@@ -182,7 +191,7 @@ class _Trial:
         self.trace = Trace()
         self.status = "aborted"
         self.stopped: str | None = None
-        self.turned_rad, self.clipped_ticks = 0.0, 0
+        self.turned_rad, self.clipped_ticks, self.hold = 0.0, 0, "none"
         self._requested = False
         self._samples = WalkSamples(ticks_of(servos, plan.duration_s))
 
@@ -215,6 +224,7 @@ class _Trial:
             duration_s=_span_s(trace.times_s[rows], self._servos.clock.period_s),
             turned_rad=self.turned_rad,
             clipped_ticks=self.clipped_ticks,
+            hold=self.hold,
             frame=trace.frame,
             positions_world=trace.positions_world[rows],
             quaternions_world=trace.quaternions_world[rows],
@@ -224,6 +234,7 @@ class _Trial:
     def _walk(self, start: WalkStart, *, soft_stop: bool) -> None:
         """Walk for the plan's duration, or until a stop is due, and let the strides run out."""
         walk = made_controller(self._controller, start)
+        self.hold = walk.hold
         phases = Phases(self._servos, self.trace, self._recorders)
         self.trace.frame = start.frame
         phases.begin("walk")

@@ -65,6 +65,8 @@ class RunSpec:
         duration_s: how long to walk.
         failure: the failed leg, or None.
         self_rotation: where the failed leg points before the walk: `rear`, `front` or `none`.
+        hold: what the walk holds by feedback: its `line`, its `heading` alone, or `none`, as in the paper;
+            `auto` is the best that the robot's state allows.
         seed: of everything random in a simulation.
         realtime: pace a simulation with the wall clock.
         record: new .rrd file to record to; None for no recording, or for one in `record_folder`.
@@ -87,6 +89,7 @@ class RunSpec:
     duration_s: float = 30.0
     failure: Failure | None = None
     self_rotation: str = "rear"
+    hold: str = "auto"
     seed: int = 0
     realtime: bool = False
     record: str | Path | None = None
@@ -425,4 +428,5 @@ def _plan_of(spec: RunSpec, robot: Robot) -> TrialPlan:
         duration_s=spec.duration_s,
         belief=spec.failure,
         self_rotation=spec.self_rotation,
+        hold=spec.hold,
     )

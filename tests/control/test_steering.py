@@ -1,0 +1,163 @@
+"""The law of steering: on a made-up body that is pulled aside, and with sensors that fail."""
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hexctl.control.steering import JUMP_M, Course, CourseHold, Measured
+from hexctl.errors import InputError
+from hexctl.types import FloatArray, RobotState
+
+DT_S = 0.02
+
+
+def state_of(position_m: FloatArray | None, yaw_rad: FloatArray | None) -> RobotState:
+    """State of one robot or several, (..., 2) and (...)."""
+    position = None if position_m is None else np.concatenate([position_m, 0 * position_m[..., :1]], axis=-1)
+    quaternion = None
+    if yaw_rad is not None:
+        half, zero = np.asarray(yaw_rad) / 2, np.zeros(np.shape(yaw_rad))
+        quaternion = np.stack([np.cos(half), zero, zero, np.sin(half)], axis=-1)
+    return RobotState(np.zeros(18), 0.0, True, position, quaternion)
+
+
+class Body:
+    """A body that moves as commanded, but is pulled aside, turned, and sways with its steps.
+
+    Args:
+        pull_m_s: drift in the body frame, (..., 2).
+        turn_rad_s: drift of the yaw, (...).
+    """
+
+    def __init__(self, pull_m_s: FloatArray, turn_rad_s: FloatArray, cycle_s: float = 1.0) -> None:
+        self.position_m, self.yaw_rad = np.zeros(pull_m_s.shape), np.zeros(pull_m_s.shape[:-1])
+        self._pull_m_s, self._turn_rad_s, self._cycle_s = pull_m_s, turn_rad_s, cycle_s
+        self._time_s = 0.0
+
+    def move(self, velocity_body: FloatArray) -> None:
+        forward, left = (velocity_body[..., axis] + self._pull_m_s[..., axis] for axis in (0, 1))
+        cos, sin = np.cos(self.yaw_rad), np.sin(self.yaw_rad)
+        self.position_m = self.position_m + DT_S * np.stack(
+            [cos * forward - sin * left, sin * forward + cos * left], axis=-1
+        )
+        self.yaw_rad = self.yaw_rad + DT_S * (velocity_body[..., 2] + self._turn_rad_s)
+        self._time_s += DT_S
+
+    @property
+    def swaying(self) -> RobotState:
+        """What is measured: the body sways by 1 cm and 2 degrees in each cycle."""
+        sway = math.sin(math.tau * self._time_s / self._cycle_s)
+        return state_of(
+            self.position_m + np.array([0.0, 0.01 * sway]), self.yaw_rad + math.radians(2.0) * sway
+        )
+
+
+def law(shape: tuple[int, ...] = (), *, course: Course | None = None, **options: Any) -> CourseHold:
+    given: dict[str, Any] = {
+        "speed_m_s": np.full(shape, 0.15)[()],
+        "cycle_s": np.full(shape, 1.0)[()],
+        "stride_m": np.full(shape, 0.15)[()],
+        "most_turn_rad_s": np.full(shape, 0.25)[()],
+    }
+    return CourseHold(
+        course or Course(origin_world=np.zeros(2), heading_rad=0.0, yaw_rad=0.0), **given | options
+    )
+
+
+def test_a_body_that_is_pulled_aside_and_turned_comes_back_to_its_line() -> None:
+    random = np.random.default_rng(11)
+    body = Body(random.uniform(-0.05, 0.05, (50, 2)), random.uniform(-0.05, 0.05, 50))
+    hold = law((50,))
+    for _ in range(3000):
+        body.move(hold.update(DT_S, body.swaying))
+    assert np.abs(body.position_m[:, 1]).max() < 0.01
+    assert (body.position_m[:, 0] > 5.0).all()
+    assert np.abs(body.yaw_rad).max() < math.radians(12)
+
+
+def test_without_the_law_the_same_bodies_end_far_off() -> None:
+    """The null: what is measured above is the law's doing."""
+    random = np.random.default_rng(11)
+    body = Body(random.uniform(-0.05, 0.05, (50, 2)), random.uniform(-0.05, 0.05, 50))
+    for _ in range(3000):
+        body.move(np.broadcast_to([0.15, 0.0, 0.0], (50, 3)))
+    assert np.median(np.abs(body.position_m[:, 1])) > 1.0
+
+
+@pytest.mark.parametrize("heading_deg", [0.0, 75.0, 180.0, -120.0])
+def test_the_line_may_point_anywhere_and_the_body_too(heading_deg: float) -> None:
+    heading_rad, yaw_rad = math.radians(heading_deg), math.radians(40.0)
+    course = Course(origin_world=np.array([3.0, -2.0]), heading_rad=heading_rad, yaw_rad=yaw_rad)
+    body = Body(np.array([0.02, 0.03]), np.array(0.02))
+    body.position_m, body.yaw_rad = course.origin_world + np.array([0.1, 0.2]), np.array(yaw_rad)
+    hold = law(course=course)
+    for _ in range(3000):
+        body.move(hold.update(DT_S, body.swaying))
+    along = np.array([math.cos(heading_rad), math.sin(heading_rad)])
+    moved = body.position_m - course.origin_world
+    assert moved @ along > 5.0
+    assert abs(moved @ [-along[1], along[0]]) < 0.01
+
+
+def test_a_heading_alone_is_kept_whatever_the_position_says() -> None:
+    body, hold, blind = Body(np.array([0.0, 0.02]), np.array(0.03)), law(hold="heading"), law(hold="heading")
+    for _ in range(1500):
+        seen = body.swaying
+        velocity = hold.update(DT_S, seen)
+        without = RobotState(seen.joint_positions_rad, 0.0, True, None, seen.base_quaternion_world)
+        np.testing.assert_array_equal(blind.update(DT_S, without), velocity)
+        body.move(velocity)
+    assert abs(body.yaw_rad) < math.radians(8)
+    assert body.position_m[1] == pytest.approx(0.02 * 30, abs=0.15), "a sideways pull is not seen"
+
+
+def test_one_robot_is_as_in_a_batch_to_the_last_bit() -> None:
+    random = np.random.default_rng(5)
+    alone, batch = law(), law((3,))
+    for _ in range(200):
+        position, yaw = random.normal(0, 0.1, (3, 2)), random.normal(0, 0.3, 3)
+        together = batch.update(DT_S, state_of(position, yaw))
+        np.testing.assert_array_equal(alone.update(DT_S, state_of(position[1], yaw[1])), together[1])
+
+
+def test_a_position_that_is_lost_leaves_what_is_known_of_the_pull_and_comes_back_smoothly() -> None:
+    body, hold = Body(np.array([0.0, 0.03]), np.array(0.0)), law()
+    velocities = []
+    for step in range(4000):
+        lost = 2000 <= step < 2500
+        seen = body.swaying
+        velocities.append(hold.update(DT_S, state_of(None, body.yaw_rad) if lost else seen))
+        body.move(velocities[-1])
+        if step == 2499:
+            assert abs(body.position_m[1]) < 0.1, "10 s without a position: 30 cm without the integral"
+    assert abs(body.position_m[1]) < 0.01
+    steps = np.abs(np.diff(np.array(velocities), axis=0))
+    assert steps[1990:2600].max() < 0.01, "no lurch"
+
+
+def test_a_pose_that_jumps_is_not_followed_and_believed_when_it_stays() -> None:
+    measured = Measured((), JUMP_M)
+    measured.update(np.float64(0.02), DT_S)
+    for _ in range(50):
+        measured.update(np.float64(1.0), DT_S)
+    assert (measured.value, bool(measured.fresh)) == (0.02, False)
+    measured.update(np.float64(0.03), DT_S)
+    assert (measured.value, bool(measured.fresh)) == (0.03, True)
+    for count in range(1000):
+        measured.update(np.float64(1.0 + 1e-6 * count), DT_S)
+    assert measured.value == pytest.approx(1.0, abs=0.01)
+
+
+def test_a_sensor_that_has_frozen_is_not_believed_for_ever() -> None:
+    measured = Measured((2,), JUMP_M)
+    for step in range(500):
+        measured.update(np.array([0.01 * step / 500, 0.004]), DT_S)
+    assert measured.fresh.tolist() == [True, False]
+    assert measured.lost.tolist() == [False, True]
+
+
+def test_what_cannot_be_held_is_refused() -> None:
+    with pytest.raises(InputError, match="hold: got both; allowed: line, heading"):
+        law(hold="both")
