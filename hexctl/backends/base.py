@@ -21,6 +21,10 @@ if TYPE_CHECKING:
     from hexctl.wire.description import RobotIdentity
 
 
+#: Position (3,) and orientation (4,), with the same leading shape.
+TruePose = tuple[FloatArray, FloatArray]
+
+
 class LegServos(ABC):
     """Eighteen leg servos with a clock.
 
@@ -33,6 +37,10 @@ class LegServos(ABC):
 
     #: The leg failure that a simulation injects, or None.
     failure: Failure | None = None
+
+    #: True position (3,) and orientation (4,) of a simulation's base in the world, whatever is measured of
+    #: them; None for real robots. Results are scored with it, controllers must not use it.
+    true_pose: "TruePose | None" = None
 
     #: Once connected to a simulation over a link: its `world` and `failure`, as text; else None.
     simulated: Mapping[str, str] | None = None
@@ -131,6 +139,11 @@ class ServosWrapper(LegServos):
     def failure(self) -> Failure | None:  # type: ignore[override]
         """The leg failure that the wrapped servos inject, or None."""
         return self.wrapped.failure
+
+    @property
+    def true_pose(self) -> TruePose | None:  # type: ignore[override]
+        """True pose of the wrapped servos, where they simulate; else None."""
+        return self.wrapped.true_pose
 
     @property
     def simulated(self) -> Mapping[str, str] | None:  # type: ignore[override]

@@ -185,8 +185,9 @@ class _Walks:
         self._status = np.full(n, "ok", dtype=object)
         self._stopped: list[str | None] = [None] * n
         self._samples = WalkSamples(int(self._ticks.max()), (n,))
-        self._positions = np.zeros((n, self._ticks.max(), 3))
-        self._quaternions = np.zeros((n, self._ticks.max(), 4))
+        self._positions = np.full((n, self._ticks.max(), 3), np.nan)
+        self._quaternions = np.full((n, self._ticks.max(), 4), np.nan)
+        self._true_positions = np.full((n, self._ticks.max(), 3), np.nan)
 
     def run(self) -> None:
         """Walk until every trial is over."""
@@ -204,8 +205,10 @@ class _Walks:
             self._samples.add(state, self._accepted_rad)
             self._clipped += running & (self._accepted_rad != wanted_rad).any(axis=-1)
             self._walked += running
-            self._positions[:, step] = state.base_position_world
-            self._quaternions[:, step] = state.base_quaternion_world
+            if state.base_position_world is not None and state.base_quaternion_world is not None:
+                self._positions[:, step] = state.base_position_world
+                self._quaternions[:, step] = state.base_quaternion_world
+            self._true_positions[:, step] = self._batch.true_pose[0]
             running &= (step + 1 < self._ticks) & ~np.asarray(self._controller.done(step, state))
             if not running.any():
                 return
@@ -224,6 +227,7 @@ class _Walks:
                 hold=self._controller.hold,
                 frame=self._start.frame,
                 positions_world=self._positions[index, :walked],
+                true_positions_world=self._true_positions[index, :walked],
                 quaternions_world=self._quaternions[index, :walked],
                 samples=self._samples.of(walked, (index,)),
             )
@@ -232,7 +236,8 @@ class _Walks:
 
     def _watch(self, state: RobotState) -> None:
         """End the walks of robots that have fallen."""
-        assert state.base_quaternion_world is not None  # noqa: S101  a simulation knows its pose
+        if state.base_quaternion_world is None:
+            return
         leans = leaning(state.base_quaternion_world)
         self._leaning_ticks = np.where(leans, self._leaning_ticks + 1, 0)
         self._end(self._batch.running & (self._leaning_ticks >= FALL_TICKS), "fell")

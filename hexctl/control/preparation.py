@@ -86,11 +86,12 @@ def ticks_of(servos: LegServos, duration_s: float) -> int:
 class _TraceObserver:
     """Adds every tick to the trial's trace."""
 
-    def __init__(self, trace: Trace) -> None:
-        self._trace = trace
+    def __init__(self, trace: Trace, servos: LegServos) -> None:
+        self._trace, self._servos = trace, servos
 
     def record(self, tick: Tick, state: RobotState, wanted_rad: FloatArray, sent: JointTargets) -> None:
-        self._trace.add(tick.time_s, state)
+        pose = self._servos.true_pose
+        self._trace.add(tick.time_s, state, None if pose is None else pose[0])
 
     def took(self, work_s: float) -> None:
         """Nothing: a trace keeps no durations."""
@@ -115,7 +116,7 @@ class Phases:
 
     def __init__(self, servos: Guard, trace: Trace, recorders: Recorders | None) -> None:
         self.servos, self.trace, self._recorders = servos, trace, recorders
-        self._observers: list[TickObserver] = [_TraceObserver(trace)]
+        self._observers: list[TickObserver] = [_TraceObserver(trace, servos.unwrapped)]
         if recorders is not None:
             self._observers.append(recorders)
 

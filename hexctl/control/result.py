@@ -76,6 +76,8 @@ class TrialResult(ArrayFields):
         turn_miss_rad: how much further than its goal the self-rotation turned, counter-clockwise; None
             without one, and where the robot knows no yaw. A degree is worth 8 to 14 cm after 30 s.
         hold: what the walk held by feedback: `line`, `heading` or `none`.
+        true_deviation: from the same line by where a simulated robot really was, which its sensors may not
+            have told; None for a real robot.
     """
 
     status: str
@@ -91,6 +93,7 @@ class TrialResult(ArrayFields):
     cause: str | None = None
     turn_miss_rad: float | None = None
     hold: str = "none"
+    true_deviation: Deviation | None = None
 
     @property
     def valid(self) -> bool:
@@ -114,6 +117,7 @@ class TrialResult(ArrayFields):
             "cause": self.cause,
             "turn_miss_deg": None if self.turn_miss_rad is None else math.degrees(self.turn_miss_rad),
             "hold": self.hold,
+            "true_deviation_m": None if self.true_deviation is None else self.true_deviation.to_dict(),
         }
         if path:
             data["path_m"] = [[_known(value) for value in row] for row in self.path_m.tolist()]
@@ -142,6 +146,7 @@ class TrialResult(ArrayFields):
                 cause=data.get("cause"),
                 turn_miss_rad=None if miss_deg is None else math.radians(miss_deg),
                 hold=str(data.get("hold", "none")),
+                true_deviation=Deviation.from_dict(data.get("true_deviation_m") or {"signed": None}),
             )
         except (KeyError, TypeError, ValueError, AttributeError) as error:
             raise InputError(
@@ -207,6 +212,7 @@ def score(
     quaternions_world: FloatArray,
     samples: Samples | None = None,
     hold: str = "none",
+    true_positions_world: FloatArray | None = None,
 ) -> TrialResult:
     """Result of a walk.
 
@@ -224,10 +230,12 @@ def score(
         samples: of its joints and feet, from which the cause of a walk without progress is told; None where
             they are not known.
         hold: what the walk held by feedback.
+        true_positions_world: of a simulated robot, likewise; NaN or None where they are not known.
     """
-    walked = frame is not None and len(positions_world) > 0
     path = frame.path(positions_world) if frame is not None else np.zeros((0, 2))
-    distance_m = float(path[-1, 0]) if walked else None
+    known = path[np.isfinite(path[:, 0])]
+    walked = len(known) > 0
+    distance_m = float(known[-1, 0]) if walked else None
     ideal_speed = ideal_speed_m_s(robot, plan.gait, plan.motion(0.0))
     long_enough = duration_s >= RAMP_DURATION_S
     if status == "ok" and distance_m is not None and long_enough and _goes_straight(plan):
@@ -243,14 +251,22 @@ def score(
         turned_rad=turned_rad,
         distance_m=distance_m,
         ideal_distance_m=ideal_speed * duration_s,
-        deviation=_deviation(path[:, 1]) if walked else None,
+        deviation=_deviation(known[:, 1]) if walked else None,
         yaw_change_rad=_yaw_change_rad(frame.yaw_rad, quaternions_world) if frame and walked else None,
         clipped_ticks=clipped_ticks,
         path_m=path,
         cause=cause,
         turn_miss_rad=_turn_miss_rad(robot, plan, turned_rad) if frame is not None else None,
         hold=hold,
+        true_deviation=_true_deviation(frame, true_positions_world) if walked else None,
     )
+
+
+def _true_deviation(frame: TrialFrame | None, positions_world: FloatArray | None) -> Deviation | None:
+    """Deviation by true positions, (T, 3); None where there are none."""
+    if frame is None or positions_world is None or not np.isfinite(positions_world).all():
+        return None
+    return _deviation(frame.path(positions_world)[:, 1])
 
 
 def _turn_miss_rad(robot: Robot, plan: TrialPlan, turned_rad: float) -> float | None:

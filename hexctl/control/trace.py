@@ -53,6 +53,7 @@ class Trace:
         self._times_s = np.empty(FIRST_ROWS)
         self._positions = np.empty((FIRST_ROWS, 3))
         self._quaternions = np.empty((FIRST_ROWS, 4))
+        self._true_positions = np.empty((FIRST_ROWS, 3))
         self._starts: dict[str, int] = {}
 
     def __len__(self) -> int:
@@ -62,8 +63,8 @@ class Trace:
         """Count the next ticks to a phase of `PHASES`."""
         self._starts.setdefault(phase, self._length)
 
-    def add(self, time_s: float, state: RobotState) -> None:
-        """Append the tick at a time of the servos' clock."""
+    def add(self, time_s: float, state: RobotState, true_position_world: FloatArray | None = None) -> None:
+        """Append the tick at a time of the servos' clock, with the true position of a simulation."""
         if self._length == len(self._times_s):
             self._grow()
         row = self._length
@@ -72,6 +73,7 @@ class Trace:
         self._times_s[row] = time_s
         self._positions[row] = position if self.pose_known else np.nan
         self._quaternions[row] = quaternion if self.pose_known else np.nan
+        self._true_positions[row] = np.nan if true_position_world is None else true_position_world
         self._length = row + 1
 
     def rows(self, phase: str) -> slice:
@@ -98,6 +100,11 @@ class Trace:
         return self._quaternions[: self._length]
 
     @property
+    def true_positions_world(self) -> FloatArray:
+        """True base positions of all ticks, (T, 3) in m; NaN where the robot is not simulated."""
+        return self._true_positions[: self._length]
+
+    @property
     def path_m(self) -> FloatArray:
         """Progress and deviation at each tick of the walk so far, (T, 2); (0, 2) without a frame."""
         if self.frame is None:
@@ -105,6 +112,6 @@ class Trace:
         return self.frame.path(self.positions_world[self.rows("walk")])
 
     def _grow(self) -> None:
-        for name in ("_times_s", "_positions", "_quaternions"):
+        for name in ("_times_s", "_positions", "_quaternions", "_true_positions"):
             rows = getattr(self, name)
             setattr(self, name, np.concatenate([rows, np.empty_like(rows)]))

@@ -227,6 +227,7 @@ class _Trial:
             hold=self.hold,
             frame=trace.frame,
             positions_world=trace.positions_world[rows],
+            true_positions_world=trace.true_positions_world[rows],
             quaternions_world=trace.quaternions_world[rows],
             samples=self._samples.of(rows.stop - rows.start),
         )

@@ -6,8 +6,10 @@ import mujoco
 import numpy as np
 from mujoco.batch import Batch, SimulationError
 
+from hexctl.backends.base import TruePose
 from hexctl.backends.sim.model import FIRST_JOINT
-from hexctl.backends.sim.servos import SimServos, Snapshot
+from hexctl.backends.sim.sensing import Snapshot
+from hexctl.backends.sim.servos import SimServos
 from hexctl.types import FloatArray, RobotState
 
 
@@ -25,6 +27,7 @@ class SimBatch:
         self._simulation = servos.simulation
         self._noise = copy.deepcopy(servos.noise)
         self._loss = copy.deepcopy(servos.loss)
+        self._pose_loss = copy.deepcopy(servos.pose_loss)
         self._actuators = servos.actuators.copies(n)
         self._world = servos.world
         self._late = None if servos.late is None else servos.late.copies(servos.world, n)
@@ -51,6 +54,7 @@ class SimBatch:
             self._step(after)
         self._noise.draw()
         self._loss.draw()
+        self._pose_loss.draw()
         self._ticks += 1
 
     def _step(self, nstep: int) -> None:
@@ -69,6 +73,11 @@ class SimBatch:
         """What is measured now, without errors."""
         return Snapshot(self._qpos.copy(), self._touch.copy())
 
+    @property
+    def true_pose(self) -> TruePose:
+        """Positions (n, 3) and orientations (n, 4) of the bases as they are."""
+        return self._qpos[:, :3], self._qpos[:, 3:FIRST_JOINT]
+
     def read(self) -> RobotState:
         """States after the last tick, with the world's sensor noise; arrays of leading shape (n,)."""
         measured = self._measured() if self._late is None else self._late.oldest
@@ -81,7 +90,10 @@ class SimBatch:
             quaternion = self._noise.turned(quaternion)
         age_s = self._world.latency_steps * self._world.time_step_s
         stamp_s = (self._start_index + self._ticks) * self._period_s - age_s
-        return RobotState(joints, stamp_s, True, position, quaternion, measured.touch > 0, age_s)
+        touch = measured.touch > 0
+        if self._pose_loss.lost:
+            return RobotState(joints, stamp_s, True, None, None, touch, age_s)
+        return RobotState(joints, stamp_s, True, position, quaternion, touch, age_s)
 
     def write(self, positions_rad: FloatArray) -> None:
         """Command the simulated servos; targets (n, 18) in rad."""

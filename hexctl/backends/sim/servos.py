@@ -1,27 +1,21 @@
-"""The simulated robot as LegServos: its clock, sensor noise and actuator model."""
+"""The simulated robot as LegServos, and its clock."""
 
-import math
-from collections import deque
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable
 from pathlib import Path
-from typing import Self
 
 import numpy as np
 
-from hexctl.backends.base import LegServos, as_robot, check_connected, check_targets
+from hexctl.backends.base import LegServos, TruePose, as_robot, check_connected, check_targets
 from hexctl.backends.clock import Clock, Tick, WallClock
+from hexctl.backends.sim.actuators import ActuatorModel
 from hexctl.backends.sim.dm import PhysicsError
 from hexctl.backends.sim.model import FIRST_JOINT, Simulation, make_simulation
-from hexctl.backends.sim.world import SensorNoise, World, as_world
+from hexctl.backends.sim.sensing import LateStates, Losses, Noise, Snapshot
+from hexctl.backends.sim.world import World, as_world
 from hexctl.errors import SimulationDivergedError, check_type
 from hexctl.robot.failure import Failure, drawn_failure
 from hexctl.robot.model import Robot
-from hexctl.types import N_JOINTS, ArrayFields, FloatArray, JointTargets, RobotState
-
-#: Random numbers per tick: 18 joints, 3 of position, 1 of yaw.
-N_DRAWS = N_JOINTS + 4
-
+from hexctl.types import JointTargets, RobotState
 
 class SimClock(Clock):
     """Advances by stepping the physics: one control period per tick.
@@ -59,160 +53,6 @@ class SimClock(Clock):
         self._step()
         self._index += 1
         return Tick(self._index, self._index * self.period_s, late_s)
-
-
-class Noise:
-    """A seeded stream of measurement errors, drawn once per tick so that every reader sees the same.
-
-    Attributes:
-        silent: whether all errors are zero.
-    """
-
-    def __init__(self, sigma: SensorNoise, seed: int, trial: int = 0) -> None:
-        # A stream of its own beside those of the bumps and of the joint offsets.
-        self._stream = np.random.default_rng([seed, 2, trial])
-        self._scale = np.array(
-            [math.radians(sigma.joint_deg)] * N_JOINTS
-            + [sigma.position_m] * 3
-            + [math.radians(sigma.yaw_deg)]
-        )
-        self.silent = not self._scale.any()
-        self._errors = np.zeros(N_DRAWS)
-
-    def draw(self) -> None:
-        """Draw the errors of the next tick."""
-        if not self.silent:
-            self._errors = self._stream.standard_normal(N_DRAWS) * self._scale
-
-    @property
-    def joints_rad(self) -> FloatArray:
-        """Errors of the joint angles, (18,)."""
-        return self._errors[:N_JOINTS]
-
-    @property
-    def position_m(self) -> FloatArray:
-        """Error of the base position, (3,)."""
-        return self._errors[N_JOINTS:-1]
-
-    def turned(self, quaternion: FloatArray) -> FloatArray:
-        """Orientations (..., 4) turned about the vertical by the yaw error."""
-        cos, sin = math.cos(self._errors[-1] / 2), math.sin(self._errors[-1] / 2)
-        w, x, y, z = (quaternion[..., index] for index in range(4))
-        return np.stack([cos * w - sin * z, cos * x - sin * y, cos * y + sin * x, cos * z + sin * w], axis=-1)
-
-
-class CommandLoss:
-    """A seeded stream of which control periods lose their command, drawn once per tick.
-
-    Attributes:
-        lost: whether a command of this period is lost.
-    """
-
-    def __init__(self, share: float, seed: int, trial: int = 0) -> None:
-        # A stream of its own beside those of the bumps, of the joint offsets and of the noise.
-        self._stream = np.random.default_rng([seed, 3, trial])
-        self._share = share
-        self.lost = False
-
-    def draw(self) -> None:
-        """Draw the loss of the next tick."""
-        if self._share:
-            self.lost = bool(self._stream.random() < self._share)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Snapshot(ArrayFields):
-    """What is measured at one moment: qpos, leading shape + (25,), and foot forces, leading shape + (6,)."""
-
-    qpos: FloatArray
-    touch: FloatArray
-
-
-class LateStates:
-    """States on their way to the reader: each is `latency_steps` steps of the physics old when it is read.
-
-    Attributes:
-        steps_after: steps of the physics that follow the moment of measurement within a tick.
-    """
-
-    def __init__(self, world: World, now: Snapshot, on_their_way: Sequence[Snapshot] = ()) -> None:
-        whole_ticks, self.steps_after = divmod(world.latency_steps, world.steps_per_tick)
-        self._latest = deque(on_their_way or [now] * (whole_ticks + 1), maxlen=whole_ticks + 1)
-
-    def keep(self, now: Snapshot) -> None:
-        """Measure, once per tick."""
-        self._latest.append(now)
-
-    @property
-    def oldest(self) -> Snapshot:
-        """The state that is read."""
-        return self._latest[0]
-
-    def copies(self, world: World, n: int) -> "LateStates":
-        """The states of n robots in the state of this one."""
-        rows = [Snapshot(np.tile(one.qpos, (n, 1)), np.tile(one.touch, (n, 1))) for one in self._latest]
-        return LateStates(world, rows[-1], rows)
-
-
-class ActuatorModel:
-    """From joint targets to actuator commands: loss, delay, calibration error, backlash and jammed joints.
-
-    For one robot, or for n robots together. Backlash is a hysteresis: the shaft stands still until the servo
-    has crossed the play, and then follows it half the play behind.
-
-    Attributes:
-        plain: whether targets reach the actuators unchanged.
-    """
-
-    def __init__(
-        self,
-        simulation: Simulation,
-        heard_rad: FloatArray,
-        shaft_rad: FloatArray,
-        late_rad: Sequence[FloatArray],
-    ) -> None:
-        """Begin with the targets heard last, given shaft angles and the delayed targets, oldest first."""
-        self._simulation = simulation
-        self._heard_rad = heard_rad
-        self._half_play_rad = math.radians(simulation.world.servo_backlash_deg) / 2
-        self._shaft_rad = shaft_rad
-        self._late_rad = deque(late_rad)
-        self.plain = not (
-            simulation.jammed.any()
-            or simulation.joint_offsets_rad.any()
-            or self._late_rad
-            or self._half_play_rad
-            or simulation.world.lost_commands
-        )
-
-    @classmethod
-    def at_rest(cls, simulation: Simulation, stance_rad: FloatArray) -> Self:
-        """The model of a robot that has stood in its stance for longer than the delay."""
-        late_rad = [stance_rad] * simulation.world.delay_ticks
-        return cls(simulation, stance_rad, stance_rad + simulation.joint_offsets_rad, late_rad)
-
-    def copies(self, n: int) -> "ActuatorModel":
-        """The model of n robots in the state of this one; it takes targets (n, 18)."""
-        late_rad = [np.tile(positions_rad, (n, 1)) for positions_rad in self._late_rad]
-        heard_rad, shaft_rad = np.tile(self._heard_rad, (n, 1)), np.tile(self._shaft_rad, (n, 1))
-        return ActuatorModel(self._simulation, heard_rad, shaft_rad, late_rad)
-
-    def drive(self, positions_rad: FloatArray, lost: bool = False) -> FloatArray:
-        """Actuator commands of one tick for its joint targets, (18,) or (n, 18), which may be lost."""
-        if lost:
-            positions_rad = self._heard_rad
-        elif self._simulation.world.lost_commands:
-            self._heard_rad = positions_rad.copy()
-        if self._late_rad:
-            self._late_rad.append(positions_rad.copy())
-            positions_rad = self._late_rad.popleft()
-        shaft_rad = positions_rad + self._simulation.joint_offsets_rad
-        if self._half_play_rad:
-            shaft_rad = np.clip(
-                self._shaft_rad, shaft_rad - self._half_play_rad, shaft_rad + self._half_play_rad
-            )
-            self._shaft_rad = shaft_rad
-        return np.where(self._simulation.jammed, self._simulation.jammed_at_rad, shaft_rad)
 
 
 class SimServos(LegServos):
@@ -292,13 +132,21 @@ class SimServos(LegServos):
         self._springs = [(model.actuator_gainprm[:, 0], model.actuator_gainprm[:, 0].copy())]
         self._springs += [(model.actuator_biasprm[:, 1], model.actuator_biasprm[:, 1].copy())]
         self.noise = Noise(self.world.sensor_noise, self.seed, self.trial)
-        self.loss = CommandLoss(self.world.lost_commands, self.seed, self.trial)
+        self.loss = Losses.of_commands(self.world, self.seed, self.trial)
+        self.pose_loss = Losses.of_poses(self.world, self.seed, self.trial)
         data = simulation.physics.data.ptr
         # Views of MuJoCo's own memory: they stay valid and save the wrapper's cost on every tick.
         self._qpos, self._ctrl, self._touch = data.qpos, data.ctrl, data.sensordata
         self.late = LateStates(self.world, self._measured()) if self.world.latency_steps else None
         self.actuators = ActuatorModel.at_rest(simulation, self._robot.stance_angles_rad)
         self._offsets_rad = simulation.joint_offsets_rad if simulation.joint_offsets_rad.any() else None
+
+    @property
+    def true_pose(self) -> TruePose | None:  # type: ignore[override]  # changes with every step
+        """Position and orientation of the base as they are, without errors and without delay."""
+        if self._simulation is None:
+            return None
+        return self._qpos[:3].copy(), self._qpos[3:FIRST_JOINT].copy()
 
     def read(self) -> RobotState:
         """State after the last tick, with the sensor noise of the world."""
@@ -313,8 +161,10 @@ class SimServos(LegServos):
             position = position + self.noise.position_m
             quaternion = self.noise.turned(quaternion)
         age_s = self.world.latency_steps * self.world.time_step_s
-        stamp_s = self._clock.now_s - age_s
-        return RobotState(joints, stamp_s, True, position, quaternion, measured.touch > 0, age_s)
+        stamp_s, touch = self._clock.now_s - age_s, measured.touch > 0
+        if self.pose_loss.lost:
+            return RobotState(joints, stamp_s, True, None, None, touch, age_s)
+        return RobotState(joints, stamp_s, True, position, quaternion, touch, age_s)
 
     def write(self, targets: JointTargets) -> JointTargets:
         """Command the simulated servos; a jammed joint ignores its target."""
@@ -359,6 +209,7 @@ class SimServos(LegServos):
             raise SimulationDivergedError(f"the simulation became unstable: {error}") from error
         self.noise.draw()
         self.loss.draw()
+        self.pose_loss.draw()
 
     def _measured(self) -> Snapshot:
         """What is measured now, without errors."""

@@ -96,6 +96,7 @@ class World(_Section):
         state_latency_s: age of a state when it is read; rounded to whole steps of the physics.
         lost_commands: share of the control periods whose command is lost, drawn with the seed; the servos
             keep to the one before.
+        lost_poses: share of the control periods in which position and orientation are not measured, likewise.
     """
 
     friction: Annotated[Number, Field(gt=0, le=5, allow_inf_nan=False)] = 0.8
@@ -123,6 +124,7 @@ class World(_Section):
     sensor_noise: Annotated[SensorNoise, DRAWN] = SensorNoise()
     state_latency_s: Annotated[Number, Field(ge=0, le=0.1, allow_inf_nan=False)] = 0.0
     lost_commands: Annotated[Number, Field(ge=0, le=0.5, allow_inf_nan=False), DRAWN] = 0.0
+    lost_poses: Annotated[Number, Field(ge=0, le=0.95, allow_inf_nan=False), DRAWN] = 0.0
 
     @property
     def seeded(self) -> bool:

@@ -12,7 +12,9 @@ from hypothesis import strategies as st
 
 from hexctl.backends.sim.batch import SimBatch
 from hexctl.backends.sim.model import FIRST_JOINT, Simulation, make_simulation
-from hexctl.backends.sim.servos import ActuatorModel, CommandLoss, SimServos
+from hexctl.backends.sim.actuators import ActuatorModel
+from hexctl.backends.sim.sensing import Losses
+from hexctl.backends.sim.servos import SimServos
 from hexctl.backends.sim.world import World, load_world
 from hexctl.control.batch import SimTrial, run_sim_trial, run_sim_trials
 from hexctl.control.plan import TrialPlan
@@ -228,7 +230,7 @@ def test_a_lost_command_leaves_the_servos_at_the_one_before(losses: list[bool], 
 
 def test_as_many_commands_are_lost_as_the_world_says_the_same_ones_every_time() -> None:
     def drawn(share: float, seed: int) -> list[bool]:
-        loss, lost = CommandLoss(share, seed), []
+        loss, lost = Losses(share, (seed, 3, 0)), []
         for _ in range(4000):
             loss.draw()
             lost.append(loss.lost)

@@ -366,6 +366,7 @@ CHANGED: dict[str, Any] = {
     "sensor_noise": SensorNoise(joint_deg=0.5),
     "state_latency_s": 0.01,
     "lost_commands": 0.5,
+    "lost_poses": 0.5,
 }
 
 

@@ -1,0 +1,72 @@
+"""From joint targets to actuator commands: loss, delay, calibration errors, backlash, jammed joints."""
+
+import math
+from collections import deque
+from collections.abc import Sequence
+from typing import Self
+
+import numpy as np
+
+from hexctl.backends.sim.model import Simulation
+from hexctl.types import FloatArray
+
+
+class ActuatorModel:
+    """From joint targets to actuator commands: loss, delay, calibration error, backlash and jammed joints.
+
+    For one robot, or for n robots together. Backlash is a hysteresis: the shaft stands still until the servo
+    has crossed the play, and then follows it half the play behind.
+
+    Attributes:
+        plain: whether targets reach the actuators unchanged.
+    """
+
+    def __init__(
+        self,
+        simulation: Simulation,
+        heard_rad: FloatArray,
+        shaft_rad: FloatArray,
+        late_rad: Sequence[FloatArray],
+    ) -> None:
+        """Begin with the targets heard last, given shaft angles and the delayed targets, oldest first."""
+        self._simulation = simulation
+        self._heard_rad = heard_rad
+        self._half_play_rad = math.radians(simulation.world.servo_backlash_deg) / 2
+        self._shaft_rad = shaft_rad
+        self._late_rad = deque(late_rad)
+        self.plain = not (
+            simulation.jammed.any()
+            or simulation.joint_offsets_rad.any()
+            or self._late_rad
+            or self._half_play_rad
+            or simulation.world.lost_commands
+        )
+
+    @classmethod
+    def at_rest(cls, simulation: Simulation, stance_rad: FloatArray) -> Self:
+        """The model of a robot that has stood in its stance for longer than the delay."""
+        late_rad = [stance_rad] * simulation.world.delay_ticks
+        return cls(simulation, stance_rad, stance_rad + simulation.joint_offsets_rad, late_rad)
+
+    def copies(self, n: int) -> "ActuatorModel":
+        """The model of n robots in the state of this one; it takes targets (n, 18)."""
+        late_rad = [np.tile(positions_rad, (n, 1)) for positions_rad in self._late_rad]
+        heard_rad, shaft_rad = np.tile(self._heard_rad, (n, 1)), np.tile(self._shaft_rad, (n, 1))
+        return ActuatorModel(self._simulation, heard_rad, shaft_rad, late_rad)
+
+    def drive(self, positions_rad: FloatArray, lost: bool = False) -> FloatArray:
+        """Actuator commands of one tick for its joint targets, (18,) or (n, 18), which may be lost."""
+        if lost:
+            positions_rad = self._heard_rad
+        elif self._simulation.world.lost_commands:
+            self._heard_rad = positions_rad.copy()
+        if self._late_rad:
+            self._late_rad.append(positions_rad.copy())
+            positions_rad = self._late_rad.popleft()
+        shaft_rad = positions_rad + self._simulation.joint_offsets_rad
+        if self._half_play_rad:
+            shaft_rad = np.clip(
+                self._shaft_rad, shaft_rad - self._half_play_rad, shaft_rad + self._half_play_rad
+            )
+            self._shaft_rad = shaft_rad
+        return np.where(self._simulation.jammed, self._simulation.jammed_at_rad, shaft_rad)

@@ -1,0 +1,118 @@
+"""What a simulated robot measures: errors, age and losses."""
+
+import math
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+
+from hexctl.backends.sim.world import SensorNoise, World
+from hexctl.types import N_JOINTS, ArrayFields, FloatArray
+
+#: Random numbers per tick: 18 joints, 3 of position, 1 of yaw.
+N_DRAWS = N_JOINTS + 4
+
+
+class Noise:
+    """A seeded stream of measurement errors, drawn once per tick so that every reader sees the same.
+
+    Attributes:
+        silent: whether all errors are zero.
+    """
+
+    def __init__(self, sigma: SensorNoise, seed: int, trial: int = 0) -> None:
+        # A stream of its own beside those of the bumps and of the joint offsets.
+        self._stream = np.random.default_rng([seed, 2, trial])
+        self._scale = np.array(
+            [math.radians(sigma.joint_deg)] * N_JOINTS
+            + [sigma.position_m] * 3
+            + [math.radians(sigma.yaw_deg)]
+        )
+        self.silent = not self._scale.any()
+        self._errors = np.zeros(N_DRAWS)
+
+    def draw(self) -> None:
+        """Draw the errors of the next tick."""
+        if not self.silent:
+            self._errors = self._stream.standard_normal(N_DRAWS) * self._scale
+
+    @property
+    def joints_rad(self) -> FloatArray:
+        """Errors of the joint angles, (18,)."""
+        return self._errors[:N_JOINTS]
+
+    @property
+    def position_m(self) -> FloatArray:
+        """Error of the base position, (3,)."""
+        return self._errors[N_JOINTS:-1]
+
+    def turned(self, quaternion: FloatArray) -> FloatArray:
+        """Orientations (..., 4) turned about the vertical by the yaw error."""
+        cos, sin = math.cos(self._errors[-1] / 2), math.sin(self._errors[-1] / 2)
+        w, x, y, z = (quaternion[..., index] for index in range(4))
+        return np.stack([cos * w - sin * z, cos * x - sin * y, cos * y + sin * x, cos * z + sin * w], axis=-1)
+
+
+class Losses:
+    """A seeded stream of which control periods lose something, drawn once per tick.
+
+    Attributes:
+        lost: whether this period does.
+    """
+
+    def __init__(self, share: float, stream: Sequence[int]) -> None:
+        self._stream = np.random.default_rng(list(stream))
+        self._share = share
+        self.lost = False
+
+    @classmethod
+    def of_commands(cls, world: World, seed: int, trial: int = 0) -> Self:
+        """Which periods lose their command."""
+        # Streams of their own: bumps have 0, joint offsets 1, noise 2, unknown failures 4.
+        return cls(world.lost_commands, (seed, 3, trial))
+
+    @classmethod
+    def of_poses(cls, world: World, seed: int, trial: int = 0) -> Self:
+        """Which periods lose their pose."""
+        return cls(world.lost_poses, (seed, 5, trial))
+
+    def draw(self) -> None:
+        """Draw the loss of the next tick."""
+        if self._share:
+            self.lost = bool(self._stream.random() < self._share)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Snapshot(ArrayFields):
+    """What is measured at one moment: qpos, leading shape + (25,), and foot forces, leading shape + (6,)."""
+
+    qpos: FloatArray
+    touch: FloatArray
+
+
+class LateStates:
+    """States on their way to the reader: each is `latency_steps` steps of the physics old when it is read.
+
+    Attributes:
+        steps_after: steps of the physics that follow the moment of measurement within a tick.
+    """
+
+    def __init__(self, world: World, now: Snapshot, on_their_way: Sequence[Snapshot] = ()) -> None:
+        whole_ticks, self.steps_after = divmod(world.latency_steps, world.steps_per_tick)
+        self._latest = deque(on_their_way or [now] * (whole_ticks + 1), maxlen=whole_ticks + 1)
+
+    def keep(self, now: Snapshot) -> None:
+        """Measure, once per tick."""
+        self._latest.append(now)
+
+    @property
+    def oldest(self) -> Snapshot:
+        """The state that is read."""
+        return self._latest[0]
+
+    def copies(self, world: World, n: int) -> "LateStates":
+        """The states of n robots in the state of this one."""
+        rows = [Snapshot(np.tile(one.qpos, (n, 1)), np.tile(one.touch, (n, 1))) for one in self._latest]
+        return LateStates(world, rows[-1], rows)
