@@ -9,7 +9,8 @@ import mujoco
 import numpy as np
 
 from hexctl.backends.clock import PERIOD_S
-from hexctl.backends.sim.servos import ActuatorModel, SimServos
+from hexctl.backends.sim.actuators import ActuatorModel
+from hexctl.backends.sim.servos import SimServos
 from hexctl.control.log import TickLog
 from hexctl.types import FloatArray
 

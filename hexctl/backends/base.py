@@ -15,7 +15,7 @@ from hexctl.robot.failure import Failure, failure_text, untold_note
 from hexctl.robot.loader import load_robot
 from hexctl.robot.model import Robot
 from hexctl.robot.servo_map import ServoMap
-from hexctl.types import N_JOINTS, JointTargets, RobotState
+from hexctl.types import N_JOINTS, FloatArray, JointTargets, RobotState
 
 if TYPE_CHECKING:
     from hexctl.wire.description import RobotIdentity

@@ -269,8 +269,8 @@ HoldOption = Annotated[
     choice(
         "--hold",
         Hold,
-        "Keep the walk on its line by feedback of position and yaw, keep its heading by yaw alone, or none: open "
-        "loop, as in the paper; auto is the best that the robot's state allows.",
+        "Feedback keeps the walk on its line, by position and yaw, or keeps its heading, by yaw alone; none: "
+        "open loop, as in the paper; auto is the best that the robot's state allows.",
     ),
 ]
 SimFailedLegOption = Annotated[

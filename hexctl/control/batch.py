@@ -87,8 +87,8 @@ class SimTrial:
         """Key that trials must have in common to walk together, from one state and with one kind of walk."""
         plan = self.plan
         start = (self.facing_rad, plan.heading_rad, plan.self_rotation, plan.turn_rad, plan.settle_s)
-        start += (plan.hold, plan.straight)
-        return (self.robot.fingerprint, self.world, self.seed, self.failure, plan.belief, start)
+        walk = (plan.hold, plan.straight)
+        return (self.robot.fingerprint, self.world, self.seed, self.failure, plan.belief, start, walk)
 
 
 def run_sim_trial(trial: SimTrial, make_controller: MakeController = planned_walk) -> TrialResult:
@@ -205,8 +205,9 @@ class _Walks:
             self._samples.add(state, self._accepted_rad)
             self._clipped += running & (self._accepted_rad != wanted_rad).any(axis=-1)
             self._walked += running
-            if state.base_position_world is not None and state.base_quaternion_world is not None:
+            if state.base_position_world is not None:
                 self._positions[:, step] = state.base_position_world
+            if state.base_quaternion_world is not None:
                 self._quaternions[:, step] = state.base_quaternion_world
             self._true_positions[:, step] = self._batch.true_pose[0]
             running &= (step + 1 < self._ticks) & ~np.asarray(self._controller.done(step, state))

@@ -72,6 +72,9 @@ def leaning(base_quaternion_world: FloatArray) -> BoolArray:
 #: than this stops it.
 EXPIRY_S = 0.2
 
+#: A pose that a robot has measured may stay away for this long: steering continues with what it knows.
+POSE_EXPIRY_S = 5.0
+
 #: No link needs a longer expiry.
 MAX_EXPIRY_S = 1.0
 
@@ -120,8 +123,8 @@ class Guard(ServosWrapper):
     Attributes:
         counters: what passed and what did not.
         stopped: why the robot is stopped, or None: `fell`; `fault`, with what the robot says of it; `state`
-            (not finite or too old), `pose lost`; `expired` (no command came); the reason that the robot's own
-            guard gives; or the reason given to `stop`.
+            (not finite or too old), `pose lost` (for longer than `POSE_EXPIRY_S`); `expired` (no command
+            came); the reason that the robot's own guard gives; or the reason given to `stop`.
         leaning_ticks: for how many ticks the body has leant too far.
     """
 
@@ -139,7 +142,8 @@ class Guard(ServosWrapper):
         self._accepted_at_s: float | None = None
         self._baseline_rad: FloatArray | None = None
         self._baseline_period = 0
-        self._position_known = self._tilt_known = False
+        self._position_at_s: float | None = None
+        self._tilt_at_s: float | None = None
         self.leaning_ticks = 0
 
     @property
@@ -280,7 +284,7 @@ class Guard(ServosWrapper):
     def _forget(self) -> None:
         """Know of no command, no pose and no fall, as before the first one."""
         self._accepted_rad = self._accepted_at_s = self._baseline_rad = None
-        self._position_known = self._tilt_known = False
+        self._position_at_s = self._tilt_at_s = None
         self.leaning_ticks = 0
 
     def _baseline(self, now_s: float) -> FloatArray:
@@ -323,15 +327,18 @@ class Guard(ServosWrapper):
     def _watch_pose(self, state: RobotState) -> None:
         """Latch a stop for a fall, and for a pose that is not finite or has been lost."""
         position, quaternion = state.base_position_world, state.base_quaternion_world
-        if (position is None and self._position_known) or (quaternion is None and self._tilt_known):
-            self.stop("pose lost")
+        now_s = self.clock.now_s
         if position is not None:
-            self._position_known = True
+            self._position_at_s = now_s
             if not math.isfinite(sum(position.tolist())):
                 self.stop("state")
+        if quaternion is not None:
+            self._tilt_at_s = now_s
+        for seen_at_s in (self._position_at_s, self._tilt_at_s):
+            if seen_at_s is not None and now_s - seen_at_s > POSE_EXPIRY_S:
+                self.stop("pose lost")
         if quaternion is None:
             return
-        self._tilt_known = True
         w, x, y, z = quaternion.tolist()
         if not math.isfinite(w + x + y + z):
             self.stop("state")

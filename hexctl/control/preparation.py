@@ -159,15 +159,24 @@ class Preparation:
         plan, robot = self._plan, self._servos.robot
         self._phases.begin("settle")
         self._stand(plan.settle_s)
-        if not self._trace.pose_known or self._stop_requested():
-            return self._start(0.0, None)
         pose = first = self._resting_pose(plan.settle_s)
+        if not first.yaw_known or self._stop_requested():
+            return self._start(0.0, self._frame_without_yaw(first))
         turn_rad = turn_needed_rad(robot, plan)
         if abs(turn_rad) > TURN_WITHIN_RAD:
             self._phases.begin("turn")
             pose = self._turn(turn_rad, first)
         frame = TrialFrame(pose.position_world, first.yaw_rad + plan.heading_rad, pose.yaw_rad)
         return self._start(wrapped_rad(pose.yaw_rad - first.yaw_rad), frame)
+
+    def _frame_without_yaw(self, pose: "_RestingPose") -> TrialFrame | None:
+        """The frame of a robot that knows its position alone, for a walk that holds its line.
+
+        It is believed to face along the x axis of its world.
+        """
+        if self._plan.hold not in ("auto", "line") or not pose.position_known:
+            return None
+        return TrialFrame(pose.position_world, self._plan.heading_rad, 0.0)
 
     def _turn(self, turn_rad: float, first: "_RestingPose") -> "_RestingPose":
         """Turn in place, then in small steps to the goal; the pose in which the robot stands then."""
@@ -191,7 +200,10 @@ class Preparation:
         """Run a controller, stand, and measure the pose at rest."""
         self._phases.run(controller)
         self._stand(PAUSE_S)
-        return self._resting_pose(PAUSE_S)
+        pose = self._resting_pose(PAUSE_S)
+        if not pose.yaw_known:
+            raise RobotFaultError("the robot's yaw was lost before the walk; check what measures it")
+        return pose
 
     def _start(self, turned_rad: float, frame: TrialFrame | None) -> WalkStart:
         return WalkStart(
@@ -212,23 +224,35 @@ class Preparation:
     def _resting_pose(self, duration_s: float) -> "_RestingPose":
         """The pose over the resting half of a stand that has just ended."""
         rest = slice(max(0, len(self._trace) - ticks_of(self._servos, duration_s) // 2 - 1), None)
-        positions, quaternions = self._trace.positions_world[rest], self._trace.quaternions_world[rest]
-        known = np.isfinite(positions[:, 0])
-        if not known.any():
-            raise RobotFaultError("the robot's pose was lost before the walk; check what measures it")
-        yaws = yaw_rad(quaternions[known])
-        off_rad = np.array([wrapped_rad(value - yaws[-1]) for value in yaws.tolist()])
-        return _RestingPose(
-            positions[known].mean(axis=0),
-            float(yaws[-1]) + float(off_rad.mean()),
-            float(off_rad.std() / math.sqrt(len(off_rad))),
-        )
+        return _RestingPose.of(self._trace.positions_world[rest], self._trace.quaternions_world[rest])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _RestingPose(ArrayFields):
-    """Mean pose of a robot at rest: position (3,), yaw, and the standard error of the yaw."""
+    """Mean pose of a robot at rest: position (3,), yaw and its standard error; NaN where unknown."""
 
     position_world: FloatArray
     yaw_rad: float
     yaw_error_rad: float
+
+    @classmethod
+    def of(cls, positions_world: FloatArray, quaternions_world: FloatArray) -> "_RestingPose":
+        """The mean of positions (T, 3) and orientations (T, 4), those that are known."""
+        positions = positions_world[np.isfinite(positions_world[:, 0])]
+        position = positions.mean(axis=0) if len(positions) else np.full(3, np.nan)
+        yaws = yaw_rad(quaternions_world[np.isfinite(quaternions_world[:, 0])])
+        if not yaws.size:
+            return cls(position, math.nan, math.nan)
+        off_rad = np.array([wrapped_rad(value - yaws[-1]) for value in yaws.tolist()])
+        error_rad = float(off_rad.std() / math.sqrt(len(off_rad)))
+        return cls(position, float(yaws[-1]) + float(off_rad.mean()), error_rad)
+
+    @property
+    def position_known(self) -> bool:
+        """Whether a position was measured."""
+        return math.isfinite(self.position_world[0])
+
+    @property
+    def yaw_known(self) -> bool:
+        """Whether a yaw was measured."""
+        return math.isfinite(self.yaw_rad)

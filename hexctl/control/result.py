@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -21,6 +21,9 @@ from hexctl.types import ArrayFields, FloatArray
 #: A walk with less than this share of the ideal distance made no progress; one that is over before the soft
 #: start is says nothing about it.
 PROGRESS_FLOOR = 0.5
+
+#: A walk has an end where the robot knew its position in one of this many last ticks.
+END_TICKS = 50
 
 #: `ok` is the only valid outcome; the others rank behind every valid trial.
 STATUSES = ("ok", "fell", "diverged", "no_progress", "cut_short", "aborted")
@@ -234,7 +237,8 @@ def score(
     """
     path = frame.path(positions_world) if frame is not None else np.zeros((0, 2))
     known = path[np.isfinite(path[:, 0])]
-    walked = len(known) > 0
+    path = path if len(known) else path[:0]
+    walked = bool(np.isfinite(path[-END_TICKS:, 0]).any())
     distance_m = float(known[-1, 0]) if walked else None
     ideal_speed = ideal_speed_m_s(robot, plan.gait, plan.motion(0.0))
     long_enough = duration_s >= RAMP_DURATION_S
@@ -242,7 +246,7 @@ def score(
         status = "ok" if distance_m >= progress_floor_m(robot, plan, duration_s) else "no_progress"
     cause = None
     if status == "no_progress" and samples is not None:
-        seen = symptoms(robot, plan, samples, positions_world, quaternions_world)
+        seen = symptoms(robot, plan, samples, filled(positions_world), filled(quaternions_world))
         cause = None if seen is None else seen.cause
     return TrialResult(
         status=status,
@@ -252,21 +256,34 @@ def score(
         distance_m=distance_m,
         ideal_distance_m=ideal_speed * duration_s,
         deviation=_deviation(known[:, 1]) if walked else None,
-        yaw_change_rad=_yaw_change_rad(frame.yaw_rad, quaternions_world) if frame and walked else None,
+        yaw_change_rad=None if frame is None else _yaw_change_rad(frame.yaw_rad, quaternions_world),
         clipped_ticks=clipped_ticks,
         path_m=path,
         cause=cause,
         turn_miss_rad=_turn_miss_rad(robot, plan, turned_rad) if frame is not None else None,
         hold=hold,
-        true_deviation=_true_deviation(frame, true_positions_world) if walked else None,
+        true_deviation=_true_deviation(frame, true_positions_world),
     )
 
 
 def _true_deviation(frame: TrialFrame | None, positions_world: FloatArray | None) -> Deviation | None:
     """Deviation by true positions, (T, 3); None where there are none."""
-    if frame is None or positions_world is None or not np.isfinite(positions_world).all():
+    if frame is None or positions_world is None or not len(positions_world):
         return None
+    if not np.isfinite(positions_world).all():
+        return None
+    if not np.isfinite(frame.origin_world).all():
+        frame = replace(frame, origin_world=positions_world[0])
     return _deviation(frame.path(positions_world)[:, 1])
+
+
+def filled(rows: FloatArray) -> FloatArray:
+    """Rows (T, n) in which each unknown one is that before it, or the first known one."""
+    known = np.isfinite(rows[:, 0])
+    if known.all() or not known.any():
+        return rows
+    last = np.maximum.accumulate(np.where(known, np.arange(len(rows)), -1))
+    return np.asarray(rows[np.where(last < 0, np.argmax(known), last)])
 
 
 def _turn_miss_rad(robot: Robot, plan: TrialPlan, turned_rad: float) -> float | None:
@@ -287,9 +304,12 @@ def _deviation(signed_m: FloatArray) -> Deviation:
     return Deviation(float(off_m[-1]), float(off_m.mean()), float(off_m.max()), float(signed_m[-1]))
 
 
-def _yaw_change_rad(first_yaw_rad: float, quaternions_world: FloatArray) -> float:
-    """How far the body turned, whole turns counted."""
-    yaws = np.unwrap(np.concatenate([[first_yaw_rad], yaw_rad(quaternions_world)]))
+def _yaw_change_rad(first_yaw_rad: float, quaternions_world: FloatArray) -> float | None:
+    """How far the body turned, whole turns counted; None where no orientation is known."""
+    known = quaternions_world[np.isfinite(quaternions_world[:, 0])]
+    if not len(known):
+        return None
+    yaws = np.unwrap(np.concatenate([[first_yaw_rad], yaw_rad(known)]))
     return float(yaws[-1] - yaws[0])
 
 

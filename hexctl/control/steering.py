@@ -90,6 +90,36 @@ class Measured:
         self.missing_s = (self.missing_s + dt_s) * ~self.fresh
 
 
+class CourseOverGround:
+    """Yaw of robots that measure their position alone: where they go, against where they mean to.
+
+    Over a time constant of a cycle, the lag of a position behind itself points along the way, and the mean of
+    the commanded velocity is in the body frame. Their angle is the yaw, and what the robot drifts aside
+    besides, which is as well: a course corrected by it is right.
+
+    Args:
+        cycle_s: of the gait, leading shape.
+    """
+
+    def __init__(self, cycle_s: FloatArray) -> None:
+        self._cycle_s = cycle_s
+        self._behind_world: FloatArray | None = None
+        self._velocity_body: FloatArray = np.zeros((*np.shape(cycle_s), 2))
+        self._time_s = 0.0
+
+    def yaw_rad(self, dt_s: float, position_world: FloatArray, velocity_body: FloatArray) -> FloatArray:
+        """Yaw in the world, leading shape, from a position and the velocity commanded there; NaN at first."""
+        position, share = position_world[..., :2], (1 - np.exp(-dt_s / self._cycle_s))[..., np.newaxis]
+        if self._behind_world is None:
+            self._behind_world = position
+        self._behind_world = self._behind_world + share * (position - self._behind_world)
+        self._velocity_body = self._velocity_body + share * (velocity_body[..., :2] - self._velocity_body)
+        self._time_s += dt_s
+        way, wanted = position - self._behind_world, self._velocity_body
+        angle_rad = np.arctan2(way[..., 1], way[..., 0]) - np.arctan2(wanted[..., 1], wanted[..., 0])
+        return np.asarray(np.where(self._time_s > 2 * self._cycle_s, angle_rad, np.nan))
+
+
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Course(ArrayFields):
     """A line to walk along, and how fast.
@@ -108,11 +138,13 @@ class Course(ArrayFields):
 def held(plan: TrialPlan, frame: TrialFrame | None) -> str:
     """What a walk can hold of what its plan wants: `line`, `heading` or `none`.
 
-    A turn in place and an arc have no line, and a robot without a pose has no frame to hold.
+    A turn in place and an arc have no line, a robot without a position has a heading alone, and one that
+    knows neither position nor yaw has nothing to hold.
     """
     if plan.hold == "none" or not plan.straight or frame is None:
         return "none"
-    return "heading" if plan.hold == "heading" else "line"
+    position_known = bool(np.isfinite(frame.origin_world).all())
+    return "line" if plan.hold != "heading" and position_known else "heading"
 
 
 class CourseHold:
@@ -150,6 +182,7 @@ class CourseHold:
         self._speed_m_s, self._cycle_s = speed_m_s, cycle_s
         self._ahead_m = self._gains.look_ahead * stride_m
         self._most_turn_rad = most_turn_rad_s * cycle_s
+        self._over_ground: CourseOverGround | None = None
         self._deviation, self._yaw = Measured(shape, JUMP_M), Measured(shape, JUMP_RAD)
         zero = np.zeros(shape)[()]
         self._deviation_m, self._yaw_error_rad = zero, zero  # means
@@ -171,10 +204,11 @@ class CourseHold:
     def _measure(self, dt_s: float, cycles: FloatArray, state: RobotState) -> None:
         """Means of deviation and yaw error; each stays as it is where nothing is measured."""
         share = 1 - np.exp(-cycles / self._gains.mean_cycles)
-        quaternion, position = state.base_quaternion_world, state.base_position_world
+        position = state.base_position_world
         off_rad = self._nothing
-        if quaternion is not None:
-            off_rad = yaw_rad(quaternion) - self._course.yaw_rad
+        yaw = self._yaw_rad(dt_s, state)
+        if yaw is not None:
+            off_rad = yaw - self._course.yaw_rad
             before_rad = np.where(self._yaw.value == self._yaw.value, self._yaw.value, 0.0)[()]
             off_rad = off_rad - math.tau * np.rint((off_rad - before_rad) / math.tau)
         self._yaw.update(off_rad, dt_s)
@@ -189,6 +223,17 @@ class CourseHold:
         mean_m = self._mean(self._deviation_m, self._deviation, share)
         # Without a position only what is known to pull remains.
         self._deviation_m = mean_m * (1 - share * self._deviation.lost)
+
+    def _yaw_rad(self, dt_s: float, state: RobotState) -> FloatArray | None:
+        """Yaw as measured, or by the course over ground where positions alone are."""
+        if state.base_quaternion_world is not None:
+            self._over_ground = None
+            return yaw_rad(state.base_quaternion_world)
+        if self._hold != "line" or state.base_position_world is None:
+            return None
+        if self._over_ground is None:
+            self._over_ground = CourseOverGround(self._cycle_s)
+        return self._over_ground.yaw_rad(dt_s, state.base_position_world, self.velocity_body)
 
     @staticmethod
     def _mean(mean: FloatArray, measured: Measured, share: FloatArray) -> FloatArray:

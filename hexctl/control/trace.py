@@ -18,9 +18,9 @@ class TrialFrame(ArrayFields):
     """Frame of a trial, fixed at the start of its walk: origin there, x along the commanded heading.
 
     Attributes:
-        origin_world: start of the walk, (3,) in m.
+        origin_world: start of the walk, (3,) in m; NaN where the robot knows no position.
         heading_rad: direction of travel in the world.
-        yaw_rad: yaw of the body at the start.
+        yaw_rad: yaw of the body at the start; taken as 0 where the robot knows no yaw.
     """
 
     origin_world: FloatArray
@@ -39,16 +39,14 @@ class TrialFrame(ArrayFields):
 class Trace:
     """Base poses of a trial so far, tick by tick: all that the trial itself remembers of its ticks.
 
-    Rows are NaN where the robot did not know its pose.
+    Positions and orientations are NaN where the robot did not know them.
 
     Attributes:
         frame: the trial frame, from the start of the walk on.
-        pose_known: whether the last tick came with a base pose.
     """
 
     def __init__(self) -> None:
         self.frame: TrialFrame | None = None
-        self.pose_known = True
         self._length = 0
         self._times_s = np.empty(FIRST_ROWS)
         self._positions = np.empty((FIRST_ROWS, 3))
@@ -69,10 +67,9 @@ class Trace:
             self._grow()
         row = self._length
         position, quaternion = state.base_position_world, state.base_quaternion_world
-        self.pose_known = position is not None and quaternion is not None
         self._times_s[row] = time_s
-        self._positions[row] = position if self.pose_known else np.nan
-        self._quaternions[row] = quaternion if self.pose_known else np.nan
+        self._positions[row] = np.nan if position is None else position
+        self._quaternions[row] = np.nan if quaternion is None else quaternion
         self._true_positions[row] = np.nan if true_position_world is None else true_position_world
         self._length = row + 1
 

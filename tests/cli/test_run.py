@@ -227,8 +227,8 @@ def _in_an_empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None
     monkeypatch.setattr(Kit, "made", [])
 
 
-def _run(kit: str, *more: str) -> int:
-    return exit_code(["run", "--backend", f"{KITS}:{kit}", "--duration", "3", *more])
+def _run(kit: str, *more: str, duration_s: int = 3) -> int:
+    return exit_code(["run", "--backend", f"{KITS}:{kit}", "--duration", str(duration_s), *more])
 
 
 def _one_line(captured: str) -> str:
@@ -246,14 +246,14 @@ def _strict(text: str) -> dict[str, Any]:
 def test_a_fault_of_the_robot_is_a_result_that_says_why(
     kit: str, reason: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert _run(kit, "--no-record") == 3
+    assert _run(kit, "--no-record", duration_s=8) == 3
     printed = capsys.readouterr()
     assert f"status     aborted ({reason})" in printed.out
     assert printed.err == ""
-    assert _run(kit, "--no-record", "--json") == 3
+    assert _run(kit, "--no-record", "--json", duration_s=8) == 3
     outcome = _strict(capsys.readouterr().out)
     assert (outcome["status"], outcome["stopped"]) == ("aborted", reason)
-    assert 0 < outcome["duration_s"] < 3
+    assert 0 < outcome["duration_s"] < 8
 
 
 @pytest.mark.parametrize("kit", ["PipeBreaks", "PortBreaks"])

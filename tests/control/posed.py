@@ -118,3 +118,10 @@ def connected() -> tuple[Guard, PosedMock]:
 def send(guard: Guard, wanted: FloatArray) -> FloatArray:
     """The wanted angles as the guard limits them now."""
     return guard.write(JointTargets(wanted, guard.clock.now_s)).positions_rad
+
+
+def read_for(guard: Guard, duration_s: float) -> None:
+    """Read every tick for a duration."""
+    for _ in range(round(duration_s / guard.clock.period_s)):
+        guard.clock.tick()
+        guard.read()

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from hexctl.backends.base import LegServos
 from hexctl.backends.mock import MockServos
 from hexctl.backends.sim.servos import SimServos
-from hexctl.control.guard import Guard
+from hexctl.control.guard import POSE_EXPIRY_S, Guard
 from hexctl.control.plan import TrialPlan
 from hexctl.control.trial import run_trial
 from hexctl.errors import CommandRefusedError, EStopError, InputError, RobotFaultError
@@ -18,7 +18,7 @@ from hexctl.gait.gait import make_gait
 from hexctl.testing.servos import LegServosConformance, move
 from hexctl.types import JointTargets
 from tests.backends.fake_time import FakeTime
-from tests.control.posed import PosedMock, connected, send
+from tests.control.posed import PosedMock, connected, read_for, send
 from tests.robots import ROBOT_NAMES, shipped
 
 ANT = shipped()
@@ -192,11 +192,18 @@ def test_a_state_that_says_nothing_stops_the_robot(part: str) -> None:
     assert guard.stopped == "state"
 
 
-def test_a_pose_that_is_gone_stops_the_robot() -> None:
+def test_a_pose_that_is_gone_stops_the_robot_unless_it_comes_back_in_time() -> None:
     guard, servos = connected()
     guard.read()
+    pose = servos.position_world, servos.quaternion_world
+    for _ in range(3):
+        servos.position_world = servos.quaternion_world = None
+        read_for(guard, POSE_EXPIRY_S - 0.1)
+        assert guard.stopped is None
+        servos.position_world, servos.quaternion_world = pose
+        read_for(guard, 0.1)
     servos.position_world = servos.quaternion_world = None
-    guard.read()
+    read_for(guard, POSE_EXPIRY_S + 0.1)
     assert guard.stopped == "pose lost"
 
 

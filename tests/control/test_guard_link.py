@@ -5,10 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from hexctl.control.guard import Guard
+from hexctl.control.guard import POSE_EXPIRY_S, Guard
 from hexctl.errors import CommandRefusedError, EStopError, RobotFaultError
 from hexctl.types import JointTargets
-from tests.control.posed import PosedMock
+from tests.control.posed import PosedMock, read_for
 from tests.robots import shipped
 
 STANCE = shipped().stance_angles_rad
@@ -106,7 +106,7 @@ def test_half_a_pose_that_is_gone_is_a_pose_lost() -> None:
     guard, servos = _connected()
     guard.read()
     servos.position_world = None
-    guard.read()
+    read_for(guard, POSE_EXPIRY_S + 0.1)
     assert guard.stopped == "pose lost"
 
 
@@ -124,7 +124,7 @@ def test_an_inertial_sensor_alone_tells_of_a_fall_and_that_it_has_gone() -> None
     guard.read()
     assert guard.stopped is None
     servos.quaternion_world = None
-    guard.read()
+    read_for(guard, POSE_EXPIRY_S + 0.1)
     assert guard.stopped == "pose lost"
 
 
@@ -141,7 +141,7 @@ def test_a_pose_known_before_the_robot_was_cleared_may_be_gone_afterwards() -> N
     guard.stop("by hand")
     guard.clear()
     servos.position_world = servos.quaternion_world = None
-    guard.read()
+    read_for(guard, POSE_EXPIRY_S + 0.1)
     assert guard.stopped is None
 
 

@@ -139,15 +139,15 @@ def test_a_position_that_is_lost_leaves_what_is_known_of_the_pull_and_comes_back
 
 def test_a_pose_that_jumps_is_not_followed_and_believed_when_it_stays() -> None:
     measured = Measured((), JUMP_M)
-    measured.update(np.float64(0.02), DT_S)
+    measured.update(np.array(0.02), DT_S)
     for _ in range(50):
-        measured.update(np.float64(1.0), DT_S)
-    assert (measured.value, bool(measured.fresh)) == (0.02, False)
-    measured.update(np.float64(0.03), DT_S)
-    assert (measured.value, bool(measured.fresh)) == (0.03, True)
+        measured.update(np.array(1.0), DT_S)
+    assert (float(measured.value), bool(measured.fresh)) == (0.02, False)
+    measured.update(np.array(0.03), DT_S)
+    assert (float(measured.value), bool(measured.fresh)) == (0.03, True)
     for count in range(1000):
-        measured.update(np.float64(1.0 + 1e-6 * count), DT_S)
-    assert measured.value == pytest.approx(1.0, abs=0.01)
+        measured.update(np.array(1.0 + 1e-6 * count), DT_S)
+    assert float(measured.value) == pytest.approx(1.0, abs=0.01)
 
 
 def test_a_sensor_that_has_frozen_is_not_believed_for_ever() -> None:

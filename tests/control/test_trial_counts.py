@@ -71,7 +71,7 @@ def _run(servos: PosedMock, phase: str, happen: Callable[[], object]) -> tuple[T
 
 @pytest.mark.parametrize(
     ("change", "reason"),
-    [({"healthy": False}, "fault"), ({"position_world": None}, "pose lost"), ({"age_s": 1.0}, "state")],
+    [({"healthy": False}, "fault"), ({"age_s": 1.0}, "state")],
 )
 @pytest.mark.parametrize("phase", ["settle", "walk", "stop"])
 def test_what_goes_wrong_aborts_the_walk_unless_it_is_over(

@@ -14,7 +14,7 @@ from hexctl.backends.sim.servos import SimServos
 from hexctl.backends.sim.world import World
 from hexctl.control.batch import SimTrial, run_sim_trials
 from hexctl.control.controllers import check_walk
-from hexctl.control.guard import Guard
+from hexctl.control.guard import POSE_EXPIRY_S, Guard
 from hexctl.control.log import TickLog
 from hexctl.control.plan import TrialPlan
 from hexctl.control.result import TrialResult
@@ -184,14 +184,38 @@ def test_a_robot_that_loses_its_pose_is_not_scored_with_a_made_up_one() -> None:
 
     with Guard(servos) as guard:
         result = run_trial(
-            guard, TrialPlan(gait=gait_of(shipped()), duration_s=3), recorders=(log,), stop_requested=lose_it
+            guard, TrialPlan(gait=gait_of(shipped()), duration_s=8), recorders=(log,), stop_requested=lose_it
         )
     assert (result.status, result.stopped) == ("aborted", "pose lost")
     assert not result.valid
-    assert result.duration_s <= 0.05
+    assert result.distance_m is None
+    assert result.duration_s == pytest.approx(POSE_EXPIRY_S, abs=0.1)
 
 
-def test_a_robot_that_loses_its_pose_in_the_turn_is_stopped_at_once() -> None:
+def test_a_walk_that_ends_without_a_pose_has_no_end_and_one_that_finds_it_again_has() -> None:
+    servos = PosedMock()
+    pose = servos.position_world, servos.quaternion_world
+    plan = TrialPlan(gait=gait_of(shipped()), duration_s=6)
+
+    def away(first_s: float, last_s: float) -> TrialResult:
+        def look(log: TickLog, _first: int, _last: int) -> None:
+            if log.phase == "walk":
+                rows = log.rows_of("walk")
+                gone = first_s <= 0.02 * (rows.stop - rows.start) < last_s
+                servos.position_world, servos.quaternion_world = (None, None) if gone else pose
+
+        with Guard(servos) as guard:
+            return run_trial(guard, plan, recorders=(Calling(look, block_ticks=1),))
+
+    ended = away(4.0, 9.0)
+    servos.position_world, servos.quaternion_world = pose
+    assert (ended.distance_m, ended.deviation, ended.valid) == (None, None, False)
+    found = away(1.0, 4.0)
+    assert found.distance_m == pytest.approx(0.0, abs=1e-9), "the mock stands still"
+    assert np.isnan(found.path_m[:, 0]).any()
+
+
+def test_a_robot_that_loses_its_pose_in_the_turn_is_stopped() -> None:
     servos, log = PosedMock(), TickLog()
 
     def lose_it() -> bool:
@@ -203,7 +227,7 @@ def test_a_robot_that_loses_its_pose_in_the_turn_is_stopped_at_once() -> None:
     with Guard(servos) as guard:
         result = run_trial(guard, plan, recorders=(log,), stop_requested=lose_it)
     turning = log.rows_of("turn")
-    assert turning.stop - turning.start <= 2
+    assert turning.stop - turning.start == pytest.approx(POSE_EXPIRY_S / 0.02, abs=3)
     assert (result.status, result.stopped, result.distance_m) == ("aborted", "pose lost", None)
 
 

@@ -17,7 +17,7 @@ DATA = sessions.STORE.parent
 
 #: The commands whose `--json` is kept, by name; those of a session and of a served robot beside them.
 PRINTED = {
-    "run": "run --failed-leg 5 --duration 1 --seed 0 --record walk.rrd",
+    "run": "run --failed-leg 5 --duration 1 --seed 0 --hold none --record walk.rrd",
     "run mock": "run --backend mock --duration 1 --no-record",
     "check": "check pexod",
     "prior show": "prior show configs/priors/ant-locked-rear-30s.npz",

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from hexctl.control.guard import POSE_EXPIRY_S
 from hexctl.errors import RobotFaultError
 from hexctl.serve.inbox import Arrival
 from hexctl.serve.server import RobotServer
@@ -195,6 +196,8 @@ def test_a_pose_from_outside_wins_and_one_that_stops_coming_is_a_fault(bench: Be
     bench.ticks(2)
     assert [kind for kind, _, _ in bench.said].count("odom") == 2
     assert bench.server.status()["pose"]
+    bench.ticks(round(POSE_EXPIRY_S / 0.02))
+    assert bench.server.status()["stopped"] is None
     bench.ticks(12)
     assert bench.server.status()["stopped"] == "pose lost"
 

@@ -17,6 +17,7 @@ from hexctl.robot.failure import Failure, drawn_failure
 from hexctl.robot.model import Robot
 from hexctl.types import JointTargets, RobotState
 
+
 class SimClock(Clock):
     """Advances by stepping the physics: one control period per tick.
 

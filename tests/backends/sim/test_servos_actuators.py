@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from hexctl.backends.sim.actuators import ActuatorModel
 from hexctl.backends.sim.batch import SimBatch
 from hexctl.backends.sim.model import FIRST_JOINT, Simulation, make_simulation
-from hexctl.backends.sim.actuators import ActuatorModel
 from hexctl.backends.sim.sensing import Losses
 from hexctl.backends.sim.servos import SimServos
 from hexctl.backends.sim.world import World, load_world

@@ -1,0 +1,161 @@
+"""Steered walks whose sensors fail, in simulation, scored by where the robot really was."""
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hexctl.backends.base import LegServos, ServosWrapper
+from hexctl.backends.sim.servos import SimServos
+from hexctl.backends.sim.world import SensorNoise, World
+from hexctl.control.guard import Guard
+from hexctl.control.plan import TrialPlan
+from hexctl.control.result import TrialResult
+from hexctl.control.trial import run_trial
+from hexctl.gait.gait import make_gait
+from hexctl.robot.failure import Failure
+from hexctl.types import RobotState
+from tests.robots import shipped
+
+#: A state at a time since the walk began, as a faulty sensor shows it.
+Fault = Callable[[RobotState, float], RobotState]
+
+WALK_S = 16.0
+
+
+class Faulty(ServosWrapper):
+    """A robot whose sensors show something else than what is; times count from the first state."""
+
+    def __init__(self, servos: LegServos, fault: Fault) -> None:
+        super().__init__(servos)
+        self._fault = fault
+
+    def read(self) -> RobotState:
+        state = super().read()
+        return self._fault(state, state.stamp_s)
+
+
+def walked(fault: Fault, *, hold: str = "auto", code: int = 62, world: World | None = None) -> TrialResult:
+    """A walk with leg 3 locked and no self-rotation, which veers by decimetres in open loop."""
+    robot, failure = shipped(), Failure(leg=3)
+    plan = TrialPlan(
+        gait=make_gait(robot, str(code), failed_legs=(3,)),
+        belief=failure,
+        duration_s=WALK_S,
+        self_rotation="none",
+        hold=hold,
+    )
+    with Guard(Faulty(SimServos(robot, world=world, failure=failure), fault)) as guard:
+        return run_trial(guard, plan, soft_stop=False)
+
+
+def truly_off_m(result: TrialResult) -> float:
+    """How far from its line a walk really ended."""
+    assert result.true_deviation is not None
+    return result.true_deviation.final
+
+
+def healthy(state: RobotState, _time_s: float) -> RobotState:
+    return state
+
+
+def without(*sensors: str, first_s: float = 0.0, last_s: float = math.inf) -> Fault:
+    """A fault that takes away sensors for a time."""
+
+    def fault(state: RobotState, time_s: float) -> RobotState:
+        gone: dict[str, Any] = {f"base_{name}_world": None for name in sensors if first_s <= time_s < last_s}
+        return replace(state, **gone)
+
+    return fault
+
+
+def turned(state: RobotState, angle_rad: float) -> RobotState:
+    """A state whose yaw is measured wrong."""
+    assert state.base_quaternion_world is not None
+    cos, sin = math.cos(angle_rad / 2), math.sin(angle_rad / 2)
+    w, x, y, z = state.base_quaternion_world
+    seen = np.array([cos * w - sin * z, cos * x - sin * y, cos * y + sin * x, cos * z + sin * w])
+    return replace(state, base_quaternion_world=seen)
+
+
+def test_open_loop_it_veers() -> None:
+    result = walked(healthy, hold="none")
+    assert result.hold == "none"
+    assert truly_off_m(result) > 0.2
+
+
+def test_with_yaw_alone_the_heading_is_held_and_the_true_course_is_scored() -> None:
+    result = walked(without("position"))
+    assert (result.hold, result.deviation, result.distance_m) == ("heading", None, None)
+    assert result.yaw_change_rad is not None
+    assert abs(result.yaw_change_rad) < math.radians(20)
+    assert truly_off_m(result) < 0.2
+
+
+def test_with_a_position_alone_the_line_is_held() -> None:
+    result = walked(without("quaternion"))
+    assert (result.hold, result.yaw_change_rad) == ("line", None)
+    assert truly_off_m(result) < 0.05
+
+
+def test_without_any_pose_nothing_is_held() -> None:
+    result = walked(without("position", "quaternion"))
+    assert (result.hold, result.deviation, result.true_deviation) == ("none", None, None)
+
+
+@pytest.mark.parametrize("sensors", [("position",), ("quaternion",), ("position", "quaternion")])
+def test_what_stays_away_for_three_seconds_and_comes_back_costs_no_course(sensors: tuple[str, ...]) -> None:
+    result = walked(without(*sensors, first_s=6.0, last_s=9.0))
+    assert (result.status, result.hold) == ("ok", "line")
+    assert truly_off_m(result) < 0.05
+
+
+def test_a_position_that_jumps_by_a_metre_and_back_is_not_followed() -> None:
+    def fault(state: RobotState, time_s: float) -> RobotState:
+        assert state.base_position_world is not None
+        off_m = 1.0 if 6.0 <= time_s < 7.0 else 0.0
+        return replace(state, base_position_world=state.base_position_world + np.array([0.0, off_m, 0.0]))
+
+    result = walked(fault)
+    assert truly_off_m(result) < 0.05
+    assert result.true_deviation is not None
+    assert result.true_deviation.max < 0.1
+
+
+def test_a_pose_that_freezes_is_not_taken_for_a_robot_that_stands() -> None:
+    frozen: list[RobotState] = []
+
+    def fault(state: RobotState, time_s: float) -> RobotState:
+        if not 6.0 <= time_s < 9.0:
+            return state
+        frozen.append(state)
+        return replace(
+            state,
+            base_position_world=frozen[0].base_position_world,
+            base_quaternion_world=frozen[0].base_quaternion_world,
+        )
+
+    assert truly_off_m(walked(fault)) < 0.05
+
+
+def test_a_yaw_that_drifts_bends_no_line() -> None:
+    def fault(state: RobotState, time_s: float) -> RobotState:
+        return turned(state, math.radians(3.0) * max(0.0, time_s - 1.0) / 60)
+
+    result = walked(fault)
+    assert truly_off_m(result) < 0.05
+
+
+def test_noise_delay_and_dropouts_cost_a_centimetre_or_so() -> None:
+    world = World(
+        sensor_noise=SensorNoise(position_m=0.01, yaw_deg=0.5, joint_deg=0.3),
+        state_latency_s=0.04,
+        lost_poses=0.05,
+    )
+    result = walked(healthy, world=world)
+    assert (result.status, result.hold) == ("ok", "line")
+    assert truly_off_m(result) < 0.03
+    assert np.isnan(result.path_m[:, 0]).mean() == pytest.approx(0.05, abs=0.03)
