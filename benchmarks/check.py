@@ -3,19 +3,18 @@
 Two surveys draw robots until each verdict has its number of them. `loads` varies mass (on the trunk),
 stiffness and torque of the shipped robots; `legs` moves mounts and feet together and simulates them with legs
 that pass through one another, and, where the robot walks, with solid ones. A robot walks whose trial ends
-`ok`: straight ahead it makes half of its way.
+`ok`: straight ahead it makes half of its way. A third, in `benchmarks.causes`, asks why others do not.
 """
 
-import math
 from collections import Counter
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
-from functools import cache
+from dataclasses import replace
 
 import numpy as np
-from scipy.stats import binomtest
 
-from benchmarks.rows import Row
+from benchmarks.causes import cause_rows
+from benchmarks.robots import ROBOTS, log_uniform, shipped, with_servos
+from benchmarks.rows import Count, Row
 from benchmarks.scale import Scale
 from hexctl.backends.sim.servos import SimServos
 from hexctl.control.feasibility import gait_demand
@@ -26,11 +25,9 @@ from hexctl.control.plan import TrialPlan
 from hexctl.control.trial import run_trial
 from hexctl.gait.gait import NAMED_SLOTS, Motion, make_gait
 from hexctl.ik.clearance import PARTS
-from hexctl.robot.loader import load_robot
 from hexctl.robot.model import Robot
 from hexctl.types import N_LEGS
 
-ROBOTS = ("ant", "phantomx", "pexod")
 AHEAD = (Motion(),)
 
 #: Seeds of the draws. On the loads of 20261122 the least good capacity was chosen, on 20261123 it was tried.
@@ -45,37 +42,16 @@ LEG_FRICTION, LEGS_SHARE = 0.4, 1 / 3
 Draw = Callable[[np.random.Generator], "tuple[str, Robot, str] | None"]
 
 
-@dataclass(frozen=True, slots=True)
-class Count:
-    """Robots of one verdict: how many walked, of how many."""
-
-    walked: int
-    of: int
-
-    @property
-    def interval(self) -> tuple[float, float]:
-        """Wilson's interval of the share that walks, 95 %."""
-        if not self.of:
-            return 0.0, 1.0
-        found = binomtest(self.walked, self.of).proportion_ci(method="wilson")
-        return float(found.low), float(found.high)
-
-    def row(self, name: str) -> Row:
-        """The share that walked, with its interval."""
-        low, high = self.interval
-        note = f"{self.walked} of {self.of} walked, 95 % interval {low:.2f} to {high:.2f}"
-        return Row(f"check.{name}", self.walked / self.of if self.of else None, "share", note=note)
-
-
 def check_rows(scale: Scale) -> Iterator[Row]:
-    """Yield the share of robots that walk, by the verdict of `hexctl check`."""
+    """Yield the share of robots that walk, by the verdict of `hexctl check`, and of causes that are named."""
     loads = _survey(_loaded, scale.robots, lambda robot, gait: walks(robot, gait, scale.walk_s), LOADS_SEED)
     legs = _survey(
         _crowded, scale.robots, lambda robot, gait: _solid(robot, gait, LEGS_SHARE * scale.walk_s), LEGS_SEED
     )
     for survey, counts in (("loads", loads), ("legs", legs)):
         for verdict in sorted(counts):
-            yield counts[verdict].row(f"{survey}.{verdict}")
+            yield counts[verdict].row(f"check.{survey}.{verdict}", "walked")
+    yield from cause_rows(scale)
 
 
 def _survey(
@@ -100,15 +76,11 @@ def _survey(
 
 def _loaded(rng: np.random.Generator) -> tuple[str, Robot, str] | None:
     """A robot with another mass, stiffness and torque, a gait, and the verdict on them."""
-    base, gait = _shipped(str(rng.choice(ROBOTS))), str(rng.choice(list(NAMED_SLOTS)))
+    base, gait = shipped(str(rng.choice(ROBOTS))), str(rng.choice(list(NAMED_SLOTS)))
     mass = float(rng.uniform(1.0, 8.0))
-    stiffness, torque = (math.exp(rng.uniform(math.log(low), math.log(high))) for low, high in LOADS)
-    robot = replace(
-        base,
-        body=replace(base.body, mass_kg=base.body.mass_kg + (mass - 1) * base.mass_kg),
-        servo=replace(base.servo, stiffness_nm_per_rad=stiffness * base.servo.stiffness_nm_per_rad),
-        joint_max_torque_nm=torque * base.joint_max_torque_nm,
-    )
+    stiffness, torque = (log_uniform(rng, low, high) for low, high in LOADS)
+    body = replace(base.body, mass_kg=base.body.mass_kg + (mass - 1) * base.mass_kg)
+    robot = with_servos(replace(base, body=body), stiffness=stiffness, torque=torque)
     return load_name(gait_load(robot, make_gait(robot, gait), AHEAD)), robot, gait
 
 
@@ -129,7 +101,7 @@ def load_name(load: GaitLoad) -> str:
 
 def _crowded(rng: np.random.Generator) -> tuple[str, Robot, str] | None:
     """A robot whose legs come near one another, and how near; None where they do not."""
-    base = _shipped(str(rng.choice(ROBOTS)))
+    base = shipped(str(rng.choice(ROBOTS)))
     mounts, feet = base.mount_positions_body.copy(), base.stance_feet_body.copy()
     mounts[:, 0] *= rng.uniform(-0.4, 1.0)
     feet[:, 0] += mounts[:, 0] - base.mount_positions_body[:, 0]
@@ -182,8 +154,3 @@ def make_legs_solid(servos: SimServos) -> None:
             model.geom_friction[geom, 0] = LEG_FRICTION  # on the floor its own counts
             model.body_contype[body] |= own
             model.body_conaffinity[body] |= others
-
-
-@cache
-def _shipped(name: str) -> Robot:
-    return load_robot(name)

@@ -3,6 +3,8 @@
 from dataclasses import dataclass
 from typing import Any
 
+from scipy.stats import binomtest
+
 #: Digits of a value that mean anything on a machine that does other things too.
 SIGNIFICANT_DIGITS = 4
 
@@ -66,3 +68,25 @@ class Row:
     def shown(self) -> str:
         """Return the value as text without digits that mean nothing."""
         return "-" if self.value is None else f"{self.value:.{SIGNIFICANT_DIGITS}g}"
+
+
+@dataclass(frozen=True, slots=True)
+class Count:
+    """Robots of one kind: for how many of them something holds."""
+
+    holding: int
+    of: int
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Wilson's interval of the share, 95 %."""
+        if not self.of:
+            return 0.0, 1.0
+        found = binomtest(self.holding, self.of).proportion_ci(method="wilson")
+        return float(found.low), float(found.high)
+
+    def row(self, name: str, what: str) -> Row:
+        """The share, with its interval and what holds."""
+        low, high = self.interval
+        note = f"{self.holding} of {self.of} {what}, 95 % interval {low:.2f} to {high:.2f}"
+        return Row(name, self.holding / self.of if self.of else None, "share", note=note)

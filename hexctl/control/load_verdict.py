@@ -1,7 +1,7 @@
 """Verdict on the load of a gait: what keeps a robot from walking it, and what may.
 
 Thresholds are judged by `python -m benchmarks --only check`, which simulates random robots and counts those
-that make half of their way.
+that make half of their way, by verdict: `check.loads` for torque and sag, `check.legs` for crossing legs.
 """
 
 from dataclasses import dataclass

@@ -1,8 +1,13 @@
-"""The survey of robots that `hexctl check` warns of: its intervals, and its solid legs."""
+"""The surveys of robots that `hexctl check` warns of: their intervals, solid legs, and what stops a robot."""
+
+from dataclasses import replace
 
 import pytest
 
-from benchmarks.check import Count, make_legs_solid
+from benchmarks.causes import DEFECTS, cause_rows
+from benchmarks.check import make_legs_solid
+from benchmarks.rows import Count
+from benchmarks.scale import QUICK
 from hexctl.backends.sim.servos import SimServos
 from hexctl.robot.model import Robot
 from tests.control.loads import moved_together
@@ -43,3 +48,11 @@ def test_solid_legs_touch_where_others_pass_through() -> None:
     assert legs_in_contact(crowded, solid=False) == 0
     assert legs_in_contact(crowded, solid=True) > 0
     assert legs_in_contact(moved_together(1.0), solid=True) == 0
+
+
+def test_the_defect_of_a_robot_is_found() -> None:
+    rows = {row.name: row for row in cause_rows(replace(QUICK, walk_s=15.0))}
+    assert rows.keys() == {f"check.causes.{defect}" for defect in DEFECTS}
+    for row in rows.values():
+        assert row.value == 1.0, row.note
+        assert "1 of 1 named" in row.note

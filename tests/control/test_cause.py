@@ -82,6 +82,18 @@ def test_joints_that_are_not_measured_tell_nothing() -> None:
     assert samples.of(100) is None
 
 
+@pytest.mark.parametrize(
+    ("cause", "seen", "unseen"),
+    [
+        ("saturation", Symptoms(0.51, 0.0, 0.0), Symptoms(0.49, 0.0, 0.0)),
+        ("sag", Symptoms(0.0, 0.43, 0.0), Symptoms(0.0, 0.41, 0.0)),
+        ("slip", Symptoms(0.0, 0.0, 0.41), Symptoms(0.0, 0.0, 0.39)),
+    ],
+)
+def test_a_cause_begins_at_its_bound(cause: str, seen: Symptoms, unseen: Symptoms) -> None:
+    assert (seen.cause, unseen.cause) == (cause, None)
+
+
 def test_torque_limits_come_before_soft_servos_and_those_before_the_floor() -> None:
     assert Symptoms(saturated=0.9, tracking_error=2.0, slip=3.0).cause == "saturation"
     assert Symptoms(saturated=0.0, tracking_error=0.8, slip=3.0).cause == "sag"
