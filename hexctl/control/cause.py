@@ -23,10 +23,10 @@ CAUSES = {
 }
 
 #: Bounds of the symptoms. `python -m benchmarks --only check` draws 20 robots of each kind that make no
-#: progress, with a seed that had no part in the choice, and prints their symptoms (`check.causes`). Weak servos
-#: held more than their limit for 0.88 of the time or more, others for 0.06 at most; soft servos left 0.76 of
-#: the motion or more, slipping robots 0.33 at most; feet of slipping robots made 0.79 of the speed or more,
-#: those of the others 0.15 at most.
+#: progress, with a seed that had no part in the choice, and prints their symptoms (`check.causes`). Weak
+#: servos held more than their limit for 0.88 of the time or more, others for 0.06 at most; soft servos left
+#: 0.76 of the motion or more, slipping robots 0.33 at most; feet of slipping robots made 0.79 of the speed or
+#: more, those of the others 0.15 at most.
 MOST_SATURATED = 0.5
 MOST_TRACKING_ERROR = 0.42
 MOST_SLIP = 0.4
