@@ -36,6 +36,7 @@ from hexctl.adapt.store import RUNS, SessionStore, load_session
 from hexctl.backends.base import LegServos
 from hexctl.control.guard import Guard
 from hexctl.control.preparation import StopRequested, never
+from hexctl.control.static_stability import stable_slots_of
 from hexctl.control.trial import STOP_REQUESTED
 from hexctl.errors import RecordingError, RobotFaultError, check_callable, check_type
 from hexctl.record.live import LiveView
@@ -263,6 +264,7 @@ class Adaptation:
             stop_requested=runner.stop_requested,
             on_trial=on_trial,
             on_baseline=on_baseline,
+            stable_slots=stable_slots_of(setting.robot, setting.plan),
         )
         try:
             return loop.run(), None
@@ -341,8 +343,8 @@ def adapt(
         confirm: trials of the budget that repeat the best gait.
         early_stop: with `bayes`, end a walk once it is clear that it misses.
         count_repeats: walk and count a gait again when the optimizer asks for it again.
-        baseline: walk the gaits that the robot would use anyway, its default and the tripod, before the first
-            trial, to compare with; they do not count.
+        baseline: walk the gaits that the robot would use anyway, `auto`, its default and the tripod, before
+            the first trial, to compare with; they do not count.
         duration_s: how long each trial walks.
         heading_deg: direction of travel, counter-clockwise from forward.
         self_rotation: where the failed leg points during the walk: `rear`, `front` or `none`.

@@ -16,7 +16,7 @@ from hexctl.control.preparation import StopRequested, never
 from hexctl.control.trial import Enough
 from hexctl.errors import HexctlError, InputError, RecordingError, argument
 from hexctl.gait.encoding import Slots
-from hexctl.gait.gait import NAMED_SLOTS
+from hexctl.gait.gait import AUTO, NAMED_SLOTS
 
 #: Ticks between two stored points of a path: 5 Hz.
 PATH_STRIDE = 10
@@ -59,10 +59,16 @@ class AdaptLoop:
         stop_requested: StopRequested = never,
         on_trial: OnTrial | None = None,
         on_baseline: OnBaseline | None = None,
+        stable_slots: Slots | None = None,
     ) -> None:
-        """Prepare to continue a session; `objective` is the one that its spec names unless given."""
+        """Prepare to continue a session.
+
+        `objective` is the one that its spec names unless given, `stable_slots` those of the gait `auto`,
+        where the session's baseline has it.
+        """
         self._session, self._store, self._optimizer = session, store, optimizer
         self._walk = walk
+        self._baseline_slots = NAMED_SLOTS if stable_slots is None else {**NAMED_SLOTS, AUTO: stable_slots}
         self._objective = make_objective(session.spec.objective) if objective is None else objective
         self._stop_requested, self._on_trial, self._on_baseline = stop_requested, on_trial, on_baseline
         if session.optimizer_state is not None:
@@ -106,7 +112,7 @@ class AdaptLoop:
                 continue
             if self._stop_requested():
                 return False
-            slots = NAMED_SLOTS[name]
+            slots = self._baseline_slots[name]
             code = _code_of(space, slots)
             what = f"the baseline {name}"
             one = self._checked(self._walk(BASELINE_INDEX, code or 0, slots, None), what)

@@ -7,6 +7,7 @@ from typing import Any
 from hexctl.adapt.objectives import INVALID_SCORE, OBJECTIVES
 from hexctl.control.result import TrialResult
 from hexctl.control.uncertainty_store import DISTINCT
+from hexctl.gait.gait import AUTO
 from hexctl.robot.failure import Failure, parse_failure
 
 #: Scores in m; reports name the first trial within each.
@@ -232,8 +233,9 @@ class TrialRecord(WalkRecord):
         }
 
 
-#: Gaits that a robot would walk with anyway: its default one, and the tripod.
-BASELINE_GAITS = ("demo", "tripod")
+#: Gaits that a robot would walk with anyway: the one that stands safest with the leg failed, its default one,
+#: and the tripod.
+BASELINE_GAITS = (AUTO, "demo", "tripod")
 
 #: The index of a baseline: it comes before the first trial.
 BASELINE_INDEX = 0

@@ -348,10 +348,10 @@ def flat_rows(session: Session) -> list[dict[str, Any]]:
 
 
 def _baseline_columns(session: Session) -> dict[str, Any]:
-    """Four columns for each gait of a baseline, None where it was not walked."""
+    """Four columns for each gait of a baseline, None where it was not walked; the newest gait comes last."""
     walked = {walk.gait: walk.as_json() for walk in session.baseline}
     columns: dict[str, Any] = {}
-    for gait in dict.fromkeys((*BASELINE_GAITS, *walked)):
+    for gait in dict.fromkeys((*BASELINE_GAITS[1:], *BASELINE_GAITS, *walked)):
         walk = walked.get(gait, {})
         columns[f"baseline_{gait}_score"] = walk.get("score")
         columns[f"baseline_{gait}_deviation_m"] = walk.get("deviation_m", {}).get("signed")

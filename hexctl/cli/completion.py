@@ -49,9 +49,9 @@ def _world_files() -> Iterable[str]:
 
 
 def _gaits() -> Iterable[str]:
-    from hexctl.gait.gait import NAMED_SLOTS
+    from hexctl.gait.gait import AUTO, NAMED_SLOTS
 
-    return NAMED_SLOTS
+    return (AUTO, *NAMED_SLOTS)
 
 
 def _failures() -> Iterable[str]:

@@ -220,7 +220,8 @@ GaitOption = Annotated[
     typer.Option(
         "--gait",
         autocompletion=completion.gaits,
-        help="Gait: demo, tripod, wave, ripple; a code, 1..720, or 1..120 with a failed leg; "
+        help="Gait: demo, tripod, wave, ripple; auto, the one that stands safest; a code, 1..720, or 1..120 "
+        "with a failed leg; "
         "or when in the cycle legs 1..6 step, six slots such as 5,1,2,4,3,6.",
     ),
 ]

@@ -10,8 +10,9 @@ import numpy as np
 
 from hexctl.control.gait_load import GaitLoad, gait_load
 from hexctl.control.load_verdict import LoadVerdict, load_verdict
+from hexctl.control.static_stability import most_stable_slots
 from hexctl.gait.foot_trajectory import RAMP_DURATION_S, gait_feet_body
-from hexctl.gait.gait import Gait, Motion, ideal_speed_m_s, make_gait
+from hexctl.gait.gait import AUTO, Gait, Motion, ideal_speed_m_s, make_gait
 from hexctl.ik.legs import TOLERANCE_RAD, range_excess_rad, solve_legs
 from hexctl.robot.loader import load_robot_file
 from hexctl.robot.model import Robot
@@ -205,7 +206,8 @@ def check_robot(
     Raises InputError for a robot file, mesh or gait that is not allowed.
     """
     file = load_robot_file(robot)
-    checked = make_gait(file.robot, gait, pace_hz=pace_hz, amplitude=amplitude, height=height)
+    stable = most_stable_slots(file.robot, heading_rad=heading_rad or 0.0) if gait == AUTO else None
+    checked = make_gait(file.robot, stable or gait, pace_hz=pace_hz, amplitude=amplitude, height=height)
     motions = _motions(heading_rad, turn_rate_rad_s)
     return RobotCheck(
         robot=file.robot,

@@ -103,6 +103,10 @@ def _require_between(what: str, value: float, low: float, high: float, unit: str
         raise InputError(f"{what}: got {value:g}; allowed: above {low:g} up to {high:g} {unit}")
 
 
+#: Name of the gait that stands safest: which one that is depends on robot, direction and failure
+#: (`hexctl.control.static_stability`).
+AUTO = "auto"
+
 #: A leg swings when u = 1/3, so swings follow one another in descending slot order.
 NAMED_SLOTS: dict[str, Slots] = {
     # default of the paper's demo model

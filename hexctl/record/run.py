@@ -4,7 +4,7 @@ import math
 import time
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
 from functools import cached_property
 from pathlib import Path
@@ -30,10 +30,11 @@ from hexctl.control.log import (
 from hexctl.control.plan import TrialPlan
 from hexctl.control.preparation import StopRequested, never
 from hexctl.control.result import TrialResult
+from hexctl.control.static_stability import stable_slots_of
 from hexctl.control.trial import run_trial
 from hexctl.control.turning import check_plan
 from hexctl.errors import InputError, MissingExtraError, argument, check_type
-from hexctl.gait.gait import Gait, make_gait
+from hexctl.gait.gait import AUTO, Gait, make_gait
 from hexctl.record.rrd import probe_file
 from hexctl.robot.failure import Failure, failure_of
 from hexctl.robot.loader import RobotFile, load_robot_file
@@ -55,7 +56,7 @@ class RunSpec:
         robot: a shipped name, a robot file, or a robot.
         world: a name, a file, a member of a family such as `randomised:7`, or a world; None is `flat`. Only
             with `sim`, or own servos that take one.
-        gait: a name, a code, six slots, or a gait.
+        gait: a name, a code, six slots, or a gait; `auto` is the one that stands safest.
         pace_hz: gait cycles per second; None is the robot's, as for the next two.
         amplitude: stride as a fraction of the robot's size.
         height: height of a step as a fraction of the robot's size.
@@ -410,17 +411,17 @@ def _spec_of(options: Mapping[str, Any]) -> RunSpec:
 
 def _plan_of(spec: RunSpec, robot: Robot) -> TrialPlan:
     in_place = spec.turn_rate_rad_s is not None and spec.heading_rad is None
-    gait = spec.gait
+    gait, auto = spec.gait, spec.gait == AUTO
     if not isinstance(gait, Gait):
         gait = make_gait(
             robot,
-            gait,
+            "demo" if auto else gait,
             pace_hz=spec.pace_hz,
             amplitude=spec.amplitude,
             height=spec.height,
             failed_legs=(spec.failure.leg,) if spec.failure else (),
         )
-    return TrialPlan(
+    plan = TrialPlan(
         gait=gait,
         heading_rad=spec.heading_rad or 0.0,
         travel=0.0 if in_place else 1.0,
@@ -430,3 +431,4 @@ def _plan_of(spec: RunSpec, robot: Robot) -> TrialPlan:
         self_rotation=spec.self_rotation,
         hold=spec.hold,
     )
+    return replace(plan, gait=replace(gait, slots=stable_slots_of(robot, plan))) if auto else plan

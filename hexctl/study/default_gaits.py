@@ -5,7 +5,6 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
-from hexctl.adapt.session import BASELINE_GAITS
 from hexctl.control.batch import SimTrial, run_sim_trials
 from hexctl.control.result import STATUSES, TrialResult
 from hexctl.files import atomic_write
@@ -14,6 +13,9 @@ from hexctl.study.cache import CacheError, LandscapeCache
 from hexctl.study.landscape import LandscapeSpec
 from hexctl.study.plan import StudyPlan
 
+#: Gaits of a robot that knows of no failure: its default one, and the tripod.
+DEFAULT_GAITS = ("demo", "tripod")
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DefaultWalk:
@@ -21,7 +23,7 @@ class DefaultWalk:
 
     Attributes:
         leg: the failed leg.
-        gait: name of the gait, one of `hexctl.adapt.session.BASELINE_GAITS`.
+        gait: name of the gait, one of `DEFAULT_GAITS`.
         status: as in `hexctl.control.result.STATUSES`.
         signed_m: deviation at the end, positive to the left; None where unknown.
         distance_m: progress along the heading; None where unknown.
@@ -73,9 +75,9 @@ def default_trial(spec: LandscapeSpec, gait: str) -> SimTrial:
 
 
 def _walked(cache: LandscapeCache, spec: LandscapeSpec, jobs: int | None) -> list[DefaultWalk]:
-    trials = [default_trial(spec, gait) for gait in BASELINE_GAITS]
+    trials = [default_trial(spec, gait) for gait in DEFAULT_GAITS]
     results = run_sim_trials(trials, threads=jobs or 0)
-    walks = [_walk_of(spec, gait, result) for gait, result in zip(BASELINE_GAITS, results, strict=True)]
+    walks = [_walk_of(spec, gait, result) for gait, result in zip(DEFAULT_GAITS, results, strict=True)]
     path = _path_of(cache, spec)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -116,7 +118,7 @@ def _loaded(cache: LandscapeCache, spec: LandscapeSpec) -> list[DefaultWalk]:
 
 def _check(walks: list[DefaultWalk], spec: LandscapeSpec) -> None:
     """Raise ValueError for walks that are not those of a leg."""
-    expected = [(spec.leg, gait) for gait in BASELINE_GAITS]
+    expected = [(spec.leg, gait) for gait in DEFAULT_GAITS]
     if [(walk.leg, walk.gait) for walk in walks] != expected:
         raise ValueError("it has other walks")
     for walk in walks:

@@ -118,7 +118,7 @@ def test_exported_rows_are_trials_alone_and_the_baseline_is_the_last_columns(tmp
     assert [row["index"] for row in rows] == [1, 2]
     columns = list(rows[0])
     assert columns == list(without[0])
-    assert columns.index("cause") == len(columns) - 9
+    assert columns.index("cause") == len(columns) - 13
     assert all(row["baseline_tripod_status"] == "no_progress" for row in rows)
     assert all(row["baseline_tripod_score"] is None for row in rows)
     assert all(row[name] is None for row in without for name in columns if name.startswith("baseline_"))

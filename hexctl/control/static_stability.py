@@ -1,0 +1,85 @@
+"""The gait that stands safest: the code of the largest static stability margin over its cycle.
+
+It needs neither a trial nor a simulation: while a walk is steered, gaits differ in speed and tilt and hardly
+in where they end, and the margin tells which of them walk well with a leg failed.
+"""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from hexctl.control.plan import TrialPlan
+from hexctl.control.turning import turn_needed_rad
+from hexctl.gait.encoding import Slots, code_count, slots_from_code
+from hexctl.gait.foot_trajectory import in_stance, phase_in_cycle, stroke_offset
+from hexctl.ik.support_polygon import centre_of_mass_body, support
+from hexctl.robot.failure import Failure
+from hexctl.robot.model import Robot
+from hexctl.types import FloatArray
+
+#: Phases of the cycle at which the margin is taken: each of the twelve parts between two feet that land or
+#: leave, at its ends and between.
+PHASES = 48
+
+#: Directions are rounded to this, so that a robot that comes to stand a little turned chooses the same gait.
+DIRECTION_STEP_RAD = math.radians(15.0)
+
+#: Margins this near are the same, as of gaits that mirror one another.
+SAME_MARGIN_M = 1e-6
+
+
+def static_margins_m(
+    robot: Robot, slots: Sequence[Slots], *, heading_rad: float, failure: Failure | None = None
+) -> FloatArray:
+    """Static stability margin of gaits over their cycle: smallest and mean, (gaits, 2) in m.
+
+    Feet move as commanded along full strokes, and the centre of mass is that of the stance. A failed leg
+    carries only if it is locked, on the floor then all the time.
+
+    Args:
+        robot: geometry and masses.
+        slots: of the gaits.
+        heading_rad: direction of travel in the body frame.
+        failure: of one leg, or None.
+    """
+    # Half a step between the corners of Eq. 3 and 4, where a foot both stands and swings.
+    cycles = (np.arange(PHASES) + 0.5) / PHASES
+    u = phase_in_cycle(cycles[:, np.newaxis], np.array(slots)[:, np.newaxis, :])  # (gaits, phases, 6)
+    stroke_m = robot.gait.amplitude * robot.size_m * stroke_offset(u)
+    direction = np.array([math.cos(heading_rad), math.sin(heading_rad)])
+    offsets, standing = -stroke_m[..., np.newaxis] * direction, in_stance(u)
+    if failure is not None:
+        standing[..., failure.leg - 1] = failure.kind == "locked"
+        offsets[..., failure.leg - 1, :] = 0.0
+    feet = robot.stance_feet_body[:, :2] + offsets
+    centre = centre_of_mass_body(robot, robot.stance_angles_rad)[:2]
+    margins_m = support(feet, standing, np.broadcast_to(centre, (*feet.shape[:-2], 2))).margin_m
+    # Fewer than two feet have no margin: as bad as the farthest foot is away.
+    margins_m = np.maximum(margins_m, -float(np.linalg.norm(robot.stance_feet_body[:, :2], axis=-1).max()))
+    return np.stack([margins_m.min(axis=-1), margins_m.mean(axis=-1)], axis=-1)
+
+
+def most_stable_slots(robot: Robot, *, heading_rad: float, failure: Failure | None = None) -> Slots:
+    """Slots of the gait with the largest margin, ties by the mean margin, then by the smallest code.
+
+    Args:
+        robot: geometry and masses.
+        heading_rad: direction of travel in the body frame, rounded to `DIRECTION_STEP_RAD`.
+        failure: of one leg, whose gaits are the 120 codes with its slot pinned; None for an intact robot,
+            whose leg 1 is pinned, as shifted slots walk alike.
+    """
+    pinned = (1,) if failure is None else (failure.leg,)
+    slots = [slots_from_code(code, pinned) for code in range(1, code_count(pinned) + 1)]
+    rounded_rad = DIRECTION_STEP_RAD * round(heading_rad / DIRECTION_STEP_RAD)
+    margins_m = static_margins_m(robot, slots, heading_rad=rounded_rad, failure=failure)
+    rounded = np.round(margins_m / SAME_MARGIN_M)
+    order = np.lexsort((np.arange(len(slots)), -rounded[:, 1], -rounded[:, 0]))
+    return slots[int(order[0])]
+
+
+def stable_slots_of(robot: Robot, plan: TrialPlan) -> Slots:
+    """Slots of the most stable gait for the walk of a plan, once its self-rotation is done."""
+    return most_stable_slots(
+        robot, heading_rad=plan.heading_rad - turn_needed_rad(robot, plan), failure=plan.belief
+    )

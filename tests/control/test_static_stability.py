@@ -1,0 +1,91 @@
+"""The gait that stands safest, against margins computed with another hull and by walking it."""
+
+import math
+from itertools import permutations
+
+import numpy as np
+import pytest
+from scipy.spatial import ConvexHull
+
+from hexctl.control.plan import TrialPlan
+from hexctl.control.static_stability import most_stable_slots, stable_slots_of, static_margins_m
+from hexctl.gait.encoding import slots_from_code
+from hexctl.gait.foot_trajectory import gait_feet_body
+from hexctl.gait.gait import Gait, Motion, make_gait
+from hexctl.ik.support_polygon import centre_of_mass_body
+from hexctl.record.run import run
+from hexctl.robot.failure import Failure
+from tests.robots import shipped
+
+
+def walked_margin_m(robot_name: str, slots: tuple[int, ...], heading_rad: float, failure: Failure) -> float:
+    """Smallest margin over the feet of the walk itself, by scipy's convex hull."""
+    robot = shipped(robot_name)
+    gait: Gait = make_gait(robot, slots)
+    times_s = (10 + np.arange(200) / 200) / gait.pace_hz
+    feet = gait_feet_body(robot, gait, Motion(heading_rad=heading_rad), times_s)
+    centre = centre_of_mass_body(robot, robot.stance_angles_rad)[:2]
+    margins_m = []
+    for row in feet:
+        down = row[:, 2] < robot.stance_feet_body[:, 2] + 1e-9
+        down[failure.leg - 1] = failure.kind == "locked"
+        row[failure.leg - 1] = robot.stance_feet_body[failure.leg - 1]
+        hull = ConvexHull(row[down, :2])
+        margins_m.append(-(hull.equations[:, :2] @ centre + hull.equations[:, 2]).max())
+    return float(min(margins_m))
+
+
+@pytest.mark.parametrize("robot_name", ["ant", "phantomx"])
+@pytest.mark.parametrize("kind", ["locked", "limp"])
+def test_the_margin_is_that_of_the_feet_of_the_walk(robot_name: str, kind: str) -> None:
+    robot, failure = shipped(robot_name), Failure(leg=2, kind=kind)
+    slots = [slots_from_code(code, (2,)) for code in (1, 33, 77, 120)]
+    margins_m = static_margins_m(robot, slots, heading_rad=0.4, failure=failure)[:, 0]
+    expected_m = [walked_margin_m(robot_name, one, 0.4, failure) for one in slots]
+    np.testing.assert_allclose(margins_m, expected_m, atol=0.004)
+
+
+@pytest.mark.parametrize("kind", ["locked", "missing"])
+def test_no_gait_has_a_larger_margin(kind: str) -> None:
+    robot, failure = shipped(), Failure(leg=4, kind=kind)
+    chosen = most_stable_slots(robot, heading_rad=0.0, failure=failure)
+    others = [(*rest[:3], 4, *rest[3:]) for rest in permutations((1, 2, 3, 5, 6))]
+    margins_m = static_margins_m(robot, [chosen, *others], heading_rad=0.0, failure=failure)[:, 0]
+    assert margins_m[0] == pytest.approx(margins_m.max(), abs=1e-6)
+    assert margins_m[0] > np.median(margins_m) + 0.01
+
+
+def test_a_mirrored_failure_has_the_mirrored_margin() -> None:
+    """Leg 2 is leg 6's mirror image."""
+    robot = shipped()
+    both = [
+        static_margins_m(
+            robot,
+            [most_stable_slots(robot, heading_rad=heading_rad, failure=Failure(leg=leg))],
+            heading_rad=heading_rad,
+            failure=Failure(leg=leg),
+        )[0, 0]
+        for leg, heading_rad in ((2, math.radians(30)), (6, math.radians(-30)))
+    ]
+    assert both[0] == pytest.approx(both[1], abs=1e-9)
+
+
+def test_it_is_chosen_for_the_direction_in_which_the_self_rotation_leaves_the_body() -> None:
+    robot, failure = shipped(), Failure(leg=1)
+    demo = make_gait(robot, "demo")
+    rear = stable_slots_of(robot, TrialPlan(gait=demo, belief=failure))
+    as_it_is = stable_slots_of(robot, TrialPlan(gait=demo, belief=failure, self_rotation="none"))
+    assert rear == most_stable_slots(
+        robot, heading_rad=float(robot.leg_azimuths_rad[0]) - math.pi, failure=failure
+    )
+    assert as_it_is == most_stable_slots(robot, heading_rad=0.0, failure=failure)
+    assert rear != as_it_is
+
+
+def test_an_intact_robot_has_one_too_and_it_walks() -> None:
+    assert most_stable_slots(shipped(), heading_rad=0.0)[0] == 1
+    walked = run(gait="auto", failed_leg=2, failure="missing", self_rotation="none", duration_s=10)
+    assert walked.outcome["gait"]["name"] == "auto"
+    assert walked.trial.status == "ok"
+    assert walked.trial.distance_m is not None
+    assert walked.trial.distance_m > 0.7 * walked.trial.ideal_distance_m
