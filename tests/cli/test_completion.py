@@ -62,7 +62,7 @@ def asked(shell: str, line: str, folder: Path) -> list[str]:
         ("hexctl run --world s", ["slippery", "slope"]),
         ("hexctl run --world t", ["transfer:0"]),
         ("hexctl prior build --family ", ["randomised", "real", "transfer"]),
-        ("hexctl run --gait ", ["demo", "tripod", "wave", "ripple"]),
+        ("hexctl run --gait ", ["auto", "demo", "tripod", "wave", "ripple"]),
         ("hexctl run --failed-leg ", ["1", "2", "3", "4", "5", "6"]),
         ("hexctl run --failure l", ["locked", "limp"]),
         ("hexctl run --self-rotation ", ["rear", "front", "none"]),
