@@ -25,7 +25,7 @@ from hexctl.control.turning import turn_gait
 from hexctl.errors import HexctlError, RobotFaultError, argument
 from hexctl.gait.encoding import Slots
 from hexctl.gait.foot_trajectory import RAMP_DURATION_S
-from hexctl.gait.gait import NAMED_SLOTS, ideal_speed_m_s
+from hexctl.gait.gait import AUTO, NAMED_SLOTS, ideal_speed_m_s
 from hexctl.record.live import LiveView
 from hexctl.record.recording import Recording
 from hexctl.robot.failure import drawn_failure, untold_note
@@ -184,10 +184,10 @@ def title_of(index: int, code: int, plan: TrialPlan) -> str:
 
 
 def _name_of(plan: TrialPlan) -> str:
-    """Name of a plan's gait; its slots for one without a name."""
+    """Name of a plan's gait in a baseline, where the one without a name of its own is `auto`."""
     slots = tuple(plan.gait.slots)
     named = (name for name, own in NAMED_SLOTS.items() if own == slots)
-    return next(named, "".join(str(slot) for slot in slots))
+    return next(named, AUTO)
 
 
 def _new_path(folder: Path, stem: str) -> Path:

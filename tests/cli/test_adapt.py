@@ -75,7 +75,7 @@ def test_the_gaits_it_would_use_anyway_are_walked_first_and_are_no_trials(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     outcome = run_json(capsys, *QUICK)
-    assert [walk["gait"] for walk in outcome["baseline"]] == ["demo", "tripod"]
+    assert [walk["gait"] for walk in outcome["baseline"]] == ["auto", "demo", "tripod"]
     for walk in outcome["baseline"]:
         assert Path(walk["recording"]).name == f"baseline-{walk['gait']}.rrd"
         assert walk["status"] == "ok"
@@ -93,9 +93,10 @@ def test_the_gaits_it_would_use_anyway_are_walked_first_and_are_no_trials(
 def test_the_table_and_the_sessions(capsys: pytest.CaptureFixture[str]) -> None:
     assert exit_code([*QUICK, "--no-record"]) == 0
     printed = capsys.readouterr().out
-    assert len([line for line in printed.splitlines() if " ok " in line]) == 5
-    assert [line.split()[:2] for line in printed.splitlines()[2:4]] == [["0", "demo"], ["0", "tripod"]]
-    (said,) = [line for line in printed.splitlines() if line.startswith("without a search: demo ")]
+    assert len([line for line in printed.splitlines() if " ok " in line]) == 6
+    gaits = ("auto", "demo", "tripod")
+    assert [line.split()[:2] for line in printed.splitlines()[2:5]] == [["0", gait] for gait in gaits]
+    (said,) = [line for line in printed.splitlines() if line.startswith("without a search: auto ")]
     assert said.endswith("; no trial is better than tripod")
     (listed,) = run_json(capsys, "sessions", "list")
     name = listed["session"]
@@ -116,7 +117,7 @@ def test_the_table_and_the_sessions(capsys: pytest.CaptureFixture[str]) -> None:
         pq.read_table("out.parquet").to_pylist(),
     ]
     shown = run_json(capsys, "sessions", "show", name)["baseline"]
-    assert [walk["gait"] for walk in shown] == ["demo", "tripod"]
+    assert [walk["gait"] for walk in shown] == ["auto", "demo", "tripod"]
     for rows in tables:
         for row in rows:
             for walk in shown:
