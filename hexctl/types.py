@@ -120,6 +120,9 @@ class RobotState(ArrayFields):
         stopped: the reason for which the robot's own guard is stopped, or None.
         battery_v: voltage of the battery, or None where unknown.
         battery_share: remaining charge, 0 to 1, or None where unknown.
+        joint_torques_nm: torques that the actuators apply to the joints, (18,), positive the way the angle
+            grows, averaged over the control period up to the stamp where the servos can, else as they are
+            then; None where unknown.
     """
 
     joint_positions_rad: FloatArray
@@ -134,6 +137,7 @@ class RobotState(ArrayFields):
     stopped: str | None = None
     battery_v: float | None = None
     battery_share: float | None = None
+    joint_torques_nm: FloatArray | None = None
 
     def copy(self) -> "RobotState":
         """The same state, with copies of its arrays."""

@@ -52,6 +52,7 @@ CHANGES: list[dict[str, Any]] = [
     {"foot_contacts": np.array([False, True] * 3)},
     {"stamp_s": 2.0},
     {"measured": False},
+    {"joint_torques_nm": np.zeros(N_JOINTS)},
 ]
 
 

@@ -18,6 +18,7 @@ from hexctl.control.preparation import WalkStart, prepare, ticks_of
 from hexctl.control.result import TrialResult, score
 from hexctl.control.trial import CONTROLLERS, MakeController, made_controller, planned_walk, run_trial
 from hexctl.control.turning import check_plan, turn_needed_rad
+from hexctl.control.walk_quality import WalkEffort
 from hexctl.errors import CommandRefusedError, EStopError, SimulationDivergedError, check_callable, check_type
 from hexctl.robot.failure import Failure
 from hexctl.robot.model import Robot
@@ -185,6 +186,7 @@ class _Walks:
         self._status = np.full(n, "ok", dtype=object)
         self._stopped: list[str | None] = [None] * n
         self._samples = WalkSamples(int(self._ticks.max()), (n,))
+        self._effort = WalkEffort((n,))
         self._positions = np.full((n, self._ticks.max(), 3), np.nan)
         self._quaternions = np.full((n, self._ticks.max(), 4), np.nan)
         self._true_positions = np.full((n, self._ticks.max(), 3), np.nan)
@@ -203,6 +205,7 @@ class _Walks:
             self._accepted_rad = self._limits.apply(wanted_rad, self._accepted_rad)
             self._batch.write(self._accepted_rad)
             self._samples.add(state, self._accepted_rad)
+            self._effort.add(state, self._accepted_rad, running)
             self._clipped += running & (self._accepted_rad != wanted_rad).any(axis=-1)
             self._walked += running
             if state.base_position_world is not None:
@@ -231,6 +234,7 @@ class _Walks:
                 true_positions_world=self._true_positions[index, :walked],
                 quaternions_world=self._quaternions[index, :walked],
                 samples=self._samples.of(walked, (index,)),
+                energy_j=self._effort.energy_j((index,)),
             )
             for index, (plan, walked) in enumerate(zip(self._start.plans, self._walked.tolist(), strict=True))
         ]

@@ -24,6 +24,7 @@ COLUMNS: tuple[tuple[str, int, type], ...] = (
     ("base_position_world", 3, float),
     ("base_quaternion_world", 4, float),
     ("foot_contacts", N_LEGS, bool),
+    ("joint_torques_nm", N_JOINTS, float),
 )
 
 #: Ticks of a block in a walk that runs ahead of time: a second.
@@ -39,8 +40,8 @@ CHUNK_ROWS = 2048
 class TickLog:
     """Rows of all ticks of a trial so far.
 
-    `log[name]` gives all rows of a column of `COLUMNS`; positions and orientations are NaN where the robot
-    did not know them. Given to `run_trial` as a recorder it is filled tick by tick.
+    `log[name]` gives all rows of a column of `COLUMNS`; positions, orientations and torques are NaN where the
+    robot did not know them. Given to `run_trial` as a recorder it is filled tick by tick.
 
     Attributes:
         phase: the part of the trial that the next ticks belong to, one of `PHASES`.
@@ -98,6 +99,8 @@ class TickLog:
         self.contacts_known = state.foot_contacts is not None
         if self.contacts_known:
             columns["foot_contacts"][row] = state.foot_contacts
+        if state.joint_torques_nm is not None:
+            columns["joint_torques_nm"][row] = state.joint_torques_nm
         self.walked_ticks += self.phase == "walk"
         self._length += 1
 

@@ -3,12 +3,12 @@
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
 from hexctl.backends.base import LegServos
 from hexctl.backends.clock import Tick
-from hexctl.control.cause import WalkSamples
 from hexctl.control.controllers import Controller, Stand
 from hexctl.control.guard import Guard
 from hexctl.control.log import Recorder, Recorders, TickLog
@@ -97,18 +97,25 @@ class _TraceObserver:
         """Nothing: a trace keeps no durations."""
 
 
-class SampleObserver:
-    """Adds every tick of the walk to its samples."""
+class WalkRows(Protocol):
+    """What a trial keeps of the ticks of its walk, beside the trace."""
 
-    def __init__(self, samples: WalkSamples) -> None:
-        self._samples = samples
+    def add(self, state: RobotState, sent_rad: FloatArray) -> None:
+        """Take the next tick: the state, and the targets sent after it."""
+
+
+class RowObserver:
+    """Adds every tick of the walk to what is kept of it."""
+
+    def __init__(self, rows: WalkRows) -> None:
+        self._rows = rows
 
     def record(self, tick: Tick, state: RobotState, wanted_rad: FloatArray, sent: JointTargets) -> None:
         """Take one tick."""
-        self._samples.add(state, sent.positions_rad)
+        self._rows.add(state, sent.positions_rad)
 
     def took(self, work_s: float) -> None:
-        """Nothing: samples keep no durations."""
+        """Nothing: rows keep no durations."""
 
 
 class Phases:
@@ -132,10 +139,10 @@ class Phases:
         *,
         until: Until | None = None,
         first_step: int = 0,
-        samples: WalkSamples | None = None,
+        seen_by: Sequence[WalkRows] = (),
     ) -> int:
         """Run a controller until it is done; the last step."""
-        observers = [*self._observers, *([] if samples is None else [SampleObserver(samples)])]
+        observers = [*self._observers, *map(RowObserver, seen_by)]
         return run_controller(self.servos, controller, observers, until=until, first_step=first_step)[0]
 
 

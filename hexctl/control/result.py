@@ -11,6 +11,7 @@ from hexctl.control.cause import Samples, symptoms
 from hexctl.control.plan import TrialPlan
 from hexctl.control.trace import TrialFrame
 from hexctl.control.turning import TURN_WITHIN_RAD, turn_needed_rad
+from hexctl.control.walk_quality import cost_of_transport, lean_deg, unsteadiness_m_s
 from hexctl.errors import InputError, MissingExtraError
 from hexctl.gait.foot_trajectory import RAMP_DURATION_S
 from hexctl.gait.gait import ideal_speed_m_s
@@ -27,6 +28,9 @@ END_TICKS = 50
 
 #: `ok` is the only valid outcome; the others rank behind every valid trial.
 STATUSES = ("ok", "fell", "diverged", "no_progress", "cut_short", "aborted")
+
+#: Fields of a result that say how it walked, not where to; results from before there were any have none.
+QUALITIES = ("energy_j", "cost_of_transport", "tilt_deg", "steadiness")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -81,6 +85,14 @@ class TrialResult(ArrayFields):
         hold: what the walk held by feedback: `line`, `heading` or `none`.
         true_deviation: from the same line by where a simulated robot really was, which its sensors may not
             have told; None for a real robot.
+        energy_j: mechanical work of the joints' actuators over the walk, without what they brake; None where
+            the robot does not tell its torques.
+        cost_of_transport: that work per weight and metre of progress, without unit; None likewise, and
+            without progress.
+        tilt_deg: lean of the body after the soft start, root mean square; None where its orientation is not
+            known.
+        steadiness: by how much the velocity of the body differs from its mean after the soft start, root mean
+            square in m/s, so that smaller is steadier; None where its position is not known.
     """
 
     status: str
@@ -97,6 +109,10 @@ class TrialResult(ArrayFields):
     turn_miss_rad: float | None = None
     hold: str = "none"
     true_deviation: Deviation | None = None
+    energy_j: float | None = None
+    cost_of_transport: float | None = None
+    tilt_deg: float | None = None
+    steadiness: float | None = None
 
     @property
     def valid(self) -> bool:
@@ -121,6 +137,7 @@ class TrialResult(ArrayFields):
             "turn_miss_deg": None if self.turn_miss_rad is None else math.degrees(self.turn_miss_rad),
             "hold": self.hold,
             "true_deviation_m": None if self.true_deviation is None else self.true_deviation.to_dict(),
+            **{name: getattr(self, name) for name in QUALITIES},
         }
         if path:
             data["path_m"] = [[_known(value) for value in row] for row in self.path_m.tolist()]
@@ -150,6 +167,7 @@ class TrialResult(ArrayFields):
                 turn_miss_rad=None if miss_deg is None else math.radians(miss_deg),
                 hold=str(data.get("hold", "none")),
                 true_deviation=Deviation.from_dict(data.get("true_deviation_m") or {"signed": None}),
+                **{name: data.get(name) for name in QUALITIES},
             )
         except (KeyError, TypeError, ValueError, AttributeError) as error:
             raise InputError(
@@ -216,6 +234,7 @@ def score(
     samples: Samples | None = None,
     hold: str = "none",
     true_positions_world: FloatArray | None = None,
+    energy_j: float | None = None,
 ) -> TrialResult:
     """Result of a walk.
 
@@ -234,6 +253,7 @@ def score(
             they are not known.
         hold: what the walk held by feedback.
         true_positions_world: of a simulated robot, likewise; NaN or None where they are not known.
+        energy_j: mechanical work of its actuators; None where it is not known.
     """
     path = frame.path(positions_world) if frame is not None else np.zeros((0, 2))
     known = path[np.isfinite(path[:, 0])]
@@ -263,6 +283,10 @@ def score(
         turn_miss_rad=_turn_miss_rad(robot, plan, turned_rad) if frame is not None else None,
         hold=hold,
         true_deviation=_true_deviation(frame, true_positions_world),
+        energy_j=energy_j,
+        cost_of_transport=cost_of_transport(robot, energy_j, distance_m),
+        tilt_deg=lean_deg(quaternions_world),
+        steadiness=unsteadiness_m_s(positions_world),
     )
 
 

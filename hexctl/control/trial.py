@@ -26,6 +26,7 @@ from hexctl.control.trace import Trace
 from hexctl.control.turning import (
     check_plan,
 )
+from hexctl.control.walk_quality import WalkEffort
 from hexctl.errors import (
     CommandRefusedError,
     EStopError,
@@ -193,7 +194,7 @@ class _Trial:
         self.stopped: str | None = None
         self.turned_rad, self.clipped_ticks, self.hold = 0.0, 0, "none"
         self._requested = False
-        self._samples = WalkSamples(ticks_of(servos, plan.duration_s))
+        self._samples, self._effort = WalkSamples(ticks_of(servos, plan.duration_s)), WalkEffort()
 
     def run(self, *, soft_stop: bool) -> None:
         """Settle, turn, walk and stop."""
@@ -230,6 +231,7 @@ class _Trial:
             true_positions_world=trace.true_positions_world[rows],
             quaternions_world=trace.quaternions_world[rows],
             samples=self._samples.of(rows.stop - rows.start),
+            energy_j=self._effort.energy_j(),
         )
 
     def _walk(self, start: WalkStart, *, soft_stop: bool) -> None:
@@ -241,7 +243,7 @@ class _Trial:
         phases.begin("walk")
         clipped_before = self._servos.counters.clipped
         try:
-            step = phases.run(walk, until=self._until(), samples=self._samples)
+            step = phases.run(walk, until=self._until(), seen_by=(self._samples, self._effort))
         finally:
             self.clipped_ticks = self._servos.counters.clipped - clipped_before
         if self.status == "aborted" and not self._requested:

@@ -7,7 +7,7 @@ import numpy as np
 from mujoco.batch import Batch, SimulationError
 
 from hexctl.backends.base import TruePose
-from hexctl.backends.sim.model import FIRST_JOINT
+from hexctl.backends.sim.model import FIRST_JOINT, TOUCH
 from hexctl.backends.sim.sensing import Snapshot
 from hexctl.backends.sim.servos import SimServos
 from hexctl.types import FloatArray, RobotState
@@ -41,7 +41,12 @@ class SimBatch:
         mujoco.mj_getState(model, data, row, mujoco.mjtState.mjSTATE_INTEGRATION)
         self._batch.state[:] = row
         self._qpos, self._ctrl = self._batch.bind("qpos"), self._batch.bind("ctrl")
-        self._touch = self._batch.bind("sensordata")
+        self._touch = self._batch.bind("sensordata")[:, TOUCH]
+        self._torques = servos.torques
+        self._qvel, self._forces = (
+            self._batch.bind("qvel"),
+            servos.torques.forces_in(self._batch.bind("history")),
+        )
         self.running = np.ones(n, dtype=bool)
 
     def tick(self) -> None:
@@ -71,7 +76,8 @@ class SimBatch:
 
     def _measured(self) -> Snapshot:
         """What is measured now, without errors."""
-        return Snapshot(self._qpos.copy(), self._touch.copy())
+        torques_nm = self._torques.applied(self._forces, self._qvel)
+        return Snapshot(self._qpos.copy(), self._touch.copy(), torques_nm)
 
     @property
     def true_pose(self) -> TruePose:
@@ -91,9 +97,17 @@ class SimBatch:
         age_s = self._world.latency_steps * self._world.time_step_s
         stamp_s = (self._start_index + self._ticks) * self._period_s - age_s
         touch = measured.touch > 0
-        if self._pose_loss.lost:
-            return RobotState(joints, stamp_s, True, None, None, touch, age_s)
-        return RobotState(joints, stamp_s, True, position, quaternion, touch, age_s)
+        posed = not self._pose_loss.lost
+        return RobotState(
+            joints,
+            stamp_s,
+            True,
+            position if posed else None,
+            quaternion if posed else None,
+            touch,
+            age_s,
+            joint_torques_nm=measured.torques_nm,
+        )
 
     def write(self, positions_rad: FloatArray) -> None:
         """Command the simulated servos; targets (n, 18) in rad."""

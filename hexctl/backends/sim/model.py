@@ -4,6 +4,7 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
+import mujoco
 import numpy as np
 
 from hexctl.backends.sim.dm import mjcf
@@ -24,6 +25,9 @@ from hexctl.types import (
 
 #: Where the joints begin in qpos: after the free joint's position and quaternion.
 FIRST_JOINT = 7
+
+#: Place of the touch sensors of the feet in sensordata, behind the forces of the actuators.
+TOUCH = slice(N_JOINTS, N_JOINTS + N_LEGS)
 
 #: Passive damping of a gearbox without power, in N m s/rad.
 GEAR_DAMPING = 0.02
@@ -77,6 +81,7 @@ def make_simulation(
     root.attach(body).add("freejoint")
     missing = failure.leg if failure is not None and failure.kind == "missing" else None
     _lay_grain(root, body, world, missing)
+    _measure_forces(root, body, world)
     physics = mjcf.Physics.from_mjcf_model(root)
     # The plain mj_step order, which mujoco.batch also takes: results are then equal to the last bit.
     physics.legacy_step = False
@@ -161,6 +166,15 @@ def _lay_grain(root: Any, body: Any, world: World, missing_leg: int | None) -> N
             )
 
 
+def _measure_forces(root: Any, body: Any, world: World) -> None:
+    """Give each actuator a sensor that remembers its force at every step of a control period.
+
+    Targets jump once per period and forces with them, so that a force at any one moment is far from the mean.
+    """
+    for actuator in body.find_all("actuator"):
+        root.sensor.add("actuatorfrc", actuator=actuator, nsample=world.steps_per_tick)
+
+
 def _make_world(world: World, floor: Floor) -> Any:
     """An mjcf model with the physics options and the floor."""
     root = mjcf.RootElement(model="world")
@@ -201,7 +215,7 @@ def _make_world(world: World, floor: Floor) -> Any:
 
 
 def _check_order(physics: Any) -> None:
-    """Raise unless joints and actuators are in leg-major order, which every array relies on."""
+    """Raise unless joints and actuators are are leg-major and the feet's sensors last, as arrays expect."""
     expected = [f"leg{leg}/{kind}" for leg in range(1, N_LEGS + 1) for kind in JOINT_KINDS]
     model = physics.model
     joints = [model.id2name(index, "joint") for index in range(1, N_JOINTS + 1)]
@@ -209,6 +223,9 @@ def _check_order(physics: Any) -> None:
     for names in (joints, actuators):
         if [name.split("/", 1)[1] for name in names] != expected:
             raise RuntimeError(f"the compiled model has an unexpected order: {names}")
+    kinds = [mujoco.mjtSensor.mjSENS_ACTUATORFRC] * N_JOINTS + [mujoco.mjtSensor.mjSENS_TOUCH] * N_LEGS
+    if model.sensor_type.tolist() != [int(kind) for kind in kinds]:
+        raise RuntimeError(f"the compiled model has unexpected sensors: {model.sensor_type}")
 
 
 def _fill_heights(physics: Any, floor: Floor) -> None:

@@ -86,10 +86,21 @@ class Losses:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Snapshot(ArrayFields):
-    """What is measured at one moment: qpos, leading shape + (25,), and foot forces, leading shape + (6,)."""
+    """What is measured at one moment.
+
+    Attributes:
+        qpos: base position, base quaternion and 18 joints, leading shape + (25,).
+        touch: foot forces, leading shape + (6,).
+        torques_nm: of the actuators, leading shape + (18,).
+    """
 
     qpos: FloatArray
     touch: FloatArray
+    torques_nm: FloatArray
+
+    def copies(self, n: int) -> "Snapshot":
+        """The same for n robots."""
+        return Snapshot(*(np.tile(one, (n, 1)) for one in (self.qpos, self.touch, self.torques_nm)))
 
 
 class LateStates:
@@ -114,5 +125,5 @@ class LateStates:
 
     def copies(self, world: World, n: int) -> "LateStates":
         """The states of n robots in the state of this one."""
-        rows = [Snapshot(np.tile(one.qpos, (n, 1)), np.tile(one.touch, (n, 1))) for one in self._latest]
+        rows = [one.copies(n) for one in self._latest]
         return LateStates(world, rows[-1], rows)

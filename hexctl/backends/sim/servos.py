@@ -9,7 +9,8 @@ from hexctl.backends.base import LegServos, TruePose, as_robot, check_connected,
 from hexctl.backends.clock import Clock, Tick, WallClock
 from hexctl.backends.sim.actuators import ActuatorModel
 from hexctl.backends.sim.dm import PhysicsError
-from hexctl.backends.sim.model import FIRST_JOINT, Simulation, make_simulation
+from hexctl.backends.sim.effort import JointTorques
+from hexctl.backends.sim.model import FIRST_JOINT, TOUCH, Simulation, make_simulation
 from hexctl.backends.sim.sensing import LateStates, Losses, Noise, Snapshot
 from hexctl.backends.sim.world import World, as_world
 from hexctl.errors import SimulationDivergedError, check_type
@@ -137,7 +138,9 @@ class SimServos(LegServos):
         self.pose_loss = Losses.of_poses(self.world, self.seed, self.trial)
         data = simulation.physics.data.ptr
         # Views of MuJoCo's own memory: they stay valid and save the wrapper's cost on every tick.
-        self._qpos, self._ctrl, self._touch = data.qpos, data.ctrl, data.sensordata
+        self._qpos, self._qvel, self._ctrl = data.qpos, data.qvel, data.ctrl
+        self.torques = JointTorques.of(simulation, self.failure)
+        self._touch, self._forces = data.sensordata[TOUCH], self.torques.forces_in(data.history)
         self.late = LateStates(self.world, self._measured()) if self.world.latency_steps else None
         self.actuators = ActuatorModel.at_rest(simulation, self._robot.stance_angles_rad)
         self._offsets_rad = simulation.joint_offsets_rad if simulation.joint_offsets_rad.any() else None
@@ -163,9 +166,17 @@ class SimServos(LegServos):
             quaternion = self.noise.turned(quaternion)
         age_s = self.world.latency_steps * self.world.time_step_s
         stamp_s, touch = self._clock.now_s - age_s, measured.touch > 0
-        if self.pose_loss.lost:
-            return RobotState(joints, stamp_s, True, None, None, touch, age_s)
-        return RobotState(joints, stamp_s, True, position, quaternion, touch, age_s)
+        posed = not self.pose_loss.lost
+        return RobotState(
+            joints,
+            stamp_s,
+            True,
+            position if posed else None,
+            quaternion if posed else None,
+            touch,
+            age_s,
+            joint_torques_nm=measured.torques_nm,
+        )
 
     def write(self, targets: JointTargets) -> JointTargets:
         """Command the simulated servos; a jammed joint ignores its target."""
@@ -189,7 +200,7 @@ class SimServos(LegServos):
         if self._simulation is not None:
             self._simulation.physics.free()
             self._simulation = None
-            del self._qpos, self._ctrl, self._touch, self._springs
+            del self._qpos, self._qvel, self._ctrl, self._touch, self._forces, self._springs
 
     def _set_springs(self, share: float) -> None:
         for in_force, whole in self._springs:
@@ -214,4 +225,5 @@ class SimServos(LegServos):
 
     def _measured(self) -> Snapshot:
         """What is measured now, without errors."""
-        return Snapshot(self._qpos.copy(), self._touch.copy())
+        torques_nm = self.torques.applied(self._forces, self._qvel)
+        return Snapshot(self._qpos.copy(), self._touch.copy(), torques_nm)

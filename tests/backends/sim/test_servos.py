@@ -7,7 +7,7 @@ import pytest
 
 from hexctl.backends.base import LegServos
 from hexctl.backends.clock import PERIOD_S
-from hexctl.backends.sim.model import FIRST_JOINT
+from hexctl.backends.sim.model import FIRST_JOINT, TOUCH
 from hexctl.backends.sim.servos import SimClock, SimServos
 from hexctl.backends.sim.world import SensorNoise, World, load_world
 from hexctl.errors import RobotFaultError, SimulationDivergedError, WrongTypeError
@@ -52,7 +52,7 @@ def test_a_robot_stands_still_on_six_feet_that_carry_its_weight(name: str) -> No
         assert after.base_position_world[2] == pytest.approx(robot.standing_height_m, abs=0.01)
         assert after.foot_contacts is not None
         assert after.foot_contacts.all()
-        assert servos.simulation.physics.data.sensordata.sum() == pytest.approx(
+        assert servos.simulation.physics.data.sensordata[TOUCH].sum() == pytest.approx(
             9.81 * robot.mass_kg, rel=0.01
         )
 

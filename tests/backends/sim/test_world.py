@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from hexctl.backends.sim.model import FIRST_JOINT, make_simulation
+from hexctl.backends.sim.model import FIRST_JOINT, TOUCH, make_simulation
 from hexctl.backends.sim.servos import SimServos
 from hexctl.backends.sim.world import SensorNoise, World, load_world
 from hexctl.control.guard import Guard
@@ -149,7 +149,7 @@ def test_a_payload_is_in_the_mass_and_on_the_feet() -> None:
     with SimServos(shipped(), world=world) as servos:
         assert servos.simulation.physics.model.body_mass.sum() == pytest.approx(1.7)
         move(servos, servos.robot.stance_angles_rad, ticks=100)
-        forces = servos.simulation.physics.data.sensordata
+        forces = servos.simulation.physics.data.sensordata[TOUCH]
         assert forces.sum() == pytest.approx(9.81 * 1.7, rel=0.01)
         assert forces[0] > forces[3], "it sits in front"
 
@@ -174,7 +174,7 @@ def test_added_mass_is_on_the_feet() -> None:
         shipped(), world=World(added_mass_share=0.4, body_mass_shift_m=(0.05, 0.0, 0.0))
     ) as servos:
         move(servos, servos.robot.stance_angles_rad, ticks=100)
-        forces = servos.simulation.physics.data.sensordata
+        forces = servos.simulation.physics.data.sensordata[TOUCH]
         assert forces.sum() == pytest.approx(9.81 * 1.4, rel=0.01)
         assert forces[0] > forces[3], "it sits in front"
 

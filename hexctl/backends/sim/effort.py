@@ -1,0 +1,72 @@
+"""Torques of the simulated actuators."""
+
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+
+from hexctl.backends.sim.failure import FIRST_SPEED
+from hexctl.backends.sim.model import GEAR_DAMPING, Simulation
+from hexctl.robot.failure import Failure
+from hexctl.types import N_JOINTS, ArrayFields, BoolArray, FloatArray, leg_slice
+
+#: A back-EMF below this is the rounding of one that is not there.
+LEAST_BACK_EMF = 1e-12
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class JointTorques(ArrayFields):
+    """Torques that the servos of simulated robots apply to the joints, averaged over a control period.
+
+    A servo applies MuJoCo's actuator force less its back-EMF, which the simulation has as damping of the
+    joint. Friction and damping of its gears act behind it and are not subtracted. Joints without a servo that
+    works have none: those of a missing leg, and a stuck one, whose force is the jam's.
+
+    Attributes:
+        steps: steps of the physics in a control period.
+        driven: joints that a servo drives, (18,); None for all.
+        back_emf_nm_s_per_rad: torque lost per speed, (18,); None for none.
+    """
+
+    steps: int
+    driven: BoolArray | None
+    back_emf_nm_s_per_rad: FloatArray | None
+
+    @classmethod
+    def of(cls, simulation: Simulation, failure: Failure | None) -> Self:
+        """Those of a simulation, with the failure that was injected into it."""
+        driven = np.ones(N_JOINTS, dtype=bool)
+        if failure is not None and failure.kind == "missing":
+            driven[leg_slice(failure.leg)] = False
+        if failure is not None and failure.kind == "stuck":
+            driven[failure.joint_index] = False
+        damping = np.array(simulation.physics.model.dof_damping[FIRST_SPEED:])
+        back_emf = np.where(damping - GEAR_DAMPING > LEAST_BACK_EMF, damping - GEAR_DAMPING, 0.0)
+        steps = simulation.world.steps_per_tick
+        return cls(steps, None if driven.all() else driven, back_emf if back_emf.any() else None)
+
+    def forces_in(self, history: FloatArray) -> FloatArray:
+        """View of the forces in MuJoCo's memory of its sensors, leading shape + (18, steps).
+
+        The memory, leading shape + (18 * (2 + 2 * steps),), has two numbers for each actuator, then a time
+        and a force for each of the last steps.
+        """
+        rows = history.reshape(*history.shape[:-1], N_JOINTS, 2 + 2 * self.steps)
+        return rows[..., 2 + self.steps :]
+
+    def applied(self, forces_nm: FloatArray, qvel: FloatArray) -> FloatArray:
+        """Torques over the last period, a new array of leading shape + (18,).
+
+        The speed of its end stands for that of the period.
+
+        Args:
+            forces_nm: as `forces_in` has them.
+            qvel: MuJoCo's velocities, leading shape + (24,).
+        """
+        torques: FloatArray = np.add.reduce(forces_nm, axis=-1)
+        torques /= self.steps
+        if self.back_emf_nm_s_per_rad is not None:
+            torques -= self.back_emf_nm_s_per_rad * qvel[..., FIRST_SPEED:]
+        if self.driven is not None:
+            torques *= self.driven
+        return torques

@@ -1,0 +1,86 @@
+"""Torques of simulated actuators, against MuJoCo's own generalized forces."""
+
+import numpy as np
+import pytest
+
+from hexctl.backends.sim.failure import FIRST_SPEED
+from hexctl.backends.sim.servos import SimServos
+from hexctl.control.guard import Guard
+from hexctl.control.log import TickLog
+from hexctl.control.plan import TrialPlan
+from hexctl.control.trial import run_trial
+from hexctl.robot.failure import Failure, parse_failure
+from hexctl.types import FloatArray, JointTargets, leg_slice
+from tests.robots import shipped
+from tests.trials import gait_of
+
+JOINTS = slice(FIRST_SPEED, FIRST_SPEED + 18)
+
+
+class Metered(SimServos):
+    """A simulation that is stepped one by one, with MuJoCo's forces and power of each step."""
+
+    def connect(self) -> None:
+        super().connect()
+        self.forces_nm: list[FloatArray] = []
+        self.work_j: list[FloatArray] = []
+
+    def _step(self) -> None:
+        physics, forces, work = self.simulation.physics, [], []
+        back_emf = self.robot.back_emf_nm_s_per_rad
+        for _ in range(self.world.steps_per_tick):
+            physics.step()
+            velocity = np.array(physics.data.qvel[JOINTS])
+            force = np.array(physics.data.qfrc_actuator[JOINTS])
+            forces.append(force)
+            work.append((force - back_emf * velocity) * velocity * self.world.time_step_s)
+        self.forces_nm.append(np.mean(forces, axis=0))
+        self.work_j.append(np.sum(work, axis=0))
+
+
+def test_torques_are_the_mean_of_the_actuator_forces_over_a_period() -> None:
+    with Metered(shipped()) as servos:
+        for tick in range(25):
+            servos.write(JointTargets(servos.robot.stance_angles_rad + 0.01 * (tick % 3), 0.02 * tick))
+            servos.clock.tick()
+            torques_nm = servos.read().joint_torques_nm
+            assert torques_nm is not None
+            assert np.abs(torques_nm - servos.forces_nm[-1]).max() < 1e-12
+        assert np.abs(servos.forces_nm[-1]).max() > 0.1
+
+
+@pytest.mark.parametrize("name", ["ant", "phantomx", "pexod"])
+def test_energy_is_the_work_of_mujocos_forces(name: str) -> None:
+    with Metered(shipped(name)) as servos:
+        plan = TrialPlan(gait=gait_of(servos.robot, "tripod"), duration_s=4.0)
+        result = run_trial(Guard(servos), plan, soft_stop=False)
+        # Each period of each joint is counted where it is positive; the walk's first tick begins the count.
+        work_j = np.array(servos.work_j)[-199:]
+    assert result.energy_j == pytest.approx(np.maximum(work_j, 0).sum(), rel=0.04)
+    weight_n = 9.81 * servos.robot.mass_kg
+    assert result.energy_j is not None
+    assert result.distance_m is not None
+    cost = result.energy_j / (weight_n * result.distance_m)
+    assert result.cost_of_transport == pytest.approx(cost)
+
+
+@pytest.mark.parametrize(("kind", "idle"), [("limp", slice(12, 15)), ("missing", slice(12, 15))])
+def test_a_leg_without_torque_costs_nothing(kind: str, idle: slice) -> None:
+    for name in ("ant", "phantomx"):
+        failure, log = Failure(leg=5, kind=kind), TickLog()
+        with SimServos(shipped(name), failure=failure) as servos:
+            plan = TrialPlan(gait=gait_of(servos.robot), belief=failure, self_rotation="none", duration_s=1.0)
+            run_trial(Guard(servos), plan, recorders=(log,))
+        torques_nm = log["joint_torques_nm"]
+        assert idle == leg_slice(5)
+        assert (torques_nm[:, idle] == 0).all()
+        assert (torques_nm[:, :12] != 0).any(axis=0).all()
+
+
+def test_the_force_of_a_jam_is_no_servos() -> None:
+    with SimServos(shipped(), failure=parse_failure(2, "stuck:femur:30")) as servos:
+        for _ in range(20):
+            servos.clock.tick()
+        torques_nm = servos.read().joint_torques_nm
+        assert torques_nm is not None
+        assert (torques_nm[3:6] != 0).tolist() == [True, False, True]
