@@ -132,19 +132,20 @@ def test_a_batch_costs_what_its_trials_cost_alone(world: World, hold: str) -> No
             failure=failure,
             world=world,
         )
-        for gait, duration_s in (("tripod", 2.5), ("demo", 1.7), ("wave", 2.5))
+        for gait, duration_s in (("tripod", 2.5), ("demo", 2.3), ("wave", 2.5))
     ]
     alone = [run_sim_trial(trial) for trial in trials]
     for one, other in zip(run_sim_trials(trials), alone, strict=True):
         assert one == other
-        assert one.energy_j is not None and one.energy_j > 0
-        assert one.tilt_deg is not None and one.steadiness is not None
+        assert one.energy_j is not None
+        assert one.energy_j > 0
+        assert None not in (one.tilt_deg, one.steadiness)
     assert len({result.energy_j for result in alone}) == 3
 
 
 def test_a_result_is_stored_with_its_qualities_and_read_without_them() -> None:
     result = walk("tripod", duration_s=2.5).result
-    assert result.energy_j and result.cost_of_transport and result.tilt_deg and result.steadiness
+    assert None not in (result.energy_j, result.cost_of_transport, result.tilt_deg, result.steadiness)
     stored = result.to_dict(path=True)
     again = TrialResult.from_dict(stored)
     assert (again.energy_j, again.steadiness) == (result.energy_j, result.steadiness)
