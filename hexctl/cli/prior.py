@@ -21,7 +21,7 @@ from hexctl.cli.options import (
     listed_legs,
     number,
 )
-from hexctl.cli.study import StudyProgress, interruptible
+from hexctl.cli.progress import StudyProgress, interruptible
 
 WORLDS = Range(low=2, high=1024, whole=True)
 PRIOR_DURATION_S = Range(low=6, unit="s")
@@ -85,7 +85,7 @@ def build(
         duration_s=duration,
     )
     path = out or RUNS / PRIORS / prior_file_name(plan, family)
-    with interruptible(plan), StudyProgress() as progress:
+    with interruptible(lambda cache: cache.count(plan.specs())), StudyProgress() as progress:
         build_prior(plan, path, jobs=jobs, dask=dask, progress=progress)
     text = f"prior: {path} ({path.stat().st_size / 1e3:.0f} kB)"
     print_result(json.dumps({"prior": str(path), **describe_prior(path)}) if as_json else text)

@@ -1,19 +1,15 @@
-"""`hexctl study`: the paper's experiments and the transfer benchmark."""
+"""`hexctl study`: the paper's experiments, the transfer benchmark, and the comparison of holds."""
 
 import json
-import signal
-import time
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable, Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
-from types import FrameType, TracebackType
-from typing import TYPE_CHECKING, Annotated, Any, Protocol, Self
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from hexctl.cli import completion
-from hexctl.cli.console import INTERRUPTED, RUNS, SIGNALS, make_bar, print_above, print_note, print_result
+from hexctl.cli.console import RUNS, print_result
 from hexctl.cli.options import (
     ALL_LEGS,
     FAILURE_HELP,
@@ -34,12 +30,12 @@ from hexctl.cli.options import (
     number,
     refuse_given,
 )
+from hexctl.cli.progress import StudyProgress, interruptible
 from hexctl.errors import InputError
 
 if TYPE_CHECKING:
-    from hexctl.study.landscape import Landscape, LandscapeSpec
     from hexctl.study.matrix import MatrixResult
-    from hexctl.study.study import StudyResult, TransferResult
+    from hexctl.study.study import HoldResult, StudyResult, TransferResult
 
 RUN_COUNT = Range(low=1, high=999, whole=True)
 BUDGET = Range(low=1, high=10_000, whole=True)
@@ -73,7 +69,8 @@ WorldsOption = Annotated[
         "--worlds",
         WORLDS,
         "In how many worlds, {}: with --transfer unseen ones (default: 30), else --world and others like it, "
-        "up to 100, over which claims have intervals (default: 1; with --matrix 3).",
+        "up to 100, over which claims have intervals (default: 1; with --matrix 3); with --hold unseen ones "
+        "(default: 10).",
     ),
 ]
 StudyFailureOption = Annotated[
@@ -81,7 +78,7 @@ StudyFailureOption = Annotated[
     typer.Option(
         "--failure",
         autocompletion=completion.failures,
-        help=f"{FAILURE_HELP} (default: locked)",
+        help=f"{FAILURE_HELP} (default: locked; with --hold and --matrix several)",
     ),
 ]
 StudySelfRotationOption = Annotated[
@@ -89,7 +86,8 @@ StudySelfRotationOption = Annotated[
     choice(
         "--self-rotation",
         SelfRotation,
-        f"{SELF_ROTATION_HELP} The optimizers search in these walks. Not with --transfer. (default: rear)",
+        f"{SELF_ROTATION_HELP} The optimizers search in these walks. Not with --transfer. "
+        "(default: rear; with --hold none)",
     ),
 ]
 TransferPriorOption = Annotated[
@@ -105,7 +103,8 @@ StudyWorldOption = Annotated[
     typer.Option(
         "--world",
         autocompletion=completion.worlds,
-        help=f"{WORLD_HELP} With --transfer a family of worlds, transfer or real. (default: flat; transfer)",
+        help=f"{WORLD_HELP} With --transfer and --hold a family of worlds, transfer or real. "
+        "(default: flat; transfer)",
     ),
 ]
 StudyRobotOption = Annotated[
@@ -130,6 +129,28 @@ TimeStepsOption = Annotated[
         "--time-steps", help="With --matrix, steps of the physics in ms, with commas. (default: 2,4)"
     ),
 ]
+HoldStudyOption = Annotated[
+    bool,
+    typer.Option(
+        "--hold",
+        help="Ask another question: where does --gait auto end in worlds that no prior has seen, open loop, "
+        "with the yaw alone and with the pose. --failure, --world and --robot take several with commas.",
+    ),
+]
+HoldsOption = Annotated[
+    str | None,
+    typer.Option(
+        "--holds",
+        help="With --hold, what the walks hold, with commas: of none, heading, line. (default: all of them)",
+    ),
+]
+ExactSensorsOption = Annotated[
+    bool,
+    typer.Option(
+        "--exact-sensors",
+        help="With --hold, leave out the delay, the noise and the losses that it gives to sensors.",
+    ),
+]
 OneLegOption = Annotated[
     bool,
     typer.Option(
@@ -147,13 +168,6 @@ ReportFolderOption = Annotated[
 ]
 
 
-class Simulated(Protocol):
-    """A plan whose landscapes are simulated."""
-
-    def specs(self) -> "list[LandscapeSpec]":
-        """Specs of the landscapes."""
-
-
 def study(
     legs: LegsOption = ALL_LEGS,
     failure: StudyFailureOption = None,
@@ -161,6 +175,9 @@ def study(
     transfer: TransferOption = False,
     one_leg: OneLegOption = False,
     matrix: MatrixOption = False,
+    hold: HoldStudyOption = False,
+    holds: HoldsOption = None,
+    exact_sensors: ExactSensorsOption = False,
     time_steps: TimeStepsOption = None,
     optimizers: OptimizersOption = None,
     runs: RunsOption = None,
@@ -180,42 +197,46 @@ def study(
 
     Gaits are walked once and kept under runs/study-cache; Ctrl-C, then the same command continues.
     """
-    _check_kind(transfer, matrix, self_rotation, time_steps, prior, one_leg)
+    kinds = {"--transfer": transfer, "--matrix": matrix, "--hold": hold}
+    of_transfer = {"--prior": prior, "--one-leg": one_leg or None}
+    of_hold = {"--holds": holds, "--exact-sensors": exact_sensors or None}
+    _check_kind(
+        kinds, {"--transfer": of_transfer, "--matrix": {"--time-steps": time_steps}, "--hold": of_hold}
+    )
     folder = out or RUNS / f"study-{datetime.now():%Y%m%d-%H%M%S}"
-    options: dict[str, Any] = {"legs": listed_legs(legs), "duration_s": duration, "seed": seed}
-    searches = None if optimizers is None else listed(optimizers)
-    options |= _given(optimizers=searches, runs=runs, budget=budget, worlds=worlds)
-    result: StudyResult | TransferResult | MatrixResult
+    options: dict[str, Any] = {"legs": listed_legs(legs), "duration_s": duration} | _given(worlds=worlds)
+    result: StudyResult | TransferResult | MatrixResult | HoldResult
+    if hold:
+        refused = {"--optimizers": optimizers, "--runs": runs, "--budget": budget, "--dask": dask}
+        refuse_given(refused | {"--seed": seed or None}, "without --hold, which searches nothing")
+        options |= _given(self_rotation=self_rotation, exact_sensors=exact_sensors or None)
+        settings = _given(robots=robot, families=world, failures=failure, holds=holds)
+        result, lines = _hold(settings, options, folder, jobs)
+    else:
+        searches = None if optimizers is None else listed(optimizers)
+        options |= {"seed": seed} | _given(optimizers=searches, runs=runs, budget=budget)
     if transfer:
+        refuse_given({"--self-rotation": self_rotation}, "without --transfer, which turns to the rear")
         options |= _given(failure=failure) | {"one_leg": one_leg}
         result, lines = _transfer(robot or "ant", world, prior, options, folder, jobs, dask)
     elif matrix:
         options |= _given(self_rotation=self_rotation)
         settings = _given(robots=robot, worlds=world, failures=failure, steps=time_steps)
         result, lines = _matrix(settings, options, folder, jobs, dask)
-    else:
+    elif not hold:
         options |= _given(failure=failure, self_rotation=self_rotation)
         result, lines = _study(robot or "ant", world or "flat", options, folder, jobs, dask)
     print_result(json.dumps(result.to_json()) if as_json else "\n".join([*lines, f"report: {result.report}"]))
 
 
-def _check_kind(
-    transfer: bool,
-    matrix: bool,
-    self_rotation: str | None,
-    time_steps: str | None,
-    prior: str | None,
-    one_leg: bool,
-) -> None:
-    """Raise InputError for options that the kind of study does not take."""
-    if transfer and matrix:
-        raise InputError("--matrix: got it with --transfer; allowed: one or the other")
-    if transfer:
-        refuse_given({"--self-rotation": self_rotation}, "without --transfer, which turns to the rear")
-    else:
-        refuse_given({"--prior": prior, "--one-leg": one_leg or None}, "with --transfer")
-    if not matrix:
-        refuse_given({"--time-steps": time_steps}, "with --matrix")
+def _check_kind(kinds: Mapping[str, bool], own: Mapping[str, Mapping[str, object]]) -> None:
+    """Raise InputError for two kinds of study, and for the options of one that was not asked for."""
+    asked = [flag for flag, given in kinds.items() if given]
+    if len(asked) > 1:
+        raise InputError(f"{asked[1]}: got it with {asked[0]}; allowed: one or the other")
+    for flag, options in own.items():
+        if flag not in asked:
+            refuse_given(options, f"with {flag}")
 
 
 def _study(
@@ -228,7 +249,7 @@ def _study(
     from hexctl.study.study import run_study
 
     plan = StudyPlan(robot=load_robot(robot), world=load_world(world), **options)
-    with interruptible(plan), StudyProgress() as progress:
+    with interruptible(lambda cache: cache.count(plan.specs())), StudyProgress() as progress:
         result = run_study(plan, folder=folder, jobs=jobs, dask=dask, progress=progress)
     return result, _study_lines(result)
 
@@ -261,7 +282,7 @@ def _transfer(
     else:
         believed = load_prior(Path(str(prior)))
     plan = TransferPlan(robot=model, family=load_randomization(family or UNSEEN), prior=believed, **options)
-    with interruptible(plan), StudyProgress() as progress:
+    with interruptible(lambda cache: cache.count(plan.specs())), StudyProgress() as progress:
         result = run_transfer(plan, folder=folder, jobs=jobs, dask=dask, progress=progress)
     bars = transfer_bars(result.findings)
     return result, _verdict_lines((bar.verdict, f"{bar.asked}: {bar.measured}") for bar in bars)
@@ -287,9 +308,33 @@ def _matrix(
         **options,
     )
     plan = MatrixPlan(cells=cells)
-    with interruptible(plan), StudyProgress() as progress:
+    with interruptible(lambda cache: cache.count(plan.specs())), StudyProgress() as progress:
         result = run_matrix(plan, folder=folder, jobs=jobs, dask=dask, progress=progress)
     return result, result.to_markdown().splitlines()
+
+
+def _hold(
+    settings: dict[str, str], options: dict[str, Any], folder: Path, jobs: int | None
+) -> "tuple[HoldResult, list[str]]":
+    """Compare holds; returns the result, its table and its verdicts as lines."""
+    from hexctl.backends.sim.world import load_randomization
+    from hexctl.robot.loader import load_robot
+    from hexctl.study.holds.findings import hold_bars
+    from hexctl.study.holds.plan import FAMILY, HoldPlan
+    from hexctl.study.holds.report import holds_lines
+    from hexctl.study.holds.walks import HoldCache
+    from hexctl.study.study import run_holds
+
+    parts: dict[str, Any] = {name: listed(text) for name, text in settings.items()}
+    robots = tuple(load_robot(name) for name in parts.pop("robots", ("ant",)))
+    families = {name: load_randomization(name) for name in parts.pop("families", (FAMILY,))}
+    plan = HoldPlan(robots=robots, families=families, **parts, **options)
+    with interruptible(lambda cache: HoldCache(cache).count(plan), "walks"), StudyProgress() as progress:
+        result = run_holds(plan, folder=folder, jobs=jobs, progress=progress)
+    verdicts = _verdict_lines(
+        (bar.verdict, f"{bar.asked}: {bar.measured}") for bar in hold_bars(result.findings)
+    )
+    return result, [*holds_lines(result.findings), *verdicts]
 
 
 #: Length of a tick in ms, and steps of the physics, of which it is a whole number.
@@ -339,95 +384,3 @@ def _study_lines(result: "StudyResult") -> list[str]:
         lines.append("bar held by all optimizers, each gait paid for once")
     lines += result.uncertainty.lines
     return [*lines, ", ".join(f"{name} {spent_s:.0f} s" for name, spent_s in result.times_s.items())]
-
-
-@contextmanager
-def interruptible(plan: "Simulated") -> Iterator[None]:
-    """Take SIGTERM like Ctrl-C, also where a shell ignores that, and turn either into exit code 130.
-
-    What was simulated of the plan until then is saved; a line on stderr says how much.
-    """
-
-    def interrupt(_number: int, _frame: FrameType | None) -> None:
-        raise KeyboardInterrupt
-
-    before = {number: signal.signal(number, interrupt) for number in SIGNALS}
-    try:
-        yield
-    except KeyboardInterrupt:
-        from hexctl.study.cache import LandscapeCache
-
-        cache = LandscapeCache()
-        saved, total = cache.count(plan.specs())
-        print_note(
-            f"interrupted: {saved} of {total} gaits are saved in {cache.folder}; the same command continues"
-        )
-        raise typer.Exit(INTERRUPTED) from None
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
-
-
-#: More landscapes than this are counted, not named one by one.
-MOST_NAMED = 12
-
-
-class StudyProgress:
-    """Progress on stderr: a bar on a terminal, else one line per landscape."""
-
-    def __init__(self) -> None:
-        self._bar = make_bar()
-        self._task = self._bar.add_task("", total=None, visible=False)
-        self._began_s: dict[str, float] = {}
-
-    def __enter__(self) -> Self:
-        self._bar.start()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._bar.stop()
-
-    def begin(self, landscapes: "Sequence[Landscape]") -> None:
-        """Show what the cache has and how many gaits are left to simulate."""
-        self._now_s = time.perf_counter()
-        left = [landscape for landscape in landscapes if not landscape.complete]
-        known = [landscape for landscape in landscapes if landscape.complete]
-        if len(known) > MOST_NAMED:
-            self._line(f"{len(known)} of {len(landscapes)} sets of gaits: from the cache")
-            known = []
-        for landscape in known:
-            self._line(f"{landscape.spec.title}: from the cache")
-        gaits = sum(len(landscape.missing) for landscape in left)
-        if gaits:
-            self._stage("gaits walked (Ctrl-C stops, the same command continues)", gaits)
-
-    def advance(self, landscape: "Landscape", gaits: int) -> None:
-        """Count some gaits of a landscape."""
-        title, now_s = landscape.spec.title, time.perf_counter()
-        spent_s = self._began_s.get(title, 0.0) + now_s - self._now_s
-        self._began_s[title], self._now_s = spent_s, now_s
-        self._bar.update(self._task, advance=gaits, description=f"{title} (Ctrl-C stops, continue later)")
-        if landscape.complete:
-            gaits_valid = f"{int(landscape.valid.sum())} of {len(landscape.codes)} gaits valid"
-            self._line(f"{title}: {gaits_valid}, {spent_s:.1f} s")
-
-    def stage(self, what: str, total: int) -> None:
-        """Begin another part of the work."""
-        self._stage(what, total)
-
-    def step(self) -> None:
-        """Count one step of the current part."""
-        self._bar.update(self._task, advance=1)
-
-    def note(self, text: str) -> None:
-        """Print a line above the bar."""
-        self._line(text)
-
-    def _stage(self, what: str, total: int) -> None:
-        self._bar.remove_task(self._task)
-        self._task = self._bar.add_task(what, total=total)
-
-    def _line(self, text: str) -> None:
-        print_above(self._bar, text, err=True)

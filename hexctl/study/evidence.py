@@ -3,8 +3,10 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hexctl.types import FloatArray
 
@@ -70,6 +72,20 @@ class Measure:
         error = self.known.std(ddof=1) / np.sqrt(self.known.size)
         half = float(stdtrit(self.known.size - 1, 0.5 + CONFIDENCE / 2) * error)
         return max(self.least, self.mean - half), min(self.most, self.mean + half)
+
+
+def clustered_error(values: FloatArray, groups: NDArray[Any]) -> FloatArray:
+    """Standard error of the mean of values, (n, ...), whose groups, (n,), such as worlds, are independent.
+
+    Of N values in W groups, `W / (W - 1)` times the sum of the squares of the groups' residual sums, its root
+    divided by N: the cluster-robust variance of a mean. NaN for fewer than two groups.
+    """
+    numbers = np.unique(groups)
+    if len(numbers) < 2:
+        return np.full(values.shape[1:], np.nan)
+    residuals = (values - values.mean(axis=0)) / len(values)
+    sums = np.array([residuals[groups == number].sum(axis=0) for number in numbers])
+    return np.asarray(np.sqrt(len(numbers) / (len(numbers) - 1) * (sums**2).sum(axis=0)))
 
 
 #: What `judge` answers.
@@ -214,6 +230,34 @@ def _measure_text(measure: Measure, text: Callable[[float], str], tolerance: Tol
     limit = {BELOW: tolerance.low, ABOVE: tolerance.high}.get(side)
     missed = f", {side} {limit_text(limit) if text is cm else text(limit)}" if limit is not None else ""
     return f"{measure.name} {text(measure.mean)}{interval}{missed}{note}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Bar:
+    """What is asked of a benchmark, and what was measured.
+
+    Attributes:
+        name: stable name.
+        asked: what is asked.
+        measured: what was found.
+        holds: whether it holds; None where it cannot be judged.
+        not_judged: why it cannot be judged; empty where it can.
+    """
+
+    name: str
+    asked: str
+    measured: str
+    holds: bool | None
+    not_judged: str = ""
+
+    @property
+    def verdict(self) -> str:
+        """Verdict in words."""
+        return verdict_of(self.holds, self.not_judged)
+
+    def as_json(self) -> dict[str, Any]:
+        """Plain JSON values."""
+        return {"name": self.name, "asked": self.asked, "measured": self.measured, "holds": self.holds}
 
 
 def make_claim(statement: str, rule: str, measured: str, judgement: Judgement, **others: str) -> Claim:

@@ -1,4 +1,4 @@
-"""The paper's experiments and the transfer benchmark as library calls."""
+"""The paper's experiments, the transfer benchmark and the comparison of holds as library calls."""
 
 import json
 import time
@@ -19,6 +19,11 @@ from hexctl.study.drawing import check_drawing
 from hexctl.study.evaluate import Progress, Silent, check_jobs, evaluate
 from hexctl.study.evidence import Claim
 from hexctl.study.figures import FIGURES
+from hexctl.study.holds.findings import HoldFindings
+from hexctl.study.holds.plan import HoldPlan
+from hexctl.study.holds.report import REPORT as HOLD_REPORT
+from hexctl.study.holds.report import holds_json, write_hold_report
+from hexctl.study.holds.walks import HoldCache, walk_all
 from hexctl.study.plan import StudyPlan
 from hexctl.study.report import REPORT, write_report
 from hexctl.study.searches import Findings, search_all
@@ -83,6 +88,30 @@ class TransferResult:
             "out": str(self.report.parent),
             "report": str(self.report),
             **transfer_json(self.findings, self.uncertainty),
+            "notes": list(self.notes),
+        }
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class HoldResult:
+    """A finished comparison of holds.
+
+    Attributes:
+        findings: walks in unseen worlds, open loop and with holds.
+        report: the HTML page; table and figures are files beside it.
+        notes: remarks on files of the cache that could not be used.
+    """
+
+    findings: HoldFindings
+    report: Path
+    notes: tuple[str, ...]
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain JSON values, as in the file `holds.json` and printed by `--json`."""
+        return {
+            "out": str(self.report.parent),
+            "report": str(self.report),
+            **holds_json(self.findings),
             "notes": list(self.notes),
         }
 
@@ -212,6 +241,34 @@ def run_transfer(
             findings=findings, uncertainty=uncertainty, report=report, notes=tuple(cache.notes)
         )
         _write_json(result.to_json(), folder / "transfer.json")
+    return result
+
+
+def run_holds(
+    plan: HoldPlan,
+    *,
+    folder: Path,
+    cache: LandscapeCache | None = None,
+    jobs: int | None = None,
+    progress: Progress | None = None,
+) -> HoldResult:
+    """Walk in unseen worlds open loop and with holds, write report, figures, table and `holds.json`.
+
+    Arguments and errors are those of `run_study`; `jobs` is the number of legs that walk in parallel. Walks
+    are saved while this runs: a call that was interrupted is continued by the next one.
+    """
+    check_type(plan, HoldPlan, "plan", "a HoldPlan")
+    folder, cache, progress = Path(folder), cache or LandscapeCache(), progress or Silent()
+    check_jobs(jobs)
+    check_drawing()
+    plan.check()
+    with report_folder(folder, HOLD_REPORT):
+        cache.probe()
+        walks = walk_all(plan, HoldCache(cache), progress, jobs)
+        findings = HoldFindings(plan=plan, walks=walks)
+        report = write_hold_report(findings, folder)
+        result = HoldResult(findings=findings, report=report, notes=tuple(cache.notes))
+        _write_json(result.to_json(), folder / "holds.json")
     return result
 
 

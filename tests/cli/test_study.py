@@ -159,6 +159,83 @@ def test_the_transfer_benchmark_has_its_own_worlds_and_rotation(capsys: pytest.C
     assert "has no `ranges`; allowed: a family of worlds" in capsys.readouterr().err
 
 
+SHORT = ["study", "--hold", "--legs", "2", "--failure", "limp", "--worlds", "1", "--duration", "0.2"]
+
+
+def test_holds_are_compared_from_end_to_end_and_again_from_the_cache(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert exit_code([*SHORT, "--world", "transfer,real", "--jobs", "1", "--out", "first", "--json"]) == 0
+    first = capsys.readouterr()
+    outcome = json.loads(first.out)
+    assert (outcome["families"], outcome["first_world"], outcome["walks"]) == (["transfer", "real"], 210, 12)
+    assert outcome["sensors"]["lost_poses"] == 0.05
+    assert json.loads((tmp_path / "first" / "holds.json").read_text()) == outcome
+    assert "ant, transfer:210 (plain): 6 walks" in first.err
+
+    assert exit_code([*SHORT, "--holds", "none,line"]) == 0
+    again = capsys.readouterr()
+    assert "4 of 4 walks: from the cache" in again.err
+    (report,) = Path("runs").glob("study-2*/holds.html")
+    assert again.out.endswith(f"report: {report}\n")
+    assert "| one leg failed | pose | 1 in 1 worlds |" in again.out
+    assert "\nnot judged: walks of 0.2 s, needs at least 30 s\n" in again.out
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--transfer"], "--hold: got it with --transfer; allowed: one or the other"),
+        (["--matrix"], "--hold: got it with --matrix; allowed: one or the other"),
+        (["--time-steps", "2"], "--time-steps: got 2; allowed: with --matrix"),
+        (["--optimizers", "pso"], "--optimizers: got pso; allowed: without --hold, which searches nothing"),
+        (["--budget", "3"], "--budget: got 3; allowed: without --hold"),
+        (["--seed", "3"], "--seed: got 3; allowed: without --hold"),
+        (["--dask", "tcp://127.0.0.1:1"], "--dask: got tcp://127.0.0.1:1; allowed: without --hold"),
+        (["--prior", "auto"], "--prior: got auto; allowed: with --transfer"),
+        (["--holds", "auto"], "--holds: got auto; allowed: one or more of none, heading, line, each once"),
+        (["--failure", "tired"], "allowed: locked, limp"),
+        (["--world", "slippery"], "has no `ranges`; allowed: a family of worlds"),
+        (["--robot", "ant,spot"], "allowed: ant"),
+        (["--robot", "ant,ant"], "--robot: got ant,ant; allowed: one or more, each once"),
+        (["--worlds", "1001"], "--worlds: got 1001; allowed: 1..1000"),
+        (["--legs", "0"], "--legs: got 0"),
+    ],
+)
+def test_a_comparison_of_holds_that_cannot_be_is_refused_in_one_line(
+    options: list[str], message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    monkeypatch.chdir(tmp_path)
+    assert exit_code([*SHORT, *options]) == 2
+    printed = capsys.readouterr()
+    assert (printed.out, len(printed.err.splitlines())) == ("", 1)
+    assert message in printed.err
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("option", [["--holds", "line"], ["--exact-sensors"]])
+def test_options_of_holds_are_refused_elsewhere(
+    option: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert exit_code([*TINY, *option]) == 2
+    assert "allowed: with --hold" in capsys.readouterr().err
+
+
+def test_an_interrupted_comparison_of_holds_goes_on(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "hexctl", "study", "--hold", "--duration", "3", "--jobs", "1"]
+    study = subprocess.Popen(
+        [*command, "--out", "out"], cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    wait_for(lambda: list((tmp_path / CACHE).glob("hold-210-*.json")), 120, "nothing was saved")
+    study.send_signal(signal.SIGINT)
+    out, err = study.communicate(timeout=60)
+    assert (study.returncode, out) == (130, "")
+    assert "of 930 walks are saved in" in err.splitlines()[-1]
+    assert not (tmp_path / "out").exists()
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_an_interrupted_study_goes_on(number: signal.Signals, tmp_path: Path) -> None:
     command = [sys.executable, "-m", "hexctl", "study", "--legs", "2", "--duration", "3", "--jobs", "1"]

@@ -45,6 +45,7 @@ PARSED = {
     ("adapt", "tls/robot.local:7447"): "needs a robot on another computer",
     ("study", "--legs"): "the same as plain study, once that is shortened",
     ("study", "--transfer"): "simulates for an hour; tests/study has a small one",
+    ("study", "--hold"): "walks for an hour; tests/cli/test_study.py has a small one",
     ("study", "--matrix"): "simulates for hours; tests/study has a small one",
     ("prior", "build"): "walks 120 gaits a world, half a minute at least; tests/cli/test_prior.py has it",
     ("--dask",): "needs a cluster; tests/study has one",

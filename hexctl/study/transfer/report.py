@@ -1,7 +1,7 @@
 """The report of a transfer benchmark: one HTML page, with figures and a table beside it."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,7 +10,7 @@ import numpy as np
 from hexctl.adapt.shipped import BAYES
 from hexctl.files import atomic_write
 from hexctl.study.drawing import color_of, grid_of, label_axes, new_figure, save_figure
-from hexctl.study.evidence import cm, too_short, verdict_of
+from hexctl.study.evidence import Bar, cm, too_short
 from hexctl.study.page import Block, Bullets, Picture, Section, Table, render_page
 from hexctl.study.plan import BASELINE
 from hexctl.study.tables import number
@@ -32,34 +32,6 @@ MORE_THAN_RANDOM = 2
 
 #: Required share of outcomes inside their 90 % intervals.
 COVERAGE = (0.85, 0.95)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Bar:
-    """One bar.
-
-    Attributes:
-        name: stable name.
-        asked: what is asked.
-        measured: what was found.
-        holds: whether it holds; None where it cannot be judged.
-        not_judged: why it cannot be judged; empty where it can.
-    """
-
-    name: str
-    asked: str
-    measured: str
-    holds: bool | None
-    not_judged: str = ""
-
-    @property
-    def verdict(self) -> str:
-        """Verdict in words."""
-        return verdict_of(self.holds, self.not_judged)
-
-    def as_json(self) -> dict[str, Any]:
-        """Plain JSON values."""
-        return {"name": self.name, "asked": self.asked, "measured": self.measured, "holds": self.holds}
 
 
 def transfer_bars(findings: TransferFindings) -> list[Bar]:

@@ -16,6 +16,7 @@ from hexctl.backends.clock import PERIOD_S
 from hexctl.control.result import progress_floor_m
 from hexctl.control.trial import LOOK_TICKS, Enough
 from hexctl.errors import RobotFaultError
+from hexctl.study.evidence import clustered_error
 from hexctl.study.landscape import PATH_STRIDE, Landscape
 from hexctl.study.prior import deflection_of
 from hexctl.study.transfer.plan import EARLY, PRIORED, TransferPlan
@@ -220,18 +221,9 @@ class TransferFindings:
         return float(self._error_m(places, best_m)[0])
 
     def _error_m(self, places: Sequence[int], values_m: FloatArray) -> FloatArray:
-        """Standard error, (points,), of the mean of values, (places, points), whose worlds are independent.
-
-        Of N values in W worlds, `W / (W - 1)` times the sum of the squares of the worlds' residual sums, its
-        root divided by N: the cluster-robust variance of a mean.
-        """
+        """Standard error over worlds, (points,), of the mean of values, (places, points)."""
         worlds = np.array([self.landscapes[place].spec.seed for place in places])
-        numbers = np.unique(worlds)
-        if len(numbers) < 2:
-            return np.full(values_m.shape[1], np.nan)
-        residuals_m = (values_m - values_m.mean(axis=0)) / len(values_m)
-        by_world_m = np.array([residuals_m[worlds == number].sum(axis=0) for number in numbers])
-        return np.asarray(np.sqrt(len(numbers) / (len(numbers) - 1) * (by_world_m**2).sum(axis=0)))
+        return clustered_error(values_m, worlds)
 
     def coverage(self, optimizer: str, places: Sequence[int]) -> tuple[float, int]:
         """Share of outcomes inside their 90 % intervals, and the number of outcomes."""
