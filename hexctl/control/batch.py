@@ -88,7 +88,7 @@ class SimTrial:
         """Key that trials must have in common to walk together, from one state and with one kind of walk."""
         plan = self.plan
         start = (self.facing_rad, plan.heading_rad, plan.self_rotation, plan.turn_rad, plan.settle_s)
-        walk = (plan.hold, plan.straight)
+        walk = (plan.hold, plan.straight, tuple(change.at_s for change in plan.changes))
         return (self.robot.fingerprint, self.world, self.seed, self.failure, plan.belief, start, walk)
 
 

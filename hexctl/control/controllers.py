@@ -6,7 +6,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from hexctl.errors import LimitError, ReachError, check_type
-from hexctl.gait.foot_trajectory import RAMP_DURATION_S, feet_of_walks, gait_feet_body, stroke_vectors_m
+from hexctl.gait.foot_trajectory import (
+    RAMP_DURATION_S,
+    StepPattern,
+    feet_of_walks,
+    gait_feet_body,
+    stroke_vectors_m,
+)
 from hexctl.gait.gait import Gait, Motion
 from hexctl.ik.legs import solve_legs, solve_legs_within_limits
 from hexctl.robot.model import Robot
@@ -116,12 +122,10 @@ class Walk(Controller):
             check_type(gait, Gait, "gait", "a Gait, as make_gait(robot, 'tripod') gives")
             check_type(motion, Motion, "motion", "a Motion, as Motion(heading_rad=0.5)")
         pick = 0 if alone else slice(None)
-        self._slots = np.array([gait.slots for gait in each])[pick]
         self._strokes = np.stack(
             [stroke_vectors_m(robot, gait, motion) for gait, motion in zip(each, ways, strict=True)]
         )[pick]
-        self._pace_hz = np.array([gait.pace_hz for gait in each])[pick]
-        self._height_m = np.array([gait.height * robot.size_m for gait in each])[pick]
+        self._pattern = StepPattern.of(robot, each[0] if alone else each)
         self._stop_step: int | None = None
         self._planned_rad: FloatArray = np.empty((0,))
         self._planned_from = 0
@@ -148,10 +152,8 @@ class Walk(Controller):
         steps = np.arange(step, step + LOOK_AHEAD_TICKS)
         feet = feet_of_walks(
             self._robot,
-            slots=self._slots,
+            self._pattern,
             stroke_vectors=self._strokes,
-            pace_hz=self._pace_hz,
-            height_m=self._height_m,
             time_s=np.asarray(steps * self._period_s, dtype=float),
             stop_s=None if self._stop_step is None else self._stop_step * self._period_s,
         )

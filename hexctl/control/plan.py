@@ -15,6 +15,25 @@ MAX_DURATION_S = 86_400.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class GaitChange:
+    """A change of gait in stride.
+
+    Attributes:
+        gait: the gait from then on.
+        at_s: when it begins, seconds since the walk began.
+    """
+
+    gait: Gait
+    at_s: float
+
+    def __post_init__(self) -> None:
+        check_type(self.gait, Gait, "change.gait", "a Gait, as make_gait(robot, 'wave') gives")
+        check_type(self.at_s, float, "change.at_s")
+        if not (math.isfinite(self.at_s) and 0 <= self.at_s <= MAX_DURATION_S):
+            raise InputError(f"gait change: got {self.at_s:g} s; allowed: 0 up to {MAX_DURATION_S:g} s")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class TrialPlan:
     """Settle, turn a failed leg away, walk, stop.
 
@@ -30,6 +49,7 @@ class TrialPlan:
         turn_rad: how far to turn before the walk, overriding `self_rotation`; None to follow it.
         settle_s: time to reach the stance and come to rest.
         hold: what the walk holds, one of `HOLDS`; with `none` it is open loop, as in the paper.
+        changes: of the gait, in stride, ascending in time.
     """
 
     gait: Gait
@@ -42,6 +62,7 @@ class TrialPlan:
     turn_rad: float | None = None
     settle_s: float = 1.0
     hold: str = "none"
+    changes: tuple[GaitChange, ...] = ()
 
     def __post_init__(self) -> None:
         check_type(self.gait, Gait, "plan.gait", "a Gait, as make_gait(robot, 'tripod') gives")
@@ -56,6 +77,10 @@ class TrialPlan:
             raise InputError(f"self-rotation: got {self.self_rotation}; allowed: {', '.join(SELF_ROTATIONS)}")
         if self.hold not in HOLDS:
             raise InputError(f"hold: got {self.hold}; allowed: {', '.join(HOLDS)}")
+        for change in self.changes:
+            check_type(change, GaitChange, "plan.changes", "GaitChanges")
+        if sorted(self.changes, key=lambda change: change.at_s) != list(self.changes):
+            raise InputError("plan.changes: got times that do not ascend; allowed: the first change first")
         if not (math.isfinite(self.settle_s) and self.settle_s > 0):
             raise InputError(f"settle time: got {self.settle_s:g}; allowed: above 0 s")
         check_type(self.turn_rad, (float, type(None)), "plan.turn_rad", "an angle in rad, or None")

@@ -179,9 +179,7 @@ class CourseHold:
             raise InputError(f"hold: got {hold}; allowed: line, heading")
         shape = np.shape(speed_m_s)
         self._course, self._hold, self._gains = course, hold, gains or SteeringGains()
-        self._speed_m_s, self._cycle_s = speed_m_s, cycle_s
-        self._ahead_m = self._gains.look_ahead * stride_m
-        self._most_turn_rad = most_turn_rad_s * cycle_s
+        self.retune(speed_m_s=speed_m_s, cycle_s=cycle_s, stride_m=stride_m, most_turn_rad_s=most_turn_rad_s)
         self._over_ground: CourseOverGround | None = None
         self._deviation, self._yaw = Measured(shape, JUMP_M), Measured(shape, JUMP_RAD)
         zero = np.zeros(shape)[()]
@@ -191,6 +189,14 @@ class CourseHold:
         self._nothing = np.full(shape, np.nan)[()]
         self._left = np.array([-math.sin(course.heading_rad), math.cos(course.heading_rad)])
         self.velocity_body = self._velocity()
+
+    def retune(
+        self, *, speed_m_s: FloatArray, cycle_s: FloatArray, stride_m: FloatArray, most_turn_rad_s: FloatArray
+    ) -> None:
+        """Continue with another gait, given as when the law was made; what was learned of the drift stays."""
+        self._speed_m_s, self._cycle_s = speed_m_s, cycle_s
+        self._ahead_m = self._gains.look_ahead * stride_m
+        self._most_turn_rad = most_turn_rad_s * cycle_s
 
     def update(self, dt_s: float, state: RobotState) -> FloatArray:
         """Velocity for the next control period, from the state and the time since the last one."""

@@ -26,6 +26,7 @@ from hexctl.control.trace import Trace
 from hexctl.control.turning import (
     check_plan,
 )
+from hexctl.control.velocity_walk import VelocityWalk, constant_velocity
 from hexctl.control.walk_quality import WalkEffort
 from hexctl.errors import (
     CommandRefusedError,
@@ -59,10 +60,10 @@ def stop_when(enough: Enough | None) -> ShouldStop | None:
 MakeController = Callable[[WalkStart], Controller]
 
 
-def planned_walk(start: WalkStart) -> Walk | SteeredWalk:
-    """The walk of the plans: steered where they hold something, else open loop with constant gait and motion.
+def planned_walk(start: WalkStart) -> Walk | VelocityWalk:
+    """The walk of the plans: steered where they hold something, else open loop with constant motion.
 
-    Plans that walk together hold the same.
+    Plans that walk together hold the same, and change their gaits at the same times.
     """
     hold = held(start.plans[0], start.frame)
     if hold != "none":
@@ -70,6 +71,8 @@ def planned_walk(start: WalkStart) -> Walk | SteeredWalk:
     gaits = [plan.gait for plan in start.plans]
     motions = [plan.motion(start.turned_rad) for plan in start.plans]
     alone = start.batch_shape == ()
+    if start.plans[0].changes:
+        return VelocityWalk(start, constant_velocity(start))
     return Walk(
         start.robot,
         gaits[0] if alone else gaits,

@@ -8,12 +8,16 @@ u is the foot's own normalised time (Eq. 5). In the swing, u in [1/3, 2/3), the 
 against its direction in the stance. At the start and the stop of a walk, m and h are scaled by a ramp.
 """
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hexctl.gait.gait import STROKES_PER_CYCLE, Gait, Motion, turn_amplitude_m
+from hexctl.gait.gait import STROKES_PER_CYCLE, SWING_SHARE, Gait, Motion, turn_amplitude_m
+from hexctl.gait.posture import STANCE, Posture
 from hexctl.robot.model import Robot
-from hexctl.types import BoolArray, FloatArray
+from hexctl.types import N_LEGS, ArrayFields, BoolArray, FloatArray
 
 SWING_START, SWING_TOP, SWING_END = 1 / 3, 1 / 2, 2 / 3
 
@@ -30,11 +34,19 @@ def phase_in_cycle(cycles: ArrayLike, slots: ArrayLike) -> FloatArray:
     return np.where(u == 1.0, 0.0, u)
 
 
-def stroke_offset(u: FloatArray) -> FloatArray:
+def stroke_offset(u: FloatArray, swing_share: FloatArray | None = None) -> FloatArray:
     """Offset in the plane as a fraction of the amplitude, m / A in [-1/2, 1/2] (paper, Eq. 3).
 
-    3u/2 in [0, 1/3), 1/2 - 3 (u - 1/3) in [1/3, 2/3), -1/2 (1 - 3 (u - 2/3)) in [2/3, 1).
+    3u/2 in [0, 1/3), 1/2 - 3 (u - 1/3) in [1/3, 2/3), -1/2 (1 - 3 (u - 2/3)) in [2/3, 1). With another swing
+    share s than a third, the swing is from (1 - s) / 2 to (1 + s) / 2, and the slopes are 1 / (1 - s) and
+    -1 / s.
     """
+    if swing_share is not None:
+        standing = 1 - swing_share
+        swinging = 0.5 - (u - standing / 2) / swing_share
+        landed = -0.5 + (u - (1 + swing_share) / 2) / standing
+        later = np.where(u < (1 + swing_share) / 2, swinging, landed)
+        return np.where(u < standing / 2, u / standing, later)
     return np.where(
         u < SWING_START,
         1.5 * u,
@@ -42,16 +54,21 @@ def stroke_offset(u: FloatArray) -> FloatArray:
     )
 
 
-def lift_offset(u: FloatArray) -> FloatArray:
+def lift_offset(u: FloatArray, swing_share: FloatArray | None = None) -> FloatArray:
     """Height as a fraction of the step height, h / H in [0, 1] (paper, Eq. 4).
 
-    6 (u - 1/3) in [1/3, 1/2), 1 - 6 (u - 1/2) in [1/2, 2/3), and 0 in the stance.
+    6 (u - 1/3) in [1/3, 1/2), 1 - 6 (u - 1/2) in [1/2, 2/3), and 0 in the stance; with a swing share s the
+    slopes are 2 / s.
     """
+    if swing_share is not None:
+        return np.maximum(1.0 - 2.0 / swing_share * np.abs(u - SWING_TOP), 0.0)
     return np.maximum(1.0 - 6.0 * np.abs(u - SWING_TOP), 0.0)
 
 
-def in_stance(u: FloatArray) -> BoolArray:
+def in_stance(u: FloatArray, swing_share: FloatArray | None = None) -> BoolArray:
     """Whether the trajectory has the foot on the floor, in the shape of u."""
+    if swing_share is not None:
+        return (u < (1 - swing_share) / 2) | (u >= (1 + swing_share) / 2)
     return (u < SWING_START) | (u >= SWING_END)
 
 
@@ -94,40 +111,113 @@ def stroke_vectors_m(robot: Robot, gait: Gait, motion: Motion) -> FloatArray:
     )
 
 
-def strokes_per_velocity(robot: Robot, pace_hz: ArrayLike) -> FloatArray:
-    """Strokes of the feet per velocity of the body without slip, leading shape + (6, 2, 3).
+#: How high a tucked foot is above its place in the stance, as a fraction of the robot's size.
+TUCK_HEIGHT = 0.04
 
-    The last axis is for v_x and v_y in m/s and omega in rad/s, all in the body frame. A foot on the floor
-    covers (3/2) f strokes in a second (Eq. 3), and moves against the body:
 
-        stroke = (-v_x + omega y, -v_y - omega x) / ((3/2) f)
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class StepPattern(ArrayFields):
+    """Gaits as arrays, for one walk or n computed together: the leading shape is () or (n,).
+
+    Attributes:
+        phases: by how much of a cycle each leg is ahead, (g_i - 1) / 6 of Eq. 5, leading shape + (6,).
+        pace_hz: leading shape.
+        amplitude_m: leading shape.
+        height_m: step heights, leading shape + (1,).
+        posture_m: from the stance position of each foot to that of the posture, leading shape + (6, 3); None
+            where all are the stance.
+        stepping: 1 for legs that step and 0 for tucked ones, leading shape + (6,); None where all step.
+        swing_share: leading shape + (1,); None where all are a third.
+    """
+
+    phases: FloatArray
+    pace_hz: FloatArray
+    amplitude_m: FloatArray
+    height_m: FloatArray
+    posture_m: FloatArray | None = None
+    stepping: FloatArray | None = None
+    swing_share: FloatArray | None = None
+
+    @classmethod
+    def of(cls, robot: Robot, gaits: Gait | Sequence[Gait], *, plain: bool = True) -> "StepPattern":
+        """Pattern of a gait, or of n gaits; with `plain` False nothing is None."""
+        each, pick = ([gaits], 0) if isinstance(gaits, Gait) else (list(gaits), slice(None))
+
+        def stacked(values: Sequence[ArrayLike]) -> FloatArray:
+            return np.asarray(np.array(values, dtype=float)[pick])
+
+        postures = [gait.posture for gait in each]
+        third = plain and all(gait.swing_share == SWING_SHARE for gait in each)
+        stance = plain and all(posture == STANCE for posture in postures)
+        all_step = plain and not any(posture.tucked_legs for posture in postures)
+        return cls(
+            phases=(np.array([gait.slots for gait in each])[pick] - 1) / 6,
+            pace_hz=stacked([gait.pace_hz for gait in each]),
+            amplitude_m=stacked([gait.amplitude * robot.size_m for gait in each]),
+            height_m=stacked([[gait.height * robot.size_m] for gait in each]),
+            posture_m=None if stance else stacked([posture_offsets_m(robot, one) for one in postures]),
+            stepping=None if all_step else stacked([_stepping(posture) for posture in postures]),
+            swing_share=None if third else stacked([[gait.swing_share] for gait in each]),
+        )
+
+    @property
+    def strokes_per_cycle(self) -> FloatArray:
+        """Amplitudes per cycle at the speed of the stance, leading shape."""
+        if self.swing_share is None:
+            return np.full(np.shape(self.pace_hz), STROKES_PER_CYCLE)[()]
+        return np.asarray(1 / (1 - self.swing_share[..., 0]))
+
+
+def posture_offsets_m(robot: Robot, posture: Posture) -> FloatArray:
+    """From the stance positions of the feet to those of a posture, in the body frame, (6, 3) in m."""
+    offsets = np.zeros((N_LEGS, 3))
+    offsets[:, :2] -= np.array(posture.shift) * robot.size_m
+    offsets[:, 2] -= posture.body_raise * robot.size_m
+    tucked = [leg - 1 for leg in posture.tucked_legs]
+    offsets[tucked] = 0.0, 0.0, TUCK_HEIGHT * robot.size_m
+    return offsets
+
+
+def _stepping(posture: Posture) -> list[float]:
+    return [float(leg not in posture.tucked_legs) for leg in range(1, N_LEGS + 1)]
+
+
+def strokes_per_velocity(robot: Robot) -> FloatArray:
+    """Way of each foot over the floor per velocity of the body, (6, 2, 3).
+
+    The last axis is for v_x and v_y in m/s and omega in rad/s, all in the body frame: a foot on the floor
+    moves against the body at (-v_x + omega y, -v_y - omega x).
 
     Args:
         robot: its stance gives the positions (x, y) of the feet.
-        pace_hz: f, leading shape.
     """
-    per_velocity = np.zeros((*robot.stance_feet_body[:, :2].shape, 3))
+    per_velocity = np.zeros((N_LEGS, 2, 3))
     per_velocity[:, 0, 0] = per_velocity[:, 1, 1] = -1.0
     per_velocity[:, 0, 2] = robot.stance_feet_body[:, 1]
     per_velocity[:, 1, 2] = -robot.stance_feet_body[:, 0]
-    return np.asarray(per_velocity / (STROKES_PER_CYCLE * np.asarray(pace_hz)[..., None, None, None]))
+    return per_velocity
 
 
 def feet_at_phases(
-    robot: Robot, u: FloatArray, strokes: FloatArray, height_m: FloatArray, envelope: float
+    robot: Robot, pattern: StepPattern, u: FloatArray, strokes: FloatArray, envelope: FloatArray | float
 ) -> FloatArray:
-    """Foot positions of walks at one moment, leading shape + (6, 3) in m.
+    """Foot positions at normalised times, shape of u + (3,) in m.
 
     Args:
         robot: its stance gives the initial positions p_i^o.
-        u: normalised time of each foot, leading shape + (6,).
-        strokes: in the body frame, leading shape + (6, 2) in m.
-        height_m: step heights, broadcast against u.
-        envelope: factor of strokes and heights, 0 to 1.
+        pattern: of the gaits; its arrays broadcast against u.
+        u: normalised time of each foot, (..., 6).
+        strokes: in the body frame, broadcast against u, + (2,) in m.
+        envelope: factor of strokes, heights and posture, 0 to 1, broadcast against u.
     """
+    stroke, lift = stroke_offset(u, pattern.swing_share), lift_offset(u, pattern.swing_share)
+    if pattern.stepping is not None:
+        stroke, lift = stroke * pattern.stepping, lift * pattern.stepping
     feet = np.empty((*u.shape, 3))
-    feet[..., :2] = (envelope * stroke_offset(u))[..., np.newaxis] * strokes
-    feet[..., 2] = envelope * lift_offset(u) * height_m
+    feet[..., :2] = (envelope * stroke)[..., np.newaxis] * strokes
+    feet[..., 2] = envelope * lift * pattern.height_m
+    if pattern.posture_m is not None:
+        feet += np.asarray(envelope)[..., np.newaxis] * pattern.posture_m
     feet += robot.stance_feet_body
     return feet
 
@@ -146,10 +236,8 @@ def gait_feet_body(
     """
     return feet_of_walks(
         robot,
-        slots=np.array(gait.slots),
+        StepPattern.of(robot, gait),
         stroke_vectors=stroke_vectors_m(robot, gait, motion),
-        pace_hz=gait.pace_hz,
-        height_m=gait.height * robot.size_m,
         time_s=np.asarray(time_s, dtype=float),
         stop_s=stop_s,
     )
@@ -157,11 +245,9 @@ def gait_feet_body(
 
 def feet_of_walks(
     robot: Robot,
+    pattern: StepPattern,
     *,
-    slots: ArrayLike,
     stroke_vectors: FloatArray,
-    pace_hz: ArrayLike,
-    height_m: ArrayLike,
     time_s: FloatArray,
     stop_s: float | None = None,
 ) -> FloatArray:
@@ -169,24 +255,29 @@ def feet_of_walks(
 
     Args:
         robot: its stance gives the initial positions p_i^o.
-        slots: walks shape + (6,).
+        pattern: of the gaits; its leading shape is the walks shape.
         stroke_vectors: stance strokes in the body frame, walks shape + (6, 2) in m.
-        pace_hz: walks shape.
-        height_m: step heights, walks shape.
         time_s: seconds since the walks began, any shape.
         stop_s: when a soft stop began, or None while walking on.
     """
-    walks = np.shape(pace_hz)
+    walks = np.shape(pattern.pace_hz)
     times = (1,) * len(walks) + time_s.shape + (1,)
 
-    def per_walk(values: ArrayLike, tail: tuple[int, ...]) -> FloatArray:
-        return np.asarray(values).reshape(walks + (1,) * time_s.ndim + tail)
+    def per_walk(values: FloatArray) -> FloatArray:
+        return values.reshape(walks + (1,) * time_s.ndim + values.shape[len(walks) :])
 
-    cycles = per_walk(pace_hz, (1,)) * time_s.reshape(times)
-    u = phase_in_cycle(cycles, per_walk(slots, (6,)))
+    def per_walk_if(values: FloatArray | None) -> FloatArray | None:
+        return None if values is None else per_walk(values)
+
+    spread = StepPattern(
+        phases=per_walk(pattern.phases),
+        pace_hz=per_walk(np.asarray(pattern.pace_hz)),
+        amplitude_m=per_walk(np.asarray(pattern.amplitude_m)),
+        height_m=per_walk(pattern.height_m),
+        posture_m=per_walk_if(pattern.posture_m),
+        stepping=per_walk_if(pattern.stepping),
+        swing_share=per_walk_if(pattern.swing_share),
+    )
+    u = phase_in_cycle(spread.pace_hz[..., np.newaxis] * time_s.reshape(times) + spread.phases, 1)
     envelope = ramp(time_s, stop_s).reshape(times)
-    stroke = (envelope * stroke_offset(u))[..., np.newaxis]
-    lift = envelope * lift_offset(u) * per_walk(height_m, (1,))
-    offsets = np.concatenate([stroke * per_walk(stroke_vectors, (6, 2)), lift[..., np.newaxis]], axis=-1)
-    feet: FloatArray = robot.stance_feet_body + offsets
-    return feet
+    return feet_at_phases(robot, spread, u, per_walk(stroke_vectors), envelope)

@@ -14,6 +14,7 @@ from hexctl.gait.encoding import (
     code_from_slots,
     slots_from_code,
 )
+from hexctl.gait.posture import STANCE, Posture
 from hexctl.robot.model import Robot
 from hexctl.types import N_LEGS
 
@@ -21,6 +22,13 @@ from hexctl.types import N_LEGS
 STROKES_PER_CYCLE = 1.5
 
 MAX_PACE_HZ = 10.0
+
+
+#: Part of a cycle that a foot is in the air, in the paper.
+SWING_SHARE = 1 / 3
+
+#: Range of the swing share.
+MIN_SWING, MAX_SWING = 0.1, 0.5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -32,12 +40,17 @@ class Gait:
         pace_hz: gait cycles per second, above 0 up to 10.
         amplitude: step amplitude A as a fraction of the robot's size E.
         height: step height H as a fraction of the robot's size E.
+        posture: how the body stands over its feet.
+        swing_share: part of a cycle that a foot is in the air, 0.1 to 0.5; a third in the paper, less in a
+            crawl, half in a tripod without a moment on six feet.
     """
 
     slots: Slots
     pace_hz: float
     amplitude: float
     height: float
+    posture: Posture = STANCE
+    swing_share: float = SWING_SHARE
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "slots", as_slots(self.slots))
@@ -46,6 +59,15 @@ class Gait:
         _require_between("pace", self.pace_hz, 0, MAX_PACE_HZ, "Hz")
         _require_between("amplitude", self.amplitude, 0, 1, "of the robot's size")
         _require_between("height", self.height, 0, 1, "of the robot's size")
+        check_type(self.posture, Posture, "posture", "a Posture")
+        check_type(self.swing_share, float, "swing share", f"a number, {MIN_SWING:g}..{MAX_SWING:g}")
+        if not MIN_SWING <= self.swing_share <= MAX_SWING:
+            raise InputError(f"swing share: got {self.swing_share:g}; allowed: {MIN_SWING:g}..{MAX_SWING:g}")
+
+    @property
+    def strokes_per_cycle(self) -> float:
+        """Amplitudes per cycle at the speed of the stance: 3/2 in the paper."""
+        return STROKES_PER_CYCLE if self.swing_share == SWING_SHARE else 1 / (1 - self.swing_share)
 
     def code(self, failed_legs: tuple[int, ...] = ()) -> int | None:
         """Gait code, or None for shared slots and for a failed leg that is not in its own slot."""
@@ -83,18 +105,21 @@ class Motion:
 
 
 def ideal_speed_m_s(robot: Robot, gait: Gait, motion: Motion) -> float:
-    """Travel speed without slip, v = (3/2) A f, from the slope of the stance in Eq. 3 and the pace f."""
-    return STROKES_PER_CYCLE * gait.amplitude * robot.size_m * gait.pace_hz * motion.travel
+    """Travel speed without slip, v = (3/2) A f, from the slope of the stance in Eq. 3 and the pace f.
+
+    With a swing share s it is A f / (1 - s).
+    """
+    return gait.strokes_per_cycle * gait.amplitude * robot.size_m * gait.pace_hz * motion.travel
 
 
 def turn_amplitude_m(robot: Robot, gait: Gait, turn_rate_rad_s: float) -> float:
     """Stroke of the farthest foot that turns the body at a rate without slip, omega r / ((3/2) f)."""
-    return turn_rate_rad_s * robot.stance_radius_m / (STROKES_PER_CYCLE * gait.pace_hz)
+    return turn_rate_rad_s * robot.stance_radius_m / (gait.strokes_per_cycle * gait.pace_hz)
 
 
 def half_amplitude_turn_rate_rad_s(robot: Robot, gait: Gait) -> float:
     """Rate of a turn in place with half the step amplitude, as in the demo of the paper's robot model."""
-    return STROKES_PER_CYCLE * gait.pace_hz * 0.5 * gait.amplitude * robot.size_m / robot.stance_radius_m
+    return gait.strokes_per_cycle * gait.pace_hz * 0.5 * gait.amplitude * robot.size_m / robot.stance_radius_m
 
 
 def _require_between(what: str, value: float, low: float, high: float, unit: str) -> None:

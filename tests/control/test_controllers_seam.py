@@ -14,7 +14,7 @@ from hexctl.control.log import TickLog
 from hexctl.control.preparation import WalkStart
 from hexctl.control.trial import planned_walk
 from hexctl.errors import InputError, WrongTypeError
-from hexctl.gait.foot_trajectory import feet_of_walks, stroke_vectors_m
+from hexctl.gait.foot_trajectory import StepPattern, feet_of_walks, stroke_vectors_m
 from hexctl.robot.rotations import yaw_rad
 from hexctl.types import BoolArray, FloatArray, RobotState
 from tests.recorders import Calling
@@ -31,12 +31,11 @@ class YawHold(Controller):
         self._robot, self._period_s = start.robot, start.period_s
         self._held, self._yaw_rad = start.plans[0].held_legs, start.frame.yaw_rad
         pick = 0 if start.batch_shape == () else slice(None)
-        self._slots = np.array([plan.gait.slots for plan in start.plans])[pick]
         self._strokes = np.stack(
             [stroke_vectors_m(start.robot, plan.gait, plan.motion(start.turned_rad)) for plan in start.plans]
         )[pick]
-        self._pace_hz = np.array([plan.gait.pace_hz for plan in start.plans])[pick]
-        self._height_m = np.array([plan.gait.height * start.robot.size_m for plan in start.plans])[pick]
+        gaits = [plan.gait for plan in start.plans]
+        self._pattern = StepPattern.of(start.robot, gaits if start.batch_shape else gaits[0])
         self.shapes: set[tuple[int, ...]] = set()
 
     def targets_rad(self, step: int, state: RobotState) -> FloatArray:
@@ -47,10 +46,8 @@ class YawHold(Controller):
         x, y = self._strokes[..., 0], self._strokes[..., 1]
         feet = feet_of_walks(
             self._robot,
-            slots=self._slots,
+            self._pattern,
             stroke_vectors=np.stack([cos * x + sin * y, cos * y - sin * x], axis=-1),
-            pace_hz=self._pace_hz,
-            height_m=self._height_m,
             time_s=np.asarray(step * self._period_s),
         )
         return joints_of_feet(self._robot, feet, self._held)

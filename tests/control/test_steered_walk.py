@@ -9,8 +9,9 @@ from hexctl.backends.sim.world import SensorNoise, World
 from hexctl.control.batch import SimTrial, run_sim_trial, run_sim_trials
 from hexctl.control.plan import TrialPlan
 from hexctl.control.preparation import WalkStart
-from hexctl.control.steered_walk import OVERDRIVE, SteeredWalk
+from hexctl.control.steered_walk import SteeredWalk
 from hexctl.control.trace import TrialFrame
+from hexctl.control.velocity_walk import OVERDRIVE
 from hexctl.errors import InputError
 from hexctl.gait.gait import make_gait
 from hexctl.ik.legs import foot_positions_body

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from hexctl.gait.foot_trajectory import (
     RAMP_DURATION_S,
+    StepPattern,
     feet_of_walks,
     gait_feet_body,
     in_stance,
@@ -244,10 +245,8 @@ def test_many_walks_at_once_equal_each_alone_to_the_last_bit(
     pairs = list(zip(gaits, motions, strict=True))
     together = feet_of_walks(
         robot,
-        slots=np.array([gait.slots for gait in gaits]),
+        StepPattern.of(robot, gaits),
         stroke_vectors=np.array([stroke_vectors_m(robot, gait, motion) for gait, motion in pairs]),
-        pace_hz=np.array([gait.pace_hz for gait in gaits]),
-        height_m=np.array([gait.height * robot.size_m for gait in gaits]),
         time_s=times,
         stop_s=stop_s,
     )

@@ -1,0 +1,227 @@
+"""A walk whose velocity may change at every tick, and whose gait may change in stride."""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from hexctl.control.controllers import Controller, joints_of_feet, soft_stop_steps
+from hexctl.control.preparation import WalkStart
+from hexctl.errors import InputError, check_callable, check_type
+from hexctl.gait.foot_trajectory import (
+    StepPattern,
+    feet_at_phases,
+    phase_in_cycle,
+    ramp,
+    strokes_per_velocity,
+)
+from hexctl.gait.gait import Gait, ideal_speed_m_s
+from hexctl.types import BoolArray, FloatArray, RobotState
+
+#: Time constant with which the strokes follow the velocity that is asked for.
+RESPONSE_S = 0.2
+
+#: The full speed of a gait is reached no sooner than in this time: its acceleration limit.
+FULL_SPEED_S = 0.5
+
+#: Strokes may be longer than the gait's amplitude by this factor; more is scaled down, all feet alike.
+OVERDRIVE = 1.2
+
+#: A change of gait takes this many cycles.
+GLIDE_CYCLES = 1.5
+
+#: What gives the speed: the length of the strokes, the pace, or both alike.
+SPEED_BY = ("stride", "pace", "both")
+
+#: A gait is not paced slower than this share of its pace: below, the strokes become shorter.
+SLOWEST = 0.3
+
+#: Velocity of the body in its own frame, leading shape + (3,): forward and left in m/s, turn in rad/s.
+Command = Callable[[int, RobotState], FloatArray]
+
+
+def constant_velocity(start: WalkStart) -> Command:
+    """Command of the plans' own motions, at the speed of their gaits without slip."""
+    pick = slice(None) if start.batch_shape else 0
+    rows = []
+    for plan in start.plans:
+        motion = plan.motion(start.turned_rad)
+        speed_m_s = ideal_speed_m_s(start.robot, plan.gait, motion)
+        way = (math.cos(motion.heading_rad), math.sin(motion.heading_rad))
+        rows.append([speed_m_s * way[0], speed_m_s * way[1], motion.turn_rate_rad_s])
+    velocity_body = np.array(rows)[pick]
+    return lambda _step, _state: velocity_body
+
+
+class VelocityWalk(Controller):
+    """Walks with the velocity that a command gives at every step.
+
+    Strokes are proportional to the velocity and follow it smoothly, within an acceleration limit, so that no
+    foot jumps. What the legs cannot do is scaled down, the direction kept, and counted. A walk in a batch is
+    the same to the last bit as alone.
+
+    Args:
+        start: the robot, or batch of robots, ready to walk.
+        command: asked at every step, with the state then.
+        speed_by: one of `SPEED_BY`.
+
+    Attributes:
+        limited_steps: steps in which the velocity was scaled down, leading shape.
+        velocity_body: the one walked with now, leading shape + (3,).
+    """
+
+    def __init__(self, start: WalkStart, command: Command | None = None, *, speed_by: str = "stride") -> None:
+        check_type(start, WalkStart, "start", "a WalkStart, as a trial gives to its controller")
+        if speed_by not in SPEED_BY:
+            raise InputError(f"speed_by: got {speed_by}; allowed: {', '.join(SPEED_BY)}")
+        if command is not None:
+            check_callable(command, "command", "a function of the step and the state")
+        self._robot, self._period_s, self._held_legs = start.robot, start.period_s, start.plans[0].held_legs
+        self._shape, self._command = start.batch_shape, command
+        self._pace_power = {"stride": 0.0, "pace": 1.0, "both": 0.5}[speed_by]
+        self._per_velocity = strokes_per_velocity(start.robot)
+        self._gaits = [plan.gait for plan in start.plans]
+        self._glide: _Glide | None = None
+        together = zip(*(plan.changes for plan in start.plans), strict=True)
+        self._changes = [(group[0].at_s, [change.gait for change in group]) for group in together]
+        self._use(StepPattern.of(start.robot, self._gaits if self._shape else self._gaits[0]))
+        self._cycles = np.zeros(self._shape)[()]
+        self.velocity_body: FloatArray = np.zeros((*self._shape, 3))
+        self.limited_steps = np.zeros(self._shape, dtype=int)[()]
+        self._last_step = 0
+        self._stop_step: int | None = None
+
+    def wanted(self, dt_s: float, step: int, state: RobotState) -> FloatArray:
+        """Velocity that is asked for at a step, `dt_s` after the one before, leading shape + (3,)."""
+        if self._command is None:
+            return self.velocity_body
+        return np.asarray(self._command(step, state), dtype=float)
+
+    def targets_rad(self, step: int, state: RobotState) -> FloatArray:
+        """Joint angles at this step, leading shape + (18,)."""
+        dt_s = (step - self._last_step) * self._period_s
+        self._last_step = step
+        if dt_s > 0:
+            self._follow(dt_s, self.wanted(dt_s, step, state))
+        elif self._command is not None and not self._last_step:
+            self.velocity_body = self.wanted(dt_s, step, state)  # the ramp lets it begin softly
+        strokes, pace_hz = self._paced(self._strokes())
+        if dt_s > 0:
+            self._cycles = self._cycles + dt_s * pace_hz
+            self._change(step, dt_s * pace_hz)
+        u = phase_in_cycle(np.asarray(self._cycles)[..., np.newaxis] + self._pattern.phases, 1)
+        stop_s = None if self._stop_step is None else self._stop_step * self._period_s
+        envelope = float(ramp(step * self._period_s, stop_s))
+        feet = feet_at_phases(self._robot, self._pattern, u, strokes, envelope)
+        return joints_of_feet(self._robot, feet, self._held_legs)
+
+    def glide_to(self, gaits: Sequence[Gait]) -> None:
+        """Change to other gaits in stride, one for each walk: phases, heights and posture glide there."""
+        pattern = StepPattern.of(self._robot, list(gaits) if self._shape else gaits[0], plain=False)
+        before = self._pattern
+        if self._glide is None:
+            now = self._gaits if self._shape else self._gaits[0]
+            before = replace(StepPattern.of(self._robot, now, plain=False), phases=before.phases)
+        shifted = before.phases + nearest_phases(before.phases, pattern.phases)
+        self._glide = _Glide(before, replace(pattern, phases=shifted), np.zeros(self._shape)[()])
+        self._gaits = list(gaits)
+
+    def stop(self, step: int) -> None:
+        """Begin the soft stop at a step; it lasts `soft_stop_steps`."""
+        if self._stop_step is None:
+            self._stop_step = step
+
+    def done(self, step: int, state: RobotState) -> bool:
+        """Whether a soft stop has ended."""
+        return self._stop_step is not None and step >= self._stop_step + soft_stop_steps(self._period_s) - 1
+
+    def _use(self, pattern: StepPattern) -> None:
+        """Walk with a pattern from now on."""
+        self._pattern = pattern
+        self._per_second = 1 / (pattern.strokes_per_cycle * pattern.pace_hz)
+        self._most_stroke_m2 = (OVERDRIVE * pattern.amplitude_m) ** 2
+        full_m_s = pattern.amplitude_m / self._per_second
+        self._most_change = full_m_s / FULL_SPEED_S
+
+    def _follow(self, dt_s: float, wanted: FloatArray) -> None:
+        """Bring the velocity nearer to the one asked for."""
+        change = (1 - math.exp(-dt_s / RESPONSE_S)) * (wanted - self.velocity_body)
+        # A turn moves the feet at the radius of the stance.
+        turn = change[..., 2] * self._robot.stance_radius_m
+        size = np.sqrt(change[..., 0] * change[..., 0] + change[..., 1] * change[..., 1] + turn * turn)
+        most = self._most_change * dt_s
+        if (size > most).any():
+            change = change * np.minimum(1.0, most / np.maximum(size, most))[..., np.newaxis]
+        self.velocity_body = self.velocity_body + change
+
+    def _strokes(self) -> FloatArray:
+        """Strokes of the feet now, leading shape + (6, 2) in m, scaled to what the gait allows."""
+        velocity = (self._per_second[..., np.newaxis] * self.velocity_body)[..., np.newaxis, np.newaxis, :]
+        per = self._per_velocity
+        strokes = per[..., 0] * velocity[..., 0] + per[..., 1] * velocity[..., 1]
+        strokes = strokes + per[..., 2] * velocity[..., 2]
+        squares = strokes[..., 0] * strokes[..., 0] + strokes[..., 1] * strokes[..., 1]
+        longest = squares.max(axis=-1)
+        too_long: BoolArray = longest > self._most_stroke_m2
+        if too_long.any():
+            self.limited_steps = self.limited_steps + too_long
+            scale = np.sqrt(self._most_stroke_m2 / np.maximum(longest, self._most_stroke_m2))
+            strokes = strokes * scale[..., np.newaxis, np.newaxis]
+        return np.asarray(strokes)
+
+    def _paced(self, strokes: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Strokes and pace for a speed: what the strokes lose in length the pace gains."""
+        pace_hz = np.asarray(self._pattern.pace_hz)
+        if not self._pace_power:
+            return strokes, pace_hz
+        longest_m = np.sqrt((strokes * strokes).sum(axis=-1).max(axis=-1))
+        share = np.clip(longest_m / self._pattern.amplitude_m, SLOWEST, 1.0) ** self._pace_power
+        return strokes / share[..., np.newaxis, np.newaxis], pace_hz * share
+
+    def _change(self, step: int, cycles: FloatArray) -> None:
+        """Begin the change of gait that is due, and continue the one that is on its way."""
+        if self._changes and step * self._period_s >= self._changes[0][0]:
+            self.glide_to(self._changes.pop(0)[1])
+        if self._glide is not None:
+            self._glide = self._glide.after(cycles)
+            self._use(self._glide.pattern)
+            if (self._glide.share >= 1).all():
+                self._glide = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Glide:
+    """A change of gait on its way from a pattern to another, by a share of 0 to 1, leading shape."""
+
+    before: StepPattern
+    later: StepPattern
+    share: FloatArray
+
+    def after(self, cycles: FloatArray) -> "_Glide":
+        """The change some cycles later."""
+        return replace(self, share=np.minimum(1.0, self.share + cycles / GLIDE_CYCLES))
+
+    @property
+    def pattern(self) -> StepPattern:
+        """The pattern now."""
+
+        def mixed(name: str) -> FloatArray:
+            before, later = getattr(self.before, name), getattr(self.later, name)
+            share = self.share.reshape(self.share.shape + (1,) * (np.ndim(later) - self.share.ndim))
+            return np.asarray(before + share * (later - before))
+
+        return StepPattern(**{name: mixed(name) for name in StepPattern.__slots__})
+
+
+def nearest_phases(before: FloatArray, later: FloatArray) -> FloatArray:
+    """By how much each leg's phase changes, (..., 6) in cycles of -1/2 to 1/2, when the gaits may be shifted.
+
+    A gait that is shifted as a whole is the same gait: of the six shifts that leave one leg as it is, the one
+    with the smallest sum of squares.
+    """
+    changes = later - before
+    shifted = changes[..., np.newaxis, :] - changes[..., :, np.newaxis]  # (..., leg that stays, 6)
+    shifted = shifted - np.rint(shifted)
+    best = np.argmin((shifted * shifted).sum(axis=-1), axis=-1)
+    return np.take_along_axis(shifted, best[..., np.newaxis, np.newaxis], axis=-2)[..., 0, :]

@@ -1,0 +1,53 @@
+"""How a body stands over its feet while it walks."""
+
+import math
+from dataclasses import dataclass
+
+from hexctl.errors import InputError, check_type
+from hexctl.types import N_LEGS
+
+#: Ranges, as fractions of the robot's size.
+MAX_RAISE, MAX_SHIFT = 0.2, 0.2
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Posture:
+    """How the body stands over its feet while it walks; as in the paper unless something is given.
+
+    Attributes:
+        body_raise: how much higher the body is than in the stance, as a fraction of the robot's size E. Legs
+            that are held in their stance pose leave the floor with it.
+        shift: how far the body stands forward and to the left over its feet, as fractions of E.
+        tucked_legs: legs that are held up in the air, and neither step nor carry.
+    """
+
+    body_raise: float = 0.0
+    shift: tuple[float, float] = (0.0, 0.0)
+    tucked_legs: tuple[int, ...] = ()
+
+    def __post_init__(self) -> None:
+        _require_within("body raise", self.body_raise, MAX_RAISE)
+        check_type(self.shift, (tuple, list), "stance shift", "two numbers, forward and left")
+        if len(self.shift) != 2:
+            raise InputError(f"stance shift: got {len(self.shift)} numbers; allowed: 2, forward and left")
+        for value in self.shift:
+            _require_within("stance shift", value, MAX_SHIFT)
+        check_type(self.tucked_legs, (tuple, list), "tucked legs", "legs, such as (5,)")
+        for leg in self.tucked_legs:
+            check_type(leg, int, "tucked legs", f"legs, each 1..{N_LEGS}")
+        tucked = tuple(sorted(set(self.tucked_legs)))
+        if not set(tucked) <= set(range(1, N_LEGS + 1)):
+            raise InputError(f"tucked legs: got {list(tucked)}; allowed: legs, each 1..{N_LEGS}")
+        object.__setattr__(self, "tucked_legs", tucked)
+        object.__setattr__(self, "shift", (float(self.shift[0]), float(self.shift[1])))
+
+
+def _require_within(what: str, value: float, most: float) -> None:
+    allowed = f"a number up to {most:g} either way, of the robot's size"
+    check_type(value, float, what, allowed)
+    if not (math.isfinite(value) and abs(value) <= most):
+        raise InputError(f"{what}: got {value:g}; allowed: {allowed}")
+
+
+#: The posture of the paper: that of the robot's stance.
+STANCE = Posture()
