@@ -109,12 +109,12 @@ def listed(text: str) -> tuple[str, ...]:
     return tuple(part.strip() for part in text.split(",") if part.strip())
 
 
-def listed_legs(text: str) -> tuple[int, ...]:
+def listed_legs(text: str, flag: str = "--legs") -> tuple[int, ...]:
     """Legs of a text such as `2,5`, ascending; raises InputError for anything but numbers."""
     try:
         return tuple(sorted(int(part) for part in listed(text)))
     except ValueError:
-        raise InputError(f"--legs: got {text!r}; allowed: numbers {LEG} with commas, such as 2,5") from None
+        raise InputError(f"{flag}: got {text!r}; allowed: numbers {LEG} with commas, such as 2,5") from None
 
 
 def refuse_given(options: Mapping[str, object], allowed: str) -> None:
@@ -130,6 +130,8 @@ SEED = Range(low=0, whole=True)
 DURATION_S = Range(low=0, high=86_400, above=True, unit="s")
 PACE_HZ = Range(low=0, high=10, above=True, unit="Hz")
 STEP_FRACTION = Range(low=0, high=1, above=True)
+POSTURE_FRACTION = Range(low=-0.2, high=0.2)
+SWING = Range(low=0.1, high=0.5)
 HEADING_DEG = Range()
 TURN_DEG_S = Range(low=-360, high=360, unit="deg/s")
 JOBS = Range(low=1, high=1024, whole=True)
@@ -265,6 +267,38 @@ FailureOption = Annotated[
     typer.Option("--failure", autocompletion=completion.failures, help=f"{FAILURE_HELP} (default: locked)"),
 ]
 SelfRotationOption = Annotated[SelfRotation, choice("--self-rotation", SelfRotation, SELF_ROTATION_HELP)]
+BodyRaiseOption = Annotated[
+    float | None,
+    number(
+        "--body-raise",
+        POSTURE_FRACTION,
+        "How much higher the body stands, as a fraction of the robot's size, {}. (default: 0; with "
+        "--gait auto 0.012 off a locked leg that does not trail)",
+    ),
+]
+StanceShiftOption = Annotated[
+    str | None,
+    typer.Option(
+        "--stance-shift",
+        help="How far the body stands forward and to the left over its feet, as fractions of the robot's "
+        "size, such as 0.02,-0.01. (default: 0,0)",
+    ),
+]
+TuckOption = Annotated[
+    str | None,
+    typer.Option("--tuck", help="Legs held up in the air, of 1..6, with commas. (default: none)"),
+]
+SwingShareOption = Annotated[
+    float | None,
+    number("--swing-share", SWING, "Part of a cycle that a foot is in the air, {}. (default: 1/3)"),
+]
+ThenOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--then",
+        help="Change the gait in stride, such as wave@10: from 10 s on. May be given several times.",
+    ),
+]
 HoldOption = Annotated[
     Hold,
     choice(

@@ -23,6 +23,7 @@ from hexctl.cli.options import (
     HEADING_DEG,
     AmplitudeOption,
     BackendOption,
+    BodyRaiseOption,
     ConnectOption,
     DurationOption,
     FailedLegOption,
@@ -38,8 +39,13 @@ from hexctl.cli.options import (
     RobotOption,
     SeedOption,
     SelfRotationOption,
+    StanceShiftOption,
+    SwingShareOption,
+    ThenOption,
+    TuckOption,
     TurnOption,
     WorldOption,
+    listed_legs,
     number,
 )
 from hexctl.errors import InputError, LimitError, ReachError, RecordingError, RobotFaultError
@@ -72,6 +78,11 @@ def run(
     pace: PaceOption = None,
     amplitude: AmplitudeOption = None,
     height: HeightOption = None,
+    body_raise: BodyRaiseOption = None,
+    stance_shift: StanceShiftOption = None,
+    tuck: TuckOption = None,
+    swing_share: SwingShareOption = None,
+    then: ThenOption = None,
     failed_leg: FailedLegOption = None,
     failure: FailureOption = None,
     self_rotation: SelfRotationOption = "rear",
@@ -118,6 +129,11 @@ def run(
         pace_hz=pace,
         amplitude=amplitude,
         height=height,
+        body_raise=body_raise,
+        stance_shift=_shift_of(stance_shift),
+        tucked_legs=() if tuck is None else listed_legs(tuck, "--tuck"),
+        swing_share=swing_share,
+        then=tuple(then or ()),
         heading_rad=None if heading is None else radians(heading),
         turn_rate_rad_s=None if turn is None else radians(turn),
         duration_s=duration,
@@ -134,6 +150,17 @@ def run(
         link=link,
     )
     raise typer.Exit(_walk(spec, view=view, as_json=as_json))
+
+
+def _shift_of(text: str | None) -> tuple[float, float] | None:
+    """Two numbers of a text such as `0.02,-0.01`."""
+    if text is None:
+        return None
+    try:
+        forward, left = (float(part) for part in text.split(","))
+    except ValueError:
+        raise InputError(f"--stance-shift: got {text!r}; allowed: two numbers such as 0.02,-0.01") from None
+    return forward, left
 
 
 def _walk(spec: "RunSpec", *, view: bool, as_json: bool) -> int:

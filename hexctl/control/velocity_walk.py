@@ -168,6 +168,7 @@ class VelocityWalk(Controller):
             self.limited_steps = self.limited_steps + too_long
             scale = np.sqrt(self._most_stroke_m2 / np.maximum(longest, self._most_stroke_m2))
             strokes = strokes * scale[..., np.newaxis, np.newaxis]
+            self.velocity_body = self.velocity_body * np.where(too_long, scale, 1.0)[..., np.newaxis]
         return np.asarray(strokes)
 
     def _paced(self, strokes: FloatArray) -> tuple[FloatArray, FloatArray]:

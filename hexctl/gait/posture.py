@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 from hexctl.errors import InputError, check_type
 from hexctl.types import N_LEGS
@@ -40,6 +41,14 @@ class Posture:
             raise InputError(f"tucked legs: got {list(tucked)}; allowed: legs, each 1..{N_LEGS}")
         object.__setattr__(self, "tucked_legs", tucked)
         object.__setattr__(self, "shift", (float(self.shift[0]), float(self.shift[1])))
+
+    def to_dict(self) -> dict[str, Any]:
+        """JSON values."""
+        return {
+            "body_raise": self.body_raise,
+            "shift": list(self.shift),
+            "tucked_legs": list(self.tucked_legs),
+        }
 
 
 def _require_within(what: str, value: float, most: float) -> None:

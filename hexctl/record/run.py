@@ -27,14 +27,15 @@ from hexctl.control.log import (
     Recorders,
     TickLog,
 )
-from hexctl.control.plan import TrialPlan
+from hexctl.control.plan import GaitChange, TrialPlan
 from hexctl.control.preparation import StopRequested, never
 from hexctl.control.result import TrialResult
-from hexctl.control.static_stability import stable_slots_of
+from hexctl.control.static_stability import stable_gait, stable_slots_of
 from hexctl.control.trial import run_trial
 from hexctl.control.turning import check_plan
 from hexctl.errors import InputError, MissingExtraError, argument, check_type
-from hexctl.gait.gait import AUTO, Gait, make_gait
+from hexctl.gait.gait import AUTO, SWING_SHARE, Gait, make_gait, parse_slots
+from hexctl.gait.posture import Posture
 from hexctl.record.rrd import probe_file
 from hexctl.robot.failure import Failure, failure_of
 from hexctl.robot.loader import RobotFile, load_robot_file
@@ -60,6 +61,12 @@ class RunSpec:
         pace_hz: gait cycles per second; None is the robot's, as for the next two.
         amplitude: stride as a fraction of the robot's size.
         height: height of a step as a fraction of the robot's size.
+        body_raise: how much higher the body stands than in the stance, as a fraction of the robot's size;
+            None is not at all, but with the gait `auto` as `stable_gait` says.
+        stance_shift: how far the body stands forward and to the left over its feet, likewise; None for not.
+        tucked_legs: legs that are held up in the air.
+        swing_share: part of a cycle that a foot is in the air; None is a third, as in the paper.
+        then: changes of the gait in stride, such as `wave@10`: a name, a code or slots, and when in seconds.
         heading_rad: direction of travel, counter-clockwise from forward; None is forward, or none at all in a
             turn in place.
         turn_rate_rad_s: rate of turning, counter-clockwise. Without a heading the robot turns in place.
@@ -85,6 +92,11 @@ class RunSpec:
     pace_hz: float | None = None
     amplitude: float | None = None
     height: float | None = None
+    body_raise: float | None = None
+    stance_shift: tuple[float, float] | None = None
+    tucked_legs: Sequence[int] = ()
+    swing_share: float | None = None
+    then: Sequence[str] = ()
     heading_rad: float | None = None
     turn_rate_rad_s: float | None = None
     duration_s: float = 30.0
@@ -140,7 +152,8 @@ class RunSpec:
             raise InputError(f"seed: got {self.seed}; allowed: 0 or more")
         # A failure is the plan's too: on a robot that is not simulated it tells the controller.
         check_options(self.backend, **option_values(self, but=("robot", "failure")))
-        steps = {"pace_hz": self.pace_hz, "amplitude": self.amplitude, "height": self.height}
+        names = ("pace_hz", "amplitude", "height", "body_raise", "stance_shift", "swing_share")
+        steps = {name: getattr(self, name) for name in names}
         for name, value in steps.items() if isinstance(self.gait, Gait) else ():
             if value is not None:
                 raise InputError(f"{name}: got {value} with a Gait; allowed: with a name, a code or slots")
@@ -342,6 +355,9 @@ class Run:
                 "name": spec.gait_text,
                 "slots": list(plan.gait.slots),
                 "code": plan.gait.code(plan.failed_legs),
+                "posture": plan.gait.posture.to_dict(),
+                "swing_share": plan.gait.swing_share,
+                "then": list(spec.then),
             },
             "failed_leg": plan.belief.leg if plan.belief else None,
             "failure": str(plan.belief) if plan.belief else None,
@@ -421,6 +437,15 @@ def _plan_of(spec: RunSpec, robot: Robot) -> TrialPlan:
             height=spec.height,
             failed_legs=(spec.failure.leg,) if spec.failure else (),
         )
+        gait = replace(
+            gait,
+            posture=Posture(
+                body_raise=spec.body_raise or 0.0,
+                shift=spec.stance_shift or (0.0, 0.0),
+                tucked_legs=tuple(spec.tucked_legs),
+            ),
+            swing_share=SWING_SHARE if spec.swing_share is None else spec.swing_share,
+        )
     plan = TrialPlan(
         gait=gait,
         heading_rad=spec.heading_rad or 0.0,
@@ -431,4 +456,20 @@ def _plan_of(spec: RunSpec, robot: Robot) -> TrialPlan:
         self_rotation=spec.self_rotation,
         hold=spec.hold,
     )
-    return replace(plan, gait=replace(gait, slots=stable_slots_of(robot, plan))) if auto else plan
+    plan = replace(plan, gait=stable_gait(robot, plan)) if auto else plan
+    return replace(plan, changes=tuple(_change_of(text, robot, plan) for text in spec.then))
+
+
+def _change_of(text: str, robot: Robot, plan: TrialPlan) -> GaitChange:
+    """Change of gait of a text such as `wave@10`, in the posture of the plan's gait."""
+    name, at, time_text = text.rpartition("@")
+    try:
+        time_s = float(time_text)
+    except ValueError:
+        at = ""
+    if not at:
+        raise InputError(
+            f"{argument('then')}: got {text!r}; allowed: a gait and a time in s, such as wave@10"
+        )
+    slots = stable_slots_of(robot, plan) if name == AUTO else parse_slots(name, plan.failed_legs)
+    return GaitChange(gait=replace(plan.gait, slots=slots), at_s=time_s)

@@ -397,3 +397,38 @@ def test_servos_in_the_current_folder_are_found(program: list[str], tmp_path: Pa
     )
     assert done.returncode == 0, done.stderr
     assert _strict(done.stdout)["backend"] == "kit_of_this_folder:KitServos"
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        (["--then", "wave"], ["--then", "'wave'", "wave@10"]),
+        (["--then", "wave@soon"], ["--then", "wave@soon", "wave@10"]),
+        (["--then", "lope@3"], ["gait", "'lope'", "tripod"]),
+        (["--then", "wave@3", "--then", "demo@2"], ["do not ascend"]),
+        (["--tuck", "7"], ["tucked legs", "7", "1..6"]),
+        (["--tuck", "five"], ["--tuck", "'five'"]),
+        (["--stance-shift", "1"], ["--stance-shift", "'1'", "0.02,-0.01"]),
+        (["--stance-shift", "0.9,0"], ["stance shift", "0.9", "0.2"]),
+        (["--body-raise", "0.5"], ["--body-raise", "0.5", "0.2"]),
+        (["--swing-share", "0.7"], ["--swing-share", "0.7", "0.5"]),
+    ],
+)
+def test_a_posture_or_a_change_that_cannot_be_is_one_line(
+    given: list[str], said: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert exit_code(["run", "--no-record", "--duration", "1", *given]) == 2
+    line = _one_line(capsys.readouterr().err)
+    for part in said:
+        assert part in line
+
+
+def test_a_walk_changes_its_gait_in_stride_and_stands_up_off_a_dead_leg(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    options = ["--failed-leg", "1", "--self-rotation", "none", "--gait", "auto", "--then", "wave@3"]
+    assert exit_code(["run", "--no-record", "--duration", "6", "--json", *options]) == 0
+    outcome = _strict(capsys.readouterr().out)
+    assert (outcome["status"], outcome["hold"], outcome["gait"]["name"]) == ("ok", "line", "auto")
+    assert outcome["gait"]["posture"] == {"body_raise": 0.012, "shift": [0.0, 0.0], "tucked_legs": []}
+    assert outcome["gait"]["then"] == ["wave@3"]

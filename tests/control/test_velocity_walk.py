@@ -1,0 +1,231 @@
+"""Walks whose velocity and gait change on the way: what the feet and the robot do."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hexctl.backends.sim.servos import SimServos
+from hexctl.control.batch import SimTrial, run_sim_trial, run_sim_trials
+from hexctl.control.guard import Guard
+from hexctl.control.log import TickLog
+from hexctl.control.plan import GaitChange, TrialPlan
+from hexctl.control.preparation import WalkStart
+from hexctl.control.result import TrialResult
+from hexctl.control.trial import run_trial
+from hexctl.control.velocity_walk import FULL_SPEED_S, OVERDRIVE, VelocityWalk, nearest_phases
+from hexctl.errors import InputError
+from hexctl.gait.foot_trajectory import RAMP_DURATION_S
+from hexctl.gait.gait import Gait, ideal_speed_m_s, make_gait
+from hexctl.gait.posture import Posture
+from hexctl.ik.legs import foot_positions_body
+from hexctl.robot.failure import Failure
+from hexctl.types import FloatArray, RobotState
+from tests.robots import shipped
+
+NOTHING = RobotState(np.zeros(18), 0.0, True)
+
+
+def start_of(*changes: GaitChange, gait: str = "demo") -> WalkStart:
+    plan = TrialPlan(gait=make_gait(shipped(), gait), changes=changes)
+    return WalkStart(
+        robot=shipped(), plans=(plan,), batch_shape=(), period_s=0.02, turned_rad=0.0, frame=None
+    )
+
+
+def feet_of(walk: VelocityWalk, steps: int) -> FloatArray:
+    """Foot positions of the first steps, (steps, 6, 3)."""
+    return foot_positions_body(
+        shipped(), np.array([walk.targets_rad(step, NOTHING) for step in range(steps)])
+    )
+
+
+def speeds_m_s(feet: FloatArray) -> FloatArray:
+    """Speeds of the feet from tick to tick, (steps - 1, 6)."""
+    return np.asarray(np.linalg.norm(np.diff(feet, axis=0), axis=-1) / 0.02)
+
+
+@given(
+    st.lists(
+        st.tuples(st.floats(-0.4, 0.4), st.floats(-0.4, 0.4), st.floats(-1.5, 1.5)), min_size=2, max_size=6
+    ),
+    st.sampled_from(["stride", "pace", "both"]),
+)
+def test_no_foot_jumps_and_none_leaves_its_bounds_whatever_is_asked(
+    commands: list[tuple[float, float, float]], speed_by: str
+) -> None:
+    def command(step: int, _state: RobotState) -> FloatArray:
+        return np.array(commands[min(step // 40, len(commands) - 1)])
+
+    walk = VelocityWalk(start_of(), command, speed_by=speed_by)
+    robot, gait = shipped(), make_gait(shipped(), "demo")
+    feet = feet_of(walk, 40 * len(commands) + 60)
+    reach_m = np.linalg.norm((feet - robot.stance_feet_body)[..., :2], axis=-1).max()
+    assert reach_m <= OVERDRIVE * gait.amplitude * robot.size_m / 2 + 1e-9
+    # In a swing a foot covers the longest stroke in a third of a cycle; it rises and falls by H besides, and
+    # at the end of a stroke it moves by half of what strokes change.
+    across_m_s = OVERDRIVE * gait.amplitude * robot.size_m * (3 * gait.pace_hz + 0.5 / FULL_SPEED_S)
+    rising_m_s = 6 * gait.height * robot.size_m * gait.pace_hz
+    assert speeds_m_s(feet).max() < 1.02 * np.hypot(across_m_s, rising_m_s)
+
+
+def test_the_speed_grows_no_faster_than_its_limit() -> None:
+    gait = make_gait(shipped(), "demo")
+    walk = VelocityWalk(start_of(), lambda step, _: np.array([0.15 if step > 200 else -0.15, 0.0, 0.0]))
+    before: FloatArray = np.zeros(3)
+    full_m_s = gait.strokes_per_cycle * gait.amplitude * gait.pace_hz
+    for step in range(400):
+        walk.targets_rad(step, NOTHING)
+        if step > 1:
+            assert abs(walk.velocity_body[0] - before[0]) <= full_m_s / FULL_SPEED_S * 0.02 + 1e-12
+        before = walk.velocity_body
+    assert before[0] == pytest.approx(0.15, abs=1e-3)
+
+
+def test_what_is_beyond_the_envelope_is_scaled_and_counted_with_its_direction_kept() -> None:
+    asked = np.array([0.6, 0.3, 0.0])
+    walk = VelocityWalk(start_of(gait="tripod"), lambda *_: asked)
+    feet = feet_of(walk, 400)
+    assert walk.limited_steps > 300
+    standing = np.abs(feet[..., 2] - shipped().stance_feet_body[:, 2]) < 1e-9
+    moved = np.diff(feet[200:, 0, :2], axis=0)[standing[200:-1, 0] & standing[201:, 0]]
+    assert np.degrees(np.arctan2(-moved[:, 1], -moved[:, 0])).mean() == pytest.approx(
+        np.degrees(np.arctan2(0.3, 0.6)), abs=0.5
+    )
+    within = VelocityWalk(start_of(), lambda *_: np.array([0.1, 0.0, 0.0]))
+    feet_of(within, 200)
+    assert within.limited_steps == 0
+
+
+def test_pace_and_stride_give_the_same_speed_over_the_floor() -> None:
+    robot = shipped()
+    for speed_by in ("stride", "pace", "both"):
+        walk = VelocityWalk(start_of(gait="tripod"), lambda *_: np.array([0.08, 0.0, 0.0]), speed_by=speed_by)
+        feet = feet_of(walk, 500)[200:]
+        standing = np.abs(feet[..., 2] - robot.stance_feet_body[:, 2]) < 1e-9
+        both = standing[:-1] & standing[1:]
+        assert np.median(-np.diff(feet[..., 0], axis=0)[both]) / 0.02 == pytest.approx(0.08, rel=0.02)
+
+
+def test_what_speed_may_be_given_by_is_said() -> None:
+    with pytest.raises(InputError, match="speed_by: got size; allowed: stride, pace, both"):
+        VelocityWalk(start_of(), speed_by="size")
+
+
+@given(st.permutations(range(6)), st.permutations(range(6)))
+def test_phases_go_the_shortest_way_to_a_shift_of_the_other_gait(one: list[int], other: list[int]) -> None:
+    before, later = np.array(one) / 6, np.array(other) / 6
+    changes = nearest_phases(before, later)
+    reached = before + changes - later
+    assert np.allclose(reached - reached[0], np.rint(reached - reached[0])), "a shift of the whole gait"
+    assert np.abs(changes).max() <= 0.5 + 1e-12
+    assert (np.abs(nearest_phases(before, before + 0.3)) < 1e-12).all()
+
+
+def test_a_gait_changes_in_stride_without_a_jump_and_is_the_other_one_then() -> None:
+    robot = shipped()
+    wave = make_gait(robot, "wave")
+    walk = VelocityWalk(
+        start_of(GaitChange(gait=wave, at_s=4.0), gait="tripod"), lambda *_: np.array([0.15, 0.0, 0.0])
+    )
+    feet = feet_of(walk, 500)
+    usual = speeds_m_s(feet[100:200]).max()
+    assert speeds_m_s(feet[200:]).max() < 1.6 * usual
+    up = feet[..., 2] > robot.stance_feet_body[:, 2] + 1e-6
+    assert set(up[120:200].sum(axis=-1)) <= {0, 3}, "a tripod"
+    assert set(up[340:].sum(axis=-1)) <= {1, 2, 3}
+    order = [int(np.argmax(up[345:455, leg - 1] & ~up[344:454, leg - 1])) for leg in (3, 2, 1, 4, 5, 6)]
+    turns = np.diff((np.array(order) - order[0]) % 56)
+    assert (turns > 0).all(), "rear to front on the left, then on the right"
+
+
+def walked(plan: TrialPlan, failure: Failure | None = None) -> tuple[TrialResult, TickLog]:
+    log = TickLog()
+    with Guard(SimServos(shipped(), failure=failure)) as guard:
+        return run_trial(guard, plan, recorders=(log,)), log
+
+
+def test_the_robot_walks_on_while_its_gait_changes() -> None:
+    robot = shipped()
+    changes = tuple(
+        GaitChange(gait=make_gait(robot, name), at_s=at_s) for name, at_s in (("wave", 4.0), ("demo", 8.0))
+    )
+    for hold in ("none", "line"):
+        plan = TrialPlan(gait=make_gait(robot, "tripod"), changes=changes, hold=hold, duration_s=12)
+        result, _ = walked(plan)
+        assert (result.status, result.clipped_ticks) == ("ok", result.clipped_ticks)
+        assert result.distance_m is not None
+        assert result.distance_m > 0.85 * result.ideal_distance_m * (12 - RAMP_DURATION_S / 2) / 12
+
+
+def test_without_a_change_the_open_loop_walk_is_nearly_the_planned_one() -> None:
+    plan = TrialPlan(gait=make_gait(shipped(), "tripod"), duration_s=6)
+    same = replace(plan, changes=(GaitChange(gait=plan.gait, at_s=5.5),))
+    (first, _), (second, _) = walked(plan), walked(same)
+    assert first.deviation is not None
+    assert second.deviation is not None
+    assert second.distance_m == pytest.approx(first.distance_m, abs=0.01)
+
+
+def test_changes_in_a_batch_are_as_alone_to_the_last_bit() -> None:
+    robot = shipped()
+
+    def trial(name: str, then: str, hold: str) -> SimTrial:
+        change = GaitChange(gait=make_gait(robot, then), at_s=1.5)
+        plan = TrialPlan(gait=make_gait(robot, name), changes=(change,), hold=hold, duration_s=4)
+        return SimTrial(robot=robot, plan=plan, failure=None)
+
+    trials = [
+        trial(name, then, hold)
+        for name, then in (("demo", "wave"), ("wave", "demo"))
+        for hold in ("line", "none")
+    ]
+    assert run_sim_trials(trials) == [run_sim_trial(one) for one in trials]
+
+
+def raised(gait: Gait, **posture: object) -> Gait:
+    return replace(gait, posture=Posture(**posture))  # type: ignore[arg-type]
+
+
+def test_a_raised_body_lifts_a_locked_leg_off_the_floor_and_walks_faster() -> None:
+    robot, failure = shipped(), Failure(leg=1)
+    gait = make_gait(robot, "demo")
+    speeds, contacts = [], []
+    for one in (gait, raised(gait, body_raise=0.012)):
+        plan = TrialPlan(gait=one, belief=failure, self_rotation="none", hold="line", duration_s=10)
+        result, log = walked(plan, failure)
+        assert result.status == "ok"
+        assert result.distance_m is not None
+        speeds.append(result.distance_m)
+        contacts.append(log["foot_contacts"][log.rows_of("walk")][100:, 0].mean())
+    assert contacts[1] < 0.5 * contacts[0]
+    assert speeds[1] > speeds[0]
+
+
+def test_a_tucked_leg_stays_up_and_the_body_shifts_over_its_feet() -> None:
+    robot = shipped()
+    gait = raised(make_gait(robot, "wave"), tucked_legs=(5,), shift=(0.0, 0.02))
+    result, log = walked(TrialPlan(gait=gait, duration_s=8))
+    rows = log.rows_of("walk")
+    assert result.status == "ok"
+    assert not log["foot_contacts"][rows][120:, 4].any()
+    feet = foot_positions_body(robot, log["wanted_rad"][rows][120:])
+    other = np.delete(feet - robot.stance_feet_body, 4, axis=1)
+    assert other[..., 1].mean() == pytest.approx(-0.02 * robot.size_m, abs=0.002)
+
+
+@pytest.mark.parametrize("swing_share", [0.2, 0.5])
+def test_a_swing_share_keeps_the_commanded_speed(swing_share: float) -> None:
+    robot = shipped()
+    gait = replace(make_gait(robot, "demo", amplitude=0.08), swing_share=swing_share)
+    result, log = walked(TrialPlan(gait=gait, duration_s=10))
+    assert result.ideal_distance_m == pytest.approx(
+        10 * ideal_speed_m_s(robot, gait, TrialPlan(gait=gait).motion(0))
+    )
+    assert result.distance_m is not None
+    assert result.distance_m > 0.7 * result.ideal_distance_m
+    airborne = log["wanted_rad"][log.rows_of("walk")][100:]
+    up = foot_positions_body(robot, airborne)[..., 2] > robot.stance_feet_body[:, 2] + 1e-6
+    assert up.mean() == pytest.approx(swing_share, abs=0.03)
