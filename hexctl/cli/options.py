@@ -290,7 +290,11 @@ TuckOption = Annotated[
 ]
 SwingShareOption = Annotated[
     float | None,
-    number("--swing-share", SWING, "Part of a cycle that a foot is in the air, {}. (default: 1/3)"),
+    number(
+        "--swing-share",
+        SWING,
+        "How long a foot is in the air, as a fraction of the cycle, {}. (default: 1/3)",
+    ),
 ]
 ThenOption = Annotated[
     list[str] | None,
