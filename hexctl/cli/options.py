@@ -300,7 +300,7 @@ ThenOption = Annotated[
     list[str] | None,
     typer.Option(
         "--then",
-        help="Change the gait in stride, such as wave@10: from 10 s on. May be given several times.",
+        help="Change the gait in stride, such as wave@10: from 10 s on; may be given several times. (default: never)",
     ),
 ]
 HoldOption = Annotated[
