@@ -300,7 +300,8 @@ ThenOption = Annotated[
     list[str] | None,
     typer.Option(
         "--then",
-        help="Change the gait in stride, such as wave@10: from 10 s on; may be given several times. (default: never)",
+        help="Change the gait in stride, such as wave@10: from 10 s on; may be given several times. "
+        "(default: never)",
     ),
 ]
 HoldOption = Annotated[
