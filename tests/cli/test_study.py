@@ -179,7 +179,7 @@ def test_holds_are_compared_from_end_to_end_and_again_from_the_cache(
     assert "4 of 4 walks: from the cache" in again.err
     (report,) = Path("runs").glob("study-2*/holds.html")
     assert again.out.endswith(f"report: {report}\n")
-    assert "| one leg failed | pose | 1 in 1 worlds |" in again.out
+    assert "| one leg failed | pose | 1 in 1 world |" in again.out
     assert "\nnot judged: walks of 0.2 s, needs at least 30 s\n" in again.out
 
 

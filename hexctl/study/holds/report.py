@@ -34,6 +34,9 @@ HOLD_COLORS = {"none": "#999999", "heading": "#E69F00", "line": "#0072B2"}
 #: The scale of the figures, in cm, and the bins in each factor of ten.
 LOW_CM, HIGH_CM, BINS = 0.005, 500.0, 10
 
+#: Height of the highest bin of a histogram, where a row is 1 high; the text is above.
+HEIGHT = 0.7
+
 READING = (
     "Deviations are those of the simulation's true pose from the line, whatever the sensors told the robot.",
     "No walk had a trial: the gait is the one of largest static stability margin for the failed leg.",
@@ -92,24 +95,21 @@ def _draw(panel: "Axes", findings: HoldFindings, which: BoolArray) -> None:
         final_cm = 100 * findings.rows(hold).final_m[which]
         final_cm = np.clip(final_cm[np.isfinite(final_cm)], LOW_CM, HIGH_CM)
         found = findings.statistics(hold, which)
-        base, color = -float(row), HOLD_COLORS[hold]
-        _histogram(panel, final_cm, edges, base, color)
+        base = -float(row)
+        _histogram(panel, final_cm, edges, base, HOLD_COLORS[hold])
         for value_m, style in ((found.mean_m, "-"), (found.p90_m, ":")):
-            panel.plot([100 * value_m] * 2, [base, base + 0.75], style, color="#222222", linewidth=1.3)
-        panel.text(
-            LOW_CM * 1.15,
-            base + 0.56,
-            f"mean {cm(found.mean_m)}, nine of ten below {cm(found.p90_m)}, greatest {cm(found.max_m)}",
-            fontsize=8,
-        )
+            panel.plot([100 * value_m] * 2, [base, base + HEIGHT], style, color="#222222", linewidth=1.3)
+        said = f"mean {cm(found.mean_m)}, nine of ten below {cm(found.p90_m)}, greatest {cm(found.max_m)}"
+        panel.text(LOW_CM * 1.15, base + HEIGHT + 0.06, said, fontsize=8)
         names.append(HOLD_NAMES[hold])
+    panel.set_ylim(1 - len(names), 1)
     panel.set_yticks([0.3 - row for row in range(len(names))], names)
     panel.tick_params(axis="y", length=0)
 
 
 def _histogram(panel: "Axes", values_cm: FloatArray, edges_cm: FloatArray, base: float, color: str) -> None:
     counts, _ = np.histogram(values_cm, edges_cm)
-    heights = base + 0.75 * counts / max(1, counts.max())
+    heights = base + HEIGHT * counts / max(1, counts.max())
     panel.stairs(heights, edges_cm, baseline=base, fill=True, color=color, alpha=0.85)
     panel.axhline(base, color="#222222", linewidth=0.6)
 
@@ -120,7 +120,7 @@ def _finish(figure: "Figure", panels: "list[Axes]", used: int, title: str) -> No
         panel.set_xlim(LOW_CM, HIGH_CM)
         ticks = [0.01, 0.1, 1.0, 10.0, 100.0]
         panel.set_xticks(ticks, [f"{tick:g} cm" for tick in ticks])
-    label_axes(panels, used, "deviation from the line at the end", "")
+    label_axes(panels, used, "deviation from the line at the end (line: mean; dots: nine of ten below)", "")
     for panel in panels:
         panel.grid(visible=False, axis="y")
     figure.suptitle(title, fontsize=11)
@@ -219,7 +219,7 @@ def _row(name: str, hold: str, found: HoldStatistics) -> tuple[str, ...]:
     return (
         name,
         HOLD_NAMES[hold],
-        f"{found.walks} in {found.worlds} worlds",
+        f"{found.walks} in {found.worlds} world{'s' * (found.worlds != 1)}",
         cm(found.mean_m) + (f" ± {cm(found.mean_error_m)}" if np.isfinite(found.mean_error_m) else ""),
         cm(found.p90_m),
         cm(found.max_m),
