@@ -9,9 +9,7 @@ from typing import Any
 from hexctl.backends.sim.world import World
 from hexctl.control.batch import SimTrial
 from hexctl.control.plan import TrialPlan
-from hexctl.control.static_stability import most_stable_slots
-from hexctl.control.turning import turn_needed_rad
-from hexctl.gait.encoding import Slots
+from hexctl.control.static_stability import stable_gait
 from hexctl.gait.gait import Gait
 from hexctl.robot.failure import Failure, parse_failure
 from hexctl.robot.model import Robot
@@ -95,8 +93,7 @@ class HoldConditions:
             self_rotation=self.self_rotation,
             hold=case.hold,
         )
-        slots = _safest_slots(self.robot, plan.heading_rad - turn_needed_rad(self.robot, plan), plan.belief)
-        plan = replace(plan, gait=replace(plan.gait, slots=slots))
+        plan = replace(plan, gait=_gait_of(self.robot, plan))
         return SimTrial(robot=self.robot, plan=plan, failure=plan.belief, world=self.world, seed=self.number)
 
     def identity(self) -> dict[str, Any]:
@@ -126,6 +123,5 @@ def _versions() -> dict[str, str]:
     return code_versions() | {"source": source_digest(__name__)}
 
 
-@cache
-def _safest_slots(robot: Robot, heading_rad: float, failure: Failure | None) -> Slots:
-    return most_stable_slots(robot, heading_rad=heading_rad, failure=failure)
+#: Gaits by robot and plan: they are the same in all worlds.
+_gait_of = cache(stable_gait)

@@ -39,7 +39,8 @@ HEIGHT = 0.7
 
 READING = (
     "Deviations are those of the simulation's true pose from the line, whatever the sensors told the robot.",
-    "No walk had a trial: the gait is the one of largest static stability margin for the failed leg.",
+    "No walk had a trial: the gait is that of --gait auto, with the largest static stability margin for the "
+    "failed leg, the body raised off a locked one that does not trail.",
     "Walks without progress (less than half of the ideal distance) count in the deviations and in the "
     "speed. Walks that fell, diverged or were stopped have no deviation and are counted apart.",
     "Progress over open loop: the sum over walks over the sum of the same walks open loop, along the line.",

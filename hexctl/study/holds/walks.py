@@ -14,6 +14,7 @@ from hexctl.control.batch import run_sim_trials
 from hexctl.control.result import STATUSES, TrialResult
 from hexctl.files import atomic_write
 from hexctl.gait.encoding import Slots
+from hexctl.gait.gait import Gait
 from hexctl.study.cache import CacheError, LandscapeCache
 from hexctl.study.evaluate import Progress
 from hexctl.study.holds.conditions import HoldCase, HoldConditions
@@ -30,6 +31,7 @@ class HoldWalk:
     Attributes:
         case: what failed and what was held.
         slots: of the gait.
+        body_raise: of the gait's posture, as a fraction of the robot's size.
         held: what the walk held.
         status: as in `hexctl.control.result.STATUSES`.
         why: why it was stopped, or the likely cause of a walk without progress; None for neither.
@@ -45,6 +47,7 @@ class HoldWalk:
 
     case: HoldCase
     slots: Slots
+    body_raise: float
     held: str
     status: str
     why: str | None
@@ -58,13 +61,14 @@ class HoldWalk:
     clipped_ticks: int
 
     @classmethod
-    def of(cls, case: HoldCase, slots: Slots, result: TrialResult) -> "HoldWalk":
-        """Outcome of a case from the result of its trial."""
+    def of(cls, case: HoldCase, gait: Gait, result: TrialResult) -> "HoldWalk":
+        """Outcome of a case from the gait and the result of its trial."""
         off = result.true_deviation
         signed_m, mean_m, max_m = (math.nan,) * 3 if off is None else (off.signed, off.mean, off.max)
         return cls(
             case=case,
-            slots=slots,
+            slots=gait.slots,
+            body_raise=float(gait.posture.body_raise),
             held=result.hold,
             status=result.status,
             why=result.stopped or result.cause,
@@ -98,7 +102,7 @@ def walk_cases(conditions: HoldConditions, cases: Sequence[HoldCase]) -> list[Ho
     trials = [conditions.trial(case) for case in cases]
     results = run_sim_trials(trials, 1)
     return [
-        HoldWalk.of(case, trial.plan.gait.slots, result)
+        HoldWalk.of(case, trial.plan.gait, result)
         for case, trial, result in zip(cases, trials, results, strict=True)
     ]
 

@@ -31,6 +31,7 @@ def walk(case: HoldCase, final_m: float, *, status: str = "ok", speed: float = 0
     return HoldWalk(
         case=case,
         slots=(1, 2, 3, 4, 5, 6),
+        body_raise=0.0,
         held=case.hold,
         status=status,
         why=None,

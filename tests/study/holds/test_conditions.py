@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 from hexctl.backends.sim.world import World, load_randomization
-from hexctl.control.static_stability import most_stable_slots
+from hexctl.control.static_stability import STAND_UP, most_stable_slots
 from hexctl.robot.failure import Failure
 from hexctl.study.holds.conditions import HoldCase, HoldConditions, with_sensors
 from tests.robots import shipped
@@ -21,6 +21,8 @@ def test_a_walk_has_the_gait_that_stands_safest_and_the_seed_of_its_world() -> N
     intact = CONDITIONS.trial(HoldCase(leg=0, failure="intact", hold="none"))
     assert (intact.failure, intact.plan.belief, intact.plan.hold) == (None, None, "none")
     assert CONDITIONS.rough
+    locked = CONDITIONS.trial(HoldCase(leg=2, failure="locked", hold="none"))
+    assert (trial.plan.gait.posture.body_raise, locked.plan.gait.posture.body_raise) == (0.0, STAND_UP)
 
 
 def test_a_turned_robot_walks_the_gait_for_its_new_direction() -> None:
