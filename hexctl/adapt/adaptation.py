@@ -305,6 +305,7 @@ def adapt(
     duration_s: float = 30.0,
     heading_deg: float = 0.0,
     self_rotation: str = "rear",
+    hold: str | None = None,
     seed: int = 0,
     backend: str = "sim",
     servos: LegServos | None = None,
@@ -330,8 +331,9 @@ def adapt(
         failure: `locked`, `limp`, `missing`, `weak:FRACTION`, `stuck:JOINT:DEGREES`.
         optimizer: a name such as `random` or `pso`, `package.module:Class`, or an `Optimizer` class; None is
             `bayes` where a prior fits, else `random`.
-        objective: `final`, `mean`, `max`, `progress`, `package.module:name`, an `Objective`, or a function of
-            a valid `TrialResult`; the smaller the better.
+        objective: `final`, `mean`, `max`, `progress`, `speed`, `cost`, `tilt`, `steadiness`,
+            `package.module:name`, an `Objective`, or a function of a valid `TrialResult`; the smaller the
+            better.
         prior: `auto`, `none`, or the path or name of a prior; None is `auto`.
         target_m: score at which to stop; None is 0.025 m with `bayes`, else none.
         target: the same as a number, or as a share of the ideal distance of a walk, such as `"1%"`.
@@ -348,6 +350,8 @@ def adapt(
         duration_s: how long each trial walks.
         heading_deg: direction of travel, counter-clockwise from forward.
         self_rotation: where the failed leg points during the walk: `rear`, `front` or `none`.
+        hold: what the walks hold by feedback: `auto`, `line`, `heading` or `none`; None is `auto` for
+            `speed`, `cost`, `tilt` and `steadiness`, else `none`.
         seed: of the optimizer and of the simulation.
         backend: `sim`, `zenoh`, `mavlink`, or `package.module:Class`.
         servos: a robot of your own instead of a backend, not connected yet.
@@ -396,6 +400,7 @@ def adapt(
         duration_s=duration_s,
         heading_deg=heading_deg,
         self_rotation=self_rotation,
+        hold=hold,
         seed=seed,
         connect=connect,
         credentials=str(credentials) if isinstance(credentials, Path) else credentials,

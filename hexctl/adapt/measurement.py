@@ -9,6 +9,7 @@ import numpy as np
 from hexctl.backends.clock import PERIOD_S
 from hexctl.control.plan import TrialPlan
 from hexctl.control.result import Deviation, TrialResult, progress_floor_m, score
+from hexctl.control.walk_quality import cost_of_transport
 from hexctl.gait.foot_trajectory import RAMP_DURATION_S
 from hexctl.robot.model import Robot
 from hexctl.types import FloatArray
@@ -51,7 +52,7 @@ def measured(result: TrialResult, answer: Answer, robot: Robot, plan: TrialPlan)
     if answer.word == "quit":
         return replace(result, status="aborted", stopped="requested")
     unknown = _path(result, math.nan, math.nan)
-    bare = replace(result, distance_m=None, deviation=None, path_m=unknown)
+    bare = replace(result, distance_m=None, cost_of_transport=None, deviation=None, path_m=unknown)
     if answer.word == "fell":
         return replace(bare, status="fell")
     if answer.word != "measured":
@@ -64,6 +65,7 @@ def measured(result: TrialResult, answer: Answer, robot: Robot, plan: TrialPlan)
         bare,
         status="no_progress" if slow else "ok",
         distance_m=distance_m,
+        cost_of_transport=cost_of_transport(robot, result.energy_j, distance_m),
         deviation=Deviation(abs(signed_m), math.nan, math.nan, signed_m),
         path_m=_path(result, distance_m, signed_m),
     )

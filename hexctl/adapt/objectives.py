@@ -5,9 +5,12 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 
+import numpy as np
+
 from hexctl.control.result import Deviation, TrialResult
 from hexctl.errors import InputError, check_type
 from hexctl.robot.plugins import load_named
+from hexctl.types import BoolArray, FloatArray
 
 #: Score of a trial that fell, made no progress, diverged or was aborted: worse than any valid score.
 INVALID_SCORE = 1e6
@@ -26,6 +29,9 @@ class Objective:
         measure: the score of a valid trial.
         unit: of the score; empty where it has none, or it is not known.
         needs_course: True where the whole course of a walk counts, not only its end.
+        needs_torques: True where the joint torques of the robot count.
+        hold: what walks hold by feedback unless a session says otherwise, one of
+            `hexctl.control.plan.HOLDS`; `none` where the deviation itself is searched.
     """
 
     name: str
@@ -33,6 +39,8 @@ class Objective:
     measure: Callable[[TrialResult], float]
     unit: str = ""
     needs_course: bool = True
+    needs_torques: bool = False
+    hold: str = "none"
 
     def __call__(self, result: TrialResult) -> float:
         """Score of a trial: `INVALID_SCORE` for an invalid one, else at most `WORST_VALID_SCORE`.
@@ -62,6 +70,19 @@ def _progress(result: TrialResult) -> float:
     return _deviation(result).final * result.ideal_distance_m / max(result.distance_m or 0.0, 1e-9)
 
 
+def _pace(result: TrialResult) -> float:
+    """Time per metre of progress, soft start included: 1 / speed, as the smaller score is the better."""
+    # Limited as `_progress` is.
+    return result.duration_s / max(result.distance_m or 0.0, 1e-9)
+
+
+def _told(value: float | None, what: str) -> float:
+    """A figure of a walk; raises InputError where the robot did not measure what it needs."""
+    if value is None:
+        raise InputError(f"objective: got a walk without {what}; allowed: of a robot that measures it")
+    return value
+
+
 _SHIPPED = (
     Objective(
         name="final",
@@ -80,6 +101,36 @@ _SHIPPED = (
         unit="m",
         needs_course=False,
         measure=_progress,
+    ),
+    Objective(
+        name="speed",
+        label="time per metre of progress",
+        unit="s/m",
+        needs_course=False,
+        measure=_pace,
+        hold="auto",
+    ),
+    Objective(
+        name="cost",
+        label="cost of transport",
+        needs_course=False,
+        needs_torques=True,
+        measure=lambda result: _told(result.cost_of_transport, "joint torques"),
+        hold="auto",
+    ),
+    Objective(
+        name="tilt",
+        label="lean of the body, rms",
+        unit="deg",
+        measure=lambda result: _told(result.tilt_deg, "orientations"),
+        hold="auto",
+    ),
+    Objective(
+        name="steadiness",
+        label="deviation of the velocity from its mean, rms",
+        unit="m/s",
+        measure=lambda result: _told(result.steadiness, "positions"),
+        hold="auto",
     ),
 )
 
@@ -111,9 +162,9 @@ def make_objective(name: str) -> Objective:
 def as_objective(measure: object, name: str = "") -> Objective:
     """Objective from a name, an `Objective` or a function of a `TrialResult`.
 
-    The label of a function is the first line of its docstring; it may have attributes `unit`, `label` and
-    `needs_course`. `name` overrides the one under which a session finds it again, `module:function`.
-    Raises InputError for anything else.
+    The label of a function is the first line of its docstring; it may have attributes `unit`, `label`,
+    `needs_course`, `needs_torques` and `hold`. `name` overrides the one under which a session finds it again,
+    `module:function`. Raises InputError for anything else.
     """
     if isinstance(measure, str):
         return make_objective(measure)
@@ -131,8 +182,19 @@ def as_objective(measure: object, name: str = "") -> Objective:
         label=str(getattr(measure, "label", documented or name)),
         unit=str(getattr(measure, "unit", "")),
         needs_course=bool(getattr(measure, "needs_course", True)),
+        needs_torques=bool(getattr(measure, "needs_torques", False)),
+        hold=str(getattr(measure, "hold", "none")),
         measure=measure,
     )
+
+
+def undominated(scores: FloatArray) -> BoolArray:
+    """Which trials no other one beats: the Pareto front of scores (trials, objectives), (trials,).
+
+    One trial beats another that is not smaller in any score and greater in at least one.
+    """
+    beaten = [bool(((scores <= row).all(axis=1) & (scores < row).any(axis=1)).any()) for row in scores]
+    return ~np.array(beaten, dtype=bool)
 
 
 def _load(name: str) -> object:

@@ -8,6 +8,7 @@ from typing import Any
 
 from hexctl.adapt.arena import LEFT_THE_ARENA, Arena, Geofence, aimed, as_placed
 from hexctl.adapt.measurement import Operator, measured, not_walked
+from hexctl.adapt.objectives import OBJECTIVES
 from hexctl.adapt.session import BASELINE_INDEX, SessionSpec
 from hexctl.adapt.setting import Note, Setting
 from hexctl.backends.base import LegServos, connection_notes
@@ -22,7 +23,7 @@ from hexctl.control.preparation import StopRequested, never
 from hexctl.control.result import TrialResult
 from hexctl.control.trial import Enough, ShouldStop, run_trial, stop_when
 from hexctl.control.turning import turn_gait
-from hexctl.errors import HexctlError, RobotFaultError, argument
+from hexctl.errors import HexctlError, InputError, RobotFaultError, argument
 from hexctl.gait.encoding import Slots
 from hexctl.gait.foot_trajectory import RAMP_DURATION_S
 from hexctl.gait.gait import AUTO, NAMED_SLOTS, ideal_speed_m_s
@@ -333,11 +334,19 @@ def at_home(spec: SessionSpec, servos: Guard | None) -> SessionSpec:
     """Spec of a session that begins where the robot is now.
 
     Raises RobotStoppedError for a robot that is stopped, RobotFaultError for one that does not know its
-    position and must.
+    position and must, InputError for one without the joint torques that the objective needs.
     """
     if servos is None or spec.ask:
         return spec
-    position = await_ready(servos).base_position_world
+    state = await_ready(servos)
+    objective = OBJECTIVES.get(spec.objective)
+    if objective is not None and objective.needs_torques and state.joint_torques_nm is None:
+        usable = [name for name, shipped in OBJECTIVES.items() if not shipped.needs_torques]
+        raise InputError(
+            f"{argument('objective')}: got {spec.objective} with a robot that does not tell its joint "
+            f"torques; allowed: {', '.join(usable)}"
+        )
+    position = state.base_position_world
     if spec.arena_m is None or position is None:
         return spec
     return replace(spec, home_m=[float(position[0]), float(position[1])])

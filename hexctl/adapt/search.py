@@ -25,7 +25,7 @@ from hexctl.adapt.space import GaitSpace
 from hexctl.adapt.store import RUNS
 from hexctl.backends.base import LegServos
 from hexctl.backends.registry import check_options, option_values
-from hexctl.control.plan import TrialPlan
+from hexctl.control.plan import HOLDS, TrialPlan
 from hexctl.control.result import progress_floor_m
 from hexctl.errors import InputError, argument, check_type
 from hexctl.robot.failure import parse_failure
@@ -50,6 +50,7 @@ def new_spec(
     baseline: bool = True,
     target: float | str | None = None,
     uncertainty_m: float | None = None,
+    hold: str | None = None,
     **others: Any,
 ) -> SessionSpec:
     """Spec of a new session, checked before the session exists.
@@ -68,13 +69,14 @@ def new_spec(
         baseline: whether the gaits that the robot would use anyway are walked first, to compare with.
         target: the target in the objective's unit, or as a share of the ideal distance, such as `"1%"`.
         uncertainty_m: as in `SessionSpec`; None is the one that was measured for such walks, if any.
+        hold: as in `SessionSpec`; None is the one of the objective.
         others: further fields of `SessionSpec`.
 
     Raises InputError for anything that is not allowed.
     """
     parse_failure(failed_leg, failure)
     given = {"backend": backend, "world": world, "prior": prior, "baseline": baseline, "target": target}
-    _check_types({**given, "uncertainty_m": uncertainty_m, **others})
+    _check_types({**given, "uncertainty_m": uncertainty_m, "hold": hold, **others})
     others.setdefault("baseline_gaits", list(BASELINE_GAITS) if baseline else [])
     measure = as_objective(objective)
     spec = _spec_of(
@@ -85,6 +87,7 @@ def new_spec(
         world=_world_of(backend, world),
         optimizer="random" if optimizer is None else name_of(optimizer),
         uncertainty_m=uncertainty_m or 0.0,
+        hold=measure.hold if hold is None else hold,
         **others,
     )
     spec = _with_target(spec, target)
@@ -138,7 +141,7 @@ _TYPES: dict[str, tuple[tuple[type, ...], str | None]] = {
     **{name: ((float, type(None)), None) for name in ("target_m", "arena_m", "worth_m", "uncertainty_m")},
     "target": ((float, str, type(None)), "a number, or a share of the distance such as '1%'"),
     **dict.fromkeys(("early_stop", "count_repeats", "insecure", "baseline"), ((bool,), None)),
-    **{name: ((str, type(None)), None) for name in ("connect", "credentials", "link")},
+    **{name: ((str, type(None)), None) for name in ("connect", "credentials", "link", "hold")},
 }
 
 
@@ -213,6 +216,8 @@ def _with_target(spec: SessionSpec, target: float | str | None) -> SessionSpec:
 
 def _check_options(spec: SessionSpec, objective: Objective) -> None:
     """Raise InputError for options that do not belong to the session's robot, or contradict one another."""
+    if spec.hold not in HOLDS:
+        raise InputError(f"{argument('hold')}: got {spec.hold}; allowed: {', '.join(HOLDS)}")
     if spec.uncertainty_m and spec.objective != "final":
         raise InputError(
             f"uncertainty_m: got {spec.uncertainty_m} with {argument('objective')} {spec.objective}; "
@@ -248,6 +253,11 @@ def _check_asking(spec: SessionSpec, objective: Objective) -> None:
         raise InputError(
             f"{argument('early_stop')}: got it with {argument('ask')}; allowed: with a robot that knows "
             "where it is"
+        )
+    if spec.hold == "line":
+        raise InputError(
+            f"{argument('hold')}: got line with {argument('ask')}, where the robot does not know its "
+            "position; allowed: auto, heading, none"
         )
     if objective.needs_course:
         usable = [name for name, shipped in OBJECTIVES.items() if not shipped.needs_course]

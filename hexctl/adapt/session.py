@@ -1,11 +1,14 @@
 """A session: the spec of one adaptation, and its trials."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-from hexctl.adapt.objectives import INVALID_SCORE, OBJECTIVES
-from hexctl.control.result import TrialResult
+import numpy as np
+
+from hexctl.adapt.objectives import INVALID_SCORE, OBJECTIVES, Objective, undominated
+from hexctl.control.result import QUALITIES, TrialResult
 from hexctl.control.uncertainty_store import DISTINCT
 from hexctl.gait.gait import AUTO
 from hexctl.robot.failure import Failure, parse_failure
@@ -37,6 +40,8 @@ class SessionSpec:
             when a gait is confirmed; 0 where it is not known, not counted, or the robot is real.
         uncertainty_caveat: how the walks by which it was measured differ from those of the session, in words;
             empty where they do not.
+        hold: what the walks hold by feedback, one of `hexctl.control.plan.HOLDS`; `none` in sessions from
+            before it was stored.
         noise_m: standard deviation between trials of one gait that `bayes` believes until repeats tell; None
             in sessions from before it was stored, and without `bayes`.
         confirm: repeats of the best gait after the search, within the budget.
@@ -96,6 +101,7 @@ class SessionSpec:
     uncertainty_m: float = 0.0
     noise_m: float | None = None
     uncertainty_caveat: str = ""
+    hold: str = "none"
 
     @property
     def simulated(self) -> bool:
@@ -200,6 +206,8 @@ class WalkRecord:
             **{name: outcome[name] for name in ("deviation_m", "distance_m", "yaw_change_deg", "status")},
             "stopped": outcome.get("stopped"),
             "clipped_ticks": outcome["clipped_ticks"],
+            "hold": outcome.get("hold", "none"),
+            **{name: outcome.get(name) for name in QUALITIES},
         }
 
 
@@ -301,6 +309,17 @@ class Session:
         """The valid trial with the lowest score, the earliest of equals; None without a valid trial."""
         valid = [trial for trial in self.trials if trial.valid]
         return min(valid, key=lambda trial: trial.score) if valid else None
+
+    def pareto(self, objectives: Sequence[Objective]) -> list[tuple[TrialRecord, list[float]]]:
+        """Valid trials that no other valid one beats in all of some objectives, with their scores.
+
+        Sorted by the first score; of equal trials all are there. Raises InputError where an objective needs
+        what a trial did not measure.
+        """
+        valid = [trial for trial in self.trials if trial.valid]
+        scores = np.array([[objective(trial.result) for objective in objectives] for trial in valid])
+        front = [(valid[row], scores[row].tolist()) for row in np.flatnonzero(undominated(scores)).tolist()]
+        return sorted(front, key=lambda pair: pair[1])
 
     def trials_to(self, milestone_m: float) -> int | None:
         """Index of the first trial whose score is within a milestone; None without one, or a score in m."""

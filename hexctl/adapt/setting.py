@@ -100,6 +100,7 @@ def load_setting(spec: SessionSpec) -> Setting:
         duration_s=spec.duration_s,
         belief=spec.broken,
         self_rotation=spec.self_rotation,
+        hold=spec.hold,
     )
     check_plan(robot, plan)
     return Setting(file, world, plan, prior_of(spec, robot, plan))
@@ -151,14 +152,15 @@ def with_known_uncertainty(spec: SessionSpec, setting: Setting, folder: Path, no
     """Spec with the simulation's own uncertainty of its trials, where that was measured, else a note.
 
     Args:
-        spec: of the session; one of a real robot, or with another objective than the end of a walk, has none.
+        spec: of the session; one of a real robot, with another objective than the end of a walk, or whose
+            walks are steered, has none.
         setting: what the spec names.
         folder: of sessions and recordings, with what was measured here.
         note: is told how the uncertainty of walks of the usual duration or longer is measured.
 
     Raises InputError for a file of measurements that is damaged.
     """
-    if setting.world is None or spec.objective != "final":
+    if setting.world is None or spec.objective != "final" or spec.hold != "none":
         return spec
     found = known_uncertainty(setting.robot, setting.world, duration_s=spec.duration_s, folder=folder)
     if found is not None:

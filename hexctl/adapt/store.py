@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from hexctl.adapt.session import BASELINE_GAITS, BaselineRecord, Session, SessionSpec, TrialRecord
+from hexctl.control.result import QUALITIES
 from hexctl.errors import HexctlError, InputError, MissingExtraError, check_type
 
 SCHEMA_VERSION = 1
@@ -321,8 +322,9 @@ EXPECTED = ("signed_m", "low_m", "high_m", "chance")
 FORMATS = (".csv", ".parquet")
 
 
-#: Columns that were added last, in the order in which they came; those of the baseline follow them.
+#: Columns that were added before those of the baseline, and after them, in the order in which they came.
 LATER_COLUMNS = ("cause",)
+LAST_COLUMNS = ("hold", *QUALITIES)
 
 
 def flat_rows(session: Session) -> list[dict[str, Any]]:
@@ -342,8 +344,8 @@ def flat_rows(session: Session) -> list[dict[str, Any]]:
         spec = session.spec
         head = {"session": session.name, "optimizer": spec.optimizer, "failed_leg": spec.failed_leg}
         # Columns that came later stay behind those of before.
-        later = {name: values.pop(name) for name in LATER_COLUMNS}
-        rows.append({**head, "seed": spec.seed, **values, **later, **baseline})
+        later, last = ({name: values.pop(name) for name in names} for names in (LATER_COLUMNS, LAST_COLUMNS))
+        rows.append({**head, "seed": spec.seed, **values, **later, **baseline, **last})
     return rows
 
 

@@ -32,6 +32,7 @@ from hexctl.cli.options import (
     SELF_ROTATION_HELP,
     ConnectOption,
     FailureOption,
+    Hold,
     InsecureOption,
     JsonOption,
     KeysOption,
@@ -99,7 +100,8 @@ def adapt(
             "--objective",
             autocompletion=completion.objectives,
             help="What to make small: final, mean or max distance from the line of travel, progress (final, "
-            "per share of the ideal distance walked), or package.module:name for your own. (default: final)",
+            "per share of the ideal distance walked); steered walks by their speed (time per metre), cost of "
+            "transport, tilt or steadiness; or package.module:name for your own. (default: final)",
         ),
     ] = None,
     target: Annotated[
@@ -152,6 +154,15 @@ def adapt(
     self_rotation: Annotated[
         SelfRotation | None,
         choice("--self-rotation", SelfRotation, f"{SELF_ROTATION_HELP} (default: rear)"),
+    ] = None,
+    hold: Annotated[
+        Hold | None,
+        choice(
+            "--hold",
+            Hold,
+            "What the walks hold by feedback: line, heading, auto (the best the robot allows) or none. "
+            "(default: auto for speed, cost, tilt and steadiness, else none)",
+        ),
     ] = None,
     backend: Annotated[
         str | None,
@@ -244,6 +255,7 @@ def adapt(
         duration_s=duration_s,
         heading_deg=heading_deg,
         self_rotation=self_rotation,
+        hold=hold,
         backend=backend,
         robot=robot,
         world=world,
@@ -391,13 +403,14 @@ def _clearing(spec: "SessionSpec", error: HexctlError) -> str:
 def _how_to_build_prior(spec: "SessionSpec") -> str:
     """Command that makes a prior for a session's trials, as the end of a sentence.
 
-    Empty where none can be made: for other objectives and headings, short walks, failures with details.
+    Empty where none can be made: for other objectives and headings, steered or short walks, failures with
+    details.
     """
     from hexctl.backends.sim.world import load_randomization
     from hexctl.robot.loader import load_robot
     from hexctl.study.prior import PriorPlan
 
-    if spec.objective != "final" or spec.heading_deg:
+    if spec.objective != "final" or spec.hold != "none" or spec.heading_deg:
         return ""
     plan = PriorPlan(
         robot=load_robot(spec.robot),

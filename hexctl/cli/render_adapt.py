@@ -1,6 +1,7 @@
 """Sessions as text: the table that grows trial by trial, the summary at the end, one line each in a list."""
 
 import sys
+from collections.abc import Sequence
 from functools import lru_cache
 from pathlib import Path
 from types import TracebackType
@@ -10,7 +11,7 @@ import typer
 
 from hexctl.adapt.bayes import SURE
 from hexctl.adapt.loop import NOT_WORTH
-from hexctl.adapt.objectives import INVALID_SCORE
+from hexctl.adapt.objectives import INVALID_SCORE, Objective
 from hexctl.adapt.session import (
     BASELINE_INDEX,
     MILESTONES_M,
@@ -91,6 +92,24 @@ def session_lines(session: Session) -> list[str]:
     return [opening_line(session), header_line(session), *lines, closing_lines(session, session.ended)]
 
 
+def pareto_lines(session: Session, objectives: Sequence[Objective]) -> list[str]:
+    """Table of the valid trials that no other one beats in all of some objectives."""
+    front = session.pareto(objectives)
+    names = " and ".join(objective.name for objective in objectives)
+    heads = [f"{one.name} ({one.unit})" if one.unit else one.name for one in objectives]
+    lines = [
+        f"session {session.name}: {len(front)} of {_trials(len(session.trials))} that no other beats in {names}",
+        f"trial  code  {'slots':<11}  " + "  ".join(f"{head:>12}" for head in heads),
+    ]
+    for trial, scores in front:
+        slots = ",".join(str(slot) for slot in trial.slots)
+        values = "  ".join(
+            f"{score:>{max(12, len(head))}.3f}" for score, head in zip(scores, heads, strict=True)
+        )
+        lines.append(f"{trial.index:>5} {trial.code:>5}  {slots:<11}  {values}")
+    return [*lines, *(f"{one.name}: {one.label}, smaller is better" for one in objectives)]
+
+
 def header_line(session: Session) -> str:
     """Names of the columns."""
     return HEADER + (EXPECTED if session.spec.prior else "")
@@ -102,7 +121,7 @@ def opening_line(session: Session) -> str:
     believing = f" with the prior {Path(spec.prior).name}" if spec.prior else ""
     return (
         f"session {session.name}: {subject(spec)}, {spec.optimizer}{believing}, "
-        f"{_trials(spec.budget)} of {spec.duration_s:g} s{_objective(spec)}{_target(spec)}"
+        f"{_trials(spec.budget)} of {spec.duration_s:g} s{_hold(spec)}{_objective(spec)}{_target(spec)}"
         f"{_uncertainty(spec)}"
     )
 
@@ -130,6 +149,11 @@ def subject(spec: SessionSpec) -> str:
     """Robot, world or backend, and failure."""
     where = f"in {spec.world}" if spec.world is not None else f"over {spec.backend}"
     return f"{_robot_name(spec.robot)} {where}, leg {spec.failed_leg} {spec.failure}"
+
+
+def _hold(spec: SessionSpec) -> str:
+    """What steered walks hold; empty where they are open loop."""
+    return "" if spec.hold == "none" else f", hold {spec.hold}"
 
 
 def _objective(spec: SessionSpec) -> str:

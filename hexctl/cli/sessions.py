@@ -2,14 +2,17 @@
 
 import json
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from hexctl.cli import completion
 from hexctl.cli.console import RUNS, print_result
-from hexctl.cli.options import JsonOption
+from hexctl.cli.options import JsonOption, listed
 from hexctl.errors import InputError
+
+if TYPE_CHECKING:
+    from hexctl.adapt.session import Session
 
 sessions = typer.Typer(help="List, show, export and delete sessions of hexctl adapt.", no_args_is_help=True)
 
@@ -39,13 +42,46 @@ def list_sessions(as_json: JsonOption = False) -> None:
 
 
 @sessions.command()
-def show(name: NameArgument, as_json: JsonOption = False) -> None:
+def show(
+    name: NameArgument,
+    pareto: Annotated[
+        str | None,
+        typer.Option(
+            "--pareto",
+            metavar="OBJECTIVES",
+            help="Show the trials that no other one beats in all of these objectives, such as speed,cost. "
+            "(default: all trials)",
+        ),
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
     """Show a session's trials."""
     from hexctl.adapt.store import load_session
     from hexctl.cli.render_adapt import session_lines
 
     session = load_session(name, RUNS)
+    if pareto is not None:
+        print_result(_pareto_text(session, pareto, as_json=as_json))
+        return
     print_result(json.dumps(session.as_json()) if as_json else "\n".join(session_lines(session)))
+
+
+def _pareto_text(session: "Session", wanted: str, *, as_json: bool) -> str:
+    """The Pareto table of a session, as lines or as JSON."""
+    from hexctl.adapt.objectives import OBJECTIVES, make_objective
+    from hexctl.cli.render_adapt import pareto_lines
+
+    names = list(dict.fromkeys(listed(wanted)))
+    if len(names) < 2:
+        raise InputError(f"--pareto: got {wanted!r}; allowed: two or more of {', '.join(OBJECTIVES)}")
+    objectives = [make_objective(name) for name in names]
+    if not as_json:
+        return "\n".join(pareto_lines(session, objectives))
+    front = [
+        {**trial.as_json(), "scores": dict(zip(names, scores, strict=True))}
+        for trial, scores in session.pareto(objectives)
+    ]
+    return json.dumps({"session": session.name, "objectives": names, "trials": front})
 
 
 @sessions.command()

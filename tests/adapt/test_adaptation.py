@@ -14,6 +14,7 @@ from hexctl.adapt.adaptation import Adaptation, adapt
 from hexctl.adapt.baselines import RandomSearch
 from hexctl.adapt.bayes import Bayes
 from hexctl.adapt.measurement import Answer
+from hexctl.adapt.objectives import make_objective
 from hexctl.adapt.prior.prior import Prior
 from hexctl.adapt.runner import NotBegunError, RobotStoppedError, TrialRunner, WalkedTrial
 from hexctl.adapt.search import new_spec
@@ -314,7 +315,7 @@ def test_a_search_without_a_belief_does_not_know_what_a_trial_is_worth(options: 
         ({"budget": 0}, "budget: got 0; allowed: 1..100000"),
         ({"optimizer": "magic"}, "magic"),
         ({"optimizer": Landscape}, "allowed: a name, or a subclass of Optimizer"),
-        ({"objective": "speed"}, "speed"),
+        ({"objective": "haste"}, "haste"),
         ({"objective": 3}, "allowed: a name, an Objective, or a function"),
         ({"arena_m": 3.0}, "arena_m: got it with backend sim"),
         ({"backend": "mock", "world": "flat"}, "world: got flat with backend mock"),
@@ -404,3 +405,55 @@ def test_what_must_be_a_function_is_refused_by_name(part: str, tmp_path: Path) -
     with pytest.raises(WrongTypeError, match=rf"^{part}: got 3 .int.; allowed: a function"):
         adapt(5, optimizer="random", **given)
     assert not list(tmp_path.iterdir())
+
+
+def test_speed_is_searched_with_steered_walks_and_the_session_keeps_its_hold() -> None:
+    notes: list[str] = []
+    begun = adapt(5, budget=2, duration_s=3.0, objective="speed", record=False, note=notes.append)
+    assert begun.session.spec.hold == "auto"
+    assert (begun.session.spec.prior, begun.session.spec.uncertainty_m) == (None, 0.0)
+    assert [note for note in notes if "no prior" in note] == [
+        "no prior for these trials (priors are for the objective final, not speed); searching with random "
+        "instead"
+    ]
+    again = Adaptation.resume(begun.session.name, budget=3, record=False).run()
+    assert again.session.spec.hold == "auto"
+    stored = again.to_dict()
+    walks = [*stored["baseline"], *stored["trials"]]
+    assert [walk["hold"] for walk in walks] == ["line"] * 6
+    for walk in walks:
+        assert walk["score"] == pytest.approx(3.0 / walk["distance_m"])
+        assert walk["cost_of_transport"] > 0
+    front = again.session.pareto([make_objective("speed"), make_objective("cost")])
+    assert 1 <= len(front) <= 3
+    assert front[0][0] is again.best
+
+
+def test_a_prior_is_for_the_hold_it_was_built_with() -> None:
+    notes: list[str] = []
+    spec = new_spec(failed_leg=5, hold="line", note=notes.append)
+    assert (spec.optimizer, spec.prior, spec.hold) == ("random", None, "line")
+    assert len(notes) == 1
+    assert "is for hold none, not line" in notes[0]
+    with pytest.raises(InputError, match="is for hold none, not line"):
+        new_spec(failed_leg=5, hold="line", prior="ant-locked-rear-30s")
+    assert new_spec(failed_leg=5).hold == "none"
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"hold": "sideways"}, "hold: got sideways; allowed: auto, line, heading, none"),
+        ({"objective": "tilt", "backend": "mock", "ask": True}, "objective: got tilt with ask"),
+        ({"hold": "line", "backend": "mock", "ask": True}, "hold: got line with ask"),
+    ],
+)
+def test_holds_and_objectives_that_do_not_fit_are_refused(options: dict[str, Any], words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        new_spec(failed_leg=5, **options)
+
+
+def test_a_robot_that_does_not_tell_its_torques_is_not_searched_for_its_cost() -> None:
+    with pytest.raises(InputError, match="got cost with a robot that does not tell its joint torques"):
+        adapt(5, backend="tests.cli.adaptkits:Straight", objective="cost", record=False)
+    assert list_sessions() == []

@@ -3,6 +3,7 @@
 import math
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from hexctl.adapt.objectives import (
@@ -12,12 +13,13 @@ from hexctl.adapt.objectives import (
     Objective,
     as_objective,
     make_objective,
+    undominated,
 )
 from hexctl.control.result import TrialResult
 from hexctl.errors import InputError
 from tests.adapt.walking import result_of
 
-WALKED = result_of(-0.2)
+WALKED = replace(result_of(-0.2), energy_j=8.0, cost_of_transport=0.7, tilt_deg=0.4, steadiness=0.02)
 
 
 def yaw(result: TrialResult) -> float:
@@ -37,7 +39,7 @@ def test_each_has_a_name_a_label_and_a_unit() -> None:
     for name, objective in OBJECTIVES.items():
         assert objective.name == name
         assert objective.label
-        assert objective.unit
+        assert objective.unit or name == "cost"
         assert make_objective(name) is objective
 
 
@@ -46,6 +48,28 @@ def test_each_has_a_name_a_label_and_a_unit() -> None:
 )
 def test_scores_are_of_the_deviation(name: str, score: float) -> None:
     assert OBJECTIVES[name](WALKED) == pytest.approx(score)
+
+
+@pytest.mark.parametrize(
+    ("name", "score"), [("speed", 30.0 / 4.0), ("cost", 0.7), ("tilt", 0.4), ("steadiness", 0.02)]
+)
+def test_steered_walks_are_scored_by_how_they_walk(name: str, score: float) -> None:
+    assert OBJECTIVES[name](WALKED) == pytest.approx(score)
+    assert (OBJECTIVES[name].hold, OBJECTIVES["final"].hold) == ("auto", "none")
+
+
+@pytest.mark.parametrize(
+    ("name", "lacks"), [("cost", "torques"), ("tilt", "orient"), ("steadiness", "posit")]
+)
+def test_what_was_not_measured_is_named(name: str, lacks: str) -> None:
+    with pytest.raises(InputError, match=f"got a walk without .*{lacks}"):
+        OBJECTIVES[name](result_of(-0.2))
+
+
+def test_the_pareto_front_is_what_nothing_beats() -> None:
+    scores = np.array([[1.0, 3.0], [2.0, 2.0], [2.0, 2.5], [3.0, 1.0], [1.0, 3.0], [4.0, 1.0]])
+    assert undominated(scores).tolist() == [True, True, False, True, True, False]
+    assert undominated(np.zeros((0, 2))).tolist() == []
 
 
 @pytest.mark.parametrize("name", [*OBJECTIVES, f"{__name__}:yaw"])
@@ -81,7 +105,7 @@ def test_a_score_that_is_not_a_finite_number_is_refused(score: object) -> None:
 @pytest.mark.parametrize(
     ("name", "words"),
     [
-        ("speed", f"got 'speed'; allowed: {', '.join(OBJECTIVES)}, or package.module:name"),
+        ("haste", f"got 'haste'; allowed: {', '.join(OBJECTIVES)}, or package.module:name"),
         (f"{__name__}:nothing", "cannot be loaded"),
         ("no_such_module_here:score", "cannot be loaded"),
         ("hexctl.adapt.space:GaitSpace", "allowed: a name, an Objective, or a function of a TrialResult"),

@@ -15,7 +15,7 @@ import pytest
 
 from hexctl.adapt.objectives import OBJECTIVES
 from hexctl.adapt.session import BaselineRecord, Session, SessionSpec, TrialRecord
-from hexctl.adapt.store import SessionStore, StoreError, flat_rows
+from hexctl.adapt.store import LAST_COLUMNS, SessionStore, StoreError, flat_rows
 from hexctl.errors import InputError
 from tests.adapt.walking import SPEC, result_of
 
@@ -118,7 +118,7 @@ def test_exported_rows_are_trials_alone_and_the_baseline_is_the_last_columns(tmp
     assert [row["index"] for row in rows] == [1, 2]
     columns = list(rows[0])
     assert columns == list(without[0])
-    assert columns.index("cause") == len(columns) - 13
+    assert columns.index("cause") == len(columns) - 13 - len(LAST_COLUMNS)
     assert all(row["baseline_tripod_status"] == "no_progress" for row in rows)
     assert all(row["baseline_tripod_score"] is None for row in rows)
     assert all(row[name] is None for row in without for name in columns if name.startswith("baseline_"))

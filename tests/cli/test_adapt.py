@@ -141,7 +141,7 @@ REFUSED = [
     (["adapt", "--failed-leg", "5", "--budget", "0"], ["--budget", "0", "1.."]),
     (["adapt", "--failed-leg", "5", "--worth", "0.1", "--optimizer", "pso"], ["--worth", "0.1", "bayes"]),
     (["adapt", "--failed-leg", "5", "--optimizer", "magic"], ["magic", "pso"]),
-    (["adapt", "--failed-leg", "5", "--objective", "speed"], ["speed", "final, mean, max, progress"]),
+    (["adapt", "--failed-leg", "5", "--objective", "haste"], ["haste", "final, mean, max, progress"]),
     (["adapt", "--failed-leg", "5", "--target", "-1"], ["--target", "-1"]),
     (["adapt", "--failed-leg", "5", "--confirm", "20"], ["--confirm", "20"]),
     (["adapt", "--failed-leg", "5", "--duration", "nan"], ["duration", "nan"]),
@@ -352,3 +352,21 @@ def test_a_full_disk_ends_in_one_line_and_loses_no_kept_trial(capsys: pytest.Cap
     shown = [line for line in walked if not line.startswith("   0 ")]
     (listed,) = run_json(capsys, "sessions", "list")
     assert listed["trials"] == len(shown) > 0
+
+
+def test_the_trials_that_no_other_beats(capsys: pytest.CaptureFixture[str]) -> None:
+    outcome = run_json(capsys, *QUICK, "--no-baseline", "--no-record", "--hold", "line")
+    assert [trial["hold"] for trial in outcome["trials"]] == ["line"] * 3
+    name = outcome["session"]
+    shown = run_json(capsys, "sessions", "show", name, "--pareto", "speed,cost")
+    pairs = [(3.0 / trial["distance_m"], trial["cost_of_transport"]) for trial in outcome["trials"]]
+    best = [one for one in pairs if not any(a <= one[0] and b <= one[1] and (a, b) != one for a, b in pairs)]
+    assert [trial["scores"] for trial in shown["trials"]] == [
+        {"speed": pytest.approx(speed), "cost": pytest.approx(cost)} for speed, cost in sorted(best)
+    ]
+    assert exit_code(["sessions", "show", name, "--pareto", "speed,cost"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0].endswith("of 3 trials that no other beats in speed and cost")
+    assert len(lines) == 2 + len(best) + 2
+    assert exit_code(["sessions", "show", name, "--pareto", "speed"]) == 2
+    assert "--pareto: got 'speed'; allowed: two or more of final" in capsys.readouterr().err

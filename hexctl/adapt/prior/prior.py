@@ -36,6 +36,7 @@ class PriorKey:
         pace_hz: of the gaits.
         amplitude: of the gaits.
         height: of the gaits.
+        hold: what the walks hold by feedback.
     """
 
     robot: str
@@ -47,6 +48,7 @@ class PriorKey:
     pace_hz: float
     amplitude: float
     height: float
+    hold: str = "none"
 
     @classmethod
     def of(cls, robot: Robot, plan: TrialPlan) -> "PriorKey":
@@ -62,16 +64,17 @@ class PriorKey:
             pace_hz=gait.pace_hz,
             amplitude=gait.amplitude,
             height=gait.height,
+            hold=plan.hold,
         )
 
     def as_json(self) -> dict[str, Any]:
-        """The key as plain JSON values."""
-        return asdict(self)
+        """The key as plain JSON values; without a hold of `none`, as priors are that were built before."""
+        return {name: value for name, value in asdict(self).items() if (name, value) != ("hold", "none")}
 
     def differences(self, other: "PriorKey") -> list[str]:
         """Differences of another key, a few words each; empty for an equal one."""
         found = []
-        for name, mine in self.as_json().items():
+        for name, mine in asdict(self).items():
             theirs = getattr(other, name)
             if mine == theirs:
                 continue
