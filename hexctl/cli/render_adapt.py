@@ -95,10 +95,10 @@ def session_lines(session: Session) -> list[str]:
 def pareto_lines(session: Session, objectives: Sequence[Objective]) -> list[str]:
     """Table of the valid trials that no other one beats in all of some objectives."""
     front = session.pareto(objectives)
-    names = " and ".join(objective.name for objective in objectives)
+    trials, names = _trials(len(session.trials)), " and ".join(objective.name for objective in objectives)
     heads = [f"{one.name} ({one.unit})" if one.unit else one.name for one in objectives]
     lines = [
-        f"session {session.name}: {len(front)} of {_trials(len(session.trials))} that no other beats in {names}",
+        f"session {session.name}: {len(front)} of {trials} that no other beats in {names}",
         f"trial  code  {'slots':<11}  " + "  ".join(f"{head:>12}" for head in heads),
     ]
     for trial, scores in front:
