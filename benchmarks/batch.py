@@ -8,7 +8,7 @@ import os
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from statistics import median
 from typing import Any
 from unittest.mock import patch
@@ -27,6 +27,7 @@ from hexctl.backends.sim.servos import SimServos
 from hexctl.control.batch import SimTrial, run_sim_trials
 from hexctl.control.guard import Guard
 from hexctl.control.log import TickLog
+from hexctl.control.plan import TrialPlan
 from hexctl.control.preparation import prepare
 from hexctl.types import FloatArray
 
@@ -42,6 +43,7 @@ THREADS = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else 
 def batch_rows(scale: Scale) -> Iterator[Row]:
     """Physics steps per second of a batch of trials over bare mj_step on as many threads."""
     plans = recovery_plans(FAILED_LEG, scale.codes, scale.batch_walk_s, "rear")
+    yield from _held_rows(plans, scale)
     work = BatchWork([SimTrial(robot=ant(), plan=plan, failure=plan.belief) for plan in plans])
     pairs = alternate(work.ours, work.bare, scale.rounds)
     walks = [(bare.walk_s, ours.walk_s) for ours, bare in pairs]
@@ -53,6 +55,16 @@ def batch_rows(scale: Scale) -> Iterator[Row]:
     note = "with the shared settling and turn; ours also compiles the model"
     yield Row("batch.whole", median_ratio(wholes), "ratio", None, f"{note}; {spread(wholes)}")
     yield Row("batch.speed", speed, "steps/s", None, "absolute, walks only")
+
+
+def _held_rows(plans: list[TrialPlan], scale: Scale) -> Iterator[Row]:
+    """The walks of a batch that hold their line."""
+    trials = [SimTrial(robot=ant(), plan=replace(plan, hold="line"), failure=plan.belief) for plan in plans]
+    work = BatchWork(trials)
+    pairs = alternate(work.ours, work.bare, scale.rounds)
+    walks = [(bare.walk_s, ours.walk_s) for ours, bare in pairs]
+    note = f"{scale.codes} walks that hold their line; {spread(walks)}"
+    yield Row("batch.held", median_ratio(walks), "ratio", Bar(low=0.85), note)
 
 
 @dataclass(frozen=True, slots=True)

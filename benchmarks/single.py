@@ -26,6 +26,10 @@ def single_rows(scale: Scale) -> Iterator[Row]:
     )
     note = f"settle, walk {scale.walk_s:g} s, stop; {times}; {spread(pairs)}"
     yield Row("single.wall", median_ratio(pairs), "ratio", Bar(high=1.25), note)
+    held = _SingleRun(TrialPlan(gait=default_gait(), duration_s=scale.walk_s, hold="line"))
+    pairs = alternate(held.ours, held.bare, scale.trial_rounds)
+    note = f"the same with the line held; {spread(pairs)}"
+    yield Row("single.held", median_ratio(pairs), "ratio", Bar(high=1.35), note)
 
 
 class _SingleRun:

@@ -1,10 +1,13 @@
 """One control tick without physics: read, gait, inverse kinematics, guard, write, log, as `drive` times it.
 
-Twice: as hexctl runs, which plans many ticks of a walk at once, and planning every tick by itself, which is
-what a controller that answers to the state would pay.
+As hexctl runs an open-loop walk, which plans many ticks at once; planning every tick by itself; and a walk
+that is steered, which answers to the state at every tick.
 """
 
-from collections.abc import Iterator
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from functools import partial
 from statistics import median
 from unittest.mock import patch
 
@@ -20,18 +23,57 @@ from hexctl.control.controllers import LOOK_AHEAD_TICKS, Walk
 from hexctl.control.guard import Guard
 from hexctl.control.log import TickLog
 from hexctl.control.loop import run_controller
+from hexctl.control.plan import TrialPlan
+from hexctl.control.preparation import WalkStart
+from hexctl.control.steered_walk import SteeredWalk
+from hexctl.control.trace import TrialFrame
 from hexctl.gait.gait import Motion
-from hexctl.types import FloatArray
+from hexctl.types import FloatArray, RobotState
 
 
 def tick_rows(scale: Scale) -> Iterator[Row]:
     """Time of one control tick, median and p99.9, with the look-ahead and planned tick by tick."""
-    for name, ticks_at_once in (("ahead", LOOK_AHEAD_TICKS), ("alone", 1)):
-        rounds = [_work_us(scale.ticks, ticks_at_once) for _ in range(scale.rounds)]
-        note = f"median of {scale.rounds} rounds of {scale.ticks} ticks, planned {ticks_at_once} at once"
+    kinds: dict[str, tuple[str, Callable[[], FloatArray]]] = {
+        name: (f"planned {at_once} at once", partial(_work_us, scale.ticks, at_once))
+        for name, at_once in (("ahead", LOOK_AHEAD_TICKS), ("alone", 1))
+    }
+    kinds["steered"] = ("holding a line", partial(_steered_us, scale.ticks))
+    for name, (how, measure) in kinds.items():
+        rounds = [measure() for _ in range(scale.rounds)]
+        note = f"median of {scale.rounds} rounds of {scale.ticks} ticks, {how}"
         for what, percent, limit_us in (("median", 50, 100), ("p99_9", 99.9, 1000)):
             value_us = median(float(np.percentile(work_us, percent)) for work_us in rounds)
             yield Row(f"tick.{name}.{what}", value_us, "us", Bar(high=limit_us), note)
+
+
+def _steered_us(ticks: int) -> FloatArray:
+    """The work of each tick of a walk that holds its line, in µs, on a robot that stands where it is."""
+    log, plan = TickLog(), TrialPlan(gait=default_gait(), hold="line")
+    frame = TrialFrame(np.zeros(3), 0.0, 0.0)
+    with PosedMock() as servos:
+        start = WalkStart(
+            robot=ant(),
+            plans=(plan,),
+            batch_shape=(),
+            period_s=servos.clock.period_s,
+            turned_rad=0.0,
+            frame=frame,
+        )
+        run_controller(Guard(servos), SteeredWalk(start), (log,), until=lambda step, _: step >= ticks - 1)
+    return np.asarray(log["work_s"] * 1e6)
+
+
+class PosedMock(MockServos):
+    """A mock robot that knows its pose: it sways about its line."""
+
+    def __init__(self) -> None:
+        super().__init__(ant(), clock=SimClock(lambda: None))
+
+    def read(self) -> RobotState:
+        """State with a pose."""
+        aside_m = 0.02 * math.sin(0.1 * self.clock.now_s)
+        position, quaternion = np.array([0.0, aside_m, 0.1]), np.array([1.0, 0.0, 0.0, 0.0])
+        return replace(super().read(), base_position_world=position, base_quaternion_world=quaternion)
 
 
 def _work_us(ticks: int, ticks_at_once: int) -> FloatArray:

@@ -34,6 +34,10 @@ class SteeredWalk(VelocityWalk):
         )
         self.velocity_body = self._law.velocity_body
 
+    def follow(self, course: Course) -> None:
+        """Follow another line from the next step on; the velocity turns there as fast as it may change."""
+        self._law.follow(course)
+
     def wanted(self, dt_s: float, step: int, state: RobotState) -> FloatArray:
         """Velocity that the law asks for, leading shape + (3,)."""
         return self._law.update(dt_s, state)

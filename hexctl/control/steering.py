@@ -35,6 +35,7 @@ FROZEN_AFTER_S = 4.0
 #: bound, which grows by half of itself in a second, reaches it.
 JUMP_M = 0.25
 JUMP_RAD = math.radians(30.0)
+JUMPS = np.array([JUMP_M, JUMP_RAD])
 JUMP_GROWTH_PER_S = 0.5
 
 
@@ -58,36 +59,39 @@ class SteeringGains:
 
 
 class Measured:
-    """A number that each robot measures, with what to make of dropouts, jumps and a sensor that has frozen.
+    """Numbers that robots measure, with what to make of dropouts, jumps and a sensor that has frozen.
+
+    Args:
+        shape: of the numbers.
+        jump: change between two measurements that is not believed at once, broadcast against the shape.
 
     Attributes:
-        value: the last one believed, leading shape; NaN before the first.
-        fresh: whether it is of the last update, leading shape.
-        missing_s: time since it was, leading shape.
+        value: the last one believed; 0 before the first.
+        fresh: whether it is of the last update.
+        missing_s: time since it was; infinite before the first.
     """
 
-    def __init__(self, shape: tuple[int, ...], jump: float) -> None:
-        self.value: FloatArray = np.full(shape, np.nan)[()]
-        self.fresh: BoolArray = np.zeros(shape, dtype=bool)[()]
-        self.missing_s: FloatArray = np.zeros(shape)[()]
-        self._raw, self._same_s = self.value, self.missing_s
+    def __init__(self, shape: tuple[int, ...], jump: FloatArray | float) -> None:
+        self.value: FloatArray = np.zeros(shape)
+        self.fresh: BoolArray = np.zeros(shape, dtype=bool)
+        self.missing_s: FloatArray = np.full(shape, np.inf)
+        self._raw, self._same_s = np.full(shape, np.nan), np.zeros(shape)
         self._jump = jump
 
     @property
     def lost(self) -> BoolArray:
-        """Whether it is too old to steer by, leading shape."""
-        return np.asarray((self.missing_s > LOST_AFTER_S) | (self.value != self.value))
+        """Whether it is too old to steer by."""
+        return np.asarray(self.missing_s > LOST_AFTER_S)
 
     def update(self, raw: FloatArray, dt_s: float) -> None:
         """Take a measurement, NaN where there is none."""
         self._same_s = (self._same_s + dt_s) * (raw == self._raw)
         self._raw = raw
+        # The first value has nothing to be compared with: its bound is infinite.
         most = self._jump * (1 + JUMP_GROWTH_PER_S * self.missing_s)
-        # Not greater is true for the first value, when there is nothing to compare with.
-        near = ~(abs(raw - self.value) > most)
-        self.fresh = (raw == raw) & near & (self._same_s <= FROZEN_AFTER_S)
-        self.value = np.where(self.fresh, raw, self.value)[()]
-        self.missing_s = (self.missing_s + dt_s) * ~self.fresh
+        self.fresh = (abs(raw - self.value) <= most) & (self._same_s <= FROZEN_AFTER_S)
+        self.value = np.where(self.fresh, raw, self.value)
+        self.missing_s = np.where(self.fresh, 0.0, self.missing_s + dt_s)
 
 
 class CourseOverGround:
@@ -147,6 +151,11 @@ def held(plan: TrialPlan, frame: TrialFrame | None) -> str:
     return "line" if plan.hold != "heading" and position_known else "heading"
 
 
+def _left_of(course: Course) -> FloatArray:
+    """Direction to the left of a line, (2,)."""
+    return np.array([-math.sin(course.heading_rad), math.cos(course.heading_rad)])
+
+
 class CourseHold:
     """The law, for one robot or a batch of n; arrays have the leading shape () or (n,).
 
@@ -181,14 +190,30 @@ class CourseHold:
         self._course, self._hold, self._gains = course, hold, gains or SteeringGains()
         self.retune(speed_m_s=speed_m_s, cycle_s=cycle_s, stride_m=stride_m, most_turn_rad_s=most_turn_rad_s)
         self._over_ground: CourseOverGround | None = None
-        self._deviation, self._yaw = Measured(shape, JUMP_M), Measured(shape, JUMP_RAD)
+        self._shape = shape
+        self._forget()
         zero = np.zeros(shape)[()]
-        self._deviation_m, self._yaw_error_rad = zero, zero  # means
-        self._pull_m, self._turned_rad = zero, zero  # integrals
-        self._walked_cycles, self._turn_rad = zero, zero
-        self._nothing = np.full(shape, np.nan)[()]
-        self._left = np.array([-math.sin(course.heading_rad), math.cos(course.heading_rad)])
+        self._turned_rad, self._walked_cycles, self._turn_rad = zero, zero, zero
+        self._left = _left_of(course)
         self.velocity_body = self._velocity()
+
+    def follow(self, course: Course) -> None:
+        """Follow another line from now on; what pulls the robot aside is learned anew, as it is along a line.
+
+        The deviation from the line before is not taken for one from the new line.
+        """
+        check_type(course, Course, "course", "a Course")
+        error_rad = self._means[..., 1] + self._course.yaw_rad - course.yaw_rad
+        self._course, self._left = course, _left_of(course)
+        self._forget()
+        self._means[..., 1] = error_rad
+
+    def _forget(self) -> None:
+        """Know nothing of deviation and pull."""
+        # Deviation from the line and yaw error, one beside the other.
+        self._measured = Measured((*self._shape, 2), JUMPS)
+        self._means: FloatArray = np.zeros((*self._shape, 2))
+        self._pull_m: FloatArray = np.zeros(self._shape)[()]
 
     def retune(
         self, *, speed_m_s: FloatArray, cycle_s: FloatArray, stride_m: FloatArray, most_turn_rad_s: FloatArray
@@ -209,26 +234,22 @@ class CourseHold:
 
     def _measure(self, dt_s: float, cycles: FloatArray, state: RobotState) -> None:
         """Means of deviation and yaw error; each stays as it is where nothing is measured."""
-        share = 1 - np.exp(-cycles / self._gains.mean_cycles)
-        position = state.base_position_world
-        off_rad = self._nothing
-        yaw = self._yaw_rad(dt_s, state)
+        raw = np.full((*self._shape, 2), np.nan)
+        position, yaw = state.base_position_world, self._yaw_rad(dt_s, state)
+        if position is not None and self._hold == "line":
+            moved = (position[..., :2] - self._course.origin_world) * self._left
+            raw[..., 0] = moved[..., 0] + moved[..., 1]
         if yaw is not None:
             off_rad = yaw - self._course.yaw_rad
-            before_rad = np.where(self._yaw.value == self._yaw.value, self._yaw.value, 0.0)[()]
-            off_rad = off_rad - math.tau * np.rint((off_rad - before_rad) / math.tau)
-        self._yaw.update(off_rad, dt_s)
-        self._yaw_error_rad = self._mean(self._yaw_error_rad, self._yaw, share)
-        if self._hold != "line":
-            return
-        deviation_m = self._nothing
-        if position is not None:
-            moved = position[..., :2] - self._course.origin_world
-            deviation_m = moved[..., 0] * self._left[0] + moved[..., 1] * self._left[1]
-        self._deviation.update(deviation_m, dt_s)
-        mean_m = self._mean(self._deviation_m, self._deviation, share)
-        # Without a position only what is known to pull remains.
-        self._deviation_m = mean_m * (1 - share * self._deviation.lost)
+            raw[..., 1] = off_rad - math.tau * np.rint((off_rad - self._measured.value[..., 1]) / math.tau)
+        self._measured.update(raw, dt_s)
+        share = (1 - np.exp(-cycles / self._gains.mean_cycles))[..., np.newaxis]
+        news = self._measured.fresh * share
+        self._means = self._means + news * (self._measured.value - self._means)
+        lost = self._measured.missing_s[..., 0] > LOST_AFTER_S
+        if lost.any():
+            # Without a position only what is known to pull remains.
+            self._means[..., 0] *= 1 - share[..., 0] * lost
 
     def _yaw_rad(self, dt_s: float, state: RobotState) -> FloatArray | None:
         """Yaw as measured, or by the course over ground where positions alone are."""
@@ -247,7 +268,7 @@ class CourseHold:
 
     def _integrate(self, cycles: FloatArray) -> None:
         """The two integrals and the turn; the first cycle, in which the strides grow, is left out."""
-        gains, deviation_m, error_rad = self._gains, self._deviation_m, self._yaw_error_rad
+        gains, deviation_m, error_rad = self._gains, self._means[..., 0], self._means[..., 1]
         cycles = cycles * (self._walked_cycles > 1)
         aside_m = deviation_m + gains.integral * self._pull_m
         square = self._ahead_m * self._ahead_m
@@ -258,9 +279,9 @@ class CourseHold:
         self._turn_rad = -np.minimum(np.maximum(turn_rad, -self._most_turn_rad), self._most_turn_rad)
 
     def _velocity(self) -> FloatArray:
-        aside_m = self._deviation_m + self._gains.integral * self._pull_m
+        aside_m = self._means[..., 0] + self._gains.integral * self._pull_m
         course_rad = -np.arctan2(aside_m, self._ahead_m)
-        toward_rad = self._course.heading_rad - self._course.yaw_rad - self._yaw_error_rad + course_rad
+        toward_rad = self._course.heading_rad - self._course.yaw_rad - self._means[..., 1] + course_rad
         velocity = np.empty((*np.shape(self._speed_m_s), 3))
         velocity[..., 0] = self._speed_m_s * np.cos(toward_rad)
         velocity[..., 1] = self._speed_m_s * np.sin(toward_rad)

@@ -1,16 +1,22 @@
 """Walks that are steered, in simulation: they end on their line, and alone as in a batch."""
 
+import math
+import runpy
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from hexctl.backends.sim.servos import SimServos
 from hexctl.backends.sim.world import SensorNoise, World
 from hexctl.control.batch import SimTrial, run_sim_trial, run_sim_trials
 from hexctl.control.plan import TrialPlan
 from hexctl.control.preparation import WalkStart
 from hexctl.control.steered_walk import SteeredWalk
+from hexctl.control.steering import Course
 from hexctl.control.trace import TrialFrame
+from hexctl.control.trial import run_trial
 from hexctl.control.velocity_walk import OVERDRIVE
 from hexctl.errors import InputError
 from hexctl.gait.gait import make_gait
@@ -18,6 +24,8 @@ from hexctl.ik.legs import foot_positions_body
 from hexctl.robot.failure import Failure
 from hexctl.types import FloatArray, RobotState
 from tests.robots import shipped
+
+ROOT = Path(__file__).parents[2]
 
 #: Gaits of a failed leg 3 that end far from their line when nothing is held.
 CODES = (17, 62, 98)
@@ -92,3 +100,49 @@ def test_no_foot_jumps_when_the_line_does() -> None:
 def test_a_robot_without_a_pose_is_refused() -> None:
     with pytest.raises(InputError, match="without a pose"):
         SteeredWalk(start_of(None))
+
+
+@pytest.mark.parametrize(("leg", "world"), [(3, World()), (5, World(friction=0.5, slope_deg=1.0))])
+def test_a_square_with_a_dead_leg_closes(leg: int, world: World) -> None:
+    example = runpy.run_path(str(ROOT / "examples" / "square.py"))
+    assert example["walk_square"](Failure(leg=leg), world=world) < 0.03
+
+
+class Stepping(SteeredWalk):
+    """Follows a line from 8 s on that is shifted to the left and turned; notes how far it is from it."""
+
+    def __init__(self, start: WalkStart, shift_m: float, turn_rad: float) -> None:
+        super().__init__(start)
+        self._shift_m, self._turn_rad = shift_m, turn_rad
+        self.aside_m: list[float] = []
+
+    def targets_rad(self, step: int, state: RobotState) -> FloatArray:
+        assert state.base_position_world is not None
+        x, y = state.base_position_world[:2].tolist()
+        if step == 400:
+            self._origin = x, self._shift_m
+            origin_world = np.array(self._origin)
+            self.follow(Course(origin_world=origin_world, heading_rad=self._turn_rad, yaw_rad=0.0))
+        if step >= 400:
+            moved = x - self._origin[0], y - self._origin[1]
+            self.aside_m.append(math.cos(self._turn_rad) * moved[1] - math.sin(self._turn_rad) * moved[0])
+        return super().targets_rad(step, state)
+
+
+@pytest.mark.parametrize(("shift_m", "turn_rad"), [(0.2, 0.0), (0.0, math.radians(30))])
+def test_a_line_that_is_shifted_or_turned_is_reached_without_overshooting_far(
+    shift_m: float, turn_rad: float
+) -> None:
+    robot, made = shipped(), []
+
+    def stepping(start: WalkStart) -> Stepping:
+        made.append(Stepping(start, shift_m, turn_rad))
+        return made[0]
+
+    plan = TrialPlan(gait=make_gait(robot, "tripod"), hold="line", duration_s=25.0)
+    with SimServos(robot) as servos:
+        run_trial(servos, plan, stepping, soft_stop=False)
+    aside_m = np.array(made[0].aside_m)
+    assert aside_m[0] == pytest.approx(-shift_m, abs=0.02)
+    assert np.abs(aside_m[-100:]).max() < 0.02, "on the new line, the sway of a cycle included"
+    assert aside_m.max() < 0.06
