@@ -77,6 +77,13 @@ def check(
         float | None,
         number("--duration", DURATION_S, "With --physics, seconds that each gait walks, {}. (default: 30)"),
     ] = None,
+    envelope: Annotated[
+        bool,
+        typer.Option(
+            "--envelope",
+            help="Print the greatest speeds by direction, and the static margins, with and without each leg.",
+        ),
+    ] = False,
     as_json: JsonOption = False,
 ) -> None:
     """Check a robot file: can the robot walk a gait, in reach, angles, speeds, torques and servo pulses."""
@@ -98,10 +105,16 @@ def check(
     report = checked.to_dict()
     if physics and checked.possible:
         report["physics"] = _measured(checked.robot, world or "flat", duration_s or 30.0)
+    if envelope:
+        from hexctl.control.speed_envelope import speed_envelope
+
+        report["envelope"] = speed_envelope(checked.robot, checked.gait).to_dict()
     if as_json:
         print_result(json.dumps(report))
     else:
         print_result(*_heading(report), "", _joint_table(report), "", *_verdict(report), *_physics(report))
+        if envelope:
+            print_result("", _envelope_table(report["envelope"]))
     if not checked.possible:
         raise typer.Exit(BAD_INPUT)
 
@@ -138,6 +151,20 @@ def _heading(report: dict[str, Any]) -> list[str]:
         f"ideal speed {report['ideal_speed_m_s']:g} m/s",
         *([f"meshes for {', '.join(report['meshes'])}, solids for the rest"] if report["meshes"] else []),
     ]
+
+
+def _envelope_table(envelope: dict[str, Any]) -> "Table":
+    """Speeds by direction, and static margins of the most stable gait, intact and without each leg."""
+    from hexctl.cli.render import plain_table
+
+    directions = envelope["directions_deg"]
+    table = plain_table("without leg", "turn deg/s", *(f"{direction:g} deg" for direction in directions))
+    for name, speeds in envelope["speeds_m_s"].items():
+        margins = envelope["static_margins_m"][name]
+        cells = [f"{speed:.2f} m/s {100 * m:+.0f} cm" for speed, m in zip(speeds, margins, strict=True)]
+        leg = "none" if name == "intact" else name
+        table.add_row(leg, f"{envelope['turn_rates_deg_s'][name]:.0f}", *cells)
+    return table
 
 
 def _joint_table(report: dict[str, Any]) -> "Table":

@@ -1,0 +1,102 @@
+"""The speeds that a gait can be commanded to, by direction, and how safely it stands there without each leg."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from hexctl.control.static_stability import most_stable_slots, static_margins_m
+from hexctl.control.velocity_walk import OVERDRIVE
+from hexctl.gait.foot_trajectory import RAMP_DURATION_S, gait_feet_body
+from hexctl.gait.gait import Gait, Motion, half_amplitude_turn_rate_rad_s, ideal_speed_m_s
+from hexctl.ik.legs import TOLERANCE_RAD, range_excess_rad, solve_legs
+from hexctl.robot.failure import Failure
+from hexctl.robot.model import Robot
+from hexctl.types import JOINTS_PER_LEG, N_LEGS, ArrayFields, BoolArray, FloatArray
+
+#: Directions of travel, counter-clockwise from forward.
+DIRECTIONS_RAD = tuple(math.radians(degrees) for degrees in range(0, 360, 45))
+
+#: Shares of the greatest stroke that are tried, and points of a cycle at which each is.
+SHARES = np.linspace(0.05, 1.0, 20)
+POINTS = 120
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class SpeedEnvelope(ArrayFields):
+    """Greatest speeds, of an intact robot in row 0 and without leg k in row k; 0 where no speed is possible.
+
+    Attributes:
+        directions_rad: of travel in the body frame, (D,).
+        speeds_m_s: at which every foot of a walking leg is in reach, every joint in its range, and no stroke
+            longer than steering allows, (7, D).
+        turn_rates_rad_s: of a turn in place, likewise, (7,).
+        margins_m: smallest static margin of the most stable gait there, negative where the robot leans on its
+            momentum for a moment, (7, D).
+    """
+
+    directions_rad: FloatArray
+    speeds_m_s: FloatArray
+    turn_rates_rad_s: FloatArray
+    margins_m: FloatArray
+
+    def to_dict(self) -> dict[str, Any]:
+        """JSON values, directions and rates in degrees; the key of a row is `intact` or the missing leg."""
+        names = ["intact", *(str(leg) for leg in range(1, N_LEGS + 1))]
+        return {
+            "directions_deg": np.degrees(self.directions_rad).round(1).tolist(),
+            "speeds_m_s": dict(zip(names, self.speeds_m_s.round(4).tolist(), strict=True)),
+            "turn_rates_deg_s": dict(
+                zip(names, np.degrees(self.turn_rates_rad_s).round(2).tolist(), strict=True)
+            ),
+            "static_margins_m": dict(zip(names, self.margins_m.round(4).tolist(), strict=True)),
+        }
+
+
+def speed_envelope(
+    robot: Robot, gait: Gait, directions_rad: Sequence[float] = DIRECTIONS_RAD
+) -> SpeedEnvelope:
+    """Envelope of a gait: what a velocity command may ask for."""
+    way = [_possible(robot, gait, Motion(heading_rad=heading_rad)) for heading_rad in directions_rad]
+    turn_rate_rad_s = 2 * half_amplitude_turn_rate_rad_s(robot, gait)
+    turn = _possible(robot, gait, Motion(travel=0.0, turn_rate_rad_s=turn_rate_rad_s))
+    speed_m_s = ideal_speed_m_s(robot, gait, Motion())
+    failures = [None, *(Failure(leg=leg, kind="missing") for leg in range(1, N_LEGS + 1))]
+    return SpeedEnvelope(
+        directions_rad=np.array(directions_rad),
+        speeds_m_s=OVERDRIVE * speed_m_s * np.array([_greatest(one) for one in way]).T,
+        turn_rates_rad_s=OVERDRIVE * turn_rate_rad_s * _greatest(turn),
+        margins_m=np.array(
+            [[_margin_m(robot, one, heading_rad) for heading_rad in directions_rad] for one in failures]
+        ),
+    )
+
+
+def _possible(robot: Robot, gait: Gait, motion: Motion) -> BoolArray:
+    """Whether each leg can make its stroke at each of the `SHARES`, (shares, 6)."""
+    time_s = RAMP_DURATION_S + np.arange(POINTS) / (POINTS * gait.pace_hz)
+    feet = []
+    for share in (OVERDRIVE * SHARES).tolist():
+        longer = replace(gait, amplitude=min(1.0, share * gait.amplitude))
+        turning = replace(motion, turn_rate_rad_s=share * motion.turn_rate_rad_s)
+        feet.append(gait_feet_body(robot, longer, turning, time_s))
+    solution = solve_legs(robot, np.array(feet))  # (shares, points, 6)
+    outside = range_excess_rad(robot, solution.joint_positions_rad) > TOLERANCE_RAD
+    legs_outside = outside.reshape(*outside.shape[:-1], N_LEGS, JOINTS_PER_LEG).any(axis=-1)
+    return np.asarray((solution.reachable & ~legs_outside).all(axis=1))
+
+
+def _greatest(possible: BoolArray) -> FloatArray:
+    """Greatest share at which all walking legs can: all six, and without each of them, (7,)."""
+    rows = [possible.all(axis=-1)]
+    rows += [np.delete(possible, leg, axis=-1).all(axis=-1) for leg in range(N_LEGS)]
+    # A share counts if every smaller one is possible too.
+    return np.array([SHARES[np.cumprod(row).astype(bool)].max(initial=0.0) for row in rows])
+
+
+def _margin_m(robot: Robot, failure: Failure | None, heading_rad: float) -> float:
+    """Smallest static margin of the most stable gait."""
+    slots = most_stable_slots(robot, heading_rad=heading_rad, failure=failure)
+    return float(static_margins_m(robot, [slots], heading_rad=heading_rad, failure=failure)[0, 0])
