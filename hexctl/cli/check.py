@@ -161,7 +161,7 @@ def _envelope_table(envelope: dict[str, Any]) -> "Table":
     table = plain_table("without leg", "turn deg/s", *(f"{direction:g} deg" for direction in directions))
     for name, speeds in envelope["speeds_m_s"].items():
         margins = envelope["static_margins_m"][name]
-        cells = [f"{speed:.2f} m/s {100 * m:+.0f} cm" for speed, m in zip(speeds, margins, strict=True)]
+        cells = [f"{speed:.3f} m/s {100 * m:+.1f} cm" for speed, m in zip(speeds, margins, strict=True)]
         leg = "none" if name == "intact" else name
         table.add_row(leg, f"{envelope['turn_rates_deg_s'][name]:.0f}", *cells)
     return table

@@ -1,4 +1,4 @@
-"""The speeds that a gait can be commanded to, by direction, and how safely it stands there without each leg."""
+"""The speeds that a gait can be commanded to, by direction, with and without each leg."""
 
 import math
 from collections.abc import Sequence
@@ -45,13 +45,15 @@ class SpeedEnvelope(ArrayFields):
     def to_dict(self) -> dict[str, Any]:
         """JSON values, directions and rates in degrees; the key of a row is `intact` or the missing leg."""
         names = ["intact", *(str(leg) for leg in range(1, N_LEGS + 1))]
+
+        def by_leg(rows: FloatArray, places: int) -> dict[str, Any]:
+            return dict(zip(names, rows.round(places).tolist(), strict=True))
+
         return {
             "directions_deg": np.degrees(self.directions_rad).round(1).tolist(),
-            "speeds_m_s": dict(zip(names, self.speeds_m_s.round(4).tolist(), strict=True)),
-            "turn_rates_deg_s": dict(
-                zip(names, np.degrees(self.turn_rates_rad_s).round(2).tolist(), strict=True)
-            ),
-            "static_margins_m": dict(zip(names, self.margins_m.round(4).tolist(), strict=True)),
+            "speeds_m_s": by_leg(self.speeds_m_s, 4),
+            "turn_rates_deg_s": by_leg(np.degrees(self.turn_rates_rad_s), 2),
+            "static_margins_m": by_leg(self.margins_m, 4),
         }
 
 
@@ -64,13 +66,12 @@ def speed_envelope(
     turn = _possible(robot, gait, Motion(travel=0.0, turn_rate_rad_s=turn_rate_rad_s))
     speed_m_s = ideal_speed_m_s(robot, gait, Motion())
     failures = [None, *(Failure(leg=leg, kind="missing") for leg in range(1, N_LEGS + 1))]
+    margins_m = np.array([[_margin_m(robot, one, heading) for heading in directions_rad] for one in failures])
     return SpeedEnvelope(
         directions_rad=np.array(directions_rad),
         speeds_m_s=OVERDRIVE * speed_m_s * np.array([_greatest(one) for one in way]).T,
         turn_rates_rad_s=OVERDRIVE * turn_rate_rad_s * _greatest(turn),
-        margins_m=np.array(
-            [[_margin_m(robot, one, heading_rad) for heading_rad in directions_rad] for one in failures]
-        ),
+        margins_m=margins_m,
     )
 
 
