@@ -26,7 +26,10 @@ def make_blueprint(robot: Robot, plan: TrialPlan, floor: Floor) -> Any:
         rrb.Tabs(_summary_view(), _events_view()),
         _plot(paths.DEVIATION, "deviation from the line (m), left is up", plot_legend=hidden),
         _plot(paths.MARGIN, "stability margin (m), below 0 the feet do not carry it", plot_legend=hidden),
-        rrb.Tabs(*(_plot(paths.leg_path(leg), f"leg {leg} (rad)") for leg in paths.LEGS)),
+        rrb.Tabs(
+            *(_plot(paths.leg_path(leg), f"leg {leg} (rad)") for leg in paths.LEGS),
+            _plot(paths.TORQUES, "torques (N m)", plot_legend=hidden),
+        ),
         row_shares=[10, 4, 4, 6],
     )
     return rrb.Blueprint(

@@ -28,6 +28,9 @@ WALL_STEP_NS = 500_000_000
 #: Binary places of stored numbers: an error of 8 micrometres or microradians at most.
 KEPT_BITS = 16
 
+#: Binary places of stored torques: an error of 2 mN m at most.
+TORQUE_BITS = 8
+
 #: A foot commanded higher than this above its stance position is in swing.
 LIFTED_M = 1e-5
 

@@ -19,6 +19,8 @@ BODY = "world/robot/body"
 FRAME = "world/robot/frame"
 DEVIATION = "deviation"
 MARGIN = "stability_margin"
+#: 18 scalars, ten times a second: the torque of each joint in N m.
+TORQUES = "joint_torques"
 PHASE = "phase"
 GUARD = "guard"
 EVENTS = "events"

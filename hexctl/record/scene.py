@@ -17,7 +17,7 @@ from hexctl.record.style import GROUND_COLOR
 from hexctl.robot.failure import Failure
 from hexctl.robot.meshes import Meshes, PartMesh
 from hexctl.robot.model import Robot
-from hexctl.types import JOINT_KINDS, N_LEGS, ArrayFields, FloatArray
+from hexctl.types import JOINT_KINDS, JOINT_NAMES, N_LEGS, ArrayFields, FloatArray
 
 #: What the eye sees to each side of the robot, in stance radii. The viewer uses this size or the layout's
 #: eye, whichever it gets first; both give the same picture.
@@ -66,6 +66,8 @@ def send_scene(stream: Any, robot: Robot, plan: TrialPlan, floor: Floor, meshes:
     ):
         line = rr.SeriesLines(colors=[color], names=[name], widths=[2.0])
         stream.log(path, line, static=True)
+    colors = [style.SERIES[kind][1] for kind in JOINT_KINDS] * N_LEGS
+    stream.log(paths.TORQUES, rr.SeriesLines(colors=colors, names=JOINT_NAMES), static=True)
 
 
 def _send_frame(stream: Any, robot: Robot) -> None:

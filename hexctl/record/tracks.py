@@ -17,6 +17,7 @@ from hexctl.record import paths, style
 from hexctl.record.columns import (
     KEPT_BITS,
     SPARSE_TICKS,
+    TORQUE_BITS,
     Block,
     LinkColumns,
     Rows,
@@ -27,7 +28,7 @@ from hexctl.record.columns import (
 )
 from hexctl.record.rrd import load_rerun
 from hexctl.record.scene import course_world, on_floor, path_end_m, xyzw
-from hexctl.types import JOINT_KINDS, JOINT_NAMES, JOINTS_PER_LEG, BoolArray, FloatArray
+from hexctl.types import JOINT_KINDS, JOINT_NAMES, JOINTS_PER_LEG, N_JOINTS, BoolArray, FloatArray
 
 #: The ribbon is made of pieces of this many ticks: fewer, longer ones than the trail's, each is a mesh.
 RIBBON_TICKS = 10
@@ -83,6 +84,15 @@ def send_deviation(block: Block) -> None:
         deviation = frame.path(block.column("base_position_world")[rows])[:, 1]
         columns = load_rerun().Scalars.columns(scalars=rounded(deviation, KEPT_BITS))
         block.send(paths.DEVIATION, rows, columns)
+
+
+def send_torques(block: Block) -> None:
+    """Send the torques of all joints now and then, where they are known: at every tick they fill the file."""
+    torques_nm, rows = block.column("joint_torques_nm"), block.sparse()
+    rows = rows[np.isfinite(torques_nm[rows]).all(axis=-1)]
+    if rows.size:
+        scalars = load_rerun().Scalars.columns(scalars=rounded(torques_nm[rows], TORQUE_BITS).ravel())
+        block.send(paths.TORQUES, rows, scalars.partition(np.full(rows.size, N_JOINTS)))
 
 
 def _pieces(block: Block, step: int) -> tuple[NDArray[np.int64], int]:
@@ -413,4 +423,5 @@ PARTS: tuple[Callable[[Block], None], ...] = (
     send_course,
     send_ribbon,
     send_deviation,
+    send_torques,
 )

@@ -254,7 +254,8 @@ class RobotServer:
         if state.base_position_world is not None and state.base_quaternion_world is not None:
             pose = encode_pose(state.base_position_world, state.base_quaternion_world)
             self._transport.publish("odom", pose, tag)
-        self._transport.publish("joint_states", encode_positions(state.joint_positions_rad), tag)
+        joints = encode_positions(state.joint_positions_rad, torques_nm=state.joint_torques_nm)
+        self._transport.publish("joint_states", joints, tag)
 
     def status(self) -> dict[str, Any]:
         """Status of the robot, as JSON values."""

@@ -180,6 +180,10 @@ _STAMP = slice(4, 12)
 #: After the positions: two empty sequences.
 _TAIL_BYTES = 8
 
+#: After the positions of a robot that tells its torques: an empty sequence, and the length of one of efforts.
+_EFFORTS = struct.pack("<II", 0, N_JOINTS)
+_WITH_EFFORTS = len(_EFFORTS) + 8 * N_JOINTS
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Command(ArrayFields):
@@ -209,21 +213,26 @@ def _template() -> tuple[bytes, bytes, bytes]:
 @cache
 def prepare_codec() -> None:
     """Load and build what messages of a robot are encoded with, about 0.1 s, before it must keep time."""
-    decode_positions(encode_positions(np.zeros(N_JOINTS)))
+    decode_joints(encode_positions(np.zeros(N_JOINTS)))
     decode_pose(encode_pose(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])))
     decode_battery(encode_battery(None, None))
 
 
-def encode_positions(positions_rad: FloatArray, stamp_ns: int | None = None) -> bytes:
+def encode_positions(
+    positions_rad: FloatArray, stamp_ns: int | None = None, torques_nm: FloatArray | None = None
+) -> bytes:
     """Joint angles, (18,), as sensor_msgs/JointState.
 
     Args:
         positions_rad: leg-major order.
         stamp_ns: of the header, nanoseconds since 1970; now unless given.
+        torques_nm: efforts of the message, (18,); None leaves them empty, as a command does.
     """
     seconds, rest = divmod(time.time_ns() if stamp_ns is None else stamp_ns, ros_cdr.NANOSECONDS)
     before, middle, tail = _template()
     stamp = (seconds & 0x7FFFFFFF).to_bytes(4, "little") + rest.to_bytes(4, "little")
+    if torques_nm is not None:
+        tail = _EFFORTS + torques_nm.astype("<f8").tobytes()
     return before + stamp + middle + positions_rad.astype("<f8").tobytes() + tail
 
 
@@ -232,16 +241,30 @@ def decode_positions(payload: bytes) -> FloatArray:
 
     The message may name the joints in any order; each of the 18 once. Raises MessageError for anything else.
     """
+    return decode_joints(payload)[0]
+
+
+def decode_joints(payload: bytes) -> tuple[FloatArray, FloatArray | None]:
+    """Joint angles as `decode_positions` gives them, and torques of the joints, (18,) in N m.
+
+    Torques are None where a message has no effort for each joint, or one that is not finite. Raises
+    MessageError as `decode_positions` does.
+    """
     before, middle, tail = _template()
     begin = _STAMP.stop + len(middle)
-    ours = payload[_STAMP.stop : begin] == middle and payload[begin + 8 * N_JOINTS :] == tail
-    if ours and payload.startswith(before):
+    end = begin + 8 * N_JOINTS
+    torques: FloatArray | None = None
+    ours = payload[_STAMP.stop : begin] == middle and payload.startswith(before)
+    if ours and payload[end:] == tail:
         positions = np.frombuffer(payload, "<f8", N_JOINTS, begin).astype(float)
+    elif ours and payload[end : end + len(_EFFORTS)] == _EFFORTS and len(payload) == _WITH_EFFORTS + end:
+        positions = np.frombuffer(payload, "<f8", N_JOINTS, begin).astype(float)
+        torques = np.frombuffer(payload, "<f8", N_JOINTS, end + len(_EFFORTS)).astype(float)
     else:
-        positions = _decode_any(payload)
+        positions, torques = _decode_any(payload)
     if not np.isfinite(positions).all():
         raise MessageError("joints: got an angle that is not finite; allowed: finite angles in rad")
-    return positions
+    return positions, torques if torques is not None and np.isfinite(torques).all() else None
 
 
 def decode_command(payload: bytes, attachment: bytes | None) -> Command:
@@ -267,15 +290,20 @@ def _encode_any(positions_rad: FloatArray, stamp_ns: int) -> bytes:
     )
 
 
-def _decode_any(payload: bytes) -> FloatArray:
-    """Angles of a message of any layout, joints in leg-major order."""
+def _decode_any(payload: bytes) -> tuple[FloatArray, FloatArray | None]:
+    """Angles and torques of a message of any layout, joints in leg-major order."""
     message = ros_cdr.decode(ros_cdr.JOINT_STATE, payload)
     positions = np.asarray(message.position, dtype=float)
     if positions.shape != (N_JOINTS,) or len(message.name) != N_JOINTS:
         raise MessageError(
             f"joints: got {len(message.name)} names and {positions.size} positions; allowed: {N_JOINTS} each"
         )
-    return positions if message.name == _NAMES else positions[_order(message.name)]
+    efforts = np.asarray(message.effort, dtype=float)
+    torques = efforts if efforts.shape == (N_JOINTS,) else None
+    if message.name == _NAMES:
+        return positions, torques
+    order = _order(message.name)
+    return positions[order], None if torques is None else torques[order]
 
 
 def _order(names: list[str]) -> list[int]:

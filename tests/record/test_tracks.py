@@ -202,3 +202,14 @@ def test_only_what_went_wrong_is_an_error(trial: Trial, tmp_path: Path) -> None:
         said, guard = ended(tmp_path / f"{number}.rrd", trial, changes)
         assert said[0] == level, said
         assert (guard == style.STOPPED) == stopped, said
+
+
+def test_torques_are_drawn_where_they_are_known(read: ReadBack, trial: Trial, tmp_path: Path) -> None:
+    path, torques_nm = f"/{paths.TORQUES}", trial.log["joint_torques_nm"]
+    drawn = np.array(read.values(path, "Scalars:scalars"))
+    np.testing.assert_allclose(drawn, torques_nm[::5], atol=2e-3)
+    assert np.abs(drawn).max() > 0.1
+    unknown = torques_nm.copy()
+    unknown[10:] = np.nan
+    partly = recorded(trial, rewritten(trial, joint_torques_nm=unknown), tmp_path / "partly.rrd")
+    assert len(partly.values(path, "Scalars:scalars")) == 2

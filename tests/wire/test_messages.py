@@ -19,6 +19,7 @@ from hexctl.wire.messages import (
     contacts_of,
     decode_battery,
     decode_command,
+    decode_joints,
     decode_pose,
     decode_positions,
     encode_battery,
@@ -138,6 +139,7 @@ def test_every_cut_and_every_other_version_is_refused(good: bytes) -> None:
 
 
 POSITIONS = np.arange(18) / 8
+TORQUES = np.linspace(-1.5, 2.0, 18)
 
 
 def joint_state_by_hand(positions: np.ndarray, stamp_s: int, stamp_ns: int) -> bytes:
@@ -168,10 +170,11 @@ def test_joints_named_in_another_order_are_put_in_ours() -> None:
             name=[JOINT_NAMES[joint] for joint in order],
             position=POSITIONS[order],
             velocity=np.zeros(0),
-            effort=np.zeros(0),
+            effort=TORQUES[order],
         )
     )
     np.testing.assert_array_equal(decode_positions(payload), POSITIONS)
+    np.testing.assert_array_equal(decode_joints(payload)[1], TORQUES)
 
 
 @pytest.mark.parametrize(
@@ -198,6 +201,36 @@ def test_a_joint_state_of_other_joints_is_refused(names: list[str], n_positions:
     )
     with pytest.raises(MessageError, match="joints: got"):
         decode_positions(payload)
+
+
+def test_torques_are_the_efforts_of_a_ros_joint_state() -> None:
+    payload = encode_positions(POSITIONS, 0, TORQUES)
+    message = ros_cdr.decode(ros_cdr.JOINT_STATE, payload)  # as peers read it that know of no torques
+    np.testing.assert_array_equal(message.position, POSITIONS)
+    np.testing.assert_array_equal(message.effort, TORQUES)
+    for got, sent in zip(decode_joints(payload), (POSITIONS, TORQUES), strict=True):
+        np.testing.assert_array_equal(got, sent)
+    assert decode_joints(encode_positions(POSITIONS))[1] is None
+    for end in range(len(payload) - 150, len(payload) - 8):
+        with pytest.raises(MessageError):
+            decode_joints(payload[:end])
+
+
+@pytest.mark.parametrize("efforts", [np.zeros(17), np.full(18, np.nan), np.append(TORQUES[:17], np.inf)])
+def test_efforts_that_are_no_torques_are_unknown(efforts: np.ndarray) -> None:
+    payload = ros_cdr.encode(
+        ros_cdr.make(
+            ros_cdr.JOINT_STATE,
+            header=ros_cdr.header(0),
+            name=list(JOINT_NAMES),
+            position=POSITIONS,
+            velocity=np.zeros(18),
+            effort=efforts,
+        )
+    )
+    positions, torques = decode_joints(payload)
+    np.testing.assert_array_equal(positions, POSITIONS)
+    assert torques is None
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])

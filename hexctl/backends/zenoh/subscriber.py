@@ -11,7 +11,7 @@ from hexctl.errors import MessageError, RobotFaultError
 from hexctl.types import FloatArray, RobotState
 from hexctl.waiting import wait_for
 from hexctl.wire.links import KeyMap
-from hexctl.wire.messages import StateTag, contacts_of, decode_battery, decode_pose, decode_positions
+from hexctl.wire.messages import StateTag, contacts_of, decode_battery, decode_joints, decode_pose
 
 #: Kinds of messages that are subscribed to.
 SUBSCRIBED = ("joint_states", "odom", "battery")
@@ -113,7 +113,7 @@ class StateSubscriber:
                 "see hexctl status, or start hexctl serve again"
             )
         try:
-            positions_rad = decode_positions(sample.payload)
+            positions_rad, torques_nm = decode_joints(sample.payload)
             tag = PLAIN_TAG if self._plain else StateTag.unpacked(sample.attachment or b"")
         except MessageError as error:
             raise RobotFaultError(f"the robot sends invalid states: {error}") from error
@@ -132,6 +132,7 @@ class StateSubscriber:
             stopped=tag.stopped,
             battery_v=battery_v,
             battery_share=battery_share,
+            joint_torques_nm=torques_nm,
         )
 
     def _pose(self, state_at_s: float) -> tuple[FloatArray | None, FloatArray | None]:
