@@ -106,7 +106,15 @@ def _distance_rows(outcome: dict[str, Any]) -> list[tuple[str, str]]:
     share = f" of {ideal:.3f} m ideal ({100 * outcome['distance_m'] / ideal:.0f} %)" if ideal else ""
     mean = f"{outcome['deviation_m']['mean']:.3f} m on average"
     rows = [("walked", f"{duration}, {distance}{share}"), ("deviation", f"{side} at the end, {mean}"), turned]
-    return [*rows, *missed]
+    return [*rows, *missed, *_cost(outcome)]
+
+
+def _cost(outcome: dict[str, Any]) -> list[tuple[str, str]]:
+    """A row for what the walk cost, where the robot tells its torques."""
+    cost, energy_j = outcome.get("cost_of_transport"), outcome.get("energy_j")
+    if cost is None or energy_j is None:
+        return []
+    return [("cost", f"{energy_j:.1f} J of mechanical energy, {cost:.2f} per weight and metre")]
 
 
 def _turn_missed(miss_deg: float | None) -> list[tuple[str, str]]:

@@ -61,7 +61,8 @@ class WalkEffort:
     def energy_j(self, index: tuple[int, ...] = ()) -> float | None:
         """Energy of one robot so far; None where a state came without torques or measured angles."""
         joints_j = self.joints_j
-        return None if joints_j is None else float(np.add.reduce(joints_j[index]))
+        energy_j = math.nan if joints_j is None else float(np.add.reduce(joints_j[index]))
+        return energy_j if math.isfinite(energy_j) else None
 
     @property
     def joints_j(self) -> FloatArray | None:
@@ -75,7 +76,7 @@ class WalkEffort:
         rows = self._rows
         torques_nm, angles_rad = self._torques_nm[:rows], self._angles_rad[:rows]
         work_j = torques_nm[1:] * (angles_rad[1:] - angles_rad[:-1])
-        counts = self._walking[1:rows] & (work_j > 0)
+        counts = self._walking[1:rows] & ~(work_j <= 0)  # what is not known makes the sum unknown
         self._work_j = self._work_j + np.add.reduce(np.where(counts, work_j, 0.0), axis=0)
         for each in (self._torques_nm, self._angles_rad, self._walking):
             each[0] = each[rows - 1]

@@ -94,6 +94,11 @@ def _result_rows(result: TrialResult, stability: float | None) -> Iterator[Row]:
         yield "**deviation**", f"**{off.final:.3f} m** at the end{whole}"
     if result.yaw_change_rad is not None:
         yield "turned", f"{math.degrees(result.yaw_change_rad):+.1f}°"
+    if result.cost_of_transport is not None and result.energy_j is not None:
+        yield (
+            "cost of transport",
+            f"{result.cost_of_transport:.2f}, {result.energy_j:.1f} J of mechanical energy",
+        )
     if stability is not None:
         yield "**stability**", f"**{100 * stability:.0f} %** of the walk above the feet that stand"
     yield "clipped ticks", str(result.clipped_ticks)

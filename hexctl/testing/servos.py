@@ -233,7 +233,8 @@ def hold(servos: LegServos) -> None:
 
 def arrays_of(state: RobotState) -> list[FloatArray | None]:
     """The arrays of a state."""
-    return [state.joint_positions_rad, state.base_position_world, state.base_quaternion_world]
+    pose = (state.base_position_world, state.base_quaternion_world)
+    return [state.joint_positions_rad, *pose, state.joint_torques_nm]
 
 
 def check_state(state: RobotState, servos: LegServos) -> None:
@@ -253,3 +254,5 @@ def check_state(state: RobotState, servos: LegServos) -> None:
     if state.foot_contacts is not None:
         assert state.foot_contacts.shape == (N_LEGS,)
         assert state.foot_contacts.dtype == np.bool_
+    if state.joint_torques_nm is not None:
+        assert state.joint_torques_nm.shape == (N_JOINTS,)

@@ -51,6 +51,12 @@ def test_a_walk(capsys: pytest.CaptureFixture[str]) -> None:
     ]
 
 
+def test_what_a_walk_cost_is_said_where_it_is_known(capsys: pytest.CaptureFixture[str]) -> None:
+    lines = shown(capsys, energy_j=9.42, cost_of_transport=0.801)
+    assert "cost       9.4 J of mechanical energy, 0.80 per weight and metre" in lines
+    assert not [line for line in shown(capsys, energy_j=9.42, cost_of_transport=None) if "cost" in line]
+
+
 def test_a_robot_that_was_stopped_says_why_and_what_to_do(capsys: pytest.CaptureFixture[str]) -> None:
     lines = shown(
         capsys,

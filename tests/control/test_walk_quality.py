@@ -63,6 +63,13 @@ def test_without_torques_no_energy_is_known() -> None:
     assert effort.energy_j() is None
 
 
+def test_an_unknown_torque_makes_the_energy_unknown() -> None:
+    effort = WalkEffort()
+    for tick in range(3):
+        effort.add(state(0.1 * tick, math.nan if tick == 1 else 1.0), np.zeros(18))
+    assert effort.energy_j() is None
+
+
 def test_a_robot_of_a_batch_counts_while_it_walks() -> None:
     both, alone = WalkEffort((2,)), WalkEffort()
     rng = np.random.default_rng(0)
