@@ -92,21 +92,36 @@ def _gait_text(gait: dict[str, Any]) -> str:
 
 def _distance_rows(outcome: dict[str, Any]) -> list[tuple[str, str]]:
     """Distance, deviation and turn, as far as the robot knows them."""
-    duration = f"{outcome['duration_s']:.1f} s"
+    duration, held = f"{outcome['duration_s']:.1f} s", _hold_rows(outcome)
+    ideal, turn = outcome["ideal_distance_m"], outcome["ideal_yaw_change_deg"]
+    turned_deg = outcome["yaw_change_deg"]
+    of_turn = f" of {turn:.1f} asked for" if turn else ""
+    turned = [] if turned_deg is None else [("turned", f"{turned_deg + 0.0:.1f} degrees{of_turn}")]
     if outcome["distance_m"] is None:
         known = "this robot knows no position" if outcome["duration_s"] else "it never set out"
-        return [("walked", f"{duration}; {known}")]
-    ideal, turn = outcome["ideal_distance_m"], outcome["ideal_yaw_change_deg"]
-    of_turn = f" of {turn:.1f} asked for" if turn else ""
-    turned = ("turned", f"{outcome['yaw_change_deg'] + 0.0:.1f} degrees{of_turn}")
+        return [("walked", f"{duration}; {known}"), *turned, *held]
     distance, side = f"{outcome['distance_m']:.3f} m", _side(outcome["deviation_m"]["signed"])
     if turn and ideal:
-        return [("walked", f"{duration} in an arc, ended {distance} ahead and {side}"), turned]
+        return [("walked", f"{duration} in an arc, ended {distance} ahead and {side}"), *turned]
     missed = _turn_missed(outcome.get("turn_miss_deg"))
     share = f" of {ideal:.3f} m ideal ({100 * outcome['distance_m'] / ideal:.0f} %)" if ideal else ""
     mean = f"{outcome['deviation_m']['mean']:.3f} m on average"
-    rows = [("walked", f"{duration}, {distance}{share}"), ("deviation", f"{side} at the end, {mean}"), turned]
-    return [*rows, *missed, *_cost(outcome)]
+    rows = [("walked", f"{duration}, {distance}{share}"), ("deviation", f"{side} at the end, {mean}")]
+    return [*rows, *turned, *missed, *held, *_cost(outcome)]
+
+
+def _hold_rows(outcome: dict[str, Any]) -> list[tuple[str, str]]:
+    """What the walk held by feedback, and what kept it from that."""
+    from hexctl.backends.clock import PERIOD_S
+
+    hold = outcome.get("hold", "none")
+    if hold == "none":
+        return []
+    lost_s, limited = outcome["hold_lost_s"], outcome["limited_ticks"]
+    by = "position and yaw" if hold == "line" else "yaw alone"
+    lost = f"; {'position' if hold == 'line' else 'yaw'} lost for {lost_s:.1f} s" if lost_s else ""
+    seconds = f"; {PERIOD_S * limited:.1f} s slower than asked for, at its longest strokes" if limited else ""
+    return [("held", f"the {hold}, by {by}{lost}{seconds}")]
 
 
 def _cost(outcome: dict[str, Any]) -> list[tuple[str, str]]:

@@ -182,6 +182,7 @@ class _Walks:
         self._ticks = np.array([ticks_of(guard, plan.duration_s) for plan in start.plans])
         self._walked = np.zeros(n, dtype=int)
         self._clipped = np.zeros(n, dtype=int)
+        self._limited = np.zeros(n, dtype=int)
         self._leaning_ticks = np.full(n, guard.leaning_ticks)
         self._status = np.full(n, "ok", dtype=object)
         self._stopped: list[str | None] = [None] * n
@@ -213,6 +214,7 @@ class _Walks:
             if state.base_quaternion_world is not None:
                 self._quaternions[:, step] = state.base_quaternion_world
             self._true_positions[:, step] = self._batch.true_pose[0]
+            self._limited[running] = np.broadcast_to(self._controller.limited_steps, running.shape)[running]
             running &= (step + 1 < self._ticks) & ~np.asarray(self._controller.done(step, state))
             if not running.any():
                 return
@@ -229,6 +231,7 @@ class _Walks:
                 turned_rad=self._start.turned_rad,
                 clipped_ticks=int(self._clipped[index]),
                 hold=self._controller.hold,
+                limited_ticks=int(self._limited[index]),
                 frame=self._start.frame,
                 positions_world=self._positions[index, :walked],
                 true_positions_world=self._true_positions[index, :walked],

@@ -4,6 +4,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hexctl.errors import LimitError, ReachError, check_type
 from hexctl.gait.foot_trajectory import (
@@ -35,9 +36,11 @@ class Controller(ABC):
     Attributes:
         hold: what it holds by feedback, one of `hexctl.control.plan.HOLDS` but `auto`; results and recordings
             say so.
+        limited_steps: steps so far in which it asked for more speed than its strokes allow, leading shape.
     """
 
     hold: str = "none"
+    limited_steps: NDArray[np.int64] | int = 0
 
     @abstractmethod
     def targets_rad(self, step: int, state: RobotState) -> FloatArray:

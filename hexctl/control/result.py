@@ -9,6 +9,7 @@ import numpy as np
 
 from hexctl.control.cause import Samples, symptoms
 from hexctl.control.plan import TrialPlan
+from hexctl.control.steering import LOST_AFTER_S
 from hexctl.control.trace import TrialFrame
 from hexctl.control.turning import TURN_WITHIN_RAD, turn_needed_rad
 from hexctl.control.walk_quality import cost_of_transport, lean_deg, unsteadiness_m_s
@@ -83,6 +84,10 @@ class TrialResult(ArrayFields):
         turn_miss_rad: how much further than its goal the self-rotation turned, counter-clockwise; None
             without one, and where the robot knows no yaw. A degree is worth 8 to 14 cm after 30 s.
         hold: what the walk held by feedback: `line`, `heading` or `none`.
+        hold_lost_s: how long the walk had nothing to hold that by: gaps of its measurements of more than a
+            second.
+        limited_ticks: ticks in which a steered walk asked for more speed than its strokes allow, and was
+            scaled down.
         true_deviation: from the same line by where a simulated robot really was, which its sensors may not
             have told; None for a real robot.
         energy_j: mechanical work of the joints' actuators over the walk, without what they brake; None where
@@ -108,6 +113,8 @@ class TrialResult(ArrayFields):
     cause: str | None = None
     turn_miss_rad: float | None = None
     hold: str = "none"
+    hold_lost_s: float = 0.0
+    limited_ticks: int = 0
     true_deviation: Deviation | None = None
     energy_j: float | None = None
     cost_of_transport: float | None = None
@@ -136,6 +143,8 @@ class TrialResult(ArrayFields):
             "cause": self.cause,
             "turn_miss_deg": None if self.turn_miss_rad is None else math.degrees(self.turn_miss_rad),
             "hold": self.hold,
+            "hold_lost_s": self.hold_lost_s,
+            "limited_ticks": self.limited_ticks,
             "true_deviation_m": None if self.true_deviation is None else self.true_deviation.to_dict(),
             **{name: getattr(self, name) for name in QUALITIES},
         }
@@ -166,6 +175,8 @@ class TrialResult(ArrayFields):
                 cause=data.get("cause"),
                 turn_miss_rad=None if miss_deg is None else math.radians(miss_deg),
                 hold=str(data.get("hold", "none")),
+                hold_lost_s=float(data.get("hold_lost_s", 0.0)),
+                limited_ticks=int(data.get("limited_ticks", 0)),
                 true_deviation=Deviation.from_dict(data.get("true_deviation_m") or {"signed": None}),
                 **{name: data.get(name) for name in QUALITIES},
             )
@@ -233,6 +244,7 @@ def score(
     quaternions_world: FloatArray,
     samples: Samples | None = None,
     hold: str = "none",
+    limited_ticks: int = 0,
     true_positions_world: FloatArray | None = None,
     energy_j: float | None = None,
 ) -> TrialResult:
@@ -252,6 +264,7 @@ def score(
         samples: of its joints and feet, from which the cause of a walk without progress is told; None where
             they are not known.
         hold: what the walk held by feedback.
+        limited_ticks: ticks in which it was slower than asked for.
         true_positions_world: of a simulated robot, likewise; NaN or None where they are not known.
         energy_j: mechanical work of its actuators; None where it is not known.
     """
@@ -282,12 +295,26 @@ def score(
         cause=cause,
         turn_miss_rad=_turn_miss_rad(robot, plan, turned_rad) if frame is not None else None,
         hold=hold,
+        hold_lost_s=_hold_lost_s(hold, duration_s, positions_world, quaternions_world),
+        limited_ticks=limited_ticks,
         true_deviation=_true_deviation(frame, true_positions_world),
         energy_j=energy_j,
         cost_of_transport=cost_of_transport(robot, energy_j, distance_m),
         tilt_deg=lean_deg(quaternions_world),
         steadiness=unsteadiness_m_s(positions_world),
     )
+
+
+def _hold_lost_s(
+    hold: str, duration_s: float, positions_world: FloatArray, quaternions_world: FloatArray
+) -> float:
+    """Time of the gaps in which what a walk holds by was not measured, those longer than `LOST_AFTER_S`."""
+    by = {"line": positions_world, "heading": quaternions_world}.get(hold)
+    if by is None or not len(by):
+        return 0.0
+    ends = np.flatnonzero(np.concatenate([[True], np.isfinite(by[:, 0]), [True]]))
+    gaps_s = (np.diff(ends) - 1) * (duration_s / len(by))
+    return float(gaps_s[gaps_s > LOST_AFTER_S].sum())
 
 
 def _true_deviation(frame: TrialFrame | None, positions_world: FloatArray | None) -> Deviation | None:

@@ -179,6 +179,7 @@ class _Trial:
         turned_rad: how far the self-rotation turned.
         clipped_ticks: ticks of the walk in which the guard changed the targets.
         hold: what the controller held.
+        limited_ticks: ticks of the walk in which it was slower than asked for.
     """
 
     def __init__(
@@ -196,6 +197,7 @@ class _Trial:
         self.status = "aborted"
         self.stopped: str | None = None
         self.turned_rad, self.clipped_ticks, self.hold = 0.0, 0, "none"
+        self.limited_ticks = 0
         self._requested = False
         self._samples, self._effort = WalkSamples(ticks_of(servos, plan.duration_s)), WalkEffort()
 
@@ -229,6 +231,7 @@ class _Trial:
             turned_rad=self.turned_rad,
             clipped_ticks=self.clipped_ticks,
             hold=self.hold,
+            limited_ticks=self.limited_ticks,
             frame=trace.frame,
             positions_world=trace.positions_world[rows],
             true_positions_world=trace.true_positions_world[rows],
@@ -249,6 +252,7 @@ class _Trial:
             step = phases.run(walk, until=self._until(), seen_by=(self._samples, self._effort))
         finally:
             self.clipped_ticks = self._servos.counters.clipped - clipped_before
+            self.limited_ticks = int(walk.limited_steps)
         if self.status == "aborted" and not self._requested:
             self.status = "ok"  # the controller itself has ended the walk
         if soft_stop:

@@ -80,7 +80,7 @@ def test_a_robot_that_was_stopped_says_why_and_what_to_do(capsys: pytest.Capture
     [(10.0, "10.0 s; this robot knows no position"), (0.0, "0.0 s; it never set out")],
 )
 def test_a_walk_without_a_position(duration_s: float, words: str, capsys: pytest.CaptureFixture[str]) -> None:
-    lines = shown(capsys, distance_m=None, duration_s=duration_s)
+    lines = shown(capsys, distance_m=None, yaw_change_deg=None, duration_s=duration_s)
     assert f"walked     {words}" in lines
     assert not any(line.startswith(("deviation", "turned")) for line in lines)
 

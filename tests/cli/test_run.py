@@ -432,3 +432,10 @@ def test_a_walk_changes_its_gait_in_stride_and_stands_up_off_a_dead_leg(
     assert (outcome["status"], outcome["hold"], outcome["gait"]["name"]) == ("ok", "line", "auto")
     assert outcome["gait"]["posture"] == {"body_raise": 0.012, "shift": [0.0, 0.0], "tucked_legs": []}
     assert outcome["gait"]["then"] == ["wave@3"]
+
+
+def test_the_summary_says_what_was_held(capsys: pytest.CaptureFixture[str]) -> None:
+    assert exit_code(["run", "--no-record", "--duration", "3"]) == 0
+    assert "held       the line, by position and yaw" in capsys.readouterr().out
+    assert exit_code(["run", "--no-record", "--duration", "3", "--hold", "none"]) == 0
+    assert "held" not in capsys.readouterr().out

@@ -110,6 +110,7 @@ def test_without_any_pose_nothing_is_held() -> None:
 def test_what_stays_away_for_three_seconds_and_comes_back_costs_no_course(sensors: tuple[str, ...]) -> None:
     result = walked(without(*sensors, first_s=6.0, last_s=9.0))
     assert (result.status, result.hold) == ("ok", "line")
+    assert result.hold_lost_s == pytest.approx(3.0 if "position" in sensors else 0.0, abs=0.05)
     assert truly_off_m(result) < 0.05
 
 

@@ -229,3 +229,17 @@ def test_a_swing_share_keeps_the_commanded_speed(swing_share: float) -> None:
     airborne = log["wanted_rad"][log.rows_of("walk")][100:]
     up = foot_positions_body(robot, airborne)[..., 2] > robot.stance_feet_body[:, 2] + 1e-6
     assert up.mean() == pytest.approx(swing_share, abs=0.03)
+
+
+def test_a_walk_that_is_slower_than_asked_for_says_so_alone_and_in_a_batch() -> None:
+    robot = shipped()
+
+    def fast(start: WalkStart) -> VelocityWalk:
+        velocity = np.broadcast_to([0.5, 0.0, 0.0], (*start.batch_shape, 3))
+        return VelocityWalk(start, lambda *_: velocity)
+
+    plans = [TrialPlan(gait=make_gait(robot, "tripod"), duration_s=duration_s) for duration_s in (2.0, 3.0)]
+    trials = [SimTrial(robot=robot, plan=plan, failure=None) for plan in plans]
+    results = run_sim_trials(trials, make_controller=fast)
+    assert [result.limited_ticks for result in results] == [100, 150]
+    assert results == [run_sim_trial(trial, fast) for trial in trials]
