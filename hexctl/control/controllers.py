@@ -36,10 +36,13 @@ class Controller(ABC):
     Attributes:
         hold: what it holds by feedback, one of `hexctl.control.plan.HOLDS` but `auto`; results and recordings
             say so.
+        velocity_body: the velocity that it walks with now, where that may change: forward and left in m/s,
+            turn in rad/s, leading shape + (3,); None for others.
         limited_steps: steps so far in which it asked for more speed than its strokes allow, leading shape.
     """
 
     hold: str = "none"
+    velocity_body: FloatArray | None = None
     limited_steps: NDArray[np.int64] | int = 0
 
     @abstractmethod

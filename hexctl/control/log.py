@@ -8,6 +8,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 
 from hexctl.backends.clock import Tick
+from hexctl.control.controllers import Controller
 from hexctl.control.trace import PHASES, TrialFrame
 from hexctl.errors import InputError, check_type
 from hexctl.types import N_JOINTS, N_LEGS, FloatArray, JointTargets, RobotState
@@ -25,6 +26,7 @@ COLUMNS: tuple[tuple[str, int, type], ...] = (
     ("base_quaternion_world", 4, float),
     ("foot_contacts", N_LEGS, bool),
     ("joint_torques_nm", N_JOINTS, float),
+    ("velocity_body", 3, float),
 )
 
 #: Ticks of a block in a walk that runs ahead of time: a second.
@@ -41,9 +43,11 @@ class TickLog:
     """Rows of all ticks of a trial so far.
 
     `log[name]` gives all rows of a column of `COLUMNS`; positions, orientations and torques are NaN where the
-    robot did not know them. Given to `run_trial` as a recorder it is filled tick by tick.
+    robot did not know them, and the commanded velocity (forward, left in m/s, turn in rad/s) is where the
+    walk is not steered. Given to `run_trial` as a recorder it is filled tick by tick.
 
     Attributes:
+        controller: walks the next ticks, where it is known.
         phase: the part of the trial that the next ticks belong to, one of `PHASES`.
         frame: the trial frame, from the start of the walk on.
         pose_known: whether the last tick came with a base pose.
@@ -53,6 +57,7 @@ class TickLog:
     """
 
     def __init__(self) -> None:
+        self.controller: Controller | None = None
         self.phase = PHASES[0]
         self.frame: TrialFrame | None = None
         self.pose_known = True
@@ -101,6 +106,8 @@ class TickLog:
             columns["foot_contacts"][row] = state.foot_contacts
         if state.joint_torques_nm is not None:
             columns["joint_torques_nm"][row] = state.joint_torques_nm
+        if self.controller is not None and self.controller.velocity_body is not None:
+            columns["velocity_body"][row] = self.controller.velocity_body
         self.walked_ticks += self.phase == "walk"
         self._length += 1
 

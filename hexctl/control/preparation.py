@@ -143,6 +143,8 @@ class Phases:
     ) -> int:
         """Run a controller until it is done; the last step."""
         observers = [*self._observers, *map(RowObserver, seen_by)]
+        if self._recorders is not None:
+            self._recorders.log.controller = controller
         return run_controller(self.servos, controller, observers, until=until, first_step=first_step)[0]
 
 

@@ -29,6 +29,7 @@ def make_blueprint(robot: Robot, plan: TrialPlan, floor: Floor) -> Any:
         rrb.Tabs(
             *(_plot(paths.leg_path(leg), f"leg {leg} (rad)") for leg in paths.LEGS),
             _plot(paths.TORQUES, "torques (N m)", plot_legend=hidden),
+            _plot(paths.VELOCITY, "commanded velocity"),
         ),
         row_shares=[10, 4, 4, 6],
     )

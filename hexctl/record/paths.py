@@ -21,6 +21,10 @@ DEVIATION = "deviation"
 MARGIN = "stability_margin"
 #: 18 scalars, ten times a second: the torque of each joint in N m.
 TORQUES = "joint_torques"
+#: Three scalars, ten times a second: the velocity that a steered walk commands, m/s, m/s and rad/s.
+VELOCITY = "commanded_velocity"
+#: The same as an arrow from the body, as far as it goes in a second.
+VELOCITY_ARROW = "world/robot/body/velocity"
 PHASE = "phase"
 GUARD = "guard"
 EVENTS = "events"

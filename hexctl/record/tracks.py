@@ -49,7 +49,7 @@ def send_course(block: Block) -> None:
     subject, frame = block.subject, block.log.frame
     rows = block.changes(block.led("phase"))
     rows = rows[block.column("phase")[rows] == PHASES.index("walk")]
-    if frame is not None and rows.size:
+    if frame is not None and rows.size and np.isfinite(frame.origin_world).all():
         length_m = float(np.linalg.norm(path_end_m(subject.robot, subject.plan)))
         line = course_world(frame, length_m, subject.floor).astype(np.float32)
         block.send(paths.COURSE, rows, load_rerun().LineStrips3D.columns(strips=[line]))
@@ -93,6 +93,18 @@ def send_torques(block: Block) -> None:
     if rows.size:
         scalars = load_rerun().Scalars.columns(scalars=rounded(torques_nm[rows], TORQUE_BITS).ravel())
         block.send(paths.TORQUES, rows, scalars.partition(np.full(rows.size, N_JOINTS)))
+
+
+def send_velocity(block: Block) -> None:
+    """Send the velocity that a steered walk commands now and then, as scalars and as an arrow."""
+    velocity, rows, rr = block.column("velocity_body"), block.sparse(), load_rerun()
+    rows = rows[np.isfinite(velocity[rows]).all(axis=-1)]
+    if not rows.size:
+        return
+    scalars = rr.Scalars.columns(scalars=rounded(velocity[rows], KEPT_BITS).ravel())
+    block.send(paths.VELOCITY, rows, scalars.partition(np.full(rows.size, 3)))
+    arrows = compact(np.column_stack([velocity[rows, :2], np.zeros(rows.size)]))
+    block.send(paths.VELOCITY_ARROW, rows, rr.Arrows3D.columns(vectors=arrows))
 
 
 def _pieces(block: Block, step: int) -> tuple[NDArray[np.int64], int]:
@@ -424,4 +436,5 @@ PARTS: tuple[Callable[[Block], None], ...] = (
     send_ribbon,
     send_deviation,
     send_torques,
+    send_velocity,
 )

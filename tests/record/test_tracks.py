@@ -213,3 +213,17 @@ def test_torques_are_drawn_where_they_are_known(read: ReadBack, trial: Trial, tm
     unknown[10:] = np.nan
     partly = recorded(trial, rewritten(trial, joint_torques_nm=unknown), tmp_path / "partly.rrd")
     assert len(partly.values(path, "Scalars:scalars")) == 2
+
+
+def test_the_velocity_of_a_steered_walk_is_drawn_and_an_open_loop_walk_has_none(
+    read: ReadBack, trial: Trial, tmp_path: Path
+) -> None:
+    path, arrows = f"/{paths.VELOCITY}", f"/{paths.VELOCITY_ARROW}"
+    assert read.values(path, "Scalars:scalars") == []
+    velocity = np.full((len(trial.log), 3), np.nan)
+    velocity[40:] = [0.15, -0.02, 0.1]
+    steered = recorded(trial, rewritten(trial, velocity_body=velocity), tmp_path / "steered.rrd")
+    drawn = np.array(steered.values(path, "Scalars:scalars"))
+    np.testing.assert_allclose(drawn, velocity[40::5], atol=1e-4)
+    vectors = np.array(steered.values(arrows, "Arrows3D:vectors")).reshape(-1, 3)
+    np.testing.assert_allclose(vectors, [[0.15, -0.02, 0.0]] * len(drawn), atol=1e-3)
