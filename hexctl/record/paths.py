@@ -23,7 +23,7 @@ MARGIN = "stability_margin"
 TORQUES = "joint_torques"
 #: Three scalars, ten times a second: the velocity that a steered walk commands, m/s, m/s and rad/s.
 VELOCITY = "commanded_velocity"
-#: The same as an arrow from the body, as far as it goes in a second.
+#: The same as an arrow above the body, as far as it goes in two seconds.
 VELOCITY_ARROW = "world/robot/body/velocity"
 PHASE = "phase"
 GUARD = "guard"

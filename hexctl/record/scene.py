@@ -69,7 +69,8 @@ def send_scene(stream: Any, robot: Robot, plan: TrialPlan, floor: Floor, meshes:
     colors = [style.SERIES[kind][1] for kind in JOINT_KINDS] * N_LEGS
     names = ("forward (m/s)", "left (m/s)", "turn (rad/s)")
     stream.log(paths.VELOCITY, rr.SeriesLines(names=names), static=True)
-    arrow = rr.Arrows3D.from_fields(colors=[style.COURSE_COLOR], radii=[0.004])
+    above = [[0.0, 0.0, robot.body.size_m[2]]]
+    arrow = rr.Arrows3D.from_fields(origins=above, colors=[style.COURSE_COLOR], radii=[0.006])
     stream.log(paths.VELOCITY_ARROW, arrow, static=True)
     stream.log(paths.TORQUES, rr.SeriesLines(colors=colors, names=JOINT_NAMES), static=True)
 

@@ -30,6 +30,9 @@ from hexctl.record.rrd import load_rerun
 from hexctl.record.scene import course_world, on_floor, path_end_m, xyzw
 from hexctl.types import JOINT_KINDS, JOINT_NAMES, JOINTS_PER_LEG, N_JOINTS, BoolArray, FloatArray
 
+#: An arrow is as long as the robot goes in this time.
+ARROW_S = 2.0
+
 #: The ribbon is made of pieces of this many ticks: fewer, longer ones than the trail's, each is a mesh.
 RIBBON_TICKS = 10
 
@@ -103,7 +106,7 @@ def send_velocity(block: Block) -> None:
         return
     scalars = rr.Scalars.columns(scalars=rounded(velocity[rows], KEPT_BITS).ravel())
     block.send(paths.VELOCITY, rows, scalars.partition(np.full(rows.size, 3)))
-    arrows = compact(np.column_stack([velocity[rows, :2], np.zeros(rows.size)]))
+    arrows = compact(ARROW_S * np.column_stack([velocity[rows, :2], np.zeros(rows.size)]))
     block.send(paths.VELOCITY_ARROW, rows, rr.Arrows3D.columns(vectors=arrows))
 
 

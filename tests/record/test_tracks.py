@@ -226,4 +226,4 @@ def test_the_velocity_of_a_steered_walk_is_drawn_and_an_open_loop_walk_has_none(
     drawn = np.array(steered.values(path, "Scalars:scalars"))
     np.testing.assert_allclose(drawn, velocity[40::5], atol=1e-4)
     vectors = np.array(steered.values(arrows, "Arrows3D:vectors")).reshape(-1, 3)
-    np.testing.assert_allclose(vectors, [[0.15, -0.02, 0.0]] * len(drawn), atol=1e-3)
+    np.testing.assert_allclose(vectors, [[0.3, -0.04, 0.0]] * len(drawn), atol=1e-3)
