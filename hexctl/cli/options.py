@@ -130,6 +130,7 @@ SEED = Range(low=0, whole=True)
 DURATION_S = Range(low=0, high=86_400, above=True, unit="s")
 PACE_HZ = Range(low=0, high=10, above=True, unit="Hz")
 STEP_FRACTION = Range(low=0, high=1, above=True)
+TRIM_DEG = Range(low=-45, high=45)
 POSTURE_FRACTION = Range(low=-0.2, high=0.2)
 SWING = Range(low=0.1, high=0.5)
 HEADING_DEG = Range()
@@ -311,6 +312,15 @@ HoldOption = Annotated[
         Hold,
         "Feedback keeps the walk on its line, by position and yaw, or keeps its heading, by yaw alone; none: "
         "open loop, as in the paper; auto is the best that the robot's state allows.",
+    ),
+]
+TrimOption = Annotated[
+    float | None,
+    number(
+        "--trim",
+        TRIM_DEG,
+        "With --hold heading, course correction in degrees, {}, counter-clockwise: after a walk that ended E to "
+        "the left after S, -atan(E / S) more. (default: 0)",
     ),
 ]
 SimFailedLegOption = Annotated[

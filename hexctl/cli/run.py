@@ -42,6 +42,7 @@ from hexctl.cli.options import (
     StanceShiftOption,
     SwingShareOption,
     ThenOption,
+    TrimOption,
     TuckOption,
     TurnOption,
     WorldOption,
@@ -87,6 +88,7 @@ def run(
     failure: FailureOption = None,
     self_rotation: SelfRotationOption = "rear",
     hold: HoldOption = "auto",
+    trim: TrimOption = None,
     realtime: Annotated[
         bool,
         typer.Option("--realtime", help="Simulate at the speed of a real robot, not as fast as possible."),
@@ -140,6 +142,7 @@ def run(
         failure=failure_of(failed_leg, failure),
         self_rotation=self_rotation,
         hold=hold,
+        trim_rad=None if trim is None else radians(trim),
         seed=seed,
         realtime=realtime,
         record=record,

@@ -13,6 +13,9 @@ SELF_ROTATIONS = ("rear", "front", "none")
 HOLDS = ("auto", "line", "heading", "none")
 MAX_DURATION_S = 86_400.0
 
+#: A course that is further off than this is not trimmed: the robot is not walking ahead.
+MAX_TRIM_RAD = math.radians(45.0)
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GaitChange:
@@ -50,6 +53,8 @@ class TrialPlan:
         settle_s: time to reach the stance and come to rest.
         hold: what the walk holds, one of `HOLDS`; with `none` it is open loop, as in the paper.
         changes: of the gait, in stride, ascending in time.
+        trim_rad: under the hold `heading`, by how much the course is turned against what the yaw says,
+            counter-clockwise; it takes out a bias that was measured in a walk before.
     """
 
     gait: Gait
@@ -63,12 +68,18 @@ class TrialPlan:
     settle_s: float = 1.0
     hold: str = "none"
     changes: tuple[GaitChange, ...] = ()
+    trim_rad: float = 0.0
 
     def __post_init__(self) -> None:
         check_type(self.gait, Gait, "plan.gait", "a Gait, as make_gait(robot, 'tripod') gives")
         check_type(self.belief, (Failure, type(None)), "plan.belief", "a Failure, as Failure(leg=5), or None")
-        for name in ("heading_rad", "travel", "turn_rate_rad_s", "duration_s", "settle_s"):
+        for name in ("heading_rad", "travel", "turn_rate_rad_s", "duration_s", "settle_s", "trim_rad"):
             check_type(getattr(self, name), float, f"plan.{name}")
+        if not abs(self.trim_rad) <= MAX_TRIM_RAD:
+            raise InputError(
+                f"trim: got {math.degrees(self.trim_rad):g}; "
+                f"allowed: up to {math.degrees(MAX_TRIM_RAD):g} degrees either way"
+            )
         if not (math.isfinite(self.duration_s) and 0 < self.duration_s <= MAX_DURATION_S):
             raise InputError(
                 f"duration: got {self.duration_s:g}; allowed: above 0 up to {MAX_DURATION_S:g} s"

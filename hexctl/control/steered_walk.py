@@ -30,6 +30,7 @@ class SteeredWalk(VelocityWalk):
             Course(origin_world=frame.origin_world[:2], heading_rad=frame.heading_rad, yaw_rad=frame.yaw_rad),
             **self._pace_of([plan.gait for plan in start.plans]),
             hold=hold,
+            trim_rad=np.array([plan.trim_rad for plan in start.plans])[slice(None) if self._shape else 0],
             gains=gains,
         )
         self.velocity_body = self._law.velocity_body

@@ -139,6 +139,19 @@ class Course(ArrayFields):
     yaw_rad: float
 
 
+def trimmed_rad(trim_rad: float, *, signed_m: float, distance_m: float) -> float:
+    """Trim for the next walk that holds its heading, from where one with a trim ended.
+
+    A constant drift aside is an angle of the course, trim - atan2(e, s) takes it out.
+
+    Args:
+        trim_rad: of the walk that was measured.
+        signed_m: e, how far to the left of the line it ended.
+        distance_m: s, how far along the line.
+    """
+    return trim_rad - math.atan2(signed_m, distance_m)
+
+
 def held(plan: TrialPlan, frame: TrialFrame | None) -> str:
     """What a walk can hold of what its plan wants: `line`, `heading` or `none`.
 
@@ -166,6 +179,7 @@ class CourseHold:
         stride_m: L, way of a cycle at full stride, leading shape.
         most_turn_rad_s: greatest rate of the turn, leading shape.
         hold: `line`, or `heading`: positions are then ignored.
+        trim_rad: added to the course under `heading`, leading shape.
         gains: of the law.
 
     Attributes:
@@ -181,12 +195,14 @@ class CourseHold:
         stride_m: FloatArray,
         most_turn_rad_s: FloatArray,
         hold: str = "line",
+        trim_rad: FloatArray | float = 0.0,
         gains: SteeringGains | None = None,
     ) -> None:
         check_type(course, Course, "course", "a Course")
         if hold not in ("line", "heading"):
             raise InputError(f"hold: got {hold}; allowed: line, heading")
         shape = np.shape(speed_m_s)
+        self._trim_rad = trim_rad if hold == "heading" else 0.0
         self._course, self._hold, self._gains = course, hold, gains or SteeringGains()
         self.retune(speed_m_s=speed_m_s, cycle_s=cycle_s, stride_m=stride_m, most_turn_rad_s=most_turn_rad_s)
         self._over_ground: CourseOverGround | None = None
@@ -280,7 +296,7 @@ class CourseHold:
 
     def _velocity(self) -> FloatArray:
         aside_m = self._means[..., 0] + self._gains.integral * self._pull_m
-        course_rad = -np.arctan2(aside_m, self._ahead_m)
+        course_rad = self._trim_rad - np.arctan2(aside_m, self._ahead_m)
         toward_rad = self._course.heading_rad - self._course.yaw_rad - self._means[..., 1] + course_rad
         velocity = np.empty((*np.shape(self._speed_m_s), 3))
         velocity[..., 0] = self._speed_m_s * np.cos(toward_rad)

@@ -75,6 +75,8 @@ class RunSpec:
         self_rotation: where the failed leg points before the walk: `rear`, `front` or `none`.
         hold: what the walk holds by feedback: its `line`, its `heading` alone, or `none`, as in the paper;
             `auto` is the best that the robot's state allows.
+        trim_rad: course correction under the hold `heading`, counter-clockwise; None is 0. `trimmed_rad` of
+            `hexctl.control.steering` has the one for the next walk.
         seed: of everything random in a simulation.
         realtime: pace a simulation with the wall clock.
         record: new .rrd file to record to; None for no recording, or for one in `record_folder`.
@@ -103,6 +105,7 @@ class RunSpec:
     failure: Failure | None = None
     self_rotation: str = "rear"
     hold: str = "auto"
+    trim_rad: float | None = None
     seed: int = 0
     realtime: bool = False
     record: str | Path | None = None
@@ -157,6 +160,8 @@ class RunSpec:
         for name, value in steps.items() if isinstance(self.gait, Gait) else ():
             if value is not None:
                 raise InputError(f"{name}: got {value} with a Gait; allowed: with a name, a code or slots")
+        if self.trim_rad is not None and self.hold != "heading":
+            raise InputError(f"{argument('trim')}: got it with hold {self.hold}; allowed: with hold heading")
         if self.record is not None:
             probe_file(Path(self.record))
 
@@ -455,6 +460,7 @@ def _plan_of(spec: RunSpec, robot: Robot) -> TrialPlan:
         belief=spec.failure,
         self_rotation=spec.self_rotation,
         hold=spec.hold,
+        trim_rad=spec.trim_rad or 0.0,
     )
     plan = replace(plan, gait=stable_gait(robot, plan)) if auto else plan
     return replace(plan, changes=tuple(_change_of(text, robot, plan) for text in spec.then))

@@ -412,6 +412,8 @@ def test_servos_in_the_current_folder_are_found(program: list[str], tmp_path: Pa
         (["--stance-shift", "0.9,0"], ["stance shift", "0.9", "0.2"]),
         (["--body-raise", "0.5"], ["--body-raise", "0.5", "0.2"]),
         (["--swing-share", "0.7"], ["--swing-share", "0.7", "0.5"]),
+        (["--trim", "2"], ["--trim", "hold auto", "hold heading"]),
+        (["--trim", "50", "--hold", "heading"], ["--trim", "50", "45"]),
     ],
 )
 def test_a_posture_or_a_change_that_cannot_be_is_one_line(

@@ -14,7 +14,7 @@ from hexctl.control.batch import SimTrial, run_sim_trial, run_sim_trials
 from hexctl.control.plan import TrialPlan
 from hexctl.control.preparation import WalkStart
 from hexctl.control.steered_walk import SteeredWalk
-from hexctl.control.steering import Course
+from hexctl.control.steering import Course, trimmed_rad
 from hexctl.control.trace import TrialFrame
 from hexctl.control.trial import run_trial
 from hexctl.control.velocity_walk import OVERDRIVE
@@ -146,3 +146,19 @@ def test_a_line_that_is_shifted_or_turned_is_reached_without_overshooting_far(
     assert aside_m[0] == pytest.approx(-shift_m, abs=0.02)
     assert np.abs(aside_m[-100:]).max() < 0.02, "on the new line, the sway of a cycle included"
     assert aside_m.max() < 0.06
+
+
+def test_one_measured_end_trims_the_next_walk_that_holds_its_heading() -> None:
+    world = World(friction=0.6, slope_deg=1.0, slope_direction_deg=70.0)
+    first = trial_of(62, "heading", world=world, duration_s=20.0)
+    before = run_sim_trial(first)
+    assert before.deviation is not None
+    assert before.distance_m is not None
+    assert before.deviation.final > 0.05
+    trim_rad = trimmed_rad(0.0, signed_m=before.deviation.signed, distance_m=before.distance_m)
+    trials = [replace(first, plan=replace(first.plan, trim_rad=one)) for one in (trim_rad, 0.0)]
+    second, same = run_sim_trials(trials)
+    assert second.deviation is not None
+    assert second.deviation.final < 0.2 * before.deviation.final
+    assert same == before
+    assert run_sim_trial(trials[0]) == second
