@@ -319,8 +319,8 @@ TrimOption = Annotated[
     number(
         "--trim",
         TRIM_DEG,
-        "With --hold heading, course correction in degrees, {}, counter-clockwise: after a walk that ended E to "
-        "the left after S, -atan(E / S) more. (default: 0)",
+        "With --hold heading, course correction in degrees, {}, counter-clockwise: after a walk that ended E "
+        "to the left after S, -atan(E / S) more. (default: 0)",
     ),
 ]
 SimFailedLegOption = Annotated[
