@@ -149,8 +149,8 @@ def test_a_line_that_is_shifted_or_turned_is_reached_without_overshooting_far(
 
 
 def test_one_measured_end_trims_the_next_walk_that_holds_its_heading() -> None:
-    world = World(friction=0.6, slope_deg=1.0, slope_direction_deg=70.0)
-    first = trial_of(62, "heading", world=world, duration_s=20.0)
+    world = World(friction=0.6, slope_deg=4.0, slope_direction_deg=90.0)
+    first = trial_of(17, "heading", world=world, duration_s=20.0)
     before = run_sim_trial(first)
     assert before.deviation is not None
     assert before.distance_m is not None
