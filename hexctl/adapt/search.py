@@ -28,11 +28,15 @@ from hexctl.backends.registry import check_options, option_values
 from hexctl.control.plan import HOLDS, TrialPlan
 from hexctl.control.result import progress_floor_m
 from hexctl.errors import InputError, argument, check_type
+from hexctl.gait.foot_trajectory import RAMP_DURATION_S
 from hexctl.robot.failure import parse_failure
 from hexctl.robot.loader import load_robot
 from hexctl.robot.model import Robot
 
 MAX_BUDGET = 100_000
+
+#: Shortest walk of which lean and steadiness are measured: its soft start and two cycles or so.
+LEAST_S = RAMP_DURATION_S + 2.0
 
 
 def new_spec(
@@ -222,6 +226,11 @@ def _check_options(spec: SessionSpec, objective: Objective) -> None:
         raise InputError(
             f"uncertainty_m: got {spec.uncertainty_m} with {argument('objective')} {spec.objective}; "
             "allowed: with final, whose end of a walk it is of"
+        )
+    if objective.name in ("tilt", "steadiness") and spec.duration_s < LEAST_S:
+        raise InputError(
+            f"{argument('duration_s')}: got {spec.duration_s:g} with {argument('objective')} "
+            f"{objective.name}, which is measured after the soft start; allowed: {LEAST_S:g} or more"
         )
     linked = option_values(spec, but=("robot", "world", "failure", "seed"))
     if ":" not in spec.backend or any(linked.values()):

@@ -118,7 +118,9 @@ def _hold_rows(outcome: dict[str, Any]) -> list[tuple[str, str]]:
     if hold == "none":
         return []
     lost_s, limited = outcome["hold_lost_s"], outcome["limited_ticks"]
-    by = "position and yaw" if hold == "line" else "yaw alone"
+    by = "yaw alone" if hold == "heading" else "position alone"
+    if hold == "line" and outcome["yaw_change_deg"] is not None:
+        by = "position and yaw"
     lost = f"; {'position' if hold == 'line' else 'yaw'} lost for {lost_s:.1f} s" if lost_s else ""
     seconds = f"; {PERIOD_S * limited:.1f} s slower than asked for, at its longest strokes" if limited else ""
     return [("held", f"the {hold}, by {by}{lost}{seconds}")]

@@ -19,7 +19,14 @@ from hexctl.control.result import TrialResult, score
 from hexctl.control.trial import CONTROLLERS, MakeController, made_controller, planned_walk, run_trial
 from hexctl.control.turning import check_plan, turn_needed_rad
 from hexctl.control.walk_quality import WalkEffort
-from hexctl.errors import CommandRefusedError, EStopError, SimulationDivergedError, check_callable, check_type
+from hexctl.errors import (
+    CommandRefusedError,
+    EStopError,
+    RobotFaultError,
+    SimulationDivergedError,
+    check_callable,
+    check_type,
+)
 from hexctl.robot.failure import Failure
 from hexctl.robot.model import Robot
 from hexctl.types import BoolArray, FloatArray, JointTargets, RobotState, check_shape
@@ -140,8 +147,10 @@ def _run_group(
         guard = Guard(servos)
         try:
             first = prepare(guard, plans[0])
-        except (EStopError, SimulationDivergedError) as error:
-            status = "diverged" if isinstance(error, SimulationDivergedError) else "fell"
+        except (EStopError, SimulationDivergedError, RobotFaultError) as error:
+            status = {SimulationDivergedError: "diverged", RobotFaultError: "aborted"}.get(
+                type(error), "fell"
+            )
             return [_never_walked(robot, plan, status) for plan in plans]
         start = replace(first, plans=plans, batch_shape=(len(plans),))
         walks = _Walks(guard, servos, start, make_controller, threads)
@@ -200,8 +209,10 @@ class _Walks:
             self._batch.tick()
             self._end(before & ~running, "diverged")
             state = self._batch.read()
+            asked = running.copy()
             self._watch(state)
             wanted_rad = self._controller.targets_rad(step, state)
+            self._limited[asked] = np.broadcast_to(self._controller.limited_steps, asked.shape)[asked]
             self._refuse(wanted_rad)
             self._accepted_rad = self._limits.apply(wanted_rad, self._accepted_rad)
             self._batch.write(self._accepted_rad)
@@ -214,7 +225,6 @@ class _Walks:
             if state.base_quaternion_world is not None:
                 self._quaternions[:, step] = state.base_quaternion_world
             self._true_positions[:, step] = self._batch.true_pose[0]
-            self._limited[running] = np.broadcast_to(self._controller.limited_steps, running.shape)[running]
             running &= (step + 1 < self._ticks) & ~np.asarray(self._controller.done(step, state))
             if not running.any():
                 return

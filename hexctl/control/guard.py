@@ -261,6 +261,10 @@ class Guard(ServosWrapper):
         Raises RobotFaultError when the robot has gone.
         """
         self._accepted_at_s = None
+        now_s = self.clock.now_s
+        # A pose that was known stays so, but its age counts from here.
+        self._position_at_s = None if self._position_at_s is None else now_s
+        self._tilt_at_s = None if self._tilt_at_s is None else now_s
         with _LINK_FAILED:
             super().pause_watchdog()
         self.clock.pause()

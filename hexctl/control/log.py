@@ -43,8 +43,8 @@ class TickLog:
     """Rows of all ticks of a trial so far.
 
     `log[name]` gives all rows of a column of `COLUMNS`; positions, orientations and torques are NaN where the
-    robot did not know them, and the commanded velocity (forward, left in m/s, turn in rad/s) is where the
-    walk is not steered. Given to `run_trial` as a recorder it is filled tick by tick.
+    robot did not know them, and the commanded velocity (forward, left in m/s, turn in rad/s) is NaN where
+    the walk is not steered. Given to `run_trial` as a recorder it is filled tick by tick.
 
     Attributes:
         controller: walks the next ticks, where it is known.

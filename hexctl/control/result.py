@@ -84,8 +84,8 @@ class TrialResult(ArrayFields):
         turn_miss_rad: how much further than its goal the self-rotation turned, counter-clockwise; None
             without one, and where the robot knows no yaw. A degree is worth 8 to 14 cm after 30 s.
         hold: what the walk held by feedback: `line`, `heading` or `none`.
-        hold_lost_s: how long the walk had nothing to hold that by: gaps of its measurements of more than a
-            second.
+        hold_lost_s: how long what it holds by was not measured, in gaps of more than a second; what a sensor
+            showed wrongly does not count.
         limited_ticks: ticks in which a steered walk asked for more speed than its strokes allow, and was
             scaled down.
         true_deviation: from the same line by where a simulated robot really was, which its sensors may not
@@ -273,7 +273,7 @@ def score(
     path = path if len(known) else path[:0]
     walked = bool(np.isfinite(path[-END_TICKS:, 0]).any())
     distance_m = float(known[-1, 0]) if walked else None
-    ideal_speed = ideal_speed_m_s(robot, plan.gait, plan.motion(0.0))
+    yaw_change_rad = None if frame is None else _yaw_change_rad(frame.yaw_rad, quaternions_world)
     long_enough = duration_s >= RAMP_DURATION_S
     if status == "ok" and distance_m is not None and long_enough and _goes_straight(plan):
         status = "ok" if distance_m >= progress_floor_m(robot, plan, duration_s) else "no_progress"
@@ -287,13 +287,13 @@ def score(
         duration_s=duration_s,
         turned_rad=turned_rad,
         distance_m=distance_m,
-        ideal_distance_m=ideal_speed * duration_s,
+        ideal_distance_m=ideal_distance_m(robot, plan, duration_s),
         deviation=_deviation(known[:, 1]) if walked else None,
-        yaw_change_rad=None if frame is None else _yaw_change_rad(frame.yaw_rad, quaternions_world),
+        yaw_change_rad=yaw_change_rad,
         clipped_ticks=clipped_ticks,
         path_m=path,
         cause=cause,
-        turn_miss_rad=_turn_miss_rad(robot, plan, turned_rad) if frame is not None else None,
+        turn_miss_rad=_turn_miss_rad(robot, plan, turned_rad) if yaw_change_rad is not None else None,
         hold=hold,
         hold_lost_s=_hold_lost_s(hold, duration_s, positions_world, quaternions_world),
         limited_ticks=limited_ticks,
@@ -343,8 +343,21 @@ def _turn_miss_rad(robot: Robot, plan: TrialPlan, turned_rad: float) -> float | 
     return wrapped_rad(turned_rad - wanted_rad) if abs(wanted_rad) > TURN_WITHIN_RAD else None
 
 
+def ideal_distance_m(robot: Robot, plan: TrialPlan, duration_s: float) -> float:
+    """Distance without slip in a duration, at the speed of each gait in its time."""
+    distance_m, gait, since_s = 0.0, plan.gait, 0.0
+    for change in plan.changes:
+        until_s = min(change.at_s, duration_s)
+        distance_m += ideal_speed_m_s(robot, gait, plan.motion(0.0)) * (until_s - since_s)
+        gait, since_s = change.gait, until_s
+    return distance_m + ideal_speed_m_s(robot, gait, plan.motion(0.0)) * (duration_s - since_s)
+
+
 def progress_floor_m(robot: Robot, plan: TrialPlan, duration_s: float) -> float:
     """Distance below which a walk of a duration made no progress."""
+    if plan.changes:
+        lost_m = ideal_speed_m_s(robot, plan.gait, plan.motion(0.0)) * RAMP_DURATION_S / 2
+        return PROGRESS_FLOOR * (ideal_distance_m(robot, plan, duration_s) - lost_m)
     ideal_speed = ideal_speed_m_s(robot, plan.gait, plan.motion(0.0))
     return PROGRESS_FLOOR * ideal_speed * _ramped_duration_s(duration_s)
 

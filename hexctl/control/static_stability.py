@@ -15,7 +15,6 @@ from hexctl.control.turning import failed_foot_azimuth_rad, turn_needed_rad
 from hexctl.gait.encoding import Slots, code_count, slots_from_code
 from hexctl.gait.foot_trajectory import in_stance, phase_in_cycle, stroke_offset
 from hexctl.gait.gait import Gait
-from hexctl.gait.posture import STANCE, Posture
 from hexctl.ik.support_polygon import centre_of_mass_body, support
 from hexctl.robot.failure import Failure
 from hexctl.robot.model import Robot
@@ -91,18 +90,18 @@ def most_stable_slots(robot: Robot, *, heading_rad: float, failure: Failure | No
     return slots[int(order[0])]
 
 
-def stable_gait(robot: Robot, plan: TrialPlan) -> Gait:
+def stable_gait(robot: Robot, plan: TrialPlan, *, stand_up: bool = True) -> Gait:
     """The most stable gait for the walk of a plan, once its self-rotation is done.
 
-    Pace, amplitude and height are those of the plan's gait, and so is a posture that is not the stance. Else
-    the body stands up off a locked leg that does not trail.
+    Pace, amplitude and height are those of the plan's gait, and so is its posture; with `stand_up` the body
+    stands up off a locked leg that does not trail, where it is not raised or lowered already.
     """
     posture, failure = plan.gait.posture, plan.belief
-    if posture == STANCE and failure is not None and failure.kind == "locked":
+    if stand_up and not posture.body_raise and failure is not None and failure.kind == "locked":
         heading_rad = plan.heading_rad - turn_needed_rad(robot, plan)
         off_rear_rad = wrapped_rad(failed_foot_azimuth_rad(robot, failure) - heading_rad - math.pi)
         if abs(off_rear_rad) > TRAILING_RAD:
-            posture = Posture(body_raise=STAND_UP)
+            posture = replace(posture, body_raise=STAND_UP)
     return replace(plan.gait, slots=stable_slots_of(robot, plan), posture=posture)
 
 

@@ -1,5 +1,7 @@
 """A walk that is steered along the line of its trial."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from hexctl.control.preparation import WalkStart
@@ -43,12 +45,12 @@ class SteeredWalk(VelocityWalk):
         """Velocity that the law asks for, leading shape + (3,)."""
         return self._law.update(dt_s, state)
 
-    def glide_to(self, gaits: "list[Gait] | tuple[Gait, ...]") -> None:  # type: ignore[override]
+    def glide_to(self, gaits: Gait | Sequence[Gait]) -> None:
         """Change to other gaits in stride; the course stays."""
         super().glide_to(gaits)
-        self._law.retune(**self._pace_of(gaits))
+        self._law.retune(**self._pace_of(self._gaits))
 
-    def _pace_of(self, gaits: "list[Gait] | tuple[Gait, ...]") -> dict[str, FloatArray]:
+    def _pace_of(self, gaits: Sequence[Gait]) -> dict[str, FloatArray]:
         """What the law must know of gaits, each leading shape."""
         robot, pick = self._robot, slice(None) if self._shape else 0
 

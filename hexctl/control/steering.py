@@ -59,39 +59,45 @@ class SteeringGains:
 
 
 class Measured:
-    """Numbers that robots measure, with what to make of dropouts, jumps and a sensor that has frozen.
+    """Numbers that robots measure, with what to make of dropouts and jumps.
 
     Args:
-        shape: of the numbers.
-        jump: change between two measurements that is not believed at once, broadcast against the shape.
+        first: what the numbers are now.
+        jump: change between two measurements that is not believed at once, broadcast against the numbers.
 
     Attributes:
-        value: the last one believed; 0 before the first.
+        value: the last one believed.
         fresh: whether it is of the last update.
-        missing_s: time since it was; infinite before the first.
+        missing_s: time since it was.
     """
 
-    def __init__(self, shape: tuple[int, ...], jump: FloatArray | float) -> None:
-        self.value: FloatArray = np.zeros(shape)
-        self.fresh: BoolArray = np.zeros(shape, dtype=bool)
-        self.missing_s: FloatArray = np.full(shape, np.inf)
-        self._raw, self._same_s = np.full(shape, np.nan), np.zeros(shape)
+    def __init__(self, first: FloatArray, jump: FloatArray | float) -> None:
+        self.value: FloatArray = first
+        self.fresh: BoolArray = np.ones(first.shape, dtype=bool)
+        self.missing_s: FloatArray = np.zeros(first.shape)
         self._jump = jump
-
-    @property
-    def lost(self) -> BoolArray:
-        """Whether it is too old to steer by."""
-        return np.asarray(self.missing_s > LOST_AFTER_S)
 
     def update(self, raw: FloatArray, dt_s: float) -> None:
         """Take a measurement, NaN where there is none."""
-        self._same_s = (self._same_s + dt_s) * (raw == self._raw)
-        self._raw = raw
-        # The first value has nothing to be compared with: its bound is infinite.
         most = self._jump * (1 + JUMP_GROWTH_PER_S * self.missing_s)
-        self.fresh = (abs(raw - self.value) <= most) & (self._same_s <= FROZEN_AFTER_S)
+        self.fresh = abs(raw - self.value) <= most
         self.value = np.where(self.fresh, raw, self.value)
         self.missing_s = np.where(self.fresh, 0.0, self.missing_s + dt_s)
+
+
+class FrozenSensor:
+    """Whether a sensor has shown the same to the last bit for longer than `FROZEN_AFTER_S`."""
+
+    def __init__(self) -> None:
+        self._last: FloatArray | None = None
+        self._same_s: FloatArray = np.zeros(())
+
+    def update(self, values: FloatArray, dt_s: float) -> BoolArray:
+        """Take the values of a tick in which it measured, leading shape + (k,); leading shape."""
+        if self._last is not None:
+            self._same_s = (self._same_s + dt_s) * (values == self._last).all(axis=-1)
+        self._last = values
+        return np.asarray(self._same_s > FROZEN_AFTER_S)
 
 
 class CourseOverGround:
@@ -205,12 +211,13 @@ class CourseHold:
         self._trim_rad = trim_rad if hold == "heading" else 0.0
         self._course, self._hold, self._gains = course, hold, gains or SteeringGains()
         self.retune(speed_m_s=speed_m_s, cycle_s=cycle_s, stride_m=stride_m, most_turn_rad_s=most_turn_rad_s)
-        self._over_ground: CourseOverGround | None = None
         self._shape = shape
-        self._forget()
+        self._position_world: FloatArray | None = None
+        self._frozen = {"position": FrozenSensor(), "yaw": FrozenSensor()}
         zero = np.zeros(shape)[()]
         self._turned_rad, self._walked_cycles, self._turn_rad = zero, zero, zero
         self._left = _left_of(course)
+        self._begin(np.zeros(shape), np.zeros(shape))
         self.velocity_body = self._velocity()
 
     def follow(self, course: Course) -> None:
@@ -221,20 +228,24 @@ class CourseHold:
         check_type(course, Course, "course", "a Course")
         error_rad = self._means[..., 1] + self._course.yaw_rad - course.yaw_rad
         self._course, self._left = course, _left_of(course)
-        self._forget()
-        self._means[..., 1] = error_rad
+        deviation_m = np.zeros(self._shape)
+        if self._position_world is not None and self._hold == "line":
+            deviation_m = self._deviation_m(self._position_world)
+        self._begin(deviation_m, error_rad - math.tau * np.rint(error_rad / math.tau))
 
-    def _forget(self) -> None:
-        """Know nothing of deviation and pull."""
-        # Deviation from the line and yaw error, one beside the other.
-        self._measured = Measured((*self._shape, 2), JUMPS)
-        self._means: FloatArray = np.zeros((*self._shape, 2))
+    def _begin(self, deviation_m: FloatArray, error_rad: FloatArray) -> None:
+        """Begin at a deviation and a yaw error, and know nothing of what pulls aside."""
+        first = np.stack([deviation_m, error_rad], axis=-1)
+        self._measured = Measured(first, JUMPS)
+        # The mean deviation begins at 0, so that the course turns to the line smoothly.
+        self._means: FloatArray = first * np.array([0.0, 1.0])
         self._pull_m: FloatArray = np.zeros(self._shape)[()]
 
     def retune(
         self, *, speed_m_s: FloatArray, cycle_s: FloatArray, stride_m: FloatArray, most_turn_rad_s: FloatArray
     ) -> None:
         """Continue with another gait, given as when the law was made; what was learned of the drift stays."""
+        self._over_ground: CourseOverGround | None = None
         self._speed_m_s, self._cycle_s = speed_m_s, cycle_s
         self._ahead_m = self._gains.look_ahead * stride_m
         self._most_turn_rad = most_turn_rad_s * cycle_s
@@ -251,10 +262,12 @@ class CourseHold:
     def _measure(self, dt_s: float, cycles: FloatArray, state: RobotState) -> None:
         """Means of deviation and yaw error; each stays as it is where nothing is measured."""
         raw = np.full((*self._shape, 2), np.nan)
-        position, yaw = state.base_position_world, self._yaw_rad(dt_s, state)
+        position = state.base_position_world
         if position is not None and self._hold == "line":
-            moved = (position[..., :2] - self._course.origin_world) * self._left
-            raw[..., 0] = moved[..., 0] + moved[..., 1]
+            frozen = self._frozen["position"].update(position[..., :2], dt_s)
+            raw[..., 0] = np.where(frozen, np.nan, self._deviation_m(position))
+            self._position_world = position
+        yaw = self._yaw_rad(dt_s, state)
         if yaw is not None:
             off_rad = yaw - self._course.yaw_rad
             raw[..., 1] = off_rad - math.tau * np.rint((off_rad - self._measured.value[..., 1]) / math.tau)
@@ -262,25 +275,33 @@ class CourseHold:
         share = (1 - np.exp(-cycles / self._gains.mean_cycles))[..., np.newaxis]
         news = self._measured.fresh * share
         self._means = self._means + news * (self._measured.value - self._means)
-        lost = self._measured.missing_s[..., 0] > LOST_AFTER_S
+        lost = self._measured.missing_s > LOST_AFTER_S
         if lost.any():
-            # Without a position only what is known to pull remains.
-            self._means[..., 0] *= 1 - share[..., 0] * lost
+            # Only what is known to pull and to turn the robot remains. The yaw error stands as long as there
+            # is a position, from which a yaw comes after some cycles.
+            decaying = np.stack([lost[..., 0], lost.all(axis=-1)], axis=-1)
+            self._means = self._means * (1 - share * decaying)
+
+    def _deviation_m(self, position_world: FloatArray) -> FloatArray:
+        """Distance of positions to the left of the line, leading shape."""
+        moved = (position_world[..., :2] - self._course.origin_world) * self._left
+        return np.asarray(moved[..., 0] + moved[..., 1])
 
     def _yaw_rad(self, dt_s: float, state: RobotState) -> FloatArray | None:
         """Yaw as measured, or by the course over ground where positions alone are."""
-        if state.base_quaternion_world is not None:
+        quaternion, position = state.base_quaternion_world, state.base_position_world
+        frozen, measured = np.ones(self._shape, dtype=bool), None
+        if quaternion is not None:
+            frozen, measured = self._frozen["yaw"].update(quaternion, dt_s), yaw_rad(quaternion)
+        if not frozen.any():
             self._over_ground = None
-            return yaw_rad(state.base_quaternion_world)
-        if self._hold != "line" or state.base_position_world is None:
-            return None
-        if self._over_ground is None:
-            self._over_ground = CourseOverGround(self._cycle_s)
-        return self._over_ground.yaw_rad(dt_s, state.base_position_world, self.velocity_body)
-
-    @staticmethod
-    def _mean(mean: FloatArray, measured: Measured, share: FloatArray) -> FloatArray:
-        return np.where(measured.fresh, mean + share * (measured.value - mean), mean)[()]
+            return measured
+        over_ground = np.full(self._shape, np.nan)
+        if self._hold == "line" and position is not None:
+            if self._over_ground is None:
+                self._over_ground = CourseOverGround(self._cycle_s)
+            over_ground = self._over_ground.yaw_rad(dt_s, position, self.velocity_body)
+        return over_ground if measured is None else np.where(frozen, over_ground, measured)
 
     def _integrate(self, cycles: FloatArray) -> None:
         """The two integrals and the turn; the first cycle, in which the strides grow, is left out."""
@@ -291,7 +312,8 @@ class CourseHold:
         self._pull_m = self._pull_m + cycles * square * deviation_m / (square + aside_m * aside_m)
         turn_rad = gains.turn * error_rad + gains.turn_integral * self._turned_rad
         outward = (abs(turn_rad) >= self._most_turn_rad) & (turn_rad * error_rad > 0)
-        self._turned_rad = self._turned_rad + cycles * error_rad * ~outward
+        known = self._measured.missing_s[..., 1] <= LOST_AFTER_S
+        self._turned_rad = self._turned_rad + cycles * error_rad * (known & ~outward)
         self._turn_rad = -np.minimum(np.maximum(turn_rad, -self._most_turn_rad), self._most_turn_rad)
 
     def _velocity(self) -> FloatArray:

@@ -26,7 +26,7 @@ from hexctl.control.trace import Trace
 from hexctl.control.turning import (
     check_plan,
 )
-from hexctl.control.velocity_walk import VelocityWalk, constant_velocity
+from hexctl.control.velocity_walk import MotionWalk, VelocityWalk
 from hexctl.control.walk_quality import WalkEffort
 from hexctl.errors import (
     CommandRefusedError,
@@ -72,7 +72,7 @@ def planned_walk(start: WalkStart) -> Walk | VelocityWalk:
     motions = [plan.motion(start.turned_rad) for plan in start.plans]
     alone = start.batch_shape == ()
     if start.plans[0].changes:
-        return VelocityWalk(start, constant_velocity(start))
+        return MotionWalk(start)
     return Walk(
         start.robot,
         gaits[0] if alone else gaits,
@@ -114,7 +114,7 @@ def run_trial(
     Args:
         servos: guarded, connected servos; a simulation without a guard is put behind one for this trial.
         plan: what the robot shall do.
-        controller: walks instead of the plan's own open-loop walk; a controller, or what makes one of a
+        controller: walks instead of the plan's own walk; a controller, or what makes one of a
             `WalkStart`. Its `done` may end the walk.
         recorders: take the ticks in blocks, each failing alone. Given as `Recorders`, failures stay there;
             otherwise each is a warning.

@@ -95,13 +95,15 @@ def check_plan(robot: Robot, plan: TrialPlan) -> None:
     A self-rotation ends near its goal, not on it, so the walk is checked a little to both sides.
     """
     turn_rad = turn_needed_rad(robot, plan)
-    for gait in (plan.gait, *(change.gait for change in plan.changes)):
+    gaits = (plan.gait, *(change.gait for change in plan.changes))
+    for gait in gaits:
         check_walk(robot, gait, plan.motion(turn_rad))
     if turn_rad:
         for way_rad in (-turn_rad, turn_rad):  # the small steps at its end go either way
             check_walk(robot, turn_gait(robot), turn_motion(robot, way_rad))
         for off_rad in (-TURN_TOLERANCE_RAD, TURN_TOLERANCE_RAD):
-            check_walk(robot, plan.gait, plan.motion(turn_rad + off_rad))
+            for gait in gaits:
+                check_walk(robot, gait, plan.motion(turn_rad + off_rad))
 
 
 class Turn(Controller):

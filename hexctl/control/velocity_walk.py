@@ -17,7 +17,7 @@ from hexctl.gait.foot_trajectory import (
     strokes_per_velocity,
 )
 from hexctl.gait.gait import Gait, ideal_speed_m_s
-from hexctl.types import BoolArray, FloatArray, RobotState
+from hexctl.types import BoolArray, FloatArray, RobotState, check_shape
 
 #: Time constant with which the strokes follow the velocity that is asked for.
 RESPONSE_S = 0.2
@@ -39,19 +39,6 @@ SLOWEST = 0.3
 
 #: Velocity of the body in its own frame, leading shape + (3,): forward and left in m/s, turn in rad/s.
 Command = Callable[[int, RobotState], FloatArray]
-
-
-def constant_velocity(start: WalkStart) -> Command:
-    """Command of the plans' own motions, at the speed of their gaits without slip."""
-    pick = slice(None) if start.batch_shape else 0
-    rows = []
-    for plan in start.plans:
-        motion = plan.motion(start.turned_rad)
-        speed_m_s = ideal_speed_m_s(start.robot, plan.gait, motion)
-        way = (math.cos(motion.heading_rad), math.sin(motion.heading_rad))
-        rows.append([speed_m_s * way[0], speed_m_s * way[1], motion.turn_rate_rad_s])
-    velocity_body = np.array(rows)[pick]
-    return lambda _step, _state: velocity_body
 
 
 class VelocityWalk(Controller):
@@ -79,7 +66,7 @@ class VelocityWalk(Controller):
             check_callable(command, "command", "a function of the step and the state")
         self._robot, self._period_s, self._held_legs = start.robot, start.period_s, start.plans[0].held_legs
         self._shape, self._command = start.batch_shape, command
-        self._pace_power = {"stride": 0.0, "pace": 1.0, "both": 0.5}[speed_by]
+        self._speed_by = speed_by
         self._per_velocity = strokes_per_velocity(start.robot)
         self._gaits = [plan.gait for plan in start.plans]
         self._glide: _Glide | None = None
@@ -96,7 +83,9 @@ class VelocityWalk(Controller):
         """Velocity that is asked for at a step, `dt_s` after the one before, leading shape + (3,)."""
         if self._command is None:
             return self.velocity_body
-        return np.asarray(self._command(step, state), dtype=float)
+        velocity = np.asarray(self._command(step, state), dtype=float)
+        check_shape(velocity, self.velocity_body.shape, "command: velocity")
+        return velocity
 
     def targets_rad(self, step: int, state: RobotState) -> FloatArray:
         """Joint angles at this step, leading shape + (18,)."""
@@ -116,8 +105,11 @@ class VelocityWalk(Controller):
         feet = feet_at_phases(self._robot, self._pattern, u, strokes, envelope)
         return joints_of_feet(self._robot, feet, self._held_legs)
 
-    def glide_to(self, gaits: Sequence[Gait]) -> None:
+    def glide_to(self, gaits: Gait | Sequence[Gait]) -> None:
         """Change to other gaits in stride, one for each walk: phases, heights and posture glide there."""
+        gaits = [gaits] if isinstance(gaits, Gait) else list(gaits)
+        if len(gaits) != len(self._gaits):
+            raise InputError(f"gaits: got {len(gaits)}; allowed: {len(self._gaits)}, one for each walk")
         pattern = StepPattern.of(self._robot, list(gaits) if self._shape else gaits[0], plain=False)
         before = self._pattern
         if self._glide is None:
@@ -125,7 +117,7 @@ class VelocityWalk(Controller):
             before = replace(StepPattern.of(self._robot, now, plain=False), phases=before.phases)
         shifted = before.phases + nearest_phases(before.phases, pattern.phases)
         self._glide = _Glide(before, replace(pattern, phases=shifted), np.zeros(self._shape)[()])
-        self._gaits = list(gaits)
+        self._gaits = gaits
 
     def stop(self, step: int) -> None:
         """Begin the soft stop at a step; it lasts `soft_stop_steps`."""
@@ -174,10 +166,12 @@ class VelocityWalk(Controller):
     def _paced(self, strokes: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Strokes and pace for a speed: what the strokes lose in length the pace gains."""
         pace_hz = np.asarray(self._pattern.pace_hz)
-        if not self._pace_power:
+        if self._speed_by == "stride":
             return strokes, pace_hz
         longest_m = np.sqrt((strokes * strokes).sum(axis=-1).max(axis=-1))
-        share = np.clip(longest_m / self._pattern.amplitude_m, SLOWEST, 1.0) ** self._pace_power
+        share = np.clip(longest_m / self._pattern.amplitude_m, SLOWEST, 1.0)
+        if self._speed_by == "both":
+            share = np.sqrt(share)
         return strokes / share[..., np.newaxis, np.newaxis], pace_hz * share
 
     def _change(self, step: int, cycles: FloatArray) -> None:
@@ -189,6 +183,36 @@ class VelocityWalk(Controller):
             self._use(self._glide.pattern)
             if (self._glide.share >= 1).all():
                 self._glide = None
+
+
+class MotionWalk(VelocityWalk):
+    """Walks the motions of its plans at the speed of its gaits without slip, open loop.
+
+    Args:
+        start: the robot, or batch of robots, ready to walk.
+    """
+
+    def __init__(self, start: WalkStart) -> None:
+        super().__init__(start)
+        self._motions = [plan.motion(start.turned_rad) for plan in start.plans]
+        self._wanted = self.velocity_body = self._velocity_of(self._gaits)
+
+    def wanted(self, dt_s: float, step: int, state: RobotState) -> FloatArray:
+        """Velocity of the motions, leading shape + (3,)."""
+        return self._wanted
+
+    def glide_to(self, gaits: Gait | Sequence[Gait]) -> None:
+        """Change to other gaits in stride, and to their speeds."""
+        super().glide_to(gaits)
+        self._wanted = self._velocity_of(self._gaits)
+
+    def _velocity_of(self, gaits: Sequence[Gait]) -> FloatArray:
+        rows = []
+        for gait, motion in zip(gaits, self._motions, strict=True):
+            speed_m_s = ideal_speed_m_s(self._robot, gait, motion)
+            way = (math.cos(motion.heading_rad), math.sin(motion.heading_rad))
+            rows.append([speed_m_s * way[0], speed_m_s * way[1], motion.turn_rate_rad_s])
+        return np.asarray(np.array(rows)[slice(None) if self._shape else 0])
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -156,7 +156,7 @@ class RunSpec:
         # A failure is the plan's too: on a robot that is not simulated it tells the controller.
         check_options(self.backend, **option_values(self, but=("robot", "failure")))
         names = ("pace_hz", "amplitude", "height", "body_raise", "stance_shift", "swing_share")
-        steps = {name: getattr(self, name) for name in names}
+        steps = {name: getattr(self, name) for name in names} | {"tucked_legs": self.tucked_legs or None}
         for name, value in steps.items() if isinstance(self.gait, Gait) else ():
             if value is not None:
                 raise InputError(f"{name}: got {value} with a Gait; allowed: with a name, a code or slots")
@@ -274,7 +274,7 @@ class Run:
         """Walk as the spec says.
 
         Args:
-            controller: walks instead of the plan's own open-loop walk, as in `run_trial`.
+            controller: walks instead of the plan's own walk, as in `run_trial`.
             recorders: take the ticks in blocks beside the recording; each fails alone.
             stop_requested: asked every tick; True ends the walk with a soft stop.
 
@@ -400,7 +400,7 @@ def run(
 
     Args:
         spec: what to do; or the fields of `RunSpec` as keywords.
-        controller: walks instead of the plan's own open-loop walk, as in `run_trial`.
+        controller: walks instead of the plan's own walk, as in `run_trial`.
         recorders: take the ticks in blocks beside the recording; each fails alone.
         stop_requested: asked every tick; True ends the walk with a soft stop.
         options: fields of `RunSpec`; `failed_leg=5, failure="limp"` say a failure in words.
@@ -462,7 +462,7 @@ def _plan_of(spec: RunSpec, robot: Robot) -> TrialPlan:
         hold=spec.hold,
         trim_rad=spec.trim_rad or 0.0,
     )
-    plan = replace(plan, gait=stable_gait(robot, plan)) if auto else plan
+    plan = replace(plan, gait=stable_gait(robot, plan, stand_up=spec.body_raise is None)) if auto else plan
     return replace(plan, changes=tuple(_change_of(text, robot, plan) for text in spec.then))
 
 
@@ -476,6 +476,10 @@ def _change_of(text: str, robot: Robot, plan: TrialPlan) -> GaitChange:
     if not at:
         raise InputError(
             f"{argument('then')}: got {text!r}; allowed: a gait and a time in s, such as wave@10"
+        )
+    if time_s >= plan.duration_s:
+        raise InputError(
+            f"{argument('then')}: got {text!r}; allowed: below the duration, {plan.duration_s:g} s"
         )
     slots = stable_slots_of(robot, plan) if name == AUTO else parse_slots(name, plan.failed_legs)
     return GaitChange(gait=replace(plan.gait, slots=slots), at_s=time_s)

@@ -404,8 +404,9 @@ def test_servos_in_the_current_folder_are_found(program: list[str], tmp_path: Pa
     [
         (["--then", "wave"], ["--then", "'wave'", "wave@10"]),
         (["--then", "wave@soon"], ["--then", "wave@soon", "wave@10"]),
-        (["--then", "lope@3"], ["gait", "'lope'", "tripod"]),
-        (["--then", "wave@3", "--then", "demo@2"], ["do not ascend"]),
+        (["--then", "lope@0.3"], ["gait", "'lope'", "tripod"]),
+        (["--then", "wave@0.9", "--then", "demo@0.5"], ["do not ascend"]),
+        (["--then", "wave@5"], ["--then", "wave@5", "before 1 s"]),
         (["--tuck", "7"], ["tucked legs", "7", "1..6"]),
         (["--tuck", "five"], ["--tuck", "'five'"]),
         (["--stance-shift", "1"], ["--stance-shift", "'1'", "0.02,-0.01"]),
@@ -434,6 +435,10 @@ def test_a_walk_changes_its_gait_in_stride_and_stands_up_off_a_dead_leg(
     assert (outcome["status"], outcome["hold"], outcome["gait"]["name"]) == ("ok", "line", "auto")
     assert outcome["gait"]["posture"] == {"body_raise": 0.012, "shift": [0.0, 0.0], "tucked_legs": []}
     assert outcome["gait"]["then"] == ["wave@3"]
+    options = [*options[:-2], "--body-raise", "0"]
+    assert exit_code(["run", "--no-record", "--duration", "1", "--json", *options]) == 0
+    outcome = _strict(capsys.readouterr().out)
+    assert outcome["gait"]["posture"]["body_raise"] == 0, "as asked for"
 
 
 def test_the_summary_says_what_was_held(capsys: pytest.CaptureFixture[str]) -> None:

@@ -188,3 +188,17 @@ def test_a_robot_that_does_not_know_its_joints_says_so() -> None:
     servos.joints_rad = np.full(18, math.inf)
     with pytest.raises(RobotFaultError, match="not finite; check its sensors"):
         guard.accepted_rad()
+
+
+def test_a_pause_makes_no_pose_too_old() -> None:
+    guard, servos = _connected()
+    guard.read()
+    guard.pause_watchdog()
+    for _ in range(round((POSE_EXPIRY_S + 1) / guard.clock.period_s)):
+        guard.clock.tick()
+    guard.pause_watchdog()
+    servos.position_world = servos.quaternion_world = None
+    guard.read()
+    assert guard.stopped is None
+    read_for(guard, POSE_EXPIRY_S + 0.1)
+    assert guard.stopped == "pose lost"

@@ -1,12 +1,13 @@
 """The law of steering: on a made-up body that is pulled aside, and with sensors that fail."""
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from hexctl.control.steering import JUMP_M, Course, CourseHold, Measured
+from hexctl.control.steering import JUMP_M, Course, CourseHold, FrozenSensor, Measured
 from hexctl.errors import InputError
 from hexctl.types import FloatArray, RobotState
 
@@ -138,11 +139,10 @@ def test_a_position_that_is_lost_leaves_what_is_known_of_the_pull_and_comes_back
 
 
 def test_a_pose_that_jumps_is_not_followed_and_believed_when_it_stays() -> None:
-    measured = Measured((), JUMP_M)
-    measured.update(np.array(0.02), DT_S)
+    measured = Measured(np.array(0.0), JUMP_M)
     for _ in range(50):
         measured.update(np.array(1.0), DT_S)
-    assert (float(measured.value), bool(measured.fresh)) == (0.02, False)
+    assert (float(measured.value), bool(measured.fresh)) == (0.0, False), "not even the first one"
     measured.update(np.array(0.03), DT_S)
     assert (float(measured.value), bool(measured.fresh)) == (0.03, True)
     for count in range(1000):
@@ -150,12 +150,43 @@ def test_a_pose_that_jumps_is_not_followed_and_believed_when_it_stays() -> None:
     assert float(measured.value) == pytest.approx(1.0, abs=0.01)
 
 
-def test_a_sensor_that_has_frozen_is_not_believed_for_ever() -> None:
-    measured = Measured((2,), JUMP_M)
+def test_a_sensor_that_has_frozen_is_not_believed_for_ever_whatever_else_moves() -> None:
+    sensor = FrozenSensor()
     for step in range(500):
-        measured.update(np.array([0.01 * step / 500, 0.004]), DT_S)
-    assert measured.fresh.tolist() == [True, False]
-    assert measured.lost.tolist() == [False, True]
+        frozen = sensor.update(np.array([[0.01 * step / 500, 0.004], [0.1, 0.004]]), DT_S)
+    assert frozen.tolist() == [False, True]
+
+
+def test_a_yaw_that_freezes_turns_nothing_for_ever() -> None:
+    """The body is turned all the time, and its yaw stops being measured while it is 10 degrees off."""
+    for hold in ("line", "heading"):
+        body, law_of_hold = Body(np.array([0.0, 0.0]), np.array(math.radians(1.0))), law(hold=hold)
+        frozen_rad = np.array(math.radians(10.0))
+        for step in range(3000):
+            seen = body.swaying
+            if step >= 500:
+                seen = replace(seen, base_quaternion_world=state_of(None, frozen_rad).base_quaternion_world)
+            body.move(law_of_hold.update(DT_S, seen))
+        turned_deg = math.degrees(abs(float(body.yaw_rad)))
+        assert turned_deg < (35 if hold == "line" else 70), "60 degrees in a minute with nothing held"
+        if hold == "line":
+            assert abs(body.position_m[1]) < 0.05
+
+
+@pytest.mark.parametrize("yaw_rad", [2 * math.pi, -2 * math.pi])
+def test_a_course_with_a_whole_turn_more_is_the_same_course(yaw_rad: float) -> None:
+    velocities = []
+    for turns_rad in (0.0, yaw_rad):
+        body, hold = Body(np.array([0.0, 0.03]), np.array(0.02)), law()
+        for step in range(1500):
+            if step == 1000:
+                heading_rad = 0.3 + turns_rad
+                hold.follow(
+                    Course(origin_world=body.position_m[:2], heading_rad=heading_rad, yaw_rad=turns_rad)
+                )
+            body.move(hold.update(DT_S, body.swaying))
+        velocities.append(hold.velocity_body)
+    np.testing.assert_allclose(velocities[0], velocities[1], atol=1e-9)
 
 
 def test_what_cannot_be_held_is_refused() -> None:

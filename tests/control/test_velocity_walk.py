@@ -243,3 +243,25 @@ def test_a_walk_that_is_slower_than_asked_for_says_so_alone_and_in_a_batch() -> 
     results = run_sim_trials(trials, make_controller=fast)
     assert [result.limited_ticks for result in results] == [100, 150]
     assert results == [run_sim_trial(trial, fast) for trial in trials]
+
+
+def test_a_slower_gait_on_the_way_is_no_walk_without_progress_open_loop_or_held() -> None:
+    robot = shipped()
+    tripod = make_gait(robot, "tripod")
+    change = GaitChange(gait=replace(tripod, pace_hz=0.3 * tripod.pace_hz), at_s=3.0)
+    ideal_m = ideal_speed_m_s(robot, tripod, TrialPlan(gait=tripod).motion(0.0)) * (3.0 + 0.3 * 7.0)
+    for hold in ("none", "line"):
+        result, _ = walked(TrialPlan(gait=tripod, changes=(change,), hold=hold, duration_s=10))
+        assert result.status == "ok"
+        assert result.ideal_distance_m == pytest.approx(ideal_m)
+        assert result.distance_m is not None
+        assert 0.6 * ideal_m < result.distance_m < 1.1 * ideal_m, hold
+
+
+def test_a_command_of_another_shape_is_refused_and_a_gait_alone_is_enough() -> None:
+    with pytest.raises(InputError, match=r"command: velocity: got an array of shape \(2,\)"):
+        feet_of(VelocityWalk(start_of(), lambda *_: np.zeros(2)), 2)
+    walk = VelocityWalk(start_of())
+    walk.glide_to(make_gait(shipped(), "wave"))
+    with pytest.raises(InputError, match="gaits: got 2; allowed: 1"):
+        walk.glide_to([make_gait(shipped(), "wave")] * 2)

@@ -215,7 +215,7 @@ def _make_world(world: World, floor: Floor) -> Any:
 
 
 def _check_order(physics: Any) -> None:
-    """Raise unless joints and actuators are are leg-major and the feet's sensors last, as arrays expect."""
+    """Raise unless joints and actuators are leg-major and the feet's sensors last, as arrays expect."""
     expected = [f"leg{leg}/{kind}" for leg in range(1, N_LEGS + 1) for kind in JOINT_KINDS]
     model = physics.model
     joints = [model.id2name(index, "joint") for index in range(1, N_JOINTS + 1)]
