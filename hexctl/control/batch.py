@@ -148,9 +148,9 @@ def _run_group(
         try:
             first = prepare(guard, plans[0])
         except (EStopError, SimulationDivergedError, RobotFaultError) as error:
-            status = {SimulationDivergedError: "diverged", RobotFaultError: "aborted"}.get(
-                type(error), "fell"
-            )
+            status = "diverged" if isinstance(error, SimulationDivergedError) else "fell"
+            if isinstance(error, RobotFaultError):
+                status = "aborted"
             return [_never_walked(robot, plan, status) for plan in plans]
         start = replace(first, plans=plans, batch_shape=(len(plans),))
         walks = _Walks(guard, servos, start, make_controller, threads)

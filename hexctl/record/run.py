@@ -478,8 +478,6 @@ def _change_of(text: str, robot: Robot, plan: TrialPlan) -> GaitChange:
             f"{argument('then')}: got {text!r}; allowed: a gait and a time in s, such as wave@10"
         )
     if time_s >= plan.duration_s:
-        raise InputError(
-            f"{argument('then')}: got {text!r}; allowed: below the duration, {plan.duration_s:g} s"
-        )
+        raise InputError(f"{argument('then')}: got {text!r}; allowed: before {plan.duration_s:g} s, the end")
     slots = stable_slots_of(robot, plan) if name == AUTO else parse_slots(name, plan.failed_legs)
     return GaitChange(gait=replace(plan.gait, slots=slots), at_s=time_s)
