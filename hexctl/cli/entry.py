@@ -25,6 +25,12 @@ def main() -> None:
         signal.signal(signal.SIGINT, _quit)
         sys.stderr.write("hexctl: interrupted\n")
         code = INTERRUPTED
+    rrd = sys.modules.get("hexctl.record.rrd")
+    if rrd is not None and rrd.stuck():
+        # Python would wait for Rerun, and Rerun for a disk that takes nothing more.
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(code)
     sys.exit(code)
 
 

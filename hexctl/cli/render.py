@@ -87,7 +87,8 @@ def _gait_text(gait: dict[str, Any]) -> str:
     slots = ",".join(str(slot) for slot in gait["slots"])
     named = gait["name"] not in (slots, str(gait["code"]))
     code = "" if gait["code"] is None else f", code {gait['code']}"
-    return f"{gait['name']} (slots {slots}{code})" if named else f"slots {slots}{code}"
+    then = "".join(f", then {change}" for change in gait.get("then", []))
+    return (f"{gait['name']} (slots {slots}{code})" if named else f"slots {slots}{code}") + then
 
 
 def _distance_rows(outcome: dict[str, Any]) -> list[tuple[str, str]]:

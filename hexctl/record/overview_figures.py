@@ -23,7 +23,7 @@ from hexctl.palette import (
 )
 from hexctl.record.blueprint import plot_background
 from hexctl.record.overview import Overview, OverviewTrial, deviation_text, make_table
-from hexctl.record.rrd import check_whole, create_file, flush, load_rerun
+from hexctl.record.rrd import check_whole, create_file, disconnect, flush, load_rerun
 from hexctl.types import FloatArray
 
 #: The only timeline: the index of the trial.
@@ -387,7 +387,7 @@ def _write(draft: Path, path: Path, overview: Overview) -> None:
         _send(stream, overview)
         flush(stream, path)
     finally:
-        stream.disconnect()
+        disconnect(stream)
     check_whole(draft)
 
 

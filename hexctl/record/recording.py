@@ -15,7 +15,7 @@ from hexctl.control.result import TrialResult
 from hexctl.record import paths
 from hexctl.record.blueprint import make_blueprint
 from hexctl.record.columns import Block, Subject
-from hexctl.record.rrd import check_name, check_whole, create_file, flush, load_rerun
+from hexctl.record.rrd import check_name, check_whole, create_file, disconnect, flush, load_rerun
 from hexctl.record.scene import LEVEL, send_scene
 from hexctl.record.summary import make_markdown, make_properties
 from hexctl.record.tracks import BlockWriter, Tally, send_outcome
@@ -138,7 +138,7 @@ class Recording:
         if self._stream is not None:
             self._write_pending()
             stream, self._stream = self._stream, None
-            stream.disconnect()
+            disconnect(stream)
 
     def _send_summary(self, result: TrialResult | None, facts: Mapping[str, Any]) -> None:
         subject, share = self._subject, self._tally.share

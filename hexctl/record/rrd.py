@@ -1,13 +1,23 @@
 """Rerun's SDK, imported when a recording needs it, and its files (.rrd)."""
 
 import os
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
+from threading import Thread
 from typing import Any, BinaryIO
 
 from hexctl.errors import InputError, MissingExtraError, RecordingError
 
 #: Bound on a flush: a disk that hangs must not hang the program.
 FLUSH_TIMEOUT_S = 30.0
+
+#: The same where the disk is nearly full: Rerun's writer dies of a write that does not fit, and a flush may
+#: then wait for it for ever.
+FULL_TIMEOUT_S = 5.0
+
+#: A disk with less room than this is nearly full: more than Rerun writes at once.
+FULL_BYTES = 4 * 1024 * 1024
 
 
 def load_rerun() -> Any:
@@ -27,11 +37,50 @@ def flush(stream: Any, path: Path) -> None:
 
     Raises RecordingError when the disk did not take it.
     """
-    try:
-        stream.flush(timeout_sec=FLUSH_TIMEOUT_S)
-    except (OSError, RuntimeError, ValueError) as error:
-        reason = " ".join(str(error).split())
-        raise RecordingError(f"{path}: the recording is incomplete; is the disk full? ({reason})") from error
+    room = os.statvfs(path.parent)
+    full = room.f_bavail * room.f_frsize < FULL_BYTES
+    raised = _bounded(
+        partial(stream.flush, timeout_sec=FLUSH_TIMEOUT_S), FULL_TIMEOUT_S if full else 2 * FLUSH_TIMEOUT_S
+    )
+    if raised is not None:
+        reason = " ".join(str(raised).split())
+        raise RecordingError(f"{path}: the recording is incomplete; is the disk full? ({reason})") from raised
+
+
+def disconnect(stream: Any) -> None:
+    """Close a stream, which may lose what was not flushed."""
+    _bounded(stream.disconnect, FULL_TIMEOUT_S if _abandoned else FLUSH_TIMEOUT_S)
+
+
+#: Calls into Rerun that have not come back.
+_abandoned: list[Thread] = []
+
+
+def stuck() -> bool:
+    """Whether a call into Rerun has not come back: the interpreter could then wait for it when it ends."""
+    return any(thread.is_alive() for thread in _abandoned)
+
+
+def _bounded(call: Callable[[], object], timeout_s: float) -> Exception | None:
+    """What a call raised, or TimeoutError when it has not come back in time; it is then left behind.
+
+    It runs on a thread of its own, so that signals are heard meanwhile.
+    """
+    raised: list[Exception] = []
+
+    def run() -> None:
+        try:
+            call()
+        except (OSError, RuntimeError, ValueError) as error:
+            raised.append(error)
+
+    thread = Thread(target=run, name="rerun", daemon=True)
+    thread.start()
+    thread.join(timeout_s)
+    if thread.is_alive():
+        _abandoned.append(thread)
+        return TimeoutError(f"no answer in {timeout_s:g} s")
+    return raised[0] if raised else None
 
 
 #: Rerun recognises its files by this suffix.

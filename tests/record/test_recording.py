@@ -3,6 +3,7 @@ import signal
 import subprocess
 import sys
 from pathlib import Path
+from threading import Event
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,7 @@ from hexctl.control.trace import PHASES
 from hexctl.control.trial import run_trial
 from hexctl.errors import HexctlError, InputError
 from hexctl.ik.legs import foot_positions_body
-from hexctl.record import paths
+from hexctl.record import paths, rrd
 from hexctl.record import recording as module
 from hexctl.record.recording import Recording
 from hexctl.record.viewer import viewer_binary
@@ -359,3 +360,32 @@ def test_a_recorder_that_raises_leaves_the_others_whole(trial: Trial, tmp_path: 
         read = ReadBack(whole.path)
         assert len(read.values("/world/robot", "Transform3D:translation")) == len(trial.log)
         assert read.values("/__properties/trial", "status") == [["ok"]]
+
+
+class NeverBack:
+    """A stream whose writer has died: its calls come back only when the test lets them."""
+
+    def __init__(self) -> None:
+        self.released = Event()
+
+    def flush(self, timeout_sec: float) -> None:
+        self.released.wait(60)
+
+    def disconnect(self) -> None:
+        self.released.wait(60)
+
+
+def test_a_flush_that_never_comes_back_is_left_behind(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(rrd, "FLUSH_TIMEOUT_S", 0.05)
+    monkeypatch.setattr(rrd, "FULL_TIMEOUT_S", 0.05)
+    stream = NeverBack()
+    with pytest.raises(RecordingError, match=r"incomplete; is the disk full\? \(no answer in"):
+        rrd.flush(stream, tmp_path / "walk.rrd")
+    rrd.disconnect(stream)
+    assert rrd.stuck(), "so that the command does not wait for it at its end"
+    stream.released.set()
+    for thread in rrd._abandoned:
+        thread.join(10)
+    assert not rrd.stuck()
