@@ -15,7 +15,7 @@ from hexctl.control.guard import Guard
 from hexctl.control.log import COLUMNS, Recorders, TickLog
 from hexctl.control.trace import PHASES
 from hexctl.control.trial import run_trial
-from hexctl.errors import HexctlError, InputError
+from hexctl.errors import HexctlError, InputError, RecordingError
 from hexctl.ik.legs import foot_positions_body
 from hexctl.record import paths, rrd
 from hexctl.record import recording as module
