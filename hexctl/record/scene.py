@@ -69,9 +69,6 @@ def send_scene(stream: Any, robot: Robot, plan: TrialPlan, floor: Floor, meshes:
     colors = [style.SERIES[kind][1] for kind in JOINT_KINDS] * N_LEGS
     names = ("forward (m/s)", "left (m/s)", "turn (rad/s)")
     stream.log(paths.VELOCITY, rr.SeriesLines(names=names), static=True)
-    above = [[0.0, 0.0, robot.body.size_m[2]]]
-    arrow = rr.Arrows3D.from_fields(origins=above, colors=[style.COURSE_COLOR], radii=[0.006])
-    stream.log(paths.VELOCITY_ARROW, arrow, static=True)
     stream.log(paths.TORQUES, rr.SeriesLines(colors=colors, names=JOINT_NAMES), static=True)
 
 

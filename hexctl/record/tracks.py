@@ -32,6 +32,7 @@ from hexctl.types import JOINT_KINDS, JOINT_NAMES, JOINTS_PER_LEG, N_JOINTS, Boo
 
 #: An arrow is as long as the robot goes in this time.
 ARROW_S = 2.0
+ARROW_RADIUS_M = 0.006
 
 #: The ribbon is made of pieces of this many ticks: fewer, longer ones than the trail's, each is a mesh.
 RIBBON_TICKS = 10
@@ -106,8 +107,14 @@ def send_velocity(block: Block) -> None:
         return
     scalars = rr.Scalars.columns(scalars=rounded(velocity[rows], KEPT_BITS).ravel())
     block.send(paths.VELOCITY, rows, scalars.partition(np.full(rows.size, 3)))
-    arrows = compact(ARROW_S * np.column_stack([velocity[rows, :2], np.zeros(rows.size)]))
-    block.send(paths.VELOCITY_ARROW, rows, rr.Arrows3D.columns(vectors=arrows))
+    # Not as static data: an arrow without a vector is an error of the scene, and open-loop walks have none.
+    arrows = rr.Arrows3D.columns(
+        vectors=compact(ARROW_S * np.column_stack([velocity[rows, :2], np.zeros(rows.size)])),
+        origins=np.tile([0.0, 0.0, block.subject.robot.body.size_m[2]], (rows.size, 1)),
+        colors=np.full(rows.size, style.packed(style.COURSE_COLOR), dtype=np.uint32),
+        radii=np.full(rows.size, ARROW_RADIUS_M),
+    )
+    block.send(paths.VELOCITY_ARROW, rows, arrows)
 
 
 def _pieces(block: Block, step: int) -> tuple[NDArray[np.int64], int]:

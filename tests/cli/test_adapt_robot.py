@@ -334,14 +334,15 @@ def test_the_baseline_is_announced_and_walked_on_a_robot_and_asked_for_by_name(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     words = ["adapt", "--failed-leg", "5", "--backend", f"{KITS}:Blind", "--ask", "--no-record", "--json"]
-    answer(monkeypatch, "\n0.14 -0.02\n\n0.13 0.01\n\n0.12 0.03\n")
+    answer(monkeypatch, "\n0.14 -0.02\n\n0.13 0.01\n\n0.12 0.03\n\n0.12 0.04\n")
     assert exit_code([*words, "--self-rotation", "none", "--duration", "1", "--budget", "1"]) == 0
     said = capsys.readouterr()
-    assert "2 walks of 1 s come before the first trial" in said.err
+    assert "3 walks of 1 s come before the first trial" in said.err
     assert "the baseline: put the robot on the mark" in said.err
     session = json.loads(said.out)
     assert [(walk["gait"], walk["score"]) for walk in session["baseline"]] == [
-        ("demo", 0.02),
-        ("tripod", 0.01),
+        ("auto", 0.02),
+        ("demo", 0.01),
+        ("tripod", 0.03),
     ]
-    assert [(trial["index"], trial["score"]) for trial in session["trials"]] == [(1, 0.03)]
+    assert [(trial["index"], trial["score"]) for trial in session["trials"]] == [(1, 0.04)]
