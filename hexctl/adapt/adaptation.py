@@ -39,6 +39,7 @@ from hexctl.control.preparation import StopRequested, never
 from hexctl.control.static_stability import stable_slots_of
 from hexctl.control.trial import STOP_REQUESTED
 from hexctl.errors import RecordingError, RobotFaultError, check_callable, check_type
+from hexctl.gait.gait import AUTO
 from hexctl.record.live import LiveView
 
 OnBegin = Callable[[Session], None]
@@ -264,7 +265,9 @@ class Adaptation:
             stop_requested=runner.stop_requested,
             on_trial=on_trial,
             on_baseline=on_baseline,
-            stable_slots=stable_slots_of(setting.robot, setting.plan),
+            stable_slots=stable_slots_of(setting.robot, setting.plan)
+            if AUTO in spec.baseline_gaits and not session.trials
+            else None,
         )
         try:
             return loop.run(), None

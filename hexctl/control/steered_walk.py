@@ -2,8 +2,6 @@
 
 from collections.abc import Sequence
 
-import numpy as np
-
 from hexctl.control.preparation import WalkStart
 from hexctl.control.steering import Course, CourseHold, SteeringGains
 from hexctl.control.velocity_walk import VelocityWalk
@@ -32,7 +30,7 @@ class SteeredWalk(VelocityWalk):
             Course(origin_world=frame.origin_world[:2], heading_rad=frame.heading_rad, yaw_rad=frame.yaw_rad),
             **self._pace_of([plan.gait for plan in start.plans]),
             hold=hold,
-            trim_rad=np.array([plan.trim_rad for plan in start.plans])[slice(None) if self._shape else 0],
+            trim_rad=self._each([plan.trim_rad for plan in start.plans]),
             gains=gains,
         )
         self.velocity_body = self._law.velocity_body
@@ -52,11 +50,7 @@ class SteeredWalk(VelocityWalk):
 
     def _pace_of(self, gaits: Sequence[Gait]) -> dict[str, FloatArray]:
         """What the law must know of gaits, each leading shape."""
-        robot, pick = self._robot, slice(None) if self._shape else 0
-
-        def each(values: list[float]) -> FloatArray:
-            return np.asarray(np.array(values, dtype=float)[pick])
-
+        robot, each = self._robot, self._each
         ways = [plan.motion(0.0) for plan in self._plans]
         return {
             "speed_m_s": each([ideal_speed_m_s(robot, *one) for one in zip(gaits, ways, strict=True)]),

@@ -5,6 +5,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from hexctl.control.controllers import Controller, joints_of_feet, soft_stop_steps
 from hexctl.control.preparation import WalkStart
@@ -72,7 +73,7 @@ class VelocityWalk(Controller):
         self._glide: _Glide | None = None
         together = zip(*(plan.changes for plan in start.plans), strict=True)
         self._changes = [(group[0].at_s, [change.gait for change in group]) for group in together]
-        self._use(StepPattern.of(start.robot, self._gaits if self._shape else self._gaits[0]))
+        self._use(self._pattern_of(self._gaits))
         self._cycles = np.zeros(self._shape)[()]
         self.velocity_body: FloatArray = np.zeros((*self._shape, 3))
         self.limited_steps = np.zeros(self._shape, dtype=int)[()]
@@ -110,11 +111,10 @@ class VelocityWalk(Controller):
         gaits = [gaits] if isinstance(gaits, Gait) else list(gaits)
         if len(gaits) != len(self._gaits):
             raise InputError(f"gaits: got {len(gaits)}; allowed: {len(self._gaits)}, one for each walk")
-        pattern = StepPattern.of(self._robot, list(gaits) if self._shape else gaits[0], plain=False)
+        pattern = self._pattern_of(gaits, plain=False)
         before = self._pattern
         if self._glide is None:
-            now = self._gaits if self._shape else self._gaits[0]
-            before = replace(StepPattern.of(self._robot, now, plain=False), phases=before.phases)
+            before = replace(self._pattern_of(self._gaits, plain=False), phases=before.phases)
         shifted = before.phases + nearest_phases(before.phases, pattern.phases)
         self._glide = _Glide(before, replace(pattern, phases=shifted), np.zeros(self._shape)[()])
         self._gaits = gaits
@@ -127,6 +127,14 @@ class VelocityWalk(Controller):
     def done(self, step: int, state: RobotState) -> bool:
         """Whether a soft stop has ended."""
         return self._stop_step is not None and step >= self._stop_step + soft_stop_steps(self._period_s) - 1
+
+    def _each(self, values: Sequence[ArrayLike]) -> FloatArray:
+        """Values of the walks, with the leading shape."""
+        return np.asarray(np.array(values, dtype=float)[slice(None) if self._shape else 0])
+
+    def _pattern_of(self, gaits: Sequence[Gait], *, plain: bool = True) -> StepPattern:
+        """Pattern of the gaits of the walks."""
+        return StepPattern.of(self._robot, gaits if self._shape else gaits[0], plain=plain)
 
     def _use(self, pattern: StepPattern) -> None:
         """Walk with a pattern from now on."""
@@ -212,7 +220,7 @@ class MotionWalk(VelocityWalk):
             speed_m_s = ideal_speed_m_s(self._robot, gait, motion)
             way = (math.cos(motion.heading_rad), math.sin(motion.heading_rad))
             rows.append([speed_m_s * way[0], speed_m_s * way[1], motion.turn_rate_rad_s])
-        return np.asarray(np.array(rows)[slice(None) if self._shape else 0])
+        return self._each(rows)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -8,7 +8,7 @@ from mujoco.batch import Batch, SimulationError
 
 from hexctl.backends.base import TruePose
 from hexctl.backends.sim.model import FIRST_JOINT, TOUCH
-from hexctl.backends.sim.sensing import Snapshot
+from hexctl.backends.sim.sensing import Snapshot, sensed
 from hexctl.backends.sim.servos import SimServos
 from hexctl.types import FloatArray, RobotState
 
@@ -87,26 +87,14 @@ class SimBatch:
     def read(self) -> RobotState:
         """States after the last tick, with the world's sensor noise; arrays of leading shape (n,)."""
         measured = self._measured() if self._late is None else self._late.oldest
-        qpos = measured.qpos
-        joints = qpos[:, FIRST_JOINT:] - self._simulation.joint_offsets_rad
-        position, quaternion = qpos[:, :3], qpos[:, 3:FIRST_JOINT]
-        if not self._noise.silent:
-            joints = joints + self._noise.joints_rad
-            position = position + self._noise.position_m
-            quaternion = self._noise.turned(quaternion)
         age_s = self._world.latency_steps * self._world.time_step_s
-        stamp_s = (self._start_index + self._ticks) * self._period_s - age_s
-        touch = measured.touch > 0
-        posed = not self._pose_loss.lost
-        return RobotState(
-            joints,
-            stamp_s,
-            True,
-            position if posed else None,
-            quaternion if posed else None,
-            touch,
-            age_s,
-            joint_torques_nm=measured.torques_nm,
+        return sensed(
+            measured,
+            self._noise,
+            offsets_rad=self._simulation.joint_offsets_rad,
+            stamp_s=(self._start_index + self._ticks) * self._period_s - age_s,
+            age_s=age_s,
+            posed=not self._pose_loss.lost,
         )
 
     def write(self, positions_rad: FloatArray) -> None:

@@ -8,8 +8,9 @@ from typing import Self
 
 import numpy as np
 
+from hexctl.backends.sim.model import FIRST_JOINT
 from hexctl.backends.sim.world import SensorNoise, World
-from hexctl.types import N_JOINTS, ArrayFields, FloatArray
+from hexctl.types import N_JOINTS, ArrayFields, FloatArray, RobotState
 
 #: Random numbers per tick: 18 joints, 3 of position, 1 of yaw.
 N_DRAWS = N_JOINTS + 4
@@ -101,6 +102,38 @@ class Snapshot(ArrayFields):
     def copies(self, n: int) -> "Snapshot":
         """The same for n robots."""
         return Snapshot(*(np.tile(one, (n, 1)) for one in (self.qpos, self.touch, self.torques_nm)))
+
+
+def sensed(
+    snapshot: Snapshot, noise: Noise, *, offsets_rad: FloatArray, stamp_s: float, age_s: float, posed: bool
+) -> RobotState:
+    """State that one robot, or n of them, report of a snapshot.
+
+    Args:
+        snapshot: what is measured, without errors.
+        noise: of this tick.
+        offsets_rad: calibration errors of the joints, (18,).
+        stamp_s: time of the measurement.
+        age_s: its age when it is read.
+        posed: whether position and orientation are measured.
+    """
+    qpos = snapshot.qpos
+    joints = qpos[..., FIRST_JOINT:] - offsets_rad
+    position, quaternion = qpos[..., :3], qpos[..., 3:FIRST_JOINT]
+    if not noise.silent:
+        joints = joints + noise.joints_rad
+        position = position + noise.position_m
+        quaternion = noise.turned(quaternion)
+    return RobotState(
+        joints,
+        stamp_s,
+        True,
+        position if posed else None,
+        quaternion if posed else None,
+        snapshot.touch > 0,
+        age_s,
+        joint_torques_nm=snapshot.torques_nm,
+    )
 
 
 class LateStates:

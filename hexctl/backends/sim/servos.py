@@ -11,7 +11,7 @@ from hexctl.backends.sim.actuators import ActuatorModel
 from hexctl.backends.sim.dm import PhysicsError
 from hexctl.backends.sim.effort import JointTorques
 from hexctl.backends.sim.model import FIRST_JOINT, TOUCH, Simulation, make_simulation
-from hexctl.backends.sim.sensing import LateStates, Losses, Noise, Snapshot
+from hexctl.backends.sim.sensing import LateStates, Losses, Noise, Snapshot, sensed
 from hexctl.backends.sim.world import World, as_world
 from hexctl.errors import SimulationDivergedError, check_type
 from hexctl.robot.failure import Failure, drawn_failure
@@ -143,7 +143,7 @@ class SimServos(LegServos):
         self._touch, self._forces = data.sensordata[TOUCH], self.torques.forces_in(data.history)
         self.late = LateStates(self.world, self._measured()) if self.world.latency_steps else None
         self.actuators = ActuatorModel.at_rest(simulation, self._robot.stance_angles_rad)
-        self._offsets_rad = simulation.joint_offsets_rad if simulation.joint_offsets_rad.any() else None
+        self._offsets_rad = simulation.joint_offsets_rad
 
     @property
     def true_pose(self) -> TruePose | None:  # type: ignore[override]  # changes with every step
@@ -156,26 +156,14 @@ class SimServos(LegServos):
         """State after the last tick, with the sensor noise of the world."""
         check_connected(self._simulation is not None, "the simulated robot")
         measured = self._measured() if self.late is None else self.late.oldest
-        qpos = measured.qpos
-        joints, position, quaternion = qpos[FIRST_JOINT:], qpos[:3], qpos[3:FIRST_JOINT]
-        if self._offsets_rad is not None:
-            joints = joints - self._offsets_rad
-        if not self.noise.silent:
-            joints = joints + self.noise.joints_rad
-            position = position + self.noise.position_m
-            quaternion = self.noise.turned(quaternion)
         age_s = self.world.latency_steps * self.world.time_step_s
-        stamp_s, touch = self._clock.now_s - age_s, measured.touch > 0
-        posed = not self.pose_loss.lost
-        return RobotState(
-            joints,
-            stamp_s,
-            True,
-            position if posed else None,
-            quaternion if posed else None,
-            touch,
-            age_s,
-            joint_torques_nm=measured.torques_nm,
+        return sensed(
+            measured,
+            self.noise,
+            offsets_rad=self._offsets_rad,
+            stamp_s=self._clock.now_s - age_s,
+            age_s=age_s,
+            posed=not self.pose_loss.lost,
         )
 
     def write(self, targets: JointTargets) -> JointTargets:
