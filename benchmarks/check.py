@@ -17,10 +17,10 @@ from benchmarks.robots import ROBOTS, log_uniform, shipped, with_servos
 from benchmarks.rows import Count, Row
 from benchmarks.scale import Scale
 from hexctl.backends.sim.servos import SimServos
-from hexctl.control.feasibility import gait_demand
-from hexctl.control.gait_load import GaitLoad, gait_load
+from hexctl.control.assessment.feasibility import gait_demand
+from hexctl.control.assessment.gait_load import GaitLoad, gait_load
+from hexctl.control.assessment.load_verdict import CROSSING_WALKS, GOOD_CAPACITY, GOOD_LIFT, load_verdict
 from hexctl.control.guard import Guard
-from hexctl.control.load_verdict import CROSSING_WALKS, GOOD_CAPACITY, GOOD_LIFT, load_verdict
 from hexctl.control.plan import TrialPlan
 from hexctl.control.trial import run_trial
 from hexctl.gait.gait import NAMED_SLOTS, Motion, make_gait

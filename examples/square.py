@@ -8,8 +8,8 @@ import math
 import numpy as np
 
 from hexctl import Failure, Guard, RobotState, SimServos, TrialPlan, World, load_robot, make_gait, run_trial
+from hexctl.control.assessment.static_stability import stable_gait
 from hexctl.control.preparation import WalkStart
-from hexctl.control.static_stability import stable_gait
 from hexctl.control.steered_walk import SteeredWalk
 from hexctl.control.steering import Course
 from hexctl.control.velocity_walk import FULL_SPEED_S, RESPONSE_S

@@ -26,9 +26,9 @@ if TYPE_CHECKING:
     from hexctl.backends.registry import BackendOptions, make_servos
     from hexctl.backends.sim.servos import SimServos
     from hexctl.backends.sim.world import DomainRandomization, World, load_randomization, load_world
+    from hexctl.control.assessment.feasibility import check_robot
     from hexctl.control.batch import SimTrial, run_sim_trial, run_sim_trials
     from hexctl.control.controllers import Controller, Stand, Walk
-    from hexctl.control.feasibility import check_robot
     from hexctl.control.guard import Guard
     from hexctl.control.log import Recorder, Recorders, TickLog
     from hexctl.control.plan import TrialPlan
@@ -101,7 +101,7 @@ _MODULES = {
     "backends.sim.world": "DomainRandomization World load_randomization load_world",
     "gait.gait": "Gait Motion make_gait",
     "gait.encoding": "code_from_slots slots_from_code",
-    "control.feasibility": "check_robot",
+    "control.assessment.feasibility": "check_robot",
     # servos and clocks
     "types": "JointTargets RobotState",
     "backends.base": "LegServos ServosWrapper",

@@ -34,9 +34,9 @@ from hexctl.adapt.setting import Note, Setting, baseline_note, load_setting, log
 from hexctl.adapt.stance import connected_deflection_rad, simulated_deflection_rad
 from hexctl.adapt.store import RUNS, SessionStore, load_session
 from hexctl.backends.base import LegServos
+from hexctl.control.assessment.static_stability import stable_slots_of
 from hexctl.control.guard import Guard
 from hexctl.control.preparation import StopRequested, never
-from hexctl.control.static_stability import stable_slots_of
 from hexctl.control.trial import STOP_REQUESTED
 from hexctl.errors import RecordingError, RobotFaultError, check_callable, check_type
 from hexctl.gait.gait import AUTO

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from hexctl.adapt.objectives import INVALID_SCORE, OBJECTIVES, Objective, undominated
+from hexctl.control.assessment.uncertainty_store import DISTINCT
 from hexctl.control.result import QUALITIES, TrialResult
-from hexctl.control.uncertainty_store import DISTINCT
 from hexctl.gait.gait import AUTO
 from hexctl.robot.failure import Failure, parse_failure
 

@@ -13,10 +13,10 @@ from hexctl.adapt.prior.prior import Prior, PriorKey, load_prior
 from hexctl.adapt.prior.samples import covering
 from hexctl.adapt.session import SessionSpec
 from hexctl.backends.sim.world import World, load_world
+from hexctl.control.assessment.uncertainty_store import COMPUTATION, known_uncertainty
 from hexctl.control.plan import TrialPlan
 from hexctl.control.result import progress_floor_m
 from hexctl.control.turning import check_plan
-from hexctl.control.uncertainty_store import COMPUTATION, known_uncertainty
 from hexctl.errors import InputError
 from hexctl.gait.encoding import Slots
 from hexctl.gait.gait import ideal_speed_m_s, make_gait

@@ -87,7 +87,7 @@ def check(
     as_json: JsonOption = False,
 ) -> None:
     """Check a robot file: can the robot walk a gait, in reach, angles, speeds, torques and servo pulses."""
-    from hexctl.control.feasibility import check_robot
+    from hexctl.control.assessment.feasibility import check_robot
 
     if robot_name is not None and robot is not None and robot_name != robot:
         raise InputError(f"check: got robots {robot_name} and {robot}; allowed: one")
@@ -106,7 +106,7 @@ def check(
     if physics and checked.possible:
         report["physics"] = _measured(checked.robot, world or "flat", duration_s or 30.0)
     if envelope:
-        from hexctl.control.speed_envelope import speed_envelope
+        from hexctl.control.assessment.speed_envelope import speed_envelope
 
         report["envelope"] = speed_envelope(checked.robot, checked.gait).to_dict()
     if as_json:
@@ -122,8 +122,8 @@ def check(
 def _measured(robot: "Robot", world_name: str, duration_s: float) -> dict[str, Any]:
     """Uncertainty of a robot's walks in a world, measured and kept; a folder that takes no file is a note."""
     from hexctl.backends.sim.world import load_world
-    from hexctl.control.uncertainty import CODES, LEGS, simulation_uncertainty
-    from hexctl.control.uncertainty_store import keep_uncertainty, known_uncertainty
+    from hexctl.control.assessment.uncertainty import CODES, LEGS, simulation_uncertainty
+    from hexctl.control.assessment.uncertainty_store import keep_uncertainty, known_uncertainty
 
     world = load_world(world_name)
     # A damaged file is refused before anything is measured.
@@ -213,7 +213,7 @@ def _verdict(report: dict[str, Any]) -> list[str]:
 
 def _load_verdicts(report: dict[str, Any]) -> list[str]:
     """Figures of legs that come near, static torque, sag and heat, a line each."""
-    from hexctl.control.gait_load import CONTINUOUS_SHARE
+    from hexctl.control.assessment.gait_load import CONTINUOUS_SHARE
 
     one, other = report["nearest_legs"]
     gap_mm = 1000 * report["least_leg_clearance_m"]

@@ -77,7 +77,7 @@ NOTED_MISS_DEG = 0.15
 
 def _cause(cause: str | None) -> str:
     """Likely cause of a walk without progress, in words."""
-    from hexctl.control.cause import CAUSES
+    from hexctl.control.assessment.cause import CAUSES
 
     return "" if cause is None else f" ({cause}: {CAUSES.get(cause, '')})"
 

@@ -23,7 +23,7 @@ from hexctl.adapt.session import (
 )
 from hexctl.adapt.shipped import BAYES
 from hexctl.cli.console import make_bar, print_above
-from hexctl.control.cause import CAUSES
+from hexctl.control.assessment.cause import CAUSES
 from hexctl.errors import InputError
 from hexctl.robot.loader import load_robot
 

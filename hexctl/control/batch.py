@@ -11,14 +11,14 @@ from hexctl.backends.base import as_robot, check_targets
 from hexctl.backends.sim.batch import SimBatch
 from hexctl.backends.sim.servos import SimServos
 from hexctl.backends.sim.world import World, as_world
-from hexctl.control.cause import WalkSamples
+from hexctl.control.assessment.cause import WalkSamples
+from hexctl.control.assessment.walk_quality import WalkEffort
 from hexctl.control.guard import FALL_TICKS, Guard, StepLimits, leaning
 from hexctl.control.plan import TrialPlan
 from hexctl.control.preparation import WalkStart, prepare, ticks_of
 from hexctl.control.result import TrialResult, score
 from hexctl.control.trial import CONTROLLERS, MakeController, made_controller, planned_walk, run_trial
 from hexctl.control.turning import check_plan, turn_needed_rad
-from hexctl.control.walk_quality import WalkEffort
 from hexctl.errors import (
     CommandRefusedError,
     EStopError,

@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from hexctl.control.cause import Samples, symptoms
+from hexctl.control.assessment.cause import Samples, symptoms
+from hexctl.control.assessment.walk_quality import cost_of_transport, lean_deg, unsteadiness_m_s
 from hexctl.control.plan import TrialPlan
 from hexctl.control.steering import LOST_AFTER_S
 from hexctl.control.trace import TrialFrame
 from hexctl.control.turning import TURN_WITHIN_RAD, turn_needed_rad
-from hexctl.control.walk_quality import cost_of_transport, lean_deg, unsteadiness_m_s
 from hexctl.errors import InputError, MissingExtraError
 from hexctl.gait.foot_trajectory import RAMP_DURATION_S
 from hexctl.gait.gait import ideal_speed_m_s
@@ -79,8 +79,8 @@ class TrialResult(ArrayFields):
         yaw_change_rad: how far the body turned during the walk, counter-clockwise, whole turns counted.
         clipped_ticks: ticks in which the guard changed the targets.
         path_m: progress and signed deviation at each tick of the walk, (T, 2); NaN where not measured.
-        cause: the likely cause of `no_progress`, one of `hexctl.control.cause.CAUSES`; None for any other
-            status, and where none stands out or joints and feet are not measured.
+        cause: the likely cause of `no_progress`, one of `hexctl.control.assessment.cause.CAUSES`; None for
+            any other status, and where none stands out or joints and feet are not measured.
         turn_miss_rad: how much further than its goal the self-rotation turned, counter-clockwise; None
             without one, and where the robot knows no yaw. A degree is worth 8 to 14 cm after 30 s.
         hold: what the walk held by feedback: `line`, `heading` or `none`.

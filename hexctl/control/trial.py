@@ -5,7 +5,8 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 
 from hexctl.backends.base import LegServos
-from hexctl.control.cause import WalkSamples
+from hexctl.control.assessment.cause import WalkSamples
+from hexctl.control.assessment.walk_quality import WalkEffort
 from hexctl.control.controllers import Controller, Stand, Walk, soft_stop_steps
 from hexctl.control.guard import Guard
 from hexctl.control.log import Recorder, Recorders, TickLog
@@ -27,7 +28,6 @@ from hexctl.control.turning import (
     check_plan,
 )
 from hexctl.control.velocity_walk import MotionWalk, VelocityWalk
-from hexctl.control.walk_quality import WalkEffort
 from hexctl.errors import (
     CommandRefusedError,
     EStopError,

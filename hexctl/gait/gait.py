@@ -129,7 +129,7 @@ def _require_between(what: str, value: float, low: float, high: float, unit: str
 
 
 #: Name of the gait that stands safest: which one that is depends on robot, direction and failure
-#: (`hexctl.control.static_stability`).
+#: (`hexctl.control.assessment.static_stability`).
 AUTO = "auto"
 
 #: A leg swings when u = 1/3, so swings follow one another in descending slot order.

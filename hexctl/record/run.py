@@ -18,6 +18,7 @@ from hexctl.backends.clock import PERIOD_S
 from hexctl.backends.registry import BackendOptions, check_options, make_servos, option_values
 from hexctl.backends.sim.terrain import Floor, make_floor
 from hexctl.backends.sim.world import World, load_world
+from hexctl.control.assessment.static_stability import stable_gait, stable_slots_of
 from hexctl.control.guard import Guard
 from hexctl.control.log import (
     BLOCK_TICKS,
@@ -30,7 +31,6 @@ from hexctl.control.log import (
 from hexctl.control.plan import GaitChange, TrialPlan
 from hexctl.control.preparation import StopRequested, never
 from hexctl.control.result import TrialResult
-from hexctl.control.static_stability import stable_gait, stable_slots_of
 from hexctl.control.trial import run_trial
 from hexctl.control.turning import check_plan
 from hexctl.errors import InputError, MissingExtraError, argument, check_type

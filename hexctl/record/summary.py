@@ -5,7 +5,7 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from hexctl.control.cause import CAUSES
+from hexctl.control.assessment.cause import CAUSES
 from hexctl.control.plan import TrialPlan
 from hexctl.control.result import TrialResult
 from hexctl.robot.model import Robot

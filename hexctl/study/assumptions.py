@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, replace
 
-from hexctl.control.uncertainty_store import known_uncertainty
+from hexctl.control.assessment.uncertainty_store import known_uncertainty
 from hexctl.robot.configs import config_root
 from hexctl.study.evidence import cm
 

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from hexctl.backends.sim.world import World
-from hexctl.control.uncertainty_store import (
+from hexctl.control.assessment.uncertainty_store import (
     DISTINCT,
     MEASURED_FAILURE,
     SimulationUncertainty,

@@ -11,7 +11,7 @@ from hexctl.adapt.prior.choice import noise_m
 from hexctl.adapt.search import new_spec
 from hexctl.adapt.session import SessionSpec
 from hexctl.backends.sim.world import World, load_world
-from hexctl.control.uncertainty_store import SimulationUncertainty, keep_uncertainty
+from hexctl.control.assessment.uncertainty_store import SimulationUncertainty, keep_uncertainty
 from hexctl.robot.configs import config_root
 from tests.robots import shipped
 

@@ -10,7 +10,7 @@ from benchmarks.rows import Count
 from benchmarks.scale import QUICK
 from hexctl.backends.sim.servos import SimServos
 from hexctl.robot.model import Robot
-from tests.control.loads import moved_together
+from tests.control.assessment.loads import moved_together
 
 
 @pytest.mark.parametrize(

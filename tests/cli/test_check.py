@@ -9,7 +9,7 @@ import pytest
 
 from hexctl.backends.sim.world import World
 from hexctl.cli.main import exit_code
-from hexctl.control.uncertainty_store import keep_uncertainty, known_uncertainty
+from hexctl.control.assessment.uncertainty_store import keep_uncertainty, known_uncertainty
 from hexctl.robot.configs import config_root
 from tests.backends.mavlink.boards import fitting_file
 from tests.robots import shipped

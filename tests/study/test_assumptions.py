@@ -5,7 +5,11 @@ from pathlib import Path
 import pytest
 
 from hexctl.backends.sim.world import World
-from hexctl.control.uncertainty_store import SimulationUncertainty, keep_uncertainty, known_uncertainty
+from hexctl.control.assessment.uncertainty_store import (
+    SimulationUncertainty,
+    keep_uncertainty,
+    known_uncertainty,
+)
 from hexctl.study.assumptions import assumptions, assumptions_markdown
 from hexctl.study.evidence import cm
 from tests.robots import shipped

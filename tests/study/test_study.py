@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from hexctl.backends.sim.world import World
-from hexctl.control.uncertainty_store import SimulationUncertainty, keep_uncertainty
+from hexctl.control.assessment.uncertainty_store import SimulationUncertainty, keep_uncertainty
 from hexctl.errors import InputError
 from hexctl.study.cache import LandscapeCache
 from hexctl.study.plan import StudyPlan

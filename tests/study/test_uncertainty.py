@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from hexctl.backends.sim.world import World, load_world
-from hexctl.control.uncertainty_store import known_uncertainty
+from hexctl.control.assessment.uncertainty_store import known_uncertainty
 from hexctl.study.evidence import cm
 from hexctl.study.searches import Findings
 from hexctl.study.uncertainty import StudyUncertainty

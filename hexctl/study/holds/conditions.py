@@ -7,9 +7,9 @@ from functools import cache
 from typing import Any
 
 from hexctl.backends.sim.world import World
+from hexctl.control.assessment.static_stability import stable_gait
 from hexctl.control.batch import SimTrial
 from hexctl.control.plan import TrialPlan
-from hexctl.control.static_stability import stable_gait
 from hexctl.gait.gait import Gait
 from hexctl.robot.failure import Failure, parse_failure
 from hexctl.robot.model import Robot

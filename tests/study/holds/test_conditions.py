@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 from hexctl.backends.sim.world import World, load_randomization
-from hexctl.control.static_stability import STAND_UP, most_stable_slots
+from hexctl.control.assessment.static_stability import STAND_UP, most_stable_slots
 from hexctl.robot.failure import Failure
 from hexctl.study.holds.conditions import HoldCase, HoldConditions, with_sensors
 from tests.robots import shipped

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from hexctl.backends.sim.world import World
+from hexctl.control.assessment.cause import CAUSES, Symptoms, WalkSamples
 from hexctl.control.batch import SimTrial, run_sim_trial, run_sim_trials
-from hexctl.control.cause import CAUSES, Symptoms, WalkSamples
 from hexctl.control.plan import TrialPlan
 from hexctl.control.result import TrialResult
 from hexctl.robot.failure import Failure

@@ -10,7 +10,7 @@ import pytest
 import yaml
 
 from hexctl.backends.sim.world import World, load_world
-from hexctl.control.uncertainty_store import (
+from hexctl.control.assessment.uncertainty_store import (
     UNCERTAINTIES,
     SimulationUncertainty,
     keep_uncertainty,
@@ -120,7 +120,7 @@ def test_a_file_of_the_first_form_is_read_where_it_says_that_the_world_is_flat(
 
 
 def test_looking_up_loads_no_simulation() -> None:
-    code = "import sys, hexctl.control.uncertainty_store; print('mujoco' in sys.modules)"
+    code = "import sys, hexctl.control.assessment.uncertainty_store; print('mujoco' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True, check=True)
     assert done.stdout == "False\n"
 

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from hexctl.control.gait_load import GaitLoad, gait_load
-from hexctl.control.load_verdict import LoadVerdict, load_verdict
-from hexctl.control.static_stability import most_stable_slots
+from hexctl.control.assessment.gait_load import GaitLoad, gait_load
+from hexctl.control.assessment.load_verdict import LoadVerdict, load_verdict
+from hexctl.control.assessment.static_stability import most_stable_slots
 from hexctl.gait.foot_trajectory import RAMP_DURATION_S, gait_feet_body
 from hexctl.gait.gait import AUTO, Gait, Motion, ideal_speed_m_s, make_gait
 from hexctl.ik.legs import TOLERANCE_RAD, range_excess_rad, solve_legs

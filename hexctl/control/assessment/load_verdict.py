@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hexctl.control.gait_load import CONTINUOUS_SHARE, GaitLoad
+from hexctl.control.assessment.gait_load import CONTINUOUS_SHARE, GaitLoad
 from hexctl.types import JOINT_NAMES
 
 #: Share of the cycle above the continuous torque from which a servo is called hot. Heat goes with the square

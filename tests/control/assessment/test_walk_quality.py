@@ -8,12 +8,7 @@ import pytest
 from hexctl.backends.mock import MockServos
 from hexctl.backends.sim.servos import SimClock
 from hexctl.backends.sim.world import World
-from hexctl.control.batch import SimTrial, run_sim_trial, run_sim_trials
-from hexctl.control.guard import Guard
-from hexctl.control.plan import TrialPlan
-from hexctl.control.result import TrialResult
-from hexctl.control.trial import run_trial
-from hexctl.control.walk_quality import (
+from hexctl.control.assessment.walk_quality import (
     BLOCK_TICKS,
     RAMP_TICKS,
     WalkEffort,
@@ -21,6 +16,11 @@ from hexctl.control.walk_quality import (
     lean_deg,
     unsteadiness_m_s,
 )
+from hexctl.control.batch import SimTrial, run_sim_trial, run_sim_trials
+from hexctl.control.guard import Guard
+from hexctl.control.plan import TrialPlan
+from hexctl.control.result import TrialResult
+from hexctl.control.trial import run_trial
 from hexctl.robot.failure import Failure
 from hexctl.types import FloatArray, RobotState
 from tests.robots import shipped

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hexctl.ik.clearance import PARTS
-from tests.control.loads import changed, load_of, moved_back, moved_together
+from tests.control.assessment.loads import changed, load_of, moved_back, moved_together
 from tests.robots import shipped
 
 

@@ -1,7 +1,7 @@
 """Measured uncertainties of the simulation, kept in files and looked up by robot, world and duration.
 
 Values of the shipped robots come with hexctl, those of `hexctl check --physics` lie in the folder of sessions
-and recordings. Nothing is simulated here; `hexctl.control.uncertainty` measures.
+and recordings. Nothing is simulated here; `hexctl.control.assessment.uncertainty` measures.
 """
 
 import math

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from scipy.spatial import ConvexHull
 
+from hexctl.control.assessment.static_stability import most_stable_slots, stable_slots_of, static_margins_m
 from hexctl.control.plan import TrialPlan
-from hexctl.control.static_stability import most_stable_slots, stable_slots_of, static_margins_m
 from hexctl.gait.encoding import slots_from_code
 from hexctl.gait.foot_trajectory import gait_feet_body
 from hexctl.gait.gait import Gait, Motion, make_gait

@@ -2,10 +2,10 @@
 
 import pytest
 
-from hexctl.control.load_verdict import LoadVerdict, load_verdict
+from hexctl.control.assessment.load_verdict import LoadVerdict, load_verdict
 from hexctl.gait.gait import NAMED_SLOTS
 from hexctl.robot.model import Robot
-from tests.control.loads import changed, load_of, moved_back, moved_together
+from tests.control.assessment.loads import changed, load_of, moved_back, moved_together
 from tests.robots import ROBOT_NAMES, shipped
 from tests.trials import walk
 

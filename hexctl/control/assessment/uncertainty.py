@@ -1,6 +1,6 @@
 """The simulation's own uncertainty, measured: how far walks end elsewhere when they are computed otherwise.
 
-What was measured is kept and looked up by `hexctl.control.uncertainty_store`, without a simulation.
+`hexctl.control.assessment.uncertainty_store` keeps what was measured and looks it up, without a simulation.
 """
 
 from collections.abc import Callable, Sequence
@@ -11,9 +11,9 @@ import numpy as np
 
 from hexctl.backends.base import as_robot
 from hexctl.backends.sim.world import World, as_world
+from hexctl.control.assessment.uncertainty_store import MEASURED_FAILURE, SimulationUncertainty
 from hexctl.control.batch import SimTrial, run_sim_trials
 from hexctl.control.plan import TrialPlan
-from hexctl.control.uncertainty_store import MEASURED_FAILURE, SimulationUncertainty
 from hexctl.errors import InputError
 from hexctl.gait.gait import make_gait
 from hexctl.robot.failure import parse_failure

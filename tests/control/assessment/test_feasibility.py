@@ -5,7 +5,7 @@ import math
 
 import pytest
 
-from hexctl.control.feasibility import check_robot
+from hexctl.control.assessment.feasibility import check_robot
 from hexctl.errors import InputError
 
 

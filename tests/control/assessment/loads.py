@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from hexctl.control.gait_load import GaitLoad, gait_load
+from hexctl.control.assessment.gait_load import GaitLoad, gait_load
 from hexctl.gait.gait import Motion, make_gait
 from hexctl.robot.model import Robot
 from tests.robots import shipped, without_friction
