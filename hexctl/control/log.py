@@ -50,8 +50,8 @@ class TickLog:
         controller: walks the next ticks, where it is known.
         phase: the part of the trial that the next ticks belong to, one of `PHASES`.
         frame: the trial frame, from the start of the walk on.
-        pose_known: whether the last tick came with a base pose.
-        posed_from: the first row with a base pose, None before any.
+        pose_known: whether the last tick came with a base position.
+        posed_from: the first row with a base position, None before any.
         contacts_known: whether the last tick came with foot contacts.
         walked_ticks: how many ticks belong to the walk.
     """
@@ -96,10 +96,11 @@ class TickLog:
         columns["measured_rad"][row] = state.joint_positions_rad
         columns["wanted_rad"][row] = wanted_rad
         columns["sent_rad"][row] = sent.positions_rad
-        self.pose_known = state.base_position_world is not None and state.base_quaternion_world is not None
+        if state.base_quaternion_world is not None:
+            columns["base_quaternion_world"][row] = state.base_quaternion_world
+        self.pose_known = state.base_position_world is not None
         if self.pose_known:
             columns["base_position_world"][row] = state.base_position_world
-            columns["base_quaternion_world"][row] = state.base_quaternion_world
             self.posed_from = self._length if self.posed_from is None else self.posed_from
         self.contacts_known = state.foot_contacts is not None
         if self.contacts_known:

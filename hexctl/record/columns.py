@@ -31,6 +31,12 @@ KEPT_BITS = 16
 #: Binary places of stored torques: an error of 2 mN m at most.
 TORQUE_BITS = 8
 
+#: Quaternion (w, x, y, z) of a body that stands level and faces along the x axis.
+LEVEL_AHEAD = np.array([1.0, 0.0, 0.0, 0.0])
+
+#: For how long a body without an orientation is drawn in its last one: longer than a guard lets it walk.
+REMEMBERED_TICKS = 300
+
 #: A foot commanded higher than this above its stance position is in swing.
 LIFTED_M = 1e-5
 
@@ -92,7 +98,7 @@ class Block:
 
     @cached_property
     def posed(self) -> BoolArray:
-        """Whether the base pose is known, (rows,)."""
+        """Whether the base position is known, (rows,)."""
         return posed_rows(self.log, self.start, self.stop)
 
     @cached_property
@@ -114,6 +120,15 @@ class Block:
             return np.asarray(self.column("foot_contacts"))
         return np.asarray(~self.led_swing[len(self.led_swing) - (self.stop - self.start) :])
 
+    @cached_property
+    def quaternions(self) -> FloatArray:
+        """Orientations to draw the body in, (rows, 4): where unknown the last known one, else level ahead."""
+        lead = min(self.start, REMEMBERED_TICKS)
+        led = self.led("base_quaternion_world", lead)
+        known = np.isfinite(led[:, 0])
+        last = np.maximum.accumulate(np.where(known, np.arange(len(led)), -1))
+        return np.asarray(np.where((last < 0)[:, np.newaxis], LEVEL_AHEAD, led[last])[lead:])
+
     def send(self, path: str, rows: Rows, columns: Any) -> None:
         """Send columns for rows."""
         times = [
@@ -124,9 +139,8 @@ class Block:
 
 
 def posed_rows(log: TickLog, start: int, stop: int) -> BoolArray:
-    """Whether the base pose is known in rows [start, stop) of a log, (rows,)."""
-    pose = log.rows("base_position_world", start, stop), log.rows("base_quaternion_world", start, stop)
-    return np.asarray(np.isfinite(np.concatenate(pose, axis=-1)).all(axis=-1))
+    """Whether the base position is known in rows [start, stop) of a log, (rows,)."""
+    return np.asarray(np.isfinite(log.rows("base_position_world", start, stop)).all(axis=-1))
 
 
 def compact(points_m: FloatArray) -> NDArray[np.float32]:

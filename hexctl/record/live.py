@@ -211,8 +211,8 @@ def _watch_recording(
         tick = clock.tick()
         state = read(tick.time_s)
         if log.frame is None and state.base_position_world is not None:
-            assert state.base_quaternion_world is not None  # noqa: S101  they come together
-            yaw = float(yaw_rad(state.base_quaternion_world))
+            quaternion = state.base_quaternion_world
+            yaw = 0.0 if quaternion is None else float(yaw_rad(quaternion))
             log.frame = TrialFrame(state.base_position_world, yaw, yaw)
         positions_rad = state.joint_positions_rad
         log.record(tick, state, positions_rad, JointTargets(positions_rad, tick.time_s))

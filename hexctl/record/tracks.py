@@ -401,11 +401,10 @@ class BlockWriter:
 
 
 def _send_base(block: Block) -> None:
-    """Send the pose of the body; until one is known for the first time, a standing robot's."""
+    """Send the pose of the body; until a position is known, at its start."""
     known = np.flatnonzero(block.posed)
     if known.size:
-        pose = block.column("base_position_world")[known], block.column("base_quaternion_world")[known]
-        _send_pose(block, known, *pose)
+        _send_pose(block, known, block.column("base_position_world")[known], block.quaternions[known])
     # The robot is drawn at one place, but the viewer's eye only follows what comes again and again.
     unknown = block.sparse()
     unknown = unknown[
@@ -413,8 +412,7 @@ def _send_base(block: Block) -> None:
     ]
     if unknown.size:
         height_m = block.subject.robot.standing_height_m
-        pose = np.tile([0, 0, height_m], (unknown.size, 1)), np.tile([1, 0, 0, 0], (unknown.size, 1))
-        _send_pose(block, unknown, *pose)
+        _send_pose(block, unknown, np.tile([0, 0, height_m], (unknown.size, 1)), block.quaternions[unknown])
 
 
 def _send_pose(block: Block, rows: Rows, position: FloatArray, quaternion: FloatArray) -> None:

@@ -26,17 +26,15 @@ def outputs(pulses_us: FloatArray, active: BoolArray, time_s: float) -> Any:
 
 
 def pose(state: RobotState, time_s: float, *, with_euler: bool) -> list[Any]:
-    """Orientation and position, with Euler angles for displays; empty where they are unknown."""
-    if state.base_quaternion_world is None or state.base_position_world is None:
-        return []
-    at_ms = _ms(time_s)
-    quaternion = flipped_quaternion(state.base_quaternion_world)
-    x, y, z = flipped_vector(state.base_position_world).tolist()
-    sent = [
-        common.MAVLink_attitude_quaternion_message(at_ms, *quaternion.tolist(), 0.0, 0.0, 0.0),
-        common.MAVLink_local_position_ned_message(at_ms, x, y, z, 0.0, 0.0, 0.0),
-    ]
-    if with_euler:
+    """Orientation and position, with Euler angles for displays; each where it is known."""
+    at_ms, sent = _ms(time_s), []
+    if state.base_quaternion_world is not None:
+        quaternion = flipped_quaternion(state.base_quaternion_world)
+        sent.append(common.MAVLink_attitude_quaternion_message(at_ms, *quaternion.tolist(), 0.0, 0.0, 0.0))
+    if state.base_position_world is not None:
+        x, y, z = flipped_vector(state.base_position_world).tolist()
+        sent.append(common.MAVLink_local_position_ned_message(at_ms, x, y, z, 0.0, 0.0, 0.0))
+    if state.base_quaternion_world is not None and with_euler:
         angles = euler_of_quaternion(quaternion)
         sent.append(common.MAVLink_attitude_message(at_ms, *angles, 0.0, 0.0, 0.0))
     return sent

@@ -33,11 +33,19 @@ class ServedServos(ServosWrapper):
 
     def __init__(self, servos: LegServos) -> None:
         super().__init__(servos)
-        self._pose: tuple[FloatArray, FloatArray] | None = None
+        self._pose: tuple[FloatArray | None, FloatArray | None] | None = None
         self._pose_at_s = 0.0
 
-    def set_pose(self, position_world: FloatArray, quaternion_world: FloatArray, at_s: float) -> None:
-        """Set the pose: position (3,) in m, quaternion (w, x, y, z), time of arrival on time.monotonic."""
+    def set_pose(
+        self, position_world: FloatArray | None, quaternion_world: FloatArray | None, at_s: float
+    ) -> None:
+        """Set the pose from outside.
+
+        Args:
+            position_world: (3,) in m, or None where unknown.
+            quaternion_world: (w, x, y, z), or None where unknown.
+            at_s: time of arrival on time.monotonic.
+        """
         self._pose, self._pose_at_s = (position_world, quaternion_world), at_s
 
     def connect(self) -> None:
@@ -251,7 +259,7 @@ class RobotServer:
             stamp_ns=time.monotonic_ns(),
             command_sequence=self._commands.newest_sequence,
         ).packed()
-        if state.base_position_world is not None and state.base_quaternion_world is not None:
+        if state.base_position_world is not None or state.base_quaternion_world is not None:
             pose = encode_pose(state.base_position_world, state.base_quaternion_world)
             self._transport.publish("odom", pose, tag)
         joints = encode_positions(state.joint_positions_rad, torques_nm=state.joint_torques_nm)

@@ -246,7 +246,6 @@ def check_state(state: RobotState, servos: LegServos) -> None:
     assert state.age_s >= 0
     assert 0 <= state.stamp_s <= servos.clock.now_s + 1e-9
     if state.base_position_world is not None:
-        assert state.base_quaternion_world is not None, "a position without an orientation"
         assert state.base_position_world.shape == (3,)
     if state.base_quaternion_world is not None:
         assert state.base_quaternion_world.shape == (4,)

@@ -1,5 +1,7 @@
 """The log of a trial: every tick is kept, handed on once and in order."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -75,6 +77,18 @@ def test_a_pose_that_is_missing_is_told_and_has_no_numbers() -> None:
     assert known == [True, False, True]
     assert np.isnan(log["base_position_world"]).all(axis=-1).tolist() == [False, True, False]
     assert np.isnan(log["base_quaternion_world"]).all(axis=-1).tolist() == [False, True, False]
+
+
+@pytest.mark.parametrize("part", ["base_position_world", "base_quaternion_world"])
+def test_half_a_pose_is_kept(part: str) -> None:
+    log, stance = TickLog(), np.zeros(18)
+    value = np.array([0.1, 0.2, 0.3] if part == "base_position_world" else [0.6, 0.0, 0.0, 0.8])
+    pose: dict[str, Any] = {part: value}
+    log.record(Tick(1, 0.02), RobotState(stance, 0.0, True, **pose), stance, JointTargets(stance, 0.02))
+    np.testing.assert_array_equal(log[part], [value])
+    (other,) = {"base_position_world", "base_quaternion_world"} - {part}
+    assert np.isnan(log[other]).all()
+    assert log.pose_known == (part == "base_position_world")
 
 
 def test_rows_are_the_same_across_chunks() -> None:

@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from hexctl.backends.sim.servos import SimServos
@@ -14,12 +15,14 @@ from hexctl.control.guard import Guard
 from hexctl.control.log import Recorder, TickLog
 from hexctl.control.plan import TrialPlan
 from hexctl.control.result import TrialResult
+from hexctl.control.trace import TrialFrame
 from hexctl.control.trial import run_trial
 from hexctl.gait.gait import make_gait
 from hexctl.record import live as live_module
-from hexctl.record.live import LiveView
+from hexctl.record.live import LiveView, watch_states
 from hexctl.record.recording import Recording
 from hexctl.record.rrd import load_rerun
+from hexctl.types import RobotState
 from hexctl.waiting import wait_for
 from tests.recorders import Calling
 from tests.robots import shipped
@@ -123,3 +126,28 @@ def test_what_a_slow_viewer_leaves_waiting_is_bounded(
         assert live.lost is not None
         assert "too slow" in live.lost
         live.close(leave_viewer=False)
+
+
+class Shown:
+    """Stands in for a live view, and keeps the frames of the logs that it is given."""
+
+    lost: str | None = None
+    open = True
+
+    def __init__(self) -> None:
+        self.frames: list[TrialFrame | None] = []
+
+    def begin(self, *_: Any, **__: Any) -> None:
+        """Begin to show."""
+
+    def write_block(self, log: TickLog, start: int, stop: int) -> None:
+        """Keep the frame."""
+        self.frames.append(log.frame)
+
+
+def test_a_robot_that_knows_its_position_alone_can_be_watched() -> None:
+    shown: Any = Shown()
+    state = RobotState(shipped().stance_angles_rad, 0.0, True, base_position_world=np.array([1.0, 2.0, 0.1]))
+    watch_states(shown, shipped(), lambda _: state, place="home", stop_requested=lambda: bool(shown.frames))
+    (frame,) = shown.frames
+    assert (frame.origin_world.tolist(), frame.yaw_rad) == ([1.0, 2.0, 0.1], 0.0)

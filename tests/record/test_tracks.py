@@ -204,6 +204,36 @@ def test_only_what_went_wrong_is_an_error(trial: Trial, tmp_path: Path) -> None:
         assert (guard == style.STOPPED) == stopped, said
 
 
+def test_a_robot_that_knows_its_position_alone_is_drawn_on_its_way(
+    read: ReadBack, trial: Trial, tmp_path: Path
+) -> None:
+    without = np.full((len(trial.log), 4), np.nan)
+    alone = recorded(trial, rewritten(trial, base_quaternion_world=without), tmp_path / "alone.rrd")
+    for path, component in (
+        (paths.TRAIL, "LineStrips3D:strips"),
+        (paths.RIBBON, "Mesh3D:vertex_positions"),
+        (paths.DEVIATION, "Scalars:scalars"),
+        (paths.ROBOT, "Transform3D:translation"),
+    ):
+        drawn = alone.values(f"/{path}", component)
+        assert drawn == read.values(f"/{path}", component)
+        assert drawn
+    assert alone.values(f"/{paths.ROBOT}", "Transform3D:quaternion") == [[[0, 0, 0, 1]]] * len(trial.log)
+    assert alone.values(f"/{paths.CENTRE}", "Points3D:positions") == []
+
+
+def test_a_body_whose_orientation_is_lost_is_drawn_in_the_last_one(
+    read: ReadBack, trial: Trial, tmp_path: Path
+) -> None:
+    path, component = f"/{paths.ROBOT}", "Transform3D:quaternion"
+    lost = trial.log["base_quaternion_world"].copy()
+    lost[70:150] = np.nan
+    log = rewritten(trial, base_quaternion_world=lost)
+    halves = ReadBack(write(tmp_path / "lost.rrd", replace(trial, log=log), block_ticks=100))
+    drawn, whole = halves.values(path, component), read.values(path, component)
+    assert drawn == whole[:70] + [whole[69]] * 80 + whole[150:]
+
+
 def test_torques_are_drawn_where_they_are_known(read: ReadBack, trial: Trial, tmp_path: Path) -> None:
     path, torques_nm = f"/{paths.TORQUES}", trial.log["joint_torques_nm"]
     drawn = np.array(read.values(path, "Scalars:scalars"))

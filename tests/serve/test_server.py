@@ -3,19 +3,28 @@
 import json
 import os
 import socket
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
+from hexctl.backends.zenoh.subscriber import LatestValues, StateSubscriber
 from hexctl.control.guard import POSE_EXPIRY_S
 from hexctl.errors import RobotFaultError
 from hexctl.serve.inbox import Arrival
 from hexctl.serve.server import RobotServer
 from hexctl.serve.transport import Transport
 from hexctl.wire.description import user_name
-from hexctl.wire.links import Link
-from hexctl.wire.messages import CommandTag, StateTag, decode_positions, encode_pose, encode_positions
+from hexctl.wire.links import KeyMap, Link
+from hexctl.wire.messages import (
+    CommandTag,
+    StateTag,
+    decode_pose,
+    decode_positions,
+    encode_pose,
+    encode_positions,
+)
 from tests.control.posed import PosedMock
 from tests.serve.test_hostile_input import Item
 
@@ -200,6 +209,31 @@ def test_a_pose_from_outside_wins_and_one_that_stops_coming_is_a_fault(bench: Be
     assert bench.server.status()["stopped"] is None
     bench.ticks(12)
     assert bench.server.status()["stopped"] == "pose lost"
+
+
+@pytest.mark.parametrize("part", ["position", "quaternion"])
+def test_half_a_pose_is_published_and_comes_as_half_a_pose(bench: Bench, part: str) -> None:
+    (other,) = {"position", "quaternion"} - {part}
+    setattr(bench.servos, f"{other}_world", None)
+    bench.ticks(1)
+    latest = LatestValues()
+    for kind, payload, tag in bench.said[-2:]:
+        latest.put(kind, SimpleNamespace(payload=payload, attachment=tag))
+    state = StateSubscriber(KeyMap.of("ant"), latest).newest(0.0)
+    np.testing.assert_array_equal(
+        getattr(state, f"base_{part}_world"), getattr(bench.servos, f"{part}_world")
+    )
+    assert getattr(state, f"base_{other}_world") is None
+
+
+def test_a_position_from_outside_is_no_orientation(bench: Bench) -> None:
+    item: Any = Item(encode_pose(np.array([1.0, 2.0, 0.1]), None), None)
+    bench.server._handle(Arrival("pose", item, bench.servos.time.now_s))
+    bench.ticks(1)
+    payload = next(payload for kind, payload, _ in bench.said if kind == "odom")
+    position, quaternion = decode_pose(payload)
+    np.testing.assert_array_equal(position, [1.0, 2.0, 0.1])
+    assert quaternion is None
 
 
 def test_status_and_battery_go_out_now_and_then(bench: Bench) -> None:

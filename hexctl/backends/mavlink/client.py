@@ -397,17 +397,12 @@ class MavlinkServos(LegServos):
         return np.where(unknown, self._assumed_rad, told)
 
     def _pose(self, outputs_at_s: float) -> tuple[FloatArray | None, FloatArray | None]:
-        """Position and orientation; None once outputs keep arriving without them, but not in silence.
-
-        A board with an inertial sensor alone has an orientation and no position.
-        """
+        """Position and orientation; each None once outputs keep arriving without it, but not in silence."""
         if (odometry := _fresh(self._receiver.newest("odometry"), outputs_at_s, STALE_POSE_S)) is not None:
             return odometry.value.position_world, odometry.value.quaternion_world
         position = _fresh(self._receiver.newest("position"), outputs_at_s, STALE_POSE_S)
         attitude = _fresh(self._receiver.newest("attitude"), outputs_at_s, STALE_POSE_S)
-        if attitude is None:
-            return None, None
-        return None if position is None else position.value, attitude.value
+        return None if position is None else position.value, None if attitude is None else attitude.value
 
     def _battery(self, now_s: float) -> messages.Battery:
         """Newest reading of the battery; BATTERY_STATUS has priority over SYS_STATUS."""

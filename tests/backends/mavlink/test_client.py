@@ -177,6 +177,14 @@ def test_an_inertial_sensor_alone_tells_how_the_body_leans(tmp_path: Path) -> No
         eventually(lambda: next_state(servos).base_quaternion_world is None)
 
 
+def test_a_position_alone_is_no_orientation(tmp_path: Path) -> None:
+    with ScriptedBoard() as board, servos_at(board, tmp_path) as servos:
+        state = state_after(servos, board, position(1, -2, -0.12))
+        assert state.base_quaternion_world is None
+        assert state.base_position_world is not None
+        np.testing.assert_allclose(state.base_position_world, [1, 2, 0.12], atol=1e-6)
+
+
 def test_odometry_is_a_pose_by_itself(tmp_path: Path) -> None:
     def odometry(frame: int) -> Any:
         unknown = [nan] * 21
