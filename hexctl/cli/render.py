@@ -103,7 +103,7 @@ def _distance_rows(outcome: dict[str, Any]) -> list[tuple[str, str]]:
         return [("walked", f"{duration}; {known}"), *turned, *held]
     distance, side = f"{outcome['distance_m']:.3f} m", _side(outcome["deviation_m"]["signed"])
     if turn and ideal:
-        return [("walked", f"{duration} in an arc, ended {distance} ahead and {side}"), *turned]
+        return [("walked", f"{duration} in an arc, ended {distance} ahead and {side}"), *turned, *held]
     missed = _turn_missed(outcome.get("turn_miss_deg"))
     share = f" of {ideal:.3f} m ideal ({100 * outcome['distance_m'] / ideal:.0f} %)" if ideal else ""
     mean = f"{outcome['deviation_m']['mean']:.3f} m on average"
@@ -112,19 +112,10 @@ def _distance_rows(outcome: dict[str, Any]) -> list[tuple[str, str]]:
 
 
 def _hold_rows(outcome: dict[str, Any]) -> list[tuple[str, str]]:
-    """What the walk held by feedback, and what kept it from that."""
-    from hexctl.backends.clock import PERIOD_S
+    """What the walk held by feedback, and what kept it from that; empty for a robot that never set out."""
+    from hexctl.record.summary import held_in_words
 
-    hold = outcome.get("hold", "none")
-    if hold == "none":
-        return []
-    lost_s, limited = outcome["hold_lost_s"], outcome["limited_ticks"]
-    by = "yaw alone" if hold == "heading" else "position alone"
-    if hold == "line" and outcome["yaw_change_deg"] is not None:
-        by = "position and yaw"
-    lost = f"; {'position' if hold == 'line' else 'yaw'} lost for {lost_s:.1f} s" if lost_s else ""
-    seconds = f"; {PERIOD_S * limited:.1f} s slower than asked for, at its longest strokes" if limited else ""
-    return [("held", f"the {hold}, by {by}{lost}{seconds}")]
+    return [("held", held_in_words(outcome))] if outcome["duration_s"] else []
 
 
 def _cost(outcome: dict[str, Any]) -> list[tuple[str, str]]:

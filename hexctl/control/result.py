@@ -10,7 +10,7 @@ import numpy as np
 from hexctl.control.assessment.cause import Samples, symptoms
 from hexctl.control.assessment.walk_quality import cost_of_transport, lean_deg, unsteadiness_m_s
 from hexctl.control.plan import TrialPlan
-from hexctl.control.steering import LOST_AFTER_S
+from hexctl.control.steering import LOST_AFTER_S, why_less
 from hexctl.control.trace import TrialFrame
 from hexctl.control.turning import TURN_WITHIN_RAD, turn_needed_rad
 from hexctl.errors import InputError, MissingExtraError
@@ -84,6 +84,7 @@ class TrialResult(ArrayFields):
         turn_miss_rad: how much further than its goal the self-rotation turned, counter-clockwise; None
             without one, and where the robot knows no yaw. A degree is worth 8 to 14 cm after 30 s.
         hold: what the walk held by feedback: `line`, `heading` or `none`.
+        hold_caveat: why it held less than its plan wanted, in words; None where it did not.
         hold_lost_s: how long what it holds by was not measured, in gaps of more than a second; what a sensor
             showed wrongly does not count.
         limited_ticks: ticks in which a steered walk asked for more speed than its strokes allow, and was
@@ -113,6 +114,7 @@ class TrialResult(ArrayFields):
     cause: str | None = None
     turn_miss_rad: float | None = None
     hold: str = "none"
+    hold_caveat: str | None = None
     hold_lost_s: float = 0.0
     limited_ticks: int = 0
     true_deviation: Deviation | None = None
@@ -143,6 +145,7 @@ class TrialResult(ArrayFields):
             "cause": self.cause,
             "turn_miss_deg": None if self.turn_miss_rad is None else math.degrees(self.turn_miss_rad),
             "hold": self.hold,
+            "hold_caveat": self.hold_caveat,
             "hold_lost_s": self.hold_lost_s,
             "limited_ticks": self.limited_ticks,
             "true_deviation_m": None if self.true_deviation is None else self.true_deviation.to_dict(),
@@ -175,6 +178,7 @@ class TrialResult(ArrayFields):
                 cause=data.get("cause"),
                 turn_miss_rad=None if miss_deg is None else math.radians(miss_deg),
                 hold=str(data.get("hold", "none")),
+                hold_caveat=data.get("hold_caveat"),
                 hold_lost_s=float(data.get("hold_lost_s", 0.0)),
                 limited_ticks=int(data.get("limited_ticks", 0)),
                 true_deviation=Deviation.from_dict(data.get("true_deviation_m") or {"signed": None}),
@@ -295,6 +299,7 @@ def score(
         cause=cause,
         turn_miss_rad=_turn_miss_rad(robot, plan, turned_rad) if yaw_change_rad is not None else None,
         hold=hold,
+        hold_caveat=why_less(plan, frame) if len(positions_world) else None,
         hold_lost_s=_hold_lost_s(hold, duration_s, positions_world, quaternions_world),
         limited_ticks=limited_ticks,
         true_deviation=_true_deviation(frame, true_positions_world),

@@ -170,6 +170,16 @@ def held(plan: TrialPlan, frame: TrialFrame | None) -> str:
     return "line" if plan.hold != "heading" and position_known else "heading"
 
 
+def why_less(plan: TrialPlan, frame: TrialFrame | None) -> str | None:
+    """Why a walk holds less than its plan wants, in words; None where it does not."""
+    if plan.hold == "none" or held(plan, frame) == "line" or (frame is not None and plan.hold == "heading"):
+        return None
+    if not plan.straight:
+        return "a turn and an arc have no line"
+    missing = "no position" if frame is not None else "neither position nor yaw"
+    return f"{'no yaw' if plan.hold == 'heading' else missing} was measured at rest before the walk"
+
+
 def _left_of(course: Course) -> FloatArray:
     """Direction to the left of a line, (2,)."""
     return np.array([-math.sin(course.heading_rad), math.cos(course.heading_rad)])

@@ -5,9 +5,12 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from hexctl.backends.clock import PERIOD_S
 from hexctl.control.assessment.cause import CAUSES
 from hexctl.control.plan import TrialPlan
 from hexctl.control.result import TrialResult
+from hexctl.gait.gait import SWING_SHARE, Gait
+from hexctl.gait.posture import STANCE
 from hexctl.robot.model import Robot
 
 Row = tuple[str, str]
@@ -51,6 +54,9 @@ def make_properties(
         "robot": robot.name,
         "gait_slots": list(gait.slots),
         "gait_code": gait.code(plan.failed_legs),
+        "then": [f"{','.join(map(str, each.gait.slots))}@{each.at_s:g}" for each in plan.changes] or None,
+        "posture": None if gait.posture == STANCE else gait.posture.to_dict(),
+        "swing_share": gait.swing_share,
         "pace_hz": gait.pace_hz,
         "amplitude": gait.amplitude,
         "height": gait.height,
@@ -66,13 +72,54 @@ def make_properties(
     return {key: _plain(value) for key, value in (values | dict(facts)).items() if value is not None}
 
 
+def held_in_words(outcome: Mapping[str, Any]) -> str:
+    """What a walk held by feedback, why it was no more, and what kept it from it.
+
+    Args:
+        outcome: plain values of a trial result.
+    """
+    hold, caveat = outcome.get("hold", "none"), outcome.get("hold_caveat")
+    why = f": {caveat}" if caveat else ""
+    if hold == "none":
+        return f"nothing{why}"
+    by = "yaw alone" if hold == "heading" else "position alone"
+    if hold == "line" and outcome["yaw_change_deg"] is not None:
+        by = "position and yaw"
+    lost_s, limited = outcome["hold_lost_s"], outcome["limited_ticks"]
+    lost = f"; {'position' if hold == 'line' else 'yaw'} lost for {lost_s:.1f} s" if lost_s else ""
+    seconds = f"; {PERIOD_S * limited:.1f} s slower than asked for, at its longest strokes" if limited else ""
+    return f"the {hold}, by {by}{why}{lost}{seconds}"
+
+
+def _posture_in_words(robot: Robot, gait: Gait) -> str:
+    """How the body stands and the feet swing where it is not as in the paper; else empty."""
+    posture, size_m = gait.posture, robot.size_m
+    forward_m, left_m = (size_m * share for share in posture.shift)
+    parts = [
+        (posture.body_raise, f"{size_m * posture.body_raise:+g} m higher"),
+        (any(posture.shift), f"over its feet {forward_m:+g} m forward, {left_m:+g} m to the left"),
+        (posture.tucked_legs, f"tucked legs: {', '.join(map(str, posture.tucked_legs))}"),
+        (gait.swing_share != SWING_SHARE, f"feet in the air for {100 * gait.swing_share:g} % of a cycle"),
+    ]
+    return "; ".join(text for given, text in parts if given)
+
+
+def _slots_in_words(gait: Gait, failed_legs: tuple[int, ...]) -> str:
+    code = gait.code(failed_legs)
+    return " ".join(map(str, gait.slots)) + ("" if code is None else f" (code {code})")
+
+
 def _plan_rows(robot: Robot, plan: TrialPlan) -> Iterator[Row]:
     gait = plan.gait
-    code = gait.code(plan.failed_legs)
     if plan.belief:
         yield "failed leg", f"{plan.belief.leg} ({plan.belief}), turned to: {plan.self_rotation}"
     yield "robot", robot.name
-    yield "gait", " ".join(map(str, gait.slots)) + ("" if code is None else f" (code {code})")
+    yield "gait", _slots_in_words(gait, plan.failed_legs)
+    if plan.changes:
+        texts = [f"{_slots_in_words(each.gait, plan.failed_legs)} at {each.at_s:g} s" for each in plan.changes]
+        yield "then", ", ".join(texts)
+    if posture := _posture_in_words(robot, gait):
+        yield "posture", posture
     yield (
         "pace, step, height",
         (f"{gait.pace_hz:g} Hz, {gait.amplitude * robot.size_m:g} m, {gait.height * robot.size_m:g} m"),
@@ -92,6 +139,8 @@ def _result_rows(result: TrialResult, stability: float | None) -> Iterator[Row]:
         off = result.deviation
         whole = f", {off.mean:.3f} mean, {off.max:.3f} max" if math.isfinite(off.mean) else ", by hand"
         yield "**deviation**", f"**{off.final:.3f} m** at the end{whole}"
+    if result.duration_s:
+        yield "held", held_in_words(result.to_dict())
     if result.yaw_change_rad is not None:
         yield "turned", f"{math.degrees(result.yaw_change_rad):+.1f}°"
     if result.cost_of_transport is not None and result.energy_j is not None:

@@ -45,6 +45,7 @@ def test_a_walk(capsys: pytest.CaptureFixture[str]) -> None:
         "walked     10.0 s, 1.200 m of 1.500 m ideal (80 %)",
         "deviation  0.100 m to the right at the end, 0.050 m on average",
         "turned     -3.0 degrees",
+        "held       nothing",
         "status     ok",
         "guard      let every command pass",
         "ticks      500, 0 overruns, 20 x real time",

@@ -444,5 +444,21 @@ def test_a_walk_changes_its_gait_in_stride_and_stands_up_off_a_dead_leg(
 def test_the_summary_says_what_was_held(capsys: pytest.CaptureFixture[str]) -> None:
     assert exit_code(["run", "--no-record", "--duration", "3"]) == 0
     assert "held       the line, by position and yaw" in capsys.readouterr().out
-    assert exit_code(["run", "--no-record", "--duration", "3", "--hold", "none"]) == 0
-    assert "held" not in capsys.readouterr().out
+    assert exit_code(["run", "--no-record", "--duration", "1", "--hold", "none"]) == 0
+    assert "held       nothing\n" in capsys.readouterr().out
+    assert exit_code(["run", "--no-record", "--duration", "1", "--turn", "10"]) == 0
+    assert "held       nothing: a turn and an arc have no line\n" in capsys.readouterr().out
+
+
+def test_a_robot_without_a_pose_at_the_start_says_why_it_holds_nothing(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    world = tmp_path / "blind.yaml"
+    world.write_text("lost_poses: 0.95\n", encoding="utf-8")
+    options = ["run", "--no-record", "--duration", "1", "--world", str(world), "--seed", "1"]
+    why = "neither position nor yaw was measured at rest before the walk"
+    assert exit_code(options) == 0
+    assert f"held       nothing: {why}\n" in capsys.readouterr().out
+    assert exit_code([*options, "--json"]) == 0
+    outcome = _strict(capsys.readouterr().out)
+    assert (outcome["hold"], outcome["hold_caveat"]) == ("none", why)

@@ -38,13 +38,20 @@ class Faulty(ServosWrapper):
         return self._fault(state, state.stamp_s)
 
 
-def walked(fault: Fault, *, hold: str = "auto", code: int = 62, world: World | None = None) -> TrialResult:
+def walked(
+    fault: Fault,
+    *,
+    hold: str = "auto",
+    code: int = 62,
+    world: World | None = None,
+    duration_s: float = WALK_S,
+) -> TrialResult:
     """A walk with leg 3 locked and no self-rotation, which veers by decimetres in open loop."""
     robot, failure = shipped(), Failure(leg=3)
     plan = TrialPlan(
         gait=make_gait(robot, str(code), failed_legs=(3,)),
         belief=failure,
-        duration_s=WALK_S,
+        duration_s=duration_s,
         self_rotation="none",
         hold=hold,
     )
@@ -99,6 +106,25 @@ def test_with_a_position_alone_the_line_is_held() -> None:
     result = walked(without("quaternion"))
     assert (result.hold, result.yaw_change_rad) == ("line", None)
     assert truly_off_m(result) < 0.05
+
+
+@pytest.mark.parametrize(
+    ("gone", "wanted", "hold", "said"),
+    [
+        (("position", "quaternion"), "auto", "none", "neither position nor yaw was measured"),
+        (("quaternion",), "heading", "none", "no yaw was measured"),
+        (("position",), "line", "heading", "no position was measured"),
+        (("quaternion",), "line", "line", None),
+        (("position",), "heading", "heading", None),
+        (("position", "quaternion"), "none", "none", None),
+    ],
+)
+def test_a_walk_that_holds_less_than_it_should_says_why(
+    gone: tuple[str, ...], wanted: str, hold: str, said: str | None
+) -> None:
+    result = walked(without(*gone), hold=wanted, duration_s=0.1)
+    assert result.hold == hold
+    assert result.hold_caveat == (said and f"{said} at rest before the walk")
 
 
 def test_without_any_pose_nothing_is_held() -> None:
