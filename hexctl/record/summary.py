@@ -116,7 +116,9 @@ def _plan_rows(robot: Robot, plan: TrialPlan) -> Iterator[Row]:
     yield "robot", robot.name
     yield "gait", _slots_in_words(gait, plan.failed_legs)
     if plan.changes:
-        texts = [f"{_slots_in_words(each.gait, plan.failed_legs)} at {each.at_s:g} s" for each in plan.changes]
+        texts = [
+            f"{_slots_in_words(each.gait, plan.failed_legs)} at {each.at_s:g} s" for each in plan.changes
+        ]
         yield "then", ", ".join(texts)
     if posture := _posture_in_words(robot, gait):
         yield "posture", posture
