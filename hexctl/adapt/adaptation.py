@@ -168,7 +168,7 @@ class Adaptation:
             spec=session.spec,
             robot=setting.robot,
             world=setting.world,
-            plan_for=setting.plan_for,
+            plan_for=lambda slots: replace(setting.plan_for(slots), trim_rad=session.trim_rad(slots) or 0.0),
             folder=store.folder_of(session.name) if self._record else None,
             stop_requested=stop_requested,
             live=live,
@@ -333,12 +333,13 @@ def adapt(
         world: name or path of a world, only in simulation; None is `flat`.
         failure: `locked`, `limp`, `missing`, `weak:FRACTION`, `stuck:JOINT:DEGREES`.
         optimizer: a name such as `random` or `pso`, `package.module:Class`, or an `Optimizer` class; None is
-            `bayes` where a prior fits, else `random`.
+            `trim` for the end of walks that hold their heading, else `bayes` where a prior fits, else
+            `random`.
         objective: `final`, `mean`, `max`, `progress`, `speed`, `cost`, `tilt`, `steadiness`,
             `package.module:name`, an `Objective`, or a function of a valid `TrialResult`; the smaller the
             better.
         prior: `auto`, `none`, or the path or name of a prior; None is `auto`.
-        target_m: score at which to stop; None is 0.025 m with `bayes`, else none.
+        target_m: score at which to stop; None is 0.025 m with `bayes` and `trim`, else none.
         target: the same as a number, or as a share of the ideal distance of a walk, such as `"1%"`.
         worth_m: with `bayes`, the expected gain of all trials that are left below which the search ends; None
             is the noise between trials, or the simulation's own uncertainty where that is greater; 0

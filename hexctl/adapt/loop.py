@@ -1,5 +1,6 @@
 """The loop of trials: ask for a gait, walk it, tell the score, store the trial."""
 
+import math
 from collections.abc import Callable
 from itertools import takewhile
 from typing import Any, Protocol
@@ -12,6 +13,7 @@ from hexctl.adapt.runner import RobotStoppedError, WalkedTrial
 from hexctl.adapt.session import BASELINE_INDEX, BaselineRecord, Session, TrialRecord
 from hexctl.adapt.space import GaitSpace
 from hexctl.adapt.store import SessionStore
+from hexctl.adapt.trim import wanted_trim_rad
 from hexctl.control.preparation import StopRequested, never
 from hexctl.control.trial import Enough
 from hexctl.errors import HexctlError, InputError, RecordingError, argument
@@ -268,9 +270,10 @@ def _check_recording(walked: WalkedTrial, done: str) -> None:
 
 def _stored(walked: WalkedTrial) -> dict[str, Any]:
     """Result and recording of a walk, by the fields of its record."""
-    points = np.round(walked.result.path_m[::PATH_STRIDE], 4)
+    points, wanted_rad = np.round(walked.result.path_m[::PATH_STRIDE], 4), wanted_trim_rad(walked.result)
     return {
         "outcome": walked.result.to_dict(),
         "path_m": points[np.isfinite(points).all(axis=1)].tolist(),
         "recording": None if walked.recording is None else str(walked.recording),
+        "wanted_trim_deg": None if wanted_rad is None else math.degrees(wanted_rad),
     }

@@ -3,12 +3,12 @@
 from collections.abc import Callable
 
 from hexctl.adapt.optimizer import Optimizer, OptimizerChoice, OptimizerClass
-from hexctl.adapt.shipped import BAYES, OPTIMIZERS
+from hexctl.adapt.shipped import BAYES, OPTIMIZERS, TRIM
 from hexctl.adapt.space import GaitSpace
-from hexctl.errors import InputError, check_type
+from hexctl.errors import InputError, argument, check_type
 from hexctl.robot.plugins import load_named
 
-_BAYES_CLASS = "hexctl.adapt.bayes:Bayes"
+_CLASSES = {"hexctl.adapt.bayes:Bayes": BAYES, "hexctl.adapt.trim:TrimSearch": TRIM}
 
 
 def name_of(optimizer: OptimizerChoice) -> str:
@@ -18,8 +18,8 @@ def name_of(optimizer: OptimizerChoice) -> str:
     if not (isinstance(optimizer, type) and issubclass(optimizer, Optimizer)):
         raise InputError(f"optimizer: got {optimizer!r}; allowed: a name, or a subclass of Optimizer")
     place = f"{optimizer.__module__}:{optimizer.__qualname__}"
-    if place == _BAYES_CLASS:
-        return BAYES
+    if place in _CLASSES:
+        return _CLASSES[place]
     shipped = OPTIMIZERS.get(getattr(optimizer, "name", ""))
     return optimizer.name if shipped is optimizer else place
 
@@ -41,10 +41,16 @@ def make_optimizer(name: OptimizerChoice | OptimizerClass, space: GaitSpace, see
             f"optimizer: got {BAYES} without a prior; allowed: {', '.join(OPTIMIZERS)} "
             f"({BAYES} with hexctl adapt and hexctl study --transfer)"
         )
+    if name == TRIM:
+        raise InputError(
+            f"optimizer: got {TRIM} outside of a session; allowed: {', '.join(OPTIMIZERS)} "
+            f"({TRIM} with hexctl adapt {argument('hold')} heading)"
+        )
     if ":" in name:
         return _own(name)(space, seed)
     raise InputError(
         f"optimizer: got {name!r}; allowed: {BAYES} (with a prior), {', '.join(OPTIMIZERS)}, "
+        f"{TRIM} (with hexctl adapt {argument('hold')} heading), "
         "or package.module:Class for your own Optimizer"
     )
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from hexctl.adapt.arena import body_heading_rad
 from hexctl.adapt.bayes import Bayes
 from hexctl.adapt.deduplication import Deduplication
 from hexctl.adapt.measurement import Operator
@@ -20,11 +21,13 @@ from hexctl.adapt.prior.samples import samples_of
 from hexctl.adapt.registry import make_optimizer, name_of
 from hexctl.adapt.session import BASELINE_GAITS, Session, SessionSpec
 from hexctl.adapt.setting import Note, load_setting, log_note, start_note, with_known_uncertainty
-from hexctl.adapt.shipped import BAYES, OPTIMIZERS
+from hexctl.adapt.shipped import BAYES, OPTIMIZERS, TRIM
 from hexctl.adapt.space import GaitSpace
 from hexctl.adapt.store import RUNS
+from hexctl.adapt.trim import TrimSearch
 from hexctl.backends.base import LegServos
 from hexctl.backends.registry import check_options, option_values
+from hexctl.control.assessment.static_stability import slots_by_stability
 from hexctl.control.plan import HOLDS, TrialPlan
 from hexctl.control.result import progress_floor_m
 from hexctl.errors import InputError, argument, check_type
@@ -64,7 +67,8 @@ def new_spec(
         failure: as in `SessionSpec`.
         backend: as in `SessionSpec`.
         world: as in `SessionSpec`; None is `flat` in simulation.
-        optimizer: name or class of the optimizer; None is `bayes` where a prior fits, else `random`.
+        optimizer: name or class of the optimizer; None is `trim` for the end of walks that hold their
+            heading, else `bayes` where a prior fits, else `random`.
         objective: name of the objective, the objective or a function.
         prior: `auto`, `none`, or the path or name of a prior; None is `auto`.
         folder: where priors were built, and the simulation's uncertainty was measured.
@@ -94,10 +98,10 @@ def new_spec(
         hold=measure.hold if hold is None else hold,
         **others,
     )
-    spec = _with_target(spec, target)
+    spec = _with_trim(_with_target(spec, target), prior, free=optimizer is None)
     check_numbers(spec)
     _check_options(spec, measure)
-    if spec.optimizer != BAYES:
+    if spec.optimizer not in (BAYES, TRIM):
         make_optimizer(optimizer or spec.optimizer, GaitSpace((failed_leg,)), spec.seed)
     setting = load_setting(spec)
     start_note(spec, setting)
@@ -105,7 +109,7 @@ def new_spec(
         spec = replace(spec, target_m=spec.target_share * setting.ideal_m)
     if uncertainty_m is None:
         spec = with_known_uncertainty(spec, setting, folder, note)
-    free, folders = optimizer is None, prior_folders(folder)
+    free, folders = optimizer is None and spec.optimizer != TRIM, prior_folders(folder)
     return choose_prior(spec, setting, prior, free=free, folders=folders, note=note, advice=advice)
 
 
@@ -218,6 +222,31 @@ def _with_target(spec: SessionSpec, target: float | str | None) -> SessionSpec:
     return replace(spec, target_share=value / 100)
 
 
+def _with_trim(spec: SessionSpec, prior: str | None, *, free: bool) -> SessionSpec:
+    """Spec of a search for a trim, with its target; one of which nothing else is asked becomes one.
+
+    Where walks hold their heading, a gait ends off its line by an angle that a trim takes out: the second
+    walk of one gait is worth more there than the first of any other.
+    """
+    asked = prior not in (None, "auto", "none") or spec.early_stop or spec.count_repeats
+    ends = spec.objective in ("final", "progress") and spec.hold == "heading"
+    if free and ends and not asked and spec.worth_m is None:
+        spec = replace(spec, optimizer=TRIM)
+    if spec.optimizer != TRIM:
+        return spec
+    got = f"{argument('optimizer')}: got {TRIM} with"
+    if spec.hold != "heading":
+        raise InputError(f"{got} {argument('hold')} {spec.hold}; allowed: with heading")
+    if spec.objective_unit != "m":
+        raise InputError(
+            f"{got} {argument('objective')} {spec.objective}; allowed: with one in metres, such as final"
+        )
+    if spec.count_repeats:
+        raise InputError(f"{got} {argument('count_repeats')}; allowed: without, each walk counts")
+    known = spec.target_m is not None or spec.target_share is not None
+    return spec if known else replace(spec, target_m=DEFAULT_TARGET_M)
+
+
 def _check_options(spec: SessionSpec, objective: Objective) -> None:
     """Raise InputError for options that do not belong to the session's robot, or contradict one another."""
     if spec.hold not in HOLDS:
@@ -296,7 +325,7 @@ def check_parts(
             f"servos: got some with {argument('backend')} sim; allowed: with the name of their class"
         )
     if optimizer is not None:
-        _check_name("optimizer", name_of(optimizer), spec.optimizer, [BAYES, *OPTIMIZERS])
+        _check_name("optimizer", name_of(optimizer), spec.optimizer, [BAYES, TRIM, *OPTIMIZERS])
     if objective is not None:
         _check_name("objective", as_objective(objective).name, spec.objective, OBJECTIVES)
 
@@ -324,6 +353,10 @@ def make_search(
         optimizer: class of the optimizer, where it cannot be imported by the name in the spec.
     """
     space = GaitSpace((spec.failed_leg,))
+    if spec.optimizer == TRIM:
+        heading_rad = body_heading_rad(plan, robot)
+        ranked = slots_by_stability(robot, heading_rad=heading_rad, failure=plan.belief)
+        return TrimSearch(space, spec.seed, codes=[space.code_of(slots) for slots in ranked])
     if prior is None:
         inner = make_optimizer(optimizer or spec.optimizer, space, spec.seed)
         return Deduplication(inner, spec.seed, paper_count=spec.count_repeats)

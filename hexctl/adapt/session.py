@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from hexctl.adapt.objectives import INVALID_SCORE, OBJECTIVES, Objective, undominated
+from hexctl.adapt.trim import mean_trim_rad
 from hexctl.control.assessment.uncertainty_store import DISTINCT
 from hexctl.control.result import QUALITIES, TrialResult
 from hexctl.gait.gait import AUTO
@@ -174,6 +175,8 @@ class WalkRecord:
         outcome: its result, as `TrialResult.to_dict` writes it; `result` reads it.
         path_m: progress and signed deviation along the walk, five points a second.
         recording: path of the recording, or None.
+        wanted_trim_deg: trim with which it would have ended on its line; None where it did not hold its
+            heading, or is not valid.
     """
 
     slots: tuple[int, ...]
@@ -181,6 +184,7 @@ class WalkRecord:
     outcome: dict[str, Any]
     path_m: list[list[float]]
     recording: str | None
+    wanted_trim_deg: float | None = None
 
     @property
     def result(self) -> TrialResult:
@@ -208,6 +212,8 @@ class WalkRecord:
             "clipped_ticks": outcome["clipped_ticks"],
             "hold": outcome.get("hold", "none"),
             **{name: outcome.get(name) for name in QUALITIES},
+            "trim_deg": outcome.get("trim_deg"),
+            "wanted_trim_deg": self.wanted_trim_deg,
         }
 
 
@@ -310,6 +316,21 @@ class Session:
         valid = [trial for trial in self.trials if trial.valid]
         return min(valid, key=lambda trial: trial.score) if valid else None
 
+    def trim_rad(self, slots: Sequence[int]) -> float | None:
+        """Trim that is learned for a gait, the mean of what its walks want; None where none says.
+
+        The baseline counts: an end that was measured is known, whatever it was walked for.
+        """
+        walks = [walk for walk in (*self.baseline, *self.trials) if walk.slots == tuple(slots)]
+        wanted = [walk.wanted_trim_deg for walk in walks if walk.wanted_trim_deg is not None]
+        return mean_trim_rad(map(math.radians, wanted)) if wanted else None
+
+    @property
+    def best_trim_deg(self) -> float | None:
+        """Trim that is learned for the gait of the best trial, in degrees; None without one."""
+        trim_rad = None if self.best is None else self.trim_rad(self.best.slots)
+        return None if trim_rad is None else math.degrees(trim_rad)
+
     def pareto(self, objectives: Sequence[Objective]) -> list[tuple[TrialRecord, list[float]]]:
         """Valid trials that no other valid one beats in all of some objectives, with their scores.
 
@@ -337,6 +358,7 @@ class Session:
             "baseline": [walk.as_json() for walk in self.baseline],
             "trials": [trial.as_json() for trial in self.trials],
             "best": None if best is None else best.as_json(),
+            "best_trim_deg": self.best_trim_deg,
             "found": best is not None,
             "walked_s": round(self.walked_s, 3),
             "settled_on": self.settled_on,

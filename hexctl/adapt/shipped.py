@@ -39,3 +39,6 @@ OPTIMIZERS: "Mapping[str, type[Optimizer]]" = _Shipped(
 
 #: Needs a prior, so that `hexctl.adapt.search` makes it.
 BAYES = "bayes"
+
+#: Needs walks that hold their heading and a robot whose gaits are ranked, so that it is made there too.
+TRIM = "trim"

@@ -324,7 +324,7 @@ FORMATS = (".csv", ".parquet")
 
 #: Columns that were added before those of the baseline, and after them, in the order in which they came.
 LATER_COLUMNS = ("cause",)
-LAST_COLUMNS = ("hold", *QUALITIES)
+LAST_COLUMNS = ("hold", *QUALITIES, "trim_deg", "wanted_trim_deg")
 
 
 def flat_rows(session: Session) -> list[dict[str, Any]]:

@@ -76,9 +76,10 @@ def adapt(
         typer.Option(
             "--optimizer",
             autocompletion=completion.optimizers,
-            help="What chooses the next gait: bayes (knows simulated worlds), random, exhaustive, or one of "
-            "the paper's pso, psosp, dps, debest, derand; or package.module:Class. "
-            "(default: bayes where a prior fits, else random)",
+            help="What chooses the next gait: bayes (knows simulated worlds), trim (walks one gait again, with "
+            "the trim that its ends tell), random, exhaustive, or one of the paper's pso, psosp, dps, debest, "
+            "derand; or package.module:Class. (default: trim with --hold heading, else bayes where a prior "
+            "fits, else random)",
         ),
     ] = None,
     prior: Annotated[
@@ -110,7 +111,8 @@ def adapt(
             "--target",
             metavar="METRES or PERCENT%",
             help="Stop once the objective is this small: in metres (0.05), or as a share of the ideal "
-            "distance of a walk (1%); bayes once it is 90 % sure. (default: 0.025 with bayes, else none)",
+            "distance of a walk (1%); bayes once it is 90 % sure. (default: 0.025 with bayes and trim, "
+            "else none)",
         ),
     ] = None,
     worth_m: Annotated[

@@ -67,9 +67,9 @@ def _backends() -> Iterable[str]:
 
 
 def _optimizers() -> Iterable[str]:
-    from hexctl.adapt.shipped import BAYES, OPTIMIZERS
+    from hexctl.adapt.shipped import BAYES, OPTIMIZERS, TRIM
 
-    return [BAYES, *OPTIMIZERS]
+    return [BAYES, TRIM, *OPTIMIZERS]
 
 
 def _objectives() -> Iterable[str]:

@@ -1,5 +1,6 @@
 """Sessions as text: the table that grows trial by trial, the summary at the end, one line each in a list."""
 
+import shlex
 import sys
 from collections.abc import Sequence
 from functools import lru_cache
@@ -28,6 +29,7 @@ from hexctl.errors import InputError
 from hexctl.robot.loader import load_robot
 
 HEADER = "trial  code  slots        deviation     distance  status        best"
+TRIM = "      trim"
 EXPECTED = "  expected, 9 of 10"
 
 #: Says whose uncertainty a ± is.
@@ -112,7 +114,8 @@ def pareto_lines(session: Session, objectives: Sequence[Objective]) -> list[str]
 
 def header_line(session: Session) -> str:
     """Names of the columns."""
-    return HEADER + (EXPECTED if session.spec.prior else "")
+    trim = TRIM if session.spec.hold == "heading" else ""
+    return HEADER + trim + (EXPECTED if session.spec.prior else "")
 
 
 def opening_line(session: Session) -> str:
@@ -173,15 +176,17 @@ def trial_line(session: Session, trial: TrialRecord) -> str:
     """Line of a trial in the table, with the best score up to it."""
     scores = [other.score for other in session.trials[: trial.index] if other.valid]
     best = f"{min(scores):.3f}" if scores else "-"
-    again = any(other.code == trial.code for other in session.trials[: trial.index - 1])
+    before = session.trials[: trial.index - 1]
+    again = any((other.code, _trim(other)) == (trial.code, _trim(trial)) for other in before)
     status = _status(trial) + (" (repeat)" if again and not session.spec.count_repeats else "")
     head = f"{trial.index:>5} {trial.code:>5}"
-    return f"{head}  {_walk_text(trial, status)} {best:>6}{_expected(trial)}{_cause(trial)}"
+    return f"{head}  {_walk_text(trial, status)} {best:>6}{_trim(trial)}{_expected(trial)}{_cause(trial)}"
 
 
 def baseline_line(walk: BaselineRecord) -> str:
     """Line of a walk with a gait that the robot would use anyway, trial 0."""
-    return f"{BASELINE_INDEX:>4} {walk.gait:>6}  {_walk_text(walk, _status(walk))} {'-':>6}{_cause(walk)}"
+    text = _walk_text(walk, _status(walk))
+    return f"{BASELINE_INDEX:>4} {walk.gait:>6}  {text} {'-':>6}{_trim(walk)}{_cause(walk)}"
 
 
 def _walk_text(walk: WalkRecord, status: str) -> str:
@@ -197,6 +202,12 @@ def _status(walk: WalkRecord) -> str:
     """Status of a walk, with the reason where it was cut short for something other than its course."""
     status, stopped = walk.outcome["status"], walk.outcome.get("stopped")
     return f"cut ({stopped})" if status == "cut_short" and stopped else str(status)
+
+
+def _trim(walk: WalkRecord) -> str:
+    """Trim of a walk that held its heading, in its column; empty for any other."""
+    trim_deg = walk.outcome.get("trim_deg")
+    return "" if trim_deg is None else f"  {trim_deg:>+6.2f}\N{DEGREE SIGN}"
 
 
 def _cause(walk: WalkRecord) -> str:
@@ -246,9 +257,48 @@ def closing_lines(session: Session, ended: str | None) -> str:
     lines += [*_surety_lines(session), *_indistinct_lines(session.spec)]
     if ended in (None, "interrupted"):
         lines.append(f"continue with: hexctl adapt --resume {session.name}")
+    if session.best_trim_deg is not None:
+        lines.append(f"walk on with: {_walking(session)}")
     if any(trial.recording for trial in session.trials):
         lines.append(f"look at it with: hexctl view {session.name}")
     return "\n".join(lines)
+
+
+def _walking(session: Session) -> str:
+    """Command that walks with the best gait and its trim."""
+    spec, best, usual = session.spec, session.best, SessionSpec()
+    options = {
+        "failed-leg": spec.failed_leg,
+        "gait": None if best is None else best.code,
+        "hold": "heading",
+        "trim": f"{session.best_trim_deg or 0.0:.2f}",
+        "backend": spec.backend,
+        "robot": spec.robot,
+        "world": spec.world,
+        "failure": spec.failure,
+        "heading": f"{spec.heading_deg:g}",
+        "self-rotation": spec.self_rotation,
+        "seed": spec.seed,
+        "connect": spec.connect,
+        "keys": spec.credentials,
+        "link": spec.link,
+    }
+    left_out = {
+        "backend": usual.backend,
+        "robot": usual.robot,
+        "world": usual.world,
+        "failure": usual.failure,
+        "heading": "0",
+        "self-rotation": usual.self_rotation,
+        "seed": usual.seed,
+    }
+    words = [
+        word
+        for name, value in options.items()
+        if value is not None and value != left_out.get(name)
+        for word in (f"--{name}", str(value))
+    ]
+    return shlex.join(["hexctl", "run", *words, *(["--insecure"] if spec.insecure else [])])
 
 
 def _baseline_lines(session: Session) -> list[str]:

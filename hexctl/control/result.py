@@ -99,6 +99,8 @@ class TrialResult(ArrayFields):
             known.
         steadiness: by how much the velocity of the body differs from its mean after the soft start, root mean
             square in m/s, so that smaller is steadier; None where its position is not known.
+        trim_rad: course correction with which it held its heading, counter-clockwise; None where it held
+            something else, or nothing.
     """
 
     status: str
@@ -122,6 +124,7 @@ class TrialResult(ArrayFields):
     cost_of_transport: float | None = None
     tilt_deg: float | None = None
     steadiness: float | None = None
+    trim_rad: float | None = None
 
     @property
     def valid(self) -> bool:
@@ -150,6 +153,7 @@ class TrialResult(ArrayFields):
             "limited_ticks": self.limited_ticks,
             "true_deviation_m": None if self.true_deviation is None else self.true_deviation.to_dict(),
             **{name: getattr(self, name) for name in QUALITIES},
+            "trim_deg": None if self.trim_rad is None else math.degrees(self.trim_rad),
         }
         if path:
             data["path_m"] = [[_known(value) for value in row] for row in self.path_m.tolist()]
@@ -162,7 +166,7 @@ class TrialResult(ArrayFields):
         Raises InputError for anything else.
         """
         try:
-            miss_deg = data.get("turn_miss_deg")
+            miss_deg, trim_deg = data.get("turn_miss_deg"), data.get("trim_deg")
             yaw_change_deg, path = data["yaw_change_deg"], data.get("path_m") or np.zeros((0, 2))
             return cls(
                 status=str(data["status"]),
@@ -183,6 +187,7 @@ class TrialResult(ArrayFields):
                 limited_ticks=int(data.get("limited_ticks", 0)),
                 true_deviation=Deviation.from_dict(data.get("true_deviation_m") or {"signed": None}),
                 **{name: data.get(name) for name in QUALITIES},
+                trim_rad=None if trim_deg is None else math.radians(trim_deg),
             )
         except (KeyError, TypeError, ValueError, AttributeError) as error:
             raise InputError(
@@ -307,6 +312,7 @@ def score(
         cost_of_transport=cost_of_transport(robot, energy_j, distance_m),
         tilt_deg=lean_deg(quaternions_world),
         steadiness=unsteadiness_m_s(positions_world),
+        trim_rad=plan.trim_rad if hold == "heading" else None,
     )
 
 

@@ -150,6 +150,8 @@ def _result_rows(result: TrialResult, stability: float | None) -> Iterator[Row]:
             "cost of transport",
             f"{result.cost_of_transport:.2f}, {result.energy_j:.1f} J of mechanical energy",
         )
+    if result.trim_rad:
+        yield "trim", f"{math.degrees(result.trim_rad):+.2f}°"
     if stability is not None:
         yield "**stability**", f"**{100 * stability:.0f} %** of the walk above the feet that stand"
     yield "clipped ticks", str(result.clipped_ticks)

@@ -72,8 +72,8 @@ def static_margins_m(
     return np.stack([margins_m.min(axis=-1), margins_m.mean(axis=-1)], axis=-1)
 
 
-def most_stable_slots(robot: Robot, *, heading_rad: float, failure: Failure | None = None) -> Slots:
-    """Slots of the gait with the largest margin, ties by the mean margin, then by the smallest code.
+def slots_by_stability(robot: Robot, *, heading_rad: float, failure: Failure | None = None) -> list[Slots]:
+    """Slots of all gaits, those with the largest margin first, ties by the mean margin, then by code.
 
     Args:
         robot: geometry and masses.
@@ -87,7 +87,12 @@ def most_stable_slots(robot: Robot, *, heading_rad: float, failure: Failure | No
     margins_m = static_margins_m(robot, slots, heading_rad=rounded_rad, failure=failure)
     rounded = np.round(margins_m / SAME_MARGIN_M)
     order = np.lexsort((np.arange(len(slots)), -rounded[:, 1], -rounded[:, 0]))
-    return slots[int(order[0])]
+    return [slots[place] for place in order.tolist()]
+
+
+def most_stable_slots(robot: Robot, *, heading_rad: float, failure: Failure | None = None) -> Slots:
+    """Slots of the gait that `slots_by_stability` puts first."""
+    return slots_by_stability(robot, heading_rad=heading_rad, failure=failure)[0]
 
 
 def stable_gait(robot: Robot, plan: TrialPlan, *, stand_up: bool = True) -> Gait:

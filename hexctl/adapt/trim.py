@@ -1,0 +1,93 @@
+"""Heading trim: what a session learns of the course bias of a gait, and the search that needs it.
+
+A robot that holds its heading and does not know its position drifts aside at an angle that the next walk of
+the same gait repeats. A walk with the trim t that ends e to the left of its line, s along it, would have
+ended on the line with
+
+    t' = t - atan2(e, s)
+
+The trim of a gait is the mean of the t' of all its valid walks, so that noise of where a walk ends averages
+out.
+"""
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+
+from hexctl.adapt.objectives import INVALID_SCORE
+from hexctl.adapt.optimizer import Optimizer
+from hexctl.adapt.space import GaitSpace
+from hexctl.control.plan import MAX_TRIM_RAD
+from hexctl.control.result import END_TICKS, TrialResult
+from hexctl.control.steering import trimmed_rad
+from hexctl.errors import InputError
+
+#: Walks of a gait after which a trim that has not brought it within the target is taken not to converge.
+WALKS = 4
+
+
+def wanted_trim_rad(result: TrialResult) -> float | None:
+    """Trim with which a walk would have ended on its line, counter-clockwise.
+
+    Its end is the mean of the last second, which a position with noise knows better than its last tick. None
+    for a walk that did not hold its heading, or is not valid.
+    """
+    end_m = result.path_m[-END_TICKS:]
+    end_m = end_m[np.isfinite(end_m).all(axis=-1)]
+    if result.trim_rad is None or not result.valid or not len(end_m):
+        return None
+    distance_m, signed_m = end_m.mean(axis=0).tolist()
+    if distance_m <= 0:  # a walk shorter than its soft start may be valid
+        return None
+    return trimmed_rad(result.trim_rad, signed_m=signed_m, distance_m=distance_m)
+
+
+def mean_trim_rad(wanted_rad: Iterable[float]) -> float:
+    """Trim of a gait from what each of its walks wants, within what a plan takes; 0 without any."""
+    wanted = list(wanted_rad)
+    mean_rad = sum(wanted) / len(wanted) if wanted else 0.0
+    return min(max(mean_rad, -MAX_TRIM_RAD), MAX_TRIM_RAD)
+
+
+class TrimSearch(Optimizer):
+    """Walks one gait until its trim has converged; the next gait only if that fails.
+
+    Gaits differ in their bias and hardly in how well a trim takes it out, so that a second walk of the first
+    gait is worth more than the first walk of any other one. The next gait comes after an invalid walk, or
+    after `WALKS` walks of a gait: the session ends at its target before that where the trim converges.
+
+    Args:
+        space: of the gaits.
+        seed: not used; the order decides.
+        codes: of the gaits, the most promising one first; None is from 1 on.
+    """
+
+    name = "trim"
+
+    def __init__(self, space: GaitSpace, seed: int, *, codes: Sequence[int] | None = None) -> None:
+        super().__init__(space, seed)
+        self._codes = list(range(1, space.size + 1) if codes is None else codes)
+        if sorted(self._codes) != list(range(1, space.size + 1)):
+            raise InputError(f"trim: got {len(self._codes)} codes; allowed: each of 1..{space.size} once")
+        self._place, self._walks = 0, 0
+
+    @property
+    def exhausted(self) -> bool:
+        """True when the trim of every gait has failed."""
+        return self._place == len(self._codes)
+
+    def _suggest(self, count: int) -> list[int]:
+        return [self._codes[self._place]]
+
+    def _learn(self, codes: list[int], scores: list[float]) -> None:
+        self._walks += 1
+        if scores[0] >= INVALID_SCORE or self._walks == WALKS:
+            self._place, self._walks = self._place + 1, 0
+
+    def _search_state(self) -> dict[str, Any]:
+        return {"codes": list(self._codes), "place": self._place, "walks": self._walks}
+
+    def _restore_search(self, state: dict[str, Any]) -> None:
+        self._codes = [int(code) for code in state["codes"]]
+        self._place, self._walks = int(state["place"]), int(state["walks"])

@@ -1,0 +1,315 @@
+"""Heading trims: what walks teach of a gait's bias, and the sessions that walk with it."""
+
+import itertools
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import hexctl
+from hexctl.adapt.adaptation import Adaptation, adapt
+from hexctl.adapt.measurement import Answer
+from hexctl.adapt.result import AdaptationResult
+from hexctl.adapt.runner import TrialRunner, WalkedTrial
+from hexctl.adapt.search import new_spec
+from hexctl.adapt.store import flat_rows, load_session
+from hexctl.adapt.trim import WALKS, TrimSearch, mean_trim_rad, wanted_trim_rad
+from hexctl.backends.sim.servos import SimServos
+from hexctl.cli.main import exit_code
+from hexctl.control.plan import MAX_TRIM_RAD
+from hexctl.control.result import TrialResult
+from hexctl.errors import InputError
+from hexctl.gait.encoding import Slots
+from hexctl.gait.gait import AUTO
+from hexctl.robot.failure import Failure
+from hexctl.robot.model import Robot
+from hexctl.testing.optimizers import ONE_FAILED, Make, OptimizerConformance
+from hexctl.types import RobotState
+from tests.adapt.walking import result_of
+
+#: How far a made-up gait walks, and its drift aside.
+WAY_M = 4.0
+DRIFT_RAD = math.radians(2.0)
+
+#: Of the end of a made-up walk.
+NOISE_M = 0.02
+
+
+class TestTrimSearch(OptimizerConformance):
+    seeded = False
+
+    @pytest.fixture
+    def make(self) -> Make:
+        return TrimSearch
+
+
+@pytest.fixture(autouse=True)
+def _in_an_empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+
+
+def ended(
+    angle_rad: float, *, trim_rad: float | None, status: str = "ok", noise_m: float = 0.0
+) -> TrialResult:
+    """The result of a walk that drifts aside at an angle."""
+    signed_m = WAY_M * math.tan(angle_rad) + noise_m
+    hold = "none" if trim_rad is None else "heading"
+    return replace(result_of(signed_m, status), hold=hold, trim_rad=trim_rad)
+
+
+class Drifting:
+    """Walks whose gaits all drift aside alike, each end with noise of its own.
+
+    Attributes:
+        status: of walks by their code; others are `ok`.
+        hold: what walks hold.
+        drift_rad: how far they drift aside.
+    """
+
+    def __init__(self) -> None:
+        self.status: dict[int, str] = {}
+        self.hold, self.drift_rad = "heading", DRIFT_RAD
+
+    def walk(self, runner: TrialRunner, index: int, code: int, slots: Slots) -> WalkedTrial:
+        """Walk a gait with the trim of its plan, as far as what is held allows."""
+        trim_rad = runner.plan_for(slots).trim_rad if self.hold == "heading" else None
+        angle_rad, noise_m = self.drift_rad + (trim_rad or 0.0), NOISE_M * math.sin(1.7 * index)
+        status = self.status.get(code, "ok")
+        return WalkedTrial(result=ended(angle_rad, trim_rad=trim_rad, status=status, noise_m=noise_m))
+
+
+@pytest.fixture
+def drifting(monkeypatch: pytest.MonkeyPatch) -> Drifting:
+    """Made-up walks instead of a simulation."""
+    made = Drifting()
+    monkeypatch.setattr(TrialRunner, "walk", lambda runner, *trial: made.walk(runner, *trial[:3]))
+    return made
+
+
+def search(**options: Any) -> AdaptationResult:
+    return adapt(5, hold="heading", record=False, **{"baseline": False, **options})
+
+
+def test_a_walk_wants_what_would_have_ended_it_on_its_line() -> None:
+    drifted = ended(DRIFT_RAD, trim_rad=0.01)
+    # The mean over the last second is a little short of the end, and on the same straight way.
+    assert wanted_trim_rad(drifted) == pytest.approx(0.01 - DRIFT_RAD)
+    assert wanted_trim_rad(ended(DRIFT_RAD, trim_rad=None)) is None, "it held no heading"
+    assert wanted_trim_rad(ended(DRIFT_RAD, trim_rad=0.01, status="no_progress")) is None
+    by_tape = np.full((1500, 2), np.nan)
+    by_tape[-1] = 4.1, -0.12
+    measured = replace(drifted, path_m=by_tape)
+    assert wanted_trim_rad(measured) == pytest.approx(0.01 + math.atan2(0.12, 4.1))
+    assert wanted_trim_rad(replace(drifted, path_m=-by_tape)) is None, "it went backward"
+
+
+def test_noise_of_an_end_averages_out_over_its_last_second() -> None:
+    random = np.random.default_rng(3)
+    path = np.linspace([0.0, 0.0], [WAY_M, 0.0], 1500)
+    wanted = [
+        wanted_trim_rad(replace(ended(0.0, trim_rad=0.0), path_m=path + random.normal(0.0, 0.01, path.shape)))
+        for _ in range(50)
+    ]
+    assert np.std(np.array(wanted)) < 0.3 * 0.01 / WAY_M
+
+
+def test_the_trim_of_a_gait_is_the_mean_and_within_what_a_plan_takes() -> None:
+    assert mean_trim_rad([]) == 0.0
+    assert mean_trim_rad([0.01, 0.03]) == pytest.approx(0.02)
+    assert mean_trim_rad([2.0]) == MAX_TRIM_RAD
+    assert mean_trim_rad([-2.0]) == -MAX_TRIM_RAD
+
+
+def test_one_gait_is_walked_until_it_fails_then_the_next() -> None:
+    trim = TrimSearch(ONE_FAILED, 0, codes=[7, *range(1, 7), *range(8, 121)])
+    walked = []
+    for score in itertools.chain([0.1] * WALKS, [1e6], [0.1]):
+        walked += trim.ask()
+        trim.tell(walked[-1:], [score])
+    assert walked == [7] * WALKS + [1, 2]
+    with pytest.raises(InputError, match=r"trim: got 2 codes; allowed: each of 1\.\.120 once"):
+        TrimSearch(ONE_FAILED, 0, codes=[1, 2])
+
+
+@pytest.mark.usefixtures("drifting")
+def test_the_second_walk_of_the_gait_auto_is_within_the_target() -> None:
+    result = search()
+    assert (result.session.spec.optimizer, result.session.spec.target_m) == ("trim", 0.025)
+    assert (result.ended, len(result.trials)) == ("target", 2)
+    first, second = result.trials
+    assert first.code == second.code
+    assert (first.outcome["trim_deg"], first.score > 0.1) == (0.0, True)
+    assert second.outcome["trim_deg"] == pytest.approx(first.wanted_trim_deg)
+    assert second.score < 0.025
+
+
+@pytest.mark.usefixtures("drifting")
+def test_the_trim_is_the_mean_of_all_walks_of_the_gait_and_of_no_other() -> None:
+    result = search(target_m=1e-6, budget=WALKS + 2)
+    trials = result.trials
+    for trial in trials:
+        wanted = [one.wanted_trim_deg for one in trials[: trial.index - 1] if one.code == trial.code]
+        assert trial.outcome["trim_deg"] == pytest.approx(np.mean(np.array(wanted, dtype=float)) if wanted else 0.0)
+    assert len({trial.code for trial in trials}) == 2
+    assert trials[WALKS].outcome["trim_deg"] == 0.0, "another gait has a bias of its own"
+    errors_deg = [abs(trial.outcome["trim_deg"] + math.degrees(DRIFT_RAD)) for trial in trials[:WALKS]]
+    assert errors_deg[WALKS - 1] < errors_deg[1], "more walks know the bias better"
+
+
+@pytest.mark.usefixtures("drifting")
+def test_the_baseline_teaches_the_first_trial() -> None:
+    result = search(baseline=True)
+    auto = next(walk for walk in result.baseline if walk.gait == AUTO)
+    assert result.trials[0].slots == auto.slots
+    assert result.trials[0].outcome["trim_deg"] == pytest.approx(auto.wanted_trim_deg)
+    assert (result.ended, len(result.trials)) == ("target", 1)
+
+
+def test_an_invalid_walk_teaches_nothing_and_another_gait_is_next(drifting: Drifting) -> None:
+    first = search(budget=1, target_m=1e-6).trials[0].code
+    drifting.status = {first: "fell"}
+    trials = search(budget=3).trials
+    assert [trial.wanted_trim_deg is None for trial in trials] == [True, False, False]
+    assert trials[0].code == first
+    assert trials[1].code == trials[2].code != first
+    assert trials[1].outcome["trim_deg"] == 0.0
+
+
+def test_a_bias_beyond_all_trims_ends_no_session(drifting: Drifting) -> None:
+    drifting.drift_rad = math.radians(60.0)
+    trials = search(budget=3).trials
+    assert trials[1].outcome["trim_deg"] == pytest.approx(-math.degrees(MAX_TRIM_RAD))
+
+
+def test_a_robot_that_holds_nothing_learns_nothing(drifting: Drifting) -> None:
+    drifting.hold = "none"
+    result = search(budget=2)
+    assert [trial.outcome["trim_deg"] for trial in result.trials] == [None, None]
+    assert result.session.best_trim_deg is None
+
+
+@pytest.mark.usefixtures("drifting")
+def test_a_session_that_is_cut_off_after_any_trial_goes_on_with_the_same_trims() -> None:
+    whole = search(target_m=1e-6, budget=6, baseline=True)
+    for cut in range(1, 6):
+        part = search(target_m=1e-6, budget=cut, baseline=True)
+        resumed = Adaptation.resume(part.session.name, budget=6, record=False).run()
+        assert resumed.trials == whole.trials
+        assert resumed.session.best_trim_deg == whole.session.best_trim_deg
+
+
+def test_open_loop_sessions_and_other_searches_have_no_trim(drifting: Drifting) -> None:
+    drifting.hold = "none"
+    spec = adapt(5, budget=1, record=False, baseline=False, prior="none").session.spec
+    assert (spec.optimizer, spec.hold, spec.target_m) == ("random", "none", None)
+    searched = search(optimizer="random", budget=2)
+    assert searched.session.spec.optimizer == "random"
+
+
+@pytest.mark.usefixtures("drifting")
+def test_trims_are_in_json_exports_and_the_last_line(capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["adapt", "--failed-leg", "2", "--hold", "heading", "--failure", "limp", "--no-record"]
+    assert exit_code(words) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[1].endswith("trim")
+    (trial,) = [line for line in lines if line.lstrip().startswith("1 ")]
+    session = load_session(lines[0].split()[1].rstrip(":"))
+    trim_deg = session.trials[0].outcome["trim_deg"]
+    assert trial.endswith(f"{trim_deg:+.2f}\N{DEGREE SIGN}")
+    (last,) = [line for line in lines if line.startswith("walk on with: ")]
+    code, best_deg = session.trials[0].code, session.best_trim_deg
+    assert last == (
+        f"walk on with: hexctl run --failed-leg 2 --gait {code} --hold heading "
+        f"--trim {best_deg:.2f} --failure limp"
+    )
+    (row,) = flat_rows(session)
+    assert list(row)[-2:] == ["trim_deg", "wanted_trim_deg"]
+    assert row["trim_deg"] == trim_deg
+    outcome = session.as_json()
+    assert outcome["best_trim_deg"] == best_deg
+    assert outcome["trials"][0]["wanted_trim_deg"] == session.trials[0].wanted_trim_deg
+
+
+REFUSED = [
+    ({"optimizer": "trim", "hold": "none"}, "optimizer: got trim with hold none; allowed: with heading"),
+    ({"optimizer": "trim"}, "optimizer: got trim with hold none"),
+    ({"optimizer": "trim", "hold": "line"}, "got trim with hold line"),
+    ({"optimizer": "trim", "hold": "heading", "objective": "speed"}, "got trim with objective speed"),
+    ({"optimizer": "trim", "hold": "heading", "count_repeats": True}, "got trim with count_repeats"),
+    ({"optimizer": "trim", "hold": "heading", "early_stop": True}, "early_stop: got it without a prior"),
+]
+
+
+@pytest.mark.parametrize(("options", "words"), REFUSED, ids=[words for _, words in REFUSED])
+def test_what_does_not_go_with_a_trim_is_refused(options: dict[str, Any], words: str) -> None:
+    with pytest.raises(InputError, match=words) as refused:
+        new_spec(failed_leg=5, **options)
+    assert "\n" not in str(refused.value)
+
+
+class Imu(SimServos):
+    """A simulated robot that knows its yaw and not its position; it is put back on its mark by hand."""
+
+    injects_failure = False
+
+    def __init__(self, robot: Robot) -> None:
+        super().__init__(robot, world="transfer:201", failure=Failure(leg=3, kind="limp"), seed=1)
+        self._mark: tuple[Any, Any] | None = None
+
+    def read(self) -> RobotState:
+        return replace(super().read(), base_position_world=None)
+
+    def put_back(self) -> None:
+        """Put it on its mark, as it stood when it was connected."""
+        data = self.simulation.physics.data.ptr
+        if self._mark is None:
+            self._mark = data.qpos.copy(), data.ctrl.copy()
+        data.qpos[:], data.ctrl[:] = self._mark
+        data.qvel[:] = 0.0
+
+
+class Tape:
+    """An operator who measures where a robot stands, from where it was put down."""
+
+    def __init__(self, robot: Imu) -> None:
+        self._robot = robot
+        self._from_m: Any = None
+
+    def _position_m(self) -> Any:
+        pose = self._robot.true_pose
+        assert pose is not None
+        return pose[0][:2]
+
+    def place(self, index: int, code: int) -> bool:
+        self._robot.put_back()
+        self._from_m = self._position_m()
+        return True
+
+    def measure(self, index: int, *, at_most_m: float) -> Answer:
+        distance_m, signed_m = (self._position_m() - self._from_m).tolist()
+        return Answer(word="measured", distance_m=distance_m, signed_m=signed_m)
+
+
+def test_an_operator_with_a_tape_trims_a_robot_that_knows_its_yaw_alone() -> None:
+    robot = Imu(hexctl.load_robot("ant"))
+    result = adapt(
+        3,
+        failure="limp",
+        servos=robot,
+        operator=Tape(robot),
+        hold="heading",
+        self_rotation="none",
+        duration_s=12.0,
+        target_m=0.01,
+        budget=3,
+        baseline=False,
+        record=False,
+    )
+    ends_m = [trial.score for trial in result.trials]
+    assert ends_m[0] > 0.03, "a walk without a trim has a bias"
+    assert min(ends_m) < 0.4 * ends_m[0]
+    assert {trial.code for trial in result.trials} == {result.trials[0].code}
+    assert {trial.outcome["hold"] for trial in result.trials} == {"heading"}
