@@ -152,7 +152,9 @@ def test_the_trim_is_the_mean_of_all_walks_of_the_gait_and_of_no_other() -> None
     trials = result.trials
     for trial in trials:
         wanted = [one.wanted_trim_deg for one in trials[: trial.index - 1] if one.code == trial.code]
-        assert trial.outcome["trim_deg"] == pytest.approx(np.mean(np.array(wanted, dtype=float)) if wanted else 0.0)
+        assert trial.outcome["trim_deg"] == pytest.approx(
+            np.mean(np.array(wanted, dtype=float)) if wanted else 0.0
+        )
     assert len({trial.code for trial in trials}) == 2
     assert trials[WALKS].outcome["trim_deg"] == 0.0, "another gait has a bias of its own"
     errors_deg = [abs(trial.outcome["trim_deg"] + math.degrees(DRIFT_RAD)) for trial in trials[:WALKS]]
