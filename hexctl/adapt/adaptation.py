@@ -30,7 +30,15 @@ from hexctl.adapt.runner import (
 )
 from hexctl.adapt.search import check_parts, extended, make_search, new_spec
 from hexctl.adapt.session import Session, SessionSpec
-from hexctl.adapt.setting import Note, Setting, baseline_note, load_setting, log_note, start_note
+from hexctl.adapt.setting import (
+    Note,
+    Setting,
+    baseline_note,
+    budget_note,
+    load_setting,
+    log_note,
+    start_note,
+)
 from hexctl.adapt.stance import connected_deflection_rad, simulated_deflection_rad
 from hexctl.adapt.store import RUNS, SessionStore, load_session
 from hexctl.backends.base import LegServos
@@ -188,6 +196,8 @@ class Adaptation:
         setting = checked or self._checked(spec)
         note = start_note(spec, setting)
         if note is not None:
+            self._note(note)
+        if (note := budget_note(spec)) is not None:
             self._note(note)
         if (session is None or not session.trials) and (note := baseline_note(spec)) is not None:
             self._note(note)

@@ -15,6 +15,7 @@ from hexctl.adapt.session import (
     Session,
     TrialRecord,
     WalkRecord,
+    trials_text,
 )
 from hexctl.adapt.store import SessionStore, stored_names
 from hexctl.errors import HexctlError, InputError
@@ -83,7 +84,7 @@ def _facts(session: Session) -> list[str]:
     world = f", world {spec.world}" if spec.world is not None else ""
     lines = [
         f"{asked}{world}",
-        f"{spec.optimizer}, seed {spec.seed}: {len(session.trials)} of {spec.budget} trials",
+        f"{spec.optimizer}, seed {spec.seed}: {len(session.trials)} of {trials_text(spec.budget)}",
         f"score: {spec.score_label}" + ("" if spec.target_m is None else f", target {spec.target_text}"),
     ]
     if best is not None:
@@ -101,7 +102,7 @@ def _facts(session: Session) -> list[str]:
         plus_minus = f", ± {spec.uncertainty_text}" if spec.uncertainty_text else ""
         lines.append(
             f"within {100 * milestone_m:g} cm "
-            + (f"after {reached} trials{plus_minus}" if reached else "not yet")
+            + (f"after {trials_text(reached)}{plus_minus}" if reached else "not yet")
         )
     return lines
 

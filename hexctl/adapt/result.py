@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from hexctl.adapt.session import BaselineRecord, Session, TrialRecord
+from hexctl.adapt.session import BaselineRecord, Session, TrialRecord, trials_text
 from hexctl.control.result import path_axes
 from hexctl.errors import RecordingError, RobotFaultError
 
@@ -81,4 +81,5 @@ class AdaptationResult:
     def __repr__(self) -> str:
         best = self.best
         found = "no valid trial" if best is None else f"best code {best.code}, score {best.score:.3f}"
-        return f"AdaptationResult({self.session.name}: {self.ended} after {len(self.trials)} trials, {found})"
+        after = trials_text(len(self.trials))
+        return f"AdaptationResult({self.session.name}: {self.ended} after {after}, {found})"

@@ -184,7 +184,8 @@ def check_numbers(spec: SessionSpec) -> None:
     if spec.seed < 0:
         raise InputError(f"{argument('seed')}: got {spec.seed}; allowed: 0 or more")
     if spec.target_m is not None and not (math.isfinite(spec.target_m) and spec.target_m > 0):
-        raise InputError(f"{argument('target_m')}: got {spec.target_m}; allowed: above 0 m")
+        unit = f" {spec.objective_unit}".rstrip()
+        raise InputError(f"{argument('target_m')}: got {spec.target_m:g}; allowed: above 0{unit}")
     if spec.worth_m is not None and not (math.isfinite(spec.worth_m) and spec.worth_m >= 0):
         raise InputError(f"{argument('worth_m')}: got {spec.worth_m}; allowed: 0 m or more")
     if not (math.isfinite(spec.uncertainty_m) and spec.uncertainty_m >= 0):
@@ -217,7 +218,7 @@ def _with_target(spec: SessionSpec, target: float | str | None) -> SessionSpec:
     if spec.objective_unit != "m":
         raise InputError(
             f"{argument('target')}: got {target} with the objective {spec.objective}, which is not in "
-            "metres; allowed: a number"
+            f"metres; allowed: {f'a number, in {unit}' if (unit := spec.objective_unit) else 'a number'}"
         )
     return replace(spec, target_share=value / 100)
 

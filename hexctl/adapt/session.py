@@ -280,6 +280,11 @@ class BaselineRecord(WalkRecord):
         }
 
 
+def trials_text(count: int) -> str:
+    """A number of trials: `1 trial`, `2 trials`."""
+    return f"{count} trial" + ("" if count == 1 else "s")
+
+
 @dataclass(slots=True, kw_only=True)
 class Session:
     """A session as it stands: grows by a trial at a time.

@@ -12,6 +12,8 @@ from hexctl.adapt.prior.find import check_prior
 from hexctl.adapt.prior.prior import Prior, PriorKey, load_prior
 from hexctl.adapt.prior.samples import covering
 from hexctl.adapt.session import SessionSpec
+from hexctl.adapt.shipped import BAYES, TRIM
+from hexctl.adapt.space import GaitSpace
 from hexctl.backends.sim.world import World, load_world
 from hexctl.control.assessment.uncertainty_store import COMPUTATION, known_uncertainty
 from hexctl.control.plan import TrialPlan
@@ -146,6 +148,16 @@ def baseline_note(spec: SessionSpec) -> str | None:
         f"{count} walks of {spec.duration_s:g} s come before the first trial, with the gaits it would use "
         f"anyway ({', '.join(spec.baseline_gaits)}); --no-baseline leaves them out"
     )
+
+
+def budget_note(spec: SessionSpec) -> str | None:
+    """That a budget is greater than the number of gaits that are walked once each, or None."""
+    gaits = GaitSpace((spec.failed_leg,)).size
+    if spec.optimizer in (BAYES, TRIM) or spec.count_repeats or spec.budget - spec.confirm <= gaits:
+        return None
+    confirming = f" and {spec.confirm} to confirm" if spec.confirm else ""
+    most = f"{gaits}{confirming} are walked: there are {gaits} gaits"
+    return f"of the budget of {spec.budget} trials at most {most}"
 
 
 def with_known_uncertainty(spec: SessionSpec, setting: Setting, folder: Path, note: Note) -> SessionSpec:

@@ -109,10 +109,10 @@ def adapt(
         str | None,
         typer.Option(
             "--target",
-            metavar="METRES or PERCENT%",
-            help="Stop once the objective is this small: in metres (0.05), or as a share of the ideal "
-            "distance of a walk (1%); bayes once it is 90 % sure. (default: 0.025 with bayes and trim, "
-            "else none)",
+            metavar="NUMBER or PERCENT%",
+            help="Stop once the objective is this small: in its unit, which is metres (0.05), but s/m for "
+            "speed, degrees for tilt and m/s for steadiness; or as a share of the ideal distance of a walk "
+            "(1%); bayes once it is 90 % sure. (default: 0.025 with bayes and trim, else none)",
         ),
     ] = None,
     worth_m: Annotated[
@@ -306,7 +306,7 @@ def _resume(name: str, budget: int | None, **shown: bool) -> int:
 
     spec = load_session(name, folder=RUNS).spec
     make = partial(Adaptation.resume, name, budget=budget)
-    return _execute(make, spec, extends=budget is not None, **shown)
+    return _execute(make, spec, resumed=True, **shown)
 
 
 def _execute(
@@ -316,7 +316,7 @@ def _execute(
     record: bool,
     view: bool,
     as_json: bool,
-    extends: bool = False,
+    resumed: bool = False,
 ) -> int:
     """Run an adaptation, print its result, and return the exit code."""
     from hexctl.adapt.runner import NotBegunError, RobotStoppedError
@@ -344,7 +344,7 @@ def _execute(
         except NotBegunError as error:
             _note(str(error))
             return INTERRUPTED
-    _print_end(result, as_json=as_json, extends=extends)
+    _print_end(result, as_json=as_json, resumed=resumed)
     if result.trouble is not None:
         then = f"{_clearing(spec, result.trouble)}continue with: hexctl adapt --resume {result.session.name}"
         _note(f"{in_flags(result.trouble)}; nothing is lost: {then}")
@@ -356,13 +356,15 @@ def _execute(
     return DONE if result.best is not None else ABORTED
 
 
-def _print_end(result: "AdaptationResult", *, as_json: bool, extends: bool) -> None:
-    """Print how a search ended; `extends` is True for a session that was given another budget."""
+def _print_end(result: "AdaptationResult", *, as_json: bool, resumed: bool) -> None:
+    """Print how a search ended; a session that was resumed may have been finished before."""
     from hexctl.cli.render_adapt import ENDS, closing_lines
 
     print_result(json.dumps(result.to_dict()) if as_json else closing_lines(result.session, result.ended))
-    if extends and result.ended in ENDS and not result.walked:
-        _note(f"nothing to walk, {ENDS[result.ended]}; another target takes a new session")
+    if resumed and result.ended in ENDS and not result.walked:
+        more = {"budget": "; a greater --budget walks more", "exhausted": ""}
+        then = more.get(result.ended, "; another target takes a new session")
+        _note(f"the session is finished, {ENDS[result.ended]}: nothing to walk{then}")
 
 
 def _note(text: str) -> None:

@@ -21,6 +21,7 @@ from hexctl.adapt.session import (
     SessionSpec,
     TrialRecord,
     WalkRecord,
+    trials_text,
 )
 from hexctl.adapt.shipped import BAYES
 from hexctl.cli.console import make_bar, print_above
@@ -97,7 +98,7 @@ def session_lines(session: Session) -> list[str]:
 def pareto_lines(session: Session, objectives: Sequence[Objective]) -> list[str]:
     """Table of the valid trials that no other one beats in all of some objectives."""
     front = session.pareto(objectives)
-    trials, names = _trials(len(session.trials)), " and ".join(objective.name for objective in objectives)
+    trials, names = trials_text(len(session.trials)), " and ".join(objective.name for objective in objectives)
     heads = [f"{one.name} ({one.unit})" if one.unit else one.name for one in objectives]
     lines = [
         f"session {session.name}: {len(front)} of {trials} that no other beats in {names}",
@@ -124,14 +125,15 @@ def opening_line(session: Session) -> str:
     believing = f" with the prior {Path(spec.prior).name}" if spec.prior else ""
     return (
         f"session {session.name}: {subject(spec)}, {spec.optimizer}{believing}, "
-        f"{_trials(spec.budget)} of {spec.duration_s:g} s{_hold(spec)}{_objective(spec)}{_target(spec)}"
+        f"{trials_text(spec.budget)} of {spec.duration_s:g} s{_hold(spec)}{_objective(spec)}{_target(spec)}"
         f"{_uncertainty(spec)}"
     )
 
 
 def _target(spec: SessionSpec) -> str:
-    """A target that was given as a share of the distance, in metres too."""
-    return "" if spec.target_share is None else f", target {spec.target_text}"
+    """A target that needs its unit: a share of the distance, in metres too, or one that is not in metres."""
+    told = spec.target_m is not None and (spec.target_share is not None or spec.objective_unit != "m")
+    return f", target {spec.target_text}" if told else ""
 
 
 def _uncertainty(spec: SessionSpec) -> str:
@@ -216,10 +218,6 @@ def _cause(walk: WalkRecord) -> str:
     return "" if cause is None else f"  {cause}: {CAUSES.get(cause, '')}"
 
 
-def _trials(count: int) -> str:
-    return f"{count} trial" + ("" if count == 1 else "s")
-
-
 def _expected(trial: TrialRecord) -> str:
     """Interval in which the optimizer predicted the trial to end, from right to left; empty without one."""
     if trial.expected is None:
@@ -251,7 +249,7 @@ def end_of(session: Session) -> str:
 
 def closing_lines(session: Session, ended: str | None) -> str:
     """Summary at the end of a session; `ended` is None for one that can be resumed."""
-    walked = f"after {_trials(len(session.trials))}, {session.walked_s:.0f} s walked"
+    walked = f"after {trials_text(len(session.trials))}, {session.walked_s:.0f} s walked"
     why = "unfinished" if ended is None else f"ended: {ended}"
     lines = [f"{why} {walked}", *_milestone_lines(session), *_baseline_lines(session)]
     lines += [*_surety_lines(session), *_indistinct_lines(session.spec)]
@@ -320,8 +318,13 @@ def _compared(session: Session) -> str:
         if spec.uncertainty_text
         else []
     )
-    text = f"; no trial is better than {' and '.join(unbeaten)}" if unbeaten else ""
-    return text + (f"; the best trial is not distinguishable from {' and '.join(alike)}" if alike else "")
+    text = f"; no trial is better than {_listed(unbeaten)}" if unbeaten else ""
+    return text + (f"; the best trial is not distinguishable from {_listed(alike)}" if alike else "")
+
+
+def _listed(names: Sequence[str]) -> str:
+    """Names in a sentence: `auto`, `auto and demo`, `auto, demo and tripod`."""
+    return " and ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
 
 
 def _surety_lines(session: Session) -> list[str]:
@@ -367,7 +370,7 @@ def _milestone_lines(session: Session) -> list[str]:
         plus_minus = f", ± {session.spec.uncertainty_text}" if session.spec.uncertainty_text else ""
         lines.append(
             f"within {milestone:g} m: "
-            + (f"after {_trials(reached)}{plus_minus}" if reached else "not reached")
+            + (f"after {trials_text(reached)}{plus_minus}" if reached else "not reached")
         )
     return lines
 
@@ -377,6 +380,6 @@ def session_line(session: Session) -> str:
     spec, best = session.spec, session.best
     outcome = f"best {spec.uncertain_text(best.score)} (code {best.code})" if best else "no valid trial"
     return (
-        f"{session.name}  {subject(spec)}, {spec.optimizer}, {len(session.trials)} of {spec.budget} trials "
-        f"of {spec.duration_s:g} s, {outcome}; {end_of(session)}"
+        f"{session.name}  {subject(spec)}, {spec.optimizer}, {len(session.trials)} of "
+        f"{trials_text(spec.budget)} of {spec.duration_s:g} s, {outcome}; {end_of(session)}"
     )

@@ -102,10 +102,11 @@ def delete(
     yes: Annotated[bool, typer.Option("--yes", help="Do not ask. Its recordings are deleted too.")] = False,
 ) -> None:
     """Delete a session and its recordings."""
+    from hexctl.adapt.session import trials_text
     from hexctl.adapt.store import delete_session, load_session
 
-    trials = len(load_session(name, RUNS).trials)
-    if not yes and not _agreed(f"delete session {name}, its {trials} trials and their recordings?"):
+    trials = trials_text(len(load_session(name, RUNS).trials))
+    if not yes and not _agreed(f"delete session {name}, its {trials} and the recordings?"):
         print_result("nothing deleted")
         return
     delete_session(name, RUNS)

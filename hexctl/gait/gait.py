@@ -153,6 +153,7 @@ def make_gait(
     amplitude: float | None = None,
     height: float | None = None,
     failed_legs: Iterable[int] = (),
+    besides: Sequence[str] = (),
 ) -> Gait:
     """A gait by name, code or slots, with the robot's own pace, amplitude and height where none is given.
 
@@ -163,34 +164,38 @@ def make_gait(
         amplitude: step amplitude as a fraction of the robot's size.
         height: step height as a fraction of the robot's size.
         failed_legs: a code counts among the arrangements of the other legs.
+        besides: names that the caller takes as well, such as `auto`, for the message.
 
     Raises InputError for anything else, and for a gait that `Gait` refuses.
     """
     check_type(robot, Robot, "make_gait: robot", "a Robot, as load_robot('ant') gives")
     default = robot.gait
     return Gait(
-        slots=parse_slots(gait, failed_legs),
+        slots=parse_slots(gait, failed_legs, besides),
         pace_hz=default.pace_hz if pace_hz is None else pace_hz,
         amplitude=default.amplitude if amplitude is None else amplitude,
         height=default.height if height is None else height,
     )
 
 
-def parse_slots(gait: str | int | Sequence[int], failed_legs: Iterable[int] = ()) -> Slots:
+def parse_slots(
+    gait: str | int | Sequence[int], failed_legs: Iterable[int] = (), besides: Sequence[str] = ()
+) -> Slots:
     """Slots of a name (`tripod`), a code (`57`) or a list (`5,1,2,4,3,6`), as text or as numbers.
 
-    A code counts among the arrangements of the legs that still walk. Raises InputError for anything else.
+    A code counts among the arrangements of the legs that still walk. Raises InputError for anything else,
+    with the names that the caller takes besides.
     """
     if isinstance(gait, str):
-        return _slots_of_text(gait, failed_legs)
+        return _slots_of_text(gait, failed_legs, besides)
     if isinstance(gait, Iterable):
         check_permutation(gait)
         return as_slots(gait)
-    check_type(gait, int, "gait", _allowed(failed_legs))
+    check_type(gait, int, "gait", _allowed(failed_legs, besides))
     return slots_from_code(operator.index(gait), failed_legs)
 
 
-def _slots_of_text(text: str, failed_legs: Iterable[int]) -> Slots:
+def _slots_of_text(text: str, failed_legs: Iterable[int], besides: Sequence[str]) -> Slots:
     cleaned = text.strip()
     if cleaned in NAMED_SLOTS:
         return NAMED_SLOTS[cleaned]
@@ -199,7 +204,7 @@ def _slots_of_text(text: str, failed_legs: Iterable[int]) -> Slots:
     try:
         code = int(cleaned)
     except ValueError:
-        raise InputError(f"gait: got {text!r}; allowed: {_allowed(failed_legs)}") from None
+        raise InputError(f"gait: got {text!r}; allowed: {_allowed(failed_legs, besides)}") from None
     return slots_from_code(code, failed_legs)
 
 
@@ -212,6 +217,6 @@ def _listed(text: str) -> Slots:
     return slots
 
 
-def _allowed(failed_legs: Iterable[int]) -> str:
-    names = ", ".join(NAMED_SLOTS)
+def _allowed(failed_legs: Iterable[int], besides: Sequence[str]) -> str:
+    names = ", ".join([*NAMED_SLOTS, *besides])
     return f"{names}, a code 1..{code_count(failed_legs)}, or slots such as 5,1,2,4,3,6"

@@ -2,7 +2,9 @@
 
 import os
 from collections.abc import Callable
+from contextlib import suppress
 from functools import partial
+from itertools import takewhile
 from pathlib import Path
 from threading import Thread
 from typing import Any, BinaryIO
@@ -135,7 +137,13 @@ def check_name(path: Path) -> None:
 
 
 def probe_file(path: Path) -> None:
-    """Raise InputError unless `create_file` can make the file, which is then removed again; folders stay."""
+    """Raise InputError unless `create_file` can make the file; it and its new folders are removed again."""
     check_name(path)
-    create_file(path)
-    path.unlink()
+    new = list(takewhile(lambda folder: not folder.exists(), path.parents))
+    try:
+        create_file(path)
+        path.unlink()
+    finally:
+        for folder in new:
+            with suppress(OSError):  # not made, or another process has put something there meanwhile
+                folder.rmdir()

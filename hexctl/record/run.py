@@ -441,6 +441,7 @@ def _plan_of(spec: RunSpec, robot: Robot) -> TrialPlan:
             amplitude=spec.amplitude,
             height=spec.height,
             failed_legs=(spec.failure.leg,) if spec.failure else (),
+            besides=(AUTO,),
         )
         gait = replace(
             gait,
@@ -479,5 +480,8 @@ def _change_of(text: str, robot: Robot, plan: TrialPlan) -> GaitChange:
         )
     if time_s >= plan.duration_s:
         raise InputError(f"{argument('then')}: got {text!r}; allowed: before {plan.duration_s:g} s, the end")
-    slots = stable_slots_of(robot, plan) if name == AUTO else parse_slots(name, plan.failed_legs)
+    try:
+        slots = stable_slots_of(robot, plan) if name == AUTO else parse_slots(name, plan.failed_legs, (AUTO,))
+    except InputError as error:
+        raise InputError(f"{argument('then')}: got {text!r} ({error})") from error
     return GaitChange(gait=replace(plan.gait, slots=slots), at_s=time_s)

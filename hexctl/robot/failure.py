@@ -109,12 +109,16 @@ def parse_failure(leg: int, text: str) -> Failure:
     """
     check_type(text, str, "failure", FAILURE_FORMS)
     kind, *details = text.split(":")
-    most = {"stuck": 2, "weak": 1}.get(kind, 0)
-    _require(len(details) <= most, "failure", text, FAILURE_FORMS)
+    most, what = {"stuck": 2, "weak": 1}.get(kind, 0), argument("failure")
+    _require(kind in FAILURE_KINDS and len(details) <= most, what, text, FAILURE_FORMS)
     if kind == "weak" and details:
-        return Failure(leg=leg, kind=kind, torque_fraction=_number(details[0], text))
+        fraction = _number(details[0], text)
+        _require(0 <= fraction <= 1, what, text, "weak:FRACTION, the part of its torque, 0..1")
+        return Failure(leg=leg, kind=kind, torque_fraction=fraction)
     if kind == "stuck" and details:
         degrees = _number(details[1], text) if len(details) == 2 else 0.0
+        stuck = details[0] in JOINT_KINDS and math.isfinite(degrees)
+        _require(stuck, what, text, f"stuck:JOINT:DEGREES with {', '.join(JOINT_KINDS)} and a finite angle")
         return Failure(leg=leg, kind=kind, joint=details[0], angle_rad=math.radians(degrees))
     return Failure(leg=leg, kind=kind)
 
@@ -123,7 +127,8 @@ def _number(text: str, whole: str) -> float:
     try:
         return float(text)
     except ValueError:
-        raise InputError(f"failure: got {whole!r}; allowed: a number in place of {text!r}") from None
+        allowed = f"a number in place of {text!r}"
+        raise InputError(f"{argument('failure')}: got {whole!r}; allowed: {allowed}") from None
 
 
 def _require(holds: bool, what: str, got: object, allowed: str) -> None:

@@ -29,11 +29,11 @@ def _in_an_empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None
     monkeypatch.chdir(tmp_path)
 
 
-def run_json(capsys: pytest.CaptureFixture[str], *arguments: str, code: int = 0) -> Any:
+def run_json(capsys: pytest.CaptureFixture[str], *arguments: str, code: int = 0, said: str = "") -> Any:
     capsys.readouterr()
     assert exit_code([*arguments, "--json"]) == code
     printed = capsys.readouterr()
-    assert printed.err == ""
+    assert printed.err == said
     return json.loads(printed.out)
 
 
@@ -212,7 +212,8 @@ def test_a_budget_beyond_the_space_ends_when_every_gait_was_tried(
 ) -> None:
     monkeypatch.setattr(TrialRunner, "walk", lambda _, *trial: Landscape()(*trial))
     words = ["adapt", "--failed-leg", "5", "--optimizer", "random", "--no-record"]
-    outcome = run_json(capsys, *words, "--budget", "500")
+    said = "hexctl: of the budget of 500 trials at most 120 are walked: there are 120 gaits\n"
+    outcome = run_json(capsys, *words, "--budget", "500", said=said)
     assert outcome["ended"] == "exhausted"
     assert len(outcome["trials"]) == 120
     assert exit_code([*words, "--budget", "121"]) == 0
@@ -234,7 +235,8 @@ def test_a_finished_session_goes_on_with_another_budget(
     longer = run_json(capsys, *go_on, "--budget", "15")
     assert (longer["budget"], longer["ended"]) == (15, "budget")
     assert course(longer) == course(whole)
-    assert run_json(capsys, *go_on)["trials"] == longer["trials"]
+    said = "the session is finished, its budget is spent: nothing to walk; a greater --budget walks more"
+    assert run_json(capsys, *go_on, said=f"hexctl: {said}\n")["trials"] == longer["trials"]
 
 
 def test_a_session_at_its_target_has_nothing_to_walk(
@@ -247,7 +249,48 @@ def test_a_session_at_its_target_has_nothing_to_walk(
     assert exit_code(["adapt", "--resume", outcome["session"], "--no-record", "--budget", "8"]) == 0
     printed = capsys.readouterr()
     assert "ended: target after 1 trial," in printed.out
-    assert "nothing to walk, its target is reached" in printed.err
+    said = (
+        "the session is finished, its target is reached: nothing to walk; another target takes a new session"
+    )
+    assert said in printed.err
+
+
+def test_a_finished_session_that_is_resumed_says_so(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(TrialRunner, "walk", lambda _, *trial: Landscape()(*trial))
+    begun = ["adapt", "--failed-leg", "5", "--optimizer", "random", "--no-record", "--budget", "1"]
+    session = run_json(capsys, *begun)["session"]
+    assert exit_code(["adapt", "--resume", session, "--no-record"]) == 0
+    said = "the session is finished, its budget is spent: nothing to walk; a greater --budget walks more"
+    assert capsys.readouterr().err == f"hexctl: {said}\n"
+
+
+def test_a_budget_beyond_the_number_of_gaits_is_told(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(TrialRunner, "walk", lambda _, *trial: Landscape()(*trial))
+    begun = ["adapt", "--failed-leg", "5", "--optimizer", "random", "--no-record", "--no-baseline"]
+    assert exit_code([*begun, "--budget", "121", "--target", "9"]) == 0
+    said = "of the budget of 121 trials at most 120 are walked: there are 120 gaits"
+    assert said in capsys.readouterr().err
+    for enough in (["--budget", "120"], ["--budget", "121", "--count-repeats"]):
+        assert exit_code([*begun, *enough, "--target", "9"]) == 0
+        assert "at most" not in capsys.readouterr().err
+
+
+def test_a_target_has_the_unit_of_its_objective(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(TrialRunner, "walk", lambda _, *trial: Landscape()(*trial))
+    begun = ["adapt", "--failed-leg", "5", "--optimizer", "random", "--no-record", "--no-baseline"]
+    begun += ["--objective", "speed", "--budget", "1"]
+    assert exit_code([*begun, "--target", "9"]) == 0
+    assert "best by the objective speed, target 9 s/m\n" in capsys.readouterr().out
+    assert exit_code([*begun, "--target", "0"]) == 2
+    assert "--target: got 0; allowed: above 0 s/m" in capsys.readouterr().err
+    assert exit_code([*begun, "--target", "1%"]) == 2
+    assert "allowed: a number, in s/m" in capsys.readouterr().err
 
 
 def test_another_objective_is_named(

@@ -71,6 +71,11 @@ def test_a_gait_within_the_uncertainty_of_the_best_trial_is_not_called_better_or
     assert "without a search: tripod 0.080 m ± 0.021 m" in text.splitlines()
     text = closing_lines(with_tripod(0.001, uncertainty_m=0.0013), "budget")
     assert "; no trial is better than tripod" in text
+    unbeaten = replace(
+        with_tripod(0.001),
+        baseline=[replace(with_tripod(0.001).baseline[0], gait=name) for name in ("auto", "demo", "tripod")],
+    )
+    assert "; no trial is better than auto, demo and tripod" in closing_lines(unbeaten, "budget")
     text = closing_lines(with_tripod(0.001), "budget")  # not known: as they are
     assert "without a search: tripod 0.001 m; no trial is better than tripod" in text.splitlines()
 

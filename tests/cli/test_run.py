@@ -404,7 +404,8 @@ def test_servos_in_the_current_folder_are_found(program: list[str], tmp_path: Pa
     [
         (["--then", "wave"], ["--then", "'wave'", "wave@10"]),
         (["--then", "wave@soon"], ["--then", "wave@soon", "wave@10"]),
-        (["--then", "lope@0.3"], ["gait", "'lope'", "tripod"]),
+        (["--then", "lope@0.3"], ["--then", "'lope@0.3'", "tripod", "auto"]),
+        (["--gait", "lope"], ["gait", "'lope'", "tripod", "auto"]),
         (["--then", "wave@0.9", "--then", "demo@0.5"], ["do not ascend"]),
         (["--then", "wave@5"], ["--then", "wave@5", "before 1 s"]),
         (["--tuck", "7"], ["tucked legs", "7", "1..6"]),

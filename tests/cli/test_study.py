@@ -71,7 +71,7 @@ def test_a_study_from_end_to_end_and_again_from_the_cache(
         (["--robot", "spot"], "allowed: ant"),
         (["--world", "moon"], "allowed: flat"),
         (["--failure", "tired"], "allowed: locked, limp"),
-        (["--failure", "weak:2"], "weak torque fraction: got 2"),
+        (["--failure", "weak:2"], "--failure: got weak:2; allowed: weak:FRACTION"),
         (["--self-rotation", "left"], "--self-rotation: got left; allowed: rear, front, none"),
         (["--worlds", "101"], "--worlds: got 101; allowed: 1..100"),
         (["--prior", "auto"], "--prior: got auto; allowed: with --transfer"),

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from hexctl.errors import RecordingError
-from hexctl.record.rrd import END_PADDING, check_whole
+from hexctl.errors import InputError, RecordingError
+from hexctl.record.rrd import END_PADDING, check_whole, probe_file
 from hexctl.record.viewer import viewer_binary
 from tests.record.conftest import ReadBack, Trial, write
 
@@ -66,3 +66,14 @@ def test_what_was_cut_off_in_mid_message_can_be_repaired(cut_off: Path, trial_fi
     assert len(read.blueprints) == 1
     assert read.temporal()
     assert read.entities <= ReadBack(trial_file).entities
+
+
+def test_a_probe_leaves_nothing_behind(tmp_path: Path) -> None:
+    probe_file(tmp_path / "new" / "folder" / "walk.rrd")
+    assert not list(tmp_path.iterdir())
+    (tmp_path / "kept").mkdir()
+    probe_file(tmp_path / "kept" / "walk.rrd")
+    assert [path.name for path in tmp_path.iterdir()] == ["kept"]
+    (tmp_path / "file").touch()
+    with pytest.raises(InputError, match="cannot be written"):
+        probe_file(tmp_path / "file" / "folder" / "walk.rrd")

@@ -196,7 +196,7 @@ def check_robot(
 
     Args:
         robot: name of a shipped robot, or a robot file.
-        gait: name, code or slots of the gait.
+        gait: name, code or slots of the gait; `auto` is the one that stands safest.
         heading_rad: direction of travel, counter-clockwise from forward; None checks all round.
         turn_rate_rad_s: rate of turning; with it and no heading the robot turns in place.
         pace_hz: gait cycles per second; None is the robot's.
@@ -207,7 +207,9 @@ def check_robot(
     """
     file = load_robot_file(robot)
     stable = most_stable_slots(file.robot, heading_rad=heading_rad or 0.0) if gait == AUTO else None
-    checked = make_gait(file.robot, stable or gait, pace_hz=pace_hz, amplitude=amplitude, height=height)
+    checked = make_gait(
+        file.robot, stable or gait, pace_hz=pace_hz, amplitude=amplitude, height=height, besides=(AUTO,)
+    )
     motions = _motions(heading_rad, turn_rate_rad_s)
     return RobotCheck(
         robot=file.robot,
