@@ -64,15 +64,17 @@ def _steered_us(ticks: int) -> FloatArray:
 
 
 class PosedMock(MockServos):
-    """A mock robot that knows its pose: it sways about its line."""
+    """A mock robot that knows its pose: it sways and turns about its line."""
 
     def __init__(self) -> None:
         super().__init__(ant(), clock=SimClock(lambda: None))
 
     def read(self) -> RobotState:
         """State with a pose."""
-        aside_m = 0.02 * math.sin(0.1 * self.clock.now_s)
-        position, quaternion = np.array([0.0, aside_m, 0.1]), np.array([1.0, 0.0, 0.0, 0.0])
+        sway = math.sin(0.1 * self.clock.now_s)
+        half_rad = math.radians(1.0) * sway
+        position = np.array([0.0, 0.02 * sway, 0.1])
+        quaternion = np.array([math.cos(half_rad), 0.0, 0.0, math.sin(half_rad)])
         return replace(super().read(), base_position_world=position, base_quaternion_world=quaternion)
 
 

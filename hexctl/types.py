@@ -32,6 +32,18 @@ FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
 
+def chosen(condition: BoolArray | np.bool_, yes: FloatArray | float, no: FloatArray | float) -> FloatArray:
+    """`np.where`, at a tenth of its time for the scalars of a single robot."""
+    if isinstance(condition, np.bool_):
+        return yes if condition else no  # type: ignore[return-value]
+    return np.where(condition, yes, no)
+
+
+def any_of(condition: BoolArray | np.bool_) -> bool:
+    """Whether a condition holds anywhere; `condition.any()`, faster for a scalar."""
+    return bool(condition) if isinstance(condition, np.bool_) else bool(condition.any())
+
+
 class ArrayFields:
     """Equality of dataclasses whose fields hold arrays.
 

@@ -22,8 +22,8 @@ import numpy as np
 from hexctl.control.plan import TrialPlan
 from hexctl.control.trace import TrialFrame
 from hexctl.errors import InputError, check_type
-from hexctl.robot.rotations import yaw_rad
-from hexctl.types import ArrayFields, BoolArray, FloatArray, RobotState
+from hexctl.robot.rotations import components, yaw_rad
+from hexctl.types import ArrayFields, BoolArray, FloatArray, RobotState, any_of, chosen
 
 #: Position or yaw that stays away for longer than this is lost: its part of the law then decays.
 LOST_AFTER_S = 1.0
@@ -35,7 +35,6 @@ FROZEN_AFTER_S = 4.0
 #: bound, which grows by half of itself in a second, reaches it.
 JUMP_M = 0.25
 JUMP_RAD = math.radians(30.0)
-JUMPS = np.array([JUMP_M, JUMP_RAD])
 JUMP_GROWTH_PER_S = 0.5
 
 
@@ -59,11 +58,11 @@ class SteeringGains:
 
 
 class Measured:
-    """Numbers that robots measure, with what to make of dropouts and jumps.
+    """A number that robots measure, with what to make of dropouts and jumps.
 
     Args:
-        first: what the numbers are now.
-        jump: change between two measurements that is not believed at once, broadcast against the numbers.
+        first: what the number is now, leading shape.
+        jump: change between two measurements that is not believed at once.
 
     Attributes:
         value: the last one believed.
@@ -71,33 +70,39 @@ class Measured:
         missing_s: time since it was.
     """
 
-    def __init__(self, first: FloatArray, jump: FloatArray | float) -> None:
+    def __init__(self, first: FloatArray, jump: float) -> None:
         self.value: FloatArray = first
-        self.fresh: BoolArray = np.ones(first.shape, dtype=bool)
-        self.missing_s: FloatArray = np.zeros(first.shape)
+        self.fresh: BoolArray = np.ones(np.shape(first), dtype=bool)[()]
+        self.missing_s: FloatArray = np.zeros(np.shape(first))[()]
         self._jump = jump
 
     def update(self, raw: FloatArray, dt_s: float) -> None:
         """Take a measurement, NaN where there is none."""
         most = self._jump * (1 + JUMP_GROWTH_PER_S * self.missing_s)
         self.fresh = abs(raw - self.value) <= most
-        self.value = np.where(self.fresh, raw, self.value)
-        self.missing_s = np.where(self.fresh, 0.0, self.missing_s + dt_s)
+        self.value = chosen(self.fresh, raw, self.value)
+        self.missing_s = (self.missing_s + dt_s) * ~self.fresh
+
+    @property
+    def lost(self) -> BoolArray:
+        """Whether it stays away for longer than a dropout."""
+        return self.missing_s > LOST_AFTER_S
 
 
 class FrozenSensor:
     """Whether a sensor has shown the same to the last bit for longer than `FROZEN_AFTER_S`."""
 
     def __init__(self) -> None:
-        self._last: FloatArray | None = None
-        self._same_s: FloatArray = np.zeros(())
+        self._last: tuple[FloatArray, ...] = ()
+        self._same_s: FloatArray = np.float64(0.0)  # type: ignore[assignment]
 
-    def update(self, values: FloatArray, dt_s: float) -> BoolArray:
-        """Take the values of a tick in which it measured, leading shape + (k,); leading shape."""
-        if self._last is not None:
-            self._same_s = (self._same_s + dt_s) * (values == self._last).all(axis=-1)
-        self._last = values
-        return np.asarray(self._same_s > FROZEN_AFTER_S)
+    def update(self, dt_s: float, *values: FloatArray) -> BoolArray:
+        """Take the values of a tick in which it measured, each of them leading shape, as the answer is."""
+        same: BoolArray | np.bool_ = np.bool_(bool(self._last))
+        for value, before in zip(values, self._last, strict=False):
+            same = same & (value == before)
+        self._last, self._same_s = values, (self._same_s + dt_s) * same
+        return self._same_s > FROZEN_AFTER_S
 
 
 class CourseOverGround:
@@ -180,6 +185,11 @@ def why_less(plan: TrialPlan, frame: TrialFrame | None) -> str | None:
     return f"{'no yaw' if plan.hold == 'heading' else missing} was measured at rest before the walk"
 
 
+def _plane(position_world: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Coordinates x and y of positions, leading shape each."""
+    return position_world[..., 0][()], position_world[..., 1][()]
+
+
 def _left_of(course: Course) -> FloatArray:
     """Direction to the left of a line, (2,)."""
     return np.array([-math.sin(course.heading_rad), math.cos(course.heading_rad)])
@@ -217,17 +227,17 @@ class CourseHold:
         check_type(course, Course, "course", "a Course")
         if hold not in ("line", "heading"):
             raise InputError(f"hold: got {hold}; allowed: line, heading")
-        shape = np.shape(speed_m_s)
+        self._shape = np.shape(speed_m_s)
         self._trim_rad = trim_rad if hold == "heading" else 0.0
         self._course, self._hold, self._gains = course, hold, gains or SteeringGains()
         self.retune(speed_m_s=speed_m_s, cycle_s=cycle_s, stride_m=stride_m, most_turn_rad_s=most_turn_rad_s)
-        self._shape = shape
         self._position_world: FloatArray | None = None
-        self._frozen = {"position": FrozenSensor(), "yaw": FrozenSensor()}
-        zero = np.zeros(shape)[()]
+        self._frozen_position, self._frozen_yaw = FrozenSensor(), FrozenSensor()
+        zero, self._unknown = np.zeros(self._shape)[()], np.full(self._shape, math.nan)[()]
         self._turned_rad, self._walked_cycles, self._turn_rad = zero, zero, zero
+        self._all: BoolArray = np.ones(self._shape, dtype=bool)[()]
         self._left = _left_of(course)
-        self._begin(np.zeros(shape), np.zeros(shape))
+        self._begin(zero, zero)
         self.velocity_body = self._velocity()
 
     def follow(self, course: Course) -> None:
@@ -236,19 +246,18 @@ class CourseHold:
         The deviation from the line before is not taken for one from the new line.
         """
         check_type(course, Course, "course", "a Course")
-        error_rad = self._means[..., 1] + self._course.yaw_rad - course.yaw_rad
+        error_rad = self._error_rad + self._course.yaw_rad - course.yaw_rad
         self._course, self._left = course, _left_of(course)
-        deviation_m = np.zeros(self._shape)
+        deviation_m = np.zeros(self._shape)[()]
         if self._position_world is not None and self._hold == "line":
-            deviation_m = self._deviation_m(self._position_world)
+            deviation_m = self._left_of_line_m(*_plane(self._position_world))
         self._begin(deviation_m, error_rad - math.tau * np.rint(error_rad / math.tau))
 
     def _begin(self, deviation_m: FloatArray, error_rad: FloatArray) -> None:
         """Begin at a deviation and a yaw error, and know nothing of what pulls aside."""
-        first = np.stack([deviation_m, error_rad], axis=-1)
-        self._measured = Measured(first, JUMPS)
+        self._aside, self._yaw = Measured(deviation_m, JUMP_M), Measured(error_rad, JUMP_RAD)
         # The mean deviation begins at 0, so that the course turns to the line smoothly.
-        self._means: FloatArray = first * np.array([0.0, 1.0])
+        self._deviation_m, self._error_rad = np.zeros(self._shape)[()], error_rad
         self._pull_m: FloatArray = np.zeros(self._shape)[()]
 
     def retune(
@@ -256,81 +265,91 @@ class CourseHold:
     ) -> None:
         """Continue with another gait, given as when the law was made; what was learned of the drift stays."""
         self._over_ground: CourseOverGround | None = None
-        self._speed_m_s, self._cycle_s = speed_m_s, cycle_s
-        self._ahead_m = self._gains.look_ahead * stride_m
-        self._most_turn_rad = most_turn_rad_s * cycle_s
+        self._speed_m_s, self._cycle_s = np.asarray(speed_m_s)[()], np.asarray(cycle_s)[()]
+        self._ahead_m = self._gains.look_ahead * np.asarray(stride_m)[()]
+        self._most_turn_rad = most_turn_rad_s * self._cycle_s
+        self._dt_s = math.nan
 
     def update(self, dt_s: float, state: RobotState) -> FloatArray:
         """Velocity for the next control period, from the state and the time since the last one."""
-        cycles = dt_s / self._cycle_s
-        self._walked_cycles = self._walked_cycles + cycles
-        self._measure(dt_s, cycles, state)
-        self._integrate(cycles)
+        if dt_s != self._dt_s:
+            self._dt_s, self._cycles = dt_s, dt_s / self._cycle_s
+            self._share = 1 - np.exp(-self._cycles / self._gains.mean_cycles)
+        self._walked_cycles = self._walked_cycles + self._cycles
+        self._aside.update(self._measured_deviation_m(dt_s, state), dt_s)
+        self._yaw.update(self._measured_error_rad(dt_s, state), dt_s)
+        self._average()
+        self._integrate()
         self.velocity_body = self._velocity()
         return self.velocity_body
 
-    def _measure(self, dt_s: float, cycles: FloatArray, state: RobotState) -> None:
+    def _average(self) -> None:
         """Means of deviation and yaw error; each stays as it is where nothing is measured."""
-        raw = np.full((*self._shape, 2), np.nan)
-        position = state.base_position_world
-        if position is not None and self._hold == "line":
-            frozen = self._frozen["position"].update(position[..., :2], dt_s)
-            raw[..., 0] = np.where(frozen, np.nan, self._deviation_m(position))
-            self._position_world = position
-        yaw = self._yaw_rad(dt_s, state)
-        if yaw is not None:
-            off_rad = yaw - self._course.yaw_rad
-            raw[..., 1] = off_rad - math.tau * np.rint((off_rad - self._measured.value[..., 1]) / math.tau)
-        self._measured.update(raw, dt_s)
-        share = (1 - np.exp(-cycles / self._gains.mean_cycles))[..., np.newaxis]
-        news = self._measured.fresh * share
-        self._means = self._means + news * (self._measured.value - self._means)
-        lost = self._measured.missing_s > LOST_AFTER_S
-        if lost.any():
-            # Only what is known to pull and to turn the robot remains. The yaw error stands as long as there
-            # is a position, from which a yaw comes after some cycles.
-            decaying = np.stack([lost[..., 0], lost.all(axis=-1)], axis=-1)
-            self._means = self._means * (1 - share * decaying)
+        aside, yaw, share = self._aside, self._yaw, self._share
+        self._deviation_m = self._deviation_m + aside.fresh * share * (aside.value - self._deviation_m)
+        self._error_rad = self._error_rad + yaw.fresh * share * (yaw.value - self._error_rad)
+        # Of what is lost only what is known to pull and to turn the robot remains. The yaw error stands as
+        # long as there is a position, from which a yaw comes after some cycles.
+        self._deviation_m = self._deviation_m * (1 - share * aside.lost)
+        self._error_rad = self._error_rad * (1 - share * (aside.lost & yaw.lost))
 
-    def _deviation_m(self, position_world: FloatArray) -> FloatArray:
+    def _measured_deviation_m(self, dt_s: float, state: RobotState) -> FloatArray:
+        """Deviation as measured, leading shape; NaN where it is not."""
+        position = state.base_position_world
+        if position is None or self._hold != "line":
+            return self._unknown
+        self._position_world = position
+        x_m, y_m = _plane(position)
+        frozen = self._frozen_position.update(dt_s, x_m, y_m)
+        return chosen(frozen, math.nan, self._left_of_line_m(x_m, y_m))
+
+    def _left_of_line_m(self, x_m: FloatArray, y_m: FloatArray) -> FloatArray:
         """Distance of positions to the left of the line, leading shape."""
-        moved = (position_world[..., :2] - self._course.origin_world) * self._left
-        return np.asarray(moved[..., 0] + moved[..., 1])
+        origin_m, left = self._course.origin_world, self._left
+        return (x_m - origin_m[0]) * left[0] + (y_m - origin_m[1]) * left[1]
+
+    def _measured_error_rad(self, dt_s: float, state: RobotState) -> FloatArray:
+        """Yaw error as measured, unwrapped, leading shape; NaN where it is not."""
+        yaw = self._yaw_rad(dt_s, state)
+        if yaw is None:
+            return self._unknown
+        off_rad = yaw - self._course.yaw_rad
+        return off_rad - math.tau * np.rint((off_rad - self._yaw.value) / math.tau)
 
     def _yaw_rad(self, dt_s: float, state: RobotState) -> FloatArray | None:
         """Yaw as measured, or by the course over ground where positions alone are."""
         quaternion, position = state.base_quaternion_world, state.base_position_world
-        frozen, measured = np.ones(self._shape, dtype=bool), None
+        frozen, measured = self._all, None
         if quaternion is not None:
-            frozen, measured = self._frozen["yaw"].update(quaternion, dt_s), yaw_rad(quaternion)
-        if not frozen.any():
+            measured = yaw_rad(quaternion)
+            frozen = self._frozen_yaw.update(dt_s, *components(quaternion))
+        if not any_of(frozen):
             self._over_ground = None
             return measured
-        over_ground = np.full(self._shape, np.nan)
+        over_ground = self._unknown
         if self._hold == "line" and position is not None:
             if self._over_ground is None:
                 self._over_ground = CourseOverGround(self._cycle_s)
             over_ground = self._over_ground.yaw_rad(dt_s, position, self.velocity_body)
-        return over_ground if measured is None else np.where(frozen, over_ground, measured)
+        return over_ground if measured is None else chosen(frozen, over_ground, measured)
 
-    def _integrate(self, cycles: FloatArray) -> None:
+    def _integrate(self) -> None:
         """The two integrals and the turn; the first cycle, in which the strides grow, is left out."""
-        gains, deviation_m, error_rad = self._gains, self._means[..., 0], self._means[..., 1]
-        cycles = cycles * (self._walked_cycles > 1)
+        gains, deviation_m, error_rad = self._gains, self._deviation_m, self._error_rad
+        cycles = self._cycles * (self._walked_cycles > 1)
         aside_m = deviation_m + gains.integral * self._pull_m
         square = self._ahead_m * self._ahead_m
         self._pull_m = self._pull_m + cycles * square * deviation_m / (square + aside_m * aside_m)
         turn_rad = gains.turn * error_rad + gains.turn_integral * self._turned_rad
         outward = (abs(turn_rad) >= self._most_turn_rad) & (turn_rad * error_rad > 0)
-        known = self._measured.missing_s[..., 1] <= LOST_AFTER_S
-        self._turned_rad = self._turned_rad + cycles * error_rad * (known & ~outward)
+        self._turned_rad = self._turned_rad + cycles * error_rad * ~(self._yaw.lost | outward)
         self._turn_rad = -np.minimum(np.maximum(turn_rad, -self._most_turn_rad), self._most_turn_rad)
 
     def _velocity(self) -> FloatArray:
-        aside_m = self._means[..., 0] + self._gains.integral * self._pull_m
+        aside_m = self._deviation_m + self._gains.integral * self._pull_m
         course_rad = self._trim_rad - np.arctan2(aside_m, self._ahead_m)
-        toward_rad = self._course.heading_rad - self._course.yaw_rad - self._means[..., 1] + course_rad
-        velocity = np.empty((*np.shape(self._speed_m_s), 3))
+        toward_rad = self._course.heading_rad - self._course.yaw_rad - self._error_rad + course_rad
+        velocity = np.empty((*self._shape, 3))
         velocity[..., 0] = self._speed_m_s * np.cos(toward_rad)
         velocity[..., 1] = self._speed_m_s * np.sin(toward_rad)
         velocity[..., 2] = self._turn_rad / self._cycle_s

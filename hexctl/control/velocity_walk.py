@@ -13,12 +13,11 @@ from hexctl.errors import InputError, check_callable, check_type
 from hexctl.gait.foot_trajectory import (
     StepPattern,
     feet_at_phases,
-    phase_in_cycle,
+    part_of_cycle,
     ramp,
-    strokes_per_velocity,
 )
 from hexctl.gait.gait import Gait, ideal_speed_m_s
-from hexctl.types import BoolArray, FloatArray, RobotState, check_shape
+from hexctl.types import N_LEGS, BoolArray, FloatArray, RobotState, any_of, check_shape
 
 #: Time constant with which the strokes follow the velocity that is asked for.
 RESPONSE_S = 0.2
@@ -68,7 +67,7 @@ class VelocityWalk(Controller):
         self._robot, self._period_s, self._held_legs = start.robot, start.period_s, start.plans[0].held_legs
         self._shape, self._command = start.batch_shape, command
         self._speed_by = speed_by
-        self._per_velocity = strokes_per_velocity(start.robot)
+        self._stance_x_m, self._stance_y_m = np.ascontiguousarray(start.robot.stance_feet_body[:, :2].T)
         self._gaits = [plan.gait for plan in start.plans]
         self._glide: _Glide | None = None
         together = zip(*(plan.changes for plan in start.plans), strict=True)
@@ -100,7 +99,7 @@ class VelocityWalk(Controller):
         if dt_s > 0:
             self._cycles = self._cycles + dt_s * pace_hz
             self._change(step, dt_s * pace_hz)
-        u = phase_in_cycle(np.asarray(self._cycles)[..., np.newaxis] + self._pattern.phases, 1)
+        u = part_of_cycle(np.asarray(self._cycles)[..., np.newaxis] + self._pattern.phases)
         stop_s = None if self._stop_step is None else self._stop_step * self._period_s
         envelope = float(ramp(step * self._period_s, stop_s))
         feet = feet_at_phases(self._robot, self._pattern, u, strokes, envelope)
@@ -151,20 +150,22 @@ class VelocityWalk(Controller):
         turn = change[..., 2] * self._robot.stance_radius_m
         size = np.sqrt(change[..., 0] * change[..., 0] + change[..., 1] * change[..., 1] + turn * turn)
         most = self._most_change * dt_s
-        if (size > most).any():
+        if any_of(size > most):
             change = change * np.minimum(1.0, most / np.maximum(size, most))[..., np.newaxis]
         self.velocity_body = self.velocity_body + change
 
     def _strokes(self) -> FloatArray:
         """Strokes of the feet now, leading shape + (6, 2) in m, scaled to what the gait allows."""
-        velocity = (self._per_second[..., np.newaxis] * self.velocity_body)[..., np.newaxis, np.newaxis, :]
-        per = self._per_velocity
-        strokes = per[..., 0] * velocity[..., 0] + per[..., 1] * velocity[..., 1]
-        strokes = strokes + per[..., 2] * velocity[..., 2]
-        squares = strokes[..., 0] * strokes[..., 0] + strokes[..., 1] * strokes[..., 1]
-        longest = squares.max(axis=-1)
+        # A foot on the floor moves against the body, (-v_x + omega y, -v_y - omega x), for 1 / (strokes f).
+        way = self._per_second[..., np.newaxis] * self.velocity_body
+        ahead_m, left_m, turn_rad = way[..., 0, np.newaxis], way[..., 1, np.newaxis], way[..., 2, np.newaxis]
+        strokes = np.empty((*self._shape, N_LEGS, 2))
+        strokes[..., 0] = turn_rad * self._stance_y_m - ahead_m
+        strokes[..., 1] = -turn_rad * self._stance_x_m - left_m
+        squares = strokes * strokes
+        longest = np.maximum.reduce(squares[..., 0] + squares[..., 1], axis=-1)
         too_long: BoolArray = longest > self._most_stroke_m2
-        if too_long.any():
+        if any_of(too_long):
             self.limited_steps = self.limited_steps + too_long
             scale = np.sqrt(self._most_stroke_m2 / np.maximum(longest, self._most_stroke_m2))
             strokes = strokes * scale[..., np.newaxis, np.newaxis]

@@ -29,7 +29,12 @@ def phase_in_cycle(cycles: ArrayLike, slots: ArrayLike) -> FloatArray:
         cycles: t, gait cycles since the start; broadcasts against the slots.
         slots: g_i, the phase slot of each leg, 1..6.
     """
-    u = np.mod(np.asarray(cycles) + (np.asarray(slots) - 1) / 6, 1.0)
+    return part_of_cycle(np.asarray(cycles) + (np.asarray(slots) - 1) / 6)
+
+
+def part_of_cycle(cycles: FloatArray) -> FloatArray:
+    """What times in cycles have of a cycle, in [0, 1)."""
+    u = np.mod(cycles, 1.0)
     # mod of a tiny negative rounds to 1.0 itself, which is the start of the cycle.
     return np.where(u == 1.0, 0.0, u)
 
@@ -182,22 +187,6 @@ def _stepping(posture: Posture) -> list[float]:
     return [float(leg not in posture.tucked_legs) for leg in range(1, N_LEGS + 1)]
 
 
-def strokes_per_velocity(robot: Robot) -> FloatArray:
-    """Way of each foot over the floor per velocity of the body, (6, 2, 3).
-
-    The last axis is for v_x and v_y in m/s and omega in rad/s, all in the body frame: a foot on the floor
-    moves against the body at (-v_x + omega y, -v_y - omega x).
-
-    Args:
-        robot: its stance gives the positions (x, y) of the feet.
-    """
-    per_velocity = np.zeros((N_LEGS, 2, 3))
-    per_velocity[:, 0, 0] = per_velocity[:, 1, 1] = -1.0
-    per_velocity[:, 0, 2] = robot.stance_feet_body[:, 1]
-    per_velocity[:, 1, 2] = -robot.stance_feet_body[:, 0]
-    return per_velocity
-
-
 def feet_at_phases(
     robot: Robot, pattern: StepPattern, u: FloatArray, strokes: FloatArray, envelope: FloatArray | float
 ) -> FloatArray:
@@ -278,6 +267,6 @@ def feet_of_walks(
         stepping=per_walk_if(pattern.stepping),
         swing_share=per_walk_if(pattern.swing_share),
     )
-    u = phase_in_cycle(spread.pace_hz[..., np.newaxis] * time_s.reshape(times) + spread.phases, 1)
+    u = part_of_cycle(spread.pace_hz[..., np.newaxis] * time_s.reshape(times) + spread.phases)
     envelope = ramp(time_s, stop_s).reshape(times)
     return feet_at_phases(robot, spread, u, per_walk(stroke_vectors), envelope)

@@ -12,8 +12,14 @@ ComponentT = TypeVar("ComponentT", float, FloatArray)
 
 def yaw_rad(quaternion: FloatArray) -> FloatArray:
     """Yaw about the vertical of quaternions, leading shape + (4,), in (-pi, pi]: leading shape in rad."""
-    w, x, y, z = (quaternion[..., index] for index in range(4))
+    w, x, y, z = components(quaternion)
     return np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+
+
+def components(quaternion: FloatArray) -> tuple[FloatArray, ...]:
+    """The four components of quaternions, leading shape each: scalars, which are faster, of a single one."""
+    w, x, y, z = quaternion[..., 0], quaternion[..., 1], quaternion[..., 2], quaternion[..., 3]
+    return w[()], x[()], y[()], z[()]
 
 
 def cos_tilt(x: ComponentT, y: ComponentT) -> ComponentT:

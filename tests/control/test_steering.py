@@ -153,7 +153,7 @@ def test_a_pose_that_jumps_is_not_followed_and_believed_when_it_stays() -> None:
 def test_a_sensor_that_has_frozen_is_not_believed_for_ever_whatever_else_moves() -> None:
     sensor = FrozenSensor()
     for step in range(500):
-        frozen = sensor.update(np.array([[0.01 * step / 500, 0.004], [0.1, 0.004]]), DT_S)
+        frozen = sensor.update(DT_S, np.array([0.01 * step / 500, 0.1]), np.array([0.004, 0.004]))
     assert frozen.tolist() == [False, True]
 
 
