@@ -6,7 +6,6 @@ that is steered, which answers to the state at every tick.
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 from functools import partial
 from statistics import median
 from unittest.mock import patch
@@ -63,19 +62,33 @@ def _steered_us(ticks: int) -> FloatArray:
     return np.asarray(log["work_s"] * 1e6)
 
 
+#: Poses that a posed mock goes through again and again.
+POSES = 1000
+
+
 class PosedMock(MockServos):
     """A mock robot that knows its pose: it sways and turns about its line."""
 
     def __init__(self) -> None:
         super().__init__(ant(), clock=SimClock(lambda: None))
+        sway = np.sin(math.tau * np.arange(POSES) / POSES)
+        self._positions_world = np.stack([0 * sway, 0.02 * sway, 0.1 + 0 * sway], axis=-1)
+        half_rad = math.radians(1.0) * sway
+        self._quaternions_world = np.stack(
+            [np.cos(half_rad), 0 * sway, 0 * sway, np.sin(half_rad)], axis=-1
+        )
+        self._reads = 0
 
     def read(self) -> RobotState:
         """State with a pose."""
-        sway = math.sin(0.1 * self.clock.now_s)
-        half_rad = math.radians(1.0) * sway
-        position = np.array([0.0, 0.02 * sway, 0.1])
-        quaternion = np.array([math.cos(half_rad), 0.0, 0.0, math.sin(half_rad)])
-        return replace(super().read(), base_position_world=position, base_quaternion_world=quaternion)
+        row, self._reads = self._reads % POSES, self._reads + 1
+        return RobotState(
+            self._positions_rad.copy(),
+            stamp_s=self._clock.now_s,
+            measured=False,
+            base_position_world=self._positions_world[row],
+            base_quaternion_world=self._quaternions_world[row],
+        )
 
 
 def _work_us(ticks: int, ticks_at_once: int) -> FloatArray:

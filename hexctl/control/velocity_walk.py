@@ -11,13 +11,14 @@ from hexctl.control.controllers import Controller, joints_of_feet, soft_stop_ste
 from hexctl.control.preparation import WalkStart
 from hexctl.errors import InputError, check_callable, check_type
 from hexctl.gait.foot_trajectory import (
+    RAMP_DURATION_S,
     StepPattern,
     feet_at_phases,
     part_of_cycle,
     ramp,
 )
 from hexctl.gait.gait import Gait, ideal_speed_m_s
-from hexctl.types import N_LEGS, BoolArray, FloatArray, RobotState, any_of, check_shape
+from hexctl.types import BoolArray, FloatArray, RobotState, any_of, check_shape
 
 #: Time constant with which the strokes follow the velocity that is asked for.
 RESPONSE_S = 0.2
@@ -67,7 +68,7 @@ class VelocityWalk(Controller):
         self._robot, self._period_s, self._held_legs = start.robot, start.period_s, start.plans[0].held_legs
         self._shape, self._command = start.batch_shape, command
         self._speed_by = speed_by
-        self._stance_x_m, self._stance_y_m = np.ascontiguousarray(start.robot.stance_feet_body[:, :2].T)
+        self._turning_m = start.robot.stance_feet_body[:, 1::-1] * np.array([1.0, -1.0])  # (y, -x)
         self._gaits = [plan.gait for plan in start.plans]
         self._glide: _Glide | None = None
         together = zip(*(plan.changes for plan in start.plans), strict=True)
@@ -100,10 +101,15 @@ class VelocityWalk(Controller):
             self._cycles = self._cycles + dt_s * pace_hz
             self._change(step, dt_s * pace_hz)
         u = part_of_cycle(np.asarray(self._cycles)[..., np.newaxis] + self._pattern.phases)
-        stop_s = None if self._stop_step is None else self._stop_step * self._period_s
-        envelope = float(ramp(step * self._period_s, stop_s))
-        feet = feet_at_phases(self._robot, self._pattern, u, strokes, envelope)
+        feet = feet_at_phases(self._robot, self._pattern, u, strokes, self._envelope(step))
         return joints_of_feet(self._robot, feet, self._held_legs)
+
+    def _envelope(self, step: int) -> float:
+        """Share of strokes and heights at a step: 1 but for the soft start and the soft stop."""
+        if self._stop_step is None and step * self._period_s >= RAMP_DURATION_S:
+            return 1.0
+        stop_s = None if self._stop_step is None else self._stop_step * self._period_s
+        return float(ramp(step * self._period_s, stop_s))
 
     def glide_to(self, gaits: Gait | Sequence[Gait]) -> None:
         """Change to other gaits in stride, one for each walk: phases, heights and posture glide there."""
@@ -158,10 +164,7 @@ class VelocityWalk(Controller):
         """Strokes of the feet now, leading shape + (6, 2) in m, scaled to what the gait allows."""
         # A foot on the floor moves against the body, (-v_x + omega y, -v_y - omega x), for 1 / (strokes f).
         way = self._per_second[..., np.newaxis] * self.velocity_body
-        ahead_m, left_m, turn_rad = way[..., 0, np.newaxis], way[..., 1, np.newaxis], way[..., 2, np.newaxis]
-        strokes = np.empty((*self._shape, N_LEGS, 2))
-        strokes[..., 0] = turn_rad * self._stance_y_m - ahead_m
-        strokes[..., 1] = -turn_rad * self._stance_x_m - left_m
+        strokes = way[..., 2, np.newaxis, np.newaxis] * self._turning_m - way[..., np.newaxis, :2]
         squares = strokes * strokes
         longest = np.maximum.reduce(squares[..., 0] + squares[..., 1], axis=-1)
         too_long: BoolArray = longest > self._most_stroke_m2

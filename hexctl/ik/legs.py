@@ -77,13 +77,14 @@ def solve_legs(robot: Robot, feet_body: FloatArray) -> LegAngles:
     _, femur_slope, tibia_slope = robot.link_slopes_rad.tolist()
 
     coxa = np.arctan2(y, x) - robot.mount_yaws_rad
-    outward, up = np.sqrt(x**2 + y**2) - coxa_outward, z - coxa_up
-    distance = np.sqrt(outward**2 + up**2)
+    outward, up = np.sqrt(x * x + y * y) - coxa_outward, z - coxa_up
+    distance = np.sqrt(outward * outward + up * up)
     least, most = abs(femur_length - tibia_length), femur_length + tibia_length
     reachable = (distance >= least) & (distance <= most)
     side = np.minimum(np.maximum(distance, max(least, 1e-9)), most)
-    at_hip = (femur_length**2 + side**2 - tibia_length**2) / (2 * femur_length * side)
-    at_knee = (femur_length**2 + tibia_length**2 - side**2) / (2 * femur_length * tibia_length)
+    square = side * side
+    at_hip = (femur_length**2 + square - tibia_length**2) / (2 * femur_length * side)
+    at_knee = (femur_length**2 + tibia_length**2 - square) / (2 * femur_length * tibia_length)
     femur_up = np.arctan2(up, outward) + np.arccos(_cosine(at_hip))
     tibia_up = femur_up + np.arccos(_cosine(at_knee)) - np.pi
     femur = femur_up - femur_slope
