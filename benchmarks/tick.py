@@ -74,9 +74,7 @@ class PosedMock(MockServos):
         sway = np.sin(math.tau * np.arange(POSES) / POSES)
         self._positions_world = np.stack([0 * sway, 0.02 * sway, 0.1 + 0 * sway], axis=-1)
         half_rad = math.radians(1.0) * sway
-        self._quaternions_world = np.stack(
-            [np.cos(half_rad), 0 * sway, 0 * sway, np.sin(half_rad)], axis=-1
-        )
+        self._quaternions_world = np.stack([np.cos(half_rad), 0 * sway, 0 * sway, np.sin(half_rad)], axis=-1)
         self._reads = 0
 
     def read(self) -> RobotState:

@@ -317,7 +317,7 @@ def adapt(
     baseline: bool = True,
     duration_s: float = 30.0,
     heading_deg: float = 0.0,
-    self_rotation: str = "rear",
+    self_rotation: str | None = None,
     hold: str | None = None,
     seed: int = 0,
     backend: str = "sim",
@@ -363,7 +363,8 @@ def adapt(
             the first trial, to compare with; they do not count.
         duration_s: how long each trial walks.
         heading_deg: direction of travel, counter-clockwise from forward.
-        self_rotation: where the failed leg points during the walk: `rear`, `front` or `none`.
+        self_rotation: where the failed leg points during the walk: `rear`, `front` or `none`; None is
+            `none` where the walks hold their line, else `rear`.
         hold: what the walks hold by feedback: `auto`, `line`, `heading` or `none`; None is `auto` for
             `speed`, `cost`, `tilt` and `steadiness`, else `none`.
         seed: of the optimizer and of the simulation.

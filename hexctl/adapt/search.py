@@ -28,7 +28,7 @@ from hexctl.adapt.trim import TrimSearch
 from hexctl.backends.base import LegServos
 from hexctl.backends.registry import check_options, option_values
 from hexctl.control.assessment.static_stability import slots_by_stability
-from hexctl.control.plan import HOLDS, TrialPlan
+from hexctl.control.plan import AUTO_ROTATION, HOLDS, TrialPlan, suited_rotation
 from hexctl.control.result import progress_floor_m
 from hexctl.errors import InputError, argument, check_type
 from hexctl.gait.foot_trajectory import RAMP_DURATION_S
@@ -58,6 +58,7 @@ def new_spec(
     target: float | str | None = None,
     uncertainty_m: float | None = None,
     hold: str | None = None,
+    self_rotation: str | None = None,
     **others: Any,
 ) -> SessionSpec:
     """Spec of a new session, checked before the session exists.
@@ -78,6 +79,7 @@ def new_spec(
         target: the target in the objective's unit, or as a share of the ideal distance, such as `"1%"`.
         uncertainty_m: as in `SessionSpec`; None is the one that was measured for such walks, if any.
         hold: as in `SessionSpec`; None is the one of the objective.
+        self_rotation: as in `SessionSpec`; None is the one that suits the hold.
         others: further fields of `SessionSpec`.
 
     Raises InputError for anything that is not allowed.
@@ -95,7 +97,13 @@ def new_spec(
         world=_world_of(backend, world),
         optimizer="random" if optimizer is None else name_of(optimizer),
         uncertainty_m=uncertainty_m or 0.0,
-        hold=measure.hold if hold is None else hold,
+        hold=(hold := measure.hold if hold is None else hold),
+        self_rotation=suited_rotation(
+            self_rotation or AUTO_ROTATION,
+            # An operator's robot does not know where it is.
+            "heading" if others.get("ask") and hold == "auto" else hold,
+            chosen_gait=True,
+        ),
         **others,
     )
     spec = _with_trim(_with_target(spec, target), prior, free=optimizer is None)

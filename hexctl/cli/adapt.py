@@ -155,7 +155,11 @@ def adapt(
     ] = None,
     self_rotation: Annotated[
         SelfRotation | None,
-        choice("--self-rotation", SelfRotation, f"{SELF_ROTATION_HELP} (default: rear)"),
+        choice(
+            "--self-rotation",
+            SelfRotation,
+            f"{SELF_ROTATION_HELP} (default: none where the walks hold their line, else rear)",
+        ),
     ] = None,
     hold: Annotated[
         Hold | None,

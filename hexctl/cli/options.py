@@ -140,6 +140,7 @@ JOBS = Range(low=1, high=1024, whole=True)
 ALL_LEGS = "1,2,3,4,5,6"
 
 SelfRotation = Literal["rear", "front", "none"]
+AutoRotation = Literal["auto", "rear", "front", "none"]
 Hold = Literal["auto", "line", "heading", "none"]
 
 WORLD_HELP = (
@@ -268,6 +269,14 @@ FailureOption = Annotated[
     typer.Option("--failure", autocompletion=completion.failures, help=f"{FAILURE_HELP} (default: locked)"),
 ]
 SelfRotationOption = Annotated[SelfRotation, choice("--self-rotation", SelfRotation, SELF_ROTATION_HELP)]
+WalkRotationOption = Annotated[
+    AutoRotation,
+    choice(
+        "--self-rotation",
+        AutoRotation,
+        f"{SELF_ROTATION_HELP} auto: none with --gait auto where the line is held, else rear.",
+    ),
+]
 BodyRaiseOption = Annotated[
     float | None,
     number(

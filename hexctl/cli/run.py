@@ -38,7 +38,6 @@ from hexctl.cli.options import (
     PaceOption,
     RobotOption,
     SeedOption,
-    SelfRotationOption,
     StanceShiftOption,
     SwingShareOption,
     ThenOption,
@@ -86,7 +85,7 @@ def run(
     then: ThenOption = None,
     failed_leg: FailedLegOption = None,
     failure: FailureOption = None,
-    self_rotation: SelfRotationOption = "rear",
+    self_rotation: WalkRotationOption = "auto",
     hold: HoldOption = "auto",
     trim: TrimOption = None,
     realtime: Annotated[

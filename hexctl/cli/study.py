@@ -87,7 +87,7 @@ StudySelfRotationOption = Annotated[
         "--self-rotation",
         SelfRotation,
         f"{SELF_ROTATION_HELP} The optimizers search in these walks. Not with --transfer. "
-        "(default: rear; with --hold none)",
+        "(default: rear; with --hold to the rear under heading, else none)",
     ),
 ]
 TransferPriorOption = Annotated[

@@ -28,7 +28,7 @@ from hexctl.control.log import (
     Recorders,
     TickLog,
 )
-from hexctl.control.plan import GaitChange, TrialPlan
+from hexctl.control.plan import AUTO_ROTATION, GaitChange, TrialPlan, suited_rotation
 from hexctl.control.preparation import StopRequested, never
 from hexctl.control.result import TrialResult
 from hexctl.control.trial import run_trial
@@ -45,6 +45,10 @@ if TYPE_CHECKING:
     from hexctl.control.controllers import Controller
     from hexctl.control.trial import MakeController
     from hexctl.record.recording import Recording
+
+
+#: How long a robot that has connected may take to tell where it is.
+POSITION_COMES_S = 1.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -72,7 +76,8 @@ class RunSpec:
         turn_rate_rad_s: rate of turning, counter-clockwise. Without a heading the robot turns in place.
         duration_s: how long to walk.
         failure: the failed leg, or None.
-        self_rotation: where the failed leg points before the walk: `rear`, `front` or `none`.
+        self_rotation: where the failed leg points before the walk: `rear`, `front` or `none`; `auto` as
+            `hexctl.control.plan.suited_rotation` says.
         hold: what the walk holds by feedback: its `line`, its `heading` alone, or `none`, as in the paper;
             `auto` is the best that the robot's state allows.
         trim_rad: course correction under the hold `heading`, counter-clockwise; None is 0. `trimmed_rad` of
@@ -103,7 +108,7 @@ class RunSpec:
     turn_rate_rad_s: float | None = None
     duration_s: float = 30.0
     failure: Failure | None = None
-    self_rotation: str = "rear"
+    self_rotation: str = AUTO_ROTATION
     hold: str = "auto"
     trim_rad: float | None = None
     seed: int = 0
@@ -238,6 +243,7 @@ class Run:
         with ExitStack() as stack:
             self._guard = stack.enter_context(Guard(servos))
             self.notes = tuple(connection_notes(servos, self.plan.belief))
+            self._suit_rotation()
             self._recording = self._open_recording()
             if self._recording is not None:
                 stack.enter_context(self._recording)
@@ -307,6 +313,26 @@ class Run:
             recorder_failures=tuple(kept.failures),
             log=log,
         )
+
+    def _suit_rotation(self) -> None:
+        """Turn the failed leg away after all where `auto` took it for granted that the line can be held."""
+        spec = self.spec
+        taken = suited_rotation(spec.self_rotation, spec.hold, chosen_gait=spec.gait == AUTO) == "none"
+        if spec.self_rotation == AUTO_ROTATION and spec.hold == "auto" and taken and self.plan.belief:
+            if not self._position_comes():
+                self.plan = _plan_of(replace(spec, hold="heading"), self.robot)
+                check_plan(self.robot, self.plan)
+
+    def _position_comes(self) -> bool:
+        """Whether the robot tells a position, which may come a little after its joints."""
+        guard = self._guard
+        assert guard is not None  # noqa: S101  it is connected
+        until_s = time.perf_counter() + (POSITION_COMES_S if self.spec.paced else 0.0)
+        while guard.peek().base_position_world is None:
+            if time.perf_counter() >= until_s:
+                return False
+            time.sleep(PERIOD_S)
+        return True
 
     def _open_recording(self) -> "Recording | None":
         if self.spec.record is not None:
@@ -459,7 +485,11 @@ def _plan_of(spec: RunSpec, robot: Robot) -> TrialPlan:
         turn_rate_rad_s=spec.turn_rate_rad_s or 0.0,
         duration_s=spec.duration_s,
         belief=spec.failure,
-        self_rotation=spec.self_rotation,
+        self_rotation=suited_rotation(
+            spec.self_rotation,
+            "none" if spec.turn_rate_rad_s is not None else spec.hold,
+            chosen_gait=auto,
+        ),
         hold=spec.hold,
         trim_rad=spec.trim_rad or 0.0,
     )

@@ -9,7 +9,7 @@ from typing import Any
 from hexctl.backends.sim.world import World
 from hexctl.control.assessment.static_stability import stable_gait
 from hexctl.control.batch import SimTrial
-from hexctl.control.plan import TrialPlan
+from hexctl.control.plan import AUTO_ROTATION, TrialPlan, suited_rotation
 from hexctl.gait.gait import Gait
 from hexctl.robot.failure import Failure, parse_failure
 from hexctl.robot.model import Robot
@@ -59,7 +59,7 @@ class HoldConditions:
         number: of the world in its family, and the seed of what is drawn in it.
         kind: kind of the world, as the family names it.
         world: the world, its sensors included.
-        self_rotation: where the failed leg points during the walk.
+        self_rotation: where the failed leg points during the walk, as `HoldPlan` has it.
         duration_s: length of each walk.
     """
 
@@ -68,7 +68,7 @@ class HoldConditions:
     number: int
     kind: str
     world: World
-    self_rotation: str = "none"
+    self_rotation: str = AUTO_ROTATION
     duration_s: float = 30.0
 
     @property
@@ -90,7 +90,9 @@ class HoldConditions:
             ),
             duration_s=self.duration_s,
             belief=case.leg_failure,
-            self_rotation=self.self_rotation,
+            self_rotation=suited_rotation(
+                self.self_rotation, "line" if case.hold == "none" else case.hold, chosen_gait=True
+            ),
             hold=case.hold,
         )
         plan = replace(plan, gait=_gait_of(self.robot, plan))

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from hexctl.backends.sim.world import MAX_MEMBERS, DomainRandomization, World
-from hexctl.control.plan import SELF_ROTATIONS
+from hexctl.control.plan import AUTO_ROTATION, SELF_ROTATIONS
 from hexctl.control.turning import check_plan
 from hexctl.errors import InputError, LimitError, ReachError, argument, check_type
 from hexctl.robot.failure import FAILURE_FORMS, parse_failure
@@ -12,9 +12,9 @@ from hexctl.study.holds.conditions import HOLDS, INTACT, HoldCase, HoldCondition
 from hexctl.study.plan import check_robot
 from hexctl.types import N_LEGS
 
-#: Members of the families before this one were looked at: those of the transfer benchmark, and 200 to 209 of
-#: `transfer`, with which this comparison was built.
-FIRST_WORLD = 210
+#: Members of the families before this one were looked at: those of the transfer benchmark, 200 to 209 of
+#: `transfer`, with which this comparison was built, and 210 to 214, on which it was measured first.
+FIRST_WORLD = 215
 
 #: The family of unseen worlds, unless told otherwise.
 FAMILY = "transfer"
@@ -37,7 +37,9 @@ class HoldPlan:
         legs: the failed legs, ascending.
         failures: of each leg, in the words of `parse_failure`; intact robots walk beside them.
         holds: what the walks hold, of `hexctl.study.holds.conditions.HOLDS`.
-        self_rotation: where the failed leg points during the walk.
+        self_rotation: where the failed leg points during the walk; with `auto` to the rear under the hold
+            `heading`, and as it is under the others, as `hexctl run --gait auto` walks under `heading` and
+            `line`. The open loop then walks the gait that holds the line.
         duration_s: length of each walk.
         exact_sensors: whether the worlds keep the sensors that their family gives them, instead of
             `hexctl.study.holds.conditions.SENSORS`.
@@ -50,7 +52,7 @@ class HoldPlan:
     legs: tuple[int, ...] = tuple(range(1, N_LEGS + 1))
     failures: tuple[str, ...] = FAILURES
     holds: tuple[str, ...] = HOLDS
-    self_rotation: str = "none"
+    self_rotation: str = AUTO_ROTATION
     duration_s: float = 30.0
     exact_sensors: bool = False
 
@@ -109,7 +111,8 @@ class HoldPlan:
             "worlds", self.worlds, 1 <= self.worlds <= min(MAX_WORLDS, last), f"1..{min(MAX_WORLDS, last)}"
         )
         turn = self.self_rotation
-        _check("self_rotation", turn, turn in SELF_ROTATIONS, ", ".join(SELF_ROTATIONS))
+        allowed = (AUTO_ROTATION, *SELF_ROTATIONS)
+        _check("self_rotation", turn, turn in allowed, ", ".join(allowed))
         for failure in self.failures:
             parse_failure(self.legs[0], failure)
         for one in self.conditions()[:: len(self.families) * self.worlds]:
