@@ -44,6 +44,7 @@ from hexctl.cli.options import (
     TrimOption,
     TuckOption,
     TurnOption,
+    WalkRotationOption,
     WorldOption,
     listed_legs,
     number,

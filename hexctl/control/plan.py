@@ -23,9 +23,9 @@ MAX_TRIM_RAD = math.radians(45.0)
 def suited_rotation(self_rotation: str, hold: str, *, chosen_gait: bool) -> str:
     """Self-rotation that suits a walk where `auto` is asked for, else the one that is asked for.
 
-    A walk that holds its line with a gait chosen for the failed leg is as fast without a turn. The others turn
-    the leg to the rear: with the yaw alone that halves the deviation, a gait made for six legs is faster with
-    the leg there, and the paper does so.
+    A walk that holds its line with a gait chosen for the failed leg is as fast without a turn. The others
+    turn the leg to the rear: with the yaw alone that halves the deviation, a gait made for six legs is faster
+    with the leg there, and the paper does so.
 
     Args:
         self_rotation: one of `SELF_ROTATIONS`, or `auto`.

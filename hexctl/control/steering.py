@@ -306,7 +306,8 @@ class CourseHold:
     def _left_of_line_m(self, x_m: FloatArray, y_m: FloatArray) -> FloatArray:
         """Distance of positions to the left of the line, leading shape."""
         origin_m, left = self._course.origin_world, self._left
-        return (x_m - origin_m[0]) * left[0] + (y_m - origin_m[1]) * left[1]
+        away_m: FloatArray = (x_m - origin_m[0]) * left[0] + (y_m - origin_m[1]) * left[1]
+        return away_m
 
     def _measured_error_rad(self, dt_s: float, state: RobotState) -> FloatArray:
         """Yaw error as measured, unwrapped, leading shape; NaN where it is not."""

@@ -318,10 +318,10 @@ class Run:
         """Turn the failed leg away after all where `auto` took it for granted that the line can be held."""
         spec = self.spec
         taken = suited_rotation(spec.self_rotation, spec.hold, chosen_gait=spec.gait == AUTO) == "none"
-        if spec.self_rotation == AUTO_ROTATION and spec.hold == "auto" and taken and self.plan.belief:
-            if not self._position_comes():
-                self.plan = _plan_of(replace(spec, hold="heading"), self.robot)
-                check_plan(self.robot, self.plan)
+        unasked = spec.self_rotation == AUTO_ROTATION and spec.hold == "auto"
+        if unasked and taken and self.plan.belief is not None and not self._position_comes():
+            self.plan = _plan_of(replace(spec, hold="heading"), self.robot)
+            check_plan(self.robot, self.plan)
 
     def _position_comes(self) -> bool:
         """Whether the robot tells a position, which may come a little after its joints."""

@@ -5,7 +5,7 @@ import pickle
 
 import pytest
 
-from hexctl.control.plan import TrialPlan
+from hexctl.control.plan import TrialPlan, suited_rotation
 from hexctl.errors import InputError
 from hexctl.robot.failure import FAILURE_KINDS, Failure
 from tests.robots import shipped
@@ -49,3 +49,20 @@ def test_a_body_that_has_turned_walks_the_same_way_in_the_world() -> None:
     motion = plan.motion(yaw_rad=1.2)
     assert motion.heading_rad == pytest.approx(0.5 - 1.2)
     assert (motion.travel, motion.turn_rate_rad_s) == (1.0, 0.1)
+
+
+@pytest.mark.parametrize(
+    ("asked", "hold", "chosen_gait", "suited"),
+    [
+        ("auto", "line", True, "none"),
+        ("auto", "auto", True, "none"),
+        ("auto", "line", False, "rear"),
+        ("auto", "heading", True, "rear"),
+        ("auto", "none", True, "rear"),
+        ("front", "line", True, "front"),
+    ],
+)
+def test_a_failed_leg_is_turned_to_the_rear_but_for_a_chosen_gait_on_its_line(
+    asked: str, hold: str, chosen_gait: bool, suited: str
+) -> None:
+    assert suited_rotation(asked, hold, chosen_gait=chosen_gait) == suited

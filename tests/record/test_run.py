@@ -1,12 +1,15 @@
 """A run as a Python program makes it: one walk on any backend, recorded, without printing anything."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from hexctl import RunSpec, run
+from hexctl.backends.mock import MockServos
 from hexctl.backends.sim.world import World
 from hexctl.control.controllers import Stand
 from hexctl.control.log import TickLog
@@ -15,6 +18,8 @@ from hexctl.gait.gait import make_gait
 from hexctl.record.run import Run
 from hexctl.robot.failure import Failure
 from hexctl.robot.loader import load_robot
+from hexctl.robot.model import Robot
+from hexctl.types import RobotState
 
 SHORT: dict[str, Any] = {"duration_s": 1.5}
 
@@ -161,3 +166,51 @@ def test_a_failure_may_be_said_in_words() -> None:
         run(failed_leg="5")
     with pytest.raises(WrongTypeError, match="failure: got 'limp'"):
         run(failure="limp")
+
+
+@pytest.mark.parametrize(
+    ("options", "rotation"),
+    [
+        ({"gait": "auto"}, "none"),
+        ({"gait": "auto", "hold": "heading"}, "rear"),
+        ({"gait": "auto", "hold": "none"}, "rear"),
+        ({"gait": "auto", "turn_rate_rad_s": 0.1}, "rear"),
+        ({"gait": "demo"}, "rear"),
+        ({"gait": "auto", "self_rotation": "front"}, "front"),
+    ],
+)
+def test_a_failed_leg_is_turned_away_where_that_helps(options: dict[str, Any], rotation: str) -> None:
+    spec = RunSpec(failure=Failure(leg=2), **options)
+    assert Run(spec).plan.self_rotation == rotation
+
+
+@pytest.mark.parametrize(("robot_tells", "rotation"), [("position", "none"), ("yaw", "rear")])
+def test_a_robot_that_does_not_tell_its_position_turns_its_failed_leg_to_the_rear(
+    robot_tells: str, rotation: str
+) -> None:
+    backend = f"tests.record.test_run:{robot_tells.title()}Mock"
+    spec = RunSpec(failure=Failure(leg=2), gait="auto", backend=backend)
+    with Run(spec) as connected:
+        assert connected.plan.self_rotation == rotation
+        gait = connected.plan.gait
+    assert (gait.posture.body_raise > 0) == (rotation == "none"), "the gait is the one for that direction"
+
+
+class YawMock(MockServos):
+    """A robot that knows its yaw alone."""
+
+    def __init__(self, robot: Robot) -> None:
+        super().__init__(robot)
+
+    def read(self) -> RobotState:
+        return replace(super().read(), base_quaternion_world=np.array([1.0, 0.0, 0.0, 0.0]))
+
+
+class PositionMock(YawMock):
+    """A robot that tells its position only at the fifth reading."""
+
+    reads = 0
+
+    def read(self) -> RobotState:
+        self.reads += 1
+        return replace(super().read(), base_position_world=np.zeros(3) if self.reads > 4 else None)

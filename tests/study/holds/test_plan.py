@@ -53,7 +53,7 @@ def test_sensors_can_be_left_as_the_worlds_have_them() -> None:
         ({"failures": ()}, "failure: got none"),
         ({"holds": ("line", "line")}, "holds: got line,line; allowed: one or more of none, heading, line"),
         ({"holds": ("auto",)}, "holds: got auto"),
-        ({"self_rotation": "left"}, "self_rotation: got left; allowed: rear, front, none"),
+        ({"self_rotation": "left"}, "self_rotation: got left; allowed: auto, rear, front, none"),
         ({"duration_s": 0.0}, "duration: got 0; allowed: above 0"),
         ({"legs": [2]}, r"plan.legs: got \[2\]"),
     ],
