@@ -9,6 +9,7 @@ import pytest
 
 from hexctl import Failure, Robot, SimTrial, TrialPlan, World, load_robot, make_gait, run_sim_trials
 from hexctl.backends.sim.servos import SimServos
+from hexctl.backends.sim.world import SensorFaults
 from hexctl.control.batch import run_sim_trial
 from hexctl.control.controllers import check_walk
 from hexctl.control.result import TrialResult
@@ -19,6 +20,11 @@ WORLDS = {
     "rough": World(roughness_m=0.006, friction=0.6),
     "loaded": World(payload_kg=0.4, payload_position_m=(0.03, 0.0, 0.02), servo_strength=0.7),
     "miscalibrated": World(joint_offset_deg=2.0),
+    "faulty": World(
+        sensor_faults=SensorFaults(
+            yaw_drift_deg_per_min=200.0, pose_frozen_s=((0.9, 1.5),), position_jump_s=((1.8, 2.1),)
+        )
+    ),
     "noisy": World.model_validate({"sensor_noise": {"joint_deg": 0.5, "position_m": 0.002, "yaw_deg": 0.5}}),
 }
 
@@ -53,6 +59,13 @@ def test_a_batch_equals_its_single_trials(world: World, ant: Robot) -> None:
     failure = Failure(leg=3)
     trials = [trial(ant, code, world=world, seed=5, failure=failure) for code in ("1", "120")]
     for made, alone in zip(run_sim_trials(trials), map(run_sim_trial, trials), strict=True):
+        assert_same(made, alone)
+
+
+def test_a_batch_that_is_steered_by_faulty_sensors_equals_its_single_trials(ant: Robot) -> None:
+    trials = [trial(ant, code, world=WORLDS["faulty"], hold="auto", duration_s=2.0) for code in ("1", "700")]
+    for made, alone in zip(run_sim_trials(trials), map(run_sim_trial, trials), strict=True):
+        assert made.hold == "line"
         assert_same(made, alone)
 
 

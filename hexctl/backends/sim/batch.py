@@ -26,6 +26,7 @@ class SimBatch:
     def __init__(self, servos: SimServos, n: int, threads: int = 0) -> None:
         self._simulation = servos.simulation
         self._noise = copy.deepcopy(servos.noise)
+        self._faulty_pose = copy.deepcopy(servos.faulty_pose)
         self._loss = copy.deepcopy(servos.loss)
         self._pose_loss = copy.deepcopy(servos.pose_loss)
         self._actuators = servos.actuators.copies(n)
@@ -91,6 +92,7 @@ class SimBatch:
         return sensed(
             measured,
             self._noise,
+            self._faulty_pose,
             offsets_rad=self._simulation.joint_offsets_rad,
             stamp_s=(self._start_index + self._ticks) * self._period_s - age_s,
             age_s=age_s,

@@ -9,7 +9,7 @@ from typing import Self
 import numpy as np
 
 from hexctl.backends.sim.model import FIRST_JOINT
-from hexctl.backends.sim.world import SensorNoise, World
+from hexctl.backends.sim.world import SensorFaults, SensorNoise, World
 from hexctl.types import N_JOINTS, ArrayFields, FloatArray, RobotState
 
 #: Random numbers per tick: 18 joints, 3 of position, 1 of yaw.
@@ -51,9 +51,43 @@ class Noise:
 
     def turned(self, quaternion: FloatArray) -> FloatArray:
         """Orientations (..., 4) turned about the vertical by the yaw error."""
-        cos, sin = math.cos(self._errors[-1] / 2), math.sin(self._errors[-1] / 2)
-        w, x, y, z = (quaternion[..., index] for index in range(4))
-        return np.stack([cos * w - sin * z, cos * x - sin * y, cos * y + sin * x, cos * z + sin * w], axis=-1)
+        return turned(quaternion, self._errors[-1])
+
+
+def turned(quaternion: FloatArray, angle_rad: float) -> FloatArray:
+    """Orientations (..., 4) turned about the vertical."""
+    cos, sin = math.cos(angle_rad / 2), math.sin(angle_rad / 2)
+    w, x, y, z = (quaternion[..., index] for index in range(4))
+    return np.stack([cos * w - sin * z, cos * x - sin * y, cos * y + sin * x, cos * z + sin * w], axis=-1)
+
+
+class FaultyPose:
+    """Position and orientation as faulty sensors show them, tick by tick."""
+
+    def __init__(self, faults: SensorFaults) -> None:
+        self._faults, self.none = faults, faults == SensorFaults()
+        self._frozen: tuple[FloatArray, FloatArray] | None = None
+
+    def seen(
+        self, position: FloatArray, quaternion: FloatArray, stamp_s: float
+    ) -> tuple[FloatArray, FloatArray]:
+        """Positions (..., 3) and orientations (..., 4) that are shown of those at a time."""
+        faults = self._faults
+        if faults.yaw_drift_deg_per_min:
+            quaternion = turned(quaternion, math.radians(faults.yaw_drift_deg_per_min) * stamp_s / 60)
+        if _within(faults.position_jump_s, stamp_s):
+            position = position + np.array(faults.position_jump_m)
+        if not _within(faults.pose_frozen_s, stamp_s):
+            self._frozen = None
+            return position, quaternion
+        if self._frozen is None:
+            self._frozen = position, quaternion
+        first, second = self._frozen
+        return np.broadcast_to(first, position.shape), np.broadcast_to(second, quaternion.shape)
+
+
+def _within(intervals: Sequence[tuple[float, float]], time_s: float) -> bool:
+    return any(first_s <= time_s < last_s for first_s, last_s in intervals)
 
 
 class Losses:
@@ -105,13 +139,21 @@ class Snapshot(ArrayFields):
 
 
 def sensed(
-    snapshot: Snapshot, noise: Noise, *, offsets_rad: FloatArray, stamp_s: float, age_s: float, posed: bool
+    snapshot: Snapshot,
+    noise: Noise,
+    faulty: FaultyPose,
+    *,
+    offsets_rad: FloatArray,
+    stamp_s: float,
+    age_s: float,
+    posed: bool,
 ) -> RobotState:
     """State that one robot, or n of them, report of a snapshot.
 
     Args:
         snapshot: what is measured, without errors.
         noise: of this tick.
+        faulty: how the pose is shown.
         offsets_rad: calibration errors of the joints, (18,).
         stamp_s: time of the measurement.
         age_s: its age when it is read.
@@ -124,6 +166,8 @@ def sensed(
         joints = joints + noise.joints_rad
         position = position + noise.position_m
         quaternion = noise.turned(quaternion)
+    if not faulty.none:
+        position, quaternion = faulty.seen(position, quaternion, stamp_s)
     return RobotState(
         joints,
         stamp_s,

@@ -11,7 +11,7 @@ from hexctl.backends.sim.actuators import ActuatorModel
 from hexctl.backends.sim.dm import PhysicsError
 from hexctl.backends.sim.effort import JointTorques
 from hexctl.backends.sim.model import FIRST_JOINT, TOUCH, Simulation, make_simulation
-from hexctl.backends.sim.sensing import LateStates, Losses, Noise, Snapshot, sensed
+from hexctl.backends.sim.sensing import FaultyPose, LateStates, Losses, Noise, Snapshot, sensed
 from hexctl.backends.sim.world import World, as_world
 from hexctl.errors import SimulationDivergedError, check_type
 from hexctl.robot.failure import Failure, drawn_failure
@@ -134,6 +134,7 @@ class SimServos(LegServos):
         self._springs = [(model.actuator_gainprm[:, 0], model.actuator_gainprm[:, 0].copy())]
         self._springs += [(model.actuator_biasprm[:, 1], model.actuator_biasprm[:, 1].copy())]
         self.noise = Noise(self.world.sensor_noise, self.seed, self.trial)
+        self.faulty_pose = FaultyPose(self.world.sensor_faults)
         self.loss = Losses.of_commands(self.world, self.seed, self.trial)
         self.pose_loss = Losses.of_poses(self.world, self.seed, self.trial)
         data = simulation.physics.data.ptr
@@ -160,6 +161,7 @@ class SimServos(LegServos):
         return sensed(
             measured,
             self.noise,
+            self.faulty_pose,
             offsets_rad=self._offsets_rad,
             stamp_s=self._clock.now_s - age_s,
             age_s=age_s,

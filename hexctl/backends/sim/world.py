@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationInfo, field_validator, model_validator
 
 from hexctl.backends.clock import PERIOD_S
 from hexctl.errors import InputError, check_type, shown
@@ -40,7 +40,7 @@ _PARTS = {
 _UNTOUCHED = {"joint_offset_deg": 0.0, "joint_stiffness": 1.0, "joint_friction_nm": 0.0}
 
 #: Quantities with discrete values, which cannot be randomized; a kind may set them.
-_IN_STEPS = ("time_step_s", "solver_tolerance", "servo_delay_s", "friction_cone", "sensor_noise")
+_IN_STEPS = ("time_step_s", "solver_tolerance", "servo_delay_s", "friction_cone", "sensor_noise", "sensor_faults")
 
 Finite = Annotated[Number, Field(allow_inf_nan=False)]
 
@@ -57,6 +57,32 @@ class SensorNoise(_Section):
     joint_deg: NotNegative = 0.0
     position_m: NotNegative = 0.0
     yaw_deg: NotNegative = 0.0
+
+
+def _ordered(interval: tuple[float, float]) -> tuple[float, float]:
+    first_s, last_s = interval
+    if not first_s < last_s:
+        raise ValueError(f"got {first_s:g} to {last_s:g} s; allowed: an interval that ends after it begins")
+    return interval
+
+
+Interval = Annotated[tuple[NotNegative, NotNegative], AfterValidator(_ordered)]
+
+
+class SensorFaults(_Section):
+    """What the sensors of position and yaw show wrongly, in times of the simulation's clock.
+
+    Attributes:
+        yaw_drift_deg_per_min: drift of the yaw, counter-clockwise from the start on.
+        pose_frozen_s: intervals in which position and orientation stay what they were when each began.
+        position_jump_s: intervals in which the position is off.
+        position_jump_m: by how much, along the axes of the world.
+    """
+
+    yaw_drift_deg_per_min: Annotated[Number, Field(ge=-3600, le=3600, allow_inf_nan=False)] = 0.0
+    pose_frozen_s: tuple[Interval, ...] = ()
+    position_jump_s: tuple[Interval, ...] = ()
+    position_jump_m: tuple[Number, Number, Number] = (0.0, 1.0, 0.0)
 
 
 class World(_Section):
@@ -97,6 +123,7 @@ class World(_Section):
         lost_commands: share of the control periods whose command is lost, drawn with the seed; the servos
             keep to the one before.
         lost_poses: share of the control periods in which position and orientation are not measured, likewise.
+        sensor_faults: what sensors show wrongly; left out where a world is written down without any.
     """
 
     friction: Annotated[Number, Field(gt=0, le=5, allow_inf_nan=False)] = 0.8
@@ -125,6 +152,10 @@ class World(_Section):
     state_latency_s: Annotated[Number, Field(ge=0, le=0.1, allow_inf_nan=False)] = 0.0
     lost_commands: Annotated[Number, Field(ge=0, le=0.5, allow_inf_nan=False), DRAWN] = 0.0
     lost_poses: Annotated[Number, Field(ge=0, le=0.95, allow_inf_nan=False), DRAWN] = 0.0
+    # Worlds that were written down before there were faults are the same worlds.
+    sensor_faults: Annotated[SensorFaults, Field(exclude_if=lambda faults: faults == SensorFaults())] = (
+        SensorFaults()
+    )
 
     @property
     def seeded(self) -> bool:

@@ -10,7 +10,7 @@ import pytest
 
 from hexctl.backends.sim.model import FIRST_JOINT, TOUCH, make_simulation
 from hexctl.backends.sim.servos import SimServos
-from hexctl.backends.sim.world import SensorNoise, World, load_world
+from hexctl.backends.sim.world import SensorFaults, SensorNoise, World, load_world
 from hexctl.control.guard import Guard
 from hexctl.control.plan import TrialPlan
 from hexctl.control.result import TrialResult
@@ -367,6 +367,7 @@ CHANGED: dict[str, Any] = {
     "state_latency_s": 0.01,
     "lost_commands": 0.5,
     "lost_poses": 0.5,
+    "sensor_faults": SensorFaults(yaw_drift_deg_per_min=600.0),
 }
 
 
@@ -381,6 +382,62 @@ def measured(world: World, seed: int) -> tuple[RobotState, ...]:
             moved_rad = robot.stance_angles_rad + 0.2 * math.sin(0.3 * tick)
             servos.write(JointTargets(moved_rad, time_s))
     return tuple(states)
+
+
+def poses(faults: dict[str, Any]) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Times, positions and yaws that a robot at rest shows over 1 s."""
+    with SimServos(shipped(), world=World.model_validate({"sensor_faults": faults})) as servos:
+        rows = []
+        for _ in range(50):
+            servos.clock.tick()
+            state = servos.read()
+            assert state.base_position_world is not None
+            assert state.base_quaternion_world is not None
+            rows.append((state.stamp_s, *state.base_position_world, yaw_rad(state.base_quaternion_world)))
+    table = np.array(rows, dtype=float)
+    return table[:, 0], table[:, 1:4], table[:, 4]
+
+
+def test_a_yaw_drifts_and_a_position_jumps_and_comes_back() -> None:
+    times_s, positions, yaws = poses({})
+    drift = {"yaw_drift_deg_per_min": 600.0, "position_jump_s": [[0.3, 0.5]], "position_jump_m": [0, 1, 2]}
+    _, off, drifted = poses(drift)
+    np.testing.assert_allclose(np.degrees(drifted - yaws), 10 * times_s, atol=1e-9)
+    jumped = (times_s >= 0.3) & (times_s < 0.5)
+    np.testing.assert_allclose(off - positions, np.outer(jumped, [0, 1, 2]), atol=1e-12)
+
+
+def test_a_pose_freezes_and_comes_back() -> None:
+    times_s, positions, _ = poses({})
+    _, seen, _ = poses({"pose_frozen_s": [[0.2, 0.4], [0.6, 0.7]]})
+    first, second = ((times_s >= begin) & (times_s < end) for begin, end in ((0.2, 0.4), (0.6, 0.7)))
+    for frozen in (first, second):
+        assert (seen[frozen] == seen[frozen][0]).all()
+        assert not (positions[frozen] == positions[frozen][0]).all()
+    np.testing.assert_array_equal(seen[~first & ~second], positions[~first & ~second])
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("pose_frozen_s: [[3, 2]]", "got 3 to 2 s; allowed: an interval that ends after it begins"),
+        ("pose_frozen_s: [[-1, 2]]", "sensor_faults.pose_frozen_s"),
+        ("yaw_drift_deg_per_min: 1e9", "sensor_faults.yaw_drift_deg_per_min"),
+        ("drift: 1", "sensor_faults.drift"),
+    ],
+)
+def test_a_sensor_fault_that_cannot_be_is_refused(line: str, said: str, tmp_path: Path) -> None:
+    path = tmp_path / "world.yaml"
+    path.write_text(f"sensor_faults: {{{line}}}\n", encoding="utf-8")
+    with pytest.raises(InputError) as refused:
+        load_world(path)
+    assert said in str(refused.value)
+
+
+def test_a_world_without_sensor_faults_is_written_as_before() -> None:
+    assert "sensor_faults" not in World().model_dump()
+    faulty = World(sensor_faults=SensorFaults(pose_frozen_s=((1.0, 2.0),)))
+    assert World.model_validate(faulty.model_dump(mode="json")) == faulty != World()
 
 
 def test_a_world_knows_whether_its_simulation_depends_on_the_seed() -> None:
