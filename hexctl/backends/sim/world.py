@@ -6,7 +6,15 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationInfo, field_validator, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    ValidationInfo,
+    field_validator,
+    model_validator,
+)
 
 from hexctl.backends.clock import PERIOD_S
 from hexctl.errors import InputError, check_type, shown
@@ -40,7 +48,14 @@ _PARTS = {
 _UNTOUCHED = {"joint_offset_deg": 0.0, "joint_stiffness": 1.0, "joint_friction_nm": 0.0}
 
 #: Quantities with discrete values, which cannot be randomized; a kind may set them.
-_IN_STEPS = ("time_step_s", "solver_tolerance", "servo_delay_s", "friction_cone", "sensor_noise", "sensor_faults")
+_IN_STEPS = (
+    "time_step_s",
+    "solver_tolerance",
+    "servo_delay_s",
+    "friction_cone",
+    "sensor_noise",
+    "sensor_faults",
+)
 
 Finite = Annotated[Number, Field(allow_inf_nan=False)]
 
