@@ -27,7 +27,7 @@ from hexctl.adapt.store import RUNS
 from hexctl.adapt.trim import TrimSearch
 from hexctl.backends.base import LegServos
 from hexctl.backends.registry import check_options, option_values
-from hexctl.control.assessment.static_stability import slots_by_stability
+from hexctl.control.assessment.static_stability import slots_by_stability, stable_gait
 from hexctl.control.plan import AUTO_ROTATION, HOLDS, TrialPlan, suited_rotation
 from hexctl.control.result import progress_floor_m
 from hexctl.errors import InputError, argument, check_type
@@ -115,6 +115,9 @@ def new_spec(
     start_note(spec, setting)
     if spec.target_m is None and spec.target_share is not None:
         spec = replace(spec, target_m=spec.target_share * setting.ideal_m)
+    if spec.optimizer == TRIM and not spec.body_raise:
+        posture = stable_gait(setting.robot, setting.plan).posture
+        spec = replace(spec, body_raise=posture.body_raise)
     if uncertainty_m is None:
         spec = with_known_uncertainty(spec, setting, folder, note)
     free, folders = optimizer is None and spec.optimizer != TRIM, prior_folders(folder)
@@ -153,7 +156,7 @@ _TYPES: dict[str, tuple[tuple[type, ...], str | None]] = {
     "backend": ((str,), "the name of a backend; a robot of your own is given as `servos`"),
     "prior": ((str, type(None)), "auto, none, or the name or path of a prior"),
     **dict.fromkeys(("budget", "confirm", "seed"), ((int,), None)),
-    **dict.fromkeys(("duration_s", "heading_deg"), ((float,), None)),
+    **dict.fromkeys(("duration_s", "heading_deg", "body_raise"), ((float,), None)),
     **{name: ((float, type(None)), None) for name in ("target_m", "arena_m", "worth_m", "uncertainty_m")},
     "target": ((float, str, type(None)), "a number, or a share of the distance such as '1%'"),
     **dict.fromkeys(("early_stop", "count_repeats", "insecure", "baseline"), ((bool,), None)),

@@ -43,6 +43,7 @@ class SessionSpec:
             empty where they do not.
         hold: what the walks hold by feedback, one of `hexctl.control.plan.HOLDS`; `none` in sessions from
             before it was stored.
+        body_raise: how much higher the body stands than in the stance, as a fraction of the robot's size.
         noise_m: standard deviation between trials of one gait that `bayes` believes until repeats tell; None
             in sessions from before it was stored, and without `bayes`.
         confirm: repeats of the best gait after the search, within the budget.
@@ -103,6 +104,7 @@ class SessionSpec:
     noise_m: float | None = None
     uncertainty_caveat: str = ""
     hold: str = "none"
+    body_raise: float = 0.0
 
     @property
     def simulated(self) -> bool:

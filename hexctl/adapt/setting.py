@@ -22,6 +22,7 @@ from hexctl.control.turning import check_plan
 from hexctl.errors import InputError
 from hexctl.gait.encoding import Slots
 from hexctl.gait.gait import ideal_speed_m_s, make_gait
+from hexctl.gait.posture import Posture
 from hexctl.robot.loader import RobotFile, load_robot_file
 from hexctl.robot.model import Robot
 
@@ -97,7 +98,7 @@ def load_setting(spec: SessionSpec) -> Setting:
         )
     world = load_world(spec.world) if spec.world is not None else None
     plan = TrialPlan(
-        gait=make_gait(robot, "demo"),
+        gait=replace(make_gait(robot, "demo"), posture=Posture(body_raise=spec.body_raise)),
         heading_rad=math.radians(spec.heading_deg),
         duration_s=spec.duration_s,
         belief=spec.broken,

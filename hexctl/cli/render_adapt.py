@@ -268,6 +268,7 @@ def _walking(session: Session) -> str:
     options = {
         "failed-leg": spec.failed_leg,
         "gait": None if best is None else best.code,
+        "body-raise": f"{spec.body_raise:g}",
         "hold": "heading",
         "trim": f"{session.best_trim_deg or 0.0:.2f}",
         "backend": spec.backend,
@@ -282,12 +283,12 @@ def _walking(session: Session) -> str:
         "link": spec.link,
     }
     left_out = {
+        "body-raise": "0",
         "backend": usual.backend,
         "robot": usual.robot,
         "world": usual.world,
         "failure": usual.failure,
         "heading": "0",
-        "self-rotation": usual.self_rotation,
         "seed": usual.seed,
     }
     words = [

@@ -15,10 +15,12 @@ from hexctl.adapt.measurement import Answer
 from hexctl.adapt.result import AdaptationResult
 from hexctl.adapt.runner import TrialRunner, WalkedTrial
 from hexctl.adapt.search import new_spec
+from hexctl.adapt.setting import load_setting
 from hexctl.adapt.store import flat_rows, load_session
 from hexctl.adapt.trim import WALKS, TrimSearch, mean_trim_rad, wanted_trim_rad
 from hexctl.backends.sim.servos import SimServos
 from hexctl.cli.main import exit_code
+from hexctl.control.assessment.static_stability import STAND_UP
 from hexctl.control.plan import MAX_TRIM_RAD
 from hexctl.control.result import TrialResult
 from hexctl.errors import InputError
@@ -225,7 +227,7 @@ def test_trims_are_in_json_exports_and_the_last_line(capsys: pytest.CaptureFixtu
     code, best_deg = session.trials[0].code, session.best_trim_deg
     assert last == (
         f"walk on with: hexctl run --failed-leg 2 --gait {code} --hold heading "
-        f"--trim {best_deg:.2f} --failure limp"
+        f"--trim {best_deg:.2f} --failure limp --self-rotation rear"
     )
     (row,) = flat_rows(session)
     assert list(row)[-2:] == ["trim_deg", "wanted_trim_deg"]
@@ -233,6 +235,20 @@ def test_trims_are_in_json_exports_and_the_last_line(capsys: pytest.CaptureFixtu
     outcome = session.as_json()
     assert outcome["best_trim_deg"] == best_deg
     assert outcome["trials"][0]["wanted_trim_deg"] == session.trials[0].wanted_trim_deg
+
+
+def test_a_body_stands_up_off_a_locked_leg_as_with_the_gait_auto(
+    capsys: pytest.CaptureFixture[str], drifting: Drifting
+) -> None:
+    del drifting
+    words = ["adapt", "--failed-leg", "1", "--hold", "heading", "--self-rotation", "none", "--no-record"]
+    assert exit_code(words) == 0
+    assert f"--body-raise {STAND_UP:g} --hold heading --trim" in capsys.readouterr().out
+    spec = new_spec(failed_leg=1, hold="heading", self_rotation="none")
+    assert load_setting(spec).plan.gait.posture.body_raise == STAND_UP
+    assert new_spec(failed_leg=1, hold="heading").body_raise == 0.0, "it trails"
+    other = new_spec(failed_leg=1, hold="heading", self_rotation="none", optimizer="random")
+    assert other.body_raise == 0.0, "a search of codes walks as before"
 
 
 REFUSED = [
