@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from hexctl.adapt.objectives import Objective, as_objective, make_objective
     from hexctl.adapt.optimizer import Observation, Optimizer, Prediction
     from hexctl.adapt.prior.find import list_priors
-    from hexctl.adapt.prior.prior import Prior, load_prior
+    from hexctl.adapt.prior.prior import Prior, ScorePrior, load_prior, load_score_prior
     from hexctl.adapt.registry import make_optimizer
     from hexctl.adapt.result import AdaptationResult
     from hexctl.adapt.search import new_spec
@@ -80,7 +80,7 @@ __all__ = [
     # adaptation, sessions and priors
     "Adaptation", "AdaptationResult", "adapt", "new_spec", "Session", "SessionSpec", "TrialRecord",
     "BaselineRecord", "WalkRecord", "delete_session", "export_session", "list_sessions", "load_session",
-    "Prior", "load_prior", "list_priors", "PriorPlan", "build_prior",
+    "Prior", "ScorePrior", "load_prior", "load_score_prior", "list_priors", "PriorPlan", "build_prior",
     # one call for each command
     "RunResult", "RunSpec", "run", "StudyPlan", "StudyResult", "study", "RobotService", "ServosSpec",
     "serve",
@@ -129,7 +129,7 @@ _MODULES = {
     "adapt.search": "new_spec",
     "adapt.session": "Session SessionSpec TrialRecord BaselineRecord WalkRecord",
     "adapt.store": "delete_session export_session list_sessions load_session",
-    "adapt.prior.prior": "Prior load_prior",
+    "adapt.prior.prior": "Prior ScorePrior load_prior load_score_prior",
     "adapt.prior.find": "list_priors",
     "study.prior": "PriorPlan build_prior",
     # one call for each command

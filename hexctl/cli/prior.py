@@ -2,7 +2,7 @@
 
 import json
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
 
@@ -11,19 +11,22 @@ from hexctl.cli.console import RUNS, print_note, print_result
 from hexctl.cli.options import (
     ALL_LEGS,
     FAILURE_HELP,
+    SELF_ROTATION_HELP,
     DaskOption,
     JobsOption,
     JsonOption,
     LegsOption,
     Range,
     RobotOption,
-    SelfRotationOption,
+    SelfRotation,
+    choice,
     listed_legs,
     number,
 )
 from hexctl.cli.progress import StudyProgress, interruptible
 
 WORLDS = Range(low=2, high=1024, whole=True)
+PriorHold = Literal["none", "heading", "line"]
 PRIOR_DURATION_S = Range(low=6, unit="s")
 
 prior = typer.Typer(
@@ -41,7 +44,23 @@ def build(
     failure: Annotated[
         str, typer.Option("--failure", autocompletion=completion.failures, help=FAILURE_HELP)
     ] = "locked",
-    self_rotation: SelfRotationOption = "rear",
+    self_rotation: Annotated[
+        SelfRotation | None,
+        choice(
+            "--self-rotation",
+            SelfRotation,
+            f"{SELF_ROTATION_HELP} (default: rear, but none with --hold line)",
+        ),
+    ] = None,
+    hold: Annotated[
+        PriorHold,
+        choice(
+            "--hold",
+            PriorHold,
+            "What the walks hold by feedback; with line or heading the prior is of their speed, cost, tilt "
+            "and steadiness, with none of where they end.",
+        ),
+    ] = "none",
     duration: Annotated[
         float, number("--duration", PRIOR_DURATION_S, "Seconds that each gait walks, {}, in steps of 2.")
     ] = 30.0,
@@ -57,7 +76,7 @@ def build(
         Path | None,
         typer.Option(
             "--out",
-            help="File to write, .npz. (default: runs/priors/ROBOT-FAILURE-ROTATION-SECONDS.npz)",
+            help="File to write, .npz. (default: runs/priors/ROBOT-FAILURE-ROTATION-SECONDS[-HOLD].npz)",
             show_default=False,
         ),
     ] = None,
@@ -81,7 +100,8 @@ def build(
         worlds=worlds,
         legs=listed_legs(legs),
         failure=failure,
-        self_rotation=self_rotation,
+        self_rotation=self_rotation or ("none" if hold == "line" else "rear"),
+        hold=hold,
         duration_s=duration,
     )
     path = out or RUNS / PRIORS / prior_file_name(plan, family)
@@ -117,5 +137,12 @@ def _line(described: dict[str, Any]) -> str:
     return (
         f"{described['prior']}: {described['robot']}, legs {legs} {described['failure']}, self-rotation "
         f"{described['self_rotation']}, {described['duration_s']:g} s, {described['worlds']} worlds a leg"
-        f"{'' if described['stances'] else ', without stances'}"
+        f"{_kind(described)}"
     )
+
+
+def _kind(described: dict[str, Any]) -> str:
+    """What else is worth saying of a prior: its hold and its objectives, or a missing stance."""
+    if "scores" in described:
+        return f", hold {described['hold']}: {', '.join(described['scores'])}"
+    return "" if described["stances"] else ", without stances"

@@ -14,9 +14,10 @@ from hexctl.adapt.objectives import INVALID_SCORE
 from hexctl.adapt.space import GaitSpace
 from hexctl.backends.clock import PERIOD_S
 from hexctl.backends.sim.world import World
+from hexctl.control.assessment.static_stability import in_posture
 from hexctl.control.batch import SimTrial
 from hexctl.control.plan import TrialPlan
-from hexctl.control.result import TrialResult
+from hexctl.control.result import QUALITIES, TrialResult
 from hexctl.gait.gait import Gait
 from hexctl.robot.failure import Failure, parse_failure
 from hexctl.robot.model import Robot
@@ -26,8 +27,11 @@ from hexctl.types import ArrayFields, BoolArray, FloatArray
 #: Ticks between the kept points of a path: 5 points per second.
 PATH_STRIDE = 10
 
-#: Numbers kept of each gait; NaN where unknown.
-NUMBERS = ("signed_m", "mean_m", "max_m", "distance_m", "yaw_change_rad", "turned_rad")
+#: Numbers kept of each gait, named as in its result; NaN where unknown.
+NUMBERS = (
+    *("signed_m", "mean_m", "max_m", "distance_m", "yaw_change_rad", "turned_rad"),
+    *QUALITIES,
+)
 
 N_CODES = 120
 
@@ -48,6 +52,8 @@ class LandscapeSpec:
         miss_rad: yaw by which that self-rotation would have turned too far; only with `placed`.
         codes: the gaits, ascending.
         place: label of the world where there are several; decides no number.
+        hold: what the walks hold by feedback, one of `hexctl.control.plan.HOLDS`.
+        posture: one of `hexctl.control.assessment.static_stability.POSTURES`.
     """
 
     robot: Robot
@@ -61,6 +67,8 @@ class LandscapeSpec:
     miss_rad: float = 0.0
     codes: tuple[int, ...] = tuple(range(1, N_CODES + 1))
     place: str = ""
+    hold: str = "none"
+    posture: str = "stance"
 
     @property
     def leg_failure(self) -> Failure:
@@ -97,7 +105,9 @@ class LandscapeSpec:
             duration_s=self.duration_s,
             belief=self.leg_failure,
             self_rotation=self.self_rotation,
+            hold=self.hold,
         )
+        plan = in_posture(self.robot, plan, self.posture)
         trial = SimTrial(robot=self.robot, plan=plan, failure=plan.belief, world=self.world, seed=self.seed)
         return trial.put_down_turned(self.miss_rad) if self.placed else trial
 
@@ -108,6 +118,7 @@ class LandscapeSpec:
             name: getattr(self, name)
             for name in ("self_rotation", "duration_s", "seed", "placed", "miss_rad")
         }
+        settings |= {"hold": self.hold, "posture": self.posture}
         return {
             "robot": self.robot.fingerprint,
             "world": self.world.model_dump(mode="json"),
@@ -130,7 +141,7 @@ class Rows(ArrayFields):
     Attributes:
         codes: (n,).
         status: as in `hexctl.control.result.STATUSES`; empty for a gait that was not simulated yet, (n,).
-        numbers: one column for each of `NUMBERS`, (n, 6).
+        numbers: one column for each of `NUMBERS`, (n, 10).
         paths_m: progress and signed deviation, five points a second, the last one at the end; NaN where the
             walk was over, (n, P, 2).
     """
@@ -235,5 +246,11 @@ def _numbers_of(result: TrialResult) -> list[float]:
     signed, mean, most = (
         (deviation.signed, deviation.mean, deviation.max) if deviation is not None else (math.nan,) * 3
     )
-    known = [math.nan if value is None else value for value in (result.distance_m, result.yaw_change_rad)]
-    return [signed, mean, most, *known, result.turned_rad]
+    known = [
+        math.nan if value is None else value
+        for value in (
+            *(result.distance_m, result.yaw_change_rad, result.turned_rad),
+            *(getattr(result, name) for name in QUALITIES),
+        )
+    ]
+    return [signed, mean, most, *known]

@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 
 from hexctl.adapt.prior.find import SUFFIX
-from hexctl.adapt.prior.prior import CHECKPOINTS, Prior, PriorKey, check_place, save_prior
+from hexctl.adapt.prior.prior import CHECKPOINTS, Prior, PriorKey, ScorePrior, check_place, save_prior
 from hexctl.adapt.stance import stance_deflection_rad
 from hexctl.backends.sim.world import Distribution, DomainRandomization, World
+from hexctl.control.assessment.static_stability import usual_posture
 from hexctl.control.guard import Guard
 from hexctl.control.plan import TrialPlan
 from hexctl.errors import EStopError, InputError, SimulationDivergedError, argument, check_type
@@ -39,6 +40,9 @@ TIME_STEP_S = 0.004
 #: A shorter walk consists mostly of the soft start.
 MIN_DURATION_S = 6.0
 
+#: What the walks of a prior may hold: what a robot turns out to hold under `auto` is no matter of a plan.
+HOLDS = ("none", "heading", "line")
+
 #: Walks last multiples of this: the ten checkpoints then fall on kept points of the path, five per second.
 WHOLE_S = 2.0
 
@@ -55,6 +59,10 @@ class PriorPlan:
         failure: in the words of `parse_failure`; with `unknown` each world draws what breaks.
         self_rotation: where the failed leg points during the walk.
         duration_s: length of each walk.
+        hold: what the walks hold by feedback, one of `HOLDS`; with another than `none` the prior is of their
+            scores.
+        posture: of the gaits, one of `hexctl.control.assessment.static_stability.POSTURES`; None is the one
+            that sessions under the hold have.
     """
 
     robot: Robot
@@ -64,8 +72,12 @@ class PriorPlan:
     failure: str = "locked"
     self_rotation: str = "rear"
     duration_s: float = 30.0
+    hold: str = "none"
+    posture: str | None = None
 
     def __post_init__(self) -> None:
+        if self.posture is None:
+            object.__setattr__(self, "posture", usual_posture(self.hold))
         check_robot(self.robot)
         allowed = "a DomainRandomization, as load_randomization('randomised') gives"
         check_type(self.family, DomainRandomization, "plan.family", allowed)
@@ -95,6 +107,8 @@ class PriorPlan:
                 placed=True,
                 miss_rad=math.radians(miss_deg) if self.self_rotation != "none" else 0.0,
                 place=f"world {index + 1}",
+                hold=self.hold,
+                posture=self.posture or "stance",
             )
             for index, (world, miss_deg) in enumerate(zip(worlds, misses_deg, strict=True))
         ]
@@ -113,7 +127,13 @@ class PriorPlan:
             duration_s=self.duration_s,
             belief=failure,
             self_rotation=self.self_rotation,
+            hold=self.hold,
         )
+
+    @property
+    def key(self) -> PriorKey:
+        """Key of the prior."""
+        return PriorKey.of(self.robot, self.trial_plan(), self.posture or "stance")
 
     def check(self) -> None:
         """Raise InputError for anything that is not allowed, before anything runs."""
@@ -133,6 +153,8 @@ class PriorPlan:
                 "in steps of "
                 f"{WHOLE_S:g} s"
             )
+        if self.hold not in HOLDS:
+            raise InputError(f"{argument('hold')}: got {self.hold}; allowed: {', '.join(HOLDS)}")
         if not 2 <= self.worlds <= WORLDS_PER_LEG:
             raise InputError(f"{argument('worlds')}: got {self.worlds}; allowed: 2..{WORLDS_PER_LEG}")
         # Whether the gaits can be walked does not depend on the world.
@@ -147,8 +169,10 @@ def build_prior(
     jobs: int | None = None,
     dask: str | None = None,
     progress: Progress | None = None,
-) -> Prior:
+) -> Prior | ScorePrior:
     """Simulate all gaits in the worlds of a plan, and write the prior to a file.
+
+    It is a `Prior` of where open-loop walks end, and a `ScorePrior` under a hold.
 
     Simulated gaits are saved while this runs: a call that was interrupted is continued by the next one.
 
@@ -171,8 +195,12 @@ def build_prior(
     cache.probe()
     check_place(path)
     landscapes = evaluate(plan.specs(), cache, jobs=jobs, dask=dask, progress=progress)
-    progress.stage("stances", len(landscapes))
-    prior = prior_of(plan, landscapes, deflections_of(plan, progress.step))
+    prior: Prior | ScorePrior
+    if plan.hold == "none":
+        progress.stage("stances", len(landscapes))
+        prior = prior_of(plan, landscapes, deflections_of(plan, progress.step))
+    else:
+        prior = score_prior_of(plan, landscapes)
     save_prior(prior, path)
     return prior
 
@@ -183,6 +211,10 @@ def prior_file_name(plan: PriorPlan, family: str) -> str:
     `family` is the name of the plan's family of worlds, or the path of its file.
     """
     parts = [plan.robot.name, plan.failure.replace(":", "-"), plan.self_rotation, f"{plan.duration_s:g}s"]
+    if plan.hold != "none":
+        parts.append(plan.hold)
+    if plan.posture != usual_posture(plan.hold):
+        parts.append(str(plan.posture))
     if len(plan.legs) < N_LEGS:
         parts.append("leg" + "".join(str(leg) for leg in plan.legs))
     if family != "randomised":
@@ -236,7 +268,7 @@ def prior_of(
     yaws = np.array([[one.number("yaw_change_rad") for one in some] for some in by_leg])
     finished = np.isfinite(paths[..., -1, 0])
     return Prior(
-        key=PriorKey.of(plan.robot, plan.trial_plan()),
+        key=plan.key,
         legs=plan.legs,
         origin=_origin(plan),
         signed_m=paths[..., 1],
@@ -244,6 +276,35 @@ def prior_of(
         yaw_rad=np.where(finished, yaws, np.nan),
         sag_rad=deflections_rad,
     )
+
+
+def score_prior_of(plan: PriorPlan, landscapes: Sequence[Landscape]) -> ScorePrior:
+    """Prior of a plan under a hold; landscapes are complete and in the order of `plan.specs()`."""
+    by_leg = [[one for one in landscapes if one.spec.leg == leg] for leg in plan.legs]
+    return ScorePrior(
+        key=plan.key,
+        legs=plan.legs,
+        origin=_origin(plan),
+        log_scores=np.array([[log_scores_of(one) for one in some] for some in by_leg]),
+        valid=np.array([[one.valid for one in some] for some in by_leg]),
+    )
+
+
+def log_scores_of(landscape: Landscape) -> FloatArray:
+    """Logarithm of the scores of every gait, by the objectives of `SCORES`, (gaits, 4).
+
+    NaN for a walk that did not last to its end or made no way.
+    """
+    distance_m = landscape.number("distance_m")
+    walked = np.isin(landscape.status, ("ok", "no_progress")) & (distance_m > 0)
+    scores = np.stack(
+        [
+            landscape.spec.duration_s / np.where(walked, distance_m, np.nan),
+            *(landscape.number(name) for name in ("cost_of_transport", "tilt_deg", "steadiness")),
+        ],
+        axis=-1,
+    )
+    return np.log(np.where(walked[:, np.newaxis] & (scores > 0), scores, np.nan))
 
 
 def checkpoints_of(landscape: Landscape) -> FloatArray:

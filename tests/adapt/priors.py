@@ -7,7 +7,7 @@ import numpy as np
 
 from hexctl.adapt.bayes import Bayes
 from hexctl.adapt.optimizer import Observation
-from hexctl.adapt.prior.prior import CHECKPOINTS, Prior, PriorKey
+from hexctl.adapt.prior.prior import CHECKPOINTS, SCORES, Prior, PriorKey, ScorePrior
 from hexctl.adapt.prior.samples import DISTANCE, FINAL, N_FEATURES, YAW, Samples
 from hexctl.adapt.runner import WalkedTrial
 from hexctl.adapt.session import SessionSpec
@@ -167,6 +167,23 @@ def made_up_prior(
         signed_m=paths[..., 1],
         progress_m=paths[..., 0],
         yaw_rad=features[..., YAW],
+    )
+
+
+def made_up_score_prior(
+    question: PriorKey | None = None, legs: tuple[int, ...] = (5,), worlds: int = 3, seed: int = 0
+) -> ScorePrior:
+    """A prior of steered walks in which a world slows all gaits, and each gait its own way."""
+    random = np.random.default_rng([seed, 3])
+    gait = np.random.default_rng(9).normal(0, 0.2, (GAITS, len(SCORES)))
+    world = random.normal(0, 0.1, (len(legs), worlds, 1, 1))
+    own = random.normal(0, 0.03, (len(legs), worlds, GAITS, len(SCORES)))
+    return ScorePrior(
+        key=question or replace(key_of(hold="line", self_rotation="none"), posture="auto"),
+        legs=legs,
+        origin={"family": {"seed": 20}, "worlds": worlds, "code": {"hexctl": "made up"}},
+        log_scores=2.0 + gait + world + own,
+        valid=np.ones((len(legs), worlds, GAITS), dtype=bool),
     )
 
 

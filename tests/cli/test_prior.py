@@ -15,7 +15,8 @@ from hexctl.adapt.prior.prior import load_prior, save_prior
 from hexctl.adapt.runner import TrialRunner
 from hexctl.cli.main import exit_code
 from hexctl.robot.failure import Failure
-from tests.adapt.priors import MadeUpModel, MadeUpWorld, key_of, made_up_prior
+from hexctl.study.prior import PriorPlan
+from tests.adapt.priors import MadeUpModel, MadeUpWorld, key_of, made_up_prior, made_up_score_prior
 from tests.robots import shipped
 
 DURATION = "6"
@@ -481,3 +482,22 @@ def test_a_place_that_cannot_be_written_is_said_before_anything_runs(
     assert len(printed.err.splitlines()) == 1
     assert "a-file/x.npz cannot be written" in printed.err
     assert not list(Path("runs").rglob("leg*.npz"))
+
+
+def test_a_prior_under_a_hold_is_built_with_the_trials_of_its_sessions(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    plans: list[PriorPlan] = []
+
+    def built_at_once(plan: PriorPlan, path: Path, **_options: object) -> None:
+        plans.append(plan)
+        save_prior(made_up_score_prior(plan.key, plan.legs, plan.worlds), path)
+
+    monkeypatch.setattr("hexctl.study.prior.build_prior", built_at_once)
+    for hold in ("line", "heading"):
+        assert exit_code(["prior", "build", "--hold", hold, "--legs", "2", "--worlds", "2"]) == 0
+    found = [(plan.hold, plan.self_rotation, plan.posture) for plan in plans]
+    assert found == [("line", "none", "auto"), ("heading", "rear", "auto")]
+    capsys.readouterr()
+    assert exit_code(["prior", "show", "ant-locked-none-30s-line-leg2"]) == 0
+    assert capsys.readouterr().out.endswith("2 worlds a leg, hold line: speed, cost, tilt, steadiness\n")

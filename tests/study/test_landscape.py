@@ -7,10 +7,11 @@ import pytest
 
 from hexctl.adapt.objectives import INVALID_SCORE, OBJECTIVES
 from hexctl.backends.sim.world import World
+from hexctl.control.assessment.static_stability import STAND_UP
 from hexctl.control.batch import SimTrial, run_sim_trial, run_sim_trials
 from hexctl.control.guard import Guard
 from hexctl.control.log import TickLog
-from hexctl.control.result import TrialResult
+from hexctl.control.result import QUALITIES, TrialResult
 from hexctl.control.trial import run_trial
 from hexctl.study.evaluate import Chunk, chunks_of, simulate_chunk
 from hexctl.study.landscape import NUMBERS, LandscapeSpec, empty_landscape, with_rows
@@ -45,6 +46,7 @@ def test_rows_are_those_of_the_trials_alone(one: Chunk) -> None:
             alone.distance_m,
             alone.yaw_change_rad,
             alone.turned_rad,
+            *(getattr(alone, name) for name in QUALITIES),
         ]
         assert rows.numbers[row].tolist() == expected
         assert rows.paths_m[row].tolist() == alone.path_m[9::10].astype(np.float32).tolist()
@@ -95,6 +97,7 @@ def test_another_question_has_another_fingerprint() -> None:
     asked = [spec(), spec(leg=4), spec(self_rotation="rear"), spec(duration_s=0.5), spec(seed=1),
              spec(codes=CODES), spec(world=World(friction=0.5)), replace(spec(), placed=True),
              *(replace(spec(), placed=True, miss_rad=miss_rad) for miss_rad in (0.1, -0.1))]  # fmt: skip
+    asked += [replace(spec(), hold="line"), replace(spec(), posture="auto")]
     assert len({each.fingerprint for each in asked}) == len(asked)
     assert spec().fingerprint == spec().fingerprint
 
@@ -181,3 +184,13 @@ def test_robots_put_down_differently_do_not_share_a_start() -> None:
     for made, alone in zip(run_sim_trials(trials), map(run_sim_trial, trials), strict=True):
         assert made.to_dict() == alone.to_dict()
         np.testing.assert_array_equal(made.path_m, alone.path_m)
+
+
+@pytest.mark.parametrize(("leg", "body_raise"), [(2, STAND_UP), (4, 0.0)])
+def test_a_landscape_under_a_hold_stands_up_off_a_leg_that_does_not_trail(
+    leg: int, body_raise: float
+) -> None:
+    held = replace(spec(leg), hold="line", posture="auto")
+    plan = held.trial(7).plan
+    assert (plan.hold, plan.gait.posture.body_raise) == ("line", body_raise)
+    assert replace(held, posture="stance").trial(7).plan.gait.posture.body_raise == 0

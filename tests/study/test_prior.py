@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hexctl.adapt.prior.prior import CHECKPOINTS, PriorKey, load_prior, save_prior
+from hexctl.adapt.prior.prior import CHECKPOINTS, PriorKey, load_prior, load_score_prior, save_prior
 from hexctl.adapt.prior.samples import features_of
 from hexctl.backends.sim.world import DomainRandomization, Kind, load_randomization
+from hexctl.control.assessment.static_stability import STAND_UP
 from hexctl.errors import InputError
 from hexctl.robot.failure import BROKEN_KINDS, Failure, drawn_failure
 from hexctl.study.landscape import NUMBERS, Landscape, LandscapeSpec, Rows, empty_landscape, with_rows
@@ -23,10 +24,11 @@ from hexctl.study.prior import (
     deflections_of,
     prior_file_name,
     prior_of,
+    score_prior_of,
 )
 from hexctl.study.transfer.searches import walk_of
 from hexctl.types import FloatArray
-from tests.adapt.priors import key_of
+from tests.adapt.priors import key_of, plan_of
 from tests.robots import shipped
 from tests.study.landscapes import made_up_in
 
@@ -193,7 +195,7 @@ def _landscape(spec: LandscapeSpec, seed: int) -> Landscape:
     empty, random = empty_landscape(spec), np.random.default_rng(seed)
     paths: FloatArray = random.normal(size=(120, spec.n_points, 2)).cumsum(axis=1) * 0.01
     paths[FALLEN - 1, spec.n_points // 2 :] = np.nan
-    numbers = random.normal(size=(120, 6))
+    numbers = random.normal(size=(120, len(NUMBERS)))
     numbers[:, 0] = paths[:, -1, 1]
     status = np.full(120, "ok", dtype="<U16")
     status[FALLEN - 1] = "fell"
@@ -254,3 +256,45 @@ def test_a_failure_with_details_has_priors_too() -> None:
     asked.check()
     assert prior_file_name(asked, "randomised") == "ant-weak-0.5-rear-30s.npz"
     assert PriorKey.of(asked.robot, asked.trial_plan()).failure == "weak:0.5"
+
+
+def _steered(spec: LandscapeSpec) -> Landscape:
+    """A made-up landscape of steered walks, in which one gait fell, one made no progress, one went back."""
+    landscape = made_up_in(spec, np.zeros(120), invalid=[5, 9])
+    landscape.status[FALLEN - 1] = "fell"
+    for column, name in enumerate(("distance_m", "cost_of_transport", "tilt_deg", "steadiness")):
+        landscape.numbers[:, NUMBERS.index(name)] = (1 + np.arange(120) / 120) * 2.0**column
+    landscape.numbers[8, NUMBERS.index("distance_m")] = -0.1
+    return landscape
+
+
+def test_under_a_hold_a_prior_is_of_the_logarithms_of_the_scores(tmp_path: Path) -> None:
+    asked = prior_plan(worlds=2, hold="line", self_rotation="none")
+    prior = score_prior_of(asked, [_steered(spec) for spec in asked.specs()])
+    scale = 1 + np.arange(120) / 120
+    wanted = np.log(np.stack([6.0 / scale, 2 * scale, 4 * scale, 8 * scale], axis=-1))
+    wanted[[FALLEN - 1, 8]] = np.nan
+    np.testing.assert_allclose(prior.log_scores, np.broadcast_to(wanted, (2, 2, 120, 4)), atol=1e-12)
+    assert np.flatnonzero(~prior.valid[1, 1]).tolist() == [4, FALLEN - 1, 8]
+    save_prior(prior, tmp_path / "made.npz")
+    loaded = load_score_prior(tmp_path / "made.npz")
+    assert (loaded.digest(), loaded.head) == (prior.digest(), prior.head)
+    np.testing.assert_allclose(loaded.log_scores, prior.log_scores, rtol=1e-6)
+    np.testing.assert_array_equal(loaded.valid, prior.valid)
+
+
+def test_a_prior_under_a_hold_stands_as_its_sessions_do_and_is_for_them() -> None:
+    asked = prior_plan(worlds=2, hold="line", self_rotation="none", legs=(2, 4))
+    assert {spec.leg: spec.trial(1).plan.gait.posture.body_raise for spec in asked.specs()} == {
+        2: STAND_UP, 4: 0.0,
+    }  # fmt: skip
+    plan = plan_of(shipped(), duration_s=6.0, self_rotation="none", hold="auto")
+    assert asked.key.differences(PriorKey.of(shipped(), plan, "auto")) == []
+    assert asked.key.differences(PriorKey.of(shipped(), plan)) == ["posture auto, not stance"]
+    assert replace(asked, posture="stance").key.posture == "stance"
+    assert prior_file_name(asked, "randomised") == "ant-locked-none-6s-line-leg24.npz"
+
+
+def test_an_unknown_hold_is_refused() -> None:
+    with pytest.raises(InputError, match=r"^hold: got auto; allowed: none, heading, line$"):
+        prior_plan(hold="auto").check()

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from hexctl.adapt.prior.prior import PriorKey, load_prior, read_head
+from hexctl.adapt.prior.prior import SCORES, PriorKey, ScorePrior, open_prior, read_head
 from hexctl.errors import InputError
 from hexctl.robot.configs import config_root
 
@@ -105,11 +105,15 @@ def prior_files(folders: Iterable[Path]) -> list[Path]:
 
 def describe_prior(path: Path) -> dict[str, Any]:
     """What a prior is for, as plain JSON values; raises InputError for a damaged file."""
-    prior = load_prior(path)
+    prior = open_prior(path)
+    if isinstance(prior, ScorePrior):
+        kind: dict[str, Any] = {"scores": list(SCORES)}
+    else:
+        kind = {"stances": prior.sag_rad is not None}
     return {
         **prior.key.as_json(),
         "legs": list(prior.legs),
-        "stances": prior.sag_rad is not None,
+        **kind,
         "worlds": prior.worlds,
         "bytes": path.stat().st_size,
     }

@@ -7,19 +7,21 @@ import math
 import os
 import zipfile
 import zlib
+from abc import ABC, abstractmethod
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hexctl.adapt.space import GaitSpace
 from hexctl.control.plan import TrialPlan
 from hexctl.errors import HexctlError, InputError, check_type
 from hexctl.files import atomic_write
 from hexctl.robot.model import Robot
-from hexctl.types import N_JOINTS, FloatArray
+from hexctl.types import N_JOINTS, BoolArray, FloatArray
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,6 +39,7 @@ class PriorKey:
         amplitude: of the gaits.
         height: of the gaits.
         hold: what the walks hold by feedback.
+        posture: how the body stands, one of `hexctl.control.assessment.static_stability.POSTURES`.
     """
 
     robot: str
@@ -49,10 +52,11 @@ class PriorKey:
     amplitude: float
     height: float
     hold: str = "none"
+    posture: str = "stance"
 
     @classmethod
-    def of(cls, robot: Robot, plan: TrialPlan) -> "PriorKey":
-        """Key of a session's trials."""
+    def of(cls, robot: Robot, plan: TrialPlan, posture: str = "stance") -> "PriorKey":
+        """Key of a session's trials; the hold `auto` of a plan counts as `line`, the best it may become."""
         gait = plan.gait
         return cls(
             robot=robot.name,
@@ -64,12 +68,13 @@ class PriorKey:
             pace_hz=gait.pace_hz,
             amplitude=gait.amplitude,
             height=gait.height,
-            hold=plan.hold,
+            hold="line" if plan.hold == "auto" else plan.hold,
+            posture=posture,
         )
 
     def as_json(self) -> dict[str, Any]:
-        """The key as plain JSON values; without a hold of `none`, as priors are that were built before."""
-        return {name: value for name, value in asdict(self).items() if (name, value) != ("hold", "none")}
+        """The key as plain JSON values; without what priors from before it was stored have."""
+        return {name: value for name, value in asdict(self).items() if _FORMER.get(name) != value}
 
     def differences(self, other: "PriorKey") -> list[str]:
         """Differences of another key, a few words each; empty for an equal one."""
@@ -87,6 +92,9 @@ class PriorKey:
         return found
 
 
+#: Hold and posture of the priors from before these were stored.
+_FORMER = {"hold": "none", "posture": "stance"}
+
 _LABELS = {
     "self_rotation": ("self-rotation", ""),
     "heading_deg": ("heading", " deg"),
@@ -100,7 +108,6 @@ def _short(value: object) -> str:
 
 
 FORMAT = "hexctl prior"
-VERSION = 1
 
 #: Points of a walk that are kept, evenly spread, the last one at its end.
 CHECKPOINTS = 10
@@ -119,45 +126,37 @@ class PriorFileError(HexctlError, OSError):
     """A prior cannot be written."""
 
 
+#: What steered walks differ in, by the objectives of these names; row k of a score prior's last axis is the
+#: k-th of them.
+SCORES = ("speed", "cost", "tilt", "steadiness")
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Prior:
+class Outcomes(ABC):
     """Simulated outcomes for one key; row i of the legs belongs to `legs[i]`, gait j to code j + 1.
 
     Attributes:
         key: what it is for.
         legs: the failed legs, ascending.
         origin: where it comes from, for people: family of worlds, versions.
-        signed_m: deviation at the checkpoints, positive to the left, (legs, worlds, gaits, CHECKPOINTS); NaN
-            where the walk was over.
-        progress_m: distance along the heading at the checkpoints, likewise.
-        yaw_rad: how far the body had turned at the end, likewise NaN, (legs, worlds, gaits).
-        sag_rad: by how much each joint stayed behind what it was told, at rest in the stance before any turn,
-            (legs, worlds, 18); None in priors that were built without.
     """
+
+    #: Version of its file.
+    version: ClassVar[int]
 
     key: PriorKey
     legs: tuple[int, ...]
     origin: dict[str, Any]
-    signed_m: FloatArray
-    progress_m: FloatArray
-    yaw_rad: FloatArray
-    sag_rad: FloatArray | None = None
 
-    def __post_init__(self) -> None:
-        worlds = self.signed_m.shape[1] if self.signed_m.ndim > 1 else 0
-        shape = (len(self.legs), worlds, GaitSpace((1,)).size)
-        allowed = {"signed_m": (*shape, CHECKPOINTS), "progress_m": (*shape, CHECKPOINTS)}
-        for name in _ARRAYS:
-            got, wanted = getattr(self, name).shape, allowed.get(name, shape)
-            if got != wanted or not worlds or not self.legs:
-                raise ValueError(f"{name} has shape {got}, expected {wanted}")
-        if self.sag_rad is not None and self.sag_rad.shape != (*shape[:2], N_JOINTS):
-            raise ValueError(f"sag_rad has shape {self.sag_rad.shape}, expected {(*shape[:2], N_JOINTS)}")
+    @property
+    @abstractmethod
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """Its arrays as they are stored, by name."""
 
     @property
     def worlds(self) -> int:
         """Number of worlds in which each leg has walked."""
-        return int(self.signed_m.shape[1])
+        return int(next(iter(self.arrays.values())).shape[1])
 
     @property
     def head(self) -> dict[str, Any]:
@@ -172,25 +171,84 @@ class Prior:
     def _digest(self) -> str:
         digest = hashlib.sha256(json.dumps(self.head, sort_keys=True).encode())
         for array in self.arrays.values():
-            digest.update(array.astype(STORED).tobytes())
+            digest.update(array.tobytes())
         return digest.hexdigest()[:32]
 
+    def _check_shapes(self, **last: tuple[int, ...]) -> None:
+        """Raise ValueError unless arrays have the shape (legs, worlds, gaits) and some more."""
+        first: FloatArray = getattr(self, next(iter(last)))
+        worlds = first.shape[1] if first.ndim > 1 else 0
+        for name, more in last.items():
+            got, wanted = getattr(self, name).shape, (len(self.legs), worlds, GaitSpace((1,)).size, *more)
+            if got != wanted or not worlds or not self.legs:
+                raise ValueError(f"{name} has shape {got}, expected {wanted}")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Prior(Outcomes):
+    """Where open-loop walks end.
+
+    Attributes:
+        signed_m: deviation at the checkpoints, positive to the left, (legs, worlds, gaits, CHECKPOINTS); NaN
+            where the walk was over.
+        progress_m: distance along the heading at the checkpoints, likewise.
+        yaw_rad: how far the body had turned at the end, likewise NaN, (legs, worlds, gaits).
+        sag_rad: by how much each joint stayed behind what it was told, at rest in the stance before any turn,
+            (legs, worlds, 18); None in priors that were built without.
+    """
+
+    version: ClassVar[int] = 1
+
+    signed_m: FloatArray
+    progress_m: FloatArray
+    yaw_rad: FloatArray
+    sag_rad: FloatArray | None = None
+
+    def __post_init__(self) -> None:
+        self._check_shapes(signed_m=(CHECKPOINTS,), progress_m=(CHECKPOINTS,), yaw_rad=())
+        wanted = (len(self.legs), self.signed_m.shape[1], N_JOINTS)
+        if self.sag_rad is not None and self.sag_rad.shape != wanted:
+            raise ValueError(f"sag_rad has shape {self.sag_rad.shape}, expected {wanted}")
+
     @property
-    def arrays(self) -> dict[str, FloatArray]:
-        """Arrays of the prior, by name."""
-        arrays: dict[str, FloatArray] = {name: getattr(self, name) for name in _ARRAYS}
-        return arrays if self.sag_rad is None else {**arrays, _STANDING: self.sag_rad}
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """Its arrays in half precision, by name."""
+        names = _ARRAYS if self.sag_rad is None else (*_ARRAYS, _STANDING)
+        return {name: getattr(self, name).astype(STORED) for name in names}
 
 
-def save_prior(prior: Prior, path: Path) -> None:
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ScorePrior(Outcomes):
+    """How steered walks are: what gaits differ in once all of them go straight.
+
+    Attributes:
+        log_scores: natural logarithm of the score by each objective of `SCORES`, (legs, worlds, gaits, 4);
+            NaN for a walk that did not last, or went nowhere.
+        valid: whether the walk was, (legs, worlds, gaits).
+    """
+
+    version: ClassVar[int] = 2
+
+    log_scores: FloatArray
+    valid: BoolArray
+
+    def __post_init__(self) -> None:
+        self._check_shapes(log_scores=(len(SCORES),), valid=())
+
+    @property
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """Its arrays as they are stored, by name."""
+        return {"log_scores": self.log_scores.astype(np.float32), "valid": self.valid.astype(np.uint8)}
+
+
+def save_prior(prior: Outcomes, path: Path) -> None:
     """Write a prior; the file is the old one or the new one at any moment.
 
     Raises PriorFileError when the disk refuses.
     """
-    head = {"format": FORMAT, "version": VERSION, "digest": prior.digest(), **prior.head}
-    arrays = {name: array.astype(STORED) for name, array in prior.arrays.items()}
+    head = {"format": FORMAT, "version": prior.version, "digest": prior.digest(), **prior.head}
     buffer = io.BytesIO()
-    np.savez_compressed(buffer, allow_pickle=False, head=np.array(json.dumps(head)), **arrays)
+    np.savez_compressed(buffer, allow_pickle=False, head=np.array(json.dumps(head)), **prior.arrays)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         atomic_write(path, buffer.getvalue())
@@ -210,28 +268,50 @@ def check_place(path: Path) -> None:
 
 
 def load_prior(path: Path | str) -> Prior:
-    """Prior of a file.
+    """Prior of a file, of where open-loop walks end.
 
-    Raises InputError for a file that is not a prior, is of another version, is cut off or was altered.
+    Raises InputError for a file that is not such a prior, is of another version, is cut off or was altered.
     """
+    prior = open_prior(path)
+    if not isinstance(prior, Prior):
+        raise _refused(Path(path), f"it is of steered walks (hold {prior.key.hold}), not of where they end")
+    return prior
+
+
+def load_score_prior(path: Path | str) -> ScorePrior:
+    """Prior of a file, of how steered walks are; raises InputError as `load_prior` does."""
+    prior = open_prior(path)
+    if not isinstance(prior, ScorePrior):
+        raise _refused(Path(path), "it is of where open-loop walks end, not of steered walks")
+    return prior
+
+
+def open_prior(path: Path | str) -> Prior | ScorePrior:
+    """Prior of a file, of either kind; raises InputError as `load_prior` does."""
     check_type(path, (str, Path), "prior", "the path of a file")
     path = Path(path)
     head = read_head(path)
     try:
         with np.load(path, allow_pickle=False) as file:
-            names = (*_ARRAYS, _STANDING) if _STANDING in file else _ARRAYS
-            arrays = {name: file[name] for name in names}
-        prior = Prior(
-            key=PriorKey(**head["question"]),
-            legs=tuple(head["legs"]),
-            origin=head["origin"],
-            **{name: array.astype(float) for name, array in arrays.items()},
-        )
+            arrays = {name: file[name] for name in file.files if name != "head"}
+        prior = _made(head, arrays)
     except _DAMAGE as error:
         raise _refused(path, f"it is damaged ({_reason(error)})") from error
     if prior.digest() != head.get("digest"):
         raise _refused(path, "it was altered after it was built")
     return prior
+
+
+def _made(head: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> Prior | ScorePrior:
+    """Prior of what its file holds."""
+    what: dict[str, Any] = {"key": PriorKey(**head["question"]), "legs": tuple(head["legs"])}
+    what["origin"] = head["origin"]
+    if head["version"] == ScorePrior.version:
+        log_scores, valid = arrays["log_scores"].astype(float), arrays["valid"].astype(bool)
+        return ScorePrior(**what, log_scores=log_scores, valid=valid)
+    names = (*_ARRAYS, _STANDING) if _STANDING in arrays else _ARRAYS
+    what |= {name: arrays[name].astype(float) for name in names}
+    return Prior(**what)
 
 
 def read_head(path: Path) -> dict[str, Any]:
@@ -251,10 +331,13 @@ def read_head(path: Path) -> dict[str, Any]:
         raise _refused(path, "it is not a prior, or cut off") from error
     if not isinstance(head, dict) or head.get("format") != FORMAT:
         raise _refused(path, "it is not a prior")
-    if head.get("version") != VERSION:
-        raise _refused(path, f"it has version {head.get('version')}, this hexctl reads {VERSION}")
+    if head.get("version") not in _VERSIONS:
+        known = " and ".join(map(str, _VERSIONS))
+        raise _refused(path, f"it has version {head.get('version')}, this hexctl reads {known}")
     return head
 
+
+_VERSIONS = (Prior.version, ScorePrior.version)
 
 _DAMAGE = (
     OSError,

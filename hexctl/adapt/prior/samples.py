@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from hexctl.adapt.optimizer import Observation
 from hexctl.adapt.prior.find import Covers
-from hexctl.adapt.prior.prior import CHECKPOINTS, Prior
+from hexctl.adapt.prior.prior import CHECKPOINTS, SCORES, Outcomes, Prior, ScorePrior
 from hexctl.adapt.space import GaitSpace
 from hexctl.control.plan import TrialPlan
 from hexctl.errors import InputError
@@ -209,12 +209,8 @@ def samples_of(prior: Prior, robot: Robot, leg: int) -> Samples:
     a plausible walk of this leg, not the same one, and a sample only has to be plausible.
     Raises InputError when nothing in the prior says anything about the leg.
     """
-    sources = _sources(robot, prior.key.self_rotation, prior.legs, leg)
-    moved = [_moved_worlds(prior, symmetry, source) for symmetry, source in sources]
-    if not moved:
-        legs = ", ".join(str(known) for known in prior.legs)
-        raise InputError(f"prior: got failed leg {leg}; allowed: {legs}")
-    features = np.concatenate(moved)
+    sources = _sources_in(prior, robot, leg)
+    features = np.concatenate([_moved_worlds(prior, symmetry, source) for symmetry, source in sources])
     if not np.isfinite(features[..., FINAL]).any():
         raise InputError(
             f"prior: leg {leg} fell with every gait in every world; nothing can be told from that"
@@ -227,6 +223,43 @@ def samples_of(prior: Prior, robot: Robot, leg: int) -> Samples:
         sag_rad=_moved_sags(prior, sources),
         failed_leg_tells=prior.key.failure == UNKNOWN,
     )
+
+
+@dataclass(frozen=True, eq=False)
+class ScoreSamples:
+    """What steered walks of one failed leg scored in worlds, by one objective.
+
+    Attributes:
+        leg: the failed leg.
+        log_scores: natural logarithms of the scores; where a walk did not last, what is known of its gait
+            elsewhere, (worlds, gaits).
+        valid: share of the worlds in which each gait's walk was valid, (gaits,).
+    """
+
+    leg: int
+    log_scores: FloatArray
+    valid: FloatArray
+
+
+def score_samples_of(prior: ScorePrior, robot: Robot, leg: int, objective: str) -> ScoreSamples:
+    """Samples of a prior for one failed leg, by one objective of `SCORES`.
+
+    Raises InputError for another objective, and when nothing in the prior says anything about the leg.
+    """
+    if objective not in SCORES:
+        raise InputError(f"objective: got {objective} with a prior; allowed: {', '.join(SCORES)}")
+    column, scores, valid = SCORES.index(objective), [], []
+    for symmetry, source in _sources_in(prior, robot, leg):
+        order, row = np.argsort(symmetry.codes(source)), prior.legs.index(source)
+        scores.append(prior.log_scores[row, :, order, column].T)
+        valid.append(prior.valid[row][:, order])
+    known = np.concatenate(scores)
+    never = ~np.isfinite(known).any(axis=0)
+    if never.all():
+        raise InputError(f"prior: leg {leg} walked with no gait in any world; nothing can be told from that")
+    filled = _filled(known)
+    filled[:, never] = filled[:, ~never].mean(axis=0).max()
+    return ScoreSamples(leg=leg, log_scores=filled, valid=np.concatenate(valid).mean(axis=0))
 
 
 def covers(robot: Robot, self_rotation: str, legs: tuple[int, ...], leg: int) -> bool:
@@ -252,6 +285,15 @@ def _sources(robot: Robot, self_rotation: str, legs: tuple[int, ...], leg: int) 
         for source in legs
         if symmetry.legs[source - 1] == leg and (self_rotation != "none" or symmetry.keeps_heading)
     ]
+
+
+def _sources_in(prior: Outcomes, robot: Robot, leg: int) -> list[tuple[Symmetry, int]]:
+    """Sources of a leg in a prior; raises InputError where there is none."""
+    sources = _sources(robot, prior.key.self_rotation, prior.legs, leg)
+    if not sources:
+        legs = ", ".join(str(known) for known in prior.legs)
+        raise InputError(f"prior: got failed leg {leg}; allowed: {legs}")
+    return sources
 
 
 def features_of(observation: Observation, duration_s: float) -> FloatArray:

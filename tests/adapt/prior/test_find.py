@@ -2,16 +2,17 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
-from hexctl.adapt.prior.find import check_prior, find_prior, prior_files, shipped_priors
-from hexctl.adapt.prior.prior import PriorKey, load_prior, save_prior
-from hexctl.adapt.prior.samples import covering, samples_of
+from hexctl.adapt.prior.find import check_prior, describe_prior, find_prior, prior_files, shipped_priors
+from hexctl.adapt.prior.prior import PriorKey, ScorePrior, load_prior, open_prior, save_prior
+from hexctl.adapt.prior.samples import covering, samples_of, score_samples_of
 from hexctl.errors import InputError
 from hexctl.robot.failure import Failure
-from tests.adapt.priors import key_of, made_up_prior, plan_of
+from tests.adapt.priors import key_of, made_up_prior, made_up_score_prior, plan_of
 from tests.robots import ROBOT_NAMES, shipped
 
 SHIPPED = sorted(shipped_priors().glob("*.npz"))
@@ -121,14 +122,21 @@ def test_there_is_a_shipped_prior_for_the_default_session() -> None:
 
 @pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.name)
 def test_a_shipped_prior_is_whole_small_and_for_the_shipped_robot(path: Path) -> None:
-    prior = load_prior(path)
+    prior = open_prior(path)
     assert prior.key.robot in ROBOT_NAMES
     robot = shipped(prior.key.robot)
     assert path.name.startswith(f"{robot.name}-")
     asked = key_of(robot, duration_s=prior.key.duration_s)
-    assert replace(prior.key, failure="locked", self_rotation="rear").differences(asked) == []
+    usual: dict[str, Any] = {"failure": "locked", "self_rotation": "rear", "hold": "none"}
+    assert replace(prior.key, posture="stance", **usual).differences(asked) == []
     assert path.stat().st_size < MAX_BYTES
     for leg in range(1, 7):
+        if isinstance(prior, ScorePrior):
+            scores = score_samples_of(prior, robot, leg, "speed")
+            assert len(scores.log_scores) >= 4
+            assert scores.valid.mean() > 0.5
+            assert 5 < np.exp(scores.log_scores.mean()) < 15  # s/m
+            continue
         samples = samples_of(prior, robot, leg)
         assert len(samples.features) >= 2
         assert samples.finished.mean() > 0.5
@@ -144,3 +152,20 @@ def test_a_key_without_a_hold_is_that_of_open_loop_walks(tmp_path: Path) -> None
     other = save(tmp_path, "b.npz", steered)
     assert load_prior(other).key == steered
     assert find_prior(steered, [tmp_path]).path == other
+
+
+def test_what_a_score_prior_is_for_is_told(tmp_path: Path) -> None:
+    save_prior(made_up_score_prior(), tmp_path / "scores.npz")
+    described = describe_prior(tmp_path / "scores.npz")
+    assert (described["hold"], described["posture"], described["worlds"]) == ("line", "auto", 3)
+    assert described["scores"] == ["speed", "cost", "tilt", "steadiness"]
+
+
+def test_a_prior_for_another_hold_posture_or_failure_is_refused_by_name(tmp_path: Path) -> None:
+    path, prior = tmp_path / "scores.npz", made_up_score_prior()
+    save_prior(prior, path)
+    check_prior(path, prior.key)
+    other = replace(prior.key, hold="heading", posture="stance", failure="limp")
+    with pytest.raises(InputError, match="failure locked, not limp, hold line, not heading, posture auto, n"):
+        check_prior(path, other)
+    assert find_prior(other, [tmp_path]).path is None

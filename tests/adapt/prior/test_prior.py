@@ -15,15 +15,18 @@ from hexctl.adapt.prior.prior import (
     CHECKPOINTS,
     Prior,
     PriorFileError,
+    ScorePrior,
     check_place,
     load_prior,
+    load_score_prior,
+    open_prior,
     read_head,
     save_prior,
 )
 from hexctl.errors import HexctlError, InputError
 from hexctl.robot.failure import Failure, parse_failure
 from hexctl.robot.loader import load_robot
-from tests.adapt.priors import key_of, made_up_prior
+from tests.adapt.priors import key_of, made_up_prior, made_up_score_prior
 from tests.robots import edited_file, put, shipped
 
 ARRAYS = ("signed_m", "progress_m", "yaw_rad", "sag_rad")
@@ -178,7 +181,7 @@ def parts_of(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"version": 2}, "it has version 2, this hexctl reads 1"),
+        ({"version": 3}, "it has version 3, this hexctl reads 1 and 2"),
         ({"version": None}, "it has version None"),
         ({"format": "hexctl landscape"}, "it is not a prior"),
         ({"digest": "0" * 32}, "altered"),
@@ -391,3 +394,23 @@ def test_all_differences_are_named() -> None:
         "self-rotation rear, not none",
         "duration 30 s, not 5 s",
     ]
+
+
+def test_each_kind_of_prior_is_read_as_what_it_is_and_the_other_is_refused_by_name(tmp_path: Path) -> None:
+    ends, scores = tmp_path / "ends.npz", tmp_path / "scores.npz"
+    save_prior(small_prior(), ends)
+    save_prior(made_up_score_prior(), scores)
+    assert isinstance(open_prior(ends), Prior)
+    assert isinstance(open_prior(scores), ScorePrior)
+    with pytest.raises(InputError, match=r"scores.npz: it is of steered walks \(hold line\), not of where"):
+        load_prior(scores)
+    with pytest.raises(InputError, match=r"ends.npz: it is of where open-loop walks end, not of steered"):
+        load_score_prior(ends)
+
+
+def test_a_score_prior_of_another_shape_is_refused() -> None:
+    prior = made_up_score_prior()
+    with pytest.raises(ValueError, match="valid has shape"):
+        replace(prior, valid=prior.valid[:, :1])
+    with pytest.raises(ValueError, match="log_scores has shape"):
+        replace(prior, log_scores=prior.log_scores[..., :3])

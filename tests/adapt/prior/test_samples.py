@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from hexctl.adapt.optimizer import Observation
-from hexctl.adapt.prior.prior import CHECKPOINTS
+from hexctl.adapt.prior.prior import CHECKPOINTS, SCORES
 from hexctl.adapt.prior.samples import (
     DISTANCE,
     FINAL,
@@ -21,6 +21,7 @@ from hexctl.adapt.prior.samples import (
     covers,
     features_of,
     samples_of,
+    score_samples_of,
 )
 from hexctl.adapt.space import GaitSpace
 from hexctl.backends.sim.world import World
@@ -30,7 +31,7 @@ from hexctl.robot.model import Body
 from hexctl.study.landscape import LandscapeSpec
 from hexctl.study.prior import deflection_of
 from hexctl.types import FloatArray
-from tests.adapt.priors import MadeUpModel, key_of, made_up_prior, shown_of
+from tests.adapt.priors import MadeUpModel, key_of, made_up_prior, made_up_score_prior, shown_of
 from tests.robots import ROBOT_NAMES, shipped
 
 HOW_MANY = {"ant": 12, "phantomx": 4, "pexod": 2}
@@ -476,3 +477,37 @@ def test_made_up_walks_show_what_they_were_made_from() -> None:
     """The helper of these tests keeps to the same checkpoints."""
     for features in MadeUpModel().worlds(1, 3)[0, :5]:
         np.testing.assert_allclose(features_of(shown_of(features), 30.0), features)
+
+
+def test_scores_of_a_leg_are_its_own_and_those_of_its_mirror_image() -> None:
+    prior = made_up_score_prior(legs=(2, 5), worlds=3)
+    own = score_samples_of(prior, shipped("pexod"), 2, "tilt")
+    assert own.log_scores.shape == (6, 120)
+    np.testing.assert_array_equal(own.log_scores[:3], prior.log_scores[0, :, :, SCORES.index("tilt")])
+    mirror = next(one for one in Symmetries(shipped("pexod")).all if one.mirrored and one.keeps_heading)
+    assert mirror.legs[5 - 1] == 2
+    moved = own.log_scores[3:, mirror.codes(5) - 1]
+    np.testing.assert_array_equal(moved, prior.log_scores[1, :, :, SCORES.index("tilt")])
+
+
+def test_what_never_walked_scores_as_the_worst_and_what_sometimes_fell_as_elsewhere() -> None:
+    prior = made_up_score_prior(legs=(3,), worlds=2)
+    scores, valid = prior.log_scores.copy(), prior.valid.copy()
+    scores[0, :, 6] = np.nan
+    scores[0, 1, 8], valid[0, :, 6], valid[0, 1, 8] = np.nan, False, False
+    samples = score_samples_of(replace(prior, log_scores=scores, valid=valid), shipped("pexod"), 3, "speed")
+    assert np.isfinite(samples.log_scores).all()
+    assert samples.log_scores[:, 6].min() == samples.log_scores.mean(axis=0).max()
+    assert samples.log_scores[1, 8] == scores[0, 0, 8, 0]
+    assert (samples.valid[6], samples.valid[8], samples.valid[0]) == (0.0, 0.5, 1.0)
+
+
+def test_a_leg_or_an_objective_that_a_score_prior_does_not_have_is_refused() -> None:
+    prior = made_up_score_prior(legs=(3,))
+    with pytest.raises(InputError, match=r"^prior: got failed leg 2; allowed: 3$"):
+        score_samples_of(prior, shipped("pexod"), 2, "speed")
+    with pytest.raises(InputError, match=r"^objective: got final with a prior; allowed: speed, cost, tilt"):
+        score_samples_of(prior, shipped("pexod"), 3, "final")
+    nowhere = replace(prior, log_scores=np.full_like(prior.log_scores, np.nan))
+    with pytest.raises(InputError, match="leg 3 walked with no gait in any world"):
+        score_samples_of(nowhere, shipped("pexod"), 3, "speed")
