@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 LANES = {
     "robots": (
         "tests/serve/test_link_faults.py",
+        "tests/serve/test_steered_link.py",
         "tests/serve/test_servo_board.py",
         "tests/serve/test_remote.py",
         "tests/docs/test_commands.py::test_the_commands_of_a_page",
@@ -84,6 +85,7 @@ SLOW = (
     "tests/docs/test_site.py::test_the_figures_are_what_their_script_makes",
     "tests/docs/test_site.py::test_the_site_builds_without_a_warning",
     "tests/examples/",
+    "tests/serve/test_steered_link.py",
     "tests/study/test_bars.py::test_the_bar_is_the_mean_of_what_each_leg_allows",
     "tests/study/test_claims.py::test_a_single_good_gait_is_found_late",
     "tests/study/test_claims.py::test_no_claim_about_searches_is_green_on_random_numbers",

@@ -79,15 +79,6 @@ def without(*sensors: str, first_s: float = 0.0, last_s: float = math.inf) -> Fa
     return fault
 
 
-def turned(state: RobotState, angle_rad: float) -> RobotState:
-    """A state whose yaw is measured wrong."""
-    assert state.base_quaternion_world is not None
-    cos, sin = math.cos(angle_rad / 2), math.sin(angle_rad / 2)
-    w, x, y, z = state.base_quaternion_world
-    seen = np.array([cos * w - sin * z, cos * x - sin * y, cos * y + sin * x, cos * z + sin * w])
-    return replace(state, base_quaternion_world=seen)
-
-
 def test_open_loop_it_veers() -> None:
     result = walked(healthy, hold="none")
     assert result.hold == "none"
@@ -140,40 +131,24 @@ def test_what_stays_away_for_three_seconds_and_comes_back_costs_no_course(sensor
     assert truly_off_m(result) < 0.05
 
 
-def test_a_position_that_jumps_by_a_metre_and_back_is_not_followed() -> None:
-    def fault(state: RobotState, time_s: float) -> RobotState:
-        assert state.base_position_world is not None
-        off_m = 1.0 if 6.0 <= time_s < 7.0 else 0.0
-        return replace(state, base_position_world=state.base_position_world + np.array([0.0, off_m, 0.0]))
+#: In times of the simulation; the walk begins at 1 s, and in open loop ends 1.1 m off. Measured: 1.3 cm off
+#: without a fault, 1.3 to 1.6 with most, 2.4 and 2.7 with the second and third pose that freezes.
+FAULTS: dict[str, dict[str, Any]] = {
+    "a position that is a metre off for 3 s": {"position_jump_s": [[6, 9]]},
+    "a pose that freezes for 3 s": {"pose_frozen_s": [[6, 9]]},
+    "a pose that freezes for 6 s": {"pose_frozen_s": [[5, 11]]},
+    "a pose that freezes when the walk begins": {"pose_frozen_s": [[1.5, 4.5]]},
+    "a yaw that drifts": {"yaw_drift_deg_per_min": 3},
+}
 
-    result = walked(fault)
-    assert truly_off_m(result) < 0.05
+
+@pytest.mark.parametrize("faults", FAULTS.values(), ids=FAULTS)
+def test_a_sensor_that_fails_bends_no_line(faults: dict[str, Any]) -> None:
+    result = walked(healthy, world=World.model_validate({"sensor_faults": faults}))
+    assert (result.status, result.hold) == ("ok", "line")
+    assert truly_off_m(result) < 0.04
     assert result.true_deviation is not None
     assert result.true_deviation.max < 0.1
-
-
-def test_a_pose_that_freezes_is_not_taken_for_a_robot_that_stands() -> None:
-    frozen: list[RobotState] = []
-
-    def fault(state: RobotState, time_s: float) -> RobotState:
-        if not 6.0 <= time_s < 9.0:
-            return state
-        frozen.append(state)
-        return replace(
-            state,
-            base_position_world=frozen[0].base_position_world,
-            base_quaternion_world=frozen[0].base_quaternion_world,
-        )
-
-    assert truly_off_m(walked(fault)) < 0.05
-
-
-def test_a_yaw_that_drifts_bends_no_line() -> None:
-    def fault(state: RobotState, time_s: float) -> RobotState:
-        return turned(state, math.radians(3.0) * max(0.0, time_s - 1.0) / 60)
-
-    result = walked(fault)
-    assert truly_off_m(result) < 0.05
 
 
 def test_noise_delay_and_dropouts_cost_a_centimetre_or_so() -> None:
