@@ -84,6 +84,7 @@ SLOW = (
     "tests/docs/test_commands.py::test_the_commands_of_a_page",
     "tests/docs/test_site.py::test_the_figures_are_what_their_script_makes",
     "tests/docs/test_site.py::test_the_site_builds_without_a_warning",
+    "tests/docs/test_step_response.py",
     "tests/examples/",
     "tests/serve/test_steered_link.py",
     "tests/study/test_bars.py::test_the_bar_is_the_mean_of_what_each_leg_allows",

@@ -1,0 +1,219 @@
+"""Step responses of a walk that holds its line: the line moved to the side, and line and body turned.
+
+`python -m pictures.step_response` prints the figures that docs/steering.md has of them.
+"""
+
+import io
+import math
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from hexctl.backends.sim.servos import SimServos
+from hexctl.control.assessment.static_stability import stable_gait
+from hexctl.control.guard import Guard
+from hexctl.control.log import TickLog
+from hexctl.control.plan import TrialPlan
+from hexctl.control.preparation import WalkStart
+from hexctl.control.steered_walk import SteeredWalk
+from hexctl.control.steering import Course
+from hexctl.control.trial import run_trial
+from hexctl.gait.gait import make_gait
+from hexctl.palette import LINE_COLOR, hex_color
+from hexctl.robot.failure import Failure
+from hexctl.robot.loader import load_robot
+from hexctl.robot.rotations import yaw_rad
+from hexctl.types import FloatArray, RobotState
+from pictures.picture import Picture
+
+#: The steps: to the left, and counter-clockwise.
+SHIFT_M, TURN_RAD = 0.2, math.radians(30.0)
+
+#: The step comes after the soft start and some cycles, at the end of a cycle; the walk goes on for more, of
+#: which some are drawn.
+STEP_AT_CYCLES, AFTER_CYCLES, SHOWN_CYCLES = 12, 45, 30
+
+#: A response has settled where it stays within this share of its step.
+SETTLED = 0.05
+
+#: Who walks: robot, failed leg, and the curve's style.
+WALKERS: tuple[tuple[str, int | None, str, str], ...] = (
+    ("ant", None, "-", "C0"),
+    ("ant", 3, "--", "C0"),
+    ("phantomx", None, "-", "C1"),
+    ("pexod", None, "-", "C2"),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Response:
+    """How a walk follows a step of its course.
+
+    Attributes:
+        name: of the walker.
+        strides: way since the step, in ways of a cycle at full stride, (T,).
+        deviation_m: to the left of the new line, (T,).
+        yaw_off_rad: yaw minus the one to keep, mean over a cycle, (T,).
+    """
+
+    name: str
+    strides: FloatArray
+    deviation_m: FloatArray
+    yaw_off_rad: FloatArray
+
+    def settled_at(self, values: FloatArray, step: float) -> float:
+        """Way in strides after which values stay within `SETTLED` of a step; NaN where they do not."""
+        outside = abs(values) > SETTLED * abs(step)
+        return math.nan if outside[-1] else float(self.strides[np.flatnonzero(outside)[-1]])
+
+    def reached_at(self, values: FloatArray) -> float:
+        """Way in strides after which values are above 0 for the first time."""
+        return float(self.strides[np.argmax(values > 0)])
+
+
+class SteppedWalk(SteeredWalk):
+    """A walk whose course is moved and turned at a step.
+
+    Args:
+        start: the robot, ready to walk.
+        at_step: when.
+        shift_m: how far the line moves to its left.
+        turn_rad: by how much the line and the yaw turn there.
+    """
+
+    def __init__(self, start: WalkStart, *, at_step: int, shift_m: float, turn_rad: float) -> None:
+        super().__init__(start)
+        assert start.frame is not None
+        self._frame, self._at_step = start.frame, at_step
+        self._shift_m, self._turn_rad = shift_m, turn_rad
+        self.course: Course | None = None
+
+    def done(self, step: int, state: RobotState) -> bool:
+        """Whether the walk is over; changes the course on its way."""
+        if step == self._at_step:
+            assert state.base_position_world is not None
+            frame = self._frame
+            ahead, left = (frame.heading_rad + angle for angle in (0.0, math.pi / 2))
+            along = np.array([math.cos(ahead), math.sin(ahead)])
+            way_m = float((state.base_position_world - frame.origin_world)[:2] @ along)
+            self.course = Course(
+                origin_world=frame.origin_world[:2]
+                + way_m * along
+                + self._shift_m * np.array([math.cos(left), math.sin(left)]),
+                heading_rad=frame.heading_rad + self._turn_rad,
+                yaw_rad=frame.yaw_rad + self._turn_rad,
+            )
+            self.follow(self.course)
+        return super().done(step, state)
+
+
+def respond(robot_name: str, failed_leg: int | None, *, shift_m: float, turn_rad: float) -> Response:
+    """Walk on the flat floor with the stable gait and exact sensors, and step the course on the way."""
+    robot = load_robot(robot_name)
+    failure = None if failed_leg is None else Failure(leg=failed_leg)
+    cycle_s = 1 / robot.gait.pace_hz
+    plan = TrialPlan(
+        gait=make_gait(robot, "demo"),
+        belief=failure,
+        self_rotation="none",
+        hold="line",
+        duration_s=(STEP_AT_CYCLES + AFTER_CYCLES) * cycle_s,
+    )
+    gait, at_step = stable_gait(robot, plan), round(STEP_AT_CYCLES * cycle_s / 0.02)
+    plan = TrialPlan(
+        gait=gait, belief=failure, self_rotation="none", hold="line", duration_s=plan.duration_s
+    )
+    walks: list[SteppedWalk] = []
+
+    def made(start: WalkStart) -> SteppedWalk:
+        walks.append(SteppedWalk(start, at_step=at_step, shift_m=shift_m, turn_rad=turn_rad))
+        return walks[0]
+
+    log = TickLog()
+    with Guard(SimServos(robot, failure=failure)) as guard:
+        run_trial(guard, plan, made, (log,), soft_stop=False)
+    (walk,), rows = walks, log.rows_of("walk")
+    assert walk.course is not None
+    moved = log["base_position_world"][rows][at_step:, :2] - walk.course.origin_world
+    heading_rad = walk.course.heading_rad
+    along = np.array([math.cos(heading_rad), math.sin(heading_rad)])
+    off_rad = yaw_rad(log["base_quaternion_world"][rows]) - walk.course.yaw_rad
+    ticks = round(cycle_s / 0.02)
+    mean_rad = np.convolve(np.unwrap(off_rad), np.ones(ticks) / ticks)[at_step : at_step + len(moved)]
+    stride_m = gait.strokes_per_cycle * gait.amplitude * robot.size_m
+    name = robot_name if failure is None else f"{robot_name}, leg {failure.leg} {failure.kind}"
+    return Response(
+        name,
+        (moved - moved[0]) @ along / stride_m,
+        moved @ np.array([-along[1], along[0]]),
+        mean_rad,
+    )
+
+
+def responses(*, shift_m: float = 0.0, turn_rad: float = 0.0) -> Iterator[Response]:
+    """The responses of all walkers to a step."""
+    for robot_name, failed_leg, _, _ in WALKERS:
+        yield respond(robot_name, failed_leg, shift_m=shift_m, turn_rad=turn_rad)
+
+
+def draw_step_response(_folder: Path) -> Picture:
+    """Draw the responses: deviation after a shift, deviation and yaw after a turn."""
+    import matplotlib as mpl
+
+    mpl.use("agg")
+    import matplotlib.pyplot as plt
+
+    figure, axes = plt.subplots(1, 3, figsize=(12.0, 3.8), layout="constrained")
+    shifted, turned = list(responses(shift_m=SHIFT_M)), list(responses(turn_rad=TURN_RAD))
+    drawn = (
+        (f"the line moves {100 * SHIFT_M:g} cm to the left", shifted, _centimetres),
+        (f"line and body turn by {math.degrees(TURN_RAD):g} degrees: the line", turned, _centimetres),
+        (f"line and body turn by {math.degrees(TURN_RAD):g} degrees: the body", turned, _degrees),
+    )
+    for ax, (title, found, values) in zip(axes, drawn, strict=True):
+        ax.axhline(0.0, color=hex_color(LINE_COLOR), linewidth=1.0)
+        for response, (_, _, style, color) in zip(found, WALKERS, strict=True):
+            ax.plot(response.strides, values(response), style, color=color, label=response.name)
+        ax.set_title(title, fontsize=10)
+        ax.set_xlabel("way since then, in ways of a cycle")
+        ax.set_xlim(0, SHOWN_CYCLES)
+    axes[0].set_ylabel("deviation from the new line, cm")
+    axes[1].set_ylabel("deviation from the new line, cm")
+    axes[2].set_ylabel("yaw minus the new one, degrees")
+    axes[0].legend(fontsize=9, loc="lower right")
+    drawing = io.BytesIO()
+    figure.savefig(drawing, format="png", dpi=110)
+    plt.close(figure)
+    return Picture.from_png(drawing.getvalue())
+
+
+def _centimetres(response: Response) -> FloatArray:
+    return 100 * response.deviation_m
+
+
+def _degrees(response: Response) -> FloatArray:
+    return np.degrees(response.yaw_off_rad)
+
+
+def main() -> None:
+    """Print the figures of the responses."""
+    for one in responses(shift_m=SHIFT_M):
+        values = one.deviation_m
+        sys.stdout.write(
+            f"shift {one.name:18} there after {one.reached_at(values):4.1f}, overshoot "
+            f"{100 * values.max():4.1f} cm, settled after {one.settled_at(values, SHIFT_M):4.1f}\n"
+        )
+    for one in responses(turn_rad=TURN_RAD):
+        values = one.yaw_off_rad
+        sys.stdout.write(
+            f"turn  {one.name:18} at most {100 * abs(one.deviation_m).max():4.1f} cm off; yaw there after "
+            f"{one.reached_at(values):4.1f}, overshoot {math.degrees(values.max()):4.1f} degrees, settled "
+            f"after {one.settled_at(values, TURN_RAD):4.1f}\n"
+        )
+
+
+if __name__ == "__main__":
+    main()
