@@ -7,11 +7,12 @@ import io
 import math
 import sys
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
+from hexctl.backends.clock import PERIOD_S
 from hexctl.backends.sim.servos import SimServos
 from hexctl.control.assessment.static_stability import stable_gait
 from hexctl.control.guard import Guard
@@ -75,82 +76,90 @@ class Response:
 
 
 class SteppedWalk(SteeredWalk):
-    """A walk whose course is moved and turned at a step.
+    """A walk whose course is moved and turned on its way.
 
     Args:
         start: the robot, ready to walk.
         at_step: when.
         shift_m: how far the line moves to its left.
         turn_rad: by how much the line and the yaw turn there.
+
+    Attributes:
+        course: the new one, from that step on.
     """
 
     def __init__(self, start: WalkStart, *, at_step: int, shift_m: float, turn_rad: float) -> None:
         super().__init__(start)
-        assert start.frame is not None
+        assert start.frame is not None  # noqa: S101  or there were no line to hold
         self._frame, self._at_step = start.frame, at_step
         self._shift_m, self._turn_rad = shift_m, turn_rad
         self.course: Course | None = None
 
     def done(self, step: int, state: RobotState) -> bool:
-        """Whether the walk is over; changes the course on its way."""
-        if step == self._at_step:
-            assert state.base_position_world is not None
-            frame = self._frame
-            ahead, left = (frame.heading_rad + angle for angle in (0.0, math.pi / 2))
-            along = np.array([math.cos(ahead), math.sin(ahead)])
-            way_m = float((state.base_position_world - frame.origin_world)[:2] @ along)
-            self.course = Course(
-                origin_world=frame.origin_world[:2]
-                + way_m * along
-                + self._shift_m * np.array([math.cos(left), math.sin(left)]),
-                heading_rad=frame.heading_rad + self._turn_rad,
-                yaw_rad=frame.yaw_rad + self._turn_rad,
-            )
+        """Whether the walk is over; changes the course when it is time."""
+        if step == self._at_step and state.base_position_world is not None:
+            self.course = self._stepped(state.base_position_world)
             self.follow(self.course)
         return super().done(step, state)
+
+    def _stepped(self, position_world: FloatArray) -> Course:
+        """The course that begins beside a position."""
+        frame = self._frame
+        (way_m, _), along = frame.path(position_world[np.newaxis])[0], _along(frame.heading_rad)
+        return Course(
+            origin_world=frame.origin_world[:2] + way_m * along + self._shift_m * _left_of(along),
+            heading_rad=frame.heading_rad + self._turn_rad,
+            yaw_rad=frame.yaw_rad + self._turn_rad,
+        )
+
+
+def _along(heading_rad: float) -> FloatArray:
+    """Direction of a heading, (2,)."""
+    return np.array([math.cos(heading_rad), math.sin(heading_rad)])
+
+
+def _left_of(along: FloatArray) -> FloatArray:
+    return np.array([-along[1], along[0]])
 
 
 def respond(robot_name: str, failed_leg: int | None, *, shift_m: float, turn_rad: float) -> Response:
     """Walk on the flat floor with the stable gait and exact sensors, and step the course on the way."""
     robot = load_robot(robot_name)
     failure = None if failed_leg is None else Failure(leg=failed_leg)
-    cycle_s = 1 / robot.gait.pace_hz
+    cycle_ticks = round(1 / robot.gait.pace_hz / PERIOD_S)
     plan = TrialPlan(
         gait=make_gait(robot, "demo"),
         belief=failure,
         self_rotation="none",
         hold="line",
-        duration_s=(STEP_AT_CYCLES + AFTER_CYCLES) * cycle_s,
+        duration_s=(STEP_AT_CYCLES + AFTER_CYCLES) * cycle_ticks * PERIOD_S,
     )
-    gait, at_step = stable_gait(robot, plan), round(STEP_AT_CYCLES * cycle_s / 0.02)
-    plan = TrialPlan(
-        gait=gait, belief=failure, self_rotation="none", hold="line", duration_s=plan.duration_s
-    )
-    walks: list[SteppedWalk] = []
+    plan, log = replace(plan, gait=stable_gait(robot, plan)), TickLog()
+    at_step, walks = STEP_AT_CYCLES * cycle_ticks, list[SteppedWalk]()
 
     def made(start: WalkStart) -> SteppedWalk:
         walks.append(SteppedWalk(start, at_step=at_step, shift_m=shift_m, turn_rad=turn_rad))
         return walks[0]
 
-    log = TickLog()
     with Guard(SimServos(robot, failure=failure)) as guard:
         run_trial(guard, plan, made, (log,), soft_stop=False)
-    (walk,), rows = walks, log.rows_of("walk")
-    assert walk.course is not None
-    moved = log["base_position_world"][rows][at_step:, :2] - walk.course.origin_world
-    heading_rad = walk.course.heading_rad
-    along = np.array([math.cos(heading_rad), math.sin(heading_rad)])
-    off_rad = yaw_rad(log["base_quaternion_world"][rows]) - walk.course.yaw_rad
-    ticks = round(cycle_s / 0.02)
-    mean_rad = np.convolve(np.unwrap(off_rad), np.ones(ticks) / ticks)[at_step : at_step + len(moved)]
-    stride_m = gait.strokes_per_cycle * gait.amplitude * robot.size_m
     name = robot_name if failure is None else f"{robot_name}, leg {failure.leg} {failure.kind}"
-    return Response(
-        name,
-        (moved - moved[0]) @ along / stride_m,
-        moved @ np.array([-along[1], along[0]]),
-        mean_rad,
-    )
+    stride_m = plan.gait.strokes_per_cycle * plan.gait.amplitude * robot.size_m
+    return _response(name, log, walks[0].course, cycle_ticks=cycle_ticks, stride_m=stride_m)
+
+
+def _response(
+    name: str, log: TickLog, course: Course | None, *, cycle_ticks: int, stride_m: float
+) -> Response:
+    """What a log has of the way after the step."""
+    if course is None:
+        raise RuntimeError(f"{name}: the walk has ended before its course changed")
+    rows, first = log.rows_of("walk"), STEP_AT_CYCLES * cycle_ticks
+    moved = log["base_position_world"][rows][first:, :2] - course.origin_world
+    along = _along(course.heading_rad)
+    off_rad = np.unwrap(yaw_rad(log["base_quaternion_world"][rows])) - course.yaw_rad
+    mean_rad = np.convolve(off_rad, np.ones(cycle_ticks) / cycle_ticks)[first : len(off_rad)]
+    return Response(name, (moved - moved[0]) @ along / stride_m, moved @ _left_of(along), mean_rad)
 
 
 def responses(*, shift_m: float = 0.0, turn_rad: float = 0.0) -> Iterator[Response]:

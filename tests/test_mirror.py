@@ -21,6 +21,7 @@ TOGETHER = {
     "serve/test_hostile_input.py",
     "serve/test_link_faults.py",
     "serve/test_soak.py",
+    "serve/test_steered_link.py",
     "study/transfer/test_benchmark.py",
 }
 
