@@ -12,6 +12,7 @@ import time
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -38,6 +39,7 @@ from hexctl.adapt.setting import (
     load_setting,
     log_note,
     start_note,
+    trimmed_plan,
 )
 from hexctl.adapt.stance import connected_deflection_rad, simulated_deflection_rad
 from hexctl.adapt.store import RUNS, SessionStore, load_session
@@ -176,7 +178,7 @@ class Adaptation:
             spec=session.spec,
             robot=setting.robot,
             world=setting.world,
-            plan_for=lambda slots: replace(setting.plan_for(slots), trim_rad=session.trim_rad(slots) or 0.0),
+            plan_for=partial(trimmed_plan, setting, session),
             folder=store.folder_of(session.name) if self._record else None,
             stop_requested=stop_requested,
             live=live,

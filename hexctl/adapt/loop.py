@@ -13,7 +13,7 @@ from hexctl.adapt.runner import RobotStoppedError, WalkedTrial
 from hexctl.adapt.session import BASELINE_INDEX, BaselineRecord, Session, TrialRecord
 from hexctl.adapt.space import GaitSpace
 from hexctl.adapt.store import SessionStore
-from hexctl.adapt.trim import wanted_trim_rad
+from hexctl.adapt.trim import wanted_trim_rad, wanted_turn_trim_rad_s
 from hexctl.control.preparation import StopRequested, never
 from hexctl.control.trial import Enough
 from hexctl.errors import HexctlError, InputError, RecordingError, argument
@@ -270,10 +270,12 @@ def _check_recording(walked: WalkedTrial, done: str) -> None:
 
 def _stored(walked: WalkedTrial) -> dict[str, Any]:
     """Result and recording of a walk, by the fields of its record."""
-    points, wanted_rad = np.round(walked.result.path_m[::PATH_STRIDE], 4), wanted_trim_rad(walked.result)
+    points = np.round(walked.result.path_m[::PATH_STRIDE], 4)
+    wanted_rad, wanted_rad_s = wanted_trim_rad(walked.result), wanted_turn_trim_rad_s(walked.result)
     return {
         "outcome": walked.result.to_dict(),
         "path_m": points[np.isfinite(points).all(axis=1)].tolist(),
         "recording": None if walked.recording is None else str(walked.recording),
         "wanted_trim_deg": None if wanted_rad is None else math.degrees(wanted_rad),
+        "wanted_turn_trim_deg_s": None if wanted_rad_s is None else math.degrees(wanted_rad_s),
     }

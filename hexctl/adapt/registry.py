@@ -5,7 +5,7 @@ from collections.abc import Callable
 from hexctl.adapt.optimizer import Optimizer, OptimizerChoice, OptimizerClass
 from hexctl.adapt.shipped import BAYES, OPTIMIZERS, TRIM
 from hexctl.adapt.space import GaitSpace
-from hexctl.errors import InputError, argument, check_type
+from hexctl.errors import InputError, check_type
 from hexctl.robot.plugins import load_named
 
 _CLASSES = {"hexctl.adapt.bayes:Bayes": BAYES, "hexctl.adapt.trim:TrimSearch": TRIM}
@@ -44,13 +44,13 @@ def make_optimizer(name: OptimizerChoice | OptimizerClass, space: GaitSpace, see
     if name == TRIM:
         raise InputError(
             f"optimizer: got {TRIM} outside of a session; allowed: {', '.join(OPTIMIZERS)} "
-            f"({TRIM} with hexctl adapt {argument('hold')} heading)"
+            f"({TRIM} with hexctl adapt)"
         )
     if ":" in name:
         return _own(name)(space, seed)
     raise InputError(
         f"optimizer: got {name!r}; allowed: {BAYES} (with a prior), {', '.join(OPTIMIZERS)}, "
-        f"{TRIM} (with hexctl adapt {argument('hold')} heading), "
+        f"{TRIM} (with hexctl adapt), "
         "or package.module:Class for your own Optimizer"
     )
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from hexctl.adapt.objectives import INVALID_SCORE, OBJECTIVES, Objective, undominated
-from hexctl.adapt.trim import mean_trim_rad
+from hexctl.adapt.trim import mean_trim_rad, mean_turn_trim_rad_s
 from hexctl.control.assessment.uncertainty_store import DISTINCT
 from hexctl.control.result import QUALITIES, TrialResult
 from hexctl.gait.gait import AUTO
@@ -179,6 +179,7 @@ class WalkRecord:
         recording: path of the recording, or None.
         wanted_trim_deg: trim with which it would have ended on its line; None where it did not hold its
             heading, or is not valid.
+        wanted_turn_trim_deg_s: likewise the turn that a walk in open loop wants, where it was trimmed.
     """
 
     slots: tuple[int, ...]
@@ -187,6 +188,7 @@ class WalkRecord:
     path_m: list[list[float]]
     recording: str | None
     wanted_trim_deg: float | None = None
+    wanted_turn_trim_deg_s: float | None = None
 
     @property
     def result(self) -> TrialResult:
@@ -216,6 +218,8 @@ class WalkRecord:
             **{name: outcome.get(name) for name in QUALITIES},
             "trim_deg": outcome.get("trim_deg"),
             "wanted_trim_deg": self.wanted_trim_deg,
+            "turn_trim_deg_s": outcome.get("turn_trim_deg_s"),
+            "wanted_turn_trim_deg_s": self.wanted_turn_trim_deg_s,
         }
 
 
@@ -328,15 +332,37 @@ class Session:
 
         The baseline counts: an end that was measured is known, whatever it was walked for.
         """
-        walks = [walk for walk in (*self.baseline, *self.trials) if walk.slots == tuple(slots)]
+        walks = self._walks_of(slots)
         wanted = [walk.wanted_trim_deg for walk in walks if walk.wanted_trim_deg is not None]
         return mean_trim_rad(map(math.radians, wanted)) if wanted else None
+
+    def turn_trim_rad_s(self, slots: Sequence[int]) -> float | None:
+        """Turn that is learned for a gait in open loop, likewise; None where no walk of it was trimmed."""
+        walks = [
+            (
+                math.radians(walk.outcome["turn_trim_deg_s"]),
+                math.radians(walk.wanted_turn_trim_deg_s),
+                float(walk.outcome["duration_s"]),
+            )
+            for walk in self._walks_of(slots)
+            if walk.wanted_turn_trim_deg_s is not None
+        ]
+        return mean_turn_trim_rad_s(walks) if walks else None
+
+    def _walks_of(self, slots: Sequence[int]) -> list[WalkRecord]:
+        return [walk for walk in (*self.baseline, *self.trials) if walk.slots == tuple(slots)]
 
     @property
     def best_trim_deg(self) -> float | None:
         """Trim that is learned for the gait of the best trial, in degrees; None without one."""
         trim_rad = None if self.best is None else self.trim_rad(self.best.slots)
         return None if trim_rad is None else math.degrees(trim_rad)
+
+    @property
+    def best_turn_trim_deg_s(self) -> float | None:
+        """Turn that is learned for it in open loop, in degrees per second; None without one."""
+        trim_rad_s = None if self.best is None else self.turn_trim_rad_s(self.best.slots)
+        return None if trim_rad_s is None else math.degrees(trim_rad_s)
 
     def pareto(self, objectives: Sequence[Objective]) -> list[tuple[TrialRecord, list[float]]]:
         """Valid trials that no other valid one beats in all of some objectives, with their scores.
@@ -366,6 +392,7 @@ class Session:
             "trials": [trial.as_json() for trial in self.trials],
             "best": None if best is None else best.as_json(),
             "best_trim_deg": self.best_trim_deg,
+            "best_turn_trim_deg_s": self.best_turn_trim_deg_s,
             "found": best is not None,
             "walked_s": round(self.walked_s, 3),
             "settled_on": self.settled_on,

@@ -11,7 +11,7 @@ from hexctl.adapt.arena import check_radius
 from hexctl.adapt.prior.find import check_prior
 from hexctl.adapt.prior.prior import Prior, PriorKey, load_prior
 from hexctl.adapt.prior.samples import covering
-from hexctl.adapt.session import SessionSpec
+from hexctl.adapt.session import Session, SessionSpec
 from hexctl.adapt.shipped import BAYES, TRIM
 from hexctl.adapt.space import GaitSpace
 from hexctl.backends.sim.world import World, load_world
@@ -107,6 +107,16 @@ def load_setting(spec: SessionSpec) -> Setting:
     )
     check_plan(robot, plan)
     return Setting(file, world, plan, prior_of(spec, robot, plan))
+
+
+def trimmed_plan(setting: Setting, session: Session, slots: Slots) -> TrialPlan:
+    """Plan of the next trial of a gait, with what the session has learned of its bias."""
+    plan, spec = setting.plan_for(slots), session.spec
+    if spec.hold != "none":
+        return replace(plan, trim_rad=session.trim_rad(slots) or 0.0)
+    if spec.optimizer != TRIM:
+        return plan
+    return replace(plan, turn_trim_rad_s=session.turn_trim_rad_s(slots) or 0.0)
 
 
 def prior_of(spec: SessionSpec, robot: Robot, plan: TrialPlan) -> Prior | None:

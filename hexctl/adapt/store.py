@@ -324,7 +324,14 @@ FORMATS = (".csv", ".parquet")
 
 #: Columns that were added before those of the baseline, and after them, in the order in which they came.
 LATER_COLUMNS = ("cause",)
-LAST_COLUMNS = ("hold", *QUALITIES, "trim_deg", "wanted_trim_deg")
+LAST_COLUMNS = (
+    "hold",
+    *QUALITIES,
+    "trim_deg",
+    "wanted_trim_deg",
+    "turn_trim_deg_s",
+    "wanted_turn_trim_deg_s",
+)
 
 
 def flat_rows(session: Session) -> list[dict[str, Any]]:

@@ -23,14 +23,14 @@ from hexctl.adapt.session import (
     WalkRecord,
     trials_text,
 )
-from hexctl.adapt.shipped import BAYES
+from hexctl.adapt.shipped import BAYES, TRIM
 from hexctl.cli.console import make_bar, print_above
 from hexctl.control.assessment.cause import CAUSES
 from hexctl.errors import InputError
 from hexctl.robot.loader import load_robot
 
 HEADER = "trial  code  slots        deviation     distance  status        best"
-TRIM = "      trim"
+TRIM_HEADER = "      trim"
 EXPECTED = "  expected, 9 of 10"
 
 #: Says whose uncertainty a ± is.
@@ -115,7 +115,7 @@ def pareto_lines(session: Session, objectives: Sequence[Objective]) -> list[str]
 
 def header_line(session: Session) -> str:
     """Names of the columns."""
-    trim = TRIM if session.spec.hold == "heading" else ""
+    trim = TRIM_HEADER if session.spec.hold == "heading" or session.spec.optimizer == TRIM else ""
     return HEADER + trim + (EXPECTED if session.spec.prior else "")
 
 
@@ -207,8 +207,10 @@ def _status(walk: WalkRecord) -> str:
 
 
 def _trim(walk: WalkRecord) -> str:
-    """Trim of a walk that held its heading, in its column; empty for any other."""
-    trim_deg = walk.outcome.get("trim_deg")
+    """Trim of a walk in its column, of its course or its turn; empty for a walk without one."""
+    trim_deg, turn_deg_s = (walk.outcome.get(name) for name in ("trim_deg", "turn_trim_deg_s"))
+    if turn_deg_s is not None:
+        return f"  {turn_deg_s:>+6.3f}\N{DEGREE SIGN}/s"
     return "" if trim_deg is None else f"  {trim_deg:>+6.2f}\N{DEGREE SIGN}"
 
 
@@ -255,7 +257,7 @@ def closing_lines(session: Session, ended: str | None) -> str:
     lines += [*_surety_lines(session), *_indistinct_lines(session.spec)]
     if ended in (None, "interrupted"):
         lines.append(f"continue with: hexctl adapt --resume {session.name}")
-    if session.best_trim_deg is not None:
+    if session.best_trim_deg is not None or session.best_turn_trim_deg_s is not None:
         lines.append(f"walk on with: {_walking(session)}")
     if any(trial.recording for trial in session.trials):
         lines.append(f"look at it with: hexctl view {session.name}")
@@ -265,39 +267,33 @@ def closing_lines(session: Session, ended: str | None) -> str:
 def _walking(session: Session) -> str:
     """Command that walks with the best gait and its trim."""
     spec, best, usual = session.spec, session.best, SessionSpec()
-    options = {
+    chosen = {
         "failed-leg": spec.failed_leg,
         "gait": None if best is None else best.code,
-        "body-raise": f"{spec.body_raise:g}",
-        "hold": "heading",
-        "trim": f"{session.best_trim_deg or 0.0:.2f}",
-        "backend": spec.backend,
-        "robot": spec.robot,
-        "world": spec.world,
-        "failure": spec.failure,
-        "heading": f"{spec.heading_deg:g}",
+        **_trim_options(session),
+    }
+    where = ("backend", "robot", "world", "failure", "seed", "connect", "link")
+    unusual = {name: getattr(spec, name) for name in where if getattr(spec, name) != getattr(usual, name)}
+    options = {
+        **chosen,
+        "body-raise": f"{spec.body_raise:g}" if spec.body_raise else None,
         "self-rotation": spec.self_rotation,
-        "seed": spec.seed,
-        "connect": spec.connect,
+        **unusual,
         "keys": spec.credentials,
-        "link": spec.link,
     }
-    left_out = {
-        "body-raise": "0",
-        "backend": usual.backend,
-        "robot": usual.robot,
-        "world": usual.world,
-        "failure": usual.failure,
-        "heading": "0",
-        "seed": usual.seed,
-    }
-    words = [
-        word
-        for name, value in options.items()
-        if value is not None and value != left_out.get(name)
-        for word in (f"--{name}", str(value))
-    ]
+    given = [(f"--{name}", str(value)) for name, value in options.items() if value is not None]
+    words = [word for pair in given for word in pair]
     return shlex.join(["hexctl", "run", *words, *(["--insecure"] if spec.insecure else [])])
+
+
+def _trim_options(session: Session) -> dict[str, str]:
+    """Options with the trim of the best gait; a turn with a heading goes with the walk."""
+    heading = f"{session.spec.heading_deg:g}"
+    turn_deg_s = session.best_turn_trim_deg_s
+    if turn_deg_s is not None:
+        return {"hold": "none", "heading": heading, "turn": f"{turn_deg_s:.3f}"}
+    trim = {"hold": "heading", "trim": f"{session.best_trim_deg or 0.0:.2f}"}
+    return trim if heading == "0" else {**trim, "heading": heading}
 
 
 def _baseline_lines(session: Session) -> list[str]:

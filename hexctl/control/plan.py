@@ -19,6 +19,9 @@ AUTO_ROTATION = "auto"
 #: A course that is further off than this is not trimmed: the robot is not walking ahead.
 MAX_TRIM_RAD = math.radians(45.0)
 
+#: A walk that curves by more than this, 120 degrees in 30 s, is not trimmed either.
+MAX_TURN_TRIM_RAD_S = math.radians(4.0)
+
 
 def suited_rotation(self_rotation: str, hold: str, *, chosen_gait: bool) -> str:
     """Self-rotation that suits a walk where `auto` is asked for, else the one that is asked for.
@@ -75,6 +78,8 @@ class TrialPlan:
         changes: of the gait, in stride, ascending in time.
         trim_rad: under the hold `heading`, by how much the course is turned against what the yaw says,
             counter-clockwise; it takes out a bias that was measured in a walk before.
+        turn_trim_rad_s: in open loop, a turn that goes with the walk and takes out a curve that was measured
+            in a walk before, counter-clockwise; the line stays straight. None for a walk that is not trimmed.
     """
 
     gait: Gait
@@ -89,6 +94,7 @@ class TrialPlan:
     hold: str = "none"
     changes: tuple[GaitChange, ...] = ()
     trim_rad: float = 0.0
+    turn_trim_rad_s: float | None = None
 
     def __post_init__(self) -> None:
         check_type(self.gait, Gait, "plan.gait", "a Gait, as make_gait(robot, 'tripod') gives")
@@ -100,6 +106,7 @@ class TrialPlan:
                 f"trim: got {math.degrees(self.trim_rad):g}; "
                 f"allowed: up to {math.degrees(MAX_TRIM_RAD):g} degrees either way"
             )
+        self._check_turn_trim()
         if not (math.isfinite(self.duration_s) and 0 < self.duration_s <= MAX_DURATION_S):
             raise InputError(
                 f"duration: got {self.duration_s:g}; allowed: above 0 up to {MAX_DURATION_S:g} s"
@@ -119,10 +126,29 @@ class TrialPlan:
             raise InputError(f"turn before the walk: got {self.turn_rad}; allowed: a finite angle")
         self.motion(0.0)
 
+    def _check_turn_trim(self) -> None:
+        """Raise InputError for a trim of a walk that has no line in open loop, or one that is too large."""
+        trim_rad_s = self.turn_trim_rad_s
+        check_type(trim_rad_s, (float, type(None)), "plan.turn_trim_rad_s", "a rate in rad/s, or None")
+        if trim_rad_s is None:
+            return
+        if self.hold != "none" or not self.straight:
+            turned = "" if self.straight else " and a walk that is not straight"
+            raise InputError(
+                f"turn trim: got it with hold {self.hold}{turned}; "
+                "allowed: with hold none and a straight walk"
+            )
+        if not abs(trim_rad_s) <= MAX_TURN_TRIM_RAD_S:
+            raise InputError(
+                f"turn trim: got {math.degrees(trim_rad_s):g}; "
+                f"allowed: up to {math.degrees(MAX_TURN_TRIM_RAD_S):g} deg/s either way"
+            )
+
     def motion(self, yaw_rad: float) -> Motion:
         """Motion in the frame of a body that has turned by a yaw since the trial began."""
+        turn_rate_rad_s = self.turn_rate_rad_s if self.turn_trim_rad_s is None else self.turn_trim_rad_s
         return Motion(
-            heading_rad=self.heading_rad - yaw_rad, travel=self.travel, turn_rate_rad_s=self.turn_rate_rad_s
+            heading_rad=self.heading_rad - yaw_rad, travel=self.travel, turn_rate_rad_s=turn_rate_rad_s
         )
 
     @property

@@ -101,6 +101,8 @@ class TrialResult(ArrayFields):
             square in m/s, so that smaller is steadier; None where its position is not known.
         trim_rad: course correction with which it held its heading, counter-clockwise; None where it held
             something else, or nothing.
+        turn_trim_rad_s: turn that went with it in open loop to take out its curve, counter-clockwise; None
+            where it was not trimmed.
     """
 
     status: str
@@ -125,6 +127,7 @@ class TrialResult(ArrayFields):
     tilt_deg: float | None = None
     steadiness: float | None = None
     trim_rad: float | None = None
+    turn_trim_rad_s: float | None = None
 
     @property
     def valid(self) -> bool:
@@ -153,7 +156,8 @@ class TrialResult(ArrayFields):
             "limited_ticks": self.limited_ticks,
             "true_deviation_m": None if self.true_deviation is None else self.true_deviation.to_dict(),
             **{name: getattr(self, name) for name in QUALITIES},
-            "trim_deg": None if self.trim_rad is None else math.degrees(self.trim_rad),
+            "trim_deg": _degrees(self.trim_rad),
+            "turn_trim_deg_s": _degrees(self.turn_trim_rad_s),
         }
         if path:
             data["path_m"] = [[_known(value) for value in row] for row in self.path_m.tolist()]
@@ -166,7 +170,7 @@ class TrialResult(ArrayFields):
         Raises InputError for anything else.
         """
         try:
-            miss_deg, trim_deg = data.get("turn_miss_deg"), data.get("trim_deg")
+            miss_deg = data.get("turn_miss_deg")
             yaw_change_deg, path = data["yaw_change_deg"], data.get("path_m") or np.zeros((0, 2))
             return cls(
                 status=str(data["status"]),
@@ -187,7 +191,8 @@ class TrialResult(ArrayFields):
                 limited_ticks=int(data.get("limited_ticks", 0)),
                 true_deviation=Deviation.from_dict(data.get("true_deviation_m") or {"signed": None}),
                 **{name: data.get(name) for name in QUALITIES},
-                trim_rad=None if trim_deg is None else math.radians(trim_deg),
+                trim_rad=_radians(data.get("trim_deg")),
+                turn_trim_rad_s=_radians(data.get("turn_trim_deg_s")),
             )
         except (KeyError, TypeError, ValueError, AttributeError) as error:
             raise InputError(
@@ -233,6 +238,14 @@ def path_axes(ax: Any = None) -> Any:
     ax.set(xlabel="progress in m", ylabel="deviation in m, positive to the left")
     ax.set_aspect("equal", adjustable="datalim")
     return ax
+
+
+def _degrees(angle_rad: float | None) -> float | None:
+    return None if angle_rad is None else math.degrees(angle_rad)
+
+
+def _radians(angle_deg: float | None) -> float | None:
+    return None if angle_deg is None else math.radians(angle_deg)
 
 
 def _known(value: float) -> float | None:
@@ -313,6 +326,7 @@ def score(
         tilt_deg=lean_deg(quaternions_world),
         steadiness=unsteadiness_m_s(positions_world),
         trim_rad=plan.trim_rad if hold == "heading" else None,
+        turn_trim_rad_s=plan.turn_trim_rad_s,
     )
 
 

@@ -152,6 +152,8 @@ def _result_rows(result: TrialResult, stability: float | None) -> Iterator[Row]:
         )
     if result.trim_rad:
         yield "trim", f"{math.degrees(result.trim_rad):+.2f}°"
+    if result.turn_trim_rad_s:
+        yield "turn trim", f"{math.degrees(result.turn_trim_rad_s):+.3f} °/s"
     if stability is not None:
         yield "**stability**", f"**{100 * stability:.0f} %** of the walk above the feet that stand"
     yield "clipped ticks", str(result.clipped_ticks)

@@ -17,11 +17,19 @@ from hexctl.adapt.runner import TrialRunner, WalkedTrial
 from hexctl.adapt.search import new_spec
 from hexctl.adapt.setting import load_setting
 from hexctl.adapt.store import flat_rows, load_session
-from hexctl.adapt.trim import WALKS, TrimSearch, mean_trim_rad, wanted_trim_rad
+from hexctl.adapt.trim import (
+    WALKS,
+    TrimSearch,
+    mean_trim_rad,
+    mean_turn_trim_rad_s,
+    wanted_trim_rad,
+    wanted_turn_trim_rad_s,
+)
 from hexctl.backends.sim.servos import SimServos
 from hexctl.cli.main import exit_code
+from hexctl.cli.render_adapt import closing_lines
 from hexctl.control.assessment.static_stability import STAND_UP
-from hexctl.control.plan import MAX_TRIM_RAD
+from hexctl.control.plan import MAX_TRIM_RAD, MAX_TURN_TRIM_RAD_S
 from hexctl.control.result import TrialResult
 from hexctl.errors import InputError
 from hexctl.gait.encoding import Slots
@@ -65,22 +73,29 @@ def ended(
 class Drifting:
     """Walks whose gaits all drift aside alike, each end with noise of its own.
 
+    In open loop they curve instead, and a turn is a tenth weaker than it is commanded.
+
     Attributes:
         status: of walks by their code; others are `ok`.
         hold: what walks hold.
         drift_rad: how far they drift aside.
+        curve_rad_s: how fast they turn in open loop.
     """
 
     def __init__(self) -> None:
         self.status: dict[int, str] = {}
-        self.hold, self.drift_rad = "heading", DRIFT_RAD
+        self.hold, self.drift_rad, self.curve_rad_s = "heading", DRIFT_RAD, math.radians(-1.5)
 
     def walk(self, runner: TrialRunner, index: int, code: int, slots: Slots) -> WalkedTrial:
         """Walk a gait with the trim of its plan, as far as what is held allows."""
-        trim_rad = runner.plan_for(slots).trim_rad if self.hold == "heading" else None
+        plan = runner.plan_for(slots)
+        trim_rad = plan.trim_rad if self.hold == "heading" else None
         angle_rad, noise_m = self.drift_rad + (trim_rad or 0.0), NOISE_M * math.sin(1.7 * index)
+        if plan.turn_trim_rad_s is not None:
+            angle_rad = (self.curve_rad_s + 0.9 * plan.turn_trim_rad_s) * plan.duration_s / 2
         status = self.status.get(code, "ok")
-        return WalkedTrial(result=ended(angle_rad, trim_rad=trim_rad, status=status, noise_m=noise_m))
+        result = ended(angle_rad, trim_rad=trim_rad, status=status, noise_m=noise_m)
+        return WalkedTrial(result=replace(result, turn_trim_rad_s=plan.turn_trim_rad_s))
 
 
 @pytest.fixture
@@ -92,7 +107,7 @@ def drifting(monkeypatch: pytest.MonkeyPatch) -> Drifting:
 
 
 def search(**options: Any) -> AdaptationResult:
-    return adapt(5, hold="heading", record=False, **{"baseline": False, **options})
+    return adapt(5, record=False, **{"hold": "heading", "baseline": False, **options})
 
 
 def test_a_walk_wants_what_would_have_ended_it_on_its_line() -> None:
@@ -227,14 +242,81 @@ def test_trims_are_in_json_exports_and_the_last_line(capsys: pytest.CaptureFixtu
     code, best_deg = session.trials[0].code, session.best_trim_deg
     assert last == (
         f"walk on with: hexctl run --failed-leg 2 --gait {code} --hold heading "
-        f"--trim {best_deg:.2f} --failure limp --self-rotation rear"
+        f"--trim {best_deg:.2f} --self-rotation rear --failure limp"
     )
     (row,) = flat_rows(session)
-    assert list(row)[-2:] == ["trim_deg", "wanted_trim_deg"]
+    assert list(row)[-4:-2] == ["trim_deg", "wanted_trim_deg"]
     assert row["trim_deg"] == trim_deg
     outcome = session.as_json()
     assert outcome["best_trim_deg"] == best_deg
     assert outcome["trials"][0]["wanted_trim_deg"] == session.trials[0].wanted_trim_deg
+
+
+def test_a_walk_in_open_loop_wants_a_turn_against_its_curve() -> None:
+    curved = replace(ended(0.2, trim_rad=None), turn_trim_rad_s=0.01)
+    assert wanted_turn_trim_rad_s(curved) == pytest.approx(0.01 - 2 * 0.2 / 30.0)
+    assert wanted_turn_trim_rad_s(replace(curved, status="fell")) is None
+    assert wanted_turn_trim_rad_s(replace(curved, turn_trim_rad_s=None)) is None, "it is not asked for"
+    assert wanted_trim_rad(curved) is None
+
+
+def test_far_off_walks_count_little_for_the_turn_and_near_ones_alike() -> None:
+    assert mean_turn_trim_rad_s([]) == 0.0
+    assert mean_turn_trim_rad_s([(0.0, 9.0, 30.0)]) == MAX_TURN_TRIM_RAD_S
+    far, near = (0.0, 0.030, 30.0), (0.030, 0.033, 30.0)
+    assert mean_turn_trim_rad_s([far, near]) == pytest.approx(0.033, abs=0.0003)
+    one, other = (0.033, 0.0332, 30.0), (0.033, 0.0328, 30.0)
+    assert mean_turn_trim_rad_s([one, other]) == pytest.approx(0.033)
+
+
+def test_a_session_in_open_loop_learns_a_turn_where_it_is_asked_to(drifting: Drifting) -> None:
+    drifting.hold = "none"
+    whole = search(hold="none", optimizer="trim", budget=4, target_m=0.001)
+    ends_m = [trial.score for trial in whole.trials]
+    assert ends_m[0] > 1.0
+    assert max(ends_m[2:]) < 2 * NOISE_M
+    (code,) = {trial.code for trial in whole.trials}
+    turned = [trial.outcome["turn_trim_deg_s"] for trial in whole.trials]
+    assert turned[0] == 0.0
+    assert turned[1] == pytest.approx(whole.trials[0].wanted_turn_trim_deg_s)
+    assert whole.session.best_turn_trim_deg_s == pytest.approx(1.5 / 0.9, rel=0.05)
+    last = closing_lines(whole.session, whole.ended).splitlines()[-1]
+    turn = f"--turn {whole.session.best_turn_trim_deg_s:.3f}"
+    assert last.startswith(
+        f"walk on with: hexctl run --failed-leg 5 --gait {code} --hold none --heading 0 {turn}"
+    )
+    part = search(hold="none", optimizer="trim", budget=2, target_m=0.001)
+    assert Adaptation.resume(part.session.name, budget=4, record=False).run().trials == whole.trials
+
+
+def test_a_trimmed_turn_leaves_the_line_straight_and_is_refused_elsewhere() -> None:
+    plan = load_setting(new_spec(failed_leg=5)).plan
+    assert plan.turn_trim_rad_s is None
+    trimmed = replace(plan, turn_trim_rad_s=0.02)
+    assert (trimmed.straight, trimmed.motion(0.0).turn_rate_rad_s) == (True, 0.02)
+    assert replace(plan, turn_trim_rad_s=0.0).motion(0.3) == plan.motion(0.3)
+    for wrong in ({"hold": "heading"}, {"turn_rate_rad_s": 0.1}, {"travel": 0.0}):
+        with pytest.raises(InputError, match=r"turn trim: got it with .*; allowed: with hold none and"):
+            replace(trimmed, **wrong)
+    with pytest.raises(InputError, match=r"turn trim: got 5\.72958; allowed: up to 4 deg/s"):
+        replace(plan, turn_trim_rad_s=0.1)
+
+
+def test_a_simulated_walk_in_open_loop_is_straightened_by_its_ends_alone() -> None:
+    result = adapt(
+        3,
+        failure="limp",
+        world="transfer:202",
+        optimizer="trim",
+        duration_s=15.0,
+        target_m=0.001,
+        budget=3,
+        baseline=False,
+        record=False,
+    )
+    assert result.session.spec.hold == "none"
+    first_m, *_, last_m = [trial.score for trial in result.trials]
+    assert last_m < 0.3 * first_m
 
 
 def test_a_body_stands_up_off_a_locked_leg_as_with_the_gait_auto(
@@ -243,7 +325,7 @@ def test_a_body_stands_up_off_a_locked_leg_as_with_the_gait_auto(
     del drifting
     words = ["adapt", "--failed-leg", "1", "--hold", "heading", "--self-rotation", "none", "--no-record"]
     assert exit_code(words) == 0
-    assert f"--body-raise {STAND_UP:g} --hold heading --trim" in capsys.readouterr().out
+    assert f"--body-raise {STAND_UP:g} --self-rotation none" in capsys.readouterr().out
     spec = new_spec(failed_leg=1, hold="heading", self_rotation="none")
     assert load_setting(spec).plan.gait.posture.body_raise == STAND_UP
     assert new_spec(failed_leg=1, hold="heading").body_raise == 0.0, "it trails"
@@ -252,9 +334,8 @@ def test_a_body_stands_up_off_a_locked_leg_as_with_the_gait_auto(
 
 
 REFUSED = [
-    ({"optimizer": "trim", "hold": "none"}, "optimizer: got trim with hold none; allowed: with heading"),
-    ({"optimizer": "trim"}, "optimizer: got trim with hold none"),
-    ({"optimizer": "trim", "hold": "line"}, "got trim with hold line"),
+    ({"optimizer": "trim", "hold": "line"}, "got trim with hold line; allowed: with heading, or none"),
+    ({"optimizer": "trim", "hold": "auto"}, "got trim with hold auto"),
     ({"optimizer": "trim", "hold": "heading", "objective": "speed"}, "got trim with objective speed"),
     ({"optimizer": "trim", "hold": "heading", "count_repeats": True}, "got trim with count_repeats"),
     ({"optimizer": "trim", "hold": "heading", "early_stop": True}, "early_stop: got it without a prior"),
