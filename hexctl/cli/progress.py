@@ -12,6 +12,8 @@ import typer
 from hexctl.cli.console import INTERRUPTED, SIGNALS, make_bar, print_above, print_note
 
 if TYPE_CHECKING:
+    from rich.progress import Progress
+
     from hexctl.study.cache import LandscapeCache
     from hexctl.study.landscape import Landscape
 
@@ -53,13 +55,10 @@ def interruptible(
 MOST_NAMED = 12
 
 
-class StudyProgress:
-    """Progress on stderr: a bar on a terminal, else one line per landscape."""
+class WithBar:
+    """Shows a progress bar for as long as a block runs."""
 
-    def __init__(self) -> None:
-        self._bar = make_bar()
-        self._task = self._bar.add_task("", total=None, visible=False)
-        self._began_s: dict[str, float] = {}
+    _bar: "Progress"
 
     def __enter__(self) -> Self:
         self._bar.start()
@@ -69,6 +68,15 @@ class StudyProgress:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._bar.stop()
+
+
+class StudyProgress(WithBar):
+    """Progress on stderr: a bar on a terminal, else one line per landscape."""
+
+    def __init__(self) -> None:
+        self._bar = make_bar()
+        self._task = self._bar.add_task("", total=None, visible=False)
+        self._began_s: dict[str, float] = {}
 
     def begin(self, landscapes: "Sequence[Landscape]") -> None:
         """Show what the cache has and how many gaits are left to simulate."""

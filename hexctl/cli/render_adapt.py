@@ -5,7 +5,6 @@ import sys
 from collections.abc import Sequence
 from functools import lru_cache
 from pathlib import Path
-from types import TracebackType
 from typing import Self
 
 import typer
@@ -25,6 +24,7 @@ from hexctl.adapt.session import (
 )
 from hexctl.adapt.shipped import BAYES, TRIM
 from hexctl.cli.console import make_bar, print_above
+from hexctl.cli.progress import WithBar
 from hexctl.control.assessment.cause import CAUSES
 from hexctl.errors import InputError
 from hexctl.robot.loader import load_robot
@@ -37,7 +37,7 @@ EXPECTED = "  expected, 9 of 10"
 BY_ITSELF = "by the simulation's own uncertainty"
 
 
-class SessionTable:
+class SessionTable(WithBar):
     """Prints a line per trial on stdout, and a progress bar with the time left on stderr.
 
     Silent when told so; the bar is shown only where both are terminals.
@@ -48,12 +48,7 @@ class SessionTable:
         self._bar = make_bar(quiet=True)
 
     def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._bar.stop()
+        return self  # the bar begins with the table
 
     def begin(self, session: Session) -> None:
         """Print the head of the table, the trials that a resumed session has, and open the bar."""

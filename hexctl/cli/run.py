@@ -4,8 +4,7 @@ import json
 from contextlib import ExitStack
 from math import radians
 from pathlib import Path
-from types import TracebackType
-from typing import TYPE_CHECKING, Annotated, Any, Self
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -49,6 +48,7 @@ from hexctl.cli.options import (
     listed_legs,
     number,
 )
+from hexctl.cli.progress import WithBar
 from hexctl.errors import InputError, LimitError, ReachError, RecordingError, RobotFaultError
 
 if TYPE_CHECKING:
@@ -240,7 +240,7 @@ def _summary(done: "RunResult") -> list[Any]:
     return summary(done.outcome)
 
 
-class _WalkProgress:
+class _WalkProgress(WithBar):
     """Recorder that shows the progress of a walk on stderr, on a terminal and unless told to be quiet."""
 
     def __init__(self, total_s: float, *, quiet: bool) -> None:
@@ -251,15 +251,6 @@ class _WalkProgress:
         self._total_s, self._period_s = total_s, PERIOD_S
         self._bar = make_bar("{task.completed:.0f} of {task.total:.0f} s", quiet=quiet)
         self._task = self._bar.add_task(_doing("settle"), total=total_s)
-
-    def __enter__(self) -> Self:
-        self._bar.start()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._bar.stop()
 
     def write_block(self, log: "TickLog", start: int, stop: int) -> None:
         """Move the bar to where the log is."""

@@ -18,7 +18,8 @@ from hexctl.serve.transport import Transport, attachment_of, payload_of
 from hexctl.types import FloatArray, JointTargets, RobotState
 from hexctl.wire.description import RobotIdentity, describe, encode_json
 from hexctl.wire.links import Link
-from hexctl.wire.messages import decode_pose, encode_battery, encode_pose, encode_positions, tag_of
+from hexctl.wire.messages import encode_battery, encode_positions, tag_of
+from hexctl.wire.pose import decode_pose, encode_pose
 
 Answer = TypeVar("Answer")
 

@@ -20,7 +20,7 @@ from hexctl.study.landscape import LandscapeSpec
 from hexctl.study.page import Picture, Section, Table, render_page
 from hexctl.study.plan import StudyPlan
 from hexctl.study.searches import search_all
-from hexctl.study.study import report_folder
+from hexctl.study.study import ReportResult, report_folder
 from hexctl.study.versions import code_versions
 
 REPORT = "matrix.html"
@@ -121,32 +121,25 @@ class MatrixPlan:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class MatrixResult:
+class MatrixResult(ReportResult):
     """A finished matrix.
 
     Attributes:
         plan: its cells.
         claims: claims of each cell, in the order of the cells.
-        report: the HTML page; table, figure and numbers are beside it.
-        notes: remarks on files of the cache that could not be used.
     """
 
     plan: MatrixPlan
     claims: tuple[tuple[Claim, ...], ...]
-    report: Path
-    notes: tuple[str, ...]
 
-    def to_json(self) -> dict[str, Any]:
-        """Plain JSON values, as in the file `matrix.json` and printed by `--json`."""
+    def numbers(self) -> dict[str, Any]:
+        """Verdicts of the cells, as plain JSON values."""
         return {
-            "out": str(self.report.parent),
-            "report": str(self.report),
             "code": code_versions(),
             "cells": [
                 _cell_json(cell, some) for cell, some in zip(self.plan.cells, self.claims, strict=True)
             ],
             "survive": [NAMES[row] for row in range(len(NAMES)) if self._everywhere(row)],
-            "notes": list(self.notes),
         }
 
     def _everywhere(self, row: int) -> bool:

@@ -2,6 +2,7 @@
 
 import json
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, fields, replace
@@ -36,84 +37,82 @@ from hexctl.study.uncertainty import StudyUncertainty
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class StudyResult:
+class ReportResult(ABC):
+    """Result of what ends in a report.
+
+    Attributes:
+        report: the HTML page; tables and figures are files beside it.
+        notes: remarks on files of the cache that could not be used.
+    """
+
+    report: Path
+    notes: tuple[str, ...]
+
+    @abstractmethod
+    def numbers(self) -> dict[str, Any]:
+        """What was found, as plain JSON values."""
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain JSON values, as in the file beside the report and printed by `--json`."""
+        return {
+            "out": str(self.report.parent),
+            "report": str(self.report),
+            **self.numbers(),
+            "notes": list(self.notes),
+        }
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class StudyResult(ReportResult):
     """A finished study.
 
     Attributes:
         findings: landscapes and searches.
         claims: the paper's claims, judged by them.
         uncertainty: the simulation's own, of the walks.
-        report: the HTML page; tables and figures are files beside it.
-        notes: remarks on files of the cache that could not be used.
         times_s: wall time of the parts `landscapes`, `searches` and `report`.
     """
 
     findings: Findings
     claims: tuple[Claim, ...]
     uncertainty: StudyUncertainty
-    report: Path
-    notes: tuple[str, ...]
     times_s: dict[str, float]
 
-    def to_json(self) -> dict[str, Any]:
-        """Plain JSON values, as in the file `study.json` and printed by `--json`."""
-        return {
-            "out": str(self.report.parent),
-            "report": str(self.report),
-            **summary_json(self.findings, self.claims, self.uncertainty),
-            "notes": list(self.notes),
-            "times_s": self.times_s,
-        }
+    def numbers(self) -> dict[str, Any]:
+        """Landscapes, searches and claims, as plain JSON values."""
+        return {**summary_json(self.findings, self.claims, self.uncertainty), "times_s": self.times_s}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class TransferResult:
+class TransferResult(ReportResult):
     """A finished transfer benchmark.
 
     Attributes:
         findings: landscapes of unseen worlds and the searches in them.
         uncertainty: the simulation's own, of the walks.
-        report: the HTML page; table and figures are files beside it.
-        notes: remarks on files of the cache that could not be used.
     """
 
     findings: TransferFindings
     uncertainty: StudyUncertainty
-    report: Path
-    notes: tuple[str, ...]
 
-    def to_json(self) -> dict[str, Any]:
-        """Plain JSON values, as in the file `transfer.json` and printed by `--json`."""
-        return {
-            "out": str(self.report.parent),
-            "report": str(self.report),
-            **transfer_json(self.findings, self.uncertainty),
-            "notes": list(self.notes),
-        }
+    def numbers(self) -> dict[str, Any]:
+        """Landscapes and searches, as plain JSON values."""
+        return transfer_json(self.findings, self.uncertainty)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class HoldResult:
+class HoldResult(ReportResult):
     """A finished comparison of holds.
 
     Attributes:
         findings: walks in unseen worlds, open loop and with holds.
-        report: the HTML page; table and figures are files beside it.
-        notes: remarks on files of the cache that could not be used.
     """
 
     findings: HoldFindings
-    report: Path
-    notes: tuple[str, ...]
 
-    def to_json(self) -> dict[str, Any]:
-        """Plain JSON values, as in the file `holds.json` and printed by `--json`."""
-        return {
-            "out": str(self.report.parent),
-            "report": str(self.report),
-            **holds_json(self.findings),
-            "notes": list(self.notes),
-        }
+    def numbers(self) -> dict[str, Any]:
+        """Walks and verdicts, as plain JSON values."""
+        return holds_json(self.findings)
 
 
 def study(

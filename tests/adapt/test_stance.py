@@ -9,7 +9,8 @@ from hexctl.adapt.runner import RobotStoppedError
 from hexctl.adapt.stance import connected_deflection_rad, simulated_deflection_rad, stance_deflection_rad
 from hexctl.backends.clock import PERIOD_S
 from hexctl.backends.mock import MockServos
-from hexctl.backends.sim.world import SensorNoise, World
+from hexctl.backends.sim.flaws import SensorNoise
+from hexctl.backends.sim.world import World
 from hexctl.control.guard import Guard
 from hexctl.errors import CommandRefusedError
 from hexctl.types import FloatArray, JointTargets, RobotState

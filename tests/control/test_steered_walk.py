@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hexctl.backends.sim.flaws import SensorNoise
 from hexctl.backends.sim.servos import SimServos
-from hexctl.backends.sim.world import SensorNoise, World
+from hexctl.backends.sim.world import World
 from hexctl.control.batch import SimTrial, run_sim_trial, run_sim_trials
 from hexctl.control.plan import TrialPlan
 from hexctl.control.preparation import WalkStart

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from hexctl.backends.base import LegServos, ServosWrapper
+from hexctl.backends.sim.flaws import SensorNoise
 from hexctl.backends.sim.servos import SimServos
-from hexctl.backends.sim.world import SensorNoise, World
+from hexctl.backends.sim.world import World
 from hexctl.control.guard import Guard
 from hexctl.control.plan import TrialPlan
 from hexctl.control.result import TrialResult

@@ -5,8 +5,9 @@ import math
 import numpy as np
 import pytest
 
+from hexctl.backends.sim.flaws import SensorNoise
 from hexctl.backends.sim.servos import SimServos
-from hexctl.backends.sim.world import SensorNoise, World
+from hexctl.backends.sim.world import World
 from hexctl.control.guard import Guard
 from hexctl.control.log import TickLog
 from hexctl.control.plan import TrialPlan

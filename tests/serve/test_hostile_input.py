@@ -13,7 +13,8 @@ from hexctl.serve.inbox import Arrival
 from hexctl.serve.server import RobotServer
 from hexctl.serve.transport import Transport
 from hexctl.wire.links import Link
-from hexctl.wire.messages import CommandTag, encode_pose, encode_positions
+from hexctl.wire.messages import CommandTag, encode_positions
+from hexctl.wire.pose import encode_pose
 from tests.control.posed import PosedMock
 from tests.wire.test_messages import COMMAND_BYTES
 

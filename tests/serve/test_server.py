@@ -20,11 +20,10 @@ from hexctl.wire.links import KeyMap, Link
 from hexctl.wire.messages import (
     CommandTag,
     StateTag,
-    decode_pose,
     decode_positions,
-    encode_pose,
     encode_positions,
 )
+from hexctl.wire.pose import decode_pose, encode_pose
 from tests.control.posed import PosedMock
 from tests.serve.test_hostile_input import Item
 

@@ -8,8 +8,9 @@ from typing import Self
 
 import numpy as np
 
+from hexctl.backends.sim.flaws import SensorFaults, SensorNoise
 from hexctl.backends.sim.model import FIRST_JOINT
-from hexctl.backends.sim.world import SensorFaults, SensorNoise, World
+from hexctl.backends.sim.world import World
 from hexctl.types import N_JOINTS, ArrayFields, FloatArray, RobotState
 
 #: Random numbers per tick: 18 joints, 3 of position, 1 of yaw.

@@ -7,7 +7,6 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import (
-    AfterValidator,
     BaseModel,
     ConfigDict,
     Field,
@@ -17,14 +16,13 @@ from pydantic import (
 )
 
 from hexctl.backends.clock import PERIOD_S
+from hexctl.backends.sim.flaws import Section, SensorFaults, SensorNoise
 from hexctl.errors import InputError, check_type, shown
 from hexctl.robot.configs import Number, find_config, read_mapping, validate
 from hexctl.types import JOINT_KINDS, JOINTS_PER_LEG, N_JOINTS, N_LEGS, FloatArray
 
 #: Greatest calibration error of a joint.
 MAX_JOINT_OFFSET_DEG = 45.0
-
-NotNegative = Annotated[Number, Field(ge=0, allow_inf_nan=False)]
 
 #: Marks a quantity of which a simulation draws with its seed where it is not 0.
 DRAWN = "drawn with the seed"
@@ -60,47 +58,7 @@ _IN_STEPS = (
 Finite = Annotated[Number, Field(allow_inf_nan=False)]
 
 
-class _Section(BaseModel):
-    """Frozen; unknown keys are refused."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class SensorNoise(_Section):
-    """Standard deviations of the measurement errors, which are drawn every tick."""
-
-    joint_deg: NotNegative = 0.0
-    position_m: NotNegative = 0.0
-    yaw_deg: NotNegative = 0.0
-
-
-def _ordered(interval: tuple[float, float]) -> tuple[float, float]:
-    first_s, last_s = interval
-    if not first_s < last_s:
-        raise ValueError(f"got {first_s:g} to {last_s:g} s; allowed: an interval that ends after it begins")
-    return interval
-
-
-Interval = Annotated[tuple[NotNegative, NotNegative], AfterValidator(_ordered)]
-
-
-class SensorFaults(_Section):
-    """What the sensors of position and yaw show wrongly, in times of the simulation's clock.
-
-    Attributes:
-        yaw_drift_deg_per_min: drift of the yaw, counter-clockwise from the start on.
-        pose_frozen_s: intervals in which position and orientation stay what they were when each began.
-        position_jump_s: intervals in which the position is off.
-        position_jump_m: by how much, along the axes of the world.
-    """
-
-    yaw_drift_deg_per_min: Annotated[Number, Field(ge=-3600, le=3600, allow_inf_nan=False)] = 0.0
-    pose_frozen_s: tuple[Interval, ...] = ()
-    position_jump_s: tuple[Interval, ...] = ()
-    position_jump_m: tuple[Number, Number, Number] = (0.0, 1.0, 0.0)
-
-
-class World(_Section):
+class World(Section):
     """Everything about a simulation that is not the robot; the defaults are the flat world.
 
     Attributes:

@@ -11,7 +11,8 @@ from hexctl.errors import MessageError, RobotFaultError
 from hexctl.types import FloatArray, RobotState
 from hexctl.waiting import wait_for
 from hexctl.wire.links import KeyMap
-from hexctl.wire.messages import StateTag, contacts_of, decode_battery, decode_joints, decode_pose
+from hexctl.wire.messages import StateTag, contacts_of, decode_battery, decode_joints
+from hexctl.wire.pose import decode_pose
 
 #: Kinds of messages that are subscribed to.
 SUBSCRIBED = ("joint_states", "odom", "battery")

@@ -8,9 +8,10 @@ import mujoco
 import numpy as np
 import pytest
 
+from hexctl.backends.sim.flaws import SensorFaults, SensorNoise
 from hexctl.backends.sim.model import FIRST_JOINT, TOUCH, make_simulation
 from hexctl.backends.sim.servos import SimServos
-from hexctl.backends.sim.world import SensorFaults, SensorNoise, World, load_world
+from hexctl.backends.sim.world import World, load_world
 from hexctl.control.guard import Guard
 from hexctl.control.plan import TrialPlan
 from hexctl.control.result import TrialResult

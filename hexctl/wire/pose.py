@@ -1,0 +1,78 @@
+"""Poses on the wire: nav_msgs/Odometry, of which either half may be unknown."""
+
+import math
+import time
+
+import numpy as np
+
+from hexctl.errors import MessageError
+from hexctl.types import FloatArray
+from hexctl.wire import ros_cdr
+
+WORLD_FRAME = "odom"
+BODY_FRAME = "base_link"
+
+_NO_COVARIANCE = np.zeros(36)
+
+#: Places of the variances of position and orientation on the diagonal of a pose's covariance.
+_OF_POSITION, _OF_ORIENTATION = (0, 7, 14), (21, 28, 35)
+
+#: Variance of each coordinate that is not measured, in m^2 or rad^2.
+UNKNOWN_VARIANCE = 1e6
+
+#: A coordinate with a greater variance is not measured: a standard deviation of 30 m, or of five turns.
+MOST_VARIANCE = 1e3
+
+
+def encode_pose(position_world: FloatArray | None, quaternion_world: FloatArray | None) -> bytes:
+    """Pose as nav_msgs/Odometry without a twist.
+
+    What is not known is the origin, or no rotation, with a variance of `UNKNOWN_VARIANCE`.
+
+    Args:
+        position_world: (3,) in m, or None where unknown.
+        quaternion_world: (w, x, y, z), or None where unknown.
+    """
+    x, y, z = (0.0, 0.0, 0.0) if position_world is None else position_world.tolist()
+    w, i, j, k = (1.0, 0.0, 0.0, 0.0) if quaternion_world is None else quaternion_world.tolist()
+    covariance = _NO_COVARIANCE
+    if position_world is None or quaternion_world is None:
+        covariance = np.zeros(36)
+        covariance[[*_OF_POSITION]] = UNKNOWN_VARIANCE if position_world is None else 0.0
+        covariance[[*_OF_ORIENTATION]] = UNKNOWN_VARIANCE if quaternion_world is None else 0.0
+    none = ros_cdr.make("geometry_msgs/msg/Vector3", x=0.0, y=0.0, z=0.0)
+    pose = ros_cdr.make(
+        "geometry_msgs/msg/Pose",
+        position=ros_cdr.make("geometry_msgs/msg/Point", x=x, y=y, z=z),
+        orientation=ros_cdr.make("geometry_msgs/msg/Quaternion", x=i, y=j, z=k, w=w),
+    )
+    twist = ros_cdr.make("geometry_msgs/msg/Twist", linear=none, angular=none)
+    return ros_cdr.encode(
+        ros_cdr.make(
+            ros_cdr.ODOMETRY,
+            header=ros_cdr.header(time.time_ns(), WORLD_FRAME),
+            child_frame_id=BODY_FRAME,
+            pose=ros_cdr.make("geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=covariance),
+            twist=ros_cdr.make(
+                "geometry_msgs/msg/TwistWithCovariance", twist=twist, covariance=_NO_COVARIANCE
+            ),
+        )
+    )
+
+
+def decode_pose(payload: bytes) -> tuple[FloatArray | None, FloatArray | None]:
+    """Position (3,) and unit quaternion (w, x, y, z) of a nav_msgs/Odometry, all finite.
+
+    Each is None where one of its variances is greater than `MOST_VARIANCE`: it is not measured.
+    Raises MessageError for anything else.
+    """
+    estimate = ros_cdr.decode(ros_cdr.ODOMETRY, payload).pose
+    pose, variances = estimate.pose, np.asarray(estimate.covariance)
+    position = np.array([pose.position.x, pose.position.y, pose.position.z])
+    turned = pose.orientation
+    quaternion = np.array([turned.w, turned.x, turned.y, turned.z])
+    norm = math.hypot(*quaternion.tolist())
+    if not (np.isfinite(position).all() and math.isfinite(norm) and abs(norm - 1) < 0.01):
+        raise MessageError("pose: got an invalid pose; allowed: finite metres and a unit quaternion")
+    unknown = [(variances[[*places]] > MOST_VARIANCE).any() for places in (_OF_POSITION, _OF_ORIENTATION)]
+    return None if unknown[0] else position, None if unknown[1] else quaternion / norm
