@@ -20,6 +20,7 @@ from hexctl.adapt.loop import AdaptLoop, OnBaseline, OnTrial
 from hexctl.adapt.measurement import Operator
 from hexctl.adapt.objectives import ObjectiveChoice, as_objective
 from hexctl.adapt.optimizer import OptimizerChoice
+from hexctl.adapt.prior.prior import Prior
 from hexctl.adapt.result import AdaptationResult
 from hexctl.adapt.runner import (
     NotBegunError,
@@ -237,7 +238,7 @@ class Adaptation:
         A connected robot stands up for that, unless an operator puts it down: it then moves only when the
         operator says so, and by then the first gait is chosen.
         """
-        if spec.ask or setting.prior is None or setting.prior.sag_rad is None:
+        if spec.ask or not isinstance(setting.prior, Prior) or setting.prior.sag_rad is None:
             return spec
         if servos is None:
             sag_rad = simulated_deflection_rad(

@@ -16,9 +16,10 @@ from hexctl.adapt.objectives import OBJECTIVES, Objective, ObjectiveChoice, as_o
 from hexctl.adapt.optimizer import Optimizer, OptimizerChoice, OptimizerClass
 from hexctl.adapt.prior.choice import DEFAULT_TARGET_M, Advice, choose_prior, no_advice, noise_m
 from hexctl.adapt.prior.find import prior_folders
-from hexctl.adapt.prior.prior import Prior
-from hexctl.adapt.prior.samples import samples_of
+from hexctl.adapt.prior.prior import Prior, ScorePrior
+from hexctl.adapt.prior.samples import samples_of, score_samples_of
 from hexctl.adapt.registry import make_optimizer, name_of
+from hexctl.adapt.score_bayes import REAL_NOISE, SIMULATED_NOISE, WORTH, ScoreBayes
 from hexctl.adapt.session import BASELINE_GAITS, Session, SessionSpec
 from hexctl.adapt.setting import Note, load_setting, log_note, start_note, with_known_uncertainty
 from hexctl.adapt.shipped import BAYES, OPTIMIZERS, TRIM
@@ -27,7 +28,7 @@ from hexctl.adapt.store import RUNS
 from hexctl.adapt.trim import TrimSearch
 from hexctl.backends.base import LegServos
 from hexctl.backends.registry import check_options, option_values
-from hexctl.control.assessment.static_stability import slots_by_stability, stable_gait
+from hexctl.control.assessment.static_stability import slots_by_stability, usual_posture
 from hexctl.control.plan import AUTO_ROTATION, HOLDS, TrialPlan, suited_rotation
 from hexctl.control.result import progress_floor_m
 from hexctl.errors import InputError, argument, check_type
@@ -115,9 +116,9 @@ def new_spec(
     start_note(spec, setting)
     if spec.target_m is None and spec.target_share is not None:
         spec = replace(spec, target_m=spec.target_share * setting.ideal_m)
-    if spec.optimizer == TRIM and not spec.body_raise:
-        posture = stable_gait(setting.robot, setting.plan).posture
-        spec = replace(spec, body_raise=posture.body_raise)
+    if not spec.body_raise:
+        setting = setting.in_posture("auto" if spec.optimizer == TRIM else usual_posture(spec.hold))
+        spec = replace(spec, body_raise=setting.plan.gait.posture.body_raise)
     if uncertainty_m is None:
         spec = with_known_uncertainty(spec, setting, folder, note)
     free, folders = optimizer is None and spec.optimizer != TRIM, prior_folders(folder)
@@ -354,7 +355,7 @@ def make_search(
     spec: SessionSpec,
     robot: Robot,
     plan: TrialPlan,
-    prior: Prior | None,
+    prior: Prior | ScorePrior | None,
     optimizer: OptimizerClass | None = None,
 ) -> Optimizer:
     """Fresh optimizer of a session: `bayes` with a prior, else the one that its spec names.
@@ -374,6 +375,15 @@ def make_search(
     if prior is None:
         inner = make_optimizer(optimizer or spec.optimizer, space, spec.seed)
         return Deduplication(inner, spec.seed, paper_count=spec.count_repeats)
+    if isinstance(prior, ScorePrior):
+        return ScoreBayes(
+            space,
+            spec.seed,
+            samples=score_samples_of(prior, robot, spec.failed_leg, spec.objective),
+            noise=SIMULATED_NOISE if spec.simulated else REAL_NOISE,
+            worth=WORTH if spec.worth_m is None else spec.worth_m,
+            budget=spec.budget - spec.confirm,
+        )
     search = Bayes(
         space,
         spec.seed,

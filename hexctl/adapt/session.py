@@ -36,7 +36,8 @@ class SessionSpec:
         budget: trials that may be walked.
         target_m: a score at which to stop early, or None.
         target_share: the target as it was asked for, as a share of the ideal distance, or None.
-        worth_m: expected gain of the trials left below which `bayes` ends the search; None to spend all.
+        worth_m: expected gain of the trials left below which `bayes` ends the search; None to spend all, but
+            for steered walks 1 % of the score.
         uncertainty_m: the simulation's own standard uncertainty of where a walk ends across its line, counted
             when a gait is confirmed; 0 where it is not known, not counted, or the robot is real.
         uncertainty_caveat: how the walks by which it was measured differ from those of the session, in words;

@@ -9,12 +9,13 @@ from pathlib import Path
 
 from hexctl.adapt.arena import check_radius
 from hexctl.adapt.prior.find import check_prior
-from hexctl.adapt.prior.prior import Prior, PriorKey, load_prior
+from hexctl.adapt.prior.prior import Prior, PriorKey, ScorePrior, load_prior, load_score_prior
 from hexctl.adapt.prior.samples import covering
 from hexctl.adapt.session import Session, SessionSpec
 from hexctl.adapt.shipped import BAYES, TRIM
 from hexctl.adapt.space import GaitSpace
 from hexctl.backends.sim.world import World, load_world
+from hexctl.control.assessment.static_stability import in_posture
 from hexctl.control.assessment.uncertainty_store import COMPUTATION, known_uncertainty
 from hexctl.control.plan import TrialPlan
 from hexctl.control.result import progress_floor_m
@@ -55,7 +56,7 @@ class Setting:
     robot_file: RobotFile
     world: World | None
     plan: TrialPlan
-    prior: Prior | None = None
+    prior: Prior | ScorePrior | None = None
 
     @property
     def robot(self) -> Robot:
@@ -65,6 +66,10 @@ class Setting:
     def plan_for(self, slots: Slots) -> TrialPlan:
         """Plan of the trial of a gait."""
         return replace(self.plan, gait=replace(self.plan.gait, slots=slots))
+
+    def in_posture(self, posture: str) -> "Setting":
+        """The same with gaits in one of `hexctl.control.assessment.static_stability.POSTURES`."""
+        return replace(self, plan=in_posture(self.robot, self.plan, posture))
 
     @property
     def ideal_m(self) -> float:
@@ -119,7 +124,7 @@ def trimmed_plan(setting: Setting, session: Session, slots: Slots) -> TrialPlan:
     return replace(plan, turn_trim_rad_s=session.turn_trim_rad_s(slots) or 0.0)
 
 
-def prior_of(spec: SessionSpec, robot: Robot, plan: TrialPlan) -> Prior | None:
+def prior_of(spec: SessionSpec, robot: Robot, plan: TrialPlan) -> Prior | ScorePrior | None:
     """The prior of a session, None where it has none.
 
     Raises InputError for a file that is not a prior, or not the prior of the session any more.
@@ -128,7 +133,7 @@ def prior_of(spec: SessionSpec, robot: Robot, plan: TrialPlan) -> Prior | None:
         return None
     path = Path(spec.prior)
     check_prior(path, PriorKey.of(robot, plan), covers=covering(robot, plan))
-    prior = load_prior(path)
+    prior = load_prior(path) if spec.hold == "none" else load_score_prior(path)
     if spec.prior_digest and prior.digest() != spec.prior_digest:
         raise InputError(
             f"prior {path}: is not the one the session began with; allowed: the same file, or a new session"

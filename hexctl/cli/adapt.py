@@ -122,7 +122,7 @@ def adapt(
             GAIN_M,
             "With bayes: end the search once all trials that are left are expected to gain less than this, "
             "in metres, {}; 0 goes on whatever the gain. (default: the noise between trials, or the "
-            "simulation's own uncertainty; 0.04 on a real robot)",
+            "simulation's own uncertainty; 0.04 on a real robot; 1 % of the score of steered walks)",
         ),
     ] = None,
     confirm: Annotated[
@@ -411,14 +411,16 @@ def _clearing(spec: "SessionSpec", error: HexctlError) -> str:
 def _how_to_build_prior(spec: "SessionSpec") -> str:
     """Command that makes a prior for a session's trials, as the end of a sentence.
 
-    Empty where none can be made: for other objectives and headings, steered or short walks, failures with
-    details.
+    Empty where none can be made: for other objectives and headings, short walks, failures with details.
     """
+    from hexctl.adapt.prior.prior import SCORES
     from hexctl.backends.sim.world import load_randomization
     from hexctl.robot.loader import load_robot
     from hexctl.study.prior import PriorPlan
 
-    if spec.objective != "final" or spec.hold != "none" or spec.heading_deg:
+    hold = "line" if spec.hold == "auto" else spec.hold
+    objectives = ("final",) if hold == "none" else SCORES
+    if spec.objective not in objectives or spec.heading_deg:
         return ""
     plan = PriorPlan(
         robot=load_robot(spec.robot),
@@ -426,6 +428,7 @@ def _how_to_build_prior(spec: "SessionSpec") -> str:
         failure=spec.failure,
         self_rotation=spec.self_rotation,
         duration_s=spec.duration_s,
+        hold=hold,
     )
     try:
         plan.check()
@@ -434,9 +437,11 @@ def _how_to_build_prior(spec: "SessionSpec") -> str:
     asked = {
         "robot": spec.robot,
         "failure": spec.failure,
+        "hold": hold,
         "self-rotation": spec.self_rotation,
         "duration": f"{spec.duration_s:g}",
     }
-    usual = {"robot": "ant", "failure": "locked", "self-rotation": "rear", "duration": "30"}
+    usual = {"robot": "ant", "failure": "locked", "hold": "none", "duration": "30"}
+    usual["self-rotation"] = "none" if hold == "line" else "rear"
     options = "".join(f" --{name} {value}" for name, value in asked.items() if value != usual[name])
     return f"; this makes one: hexctl prior build{options}"

@@ -91,6 +91,7 @@ def build(
     """
     from hexctl.adapt.prior.find import PRIORS, describe_prior
     from hexctl.backends.sim.world import load_randomization
+    from hexctl.control.plan import AUTO_ROTATION, suited_rotation
     from hexctl.robot.loader import load_robot
     from hexctl.study.prior import PriorPlan, build_prior, prior_file_name
 
@@ -100,7 +101,7 @@ def build(
         worlds=worlds,
         legs=listed_legs(legs),
         failure=failure,
-        self_rotation=self_rotation or ("none" if hold == "line" else "rear"),
+        self_rotation=suited_rotation(self_rotation or AUTO_ROTATION, hold, chosen_gait=True),
         hold=hold,
         duration_s=duration,
     )

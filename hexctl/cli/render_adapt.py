@@ -111,7 +111,7 @@ def pareto_lines(session: Session, objectives: Sequence[Objective]) -> list[str]
 def header_line(session: Session) -> str:
     """Names of the columns."""
     trim = TRIM_HEADER if session.spec.hold == "heading" or session.spec.optimizer == TRIM else ""
-    return HEADER + trim + (EXPECTED if session.spec.prior else "")
+    return HEADER + trim + (EXPECTED if session.spec.prior and session.spec.hold == "none" else "")
 
 
 def opening_line(session: Session) -> str:

@@ -133,7 +133,8 @@ class PriorPlan:
     @property
     def key(self) -> PriorKey:
         """Key of the prior."""
-        return PriorKey.of(self.robot, self.trial_plan(), self.posture or "stance")
+        key = PriorKey.of(self.robot, self.trial_plan())
+        return replace(key, posture=self.posture or "stance")
 
     def check(self) -> None:
         """Raise InputError for anything that is not allowed, before anything runs."""

@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 
 from hexctl.adapt.prior.find import shipped_priors
-from hexctl.adapt.prior.prior import load_prior, save_prior
+from hexctl.adapt.prior.prior import load_prior, load_score_prior, save_prior
 from hexctl.adapt.runner import TrialRunner
 from hexctl.cli.main import exit_code
+from hexctl.control.assessment.static_stability import STAND_UP
 from hexctl.robot.failure import Failure
 from hexctl.study.prior import PriorPlan
 from tests.adapt.priors import MadeUpModel, MadeUpWorld, key_of, made_up_prior, made_up_score_prior
@@ -501,3 +502,71 @@ def test_a_prior_under_a_hold_is_built_with_the_trials_of_its_sessions(
     capsys.readouterr()
     assert exit_code(["prior", "show", "ant-locked-none-30s-line-leg2"]) == 0
     assert capsys.readouterr().out.endswith("2 worlds a leg, hold line: speed, cost, tilt, steadiness\n")
+
+
+STEERED = ["adapt", "--objective", "speed", "--duration", DURATION, "--no-record", "--no-baseline"]
+
+
+def saved_scores(name: str = "s.npz", **changes: Any) -> str:
+    """A prior of steered walks of these sessions, written to a file."""
+    asked = key_of(hold="line", self_rotation="none", duration_s=6.0)
+    key = replace(asked, **{"posture": "auto", **changes})
+    save_prior(made_up_score_prior(key, legs=(3, 4, 5)), Path(name))
+    return name
+
+
+@pytest.mark.parametrize(("leg", "raised"), [(5, STAND_UP), (4, 0.0)])
+def test_a_search_of_steered_walks_believes_a_prior_of_their_scores(
+    leg: int, raised: float, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = [*STEERED, "--failed-leg", str(leg), "--prior", saved_scores()]
+    outcome, err = run(capsys, *words, "--budget", "2", "--worth", "0")
+    assert err == ""
+    assert (outcome["optimizer"], outcome["prior"], outcome["hold"]) == ("bayes", "s.npz", "auto")
+    assert (outcome["self_rotation"], outcome["body_raise"]) == ("none", raised)
+    assert outcome["prior_digest"] == load_score_prior("s.npz").digest()
+    assert (outcome["target_m"], outcome["ended"]) == (None, "budget")
+    assert len({trial["code"] for trial in outcome["trials"]}) == 2
+    name = interrupted_after(1, capsys, *words, "--worth", "0")
+    assert run(capsys, "adapt", "--resume", name, "--no-record")[0]["trials"] == outcome["trials"]
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"hold": "heading"}, "is for hold heading, not line"),
+        ({"posture": "stance"}, "is for posture stance, not auto"),
+        ({"failure": "limp"}, "is for failure limp, not locked"),
+        ({"self_rotation": "rear"}, "is for self-rotation rear, not none"),
+    ],
+    ids=str,
+)
+def test_a_score_prior_of_other_trials_is_refused_by_name(
+    changes: dict[str, str], words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert words in refused(capsys, *STEERED, "--failed-leg", "5", "--prior", saved_scores(**changes))
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--early-stop"], "--early-stop: got it with --objective speed; allowed: with final"),
+        (["--worth", "0.1"], "--worth: got 0.1 m with --objective speed; allowed: 0, to spend the budget"),
+        (["--objective", "final", "--hold", "line"], "priors of steered walks are for speed, cost, tilt, st"),
+        (["--hold", "none"], "priors are for the objective final, not speed"),
+    ],
+    ids=str,
+)
+def test_what_a_search_of_steered_walks_cannot_do_is_refused(
+    options: list[str], words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    prior = saved_scores()
+    assert words in refused(capsys, *STEERED, "--failed-leg", "5", "--prior", prior, *options)
+
+
+def test_without_a_prior_of_steered_walks_the_command_that_builds_one_is_told(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    _, err = run(capsys, *STEERED, "--failed-leg", "5", "--budget", "1", "--failure", "limp")
+    assert "no prior for these trials" in err
+    assert err.rstrip().endswith(f"{ADVICE} --failure limp --hold line --duration 6")

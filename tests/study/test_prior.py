@@ -11,7 +11,7 @@ import pytest
 from hexctl.adapt.prior.prior import CHECKPOINTS, PriorKey, load_prior, load_score_prior, save_prior
 from hexctl.adapt.prior.samples import features_of
 from hexctl.backends.sim.world import DomainRandomization, Kind, load_randomization
-from hexctl.control.assessment.static_stability import STAND_UP
+from hexctl.control.assessment.static_stability import STAND_UP, in_posture
 from hexctl.errors import InputError
 from hexctl.robot.failure import BROKEN_KINDS, Failure, drawn_failure
 from hexctl.study.landscape import NUMBERS, Landscape, LandscapeSpec, Rows, empty_landscape, with_rows
@@ -289,8 +289,10 @@ def test_a_prior_under_a_hold_stands_as_its_sessions_do_and_is_for_them() -> Non
         2: STAND_UP, 4: 0.0,
     }  # fmt: skip
     plan = plan_of(shipped(), duration_s=6.0, self_rotation="none", hold="auto")
-    assert asked.key.differences(PriorKey.of(shipped(), plan, "auto")) == []
     assert asked.key.differences(PriorKey.of(shipped(), plan)) == ["posture auto, not stance"]
+    for other in (plan, replace(plan, belief=Failure(leg=2))):
+        session = in_posture(shipped(), other, "auto")
+        assert asked.key.differences(PriorKey.of(shipped(), session)) == []
     assert replace(asked, posture="stance").key.posture == "stance"
     assert prior_file_name(asked, "randomised") == "ant-locked-none-6s-line-leg24.npz"
 

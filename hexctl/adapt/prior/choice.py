@@ -6,7 +6,7 @@ from pathlib import Path
 
 from hexctl.adapt.bayes import FORMER_REAL_NOISE_M, REAL_NOISE_M, SIMULATED_NOISE_M
 from hexctl.adapt.prior.find import check_prior, find_prior, named_prior
-from hexctl.adapt.prior.prior import read_head
+from hexctl.adapt.prior.prior import SCORES, read_head
 from hexctl.adapt.prior.samples import covering
 from hexctl.adapt.session import SessionSpec
 from hexctl.adapt.setting import Note, Setting
@@ -52,7 +52,7 @@ def choose_prior(
     if not _wants_prior(spec, wanted, free):
         return spec
     key, covered = setting.prior_key, covering(setting.robot, setting.plan)
-    reason = "" if spec.objective == "final" else f"priors are for the objective final, not {spec.objective}"
+    reason = _other_objective(spec)
     if not reason and named:
         path = named_prior(str(wanted), folders)
         check_prior(path, key, covers=covered)
@@ -66,6 +66,15 @@ def choose_prior(
         raise InputError(f"prior: there is none for these trials ({reason}){advice(spec)}")
     note(f"no prior for these trials ({reason}); searching with {spec.optimizer} instead{advice(spec)}")
     return spec
+
+
+def _other_objective(spec: SessionSpec) -> str:
+    """Why no prior can be for a session's objective; empty where one can."""
+    steered = spec.hold != "none"
+    if spec.objective in (SCORES if steered else ("final",)):
+        return ""
+    what = f"of steered walks are for {', '.join(SCORES)}" if steered else "are for the objective final"
+    return f"priors {what}, not {spec.objective}"
 
 
 def _wants_prior(spec: SessionSpec, wanted: str | None, free: bool) -> bool:
@@ -101,18 +110,34 @@ def _wants_prior(spec: SessionSpec, wanted: str | None, free: bool) -> bool:
 
 def _with_bayes(spec: SessionSpec, path: Path) -> SessionSpec:
     """Spec of a session with `bayes` and a prior, whose content is checked when the session loads it."""
+    digest = str(read_head(path).get("digest", ""))
+    kept = replace(spec, optimizer=BAYES, prior=str(path), prior_digest=digest)
+    if spec.hold != "none":
+        _check_scored(spec)
+        return kept
     target_m = DEFAULT_TARGET_M if spec.target_m is None else spec.target_m
     believed_m = SIMULATED_NOISE_M if spec.simulated else REAL_NOISE_M
     worth_m = max(believed_m, spec.uncertainty_m) if spec.worth_m is None else spec.worth_m
     return replace(
-        spec,
-        optimizer=BAYES,
+        kept,
         target_m=target_m,
-        prior=str(path),
-        prior_digest=str(read_head(path).get("digest", "")),
         worth_m=worth_m,
         noise_m=believed_m,
     )
+
+
+def _check_scored(spec: SessionSpec) -> None:
+    """Raise InputError for options of searches for a straight walk."""
+    if spec.early_stop:
+        raise InputError(
+            f"{argument('early_stop')}: got it with {argument('objective')} {spec.objective}; allowed: with "
+            "final, which the course of a walk tells before its end"
+        )
+    if spec.worth_m:
+        raise InputError(
+            f"{argument('worth_m')}: got {spec.worth_m:g} m with {argument('objective')} {spec.objective}; "
+            "allowed: 0, to spend the budget whatever the gain"
+        )
 
 
 def noise_m(spec: SessionSpec) -> float:

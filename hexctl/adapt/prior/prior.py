@@ -8,7 +8,7 @@ import os
 import zipfile
 import zlib
 from abc import ABC, abstractmethod
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, ClassVar
@@ -17,9 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hexctl.adapt.space import GaitSpace
+from hexctl.control.assessment.static_stability import stood_up
 from hexctl.control.plan import TrialPlan
 from hexctl.errors import HexctlError, InputError, check_type
 from hexctl.files import atomic_write
+from hexctl.gait.posture import STANCE
 from hexctl.robot.model import Robot
 from hexctl.types import N_JOINTS, BoolArray, FloatArray
 
@@ -55,7 +57,7 @@ class PriorKey:
     posture: str = "stance"
 
     @classmethod
-    def of(cls, robot: Robot, plan: TrialPlan, posture: str = "stance") -> "PriorKey":
+    def of(cls, robot: Robot, plan: TrialPlan) -> "PriorKey":
         """Key of a session's trials; the hold `auto` of a plan counts as `line`, the best it may become."""
         gait = plan.gait
         return cls(
@@ -69,7 +71,7 @@ class PriorKey:
             amplitude=gait.amplitude,
             height=gait.height,
             hold="line" if plan.hold == "auto" else plan.hold,
-            posture=posture,
+            posture=_posture_of(robot, plan),
         )
 
     def as_json(self) -> dict[str, Any]:
@@ -90,6 +92,14 @@ class PriorKey:
             label, unit = _LABELS.get(name, (name, ""))
             found.append(f"{label} {_short(mine)}{unit}, not {_short(theirs)}{unit}")
         return found
+
+
+def _posture_of(robot: Robot, plan: TrialPlan) -> str:
+    """Name of the posture of a plan's gait; under a hold `auto`, where that is as good a name."""
+    posture, flat = plan.gait.posture, replace(plan, gait=replace(plan.gait, posture=STANCE))
+    if plan.hold != "none" and posture == stood_up(robot, flat):
+        return "auto"
+    return "stance" if posture == STANCE else f"raised by {posture.body_raise:g}"
 
 
 #: Hold and posture of the priors from before these were stored.

@@ -1,0 +1,81 @@
+"""The belief over the scores of all gaits of steered walks: jointly normal in the logarithm.
+
+Scores of gaits differ by factors, and a world makes all of them slower or dearer together, so that logarithms
+are taken. With f the log scores of the 120 gaits, W worlds of the prior and their rows y_w,
+
+    f ~ N(m, S),    m = mean of y_w
+    S = sum (y_w - m)(y_w - m)^T / (W - 1) + u v (c 1 1^T + a K + (1 - c - a) I)
+
+v is the mean variance of a gait between the worlds, and the second part what few worlds do not show: a share
+common to all gaits, one that is alike for gaits in similar phases, K = exp(-distance / length), and each
+gait's own. Trials are conditioned on (Rasmussen & Williams 2006, eq. 2.23 and 2.24).
+"""
+
+import math
+
+import numpy as np
+
+from hexctl.adapt.prior.samples import ScoreSamples
+from hexctl.adapt.space import GaitSpace
+from hexctl.types import FloatArray
+
+#: The numbers of the equation above: u, c, a and the length, in cycles of mean phase difference between legs.
+#: Chosen by leaving worlds out of the prior of `ant`.
+UNEXPLAINED, COMMON, ALIKE, ALIKE_CYCLES = 0.3, 0.2, 0.4, 0.15
+
+#: Least standard deviation between worlds, in the logarithm.
+LEAST_SD = 0.01
+
+#: Weight, in trials, of the assumed spread against that of the trials.
+TRUST_TRIALS = 4.0
+
+
+class ScoreBelief:
+    """What is believed of the log scores of the 120 gaits of a failed leg, after any number of trials.
+
+    Args:
+        samples: the prior's worlds.
+        noise: standard deviation of trials of the same gait, in the logarithm.
+    """
+
+    def __init__(self, samples: ScoreSamples, *, noise: float) -> None:
+        self._mean = samples.log_scores.mean(axis=0)
+        apart = samples.log_scores - self._mean
+        worlds, gaits = apart.shape
+        shown = apart.T @ apart / max(worlds - 1, 1)
+        variance = max(float(np.diagonal(shown).mean()), LEAST_SD**2)
+        alike = np.exp(-GaitSpace((samples.leg,)).phase_distance / ALIKE_CYCLES)
+        rest = COMMON + ALIKE * alike + (1 - COMMON - ALIKE) * np.eye(gaits)
+        self._covariance = shown + UNEXPLAINED * variance * rest
+        self._noise = noise
+        self._rows: list[int] = []
+        self._seen: list[float] = []
+
+    def observe(self, code: int, log_score: float) -> None:
+        """Take in the log score of a valid trial of a gait."""
+        self._rows.append(code - 1)
+        self._seen.append(log_score)
+
+    def forecast(self) -> tuple[FloatArray, FloatArray]:
+        """Means (gaits,) and covariance (gaits, gaits) of all log scores now.
+
+        Where trials surprise more than expected the prior is widened, so that a world unlike any simulated
+        one is not explained away.
+        """
+        if not self._rows:
+            return self._mean.copy(), self._covariance.copy()
+        rows, surprise = np.array(self._rows), np.array(self._seen) - self._mean[self._rows]
+        among, noise = self._covariance[np.ix_(rows, rows)], self._noise**2 * np.eye(rows.size)
+        squares = float(surprise @ np.linalg.solve(among + noise, surprise))
+        widened = max(1.0, (TRUST_TRIALS + squares) / (TRUST_TRIALS + rows.size))
+        across = widened * self._covariance[rows]  # (trials, gaits)
+        weights = np.linalg.solve(widened * among + noise, across)
+        return self._mean + weights.T @ surprise, widened * self._covariance - across.T @ weights
+
+
+def expected_gain(mean: FloatArray, sd: FloatArray, best: float) -> FloatArray:
+    """Expected improvement of normal values below a best, E[max(0, best - f)] (Mockus 1978)."""
+    from scipy.special import ndtr
+
+    score = (best - mean) / sd
+    return np.asarray((best - mean) * ndtr(score) + sd * np.exp(-0.5 * score**2) / math.sqrt(2 * math.pi))
