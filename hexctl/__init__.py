@@ -51,7 +51,8 @@ if TYPE_CHECKING:
     from hexctl.gait.encoding import code_from_slots, slots_from_code
     from hexctl.gait.gait import Gait, Motion, make_gait
     from hexctl.record.recording import Recording
-    from hexctl.record.run import RunResult, RunSpec, run
+    from hexctl.record.run import RunResult, run
+    from hexctl.record.run_spec import RunSpec
     from hexctl.robot.failure import Failure, parse_failure
     from hexctl.robot.loader import RobotFile, load_robot, load_robot_file
     from hexctl.robot.model import Robot
@@ -133,7 +134,8 @@ _MODULES = {
     "adapt.prior.find": "list_priors",
     "study.prior": "PriorPlan build_prior",
     # one call for each command
-    "record.run": "RunResult RunSpec run",
+    "record.run": "RunResult run",
+    "record.run_spec": "RunSpec",
     "study.plan": "StudyPlan",
     "study.study": "StudyResult study",
     "serve.service": "RobotService ServosSpec serve",

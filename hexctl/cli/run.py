@@ -54,7 +54,8 @@ from hexctl.errors import InputError, LimitError, ReachError, RecordingError, Ro
 if TYPE_CHECKING:
     from hexctl.control.log import Recorder, TickLog
     from hexctl.record.live import LiveView
-    from hexctl.record.run import Run, RunResult, RunSpec
+    from hexctl.record.run import Run, RunResult
+    from hexctl.record.run_spec import RunSpec
 
 #: A simulated walk shorter than this has no progress bar.
 SHORT_S = 120.0
@@ -118,7 +119,7 @@ def run(
     Ctrl-C stops softly and keeps the recording. Exit codes: 0 done, 2 bad input, 3 fault of robot or link,
     4 fell or was stopped, 130 interrupted.
     """
-    from hexctl.record.run import RunSpec
+    from hexctl.record.run_spec import RunSpec
     from hexctl.robot.failure import failure_of
 
     if no_record and (record is not None or view):

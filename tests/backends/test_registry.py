@@ -13,7 +13,7 @@ from hexctl.backends.sim.servos import SimServos
 from hexctl.backends.sim.world import World
 from hexctl.cli.main import exit_code
 from hexctl.errors import InputError
-from hexctl.record.run import RunSpec
+from hexctl.record.run_spec import RunSpec
 from hexctl.robot.failure import Failure
 from hexctl.robot.loader import load_robot_file
 from tests.robots import shipped

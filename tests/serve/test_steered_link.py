@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 
 from hexctl.control.result import TrialResult
-from hexctl.record.run import RunSpec, run
+from hexctl.record.run import run
+from hexctl.record.run_spec import RunSpec
 from hexctl.robot.failure import Failure
 from tests.serve.processes import served
 

@@ -1,0 +1,218 @@
+"""What a run does: its options, checked, and the plan of its trial."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from types import NoneType
+from typing import Any
+
+from hexctl.backends.registry import check_options, option_values
+from hexctl.backends.sim.world import World
+from hexctl.control.assessment.static_stability import stable_gait, stable_slots_of
+from hexctl.control.plan import AUTO_ROTATION, GaitChange, TrialPlan, suited_rotation
+from hexctl.errors import InputError, argument, check_type
+from hexctl.gait.gait import AUTO, SWING_SHARE, Gait, make_gait, parse_slots
+from hexctl.gait.posture import Posture
+from hexctl.record.rrd import probe_file
+from hexctl.robot.failure import Failure, failure_of
+from hexctl.robot.model import Robot
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RunSpec:
+    """What a run does: which robot, where, and how it walks.
+
+    Attributes:
+        backend: `sim`, `zenoh`, `mavlink`, `mock`, or `package.module:Class` for other servos. Options that
+            it would ignore are refused.
+        robot: a shipped name, a robot file, or a robot.
+        world: a name, a file, a member of a family such as `randomised:7`, or a world; None is `flat`. Only
+            with `sim`, or own servos that take one.
+        gait: a name, a code, six slots, or a gait; `auto` is the one that stands safest.
+        pace_hz: gait cycles per second; None is the robot's, as for the next two.
+        amplitude: stride as a fraction of the robot's size.
+        height: height of a step as a fraction of the robot's size.
+        body_raise: how much higher the body stands than in the stance, as a fraction of the robot's size;
+            None is not at all, but with the gait `auto` as `stable_gait` says.
+        stance_shift: how far the body stands forward and to the left over its feet, likewise; None for not.
+        tucked_legs: legs that are held up in the air.
+        swing_share: part of a cycle that a foot is in the air; None is a third, as in the paper.
+        then: changes of the gait in stride, such as `wave@10`: a name, a code or slots, and when in seconds.
+        heading_rad: direction of travel, counter-clockwise from forward; None is forward, or none at all in a
+            turn in place.
+        turn_rate_rad_s: rate of turning, counter-clockwise. Without a heading the robot turns in place.
+        duration_s: how long to walk.
+        failure: the failed leg, or None.
+        self_rotation: where the failed leg points before the walk: `rear`, `front` or `none`; `auto` as
+            `hexctl.control.plan.suited_rotation` says.
+        hold: what the walk holds by feedback: its `line`, its `heading` alone, or `none`, as in the paper;
+            `auto` is the best that the robot's state allows.
+        trim_rad: course correction under the hold `heading`, counter-clockwise; None is 0. `trimmed_rad` of
+            `hexctl.control.steering` has the one for the next walk.
+        seed: of everything random in a simulation.
+        realtime: pace a simulation with the wall clock.
+        record: new .rrd file to record to; None for no recording, or for one in `record_folder`.
+        record_folder: folder in which a new recording is named by time, robot and gait.
+        connect: where the robot is: a Zenoh endpoint, or a MAVLink port; None is the backend's default.
+        credentials: folder with the certificates of a link beyond loopback, or None.
+        insecure: True to let a link beyond loopback do without certificates.
+        link: name or path of a link file, or None.
+    """
+
+    backend: str = "sim"
+    robot: str | Path | Robot = "ant"
+    world: str | Path | World | None = None
+    gait: str | int | Sequence[int] | Gait = "demo"
+    pace_hz: float | None = None
+    amplitude: float | None = None
+    height: float | None = None
+    body_raise: float | None = None
+    stance_shift: tuple[float, float] | None = None
+    tucked_legs: Sequence[int] = ()
+    swing_share: float | None = None
+    then: Sequence[str] = ()
+    heading_rad: float | None = None
+    turn_rate_rad_s: float | None = None
+    duration_s: float = 30.0
+    failure: Failure | None = None
+    self_rotation: str = AUTO_ROTATION
+    hold: str = "auto"
+    trim_rad: float | None = None
+    seed: int = 0
+    realtime: bool = False
+    record: str | Path | None = None
+    record_folder: str | Path | None = None
+    connect: str | None = None
+    credentials: str | Path | None = None
+    insecure: bool = False
+    link: str | None = None
+
+    def __post_init__(self) -> None:
+        path = (str, Path, NoneType)
+        check_type(self.backend, str, "backend", "a name or package.module:Class; run_trial takes servos")
+        check_type(self.world, (*path, World), "world")
+        check_type(self.failure, (Failure, NoneType), "failure", "a Failure, as Failure(leg=5), or None")
+        check_type(self.seed, int, "seed", "a whole number, 0 or more")
+        for name in ("realtime", "insecure"):
+            check_type(getattr(self, name), bool, name)
+        for name in ("record", "record_folder", "credentials"):
+            check_type(getattr(self, name), path, name)
+        for name in ("connect", "link"):
+            check_type(getattr(self, name), (str, NoneType), name)
+
+    @property
+    def simulated(self) -> bool:
+        """Whether the robot is a simulation in this process."""
+        return self.backend == "sim"
+
+    @property
+    def paced(self) -> bool:
+        """Whether a wall clock paces the walk."""
+        return self.realtime or not self.simulated
+
+    @property
+    def records(self) -> bool:
+        """Whether the walk is recorded."""
+        return self.record is not None or self.record_folder is not None
+
+    @property
+    def gait_text(self) -> str:
+        """Name, code or slots of the gait."""
+        gait = self.gait.slots if isinstance(self.gait, Gait) else self.gait
+        return str(gait) if isinstance(gait, str | int) else ",".join(str(slot) for slot in gait)
+
+    def check(self) -> None:
+        """Raise InputError for options that the backend would ignore, and for a recording that cannot be."""
+        if self.seed < 0:
+            raise InputError(f"seed: got {self.seed}; allowed: 0 or more")
+        # A failure is the plan's too: on a robot that is not simulated it tells the controller.
+        check_options(self.backend, **option_values(self, but=("robot", "failure")))
+        names = ("pace_hz", "amplitude", "height", "body_raise", "stance_shift", "swing_share")
+        steps = {name: getattr(self, name) for name in names} | {"tucked_legs": self.tucked_legs or None}
+        for name, value in steps.items() if isinstance(self.gait, Gait) else ():
+            if value is not None:
+                raise InputError(f"{name}: got {value} with a Gait; allowed: with a name, a code or slots")
+        if self.trim_rad is not None and self.hold != "heading":
+            raise InputError(f"{argument('trim')}: got it with hold {self.hold}; allowed: with hold heading")
+        if self.record is not None:
+            probe_file(Path(self.record))
+
+
+def spec_of(options: Mapping[str, Any]) -> RunSpec:
+    """Spec of keywords: the fields of `RunSpec`, with a failure in words too."""
+    given = dict(options)
+    failed_leg, failure = given.pop("failed_leg", None), given.get("failure")
+    if failed_leg is not None:
+        check_type(failed_leg, int, "failed_leg", "1..6, the leg that fails")
+        check_type(failure, (str, NoneType), "failure", f"words such as 'limp' with failed_leg={failed_leg}")
+        given["failure"] = failure_of(failed_leg, failure)
+    unknown = [name for name in given if name not in RunSpec.__slots__]
+    if unknown:
+        allowed = ("failed_leg", *RunSpec.__slots__, "controller", "recorders", "stop_requested")
+        raise InputError(f"run: got {', '.join(unknown)}; allowed: {', '.join(allowed)}")
+    return RunSpec(**given)
+
+
+def plan_of(spec: RunSpec, robot: Robot) -> TrialPlan:
+    """Plan of the trial of a spec.
+
+    Raises InputError for a gait, a posture or a motion that is not allowed.
+    """
+    in_place = spec.turn_rate_rad_s is not None and spec.heading_rad is None
+    gait, auto = spec.gait, spec.gait == AUTO
+    if not isinstance(gait, Gait):
+        gait = make_gait(
+            robot,
+            "demo" if auto else gait,
+            pace_hz=spec.pace_hz,
+            amplitude=spec.amplitude,
+            height=spec.height,
+            failed_legs=(spec.failure.leg,) if spec.failure else (),
+            besides=(AUTO,),
+        )
+        gait = replace(
+            gait,
+            posture=Posture(
+                body_raise=spec.body_raise or 0.0,
+                shift=spec.stance_shift or (0.0, 0.0),
+                tucked_legs=tuple(spec.tucked_legs),
+            ),
+            swing_share=SWING_SHARE if spec.swing_share is None else spec.swing_share,
+        )
+    plan = TrialPlan(
+        gait=gait,
+        heading_rad=spec.heading_rad or 0.0,
+        travel=0.0 if in_place else 1.0,
+        turn_rate_rad_s=spec.turn_rate_rad_s or 0.0,
+        duration_s=spec.duration_s,
+        belief=spec.failure,
+        self_rotation=suited_rotation(
+            spec.self_rotation,
+            "none" if spec.turn_rate_rad_s is not None else spec.hold,
+            chosen_gait=auto,
+        ),
+        hold=spec.hold,
+        trim_rad=spec.trim_rad or 0.0,
+    )
+    plan = replace(plan, gait=stable_gait(robot, plan, stand_up=spec.body_raise is None)) if auto else plan
+    return replace(plan, changes=tuple(_change_of(text, robot, plan) for text in spec.then))
+
+
+def _change_of(text: str, robot: Robot, plan: TrialPlan) -> GaitChange:
+    """Change of gait of a text such as `wave@10`, in the posture of the plan's gait."""
+    name, at, time_text = text.rpartition("@")
+    try:
+        time_s = float(time_text)
+    except ValueError:
+        at = ""
+    if not at:
+        raise InputError(
+            f"{argument('then')}: got {text!r}; allowed: a gait and a time in s, such as wave@10"
+        )
+    if time_s >= plan.duration_s:
+        raise InputError(f"{argument('then')}: got {text!r}; allowed: before {plan.duration_s:g} s, the end")
+    try:
+        slots = stable_slots_of(robot, plan) if name == AUTO else parse_slots(name, plan.failed_legs, (AUTO,))
+    except InputError as error:
+        raise InputError(f"{argument('then')}: got {text!r} ({error})") from error
+    return GaitChange(gait=replace(plan.gait, slots=slots), at_s=time_s)
