@@ -29,6 +29,11 @@ def _in_an_empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None
     monkeypatch.chdir(tmp_path)
 
 
+FINISHED = (
+    "hexctl: the session is finished, its budget is spent: nothing to walk; a greater --budget walks more\n"
+)
+
+
 def run_json(capsys: pytest.CaptureFixture[str], *arguments: str, code: int = 0, said: str = "") -> Any:
     capsys.readouterr()
     assert exit_code([*arguments, "--json"]) == code
@@ -235,8 +240,7 @@ def test_a_finished_session_goes_on_with_another_budget(
     longer = run_json(capsys, *go_on, "--budget", "15")
     assert (longer["budget"], longer["ended"]) == (15, "budget")
     assert course(longer) == course(whole)
-    said = "the session is finished, its budget is spent: nothing to walk; a greater --budget walks more"
-    assert run_json(capsys, *go_on, said=f"hexctl: {said}\n")["trials"] == longer["trials"]
+    assert run_json(capsys, *go_on, said=FINISHED)["trials"] == longer["trials"]
 
 
 def test_a_session_at_its_target_has_nothing_to_walk(
@@ -262,8 +266,7 @@ def test_a_finished_session_that_is_resumed_says_so(
     begun = ["adapt", "--failed-leg", "5", "--optimizer", "random", "--no-record", "--budget", "1"]
     session = run_json(capsys, *begun)["session"]
     assert exit_code(["adapt", "--resume", session, "--no-record"]) == 0
-    said = "the session is finished, its budget is spent: nothing to walk; a greater --budget walks more"
-    assert capsys.readouterr().err == f"hexctl: {said}\n"
+    assert capsys.readouterr().err == FINISHED
 
 
 def test_a_budget_beyond_the_number_of_gaits_is_told(
@@ -358,7 +361,7 @@ def test_a_session_is_not_continued_with_another_robot(capsys: pytest.CaptureFix
         assert store.load(outcome["session"]).spec.budget == outcome["budget"]
     assert "robot ./mine.yaml" in capsys.readouterr().err
     Path("mine.yaml").write_text(text)
-    again = run_json(capsys, "adapt", "--resume", outcome["session"], "--no-record")
+    again = run_json(capsys, "adapt", "--resume", outcome["session"], "--no-record", said=FINISHED)
     assert course(again) == course(outcome)
 
 
