@@ -250,6 +250,7 @@ def closing_lines(session: Session, ended: str | None) -> str:
     why = "unfinished" if ended is None else f"ended: {ended}"
     lines = [f"{why} {walked}", *_milestone_lines(session), *_baseline_lines(session)]
     lines += [*_surety_lines(session), *_indistinct_lines(session.spec)]
+    lines += _less_lines(session)
     if ended in (None, "interrupted"):
         lines.append(f"continue with: hexctl adapt --resume {session.name}")
     if session.best_trim_deg is not None or session.best_turn_trim_deg_s is not None:
@@ -257,6 +258,15 @@ def closing_lines(session: Session, ended: str | None) -> str:
     if any(trial.recording for trial in session.trials):
         lines.append(f"look at it with: hexctl view {session.name}")
     return "\n".join(lines)
+
+
+def _less_lines(session: Session) -> list[str]:
+    """Why walks held less than they should have, and what a search for a trim can do without a yaw."""
+    caveats = dict.fromkeys(trial.outcome.get("hold_caveat") for trial in session.trials)
+    lines = [f"walks held less than {session.spec.hold}: {caveat}" for caveat in caveats if caveat]
+    if lines and session.spec.optimizer == TRIM:
+        lines[-1] += "; --optimizer trim --hold none learns a turn from the ends alone"
+    return lines
 
 
 def _walking(session: Session) -> str:

@@ -1,5 +1,6 @@
 """A session in a process of its own, to be killed."""
 
+import math
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -8,17 +9,18 @@ from pathlib import Path
 import numpy as np
 
 from hexctl.adapt.deduplication import Deduplication
-from hexctl.adapt.loop import AdaptLoop
+from hexctl.adapt.loop import AdaptLoop, Walk
 from hexctl.adapt.optimizer import Optimizer
 from hexctl.adapt.registry import make_optimizer
 from hexctl.adapt.runner import WalkedTrial
-from hexctl.adapt.session import SessionSpec
+from hexctl.adapt.session import Session, SessionSpec
 from hexctl.adapt.space import GaitSpace
 from hexctl.adapt.store import SessionStore
+from hexctl.adapt.trim import TrimSearch
 from hexctl.control.trial import Enough
 from hexctl.gait.encoding import Slots
 from tests.adapt.priors import MadeUpModel, made_up_bayes, standing_samples
-from tests.adapt.walking import SPEC, Landscape
+from tests.adapt.walking import SPEC, Landscape, result_of
 
 #: Long enough that a kill falls anywhere in a trial, its writing and its telling.
 TRIAL_S = 0.002
@@ -26,6 +28,8 @@ TRIAL_S = 0.002
 
 def optimizer_of(spec: SessionSpec) -> Optimizer:
     """The optimizer that `hexctl adapt` makes for a spec; `bayes` with a made-up prior."""
+    if spec.optimizer == "trim":
+        return TrimSearch(GaitSpace((spec.failed_leg,)), spec.seed)
     if spec.optimizer == "bayes":
         search = made_up_bayes(standing_samples(MadeUpModel(), 12), target_m=1e-6)
         search.observe_stance(np.array(spec.sag_rad))
@@ -34,12 +38,32 @@ def optimizer_of(spec: SessionSpec) -> Optimizer:
     return Deduplication(inner, spec.seed, paper_count=spec.count_repeats)
 
 
-class SlowLandscape(Landscape):
-    """A landscape whose trials take a moment."""
+class Drifting:
+    """Walks that drift aside, with noise of their ends, and the trim that their session has learned."""
+
+    def __init__(self, session: Session) -> None:
+        self._session = session
+
+    def __call__(self, index: int, code: int, slots: Slots, should_stop: Enough | None = None) -> WalkedTrial:
+        trim_rad = self._session.trim_rad(slots) or 0.0
+        signed_m = 4.0 * math.tan(0.03 + trim_rad) + 0.02 * math.sin(1.7 * index)
+        return WalkedTrial(result=replace(result_of(signed_m), hold="heading", trim_rad=trim_rad))
+
+
+def landscape_of(session: Session) -> Walk:
+    """Made-up walks of a session."""
+    return Drifting(session) if session.spec.optimizer == "trim" else Landscape()
+
+
+class Slow:
+    """Walks that take a moment."""
+
+    def __init__(self, walk: Walk) -> None:
+        self._walk = walk
 
     def __call__(self, index: int, code: int, slots: Slots, should_stop: Enough | None = None) -> WalkedTrial:
         time.sleep(TRIAL_S)
-        return super().__call__(index, code, slots, should_stop)
+        return self._walk(index, code, slots, should_stop)
 
 
 def main(say: Callable[[str], None], folder: str, optimizer: str, name: str | None = None) -> None:
@@ -49,10 +73,13 @@ def main(say: Callable[[str], None], folder: str, optimizer: str, name: str | No
         with store.held(session.name):
             say("walking")
             search = optimizer_of(session.spec)
-            AdaptLoop(session, store, search, SlowLandscape(), on_trial=lambda *_: say("trial")).run()
+            AdaptLoop(
+                session, store, search, Slow(landscape_of(session)), on_trial=lambda *_: say("trial")
+            ).run()
 
 
 SPECS_TO_KILL = {
     "dps": replace(SPEC, optimizer="dps", budget=100),
+    "trim": replace(SPEC, optimizer="trim", hold="heading", budget=60, target_m=1e-9),
     "bayes": replace(SPEC, optimizer="bayes", budget=60, sag_rad=MadeUpModel().sags(1, 700)[0].tolist()),
 }

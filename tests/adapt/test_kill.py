@@ -10,11 +10,10 @@ import pytest
 from hexctl.adapt.loop import AdaptLoop
 from hexctl.adapt.store import SessionStore
 from tests.adapt import killing
-from tests.adapt.killing import SPECS_TO_KILL, optimizer_of
-from tests.adapt.walking import Landscape
+from tests.adapt.killing import SPECS_TO_KILL, landscape_of, optimizer_of
 
 #: Sessions of each optimizer, and how often each session is killed.
-SESSIONS = {"dps": 5, "bayes": 2}
+SESSIONS = {"dps": 5, "bayes": 2, "trim": 2}
 KILLS = 4
 
 #: Between two kills at most, so that all of a session's fit into its budget.
@@ -51,7 +50,7 @@ def test_kill_9_at_random_moments_never_changes_the_result(optimizer: str, tmp_p
     spec = SPECS_TO_KILL[optimizer]
     with SessionStore(tmp_path / "whole") as store:
         whole = store.create(spec)
-        AdaptLoop(whole, store, optimizer_of(spec), Landscape()).run()
+        AdaptLoop(whole, store, optimizer_of(spec), landscape_of(whole)).run()
     random = np.random.default_rng(11)
     cut_inside = 0
     for number in range(SESSIONS[optimizer]):
@@ -65,6 +64,6 @@ def test_kill_9_at_random_moments_never_changes_the_result(optimizer: str, tmp_p
                 cut_inside += 0 < len(store.load(name[0]).trials) < spec.budget
         with SessionStore(folder) as store, store.held(name[0]):
             session = store.load(name[0])
-            AdaptLoop(session, store, optimizer_of(spec), Landscape()).run()
+            AdaptLoop(session, store, optimizer_of(spec), landscape_of(session)).run()
             assert store.load(name[0]).trials == whole.trials
     assert cut_inside >= SESSIONS[optimizer] * KILLS / 2, "most kills came while it walked"

@@ -77,6 +77,7 @@ class Drifting:
 
     Attributes:
         status: of walks by their code; others are `ok`.
+        caveat: why they hold less than they should, or None.
         hold: what walks hold.
         drift_rad: how far they drift aside.
         curve_rad_s: how fast they turn in open loop.
@@ -84,6 +85,7 @@ class Drifting:
 
     def __init__(self) -> None:
         self.status: dict[int, str] = {}
+        self.caveat: str | None = None
         self.hold, self.drift_rad, self.curve_rad_s = "heading", DRIFT_RAD, math.radians(-1.5)
 
     def walk(self, runner: TrialRunner, index: int, code: int, slots: Slots) -> WalkedTrial:
@@ -95,7 +97,9 @@ class Drifting:
             angle_rad = (self.curve_rad_s + 0.9 * plan.turn_trim_rad_s) * plan.duration_s / 2
         status = self.status.get(code, "ok")
         result = ended(angle_rad, trim_rad=trim_rad, status=status, noise_m=noise_m)
-        return WalkedTrial(result=replace(result, turn_trim_rad_s=plan.turn_trim_rad_s))
+        return WalkedTrial(
+            result=replace(result, turn_trim_rad_s=plan.turn_trim_rad_s, hold_caveat=self.caveat)
+        )
 
 
 @pytest.fixture
@@ -205,9 +209,16 @@ def test_a_bias_beyond_all_trims_ends_no_session(drifting: Drifting) -> None:
 
 def test_a_robot_that_holds_nothing_learns_nothing(drifting: Drifting) -> None:
     drifting.hold = "none"
+    drifting.caveat = "no yaw was measured"
     result = search(budget=2)
     assert [trial.outcome["trim_deg"] for trial in result.trials] == [None, None]
     assert result.session.best_trim_deg is None
+    lines = closing_lines(result.session, result.ended).splitlines()
+    (said,) = [
+        line for line in lines if line.startswith("walks held less than heading: no yaw was measured;")
+    ]
+    assert said.endswith("--optimizer trim --hold none learns a turn from the ends alone")
+    assert not any(line.startswith("walk on with") for line in lines)
 
 
 @pytest.mark.usefixtures("drifting")
@@ -329,8 +340,9 @@ def test_a_body_stands_up_off_a_locked_leg_as_with_the_gait_auto(
     spec = new_spec(failed_leg=1, hold="heading", self_rotation="none")
     assert load_setting(spec).plan.gait.posture.body_raise == STAND_UP
     assert new_spec(failed_leg=1, hold="heading").body_raise == 0.0, "it trails"
-    other = new_spec(failed_leg=1, hold="heading", self_rotation="none", optimizer="random")
-    assert other.body_raise == 0.0, "a search of codes walks as before"
+    assert new_spec(failed_leg=1, self_rotation="none", prior="none").body_raise == 0.0, "in open loop"
+    trimmed = new_spec(failed_leg=1, self_rotation="none", optimizer="trim")
+    assert trimmed.body_raise == STAND_UP
 
 
 REFUSED = [
