@@ -107,7 +107,7 @@ class Walk(Controller):
         gaits: the gait, or n of them for a batch of n robots.
         motions: the motion, or n of them.
         period_s: control period.
-        held_legs: legs that keep their stance pose.
+        held_legs: legs that keep their stance pose; or those of each of the n robots.
     """
 
     def __init__(
@@ -117,10 +117,10 @@ class Walk(Controller):
         motions: Motion | Sequence[Motion],
         *,
         period_s: float,
-        held_legs: tuple[int, ...] = (),
+        held_legs: HeldLegs = (),
     ) -> None:
         check_type(robot, Robot, "robot", "a Robot, as load_robot('ant') gives")
-        self._robot, self._period_s, self._held_legs = robot, period_s, held_legs
+        self._robot, self._period_s, self._held = robot, period_s, held_joints(held_legs)
         alone = isinstance(gaits, Gait)
         each = [gaits] if isinstance(gaits, Gait) else list(gaits)
         ways = [motions] if isinstance(motions, Motion) else list(motions)
@@ -163,17 +163,41 @@ class Walk(Controller):
             time_s=np.asarray(steps * self._period_s, dtype=float),
             stop_s=None if self._stop_step is None else self._stop_step * self._period_s,
         )
-        joints_rad = joints_of_feet(self._robot, feet, self._held_legs)  # leading shape + (steps, 18)
+        held = None if self._held is None else self._held[..., np.newaxis, :]
+        joints_rad = _held_in_stance(self._robot, solve_legs(self._robot, feet).joint_positions_rad, held)
         self._planned_rad = np.ascontiguousarray(joints_rad.swapaxes(0, -2))
         self._planned_from = step
 
 
-def joints_of_feet(robot: Robot, feet_body: FloatArray, held_legs: tuple[int, ...] = ()) -> FloatArray:
-    """Joint angles, leading shape + (18,), with held legs in their stance pose."""
-    joints = solve_legs(robot, feet_body).joint_positions_rad
-    for leg in held_legs:
-        joints[..., leg_slice(leg)] = robot.stance_angles_rad[leg_slice(leg)]
-    return joints
+#: Legs that keep their stance pose; or those of each robot of a batch.
+HeldLegs = tuple[int, ...] | tuple[tuple[int, ...], ...]
+
+
+def held_joints(held_legs: HeldLegs) -> BoolArray | None:
+    """Joints of held legs, (18,), or (n, 18) for those of n robots; None where no leg is held."""
+    rows = [legs if isinstance(legs, tuple) else (legs,) for legs in held_legs]
+    if not any(rows):
+        return None
+    held = np.zeros((len(rows), N_JOINTS), dtype=bool)
+    for row, legs in zip(held, rows, strict=True):
+        for leg in legs:
+            row[leg_slice(leg)] = True
+    return held if isinstance(held_legs[0], tuple) else held.any(axis=0)
+
+
+def joints_of_feet(robot: Robot, feet_body: FloatArray, held_legs: HeldLegs = ()) -> FloatArray:
+    """Joint angles, leading shape + (18,), with held legs in their stance pose.
+
+    Args:
+        robot: geometry.
+        feet_body: leading shape + (6, 3) in m.
+        held_legs: of the robot; or of each of n, whose feet are (n, 6, 3).
+    """
+    return _held_in_stance(robot, solve_legs(robot, feet_body).joint_positions_rad, held_joints(held_legs))
+
+
+def _held_in_stance(robot: Robot, joints_rad: FloatArray, held: BoolArray | None) -> FloatArray:
+    return joints_rad if held is None else np.where(held, robot.stance_angles_rad, joints_rad)
 
 
 def check_walk(robot: Robot, gait: Gait, motion: Motion) -> None:

@@ -27,7 +27,9 @@ class SteeredWalk(VelocityWalk):
         super().__init__(start)
         self.hold, self._plans = hold, start.plans
         self._law = CourseHold(
-            Course(origin_world=frame.origin_world[:2], heading_rad=frame.heading_rad, yaw_rad=frame.yaw_rad),
+            Course(
+                origin_world=frame.origin_world[..., :2], heading_rad=frame.heading_rad, yaw_rad=frame.yaw_rad
+            ),
             **self._pace_of([plan.gait for plan in start.plans]),
             hold=hold,
             trim_rad=self._each([plan.trim_rad for plan in start.plans]),

@@ -90,19 +90,30 @@ class Measured:
 
 
 class FrozenSensor:
-    """Whether a sensor has shown the same to the last bit for longer than `FROZEN_AFTER_S`."""
+    """Whether a sensor has shown the same to the last bit for longer than `FROZEN_AFTER_S`.
+
+    Attributes:
+        last: the values that it showed last, leading shape each; empty before.
+    """
 
     def __init__(self) -> None:
-        self._last: tuple[FloatArray, ...] = ()
+        self.last: tuple[FloatArray, ...] = ()
         self._same_s: FloatArray = np.float64(0.0)  # type: ignore[assignment]
 
     def update(self, dt_s: float, *values: FloatArray) -> BoolArray:
-        """Take the values of a tick in which it measured, each of them leading shape, as the answer is."""
-        same: BoolArray | np.bool_ = np.bool_(bool(self._last))
-        for value, before in zip(values, self._last, strict=False):
+        """Take the values of a tick, each of them leading shape: whether they are frozen, or not measured.
+
+        What is not measured, NaN, changes nothing.
+        """
+        seen = values[0] == values[0]  # NaN is not; faster than isnan
+        same = seen if self.last else seen & False
+        for value, before in zip(values, self.last, strict=False):
             same = same & (value == before)
-        self._last, self._same_s = values, (self._same_s + dt_s) * same
-        return self._same_s > FROZEN_AFTER_S
+        self._same_s = chosen(seen, (self._same_s + dt_s) * same, self._same_s)
+        if any_of(~seen) and self.last:
+            values = tuple(chosen(seen, *pair) for pair in zip(values, self.last, strict=True))
+        self.last = values
+        return (self._same_s > FROZEN_AFTER_S) | ~seen
 
 
 class CourseOverGround:
@@ -118,36 +129,48 @@ class CourseOverGround:
 
     def __init__(self, cycle_s: FloatArray) -> None:
         self._cycle_s = cycle_s
-        self._behind_world: FloatArray | None = None
+        self._behind_world: FloatArray = np.full((*np.shape(cycle_s), 2), np.nan)
         self._velocity_body: FloatArray = np.zeros((*np.shape(cycle_s), 2))
-        self._time_s = 0.0
+        self._time_s: FloatArray = np.zeros(np.shape(cycle_s))
+
+    def forget(self, which: BoolArray) -> None:
+        """Begin anew for some robots, leading shape."""
+        self._time_s = np.where(which, 0.0, self._time_s)
 
     def yaw_rad(self, dt_s: float, position_world: FloatArray, velocity_body: FloatArray) -> FloatArray:
-        """Yaw in the world, leading shape, from a position and the velocity commanded there; NaN at first."""
+        """Yaw in the world, leading shape, from a position and the velocity commanded there; NaN at first.
+
+        A position that is NaN changes nothing.
+        """
         position, share = position_world[..., :2], (1 - np.exp(-dt_s / self._cycle_s))[..., np.newaxis]
-        if self._behind_world is None:
-            self._behind_world = position
-        self._behind_world = self._behind_world + share * (position - self._behind_world)
-        self._velocity_body = self._velocity_body + share * (velocity_body[..., :2] - self._velocity_body)
-        self._time_s += dt_s
-        way, wanted = position - self._behind_world, self._velocity_body
-        angle_rad = np.arctan2(way[..., 1], way[..., 0]) - np.arctan2(wanted[..., 1], wanted[..., 0])
-        return np.asarray(np.where(self._time_s > 2 * self._cycle_s, angle_rad, np.nan))
+        seen = np.isfinite(position[..., 0])
+        first = (self._time_s == 0)[..., np.newaxis]
+        behind = np.where(first, position, self._behind_world)
+        mean = np.where(first, 0.0, self._velocity_body)
+        behind = behind + share * (position - behind)
+        mean = mean + share * (velocity_body[..., :2] - mean)
+        self._behind_world = np.where(seen[..., np.newaxis], behind, self._behind_world)
+        self._velocity_body = np.where(seen[..., np.newaxis], mean, self._velocity_body)
+        self._time_s = self._time_s + dt_s * seen
+        way = position - behind
+        angle_rad = np.arctan2(way[..., 1], way[..., 0]) - np.arctan2(mean[..., 1], mean[..., 0])
+        return np.asarray(np.where(seen & (self._time_s > 2 * self._cycle_s), angle_rad, np.nan))
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Course(ArrayFields):
-    """A line to walk along, and how fast.
+    """A line to walk along, or the lines of a batch.
 
     Attributes:
-        origin_world: a point of the line, (2,) in m; NaN where the robot has no position.
-        heading_rad: direction of the line in the world.
-        yaw_rad: yaw of the body to keep, in the world.
+        origin_world: a point of the line, (2,) in m, or one for each robot, (n, 2); NaN where a robot has no
+            position.
+        heading_rad: direction of the line in the world, or (n,).
+        yaw_rad: yaw of the body to keep, in the world, or (n,).
     """
 
     origin_world: FloatArray
-    heading_rad: float
-    yaw_rad: float
+    heading_rad: FloatArray | float
+    yaw_rad: FloatArray | float
 
 
 def trimmed_rad(trim_rad: float, *, signed_m: float, distance_m: float) -> float:
@@ -190,9 +213,9 @@ def _plane(position_world: FloatArray) -> tuple[FloatArray, FloatArray]:
     return position_world[..., 0][()], position_world[..., 1][()]
 
 
-def _left_of(course: Course) -> FloatArray:
-    """Direction to the left of a line, (2,)."""
-    return np.array([-math.sin(course.heading_rad), math.cos(course.heading_rad)])
+def _left_of(course: Course) -> tuple[FloatArray, FloatArray]:
+    """Direction to the left of a line: x and y."""
+    return -np.sin(course.heading_rad), np.cos(course.heading_rad)
 
 
 class CourseHold:
@@ -231,7 +254,6 @@ class CourseHold:
         self._trim_rad = trim_rad if hold == "heading" else 0.0
         self._course, self._hold, self._gains = course, hold, gains or SteeringGains()
         self.retune(speed_m_s=speed_m_s, cycle_s=cycle_s, stride_m=stride_m, most_turn_rad_s=most_turn_rad_s)
-        self._position_world: FloatArray | None = None
         self._frozen_position, self._frozen_yaw = FrozenSensor(), FrozenSensor()
         zero, self._unknown = np.zeros(self._shape)[()], np.full(self._shape, math.nan)[()]
         self._turned_rad, self._walked_cycles, self._turn_rad = zero, zero, zero
@@ -249,8 +271,8 @@ class CourseHold:
         error_rad = self._error_rad + self._course.yaw_rad - course.yaw_rad
         self._course, self._left = course, _left_of(course)
         deviation_m = np.zeros(self._shape)[()]
-        if self._position_world is not None and self._hold == "line":
-            deviation_m = self._left_of_line_m(*_plane(self._position_world))
+        if self._frozen_position.last:
+            deviation_m = self._left_of_line_m(*self._frozen_position.last)
         self._begin(deviation_m, error_rad - math.tau * np.rint(error_rad / math.tau))
 
     def _begin(self, deviation_m: FloatArray, error_rad: FloatArray) -> None:
@@ -298,41 +320,39 @@ class CourseHold:
         position = state.base_position_world
         if position is None or self._hold != "line":
             return self._unknown
-        self._position_world = position
         x_m, y_m = _plane(position)
-        frozen = self._frozen_position.update(dt_s, x_m, y_m)
-        return chosen(frozen, math.nan, self._left_of_line_m(x_m, y_m))
+        unseen = self._frozen_position.update(dt_s, x_m, y_m)
+        return chosen(unseen, math.nan, self._left_of_line_m(x_m, y_m))
 
     def _left_of_line_m(self, x_m: FloatArray, y_m: FloatArray) -> FloatArray:
         """Distance of positions to the left of the line, leading shape."""
         origin_m, left = self._course.origin_world, self._left
-        away_m: FloatArray = (x_m - origin_m[0]) * left[0] + (y_m - origin_m[1]) * left[1]
+        away_m: FloatArray = (x_m - origin_m[..., 0]) * left[0] + (y_m - origin_m[..., 1]) * left[1]
         return away_m
 
     def _measured_error_rad(self, dt_s: float, state: RobotState) -> FloatArray:
         """Yaw error as measured, unwrapped, leading shape; NaN where it is not."""
-        yaw = self._yaw_rad(dt_s, state)
-        if yaw is None:
-            return self._unknown
-        off_rad = yaw - self._course.yaw_rad
+        off_rad = self._yaw_rad(dt_s, state) - self._course.yaw_rad
         return off_rad - math.tau * np.rint((off_rad - self._yaw.value) / math.tau)
 
-    def _yaw_rad(self, dt_s: float, state: RobotState) -> FloatArray | None:
-        """Yaw as measured, or by the course over ground where positions alone are."""
+    def _yaw_rad(self, dt_s: float, state: RobotState) -> FloatArray:
+        """Yaw as measured, or by the course over ground where positions alone are; NaN for neither."""
         quaternion, position = state.base_quaternion_world, state.base_position_world
-        frozen, measured = self._all, None
+        unseen, measured = self._all, self._unknown
         if quaternion is not None:
             measured = yaw_rad(quaternion)
-            frozen = self._frozen_yaw.update(dt_s, *components(quaternion))
-        if not any_of(frozen):
+            unseen = self._frozen_yaw.update(dt_s, *components(quaternion))
+        if not any_of(unseen):
             self._over_ground = None
             return measured
-        over_ground = self._unknown
-        if self._hold == "line" and position is not None:
-            if self._over_ground is None:
-                self._over_ground = CourseOverGround(self._cycle_s)
-            over_ground = self._over_ground.yaw_rad(dt_s, position, self.velocity_body)
-        return over_ground if measured is None else chosen(frozen, over_ground, measured)
+        if self._hold != "line" or position is None:
+            return chosen(unseen, math.nan, measured)
+        if self._over_ground is None:
+            self._over_ground = CourseOverGround(self._cycle_s)
+        self._over_ground.forget(~unseen)
+        position = np.where(unseen[..., np.newaxis], position, np.nan)
+        over_ground = self._over_ground.yaw_rad(dt_s, position, self.velocity_body)
+        return chosen(unseen, over_ground, measured)
 
     def _integrate(self) -> None:
         """The two integrals and the turn; the first cycle, in which the strides grow, is left out."""
