@@ -1,14 +1,15 @@
 """Batches of simulated trials on all cores; each equals the same trial run alone, to the last bit."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
 import numpy as np
 
 from hexctl.backends.base import as_robot, check_targets
-from hexctl.backends.sim.batch import SimBatch
+from hexctl.backends.sim.batch import SimBatch, batch_layout
 from hexctl.backends.sim.servos import SimServos
 from hexctl.backends.sim.world import World, as_world
 from hexctl.control.assessment.cause import WalkSamples
@@ -17,11 +18,14 @@ from hexctl.control.guard import FALL_TICKS, Guard, StepLimits, leaning
 from hexctl.control.plan import TrialPlan
 from hexctl.control.preparation import WalkStart, prepare, ticks_of
 from hexctl.control.result import TrialResult, score
+from hexctl.control.steering import held
+from hexctl.control.trace import TrialFrame
 from hexctl.control.trial import CONTROLLERS, MakeController, made_controller, planned_walk, run_trial
 from hexctl.control.turning import check_plan, turn_needed_rad
 from hexctl.errors import (
     CommandRefusedError,
     EStopError,
+    HexctlError,
     RobotFaultError,
     SimulationDivergedError,
     check_callable,
@@ -92,11 +96,17 @@ class SimTrial:
         return replace(self, plan=plan, facing_rad=self.facing_rad + turn_rad)
 
     def shared_start(self) -> tuple[object, ...]:
-        """Key that trials must have in common to walk together, from one state and with one kind of walk."""
+        """Key that trials must have in common to walk from one state, with one kind of walk."""
         plan = self.plan
         start = (self.facing_rad, plan.heading_rad, plan.self_rotation, plan.turn_rad, plan.settle_s)
-        walk = (plan.hold, plan.straight, tuple(change.at_s for change in plan.changes))
-        return (self.robot.fingerprint, self.world, self.seed, self.failure, plan.belief, start, walk)
+        return (self.world, self.seed, self.failure, plan.belief, start, *self.shared_walk())
+
+    def shared_walk(self) -> tuple[object, ...]:
+        """Key that trials must have in common to be led by one controller."""
+        plan, world = self.plan, self.world
+        changes = tuple(change.at_s for change in plan.changes)
+        ticks = (world.time_step_s, world.latency_steps)
+        return (self.robot.fingerprint, *ticks, plan.hold, plan.straight, changes)
 
 
 def run_sim_trial(trial: SimTrial, make_controller: MakeController = planned_walk) -> TrialResult:
@@ -111,13 +121,14 @@ def run_sim_trials(
 ) -> list[TrialResult]:
     """Results of many simulated trials, in their order: each as if run alone, to the last bit.
 
-    Trials with the same robot, world, seed, failure, heading and turn settle and turn once and walk together.
-    Best for many gaits in few worlds.
+    Trials that begin alike (robot, world, seed, failure, heading, turn) settle and turn once. Up to
+    `MOST_TOGETHER` trials of one robot that hold the same are stepped together, each in its own world.
 
     Args:
         trials: what to walk.
         threads: threads that simulate; 0 uses all cores.
-        make_controller: makes the controller of each group, for states and targets of leading shape (n,).
+        make_controller: makes the controller of each group, for states and targets of leading shape (n,);
+            trials of one group then begin alike.
 
     Raises ReachError or LimitError for a walk that the legs cannot make, before any trial runs; InputError
     for targets of another shape than (n, 18).
@@ -128,34 +139,98 @@ def run_sim_trials(
     for trial in trials:
         check_type(trial, SimTrial, "trials", "SimTrials")
         check_plan(trial.robot, trial.plan)
-    groups: dict[tuple[object, ...], list[int]] = {}
-    for index, trial in enumerate(trials):
-        groups.setdefault(trial.shared_start(), []).append(index)
     results: dict[int, TrialResult] = {}
-    for indices in groups.values():
-        together = [trials[index] for index in indices]
-        results.update(zip(indices, _run_group(together, threads, make_controller), strict=True))
+    for starts in _groups(trials, mixed=make_controller is planned_walk):
+        flat = [index for indices in starts for index in indices]
+        together = [[trials[index] for index in indices] for indices in starts]
+        results.update(zip(flat, _run_group(together, threads, make_controller), strict=True))
     return [results[index] for index in range(len(trials))]
 
 
+#: Trials that are stepped together, unless more begin alike: enough to spread the cost of a tick.
+MOST_TOGETHER = 64
+
+
+def _groups(trials: Sequence[SimTrial], *, mixed: bool) -> Iterator[list[list[int]]]:
+    """Indices of trials that walk together, by their starts."""
+    starts: dict[tuple[object, ...], list[int]] = {}
+    for index, trial in enumerate(trials):
+        starts.setdefault(trial.shared_start(), []).append(index)
+    if not mixed:
+        yield from ([indices] for indices in starts.values())
+        return
+    walks: dict[tuple[object, ...], list[list[int]]] = {}
+    for indices in starts.values():
+        walks.setdefault(trials[indices[0]].shared_walk(), []).append(indices)
+    for alike in walks.values():
+        group: list[list[int]] = []
+        for indices in alike:
+            if group and sum(map(len, group)) + len(indices) > MOST_TOGETHER:
+                yield group
+                group = []
+            group.append(indices)
+        yield group
+
+
 def _run_group(
-    trials: Sequence[SimTrial], threads: int, make_controller: MakeController
+    starts: Sequence[Sequence[SimTrial]], threads: int, make_controller: MakeController
 ) -> list[TrialResult]:
-    """Run trials that share their start."""
-    robot, plans = trials[0].robot, tuple(trial.plan for trial in trials)
-    with trials[0].servos() as servos:
-        guard = Guard(servos)
-        try:
-            first = prepare(guard, plans[0])
-        except (EStopError, SimulationDivergedError, RobotFaultError) as error:
-            status = "diverged" if isinstance(error, SimulationDivergedError) else "fell"
-            if isinstance(error, RobotFaultError):
-                status = "aborted"
-            return [_never_walked(robot, plan, status) for plan in plans]
-        start = replace(first, plans=plans, batch_shape=(len(plans),))
-        walks = _Walks(guard, servos, start, make_controller, threads)
-        walks.run()
-        return walks.results()
+    """Run trials, start by start, each of which they share; their results likewise."""
+    results: dict[int, list[TrialResult]] = {}
+    with ExitStack() as stack:
+        ready: dict[tuple[object, ...], dict[int, _Ready]] = {}
+        for number, trials in enumerate(starts):
+            servos = stack.enter_context(trials[0].servos())
+            plans, guard = tuple(trial.plan for trial in trials), Guard(servos)
+            try:
+                start = prepare(guard, plans[0])
+            except (EStopError, SimulationDivergedError, RobotFaultError) as error:
+                results[number] = [_never_walked(servos.robot, plan, _status_of(error)) for plan in plans]
+                continue
+            alike = (held(plans[0], start.frame), start.frame is None, *batch_layout(servos))
+            one = _Ready(guard, servos, replace(start, plans=plans, batch_shape=(len(plans),)))
+            ready.setdefault(alike, {})[number] = one
+        for group in ready.values():
+            walks = _Walks(list(group.values()), make_controller, threads)
+            walks.run()
+            found = iter(walks.results())
+            for number, one in group.items():
+                results[number] = [next(found) for _ in one.start.plans]
+    return [result for number in range(len(starts)) for result in results[number]]
+
+
+def _status_of(error: HexctlError) -> str:
+    """Status of trials that could not set out."""
+    if isinstance(error, SimulationDivergedError):
+        return "diverged"
+    return "aborted" if isinstance(error, RobotFaultError) else "fell"
+
+
+@dataclass(frozen=True, slots=True)
+class _Ready:
+    """A simulation that stands ready for the walks of some plans."""
+
+    guard: Guard
+    servos: SimServos
+    start: WalkStart
+
+
+def _start_together(starts: Sequence[WalkStart]) -> WalkStart:
+    """Starts of several simulations as one, with a turn and a frame for each walk."""
+    if len(starts) == 1:
+        return starts[0]
+    counts = [len(start.plans) for start in starts]
+    plans = tuple(plan for start in starts for plan in start.plans)
+    frames = [start.frame for start in starts if start.frame is not None]
+    frame = None
+    if frames:
+        frame = TrialFrame(
+            np.repeat([each.origin_world for each in frames], counts, axis=0),
+            np.repeat([each.heading_rad for each in frames], counts),  # type: ignore[arg-type]
+            np.repeat([each.yaw_rad for each in frames], counts),  # type: ignore[arg-type]
+        )
+    turned_rad = np.repeat([start.turned_rad for start in starts], counts)
+    return replace(starts[0], plans=plans, batch_shape=(len(plans),), turned_rad=turned_rad, frame=frame)
 
 
 def _never_walked(robot: Robot, plan: TrialPlan, status: str) -> TrialResult:
@@ -174,25 +249,25 @@ def _never_walked(robot: Robot, plan: TrialPlan, status: str) -> TrialResult:
 
 
 class _Walks:
-    """The walks of a group, from their common start line to their ends.
+    """The walks of a group, from their start lines to their ends.
 
     Each tick is the tick of `hexctl.control.loop`, for all robots together.
     """
 
-    def __init__(
-        self, guard: Guard, servos: SimServos, start: WalkStart, make_controller: MakeController, threads: int
-    ) -> None:
-        n = len(start.plans)
-        self._start = start
+    def __init__(self, ready: Sequence[_Ready], make_controller: MakeController, threads: int) -> None:
+        counts = [len(one.start.plans) for one in ready]
+        self._starts = [one.start for one in ready for _ in one.start.plans]
+        start = _start_together([one.start for one in ready])
+        n, self._plans = len(start.plans), start.plans
         self._controller = made_controller(make_controller, start)
-        self._batch = SimBatch(servos, n, threads)
+        self._batch = SimBatch([one.servos for one in ready], counts, threads)
         self._limits = StepLimits.of(start.robot, start.period_s)
-        self._accepted_rad = np.tile(guard.accepted_rad(), (n, 1))
-        self._ticks = np.array([ticks_of(guard, plan.duration_s) for plan in start.plans])
+        self._accepted_rad = np.repeat([one.guard.accepted_rad() for one in ready], counts, axis=0)
+        self._ticks = np.array([ticks_of(ready[0].guard, plan.duration_s) for plan in start.plans])
         self._walked = np.zeros(n, dtype=int)
         self._clipped = np.zeros(n, dtype=int)
         self._limited = np.zeros(n, dtype=int)
-        self._leaning_ticks = np.full(n, guard.leaning_ticks)
+        self._leaning_ticks = np.repeat([one.guard.leaning_ticks for one in ready], counts)
         self._status = np.full(n, "ok", dtype=object)
         self._stopped: list[str | None] = [None] * n
         self._samples = WalkSamples(int(self._ticks.max()), (n,))
@@ -233,31 +308,34 @@ class _Walks:
         """Result of each walk."""
         return [
             score(
-                self._start.robot,
+                start.robot,
                 plan,
                 status=str(self._status[index]),
                 stopped=self._stopped[index],
-                duration_s=walked * self._start.period_s,
-                turned_rad=self._start.turned_rad,
+                duration_s=walked * start.period_s,
+                turned_rad=float(start.turned_rad),
                 clipped_ticks=int(self._clipped[index]),
                 hold=self._controller.hold,
                 limited_ticks=int(self._limited[index]),
-                frame=self._start.frame,
+                frame=start.frame,
                 positions_world=self._positions[index, :walked],
                 true_positions_world=self._true_positions[index, :walked],
                 quaternions_world=self._quaternions[index, :walked],
                 samples=self._samples.of(walked, (index,)),
                 energy_j=self._effort.energy_j((index,)),
             )
-            for index, (plan, walked) in enumerate(zip(self._start.plans, self._walked.tolist(), strict=True))
+            for index, (plan, walked, start) in enumerate(
+                zip(self._plans, self._walked.tolist(), self._starts, strict=True)
+            )
         ]
 
     def _watch(self, state: RobotState) -> None:
         """End the walks of robots that have fallen."""
-        if state.base_quaternion_world is None:
+        quaternion = state.base_quaternion_world
+        if quaternion is None:
             return
-        leans = leaning(state.base_quaternion_world)
-        self._leaning_ticks = np.where(leans, self._leaning_ticks + 1, 0)
+        counted = np.where(leaning(quaternion), self._leaning_ticks + 1, 0)
+        self._leaning_ticks = np.where(np.isnan(quaternion[:, 0]), self._leaning_ticks, counted)
         self._end(self._batch.running & (self._leaning_ticks >= FALL_TICKS), "fell")
 
     def _refuse(self, wanted_rad: FloatArray) -> None:

@@ -17,13 +17,17 @@ from hexctl.gait.foot_trajectory import (
 from hexctl.gait.gait import Gait, Motion
 from hexctl.ik.legs import solve_legs, solve_legs_within_limits
 from hexctl.robot.model import Robot
-from hexctl.types import BoolArray, FloatArray, RobotState, leg_slice
+from hexctl.types import N_JOINTS, BoolArray, FloatArray, RobotState, leg_slice
 
 #: Ticks planned together: long enough to spread numpy's cost, short enough to start without delay.
 LOOK_AHEAD_TICKS = 128
 
 #: Points of the gait cycle in which a walk is checked before its first step.
 CHECKED_POINTS = 120
+
+
+#: Legs that keep their stance pose; or those of each robot of a batch.
+HeldLegs = tuple[int, ...] | tuple[tuple[int, ...], ...]
 
 
 class Controller(ABC):
@@ -163,14 +167,10 @@ class Walk(Controller):
             time_s=np.asarray(steps * self._period_s, dtype=float),
             stop_s=None if self._stop_step is None else self._stop_step * self._period_s,
         )
-        held = None if self._held is None else self._held[..., np.newaxis, :]
-        joints_rad = _held_in_stance(self._robot, solve_legs(self._robot, feet).joint_positions_rad, held)
+        held = () if self._held is None else self._held[..., np.newaxis, :]
+        joints_rad = joints_of_feet(self._robot, feet, held)  # leading shape + (steps, 18)
         self._planned_rad = np.ascontiguousarray(joints_rad.swapaxes(0, -2))
         self._planned_from = step
-
-
-#: Legs that keep their stance pose; or those of each robot of a batch.
-HeldLegs = tuple[int, ...] | tuple[tuple[int, ...], ...]
 
 
 def held_joints(held_legs: HeldLegs) -> BoolArray | None:
@@ -178,25 +178,26 @@ def held_joints(held_legs: HeldLegs) -> BoolArray | None:
     rows = [legs if isinstance(legs, tuple) else (legs,) for legs in held_legs]
     if not any(rows):
         return None
-    held = np.zeros((len(rows), N_JOINTS), dtype=bool)
+    held: BoolArray = np.zeros((len(rows), N_JOINTS), dtype=bool)
     for row, legs in zip(held, rows, strict=True):
         for leg in legs:
             row[leg_slice(leg)] = True
-    return held if isinstance(held_legs[0], tuple) else held.any(axis=0)
+    return held if isinstance(held_legs[0], tuple) else np.logical_or.reduce(held)
 
 
-def joints_of_feet(robot: Robot, feet_body: FloatArray, held_legs: HeldLegs = ()) -> FloatArray:
+def joints_of_feet(
+    robot: Robot, feet_body: FloatArray, held_legs: HeldLegs | BoolArray | None = None
+) -> FloatArray:
     """Joint angles, leading shape + (18,), with held legs in their stance pose.
 
     Args:
         robot: geometry.
         feet_body: leading shape + (6, 3) in m.
-        held_legs: of the robot; or of each of n, whose feet are (n, 6, 3).
+        held_legs: of the robot, or of each of n, whose feet are (n, 6, 3); or their joints, as `held_joints`
+            has them, broadcast against the joint angles.
     """
-    return _held_in_stance(robot, solve_legs(robot, feet_body).joint_positions_rad, held_joints(held_legs))
-
-
-def _held_in_stance(robot: Robot, joints_rad: FloatArray, held: BoolArray | None) -> FloatArray:
+    joints_rad = solve_legs(robot, feet_body).joint_positions_rad
+    held = held_joints(held_legs) if isinstance(held_legs, tuple) else held_legs
     return joints_rad if held is None else np.where(held, robot.stance_angles_rad, joints_rad)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from hexctl.backends.base import LegServos
 from hexctl.backends.clock import Tick
-from hexctl.control.controllers import Controller, Stand
+from hexctl.control.controllers import Controller, HeldLegs, Stand
 from hexctl.control.guard import Guard
 from hexctl.control.log import Recorder, Recorders, TickLog
 from hexctl.control.loop import TickObserver, Until, run_controller
@@ -26,6 +26,7 @@ from hexctl.control.turning import (
     turn_needed_rad,
 )
 from hexctl.errors import RobotFaultError
+from hexctl.gait.gait import Motion
 from hexctl.robot.model import Robot
 from hexctl.robot.rotations import wrapped_rad, yaw_rad
 from hexctl.types import ArrayFields, FloatArray, JointTargets, RobotState
@@ -36,23 +37,36 @@ PAUSE_S = 0.5
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WalkStart:
-    """A robot, or a batch of n robots in one state, that stands ready to walk.
+    """A robot, or a batch of n robots, that stands ready to walk.
 
     Attributes:
         robot: who walks.
         plans: what each of them shall do; one plan alone, n in a batch.
         batch_shape: () alone, (n,) in a batch: the leading shape of states and targets.
         period_s: control period.
-        turned_rad: how far the body has turned since the trial began.
-        frame: the trial frame, or None where the robot knows no pose.
+        turned_rad: how far the body has turned since the trial began; (n,) where n robots have turned apart.
+        frame: the trial frame, or None where the robot knows no pose; its fields have the leading shape (n,)
+            where n robots stand apart.
     """
 
     robot: Robot
     plans: tuple[TrialPlan, ...]
     batch_shape: tuple[int, ...]
     period_s: float
-    turned_rad: float
+    turned_rad: FloatArray | float
     frame: TrialFrame | None
+
+    @property
+    def motions(self) -> list[Motion]:
+        """Motion of each plan, in the frame of its body."""
+        turned_rad = np.broadcast_to(self.turned_rad, len(self.plans)).tolist()
+        return [plan.motion(turned) for plan, turned in zip(self.plans, turned_rad, strict=True)]
+
+    @property
+    def held_legs(self) -> HeldLegs:
+        """Legs that keep their stance pose; in a batch those of each robot."""
+        each = tuple(plan.held_legs for plan in self.plans)
+        return each if self.batch_shape else each[0]
 
 
 #: Asked every tick; True ends the trial.

@@ -113,7 +113,8 @@ class FrozenSensor:
         if any_of(~seen) and self.last:
             values = tuple(chosen(seen, *pair) for pair in zip(values, self.last, strict=True))
         self.last = values
-        return (self._same_s > FROZEN_AFTER_S) | ~seen
+        unseen: BoolArray = (self._same_s > FROZEN_AFTER_S) | ~seen
+        return unseen
 
 
 class CourseOverGround:

@@ -69,7 +69,7 @@ def planned_walk(start: WalkStart) -> Walk | VelocityWalk:
     if hold != "none":
         return SteeredWalk(start, hold=hold)
     gaits = [plan.gait for plan in start.plans]
-    motions = [plan.motion(start.turned_rad) for plan in start.plans]
+    motions = start.motions
     alone = start.batch_shape == ()
     if start.plans[0].changes:
         return MotionWalk(start)
@@ -78,7 +78,7 @@ def planned_walk(start: WalkStart) -> Walk | VelocityWalk:
         gaits[0] if alone else gaits,
         motions[0] if alone else motions,
         period_s=start.period_s,
-        held_legs=start.plans[0].held_legs,
+        held_legs=start.held_legs,
     )
 
 
@@ -206,7 +206,7 @@ class _Trial:
         servos, trace, recorders = self._servos, self.trace, self._recorders
         try:
             start = Preparation(servos, self._plan, trace, recorders, self._stop_requested).run()
-            self.turned_rad = start.turned_rad
+            self.turned_rad = float(start.turned_rad)
             if not self._stop_requested():
                 self._walk(start, soft_stop=soft_stop)
         except EStopError:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hexctl.control.controllers import Controller, joints_of_feet, soft_stop_steps
+from hexctl.control.controllers import Controller, held_joints, joints_of_feet, soft_stop_steps
 from hexctl.control.preparation import WalkStart
 from hexctl.errors import InputError, check_callable, check_type
 from hexctl.gait.foot_trajectory import (
@@ -65,7 +65,7 @@ class VelocityWalk(Controller):
             raise InputError(f"speed_by: got {speed_by}; allowed: {', '.join(SPEED_BY)}")
         if command is not None:
             check_callable(command, "command", "a function of the step and the state")
-        self._robot, self._period_s, self._held_legs = start.robot, start.period_s, start.plans[0].held_legs
+        self._robot, self._period_s, self._held = start.robot, start.period_s, held_joints(start.held_legs)
         self._shape, self._command = start.batch_shape, command
         self._speed_by = speed_by
         self._turning_m = start.robot.stance_feet_body[:, 1::-1] * np.array([1.0, -1.0])  # (y, -x)
@@ -102,7 +102,7 @@ class VelocityWalk(Controller):
             self._change(step, dt_s * pace_hz)
         u = part_of_cycle(np.asarray(self._cycles)[..., np.newaxis] + self._pattern.phases)
         feet = feet_at_phases(self._robot, self._pattern, u, strokes, self._envelope(step))
-        return joints_of_feet(self._robot, feet, self._held_legs)
+        return joints_of_feet(self._robot, feet, self._held)
 
     def _envelope(self, step: int) -> float:
         """Share of strokes and heights at a step: 1 but for the soft start and the soft stop."""
@@ -206,7 +206,7 @@ class MotionWalk(VelocityWalk):
 
     def __init__(self, start: WalkStart) -> None:
         super().__init__(start)
-        self._motions = [plan.motion(start.turned_rad) for plan in start.plans]
+        self._motions = start.motions
         self._wanted = self.velocity_body = self._velocity_of(self._gaits)
 
     def wanted(self, dt_s: float, step: int, state: RobotState) -> FloatArray:

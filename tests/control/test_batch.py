@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from hexctl import Failure, Robot, SimTrial, TrialPlan, World, load_robot, make_gait, run_sim_trials
+from hexctl.backends.sim.batch import SimBatch
 from hexctl.backends.sim.flaws import SensorFaults
 from hexctl.backends.sim.servos import SimServos
 from hexctl.control.batch import run_sim_trial
@@ -51,7 +52,7 @@ def trial(
 
 def assert_same(one: TrialResult, other: TrialResult) -> None:
     assert one.to_dict() == other.to_dict()
-    assert np.array_equal(one.path_m, other.path_m)
+    assert np.array_equal(one.path_m, other.path_m, equal_nan=True)
 
 
 @pytest.mark.parametrize("world", WORLDS.values(), ids=WORLDS.keys())
@@ -67,6 +68,49 @@ def test_a_batch_that_is_steered_by_faulty_sensors_equals_its_single_trials(ant:
     for made, alone in zip(run_sim_trials(trials), map(run_sim_trial, trials), strict=True):
         assert made.hold == "line"
         assert_same(made, alone)
+
+
+#: Worlds that differ in all but the step of the physics and the age of states.
+DIFFERENT = [
+    World(state_latency_s=0.04),
+    World(state_latency_s=0.04, slope_deg=2.0, joint_offset_deg=1.0, servo_strength=0.8),
+    World.model_validate(
+        {
+            "state_latency_s": 0.04,
+            "sensor_noise": {"joint_deg": 0.5, "position_m": 0.01, "yaw_deg": 0.5},
+            "lost_poses": 0.3,
+            "lost_commands": 0.1,
+            "servo_backlash_deg": 0.5,
+        }
+    ),
+    World(state_latency_s=0.04, roughness_m=0.004),
+    World(state_latency_s=0.04, payload_kg=0.4, friction=0.6, sensor_faults=WORLDS["faulty"].sensor_faults),
+]
+
+
+@pytest.mark.parametrize("hold", ["none", "heading", "line"])
+def test_trials_of_many_worlds_and_failures_are_stepped_together_and_each_is_as_alone(
+    hold: str, ant: Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    together: list[int] = []
+
+    class Counted(SimBatch):
+        def __init__(self, servos: Any, n: Any, threads: int = 0) -> None:
+            together.append(len(servos))
+            super().__init__(servos, n, threads)
+
+    monkeypatch.setattr("hexctl.control.batch.SimBatch", Counted)
+    kinds = ("locked", "limp", "missing", "weak", "stuck")
+    trials = [
+        trial(ant, code, world=world, seed=7, failure=Failure(leg=leg, kind=kind), hold=hold, **start)
+        for (world, kind), leg in zip(zip(DIFFERENT, kinds, strict=True), (1, 3, 4, 2, 6), strict=True)
+        for code, start in (("1", {"self_rotation": "none"}), ("40", {"heading_rad": 0.3, "duration_s": 2.2}))
+    ]
+    made = run_sim_trials(trials)
+    assert sorted(together) == [2, 2, 6], "bumps and a payload make models of other sizes"
+    for one, alone in zip(made, map(run_sim_trial, trials), strict=True):
+        assert one.hold == hold
+        assert_same(one, alone)
 
 
 def test_different_lengths_motions_and_paces_in_one_batch(ant: Robot) -> None:

@@ -1,6 +1,8 @@
-"""Many simulations that start from one state, stepped together by `mujoco.batch`."""
+"""Many simulations, stepped together by `mujoco.batch`."""
 
 import copy
+from collections.abc import Sequence
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -13,55 +15,55 @@ from hexctl.backends.sim.servos import SimServos
 from hexctl.types import FloatArray, RobotState
 
 
-class SimBatch:
-    """n copies of a connected simulation as it stands now: same model, same state, same noise to come.
+def batch_layout(servos: SimServos) -> tuple[object, ...]:
+    """What simulations must have in common to be stepped together: ticks, delays and sizes of the model."""
+    model, world = servos.simulation.physics.model.ptr, servos.world
+    sizes = [getattr(model, name) for name in dir(model) if name.startswith("n") and name != "names"]
+    counts = tuple(size for size in sizes if isinstance(size, int))
+    return (servos.robot.fingerprint, world.time_step_s, world.latency_steps, *counts)
 
-    A copy that is stepped with the same targets as the original gives the same states to the last bit.
+
+class SimBatch:
+    """Copies of connected simulations as they stand now: same model, same state, same noise to come.
+
+    A copy that is stepped with the same targets as its original gives the same states to the last bit.
+
+    Args:
+        servos: the simulation; or several of one `batch_layout`, in worlds and with failures of their own.
+        n: number of copies; or of each simulation, whose rows follow one another.
+        threads: threads that simulate; 0 uses all cores.
 
     Attributes:
         running: which simulations are still stepped, (n,); one that diverges drops out by itself, and a
             caller may clear others. The state of one that has dropped out means nothing.
     """
 
-    def __init__(self, servos: SimServos, n: int, threads: int = 0) -> None:
-        self._simulation = servos.simulation
-        self._noise = copy.deepcopy(servos.noise)
-        self._faulty_pose = copy.deepcopy(servos.faulty_pose)
-        self._loss = copy.deepcopy(servos.loss)
-        self._pose_loss = copy.deepcopy(servos.pose_loss)
-        self._actuators = servos.actuators.copies(n)
-        self._world = servos.world
-        self._late = None if servos.late is None else servos.late.copies(servos.world, n)
-        self._nstep = servos.world.steps_per_tick
-        self._period_s = servos.clock.period_s
-        self._start_index, self._ticks = round(servos.clock.now_s / self._period_s), 0
-        physics = self._simulation.physics
-        model, data = physics.model.ptr, physics.data.ptr
-        self._batch = Batch(model, n, threads)
-        row = np.empty(self._batch.nstate)
-        mujoco.mj_getState(model, data, row, mujoco.mjtState.mjSTATE_INTEGRATION)
-        self._batch.state[:] = row
+    def __init__(
+        self, servos: SimServos | Sequence[SimServos], n: int | Sequence[int], threads: int = 0
+    ) -> None:
+        each = [servos] if isinstance(servos, SimServos) else list(servos)
+        counts = [n] if isinstance(n, int) else list(n)
+        models = [one.simulation.physics.model.ptr for one in each]
+        self._batch = Batch(models[0], sum(counts), threads)
+        if len(models) > 1:
+            self._batch.set_models(np.repeat(np.array(models, dtype=object), counts).tolist())
+        stops = np.cumsum(counts).tolist()
+        rows = [slice(stop - count, stop) for stop, count in zip(stops, counts, strict=True)]
+        self._copies = [_Copies(one, self._batch, part) for one, part in zip(each, rows, strict=True)]
+        self._nstep = each[0].world.steps_per_tick
         self._qpos, self._ctrl = self._batch.bind("qpos"), self._batch.bind("ctrl")
-        self._touch = self._batch.bind("sensordata")[:, TOUCH]
-        self._torques = servos.torques
-        self._qvel, self._forces = (
-            self._batch.bind("qvel"),
-            servos.torques.forces_in(self._batch.bind("history")),
-        )
-        self.running = np.ones(n, dtype=bool)
+        self.running = np.ones(sum(counts), dtype=bool)
 
     def tick(self) -> None:
         """Step every running simulation by one control period."""
-        after = 0 if self._late is None else self._late.steps_after
+        after = self._copies[0].steps_after
         self._step(self._nstep - after)
-        if self._late is not None:
-            self._late.keep(self._measured())
+        for part in self._copies:
+            part.keep()
         if after:
             self._step(after)
-        self._noise.draw()
-        self._loss.draw()
-        self._pose_loss.draw()
-        self._ticks += 1
+        for part in self._copies:
+            part.draw()
 
     def _step(self, nstep: int) -> None:
         """Step every running simulation; one that diverges no longer runs."""
@@ -75,18 +77,66 @@ class SimBatch:
         if self._batch.warning.any():
             self.running &= ~self._batch.warning.any(axis=-1)
 
-    def _measured(self) -> Snapshot:
-        """What is measured now, without errors."""
-        torques_nm = self._torques.applied(self._forces, self._qvel)
-        return Snapshot(self._qpos.copy(), self._touch.copy(), torques_nm)
-
     @property
     def true_pose(self) -> TruePose:
         """Positions (n, 3) and orientations (n, 4) of the bases as they are."""
         return self._qpos[:, :3], self._qpos[:, 3:FIRST_JOINT]
 
     def read(self) -> RobotState:
-        """States after the last tick, with the world's sensor noise; arrays of leading shape (n,)."""
+        """States after the last tick, with the worlds' sensor noise; arrays of leading shape (n,).
+
+        Where some robots measure no pose in this tick, theirs is NaN; the time is that of the first one.
+        """
+        states = [part.read() for part in self._copies]
+        return states[0] if len(states) == 1 else _together(states)
+
+    def write(self, positions_rad: FloatArray) -> None:
+        """Command the simulated servos; targets (n, 18) in rad."""
+        for part in self._copies:
+            self._ctrl[part.rows] = part.drive(positions_rad[part.rows])
+
+
+class _Copies:
+    """Copies of one simulation in some rows of a batch: what they measure, and what becomes of targets."""
+
+    def __init__(self, servos: SimServos, batch: Any, rows: slice) -> None:
+        self.rows, n = rows, rows.stop - rows.start
+        self._simulation, self._world = servos.simulation, servos.world
+        self._noise = copy.deepcopy(servos.noise)
+        self._faulty_pose = copy.deepcopy(servos.faulty_pose)
+        self._loss = copy.deepcopy(servos.loss)
+        self._pose_loss = copy.deepcopy(servos.pose_loss)
+        self._actuators = servos.actuators.copies(n)
+        self._late = None if servos.late is None else servos.late.copies(servos.world, n)
+        self.steps_after = 0 if self._late is None else self._late.steps_after
+        self._period_s = servos.clock.period_s
+        self._start_index, self._ticks = round(servos.clock.now_s / self._period_s), 0
+        physics, row = self._simulation.physics, np.empty(batch.nstate)
+        mujoco.mj_getState(physics.model.ptr, physics.data.ptr, row, mujoco.mjtState.mjSTATE_INTEGRATION)
+        batch.state[rows] = row
+        self._qpos, self._qvel = batch.bind("qpos")[rows], batch.bind("qvel")[rows]
+        self._touch, self._torques = batch.bind("sensordata")[rows, TOUCH], servos.torques
+        self._forces = servos.torques.forces_in(batch.bind("history")[rows])
+
+    def keep(self) -> None:
+        """Measure what is read later, once per tick."""
+        if self._late is not None:
+            self._late.keep(self._measured())
+
+    def draw(self) -> None:
+        """Draw what is random in the next tick."""
+        self._noise.draw()
+        self._loss.draw()
+        self._pose_loss.draw()
+        self._ticks += 1
+
+    def _measured(self) -> Snapshot:
+        """What is measured now, without errors."""
+        torques_nm = self._torques.applied(self._forces, self._qvel)
+        return Snapshot(self._qpos.copy(), self._touch.copy(), torques_nm)
+
+    def read(self) -> RobotState:
+        """States after the last tick, with the world's sensor noise."""
         measured = self._measured() if self._late is None else self._late.oldest
         age_s = self._world.latency_steps * self._world.time_step_s
         return sensed(
@@ -99,6 +149,37 @@ class SimBatch:
             posed=not self._pose_loss.lost,
         )
 
-    def write(self, positions_rad: FloatArray) -> None:
-        """Command the simulated servos; targets (n, 18) in rad."""
-        self._ctrl[:] = self._actuators.drive(positions_rad, self._loss.lost)
+    def drive(self, positions_rad: FloatArray) -> FloatArray:
+        """Actuator commands of this tick for joint targets."""
+        return self._actuators.drive(positions_rad, self._loss.lost)
+
+
+def _together(states: Sequence[RobotState]) -> RobotState:
+    """States of several simulations as one."""
+    first = states[0]
+    return RobotState(
+        np.concatenate([state.joint_positions_rad for state in states]),
+        first.stamp_s,
+        True,
+        _stacked([state.base_position_world for state in states], states, 3),
+        _stacked([state.base_quaternion_world for state in states], states, 4),
+        np.concatenate([state.foot_contacts for state in states if state.foot_contacts is not None]),
+        first.age_s,
+        joint_torques_nm=np.concatenate(
+            [state.joint_torques_nm for state in states if state.joint_torques_nm is not None]
+        ),
+    )
+
+
+def _stacked(
+    parts: Sequence[FloatArray | None], states: Sequence[RobotState], width: int
+) -> FloatArray | None:
+    """Rows of several simulations, NaN where one has none; None where none has."""
+    if all(part is None for part in parts):
+        return None
+    counts = [len(state.joint_positions_rad) for state in states]
+    rows = [
+        np.full((count, width), np.nan) if part is None else part
+        for part, count in zip(parts, counts, strict=True)
+    ]
+    return np.concatenate(rows)

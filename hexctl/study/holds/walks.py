@@ -5,7 +5,6 @@ import math
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import asdict, dataclass
-from itertools import groupby
 from os import cpu_count
 from pathlib import Path
 from typing import Any
@@ -97,10 +96,10 @@ def _known(value: float | None) -> float:
     return math.nan if value is None else float(value)
 
 
-def walk_cases(conditions: HoldConditions, cases: Sequence[HoldCase]) -> list[HoldWalk]:
-    """Walks of some cases, simulated on one thread."""
+def walk_cases(conditions: HoldConditions, cases: Sequence[HoldCase], threads: int = 1) -> list[HoldWalk]:
+    """Walks of some cases, stepped together."""
     trials = [conditions.trial(case) for case in cases]
-    results = run_sim_trials(trials, 1)
+    results = run_sim_trials(trials, threads)
     return [
         HoldWalk.of(case, trial.plan.gait, result)
         for case, trial, result in zip(cases, trials, results, strict=True)
@@ -163,14 +162,14 @@ def _walk_from(values: dict[str, Any]) -> HoldWalk:
 
 @dataclass(frozen=True, kw_only=True)
 class _Chunk:
-    """Cases that are simulated together: those of one leg under one set of conditions."""
+    """Cases that are simulated together: those under one set of conditions."""
 
     conditions: HoldConditions
     cases: tuple[HoldCase, ...]
 
-    def walk(self) -> tuple["_Chunk", list[HoldWalk]]:
+    def walk(self, threads: int) -> tuple["_Chunk", list[HoldWalk]]:
         """The chunk and its walks."""
-        return self, walk_cases(self.conditions, self.cases)
+        return self, walk_cases(self.conditions, self.cases, threads)
 
 
 def walk_all(
@@ -178,19 +177,20 @@ def walk_all(
 ) -> list[tuple[HoldConditions, HoldWalk]]:
     """All walks of a plan, simulated where the cache lacks them.
 
-    When this is interrupted, every finished leg is in the cache, and another call continues from there.
+    When this is interrupted, every finished world is in the cache, and another call continues from there.
 
     Args:
         plan: what to walk.
         cache: of the walks.
         progress: observer.
-        jobs: threads that simulate legs in parallel; None is all cores.
+        jobs: threads that simulate worlds in parallel; None is all cores.
 
     Raises CacheError when walks cannot be saved.
     """
     conditions, cases = plan.conditions(), plan.cases()
     known = {one.fingerprint: cache.load(one) for one in conditions}
-    todo = [chunk for one in conditions for chunk in _chunks(one, cases, known[one.fingerprint])]
+    missing = {one: [case for case in cases if case not in known[one.fingerprint]] for one in conditions}
+    todo = [_Chunk(conditions=one, cases=tuple(left)) for one, left in missing.items() if left]
     left = sum(len(chunk.cases) for chunk in todo)
     total = len(conditions) * len(cases)
     if left < total:
@@ -207,22 +207,14 @@ def walk_all(
     return [(one, known[one.fingerprint][case]) for one in conditions for case in cases]
 
 
-def _chunks(
-    conditions: HoldConditions, cases: Sequence[HoldCase], known: dict[HoldCase, HoldWalk]
-) -> Iterator[_Chunk]:
-    """Chunks of the cases that are not known, leg by leg."""
-    missing = [case for case in cases if case not in known]
-    for _, of_leg in groupby(missing, key=lambda case: case.leg):
-        yield _Chunk(conditions=conditions, cases=tuple(of_leg))
-
-
 def _simulated(chunks: Sequence[_Chunk], jobs: int) -> Iterator[tuple[_Chunk, list[HoldWalk]]]:
     """Chunks and their walks as they finish; when this is left early, those that have begun are awaited."""
     if jobs == 1:
-        yield from (chunk.walk() for chunk in chunks)
+        yield from (chunk.walk(1) for chunk in chunks)
         return
+    threads = max(1, jobs // max(1, len(chunks)))
     with ThreadPoolExecutor(jobs) as executor:
-        futures = [executor.submit(chunk.walk) for chunk in chunks]
+        futures = [executor.submit(chunk.walk, threads) for chunk in chunks]
         try:
             for future in as_completed(futures):
                 yield future.result()
