@@ -230,7 +230,13 @@ def _start_together(starts: Sequence[WalkStart]) -> WalkStart:
             np.repeat([each.yaw_rad for each in frames], counts),  # type: ignore[arg-type]
         )
     turned_rad = np.repeat([start.turned_rad for start in starts], counts)
-    return replace(starts[0], plans=plans, batch_shape=(len(plans),), turned_rad=turned_rad, frame=frame)
+    return replace(
+        starts[0],
+        plans=plans,
+        batch_shape=(len(plans),),
+        turned_rad=turned_rad,  # type: ignore[arg-type]
+        frame=frame,
+    )
 
 
 def _never_walked(robot: Robot, plan: TrialPlan, status: str) -> TrialResult:
@@ -313,7 +319,7 @@ class _Walks:
                 status=str(self._status[index]),
                 stopped=self._stopped[index],
                 duration_s=walked * start.period_s,
-                turned_rad=float(start.turned_rad),
+                turned_rad=start.turned_rad,
                 clipped_ticks=int(self._clipped[index]),
                 hold=self._controller.hold,
                 limited_ticks=int(self._limited[index]),

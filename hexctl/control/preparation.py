@@ -44,16 +44,18 @@ class WalkStart:
         plans: what each of them shall do; one plan alone, n in a batch.
         batch_shape: () alone, (n,) in a batch: the leading shape of states and targets.
         period_s: control period.
-        turned_rad: how far the body has turned since the trial began; (n,) where n robots have turned apart.
-        frame: the trial frame, or None where the robot knows no pose; its fields have the leading shape (n,)
-            where n robots stand apart.
+        turned_rad: how far the body has turned since the trial began.
+        frame: the trial frame, or None where the robot knows no pose.
+
+    Where `run_sim_trials` lets robots walk together that stand apart, which it does with the plans' own walks
+    alone, `turned_rad` and the fields of the frame have the leading shape (n,).
     """
 
     robot: Robot
     plans: tuple[TrialPlan, ...]
     batch_shape: tuple[int, ...]
     period_s: float
-    turned_rad: FloatArray | float
+    turned_rad: float
     frame: TrialFrame | None
 
     @property

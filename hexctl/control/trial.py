@@ -206,7 +206,7 @@ class _Trial:
         servos, trace, recorders = self._servos, self.trace, self._recorders
         try:
             start = Preparation(servos, self._plan, trace, recorders, self._stop_requested).run()
-            self.turned_rad = float(start.turned_rad)
+            self.turned_rad = start.turned_rad
             if not self._stop_requested():
                 self._walk(start, soft_stop=soft_stop)
         except EStopError:
