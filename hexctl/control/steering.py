@@ -160,18 +160,17 @@ class CourseOverGround:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Course(ArrayFields):
-    """A line to walk along, or the lines of a batch.
+    """A line to walk along. Each robot of a batch may have its own: arrays of leading shape (n,) then.
 
     Attributes:
-        origin_world: a point of the line, (2,) in m, or one for each robot, (n, 2); NaN where a robot has no
-            position.
-        heading_rad: direction of the line in the world, or (n,).
-        yaw_rad: yaw of the body to keep, in the world, or (n,).
+        origin_world: a point of the line, (2,) in m; NaN where the robot has no position.
+        heading_rad: direction of the line in the world.
+        yaw_rad: yaw of the body to keep, in the world.
     """
 
     origin_world: FloatArray
-    heading_rad: FloatArray | float
-    yaw_rad: FloatArray | float
+    heading_rad: float
+    yaw_rad: float
 
 
 def trimmed_rad(trim_rad: float, *, signed_m: float, distance_m: float) -> float:
