@@ -72,7 +72,7 @@ def draw(panel: "Axes", search: Bayes, truth: Landscape, order: np.ndarray, trie
 def main(path: Path) -> None:
     """Write the figure."""
     robot, truth = load_robot("ant"), walked()
-    prior = load_prior(next(shipped_priors().glob("ant-*.npz")))
+    prior = load_prior(next(shipped_priors().glob("ant-locked-rear-30s.npz")))
     search = Bayes(
         truth.spec.space,
         0,

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from hexctl import testing
     from hexctl.adapt.adaptation import Adaptation, adapt
+    from hexctl.adapt.best import BestGait, best_gait
     from hexctl.adapt.objectives import Objective, as_objective, make_objective
     from hexctl.adapt.optimizer import Observation, Optimizer, Prediction
     from hexctl.adapt.prior.find import list_priors
@@ -81,7 +82,8 @@ __all__ = [
     # adaptation, sessions and priors
     "Adaptation", "AdaptationResult", "adapt", "new_spec", "Session", "SessionSpec", "TrialRecord",
     "BaselineRecord", "WalkRecord", "delete_session", "export_session", "list_sessions", "load_session",
-    "Prior", "ScorePrior", "load_prior", "load_score_prior", "list_priors", "PriorPlan", "build_prior",
+    "BestGait", "best_gait", "Prior", "ScorePrior", "load_prior", "load_score_prior", "list_priors",
+    "PriorPlan", "build_prior",
     # one call for each command
     "RunResult", "RunSpec", "run", "StudyPlan", "StudyResult", "study", "RobotService", "ServosSpec",
     "serve",
@@ -128,6 +130,7 @@ _MODULES = {
     "adapt.adaptation": "Adaptation adapt",
     "adapt.result": "AdaptationResult",
     "adapt.search": "new_spec",
+    "adapt.best": "BestGait best_gait",
     "adapt.session": "Session SessionSpec TrialRecord BaselineRecord WalkRecord",
     "adapt.store": "delete_session export_session list_sessions load_session",
     "adapt.prior.prior": "Prior ScorePrior load_prior load_score_prior",

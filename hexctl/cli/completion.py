@@ -51,7 +51,7 @@ def _world_files() -> Iterable[str]:
 def _gaits() -> Iterable[str]:
     from hexctl.gait.gait import AUTO, NAMED_SLOTS
 
-    return (AUTO, *NAMED_SLOTS)
+    return (AUTO, "best", *NAMED_SLOTS)
 
 
 def _failures() -> Iterable[str]:

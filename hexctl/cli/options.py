@@ -224,7 +224,8 @@ GaitOption = Annotated[
     typer.Option(
         "--gait",
         autocompletion=completion.gaits,
-        help="Gait: demo, tripod, wave, ripple; auto, the one that stands safest; a code, 1..720, or 1..120 "
+        help="Gait: demo, tripod, wave, ripple; auto, the one that stands safest; best, the fastest by a "
+        "prior for the failed leg, or best:SESSION, that of a session; a code, 1..720, or 1..120 "
         "with a failed leg; "
         "or when in the cycle legs 1..6 step, six slots such as 5,1,2,4,3,6.",
     ),

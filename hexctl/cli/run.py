@@ -153,7 +153,20 @@ def run(
         insecure=insecure,
         link=link,
     )
-    raise typer.Exit(_walk(spec, view=view, as_json=as_json))
+    raise typer.Exit(_walk(_with_best(spec), view=view, as_json=as_json))
+
+
+def _with_best(spec: "RunSpec") -> "RunSpec":
+    """Spec with the gait that `best` is here, which a note tells; any other spec as it is."""
+    if not str(spec.gait).startswith("best"):
+        return spec  # loads no prior's code
+    from hexctl.adapt.best import best_gait, names_best
+
+    if not names_best(spec.gait):
+        return spec
+    best = best_gait(spec, RUNS)
+    print_note(f"hexctl: {best.source}")
+    return best.spec
 
 
 def _shift_of(text: str | None) -> tuple[float, float] | None:

@@ -463,3 +463,19 @@ def test_a_robot_without_a_pose_at_the_start_says_why_it_holds_nothing(
     assert exit_code([*options, "--json"]) == 0
     outcome = _strict(capsys.readouterr().out)
     assert (outcome["hold"], outcome["hold_caveat"]) == ("none", why)
+
+
+def test_the_best_gait_is_told_and_walked_and_where_none_is_known_that_is_said(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    words = ["run", "--gait", "best", "--failed-leg", "2", "--duration", "1", "--no-record", "--json"]
+    assert exit_code(words) == 0
+    printed = capsys.readouterr()
+    assert json.loads(printed.out)["hold"] == "line"
+    assert printed.err.startswith("hexctl: gait ")
+    assert "the best by the prior ant-locked-none-30s-line.npz" in printed.err
+    assert exit_code([*words, "--failure", "missing"]) == 2
+    assert "--gait: got best, and there is no prior for such walks" in (err := capsys.readouterr().err)
+    assert "allowed: auto" in err
+    assert len(err.splitlines()) == 1

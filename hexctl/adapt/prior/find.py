@@ -1,7 +1,7 @@
 """Find the prior of a session, given by path, built before or shipped; list and describe priors."""
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -56,15 +56,18 @@ def any_legs(_legs: tuple[int, ...]) -> bool:
     return True
 
 
-def find_prior(key: PriorKey, folders: Iterable[Path], *, covers: Covers = any_legs) -> Found:
+def find_prior(
+    key: PriorKey, folders: Iterable[Path], *, covers: Covers = any_legs, any_duration: bool = False
+) -> Found:
     """Find the first prior in some folders for a key, or why there is none.
 
-    `covers` decides whether the legs of a prior are of use. Files that cannot be read are passed over.
+    `covers` decides whether the legs of a prior are of use; with `any_duration` walks may last as long as
+    they like, where only the order of the gaits counts. Files that cannot be read are passed over.
     """
     nearest: tuple[int, str] | None = None
     for path in prior_files(folders):
         try:
-            differences = _differences(path, key, covers)
+            differences = _differences(path, key, covers, any_duration=any_duration)
         except InputError:
             continue
         if not differences:
@@ -83,11 +86,12 @@ def check_prior(path: Path, key: PriorKey, *, covers: Covers = any_legs) -> None
         )
 
 
-def _differences(path: Path, key: PriorKey, covers: Covers) -> list[str]:
+def _differences(path: Path, key: PriorKey, covers: Covers, *, any_duration: bool = False) -> list[str]:
     """Differences between a prior's file and a key; raises InputError for a file that is not a prior."""
     head = read_head(path)
     try:
-        differences = PriorKey(**head["question"]).differences(key)
+        own = PriorKey(**head["question"])
+        differences = own.differences(replace(key, duration_s=own.duration_s) if any_duration else key)
         legs = tuple(int(leg) for leg in head["legs"])
         if not covers(legs):
             differences.append(f"failed leg {', '.join(str(leg) for leg in legs)}")

@@ -262,6 +262,30 @@ def score_samples_of(prior: ScorePrior, robot: Robot, leg: int, objective: str) 
     return ScoreSamples(leg=leg, log_scores=filled, valid=np.concatenate(valid).mean(axis=0))
 
 
+def ranked_codes(prior: Prior | ScorePrior, robot: Robot, leg: int, objective: str = "speed") -> list[int]:
+    """All codes, the best one by a prior first; a gait that falls in some worlds ranks behind its score.
+
+    Args:
+        prior: of steered walks, ranked by the mean log score; or of open-loop walks, ranked by how far from
+            their line they end on the mean.
+        robot: the robot that walks.
+        leg: the failed leg.
+        objective: of steered walks, one of `SCORES`.
+
+    Raises InputError as `samples_of` and `score_samples_of` do.
+    """
+    if isinstance(prior, ScorePrior):
+        scores = score_samples_of(prior, robot, leg, objective)
+        worlds, means, share = len(scores.log_scores), scores.log_scores.mean(axis=0), scores.valid
+    else:
+        ends = samples_of(prior, robot, leg)
+        means = np.log(np.abs(ends.features[..., FINAL]).mean(axis=0))
+        worlds, share = len(ends.features), ends.finished
+    # Rule of succession: no fall in these worlds is not a probability of zero.
+    chance = (worlds * share + 1) / (worlds + 2)
+    return [int(row) + 1 for row in np.argsort(means - np.log(chance), kind="stable")]
+
+
 def covers(robot: Robot, self_rotation: str, legs: tuple[int, ...], leg: int) -> bool:
     """Whether a prior of some legs covers a failed leg, directly or by symmetry."""
     return bool(_sources(robot, self_rotation, legs, leg))

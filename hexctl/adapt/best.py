@@ -1,0 +1,118 @@
+"""The best gait that is known for a walk, by a prior or by a session: `hexctl run --gait best`."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from hexctl.adapt.prior.find import find_prior, prior_folders
+from hexctl.adapt.prior.prior import PriorKey, open_prior
+from hexctl.adapt.prior.samples import covering, ranked_codes
+from hexctl.adapt.session import Session
+from hexctl.adapt.space import GaitSpace
+from hexctl.adapt.store import RUNS, load_session
+from hexctl.backends.base import as_robot
+from hexctl.control.assessment.static_stability import in_posture, usual_posture
+from hexctl.control.plan import TrialPlan, suited_rotation
+from hexctl.errors import InputError, argument
+from hexctl.gait.gait import make_gait
+from hexctl.gait.posture import Posture
+from hexctl.record.run import RunSpec
+from hexctl.robot.failure import Failure
+from hexctl.robot.model import Robot
+
+#: Name of the best gait by a prior; with a colon and a session, of its best trial.
+BEST = "best"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BestGait:
+    """The best gait that is known for a walk.
+
+    Attributes:
+        spec: of the walk, with the gait, its posture and its self-rotation filled in.
+        source: gait and where it is from, for people.
+    """
+
+    spec: RunSpec
+    source: str
+
+
+def names_best(gait: object) -> bool:
+    """Whether a gait is `best` or `best:SESSION`."""
+    return isinstance(gait, str) and gait.partition(":")[0].strip() == BEST
+
+
+def best_gait(spec: RunSpec, folder: Path | str = RUNS) -> BestGait:
+    """The best gait for a walk whose spec has the gait `best` or `best:SESSION`.
+
+    By the first prior for robot, leg, failure, hold and posture it is the fastest one, of open-loop walks
+    the one that ends nearest to its line; by a session it is that of its best trial.
+
+    Args:
+        spec: of the walk.
+        folder: of sessions and of priors that were built.
+
+    Raises InputError for another gait, a walk without a failed leg, and where nothing is known of such walks.
+    """
+    if not names_best(spec.gait):
+        raise InputError(f"{argument('gait')}: got {spec.gait_text}; allowed: best or best:SESSION")
+    session = str(spec.gait).partition(":")[2].strip()
+    if spec.failure is None:
+        raise InputError(
+            f"{argument('gait')}: got {spec.gait} with six good legs; allowed: with a failed leg; "
+            "auto is the gait that stands safest"
+        )
+    robot = as_robot(spec.robot)
+    if session:
+        return _of_session(spec, robot, spec.failure, load_session(session, folder))
+    return _of_prior(spec, robot, spec.failure, Path(folder))
+
+
+def _of_prior(spec: RunSpec, robot: Robot, failure: Failure, folder: Path) -> BestGait:
+    """The first gait of a prior's ranking."""
+    if spec.turn_rate_rad_s is not None:
+        raise InputError(f"{argument('gait')}: got best with a turn; allowed: straight, or auto")
+    rotation = suited_rotation(spec.self_rotation, spec.hold, chosen_gait=True)
+    gait = make_gait(robot, "demo", pace_hz=spec.pace_hz, amplitude=spec.amplitude, height=spec.height)
+    plan = TrialPlan(
+        gait=replace(gait, posture=Posture(body_raise=spec.body_raise or 0.0)),
+        heading_rad=spec.heading_rad or 0.0,
+        duration_s=spec.duration_s,
+        belief=failure,
+        self_rotation=rotation,
+        hold=spec.hold,
+    )
+    if spec.body_raise is None:
+        plan = in_posture(robot, plan, usual_posture(spec.hold))
+    found = find_prior(
+        PriorKey.of(robot, plan), prior_folders(folder), covers=covering(robot, plan), any_duration=True
+    )
+    if found.path is None:
+        raise InputError(
+            f"{argument('gait')}: got best, and there is no prior for such walks ({found.reason}); allowed: "
+            "auto, which needs none, or best:SESSION"
+        )
+    code = ranked_codes(open_prior(found.path), robot, failure.leg)[0]
+    walk = _walk_with(spec, GaitSpace((failure.leg,)).slots_of(code), plan.gait.posture.body_raise, rotation)
+    return BestGait(spec=walk, source=f"gait {code}, the best by the prior {found.path.name}")
+
+
+def _of_session(spec: RunSpec, robot: Robot, failure: Failure, session: Session) -> BestGait:
+    """The gait of a session's best trial, in its posture."""
+    own, best, what = session.spec, session.best, f"{argument('gait')}: got best:{session.name}"
+    if own.robot_fingerprint != robot.fingerprint:
+        raise InputError(f"{what}, a session of {own.robot}; allowed: of {robot.name} as it is described now")
+    if (own.failed_leg, own.failure) != (failure.leg, str(failure)):
+        raise InputError(
+            f"{what}, a session with leg {own.failed_leg} {own.failure}; allowed: with leg {failure.leg} "
+            f"{failure}"
+        )
+    if best is None:
+        raise InputError(f"{what}, which has no valid trial; allowed: another session, or auto")
+    rotation = own.self_rotation if spec.self_rotation == "auto" else spec.self_rotation
+    body_raise = own.body_raise if spec.body_raise is None else spec.body_raise
+    source = f"gait {best.code}, trial {best.index} of the session {session.name}"
+    return BestGait(spec=_walk_with(spec, best.slots, body_raise, rotation), source=source)
+
+
+def _walk_with(spec: RunSpec, slots: tuple[int, ...], body_raise: float, rotation: str) -> RunSpec:
+    return replace(spec, gait=tuple(slots), body_raise=body_raise, self_rotation=rotation)

@@ -1,0 +1,115 @@
+"""The best gait that is known for a walk."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hexctl.adapt.adaptation import adapt
+from hexctl.adapt.best import best_gait, names_best
+from hexctl.adapt.prior.prior import load_prior, save_prior
+from hexctl.adapt.prior.samples import ranked_codes
+from hexctl.adapt.space import GaitSpace
+from hexctl.control.assessment.static_stability import STAND_UP
+from hexctl.errors import InputError
+from hexctl.record.run import RunSpec, run
+from hexctl.robot.failure import Failure
+from tests.adapt.priors import key_of, made_up_prior, made_up_score_prior
+from tests.robots import shipped
+
+LIMP = Failure(leg=2, kind="limp")
+
+
+def spec(**options: Any) -> RunSpec:
+    return RunSpec(**{"gait": "best", "failure": Failure(leg=2, kind="limp"), **options})
+
+
+@pytest.fixture
+def built(tmp_path: Path) -> Path:
+    """A folder with priors of limp legs, for which none is shipped: of steered and of open-loop walks."""
+    line = replace(key_of(failure=LIMP, hold="line", self_rotation="none"), posture="auto")
+    save_prior(made_up_score_prior(line, legs=(2,)), tmp_path / "priors" / "line.npz")
+    save_prior(made_up_prior(key_of(failure=LIMP), legs=(2,)), tmp_path / "priors" / "none.npz")
+    return tmp_path
+
+
+def test_by_a_prior_it_is_the_fastest_of_its_worlds_whatever_the_duration(built: Path) -> None:
+    prior = made_up_score_prior(legs=(2,))
+    fastest = int(np.argmin(prior.log_scores[0, :, :, 0].mean(axis=0))) + 1
+    for duration_s in (30.0, 12.0):
+        found = best_gait(spec(duration_s=duration_s), built)
+        assert found.source == f"gait {fastest}, the best by the prior line.npz"
+        assert found.spec.gait == GaitSpace((2,)).slots_of(fastest)
+        assert (found.spec.self_rotation, found.spec.body_raise) == ("none", 0.0)
+        assert replace(found.spec, gait="best", self_rotation="auto", body_raise=None) == spec(
+            duration_s=duration_s
+        )
+
+
+def test_without_a_hold_it_is_the_straightest(built: Path) -> None:
+    found = best_gait(spec(hold="none"), built)
+    best = ranked_codes(load_prior(built / "priors" / "none.npz"), shipped(), 2)[0]
+    assert found.source == f"gait {best}, the best by the prior none.npz"
+    assert found.spec.self_rotation == "rear"
+
+
+def test_the_shipped_prior_knows_the_fastest_gait_of_ant_with_a_locked_leg(tmp_path: Path) -> None:
+    found = best_gait(spec(failure=Failure(leg=2), robot=shipped()), tmp_path)
+    assert "ant-locked-none-30s-line.npz" in found.source
+    assert found.spec.body_raise == STAND_UP
+    faster = run(replace(found.spec, duration_s=8.0)).trial.distance_m
+    safest = run(replace(spec(gait="auto"), failure=Failure(leg=2), duration_s=8.0)).trial.distance_m
+    assert faster is not None
+    assert safest is not None
+    assert faster > 0.97 * safest
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"failure": None}, r"got best with six good legs; allowed: with a failed leg; auto"),
+        (
+            {"failure": Failure(leg=2, kind="missing")},
+            r"no prior for such walks \(.*missing\); allowed: auto",
+        ),
+        (
+            {"pace_hz": 0.5},
+            r"no prior for such walks \(line.npz is for pace 0.9 Hz, not 0.5 Hz\); allowed: auto",
+        ),
+        ({"turn_rate_rad_s": 0.1, "heading_rad": 0.0}, "got best with a turn; allowed: straight, or auto"),
+        ({"gait": "best:nowhere"}, "nowhere"),
+        ({"gait": "auto"}, "got auto; allowed: best or best:SESSION"),
+    ],
+    ids=str,
+)
+def test_where_nothing_is_known_one_line_says_so(built: Path, options: dict[str, Any], words: str) -> None:
+    with pytest.raises(InputError, match=words) as refused:
+        best_gait(spec(**options), built)
+    assert "\n" not in str(refused.value)
+
+
+def test_by_a_session_it_is_that_of_its_best_trial(tmp_path: Path) -> None:
+    session = adapt(
+        2, budget=2, duration_s=3.0, objective="speed", prior="none", baseline=False, record=False,
+        folder=tmp_path,
+    ).session  # fmt: skip
+    name = f"best:{session.name}"
+    found = best_gait(spec(gait=name, failure=Failure(leg=2)), tmp_path)
+    assert session.best is not None
+    assert found.spec.gait == session.best.slots
+    assert (found.spec.body_raise, found.spec.self_rotation) == (STAND_UP, "none")
+    assert (
+        found.source == f"gait {session.best.code}, trial {session.best.index} of the session {session.name}"
+    )
+    with pytest.raises(InputError, match=r"a session with leg 2 locked; allowed: with leg 2 limp"):
+        best_gait(spec(gait=name), tmp_path)
+    with pytest.raises(InputError, match="a session of ant; allowed: of pexod"):
+        best_gait(spec(gait=name, failure=Failure(leg=2), robot="pexod"), tmp_path)
+
+
+def test_a_gait_of_another_name_is_not_the_best() -> None:
+    assert [names_best(gait) for gait in ("best", "best:x", "auto", "bestest", (1, 2, 3, 4, 5, 6))] == [
+        True, True, False, False, False,
+    ]  # fmt: skip
