@@ -15,7 +15,7 @@ from hexctl.control.plan import TrialPlan, suited_rotation
 from hexctl.errors import InputError, argument
 from hexctl.gait.gait import make_gait
 from hexctl.gait.posture import Posture
-from hexctl.record.run import RunSpec
+from hexctl.record.run_spec import RunSpec
 from hexctl.robot.failure import Failure
 from hexctl.robot.model import Robot
 

@@ -14,7 +14,8 @@ from hexctl.adapt.prior.samples import ranked_codes
 from hexctl.adapt.space import GaitSpace
 from hexctl.control.assessment.static_stability import STAND_UP
 from hexctl.errors import InputError
-from hexctl.record.run import RunSpec, run
+from hexctl.record.run import run
+from hexctl.record.run_spec import RunSpec
 from hexctl.robot.failure import Failure
 from tests.adapt.priors import key_of, made_up_prior, made_up_score_prior
 from tests.robots import shipped

@@ -133,13 +133,18 @@ def table(prior: ScorePrior, landscapes: Sequence[Landscape]) -> dict[str, Float
 
 
 def lines_of(rows: Mapping[str, FloatArray]) -> list[str]:
-    """Table in Markdown: mean and greatest regret over the worlds, in percent."""
-    head = ["regret in %, mean (greatest)", *(f"after {count}" for count in AFTER)]
+    """Table in Markdown: mean regret over the worlds, its standard error and the greatest one, in percent."""
+    head = ["slower by, in %", *(f"after {count}" for count in AFTER)]
     lines = ["| " + " | ".join(head) + " |", "|---" * len(head) + "|"]
     for name, values in rows.items():
-        cells = [f"{100 * column.mean():.1f} ({100 * column.max():.1f})" for column in values.T]
+        cells = [_cell(100 * column) for column in values.T]
         lines.append("| " + " | ".join([name, *cells]) + " |")
     return lines
+
+
+def _cell(percent: FloatArray) -> str:
+    error = percent.std(ddof=1) / np.sqrt(percent.size)
+    return f"{percent.mean():.1f} ± {error:.1f} ({percent.max():.1f})"
 
 
 def main(folder: Path = FOLDER) -> None:

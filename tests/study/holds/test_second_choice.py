@@ -82,4 +82,4 @@ def test_a_prior_that_knows_the_gaits_is_ahead_of_chance_and_of_a_shuffled_one(
 
 def test_the_table_has_a_line_for_each_search() -> None:
     lines = lines_of({"bayes": np.array([[0.1, 0.02], [0.3, 0.0]])})
-    assert lines[-1] == "| bayes | 20.0 (30.0) | 1.0 (2.0) |"
+    assert lines[-1] == "| bayes | 20.0 ± 10.0 (30.0) | 1.0 ± 1.0 (2.0) |"
