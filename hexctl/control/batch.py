@@ -35,6 +35,9 @@ from hexctl.robot.failure import Failure
 from hexctl.robot.model import Robot
 from hexctl.types import BoolArray, FloatArray, JointTargets, RobotState, check_shape
 
+#: Trials that begin apart are stepped together up to this number, which is enough to spread the cost of a tick.
+MOST_TOGETHER = 64
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, init=False)
 class SimTrial:
@@ -121,8 +124,9 @@ def run_sim_trials(
 ) -> list[TrialResult]:
     """Results of many simulated trials, in their order: each as if run alone, to the last bit.
 
-    Trials that begin alike (robot, world, seed, failure, heading, turn) settle and turn once. Up to
-    `MOST_TOGETHER` trials of one robot that hold the same are stepped together, each in its own world.
+    Trials that begin alike (robot, world, seed, failure, heading, turn) settle and turn once, and walk
+    together. So do trials of one robot that hold the same and begin apart, up to `MOST_TOGETHER` of them,
+    each in its own world.
 
     Args:
         trials: what to walk.
@@ -145,10 +149,6 @@ def run_sim_trials(
         together = [[trials[index] for index in indices] for indices in starts]
         results.update(zip(flat, _run_group(together, threads, make_controller), strict=True))
     return [results[index] for index in range(len(trials))]
-
-
-#: Trials that are stepped together, unless more begin alike: enough to spread the cost of a tick.
-MOST_TOGETHER = 64
 
 
 def _groups(trials: Sequence[SimTrial], *, mixed: bool) -> Iterator[list[list[int]]]:

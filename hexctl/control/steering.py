@@ -62,7 +62,7 @@ class Measured:
 
     Args:
         first: what the number is now, leading shape.
-        jump: change between two measurements that is not believed at once.
+        jump: change between two measurements that is not believed immediately.
 
     Attributes:
         value: the last one believed.
@@ -135,7 +135,7 @@ class CourseOverGround:
         self._time_s: FloatArray = np.zeros(np.shape(cycle_s))
 
     def forget(self, which: BoolArray) -> None:
-        """Begin anew for some robots, leading shape."""
+        """Begin again for some robots, leading shape."""
         self._time_s = np.where(which, 0.0, self._time_s)
 
     def yaw_rad(self, dt_s: float, position_world: FloatArray, velocity_body: FloatArray) -> FloatArray:
@@ -200,10 +200,12 @@ def held(plan: TrialPlan, frame: TrialFrame | None) -> str:
 
 def why_less(plan: TrialPlan, frame: TrialFrame | None) -> str | None:
     """Why a walk holds less than its plan wants, in words; None where it does not."""
-    if plan.hold == "none" or held(plan, frame) == "line" or (frame is not None and plan.hold == "heading"):
+    if plan.hold == "none":
         return None
     if not plan.straight:
         return "a turn and an arc have no line"
+    if held(plan, frame) == "line" or (frame is not None and plan.hold == "heading"):
+        return None
     missing = "no position" if frame is not None else "neither position nor yaw"
     return f"{'no yaw' if plan.hold == 'heading' else missing} was measured at rest before the walk"
 
@@ -263,7 +265,7 @@ class CourseHold:
         self.velocity_body = self._velocity()
 
     def follow(self, course: Course) -> None:
-        """Follow another line from now on; what pulls the robot aside is learned anew, as it is along a line.
+        """Follow another line from now on; what pulls the robot aside is learned again from nothing.
 
         The deviation from the line before is not taken for one from the new line.
         """

@@ -119,6 +119,12 @@ def test_a_walk_that_holds_less_than_it_should_says_why(
     assert result.hold_caveat == (said and f"{said} at rest before the walk")
 
 
+@pytest.mark.parametrize("wanted", ["auto", "heading", "line"])
+def test_an_arc_says_why_it_holds_nothing(wanted: str) -> None:
+    result = walked(without(), hold=wanted, duration_s=0.1, turn_rate_rad_s=0.1)
+    assert (result.hold, result.hold_caveat) == ("none", "a turn and an arc have no line")
+
+
 def test_without_any_pose_nothing_is_held() -> None:
     result = walked(without("position", "quaternion"))
     assert (result.hold, result.deviation, result.true_deviation) == ("none", None, None)

@@ -97,7 +97,7 @@ class SimBatch:
 
 
 class _Copies:
-    """Copies of one simulation in some rows of a batch: what they measure, and what becomes of targets."""
+    """Copies of one simulation in some rows of a batch: what they measure, and how they are driven."""
 
     def __init__(self, servos: SimServos, batch: Any, rows: slice) -> None:
         self.rows, n = rows, rows.stop - rows.start

@@ -16,7 +16,7 @@ from hexctl.gait.encoding import Slots
 from hexctl.gait.gait import Gait
 from hexctl.study.cache import CacheError, LandscapeCache
 from hexctl.study.evaluate import Progress
-from hexctl.study.holds.conditions import HoldCase, HoldConditions
+from hexctl.study.holds.conditions import HOLDS, HoldCase, HoldConditions
 from hexctl.study.holds.plan import HoldPlan
 
 #: Statuses of walks that end on their feet and have a final deviation.
@@ -162,7 +162,7 @@ def _walk_from(values: dict[str, Any]) -> HoldWalk:
 
 @dataclass(frozen=True, kw_only=True)
 class _Chunk:
-    """Cases that are simulated together: those under one set of conditions."""
+    """Cases that are simulated together: those that hold the same under one set of conditions."""
 
     conditions: HoldConditions
     cases: tuple[HoldCase, ...]
@@ -177,20 +177,20 @@ def walk_all(
 ) -> list[tuple[HoldConditions, HoldWalk]]:
     """All walks of a plan, simulated where the cache lacks them.
 
-    When this is interrupted, every finished world is in the cache, and another call continues from there.
+    When this is interrupted, what has finished, hold by hold in each world, is in the cache, and another call
+    continues from there.
 
     Args:
         plan: what to walk.
         cache: of the walks.
         progress: observer.
-        jobs: threads that simulate worlds in parallel; None is all cores.
+        jobs: threads that simulate; None is all cores.
 
     Raises CacheError when walks cannot be saved.
     """
     conditions, cases = plan.conditions(), plan.cases()
     known = {one.fingerprint: cache.load(one) for one in conditions}
-    missing = {one: [case for case in cases if case not in known[one.fingerprint]] for one in conditions}
-    todo = [_Chunk(conditions=one, cases=tuple(left)) for one, left in missing.items() if left]
+    todo = [chunk for one in conditions for chunk in _chunks(one, cases, known[one.fingerprint])]
     left = sum(len(chunk.cases) for chunk in todo)
     total = len(conditions) * len(cases)
     if left < total:
@@ -207,12 +207,22 @@ def walk_all(
     return [(one, known[one.fingerprint][case]) for one in conditions for case in cases]
 
 
+def _chunks(
+    conditions: HoldConditions, cases: Sequence[HoldCase], known: dict[HoldCase, HoldWalk]
+) -> Iterator[_Chunk]:
+    """Chunks of the cases that are not known, hold by hold."""
+    for hold in HOLDS:
+        missing = tuple(case for case in cases if case.hold == hold and case not in known)
+        if missing:
+            yield _Chunk(conditions=conditions, cases=missing)
+
+
 def _simulated(chunks: Sequence[_Chunk], jobs: int) -> Iterator[tuple[_Chunk, list[HoldWalk]]]:
     """Chunks and their walks as they finish; when this is left early, those that have begun are awaited."""
     if jobs == 1:
         yield from (chunk.walk(1) for chunk in chunks)
         return
-    threads = max(1, jobs // max(1, len(chunks)))
+    threads = math.ceil(jobs / max(1, len(chunks)))
     with ThreadPoolExecutor(jobs) as executor:
         futures = [executor.submit(chunk.walk, threads) for chunk in chunks]
         try:
