@@ -35,7 +35,7 @@ from hexctl.robot.failure import Failure
 from hexctl.robot.model import Robot
 from hexctl.types import BoolArray, FloatArray, JointTargets, RobotState, check_shape
 
-#: Trials that begin apart are stepped together up to this number, which is enough to spread the cost of a tick.
+#: Trials that begin apart are stepped together up to this number, which spreads the cost of a tick well.
 MOST_TOGETHER = 64
 
 

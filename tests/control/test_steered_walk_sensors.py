@@ -46,6 +46,7 @@ def walked(
     code: int = 62,
     world: World | None = None,
     duration_s: float = WALK_S,
+    turn_rate_rad_s: float = 0.0,
 ) -> TrialResult:
     """A walk with leg 3 locked and no self-rotation, which veers by decimetres in open loop."""
     robot, failure = shipped(), Failure(leg=3)
@@ -54,6 +55,7 @@ def walked(
         belief=failure,
         duration_s=duration_s,
         self_rotation="none",
+        turn_rate_rad_s=turn_rate_rad_s,
         hold=hold,
     )
     with Guard(Faulty(SimServos(robot, world=world, failure=failure), fault)) as guard:
