@@ -5,6 +5,7 @@ limits are plain array mathematics, shared with batches of simulated robots.
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from threading import Lock
 from types import TracebackType
@@ -68,6 +69,11 @@ def leaning(base_quaternion_world: FloatArray) -> BoolArray:
     return np.asarray(cos_tilt(x, y) < FALL_COS_TILT)
 
 
+def base_orientation(state: RobotState) -> FloatArray | None:
+    """Orientation (4,) of the base in a state, or None: falls are judged by it."""
+    return state.base_quaternion_world
+
+
 #: A command older than this is not obeyed, silence longer than this freezes the robot, and a state older
 #: than this stops it.
 EXPIRY_S = 0.2
@@ -128,7 +134,22 @@ class Guard(ServosWrapper):
         leaning_ticks: for how many ticks the body has leant too far.
     """
 
-    def __init__(self, servos: LegServos, *, expiry_s: float = EXPIRY_S) -> None:
+    def __init__(
+        self,
+        servos: LegServos,
+        *,
+        expiry_s: float = EXPIRY_S,
+        tilt_of: Callable[[RobotState], FloatArray | None] = base_orientation,
+    ) -> None:
+        """Guard servos.
+
+        Args:
+            servos: behind the guard.
+            expiry_s: greatest age of commands and states, in s, and how long a controller may be silent.
+            tilt_of: orientation (4,) of a state that was just read by which falls are judged, or None.
+
+        Raises InputError for an expiry that is not allowed.
+        """
         check_type(expiry_s, float, "expiry")
         if not 0 < expiry_s <= MAX_EXPIRY_S:
             raise InputError(f"expiry: got {expiry_s:g} s; allowed: above 0 up to {MAX_EXPIRY_S:g} s")
@@ -142,8 +163,8 @@ class Guard(ServosWrapper):
         self._accepted_at_s: float | None = None
         self._baseline_rad: FloatArray | None = None
         self._baseline_period = 0
-        self._position_at_s: float | None = None
-        self._tilt_at_s: float | None = None
+        self._tilt_of = tilt_of
+        self._seen_at_s: dict[str, float] = {}
         self.leaning_ticks = 0
 
     @property
@@ -235,6 +256,13 @@ class Guard(ServosWrapper):
             self.stopped = None
         self._forget()
 
+    def forget_pose(self) -> None:
+        """Expect no position and no orientation until the next ones: they come from another source now.
+
+        The orientation by which falls are judged is still expected.
+        """
+        self._seen_at_s = {part: at_s for part, at_s in self._seen_at_s.items() if part == "tilt"}
+
     def lift_silence(self) -> bool:
         """Clear a stop for silence, and no other, not even one that comes at this moment; return whether."""
         with self._latch:
@@ -263,8 +291,7 @@ class Guard(ServosWrapper):
         self._accepted_at_s = None
         now_s = self.clock.now_s
         # A pose that was known stays so, but its age counts from here.
-        self._position_at_s = None if self._position_at_s is None else now_s
-        self._tilt_at_s = None if self._tilt_at_s is None else now_s
+        self._seen_at_s = dict.fromkeys(self._seen_at_s, now_s)
         with _LINK_FAILED:
             super().pause_watchdog()
         self.clock.pause()
@@ -288,7 +315,7 @@ class Guard(ServosWrapper):
     def _forget(self) -> None:
         """Know of no command, no pose and no fall, as before the first one."""
         self._accepted_rad = self._accepted_at_s = self._baseline_rad = None
-        self._position_at_s = self._tilt_at_s = None
+        self._seen_at_s = {}
         self.leaning_ticks = 0
 
     def _baseline(self, now_s: float) -> FloatArray:
@@ -330,22 +357,24 @@ class Guard(ServosWrapper):
 
     def _watch_pose(self, state: RobotState) -> None:
         """Latch a stop for a fall, and for a pose that is not finite or has been lost."""
-        position, quaternion = state.base_position_world, state.base_quaternion_world
+        tilt = self._tilt_of(state)
+        parts = {
+            "position": state.base_position_world,
+            "orientation": state.base_quaternion_world,
+            "tilt": tilt,
+        }
         now_s = self.clock.now_s
-        if position is not None:
-            self._position_at_s = now_s
-            if not math.isfinite(sum(position.tolist())):
-                self.stop("state")
-        if quaternion is not None:
-            self._tilt_at_s = now_s
-        for seen_at_s in (self._position_at_s, self._tilt_at_s):
-            if seen_at_s is not None and now_s - seen_at_s > POSE_EXPIRY_S:
+        for part, value in parts.items():
+            if value is not None:
+                self._seen_at_s[part] = now_s
+                if not math.isfinite(sum(value.tolist())):
+                    self.stop("state")
+        for seen_at_s in self._seen_at_s.values():
+            if now_s - seen_at_s > POSE_EXPIRY_S:
                 self.stop("pose lost")
-        if quaternion is None:
+        if tilt is None:
             return
-        w, x, y, z = quaternion.tolist()
-        if not math.isfinite(w + x + y + z):
-            self.stop("state")
+        _, x, y, _ = tilt.tolist()
         self.leaning_ticks = self.leaning_ticks + 1 if cos_tilt(x, y) < FALL_COS_TILT else 0
         if self.leaning_ticks >= FALL_TICKS:
             self.stop("fell")

@@ -27,15 +27,32 @@ Answer = TypeVar("Answer")
 class ServedServos(ServosWrapper):
     """Servos behind a server: they may get their pose from outside, and every fault of theirs is named.
 
-    A pose from outside, such as motion capture, replaces the robot's own. One that stops coming is lost,
-    which the guard notices. Whatever the servos raise becomes a RobotFaultError that says which call failed
-    and why: an exception that a driver does not expect ends `serve` as a fault, not as a traceback.
+    A pose from outside, such as motion capture, replaces the robot's own, both halves of it: the two are in
+    frames of their own, and a position of one with a yaw of the other would be a pose in neither. Falls are
+    still judged by the robot's own orientation, where it has one (`tilt_of`). A pose that stops coming is
+    lost, which the guard notices.
+
+    Whatever the servos raise becomes a RobotFaultError that says which call failed and why: an exception that
+    a driver does not expect ends `serve` as a fault, not as a traceback.
     """
 
     def __init__(self, servos: LegServos) -> None:
         super().__init__(servos)
         self._pose: tuple[FloatArray | None, FloatArray | None] | None = None
         self._pose_at_s = 0.0
+        self._own_quaternion: FloatArray | None = None
+
+    @property
+    def posed_from_outside(self) -> bool:
+        """Whether a pose from outside has replaced the robot's own."""
+        return self._pose is not None
+
+    def tilt_of(self, state: RobotState) -> FloatArray | None:
+        """Orientation (4,) by which falls are judged in the state that was read last, or None.
+
+        It is the robot's own, from which roll and pitch are known in any frame, else the one from outside.
+        """
+        return state.base_quaternion_world if self._own_quaternion is None else self._own_quaternion
 
     def set_pose(
         self, position_world: FloatArray | None, quaternion_world: FloatArray | None, at_s: float
@@ -56,6 +73,7 @@ class ServedServos(ServosWrapper):
     def read(self) -> RobotState:
         """State of the servos, with the pose from outside once there was one."""
         state = self._call("read", super().read)
+        self._own_quaternion = state.base_quaternion_world
         if self._pose is None:
             return state
         fresh = time.monotonic() - self._pose_at_s <= EXPIRY_S
@@ -76,7 +94,7 @@ class ServedServos(ServosWrapper):
 
     def close(self) -> None:
         """Close the servos and drop the pose."""
-        self._pose = None
+        self._pose = self._own_quaternion = None
         self._call("close", super().close)
 
     def _call(self, name: str, method: Callable[[], Answer]) -> Answer:
@@ -127,7 +145,7 @@ class RobotServer:
                 the event log.
         """
         self._servos = ServedServos(servos)
-        self._guard = Guard(self._servos)
+        self._guard = Guard(self._servos, tilt_of=self._servos.tilt_of)
         self._link = link
         self._simulated = None if simulated is None else dict(simulated)
         self._leases = LeaseManager()
@@ -212,9 +230,15 @@ class RobotServer:
 
     def _set_pose(self, payload: bytes, at_s: float) -> None:
         try:
-            self._servos.set_pose(*decode_pose(payload), at_s)
+            position, quaternion = decode_pose(payload)
         except MessageError:
             self._malformed_poses += 1
+            return
+        if not self._servos.posed_from_outside:
+            if position is None and quaternion is None:
+                return  # it knows nothing yet
+            self._guard.forget_pose()
+        self._servos.set_pose(position, quaternion, at_s)
 
     def _tick(self) -> None:
         """One control period: read, check for expired commands, publish."""

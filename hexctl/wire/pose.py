@@ -2,6 +2,7 @@
 
 import math
 import time
+from typing import Any
 
 import numpy as np
 
@@ -22,6 +23,10 @@ UNKNOWN_VARIANCE = 1e6
 
 #: A coordinate with a greater variance is not measured: a standard deviation of 30 m, or of five turns.
 MOST_VARIANCE = 1e3
+
+#: Places of the variances by which a half counts as measured: x and y, and the yaw. Planar odometry, as ROS
+#: robots have it, knows neither z nor roll nor pitch.
+_JUDGED_POSITION, _JUDGED_ORIENTATION = [0, 7], [35]
 
 
 def encode_pose(position_world: FloatArray | None, quaternion_world: FloatArray | None) -> bytes:
@@ -63,16 +68,34 @@ def encode_pose(position_world: FloatArray | None, quaternion_world: FloatArray 
 def decode_pose(payload: bytes) -> tuple[FloatArray | None, FloatArray | None]:
     """Position (3,) and unit quaternion (w, x, y, z) of a nav_msgs/Odometry, all finite.
 
-    Each is None where one of its variances is greater than `MOST_VARIANCE`: it is not measured.
-    Raises MessageError for anything else.
+    The position is None where the variance of x or y is greater than `MOST_VARIANCE`, the orientation where
+    that of the yaw is: it is not measured, and its values are not looked at. z, roll and pitch are as sent,
+    whatever their variances. Raises MessageError for anything else.
     """
     estimate = ros_cdr.decode(ros_cdr.ODOMETRY, payload).pose
     pose, variances = estimate.pose, np.asarray(estimate.covariance)
-    position = np.array([pose.position.x, pose.position.y, pose.position.z])
-    turned = pose.orientation
+    position = quaternion = None
+    if not (variances[_JUDGED_POSITION] > MOST_VARIANCE).any():
+        position = _checked_position(pose.position)
+    if not (variances[_JUDGED_ORIENTATION] > MOST_VARIANCE).any():
+        quaternion = _checked_quaternion(pose.orientation)
+    return position, quaternion
+
+
+def _checked_position(point: Any) -> FloatArray:
+    """Position (3,) of a geometry_msgs/Point."""
+    position = np.array([point.x, point.y, point.z])
+    if not np.isfinite(position).all():
+        raise MessageError(f"pose: got the position {position.tolist()}; allowed: finite metres")
+    return position
+
+
+def _checked_quaternion(turned: Any) -> FloatArray:
+    """Unit quaternion (w, x, y, z) of a geometry_msgs/Quaternion, which may be off by its rounding."""
     quaternion = np.array([turned.w, turned.x, turned.y, turned.z])
     norm = math.hypot(*quaternion.tolist())
-    if not (np.isfinite(position).all() and math.isfinite(norm) and abs(norm - 1) < 0.01):
-        raise MessageError("pose: got an invalid pose; allowed: finite metres and a unit quaternion")
-    unknown = [(variances[[*places]] > MOST_VARIANCE).any() for places in (_OF_POSITION, _OF_ORIENTATION)]
-    return None if unknown[0] else position, None if unknown[1] else quaternion / norm
+    if not abs(norm - 1) < 0.01:  # true for nan too
+        raise MessageError(
+            f"pose: got the orientation {quaternion.tolist()} (w, x, y, z); allowed: a unit quaternion"
+        )
+    return quaternion / norm

@@ -235,6 +235,63 @@ def test_a_position_from_outside_is_no_orientation(bench: Bench) -> None:
     assert quaternion is None
 
 
+def pose_from_outside(bench: Bench, position: Any, quaternion: Any, *, for_s: float = 0.02) -> None:
+    """Let a motion capture send a pose before each tick."""
+    item: Any = Item(encode_pose(position, quaternion), None)
+    for _ in range(round(for_s / 0.02)):
+        bench.server._handle(Arrival("pose", item, bench.servos.time.now_s))
+        bench.ticks(1)
+
+
+HERE, UPRIGHT = np.array([1.0, 2.0, 0.1]), np.array([1.0, 0.0, 0.0, 0.0])
+
+
+def test_a_position_from_outside_leaves_the_fall_detection_to_the_robots_own_orientation(
+    bench: Bench,
+) -> None:
+    bench.ticks(2)
+    pose_from_outside(bench, HERE, None, for_s=POSE_EXPIRY_S + 1.0)
+    assert bench.server.status()["stopped"] is None
+    bench.servos.lean(80)
+    pose_from_outside(bench, HERE, None, for_s=0.4)
+    assert bench.server.status()["stopped"] == "fell"
+
+
+def test_planar_odometry_from_outside_hides_no_fall(bench: Bench) -> None:
+    bench.servos.lean(80)
+    pose_from_outside(bench, HERE, UPRIGHT, for_s=0.4)
+    assert bench.server.status()["stopped"] == "fell"
+
+
+@pytest.mark.parametrize(("position", "quaternion"), [(HERE, None), (None, UPRIGHT), (HERE, UPRIGHT)])
+def test_a_pose_from_outside_that_stops_coming_is_lost_whatever_the_robot_knows_itself(
+    bench: Bench, position: Any, quaternion: Any
+) -> None:
+    bench.ticks(2)
+    pose_from_outside(bench, position, quaternion, for_s=1.0)
+    bench.ticks(round(POSE_EXPIRY_S / 0.02))
+    assert bench.server.status()["stopped"] is None
+    bench.ticks(20)
+    assert bench.server.status()["stopped"] == "pose lost"
+
+
+def test_an_own_orientation_that_stays_away_is_lost_although_a_position_comes_from_outside(
+    bench: Bench,
+) -> None:
+    bench.ticks(2)
+    pose_from_outside(bench, HERE, None)
+    bench.servos.quaternion_world = None
+    pose_from_outside(bench, HERE, None, for_s=POSE_EXPIRY_S + 0.2)
+    assert bench.server.status()["stopped"] == "pose lost"
+
+
+def test_a_pose_from_outside_that_knows_nothing_yet_leaves_the_robots_own(bench: Bench) -> None:
+    bench.ticks(2)
+    pose_from_outside(bench, None, None, for_s=POSE_EXPIRY_S + 1.0)
+    assert bench.server.status()["stopped"] is None
+    assert bench.server.status()["pose"]
+
+
 def test_status_and_battery_go_out_now_and_then(bench: Bench) -> None:
     bench.ticks(100)
     kinds = [kind for kind, _, _ in bench.said]

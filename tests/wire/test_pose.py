@@ -49,3 +49,44 @@ def test_what_is_not_measured_of_a_pose_has_a_large_variance_for_ros_tools() -> 
 def test_a_pose_that_is_none_is_refused(position: list[float], quaternion: list[float]) -> None:
     with pytest.raises(MessageError, match="pose"):
         decode_pose(encode_pose(np.array(position, float), np.array(quaternion, float)))
+
+
+def sent_with(
+    variances: dict[int, float], position: list[float] | None = None, quaternion: list[float] | None = None
+) -> bytes:
+    """A pose with variances by their places among the 36 of its covariance."""
+    estimate = ros_cdr.decode(
+        ros_cdr.ODOMETRY,
+        encode_pose(
+            POSITION if position is None else np.array(position, float),
+            QUATERNION if quaternion is None else np.array(quaternion, float),
+        ),
+    )
+    covariance = np.array(estimate.pose.covariance)
+    covariance[[*variances]] = [*variances.values()]
+    estimate.pose.covariance = covariance
+    return ros_cdr.encode(estimate)
+
+
+def test_planar_odometry_knows_position_and_yaw_as_ros_robots_send_it() -> None:
+    position, quaternion = decode_pose(sent_with({14: 1e6, 21: 1e6, 28: 1e6}))
+    assert position is not None
+    assert quaternion is not None
+    np.testing.assert_array_equal(position, POSITION)
+    np.testing.assert_allclose(quaternion, QUATERNION, atol=1e-15)
+
+
+@pytest.mark.parametrize(("place", "known"), [(0, (False, True)), (7, (False, True)), (35, (True, False))])
+def test_without_a_coordinate_of_the_plane_that_half_is_not_measured(
+    place: int, known: tuple[bool, bool]
+) -> None:
+    assert tuple(half is not None for half in decode_pose(sent_with({place: 1e6}))) == known
+
+
+def test_what_is_declared_unknown_may_hold_anything() -> None:
+    position, quaternion = decode_pose(sent_with({35: 1e6}, quaternion=[0, 0, 0, 0]))
+    np.testing.assert_array_equal(position, POSITION)
+    assert quaternion is None
+    position, quaternion = decode_pose(sent_with({0: 1e6, 7: 1e6}, position=[np.nan, 0, 0]))
+    assert position is None
+    assert quaternion is not None

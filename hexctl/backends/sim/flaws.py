@@ -6,6 +6,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 from hexctl.robot.configs import Number
 
+Finite = Annotated[Number, Field(allow_inf_nan=False)]
 NotNegative = Annotated[Number, Field(ge=0, allow_inf_nan=False)]
 
 
@@ -38,7 +39,8 @@ class SensorFaults(Section):
 
     Attributes:
         yaw_drift_deg_per_min: drift of the yaw, counter-clockwise from the start on.
-        pose_frozen_s: intervals in which position and orientation stay what they were when each began.
+        pose_frozen_s: intervals in which position and orientation stay what they were when each began; where
+            intervals overlap, the one that began last counts.
         position_jump_s: intervals in which the position is off.
         position_jump_m: by how much, along the axes of the world.
     """
@@ -46,4 +48,4 @@ class SensorFaults(Section):
     yaw_drift_deg_per_min: Annotated[Number, Field(ge=-3600, le=3600, allow_inf_nan=False)] = 0.0
     pose_frozen_s: tuple[Interval, ...] = ()
     position_jump_s: tuple[Interval, ...] = ()
-    position_jump_m: tuple[Number, Number, Number] = (0.0, 1.0, 0.0)
+    position_jump_m: tuple[Finite, Finite, Finite] = (0.0, 1.0, 0.0)

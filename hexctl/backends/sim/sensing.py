@@ -67,7 +67,7 @@ class FaultyPose:
 
     def __init__(self, faults: SensorFaults) -> None:
         self._faults, self.none = faults, faults == SensorFaults()
-        self._frozen: tuple[FloatArray, FloatArray] | None = None
+        self._frozen: dict[tuple[float, float], tuple[FloatArray, FloatArray]] = {}
 
     def seen(
         self, position: FloatArray, quaternion: FloatArray, stamp_s: float
@@ -76,19 +76,20 @@ class FaultyPose:
         faults = self._faults
         if faults.yaw_drift_deg_per_min:
             quaternion = turned(quaternion, math.radians(faults.yaw_drift_deg_per_min) * stamp_s / 60)
-        if _within(faults.position_jump_s, stamp_s):
+        if _holding(faults.position_jump_s, stamp_s):
             position = position + np.array(faults.position_jump_m)
-        if not _within(faults.pose_frozen_s, stamp_s):
-            self._frozen = None
+        # Each interval that holds now has the pose of its own beginning.
+        now = _holding(faults.pose_frozen_s, stamp_s)
+        self._frozen = {interval: self._frozen.get(interval, (position, quaternion)) for interval in now}
+        if not now:
             return position, quaternion
-        if self._frozen is None:
-            self._frozen = position, quaternion
-        first, second = self._frozen
+        first, second = self._frozen[max(now)]
         return np.broadcast_to(first, position.shape), np.broadcast_to(second, quaternion.shape)
 
 
-def _within(intervals: Sequence[tuple[float, float]], time_s: float) -> bool:
-    return any(first_s <= time_s < last_s for first_s, last_s in intervals)
+def _holding(intervals: Sequence[tuple[float, float]], time_s: float) -> list[tuple[float, float]]:
+    """Intervals that a time lies in."""
+    return [(first_s, last_s) for first_s, last_s in intervals if first_s <= time_s < last_s]
 
 
 class Losses:

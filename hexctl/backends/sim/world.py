@@ -16,7 +16,7 @@ from pydantic import (
 )
 
 from hexctl.backends.clock import PERIOD_S
-from hexctl.backends.sim.flaws import Section, SensorFaults, SensorNoise
+from hexctl.backends.sim.flaws import Finite, Section, SensorFaults, SensorNoise
 from hexctl.errors import InputError, check_type, shown
 from hexctl.robot.configs import Number, find_config, read_mapping, validate
 from hexctl.types import JOINT_KINDS, JOINTS_PER_LEG, N_JOINTS, N_LEGS, FloatArray
@@ -54,8 +54,6 @@ _IN_STEPS = (
     "sensor_noise",
     "sensor_faults",
 )
-
-Finite = Annotated[Number, Field(allow_inf_nan=False)]
 
 
 class World(Section):

@@ -419,12 +419,34 @@ def test_a_pose_freezes_and_comes_back() -> None:
 
 
 @pytest.mark.parametrize(
+    ("intervals", "began_s"),
+    [
+        ([[0.2, 0.4], [0.4, 0.6]], [(0.2, 0.4, 0.2), (0.4, 0.6, 0.4)]),
+        ([[0.2, 0.5], [0.4, 0.6]], [(0.2, 0.4, 0.2), (0.4, 0.6, 0.4)]),
+        ([[0.2, 0.6], [0.3, 0.5]], [(0.2, 0.3, 0.2), (0.3, 0.5, 0.3), (0.5, 0.6, 0.2)]),
+    ],
+    ids=["adjoining", "overlapping", "one within another"],
+)
+def test_a_pose_stays_what_it_was_when_its_interval_began(
+    intervals: list[list[float]], began_s: list[tuple[float, float, float]]
+) -> None:
+    times_s, positions, _ = poses({})
+    _, seen, _ = poses({"pose_frozen_s": intervals})
+    for begin_s, end_s, frozen_at_s in began_s:
+        frozen = (times_s >= begin_s) & (times_s < end_s)
+        shown = positions[times_s >= frozen_at_s][0]
+        np.testing.assert_array_equal(seen[frozen], np.broadcast_to(shown, seen[frozen].shape))
+
+
+@pytest.mark.parametrize(
     ("line", "said"),
     [
         ("pose_frozen_s: [[3, 2]]", "got 3 to 2 s; allowed: an interval that ends after it begins"),
         ("pose_frozen_s: [[-1, 2]]", "sensor_faults.pose_frozen_s"),
         ("yaw_drift_deg_per_min: 1e9", "sensor_faults.yaw_drift_deg_per_min"),
         ("drift: 1", "sensor_faults.drift"),
+        ("position_jump_m: [0, .nan, 0]", "sensor_faults.position_jump_m"),
+        ("position_jump_m: [.inf, 0, 0]", "sensor_faults.position_jump_m"),
     ],
 )
 def test_a_sensor_fault_that_cannot_be_is_refused(line: str, said: str, tmp_path: Path) -> None:
