@@ -11,16 +11,13 @@ from hexctl.adapt.space import GaitSpace
 from hexctl.adapt.store import RUNS, load_session
 from hexctl.backends.base import as_robot
 from hexctl.control.assessment.static_stability import in_posture, usual_posture
-from hexctl.control.plan import TrialPlan, suited_rotation
+from hexctl.control.plan import AUTO_ROTATION, TrialPlan, suited_rotation
 from hexctl.errors import InputError, argument
-from hexctl.gait.gait import make_gait
+from hexctl.gait.gait import make_gait, names_best
 from hexctl.gait.posture import Posture
 from hexctl.record.run_spec import RunSpec
 from hexctl.robot.failure import Failure
 from hexctl.robot.model import Robot
-
-#: Name of the best gait by a prior; with a colon and a session, of its best trial.
-BEST = "best"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -28,17 +25,13 @@ class BestGait:
     """The best gait that is known for a walk.
 
     Attributes:
-        spec: of the walk, with the gait, its posture and its self-rotation filled in.
+        spec: of the walk, with the gait and its posture filled in, and the self-rotation of a session. That
+            of a gait by a prior stays as it was asked for, since `auto` depends on the robot that connects.
         source: gait and where it is from, for people.
     """
 
     spec: RunSpec
     source: str
-
-
-def names_best(gait: object) -> bool:
-    """Whether a gait is `best` or `best:SESSION`."""
-    return isinstance(gait, str) and gait.partition(":")[0].strip() == BEST
 
 
 def best_gait(spec: RunSpec, folder: Path | str = RUNS) -> BestGait:
@@ -92,7 +85,9 @@ def _of_prior(spec: RunSpec, robot: Robot, failure: Failure, folder: Path) -> Be
             "auto, which needs none, or best:SESSION"
         )
     code = ranked_codes(open_prior(found.path), robot, failure.leg)[0]
-    walk = _walk_with(spec, GaitSpace((failure.leg,)).slots_of(code), plan.gait.posture.body_raise, rotation)
+    walk = _walk_with(
+        spec, GaitSpace((failure.leg,)).slots_of(code), plan.gait.posture.body_raise, spec.self_rotation
+    )
     return BestGait(spec=walk, source=f"gait {code}, the best by the prior {found.path.name}")
 
 
@@ -108,11 +103,11 @@ def _of_session(spec: RunSpec, robot: Robot, failure: Failure, session: Session)
         )
     if best is None:
         raise InputError(f"{what}, which has no valid trial; allowed: another session, or auto")
-    rotation = own.self_rotation if spec.self_rotation == "auto" else spec.self_rotation
+    rotation = own.self_rotation if spec.self_rotation == AUTO_ROTATION else spec.self_rotation
     body_raise = own.body_raise if spec.body_raise is None else spec.body_raise
     source = f"gait {best.code}, trial {best.index} of the session {session.name}"
     return BestGait(spec=_walk_with(spec, best.slots, body_raise, rotation), source=source)
 
 
 def _walk_with(spec: RunSpec, slots: tuple[int, ...], body_raise: float, rotation: str) -> RunSpec:
-    return replace(spec, gait=tuple(slots), body_raise=body_raise, self_rotation=rotation)
+    return replace(spec, gait=tuple(slots), chosen_gait=True, body_raise=body_raise, self_rotation=rotation)

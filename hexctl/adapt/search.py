@@ -60,6 +60,7 @@ def new_spec(
     uncertainty_m: float | None = None,
     hold: str | None = None,
     self_rotation: str | None = None,
+    body_raise: float | None = None,
     **others: Any,
 ) -> SessionSpec:
     """Spec of a new session, checked before the session exists.
@@ -81,13 +82,14 @@ def new_spec(
         uncertainty_m: as in `SessionSpec`; None is the one that was measured for such walks, if any.
         hold: as in `SessionSpec`; None is the one of the objective.
         self_rotation: as in `SessionSpec`; None is the one that suits the hold.
+        body_raise: as in `SessionSpec`; None is the one that suits the leg where walks are steered, else 0.
         others: further fields of `SessionSpec`.
 
     Raises InputError for anything that is not allowed.
     """
     parse_failure(failed_leg, failure)
     given = {"backend": backend, "world": world, "prior": prior, "baseline": baseline, "target": target}
-    _check_types({**given, "uncertainty_m": uncertainty_m, "hold": hold, **others})
+    _check_types({**given, "uncertainty_m": uncertainty_m, "hold": hold, "body_raise": body_raise, **others})
     others.setdefault("baseline_gaits", list(BASELINE_GAITS) if baseline else [])
     measure = as_objective(objective)
     spec = _spec_of(
@@ -105,6 +107,7 @@ def new_spec(
             "heading" if others.get("ask") and hold == "auto" else hold,
             chosen_gait=True,
         ),
+        body_raise=body_raise or 0.0,
         **others,
     )
     spec = _with_trim(_with_target(spec, target), prior, free=optimizer is None)
@@ -116,12 +119,14 @@ def new_spec(
     start_note(spec, setting)
     if spec.target_m is None and spec.target_share is not None:
         spec = replace(spec, target_m=spec.target_share * setting.ideal_m)
-    if not spec.body_raise:
+    if body_raise is None:
         setting = setting.in_posture("auto" if spec.optimizer == TRIM else usual_posture(spec.hold))
         spec = replace(spec, body_raise=setting.plan.gait.posture.body_raise)
     if uncertainty_m is None:
         spec = with_known_uncertainty(spec, setting, folder, note)
-    free, folders = optimizer is None and spec.optimizer != TRIM, prior_folders(folder)
+    free, folders = optimizer is None, prior_folders(folder)
+    if free and spec.optimizer == TRIM:  # it was chosen where no prior is asked for by name
+        return spec
     return choose_prior(spec, setting, prior, free=free, folders=folders, note=note, advice=advice)
 
 
@@ -150,6 +155,8 @@ def _world_of(backend: str, world: Path | str | None) -> str | None:
 
 _STORED = "which the session stores"
 
+_METRES = ("target_m", "arena_m", "worth_m", "uncertainty_m", "body_raise")
+
 #: Types of what a session is asked for, by parameter, and what a message says instead where it says more.
 _TYPES: dict[str, tuple[tuple[type, ...], str | None]] = {
     "robot": ((str, Path), f"the name or path of a robot file, {_STORED}"),
@@ -157,8 +164,8 @@ _TYPES: dict[str, tuple[tuple[type, ...], str | None]] = {
     "backend": ((str,), "the name of a backend; a robot of your own is given as `servos`"),
     "prior": ((str, type(None)), "auto, none, or the name or path of a prior"),
     **dict.fromkeys(("budget", "confirm", "seed"), ((int,), None)),
-    **dict.fromkeys(("duration_s", "heading_deg", "body_raise"), ((float,), None)),
-    **{name: ((float, type(None)), None) for name in ("target_m", "arena_m", "worth_m", "uncertainty_m")},
+    **dict.fromkeys(("duration_s", "heading_deg"), ((float,), None)),
+    **{name: ((float, type(None)), None) for name in _METRES},
     "target": ((float, str, type(None)), "a number, or a share of the distance such as '1%'"),
     **dict.fromkeys(("early_stop", "count_repeats", "insecure", "baseline"), ((bool,), None)),
     **{name: ((str, type(None)), None) for name in ("connect", "credentials", "link", "hold")},

@@ -78,8 +78,8 @@ def adapt(
             autocompletion=completion.optimizers,
             help="What chooses the next gait: bayes (knows simulated worlds), trim (one gait again, with "
             "the trim that its ends tell), random, exhaustive, or one of the paper's pso, psosp, dps, "
-            "debest, derand; or package.module:Class. (default: trim with --hold heading, else bayes where a "
-            "prior fits, else random)",
+            "debest, derand; or package.module:Class. (default: trim with --hold heading and the objectives "
+            "final and progress, else bayes where a prior fits, else random)",
         ),
     ] = None,
     prior: Annotated[

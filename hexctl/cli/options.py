@@ -275,7 +275,7 @@ WalkRotationOption = Annotated[
     choice(
         "--self-rotation",
         AutoRotation,
-        f"{SELF_ROTATION_HELP} auto: none with --gait auto where the line is held, else rear.",
+        f"{SELF_ROTATION_HELP} auto: none with --gait auto or best where the line is held, else rear.",
     ),
 ]
 BodyRaiseOption = Annotated[

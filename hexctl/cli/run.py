@@ -158,12 +158,12 @@ def run(
 
 def _with_best(spec: "RunSpec") -> "RunSpec":
     """Spec with the gait that `best` is here, which a note tells; any other spec as it is."""
-    if not str(spec.gait).startswith("best"):
-        return spec  # loads no prior's code
-    from hexctl.adapt.best import best_gait, names_best
+    from hexctl.gait.gait import names_best
 
     if not names_best(spec.gait):
         return spec
+    from hexctl.adapt.best import best_gait
+
     best = best_gait(spec, RUNS)
     print_note(f"hexctl: {best.source}")
     return best.spec

@@ -132,6 +132,9 @@ def _require_between(what: str, value: float, low: float, high: float, unit: str
 #: (`hexctl.control.assessment.static_stability`).
 AUTO = "auto"
 
+#: Name of the best gait by a prior; with a colon and a session, of its best trial (`hexctl.best_gait`).
+BEST = "best"
+
 #: A leg swings when u = 1/3, so swings follow one another in descending slot order.
 NAMED_SLOTS: dict[str, Slots] = {
     # default of the paper's demo model
@@ -176,6 +179,11 @@ def make_gait(
         amplitude=default.amplitude if amplitude is None else amplitude,
         height=default.height if height is None else height,
     )
+
+
+def names_best(gait: object) -> bool:
+    """Whether a gait is `best` or `best:SESSION`, which stands for the one that `hexctl.best_gait` finds."""
+    return isinstance(gait, str) and gait.partition(":")[0].strip() == BEST
 
 
 def parse_slots(

@@ -27,13 +27,12 @@ from hexctl.control.log import (
     Recorders,
     TickLog,
 )
-from hexctl.control.plan import AUTO_ROTATION, suited_rotation
+from hexctl.control.plan import AUTO_ROTATION
 from hexctl.control.preparation import StopRequested, never
 from hexctl.control.result import TrialResult
 from hexctl.control.trial import run_trial
 from hexctl.control.turning import check_plan
 from hexctl.errors import InputError, MissingExtraError, argument, check_type
-from hexctl.gait.gait import AUTO
 from hexctl.record.run_spec import RunSpec, plan_of, spec_of
 from hexctl.robot.loader import RobotFile, load_robot_file
 from hexctl.robot.model import Robot
@@ -194,10 +193,11 @@ class Run:
     def _suit_rotation(self) -> None:
         """Turn the failed leg away after all where `auto` took it for granted that the line can be held."""
         spec = self.spec
-        taken = suited_rotation(spec.self_rotation, spec.hold, chosen_gait=spec.gait == AUTO) == "none"
         unasked = spec.self_rotation == AUTO_ROTATION and spec.hold == "auto"
-        if unasked and taken and self.plan.belief is not None and not self._position_comes():
-            self.plan = plan_of(replace(spec, hold="heading"), self.robot)
+        taken = unasked and self.plan.self_rotation == "none"
+        if taken and self.plan.belief is not None and not self._position_comes():
+            # The hold stays what was asked for: the result says why less was held.
+            self.plan = replace(plan_of(replace(spec, hold="heading"), self.robot), hold=spec.hold)
             check_plan(self.robot, self.plan)
 
     def _position_comes(self) -> bool:

@@ -11,7 +11,7 @@ from hexctl.backends.sim.world import World
 from hexctl.control.assessment.static_stability import stable_gait, stable_slots_of
 from hexctl.control.plan import AUTO_ROTATION, GaitChange, TrialPlan, suited_rotation
 from hexctl.errors import InputError, argument, check_type
-from hexctl.gait.gait import AUTO, SWING_SHARE, Gait, make_gait, parse_slots
+from hexctl.gait.gait import AUTO, BEST, SWING_SHARE, Gait, make_gait, names_best, parse_slots
 from hexctl.gait.posture import Posture
 from hexctl.record.rrd import probe_file
 from hexctl.robot.failure import Failure, failure_of
@@ -29,6 +29,8 @@ class RunSpec:
         world: a name, a file, a member of a family such as `randomised:7`, or a world; None is `flat`. Only
             with `sim`, or own servos that take one.
         gait: a name, a code, six slots, or a gait; `auto` is the one that stands safest.
+        chosen_gait: whether the gait was chosen for the failed leg, as `auto` always is; the self-rotation
+            `auto` depends on it. `hexctl.best_gait` says so.
         pace_hz: gait cycles per second; None is the robot's, as for the next two.
         amplitude: stride as a fraction of the robot's size.
         height: height of a step as a fraction of the robot's size.
@@ -63,6 +65,7 @@ class RunSpec:
     robot: str | Path | Robot = "ant"
     world: str | Path | World | None = None
     gait: str | int | Sequence[int] | Gait = "demo"
+    chosen_gait: bool = False
     pace_hz: float | None = None
     amplitude: float | None = None
     height: float | None = None
@@ -93,7 +96,7 @@ class RunSpec:
         check_type(self.world, (*path, World), "world")
         check_type(self.failure, (Failure, NoneType), "failure", "a Failure, as Failure(leg=5), or None")
         check_type(self.seed, int, "seed", "a whole number, 0 or more")
-        for name in ("realtime", "insecure"):
+        for name in ("chosen_gait", "realtime", "insecure"):
             check_type(getattr(self, name), bool, name)
         for name in ("record", "record_folder", "credentials"):
             check_type(getattr(self, name), path, name)
@@ -160,6 +163,11 @@ def plan_of(spec: RunSpec, robot: Robot) -> TrialPlan:
     """
     in_place = spec.turn_rate_rad_s is not None and spec.heading_rad is None
     gait, auto = spec.gait, spec.gait == AUTO
+    if names_best(gait):
+        raise InputError(
+            f"{argument('gait')}: got {gait}, which stands for another; allowed: the spec that "
+            "hexctl.best_gait(spec) gives for it"
+        )
     if not isinstance(gait, Gait):
         gait = make_gait(
             robot,
@@ -168,7 +176,7 @@ def plan_of(spec: RunSpec, robot: Robot) -> TrialPlan:
             amplitude=spec.amplitude,
             height=spec.height,
             failed_legs=(spec.failure.leg,) if spec.failure else (),
-            besides=(AUTO,),
+            besides=(AUTO, BEST) if spec.failure else (AUTO,),
         )
         gait = replace(
             gait,
@@ -189,7 +197,7 @@ def plan_of(spec: RunSpec, robot: Robot) -> TrialPlan:
         self_rotation=suited_rotation(
             spec.self_rotation,
             "none" if spec.turn_rate_rad_s is not None else spec.hold,
-            chosen_gait=auto,
+            chosen_gait=auto or spec.chosen_gait,
         ),
         hold=spec.hold,
         trim_rad=spec.trim_rad or 0.0,

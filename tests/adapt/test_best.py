@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from hexctl.adapt.adaptation import adapt
-from hexctl.adapt.best import best_gait, names_best
+from hexctl.adapt.best import best_gait
 from hexctl.adapt.prior.prior import load_prior, save_prior
 from hexctl.adapt.prior.samples import ranked_codes
 from hexctl.adapt.space import GaitSpace
 from hexctl.control.assessment.static_stability import STAND_UP
 from hexctl.errors import InputError
-from hexctl.record.run import run
+from hexctl.record.run import Run, run
 from hexctl.record.run_spec import RunSpec
 from hexctl.robot.failure import Failure
 from tests.adapt.priors import key_of, made_up_prior, made_up_score_prior
@@ -43,8 +43,9 @@ def test_by_a_prior_it_is_the_fastest_of_its_worlds_whatever_the_duration(built:
         found = best_gait(spec(duration_s=duration_s), built)
         assert found.source == f"gait {fastest}, the best by the prior line.npz"
         assert found.spec.gait == GaitSpace((2,)).slots_of(fastest)
-        assert (found.spec.self_rotation, found.spec.body_raise) == ("none", 0.0)
-        assert replace(found.spec, gait="best", self_rotation="auto", body_raise=None) == spec(
+        assert found.spec.body_raise == 0.0
+        assert Run(found.spec).plan.self_rotation == "none"
+        assert replace(found.spec, gait="best", chosen_gait=False, body_raise=None) == spec(
             duration_s=duration_s
         )
 
@@ -53,7 +54,22 @@ def test_without_a_hold_it_is_the_straightest(built: Path) -> None:
     found = best_gait(spec(hold="none"), built)
     best = ranked_codes(load_prior(built / "priors" / "none.npz"), shipped(), 2)[0]
     assert found.source == f"gait {best}, the best by the prior none.npz"
-    assert found.spec.self_rotation == "rear"
+    assert Run(found.spec).plan.self_rotation == "rear"
+
+
+@pytest.mark.parametrize(("robot_tells", "rotation"), [("Position", "none"), ("Yaw", "rear")])
+def test_the_best_gait_turns_the_leg_away_as_auto_does_where_the_robot_tells_no_position(
+    built: Path, robot_tells: str, rotation: str
+) -> None:
+    found = best_gait(spec(), built)
+    with Run(replace(found.spec, backend=f"tests.record.test_run:{robot_tells}Mock")) as connected:
+        assert connected.plan.self_rotation == rotation
+        assert connected.plan.gait.slots == found.spec.gait
+
+
+def test_the_spec_of_a_run_takes_the_gait_that_best_stands_for() -> None:
+    with pytest.raises(InputError, match=r"gait: got best, .*; allowed: the spec that hexctl.best_gait"):
+        run(spec())
 
 
 def test_the_shipped_prior_knows_the_fastest_gait_of_ant_with_a_locked_leg(tmp_path: Path) -> None:
@@ -108,9 +124,3 @@ def test_by_a_session_it_is_that_of_its_best_trial(tmp_path: Path) -> None:
         best_gait(spec(gait=name), tmp_path)
     with pytest.raises(InputError, match="a session of ant; allowed: of pexod"):
         best_gait(spec(gait=name, failure=Failure(leg=2), robot="pexod"), tmp_path)
-
-
-def test_a_gait_of_another_name_is_not_the_best() -> None:
-    assert [names_best(gait) for gait in ("best", "best:x", "auto", "bestest", (1, 2, 3, 4, 5, 6))] == [
-        True, True, False, False, False,
-    ]  # fmt: skip

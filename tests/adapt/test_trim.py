@@ -341,8 +341,17 @@ def test_a_body_stands_up_off_a_locked_leg_as_with_the_gait_auto(
     assert load_setting(spec).plan.gait.posture.body_raise == STAND_UP
     assert new_spec(failed_leg=1, hold="heading").body_raise == 0.0, "it trails"
     assert new_spec(failed_leg=1, self_rotation="none", prior="none").body_raise == 0.0, "in open loop"
+    assert new_spec(failed_leg=1, hold="heading", self_rotation="none", body_raise=0.0).body_raise == 0.0
     trimmed = new_spec(failed_leg=1, self_rotation="none", optimizer="trim")
     assert trimmed.body_raise == STAND_UP
+
+
+def test_a_prior_that_is_auto_leaves_the_trim_that_is_the_default() -> None:
+    asked, default = (new_spec(failed_leg=2, hold="heading", prior=prior) for prior in ("auto", None))
+    assert asked == default
+    assert asked.optimizer == "trim"
+    with pytest.raises(InputError, match="prior: got auto with optimizer trim; allowed: with bayes"):
+        new_spec(failed_leg=2, hold="heading", optimizer="trim", prior="auto")
 
 
 REFUSED = [

@@ -10,7 +10,15 @@ import pytest
 from hexctl.errors import InputError, WrongTypeError
 from hexctl.gait.encoding import Slots
 from hexctl.gait.foot_trajectory import lift_offset, phase_in_cycle
-from hexctl.gait.gait import NAMED_SLOTS, Gait, Motion, half_amplitude_turn_rate_rad_s, make_gait, parse_slots
+from hexctl.gait.gait import (
+    NAMED_SLOTS,
+    Gait,
+    Motion,
+    half_amplitude_turn_rate_rad_s,
+    make_gait,
+    names_best,
+    parse_slots,
+)
 from tests.robots import shipped
 
 GOOD = {"slots": (1, 4, 2, 6, 3, 5), "pace_hz": 0.9, "amplitude": 0.11, "height": 0.02}
@@ -192,3 +200,9 @@ def test_slots_are_taken_from_any_sequence_of_whole_numbers() -> None:
 def test_a_value_of_a_wrong_type_is_refused_at_once(make: Callable[[], object], message: str) -> None:
     with pytest.raises(WrongTypeError, match=message):
         make()
+
+
+def test_a_gait_of_another_name_is_not_the_best() -> None:
+    assert [names_best(gait) for gait in ("best", "best:x", "auto", "bestest", (1, 2, 3, 4, 5, 6))] == [
+        True, True, False, False, False,
+    ]  # fmt: skip

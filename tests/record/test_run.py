@@ -1,6 +1,7 @@
 """A run as a Python program makes it: one walk on any backend, recorded, without printing anything."""
 
 import json
+import math
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,7 @@ from hexctl.robot.failure import Failure
 from hexctl.robot.loader import load_robot
 from hexctl.robot.model import Robot
 from hexctl.types import RobotState
+from tests.control.posed import PosedMock
 
 SHORT: dict[str, Any] = {"duration_s": 1.5}
 
@@ -194,6 +196,41 @@ def test_a_robot_that_does_not_tell_its_position_turns_its_failed_leg_to_the_rea
         assert connected.plan.self_rotation == rotation
         gait = connected.plan.gait
     assert (gait.posture.body_raise > 0) == (rotation == "none"), "the gait is the one for that direction"
+
+
+def test_a_leg_that_was_turned_away_for_want_of_a_position_leaves_the_result_to_say_that_it_is_missing(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("hexctl.record.run.POSITION_COMES_S", 0.0)
+    spec = RunSpec(
+        failure=Failure(leg=4),
+        gait="auto",
+        heading_rad=math.remainder(load_robot("ant").mount_yaws_rad[3] - math.pi, math.tau),
+        backend="tests.record.test_run:FastYawMock",
+        duration_s=0.5,
+    )
+    with Run(spec) as connected:
+        assert connected.plan.self_rotation == "rear"
+        result = connected.walk().trial
+    assert (result.hold, result.hold_caveat) == (
+        "heading",
+        "no position was measured at rest before the walk",
+    )
+
+
+def test_a_gait_that_is_not_known_is_answered_with_the_best_where_a_leg_has_failed() -> None:
+    with pytest.raises(InputError, match=r"allowed: demo, .*, auto, best, a code"):
+        Run(RunSpec(gait="bestest", failure=Failure(leg=2)))
+    with pytest.raises(InputError, match=r"allowed: demo, .*, auto, a code"):
+        Run(RunSpec(gait="bestest"))
+
+
+class FastYawMock(PosedMock):
+    """A robot that knows its yaw alone, in a time of its own."""
+
+    def __init__(self, robot: Robot) -> None:
+        super().__init__(robot)
+        self.position_world = None
 
 
 class YawMock(MockServos):
