@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from hexctl.adapt.prior.find import shipped_priors
-from hexctl.adapt.prior.prior import load_prior, load_score_prior, save_prior
+from hexctl.adapt.prior.prior import ScorePrior, load_prior, load_score_prior, open_prior, save_prior
 from hexctl.adapt.runner import TrialRunner
 from hexctl.cli.main import exit_code
 from hexctl.control.assessment.static_stability import STAND_UP
@@ -221,12 +221,15 @@ def test_the_papers_count_goes_without_a_prior_and_without_words(capsys: pytest.
 
 @pytest.mark.parametrize("path", sorted(shipped_priors().glob("*.npz")), ids=lambda path: path.stem)
 def test_shipped_priors_are_small_and_know_how_robots_stand(path: Path) -> None:
-    prior = load_prior(path)
+    prior = open_prior(path)
+    key = prior.key
     assert path.stat().st_size < 500_000
-    assert prior.key.robot_fingerprint == shipped(prior.key.robot).fingerprint
-    assert path.stem == f"{prior.key.robot}-{prior.key.failure}-rear-30s"
-    assert prior.sag_rad is not None
-    assert np.isfinite(prior.sag_rad).all()
+    assert key.robot_fingerprint == shipped(key.robot).fingerprint
+    steered = isinstance(prior, ScorePrior)
+    assert path.stem == f"{key.robot}-{key.failure}-{'none' if steered else 'rear'}-30s{'-line' * steered}"
+    if not steered:
+        assert prior.sag_rad is not None
+        assert np.isfinite(prior.sag_rad).all()
 
 
 def test_the_shipped_prior_is_believed_by_default(
@@ -348,8 +351,9 @@ def interrupted_after(count: int, capsys: pytest.CaptureFixture[str], *words: st
 
 
 def test_a_session_that_believes_goes_on_where_it_was(prior: str, capsys: pytest.CaptureFixture[str]) -> None:
-    words = [*ADAPT, "--prior", prior, "--target", "0.001"]
+    words = [*ADAPT, "--prior", prior, "--target", "0.001", "--worth", "0"]
     whole, _ = run(capsys, *words, "--budget", "3")
+    assert len(whole["trials"]) == 3
     name = interrupted_after(2, capsys, *words)
     resumed, err = run(capsys, "adapt", "--resume", name, "--no-record")
     assert err == ""
