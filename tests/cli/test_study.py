@@ -172,7 +172,7 @@ def test_holds_are_compared_from_end_to_end_and_again_from_the_cache(
     assert (outcome["families"], outcome["first_world"], outcome["walks"]) == (["transfer", "real"], 215, 12)
     assert outcome["sensors"]["lost_poses"] == 0.05
     assert json.loads((tmp_path / "first" / "holds.json").read_text()) == outcome
-    assert "ant, transfer:215 (plain): 6 walks" in first.err
+    assert "ant, transfer:215 (delay): 6 walks" in first.err
 
     assert exit_code([*SHORT, "--holds", "none,line"]) == 0
     again = capsys.readouterr()
