@@ -1,5 +1,6 @@
 """The best gait that is known for a walk, by a prior or by a session: `hexctl run --gait best`."""
 
+import math
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -25,8 +26,9 @@ class BestGait:
     """The best gait that is known for a walk.
 
     Attributes:
-        spec: of the walk, with the gait and its posture filled in, and the self-rotation of a session. That
-            of a gait by a prior stays as it was asked for, since `auto` depends on the robot that connects.
+        spec: of the walk, with the gait and its posture filled in, and the self-rotation of a session, and
+            under the hold `heading` its trim. The self-rotation with a gait by a prior stays as it was asked
+            for, since `auto` depends on the robot that connects.
         source: gait and where it is from, for people.
     """
 
@@ -106,7 +108,12 @@ def _of_session(spec: RunSpec, robot: Robot, failure: Failure, session: Session)
     rotation = own.self_rotation if spec.self_rotation == AUTO_ROTATION else spec.self_rotation
     body_raise = own.body_raise if spec.body_raise is None else spec.body_raise
     source = f"gait {best.code}, trial {best.index} of the session {session.name}"
-    return BestGait(spec=_walk_with(spec, best.slots, body_raise, rotation), source=source)
+    walk = _walk_with(spec, best.slots, body_raise, rotation)
+    trim_rad = session.trim_rad(best.slots) if spec.hold == "heading" and spec.trim_rad is None else None
+    if trim_rad is not None:
+        walk = replace(walk, trim_rad=trim_rad)
+        source += f", with its trim of {math.degrees(trim_rad):.2f} degrees"
+    return BestGait(spec=walk, source=source)
 
 
 def _walk_with(spec: RunSpec, slots: tuple[int, ...], body_raise: float, rotation: str) -> RunSpec:

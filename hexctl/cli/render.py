@@ -108,7 +108,22 @@ def _distance_rows(outcome: dict[str, Any]) -> list[tuple[str, str]]:
     share = f" of {ideal:.3f} m ideal ({100 * outcome['distance_m'] / ideal:.0f} %)" if ideal else ""
     mean = f"{outcome['deviation_m']['mean']:.3f} m on average"
     rows = [("walked", f"{duration}, {distance}{share}"), ("deviation", f"{side} at the end, {mean}")]
-    return [*rows, *turned, *missed, *held, *_cost(outcome)]
+    return [*rows, *_true_rows(outcome), *turned, *missed, *held, *_cost(outcome)]
+
+
+#: The true deviation of a simulation is told where the measured one is further off than this.
+NOTED_ERROR_M = 0.02
+
+
+def _true_rows(outcome: dict[str, Any]) -> list[tuple[str, str]]:
+    """A row for where a simulated robot truly was, if its sensors told otherwise."""
+    true, measured = outcome.get("true_deviation_m"), outcome["deviation_m"]
+    if not true or any(true.get(name) is None for name in ("signed", "mean")):
+        return []
+    if max(abs(true[name] - measured[name]) for name in ("signed", "mean")) <= NOTED_ERROR_M:
+        return []
+    said = f"{_side(true['signed'])} at the end, {true['mean']:.3f} m on average"
+    return [("truly", f"{said}: the sensors told otherwise")]
 
 
 def _hold_rows(outcome: dict[str, Any]) -> list[tuple[str, str]]:

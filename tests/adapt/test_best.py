@@ -124,3 +124,25 @@ def test_by_a_session_it_is_that_of_its_best_trial(tmp_path: Path) -> None:
         best_gait(spec(gait=name), tmp_path)
     with pytest.raises(InputError, match="a session of ant; allowed: of pexod"):
         best_gait(spec(gait=name, failure=Failure(leg=2), robot="pexod"), tmp_path)
+
+
+def test_by_a_session_that_learned_a_trim_it_walks_with_the_trim(tmp_path: Path) -> None:
+    session = adapt(
+        2,
+        budget=1,
+        duration_s=4.0,
+        hold="heading",
+        target_m=1.0,
+        baseline=False,
+        record=False,
+        folder=tmp_path,
+    ).session
+    assert session.best is not None
+    trim_rad = session.trim_rad(session.best.slots)
+    assert trim_rad
+    asked = spec(gait=f"best:{session.name}", failure=Failure(leg=2), hold="heading")
+    found = best_gait(asked, tmp_path)
+    assert Run(found.spec).plan.trim_rad == trim_rad
+    assert found.source.endswith(f"with its trim of {session.best_trim_deg:.2f} degrees")
+    assert best_gait(replace(asked, trim_rad=0.01), tmp_path).spec.trim_rad == 0.01
+    assert best_gait(replace(asked, hold="line"), tmp_path).spec.trim_rad is None

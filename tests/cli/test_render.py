@@ -58,6 +58,18 @@ def test_what_a_walk_cost_is_said_where_it_is_known(capsys: pytest.CaptureFixtur
     assert not [line for line in shown(capsys, energy_j=9.42, cost_of_transport=None) if "cost" in line]
 
 
+def test_a_simulation_whose_sensors_were_far_off_says_where_the_robot_truly_was(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    true = {"final": 0.01, "mean": 0.003, "max": 0.01, "signed": 0.01}
+    line = "truly      0.010 m to the left at the end, 0.003 m on average: the sensors told otherwise"
+    assert line in shown(capsys, true_deviation_m=true)
+    near = {"final": 0.09, "mean": 0.05, "max": 0.1, "signed": -0.09}
+    unknown = dict.fromkeys(near)
+    for unsaid in (near, unknown, None):
+        assert not [line for line in shown(capsys, true_deviation_m=unsaid) if "truly" in line]
+
+
 def test_a_robot_that_was_stopped_says_why_and_what_to_do(capsys: pytest.CaptureFixture[str]) -> None:
     lines = shown(
         capsys,
