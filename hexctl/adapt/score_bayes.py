@@ -6,8 +6,9 @@ import numpy as np
 
 from hexctl.adapt.objectives import INVALID_SCORE
 from hexctl.adapt.optimizer import Observation, Optimizer
+from hexctl.adapt.prior.acquisition import expected_excess
 from hexctl.adapt.prior.samples import ScoreSamples
-from hexctl.adapt.prior.score_belief import ScoreBelief, expected_gain
+from hexctl.adapt.prior.score_belief import ScoreBelief
 from hexctl.adapt.space import GaitSpace
 from hexctl.errors import InputError
 from hexctl.types import BoolArray, FloatArray
@@ -98,7 +99,7 @@ class ScoreBayes(Optimizer):
         worlds = len(self._samples.log_scores)
         # Rule of succession: no fall in these worlds is not a probability of zero.
         chance = (worlds * self._samples.valid + 1) / (worlds + 2)
-        return expected_gain(mean, sd, best) * np.where(self._tried & ~self._good, 0.0, chance)
+        return expected_excess(best - mean, sd) * np.where(self._tried & ~self._good, 0.0, chance)
 
     @property
     def _tried(self) -> BoolArray:

@@ -167,7 +167,7 @@ class Walk(Controller):
             time_s=np.asarray(steps * self._period_s, dtype=float),
             stop_s=None if self._stop_step is None else self._stop_step * self._period_s,
         )
-        held = () if self._held is None else self._held[..., np.newaxis, :]
+        held = None if self._held is None else self._held[..., np.newaxis, :]
         joints_rad = joints_of_feet(self._robot, feet, held)  # leading shape + (steps, 18)
         self._planned_rad = np.ascontiguousarray(joints_rad.swapaxes(0, -2))
         self._planned_from = step

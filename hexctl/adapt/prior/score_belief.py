@@ -12,8 +12,6 @@ phases, K = exp(-distance / length), and each gait's own. Trials are conditioned
 2006, eq. 2.23 and 2.24).
 """
 
-import math
-
 import numpy as np
 
 from hexctl.adapt.prior.samples import ScoreSamples
@@ -73,11 +71,3 @@ class ScoreBelief:
         across = widened * self._covariance[rows]  # (trials, gaits)
         weights = np.linalg.solve(widened * among + noise, across)
         return self._mean + weights.T @ surprise, widened * self._covariance - across.T @ weights
-
-
-def expected_gain(mean: FloatArray, sd: FloatArray, best: float) -> FloatArray:
-    """Expected improvement of normal values below a best, E[max(0, best - f)] (Mockus 1978)."""
-    from scipy.special import ndtr
-
-    score = (best - mean) / sd
-    return np.asarray((best - mean) * ndtr(score) + sd * np.exp(-0.5 * score**2) / math.sqrt(2 * math.pi))

@@ -11,6 +11,7 @@ import numpy as np
 from hexctl.backends.sim.flaws import SensorFaults, SensorNoise
 from hexctl.backends.sim.model import FIRST_JOINT
 from hexctl.backends.sim.world import World
+from hexctl.robot.rotations import components
 from hexctl.types import N_JOINTS, ArrayFields, FloatArray, RobotState
 
 #: Random numbers per tick: 18 joints, 3 of position, 1 of yaw.
@@ -58,7 +59,7 @@ class Noise:
 def turned(quaternion: FloatArray, angle_rad: float) -> FloatArray:
     """Orientations (..., 4) turned about the vertical."""
     cos, sin = math.cos(angle_rad / 2), math.sin(angle_rad / 2)
-    w, x, y, z = (quaternion[..., index] for index in range(4))
+    w, x, y, z = components(quaternion)
     return np.stack([cos * w - sin * z, cos * x - sin * y, cos * y + sin * x, cos * z + sin * w], axis=-1)
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hexctl.adapt.prior.samples import ScoreSamples, score_samples_of
-from hexctl.adapt.prior.score_belief import ScoreBelief, expected_gain
+from hexctl.adapt.prior.score_belief import ScoreBelief
 from hexctl.types import FloatArray
 from tests.adapt.priors import made_up_score_prior
 from tests.robots import shipped
@@ -56,12 +56,3 @@ def test_a_world_unlike_all_others_widens_the_belief() -> None:
         torn.observe(code, float(mean[code - 1]) + (-1) ** number)
     untold = 60
     assert torn.forecast()[1][untold, untold] > 5 * calm.forecast()[1][untold, untold]
-
-
-def test_the_expected_gain_is_that_of_a_normal_number() -> None:
-    drawn = np.random.default_rng(0).normal(1.0, 0.5, 200_000)
-    mean, sd = np.array([1.0, 1.0]), np.array([0.5, 1e-6])
-    gain = expected_gain(mean, sd, 0.8)
-    assert gain[0] == pytest.approx(np.maximum(0.8 - drawn, 0).mean(), rel=0.02)
-    assert gain[1] == pytest.approx(0.0, abs=1e-9)
-    assert expected_gain(np.array([0.2]), np.array([1e-6]), 0.8)[0] == pytest.approx(0.6)
