@@ -92,6 +92,9 @@ class LegServos(ABC):
     def pause_watchdog(self) -> None:  # noqa: B027  most servos have no watchdog
         """Expect no command until the next one: until then, silence is not a failure."""
 
+    def walk_begins(self) -> None:  # noqa: B027  only simulations have failures to come
+        """Know that a walk begins: a simulation counts its failure events from here."""
+
     def disable_torque(self) -> bool:
         """Let the joints go limp until the next `write`; False where the servos cannot."""
         return False
@@ -185,6 +188,10 @@ class ServosWrapper(LegServos):
     def pause_watchdog(self) -> None:
         """Expect no command until the next one."""
         self.wrapped.pause_watchdog()
+
+    def walk_begins(self) -> None:
+        """Tell the wrapped servos that a walk begins."""
+        self.wrapped.walk_begins()
 
     def disable_torque(self) -> bool:
         """Let the joints go limp until the next `write`; False where the wrapped servos cannot."""

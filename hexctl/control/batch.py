@@ -32,6 +32,7 @@ from hexctl.errors import (
     check_type,
 )
 from hexctl.robot.failure import Failure
+from hexctl.robot.failure_event import FailureEvent
 from hexctl.robot.model import Robot
 from hexctl.types import BoolArray, FloatArray, JointTargets, RobotState, check_shape
 
@@ -52,6 +53,7 @@ class SimTrial:
         world: where.
         seed: of the simulation.
         facing_rad: yaw in which the robot is put down; the plan's heading counts from there.
+        events: failures that come during the walk, and legs that heal.
     """
 
     robot: Robot
@@ -60,6 +62,7 @@ class SimTrial:
     world: World
     seed: int
     facing_rad: float
+    events: tuple[FailureEvent, ...]
 
     def __init__(
         self,
@@ -70,12 +73,13 @@ class SimTrial:
         world: World | str | Path | None = None,
         seed: int = 0,
         facing_rad: float = 0.0,
+        events: Sequence[FailureEvent] = (),
     ) -> None:
         check_type(plan, TrialPlan, "trial.plan", "a TrialPlan")
         check_type(failure, (Failure, type(None)), "trial.failure", "a Failure, as Failure(leg=5), or None")
         check_type(seed, int, "trial.seed")
         check_type(facing_rad, float, "trial.facing_rad")
-        values = (as_robot(robot), plan, failure, as_world(world), seed, facing_rad)
+        values = (as_robot(robot), plan, failure, as_world(world), seed, facing_rad, tuple(events))
         for place, value in zip(fields(self), values, strict=True):
             object.__setattr__(self, place.name, value)
 
@@ -87,6 +91,7 @@ class SimTrial:
             failure=self.failure,
             seed=self.seed,
             facing_rad=self.facing_rad,
+            events=self.events,
         )
 
     def put_down_turned(self, miss_rad: float = 0.0) -> "SimTrial":
@@ -102,7 +107,7 @@ class SimTrial:
         """Key that trials must have in common to walk from one state, with one kind of walk."""
         plan = self.plan
         start = (self.facing_rad, plan.heading_rad, plan.self_rotation, plan.turn_rad, plan.settle_s)
-        return (self.world, self.seed, self.failure, plan.belief, start, *self.shared_walk())
+        return (self.world, self.seed, self.failure, self.events, plan.belief, start, *self.shared_walk())
 
     def shared_walk(self) -> tuple[object, ...]:
         """Key that trials must have in common to be led by one controller."""

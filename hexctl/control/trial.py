@@ -247,6 +247,7 @@ class _Trial:
         phases = Phases(self._servos, self.trace, self._recorders)
         self.trace.frame = start.frame
         phases.begin("walk")
+        self._servos.walk_begins()
         clipped_before = self._servos.counters.clipped
         try:
             step = phases.run(walk, until=self._until(), seen_by=(self._samples, self._effort))

@@ -20,7 +20,7 @@ UNKNOWN = "unknown"
 FAILURE_KINDS = (*BROKEN_KINDS, UNKNOWN)
 
 #: What the command-line text of a failure looks like.
-FAILURE_FORMS = "locked, limp, missing, weak:FRACTION, stuck:JOINT:DEGREES, unknown"
+FAILURE_FORMS = "locked, limp[:JOINT], missing, weak:[JOINT:]FRACTION, stuck:JOINT:DEGREES, unknown"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -35,7 +35,8 @@ class Failure:
     Attributes:
         leg: number of the leg, 1..6.
         kind: one of `FAILURE_KINDS`.
-        joint: `coxa`, `femur` or `tibia`, the joint that is stuck; of no effect for other kinds.
+        joint: `coxa`, `femur` or `tibia`, the joint that is stuck, or the only one that is limp or weak; None
+            for the coxa of a stuck leg, for all three of others.
         angle_rad: the angle at which it is stuck; of no effect for other kinds.
         torque_fraction: part of the torque that a weak leg has, 0..1; of no effect for other kinds.
 
@@ -44,33 +45,43 @@ class Failure:
 
     leg: int
     kind: str = "locked"
-    joint: str = "coxa"
+    joint: str | None = None
     angle_rad: float = 0.0
     torque_fraction: float = 0.3
 
     @property
     def joint_index(self) -> int:
-        """Index of the stuck joint in arrays of 18."""
-        return JOINTS_PER_LEG * (self.leg - 1) + JOINT_KINDS.index(self.joint)
+        """Index of the stuck joint, or the only limp or weak one, in arrays of 18."""
+        return JOINTS_PER_LEG * (self.leg - 1) + JOINT_KINDS.index(self.joint or JOINT_KINDS[0])
+
+    @property
+    def joints(self) -> tuple[int, ...]:
+        """Indices of the joints that failed, in arrays of 18."""
+        first = JOINTS_PER_LEG * (self.leg - 1)
+        return tuple(range(first, first + JOINTS_PER_LEG)) if self.joint is None else (self.joint_index,)
 
     def __post_init__(self) -> None:
         check_type(self.leg, int, "failed leg", f"a leg's number, 1..{N_LEGS}")
         check_type(self.kind, str, "failure", ", ".join(FAILURE_KINDS))
-        check_type(self.joint, str, "stuck joint", ", ".join(JOINT_KINDS))
+        check_type(self.joint, (str, type(None)), "failed joint", ", ".join(JOINT_KINDS))
         check_type(self.angle_rad, float, "stuck angle", "a finite angle in rad")
         check_type(self.torque_fraction, float, "weak torque fraction", "a number in 0..1")
         _require(1 <= self.leg <= N_LEGS, "failed leg", self.leg, "1..6")
         _require(self.kind in FAILURE_KINDS, "failure", self.kind, ", ".join(FAILURE_KINDS))
-        _require(self.joint in JOINT_KINDS, "stuck joint", self.joint, ", ".join(JOINT_KINDS))
+        _require(self.joint in (None, *JOINT_KINDS), "failed joint", self.joint, ", ".join(JOINT_KINDS))
         _require(math.isfinite(self.angle_rad), "stuck angle", self.angle_rad, "a finite angle")
         _require(0 <= self.torque_fraction <= 1, "weak torque fraction", self.torque_fraction, "0..1")
+        # A joint that means nothing for a kind does not make another failure of it.
+        joint = (self.joint or JOINT_KINDS[0]) if self.kind == "stuck" else self.joint
+        object.__setattr__(self, "joint", joint if self.kind in ("stuck", "limp", "weak") else None)
 
     def __str__(self) -> str:
+        only = "" if self.joint is None else f":{self.joint}"
         detail = {
-            "stuck": f":{self.joint}:{math.degrees(self.angle_rad):g}",
+            "stuck": f":{math.degrees(self.angle_rad):g}",
             "weak": f":{self.torque_fraction:g}",
         }
-        return self.kind + detail.get(self.kind, "")
+        return self.kind + only + detail.get(self.kind, "")
 
 
 def failure_text(failure: Failure | None) -> str:
@@ -103,24 +114,28 @@ def failure_of(failed_leg: int | None, failure: str | None) -> Failure | None:
 def parse_failure(leg: int, text: str) -> Failure:
     """Failure of a leg from its command-line text.
 
-    `locked`, `limp`, `missing`, `weak[:FRACTION]`, `stuck[:JOINT[:DEGREES]]`, for example `stuck:femur:30`,
-    or `unknown`.
+    `locked`, `limp[:JOINT]`, `missing`, `weak[:JOINT][:FRACTION]`, `stuck[:JOINT[:DEGREES]]`, for example
+    `stuck:femur:30`, or `unknown`.
     Raises InputError for anything else.
     """
     check_type(text, str, "failure", FAILURE_FORMS)
     kind, *details = text.split(":")
-    most, what = {"stuck": 2, "weak": 1}.get(kind, 0), argument("failure")
+    most, what = {"stuck": 2, "weak": 2, "limp": 1}.get(kind, 0), argument("failure")
     _require(kind in FAILURE_KINDS and len(details) <= most, what, text, FAILURE_FORMS)
+    joint = details.pop(0) if details and (kind != "weak" or details[0] in JOINT_KINDS) else None
     if kind == "weak" and details:
-        fraction = _number(details[0], text)
-        _require(0 <= fraction <= 1, what, text, "weak:FRACTION, the part of its torque, 0..1")
-        return Failure(leg=leg, kind=kind, torque_fraction=fraction)
-    if kind == "stuck" and details:
-        degrees = _number(details[1], text) if len(details) == 2 else 0.0
-        stuck = details[0] in JOINT_KINDS and math.isfinite(degrees)
-        _require(stuck, what, text, f"stuck:JOINT:DEGREES with {', '.join(JOINT_KINDS)} and a finite angle")
-        return Failure(leg=leg, kind=kind, joint=details[0], angle_rad=math.radians(degrees))
-    return Failure(leg=leg, kind=kind)
+        fraction = _number(details.pop(), text)
+        allowed = "weak:FRACTION or weak:JOINT:FRACTION, the part of its torque, 0..1"
+        _require(not details and 0 <= fraction <= 1, what, text, allowed)
+        return Failure(leg=leg, kind=kind, joint=joint, torque_fraction=fraction)
+    allowed = f"{kind}:JOINT with {', '.join(JOINT_KINDS)}"
+    if kind == "stuck":
+        degrees = _number(details[0], text) if details else 0.0
+        allowed = f"stuck:JOINT:DEGREES with {', '.join(JOINT_KINDS)} and a finite angle"
+        _require(joint in (None, *JOINT_KINDS) and math.isfinite(degrees), what, text, allowed)
+        return Failure(leg=leg, kind=kind, joint=joint, angle_rad=math.radians(degrees))
+    _require(joint in (None, *JOINT_KINDS), what, text, allowed)
+    return Failure(leg=leg, kind=kind, joint=joint)
 
 
 def _number(text: str, whole: str) -> float:
@@ -153,8 +168,11 @@ def drawn_failure(robot: "Robot", failure: Failure | None, seed: int) -> Failure
     # A stream of its own beside those of bumps, joint offsets, noise and lost commands.
     rng = np.random.default_rng([seed, 4, failure.leg])
     kind, joint = str(rng.choice(BROKEN_KINDS)), str(rng.choice(JOINT_KINDS))
-    drawn = Failure(leg=failure.leg, kind=kind, joint=joint, torque_fraction=float(rng.uniform(*WEAK_SHARES)))
-    index = drawn.joint_index
+    share = float(rng.uniform(*WEAK_SHARES))
+    drawn = Failure(
+        leg=failure.leg, kind=kind, joint=joint if kind == "stuck" else None, torque_fraction=share
+    )
+    index = JOINTS_PER_LEG * (drawn.leg - 1) + JOINT_KINDS.index(joint)
     angle_rad = robot.stance_angles_rad[index] + JAM_SPREAD_RAD * rng.standard_normal()
     within_rad = np.clip(angle_rad, robot.joint_lower_rad[index], robot.joint_upper_rad[index])
     return replace(drawn, angle_rad=float(within_rad))

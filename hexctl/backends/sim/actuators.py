@@ -8,7 +8,7 @@ from typing import Self
 import numpy as np
 
 from hexctl.backends.sim.model import Simulation
-from hexctl.types import FloatArray
+from hexctl.types import BoolArray, FloatArray, leg_slice
 
 
 class ActuatorModel:
@@ -27,15 +27,25 @@ class ActuatorModel:
         heard_rad: FloatArray,
         shaft_rad: FloatArray,
         late_rad: Sequence[FloatArray],
+        jammed_at_rad: FloatArray,
     ) -> None:
-        """Begin with the targets heard last, given shaft angles and the delayed targets, oldest first."""
+        """Begin with the targets heard last, given shaft angles and the delayed targets, oldest first.
+
+        `jammed_at_rad`, leading shape + (18,), is what the jammed joints hold; NaN for joints that obey.
+        """
         self._simulation = simulation
         self._heard_rad = heard_rad
         self._half_play_rad = math.radians(simulation.world.servo_backlash_deg) / 2
         self._shaft_rad = shaft_rad
         self._late_rad = deque(late_rad)
+        self._jam(jammed_at_rad)
+
+    def _jam(self, jammed_at_rad: FloatArray) -> None:
+        simulation = self._simulation
+        self._jammed_at_rad = jammed_at_rad
+        self._obeys: BoolArray = np.isnan(jammed_at_rad)
         self.plain = not (
-            simulation.jammed.any()
+            not self._obeys.all()
             or simulation.joint_offsets_rad.any()
             or self._late_rad
             or self._half_play_rad
@@ -43,16 +53,32 @@ class ActuatorModel:
         )
 
     @classmethod
-    def at_rest(cls, simulation: Simulation, stance_rad: FloatArray) -> Self:
-        """The model of a robot that has stood in its stance for longer than the delay."""
+    def at_rest(
+        cls, simulation: Simulation, stance_rad: FloatArray, jammed_at_rad: FloatArray | None = None
+    ) -> Self:
+        """The model of a robot that has stood in its stance for longer than the delay.
+
+        `jammed_at_rad`, (18,), is what joints hold where they are jammed; None for the stance.
+        """
         late_rad = [stance_rad] * simulation.world.delay_ticks
-        return cls(simulation, stance_rad, stance_rad + simulation.joint_offsets_rad, late_rad)
+        at_rad = stance_rad if jammed_at_rad is None else jammed_at_rad
+        held_rad = np.where(simulation.failed.jammed, at_rad, math.nan)
+        return cls(simulation, stance_rad, stance_rad + simulation.joint_offsets_rad, late_rad, held_rad)
 
     def copies(self, n: int) -> "ActuatorModel":
         """The model of n robots in the state of this one; it takes targets (n, 18)."""
         late_rad = [np.tile(positions_rad, (n, 1)) for positions_rad in self._late_rad]
         heard_rad, shaft_rad = np.tile(self._heard_rad, (n, 1)), np.tile(self._shaft_rad, (n, 1))
-        return ActuatorModel(self._simulation, heard_rad, shaft_rad, late_rad)
+        jammed_at_rad = np.tile(self._jammed_at_rad, (n, 1))
+        return ActuatorModel(self._simulation, heard_rad, shaft_rad, late_rad, jammed_at_rad)
+
+    def leg_changed(self, leg: int, now_rad: FloatArray) -> None:
+        """Jam joints of a leg that failed or healed, at angles of leading shape + (18,); free its others."""
+        joints = leg_slice(leg)
+        jammed_at_rad = self._jammed_at_rad.copy()
+        jammed = self._simulation.failed.jammed[joints]
+        jammed_at_rad[..., joints] = np.where(jammed, now_rad[..., joints], math.nan)
+        self._jam(jammed_at_rad)
 
     def drive(self, positions_rad: FloatArray, lost: bool = False) -> FloatArray:
         """Actuator commands of one tick for its joint targets, (18,) or (n, 18), which may be lost."""
@@ -69,4 +95,4 @@ class ActuatorModel:
                 self._shaft_rad, shaft_rad - self._half_play_rad, shaft_rad + self._half_play_rad
             )
             self._shaft_rad = shaft_rad
-        return np.where(self._simulation.jammed, self._simulation.jammed_at_rad, shaft_rad)
+        return np.where(self._obeys, shaft_rad, self._jammed_at_rad)

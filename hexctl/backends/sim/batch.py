@@ -9,6 +9,8 @@ import numpy as np
 from mujoco.batch import Batch, SimulationError
 
 from hexctl.backends.base import TruePose
+from hexctl.backends.sim.effort import JointTorques
+from hexctl.backends.sim.failure import FailuresToCome, held_rad
 from hexctl.backends.sim.model import FIRST_JOINT, TOUCH
 from hexctl.backends.sim.sensing import Snapshot, sensed
 from hexctl.backends.sim.servos import SimServos
@@ -45,7 +47,8 @@ class SimBatch:
         counts = [n] if isinstance(n, int) else list(n)
         models = [one.simulation.physics.model.ptr for one in each]
         self._batch = Batch(models[0], sum(counts), threads)
-        if len(models) > 1:
+        if len(models) > 1 or any(one.events for one in each):
+            # Models of their own: an event changes that of its simulation.
             self._batch.set_models(np.repeat(np.array(models, dtype=object), counts).tolist())
         stops = np.cumsum(counts).tolist()
         rows = [slice(stop - count, stop) for stop, count in zip(stops, counts, strict=True)]
@@ -56,6 +59,8 @@ class SimBatch:
 
     def tick(self) -> None:
         """Step every running simulation by one control period."""
+        for part in self._copies:
+            part.let_fail()
         after = self._copies[0].steps_after
         self._step(self._nstep - after)
         for part in self._copies:
@@ -115,8 +120,16 @@ class _Copies:
         mujoco.mj_getState(physics.model.ptr, physics.data.ptr, row, mujoco.mjtState.mjSTATE_INTEGRATION)
         batch.state[rows] = row
         self._qpos, self._qvel = batch.bind("qpos")[rows], batch.bind("qvel")[rows]
+        self._ctrl, self._to_come = batch.bind("ctrl")[rows], FailuresToCome(servos.events, self._period_s)
         self._touch, self._torques = batch.bind("sensordata")[rows, TOUCH], servos.torques
         self._forces = servos.torques.forces_in(batch.bind("history")[rows])
+
+    def let_fail(self) -> None:
+        """Let legs fail or heal whose time has come; the walk begins with the second control period."""
+        for event in self._to_come.due():
+            self._simulation.failed.change(event.leg, event.failure)
+            self._torques = JointTorques.of(self._simulation)
+            self._actuators.leg_changed(event.leg, held_rad(self._simulation, self._qpos, self._ctrl))
 
     def keep(self) -> None:
         """Measure what is read later, once per tick."""

@@ -7,8 +7,7 @@ import numpy as np
 
 from hexctl.backends.sim.failure import FIRST_SPEED
 from hexctl.backends.sim.model import GEAR_DAMPING, Simulation
-from hexctl.robot.failure import Failure
-from hexctl.types import N_JOINTS, ArrayFields, BoolArray, FloatArray, leg_slice
+from hexctl.types import N_JOINTS, ArrayFields, BoolArray, FloatArray
 
 #: A back-EMF below this is the rounding of one that is not there.
 LEAST_BACK_EMF = 1e-12
@@ -33,13 +32,9 @@ class JointTorques(ArrayFields):
     back_emf_nm_s_per_rad: FloatArray | None
 
     @classmethod
-    def of(cls, simulation: Simulation, failure: Failure | None) -> Self:
-        """Those of a simulation, with the failure that was injected into it."""
-        driven = np.ones(N_JOINTS, dtype=bool)
-        if failure is not None and failure.kind == "missing":
-            driven[leg_slice(failure.leg)] = False
-        if failure is not None and failure.kind == "stuck":
-            driven[failure.joint_index] = False
+    def of(cls, simulation: Simulation) -> Self:
+        """Those of a simulation as it is now; its failed legs may change them."""
+        driven = simulation.failed.driven
         damping = np.array(simulation.physics.model.dof_damping[FIRST_SPEED:])
         back_emf = np.where(damping - GEAR_DAMPING > LEAST_BACK_EMF, damping - GEAR_DAMPING, 0.0)
         steps = simulation.world.steps_per_tick

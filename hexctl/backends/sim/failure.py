@@ -1,19 +1,29 @@
-"""A failed leg in the compiled model: its torques, its jammed joint, or the leg itself."""
+"""Failed legs in the compiled model: their torques, their jammed joints, or the legs themselves."""
 
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import mujoco
 import numpy as np
 
 from hexctl.errors import InputError
 from hexctl.robot.failure import Failure
+from hexctl.robot.failure_event import FailureEvent
 from hexctl.robot.model import Robot
 from hexctl.types import (
     N_JOINTS,
+    N_LEGS,
     BoolArray,
     FloatArray,
     leg_slice,
 )
+
+if TYPE_CHECKING:
+    from hexctl.backends.sim.model import Simulation
+
+#: An event this near before a control period, as a share of one, belongs to it.
+ROUNDING = 1e-6
 
 #: Where the joints begin in qvel: after the free joint's velocities.
 FIRST_SPEED = 6
@@ -24,32 +34,163 @@ JAM_STIFFNESS = 20.0
 #: Remaining share of the mass of a missing leg: MuJoCo needs some.
 MISSING_MASS_SHARE = 1e-4
 
+#: A depth of contact that no foot reaches.
+NEVER_M = 1e3
 
-def inject_failure(physics: Any, robot: Robot, failure: Failure | None) -> tuple[BoolArray, FloatArray]:
-    """Change the compiled model so that the leg fails.
+#: What a failure changes in MuJoCo's model.
+_CHANGED = (
+    "actuator_gainprm",
+    "actuator_biasprm",
+    "actuator_forcerange",
+    "dof_damping",
+    "geom_conaffinity",
+    "pair_margin",
+    "body_mass",
+    "body_inertia",
+)
 
-    The result is which joints hold a fixed angle regardless of their targets, and that angle; (18,) each.
+
+class FailedLegs:
+    """The failed legs of a compiled simulation. They may fail and heal while it runs.
+
+    Attributes:
+        by_leg: the failures in force.
+        jammed: joints that hold an angle regardless of their targets, (18,).
     """
-    jammed = np.zeros(N_JOINTS, dtype=bool)
-    jammed_at = robot.stance_angles_rad.copy()
-    if failure is None:
-        return jammed, jammed_at
-    joints = leg_slice(failure.leg)
-    if failure.kind == "locked":
-        jammed[joints] = True
-    elif failure.kind == "stuck":
-        _check_angle(robot, failure)
-        _jam(physics, jammed, jammed_at, failure)
-    elif failure.kind == "limp":
-        _scale_torque(physics, robot, failure.leg, 0.0)
-    elif failure.kind == "weak":
-        _scale_torque(physics, robot, failure.leg, failure.torque_fraction)
-    else:
-        _remove_leg(physics, failure.leg)
-    return jammed, jammed_at
+
+    def __init__(self, physics: Any, robot: Robot) -> None:
+        """Take the model of a whole robot."""
+        self._model, self._robot = physics.model.ptr, robot
+        self._whole = {name: getattr(self._model, name).copy() for name in _CHANGED}
+        self._parts = {leg: _parts_of(physics.model, leg) for leg in range(1, N_LEGS + 1)}
+        self.by_leg: dict[int, Failure] = {}
+        self.jammed: BoolArray = np.zeros(N_JOINTS, dtype=bool)
+
+    @property
+    def stiff(self) -> BoolArray:
+        """Joints that are jammed where they are, (18,); the other jammed ones hold targets."""
+        stiff = np.zeros(N_JOINTS, dtype=bool)
+        for failure in self.by_leg.values():
+            if failure.kind == "stuck":
+                stiff[failure.joint_index] = True
+        return stiff
+
+    @property
+    def driven(self) -> BoolArray:
+        """Joints with a servo that drives them, (18,); not those of missing legs, nor the stuck ones."""
+        driven = ~self.stiff
+        for failure in self.by_leg.values():
+            if failure.kind == "missing":
+                driven[leg_slice(failure.leg)] = False
+        return driven
+
+    def change(self, leg: int, failure: Failure | None, scratch: Any = None) -> None:
+        """Let a leg fail, or be whole again for None; the other legs stay as they are.
+
+        Args:
+            leg: 1..6.
+            failure: how; None for a leg that is whole.
+            scratch: MjData of the model that may be overwritten; None makes one where it is needed.
+        """
+        for name, values in self._whole.items():
+            getattr(self._model, name)[:] = values
+        had_missing = any(one.kind == "missing" for one in self.by_leg.values())
+        self.by_leg.pop(leg, None)
+        if failure is not None:
+            self.by_leg[leg] = failure
+        self.jammed[:] = False
+        for one in self.by_leg.values():
+            self._apply(one)
+        if had_missing or (failure is not None and failure.kind == "missing"):
+            mujoco.mj_setConst(self._model, mujoco.MjData(self._model) if scratch is None else scratch)
+
+    def _apply(self, failure: Failure) -> None:
+        if failure.kind == "locked":
+            self.jammed[leg_slice(failure.leg)] = True
+        elif failure.kind == "stuck":
+            self._jam(failure.joint_index)
+        elif failure.kind in ("limp", "weak"):
+            self._scale_torque(failure.joints, 0.0 if failure.kind == "limp" else failure.torque_fraction)
+        else:
+            self._remove(failure.leg)
+
+    def _jam(self, joint: int) -> None:
+        """Hold one joint with far more than the servo's stiffness and torque."""
+        self.jammed[joint] = True
+        for gains in (self._model.actuator_gainprm, self._model.actuator_biasprm):
+            gains[joint] *= JAM_STIFFNESS
+        self._model.actuator_forcerange[joint] *= JAM_STIFFNESS
+
+    def _scale_torque(self, joints: tuple[int, ...], fraction: float) -> None:
+        """Scale all torques of servos, their back-EMF too; the friction of the gears stays."""
+        model = self._model
+        for joint in joints:
+            lost = (1 - fraction) * self._robot.back_emf_nm_s_per_rad[joint]
+            model.dof_damping[FIRST_SPEED + joint] -= lost
+            for array in (model.actuator_gainprm, model.actuator_biasprm, model.actuator_forcerange):
+                array[joint] *= fraction
+
+    def _remove(self, leg: int) -> None:
+        """Remove the contacts of a leg and almost all of its mass."""
+        model, parts = self._model, self._parts[leg]
+        model.geom_conaffinity[parts.geoms] = 0
+        # Nothing is as deep in the floor as this margin asks for.
+        model.pair_margin[parts.pairs] = -NEVER_M
+        model.body_mass[parts.bodies] *= MISSING_MASS_SHARE
+        model.body_inertia[parts.bodies] *= MISSING_MASS_SHARE
 
 
-def _check_angle(robot: Robot, failure: Failure) -> None:
+@dataclass(frozen=True, slots=True)
+class _Parts:
+    """Ids of the geoms, explicit pairs of geoms, and bodies of a leg."""
+
+    geoms: list[int]
+    pairs: list[int]
+    bodies: list[int]
+
+
+def _parts_of(model: Any, leg: int) -> _Parts:
+    geoms = [geom for geom in range(model.ngeom) if _belongs_to(model.id2name(geom, "geom"), leg)]
+    bodies = [body for body in range(model.nbody) if _belongs_to(model.id2name(body, "body"), leg)]
+    return _Parts(geoms, [pair for pair in range(model.npair) if model.pair_geom2[pair] in geoms], bodies)
+
+
+class FailuresToCome:
+    """Failures that are still to come in a walk, and legs that are to heal.
+
+    Args:
+        events: in the order of their times.
+        period_s: control period; an event takes effect at the beginning of the one that its time is in.
+    """
+
+    def __init__(self, events: Sequence[FailureEvent], period_s: float) -> None:
+        self._events, self._period_s, self._step = list(events), period_s, -1
+
+    def due(self) -> list[FailureEvent]:
+        """What happens now; asked before each control period, from the one at whose end the walk begins."""
+        if not self._events:
+            return []
+        now_s = self._step * self._period_s
+        self._step += 1
+        due = [event for event in self._events if event.at_s < now_s + (1 - ROUNDING) * self._period_s]
+        if self._step == 0:  # the walk has not begun
+            due = []
+        del self._events[: len(due)]
+        return due
+
+
+def held_rad(simulation: "Simulation", qpos: FloatArray, ctrl: FloatArray) -> FloatArray:
+    """Angles at which joints that jam now are held, leading shape + (18,).
+
+    Args:
+        simulation: after the failure.
+        qpos: leading shape + (25,); stuck joints stay where they are.
+        ctrl: leading shape + (18,); locked ones hold what they were commanded last.
+    """
+    return np.where(simulation.failed.stiff, qpos[..., -N_JOINTS:], ctrl)
+
+
+def check_stuck_angle(robot: Robot, failure: Failure) -> None:
     """Raise InputError for a joint stuck outside its range."""
     joint = failure.joint_index
     if not robot.joint_lower_rad[joint] <= failure.angle_rad <= robot.joint_upper_rad[joint]:
@@ -60,37 +201,12 @@ def _check_angle(robot: Robot, failure: Failure) -> None:
         )
 
 
-def _jam(physics: Any, jammed: BoolArray, jammed_at: FloatArray, failure: Failure) -> None:
-    """Hold one joint at an angle with far more than the servo's stiffness and torque."""
-    joint = failure.joint_index
-    jammed[joint] = True
-    jammed_at[joint] = failure.angle_rad
-    model = physics.model
-    for gains in (model.actuator_gainprm, model.actuator_biasprm):
-        gains[joint] *= JAM_STIFFNESS
-    model.actuator_forcerange[joint] *= JAM_STIFFNESS
-
-
-def _scale_torque(physics: Any, robot: Robot, leg: int, fraction: float) -> None:
-    """Scale all torques of the servos of a leg, their back-EMF too; the friction of its gears stays."""
-    model, joints = physics.model, leg_slice(leg)
-    for joint in range(N_JOINTS)[joints]:
-        model.dof_damping[FIRST_SPEED + joint] -= (1 - fraction) * robot.back_emf_nm_s_per_rad[joint]
-    for array in (model.actuator_gainprm, model.actuator_biasprm, model.actuator_forcerange):
-        array[joints] *= fraction
-
-
-def _remove_leg(physics: Any, leg: int) -> None:
-    """Remove the contacts of a leg and almost all of its mass."""
-    model = physics.model
-    for geom in range(model.ngeom):
-        if _belongs_to(model.id2name(geom, "geom"), leg):
-            model.geom_conaffinity[geom] = 0
-    for body in range(model.nbody):
-        if _belongs_to(model.id2name(body, "body"), leg):
-            model.body_mass[body] *= MISSING_MASS_SHARE
-            model.body_inertia[body] *= MISSING_MASS_SHARE
-    mujoco.mj_setConst(model.ptr, physics.data.ptr)
+def jammed_angles_rad(robot: Robot, failure: Failure | None) -> FloatArray:
+    """Angles that the jammed joints of a robot with a failed leg hold from the beginning, (18,)."""
+    angles_rad: FloatArray = robot.stance_angles_rad.copy()
+    if failure is not None and failure.kind == "stuck":
+        angles_rad[failure.joint_index] = failure.angle_rad
+    return angles_rad
 
 
 def _belongs_to(name: str, leg: int) -> bool:

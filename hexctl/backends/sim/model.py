@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from hexctl.backends.sim.dm import mjcf
-from hexctl.backends.sim.failure import FIRST_SPEED, inject_failure
+from hexctl.backends.sim.failure import FIRST_SPEED, FailedLegs, check_stuck_angle
 from hexctl.backends.sim.terrain import ROUGH_CELLS, ROUGH_HALF_SIZE_M, Floor, make_floor
 from hexctl.backends.sim.world import World, per_joint, per_leg
 from hexctl.errors import InputError
@@ -19,7 +19,6 @@ from hexctl.types import (
     N_JOINTS,
     N_LEGS,
     ArrayFields,
-    BoolArray,
     FloatArray,
 )
 
@@ -53,16 +52,14 @@ class Simulation(ArrayFields):
         world: the world it was made from.
         floor: the floor it stands on.
         joint_offsets_rad: calibration error per joint: true angle - angle reported by the servo, (18,).
-        jammed: joints that hold `jammed_at_rad` regardless of their targets, (18,).
-        jammed_at_rad: (18,).
+        failed: its failed legs.
     """
 
     physics: Any
     world: World
     floor: Floor
     joint_offsets_rad: FloatArray
-    jammed: BoolArray
-    jammed_at_rad: FloatArray
+    failed: FailedLegs
 
 
 def make_simulation(
@@ -88,10 +85,14 @@ def make_simulation(
     _check_order(physics)
     _fill_heights(physics, floor)
     _change_joints(physics, world)
-    jammed, jammed_at = inject_failure(physics, robot, failure)
+    failed = FailedLegs(physics, robot)
+    if failure is not None:
+        if failure.kind == "stuck":
+            check_stuck_angle(robot, failure)
+        failed.change(failure.leg, failure, physics.data.ptr)
     _set_start_state(physics, robot, world, floor, facing_rad)
     offsets = _joint_offsets(world, seed)
-    return Simulation(physics, world, floor, offsets, jammed, jammed_at)
+    return Simulation(physics, world, floor, offsets, failed)
 
 
 def _load_trunk(body: Any, robot: Robot, world: World) -> None:

@@ -1,6 +1,6 @@
 """The simulated robot as LegServos, and its clock."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -10,11 +10,13 @@ from hexctl.backends.clock import Clock, Tick, WallClock
 from hexctl.backends.sim.actuators import ActuatorModel
 from hexctl.backends.sim.dm import PhysicsError
 from hexctl.backends.sim.effort import JointTorques
+from hexctl.backends.sim.failure import FailuresToCome, held_rad, jammed_angles_rad
 from hexctl.backends.sim.model import FIRST_JOINT, TOUCH, Simulation, make_simulation
 from hexctl.backends.sim.sensing import FaultyPose, LateStates, Losses, Noise, Snapshot, sensed
 from hexctl.backends.sim.world import World, as_world
 from hexctl.errors import SimulationDivergedError, check_type
 from hexctl.robot.failure import Failure, drawn_failure
+from hexctl.robot.failure_event import FailureEvent
 from hexctl.robot.model import Robot
 from hexctl.types import JointTargets, RobotState
 
@@ -71,6 +73,7 @@ class SimServos(LegServos):
         trial: number of the trial.
         facing_rad: yaw in which the robot is put down.
         realtime: pace the clock with wall time; otherwise the physics runs as fast as it can.
+        events: failures to come, and legs that heal, counted from `walk_begins`.
     """
 
     injects_failure = True
@@ -85,6 +88,7 @@ class SimServos(LegServos):
         trial: int = 0,
         facing_rad: float = 0.0,
         realtime: bool = False,
+        events: Sequence[FailureEvent] = (),
     ) -> None:
         self._robot = as_robot(robot)
         self.world = as_world(world)
@@ -93,13 +97,16 @@ class SimServos(LegServos):
         check_type(trial, int, "trial")
         check_type(facing_rad, float, "facing_rad")
         check_type(realtime, bool, "realtime")
+        for event in events:
+            check_type(event, FailureEvent, "events", "FailureEvents")
+        self.events = tuple(sorted(events, key=lambda event: event.at_s))
         self.failure = drawn_failure(self._robot, failure, seed)
         self.seed = seed
         self.trial = trial
         self.facing_rad = facing_rad
         self._clock = SimClock(self._step, WallClock() if realtime else None)
         self._simulation: Simulation | None = None
-        self._limp = False
+        self._limp, self._to_come = False, FailuresToCome((), 0.0)
 
     @property
     def robot(self) -> Robot:
@@ -130,9 +137,7 @@ class SimServos(LegServos):
         )
         self._simulation = simulation
         self._limp = False
-        model = simulation.physics.model
-        self._springs = [(model.actuator_gainprm[:, 0], model.actuator_gainprm[:, 0].copy())]
-        self._springs += [(model.actuator_biasprm[:, 1], model.actuator_biasprm[:, 1].copy())]
+        self._keep_springs()
         self.noise = Noise(self.world.sensor_noise, self.seed, self.trial)
         self.faulty_pose = FaultyPose(self.world.sensor_faults)
         self.loss = Losses.of_commands(self.world, self.seed, self.trial)
@@ -140,10 +145,11 @@ class SimServos(LegServos):
         data = simulation.physics.data.ptr
         # Views of MuJoCo's own memory: they stay valid and save the wrapper's cost on every tick.
         self._qpos, self._qvel, self._ctrl = data.qpos, data.qvel, data.ctrl
-        self.torques = JointTorques.of(simulation, self.failure)
+        self.torques = JointTorques.of(simulation)
         self._touch, self._forces = data.sensordata[TOUCH], self.torques.forces_in(data.history)
         self.late = LateStates(self.world, self._measured()) if self.world.latency_steps else None
-        self.actuators = ActuatorModel.at_rest(simulation, self._robot.stance_angles_rad)
+        jammed_at_rad = jammed_angles_rad(self._robot, self.failure)
+        self.actuators = ActuatorModel.at_rest(simulation, self._robot.stance_angles_rad, jammed_at_rad)
         self._offsets_rad = simulation.joint_offsets_rad
 
     @property
@@ -152,6 +158,29 @@ class SimServos(LegServos):
         if self._simulation is None:
             return None
         return self._qpos[:3].copy(), self._qpos[3:FIRST_JOINT].copy()
+
+    @property
+    def failures(self) -> tuple[Failure, ...]:
+        """The failures in force now, by leg."""
+        return tuple(failure for _, failure in sorted(self.simulation.failed.by_leg.items()))
+
+    def walk_begins(self) -> None:
+        """Count the times of the events from the next control period on."""
+        self._to_come = FailuresToCome(self.events, self._clock.period_s)
+
+    def change_leg(self, leg: int, failure: Failure | None) -> None:
+        """Let a leg fail now, or be whole again for None: before the next step of the physics.
+
+        A joint that sticks does so where it is, and a leg that locks keeps the targets that it was sent last.
+        Raises RobotFaultError before `connect`.
+        """
+        simulation = self.simulation
+        if self._limp:
+            self._set_springs(1.0)
+        simulation.failed.change(leg, failure)
+        self._keep_springs()
+        self.torques = JointTorques.of(simulation)
+        self.actuators.leg_changed(leg, held_rad(simulation, self._qpos, self._ctrl))
 
     def read(self) -> RobotState:
         """State after the last tick, with the sensor noise of the world."""
@@ -192,6 +221,13 @@ class SimServos(LegServos):
             self._simulation = None
             del self._qpos, self._qvel, self._ctrl, self._touch, self._forces, self._springs
 
+    def _keep_springs(self) -> None:
+        """Note the stiffness of the servos, views of the model beside copies."""
+        model = self.simulation.physics.model
+        self._springs = [
+            (values, values.copy()) for values in (model.actuator_gainprm[:, 0], model.actuator_biasprm[:, 1])
+        ]
+
     def _set_springs(self, share: float) -> None:
         for in_force, whole in self._springs:
             in_force[:] = share * whole
@@ -199,6 +235,8 @@ class SimServos(LegServos):
 
     def _step(self) -> None:
         """Step the physics by one control period."""
+        for event in self._to_come.due():
+            self.change_leg(event.leg, event.failure)
         physics, after = self.simulation.physics, 0
         try:
             if self.late is not None:

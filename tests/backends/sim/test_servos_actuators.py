@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from hexctl.backends.sim.actuators import ActuatorModel
 from hexctl.backends.sim.batch import SimBatch
+from hexctl.backends.sim.failure import jammed_angles_rad
 from hexctl.backends.sim.model import FIRST_JOINT, Simulation, make_simulation
 from hexctl.backends.sim.sensing import Losses
 from hexctl.backends.sim.servos import SimServos
@@ -63,7 +64,7 @@ def _train(
     simulation = replace(_simulation(failure), world=World.model_validate(world))
     if offsets_rad is not None:
         simulation = replace(simulation, joint_offsets_rad=offsets_rad)
-    return ActuatorModel.at_rest(simulation, STANCE)
+    return ActuatorModel.at_rest(simulation, STANCE, jammed_angles_rad(shipped(), failure))
 
 
 def _targets(given_rad: Sequence[float]) -> FloatArray:
