@@ -12,6 +12,16 @@ Value = TypeVar("Value")
 POLL_S = 0.01
 
 
+def comes_true(condition: Callable[[], bool], timeout_s: float, *, poll_s: float = POLL_S) -> bool:
+    """Whether a condition comes true in time; it is tested at least once and then every `poll_s`."""
+    deadline_s = time.monotonic() + timeout_s
+    while not condition():
+        if time.monotonic() >= deadline_s:
+            return False
+        time.sleep(poll_s)
+    return True
+
+
 def wait_for(
     condition: Callable[[], Value | None],
     timeout_s: float,

@@ -1,4 +1,4 @@
-"""The best gait that is known for a walk, by a prior or by a session: `hexctl run --gait best`."""
+"""The best gaits that are known for a walk, by a prior or by a session: `hexctl run --gait best`."""
 
 import math
 from dataclasses import dataclass, replace
@@ -23,13 +23,13 @@ from hexctl.robot.model import Robot
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BestGait:
-    """The best gait that is known for a walk.
+    """The best gaits that are known for a walk.
 
     Attributes:
         spec: of the walk, with the gait and its posture filled in, and the self-rotation of a session, and
             under the hold `heading` its trim. The self-rotation with a gait by a prior stays as it was asked
-            for, since `auto` depends on the robot that connects.
-        source: gait and where it is from, for people.
+            for, since `auto` depends on the robot that connects. Of a gait to change to, the slots.
+        source: gaits and where they are from, for people.
     """
 
     spec: RunSpec
@@ -37,7 +37,7 @@ class BestGait:
 
 
 def best_gait(spec: RunSpec, folder: Path | str = RUNS) -> BestGait:
-    """The best gait for a walk whose spec has the gait `best` or `best:SESSION`.
+    """The best gait for a walk whose spec has the gait `best` or `best:SESSION`, or changes to one.
 
     By the first prior for robot, leg, failure, hold and posture it is the fastest one, of open-loop walks
     the one that ends nearest to its line; by a session it is that of its best trial.
@@ -46,10 +46,36 @@ def best_gait(spec: RunSpec, folder: Path | str = RUNS) -> BestGait:
         spec: of the walk.
         folder: of sessions and of priors that were built.
 
-    Raises InputError for another gait, a walk without a failed leg, and where nothing is known of such walks.
+    Raises InputError for other gaits, a walk without a failed leg, and where nothing is known of such walks.
     """
-    if not names_best(spec.gait):
+    if not spec.asks_for_best:
         raise InputError(f"{argument('gait')}: got {spec.gait_text}; allowed: best or best:SESSION")
+    sources = []
+    if names_best(spec.gait):
+        first = _best_of(spec, folder)
+        spec = first.spec
+        sources.append(first.source)
+    then = []
+    for text in spec.then:
+        name, _, at_s = text.rpartition("@")
+        if names_best(name):
+            found = _best_to_change_to(spec, text, name, folder)
+            sources.append(f"from {at_s} s on {found.source}")
+            name = found.spec.gait_text
+        then.append(f"{name}@{at_s}")
+    return BestGait(spec=replace(spec, then=tuple(then)), source="; ".join(sources))
+
+
+def _best_to_change_to(spec: RunSpec, text: str, name: str, folder: Path | str) -> BestGait:
+    """The best gait for a change of a walk, which does not bring the trim of a session with it."""
+    try:
+        return _best_of(replace(spec, gait=name, trim_rad=spec.trim_rad or 0.0), folder)
+    except InputError as error:
+        raise InputError(f"{argument('then')}: got {text!r} ({error})") from error
+
+
+def _best_of(spec: RunSpec, folder: Path | str) -> BestGait:
+    """The best gait for a walk whose gait is `best` or `best:SESSION`."""
     session = str(spec.gait).partition(":")[2].strip()
     if spec.failure is None:
         raise InputError(

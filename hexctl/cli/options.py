@@ -311,7 +311,8 @@ ThenOption = Annotated[
     list[str] | None,
     typer.Option(
         "--then",
-        help="Change the gait in stride, such as wave@10: from 10 s on; may be given several times. "
+        help="Change the gait in stride, to one that --gait takes, such as wave@10: from 10 s on; may be "
+        "given several times, with times that ascend. "
         "(default: never)",
     ),
 ]

@@ -47,6 +47,7 @@ def summary(outcome: dict[str, Any]) -> list[RenderableType]:
     link = link_in_words(outcome["servo_link"])
     rows = [
         ("gait", _gait_text(outcome["gait"])),
+        *_posture_rows(outcome["gait"]),
         *_distance_rows(outcome),
         ("status", outcome["status"] + _why(outcome["stopped"]) + _cause(outcome.get("cause"))),
         ("guard", _clipped(outcome["clipped_ticks"])),
@@ -89,6 +90,16 @@ def _gait_text(gait: dict[str, Any]) -> str:
     code = "" if gait["code"] is None else f", code {gait['code']}"
     then = "".join(f", then {change}" for change in gait.get("then", []))
     return (f"{gait['name']} (slots {slots}{code})" if named else f"slots {slots}{code}") + then
+
+
+def _posture_rows(gait: dict[str, Any]) -> list[tuple[str, str]]:
+    """A row for how the body stood and the feet swung, where that was not as in the paper."""
+    from hexctl.gait.gait import SWING_SHARE
+    from hexctl.gait.posture import Posture
+    from hexctl.record.summary import posture_in_words
+
+    text = posture_in_words(Posture(**gait.get("posture", {})), gait.get("swing_share", SWING_SHARE))
+    return [("posture", text)] if text else []
 
 
 def _distance_rows(outcome: dict[str, Any]) -> list[tuple[str, str]]:

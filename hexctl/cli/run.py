@@ -157,10 +157,8 @@ def run(
 
 
 def _with_best(spec: "RunSpec") -> "RunSpec":
-    """Spec with the gait that `best` is here, which a note tells; any other spec as it is."""
-    from hexctl.gait.gait import names_best
-
-    if not names_best(spec.gait):
+    """Spec with the gaits that `best` is here, which a note tells; any other spec as it is."""
+    if not spec.asks_for_best:
         return spec
     from hexctl.adapt.best import best_gait
 

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from itertools import pairwise
 
 from hexctl.errors import InputError, check_type
 from hexctl.gait.gait import Gait, Motion
@@ -117,8 +118,10 @@ class TrialPlan:
             raise InputError(f"hold: got {self.hold}; allowed: {', '.join(HOLDS)}")
         for change in self.changes:
             check_type(change, GaitChange, "plan.changes", "GaitChanges")
-        if sorted(self.changes, key=lambda change: change.at_s) != list(self.changes):
-            raise InputError("plan.changes: got times that do not ascend; allowed: the first change first")
+        if any(after.at_s <= before.at_s for before, after in pairwise(self.changes)):
+            raise InputError(
+                "plan.changes: got times that do not ascend; allowed: the first change first, one at a time"
+            )
         if not (math.isfinite(self.settle_s) and self.settle_s > 0):
             raise InputError(f"settle time: got {self.settle_s:g}; allowed: above 0 s")
         check_type(self.turn_rad, (float, type(None)), "plan.turn_rad", "an angle in rad, or None")

@@ -36,6 +36,7 @@ from hexctl.errors import InputError, MissingExtraError, argument, check_type
 from hexctl.record.run_spec import RunSpec, plan_of, spec_of
 from hexctl.robot.loader import RobotFile, load_robot_file
 from hexctl.robot.model import Robot
+from hexctl.waiting import comes_true
 
 if TYPE_CHECKING:
     from hexctl.control.controllers import Controller
@@ -81,7 +82,8 @@ class Run:
         spec: what it does.
         robot: the robot of the spec.
         plan: the trial of the spec.
-        notes: once connected, what an operator should know about the robot that answered.
+        notes: once connected, what an operator should know about the robot that answered, and options
+            without effect.
     """
 
     def __init__(self, spec: RunSpec) -> None:
@@ -118,7 +120,7 @@ class Run:
         servos = make_servos(self.spec.backend, options)
         with ExitStack() as stack:
             self._guard = stack.enter_context(Guard(servos))
-            self.notes = tuple(connection_notes(servos, self.plan.belief))
+            self.notes = (*self._without_effect(), *connection_notes(servos, self.plan.belief))
             self._suit_rotation()
             self._recording = self._open_recording()
             if self._recording is not None:
@@ -190,6 +192,13 @@ class Run:
             log=log,
         )
 
+    def _without_effect(self) -> list[str]:
+        """What was asked for and changes nothing, in words."""
+        rotation = self.spec.self_rotation
+        if self.plan.belief is not None or rotation in (AUTO_ROTATION, "none"):
+            return []
+        return [f"--self-rotation {rotation} changes nothing: it turns a failed leg, and six legs are good"]
+
     def _suit_rotation(self) -> None:
         """Turn the failed leg away after all where `auto` took it for granted that the line can be held."""
         spec = self.spec
@@ -204,12 +213,8 @@ class Run:
         """Whether the robot tells a position, which may come a little after its joints."""
         guard = self._guard
         assert guard is not None  # noqa: S101  it is connected
-        until_s = time.perf_counter() + (POSITION_COMES_S if self.spec.paced else 0.0)
-        while guard.peek().base_position_world is None:
-            if time.perf_counter() >= until_s:
-                return False
-            time.sleep(PERIOD_S)
-        return True
+        timeout_s = POSITION_COMES_S if self.spec.paced else 0.0
+        return comes_true(lambda: guard.peek().base_position_world is not None, timeout_s, poll_s=PERIOD_S)
 
     def _open_recording(self) -> "Recording | None":
         if self.spec.record is not None:

@@ -2,13 +2,14 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 from types import NoneType
 from typing import Any
 
 from hexctl.backends.registry import check_options, option_values
 from hexctl.backends.sim.world import World
-from hexctl.control.assessment.static_stability import stable_gait, stable_slots_of
+from hexctl.control.assessment.static_stability import check_tucked, stable_gait, stable_slots_of
 from hexctl.control.plan import AUTO_ROTATION, GaitChange, TrialPlan, suited_rotation
 from hexctl.errors import InputError, argument, check_type
 from hexctl.gait.gait import AUTO, BEST, SWING_SHARE, Gait, make_gait, names_best, parse_slots
@@ -39,7 +40,8 @@ class RunSpec:
         stance_shift: how far the body stands forward and to the left over its feet, likewise; None for not.
         tucked_legs: legs that are held up in the air.
         swing_share: part of a cycle that a foot is in the air; None is a third, as in the paper.
-        then: changes of the gait in stride, such as `wave@10`: a name, a code or slots, and when in seconds.
+        then: changes of the gait in stride, such as `wave@10`: a name, a code or slots, and when in seconds;
+            the times ascend.
         heading_rad: direction of travel, counter-clockwise from forward; None is forward, or none at all in a
             turn in place.
         turn_rate_rad_s: rate of turning, counter-clockwise. Without a heading the robot turns in place.
@@ -114,6 +116,11 @@ class RunSpec:
         return self.realtime or not self.simulated
 
     @property
+    def asks_for_best(self) -> bool:
+        """Whether its gait, or one that it changes to, is `best`, which `hexctl.best_gait` finds."""
+        return names_best(self.gait) or any(names_best(text.rpartition("@")[0]) for text in self.then)
+
+    @property
     def records(self) -> bool:
         """Whether the walk is recorded."""
         return self.record is not None or self.record_folder is not None
@@ -176,7 +183,7 @@ def plan_of(spec: RunSpec, robot: Robot) -> TrialPlan:
             amplitude=spec.amplitude,
             height=spec.height,
             failed_legs=(spec.failure.leg,) if spec.failure else (),
-            besides=(AUTO, BEST) if spec.failure else (AUTO,),
+            besides=_besides(spec.failure),
         )
         gait = replace(
             gait,
@@ -203,24 +210,52 @@ def plan_of(spec: RunSpec, robot: Robot) -> TrialPlan:
         trim_rad=spec.trim_rad or 0.0,
     )
     plan = replace(plan, gait=stable_gait(robot, plan, stand_up=spec.body_raise is None)) if auto else plan
-    return replace(plan, changes=tuple(_change_of(text, robot, plan) for text in spec.then))
+    check_tucked(robot, plan)
+    changes = tuple(_change_of(text, robot, plan) for text in spec.then)
+    for (first, before), (second, after) in pairwise(zip(spec.then, changes, strict=True)):
+        if after.at_s <= before.at_s:
+            raise InputError(
+                f"{argument('then')}: got {first} and then {second}; allowed: times that ascend, one gait "
+                "at each"
+            )
+    return replace(plan, changes=changes)
 
 
-def _change_of(text: str, robot: Robot, plan: TrialPlan) -> GaitChange:
-    """Change of gait of a text such as `wave@10`, in the posture of the plan's gait."""
+def _besides(failure: Failure | None) -> tuple[str, str]:
+    """Gaits that stand for others, for messages."""
+    return AUTO, BEST if failure else f"{BEST} (with a failed leg)"
+
+
+def _name_and_time(text: str) -> tuple[str, float]:
+    """Gait and time of a change such as `wave@10`; raises InputError for another text."""
     name, at, time_text = text.rpartition("@")
     try:
         time_s = float(time_text)
     except ValueError:
-        at = ""
+        at, time_s = "", 0.0
     if not at:
         raise InputError(
             f"{argument('then')}: got {text!r}; allowed: a gait and a time in s, such as wave@10"
         )
+    return name, time_s
+
+
+def _change_of(text: str, robot: Robot, plan: TrialPlan) -> GaitChange:
+    """Change of gait of a text such as `wave@10`, in the posture of the plan's gait."""
+    name, time_s = _name_and_time(text)
+    if names_best(name):
+        raise InputError(
+            f"{argument('then')}: got {text!r}, which stands for another gait; allowed: the spec that "
+            "hexctl.best_gait(spec) gives for it"
+        )
     if time_s >= plan.duration_s:
         raise InputError(f"{argument('then')}: got {text!r}; allowed: before {plan.duration_s:g} s, the end")
     try:
-        slots = stable_slots_of(robot, plan) if name == AUTO else parse_slots(name, plan.failed_legs, (AUTO,))
+        slots = (
+            stable_slots_of(robot, plan)
+            if name == AUTO
+            else parse_slots(name, plan.failed_legs, _besides(plan.belief))
+        )
     except InputError as error:
         raise InputError(f"{argument('then')}: got {text!r} ({error})") from error
     return GaitChange(gait=replace(plan.gait, slots=slots), at_s=time_s)

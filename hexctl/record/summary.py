@@ -10,7 +10,7 @@ from hexctl.control.assessment.cause import CAUSES
 from hexctl.control.plan import TrialPlan
 from hexctl.control.result import TrialResult
 from hexctl.gait.gait import SWING_SHARE, Gait
-from hexctl.gait.posture import STANCE
+from hexctl.gait.posture import STANCE, Posture
 from hexctl.robot.model import Robot
 
 Row = tuple[str, str]
@@ -91,15 +91,21 @@ def held_in_words(outcome: Mapping[str, Any]) -> str:
     return f"the {hold}, by {by}{why}{lost}{seconds}"
 
 
-def _posture_in_words(robot: Robot, gait: Gait) -> str:
-    """How the body stands and the feet swing where it is not as in the paper; else empty."""
-    posture, size_m = gait.posture, robot.size_m
-    forward_m, left_m = (size_m * share for share in posture.shift)
+def posture_in_words(posture: Posture, swing_share: float, size_m: float | None = None) -> str:
+    """How the body stands and the feet swing where it is not as in the paper; else empty.
+
+    Args:
+        posture: of the gait.
+        swing_share: of the gait.
+        size_m: of the robot; None gives lengths as multiples of that, E.
+    """
+    size, unit = (1.0, "E") if size_m is None else (size_m, "m")
+    forward, left = (f"{size * share:+g} {unit}" for share in posture.shift)
     parts = [
-        (posture.body_raise, f"{size_m * posture.body_raise:+g} m higher"),
-        (any(posture.shift), f"over its feet {forward_m:+g} m forward, {left_m:+g} m to the left"),
+        (posture.body_raise, f"{size * posture.body_raise:+g} {unit} higher"),
+        (any(posture.shift), f"over its feet {forward} forward, {left} to the left"),
         (posture.tucked_legs, f"tucked legs: {', '.join(map(str, posture.tucked_legs))}"),
-        (gait.swing_share != SWING_SHARE, f"feet in the air for {100 * gait.swing_share:g} % of a cycle"),
+        (swing_share != SWING_SHARE, f"feet in the air for {100 * swing_share:.3g} % of a cycle"),
     ]
     return "; ".join(text for given, text in parts if given)
 
@@ -120,7 +126,7 @@ def _plan_rows(robot: Robot, plan: TrialPlan) -> Iterator[Row]:
             f"{_slots_in_words(each.gait, plan.failed_legs)} at {each.at_s:g} s" for each in plan.changes
         ]
         yield "then", ", ".join(texts)
-    if posture := _posture_in_words(robot, gait):
+    if posture := posture_in_words(gait.posture, gait.swing_share, robot.size_m):
         yield "posture", posture
     yield (
         "pace, step, height",

@@ -147,7 +147,8 @@ def first_problem(schema: type[BaseModel], error: ValidationError) -> str:
     """First problem of a validation; an unknown key comes before the others, which may follow from it."""
     problems = error.errors(include_url=False)
     problem = min(problems, key=lambda problem: problem["type"] != "extra_forbidden")
-    more = f" (and {len(problems) - 1} more problems)" if len(problems) > 1 else ""
+    others = len(problems) - 1
+    more = f" (and {others} more problem{'s' if others > 1 else ''})" if others else ""
     return _described(schema, problem) + more
 
 

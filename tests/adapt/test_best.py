@@ -146,3 +146,30 @@ def test_by_a_session_that_learned_a_trim_it_walks_with_the_trim(tmp_path: Path)
     assert found.source.endswith(f"with its trim of {session.best_trim_deg:.2f} degrees")
     assert best_gait(replace(asked, trim_rad=0.01), tmp_path).spec.trim_rad == 0.01
     assert best_gait(replace(asked, hold="line"), tmp_path).spec.trim_rad is None
+
+
+def test_a_walk_may_change_to_the_best_gait(built: Path) -> None:
+    first = best_gait(spec(), built)
+    found = best_gait(spec(gait="wave", then=("tripod@1", "best@2")), built)
+    assert found.source == f"from 2 s on {first.source}"
+    assert found.spec.gait == "wave"
+    changes = Run(found.spec).plan.changes
+    assert [change.at_s for change in changes] == [1.0, 2.0]
+    assert changes[1].gait.slots == first.spec.gait
+    both = best_gait(spec(then=("best@2",)), built)
+    assert both.spec == replace(first.spec, then=found.spec.then[1:])
+    with pytest.raises(InputError, match=r"then: got 'best@2', which stands for another gait; allowed: the"):
+        run(spec(gait="wave", then=("best@2",)))
+    with pytest.raises(InputError, match=r"then: got 'best:nowhere@2' \(session"):
+        best_gait(spec(gait="wave", then=("best:nowhere@2",)), built)
+
+
+def test_a_change_to_the_gait_of_a_session_brings_no_trim(tmp_path: Path) -> None:
+    session = adapt(
+        2, budget=1, duration_s=4.0, hold="heading", target_m=1.0, baseline=False, record=False,
+        folder=tmp_path,
+    ).session  # fmt: skip
+    asked = spec(gait="wave", then=(f"best:{session.name}@2",), failure=Failure(leg=2), hold="heading")
+    found = best_gait(asked, tmp_path)
+    assert found.spec.trim_rad is None
+    assert "its trim" not in found.source

@@ -406,10 +406,16 @@ def test_servos_in_the_current_folder_are_found(program: list[str], tmp_path: Pa
         (["--then", "wave@soon"], ["--then", "wave@soon", "wave@10"]),
         (["--then", "lope@0.3"], ["--then", "'lope@0.3'", "tripod", "auto"]),
         (["--gait", "lope"], ["gait", "'lope'", "tripod", "auto"]),
-        (["--then", "wave@0.9", "--then", "demo@0.5"], ["do not ascend"]),
+        (["--then", "lope@0.3"], ["best (with a failed leg)"]),
+        (["--then", "best@0.3"], ["--then", "'best@0.3'", "allowed: with a failed leg"]),
+        (["--gait", "lope"], ["best (with a failed leg)"]),
+        (["--then", "wave@0.9", "--then", "demo@0.5"], ["--then", "wave@0.9", "demo@0.5", "ascend"]),
+        (["--then", "wave@0.5", "--then", "demo@.5"], ["--then", "wave@0.5", "demo@.5", "ascend"]),
         (["--then", "wave@5"], ["--then", "wave@5", "before 1 s"]),
         (["--tuck", "7"], ["tucked legs", "7", "1..6"]),
         (["--tuck", "five"], ["--tuck", "'five'"]),
+        (["--tuck", "1,2,3,4"], ["--tuck: got 1,2,3,4", "(5, 6)", "-177 mm", "above 0", "--stance-shift"]),
+        (["--tuck", "1,2,3,4,5"], ["--tuck: got 1,2,3,4,5", "(6)", "no static margin"]),
         (["--stance-shift", "1"], ["--stance-shift", "'1'", "0.02,-0.01"]),
         (["--stance-shift", "0.9,0"], ["stance shift", "0.9", "0.2"]),
         (["--body-raise", "0.5"], ["--body-raise", "0.5", "0.2"]),
@@ -479,3 +485,26 @@ def test_the_best_gait_is_told_and_walked_and_where_none_is_known_that_is_said(
     assert "--gait: got best, and there is no prior for such walks" in (err := capsys.readouterr().err)
     assert "allowed: auto" in err
     assert len(err.splitlines()) == 1
+
+
+def test_a_self_rotation_without_a_failed_leg_is_said_to_change_nothing(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert exit_code([*SHORT[:-1], "0.5", "--self-rotation", "front"]) == 0
+    line = _one_line(capsys.readouterr().err)
+    assert "--self-rotation front changes nothing" in line
+    for quiet in (["--self-rotation", "none"], ["--self-rotation", "front", "--failed-leg", "2"]):
+        assert exit_code([*SHORT[:-1], "0.5", *quiet]) == 0
+        assert capsys.readouterr().err == ""
+
+
+def test_the_summary_names_a_posture_that_is_not_the_usual_one(capsys: pytest.CaptureFixture[str]) -> None:
+    posture = ["--body-raise", "0.01", "--stance-shift", "0,0.02", "--tuck", "2,5", "--swing-share", "0.25"]
+    assert exit_code([*SHORT[:-1], "0.5", *posture]) == 0
+    (row,) = [line for line in capsys.readouterr().out.splitlines() if line.startswith("posture")]
+    assert row == (
+        "posture    +0.01 E higher; over its feet +0 E forward, +0.02 E to the left; tucked legs: 2, 5; feet "
+        "in the air for 25 % of a cycle"
+    )
+    assert exit_code([*SHORT[:-1], "0.5"]) == 0
+    assert "posture" not in capsys.readouterr().out

@@ -221,7 +221,7 @@ def test_a_leg_that_was_turned_away_for_want_of_a_position_leaves_the_result_to_
 def test_a_gait_that_is_not_known_is_answered_with_the_best_where_a_leg_has_failed() -> None:
     with pytest.raises(InputError, match=r"allowed: demo, .*, auto, best, a code"):
         Run(RunSpec(gait="bestest", failure=Failure(leg=2)))
-    with pytest.raises(InputError, match=r"allowed: demo, .*, auto, a code"):
+    with pytest.raises(InputError, match=r"allowed: demo, .*, auto, best \(with a failed leg\), a code"):
         Run(RunSpec(gait="bestest"))
 
 

@@ -1,8 +1,11 @@
 """Shipped configuration files are found and every one of them loads."""
 
+from pathlib import Path
+
 import pytest
 
 from hexctl.backends.sim.world import load_world
+from hexctl.errors import InputError
 from hexctl.robot.configs import config_names, find_config, read_mapping
 from hexctl.robot.loader import load_robot
 
@@ -21,3 +24,15 @@ def test_every_shipped_world_loads(name: str) -> None:
 def test_the_promised_files_are_shipped() -> None:
     assert set(config_names("robots")) >= {"ant", "phantomx", "pexod"}
     assert set(config_names("worlds")) >= {"flat", "rough", "slippery", "slope"}
+
+
+@pytest.mark.parametrize(
+    ("keys", "said"),
+    [("friction: -1", "allowed: above 0"), ("friction: -1\nslope_deg: x", "(and 1 more problem)"),
+     ("friction: -1\nslope_deg: x\npayload_kg: x", "(and 2 more problems)")],
+)  # fmt: skip
+def test_a_file_with_several_problems_says_how_many_more(keys: str, said: str, tmp_path: Path) -> None:
+    (tmp_path / "world.yaml").write_text(keys + "\n")
+    with pytest.raises(InputError) as refused:
+        load_world(tmp_path / "world.yaml")
+    assert str(refused.value).endswith(said)

@@ -1,8 +1,8 @@
 """Flaws of a simulated robot's sensors: noise, drift, and what they show wrongly for a time."""
 
-from typing import Annotated
+from typing import Annotated, Self
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
 from hexctl.robot.configs import Number
 
@@ -34,6 +34,10 @@ def _ordered(interval: tuple[float, float]) -> tuple[float, float]:
 Interval = Annotated[tuple[NotNegative, NotNegative], AfterValidator(_ordered)]
 
 
+#: By how much a position jumps unless something else is asked for.
+JUMP_M = (0.0, 1.0, 0.0)
+
+
 class SensorFaults(Section):
     """What the sensors of position and yaw show wrongly, in times of the simulation's clock.
 
@@ -42,10 +46,24 @@ class SensorFaults(Section):
         pose_frozen_s: intervals in which position and orientation stay what they were when each began; where
             intervals overlap, the one that began last counts.
         position_jump_s: intervals in which the position is off.
-        position_jump_m: by how much, along the axes of the world.
+        position_jump_m: by how much, along the axes of the world; a metre to the left unless given.
     """
 
     yaw_drift_deg_per_min: Annotated[Number, Field(ge=-3600, le=3600, allow_inf_nan=False)] = 0.0
     pose_frozen_s: tuple[Interval, ...] = ()
     position_jump_s: tuple[Interval, ...] = ()
-    position_jump_m: tuple[Finite, Finite, Finite] = (0.0, 1.0, 0.0)
+    position_jump_m: tuple[Finite, Finite, Finite] = JUMP_M
+
+    @model_validator(mode="after")
+    def _jumps(self) -> Self:
+        """Raise ValueError for a jump without a time, and for times without a jump: neither does anything."""
+        jump_m = ", ".join(f"{part:g}" for part in self.position_jump_m)
+        if self.position_jump_m != JUMP_M and not self.position_jump_s:
+            raise ValueError(
+                f"got position_jump_m [{jump_m}] without position_jump_s; allowed: with its intervals"
+            )
+        if self.position_jump_s and not any(self.position_jump_m):
+            raise ValueError(
+                f"got position_jump_s with position_jump_m [{jump_m}]; allowed: a jump that is not zero"
+            )
+        return self

@@ -14,14 +14,14 @@ from hexctl.control.plan import TrialPlan
 from hexctl.control.turning import failed_foot_azimuth_rad, turn_needed_rad
 from hexctl.errors import InputError, argument
 from hexctl.gait.encoding import Slots, code_count, slots_from_code
-from hexctl.gait.foot_trajectory import in_stance, phase_in_cycle, stroke_offset
+from hexctl.gait.foot_trajectory import in_stance, phase_in_cycle, posture_offsets_m, stroke_offset
 from hexctl.gait.gait import Gait
 from hexctl.gait.posture import Posture
 from hexctl.ik.support_polygon import centre_of_mass_body, support
 from hexctl.robot.failure import Failure
 from hexctl.robot.model import Robot
 from hexctl.robot.rotations import wrapped_rad
-from hexctl.types import FloatArray
+from hexctl.types import N_LEGS, FloatArray
 
 #: Phases of the cycle at which the margin is taken: each of the twelve parts between two feet that land or
 #: leave, at its ends and between.
@@ -86,6 +86,46 @@ def static_margins_m(
     # Fewer than two feet have no margin: as bad as the farthest foot is away.
     margins_m = np.maximum(margins_m, -float(np.linalg.norm(robot.stance_feet_body[:, :2], axis=-1).max()))
     return np.stack([margins_m.min(axis=-1), margins_m.mean(axis=-1)], axis=-1)
+
+
+def legs_that_stand(plan: TrialPlan) -> tuple[int, ...]:
+    """Legs that carry the robot of a plan while none of them swings, as far as one can hope.
+
+    Tucked legs do not, nor does one that is limp or missing, or held in its stance under a raised body.
+    """
+    posture, failure = plan.gait.posture, plan.belief
+    lost = set(posture.tucked_legs)
+    if failure is not None and failure.kind in ("limp", "missing"):
+        lost.add(failure.leg)
+    if posture.body_raise > 0:
+        lost |= set(plan.held_legs)
+    return tuple(leg for leg in range(1, N_LEGS + 1) if leg not in lost)
+
+
+def standing_margin_m(robot: Robot, plan: TrialPlan) -> float:
+    """Static stability margin of the robot of a plan on `legs_that_stand`, in m; -inf with fewer than two.
+
+    The centre of mass is that of the stance.
+    """
+    standing = np.isin(np.arange(1, N_LEGS + 1), legs_that_stand(plan))
+    offsets_m = posture_offsets_m(robot, plan.gait.posture)[:, :2]
+    offsets_m[[leg - 1 for leg in plan.held_legs]] = 0.0
+    centre = centre_of_mass_body(robot, robot.stance_angles_rad)[:2]
+    return float(support(robot.stance_feet_body[:, :2] + offsets_m, standing, centre).margin_m)
+
+
+def check_tucked(robot: Robot, plan: TrialPlan) -> None:
+    """Raise InputError for a plan that tucks legs without which the robot cannot stand."""
+    tucked = plan.gait.posture.tucked_legs
+    if not tucked or (margin_m := standing_margin_m(robot, plan)) > SAME_MARGIN_M:
+        return
+    legs = legs_that_stand(plan)
+    margin = f"a static margin of {1000 * margin_m + 0.0:.0f} mm" if len(legs) > 1 else "no static margin"
+    raise InputError(
+        f"{argument('tucked_legs')}: got {','.join(map(str, tucked))}; the other legs that carry "
+        f"({', '.join(map(str, legs)) or 'none'}) have {margin}; allowed: legs without which it is above 0, "
+        f"where {argument('stance_shift')} counts"
+    )
 
 
 def slots_by_stability(robot: Robot, *, heading_rad: float, failure: Failure | None = None) -> list[Slots]:

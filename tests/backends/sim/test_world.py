@@ -447,6 +447,14 @@ def test_a_pose_stays_what_it_was_when_its_interval_began(
         ("drift: 1", "sensor_faults.drift"),
         ("position_jump_m: [0, .nan, 0]", "sensor_faults.position_jump_m"),
         ("position_jump_m: [.inf, 0, 0]", "sensor_faults.position_jump_m"),
+        (
+            "position_jump_m: [0, 0.5, 0]",
+            "got position_jump_m [0, 0.5, 0] without position_jump_s; allowed",
+        ),
+        (
+            "position_jump_m: [0, 0, 0], position_jump_s: [[1, 2]]",
+            "sensor_faults: got position_jump_s with position_jump_m [0, 0, 0]; allowed: a jump",
+        ),
     ],
 )
 def test_a_sensor_fault_that_cannot_be_is_refused(line: str, said: str, tmp_path: Path) -> None:

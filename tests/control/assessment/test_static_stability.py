@@ -1,17 +1,28 @@
 """The gait that stands safest, against margins computed with another hull and by walking it."""
 
 import math
+from dataclasses import replace
 from itertools import permutations
+from typing import Any
 
 import numpy as np
 import pytest
 from scipy.spatial import ConvexHull
 
-from hexctl.control.assessment.static_stability import most_stable_slots, stable_slots_of, static_margins_m
+from hexctl.control.assessment.static_stability import (
+    check_tucked,
+    legs_that_stand,
+    most_stable_slots,
+    stable_slots_of,
+    standing_margin_m,
+    static_margins_m,
+)
 from hexctl.control.plan import TrialPlan
+from hexctl.errors import InputError
 from hexctl.gait.encoding import slots_from_code
 from hexctl.gait.foot_trajectory import gait_feet_body
 from hexctl.gait.gait import Gait, Motion, make_gait
+from hexctl.gait.posture import Posture
 from hexctl.ik.support_polygon import centre_of_mass_body
 from hexctl.record.run import run
 from hexctl.robot.failure import Failure
@@ -89,3 +100,48 @@ def test_an_intact_robot_has_one_too_and_it_walks() -> None:
     assert walked.trial.status == "ok"
     assert walked.trial.distance_m is not None
     assert walked.trial.distance_m > 0.7 * walked.trial.ideal_distance_m
+
+
+def standing(failure: Failure | None = None, **posture: Any) -> TrialPlan:
+    gait = replace(make_gait(shipped(), "demo"), posture=Posture(**posture))
+    return TrialPlan(gait=gait, belief=failure)
+
+
+@pytest.mark.parametrize("robot_name", ["ant", "phantomx", "pexod"])
+def test_the_margin_of_standing_is_that_of_the_hull_of_the_feet_that_stand(robot_name: str) -> None:
+    robot = shipped(robot_name)
+    for tucked, shift in (((), (0.0, 0.0)), ((2, 5), (0.03, -0.01)), ((1, 2, 3), (0.0, 0.0))):
+        feet = [leg - 1 for leg in range(1, 7) if leg not in tucked]
+        hull = ConvexHull(robot.stance_feet_body[feet, :2])
+        over = centre_of_mass_body(robot, robot.stance_angles_rad)[:2] + np.array(shift) * robot.size_m
+        expected_m = -(hull.equations[:, :2] @ over + hull.equations[:, 2]).max()
+        plan = standing(tucked_legs=tucked, shift=shift)
+        assert standing_margin_m(robot, plan) == pytest.approx(expected_m, abs=1e-9)
+
+
+def test_legs_that_carry_nothing_do_not_stand() -> None:
+    assert legs_that_stand(standing(tucked_legs=(2,))) == (1, 3, 4, 5, 6)
+    for kind, stands in {
+        "limp": False,
+        "missing": False,
+        "weak": True,
+        "stuck": True,
+        "locked": True,
+    }.items():
+        assert (4 in legs_that_stand(standing(Failure(leg=4, kind=kind)))) == stands
+    raised = standing(Failure(leg=4), body_raise=0.01)
+    assert 4 not in legs_that_stand(raised), "it hangs in its stance"
+
+
+def test_legs_without_which_the_robot_cannot_stand_are_not_tucked() -> None:
+    robot = shipped()
+    for allowed in (standing(), standing(tucked_legs=(2, 5)), standing(tucked_legs=(1, 3, 5))):
+        check_tucked(robot, allowed)
+    check_tucked(robot, standing(tucked_legs=(1, 2), shift=(-0.05, -0.05)))
+    for refused in (
+        standing(tucked_legs=(1, 2)),
+        standing(tucked_legs=(1, 2, 3)),
+        standing(Failure(leg=6, kind="missing"), tucked_legs=(2, 4, 5)),
+    ):
+        with pytest.raises(InputError, match=r"tucked_legs: got .* above 0, where stance_shift counts"):
+            check_tucked(robot, refused)
