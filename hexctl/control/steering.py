@@ -4,8 +4,8 @@ The law is integral line of sight, as ships keep a course (Børhaug, Pavlov & Pe
 robot that walks sideways as well as ahead. In units of the gait, with the cycle T, the way of a cycle at full
 stride L = (3/2) A and the control period dt:
 
-    e', psi'  deviation from the line, positive to the left, and yaw error: means over about a cycle
-    z     = e' + sigma I              dI = dt / T  D^2 e' / (D^2 + z^2)           D = 2.5 L
+    e', psi'  deviation from the line, positive to the left, and yaw error, smoothed over a tenth of a cycle
+    z     = e' + sigma I              dI = dt / T  D^2 e' / (D^2 + z^2)           D = 1.5 L
     chi   = -atan2(z, D)              course relative to the line
     theta = line - yaw' + chi         direction of travel in the body: right in the world without delay
     omega = -clip(K psi' + K_i J, +-most) / T     dJ = dt / T  psi', not while omega is at its limit
@@ -47,14 +47,14 @@ class SteeringGains:
         integral: sigma.
         turn: K, the part of a yaw error that is turned back in a cycle.
         turn_integral: K_i, per cycle.
-        mean_cycles: time constant of the means, in cycles.
+        mean_cycles: time constant that smooths deviation and yaw error, in cycles.
     """
 
-    look_ahead: float = 2.5
+    look_ahead: float = 1.5
     integral: float = 0.15
     turn: float = 0.4
     turn_integral: float = 0.02
-    mean_cycles: float = 0.5
+    mean_cycles: float = 0.1
 
 
 class Measured:
