@@ -29,6 +29,7 @@ from hexctl.adapt.runner import (
     arena_of,
     at_home,
     connected_robot,
+    yaw_note,
 )
 from hexctl.adapt.search import check_parts, extended, make_search, new_spec
 from hexctl.adapt.session import Session, SessionSpec
@@ -144,6 +145,8 @@ class Adaptation:
         check_callable(stop_requested, "stop_requested", STOP_REQUESTED)
         began_s = time.perf_counter()
         checked = self._checked(self.spec) if self._name is None else None  # before anything is written
+        if self._name is None:
+            _check_not_interrupted(stop_requested)
         with ExitStack() as stack:
             store = stack.enter_context(SessionStore(self._folder))
             session, setting, servos = self._begin(store, stack, stop_requested, checked)
@@ -197,22 +200,23 @@ class Adaptation:
         session = self._held_again(store, stack) if self._name is not None else None
         spec = self.spec if session is None else session.spec
         setting = checked or self._checked(spec)
-        note = start_note(spec, setting)
-        if note is not None:
-            self._note(note)
-        if (note := budget_note(spec)) is not None:
-            self._note(note)
-        if (session is None or not session.trials) and (note := baseline_note(spec)) is not None:
-            self._note(note)
+        begins = session is None or not session.trials
+        self._tell(start_note(spec, setting), budget_note(spec), baseline_note(spec) if begins else None)
         servos = stack.enter_context(connected_robot(spec, setting, self._servos, self._note))
+        self._tell(yaw_note(spec, servos))
         if session is None:
             spec = at_home(spec, servos)
             spec = self._with_stance(spec, setting, servos, stop_requested)
-            if stop_requested():
-                raise NotBegunError("interrupted before a session began")
+            _check_not_interrupted(stop_requested)
             session = store.create(spec)
             stack.enter_context(store.held(session.name))
         return session, setting, servos
+
+    def _tell(self, *notes: str | None) -> None:
+        """Pass on notes, those that there are."""
+        for note in notes:
+            if note is not None:
+                self._note(note)
 
     def _checked(self, spec: SessionSpec) -> Setting:
         """What a spec names, loaded, and the meshes too where they are drawn; refused here if it is wrong."""
@@ -298,6 +302,12 @@ class Adaptation:
         except Exception as error:  # noqa: BLE001  the search is done and stored, whatever its picture raises
             self._note(f"no overview: {error}")
             return None
+
+
+def _check_not_interrupted(stop_requested: StopRequested) -> None:
+    """Raise NotBegunError where a stop was requested before there is a session."""
+    if stop_requested():
+        raise NotBegunError("interrupted before a session began: nothing was recorded, begin again")
 
 
 def adapt(

@@ -11,6 +11,7 @@ from hexctl.adapt.measurement import Operator, measured, not_walked
 from hexctl.adapt.objectives import OBJECTIVES
 from hexctl.adapt.session import BASELINE_INDEX, SessionSpec
 from hexctl.adapt.setting import Note, Setting
+from hexctl.adapt.shipped import TRIM
 from hexctl.backends.base import LegServos, connection_notes
 from hexctl.backends.clock import request_realtime_priority
 from hexctl.backends.registry import BackendOptions, make_servos
@@ -33,6 +34,7 @@ from hexctl.robot.failure import drawn_failure, untold_note
 from hexctl.robot.meshes import Meshes
 from hexctl.robot.model import Robot
 from hexctl.types import RobotState
+from hexctl.waiting import comes_true
 
 
 class NotBegunError(HexctlError, RuntimeError):
@@ -200,6 +202,9 @@ def _new_path(folder: Path, stem: str) -> Path:
     return path
 
 
+#: How long a robot that has connected may take to tell its yaw.
+YAW_COMES_S = 1.0
+
 #: Ticks in which a robot must report its position and be upright.
 READY_TICKS = 50
 
@@ -350,6 +355,21 @@ def at_home(spec: SessionSpec, servos: Guard | None) -> SessionSpec:
     if spec.arena_m is None or position is None:
         return spec
     return replace(spec, home_m=[float(position[0]), float(position[1])])
+
+
+def yaw_note(spec: SessionSpec, servos: Guard | None) -> str | None:
+    """That walks will not hold the heading they are asked to, as the robot tells no yaw; None where they can.
+
+    Raises RobotFaultError for a robot that has gone.
+    """
+    wanted = spec.hold == "heading" or (spec.hold == "auto" and spec.ask)
+    if servos is None or not wanted:
+        return None
+    if comes_true(lambda: servos.peek().base_quaternion_world is not None, YAW_COMES_S):
+        return None
+    said = "this robot tells no yaw, so that its walks cannot hold their heading"
+    instead = "; --optimizer trim --hold none learns a turn from the ends alone"
+    return said + (instead if spec.optimizer == TRIM else "")
 
 
 def arena_of(spec: SessionSpec) -> Arena | None:

@@ -255,13 +255,13 @@ def _with_trim(spec: SessionSpec, prior: str | None, *, free: bool) -> SessionSp
     if spec.optimizer != TRIM:
         return spec
     got = f"{argument('optimizer')}: got {TRIM} with"
+    if spec.objective_unit != "m":  # first, as it may be what chose the hold
+        raise InputError(
+            f"{got} {argument('objective')} {spec.objective}; allowed: with one in metres, such as final"
+        )
     if spec.hold not in ("heading", "none"):
         raise InputError(
             f"{got} {argument('hold')} {spec.hold}; allowed: with heading, or none for a robot without a yaw"
-        )
-    if spec.objective_unit != "m":
-        raise InputError(
-            f"{got} {argument('objective')} {spec.objective}; allowed: with one in metres, such as final"
         )
     if spec.count_repeats:
         raise InputError(f"{got} {argument('count_repeats')}; allowed: without, each walk counts")

@@ -49,7 +49,7 @@ from hexctl.errors import HexctlError, InputError, RecordingError
 if TYPE_CHECKING:
     from hexctl.adapt.adaptation import Adaptation
     from hexctl.adapt.result import AdaptationResult
-    from hexctl.adapt.session import SessionSpec
+    from hexctl.adapt.session import Session, SessionSpec
     from hexctl.record.live import LiveView
 
 BUDGET = Range(low=1, high=100_000, whole=True)
@@ -291,43 +291,54 @@ def _check_resumed_alone(resume: str, typed: Mapping[str, Any]) -> None:
         )
 
 
-def _begin(asked: dict[str, Any], **shown: bool) -> int:
+def _begin(asked: dict[str, Any], *, record: bool, **shown: bool) -> int:
     """Search in a new session and return the exit code."""
-    from hexctl.adapt.adaptation import Adaptation
-    from hexctl.adapt.search import new_spec
-    from hexctl.cli.prompts import check_answerable
+    with StopOnInterrupt() as interrupt:  # loading takes a second, in which Ctrl-C is heard as well
+        from hexctl.adapt.adaptation import Adaptation
+        from hexctl.adapt.search import new_spec
+        from hexctl.cli.prior import how_to_build_prior
+        from hexctl.cli.prompts import check_answerable
 
-    spec = new_spec(**asked, folder=RUNS, note=_note, advice=_how_to_build_prior)
-    if spec.ask:
-        check_answerable()
-    return _execute(partial(Adaptation, spec), spec, **shown)
+        spec = new_spec(**asked, folder=RUNS, note=_note, advice=how_to_build_prior)
+        if spec.ask:
+            check_answerable()
+        searched = _search(partial(Adaptation, spec), spec, interrupt, record=record, **shown)
+    return searched if isinstance(searched, int) else _end(searched, **shown)
 
 
-def _resume(name: str, budget: int | None, **shown: bool) -> int:
+def _resume(name: str, budget: int | None, *, record: bool, **shown: bool) -> int:
     """Continue a session and return the exit code."""
-    from hexctl.adapt.adaptation import Adaptation
-    from hexctl.adapt.store import load_session
+    with StopOnInterrupt() as interrupt:
+        from hexctl.adapt.adaptation import Adaptation
+        from hexctl.adapt.store import load_session
 
-    spec = load_session(name, folder=RUNS).spec
-    make = partial(Adaptation.resume, name, budget=budget)
-    return _execute(make, spec, resumed=True, **shown)
+        spec = load_session(name, folder=RUNS).spec
+        make = partial(Adaptation.resume, name, budget=budget)
+        searched = _search(make, spec, interrupt, record=record, **shown)
+    return searched if isinstance(searched, int) else _end(searched, resumed=True, **shown)
 
 
-def _execute(
+def _search(
     make: "Callable[..., Adaptation]",
     spec: "SessionSpec",
+    interrupt: StopOnInterrupt,
     *,
     record: bool,
     view: bool,
     as_json: bool,
-    resumed: bool = False,
-) -> int:
-    """Run an adaptation, print its result, and return the exit code."""
+) -> "AdaptationResult | int":
+    """Run an adaptation; its result, or the exit code where there is none."""
     from hexctl.adapt.runner import NotBegunError, RobotStoppedError
     from hexctl.cli.prompts import TrialPrompt
     from hexctl.cli.render_adapt import SessionTable
 
-    with StopOnInterrupt() as interrupt, SessionTable(quiet=as_json) as table:
+    begun: list[str] = []
+    with SessionTable(quiet=as_json) as table:
+
+        def begin(session: "Session") -> None:
+            begun.append(session.name)
+            table.begin(session)
+
         adaptation = make(
             folder=RUNS,
             record=record,
@@ -336,8 +347,8 @@ def _execute(
             note=_note,
         )
         try:
-            result = adaptation.run(
-                on_begin=table.begin,
+            return adaptation.run(
+                on_begin=begin,
                 on_trial=table.add,
                 on_baseline=table.add_baseline,
                 stop_requested=interrupt.requested,
@@ -348,15 +359,24 @@ def _execute(
         except NotBegunError as error:
             _note(str(error))
             return INTERRUPTED
+        except KeyboardInterrupt:
+            then = f"continue with: hexctl adapt --resume {begun[0]}" if begun else "nothing was recorded"
+            _note(f"interrupted without a soft stop; {then}")
+            return INTERRUPTED
+
+
+def _end(result: "AdaptationResult", *, view: bool, as_json: bool, resumed: bool = False) -> int:
+    """Print how a search ended, and return the exit code."""
+    session = result.session
     _print_end(result, as_json=as_json, resumed=resumed)
     if result.trouble is not None:
-        then = f"{_clearing(spec, result.trouble)}continue with: hexctl adapt --resume {result.session.name}"
+        then = f"{_clearing(session.spec, result.trouble)}continue with: hexctl adapt --resume {session.name}"
         _note(f"{in_flags(result.trouble)}; nothing is lost: {then}")
         return _code_of_stop(result.trouble)
     if result.ended == "interrupted":
         return INTERRUPTED
     if view and result.trials:
-        _show(result.session.name)
+        _show(session.name)
     return DONE if result.best is not None else ABORTED
 
 
@@ -406,42 +426,3 @@ def _clearing(spec: "SessionSpec", error: HexctlError) -> str:
     at = f" --connect {spec.connect}" if spec.connect else ""
     clear = f"clear the stop (hexctl estop --clear{at}), " if spec.backend == "zenoh" else ""
     return f"stand it up, {clear}" if reason == "fell" else clear
-
-
-def _how_to_build_prior(spec: "SessionSpec") -> str:
-    """Command that makes a prior for a session's trials, as the end of a sentence.
-
-    Empty where none can be made: for other objectives and headings, short walks, failures with details.
-    """
-    from hexctl.adapt.prior.prior import SCORES
-    from hexctl.backends.sim.world import load_randomization
-    from hexctl.robot.loader import load_robot
-    from hexctl.study.prior import PriorPlan
-
-    hold = "line" if spec.hold == "auto" else spec.hold
-    objectives = ("final",) if hold == "none" else SCORES
-    if spec.objective not in objectives or spec.heading_deg:
-        return ""
-    plan = PriorPlan(
-        robot=load_robot(spec.robot),
-        family=load_randomization("randomised"),
-        failure=spec.failure,
-        self_rotation=spec.self_rotation,
-        duration_s=spec.duration_s,
-        hold=hold,
-    )
-    try:
-        plan.check()
-    except InputError:
-        return ""
-    asked = {
-        "robot": spec.robot,
-        "failure": spec.failure,
-        "hold": hold,
-        "self-rotation": spec.self_rotation,
-        "duration": f"{spec.duration_s:g}",
-    }
-    usual = {"robot": "ant", "failure": "locked", "hold": "none", "duration": "30"}
-    usual["self-rotation"] = "none" if hold == "line" else "rear"
-    options = "".join(f" --{name} {value}" for name, value in asked.items() if value != usual[name])
-    return f"; this makes one: hexctl prior build{options}"

@@ -16,14 +16,16 @@ def main() -> None:
         os.environ.setdefault(variable, "1")
     # The last that Python does is to restore the default, with which Ctrl-C ends a process by its signal.
     atexit.register(signal.signal, signal.SIGINT, signal.SIG_IGN)
+    interrupted = "interrupted before the command began: nothing was recorded"
     try:
         from hexctl.cli.main import exit_code
 
+        interrupted = "interrupted"
         code = exit_code()
         signal.signal(signal.SIGINT, _quit)
     except KeyboardInterrupt:
         signal.signal(signal.SIGINT, _quit)
-        sys.stderr.write("hexctl: interrupted\n")
+        sys.stderr.write(f"hexctl: {interrupted}\n")
         code = INTERRUPTED
     rrd = sys.modules.get("hexctl.record.rrd")
     if rrd is not None and rrd.stuck():

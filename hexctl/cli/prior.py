@@ -2,7 +2,7 @@
 
 import json
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -24,6 +24,10 @@ from hexctl.cli.options import (
     number,
 )
 from hexctl.cli.progress import StudyProgress, interruptible
+from hexctl.errors import InputError
+
+if TYPE_CHECKING:
+    from hexctl.adapt.session import SessionSpec
 
 WORLDS = Range(low=2, high=1024, whole=True)
 PriorHold = Literal["none", "heading", "line"]
@@ -147,3 +151,42 @@ def _kind(described: dict[str, Any]) -> str:
     if "scores" in described:
         return f", hold {described['hold']}: {', '.join(described['scores'])}"
     return "" if described["stances"] else ", without stances"
+
+
+def how_to_build_prior(spec: "SessionSpec") -> str:
+    """Command that makes a prior for a session's trials, as the end of a sentence.
+
+    Empty where none can be made: for other objectives and headings, short walks, failures with details.
+    """
+    from hexctl.adapt.prior.prior import SCORES
+    from hexctl.backends.sim.world import load_randomization
+    from hexctl.robot.loader import load_robot
+    from hexctl.study.prior import PriorPlan
+
+    hold = "line" if spec.hold == "auto" else spec.hold
+    objectives = ("final",) if hold == "none" else SCORES
+    if spec.objective not in objectives or spec.heading_deg:
+        return ""
+    plan = PriorPlan(
+        robot=load_robot(spec.robot),
+        family=load_randomization("randomised"),
+        failure=spec.failure,
+        self_rotation=spec.self_rotation,
+        duration_s=spec.duration_s,
+        hold=hold,
+    )
+    try:
+        plan.check()
+    except InputError:
+        return ""
+    asked = {
+        "robot": spec.robot,
+        "failure": spec.failure,
+        "hold": hold,
+        "self-rotation": spec.self_rotation,
+        "duration": f"{spec.duration_s:g}",
+    }
+    usual = {"robot": "ant", "failure": "locked", "hold": "none", "duration": "30"}
+    usual["self-rotation"] = "none" if hold == "line" else "rear"
+    options = "".join(f" --{name} {value}" for name, value in asked.items() if value != usual[name])
+    return f"; this makes one: hexctl prior build{options}"

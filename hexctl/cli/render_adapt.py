@@ -27,6 +27,7 @@ from hexctl.cli.console import make_bar, print_above
 from hexctl.cli.progress import WithBar
 from hexctl.control.assessment.cause import CAUSES
 from hexctl.errors import InputError
+from hexctl.record.run_spec import RunSpec
 from hexctl.robot.loader import load_robot
 
 HEADER = "trial  code  slots        deviation     distance  status        best"
@@ -253,7 +254,7 @@ def closing_lines(session: Session, ended: str | None) -> str:
     lines += _less_lines(session)
     if ended in (None, "interrupted"):
         lines.append(f"continue with: hexctl adapt --resume {session.name}")
-    if session.best_trim_deg is not None or session.best_turn_trim_deg_s is not None:
+    if _walkable(session):
         lines.append(f"walk on with: {_walking(session)}")
     if any(trial.recording for trial in session.trials):
         lines.append(f"look at it with: hexctl view {session.name}")
@@ -269,13 +270,20 @@ def _less_lines(session: Session) -> list[str]:
     return lines
 
 
+def _walkable(session: Session) -> bool:
+    """Whether a session has found a gait, and where it searched for a trim that too."""
+    if session.spec.optimizer != TRIM:
+        return session.best is not None
+    return session.best_trim_deg is not None or session.best_turn_trim_deg_s is not None
+
+
 def _walking(session: Session) -> str:
-    """Command that walks with the best gait and its trim."""
+    """Command that walks with the best gait, and its trim where it has one."""
     spec, best, usual = session.spec, session.best, SessionSpec()
     chosen = {
         "failed-leg": spec.failed_leg,
         "gait": None if best is None else best.code,
-        **_trim_options(session),
+        **_course_options(session),
     }
     where = ("backend", "robot", "world", "failure", "seed", "connect", "link")
     unusual = {name: getattr(spec, name) for name in where if getattr(spec, name) != getattr(usual, name)}
@@ -291,14 +299,16 @@ def _walking(session: Session) -> str:
     return shlex.join(["hexctl", "run", *words, *(["--insecure"] if spec.insecure else [])])
 
 
-def _trim_options(session: Session) -> dict[str, str]:
-    """Options with the trim of the best gait; a turn with a heading goes with the walk."""
-    heading = f"{session.spec.heading_deg:g}"
+def _course_options(session: Session) -> dict[str, str]:
+    """Options of the hold and the trim of the best gait; a turn with a heading goes with the walk."""
+    heading, trim_deg, hold = f"{session.spec.heading_deg:g}", session.best_trim_deg, session.spec.hold
     turn_deg_s = session.best_turn_trim_deg_s
     if turn_deg_s is not None:
         return {"hold": "none", "heading": heading, "turn": f"{turn_deg_s:.3f}"}
-    trim = {"hold": "heading", "trim": f"{session.best_trim_deg or 0.0:.2f}"}
-    return trim if heading == "0" else {**trim, "heading": heading}
+    options = {} if hold == RunSpec().hold else {"hold": hold}
+    if trim_deg is not None:
+        options = {"hold": "heading", "trim": f"{trim_deg:.2f}"}
+    return options if heading == "0" else {**options, "heading": heading}
 
 
 def _baseline_lines(session: Session) -> list[str]:

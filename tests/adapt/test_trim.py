@@ -358,6 +358,7 @@ REFUSED = [
     ({"optimizer": "trim", "hold": "line"}, "got trim with hold line; allowed: with heading, or none"),
     ({"optimizer": "trim", "hold": "auto"}, "got trim with hold auto"),
     ({"optimizer": "trim", "hold": "heading", "objective": "speed"}, "got trim with objective speed"),
+    ({"optimizer": "trim", "objective": "speed"}, "got trim with objective speed; allowed: with one in met"),
     ({"optimizer": "trim", "hold": "heading", "count_repeats": True}, "got trim with count_repeats"),
     ({"optimizer": "trim", "hold": "heading", "early_stop": True}, "early_stop: got it without a prior"),
 ]

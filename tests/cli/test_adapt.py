@@ -13,8 +13,9 @@ from typing import Any
 import pyarrow.parquet as pq
 import pytest
 
+from hexctl.adapt import search
 from hexctl.adapt.runner import TrialRunner, WalkedTrial
-from hexctl.adapt.store import SessionStore
+from hexctl.adapt.store import SessionStore, list_sessions
 from hexctl.cli.main import exit_code
 from hexctl.record.recording import Recording
 from hexctl.robot.configs import config_root
@@ -416,3 +417,36 @@ def test_the_trials_that_no_other_beats(capsys: pytest.CaptureFixture[str]) -> N
     assert len(lines) == 2 + len(best) + 2
     assert exit_code(["sessions", "show", name, "--pareto", "speed"]) == 2
     assert "--pareto: got 'speed'; allowed: two or more of final" in capsys.readouterr().err
+
+
+def test_ctrl_c_while_a_search_is_prepared_says_that_nothing_was_recorded(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    prepare = search.new_spec
+
+    def interrupted(**asked: Any) -> Any:
+        os.kill(os.getpid(), signal.SIGINT)
+        return prepare(**asked)
+
+    monkeypatch.setattr(search, "new_spec", interrupted)
+    assert exit_code(QUICK) == 130
+    printed = capsys.readouterr()
+    assert printed.err.splitlines()[-1] == (
+        "hexctl: interrupted before a session began: nothing was recorded, begin again"
+    )
+    assert not Path("runs").exists()
+
+
+def test_a_second_ctrl_c_says_how_to_resume(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(*_: object) -> WalkedTrial:
+        for _again in range(2):
+            os.kill(os.getpid(), signal.SIGINT)
+        raise AssertionError("not interrupted")
+
+    monkeypatch.setattr(TrialRunner, "walk", interrupted)
+    assert exit_code(QUICK) == 130
+    (session,) = list_sessions()
+    said = f"hexctl: interrupted without a soft stop; continue with: hexctl adapt --resume {session.name}"
+    assert capsys.readouterr().err.splitlines()[-1] == said

@@ -201,6 +201,22 @@ def test_who_puts_it_down_is_told_how(
     assert facing in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    ("kit", "hold", "said"),
+    [("Blind", "heading", True), ("Blind", "none", False), ("Straight", "heading", False)],
+)
+def test_a_robot_that_tells_no_yaw_says_so_before_it_is_put_down(
+    kit: str, hold: str, said: bool, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("hexctl.adapt.runner.YAW_COMES_S", 0.0)
+    answer(monkeypatch, "quit\n")
+    assert adapt(kit, "--ask", "--hold", hold) == 130
+    before, asked, _ = capsys.readouterr().err.partition("put the robot on the mark")
+    assert asked
+    assert ("this robot tells no yaw, so that its walks cannot hold their heading" in before) == said
+    assert ("--optimizer trim --hold none" in before) == said
+
+
 def test_ctrl_c_ends_a_question() -> None:
     words = ["adapt", "--failed-leg", "5", "--backend", f"{KITS}:Blind", *SHORT, "--ask"]
     process = subprocess.Popen(
@@ -277,7 +293,7 @@ def test_how_a_robot_stands_is_measured_where_it_measures(
     ("FallsStanding", 4, ["stopped: fell", "stand it up", "begin again"]),
     ("EStopStanding", 4, ["stopped: estop", "begin again"]),
     ("FaultStanding", 3, ["stopped: fault", "begin again"]),
-    ("InterruptedConnecting", 130, ["interrupted before a session began"]),
+    ("InterruptedConnecting", 130, ["interrupted before a session began: nothing was recorded"]),
 ], ids=str)  # fmt: skip
 def test_a_robot_that_does_not_come_to_stand_begins_no_session(
     kit: str, code: int, words: list[str], capsys: pytest.CaptureFixture[str]

@@ -229,3 +229,19 @@ def test_a_ctrl_c_after_the_end_of_a_command_is_no_signal_and_no_traceback(last:
     process = [sys.executable, "-c", ENDED.format(last=last)]
     done = subprocess.run(process, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout, done.stderr) == (code, "", "")
+
+
+def test_a_ctrl_c_before_a_command_is_loaded_says_that_nothing_was_recorded() -> None:
+    program = (
+        "import os, signal, sys\n"
+        "class Interrupting:\n"
+        "    def find_spec(self, name, *_):\n"
+        "        if name == 'hexctl.cli.main':\n"
+        "            os.kill(os.getpid(), signal.SIGINT)\n"
+        "from hexctl.cli.entry import main\n"
+        "sys.meta_path.insert(0, Interrupting())\n"
+        "main()\n"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout) == (130, "")
+    assert done.stderr == "hexctl: interrupted before the command began: nothing was recorded\n"

@@ -96,3 +96,18 @@ def test_which_walks_were_measured_is_said_where_they_are_others() -> None:
     borrowed = session(uncertainty_m=0.0213, uncertainty_caveat="measured on the flat world")
     for text in (closing_lines(borrowed, "budget"), opening_line(borrowed)):
         assert "0.021 m by the simulation's own uncertainty (measured on the flat world)" in text
+
+
+def walk_on(**changes: object) -> list[str]:
+    lines = closing_lines(session(failed_leg=5, **changes), "budget").splitlines()
+    return [line for line in lines if line.startswith("walk on with: ")]
+
+
+def test_every_search_that_found_a_gait_says_how_to_walk_with_it() -> None:
+    steered = {"objective": "speed", "hold": "auto", "self_rotation": "none", "body_raise": 0.012}
+    begin = "walk on with: hexctl run --failed-leg 5 --gait 17"
+    assert walk_on(**steered) == [f"{begin} --body-raise 0.012 --self-rotation none"]
+    assert walk_on(hold="none", heading_deg=20.0) == [
+        f"{begin} --hold none --heading 20 --self-rotation rear"
+    ]
+    assert walk_on(optimizer="trim", hold="none") == [], "it has learned no trim"
