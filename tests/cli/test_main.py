@@ -104,7 +104,7 @@ REFUSED = [
     (["run", "--failure", "limp"], ["--failure", "limp", "--failed-leg"]),
     (
         ["run", "--failed-leg", "1", "--failure", "sad"],
-        ["failure", "sad", "locked, limp, missing, weak:FRACTION"],
+        ["failure", "sad", "locked, limp[:JOINT], missing"],
     ),
     (["run", "--failed-leg", "1", "--failure", "stuck:knee:3"], ["knee", "coxa, femur, tibia"]),
     (["run", "--failed-leg", "1", "--failure", "weak:2"], ["weak", "2", "0..1"]),

@@ -95,7 +95,7 @@ def legs_that_stand(plan: TrialPlan) -> tuple[int, ...]:
     """
     posture, failure = plan.gait.posture, plan.belief
     lost = set(posture.tucked_legs)
-    if failure is not None and failure.kind in ("limp", "missing"):
+    if failure is not None and failure.kind in ("limp", "missing") and failure.joint is None:
         lost.add(failure.leg)
     if posture.body_raise > 0:
         lost |= set(plan.held_legs)

@@ -129,6 +129,7 @@ def test_legs_that_carry_nothing_do_not_stand() -> None:
         "locked": True,
     }.items():
         assert (4 in legs_that_stand(standing(Failure(leg=4, kind=kind)))) == stands
+    assert 4 in legs_that_stand(standing(Failure(leg=4, kind="limp", joint="coxa")))
     raised = standing(Failure(leg=4), body_raise=0.01)
     assert 4 not in legs_that_stand(raised), "it hangs in its stance"
 
