@@ -34,9 +34,8 @@ def phase_in_cycle(cycles: ArrayLike, slots: ArrayLike) -> FloatArray:
 
 def part_of_cycle(cycles: FloatArray) -> FloatArray:
     """What times in cycles have of a cycle, in [0, 1)."""
-    u = np.mod(cycles, 1.0)
-    # mod of a tiny negative rounds to 1.0 itself, which is the start of the cycle.
-    return np.where(u == 1.0, 0.0, u)
+    # mod of a tiny negative rounds to 1.0 itself, which is the start of the cycle: hence the second one.
+    return np.mod(np.mod(cycles, 1.0), 1.0)
 
 
 def stroke_offset(u: FloatArray, swing_share: FloatArray | None = None) -> FloatArray:
@@ -52,11 +51,8 @@ def stroke_offset(u: FloatArray, swing_share: FloatArray | None = None) -> Float
         landed = -0.5 + (u - (1 + swing_share) / 2) / standing
         later = np.where(u < (1 + swing_share) / 2, swinging, landed)
         return np.where(u < standing / 2, u / standing, later)
-    return np.where(
-        u < SWING_START,
-        1.5 * u,
-        np.where(u < SWING_END, 1.5 - 3.0 * u, -0.5 + 1.5 * (u - SWING_END)),
-    )
+    # Before the swing its piece is above the first one, after it below the last one: faster than `np.where`.
+    return np.minimum(1.5 * u, np.maximum(1.5 - 3.0 * u, -0.5 + 1.5 * (u - SWING_END)))
 
 
 def lift_offset(u: FloatArray, swing_share: FloatArray | None = None) -> FloatArray:
