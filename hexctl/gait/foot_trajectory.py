@@ -199,7 +199,7 @@ def feet_at_phases(
     if pattern.stepping is not None:
         stroke, lift = stroke * pattern.stepping, lift * pattern.stepping
     feet = np.empty((*u.shape, 3))
-    feet[..., :2] = (envelope * stroke)[..., np.newaxis] * strokes
+    np.multiply((envelope * stroke)[..., np.newaxis], strokes, out=feet[..., :2])
     feet[..., 2] = envelope * lift * pattern.height_m
     if pattern.posture_m is not None:
         feet += np.asarray(envelope)[..., np.newaxis] * pattern.posture_m

@@ -5,6 +5,7 @@ angle zero; a positive joint angle lifts. Of the two solutions of the inverse ki
 knee up is taken.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +13,10 @@ import numpy as np
 from hexctl.errors import LimitError, ReachError
 from hexctl.robot.model import Robot, leg_reach_m
 from hexctl.types import JOINT_KINDS, JOINTS_PER_LEG, N_JOINTS, N_LEGS, ArrayFields, BoolArray, FloatArray
+
+#: Numbers as arrays, as those of `LegTriangle`.
+_LEAST_COSINE, _MOST_COSINE = np.array(-1.0), np.array(1.0)
+_HALF_TURN, _TURN = np.array(math.pi), np.array(math.tau)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,33 +75,29 @@ def solve_legs(robot: Robot, feet_body: FloatArray) -> LegAngles:
         robot: geometry.
         feet_body: leading shape + (6, 3) in m.
     """
+    leg = robot.leg_triangle
     from_mount = feet_body - robot.mount_positions_body
     x, y, z = from_mount[..., 0], from_mount[..., 1], from_mount[..., 2]
-    coxa_outward, coxa_up = robot.link_vectors_m[0].tolist()
-    _, femur_length, tibia_length = robot.link_lengths_m.tolist()
-    _, femur_slope, tibia_slope = robot.link_slopes_rad.tolist()
-
-    coxa = np.arctan2(y, x) - robot.mount_yaws_rad
-    outward, up = np.sqrt(x * x + y * y) - coxa_outward, z - coxa_up
+    outward, up = np.sqrt(x * x + y * y) - leg.coxa_outward_m, z - leg.coxa_up_m
     distance = np.sqrt(outward * outward + up * up)
-    least, most = abs(femur_length - tibia_length), femur_length + tibia_length
-    reachable = (distance >= least) & (distance <= most)
-    side = np.minimum(np.maximum(distance, max(least, 1e-9)), most)
+    side = np.minimum(np.maximum(distance, leg.least_m), leg.most_m)
     square = side * side
-    at_hip = (femur_length**2 + square - tibia_length**2) / (2 * femur_length * side)
-    at_knee = (femur_length**2 + tibia_length**2 - square) / (2 * femur_length * tibia_length)
+    at_hip = (leg.femur_square + square - leg.tibia_square) / (leg.twice_femur * side)
+    at_knee = (leg.sum_of_squares - square) / leg.twice_product
     femur_up = np.arctan2(up, outward) + np.arccos(_cosine(at_hip))
-    tibia_up = femur_up + np.arccos(_cosine(at_knee)) - np.pi
-    femur = femur_up - femur_slope
-    tibia = tibia_up - tibia_slope - femur
-    joints = np.empty((*coxa.shape, JOINTS_PER_LEG))
-    joints[..., 0], joints[..., 1], joints[..., 2] = coxa, femur, tibia
-    return LegAngles(_wrapped(joints).reshape(*joints.shape[:-2], N_JOINTS), reachable)
+    tibia_up = femur_up + np.arccos(_cosine(at_knee)) - _HALF_TURN
+
+    joints = np.empty((*x.shape, JOINTS_PER_LEG))
+    np.subtract(np.arctan2(y, x), robot.mount_yaws_rad, out=joints[..., 0])
+    np.subtract(femur_up, leg.femur_slope_rad, out=joints[..., 1])
+    np.subtract(tibia_up - leg.tibia_slope_rad, joints[..., 1], out=joints[..., 2])
+    return LegAngles(_wrapped(joints).reshape(*x.shape[:-1], N_JOINTS), reachable=side == distance)
 
 
 def _cosine(value: FloatArray) -> FloatArray:
     """The value within [-1, 1]; `np.clip` does the same and takes three times as long."""
-    return np.minimum(np.maximum(value, -1.0), 1.0)
+    cosine: FloatArray = np.minimum(np.maximum(value, _LEAST_COSINE), _MOST_COSINE)
+    return cosine
 
 
 def _per_leg(joint_positions_rad: FloatArray) -> FloatArray:
@@ -106,7 +107,8 @@ def _per_leg(joint_positions_rad: FloatArray) -> FloatArray:
 
 def _wrapped(angle_rad: FloatArray) -> FloatArray:
     """Equal angles in [-pi, pi]."""
-    return angle_rad - 2 * np.pi * np.rint(angle_rad / (2 * np.pi))
+    wrapped: FloatArray = angle_rad - _TURN * np.rint(angle_rad / _TURN)
+    return wrapped
 
 
 #: Rounding of the stance itself must not count as out of range.

@@ -238,9 +238,69 @@ class Robot(ArrayFields):
         return np.arctan2(self.link_vectors_m[:, 1], self.link_vectors_m[:, 0])
 
     @cached_property
+    def leg_triangle(self) -> "LegTriangle":
+        """Constants of the inverse kinematics."""
+        return LegTriangle.of(self)
+
+    @cached_property
     def leg_azimuths_rad(self) -> FloatArray:
         """Direction of each nominal foot from the body's vertical axis, (6,)."""
         return np.arctan2(self.stance_feet_body[:, 1], self.stance_feet_body[:, 0])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LegTriangle(ArrayFields):
+    """What the triangle of femur joint, knee and foot has constant, f and t the lengths of femur and tibia.
+
+    All are arrays of shape (), which numpy combines with small arrays in two thirds of the time that it takes
+    with plain numbers.
+
+    Attributes:
+        coxa_outward_m: from the coxa axis to the femur joint.
+        coxa_up_m: likewise.
+        least_m: least distance from femur joint to foot, |f - t|; above 0.
+        most_m: greatest one, f + t.
+        femur_square: f^2.
+        tibia_square: t^2.
+        sum_of_squares: f^2 + t^2.
+        twice_femur: 2 f.
+        twice_product: 2 f t.
+        femur_slope_rad: at joint angle zero.
+        tibia_slope_rad: likewise.
+    """
+
+    coxa_outward_m: FloatArray
+    coxa_up_m: FloatArray
+    least_m: FloatArray
+    most_m: FloatArray
+    femur_square: FloatArray
+    tibia_square: FloatArray
+    sum_of_squares: FloatArray
+    twice_femur: FloatArray
+    twice_product: FloatArray
+    femur_slope_rad: FloatArray
+    tibia_slope_rad: FloatArray
+
+    @classmethod
+    def of(cls, robot: Robot) -> "LegTriangle":
+        """Constants of a robot's legs, which are alike."""
+        outward_m, up_m = robot.link_vectors_m[0].tolist()
+        _, femur, tibia = robot.link_lengths_m.tolist()
+        _, femur_slope_rad, tibia_slope_rad = robot.link_slopes_rad.tolist()
+        values = {
+            "coxa_outward_m": outward_m,
+            "coxa_up_m": up_m,
+            "least_m": max(abs(femur - tibia), 1e-9),
+            "most_m": femur + tibia,
+            "femur_square": femur**2,
+            "tibia_square": tibia**2,
+            "sum_of_squares": femur**2 + tibia**2,
+            "twice_femur": 2 * femur,
+            "twice_product": 2 * femur * tibia,
+            "femur_slope_rad": femur_slope_rad,
+            "tibia_slope_rad": tibia_slope_rad,
+        }
+        return cls(**{name: np.array(value) for name, value in values.items()})
 
 
 #: Shapes of a robot's arrays.
