@@ -3,6 +3,7 @@
 Six legs of three joints each, in leg-major order.
 """
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from typing import Any
@@ -42,6 +43,11 @@ def chosen(condition: BoolArray | np.bool_, yes: FloatArray | float, no: FloatAr
 def any_of(condition: BoolArray | np.bool_) -> bool:
     """Whether a condition holds anywhere; `condition.any()`, faster for a scalar."""
     return bool(condition) if isinstance(condition, np.bool_) else bool(condition.any())
+
+
+def all_finite(values: FloatArray) -> bool:
+    """Whether a few numbers, (n,), are all finite: only then is their sum, which is the fastest to ask."""
+    return math.isfinite(sum(values.tolist()))
 
 
 class ArrayFields:

@@ -1,13 +1,10 @@
 """The abstract leg-servo interface: the only way to a robot, simulated or real."""
 
-import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Protocol, Self, runtime_checkable
-
-import numpy as np
 
 from hexctl.backends.clock import Clock, accept_former_names
 from hexctl.errors import CommandRefusedError, RobotFaultError, check_type
@@ -15,7 +12,7 @@ from hexctl.robot.failure import Failure, failure_text, untold_note
 from hexctl.robot.loader import load_robot
 from hexctl.robot.model import Robot
 from hexctl.robot.servo_map import ServoMap
-from hexctl.types import N_JOINTS, FloatArray, JointTargets, RobotState
+from hexctl.types import N_JOINTS, FloatArray, JointTargets, RobotState, all_finite
 
 if TYPE_CHECKING:
     from hexctl.wire.description import RobotIdentity
@@ -225,8 +222,7 @@ def check_targets(targets: JointTargets) -> None:
     positions = targets.positions_rad
     if positions.shape != (N_JOINTS,):
         raise CommandRefusedError(f"targets: got shape {positions.shape}; allowed: ({N_JOINTS},)")
-    # A sum is finite only if every term is, and is cheaper than asking each one.
-    if not math.isfinite(np.add.reduce(positions)):
+    if not all_finite(positions):
         raise CommandRefusedError(f"targets: got {positions.tolist()}; allowed: finite angles in rad")
 
 

@@ -23,7 +23,7 @@ from hexctl.errors import (
 )
 from hexctl.robot.model import Robot
 from hexctl.robot.rotations import cos_tilt
-from hexctl.types import ArrayFields, BoolArray, FloatArray, JointTargets, RobotState
+from hexctl.types import ArrayFields, BoolArray, FloatArray, JointTargets, RobotState, all_finite
 
 #: A body that leans further than this, for this long, has fallen.
 FALL_COS_TILT = float(np.cos(np.radians(50)))
@@ -302,7 +302,7 @@ class Guard(ServosWrapper):
         self._check(targets, now_s)
         allowed_rad = self._limits.apply(targets.positions_rad, self._baseline(now_s))
         sent = targets
-        if (allowed_rad != targets.positions_rad).any():
+        if allowed_rad.tolist() != targets.positions_rad.tolist():
             self.counters.clipped += 1
             sent = JointTargets(allowed_rad, targets.stamp_s)
         with _LINK_FAILED:
@@ -345,8 +345,7 @@ class Guard(ServosWrapper):
     def _watch(self, state: RobotState) -> None:
         """Latch a stop for a fall, a fault, a state that says nothing, or a silent controller."""
         self._watch_pose(state)
-        # A sum is finite only if every term is, and is cheaper than asking each one.
-        if not (math.isfinite(np.add.reduce(state.joint_positions_rad)) and state.age_s <= self._expiry_s):
+        if not (all_finite(state.joint_positions_rad) and state.age_s <= self._expiry_s):
             self.stop("state")
         if state.stopped is not None:
             self.stop(state.stopped)
@@ -357,21 +356,22 @@ class Guard(ServosWrapper):
 
     def _watch_pose(self, state: RobotState) -> None:
         """Latch a stop for a fall, and for a pose that is not finite or has been lost."""
-        tilt = self._tilt_of(state)
-        parts = {
-            "position": state.base_position_world,
-            "orientation": state.base_quaternion_world,
-            "tilt": tilt,
-        }
-        now_s = self.clock.now_s
-        for part, value in parts.items():
-            if value is not None:
-                self._seen_at_s[part] = now_s
-                if not math.isfinite(sum(value.tolist())):
-                    self.stop("state")
-        for seen_at_s in self._seen_at_s.values():
-            if now_s - seen_at_s > POSE_EXPIRY_S:
-                self.stop("pose lost")
+        orientation, tilt, now_s = state.base_quaternion_world, self._tilt_of(state), self.clock.now_s
+        lost = False
+        for part, value in (
+            ("position", state.base_position_world),
+            ("orientation", orientation),
+            ("tilt", tilt),
+        ):
+            if value is None:
+                lost = lost or now_s - self._seen_at_s.get(part, now_s) > POSE_EXPIRY_S
+                continue
+            self._seen_at_s[part] = now_s
+            checked_already = part == "tilt" and value is orientation
+            if not checked_already and not all_finite(value):
+                self.stop("state")
+        if lost:
+            self.stop("pose lost")
         if tilt is None:
             return
         _, x, y, _ = tilt.tolist()
