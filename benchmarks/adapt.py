@@ -9,8 +9,8 @@ from benchmarks.plans import N_CODES, ant
 from benchmarks.process import timed_hexctl
 from benchmarks.rows import Bar, Row
 from benchmarks.scale import Scale
-from hexctl.adapt.bayes import Bayes
 from hexctl.adapt.optimizer import Observation
+from hexctl.adapt.optimizers.bayes import Bayes
 from hexctl.adapt.prior.find import shipped_priors
 from hexctl.adapt.prior.prior import CHECKPOINTS, Prior, load_prior
 from hexctl.adapt.prior.samples import samples_of

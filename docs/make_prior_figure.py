@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hexctl.adapt.bayes import Bayes
 from hexctl.adapt.optimizer import NINETY_PERCENT
+from hexctl.adapt.optimizers.bayes import Bayes
 from hexctl.adapt.prior.find import shipped_priors
 from hexctl.adapt.prior.prior import load_prior
 from hexctl.adapt.prior.samples import samples_of

@@ -13,9 +13,9 @@ if TYPE_CHECKING:
     from hexctl.adapt.best import BestGait, best_gait
     from hexctl.adapt.objectives import Objective, as_objective, make_objective
     from hexctl.adapt.optimizer import Observation, Optimizer, Prediction
+    from hexctl.adapt.optimizers.registry import make_optimizer
     from hexctl.adapt.prior.find import list_priors
     from hexctl.adapt.prior.prior import Prior, ScorePrior, load_prior, load_score_prior
-    from hexctl.adapt.registry import make_optimizer
     from hexctl.adapt.result import AdaptationResult
     from hexctl.adapt.search import new_spec
     from hexctl.adapt.session import BaselineRecord, Session, SessionSpec, TrialRecord, WalkRecord
@@ -124,7 +124,7 @@ _MODULES = {
     # search
     "adapt.space": "GaitSpace",
     "adapt.optimizer": "Observation Optimizer Prediction",
-    "adapt.registry": "make_optimizer",
+    "adapt.optimizers.registry": "make_optimizer",
     "adapt.objectives": "Objective as_objective make_objective",
     # adaptation, sessions and priors
     "adapt.adaptation": "Adaptation adapt",

@@ -49,8 +49,8 @@ SLOW = (
     "tests/adapt/prior/test_prior.py::test_no_byte_can_be_changed_unnoticed",
     "tests/adapt/prior/test_samples.py",
     "tests/adapt/test_kill.py",
-    "tests/adapt/test_population.py::test_it_converges_as_scipys_does",
-    "tests/adapt/test_population.py::test_the_comparison_would_notice_another_factor_or_strategy",
+    "tests/adapt/optimizers/test_population.py::test_it_converges_as_scipys_does",
+    "tests/adapt/optimizers/test_population.py::test_the_comparison_would_notice_another_factor_or_strategy",
     "tests/adapt/test_runner.py",
     "tests/benchmarks/test_command.py",
     "tests/cli/test_adapt.py",
@@ -117,7 +117,7 @@ SPREAD = (
     "tests/cli/test_completion.py",
     "tests/study/test_evaluate.py",
     "tests/study/test_landscape.py",
-    "tests/adapt/test_population.py",
+    "tests/adapt/optimizers/test_population.py",
     "tests/viewer/",
 )
 

@@ -9,11 +9,11 @@ import numpy as np
 
 from hexctl.adapt.objectives import Objective, make_objective
 from hexctl.adapt.optimizer import Observation, Optimizer, Prediction
+from hexctl.adapt.optimizers.trim import wanted_trim_rad, wanted_turn_trim_rad_s
 from hexctl.adapt.runner import RobotStoppedError, WalkedTrial
 from hexctl.adapt.session import BASELINE_INDEX, BaselineRecord, Session, TrialRecord
 from hexctl.adapt.space import GaitSpace
 from hexctl.adapt.store import SessionStore
-from hexctl.adapt.trim import wanted_trim_rad, wanted_turn_trim_rad_s
 from hexctl.control.preparation import StopRequested, never
 from hexctl.control.trial import Enough
 from hexctl.errors import HexctlError, InputError, RecordingError, argument

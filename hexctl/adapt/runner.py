@@ -9,9 +9,9 @@ from typing import Any
 from hexctl.adapt.arena import LEFT_THE_ARENA, Arena, Geofence, aimed, as_placed
 from hexctl.adapt.measurement import Operator, measured, not_walked
 from hexctl.adapt.objectives import OBJECTIVES
+from hexctl.adapt.optimizers.shipped import TRIM
 from hexctl.adapt.session import BASELINE_INDEX, SessionSpec
 from hexctl.adapt.setting import Note, Setting
-from hexctl.adapt.shipped import TRIM
 from hexctl.backends.base import LegServos, connection_notes
 from hexctl.backends.clock import request_realtime_priority
 from hexctl.backends.registry import BackendOptions, make_servos

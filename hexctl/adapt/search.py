@@ -9,23 +9,23 @@ from typing import Any
 import numpy as np
 
 from hexctl.adapt.arena import body_heading_rad
-from hexctl.adapt.bayes import Bayes
-from hexctl.adapt.deduplication import Deduplication
 from hexctl.adapt.measurement import Operator
 from hexctl.adapt.objectives import OBJECTIVES, Objective, ObjectiveChoice, as_objective
 from hexctl.adapt.optimizer import Optimizer, OptimizerChoice, OptimizerClass
+from hexctl.adapt.optimizers.bayes import Bayes
+from hexctl.adapt.optimizers.deduplication import Deduplication
+from hexctl.adapt.optimizers.registry import make_optimizer, name_of
+from hexctl.adapt.optimizers.score_bayes import REAL_NOISE, SIMULATED_NOISE, WORTH, ScoreBayes
+from hexctl.adapt.optimizers.shipped import BAYES, OPTIMIZERS, TRIM
+from hexctl.adapt.optimizers.trim import TrimSearch
 from hexctl.adapt.prior.choice import DEFAULT_TARGET_M, Advice, choose_prior, no_advice, noise_m
 from hexctl.adapt.prior.find import prior_folders
 from hexctl.adapt.prior.prior import Prior, ScorePrior
 from hexctl.adapt.prior.samples import samples_of, score_samples_of
-from hexctl.adapt.registry import make_optimizer, name_of
-from hexctl.adapt.score_bayes import REAL_NOISE, SIMULATED_NOISE, WORTH, ScoreBayes
 from hexctl.adapt.session import BASELINE_GAITS, Session, SessionSpec
 from hexctl.adapt.setting import Note, load_setting, log_note, start_note, with_known_uncertainty
-from hexctl.adapt.shipped import BAYES, OPTIMIZERS, TRIM
 from hexctl.adapt.space import GaitSpace
 from hexctl.adapt.store import RUNS
-from hexctl.adapt.trim import TrimSearch
 from hexctl.backends.base import LegServos
 from hexctl.backends.registry import check_options, option_values
 from hexctl.control.assessment.static_stability import slots_by_stability, usual_posture

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from hexctl.adapt.objectives import INVALID_SCORE, OBJECTIVES, Objective, undominated
-from hexctl.adapt.trim import mean_trim_rad, mean_turn_trim_rad_s
+from hexctl.adapt.optimizers.trim import mean_trim_rad, mean_turn_trim_rad_s
 from hexctl.control.assessment.uncertainty_store import DISTINCT
 from hexctl.control.result import QUALITIES, TrialResult
 from hexctl.gait.gait import AUTO

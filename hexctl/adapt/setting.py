@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from hexctl.adapt.arena import check_radius
+from hexctl.adapt.optimizers.shipped import BAYES, TRIM
 from hexctl.adapt.prior.find import check_prior
 from hexctl.adapt.prior.prior import Prior, PriorKey, ScorePrior, load_prior, load_score_prior
 from hexctl.adapt.prior.samples import covering
 from hexctl.adapt.session import Session, SessionSpec
-from hexctl.adapt.shipped import BAYES, TRIM
 from hexctl.adapt.space import GaitSpace
 from hexctl.backends.sim.world import World, load_world
 from hexctl.control.assessment.static_stability import in_posture

@@ -67,7 +67,7 @@ def _backends() -> Iterable[str]:
 
 
 def _optimizers() -> Iterable[str]:
-    from hexctl.adapt.shipped import BAYES, OPTIMIZERS, TRIM
+    from hexctl.adapt.optimizers.shipped import BAYES, OPTIMIZERS, TRIM
 
     return [BAYES, TRIM, *OPTIMIZERS]
 

@@ -9,9 +9,10 @@ from typing import Self
 
 import typer
 
-from hexctl.adapt.bayes import SURE
 from hexctl.adapt.loop import NOT_WORTH
 from hexctl.adapt.objectives import INVALID_SCORE, Objective
+from hexctl.adapt.optimizers.bayes import SURE
+from hexctl.adapt.optimizers.shipped import BAYES, TRIM
 from hexctl.adapt.session import (
     BASELINE_INDEX,
     MILESTONES_M,
@@ -22,7 +23,6 @@ from hexctl.adapt.session import (
     WalkRecord,
     trials_text,
 )
-from hexctl.adapt.shipped import BAYES, TRIM
 from hexctl.cli.console import make_bar, print_above
 from hexctl.cli.progress import WithBar
 from hexctl.control.assessment.cause import CAUSES

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from hexctl.adapt.registry import make_optimizer
+from hexctl.adapt.optimizers.registry import make_optimizer
 from hexctl.adapt.space import GaitSpace
 from hexctl.backends.sim.world import World
 from hexctl.control.turning import check_plan
@@ -43,7 +43,7 @@ class StudyPlan:
         robot: model of the robot.
         world: the simulated world.
         legs: the failed legs, ascending.
-        optimizers: names as in `hexctl.adapt.shipped`.
+        optimizers: names as in `hexctl.adapt.optimizers.shipped`.
         runs: seeded runs of each optimizer on each leg.
         budget: evaluations of a run.
         duration_s: length of each walk.

@@ -7,10 +7,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from hexctl.adapt.deduplication import PATIENCE, Deduplication
 from hexctl.adapt.objectives import INVALID_SCORE
-from hexctl.adapt.population import POPULATION
-from hexctl.adapt.registry import make_optimizer
+from hexctl.adapt.optimizers.deduplication import PATIENCE, Deduplication
+from hexctl.adapt.optimizers.population import POPULATION
+from hexctl.adapt.optimizers.registry import make_optimizer
 from hexctl.adapt.space import GaitSpace
 from hexctl.backends.sim.world import World
 from hexctl.errors import InputError

@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from hexctl.adapt.population import Population
+from hexctl.adapt.optimizers.population import Population
 from hexctl.types import FloatArray
 
 Function = Callable[[FloatArray], FloatArray]

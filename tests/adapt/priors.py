@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from hexctl.adapt.bayes import Bayes
 from hexctl.adapt.optimizer import Observation
+from hexctl.adapt.optimizers.bayes import Bayes
 from hexctl.adapt.prior.prior import CHECKPOINTS, SCORES, Prior, PriorKey, ScorePrior
 from hexctl.adapt.prior.samples import DISTANCE, FINAL, N_FEATURES, YAW, Samples
 from hexctl.adapt.runner import WalkedTrial

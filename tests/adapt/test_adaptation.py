@@ -11,10 +11,10 @@ import pytest
 
 import hexctl
 from hexctl.adapt.adaptation import Adaptation, adapt
-from hexctl.adapt.baselines import RandomSearch
-from hexctl.adapt.bayes import Bayes
 from hexctl.adapt.measurement import Answer
 from hexctl.adapt.objectives import make_objective
+from hexctl.adapt.optimizers.baselines import RandomSearch
+from hexctl.adapt.optimizers.bayes import Bayes
 from hexctl.adapt.prior.prior import Prior
 from hexctl.adapt.runner import NotBegunError, RobotStoppedError, TrialRunner, WalkedTrial
 from hexctl.adapt.search import new_spec

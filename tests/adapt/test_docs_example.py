@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from hexctl.adapt.deduplication import Deduplication
-from hexctl.adapt.registry import make_optimizer
+from hexctl.adapt.optimizers.deduplication import Deduplication
+from hexctl.adapt.optimizers.registry import make_optimizer
 from hexctl.testing.optimizers import ONE_FAILED, Make, OptimizerConformance, search
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "adaptation.md"

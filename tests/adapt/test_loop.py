@@ -7,13 +7,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hexctl.adapt.bayes import REAL_NOISE_M, Bayes
-from hexctl.adapt.deduplication import Deduplication
 from hexctl.adapt.loop import AdaptLoop
 from hexctl.adapt.objectives import INVALID_SCORE, OBJECTIVES, as_objective
 from hexctl.adapt.optimizer import Optimizer
+from hexctl.adapt.optimizers.bayes import REAL_NOISE_M, Bayes
+from hexctl.adapt.optimizers.deduplication import Deduplication
+from hexctl.adapt.optimizers.registry import make_optimizer
 from hexctl.adapt.prior.samples import FINAL
-from hexctl.adapt.registry import make_optimizer
 from hexctl.adapt.runner import WalkedTrial
 from hexctl.adapt.session import Session, SessionSpec
 from hexctl.adapt.space import GaitSpace

@@ -5,11 +5,11 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from hexctl.adapt.deduplication import Deduplication
 from hexctl.adapt.optimizer import Observation, Optimizer
-from hexctl.adapt.population import PopulationOptimizer
-from hexctl.adapt.registry import make_optimizer
-from hexctl.adapt.shipped import OPTIMIZERS
+from hexctl.adapt.optimizers.deduplication import Deduplication
+from hexctl.adapt.optimizers.population import PopulationOptimizer
+from hexctl.adapt.optimizers.registry import make_optimizer
+from hexctl.adapt.optimizers.shipped import OPTIMIZERS
 from hexctl.adapt.space import GaitSpace
 from hexctl.control.result import STATUSES
 from hexctl.testing.optimizers import BATCHES, ONE_FAILED, Make, OptimizerConformance, search

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from hexctl.adapt.bayes import REAL_NOISE_M, SIMULATED_NOISE_M
+from hexctl.adapt.optimizers.bayes import REAL_NOISE_M, SIMULATED_NOISE_M
 from hexctl.adapt.prior.choice import noise_m
 from hexctl.adapt.search import new_spec
 from hexctl.adapt.session import SessionSpec

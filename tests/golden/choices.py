@@ -8,8 +8,8 @@ import numpy as np
 from hexctl import Failure, TrialPlan, load_robot, make_gait
 from hexctl.adapt.objectives import INVALID_SCORE
 from hexctl.adapt.optimizer import Observation, Optimizer
+from hexctl.adapt.optimizers.registry import make_optimizer
 from hexctl.adapt.prior.prior import load_prior
-from hexctl.adapt.registry import make_optimizer
 from hexctl.adapt.search import make_search
 from hexctl.adapt.session import SessionSpec
 from hexctl.adapt.space import GaitSpace

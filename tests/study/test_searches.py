@@ -3,10 +3,10 @@ import math
 import numpy as np
 import pytest
 
-from hexctl.adapt.deduplication import Deduplication
 from hexctl.adapt.objectives import INVALID_SCORE
-from hexctl.adapt.registry import make_optimizer
-from hexctl.adapt.shipped import OPTIMIZERS
+from hexctl.adapt.optimizers.deduplication import Deduplication
+from hexctl.adapt.optimizers.registry import make_optimizer
+from hexctl.adapt.optimizers.shipped import OPTIMIZERS
 from hexctl.errors import InputError
 from hexctl.study.landscape import Landscape, empty_landscape
 from hexctl.study.searches import codes_until_stuck, curve_of, search_landscape

@@ -4,13 +4,13 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
-from hexctl.adapt.bayes import FORMER_REAL_NOISE_M, REAL_NOISE_M, SIMULATED_NOISE_M
+from hexctl.adapt.optimizers.bayes import FORMER_REAL_NOISE_M, REAL_NOISE_M, SIMULATED_NOISE_M
+from hexctl.adapt.optimizers.shipped import BAYES
 from hexctl.adapt.prior.find import check_prior, find_prior, named_prior
 from hexctl.adapt.prior.prior import SCORES, read_head
 from hexctl.adapt.prior.samples import covering
 from hexctl.adapt.session import SessionSpec
 from hexctl.adapt.setting import Note, Setting
-from hexctl.adapt.shipped import BAYES
 from hexctl.errors import InputError, argument
 
 #: The paper's finer deviation: the target of `bayes` unless told otherwise.

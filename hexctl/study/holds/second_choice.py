@@ -12,14 +12,14 @@ from pathlib import Path
 
 import numpy as np
 
-from hexctl.adapt.baselines import RandomSearch
-from hexctl.adapt.deduplication import Deduplication
 from hexctl.adapt.objectives import INVALID_SCORE
 from hexctl.adapt.optimizer import Optimizer
+from hexctl.adapt.optimizers.baselines import RandomSearch
+from hexctl.adapt.optimizers.deduplication import Deduplication
+from hexctl.adapt.optimizers.score_bayes import ScoreBayes
 from hexctl.adapt.prior.find import shipped_priors
 from hexctl.adapt.prior.prior import ScorePrior, load_score_prior
 from hexctl.adapt.prior.samples import ranked_codes, score_samples_of
-from hexctl.adapt.score_bayes import ScoreBayes
 from hexctl.adapt.space import GaitSpace
 from hexctl.backends.sim.world import DomainRandomization, load_randomization
 from hexctl.control.assessment.static_stability import stable_slots_of, usual_posture

@@ -4,10 +4,10 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
+from hexctl.adapt.optimizers.shipped import BAYES
 from hexctl.adapt.prior.find import find_prior
 from hexctl.adapt.prior.prior import Prior, PriorKey, load_prior
 from hexctl.adapt.prior.samples import covering, covers
-from hexctl.adapt.shipped import BAYES
 from hexctl.backends.sim.world import DomainRandomization
 from hexctl.control.plan import TrialPlan
 from hexctl.errors import InputError, argument, check_type
@@ -43,7 +43,7 @@ class TransferPlan:
         prior: prior of `bayes`.
         worlds: number of worlds of the family.
         legs: the failed legs, ascending.
-        optimizers: names as in `hexctl.adapt.shipped`, `bayes` and `bayes-early`.
+        optimizers: names as in `hexctl.adapt.optimizers.shipped`, `bayes` and `bayes-early`.
         runs: seeded runs of each optimizer in each world and leg; `bayes` has no seed and one run.
         budget: trials of a run.
         duration_s: length of each walk.

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hexctl.adapt.shipped import BAYES
+from hexctl.adapt.optimizers.shipped import BAYES
 from hexctl.files import atomic_write
 from hexctl.study.drawing import color_of, grid_of, label_axes, new_figure, save_figure
 from hexctl.study.evidence import Bar, cm, too_short

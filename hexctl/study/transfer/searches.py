@@ -6,12 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hexctl.adapt.bayes import Bayes
-from hexctl.adapt.deduplication import Deduplication
 from hexctl.adapt.objectives import INVALID_SCORE
 from hexctl.adapt.optimizer import Observation, Optimizer
+from hexctl.adapt.optimizers.bayes import Bayes
+from hexctl.adapt.optimizers.deduplication import Deduplication
+from hexctl.adapt.optimizers.registry import make_optimizer
 from hexctl.adapt.prior.samples import Samples, samples_of
-from hexctl.adapt.registry import make_optimizer
 from hexctl.backends.clock import PERIOD_S
 from hexctl.control.result import progress_floor_m
 from hexctl.control.trial import LOOK_TICKS, Enough

@@ -8,7 +8,7 @@ import pytest
 from scipy.optimize import differential_evolution
 from scipy.stats import mannwhitneyu
 
-from hexctl.adapt.population import (
+from hexctl.adapt.optimizers.population import (
     BestEvolution,
     DifferentialEvolution,
     DifferentialSwarm,
@@ -19,7 +19,7 @@ from hexctl.adapt.population import (
     RandomEvolution,
     SpeciatedSwarm,
 )
-from hexctl.adapt.shipped import OPTIMIZERS
+from hexctl.adapt.optimizers.shipped import OPTIMIZERS
 from hexctl.testing.optimizers import ONE_FAILED
 from hexctl.types import FloatArray
 from tests.adapt.continuous import HIGH, LOW, Function, make, minimum, rosenbrock, sphere

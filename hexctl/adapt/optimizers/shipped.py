@@ -16,7 +16,7 @@ class _Shipped(Mapping[str, "type[Optimizer]"]):
 
     def __getitem__(self, name: str) -> "type[Optimizer]":
         module, _, kind = self._places[name].partition(":")
-        found: type[Optimizer] = getattr(import_module(f"hexctl.adapt.{module}"), kind)
+        found: type[Optimizer] = getattr(import_module(f"{__package__}.{module}"), kind)
         return found
 
     def __iter__(self) -> Iterator[str]:

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hexctl.adapt.deduplication import Deduplication, SpaceExhaustedError
 from hexctl.adapt.optimizer import Observation, Optimizer, Prediction
-from hexctl.adapt.registry import make_optimizer
-from hexctl.adapt.shipped import OPTIMIZERS
+from hexctl.adapt.optimizers.deduplication import Deduplication, SpaceExhaustedError
+from hexctl.adapt.optimizers.registry import make_optimizer
+from hexctl.adapt.optimizers.shipped import OPTIMIZERS
 from hexctl.errors import InputError
 from hexctl.testing.optimizers import ONE_FAILED, THREE_FAILED, search, slope
 from hexctl.types import FloatArray

@@ -9,8 +9,8 @@ import pytest
 
 from hexctl.adapt.objectives import INVALID_SCORE
 from hexctl.adapt.optimizer import Observation
+from hexctl.adapt.optimizers.score_bayes import ScoreBayes
 from hexctl.adapt.prior.samples import ScoreSamples, score_samples_of
-from hexctl.adapt.score_bayes import ScoreBayes
 from hexctl.adapt.space import GaitSpace
 from hexctl.errors import InputError
 from hexctl.testing.optimizers import ONE_FAILED, Make, OptimizerConformance

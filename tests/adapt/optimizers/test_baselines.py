@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hexctl.adapt.baselines import ExhaustiveSearch, RandomSearch
+from hexctl.adapt.optimizers.baselines import ExhaustiveSearch, RandomSearch
 from hexctl.adapt.space import GaitSpace
 from hexctl.testing.optimizers import ONE_FAILED, THREE_FAILED, TWO_FAILED, search
 

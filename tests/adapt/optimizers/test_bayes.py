@@ -6,9 +6,9 @@ import math
 import numpy as np
 import pytest
 
-from hexctl.adapt.baselines import RandomSearch
-from hexctl.adapt.bayes import LOOKING_AHEAD, REAL_NOISE_M, SURE, Bayes
 from hexctl.adapt.optimizer import Observation, Optimizer
+from hexctl.adapt.optimizers.baselines import RandomSearch
+from hexctl.adapt.optimizers.bayes import LOOKING_AHEAD, REAL_NOISE_M, SURE, Bayes
 from hexctl.adapt.prior.acquisition import expected_size_m, most_promising, most_useful
 from hexctl.adapt.prior.samples import FINAL, N_FEATURES, Samples
 from hexctl.adapt.space import GaitSpace

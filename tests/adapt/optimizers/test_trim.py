@@ -12,12 +12,7 @@ import pytest
 import hexctl
 from hexctl.adapt.adaptation import Adaptation, adapt
 from hexctl.adapt.measurement import Answer
-from hexctl.adapt.result import AdaptationResult
-from hexctl.adapt.runner import TrialRunner, WalkedTrial
-from hexctl.adapt.search import new_spec
-from hexctl.adapt.setting import load_setting
-from hexctl.adapt.store import flat_rows, load_session
-from hexctl.adapt.trim import (
+from hexctl.adapt.optimizers.trim import (
     WALKS,
     TrimSearch,
     mean_trim_rad,
@@ -25,6 +20,11 @@ from hexctl.adapt.trim import (
     wanted_trim_rad,
     wanted_turn_trim_rad_s,
 )
+from hexctl.adapt.result import AdaptationResult
+from hexctl.adapt.runner import TrialRunner, WalkedTrial
+from hexctl.adapt.search import new_spec
+from hexctl.adapt.setting import load_setting
+from hexctl.adapt.store import flat_rows, load_session
 from hexctl.backends.sim.servos import SimServos
 from hexctl.cli.main import exit_code
 from hexctl.cli.render_adapt import closing_lines

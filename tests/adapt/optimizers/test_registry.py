@@ -5,9 +5,9 @@ import sys
 
 import pytest
 
-from hexctl.adapt.baselines import RandomSearch
-from hexctl.adapt.registry import make_optimizer
-from hexctl.adapt.shipped import OPTIMIZERS
+from hexctl.adapt.optimizers.baselines import RandomSearch
+from hexctl.adapt.optimizers.registry import make_optimizer
+from hexctl.adapt.optimizers.shipped import OPTIMIZERS
 from hexctl.errors import InputError
 from hexctl.testing.optimizers import ONE_FAILED
 
@@ -17,7 +17,7 @@ def test_the_five_of_the_paper_and_two_baselines() -> None:
 
 
 def test_the_names_alone_load_nothing_heavy() -> None:
-    names = "import sys; from hexctl.adapt.shipped import OPTIMIZERS; list(OPTIMIZERS)"
+    names = "import sys; from hexctl.adapt.optimizers.shipped import OPTIMIZERS; list(OPTIMIZERS)"
     code = f"{names}; print('numpy' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout == "False\n"
@@ -34,8 +34,9 @@ def test_an_unknown_name_lists_the_known_ones() -> None:
         make_optimizer("genetic", ONE_FAILED, 0)
 
 
-def test_an_optimizer_of_ones_own() -> None:
-    optimizer = make_optimizer("hexctl.adapt.baselines:RandomSearch", ONE_FAILED, 0)
+@pytest.mark.parametrize("module", ["hexctl.adapt.optimizers.baselines", "hexctl.adapt.baselines"])
+def test_an_optimizer_of_ones_own_also_by_a_name_that_a_session_has_from_before(module: str) -> None:
+    optimizer = make_optimizer(f"{module}:RandomSearch", ONE_FAILED, 0)
     assert isinstance(optimizer, RandomSearch)
 
 
