@@ -23,11 +23,11 @@ from hexctl.adapt.optimizer import OptimizerChoice
 from hexctl.adapt.prior.prior import Prior
 from hexctl.adapt.result import AdaptationResult
 from hexctl.adapt.runner import (
-    NotBegunError,
     ResetFreeRunner,
     TrialRunner,
     arena_of,
     at_home,
+    check_not_interrupted,
     connected_robot,
     yaw_note,
 )
@@ -146,7 +146,7 @@ class Adaptation:
         began_s = time.perf_counter()
         checked = self._checked(self.spec) if self._name is None else None  # before anything is written
         if self._name is None:
-            _check_not_interrupted(stop_requested)
+            check_not_interrupted(stop_requested)
         with ExitStack() as stack:
             store = stack.enter_context(SessionStore(self._folder))
             session, setting, servos = self._begin(store, stack, stop_requested, checked)
@@ -207,7 +207,7 @@ class Adaptation:
         if session is None:
             spec = at_home(spec, servos)
             spec = self._with_stance(spec, setting, servos, stop_requested)
-            _check_not_interrupted(stop_requested)
+            check_not_interrupted(stop_requested)
             session = store.create(spec)
             stack.enter_context(store.held(session.name))
         return session, setting, servos
@@ -302,12 +302,6 @@ class Adaptation:
         except Exception as error:  # noqa: BLE001  the search is done and stored, whatever its picture raises
             self._note(f"no overview: {error}")
             return None
-
-
-def _check_not_interrupted(stop_requested: StopRequested) -> None:
-    """Raise NotBegunError where a stop was requested before there is a session."""
-    if stop_requested():
-        raise NotBegunError("interrupted before a session began: nothing was recorded, begin again")
 
 
 def adapt(

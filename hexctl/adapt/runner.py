@@ -41,6 +41,12 @@ class NotBegunError(HexctlError, RuntimeError):
     """A stop was requested before there was a session."""
 
 
+def check_not_interrupted(stop_requested: StopRequested) -> None:
+    """Raise NotBegunError where a stop was requested before there is a session."""
+    if stop_requested():
+        raise NotBegunError("interrupted before a session began: nothing was recorded, begin again")
+
+
 class RobotStoppedError(RobotFaultError):
     """The guard, the robot's or this end's, has latched a stop; the session can be resumed after it.
 

@@ -1,7 +1,7 @@
 """`hexctl adapt`: find a gait for a failed leg."""
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -360,9 +360,13 @@ def _search(
             _note(str(error))
             return INTERRUPTED
         except KeyboardInterrupt:
-            then = f"continue with: hexctl adapt --resume {begun[0]}" if begun else "nothing was recorded"
-            _note(f"interrupted without a soft stop; {then}")
+            _note(f"interrupted without a soft stop; {_what_is_left(begun)}")
             return INTERRUPTED
+
+
+def _what_is_left(begun: Sequence[str]) -> str:
+    """What a search that was cut off leaves behind: its session, by its name, or nothing."""
+    return f"continue with: hexctl adapt --resume {begun[0]}" if begun else "nothing was recorded"
 
 
 def _end(result: "AdaptationResult", *, view: bool, as_json: bool, resumed: bool = False) -> int:
