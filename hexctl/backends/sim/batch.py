@@ -11,8 +11,8 @@ from mujoco.batch import Batch, SimulationError
 from hexctl.backends.base import TruePose
 from hexctl.backends.sim.effort import JointTorques
 from hexctl.backends.sim.failure import FailuresToCome, held_rad
-from hexctl.backends.sim.model import FIRST_JOINT, TOUCH
-from hexctl.backends.sim.sensing import Snapshot, sensed
+from hexctl.backends.sim.model import FIRST_JOINT
+from hexctl.backends.sim.sensing import SensorMemory
 from hexctl.backends.sim.servos import SimServos
 from hexctl.types import FloatArray, RobotState
 
@@ -61,10 +61,10 @@ class SimBatch:
         """Step every running simulation by one control period."""
         for part in self._copies:
             part.let_fail()
-        after = self._copies[0].steps_after
+        after = self._copies[0].sensors.steps_after
         self._step(self._nstep - after)
         for part in self._copies:
-            part.keep()
+            part.sensors.keep()
         if after:
             self._step(after)
         for part in self._copies:
@@ -106,61 +106,33 @@ class _Copies:
 
     def __init__(self, servos: SimServos, batch: Any, rows: slice) -> None:
         self.rows, n = rows, rows.stop - rows.start
-        self._simulation, self._world = servos.simulation, servos.world
-        self._noise = copy.deepcopy(servos.noise)
-        self._faulty_pose = copy.deepcopy(servos.faulty_pose)
-        self._loss = copy.deepcopy(servos.loss)
-        self._pose_loss = copy.deepcopy(servos.pose_loss)
-        self._actuators = servos.actuators.copies(n)
-        self._late = None if servos.late is None else servos.late.copies(servos.world, n)
-        self.steps_after = 0 if self._late is None else self._late.steps_after
-        self._period_s = servos.clock.period_s
+        self._simulation, self._period_s = servos.simulation, servos.clock.period_s
+        self._loss, self._actuators = copy.deepcopy(servos.loss), servos.actuators.copies(n)
         self._start_index, self._ticks = round(servos.clock.now_s / self._period_s), 0
         physics, row = self._simulation.physics, np.empty(batch.nstate)
         mujoco.mj_getState(physics.model.ptr, physics.data.ptr, row, mujoco.mjtState.mjSTATE_INTEGRATION)
         batch.state[rows] = row
-        self._qpos, self._qvel = batch.bind("qpos")[rows], batch.bind("qvel")[rows]
+        memory = SensorMemory.of(servos.sensors.torques, lambda name: batch.bind(name)[rows])
+        self.sensors = servos.sensors.copies(memory, servos.world, n)
         self._ctrl, self._to_come = batch.bind("ctrl")[rows], FailuresToCome(servos.events, self._period_s)
-        self._touch, self._torques = batch.bind("sensordata")[rows, TOUCH], servos.torques
-        self._forces = servos.torques.forces_in(batch.bind("history")[rows])
 
     def let_fail(self) -> None:
         """Let legs fail or heal whose time has come; the walk begins with the second control period."""
         for event in self._to_come.due():
             self._simulation.failed.change(event.leg, event.failure)
-            self._torques = JointTorques.of(self._simulation)
-            self._actuators.leg_changed(event.leg, held_rad(self._simulation, self._qpos, self._ctrl))
-
-    def keep(self) -> None:
-        """Measure what is read later, once per tick."""
-        if self._late is not None:
-            self._late.keep(self._measured())
+            self.sensors.torques = JointTorques.of(self._simulation)
+            held = held_rad(self._simulation, self.sensors.memory.qpos, self._ctrl)
+            self._actuators.leg_changed(event.leg, held)
 
     def draw(self) -> None:
         """Draw what is random in the next tick."""
-        self._noise.draw()
+        self.sensors.draw()
         self._loss.draw()
-        self._pose_loss.draw()
         self._ticks += 1
-
-    def _measured(self) -> Snapshot:
-        """What is measured now, without errors."""
-        torques_nm = self._torques.applied(self._forces, self._qvel)
-        return Snapshot(self._qpos.copy(), self._touch.copy(), torques_nm)
 
     def read(self) -> RobotState:
         """States after the last tick, with the world's sensor noise."""
-        measured = self._measured() if self._late is None else self._late.oldest
-        age_s = self._world.latency_steps * self._world.time_step_s
-        return sensed(
-            measured,
-            self._noise,
-            self._faulty_pose,
-            offsets_rad=self._simulation.joint_offsets_rad,
-            stamp_s=(self._start_index + self._ticks) * self._period_s - age_s,
-            age_s=age_s,
-            posed=not self._pose_loss.lost,
-        )
+        return self.sensors.read((self._start_index + self._ticks) * self._period_s)
 
     def drive(self, positions_rad: FloatArray) -> FloatArray:
         """Actuator commands of this tick for joint targets."""

@@ -1,15 +1,17 @@
 """What a simulated robot measures: errors, age and losses."""
 
+import copy
 import math
 from collections import deque
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
 
+from hexctl.backends.sim.effort import JointTorques
 from hexctl.backends.sim.flaws import SensorFaults, SensorNoise
-from hexctl.backends.sim.model import FIRST_JOINT
+from hexctl.backends.sim.model import FIRST_JOINT, TOUCH
 from hexctl.backends.sim.world import World
 from hexctl.robot.rotations import components
 from hexctl.types import N_JOINTS, ArrayFields, FloatArray, RobotState
@@ -141,48 +143,6 @@ class Snapshot(ArrayFields):
         return Snapshot(*(np.tile(one, (n, 1)) for one in (self.qpos, self.touch, self.torques_nm)))
 
 
-def sensed(
-    snapshot: Snapshot,
-    noise: Noise,
-    faulty: FaultyPose,
-    *,
-    offsets_rad: FloatArray,
-    stamp_s: float,
-    age_s: float,
-    posed: bool,
-) -> RobotState:
-    """State that one robot, or n of them, report of a snapshot.
-
-    Args:
-        snapshot: what is measured, without errors.
-        noise: of this tick.
-        faulty: how the pose is shown.
-        offsets_rad: calibration errors of the joints, (18,).
-        stamp_s: time of the measurement.
-        age_s: its age when it is read.
-        posed: whether position and orientation are measured.
-    """
-    qpos = snapshot.qpos
-    joints = qpos[..., FIRST_JOINT:] - offsets_rad
-    position, quaternion = qpos[..., :3], qpos[..., 3:FIRST_JOINT]
-    if not noise.silent:
-        joints = joints + noise.joints_rad
-        position = position + noise.position_m
-        quaternion = noise.turned(quaternion)
-    if not faulty.none:
-        position, quaternion = faulty.seen(position, quaternion, stamp_s)
-    return RobotState(
-        joints,
-        stamp_s,
-        True,
-        position if posed else None,
-        quaternion if posed else None,
-        snapshot.touch > 0,
-        age_s,
-        joint_torques_nm=snapshot.torques_nm,
-    )
-
-
 class LateStates:
     """States on their way to the reader: each is `latency_steps` steps of the physics old when it is read.
 
@@ -207,3 +167,126 @@ class LateStates:
         """The states of n robots in the state of this one."""
         rows = [one.copies(n) for one in self._latest]
         return LateStates(world, rows[-1], rows)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SensorMemory(ArrayFields):
+    """Views of MuJoCo's own memory, which every step fills anew; leading shape () or (n,).
+
+    Attributes:
+        qpos: positions, leading shape + (25,).
+        qvel: velocities, leading shape + (24,).
+        touch: foot forces, leading shape + (6,).
+        forces_nm: of the actuators in the last steps, as `JointTorques.forces_in` has them.
+    """
+
+    qpos: FloatArray
+    qvel: FloatArray
+    touch: FloatArray
+    forces_nm: FloatArray
+
+    @classmethod
+    def of(cls, torques: JointTorques, view: Callable[[str], FloatArray]) -> Self:
+        """Views from what gives those of `MjData` by their names."""
+        forces_nm = torques.forces_in(view("history"))
+        return cls(view("qpos"), view("qvel"), view("sensordata")[..., TOUCH], forces_nm)
+
+
+@dataclass(slots=True, eq=False)
+class Sensors:
+    """Sensors of one simulated robot, or of n copies of one: what they measure, and their flaws.
+
+    Attributes:
+        memory: MuJoCo's, which they look at.
+        torques: how forces of actuators become torques of joints; a leg that fails changes it.
+        offsets_rad: calibration errors of the joints, (18,).
+        noise: errors of this tick.
+        faulty_pose: how the pose is shown.
+        pose_loss: whether position and orientation are measured in this tick.
+        age_s: of a state when it is read.
+        late: states on their way; None where they have no age.
+    """
+
+    memory: SensorMemory
+    torques: JointTorques
+    offsets_rad: FloatArray
+    noise: Noise
+    faulty_pose: FaultyPose
+    pose_loss: Losses
+    age_s: float = 0.0
+    late: LateStates | None = None
+
+    @classmethod
+    def of(
+        cls,
+        memory: SensorMemory,
+        torques: JointTorques,
+        offsets_rad: FloatArray,
+        *,
+        world: World,
+        seed: int,
+        trial: int,
+    ) -> Self:
+        """Sensors of a robot in a world, whose noise and losses a seed and the number of a trial draw."""
+        noise, pose_loss = Noise(world.sensor_noise, seed, trial), Losses.of_poses(world, seed, trial)
+        sensors = cls(memory, torques, offsets_rad, noise, FaultyPose(world.sensor_faults), pose_loss)
+        if world.latency_steps:
+            sensors.age_s = world.latency_steps * world.time_step_s
+            sensors.late = LateStates(world, sensors._measured())
+        return sensors
+
+    def copies(self, memory: SensorMemory, world: World, n: int) -> "Sensors":
+        """Sensors of n robots in the state of this one, with the same errors and losses to come."""
+        return replace(
+            self,
+            memory=memory,
+            noise=copy.deepcopy(self.noise),
+            faulty_pose=copy.deepcopy(self.faulty_pose),
+            pose_loss=copy.deepcopy(self.pose_loss),
+            late=None if self.late is None else self.late.copies(world, n),
+        )
+
+    @property
+    def steps_after(self) -> int:
+        """Steps of the physics that follow the moment of measurement within a tick."""
+        return 0 if self.late is None else self.late.steps_after
+
+    def keep(self) -> None:
+        """Measure what is read later, once per tick."""
+        if self.late is not None:
+            self.late.keep(self._measured())
+
+    def draw(self) -> None:
+        """Draw the errors and the loss of the next tick."""
+        self.noise.draw()
+        self.pose_loss.draw()
+
+    def read(self, now_s: float) -> RobotState:
+        """State that the robots report at a time."""
+        noise, stamp_s = self.noise, now_s - self.age_s
+        seen = self._measured() if self.late is None else self.late.oldest
+        joints = seen.qpos[..., FIRST_JOINT:] - self.offsets_rad
+        position, quaternion = seen.qpos[..., :3], seen.qpos[..., 3:FIRST_JOINT]
+        if not noise.silent:
+            joints = joints + noise.joints_rad
+            position = position + noise.position_m
+            quaternion = noise.turned(quaternion)
+        if not self.faulty_pose.none:
+            position, quaternion = self.faulty_pose.seen(position, quaternion, stamp_s)
+        posed = not self.pose_loss.lost
+        return RobotState(
+            joints,
+            stamp_s,
+            True,
+            position if posed else None,
+            quaternion if posed else None,
+            seen.touch > 0,
+            self.age_s,
+            joint_torques_nm=seen.torques_nm,
+        )
+
+    def _measured(self) -> Snapshot:
+        """What is measured now, without errors."""
+        memory = self.memory
+        torques_nm = self.torques.applied(memory.forces_nm, memory.qvel)
+        return Snapshot(memory.qpos.copy(), memory.touch.copy(), torques_nm)

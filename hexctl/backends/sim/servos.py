@@ -1,6 +1,7 @@
 """The simulated robot as LegServos, and its clock."""
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -11,8 +12,8 @@ from hexctl.backends.sim.actuators import ActuatorModel
 from hexctl.backends.sim.dm import PhysicsError
 from hexctl.backends.sim.effort import JointTorques
 from hexctl.backends.sim.failure import FailuresToCome, held_rad, jammed_angles_rad
-from hexctl.backends.sim.model import FIRST_JOINT, TOUCH, Simulation, make_simulation
-from hexctl.backends.sim.sensing import FaultyPose, LateStates, Losses, Noise, Snapshot, sensed
+from hexctl.backends.sim.model import FIRST_JOINT, Simulation, make_simulation
+from hexctl.backends.sim.sensing import Losses, SensorMemory, Sensors
 from hexctl.backends.sim.world import World, as_world
 from hexctl.errors import SimulationDivergedError, check_type
 from hexctl.robot.failure import Failure, drawn_failure
@@ -138,19 +139,21 @@ class SimServos(LegServos):
         self._simulation = simulation
         self._limp = False
         self._keep_springs()
-        self.noise = Noise(self.world.sensor_noise, self.seed, self.trial)
-        self.faulty_pose = FaultyPose(self.world.sensor_faults)
         self.loss = Losses.of_commands(self.world, self.seed, self.trial)
-        self.pose_loss = Losses.of_poses(self.world, self.seed, self.trial)
         data = simulation.physics.data.ptr
         # Views of MuJoCo's own memory: they stay valid and save the wrapper's cost on every tick.
-        self._qpos, self._qvel, self._ctrl = data.qpos, data.qvel, data.ctrl
-        self.torques = JointTorques.of(simulation)
-        self._touch, self._forces = data.sensordata[TOUCH], self.torques.forces_in(data.history)
-        self.late = LateStates(self.world, self._measured()) if self.world.latency_steps else None
+        self._qpos, self._ctrl = data.qpos, data.ctrl
+        torques = JointTorques.of(simulation)
+        self.sensors = Sensors.of(
+            SensorMemory.of(torques, partial(getattr, data)),
+            torques,
+            simulation.joint_offsets_rad,
+            world=self.world,
+            seed=self.seed,
+            trial=self.trial,
+        )
         jammed_at_rad = jammed_angles_rad(self._robot, self.failure)
         self.actuators = ActuatorModel.at_rest(simulation, self._robot.stance_angles_rad, jammed_at_rad)
-        self._offsets_rad = simulation.joint_offsets_rad
 
     @property
     def true_pose(self) -> TruePose | None:  # type: ignore[override]  # changes with every step
@@ -179,23 +182,13 @@ class SimServos(LegServos):
             self._set_springs(1.0)
         simulation.failed.change(leg, failure)
         self._keep_springs()
-        self.torques = JointTorques.of(simulation)
+        self.sensors.torques = JointTorques.of(simulation)
         self.actuators.leg_changed(leg, held_rad(simulation, self._qpos, self._ctrl))
 
     def read(self) -> RobotState:
         """State after the last tick, with the sensor noise of the world."""
         check_connected(self._simulation is not None, "the simulated robot")
-        measured = self._measured() if self.late is None else self.late.oldest
-        age_s = self.world.latency_steps * self.world.time_step_s
-        return sensed(
-            measured,
-            self.noise,
-            self.faulty_pose,
-            offsets_rad=self._offsets_rad,
-            stamp_s=self._clock.now_s - age_s,
-            age_s=age_s,
-            posed=not self.pose_loss.lost,
-        )
+        return self.sensors.read(self._clock.now_s)
 
     def write(self, targets: JointTargets) -> JointTargets:
         """Command the simulated servos; a jammed joint ignores its target."""
@@ -219,7 +212,7 @@ class SimServos(LegServos):
         if self._simulation is not None:
             self._simulation.physics.free()
             self._simulation = None
-            del self._qpos, self._qvel, self._ctrl, self._touch, self._forces, self._springs
+            del self._qpos, self._ctrl, self.sensors, self._springs
 
     def _keep_springs(self) -> None:
         """Note the stiffness of the servos, views of the model beside copies."""
@@ -237,21 +230,13 @@ class SimServos(LegServos):
         """Step the physics by one control period."""
         for event in self._to_come.due():
             self.change_leg(event.leg, event.failure)
-        physics, after = self.simulation.physics, 0
+        physics, after = self.simulation.physics, self.sensors.steps_after
         try:
-            if self.late is not None:
-                after = self.late.steps_after
-                physics.step(self.world.steps_per_tick - after)
-                self.late.keep(self._measured())
-            if after or self.late is None:
-                physics.step(after or self.world.steps_per_tick)
+            physics.step(self.world.steps_per_tick - after)
+            self.sensors.keep()
+            if after:
+                physics.step(after)
         except PhysicsError as error:
             raise SimulationDivergedError(f"the simulation became unstable: {error}") from error
-        self.noise.draw()
+        self.sensors.draw()
         self.loss.draw()
-        self.pose_loss.draw()
-
-    def _measured(self) -> Snapshot:
-        """What is measured now, without errors."""
-        torques_nm = self.torques.applied(self._forces, self._qvel)
-        return Snapshot(self._qpos.copy(), self._touch.copy(), torques_nm)
