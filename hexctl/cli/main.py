@@ -1,9 +1,11 @@
 """The `hexctl` command: its sub-commands, and how errors become a line and an exit code."""
 
-from collections.abc import Sequence
-from typing import Annotated
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 from typer.exceptions import TyperException
 
 from hexctl.cli.adapt import adapt
@@ -22,8 +24,34 @@ from hexctl.cli.study import study
 from hexctl.cli.view import view
 from hexctl.errors import EXTRAS, HexctlError, InputError, LimitError, MissingExtraError, ReachError
 
+
+class _CutOffError(Exception):
+    """Ctrl-C during a command that does not handle it."""
+
+
+@contextmanager
+def _cut_off() -> Iterator[None]:
+    try:
+        yield
+    except KeyboardInterrupt:
+        raise _CutOffError from None
+
+
+class _Commands(TyperGroup):
+    """The commands; an interrupt of one passes through Typer, which would end it without a word."""
+
+    def make_context(self, *arguments: Any, **more: Any) -> Any:
+        with _cut_off():
+            return super().make_context(*arguments, **more)
+
+    def invoke(self, ctx: Any) -> Any:
+        with _cut_off():
+            return super().invoke(ctx)
+
+
 app = typer.Typer(
     name="hexctl",
+    cls=_Commands,
     help="Walk a six-legged robot, simulated or real, at 50 Hz.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
@@ -80,7 +108,7 @@ def exit_code(arguments: Sequence[str] | None = None) -> int:
         if extra is None:
             raise
         return _print_error(str(MissingExtraError("this", extra)), BAD_INPUT)
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, _CutOffError):
         return _print_error("interrupted; what has been recorded so far is kept", INTERRUPTED)
     return code if isinstance(code, int) else 0
 

@@ -245,3 +245,16 @@ def test_a_ctrl_c_before_a_command_is_loaded_says_that_nothing_was_recorded() ->
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout) == (130, "")
     assert done.stderr == "hexctl: interrupted before the command began: nothing was recorded\n"
+
+
+@pytest.mark.parametrize("command", [["run"], ["sessions", "list"]])
+def test_a_ctrl_c_that_a_command_does_not_handle_is_a_line(
+    command: list[str], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("hexctl.record.run.Run.__init__", interrupted)
+    monkeypatch.setattr("hexctl.adapt.store.list_sessions", interrupted)
+    assert exit_code(command) == 130
+    assert capsys.readouterr().err == "hexctl: interrupted; what has been recorded so far is kept\n"
