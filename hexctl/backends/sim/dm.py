@@ -7,6 +7,5 @@ if "DISPLAY" not in os.environ:
     os.environ.setdefault("MUJOCO_GL", "disable")
 
 from dm_control import mjcf
-from dm_control.rl.control import PhysicsError
 
-__all__ = ["PhysicsError", "mjcf"]
+__all__ = ["mjcf"]
