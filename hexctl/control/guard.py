@@ -155,7 +155,8 @@ class Guard(ServosWrapper):
             raise InputError(f"expiry: got {expiry_s:g} s; allowed: above 0 up to {MAX_EXPIRY_S:g} s")
         super().__init__(servos)
         self._expiry_s = expiry_s
-        self._limits = StepLimits.of(servos.robot, servos.clock.period_s)
+        self._period_s = servos.clock.period_s
+        self._limits = StepLimits.of(servos.robot, self._period_s)
         self.counters = GuardCounters()
         self.stopped: str | None = None
         self._latch = Lock()
@@ -320,7 +321,7 @@ class Guard(ServosWrapper):
 
     def _baseline(self, now_s: float) -> FloatArray:
         """Target from which this period's steps are measured."""
-        period = math.floor(now_s / self.clock.period_s + ROUNDING)
+        period = math.floor(now_s / self._period_s + ROUNDING)
         if self._baseline_rad is None or period > self._baseline_period:
             self._baseline_rad, self._baseline_period = self.accepted_rad(), period
         return self._baseline_rad
@@ -334,7 +335,7 @@ class Guard(ServosWrapper):
         try:
             check_targets(targets)
             age_s = now_s - targets.stamp_s
-            if not -self.clock.period_s <= age_s <= self._expiry_s:  # false for nan too
+            if not -self._period_s <= age_s <= self._expiry_s:  # false for nan too
                 raise CommandRefusedError(
                     f"targets: got {age_s:.3f} s old; allowed: 0 to {self._expiry_s:g} s"
                 )
@@ -344,20 +345,20 @@ class Guard(ServosWrapper):
 
     def _watch(self, state: RobotState) -> None:
         """Latch a stop for a fall, a fault, a state that says nothing, or a silent controller."""
-        self._watch_pose(state)
+        now_s = self.clock.now_s
+        self._watch_pose(state, now_s)
         if not (all_finite(state.joint_positions_rad) and state.age_s <= self._expiry_s):
             self.stop("state")
         if state.stopped is not None:
             self.stop(state.stopped)
         if not state.healthy:
             self.stop("fault" if state.fault is None else f"fault: {state.fault}")
-        if self._accepted_at_s is not None and self.clock.now_s - self._accepted_at_s > self._expiry_s:
+        if self._accepted_at_s is not None and now_s - self._accepted_at_s > self._expiry_s:
             self.stop("expired")
 
-    def _watch_pose(self, state: RobotState) -> None:
+    def _watch_pose(self, state: RobotState, now_s: float) -> None:
         """Latch a stop for a fall, and for a pose that is not finite or has been lost."""
-        orientation, tilt, now_s = state.base_quaternion_world, self._tilt_of(state), self.clock.now_s
-        lost = False
+        orientation, tilt, lost = state.base_quaternion_world, self._tilt_of(state), False
         for part, value in (
             ("position", state.base_position_world),
             ("orientation", orientation),

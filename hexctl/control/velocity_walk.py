@@ -98,9 +98,10 @@ class VelocityWalk(Controller):
             self.velocity_body = self.wanted(dt_s, step, state)  # the ramp lets it begin softly
         strokes, pace_hz = self._paced(self._strokes())
         if dt_s > 0:
-            self._cycles = self._cycles + dt_s * pace_hz
-            self._change(step, dt_s * pace_hz)
-        u = part_of_cycle(np.asarray(self._cycles)[..., np.newaxis] + self._pattern.phases)
+            cycles = dt_s * pace_hz
+            self._cycles = self._cycles + cycles
+            self._change(step, cycles)
+        u = part_of_cycle(self._cycles[..., np.newaxis] + self._pattern.phases)
         feet = feet_at_phases(self._robot, self._pattern, u, strokes, self._envelope(step))
         return joints_of_feet(self._robot, feet, self._held)
 
@@ -153,8 +154,8 @@ class VelocityWalk(Controller):
         """Bring the velocity nearer to the one asked for."""
         change = (1 - math.exp(-dt_s / RESPONSE_S)) * (wanted - self.velocity_body)
         # A turn moves the feet at the radius of the stance.
-        turn = change[..., 2] * self._robot.stance_radius_m
-        size = np.sqrt(change[..., 0] * change[..., 0] + change[..., 1] * change[..., 1] + turn * turn)
+        forward, left, turn = change[..., 0], change[..., 1], change[..., 2] * self._robot.stance_radius_m
+        size = np.sqrt(forward * forward + left * left + turn * turn)
         most = self._most_change * dt_s
         if any_of(size > most):
             change = change * np.minimum(1.0, most / np.maximum(size, most))[..., np.newaxis]
@@ -177,7 +178,7 @@ class VelocityWalk(Controller):
 
     def _paced(self, strokes: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Strokes and pace for a speed: what the strokes lose in length the pace gains."""
-        pace_hz = np.asarray(self._pattern.pace_hz)
+        pace_hz = self._pattern.pace_hz[()]
         if self._speed_by == "stride":
             return strokes, pace_hz
         longest_m = np.sqrt((strokes * strokes).sum(axis=-1).max(axis=-1))
