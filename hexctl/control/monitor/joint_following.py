@@ -1,0 +1,96 @@
+"""Joint following: how much worse than usual each joint follows its targets.
+
+A servo follows its target with a lag. What is left between the measured angle and the range of the lagged
+targets of the last ticks, less what is usual for that joint at that part of its cycle, is the residual r:
+
+    rho = mean(r^2) / (var(target) + (4 deg)^2)     mean over 0.4, variance over one cycle
+
+It is near 0 for a joint that follows as always, and near 1 for one that does not move.
+"""
+
+import math
+
+import numpy as np
+
+from hexctl.control.monitor.phase_habit import PARTS, RATE_PER_CYCLE, PhaseHabit
+from hexctl.types import JOINTS_PER_LEG, N_JOINTS, N_LEGS, FloatArray, RobotState
+
+#: Lag of a servo behind its target.
+LAG_S = 0.03
+
+#: Ticks whose lagged targets a joint may be at: servos and states come late.
+RANGE_TICKS = 4
+
+#: Variance of a joint that is hardly moved.
+LEAST_VARIANCE_RAD2 = math.radians(4.0) ** 2
+
+#: Time constant of the mean square residual, in cycles.
+MEAN_CYCLES = 0.4
+
+#: A leg whose rho is above this no longer teaches what is usual.
+SUSPICIOUS = 0.15
+
+
+class JointFollowing:
+    """Rho of each joint, tick by tick.
+
+    Args:
+        shape: leading shape.
+        period_s: control period.
+    """
+
+    def __init__(self, shape: tuple[int, ...], period_s: float) -> None:
+        self._shape, self._period_s = shape, period_s
+        joints = (*shape, N_JOINTS)
+        self._habit = PhaseHabit(joints)
+        self._square: FloatArray = np.zeros(joints)
+        self._target_variance: FloatArray = np.zeros(joints)
+        self._target_mean: FloatArray = np.zeros(joints)
+        self._ring: FloatArray = np.zeros((0, *joints))
+        self._lagged: FloatArray | None = None
+        self._row, self._begun = 0, False
+        self._lag_share = 1 - math.exp(-period_s / LAG_S)
+        self.rho: FloatArray = np.zeros(joints)
+
+    def update(self, state: RobotState, phases: FloatArray, cycles: FloatArray) -> None:
+        """Take the state of a tick, the normalised times of the legs, (..., 6), and the cycles since the last."""
+        if self._lagged is None:
+            return
+        low, high = self._ring.min(axis=0), self._ring.max(axis=0)
+        measured = state.joint_positions_rad
+        off_rad = measured - np.minimum(np.maximum(measured, low), high)
+        if not self._begun:
+            self._habit.begin(off_rad)  # how joints hang in the stance, and where their sensors are off
+            self._begun = True
+        parts = np.minimum((phases * PARTS).astype(int), PARTS - 1)
+        usual_rad, spread_rad = self._habit.at(np.repeat(parts, JOINTS_PER_LEG, axis=-1))
+        unusual_rad = off_rad - usual_rad
+        size_rad = np.abs(unusual_rad)
+        residual_rad = np.maximum(size_rad - spread_rad, 0.0)
+        per_cycle = np.asarray(cycles)[..., np.newaxis]
+        self._square += np.minimum(1.0, per_cycle / MEAN_CYCLES) * (residual_rad * residual_rad - self._square)
+        away_rad = self._lagged - self._target_mean
+        self._target_mean += per_cycle * away_rad
+        self._target_variance += per_cycle * (away_rad * away_rad - self._target_variance)
+        self.rho = self._square / (self._target_variance + LEAST_VARIANCE_RAD2)
+        learn = RATE_PER_CYCLE * per_cycle * self._calm()
+        self._habit.learn(learn * unusual_rad, learn * (size_rad - spread_rad))
+
+    def sent(self, targets_rad: FloatArray, age_s: float) -> None:
+        """Take the targets of a tick, leading shape + (18,), sent after a state of an age."""
+        if self._lagged is None:
+            late = RANGE_TICKS + round(age_s / self._period_s)
+            self._ring = np.repeat(targets_rad[np.newaxis], late, axis=0)
+            self._lagged, self._target_mean = targets_rad.copy(), targets_rad.copy()
+        self._lagged += self._lag_share * (targets_rad - self._lagged)
+        self._ring[self._row] = self._lagged
+        self._row = (self._row + 1) % len(self._ring)
+
+    def forget(self, which: FloatArray) -> None:
+        """Forget the residuals of some legs, 1 or 0 each, leading shape + (6,)."""
+        self._square *= 1 - np.repeat(which, JOINTS_PER_LEG, axis=-1)
+
+    def _calm(self) -> FloatArray:
+        """1 for the joints of legs that follow as usual, leading shape + (18,)."""
+        legs = self.rho.reshape(*self._shape, N_LEGS, JOINTS_PER_LEG).max(axis=-1) < SUSPICIOUS
+        return np.repeat(legs, JOINTS_PER_LEG, axis=-1)

@@ -1,0 +1,181 @@
+"""The leg monitor: says in mid-walk which leg has failed, and how."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from hexctl.control.monitor.joint_following import JointFollowing
+from hexctl.control.monitor.leg_support import LegSupport
+from hexctl.robot.failure import Failure
+from hexctl.types import (
+    JOINT_KINDS,
+    JOINTS_PER_LEG,
+    N_JOINTS,
+    N_LEGS,
+    BoolArray,
+    FloatArray,
+    RobotState,
+    any_of,
+)
+
+#: Rho above which a joint has failed, and how many times what is usual for the robot is added.
+LEAST_RHO, TIMES_USUAL = 0.2, 2.5
+
+#: Share of its load that a leg misses when it has gone, and how many times its own usual is added.
+LEAST_MISSING, TIMES_MISSING = 0.6, 1.0
+
+#: More than this share cannot be asked for.
+MOST_MISSING = 0.97
+
+#: Time constant of what is usual, in cycles, and what it is taken for before anything is known.
+USUAL_CYCLES, FIRST_RHO, FIRST_MISSING = 2.0, 0.5, 0.3
+
+#: An alarm needs this many ticks in a row.
+ALARM_TICKS = 3
+
+#: Time over which a joint is looked at to tell a still one from one that moves, in cycles.
+STILL_CYCLES = 0.25
+
+#: A joint is still if it moves by less than this, or by this share of its targets.
+STILL_RAD, STILL_SHARE = np.radians(2.0), 0.25
+
+#: Targets that move by less than this do not tell whether a joint is still.
+TELLING_RAD = np.radians(4.0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Suspicion:
+    """What the monitor believes of a leg.
+
+    Attributes:
+        failure: leg, kind and joint; the angle of a stuck joint is the one measured.
+        step: of the walk, when it was noticed.
+        evidence: what it was noticed by: `following`, its joints' targets, or `support`, its load.
+        ratio: evidence over its threshold, above 1.
+    """
+
+    failure: Failure
+    step: int
+    evidence: str
+    ratio: float
+
+    @property
+    def leg(self) -> int:
+        """The leg."""
+        return self.failure.leg
+
+    def __str__(self) -> str:
+        joint = f" {self.failure.joint}" if self.failure.joint else ""
+        return f"leg {self.leg}{joint} {self.failure.kind}"
+
+
+class LegMonitor:
+    """Watches a walk, or n of them: which legs have failed, from what is measured alone.
+
+    Args:
+        shape: leading shape.
+        period_s: control period.
+        pace_hz: of the gait, leading shape.
+        believed: legs that are known to have failed, leading shape + (6,); they are not watched.
+
+    Attributes:
+        failed: legs that it believes to have failed, leading shape + (6,).
+        new: legs noticed in the last tick, leading shape + (6,).
+        ratio: how far the evidence against each leg is, alarm at 1, leading shape + (6,).
+    """
+
+    def __init__(
+        self, shape: tuple[int, ...], period_s: float, pace_hz: FloatArray, believed: BoolArray | None = None
+    ) -> None:
+        self._shape, self._period_s = shape, period_s
+        self._cycles = np.asarray(pace_hz * period_s)
+        legs = (*shape, N_LEGS)
+        self._following, self._support = JointFollowing(shape, period_s), LegSupport(shape)
+        self._usual_rho: FloatArray = np.full(shape, FIRST_RHO)
+        self._usual_missing: FloatArray = np.full(legs, FIRST_MISSING)
+        self._ticks = np.zeros(legs, dtype=int)
+        still_ticks = max(2, round(STILL_CYCLES / float(np.max(self._cycles))))
+        self._history: FloatArray = np.full((2, still_ticks, *shape, N_JOINTS), np.nan)
+        self._row = 0
+        self._joint_ratio: FloatArray = np.zeros((*shape, N_JOINTS))
+        self._missing_ratio: FloatArray = np.zeros(legs)
+        self.failed: BoolArray = np.zeros(legs, dtype=bool) if believed is None else believed.copy()
+        self.new: BoolArray = np.zeros(legs, dtype=bool)
+        self.ratio: FloatArray = np.zeros(legs)
+
+    def update(self, state: RobotState, phases: FloatArray) -> None:
+        """Take the state of a tick, and the normalised times of the legs then, leading shape + (6,)."""
+        cycles = self._cycles
+        if state.measured:
+            self._following.update(state, phases, cycles)
+        self._support.update(state, phases, cycles)
+        self._history[0, self._row] = state.joint_positions_rad
+        self._compare(cycles)
+        watched = ~self.failed
+        self.ratio = np.maximum(self._joint_ratio_of_legs(), self._missing_ratio) * watched
+        self._ticks = (self._ticks + 1) * (self.ratio > 1)
+        self.new = self._ticks >= ALARM_TICKS
+        if any_of(self.new):
+            # One leg at a time: what follows from its failure must not be blamed on another.
+            self.new = self.new & (self.ratio >= self.ratio.max(axis=-1, keepdims=True))
+            self._accept()
+
+    def sent(self, targets_rad: FloatArray, age_s: float = 0.0) -> None:
+        """Take the targets sent in the tick, leading shape + (18,), after a state of an age."""
+        self._following.sent(targets_rad, age_s)
+        self._history[1, self._row] = targets_rad
+        self._row = (self._row + 1) % self._history.shape[1]
+
+    def suspicion(self, step: int, row: tuple[int, ...] = ()) -> Suspicion:
+        """What is believed of the leg that was noticed in the last tick, of one robot of a batch."""
+        leg = int(np.argmax(self.new[row]))
+        by_support = self._missing_ratio[row][leg] >= self._joint_ratio_of_legs()[row][leg]
+        failure = Failure(leg=leg + 1, kind="missing") if by_support else self._kind(leg, row)
+        evidence = "support" if by_support else "following"
+        return Suspicion(failure=failure, step=step, evidence=evidence, ratio=float(self.ratio[row][leg]))
+
+    def _compare(self, cycles: FloatArray) -> None:
+        """Evidence over thresholds, which follow what is usual for this robot."""
+        rho, missing = self._following.rho, self._support.missing
+        threshold = LEAST_RHO + TIMES_USUAL * self._usual_rho
+        self._joint_ratio = rho / threshold[..., np.newaxis]
+        watched_rho = rho.reshape(*self._shape, N_LEGS, JOINTS_PER_LEG).max(axis=-1) * ~self.failed
+        share = cycles / USUAL_CYCLES
+        self._usual_rho = self._usual_rho + share * (watched_rho.max(axis=-1) - self._usual_rho)
+        threshold = np.minimum(MOST_MISSING, LEAST_MISSING + TIMES_MISSING * self._usual_missing)
+        self._missing_ratio = missing / threshold
+        share = np.asarray(share)[..., np.newaxis]
+        self._usual_missing = self._usual_missing + share * (missing - self._usual_missing)
+
+    def _joint_ratio_of_legs(self) -> FloatArray:
+        return np.asarray(self._joint_ratio.reshape(*self._shape, N_LEGS, JOINTS_PER_LEG).max(axis=-1))
+
+    def _accept(self) -> None:
+        """Count the new legs as failed, and be patient while the gait changes."""
+        self.failed = self.failed | self.new
+        changed = self.new.any(axis=-1)
+        self._usual_rho = np.where(changed, FIRST_RHO, self._usual_rho)
+        self._usual_missing = np.where(changed[..., np.newaxis], 2 * FIRST_MISSING, self._usual_missing)
+        others = np.broadcast_to(changed[..., np.newaxis], self.failed.shape).astype(float)
+        self._following.forget(others)
+        self._support.forget(others)
+        self._ticks = self._ticks * ~changed[..., np.newaxis]
+
+    def _kind(self, leg: int, row: tuple[int, ...]) -> Failure:
+        """How the joints of a leg fail: those whose targets move and that do not move are still."""
+        joints = slice(JOINTS_PER_LEG * leg, JOINTS_PER_LEG * (leg + 1))
+        history = self._history[(slice(None), slice(None), *row, joints)]
+        measured_rad, targets_rad = np.ptp(history, axis=1)
+        telling = targets_rad > TELLING_RAD
+        still = measured_rad < np.maximum(STILL_RAD, STILL_SHARE * targets_rad)
+        off = self._joint_ratio[row][joints] > 0.4
+        moving = telling & ~still & ~off
+        worst = int(np.argmax(self._joint_ratio[row][joints]))
+        if (telling & still).sum() >= 2 and not moving.any():
+            return Failure(leg=leg + 1, kind="locked")
+        if off.sum() > 1 and not moving.any():
+            return Failure(leg=leg + 1, kind="limp")
+        if still[worst]:
+            angle_rad = float(history[0, -1, worst])
+            return Failure(leg=leg + 1, kind="stuck", joint=JOINT_KINDS[worst], angle_rad=angle_rad)
+        return Failure(leg=leg + 1, kind="limp", joint=JOINT_KINDS[worst])
