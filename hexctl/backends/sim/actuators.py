@@ -19,6 +19,7 @@ class ActuatorModel:
 
     Attributes:
         plain: whether targets reach the actuators unchanged.
+        asked_rad: what the servos were asked for last, leading shape + (18,), as far as one is jammed.
     """
 
     def __init__(
@@ -38,6 +39,7 @@ class ActuatorModel:
         self._half_play_rad = math.radians(simulation.world.servo_backlash_deg) / 2
         self._shaft_rad = shaft_rad
         self._late_rad = deque(late_rad)
+        self.asked_rad: FloatArray = shaft_rad.copy()
         self._jam(jammed_at_rad)
 
     def _jam(self, jammed_at_rad: FloatArray) -> None:
@@ -72,8 +74,13 @@ class ActuatorModel:
         jammed_at_rad = np.tile(self._jammed_at_rad, (n, 1))
         return ActuatorModel(self._simulation, heard_rad, shaft_rad, late_rad, jammed_at_rad)
 
-    def leg_changed(self, leg: int, now_rad: FloatArray) -> None:
-        """Jam joints of a leg that failed or healed, at angles of leading shape + (18,); free its others."""
+    def leg_changed(self, leg: int, now_rad: FloatArray, commanded_rad: FloatArray) -> None:
+        """Jam joints of a leg that failed or healed, at angles of leading shape + (18,); free its others.
+
+        `commanded_rad` are the actuator commands in force, of the same shape.
+        """
+        if self.plain:
+            np.copyto(self.asked_rad, commanded_rad)
         joints = leg_slice(leg)
         jammed_at_rad = self._jammed_at_rad.copy()
         jammed = self._simulation.failed.jammed[joints]
@@ -95,4 +102,5 @@ class ActuatorModel:
                 self._shaft_rad, shaft_rad - self._half_play_rad, shaft_rad + self._half_play_rad
             )
             self._shaft_rad = shaft_rad
+        np.copyto(self.asked_rad, shaft_rad)
         return np.where(self._obeys, shaft_rad, self._jammed_at_rad)

@@ -112,7 +112,9 @@ class _Copies:
         physics, row = self._simulation.physics, np.empty(batch.nstate)
         mujoco.mj_getState(physics.model.ptr, physics.data.ptr, row, mujoco.mjtState.mjSTATE_INTEGRATION)
         batch.state[rows] = row
-        memory = SensorMemory.of(servos.sensors.torques, lambda name: batch.bind(name)[rows])
+        memory = SensorMemory.of(
+            servos.sensors.torques, lambda name: batch.bind(name)[rows], self._actuators.asked_rad
+        )
         self.sensors = servos.sensors.copies(memory, servos.world, n)
         self._ctrl, self._to_come = batch.bind("ctrl")[rows], FailuresToCome(servos.events, self._period_s)
 
@@ -122,7 +124,7 @@ class _Copies:
             self._simulation.failed.change(event.leg, event.failure)
             self.sensors.torques = JointTorques.of(self._simulation)
             held = held_rad(self._simulation, self.sensors.memory.qpos, self._ctrl)
-            self._actuators.leg_changed(event.leg, held)
+            self._actuators.leg_changed(event.leg, held, self._ctrl)
 
     def draw(self) -> None:
         """Draw what is random in the next tick."""

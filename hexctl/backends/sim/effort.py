@@ -18,27 +18,40 @@ class JointTorques(ArrayFields):
     """Torques that the servos of simulated robots apply to the joints, averaged over a control period.
 
     A servo applies MuJoCo's actuator force less its back-EMF, which the simulation has as damping of the
-    joint. Friction and damping of its gears act behind it and are not subtracted. Joints without a servo that
-    works have none: those of a missing leg, and a stuck one, whose force is the jam's.
+    joint. Friction and damping of its gears act behind it and are not subtracted. Joints of a missing leg have
+    none. The servo of a stuck joint pushes against the jam: stiffness times error, up to its limit.
 
     Attributes:
         steps: steps of the physics in a control period.
         driven: joints that a servo drives, (18,); None for all.
+        stuck: joints whose servos push against a jam, (18,); None for none.
+        stiffness_nm_per_rad: of the servos, (18,).
+        limit_nm: of the servos, (18,).
         back_emf_nm_s_per_rad: torque lost per speed, (18,); None for none.
     """
 
     steps: int
     driven: BoolArray | None
+    stuck: BoolArray | None
+    stiffness_nm_per_rad: FloatArray
+    limit_nm: FloatArray
     back_emf_nm_s_per_rad: FloatArray | None
 
     @classmethod
     def of(cls, simulation: Simulation) -> Self:
         """Those of a simulation as it is now; its failed legs may change them."""
-        driven = simulation.failed.driven
+        failed = simulation.failed
+        driven, stuck = failed.driven, failed.stiff
         damping = np.array(simulation.physics.model.dof_damping[FIRST_SPEED:])
         back_emf = np.where(damping - GEAR_DAMPING > LEAST_BACK_EMF, damping - GEAR_DAMPING, 0.0)
         steps = simulation.world.steps_per_tick
-        return cls(steps, None if driven.all() else driven, back_emf if back_emf.any() else None)
+        return cls(
+            steps,
+            None if driven.all() else driven,
+            stuck if stuck.any() else None,
+            *failed.servo_springs,
+            back_emf if back_emf.any() else None,
+        )
 
     def forces_in(self, history: FloatArray) -> FloatArray:
         """View of the forces in MuJoCo's memory of its sensors, leading shape + (18, steps).
@@ -49,7 +62,9 @@ class JointTorques(ArrayFields):
         rows = history.reshape(*history.shape[:-1], N_JOINTS, 2 + 2 * self.steps)
         return rows[..., 2 + self.steps :]
 
-    def applied(self, forces_nm: FloatArray, qvel: FloatArray) -> FloatArray:
+    def applied(
+        self, forces_nm: FloatArray, qvel: FloatArray, qpos: FloatArray, asked_rad: FloatArray
+    ) -> FloatArray:
         """Torques over the last period, a new array of leading shape + (18,).
 
         The speed of its end stands for that of the period.
@@ -57,6 +72,8 @@ class JointTorques(ArrayFields):
         Args:
             forces_nm: as `forces_in` has them.
             qvel: MuJoCo's velocities, leading shape + (24,).
+            qpos: MuJoCo's positions, leading shape + (25,).
+            asked_rad: angles that the servos were asked for, leading shape + (18,).
         """
         torques: FloatArray = np.add.reduce(forces_nm, axis=-1)
         torques /= self.steps
@@ -64,4 +81,7 @@ class JointTorques(ArrayFields):
             torques -= self.back_emf_nm_s_per_rad * qvel[..., FIRST_SPEED:]
         if self.driven is not None:
             torques *= self.driven
+        if self.stuck is not None:
+            pushed = self.stiffness_nm_per_rad * (asked_rad - qpos[..., -N_JOINTS:])
+            torques = np.where(self.stuck, np.clip(pushed, -self.limit_nm, self.limit_nm), torques)
         return torques

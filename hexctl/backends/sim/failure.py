@@ -76,9 +76,15 @@ class FailedLegs:
         return stiff
 
     @property
+    def servo_springs(self) -> tuple[FloatArray, FloatArray]:
+        """Stiffness and torque limit of the servos of the whole robot, (18,) each."""
+        limits = np.abs(self._whole["actuator_forcerange"]).max(axis=-1)
+        return self._whole["actuator_gainprm"][:, 0], limits
+
+    @property
     def driven(self) -> BoolArray:
-        """Joints with a servo that drives them, (18,); not those of missing legs, nor the stuck ones."""
-        driven = ~self.stiff
+        """Joints with a servo that drives them, (18,); not those of missing legs."""
+        driven = np.ones(N_JOINTS, dtype=bool)
         for failure in self.by_leg.values():
             if failure.kind == "missing":
                 driven[leg_slice(failure.leg)] = False

@@ -178,18 +178,20 @@ class SensorMemory(ArrayFields):
         qvel: velocities, leading shape + (24,).
         touch: foot forces, leading shape + (6,).
         forces_nm: of the actuators in the last steps, as `JointTorques.forces_in` has them.
+        asked_rad: what the servos were asked for, leading shape + (18,); of the actuator model.
     """
 
     qpos: FloatArray
     qvel: FloatArray
     touch: FloatArray
     forces_nm: FloatArray
+    asked_rad: FloatArray
 
     @classmethod
-    def of(cls, torques: JointTorques, view: Callable[[str], FloatArray]) -> Self:
+    def of(cls, torques: JointTorques, view: Callable[[str], FloatArray], asked_rad: FloatArray) -> Self:
         """Views from what gives those of `MjData` by their names."""
         forces_nm = torques.forces_in(view("history"))
-        return cls(view("qpos"), view("qvel"), view("sensordata")[..., TOUCH], forces_nm)
+        return cls(view("qpos"), view("qvel"), view("sensordata")[..., TOUCH], forces_nm, asked_rad)
 
 
 @dataclass(slots=True, eq=False)
@@ -288,5 +290,5 @@ class Sensors:
     def _measured(self) -> Snapshot:
         """What is measured now, without errors."""
         memory = self.memory
-        torques_nm = self.torques.applied(memory.forces_nm, memory.qvel)
+        torques_nm = self.torques.applied(memory.forces_nm, memory.qvel, memory.qpos, memory.asked_rad)
         return Snapshot(memory.qpos.copy(), memory.touch.copy(), torques_nm)

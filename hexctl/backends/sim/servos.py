@@ -145,17 +145,17 @@ class SimServos(LegServos):
         # Views of MuJoCo's own memory: they stay valid and save the wrapper's cost on every tick.
         self._qpos, self._ctrl, self._warnings = data.qpos, data.ctrl, data.warning.number
         self._steps_per_tick = self.world.steps_per_tick
+        jammed_at_rad = jammed_angles_rad(self._robot, self.failure)
+        self.actuators = ActuatorModel.at_rest(simulation, self._robot.stance_angles_rad, jammed_at_rad)
         torques = JointTorques.of(simulation)
         self.sensors = Sensors.of(
-            SensorMemory.of(torques, partial(getattr, data)),
+            SensorMemory.of(torques, partial(getattr, data), self.actuators.asked_rad),
             torques,
             simulation.joint_offsets_rad,
             world=self.world,
             seed=self.seed,
             trial=self.trial,
         )
-        jammed_at_rad = jammed_angles_rad(self._robot, self.failure)
-        self.actuators = ActuatorModel.at_rest(simulation, self._robot.stance_angles_rad, jammed_at_rad)
 
     @property
     def true_pose(self) -> TruePose | None:  # type: ignore[override]  # changes with every step
@@ -185,7 +185,7 @@ class SimServos(LegServos):
         simulation.failed.change(leg, failure)
         self._keep_springs()
         self.sensors.torques = JointTorques.of(simulation)
-        self.actuators.leg_changed(leg, held_rad(simulation, self._qpos, self._ctrl))
+        self.actuators.leg_changed(leg, held_rad(simulation, self._qpos, self._ctrl), self._ctrl)
 
     def read(self) -> RobotState:
         """State after the last tick, with the sensor noise of the world."""

@@ -68,7 +68,9 @@ class JointFollowing:
         size_rad = np.abs(unusual_rad)
         residual_rad = np.maximum(size_rad - spread_rad, 0.0)
         per_cycle = np.asarray(cycles)[..., np.newaxis]
-        self._square += np.minimum(1.0, per_cycle / MEAN_CYCLES) * (residual_rad * residual_rad - self._square)
+        self._square += np.minimum(1.0, per_cycle / MEAN_CYCLES) * (
+            residual_rad * residual_rad - self._square
+        )
         away_rad = self._lagged - self._target_mean
         self._target_mean += per_cycle * away_rad
         self._target_variance += per_cycle * (away_rad * away_rad - self._target_variance)

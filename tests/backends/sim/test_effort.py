@@ -77,10 +77,19 @@ def test_a_leg_without_torque_costs_nothing(kind: str, idle: slice) -> None:
         assert (torques_nm[:, :12] != 0).any(axis=0).all()
 
 
-def test_the_force_of_a_jam_is_no_servos() -> None:
+def test_the_servo_of_a_stuck_joint_pushes_against_the_jam() -> None:
+    """As stiff as it is and no stronger, whatever the jam itself takes."""
     with SimServos(shipped(), failure=parse_failure(2, "stuck:femur:30")) as servos:
-        for _ in range(20):
-            servos.clock.tick()
-        torques_nm = servos.read().joint_torques_nm
-        assert torques_nm is not None
-        assert (torques_nm[3:6] != 0).tolist() == [True, False, True]
+        robot = servos.robot
+        for off_rad in (0.02, 1.0):
+            targets_rad = robot.stance_angles_rad.copy()
+            targets_rad[4] = np.radians(30.0) + off_rad
+            for _ in range(20):
+                servos.write(JointTargets(targets_rad, servos.clock.now_s))
+                servos.clock.tick()
+            state = servos.read()
+            assert state.joint_torques_nm is not None
+            pushed_nm = robot.stiffness_nm_per_rad[4] * (targets_rad[4] - state.joint_positions_rad[4])
+            limit_nm = robot.joint_max_torque_nm[4]
+            assert state.joint_torques_nm[4] == pytest.approx(min(pushed_nm, limit_nm))
+        assert state.joint_torques_nm[4] == pytest.approx(limit_nm)
