@@ -7,6 +7,7 @@ import numpy as np
 from hexctl.control.monitor.joint_following import JointFollowing
 from hexctl.control.monitor.leg_support import LegSupport
 from hexctl.robot.failure import Failure
+from hexctl.robot.model import Robot
 from hexctl.types import (
     JOINT_KINDS,
     JOINTS_PER_LEG,
@@ -42,6 +43,12 @@ STILL_RAD, STILL_SHARE = np.radians(2.0), 0.25
 #: Targets that move by less than this do not tell whether a joint is still.
 TELLING_RAD = np.radians(4.0)
 
+#: A servo with less than this share of its greatest torque does not drive a joint that is off its target.
+DEAD_SHARE = 0.03
+
+#: A joint takes part in a failure if its evidence is this share of an alarm.
+TAKES_PART = 0.4
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Suspicion:
@@ -73,6 +80,7 @@ class LegMonitor:
     """Watches a walk, or n of them: which legs have failed, from what is measured alone.
 
     Args:
+        robot: whose servos say how large a torque is.
         shape: leading shape.
         period_s: control period.
         pace_hz: of the gait, leading shape.
@@ -85,9 +93,15 @@ class LegMonitor:
     """
 
     def __init__(
-        self, shape: tuple[int, ...], period_s: float, pace_hz: FloatArray, believed: BoolArray | None = None
+        self,
+        robot: Robot,
+        shape: tuple[int, ...],
+        period_s: float,
+        pace_hz: FloatArray,
+        believed: BoolArray | None = None,
     ) -> None:
         self._shape, self._period_s = shape, period_s
+        self._dead_nm = DEAD_SHARE * robot.joint_max_torque_nm
         self._cycles = np.asarray(pace_hz * period_s)
         legs = (*shape, N_LEGS)
         self._following, self._support = JointFollowing(shape, period_s), LegSupport(shape)
@@ -95,7 +109,7 @@ class LegMonitor:
         self._usual_missing: FloatArray = np.full(legs, FIRST_MISSING)
         self._ticks = np.zeros(legs, dtype=int)
         still_ticks = max(2, round(STILL_CYCLES / float(np.max(self._cycles))))
-        self._history: FloatArray = np.full((2, still_ticks, *shape, N_JOINTS), np.nan)
+        self._history: FloatArray = np.full((3, still_ticks, *shape, N_JOINTS), np.nan)
         self._row = 0
         self._joint_ratio: FloatArray = np.zeros((*shape, N_JOINTS))
         self._missing_ratio: FloatArray = np.zeros(legs)
@@ -110,6 +124,8 @@ class LegMonitor:
             self._following.update(state, phases, cycles)
         self._support.update(state, phases, cycles)
         self._history[0, self._row] = state.joint_positions_rad
+        if state.joint_torques_nm is not None:
+            self._history[2, self._row] = state.joint_torques_nm
         self._compare(cycles)
         watched = ~self.failed
         self.ratio = np.maximum(self._joint_ratio_of_legs(), self._missing_ratio) * watched
@@ -129,7 +145,8 @@ class LegMonitor:
     def suspicion(self, step: int, row: tuple[int, ...] = ()) -> Suspicion:
         """What is believed of the leg that was noticed in the last tick, of one robot of a batch."""
         leg = int(np.argmax(self.new[row]))
-        by_support = self._missing_ratio[row][leg] >= self._joint_ratio_of_legs()[row][leg]
+        # A leg that is gone follows all the better.
+        by_support = self._joint_ratio_of_legs()[row][leg] < TAKES_PART
         failure = Failure(leg=leg + 1, kind="missing") if by_support else self._kind(leg, row)
         evidence = "support" if by_support else "following"
         return Suspicion(failure=failure, step=step, evidence=evidence, ratio=float(self.ratio[row][leg]))
@@ -162,20 +179,27 @@ class LegMonitor:
         self._ticks = self._ticks * ~changed[..., np.newaxis]
 
     def _kind(self, leg: int, row: tuple[int, ...]) -> Failure:
-        """How the joints of a leg fail: those whose targets move and that do not move are still."""
+        """How the joints of a leg fail.
+
+        Without torque they are limp. A joint whose target moves and that does not is still: one alone is
+        stuck, all are locked.
+        """
         joints = slice(JOINTS_PER_LEG * leg, JOINTS_PER_LEG * (leg + 1))
-        history = self._history[(slice(None), slice(None), *row, joints)]
-        measured_rad, targets_rad = np.ptp(history, axis=1)
-        telling = targets_rad > TELLING_RAD
-        still = measured_rad < np.maximum(STILL_RAD, STILL_SHARE * targets_rad)
-        off = self._joint_ratio[row][joints] > 0.4
-        moving = telling & ~still & ~off
-        worst = int(np.argmax(self._joint_ratio[row][joints]))
-        if (telling & still).sum() >= 2 and not moving.any():
-            return Failure(leg=leg + 1, kind="locked")
-        if off.sum() > 1 and not moving.any():
+        measured_rad, targets_rad, torques_nm = self._history[(slice(None), slice(None), *row, joints)]
+        ratios = self._joint_ratio[row][joints]
+        worst = int(np.argmax(ratios))
+        dead = np.abs(torques_nm).mean(axis=0) < self._dead_nm[joints]  # False where unknown
+        if dead.all():
             return Failure(leg=leg + 1, kind="limp")
+        if dead[worst]:
+            return Failure(leg=leg + 1, kind="limp", joint=JOINT_KINDS[worst])
+        target_range_rad, range_rad = np.ptp(targets_rad, axis=0), np.ptp(measured_rad, axis=0)
+        telling = target_range_rad > TELLING_RAD
+        still = range_rad < np.maximum(STILL_RAD, STILL_SHARE * target_range_rad)
+        if (telling & still).sum() > 1 and not (telling & ~still).any():
+            return Failure(leg=leg + 1, kind="locked")
         if still[worst]:
-            angle_rad = float(history[0, -1, worst])
+            angle_rad = float(measured_rad[self._row, worst])
             return Failure(leg=leg + 1, kind="stuck", joint=JOINT_KINDS[worst], angle_rad=angle_rad)
-        return Failure(leg=leg + 1, kind="limp", joint=JOINT_KINDS[worst])
+        part = ratios > TAKES_PART
+        return Failure(leg=leg + 1, kind="limp", joint=None if part.sum() > 1 else JOINT_KINDS[worst])
