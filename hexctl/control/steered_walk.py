@@ -7,7 +7,7 @@ from hexctl.control.steering import Course, CourseHold, SteeringGains
 from hexctl.control.velocity_walk import VelocityWalk
 from hexctl.errors import InputError, check_type
 from hexctl.gait.gait import Gait, half_amplitude_turn_rate_rad_s, ideal_speed_m_s
-from hexctl.types import FloatArray, RobotState
+from hexctl.types import BoolArray, FloatArray, RobotState
 
 
 class SteeredWalk(VelocityWalk):
@@ -45,10 +45,10 @@ class SteeredWalk(VelocityWalk):
         """Velocity that the law asks for, leading shape + (3,)."""
         return self._law.update(dt_s, state)
 
-    def glide_to(self, gaits: Gait | Sequence[Gait]) -> None:
+    def glide_to(self, gaits: Gait | Sequence[Gait], which: BoolArray | None = None) -> None:
         """Change to other gaits in stride; the course stays."""
-        super().glide_to(gaits)
-        self._law.retune(**self._pace_of(self._gaits))
+        super().glide_to(gaits, which)
+        self._law.retune(**self._pace_of(self.gaits), which=which)
 
     def _pace_of(self, gaits: Sequence[Gait]) -> dict[str, FloatArray]:
         """What the law must know of gaits, each leading shape."""

@@ -134,6 +134,11 @@ class CourseOverGround:
         self._velocity_body: FloatArray = np.zeros((*np.shape(cycle_s), 2))
         self._time_s: FloatArray = np.zeros(np.shape(cycle_s))
 
+    def retune(self, cycle_s: FloatArray, which: BoolArray) -> None:
+        """Continue with other gaits, and begin again for some robots; leading shape each."""
+        self._cycle_s = cycle_s
+        self.forget(which)
+
     def forget(self, which: BoolArray) -> None:
         """Begin again for some robots, leading shape."""
         self._time_s = np.where(which, 0.0, self._time_s)
@@ -254,12 +259,13 @@ class CourseHold:
             raise InputError(f"hold: got {hold}; allowed: line, heading")
         self._shape = np.shape(speed_m_s)
         self._trim_rad = trim_rad if hold == "heading" else 0.0
+        self._all: BoolArray = np.ones(self._shape, dtype=bool)[()]
+        self._over_ground: CourseOverGround | None = None
         self._course, self._hold, self._gains = course, hold, gains or SteeringGains()
         self.retune(speed_m_s=speed_m_s, cycle_s=cycle_s, stride_m=stride_m, most_turn_rad_s=most_turn_rad_s)
         self._frozen_position, self._frozen_yaw = FrozenSensor(), FrozenSensor()
         zero, self._unknown = np.zeros(self._shape)[()], np.full(self._shape, math.nan)[()]
         self._turned_rad, self._walked_cycles, self._turn_rad = zero, zero, zero
-        self._all: BoolArray = np.ones(self._shape, dtype=bool)[()]
         self._left = _left_of(course)
         self._begin(zero, zero)
         self.velocity_body = self._velocity()
@@ -285,10 +291,20 @@ class CourseHold:
         self._pull_m: FloatArray = np.zeros(self._shape)[()]
 
     def retune(
-        self, *, speed_m_s: FloatArray, cycle_s: FloatArray, stride_m: FloatArray, most_turn_rad_s: FloatArray
+        self,
+        *,
+        speed_m_s: FloatArray,
+        cycle_s: FloatArray,
+        stride_m: FloatArray,
+        most_turn_rad_s: FloatArray,
+        which: BoolArray | None = None,
     ) -> None:
-        """Continue with another gait, given as when the law was made; what was learned of the drift stays."""
-        self._over_ground: CourseOverGround | None = None
+        """Continue with another gait, given as when the law was made; what was learned of the drift stays.
+
+        `which` robots change, leading shape; None for all.
+        """
+        if self._over_ground is not None:
+            self._over_ground.retune(np.asarray(cycle_s)[()], self._all if which is None else which)
         self._speed_m_s, self._cycle_s = np.asarray(speed_m_s)[()], np.asarray(cycle_s)[()]
         self._ahead_m = self._gains.look_ahead * np.asarray(stride_m)[()]
         self._most_turn_rad = most_turn_rad_s * self._cycle_s

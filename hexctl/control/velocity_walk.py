@@ -18,7 +18,7 @@ from hexctl.gait.foot_trajectory import (
     ramp,
 )
 from hexctl.gait.gait import Gait, ideal_speed_m_s
-from hexctl.types import BoolArray, FloatArray, RobotState, any_of, check_shape
+from hexctl.types import BoolArray, FloatArray, RobotState, any_of, check_shape, chosen
 
 #: Time constant with which the strokes follow the velocity that is asked for.
 RESPONSE_S = 0.2
@@ -55,6 +55,7 @@ class VelocityWalk(Controller):
         speed_by: one of `SPEED_BY`.
 
     Attributes:
+        gaits: the gait of each walk, or that it changes to.
         limited_steps: steps in which the velocity was scaled down, leading shape.
         velocity_body: the one walked with now, leading shape + (3,).
     """
@@ -69,11 +70,11 @@ class VelocityWalk(Controller):
         self._shape, self._command = start.batch_shape, command
         self._speed_by = speed_by
         self._turning_m = start.robot.stance_feet_body[:, 1::-1] * np.array([1.0, -1.0])  # (y, -x)
-        self._gaits = [plan.gait for plan in start.plans]
+        self.gaits = [plan.gait for plan in start.plans]
         self._glide: _Glide | None = None
         together = zip(*(plan.changes for plan in start.plans), strict=True)
         self._changes = [(group[0].at_s, [change.gait for change in group]) for group in together]
-        self._use(self._pattern_of(self._gaits))
+        self._use(self._pattern_of(self.gaits))
         self._cycles = np.zeros(self._shape)[()]
         self.velocity_body: FloatArray = np.zeros((*self._shape, 3))
         self.limited_steps = np.zeros(self._shape, dtype=int)[()]
@@ -112,18 +113,50 @@ class VelocityWalk(Controller):
         stop_s = None if self._stop_step is None else self._stop_step * self._period_s
         return float(ramp(step * self._period_s, stop_s))
 
-    def glide_to(self, gaits: Gait | Sequence[Gait]) -> None:
-        """Change to other gaits in stride, one for each walk: phases, heights and posture glide there."""
+    def glide_to(self, gaits: Gait | Sequence[Gait], which: BoolArray | None = None) -> None:
+        """Change to other gaits in stride: phases, heights and posture glide there.
+
+        Args:
+            gaits: one for each walk.
+            which: walks that change, leading shape; None for all. The others go on as they are.
+        """
         gaits = [gaits] if isinstance(gaits, Gait) else list(gaits)
-        if len(gaits) != len(self._gaits):
-            raise InputError(f"gaits: got {len(gaits)}; allowed: {len(self._gaits)}, one for each walk")
-        pattern = self._pattern_of(gaits, plain=False)
-        before = self._pattern
-        if self._glide is None:
-            before = replace(self._pattern_of(self._gaits, plain=False), phases=before.phases)
-        shifted = before.phases + nearest_phases(before.phases, pattern.phases)
-        self._glide = _Glide(before, replace(pattern, phases=shifted), np.zeros(self._shape)[()])
-        self._gaits = gaits
+        if len(gaits) != len(self.gaits):
+            raise InputError(f"gaits: got {len(gaits)}; allowed: {len(self.gaits)}, one for each walk")
+        begins = np.ones(self._shape, dtype=bool)[()] if which is None else which
+        self.gaits = [
+            new if begun else old
+            for new, old, begun in zip(gaits, self.gaits, np.atleast_1d(begins).tolist(), strict=True)
+        ]
+        now = self.leave_plain()
+        pattern = self._pattern_of(self.gaits, plain=False)
+        shifted = now.phases + nearest_phases(now.phases, pattern.phases, pattern.stepping)
+        going = _Glide(now, now, np.ones(self._shape)[()]) if self._glide is None else self._glide
+        self._glide = _Glide(
+            _mixed(begins, now, going.before),
+            _mixed(begins, replace(pattern, phases=shifted), going.later),
+            chosen(begins, 0.0, going.share),
+        )
+
+    def leave_plain(self) -> StepPattern:
+        """Walk on with a pattern in which nothing is None, which is returned; feet move alike but for rounding.
+
+        A walk that may change its gait alone, in a batch of others, does so from its start: it then equals
+        the same walk alone to the last bit.
+        """
+        if (
+            self._pattern.stepping is None
+            or self._pattern.posture_m is None
+            or self._pattern.swing_share is None
+        ):
+            plain = self._pattern
+            self._use(replace(self._pattern_of(self.gaits, plain=False), phases=plain.phases))
+        return self._pattern
+
+    @property
+    def leg_phases(self) -> FloatArray:
+        """Normalised time of each leg in the last step, leading shape + (6,)."""
+        return part_of_cycle(self._cycles[..., np.newaxis] + self._pattern.phases)
 
     def stop(self, step: int) -> None:
         """Begin the soft stop at a step; it lasts `soft_stop_steps`."""
@@ -208,16 +241,16 @@ class MotionWalk(VelocityWalk):
     def __init__(self, start: WalkStart) -> None:
         super().__init__(start)
         self._motions = start.motions
-        self._wanted = self.velocity_body = self._velocity_of(self._gaits)
+        self._wanted = self.velocity_body = self._velocity_of(self.gaits)
 
     def wanted(self, dt_s: float, step: int, state: RobotState) -> FloatArray:
         """Velocity of the motions, leading shape + (3,)."""
         return self._wanted
 
-    def glide_to(self, gaits: Gait | Sequence[Gait]) -> None:
+    def glide_to(self, gaits: Gait | Sequence[Gait], which: BoolArray | None = None) -> None:
         """Change to other gaits in stride, and to their speeds."""
-        super().glide_to(gaits)
-        self._wanted = self._velocity_of(self._gaits)
+        super().glide_to(gaits, which)
+        self._wanted = self._velocity_of(self.gaits)
 
     def _velocity_of(self, gaits: Sequence[Gait]) -> FloatArray:
         rows = []
@@ -244,22 +277,39 @@ class _Glide:
     def pattern(self) -> StepPattern:
         """The pattern now."""
 
-        def mixed(name: str) -> FloatArray:
+        def between(name: str) -> FloatArray:
             before, later = getattr(self.before, name), getattr(self.later, name)
-            share = self.share.reshape(self.share.shape + (1,) * (np.ndim(later) - self.share.ndim))
-            return np.asarray(before + share * (later - before))
+            share = _spread(self.share, later)
+            return np.where(share < 1, before + share * (later - before), later)
 
-        return StepPattern(**{name: mixed(name) for name in StepPattern.__slots__})
+        return StepPattern(**{name: between(name) for name in StepPattern.__slots__})
 
 
-def nearest_phases(before: FloatArray, later: FloatArray) -> FloatArray:
+def _spread(values: FloatArray | BoolArray, over: FloatArray) -> FloatArray:
+    """Values of leading shape, to be broadcast against an array of leading shape and more axes."""
+    return np.reshape(values, np.shape(values) + (1,) * (np.ndim(over) - np.ndim(values)))
+
+
+def _mixed(condition: BoolArray, yes: StepPattern, no: StepPattern) -> StepPattern:
+    """Pattern of some walks, where a condition of leading shape holds, and of the others."""
+    names = StepPattern.__slots__
+    pairs = {name: (getattr(yes, name), getattr(no, name)) for name in names}
+    return StepPattern(
+        **{name: np.where(_spread(condition, one), one, two) for name, (one, two) in pairs.items()}
+    )
+
+
+def nearest_phases(before: FloatArray, later: FloatArray, stepping: FloatArray | None = None) -> FloatArray:
     """By how much each leg's phase changes, (..., 6) in cycles of -1/2 to 1/2, when the gaits may be shifted.
 
     A gait that is shifted as a whole is the same gait: of the six shifts that leave one leg as it is, the one
-    with the smallest sum of squares.
+    with the smallest sum of squares, of the legs that step.
     """
     changes = later - before
     shifted = changes[..., np.newaxis, :] - changes[..., :, np.newaxis]  # (..., leg that stays, 6)
     shifted = shifted - np.rint(shifted)
-    best = np.argmin((shifted * shifted).sum(axis=-1), axis=-1)
+    squares = shifted * shifted
+    if stepping is not None:
+        squares = squares * stepping[..., np.newaxis, :]
+    best = np.argmin(squares.sum(axis=-1), axis=-1)
     return np.take_along_axis(shifted, best[..., np.newaxis, np.newaxis], axis=-2)[..., 0, :]

@@ -57,8 +57,18 @@ def usual_posture(hold: str) -> str:
 SAME_MARGIN_M = 1e-6
 
 
+#: The failure of one leg, those of several, or None.
+Failures = Failure | Sequence[Failure] | None
+
+
+def _each(failures: Failures) -> tuple[Failure, ...]:
+    if failures is None:
+        return ()
+    return (failures,) if isinstance(failures, Failure) else tuple(failures)
+
+
 def static_margins_m(
-    robot: Robot, slots: Sequence[Slots], *, heading_rad: float, failure: Failure | None = None
+    robot: Robot, slots: Sequence[Slots], *, heading_rad: float, failure: Failures = None
 ) -> FloatArray:
     """Static stability margin of gaits over their cycle: smallest and mean, (gaits, 2) in m.
 
@@ -69,7 +79,7 @@ def static_margins_m(
         robot: geometry and masses.
         slots: of the gaits.
         heading_rad: direction of travel in the body frame.
-        failure: of one leg, or None.
+        failure: of one leg, those of several, or None.
     """
     # Half a step between the corners of Eq. 3 and 4, where a foot both stands and swings.
     cycles = (np.arange(PHASES) + 0.5) / PHASES
@@ -77,9 +87,9 @@ def static_margins_m(
     stroke_m = robot.gait.amplitude * robot.size_m * stroke_offset(u)
     direction = np.array([math.cos(heading_rad), math.sin(heading_rad)])
     offsets, standing = -stroke_m[..., np.newaxis] * direction, in_stance(u)
-    if failure is not None:
-        standing[..., failure.leg - 1] = failure.kind == "locked"
-        offsets[..., failure.leg - 1, :] = 0.0
+    for one in _each(failure):
+        standing[..., one.leg - 1] = one.kind == "locked"
+        offsets[..., one.leg - 1, :] = 0.0
     feet = robot.stance_feet_body[:, :2] + offsets
     centre = centre_of_mass_body(robot, robot.stance_angles_rad)[:2]
     margins_m = support(feet, standing, np.broadcast_to(centre, (*feet.shape[:-2], 2))).margin_m
@@ -128,16 +138,16 @@ def check_tucked(robot: Robot, plan: TrialPlan) -> None:
     )
 
 
-def slots_by_stability(robot: Robot, *, heading_rad: float, failure: Failure | None = None) -> list[Slots]:
+def slots_by_stability(robot: Robot, *, heading_rad: float, failure: Failures = None) -> list[Slots]:
     """Slots of all gaits, those with the largest margin first, ties by the mean margin, then by code.
 
     Args:
         robot: geometry and masses.
         heading_rad: direction of travel in the body frame, rounded to `DIRECTION_STEP_RAD`.
-        failure: of one leg, whose gaits are the 120 codes with its slot pinned; None for an intact robot,
-            whose leg 1 is pinned, as shifted slots walk alike.
+        failure: of one leg, whose gaits are the 120 codes with its slot pinned, or of two, with 24 codes;
+            None for an intact robot, whose leg 1 is pinned, as shifted slots walk alike.
     """
-    pinned = (1,) if failure is None else (failure.leg,)
+    pinned = tuple(sorted(one.leg for one in _each(failure))) or (1,)
     slots = [slots_from_code(code, pinned) for code in range(1, code_count(pinned) + 1)]
     rounded_rad = DIRECTION_STEP_RAD * round(heading_rad / DIRECTION_STEP_RAD)
     margins_m = static_margins_m(robot, slots, heading_rad=rounded_rad, failure=failure)
@@ -146,7 +156,7 @@ def slots_by_stability(robot: Robot, *, heading_rad: float, failure: Failure | N
     return [slots[place] for place in order.tolist()]
 
 
-def most_stable_slots(robot: Robot, *, heading_rad: float, failure: Failure | None = None) -> Slots:
+def most_stable_slots(robot: Robot, *, heading_rad: float, failure: Failures = None) -> Slots:
     """Slots of the gait that `slots_by_stability` puts first."""
     return slots_by_stability(robot, heading_rad=heading_rad, failure=failure)[0]
 
