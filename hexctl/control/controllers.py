@@ -12,6 +12,7 @@ from hexctl.gait.foot_trajectory import (
     StepPattern,
     feet_of_walks,
     gait_feet_body,
+    part_of_cycle,
     stroke_vectors_m,
 )
 from hexctl.gait.gait import Gait, Motion
@@ -43,11 +44,16 @@ class Controller(ABC):
         velocity_body: the velocity that it walks with now, where that may change: forward and left in m/s,
             turn in rad/s, leading shape + (3,); None for others.
         limited_steps: steps so far in which it asked for more speed than its strokes allow, leading shape.
+        leg_phases: normalised times of the legs in the last step, leading shape + (6,); None for motions
+            without a cycle.
+        stopped: why it has ended a walk before its time, in few words; None where it has not.
     """
 
     hold: str = "none"
     velocity_body: FloatArray | None = None
     limited_steps: NDArray[np.int64] | int = 0
+    leg_phases: FloatArray | None = None
+    stopped: str | None = None
 
     @abstractmethod
     def targets_rad(self, step: int, state: RobotState) -> FloatArray:
@@ -138,15 +144,22 @@ class Walk(Controller):
         self._pattern = StepPattern.of(robot, each[0] if alone else each)
         self._stop_step: int | None = None
         self._planned_rad: FloatArray = np.empty((0,))
-        self._planned_from = 0
+        self._planned_from = self._step = 0
 
     def targets_rad(self, step: int, state: RobotState) -> FloatArray:
         """Joint angles of the gait at this step, leading shape + (18,)."""
+        self._step = step
         row = step - self._planned_from
         if not 0 <= row < len(self._planned_rad):
             self._plan(step)
             row = 0
         return np.asarray(self._planned_rad[row])
+
+    @property
+    def leg_phases(self) -> FloatArray:  # type: ignore[override]  # from the last step
+        """Normalised time of each leg in the last step, leading shape + (6,)."""
+        cycles = self._pattern.pace_hz[..., np.newaxis] * (self._step * self._period_s)
+        return part_of_cycle(cycles + self._pattern.phases)
 
     def stop(self, step: int) -> None:
         """Begin the soft stop at a step; it lasts `soft_stop_steps`."""

@@ -1,8 +1,11 @@
 """A walk that notices failed legs, and does about them what its policy says."""
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hexctl.control.controllers import Controller
 from hexctl.control.monitor.leg_monitor import LegMonitor, Suspicion
@@ -11,8 +14,12 @@ from hexctl.control.recovery import GlideToStableGait, RecoveryPolicy, Response
 from hexctl.control.steered_walk import SteeredWalk
 from hexctl.control.steering import held
 from hexctl.control.velocity_walk import MotionWalk, VelocityWalk
+from hexctl.errors import check_type
 from hexctl.robot.failure import Failure
 from hexctl.types import N_LEGS, BoolArray, FloatArray, RobotState
+
+#: Numbers of the legs.
+LEGS = np.arange(1, N_LEGS + 1)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -29,69 +36,84 @@ class Noticed:
 
 
 class MonitoredWalk(Controller):
-    """Walks as its plans say, watches its legs, and does what a policy says once one fails.
+    """Watches the legs of a walk, and does what a policy says once one fails.
 
     Args:
         start: the robot, or batch of robots, ready to walk.
-        policy: decides; None glides to a gait for the legs that are left.
+        walk: what walks; only a `VelocityWalk` can change its gait.
+        policy: decides.
 
     Attributes:
-        walk: what it walks with.
-        noticed: what it noticed so far, for each walk.
+        walk: what walks.
+        noticed: what was noticed so far, for each walk.
     """
 
-    def __init__(self, start: WalkStart, policy: RecoveryPolicy | None = None) -> None:
-        hold = held(start.plans[0], start.frame)
-        self.walk: VelocityWalk = MotionWalk(start) if hold == "none" else SteeredWalk(start, hold=hold)
-        self.walk.leave_plain()
-        self.hold = hold
-        self._start, self._policy = start, GlideToStableGait() if policy is None else policy
+    def __init__(self, start: WalkStart, walk: Controller, policy: RecoveryPolicy) -> None:
+        check_type(start, WalkStart, "start", "a WalkStart, as a trial gives to its controller")
+        check_type(walk, Controller, "walk", "a Controller, as planned_walk(start) gives")
+        check_type(policy, RecoveryPolicy, "policy", "a RecoveryPolicy")
+        self.walk, self.hold = walk, walk.hold
+        self._start, self._policy = start, policy
         self._headings_rad = [motion.heading_rad for motion in start.motions]
         self._failures = [[] if plan.belief is None else [plan.belief] for plan in start.plans]
         self.noticed: tuple[list[Noticed], ...] = tuple([] for _ in start.plans)
         for plan, heading_rad in zip(start.plans, self._headings_rad, strict=True):
-            self._policy.prepare(start.robot, plan, heading_rad)
-        believed = np.array(
-            [[leg in plan.failed_legs for leg in range(1, N_LEGS + 1)] for plan in start.plans]
-        )
-        paces_hz = np.array([plan.gait.pace_hz for plan in start.plans])
-        pick = slice(None) if start.batch_shape else 0
+            policy.prepare(start.robot, plan, heading_rad)
+        self._stopping = False
         self._monitor = LegMonitor(
-            start.robot, start.batch_shape, start.period_s, paces_hz[pick], believed[pick]
+            start.robot,
+            start.batch_shape,
+            start.period_s,
+            self._each([plan.gait.pace_hz for plan in start.plans]),
+            self._each([np.isin(LEGS, plan.failed_legs) for plan in start.plans]),
         )
 
+    def _each(self, values: Sequence[Any]) -> Any:
+        """Values of the walks, with the leading shape."""
+        return np.array(values)[slice(None) if self._start.batch_shape else 0]
+
     @property
-    def velocity_body(self) -> FloatArray:  # type: ignore[override]  # forwarded
+    def velocity_body(self) -> FloatArray | None:  # type: ignore[override]  # forwarded
         """The velocity that it walks with now, leading shape + (3,)."""
         return self.walk.velocity_body
 
     @property
-    def limited_steps(self) -> FloatArray:  # type: ignore[override]  # forwarded
+    def limited_steps(self) -> "NDArray[np.int64] | int":  # type: ignore[override]  # forwarded
         """Steps in which it asked for more speed than its strokes allow, leading shape."""
         return self.walk.limited_steps
 
+    @property
+    def leg_phases(self) -> FloatArray | None:  # type: ignore[override]  # forwarded
+        """Normalised times of the legs in the last step, leading shape + (6,)."""
+        return self.walk.leg_phases
+
     def targets_rad(self, step: int, state: RobotState) -> FloatArray:
         """Joint angles at this step, leading shape + (18,)."""
-        self._monitor.update(state, self.walk.leg_phases)
-        if self._monitor.new.any():
-            self._respond(step)
+        if (phases := self.walk.leg_phases) is not None and not self._stopping:
+            self._monitor.update(state, phases)
+            if self._monitor.new.any():
+                self._respond(step)
         targets_rad = self.walk.targets_rad(step, state)
         self._monitor.sent(targets_rad, state.age_s)
         return targets_rad
 
     def done(self, step: int, state: RobotState) -> bool | BoolArray:
-        """Whether the walk has come to a stand."""
-        return self.walk.done(step, state)
+        """Whether the walk has ended, or its policy stops it."""
+        return self.stopped is not None or self.walk.done(step, state)
 
     def stop(self, step: int) -> None:
-        """Begin the soft stop."""
+        """Begin the soft stop, in which nothing is watched."""
+        self._stopping = True
         self.walk.stop(step)
 
     def _respond(self, step: int) -> None:
         """Do what the policy says about the legs noticed in this tick."""
-        new = np.atleast_2d(self._monitor.new).any(axis=-1)
-        gaits, changes = list(self.walk.gaits), np.zeros(len(new), dtype=bool)
-        for index in np.flatnonzero(new).tolist():
+        new = np.flatnonzero(self._monitor.new.any(axis=-1)).tolist()
+        gaits = [plan.gait for plan in self._start.plans]
+        if isinstance(self.walk, VelocityWalk):
+            gaits = list(self.walk.gaits)
+        changes: BoolArray = np.zeros(len(gaits), dtype=bool)
+        for index in new:
             row = (index,) if self._start.batch_shape else ()
             suspicion = self._monitor.suspicion(step, row)
             self._failures[index].append(suspicion.failure)
@@ -99,11 +121,28 @@ class MonitoredWalk(Controller):
             self.noticed[index].append(Noticed(suspicion=suspicion, response=response))
             if response.gait is not None:
                 gaits[index], changes[index] = response.gait, True
-            if response.stop and not self._start.batch_shape:
-                self.walk.stop(step)
-        if changes.any():
-            self.walk.glide_to(gaits, changes if self._start.batch_shape else changes[0])
+            if response.stop:
+                self.stopped = str(suspicion)
+        if changes.any() and isinstance(self.walk, VelocityWalk):
+            self.walk.glide_to(gaits, changes if self._start.batch_shape else None)
 
     def _answer(self, index: int, failures: list[Failure]) -> Response:
         plan = self._start.plans[index]
         return self._policy.respond(self._start.robot, plan, self._headings_rad[index], failures)
+
+
+def recovering_walk(policy: RecoveryPolicy | None = None) -> Callable[[WalkStart], MonitoredWalk]:
+    """What makes walks that recover, for `run_trial`: as their plans say until a leg fails.
+
+    Args:
+        policy: decides what to do then; None glides to a gait for the legs that are left.
+    """
+    decides = GlideToStableGait() if policy is None else policy
+
+    def make(start: WalkStart) -> MonitoredWalk:
+        hold = held(start.plans[0], start.frame)
+        walk = MotionWalk(start) if hold == "none" else SteeredWalk(start, hold=hold)
+        walk.leave_plain()  # each walk of a batch may change its gait at a time of its own
+        return MonitoredWalk(start, walk, decides)
+
+    return make

@@ -254,7 +254,9 @@ class _Trial:
         finally:
             self.clipped_ticks = self._servos.counters.clipped - clipped_before
             self.limited_ticks = int(walk.limited_steps)
-        if self.status == "aborted" and not self._requested:
+        if self.status == "aborted" and walk.stopped is not None:
+            self.stopped = walk.stopped
+        elif self.status == "aborted" and not self._requested:
             self.status = "ok"  # the controller itself has ended the walk
         if soft_stop:
             self._stop_softly(phases, walk, step + 1)

@@ -139,7 +139,7 @@ class VelocityWalk(Controller):
         )
 
     def leave_plain(self) -> StepPattern:
-        """Walk on with a pattern in which nothing is None, which is returned; feet move alike but for rounding.
+        """Go on with a pattern in which nothing is None, and return it; feet move alike but for rounding.
 
         A walk that may change its gait alone, in a batch of others, does so from its start: it then equals
         the same walk alone to the last bit.
@@ -154,7 +154,7 @@ class VelocityWalk(Controller):
         return self._pattern
 
     @property
-    def leg_phases(self) -> FloatArray:
+    def leg_phases(self) -> FloatArray:  # type: ignore[override]  # from the last step
         """Normalised time of each leg in the last step, leading shape + (6,)."""
         return part_of_cycle(self._cycles[..., np.newaxis] + self._pattern.phases)
 
@@ -287,7 +287,7 @@ class _Glide:
 
 def _spread(values: FloatArray | BoolArray, over: FloatArray) -> FloatArray:
     """Values of leading shape, to be broadcast against an array of leading shape and more axes."""
-    return np.reshape(values, np.shape(values) + (1,) * (np.ndim(over) - np.ndim(values)))
+    return np.asarray(np.reshape(values, np.shape(values) + (1,) * (np.ndim(over) - np.ndim(values))))
 
 
 def _mixed(condition: BoolArray, yes: StepPattern, no: StepPattern) -> StepPattern:
@@ -312,4 +312,4 @@ def nearest_phases(before: FloatArray, later: FloatArray, stepping: FloatArray |
     if stepping is not None:
         squares = squares * stepping[..., np.newaxis, :]
     best = np.argmin(squares.sum(axis=-1), axis=-1)
-    return np.take_along_axis(shifted, best[..., np.newaxis, np.newaxis], axis=-2)[..., 0, :]
+    return np.asarray(np.take_along_axis(shifted, best[..., np.newaxis, np.newaxis], axis=-2)[..., 0, :])

@@ -18,8 +18,8 @@ class JointTorques(ArrayFields):
     """Torques that the servos of simulated robots apply to the joints, averaged over a control period.
 
     A servo applies MuJoCo's actuator force less its back-EMF, which the simulation has as damping of the
-    joint. Friction and damping of its gears act behind it and are not subtracted. Joints of a missing leg have
-    none. The servo of a stuck joint pushes against the jam: stiffness times error, up to its limit.
+    joint. Friction and damping of its gears act behind it and are not subtracted. Joints of a missing leg
+    have none. The servo of a stuck joint pushes against the jam: stiffness times error, up to its limit.
 
     Attributes:
         steps: steps of the physics in a control period.

@@ -1,6 +1,7 @@
 """The leg monitor: says in mid-walk which leg has failed, and how."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -16,7 +17,6 @@ from hexctl.types import (
     BoolArray,
     FloatArray,
     RobotState,
-    any_of,
 )
 
 #: Rho above which a joint has failed, and how many times what is usual for the robot is added.
@@ -130,10 +130,10 @@ class LegMonitor:
         watched = ~self.failed
         self.ratio = np.maximum(self._joint_ratio_of_legs(), self._missing_ratio) * watched
         self._ticks = (self._ticks + 1) * (self.ratio > 1)
-        self.new = self._ticks >= ALARM_TICKS
-        if any_of(self.new):
+        self.new = np.asarray(self._ticks >= ALARM_TICKS)
+        if self.new.any():
             # One leg at a time: what follows from its failure must not be blamed on another.
-            self.new = self.new & (self.ratio >= self.ratio.max(axis=-1, keepdims=True))
+            self.new &= self.ratio >= self.ratio.max(axis=-1, keepdims=True)
             self._accept()
 
     def sent(self, targets_rad: FloatArray, age_s: float = 0.0) -> None:
@@ -170,13 +170,12 @@ class LegMonitor:
     def _accept(self) -> None:
         """Count the new legs as failed, and be patient while the gait changes."""
         self.failed = self.failed | self.new
-        changed = self.new.any(axis=-1)
-        self._usual_rho = np.where(changed, FIRST_RHO, self._usual_rho)
-        self._usual_missing = np.where(changed[..., np.newaxis], 2 * FIRST_MISSING, self._usual_missing)
-        others = np.broadcast_to(changed[..., np.newaxis], self.failed.shape).astype(float)
-        self._following.forget(others)
-        self._support.forget(others)
-        self._ticks = self._ticks * ~changed[..., np.newaxis]
+        changed = np.logical_or.reduce(self.new, axis=-1, keepdims=True)
+        self._usual_rho = np.where(changed[..., 0], FIRST_RHO, self._usual_rho)
+        self._usual_missing = np.where(changed, 2 * FIRST_MISSING, self._usual_missing)
+        self._following.forget(changed)
+        self._support.forget(changed)
+        self._ticks = self._ticks * ~changed
 
     def _kind(self, leg: int, row: tuple[int, ...]) -> Failure:
         """How the joints of a leg fail.
@@ -185,7 +184,8 @@ class LegMonitor:
         stuck, all are locked.
         """
         joints = slice(JOINTS_PER_LEG * leg, JOINTS_PER_LEG * (leg + 1))
-        measured_rad, targets_rad, torques_nm = self._history[(slice(None), slice(None), *row, joints)]
+        index: tuple[Any, ...] = (slice(None), slice(None), *row, joints)
+        measured_rad, targets_rad, torques_nm = self._history[index]
         ratios = self._joint_ratio[row][joints]
         worst = int(np.argmax(ratios))
         dead = np.abs(torques_nm).mean(axis=0) < self._dead_nm[joints]  # False where unknown

@@ -10,7 +10,7 @@ touches the floor. Where in its cycle it usually carries much, it counts much:
 import numpy as np
 
 from hexctl.control.monitor.phase_habit import PARTS, PhaseHabit
-from hexctl.types import JOINTS_PER_LEG, N_LEGS, FloatArray, RobotState
+from hexctl.types import JOINTS_PER_LEG, N_LEGS, BoolArray, FloatArray, RobotState
 
 #: Time constant of the share that a leg carries, in cycles of full load.
 SHARE_CYCLES = 0.15
@@ -43,7 +43,13 @@ class LegSupport:
         self.known = False
 
     def update(self, state: RobotState, phases: FloatArray, cycles: FloatArray) -> None:
-        """Take the state of a tick, the normalised times of the legs, (..., 6), and the cycles since the last."""
+        """Take the state of a tick.
+
+        Args:
+            state: as measured.
+            phases: normalised times of the legs, leading shape + (6,).
+            cycles: that one tick takes, leading shape.
+        """
         load = self._load(state)
         self.known = load is not None
         if load is None:
@@ -61,9 +67,9 @@ class LegSupport:
         off = rate * (self._carried > CALM_SHARE) * (load - usual)
         self._habit.learn(off, np.zeros_like(off))
 
-    def forget(self, which: FloatArray) -> None:
-        """Take some legs, 1 or 0 each, leading shape + (6,), for legs that carry as usual."""
-        self._carried = np.where(which > 0, 1.0, self._carried)
+    def forget(self, which: BoolArray) -> None:
+        """Take the legs of some robots, leading shape + (1,), for legs that carry as usual."""
+        self._carried = np.where(which, 1.0, self._carried)
 
     def _load(self, state: RobotState) -> FloatArray | None:
         if state.joint_torques_nm is not None:
