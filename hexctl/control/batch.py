@@ -125,19 +125,25 @@ def run_sim_trial(trial: SimTrial, make_controller: MakeController = planned_wal
 
 
 def run_sim_trials(
-    trials: Sequence[SimTrial], threads: int = 0, make_controller: MakeController = planned_walk
+    trials: Sequence[SimTrial],
+    threads: int = 0,
+    make_controller: MakeController = planned_walk,
+    *,
+    apart: bool = False,
 ) -> list[TrialResult]:
     """Results of many simulated trials, in their order: each as if run alone, to the last bit.
 
     Trials that begin alike (robot, world, seed, failure, heading, turn) settle and turn once, and walk
     together. So do trials of one robot that hold the same and begin apart, up to `MOST_TOGETHER` of them,
-    each in its own world.
+    each in its own world, where the controller can lead them.
 
     Args:
         trials: what to walk.
         threads: threads that simulate; 0 uses all cores.
         make_controller: makes the controller of each group, for states and targets of leading shape (n,);
-            trials of one group then begin alike.
+            trials of one group then begin alike, but for `apart`.
+        apart: whether the controller leads trials that begin apart, as the plans' own walks do: turn and
+            frame of its `WalkStart` then have the leading shape (n,).
 
     Raises ReachError or LimitError for a walk that the legs cannot make, before any trial runs; InputError
     for targets of another shape than (n, 18).
@@ -149,7 +155,7 @@ def run_sim_trials(
         check_type(trial, SimTrial, "trials", "SimTrials")
         check_plan(trial.robot, trial.plan)
     results: dict[int, TrialResult] = {}
-    for starts in _groups(trials, mixed=make_controller is planned_walk):
+    for starts in _groups(trials, mixed=apart or make_controller is planned_walk):
         flat = [index for indices in starts for index in indices]
         together = [[trials[index] for index in indices] for indices in starts]
         results.update(zip(flat, _run_group(together, threads, make_controller), strict=True))

@@ -280,7 +280,7 @@ class _Glide:
         def between(name: str) -> FloatArray:
             before, later = getattr(self.before, name), getattr(self.later, name)
             share = _spread(self.share, later)
-            return np.where(share < 1, before + share * (later - before), later)
+            return np.asarray(np.where(share < 1, before + share * (later - before), later))
 
         return StepPattern(**{name: between(name) for name in StepPattern.__slots__})
 

@@ -33,6 +33,9 @@ MEAN_CYCLES = 0.4
 #: A servo gives all it has between these shares of the greatest torque that servos like it were seen to give.
 ALL_IT_HAS, MORE_THAN_ALL = 0.85, 1.05
 
+#: Until that is known, for so many cycles, a servo may give all it has from this share of what it should.
+KNOWN_AFTER_CYCLES, MUCH = 2.0, 0.4
+
 #: Share of that greatest torque that is forgotten in a cycle.
 FORGOTTEN_PER_CYCLE = 0.02
 
@@ -46,9 +49,10 @@ class JointFollowing:
     Args:
         shape: leading shape.
         period_s: control period.
+        limits_nm: greatest torques of the servos, (18,), by what the robot file says.
     """
 
-    def __init__(self, shape: tuple[int, ...], period_s: float) -> None:
+    def __init__(self, shape: tuple[int, ...], period_s: float, limits_nm: FloatArray) -> None:
         self._shape, self._period_s = shape, period_s
         joints = (*shape, N_JOINTS)
         self._habit = PhaseHabit(joints)
@@ -58,6 +62,8 @@ class JointFollowing:
         self._ring: FloatArray = np.zeros((0, *joints))
         self._lagged: FloatArray | None = None
         self._row, self._begun = 0, False
+        self._limits_nm = limits_nm.reshape(N_LEGS, JOINTS_PER_LEG)
+        self._walked_cycles = 0.0
         self._greatest_nm: FloatArray = np.zeros((*shape, N_LEGS, JOINTS_PER_LEG))
         self._lag_share = 1 - math.exp(-period_s / LAG_S)
         self.rho: FloatArray = np.zeros(joints)
@@ -125,6 +131,9 @@ class JointFollowing:
             second_nm[..., np.newaxis, :],
         )
         all_it_has = (legs_nm > ALL_IT_HAS * others_nm) & (legs_nm < MORE_THAN_ALL * others_nm)
+        if self._walked_cycles < KNOWN_AFTER_CYCLES:
+            all_it_has |= legs_nm > MUCH * self._limits_nm
+            self._walked_cycles += float(per_cycle.min())
         stance = in_stance(phases)[..., np.newaxis]
         return np.asarray((all_it_has & stance).reshape(torques_nm.shape))
 

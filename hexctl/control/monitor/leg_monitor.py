@@ -29,7 +29,7 @@ LEAST_MISSING, TIMES_MISSING = 0.6, 1.0
 MOST_MISSING = 0.97
 
 #: Time constant of what is usual, in cycles, and what it is taken for before anything is known.
-USUAL_CYCLES, FIRST_RHO, FIRST_MISSING = 2.0, 0.5, 0.3
+USUAL_CYCLES, FIRST_RHO, FIRST_MISSING = 1.5, 0.8, 0.4
 
 #: An alarm needs this many ticks in a row.
 ALARM_TICKS = 3
@@ -43,8 +43,9 @@ STILL_RAD, STILL_SHARE = np.radians(2.0), 0.25
 #: Targets that move by less than this do not tell whether a joint is still.
 TELLING_RAD = np.radians(4.0)
 
-#: A servo with less than this share of its greatest torque does not drive a joint that is off its target.
-DEAD_SHARE = 0.03
+#: A servo with less than this share of its greatest torque does not drive a joint that is off its target. The
+#: joints of a locked leg in the air hold its weight, with some percent.
+DEAD_SHARE = 0.005
 
 #: A joint takes part in a failure if its evidence is this share of an alarm.
 TAKES_PART = 0.4
@@ -104,12 +105,13 @@ class LegMonitor:
         self._dead_nm = DEAD_SHARE * robot.joint_max_torque_nm
         self._cycles = np.asarray(pace_hz * period_s)
         legs = (*shape, N_LEGS)
-        self._following, self._support = JointFollowing(shape, period_s), LegSupport(shape)
+        self._following = JointFollowing(shape, period_s, robot.joint_max_torque_nm)
+        self._support = LegSupport(shape)
         self._usual_rho: FloatArray = np.full(shape, FIRST_RHO)
         self._usual_missing: FloatArray = np.full(legs, FIRST_MISSING)
         self._ticks = np.zeros(legs, dtype=int)
-        still_ticks = max(2, round(STILL_CYCLES / float(np.max(self._cycles))))
-        self._history: FloatArray = np.full((3, still_ticks, *shape, N_JOINTS), np.nan)
+        self._still_ticks = np.maximum(2, np.rint(STILL_CYCLES / self._cycles).astype(int))
+        self._history: FloatArray = np.full((3, int(self._still_ticks.max()), *shape, N_JOINTS), np.nan)
         self._row = 0
         self._joint_ratio: FloatArray = np.zeros((*shape, N_JOINTS))
         self._missing_ratio: FloatArray = np.zeros(legs)
@@ -184,8 +186,11 @@ class LegMonitor:
         stuck, all are locked.
         """
         joints = slice(JOINTS_PER_LEG * leg, JOINTS_PER_LEG * (leg + 1))
-        index: tuple[Any, ...] = (slice(None), slice(None), *row, joints)
-        measured_rad, targets_rad, torques_nm = self._history[index]
+        # The newest rows: measured in this tick, sent in the one before.
+        newest = (self._row - np.arange(self._still_ticks[row])) % self._history.shape[1]
+        index: tuple[Any, ...] = (*row, joints)
+        measured_rad, torques_nm = (self._history[part][(newest, *index)] for part in (0, 2))
+        targets_rad = self._history[1][((newest - 1) % self._history.shape[1], *index)]
         ratios = self._joint_ratio[row][joints]
         worst = int(np.argmax(ratios))
         dead = np.abs(torques_nm).mean(axis=0) < self._dead_nm[joints]  # False where unknown
@@ -199,7 +204,7 @@ class LegMonitor:
         if (telling & still).sum() > 1 and not (telling & ~still).any():
             return Failure(leg=leg + 1, kind="locked")
         if still[worst]:
-            angle_rad = float(measured_rad[self._row, worst])
+            angle_rad = float(measured_rad[0, worst])
             return Failure(leg=leg + 1, kind="stuck", joint=JOINT_KINDS[worst], angle_rad=angle_rad)
         part = ratios > TAKES_PART
         return Failure(leg=leg + 1, kind="limp", joint=None if part.sum() > 1 else JOINT_KINDS[worst])

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from hexctl.control.controllers import Controller
 from hexctl.control.monitor.leg_monitor import LegMonitor, Suspicion
+from hexctl.control.monitor.recovery import GlideToStableGait, RecoveryPolicy, Response
 from hexctl.control.preparation import WalkStart
-from hexctl.control.recovery import GlideToStableGait, RecoveryPolicy, Response
 from hexctl.control.steered_walk import SteeredWalk
 from hexctl.control.steering import held
 from hexctl.control.velocity_walk import MotionWalk, VelocityWalk

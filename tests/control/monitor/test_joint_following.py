@@ -1,0 +1,60 @@
+"""Joints that do not follow, and whole ones under a load at which no servo follows."""
+
+import numpy as np
+
+from hexctl.control.monitor.joint_following import JointFollowing
+from hexctl.types import FloatArray, RobotState
+
+TICKS_PER_CYCLE = 50
+
+
+def _rho(off_rad: FloatArray, torques_nm: FloatArray, *, from_tick: int = 300) -> FloatArray:
+    """Greatest rho of each joint from a tick on, (18,), of joints that are off by angles, (T, 18)."""
+    following, greatest = JointFollowing((), 0.02, np.full(18, 2.0)), np.zeros(18)
+    for tick in range(len(off_rad)):
+        phases = (tick / TICKS_PER_CYCLE + np.arange(6) / 6) % 1
+        targets = 0.25 * min(1.0, tick / 100) * np.repeat(np.sin(2 * np.pi * phases), 3)
+        state = RobotState(targets + off_rad[tick], 0.0, True, joint_torques_nm=torques_nm[tick])
+        following.update(state, phases, np.float64(1 / TICKS_PER_CYCLE))  # type: ignore[arg-type]
+        following.sent(targets, 0.0)
+        if tick >= from_tick:
+            greatest = np.maximum(greatest, following.rho)
+    return greatest
+
+
+def _legs_standing(ticks: int) -> FloatArray:
+    phases = (np.arange(ticks)[:, np.newaxis] / TICKS_PER_CYCLE + np.arange(6) / 6) % 1
+    return np.repeat((phases < 1 / 3) | (phases >= 2 / 3), 3, axis=1)
+
+
+def test_a_joint_that_stays_behind_stands_out() -> None:
+    off, torques = np.zeros((500, 18)), np.full((500, 18), 0.2)
+    off[300:, 7] = -0.3
+    rho = _rho(off, torques)
+    assert rho[7] > 0.8
+    assert np.delete(rho, 7).max() < 0.1
+
+
+def test_an_offset_from_the_start_is_usual() -> None:
+    off = np.tile(np.radians(10.0) * np.ones(18), (500, 1))
+    assert _rho(off, np.full((500, 18), 0.2), from_tick=0).max() < 0.3
+
+
+def test_a_load_that_all_servos_give_in_to_is_no_failure() -> None:
+    """The legs stand with all the torque they have; then one of them gives in."""
+    ticks = 600
+    standing = _legs_standing(ticks)
+    torques = np.where(standing, 1.0, 0.2)
+    off = np.zeros((ticks, 18))
+    off[300:, 4] = np.where(standing[300:, 4], -0.3, 0.0)
+    assert _rho(off, torques).max() < 0.15
+    spared = np.where(standing, 0.4, 0.2)
+    spared[:50] = 1.0
+    assert _rho(off, spared)[4] > 0.3, "with torque to spare the same is one"
+
+
+def test_a_jam_takes_more_than_other_servos_ever_gave() -> None:
+    ticks = 600
+    torques, off = np.where(_legs_standing(ticks), 1.0, 0.2), np.zeros((ticks, 18))
+    off[300:, 4], torques[300:, 4] = -0.3, 1.6
+    assert _rho(off, torques)[4] > 0.8

@@ -1,0 +1,158 @@
+"""The monitor on made-up robots whose joints and feet do exactly what a test says."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from hexctl.control.monitor.leg_monitor import LegMonitor, Suspicion
+from hexctl.robot.failure import Failure
+from hexctl.types import FloatArray, RobotState, leg_slice
+from tests.robots import shipped
+
+PERIOD_S, PACE_HZ = 0.02, 0.9
+
+#: Changes measured joints and torques, (18,) each, of a tick.
+Breaks = Callable[[FloatArray, FloatArray], None]
+
+
+def _targets(cycles: float) -> tuple[FloatArray, FloatArray]:
+    """Phases of the legs, (6,), and joint targets, (18,), of a tripod of sines."""
+    phases = (cycles + np.array([0, 0.5, 0, 0.5, 0, 0.5])) % 1
+    swing = np.radians(15.0) * np.sin(2 * np.pi * phases)[:, np.newaxis] * np.array([1.0, 0.8, 1.2])
+    return phases, (shipped().stance_angles_rad.reshape(6, 3) + swing).ravel()
+
+
+def _walk(
+    breaks: Breaks | None,
+    *,
+    at_cycle: float = 6.0,
+    cycles: float = 9.0,
+    measured: bool = True,
+    efforts: bool = True,
+    noise_deg: float = 0.3,
+    offset_deg: float = 0.0,
+) -> list[tuple[float, Suspicion]]:
+    """What a monitor notices, and how many cycles after the failure."""
+    robot, rng = shipped(), np.random.default_rng(1)
+    monitor = LegMonitor(robot, (), PERIOD_S, np.float64(PACE_HZ))  # type: ignore[arg-type]
+    joints, noticed = robot.stance_angles_rad.copy(), []
+    offsets = np.radians(offset_deg) * np.array([1, -1, 1] * 6)
+    for tick in range(round(cycles / PACE_HZ / PERIOD_S)):
+        now = tick * PERIOD_S * PACE_HZ
+        phases, targets = _targets(now)
+        standing = (phases < 1 / 3) | (phases >= 2 / 3)
+        torques = np.where(np.repeat(standing, 3), 0.5, 0.05) + 0.01 * rng.standard_normal(18)
+        seen, contacts = joints.copy(), standing.copy()
+        if breaks is not None and now >= at_cycle:
+            breaks(seen, torques)
+            contacts &= np.abs(torques.reshape(6, 3)).max(axis=-1) > 0
+        seen += offsets + np.radians(noise_deg) * rng.standard_normal(18)
+        state = RobotState(
+            seen, now, measured, None, None, contacts, joint_torques_nm=torques if efforts else None
+        )
+        monitor.update(state, phases)
+        if monitor.new.any():
+            noticed.append((now - at_cycle, monitor.suspicion(tick)))
+        monitor.sent(targets)
+        joints += (1 - np.exp(-PERIOD_S / 0.03)) * (targets - joints)
+    return noticed
+
+
+def _held(joints: tuple[int, ...], *, torque_nm: float) -> Breaks:
+    """Joints that stay where they are when they break."""
+    at: list[FloatArray] = []
+
+    def breaks(seen: FloatArray, torques: FloatArray) -> None:
+        at.append(seen[list(joints)].copy())
+        seen[list(joints)], torques[list(joints)] = at[0], torque_nm
+
+    return breaks
+
+
+def _without_load(leg: int) -> Breaks:
+    def breaks(_seen: FloatArray, torques: FloatArray) -> None:
+        torques[leg_slice(leg)] = 0.0
+
+    return breaks
+
+
+@pytest.mark.parametrize("leg", range(1, 7))
+@pytest.mark.parametrize("at_cycle", [6.0, 6.3, 6.6])
+def test_a_locked_leg_is_found_within_a_cycle(leg: int, at_cycle: float) -> None:
+    joints = tuple(range(3 * leg - 3, 3 * leg))
+    ((delay, suspicion),) = _walk(_held(joints, torque_nm=0.3), at_cycle=at_cycle)
+    assert suspicion.failure == Failure(leg=leg, kind="locked")
+    assert 0 < delay < 1
+    assert suspicion.evidence == "following"
+
+
+@pytest.mark.parametrize("joint", ["coxa", "femur", "tibia"])
+@pytest.mark.parametrize(("kind", "torque_nm"), [("stuck", 0.9), ("limp", 0.0)])
+def test_one_joint_is_found_and_its_torque_tells_how_it_failed(
+    joint: str, kind: str, torque_nm: float
+) -> None:
+    index = Failure(leg=4, kind="stuck", joint=joint).joint_index
+    ((delay, suspicion),) = _walk(_held((index,), torque_nm=torque_nm))
+    assert (suspicion.leg, suspicion.failure.kind, suspicion.failure.joint) == (4, kind, joint)
+    assert 0 < delay < 1.3
+
+
+@pytest.mark.parametrize("efforts", [True, False])
+def test_a_leg_that_is_gone_is_missed_by_its_load(efforts: bool) -> None:
+    ((delay, suspicion),) = _walk(_without_load(2), efforts=efforts)
+    assert suspicion.failure == Failure(leg=2, kind="missing")
+    assert 0 < delay < 1.5
+    assert suspicion.evidence == "support"
+
+
+@pytest.mark.parametrize("noise_deg", [0.0, 1.0])
+@pytest.mark.parametrize("offset_deg", [0.0, 10.0])
+def test_a_whole_robot_is_left_alone(noise_deg: float, offset_deg: float) -> None:
+    assert _walk(None, cycles=30.0, noise_deg=noise_deg, offset_deg=offset_deg) == []
+
+
+def test_targets_that_come_back_as_measurements_say_nothing() -> None:
+    joints = tuple(range(3))
+    assert _walk(_held(joints, torque_nm=0.3), measured=False) == []
+
+
+def test_a_second_leg_is_found_after_the_first() -> None:
+    first, second = _held((0, 1, 2), torque_nm=0.3), _held((9, 10, 11), torque_nm=0.0)
+    ticks = 0
+
+    def breaks(seen: FloatArray, torques: FloatArray) -> None:
+        nonlocal ticks
+        first(seen, torques)
+        ticks += 1
+        if ticks > 6 / PACE_HZ / PERIOD_S:
+            second(seen, torques)
+
+    noticed = _walk(breaks, cycles=15.0)
+    assert [str(suspicion) for _, suspicion in noticed] == ["leg 1 locked", "leg 4 limp"]
+
+
+def test_a_batch_sees_what_each_robot_sees_alone() -> None:
+    robot, rng = shipped(), np.random.default_rng(2)
+    paces = np.array([0.9, 0.7])
+    together = LegMonitor(robot, (2,), PERIOD_S, paces)
+    alone = [LegMonitor(robot, (), PERIOD_S, pace) for pace in paces]
+    for tick in range(600):
+        both = [_targets(tick * PERIOD_S * pace) for pace in paces]
+        seen = np.stack([targets for _, targets in both]) + 0.02 * rng.standard_normal((2, 18))
+        if tick > 300:
+            seen[1, 3:6] = robot.stance_angles_rad[3:6]
+        torques, contacts = np.abs(rng.standard_normal((2, 18))), rng.random((2, 6)) > 0.3
+        together.update(
+            RobotState(seen, 0.0, True, None, None, contacts, joint_torques_nm=torques),
+            np.stack([phases for phases, _ in both]),
+        )
+        together.sent(np.stack([targets for _, targets in both]))
+        for row, monitor in enumerate(alone):
+            state = RobotState(seen[row], 0.0, True, None, None, contacts[row], joint_torques_nm=torques[row])
+            monitor.update(state, both[row][0])
+            monitor.sent(both[row][1])
+            assert (together.ratio[row] == monitor.ratio).all()
+            if monitor.new.any():
+                assert together.suspicion(tick, (row,)) == monitor.suspicion(tick)
+    assert alone[1].failed.tolist() == [False, True, False, False, False, False]

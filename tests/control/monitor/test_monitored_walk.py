@@ -1,0 +1,124 @@
+"""Legs fail in mid-walk; the robot notices and walks on along its line. Alone and in batches."""
+
+import pytest
+
+from hexctl.backends.sim.servos import SimServos
+from hexctl.control.batch import SimTrial, run_sim_trial, run_sim_trials
+from hexctl.control.guard import Guard
+from hexctl.control.monitor.monitored_walk import MonitoredWalk, recovering_walk
+from hexctl.control.monitor.recovery import RecoveryPolicy, StopWalking, WalkOn
+from hexctl.control.plan import TrialPlan
+from hexctl.control.preparation import WalkStart
+from hexctl.control.result import TrialResult
+from hexctl.control.trial import planned_walk, run_trial
+from hexctl.errors import WrongTypeError
+from hexctl.gait.gait import make_gait
+from hexctl.robot.failure import Failure
+from hexctl.robot.failure_event import parse_failure_event
+from tests.robots import shipped
+
+
+def _trial(
+    event: str | None, *, duration_s: float = 12.0, world: str = "flat", hold: str = "line"
+) -> SimTrial:
+    robot = shipped()
+    plan = TrialPlan(gait=make_gait(robot, "tripod"), hold=hold, duration_s=duration_s)
+    events = [] if event is None else [parse_failure_event(event)]
+    return SimTrial(robot=robot, plan=plan, failure=None, world=world, events=events)
+
+
+def _walk(trial: SimTrial, policy: RecoveryPolicy | None = None) -> tuple[TrialResult, MonitoredWalk]:
+    walks = []
+
+    def make(start: WalkStart) -> MonitoredWalk:
+        walks.append(recovering_walk(policy)(start))
+        return walks[-1]
+
+    return run_sim_trial(trial, make), walks[0]
+
+
+@pytest.mark.parametrize("event", ["5:locked@4.2", "2:limp@4.5", "3:missing@4.8", "1:stuck:femur@4"])
+def test_a_leg_dies_and_the_robot_walks_on_along_its_line(event: str) -> None:
+    result, walk = _walk(_trial(event))
+    ((noticed,),) = walk.noticed
+    leg, kind = event.split("@")[0].split(":")[:2]
+    assert noticed.suspicion.leg == int(leg)
+    assert noticed.suspicion.failure.kind == kind
+    assert 0 < noticed.suspicion.step * 0.02 - float(event.split("@")[1]) < 1.2
+    assert noticed.response.gait is not None
+    assert noticed.response.gait.posture.tucked_legs == (int(leg),)
+    assert result.status == "ok"
+    assert result.deviation is not None
+    assert result.deviation.max < 0.05
+    path_m = result.path_m[:, 0]
+    assert path_m[-1] - path_m[400] > 0.7 * (path_m[200] - path_m[0]), "as fast as before"
+
+
+@pytest.mark.parametrize("world", ["flat", "rough", "real:3"])
+def test_whole_legs_are_left_alone(world: str) -> None:
+    _, walk = _walk(_trial(None, world=world, duration_s=15.0))
+    assert walk.noticed == ([],)
+
+
+def test_a_leg_that_the_plan_knows_of_is_not_noticed_again() -> None:
+    robot = shipped()
+    failure = Failure(leg=2, kind="limp")
+    plan = TrialPlan(
+        gait=make_gait(robot, "tripod"), hold="line", duration_s=6.0, belief=failure, self_rotation="none"
+    )
+    _, walk = _walk(SimTrial(robot=robot, plan=plan, failure=failure))
+    assert walk.noticed == ([],)
+
+
+def test_the_robot_can_stop_instead_and_says_why() -> None:
+    result, walk = _walk(_trial("5:locked@4"), StopWalking())
+    assert result.status == "aborted"
+    assert result.stopped == "leg 5 locked"
+    assert 4 < result.duration_s < 5.5
+    assert len(walk.noticed[0]) == 1
+
+
+def test_watching_alone_changes_no_walk() -> None:
+    trial = _trial("5:locked@3", duration_s=6.0, hold="none")
+
+    def make(start: WalkStart) -> MonitoredWalk:
+        walks.append(MonitoredWalk(start, planned_walk(start), WalkOn()))
+        return walks[-1]
+
+    walks: list[MonitoredWalk] = []
+    assert run_sim_trial(trial, make) == run_sim_trial(trial)
+    assert [noticed.suspicion.leg for noticed in walks[0].noticed[0]] == [5]
+
+
+def test_a_soft_stop_is_not_taken_for_a_failure() -> None:
+    trial = _trial(None, duration_s=4.0)
+    walks = []
+
+    def make(start: WalkStart) -> MonitoredWalk:
+        walks.append(recovering_walk()(start))
+        return walks[-1]
+
+    with SimServos(trial.robot) as servos:
+        run_trial(Guard(servos), trial.plan, make)
+    assert walks[0].noticed == ([],)
+
+
+def test_each_walk_of_a_batch_recovers_by_itself_as_alone() -> None:
+    """Failures at different times, of different legs; one walk stays whole; worlds with noise and delay."""
+    trials = [
+        _trial(event, duration_s=6.0, world=world)
+        for event in ("5:locked@3", "2:limp@3.4", None, "4:missing@3.2")
+        for world in ("flat", "real:2")
+    ]
+    together = run_sim_trials([*trials, trials[0]], make_controller=recovering_walk(), apart=True)
+    assert together[0] == together[-1]
+    for trial, result in zip(trials, together[:-1], strict=True):
+        assert result == run_sim_trial(trial, recovering_walk())
+
+
+def test_what_is_no_policy_is_refused() -> None:
+    def make(given: WalkStart) -> MonitoredWalk:
+        return MonitoredWalk(given, planned_walk(given), "recover")  # type: ignore[arg-type]
+
+    with pytest.raises(WrongTypeError, match="policy"):
+        run_sim_trial(_trial(None, duration_s=1.0), make)
