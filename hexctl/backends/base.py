@@ -1,7 +1,7 @@
 """The abstract leg-servo interface: the only way to a robot, simulated or real."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Protocol, Self, runtime_checkable
@@ -88,6 +88,10 @@ class LegServos(ABC):
 
     def pause_watchdog(self) -> None:  # noqa: B027  most servos have no watchdog
         """Expect no command until the next one: until then, silence is not a failure."""
+
+    def news(self) -> Sequence[str]:
+        """What happened to a simulated robot since this was asked last, in lines for a recording."""
+        return ()
 
     def walk_begins(self) -> None:  # noqa: B027  only simulations have failures to come
         """Know that a walk begins: a simulation counts its failure events from here."""
@@ -185,6 +189,10 @@ class ServosWrapper(LegServos):
     def pause_watchdog(self) -> None:
         """Expect no command until the next one."""
         self.wrapped.pause_watchdog()
+
+    def news(self) -> Sequence[str]:
+        """What happened to the wrapped servos since this was asked last."""
+        return self.wrapped.news()
 
     def walk_begins(self) -> None:
         """Tell the wrapped servos that a walk begins."""

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Self
 from hexctl.backends.base import LegServos
 from hexctl.errors import InputError, MissingExtraError, argument
 from hexctl.robot.failure import Failure
+from hexctl.robot.failure_event import FailureEvent
 from hexctl.robot.loader import RobotFile
 from hexctl.robot.model import Robot
 from hexctl.robot.plugins import load_named
@@ -27,6 +28,7 @@ class BackendOptions:
         robot: the robot at the other end.
         world: the simulated world.
         failure: the failed leg that a simulation injects.
+        events: failures that come to a simulation in the walk, and legs that heal.
         seed: seed of everything random in a simulation.
         trial: number of the trial; sensor noise differs between trials.
         realtime: pace a simulation with wall time.
@@ -41,6 +43,7 @@ class BackendOptions:
     robot: Robot
     world: "World | None" = None
     failure: Failure | None = None
+    events: tuple[FailureEvent, ...] = ()
     seed: int = 0
     trial: int = 0
     realtime: bool = False
@@ -147,6 +150,7 @@ def _sim(options: BackendOptions) -> LegServos:
         seed=options.seed,
         trial=options.trial,
         realtime=options.realtime,
+        events=options.events,
     )
 
 
@@ -229,7 +233,7 @@ def _not_loaded(name: str, error: Exception) -> InputError:
 
 
 BACKENDS: dict[str, Backend] = {
-    "sim": Backend(_sim, frozenset({"world", "failure", "seed", "trial", "realtime"})),
+    "sim": Backend(_sim, frozenset({"world", "failure", "events", "seed", "trial", "realtime"})),
     "zenoh": Backend(_zenoh, frozenset({"connect", "credentials", "insecure", "link"})),
     "mavlink": Backend(_mavlink, frozenset({"connect", "credentials", "insecure"})),
     "mock": Backend(_mock, frozenset()),

@@ -316,6 +316,39 @@ ThenOption = Annotated[
         "(default: never)",
     ),
 ]
+FailOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--fail",
+        help="With sim, let a leg fail during the walk, untold: LEG:FAILURE@SECONDS, such as 5:locked@8 or "
+        "2:stuck:femur@4, FAILURE as with --failure; a joint sticks where it is. May be given several times. "
+        "(default: never)",
+    ),
+]
+HealOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--heal",
+        help="With sim, let a leg be whole again: LEG@SECONDS, such as 5@20. May be given several times. "
+        "(default: never)",
+    ),
+]
+RecoverOption = Annotated[
+    bool,
+    typer.Option(
+        "--recover",
+        help="Walk on without a leg that fails: glide to a gait for the others, on the same line. It is "
+        "--policy glide.",
+    ),
+]
+PolicyOption = Annotated[
+    str | None,
+    typer.Option(
+        "--policy",
+        help="What to do about a leg that is noticed to have failed: walk-on, stop, glide, or "
+        "package.module:Class. (default: walk-on with sim, else stop)",
+    ),
+]
 HoldOption = Annotated[
     Hold,
     choice(

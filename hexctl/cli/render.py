@@ -49,6 +49,7 @@ def summary(outcome: dict[str, Any]) -> list[RenderableType]:
         ("gait", _gait_text(outcome["gait"])),
         *_posture_rows(outcome["gait"]),
         *_distance_rows(outcome),
+        *_failure_rows(outcome),
         ("status", outcome["status"] + _why(outcome["stopped"]) + _cause(outcome.get("cause"))),
         ("guard", _clipped(outcome["clipped_ticks"])),
         *([("link", link)] if link else []),
@@ -62,6 +63,18 @@ def summary(outcome: dict[str, Any]) -> list[RenderableType]:
         rows.append(("recording", recording))
     view = [f"look at it with: hexctl view {shlex.quote(recording)}"] if recording else []
     return [f"{outcome['robot']} {where}{failed}", label_table(rows), *view]
+
+
+def _failure_rows(outcome: dict[str, Any]) -> list[tuple[str, str]]:
+    """What failed on the way, and what the controller noticed of it."""
+    from hexctl.robot.failure_event import NoticedFailure
+
+    noticed = [str(NoticedFailure.from_dict(each)) for each in outcome.get("noticed", ())]
+    events = outcome.get("events", ())
+    rows = [("failed", ", ".join(events))] if events else []
+    if events or noticed:
+        rows.append(("noticed", "; ".join(noticed) or "nothing"))
+    return rows
 
 
 def _why(stopped: str | None) -> str:

@@ -26,8 +26,10 @@ from hexctl.cli.options import (
     ConnectOption,
     DurationOption,
     FailedLegOption,
+    FailOption,
     FailureOption,
     GaitOption,
+    HealOption,
     HeightOption,
     HoldOption,
     InsecureOption,
@@ -35,6 +37,8 @@ from hexctl.cli.options import (
     KeysOption,
     LinkOption,
     PaceOption,
+    PolicyOption,
+    RecoverOption,
     RobotOption,
     SeedOption,
     StanceShiftOption,
@@ -87,6 +91,10 @@ def run(
     then: ThenOption = None,
     failed_leg: FailedLegOption = None,
     failure: FailureOption = None,
+    fail: FailOption = None,
+    heal: HealOption = None,
+    recover: RecoverOption = False,
+    policy: PolicyOption = None,
     self_rotation: WalkRotationOption = "auto",
     hold: HoldOption = "auto",
     trim: TrimOption = None,
@@ -121,7 +129,10 @@ def run(
     """
     from hexctl.record.run_spec import RunSpec
     from hexctl.robot.failure import failure_of
+    from hexctl.robot.failure_event import parse_failure_event, parse_healing
 
+    if recover and policy not in (None, "glide"):
+        raise InputError(f"--policy: got {policy} with --recover, which is glide; allowed: one or the other")
     if no_record and (record is not None or view):
         raise InputError("--no-record: got --record or --view too; allowed: one or the other")
     spec = RunSpec(
@@ -141,6 +152,8 @@ def run(
         turn_rate_rad_s=None if turn is None else radians(turn),
         duration_s=duration,
         failure=failure_of(failed_leg, failure),
+        events=(*map(parse_failure_event, fail or ()), *map(parse_healing, heal or ())),
+        policy=policy or ("glide" if recover else None),
         self_rotation=self_rotation,
         hold=hold,
         trim_rad=None if trim is None else radians(trim),

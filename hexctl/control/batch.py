@@ -340,6 +340,7 @@ class _Walks:
                 quaternions_world=self._quaternions[index, :walked],
                 samples=self._samples.of(walked, (index,)),
                 energy_j=self._effort.energy_j((index,)),
+                noticed=self._controller.noticed_failures(index),
             )
             for index, (plan, walked, start) in enumerate(
                 zip(self._plans, self._walked.tolist(), self._starts, strict=True)

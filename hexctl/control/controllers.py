@@ -17,6 +17,7 @@ from hexctl.gait.foot_trajectory import (
 )
 from hexctl.gait.gait import Gait, Motion
 from hexctl.ik.legs import solve_legs, solve_legs_within_limits
+from hexctl.robot.failure_event import NoticedFailure
 from hexctl.robot.model import Robot
 from hexctl.types import N_JOINTS, BoolArray, FloatArray, RobotState, leg_slice
 
@@ -65,6 +66,14 @@ class Controller(ABC):
     def done(self, step: int, state: RobotState) -> bool | BoolArray:
         """Whether the controller has ended at a step, asked after its targets were sent; leading shape."""
         return False
+
+    def noticed_failures(self, index: int = 0) -> tuple[NoticedFailure, ...]:
+        """Failures that it noticed so far, of one robot of a batch."""
+        return ()
+
+    def news(self) -> Sequence[str]:
+        """What happened since this was asked last, in lines for a recording."""
+        return ()
 
     def stop(self, step: int) -> None:  # noqa: B027  a controller may have nothing to let run out
         """Begin the soft stop at a step; targets are then asked for `soft_stop_steps`, whatever `done` says.

@@ -54,6 +54,7 @@ class TickLog:
         posed_from: the first row with a base position, None before any.
         contacts_known: whether the last tick came with foot contacts.
         walked_ticks: how many ticks belong to the walk.
+        notes: rows at which something happened, and what.
     """
 
     def __init__(self) -> None:
@@ -64,6 +65,7 @@ class TickLog:
         self.posed_from: int | None = None
         self.contacts_known = True
         self.walked_ticks = 0
+        self.notes: list[tuple[int, str]] = []
         self._length = 0
         self._chunks: list[dict[str, Any]] = []
 
@@ -111,6 +113,10 @@ class TickLog:
             columns["velocity_body"][row] = self.controller.velocity_body
         self.walked_ticks += self.phase == "walk"
         self._length += 1
+
+    def note(self, texts: Sequence[str]) -> None:
+        """Note what happened in the tick that is recorded next."""
+        self.notes += [(self._length, text) for text in texts]
 
     def extend(self, rows: Mapping[str, Any]) -> None:
         """Append rows that another process recorded, all columns of `COLUMNS`."""

@@ -113,6 +113,21 @@ class _TraceObserver:
         """Nothing: a trace keeps no durations."""
 
 
+class _NewsObserver:
+    """Notes in the log what happens to the robot and what its controller notices."""
+
+    def __init__(self, log: TickLog, servos: LegServos, controller: Controller) -> None:
+        self._log, self._sources = log, (servos.news, controller.news)
+
+    def record(self, tick: Tick, state: RobotState, wanted_rad: FloatArray, sent: JointTargets) -> None:
+        for news in self._sources:
+            if texts := news():
+                self._log.note(texts)
+
+    def took(self, work_s: float) -> None:
+        """Nothing: notes keep no durations."""
+
+
 class WalkRows(Protocol):
     """What a trial keeps of the ticks of its walk, beside the trace."""
 
@@ -161,6 +176,7 @@ class Phases:
         observers = [*self._observers, *map(RowObserver, seen_by)]
         if self._recorders is not None:
             self._recorders.log.controller = controller
+            observers.insert(0, _NewsObserver(self._recorders.log, self.servos, controller))
         return run_controller(self.servos, controller, observers, until=until, first_step=first_step)[0]
 
 

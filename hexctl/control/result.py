@@ -16,6 +16,7 @@ from hexctl.control.turning import TURN_WITHIN_RAD, turn_needed_rad
 from hexctl.errors import InputError, MissingExtraError
 from hexctl.gait.foot_trajectory import RAMP_DURATION_S
 from hexctl.gait.gait import ideal_speed_m_s
+from hexctl.robot.failure_event import NoticedFailure
 from hexctl.robot.model import Robot
 from hexctl.robot.rotations import wrapped_rad, yaw_rad
 from hexctl.types import ArrayFields, FloatArray
@@ -103,6 +104,7 @@ class TrialResult(ArrayFields):
             something else, or nothing.
         turn_trim_rad_s: turn that went with it in open loop to take out its curve, counter-clockwise; None
             where it was not trimmed.
+        noticed: failures that the controller noticed on the way.
     """
 
     status: str
@@ -128,6 +130,7 @@ class TrialResult(ArrayFields):
     steadiness: float | None = None
     trim_rad: float | None = None
     turn_trim_rad_s: float | None = None
+    noticed: tuple[NoticedFailure, ...] = ()
 
     @property
     def valid(self) -> bool:
@@ -158,6 +161,7 @@ class TrialResult(ArrayFields):
             **{name: getattr(self, name) for name in QUALITIES},
             "trim_deg": _degrees(self.trim_rad),
             "turn_trim_deg_s": _degrees(self.turn_trim_rad_s),
+            "noticed": [each.to_dict() for each in self.noticed],
         }
         if path:
             data["path_m"] = [[_known(value) for value in row] for row in self.path_m.tolist()]
@@ -193,6 +197,7 @@ class TrialResult(ArrayFields):
                 **{name: data.get(name) for name in QUALITIES},
                 trim_rad=_radians(data.get("trim_deg")),
                 turn_trim_rad_s=_radians(data.get("turn_trim_deg_s")),
+                noticed=tuple(NoticedFailure.from_dict(each) for each in data.get("noticed", ())),
             )
         except (KeyError, TypeError, ValueError, AttributeError) as error:
             raise InputError(
@@ -269,6 +274,7 @@ def score(
     limited_ticks: int = 0,
     true_positions_world: FloatArray | None = None,
     energy_j: float | None = None,
+    noticed: tuple[NoticedFailure, ...] = (),
 ) -> TrialResult:
     """Result of a walk.
 
@@ -289,6 +295,7 @@ def score(
         limited_ticks: ticks in which it was slower than asked for.
         true_positions_world: of a simulated robot, likewise; NaN or None where they are not known.
         energy_j: mechanical work of its actuators; None where it is not known.
+        noticed: failures that its controller noticed.
     """
     path = frame.path(positions_world) if frame is not None else np.zeros((0, 2))
     known = path[np.isfinite(path[:, 0])]
@@ -327,6 +334,7 @@ def score(
         steadiness=unsteadiness_m_s(positions_world),
         trim_rad=plan.trim_rad if hold == "heading" else None,
         turn_trim_rad_s=plan.turn_trim_rad_s,
+        noticed=noticed,
     )
 
 

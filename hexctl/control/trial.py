@@ -36,6 +36,7 @@ from hexctl.errors import (
     check_callable,
     check_type,
 )
+from hexctl.robot.failure_event import NoticedFailure
 from hexctl.types import FloatArray, RobotState
 
 #: Ticks between two looks at a walk that may end early.
@@ -180,6 +181,7 @@ class _Trial:
         clipped_ticks: ticks of the walk in which the guard changed the targets.
         hold: what the controller held.
         limited_ticks: ticks of the walk in which it was slower than asked for.
+        noticed: failures that the controller noticed.
     """
 
     def __init__(
@@ -198,6 +200,7 @@ class _Trial:
         self.stopped: str | None = None
         self.turned_rad, self.clipped_ticks, self.hold = 0.0, 0, "none"
         self.limited_ticks = 0
+        self.noticed: tuple[NoticedFailure, ...] = ()
         self._requested = False
         self._samples, self._effort = WalkSamples(ticks_of(servos, plan.duration_s)), WalkEffort()
 
@@ -238,6 +241,7 @@ class _Trial:
             quaternions_world=trace.quaternions_world[rows],
             samples=self._samples.of(rows.stop - rows.start),
             energy_j=self._effort.energy_j(),
+            noticed=self.noticed,
         )
 
     def _walk(self, start: WalkStart, *, soft_stop: bool) -> None:
@@ -254,6 +258,7 @@ class _Trial:
         finally:
             self.clipped_ticks = self._servos.counters.clipped - clipped_before
             self.limited_ticks = int(walk.limited_steps)
+            self.noticed = walk.noticed_failures()
         if self.status == "aborted" and walk.stopped is not None:
             self.stopped = walk.stopped
         elif self.status == "aborted" and not self._requested:

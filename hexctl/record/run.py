@@ -27,6 +27,7 @@ from hexctl.control.log import (
     Recorders,
     TickLog,
 )
+from hexctl.control.monitor.monitored_walk import watched_walk
 from hexctl.control.plan import AUTO_ROTATION
 from hexctl.control.preparation import StopRequested, never
 from hexctl.control.result import TrialResult
@@ -103,6 +104,7 @@ class Run:
         self.plan = plan_of(spec, self.robot)
         self._meshes = self._file.meshes if self._file is not None and spec.records else {}
         check_plan(self.robot, self.plan)
+        self._policy = spec.made_policy
         world = "flat" if spec.world is None else spec.world
         self._world = world if isinstance(world, World) else load_world(world)
         self.notes: tuple[str, ...] = ()
@@ -175,7 +177,8 @@ class Run:
             block_ticks=PACED_BLOCK_TICKS if self.spec.paced else BLOCK_TICKS,
         )
         began_s = time.perf_counter()
-        trial = run_trial(self._guard, self.plan, controller, kept, stop_requested=stop_requested)
+        walk = watched_walk(self._policy) if controller is None else controller
+        trial = run_trial(self._guard, self.plan, walk, kept, stop_requested=stop_requested)
         outcome = self._outcome(trial, log, time.perf_counter() - began_s)
         error = kept.error_of(recording)
         if recording is not None and error is None:
@@ -274,6 +277,7 @@ class Run:
             },
             "failed_leg": plan.belief.leg if plan.belief else None,
             "failure": str(plan.belief) if plan.belief else None,
+            "events": [str(event) for event in spec.events],
             **trial.to_dict(),
             "ideal_yaw_change_deg": math.degrees(plan.turn_rate_rad_s * trial.duration_s),
             "ticks": len(log),

@@ -10,12 +10,14 @@ from typing import Any
 from hexctl.backends.registry import check_options, option_values
 from hexctl.backends.sim.world import World
 from hexctl.control.assessment.static_stability import check_tucked, stable_gait, stable_slots_of
+from hexctl.control.monitor.recovery import RecoveryPolicy, make_policy
 from hexctl.control.plan import AUTO_ROTATION, GaitChange, TrialPlan, suited_rotation
 from hexctl.errors import InputError, argument, check_type
 from hexctl.gait.gait import AUTO, BEST, SWING_SHARE, Gait, make_gait, names_best, parse_slots
 from hexctl.gait.posture import Posture
 from hexctl.record.rrd import probe_file
 from hexctl.robot.failure import Failure, failure_of
+from hexctl.robot.failure_event import FailureEvent
 from hexctl.robot.model import Robot
 
 
@@ -47,6 +49,11 @@ class RunSpec:
         turn_rate_rad_s: rate of turning, counter-clockwise. Without a heading the robot turns in place.
         duration_s: how long to walk.
         failure: the failed leg, or None.
+        events: failures that come to a simulation during the walk, and legs that heal; its controller is not
+            told.
+        policy: what the walk does about a leg that it notices to have failed: `walk-on`, `stop`, `glide` to a
+            gait for the others, `package.module:Class` or a policy; None walks on in a simulation and stops
+            elsewhere.
         self_rotation: where the failed leg points before the walk: `rear`, `front` or `none`; `auto` as
             `hexctl.control.plan.suited_rotation` says.
         hold: what the walk holds by feedback: its `line`, its `heading` alone, or `none`, as in the paper;
@@ -80,6 +87,8 @@ class RunSpec:
     turn_rate_rad_s: float | None = None
     duration_s: float = 30.0
     failure: Failure | None = None
+    events: Sequence[FailureEvent] = ()
+    policy: str | RecoveryPolicy | None = None
     self_rotation: str = AUTO_ROTATION
     hold: str = "auto"
     trim_rad: float | None = None
@@ -98,6 +107,10 @@ class RunSpec:
         check_type(self.world, (*path, World), "world")
         check_type(self.failure, (Failure, NoneType), "failure", "a Failure, as Failure(leg=5), or None")
         check_type(self.seed, int, "seed", "a whole number, 0 or more")
+        for event in self.events:
+            check_type(event, FailureEvent, "events", "FailureEvents, as parse_failure_event('5:limp@8')")
+        object.__setattr__(self, "events", tuple(self.events))
+        check_type(self.policy, (str, RecoveryPolicy, NoneType), "policy", "a name, or a RecoveryPolicy")
         for name in ("chosen_gait", "realtime", "insecure"):
             check_type(getattr(self, name), bool, name)
         for name in ("record", "record_folder", "credentials"):
@@ -126,6 +139,12 @@ class RunSpec:
         return self.record is not None or self.record_folder is not None
 
     @property
+    def made_policy(self) -> RecoveryPolicy:
+        """The policy of the walk; raises InputError for a name that is not allowed."""
+        policy = self.policy or ("walk-on" if self.simulated else "stop")
+        return make_policy(policy) if isinstance(policy, str) else policy
+
+    @property
     def gait_text(self) -> str:
         """Name, code or slots of the gait."""
         gait = self.gait.slots if isinstance(self.gait, Gait) else self.gait
@@ -136,7 +155,9 @@ class RunSpec:
         if self.seed < 0:
             raise InputError(f"seed: got {self.seed}; allowed: 0 or more")
         # A failure is the plan's too: on a robot that is not simulated it tells the controller.
-        check_options(self.backend, **option_values(self, but=("robot", "failure")))
+        events = ", ".join(map(str, self.events)) or None
+        options = option_values(self, but=("robot", "failure", "events"))
+        check_options(self.backend, names={"events": "fail"}, events=events, **options)
         names = ("pace_hz", "amplitude", "height", "body_raise", "stance_shift", "swing_share")
         steps = {name: getattr(self, name) for name in names} | {"tucked_legs": self.tucked_legs or None}
         for name, value in steps.items() if isinstance(self.gait, Gait) else ():
@@ -144,6 +165,9 @@ class RunSpec:
                 raise InputError(f"{name}: got {value} with a Gait; allowed: with a name, a code or slots")
         if self.trim_rad is not None and self.hold != "heading":
             raise InputError(f"{argument('trim')}: got it with hold {self.hold}; allowed: with hold heading")
+        late = [event for event in self.events if event.at_s >= self.duration_s]
+        if late:
+            raise InputError(f"failure event: got {late[0]}; allowed: before {self.duration_s:g} s, the end")
         if self.record is not None:
             probe_file(Path(self.record))
 

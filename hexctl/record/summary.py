@@ -149,6 +149,8 @@ def _result_rows(result: TrialResult, stability: float | None) -> Iterator[Row]:
         yield "**deviation**", f"**{off.final:.3f} m** at the end{whole}"
     if result.duration_s:
         yield "held", held_in_words(result.to_dict())
+    if result.noticed:
+        yield "noticed", "; ".join(map(str, result.noticed))
     if result.yaw_change_rad is not None:
         yield "turned", f"{math.degrees(result.yaw_change_rad):+.1f}°"
     if result.cost_of_transport is not None and result.energy_j is not None:

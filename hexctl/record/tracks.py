@@ -234,7 +234,7 @@ MAX_NAMES = 3
 
 def send_events(block: Block) -> None:
     """Send what happened in the rows of a block."""
-    events = sorted([*_phases(block), *_clipped(block), *_skipped(block)])
+    events = sorted([*_phases(block), *_notes(block), *_clipped(block), *_skipped(block)])
     if events:
         rows, levels, texts = zip(*events, strict=True)
         columns = load_rerun().TextLog.columns(text=list(texts), level=list(levels))
@@ -244,6 +244,13 @@ def send_events(block: Block) -> None:
 def _phases(block: Block) -> Iterator[Event]:
     for row in block.changes(block.led("phase")).tolist():
         yield row, INFO, f"{PHASES[block.column('phase')[row]]} begins"
+
+
+def _notes(block: Block) -> Iterator[Event]:
+    """Failures of the robot, and what its controller noticed and did."""
+    for row, text in block.log.notes:
+        if block.start <= row < block.stop:
+            yield row - block.start, WARNING, text
 
 
 def _clipped(block: Block) -> Iterator[Event]:

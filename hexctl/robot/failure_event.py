@@ -1,7 +1,9 @@
 """Failures that come and go while a robot walks."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any, Self
 
 from hexctl.errors import InputError, check_type
 from hexctl.robot.failure import FAILURE_FORMS, UNKNOWN, Failure, parse_failure
@@ -51,6 +53,51 @@ class FailureEvent:
             return f"{self.leg}@{self.at_s:g}"
         kind = f"stuck:{self.failure.joint}" if self.failure.kind == "stuck" else str(self.failure)
         return f"{self.leg}:{kind}@{self.at_s:g}"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NoticedFailure:
+    """A failure that a controller noticed by itself, and what it did about it.
+
+    Attributes:
+        at_s: seconds since the walk began.
+        failure: leg, kind and joint, as it believes.
+        evidence: what it was noticed by: `following` (targets that joints do not follow) or `support` (load
+            that a leg does not carry).
+        did: what it did, in few words.
+    """
+
+    at_s: float
+    failure: Failure
+    evidence: str
+    did: str
+
+    def __str__(self) -> str:
+        return f"leg {self.failure.leg} {in_words(self.failure)} at {self.at_s:.2f} s, {self.did}"
+
+    def to_dict(self) -> dict[str, Any]:
+        """JSON values."""
+        return {
+            "at_s": round(self.at_s, 6),
+            "leg": self.failure.leg,
+            "kind": self.failure.kind,
+            "joint": self.failure.joint,
+            "evidence": self.evidence,
+            "did": self.did,
+        }
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> Self:
+        """Inverse of `to_dict`; the angle of a stuck joint is not kept."""
+        failure = Failure(leg=int(data["leg"]), kind=str(data["kind"]), joint=data["joint"])
+        return cls(
+            at_s=float(data["at_s"]), failure=failure, evidence=str(data["evidence"]), did=str(data["did"])
+        )
+
+
+def in_words(failure: Failure) -> str:
+    """Kind and joint of a failure, without its numbers: `locked`, `femur stuck`."""
+    return failure.kind if failure.joint is None else f"{failure.joint} {failure.kind}"
 
 
 def parse_failure_event(text: str) -> FailureEvent:

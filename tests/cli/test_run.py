@@ -508,3 +508,38 @@ def test_the_summary_names_a_posture_that_is_not_the_usual_one(capsys: pytest.Ca
     )
     assert exit_code([*SHORT[:-1], "0.5"]) == 0
     assert "posture" not in capsys.readouterr().out
+
+
+def test_a_leg_dies_and_the_text_says_what_was_noticed_and_done(capsys: pytest.CaptureFixture[str]) -> None:
+    walk = ["run", "--gait", "tripod", "--fail", "5:locked@3", "--duration", "5", "--no-record"]
+    assert exit_code([*walk, "--recover"]) == 0
+    said = capsys.readouterr().out
+    assert "failed     5:locked@3" in said
+    assert "noticed    leg 5 locked at 3." in said
+    assert "glided to slots" in said
+    assert exit_code([*walk, "--policy", "stop"]) == 4
+    said = capsys.readouterr().out
+    assert "stopped" in said
+    assert "aborted (leg 5 locked)" in said
+    assert exit_code(walk) == 0
+    assert "walked on" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--fail", "5:locked"), "LEG:FAILURE@SECONDS"),
+        (("--fail", "5:asleep@3"), "locked, limp"),
+        (("--fail", "5:stuck:femur:10@3"), "it sticks where it is"),
+        (("--fail", "5:locked@31"), "before 30 s"),
+        (("--heal", "5"), "LEG@SECONDS"),
+        (("--fail", "5:locked@3", "--backend", "mock"), "--fail: got 5:locked@3 with --backend mock"),
+        (("--policy", "hope"), "walk-on, stop, glide"),
+        (("--policy", "stop", "--recover"), "one or the other"),
+    ],
+)
+def test_a_failure_or_policy_that_cannot_be_is_one_line(
+    arguments: tuple[str, ...], message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert exit_code(["run", "--no-record", *arguments]) == 2
+    assert message in _one_line(capsys.readouterr().err)

@@ -14,10 +14,13 @@ from hexctl.backends.mock import MockServos
 from hexctl.backends.sim.world import World
 from hexctl.control.controllers import Stand
 from hexctl.control.log import TickLog
-from hexctl.errors import InputError, ReachError, WrongTypeError
+from hexctl.control.monitor.recovery import RecoveryPolicy, Response
+from hexctl.control.result import TrialResult
+from hexctl.errors import HexctlError, InputError, ReachError, WrongTypeError
 from hexctl.gait.gait import make_gait
 from hexctl.record.run import Run
 from hexctl.robot.failure import Failure
+from hexctl.robot.failure_event import parse_failure_event, parse_healing
 from hexctl.robot.loader import load_robot
 from hexctl.robot.model import Robot
 from hexctl.types import RobotState
@@ -251,3 +254,53 @@ class PositionMock(YawMock):
     def read(self) -> RobotState:
         self.reads += 1
         return replace(super().read(), base_position_world=np.zeros(3) if self.reads > 4 else None)
+
+
+class TestFailuresInMidWalk:
+    """What the world breaks, what the walk notices, and what it does about it."""
+
+    def test_the_result_tells_them_apart(self) -> None:
+        done = run(gait="tripod", duration_s=6.0, events=[parse_failure_event("5:locked@3")], policy="glide")
+        assert done.outcome["events"] == ["5:locked@3"]
+        assert done.outcome["failed_leg"] is None
+        (noticed,) = done.outcome["noticed"]
+        assert (noticed["leg"], noticed["kind"]) == (5, "locked")
+        assert 3 < noticed["at_s"] < 4.2
+        assert noticed["did"].startswith("glided to slots")
+        assert TrialResult.from_dict(done.trial.to_dict()).noticed == done.trial.noticed
+        texts = [text for _, text in done.log.notes]
+        assert [text.partition(":")[0] for text in texts] == ["the world", "noticed"]
+        rows = [row for row, _ in done.log.notes]
+        walk = done.log.rows_of("walk")
+        assert rows[0] - walk.start in (150, 151)
+
+    def test_a_simulation_walks_on_unless_asked(self) -> None:
+        done = run(gait="tripod", duration_s=5.0, events=[parse_failure_event("5:locked@3")])
+        assert done.trial.status == "ok"
+        assert [each.did for each in done.trial.noticed] == ["walked on"]
+
+    def test_a_policy_of_ones_own(self) -> None:
+        class Once(RecoveryPolicy):
+            def respond(self, *_args: object) -> Response:
+                return Response(stop=True)
+
+        done = run(gait="tripod", duration_s=5.0, events=[parse_failure_event("5:locked@3")], policy=Once())
+        assert done.trial.status == "aborted"
+
+    @pytest.mark.parametrize(
+        ("options", "message"),
+        [
+            ({"events": [parse_failure_event("5:limp@30")]}, "before 30 s"),
+            ({"events": ["5:limp@3"]}, "events"),
+            ({"events": [parse_healing("5@3")], "backend": "mock"}, "with sim"),
+            ({"policy": "run"}, "walk-on, stop, glide"),
+            ({"policy": "os:path"}, "RecoveryPolicy"),
+            ({"policy": "nowhere:Policy"}, "cannot be loaded"),
+            ({"policy": 3}, "policy"),
+        ],
+    )
+    def test_what_is_not_allowed_is_refused_before_anything_moves(
+        self, options: dict[str, Any], message: str
+    ) -> None:
+        with pytest.raises(HexctlError, match=message):
+            Run(RunSpec(**options))

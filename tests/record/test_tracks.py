@@ -139,6 +139,7 @@ def test_clipped_targets_and_missed_ticks_are_marked_and_told(trial: Trial, tmp_
     times = trial.log["time_s"].copy()
     times[100:] += 0.06
     log = rewritten(trial, sent_rad=sent, time_s=times)
+    log.notes = [(90, "noticed: leg 5 locked")]
     read = recorded(trial, log, tmp_path / "troubled.rrd")
     at = np.round(read.times_s(f"/{paths.GUARD}", "StateChange:state") * 50).astype(int).tolist()
     states = [value[0] for value in read.values(f"/{paths.GUARD}", "StateChange:state")]
@@ -148,6 +149,8 @@ def test_clipped_targets_and_missed_ticks_are_marked_and_told(trial: Trial, tmp_
     ]  # fmt: skip
     told = [value[0] for value in read.values(f"/{paths.EVENTS}", "TextLog:text")]
     assert "clipped: leg2_femur" in told
+    happened = np.round(read.times_s(f"/{paths.EVENTS}", "TextLog:text") * 50).astype(int).tolist()
+    assert (90, "noticed: leg 5 locked") in zip(happened, told, strict=True)
     assert "missed 3 ticks: the one before took too long" in told
     assert [text for text in told if text.endswith("begins")] == [f"{phase} begins" for phase in PHASES]
     assert told[-1] == "trial over, ok"

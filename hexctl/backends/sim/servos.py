@@ -18,7 +18,7 @@ from hexctl.backends.sim.sensing import Losses, SensorMemory, Sensors
 from hexctl.backends.sim.world import World, as_world
 from hexctl.errors import SimulationDivergedError, check_type
 from hexctl.robot.failure import Failure, drawn_failure
-from hexctl.robot.failure_event import FailureEvent
+from hexctl.robot.failure_event import FailureEvent, in_words
 from hexctl.robot.model import Robot
 from hexctl.types import JointTargets, RobotState
 
@@ -75,7 +75,7 @@ class SimServos(LegServos):
         trial: number of the trial.
         facing_rad: yaw in which the robot is put down.
         realtime: pace the clock with wall time; otherwise the physics runs as fast as it can.
-        events: failures to come, and legs that heal, counted from `walk_begins`.
+        events: failures to come, and legs that heal, counted from `walk_begins`, besides those of the world.
     """
 
     injects_failure = True
@@ -101,7 +101,7 @@ class SimServos(LegServos):
         check_type(realtime, bool, "realtime")
         for event in events:
             check_type(event, FailureEvent, "events", "FailureEvents")
-        self.events = tuple(sorted(events, key=lambda event: event.at_s))
+        self.events = tuple(sorted((*self.world.events, *events), key=lambda event: event.at_s))
         self.failure = drawn_failure(self._robot, failure, seed)
         self.seed = seed
         self.trial = trial
@@ -109,6 +109,7 @@ class SimServos(LegServos):
         self._clock = SimClock(self._step, WallClock() if realtime else None)
         self._simulation: Simulation | None = None
         self._limp, self._to_come = False, FailuresToCome((), 0.0)
+        self._news: Sequence[str] = ()
 
     @property
     def robot(self) -> Robot:
@@ -169,6 +170,11 @@ class SimServos(LegServos):
         """The failures in force now, by leg."""
         return tuple(failure for _, failure in sorted(self.simulation.failed.by_leg.items()))
 
+    def news(self) -> Sequence[str]:
+        """Legs that failed or healed since this was asked last."""
+        news, self._news = self._news, ()
+        return news
+
     def walk_begins(self) -> None:
         """Count the times of the events from the next control period on."""
         self._to_come = FailuresToCome(self.events, self._clock.period_s)
@@ -183,6 +189,8 @@ class SimServos(LegServos):
         if self._limp:
             self._set_springs(1.0)
         simulation.failed.change(leg, failure)
+        what = "whole again" if failure is None else in_words(failure)
+        self._news = (*self._news, f"the world: leg {leg} {what}")
         self._keep_springs()
         self.sensors.torques = JointTorques.of(simulation)
         self.actuators.leg_changed(leg, held_rad(simulation, self._qpos, self._ctrl), self._ctrl)

@@ -19,6 +19,7 @@ from hexctl.backends.clock import PERIOD_S
 from hexctl.backends.sim.flaws import Finite, Section, SensorFaults, SensorNoise
 from hexctl.errors import InputError, check_type, shown
 from hexctl.robot.configs import Number, find_config, read_mapping, validate
+from hexctl.robot.failure_event import FailureEvent, parse_failure_event, parse_healing
 from hexctl.types import JOINT_KINDS, JOINTS_PER_LEG, N_JOINTS, N_LEGS, FloatArray
 
 #: Greatest calibration error of a joint.
@@ -53,6 +54,8 @@ _IN_STEPS = (
     "friction_cone",
     "sensor_noise",
     "sensor_faults",
+    "failures",
+    "healings",
 )
 
 
@@ -95,6 +98,9 @@ class World(Section):
             keep to the one before.
         lost_poses: share of the control periods in which position and orientation are not measured, likewise.
         sensor_faults: what sensors show wrongly; left out where a world is written down without any.
+        failures: legs that fail during a walk, such as `5:locked@8`: leg, failure, seconds since the walk
+            began; left out likewise, as is the next.
+        healings: legs that are whole again, such as `5@20`.
     """
 
     friction: Annotated[Number, Field(gt=0, le=5, allow_inf_nan=False)] = 0.8
@@ -127,6 +133,8 @@ class World(Section):
     sensor_faults: Annotated[SensorFaults, Field(exclude_if=lambda faults: faults == SensorFaults())] = (
         SensorFaults()
     )
+    failures: Annotated[tuple[str, ...], Field(exclude_if=lambda events: not events)] = ()
+    healings: Annotated[tuple[str, ...], Field(exclude_if=lambda events: not events)] = ()
 
     @property
     def seeded(self) -> bool:
@@ -168,6 +176,21 @@ class World(Section):
                 f"got {shown(given)}; allowed: {least:g} to {most:g}, or a list of {lengths} of these"
             )
         return given
+
+    @field_validator("failures", "healings")
+    @classmethod
+    def _events(cls, given: tuple[str, ...], info: ValidationInfo) -> tuple[str, ...]:
+        parse = parse_failure_event if info.field_name == "failures" else parse_healing
+        try:
+            return tuple(str(parse(text)) for text in given)
+        except InputError as error:
+            raise ValueError(str(error)) from error
+
+    @property
+    def events(self) -> tuple[FailureEvent, ...]:
+        """Failures that come during a walk, and legs that heal, by time."""
+        events = (*map(parse_failure_event, self.failures), *map(parse_healing, self.healings))
+        return tuple(sorted(events, key=lambda event: event.at_s))
 
     @field_validator("time_step_s")
     @classmethod

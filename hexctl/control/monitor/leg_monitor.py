@@ -8,6 +8,7 @@ import numpy as np
 from hexctl.control.monitor.joint_following import JointFollowing
 from hexctl.control.monitor.leg_support import LegSupport
 from hexctl.robot.failure import Failure
+from hexctl.robot.failure_event import in_words
 from hexctl.robot.model import Robot
 from hexctl.types import (
     JOINT_KINDS,
@@ -73,8 +74,7 @@ class Suspicion:
         return self.failure.leg
 
     def __str__(self) -> str:
-        joint = f" {self.failure.joint}" if self.failure.joint else ""
-        return f"leg {self.leg}{joint} {self.failure.kind}"
+        return f"leg {self.leg} {in_words(self.failure)}"
 
 
 class LegMonitor:

@@ -9,13 +9,21 @@ from numpy.typing import NDArray
 
 from hexctl.control.controllers import Controller
 from hexctl.control.monitor.leg_monitor import LegMonitor, Suspicion
-from hexctl.control.monitor.recovery import GlideToStableGait, RecoveryPolicy, Response
+from hexctl.control.monitor.recovery import (
+    GlideToStableGait,
+    RecoveryPolicy,
+    Response,
+    StopWalking,
+    WalkOn,
+)
 from hexctl.control.preparation import WalkStart
 from hexctl.control.steered_walk import SteeredWalk
 from hexctl.control.steering import held
+from hexctl.control.trial import planned_walk
 from hexctl.control.velocity_walk import MotionWalk, VelocityWalk
 from hexctl.errors import check_type
 from hexctl.robot.failure import Failure
+from hexctl.robot.failure_event import NoticedFailure
 from hexctl.types import N_LEGS, BoolArray, FloatArray, RobotState
 
 #: Numbers of the legs.
@@ -60,6 +68,7 @@ class MonitoredWalk(Controller):
         for plan, heading_rad in zip(start.plans, self._headings_rad, strict=True):
             policy.prepare(start.robot, plan, heading_rad)
         self._stopping = False
+        self._news: Sequence[str] = ()
         self._monitor = LegMonitor(
             start.robot,
             start.batch_shape,
@@ -106,6 +115,23 @@ class MonitoredWalk(Controller):
         self._stopping = True
         self.walk.stop(step)
 
+    def noticed_failures(self, index: int = 0) -> tuple[NoticedFailure, ...]:
+        """Failures that it noticed so far, of one robot of a batch."""
+        return tuple(
+            NoticedFailure(
+                at_s=each.suspicion.step * self._start.period_s,
+                failure=each.suspicion.failure,
+                evidence=each.suspicion.evidence,
+                did=str(each.response),
+            )
+            for each in self.noticed[index]
+        )
+
+    def news(self) -> Sequence[str]:
+        """What it noticed since this was asked last."""
+        news, self._news = self._news, ()
+        return news
+
     def _respond(self, step: int) -> None:
         """Do what the policy says about the legs noticed in this tick."""
         new = np.flatnonzero(self._monitor.new.any(axis=-1)).tolist()
@@ -119,6 +145,7 @@ class MonitoredWalk(Controller):
             self._failures[index].append(suspicion.failure)
             response = self._answer(index, self._failures[index])
             self.noticed[index].append(Noticed(suspicion=suspicion, response=response))
+            self._news = (*self._news, f"noticed: {suspicion}, by its {suspicion.evidence}; {response}")
             if response.gait is not None:
                 gaits[index], changes[index] = response.gait, True
             if response.stop:
@@ -146,3 +173,13 @@ def recovering_walk(policy: RecoveryPolicy | None = None) -> Callable[[WalkStart
         return MonitoredWalk(start, walk, decides)
 
     return make
+
+
+def watched_walk(policy: RecoveryPolicy) -> Callable[[WalkStart], MonitoredWalk]:
+    """What makes walks that are watched, for `run_trial`.
+
+    For a policy that changes no gait they are the plans' own walks, the same to the last bit.
+    """
+    if not isinstance(policy, WalkOn | StopWalking):
+        return recovering_walk(policy)
+    return lambda start: MonitoredWalk(start, planned_walk(start), policy)

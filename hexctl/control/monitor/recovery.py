@@ -1,15 +1,18 @@
 """Recovery: what a walk does about a leg that is believed to have failed."""
 
+import inspect
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from hexctl.control.assessment.static_stability import STAND_UP, most_stable_slots
 from hexctl.control.plan import TrialPlan
+from hexctl.errors import InputError, argument
 from hexctl.gait.encoding import Slots
 from hexctl.gait.gait import Gait
 from hexctl.robot.failure import Failure
 from hexctl.robot.model import Robot
+from hexctl.robot.plugins import load_named
 from hexctl.types import N_LEGS
 
 
@@ -24,6 +27,11 @@ class Response:
 
     gait: Gait | None = None
     stop: bool = False
+
+    def __str__(self) -> str:
+        if self.stop:
+            return "stopped"
+        return "walked on" if self.gait is None else f"glided to slots {','.join(map(str, self.gait.slots))}"
 
 
 class RecoveryPolicy(ABC):
@@ -107,3 +115,31 @@ class GlideToStableGait(RecoveryPolicy):
         if key not in self._slots:
             self._slots[key] = most_stable_slots(robot, heading_rad=heading_body_rad, failure=lost)
         return self._slots[key]
+
+
+#: Policies by name: what a walk does about a leg that fails.
+POLICIES: dict[str, type[RecoveryPolicy]] = {
+    "walk-on": WalkOn,
+    "stop": StopWalking,
+    "glide": GlideToStableGait,
+}
+
+
+def make_policy(name: str) -> RecoveryPolicy:
+    """Policy of a name in `POLICIES`, or of `package.module:Class`.
+
+    Raises InputError for anything else.
+    """
+    if name in POLICIES:
+        return POLICIES[name]()
+    what, allowed = argument("policy"), f"{', '.join(POLICIES)}, or package.module:Class"
+    if ":" not in name:
+        raise InputError(f"{what}: got {name!r}; allowed: {allowed}")
+    try:
+        own = load_named(name, "policy")
+        made = own() if inspect.isclass(own) else own
+    except (ImportError, AttributeError, TypeError, ValueError) as error:
+        raise InputError(f"{what}: {name!r} cannot be loaded ({error}); allowed: {allowed}") from error
+    if not isinstance(made, RecoveryPolicy):
+        raise InputError(f"{what}: {name!r} is a {type(made).__name__}; allowed: a RecoveryPolicy")
+    return made

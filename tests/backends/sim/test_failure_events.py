@@ -1,11 +1,15 @@
 """Legs fail and heal while a simulation runs, alone and in a batch."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from hexctl.backends.sim.servos import SimServos
+from hexctl.backends.sim.world import World, load_world
 from hexctl.control.batch import SimTrial, run_sim_trial, run_sim_trials
 from hexctl.control.plan import TrialPlan
+from hexctl.errors import InputError
 from hexctl.gait.gait import make_gait
 from hexctl.robot.failure import Failure
 from hexctl.robot.failure_event import FailureEvent, parse_failure_event, parse_healing
@@ -142,3 +146,27 @@ def test_walks_whose_legs_fail_together_equal_each_alone() -> None:
         assert result == run_sim_trial(trial)
     whole = run_sim_trial(SimTrial(robot=robot, plan=plan, failure=None, world="flat"))
     assert all(result.path_m[-1, 0] != whole.path_m[-1, 0] for result in together[:-1:2])
+
+
+def test_a_world_file_has_failures_to_come(tmp_path: Path) -> None:
+    path = tmp_path / "broken.yaml"
+    path.write_text('failures: ["2:limp@0.3"]\nhealings: ["2@0.6"]\n', encoding="utf-8")
+    seen = []
+    with SimServos(shipped(), world=path) as servos:
+        servos.walk_begins()
+        for _ in range(50):
+            servos.clock.tick()
+            seen.append(len(servos.failures))
+        assert servos.news() == ("the world: leg 2 limp", "the world: leg 2 whole again")
+        assert servos.news() == ()
+    assert seen == [0] * 16 + [1] * 15 + [0] * 19
+    assert "failures" not in World().model_dump()
+
+
+@pytest.mark.parametrize("line", ['failures: ["5"]', 'failures: ["7:limp@3"]', 'healings: ["5:limp@3"]'])
+def test_a_world_file_with_other_failures_is_refused_in_one_line(tmp_path: Path, line: str) -> None:
+    path = tmp_path / "broken.yaml"
+    path.write_text(line + "\n", encoding="utf-8")
+    with pytest.raises(InputError, match="allowed") as caught:
+        load_world(path)
+    assert "\n" not in str(caught.value)

@@ -369,6 +369,8 @@ CHANGED: dict[str, Any] = {
     "lost_commands": 0.5,
     "lost_poses": 0.5,
     "sensor_faults": SensorFaults(yaw_drift_deg_per_min=600.0),
+    "failures": ("2:limp@0.02",),
+    "healings": ("2@0.1",),
 }
 
 
