@@ -7,7 +7,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any, Protocol, Self, runtime_checkable
 
 from hexctl.backends.clock import Clock, accept_former_names
-from hexctl.errors import CommandRefusedError, RobotFaultError, check_type
+from hexctl.errors import CommandRefusedError, InputError, RobotFaultError, check_type
 from hexctl.robot.failure import Failure, failure_text, untold_note
 from hexctl.robot.loader import load_robot
 from hexctl.robot.model import Robot
@@ -92,6 +92,13 @@ class LegServos(ABC):
     def news(self) -> Sequence[str]:
         """What happened to a simulated robot since this was asked last, in lines for a recording."""
         return ()
+
+    def change_leg(self, leg: int, failure: Failure | None) -> None:
+        """Let a leg of a simulation fail now, or heal for None.
+
+        Raises InputError for servos that are no simulation.
+        """
+        raise InputError("failure: got it for a robot that is not simulated; allowed: with hexctl serve sim")
 
     def walk_begins(self) -> None:  # noqa: B027  only simulations have failures to come
         """Know that a walk begins: a simulation counts its failure events from here."""
@@ -193,6 +200,10 @@ class ServosWrapper(LegServos):
     def news(self) -> Sequence[str]:
         """What happened to the wrapped servos since this was asked last."""
         return self.wrapped.news()
+
+    def change_leg(self, leg: int, failure: Failure | None) -> None:
+        """Let a leg of wrapped servos that simulate fail now, or heal for None."""
+        self.wrapped.change_leg(leg, failure)
 
     def walk_begins(self) -> None:
         """Tell the wrapped servos that a walk begins."""

@@ -21,6 +21,7 @@ from hexctl.cli.serve import serve
 from hexctl.cli.sessions import sessions
 from hexctl.cli.status import status
 from hexctl.cli.study import study
+from hexctl.cli.twin import twin
 from hexctl.cli.view import view
 from hexctl.errors import EXTRAS, HexctlError, InputError, LimitError, MissingExtraError, ReachError
 
@@ -68,6 +69,7 @@ app.command(rich_help_panel=ROBOT)(board)
 app.command(rich_help_panel=NETWORK)(serve)
 app.command(rich_help_panel=NETWORK)(status)
 app.command(rich_help_panel=NETWORK)(estop)
+app.add_typer(twin, name="twin", rich_help_panel=NETWORK)
 app.add_typer(keys, name="keys", rich_help_panel=NETWORK)
 app.command(rich_help_panel=STUDY)(study)
 app.add_typer(prior, name="prior", rich_help_panel=STUDY)

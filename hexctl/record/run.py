@@ -28,11 +28,11 @@ from hexctl.control.log import (
     TickLog,
 )
 from hexctl.control.monitor.monitored_walk import watched_walk
-from hexctl.control.plan import AUTO_ROTATION
+from hexctl.control.plan import AUTO_ROTATION, TrialPlan
 from hexctl.control.preparation import StopRequested, never
 from hexctl.control.result import TrialResult
 from hexctl.control.trial import run_trial
-from hexctl.control.turning import check_plan
+from hexctl.control.turning import check_plan, turn_needed_rad
 from hexctl.errors import InputError, MissingExtraError, argument, check_type
 from hexctl.record.run_spec import RunSpec, plan_of, spec_of
 from hexctl.robot.loader import RobotFile, load_robot_file
@@ -44,6 +44,9 @@ if TYPE_CHECKING:
     from hexctl.control.trial import MakeController
     from hexctl.record.recording import Recording
 
+
+#: By how much a self-rotation may miss its goal.
+MISS_RAD = math.radians(2.0)
 
 #: How long a robot that has connected may take to tell where it is.
 POSITION_COMES_S = 1.0
@@ -105,6 +108,9 @@ class Run:
         self._meshes = self._file.meshes if self._file is not None and spec.records else {}
         check_plan(self.robot, self.plan)
         self._policy = spec.made_policy
+        # A robot that stands ready must not wait for it.
+        for plan in _as_it_may_stand(self.robot, self.plan):
+            self._policy.prepare(self.robot, plan, plan.heading_rad)
         world = "flat" if spec.world is None else spec.world
         self._world = world if isinstance(world, World) else load_world(world)
         self.notes: tuple[str, ...] = ()
@@ -298,6 +304,12 @@ class Run:
             return None
         world = self.spec.world
         return "custom" if isinstance(world, World) else str(world or "flat")
+
+
+def _as_it_may_stand(robot: Robot, plan: TrialPlan) -> list[TrialPlan]:
+    """The plan with its heading in the body, turned a little either way as a self-rotation may leave it."""
+    heading_rad = plan.heading_rad - turn_needed_rad(robot, plan)
+    return [replace(plan, heading_rad=heading_rad + off_rad) for off_rad in (0.0, -MISS_RAD, MISS_RAD)]
 
 
 def run(

@@ -8,11 +8,15 @@ from typing import Any
 
 from hexctl.control.guard import Guard
 from hexctl.errors import HexctlError, MessageError
+from hexctl.robot.failure_event import in_words, parse_failure_event, parse_healing
 from hexctl.wire.description import decode_json
 from hexctl.wire.messages import LEASE_ID_BYTES
 
 #: A lease expires after this time unless renewed; clients renew it every third of it.
 LEASE_S = 1.0
+
+#: Longest text of a failure that is read.
+MAX_FAILURE_TEXT = 60
 
 #: Longest name of a controller.
 MAX_OWNER = 80
@@ -159,6 +163,26 @@ class RequestHandler:
             self._guard.stop(ESTOP)
         self._leases.revoke()
         return {"stopped": self._guard.stopped}
+
+    def failure(self, payload: bytes) -> dict[str, Any]:
+        """Answer to a request at `failure`: the legs of a simulation that have failed now, or an error.
+
+        A request has the text of a failure, `{"op": "fail", "failure": "5:limp"}`, or a leg that heals,
+        `{"op": "heal", "leg": 5}`.
+        """
+        try:
+            content = decode_json(payload)
+            heals = _one_of(content, "op", ("fail", "heal")) == "heal"
+        except MessageError as error:
+            return self._misunderstood(error)
+        try:
+            text = str(content.get("leg" if heals else "failure", ""))[:MAX_FAILURE_TEXT]
+            event = (parse_healing if heals else parse_failure_event)(f"{text}@0")
+            self._guard.change_leg(event.leg, event.failure)
+        except HexctlError as error:
+            return {"error": str(error)}
+        failures = getattr(self._guard.unwrapped, "failures", ())
+        return {"failures": [f"leg {one.leg} {in_words(one)}" for one in failures]}
 
     def lease(self, payload: bytes, now_s: float) -> dict[str, Any]:
         """Answer to a request at `lease`: acquire, renew, rest or release."""

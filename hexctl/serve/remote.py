@@ -9,6 +9,7 @@ import zenoh
 
 from hexctl.backends.zenoh.client import ask, ask_until
 from hexctl.errors import RobotFaultError
+from hexctl.robot.failure_event import parse_failure_event, parse_healing
 from hexctl.wire.description import RobotIdentity, check_may_command
 from hexctl.wire.links import KeyMap, Link, Role, load_link
 from hexctl.wire.session import open_session
@@ -62,6 +63,29 @@ class RemoteRobots:
         for answer in answers:
             if "stopped" not in answer:
                 raise RobotFaultError(f"a robot did not clear its stop: {answer.get('error', answer)}")
+        return answers
+
+    def fail(self, text: str) -> list[dict[str, Any]]:
+        """Let a leg of every simulated robot fail, as `5:limp` says; `failures` of each answer has them all.
+
+        Raises InputError for a text that is not allowed, and for a robot of another user on a link that was
+        not named; RobotFaultError where a robot refuses, as a real one does, and where none answers.
+        """
+        parse_failure_event(f"{text}@0")
+        return self._change({"op": "fail", "failure": text})
+
+    def heal(self, leg: int) -> list[dict[str, Any]]:
+        """Let a leg of every simulated robot be whole again; raises what `fail` raises."""
+        parse_healing(f"{leg}@0")
+        return self._change({"op": "heal", "leg": leg})
+
+    def _change(self, content: dict[str, Any]) -> list[dict[str, Any]]:
+        for status in self.await_statuses():
+            check_may_command(RobotIdentity.of_answer(status), self._link)
+        answers = self._ask(self._keys.failure, content)
+        for answer in answers:
+            if "failures" not in answer:
+                raise RobotFaultError(f"the robot refuses: {answer.get('error', answer)}")
         return answers
 
     def _ask(self, key: str, content: dict[str, Any] | None = None) -> list[dict[str, Any]]:

@@ -199,6 +199,11 @@ class RobotServer:
             self._set_pose(payload_of(item), arrival.at_s)
         elif arrival.kind == "lease":
             self._transport.reply(arrival.kind, item, self._requests.lease(payload_of(item), arrival.at_s))
+        elif arrival.kind == "failure":
+            answer = self._requests.failure(payload_of(item))
+            if "failures" in answer and self._simulated is not None:
+                self._simulated["failure"] = ", ".join(answer["failures"]) or "none"
+            self._transport.reply(arrival.kind, item, {**answer, **self._who})
         elif arrival.kind == "estop":
             answer = self._requests.estop(payload_of(item), arrival.at_s)
             self._transport.reply(arrival.kind, item, {**answer, **self._who})

@@ -43,6 +43,7 @@ class KeyMap:
         describe: queryable: robot description, protocol version, joint order, JSON.
         lease: queryable: the right to command, JSON.
         estop: queryable: stop, or clear a stop, JSON.
+        failure: queryable of a simulated robot: let a leg fail, or heal, JSON.
     """
 
     command: str
@@ -54,6 +55,7 @@ class KeyMap:
     describe: str
     lease: str
     estop: str
+    failure: str
 
     @classmethod
     def of(cls, robot_name: str) -> "KeyMap":

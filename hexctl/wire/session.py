@@ -19,10 +19,10 @@ if TYPE_CHECKING:
 #: Kinds of messages that a robot publishes, subscribes to and answers queries of.
 PUBLISHED = ("joint_states", "odom", "battery", "status")
 SUBSCRIBED = ("command", "pose")
-QUERYABLE = ("describe", "lease", "estop")
+QUERYABLE = ("describe", "lease", "estop", "failure")
 
 #: Queries to every robot on a link, whose names need not be known.
-QUERIED_BY_WILDCARD = ("describe", "estop")
+QUERIED_BY_WILDCARD = ("describe", "estop", "failure")
 
 
 def access_control(keys: KeyMap, *, certified: bool) -> dict[str, Any]:

@@ -4,11 +4,13 @@ import time
 
 import pytest
 
+from hexctl.backends.sim.servos import SimServos
 from hexctl.control.guard import Guard
 from hexctl.errors import EStopError
 from hexctl.serve.leases import LEASE_S, LeaseManager, LeaseRefusedError, RequestHandler
 from hexctl.wire.description import encode_json
 from tests.control.posed import connected, send
+from tests.robots import shipped
 
 
 def test_the_first_who_asks_holds_the_robot_and_the_second_is_told_who() -> None:
@@ -154,3 +156,17 @@ def test_resting_is_no_silence(guard: Guard, desk: RequestHandler) -> None:
     assert guard.expects_commands
     assert "sequence" in ask(desk, 0.1, op="rest", lease=lease)
     assert not guard.expects_commands
+
+
+@pytest.mark.parametrize(
+    "payload",
+    [
+        *(b"", b"[]", b'{"op": "break"}', b'{"op": "fail"}', b'{"op": "heal"}', b'{"op": "heal", "leg": 9}'),
+        *(b'{"op": "fail", "failure": 5}', b'{"op": "fail", "failure": "5:limp@3"}'),
+    ],
+)
+def test_a_request_for_a_failure_that_cannot_be_is_answered_with_an_error(payload: bytes) -> None:
+    with SimServos(shipped()) as servos:
+        answer = RequestHandler(Guard(servos), LeaseManager()).failure(payload)
+        assert list(answer) == ["error"]
+        assert servos.failures == ()

@@ -55,3 +55,32 @@ def test_silence_is_an_error_with_the_endpoint(monkeypatch: pytest.MonkeyPatch) 
     for ask in (robots.await_statuses, robots.stop, robots.clear):
         with pytest.raises(RobotFaultError, match=r"no robot answers at tcp/127\.0\.0\.1:9"):
             ask()
+
+
+def test_legs_of_a_served_simulation_fail_and_heal_on_request(tmp_path: Path) -> None:
+    with served(tmp_path, backend="sim") as robot:
+        here = ("--connect", robot.endpoint)
+        told = [
+            hexctl("twin", *change, *here)
+            for change in (("fail", "5:limp"), ("fail", "2:stuck:femur"), ("heal", "5"), ("fail", "7:limp"))
+        ]
+        shown = hexctl("status", *here)
+        with remote_robots(Role.CONTROLLER, connect=robot.endpoint) as robots:
+            assert robots.statuses()[0]["simulated"]["failure"] == "leg 2 femur stuck"
+            assert [answer["failures"] for answer in robots.heal(2)] == [[]]
+            with pytest.raises(InputError, match="LEG:FAILURE"):
+                robots.fail("limp")
+    assert [done.returncode for done in told] == [0, 0, 0, 2]
+    assert told[0].stdout == "failed now: leg 5 limp\n"
+    assert told[1].stdout == "failed now: leg 2 femur stuck, leg 5 limp\n"
+    assert told[2].stdout == "failed now: leg 2 femur stuck\n"
+    assert "1..6" in told[3].stderr
+    assert "leg 2 femur stuck" in shown.stdout
+
+
+def test_a_real_robot_lets_no_leg_fail(tmp_path: Path) -> None:
+    with served(tmp_path, backend="mock") as robot:
+        done = hexctl("twin", "fail", "5:limp", "--connect", robot.endpoint)
+    assert done.returncode == 3
+    assert "not simulated" in done.stderr
+    assert done.stderr.count("\n") == 1

@@ -4,8 +4,9 @@ import inspect
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
-from hexctl.control.assessment.static_stability import STAND_UP, most_stable_slots
+from hexctl.control.assessment.static_stability import DIRECTION_STEP_RAD, STAND_UP, most_stable_slots
 from hexctl.control.plan import TrialPlan
 from hexctl.errors import InputError, argument
 from hexctl.gait.encoding import Slots
@@ -82,15 +83,10 @@ class GlideToStableGait(RecoveryPolicy):
     The course stays what it was.
     """
 
-    def __init__(self) -> None:
-        self._slots: dict[tuple[str, float, tuple[tuple[int, str], ...]], Slots] = {}
-
     def prepare(self, robot: Robot, plan: TrialPlan, heading_body_rad: float) -> None:
         """Find the gaits for each leg that may fail first."""
-        believed = () if plan.belief is None else (plan.belief,)
         for leg in range(1, N_LEGS + 1):
-            if leg not in plan.failed_legs:
-                self._slots_of(robot, heading_body_rad, (*believed, Failure(leg=leg, kind="limp")))
+            slots_without(robot, heading_body_rad, tuple(sorted({*plan.failed_legs, leg})))
 
     def respond(
         self, robot: Robot, plan: TrialPlan, heading_body_rad: float, failures: Sequence[Failure]
@@ -98,23 +94,32 @@ class GlideToStableGait(RecoveryPolicy):
         """The gait for the legs that are left; that of the plan once all are whole."""
         if not failures:
             return Response(gait=plan.gait)
-        legs = tuple(failure.leg for failure in failures)
+        legs = tuple(sorted({failure.leg for failure in failures}))
         posture = plan.gait.posture
         posture = replace(
             posture,
             tucked_legs=tuple(sorted({*posture.tucked_legs, *legs})),
             body_raise=posture.body_raise or STAND_UP,
         )
-        slots = self._slots_of(robot, heading_body_rad, failures)
+        slots = slots_without(robot, heading_body_rad, legs)
         return Response(gait=replace(plan.gait, slots=slots, posture=posture))
 
-    def _slots_of(self, robot: Robot, heading_body_rad: float, failures: Sequence[Failure]) -> Slots:
-        # A tucked leg carries nothing, however it failed.
-        lost = tuple(Failure(leg=failure.leg, kind="limp") for failure in failures)
-        key = (robot.fingerprint, heading_body_rad, tuple(sorted((one.leg, one.kind) for one in lost)))
-        if key not in self._slots:
-            self._slots[key] = most_stable_slots(robot, heading_rad=heading_body_rad, failure=lost)
-        return self._slots[key]
+
+def slots_without(robot: Robot, heading_body_rad: float, legs: tuple[int, ...]) -> Slots:
+    """Slots of the gait that stands safest on the other legs; worked out once in a process.
+
+    Args:
+        robot: who walks.
+        heading_body_rad: direction of travel in the body frame.
+        legs: that carry nothing.
+    """
+    return _slots_without(robot, round(heading_body_rad / DIRECTION_STEP_RAD), legs)
+
+
+@lru_cache(maxsize=1024)
+def _slots_without(robot: Robot, direction: int, legs: tuple[int, ...]) -> Slots:
+    lost = [Failure(leg=leg, kind="limp") for leg in legs]
+    return most_stable_slots(robot, heading_rad=DIRECTION_STEP_RAD * direction, failure=lost)
 
 
 #: Policies by name: what a walk does about a leg that fails.

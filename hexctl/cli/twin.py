@@ -1,0 +1,77 @@
+"""`hexctl twin`: let legs of a served simulation fail and heal, while something else walks it."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from hexctl.cli.options import LEG, InsecureOption, JsonOption, KeysOption, LinkOption, ZenohConnectOption
+
+if TYPE_CHECKING:
+    from hexctl.serve.remote import RemoteRobots
+
+twin = typer.Typer(help="Let legs of a simulation on the network fail and heal.", no_args_is_help=True)
+
+
+@twin.command()
+def fail(
+    failure: Annotated[
+        str,
+        typer.Argument(
+            metavar="LEG:FAILURE",
+            help="Which leg, and how: 5:locked, 5:limp, 5:limp:femur, 5:missing, 5:weak:0.3, 5:stuck:femur; "
+            "a joint sticks where it is.",
+            show_default=False,
+        ),
+    ],
+    connect: ZenohConnectOption = None,
+    keys: KeysOption = None,
+    insecure: InsecureOption = False,
+    link: LinkOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Let a leg of a simulated robot fail now, untold to whatever walks it."""
+    _change(lambda robots: robots.fail(failure), connect, keys, insecure, link, as_json)
+
+
+@twin.command()
+def heal(
+    leg: Annotated[
+        int,
+        typer.Argument(
+            parser=LEG.parse, metavar="LEG", help="Which leg that failed, 1..6.", show_default=False
+        ),
+    ],
+    connect: ZenohConnectOption = None,
+    keys: KeysOption = None,
+    insecure: InsecureOption = False,
+    link: LinkOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Let a leg of a simulated robot be whole again."""
+    _change(lambda robots: robots.heal(leg), connect, keys, insecure, link, as_json)
+
+
+def _change(
+    change: "Callable[[RemoteRobots], list[dict[str, Any]]]",
+    connect: str | None,
+    keys: Path | None,
+    insecure: bool,
+    link: str | None,
+    as_json: bool,
+) -> None:
+    from hexctl.cli.console import print_result
+    from hexctl.serve.remote import remote_robots
+    from hexctl.wire.links import Role
+
+    with remote_robots(
+        Role.CONTROLLER, connect=connect, credentials=keys, insecure=insecure, link=link
+    ) as robots:
+        answers = change(robots)
+    failures = [str(failure) for answer in answers for failure in answer["failures"]]
+    if as_json:
+        print_result(json.dumps({"failures": failures, "robots": answers}))
+    else:
+        print_result(f"failed now: {', '.join(failures) or 'none'}")
