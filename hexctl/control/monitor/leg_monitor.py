@@ -18,6 +18,7 @@ from hexctl.types import (
     BoolArray,
     FloatArray,
     RobotState,
+    leg_slice,
 )
 
 #: Rho above which a joint has failed, and how many times what is usual for the robot is added.
@@ -48,7 +49,7 @@ TELLING_RAD = np.radians(4.0)
 #: joints of a locked leg in the air hold its weight, with some percent.
 DEAD_SHARE = 0.005
 
-#: A joint takes part in a failure if its evidence is this share of an alarm.
+#: A joint takes part in a failure if its evidence is this share of an alarm, or of the worst joint's.
 TAKES_PART = 0.4
 
 
@@ -149,7 +150,7 @@ class LegMonitor:
         leg = int(np.argmax(self.new[row]))
         # A leg that is gone follows all the better.
         by_support = self._joint_ratio_of_legs()[row][leg] < TAKES_PART
-        failure = Failure(leg=leg + 1, kind="missing") if by_support else self._kind(leg, row)
+        failure = Failure(leg=leg + 1, kind="missing") if by_support else self.kind(leg + 1, row)
         evidence = "support" if by_support else "following"
         return Suspicion(failure=failure, step=step, evidence=evidence, ratio=float(self.ratio[row][leg]))
 
@@ -179,32 +180,33 @@ class LegMonitor:
         self._support.forget(changed)
         self._ticks = self._ticks * ~changed
 
-    def _kind(self, leg: int, row: tuple[int, ...]) -> Failure:
-        """How the joints of a leg fail.
+    def kind(self, leg: int, row: tuple[int, ...] = ()) -> Failure:
+        """How the joints of a leg fail, 1..6, as far as the last quarter of a cycle tells.
 
         Without torque they are limp. A joint whose target moves and that does not is still: one alone is
         stuck, all are locked.
         """
-        joints = slice(JOINTS_PER_LEG * leg, JOINTS_PER_LEG * (leg + 1))
+        joints = leg_slice(leg)
         # The newest rows: measured in this tick, sent in the one before.
         newest = (self._row - np.arange(self._still_ticks[row])) % self._history.shape[1]
         index: tuple[Any, ...] = (*row, joints)
         measured_rad, torques_nm = (self._history[part][(newest, *index)] for part in (0, 2))
         targets_rad = self._history[1][((newest - 1) % self._history.shape[1], *index)]
-        ratios = self._joint_ratio[row][joints]
-        worst = int(np.argmax(ratios))
-        dead = np.abs(torques_nm).mean(axis=0) < self._dead_nm[joints]  # False where unknown
+        rho = self._following.rho[row][joints]
+        worst = int(np.argmax(rho))
+        recent_nm = torques_nm[: 1 + len(torques_nm) // 2]
+        dead = np.abs(recent_nm).max(axis=0) < self._dead_nm[joints]  # False where unknown
         if dead.all():
-            return Failure(leg=leg + 1, kind="limp")
-        if dead[worst]:
-            return Failure(leg=leg + 1, kind="limp", joint=JOINT_KINDS[worst])
+            return Failure(leg=leg, kind="limp")
         target_range_rad, range_rad = np.ptp(targets_rad, axis=0), np.ptp(measured_rad, axis=0)
         telling = target_range_rad > TELLING_RAD
         still = range_rad < np.maximum(STILL_RAD, STILL_SHARE * target_range_rad)
         if (telling & still).sum() > 1 and not (telling & ~still).any():
-            return Failure(leg=leg + 1, kind="locked")
+            return Failure(leg=leg, kind="locked")
+        if dead[worst]:
+            return Failure(leg=leg, kind="limp", joint=JOINT_KINDS[worst])
         if still[worst]:
             angle_rad = float(measured_rad[0, worst])
-            return Failure(leg=leg + 1, kind="stuck", joint=JOINT_KINDS[worst], angle_rad=angle_rad)
-        part = ratios > TAKES_PART
-        return Failure(leg=leg + 1, kind="limp", joint=None if part.sum() > 1 else JOINT_KINDS[worst])
+            return Failure(leg=leg, kind="stuck", joint=JOINT_KINDS[worst], angle_rad=angle_rad)
+        part = rho > TAKES_PART * rho[worst]
+        return Failure(leg=leg, kind="limp", joint=None if part.sum() > 1 else JOINT_KINDS[worst])

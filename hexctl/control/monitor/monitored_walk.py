@@ -1,7 +1,7 @@
 """A walk that notices failed legs, and does about them what its policy says."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -25,6 +25,9 @@ from hexctl.errors import check_type
 from hexctl.robot.failure import Failure
 from hexctl.robot.failure_event import NoticedFailure
 from hexctl.types import N_LEGS, BoolArray, FloatArray, RobotState
+
+#: How long after a failure was noticed it is looked at again how the leg fails, in cycles.
+KIND_AFTER_CYCLES = 0.4
 
 #: Numbers of the legs.
 LEGS = np.arange(1, N_LEGS + 1)
@@ -68,6 +71,7 @@ class MonitoredWalk(Controller):
         for plan, heading_rad in zip(start.plans, self._headings_rad, strict=True):
             policy.prepare(start.robot, plan, heading_rad)
         self._stopping = False
+        self._unsettled: list[tuple[int, int, int]] = []
         self._news: Sequence[str] = ()
         self._monitor = LegMonitor(
             start.robot,
@@ -102,6 +106,8 @@ class MonitoredWalk(Controller):
             self._monitor.update(state, phases)
             if self._monitor.new.any():
                 self._respond(step)
+            if self._unsettled and step >= self._unsettled[0][0]:
+                self._settle_kind()
         targets_rad = self.walk.targets_rad(step, state)
         self._monitor.sent(targets_rad, state.age_s)
         return targets_rad
@@ -150,8 +156,25 @@ class MonitoredWalk(Controller):
                 gaits[index], changes[index] = response.gait, True
             if response.stop:
                 self.stopped = str(suspicion)
+            if suspicion.evidence == "following":
+                pace_hz = self._start.plans[index].gait.pace_hz
+                later = round(KIND_AFTER_CYCLES / (pace_hz * self._start.period_s))
+                self._unsettled.append((step + later, index, len(self.noticed[index]) - 1))
         if changes.any() and isinstance(self.walk, VelocityWalk):
             self.walk.glide_to(gaits, changes if self._start.batch_shape else None)
+
+    def _settle_kind(self) -> None:
+        """Look again how a leg fails, now that all that is looked at comes from after its failure."""
+        _, index, place = self._unsettled.pop(0)
+        noticed, row = self.noticed[index], (index,) if self._start.batch_shape else ()
+        before = noticed[place].suspicion
+        failure = self._monitor.kind(before.leg, row)
+        if failure == before.failure:
+            return
+        suspicion = replace(before, failure=failure)
+        noticed[place] = replace(noticed[place], suspicion=suspicion)
+        self._failures[index] = [failure if one is before.failure else one for one in self._failures[index]]
+        self._news = (*self._news, f"noticed: it is {suspicion}")
 
     def _answer(self, index: int, failures: list[Failure]) -> Response:
         plan = self._start.plans[index]
