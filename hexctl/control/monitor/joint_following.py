@@ -13,6 +13,7 @@ nothing, and its swing has to show.
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hexctl.control.monitor.phase_habit import PARTS, RATE_PER_CYCLE, PhaseHabit
 from hexctl.gait.foot_trajectory import in_stance
@@ -39,8 +40,14 @@ KNOWN_AFTER_CYCLES, MUCH = 2.0, 0.4
 #: Share of that greatest torque that is forgotten in a cycle.
 FORGOTTEN_PER_CYCLE = 0.02
 
+#: Ticks after which it is compared anew with those of the other legs.
+COMPARED_TICKS = 4
+
 #: A leg whose rho is above this no longer teaches what is usual.
 SUSPICIOUS = 0.15
+
+#: Whether a foot is in the air in each part of the cycle, (12,).
+SWINGS = ~in_stance((np.arange(PARTS) + 0.5) / PARTS)
 
 
 class JointFollowing:
@@ -49,65 +56,83 @@ class JointFollowing:
     Args:
         shape: leading shape.
         period_s: control period.
+        cycles: that one tick takes, leading shape.
         limits_nm: greatest torques of the servos, (18,), by what the robot file says.
+
+    Attributes:
+        rho: of each joint, leading shape + (18,).
+        rho_of_legs: the greatest of the joints of each leg, leading shape + (6,).
     """
 
-    def __init__(self, shape: tuple[int, ...], period_s: float, limits_nm: FloatArray) -> None:
-        self._shape, self._period_s = shape, period_s
-        joints = (*shape, N_JOINTS)
-        self._habit = PhaseHabit(joints)
-        self._square: FloatArray = np.zeros(joints)
-        self._target_variance: FloatArray = np.zeros(joints)
-        self._target_mean: FloatArray = np.zeros(joints)
-        self._ring: FloatArray = np.zeros((0, *joints))
-        self._lagged: FloatArray | None = None
-        self._row, self._begun = 0, False
-        self._limits_nm = limits_nm.reshape(N_LEGS, JOINTS_PER_LEG)
-        self._walked_cycles = 0.0
-        self._greatest_nm: FloatArray = np.zeros((*shape, N_LEGS, JOINTS_PER_LEG))
-        self._lag_share = 1 - math.exp(-period_s / LAG_S)
+    def __init__(
+        self, shape: tuple[int, ...], period_s: float, cycles: FloatArray, limits_nm: FloatArray
+    ) -> None:
+        joints, legs = (*shape, N_JOINTS), (*shape, N_LEGS)
+        # Arrays of one shape are the fastest to calculate with, so the constants have it too.
+        per_tick = np.repeat(np.asarray(cycles)[..., np.newaxis], N_JOINTS, axis=-1)
+        self._period_s, self._begun = period_s, False
+        self._overload = Overload(per_tick, limits_nm)
+        self._legs = np.repeat(np.arange(int(np.prod(legs))).reshape(legs), JOINTS_PER_LEG, axis=-1)
+        self._twice = np.stack([self._legs, self._legs])
+        self._habit = PhaseHabit((2, *joints))  # how far joints are off their targets, and its spread
+        self._unusual: FloatArray = np.zeros((2, *joints))  # how far each of the two is from what is usual
+        self._unusual_rad, self._wider_rad = self._unusual
+        self._learns = np.stack([RATE_PER_CYCLE * per_tick] * 2)
+        self._suspicious = np.full(legs, SUSPICIOUS)
+        # Three running means in one: of the lagged targets, of their squared deviations, of the residuals'.
+        self._now: FloatArray = np.zeros((3, *joints))
+        self._mean: FloatArray = np.zeros((3, *joints))
+        self._shares = np.stack([per_tick, per_tick, np.minimum(1.0, per_tick / MEAN_CYCLES)])
+        self._lagged, self._squares = self._now[0], self._now[1:]
+        self._target_mean, self._target_variance, self._square = self._mean
+        self._deviations: FloatArray = np.zeros((2, *joints))
+        self._away_rad, self._residual_rad = self._deviations
+        self._none, self._least_variance = np.zeros(joints), np.full(joints, LEAST_VARIANCE_RAD2)
+        self._lag_share = np.full(joints, 1 - math.exp(-period_s / LAG_S))
+        self._ring: FloatArray | None = None
+        self._row = 0
         self.rho: FloatArray = np.zeros(joints)
+        # Views of rho, for its maximum in each leg.
+        self._rho_of_kinds = tuple(self.rho[..., kind::JOINTS_PER_LEG] for kind in range(JOINTS_PER_LEG))
+        self.rho_of_legs: FloatArray = np.zeros(legs)
 
-    def update(self, state: RobotState, phases: FloatArray, cycles: FloatArray) -> None:
+    def update(self, state: RobotState, parts: NDArray[np.int64]) -> None:
         """Take the state of a tick.
 
         Args:
             state: as measured.
-            phases: normalised times of the legs, leading shape + (6,).
-            cycles: that one tick takes, leading shape.
+            parts: of the cycle that the legs are in, leading shape + (6,).
         """
-        if self._lagged is None:
+        if self._ring is None:
             return
-        low, high = self._ring.min(axis=0), self._ring.max(axis=0)
         measured = state.joint_positions_rad
+        low, high = np.minimum.reduce(self._ring), np.maximum.reduce(self._ring)
         off_rad = measured - np.minimum(np.maximum(measured, low), high)
         if not self._begun:
-            self._habit.begin(off_rad)  # how joints hang in the stance, and where their sensors are off
+            # How joints hang in the stance, and where their sensors are off.
+            self._habit.begin(np.stack([off_rad, self._none]))
             self._begun = True
-        parts = np.minimum((phases * PARTS).astype(int), PARTS - 1)
-        usual_rad, spread_rad = self._habit.at(np.repeat(parts, JOINTS_PER_LEG, axis=-1))
-        unusual_rad = off_rad - usual_rad
-        size_rad = np.abs(unusual_rad)
-        per_cycle = np.asarray(cycles)[..., np.newaxis]
-        residual_rad = np.maximum(size_rad - spread_rad, 0.0)
+        usual_rad, spread_rad = self._habit.at(parts.take(self._twice))
+        np.subtract(off_rad, usual_rad, out=self._unusual_rad)
+        np.subtract(np.abs(self._unusual_rad), spread_rad, out=self._wider_rad)
+        np.maximum(self._wider_rad, self._none, out=self._residual_rad)
         if state.joint_torques_nm is not None:
-            residual_rad *= ~self._overloaded(state.joint_torques_nm, phases, per_cycle)
-        self._square += np.minimum(1.0, per_cycle / MEAN_CYCLES) * (
-            residual_rad * residual_rad - self._square
-        )
-        away_rad = self._lagged - self._target_mean
-        self._target_mean += per_cycle * away_rad
-        self._target_variance += per_cycle * (away_rad * away_rad - self._target_variance)
-        self.rho = self._square / (self._target_variance + LEAST_VARIANCE_RAD2)
-        learn = RATE_PER_CYCLE * per_cycle * self._calm()
-        self._habit.learn(learn * unusual_rad, learn * (size_rad - spread_rad))
+            swings = SWINGS[parts].take(self._legs)
+            self._residual_rad *= swings | self._overload.spares(state.joint_torques_nm)
+        np.subtract(self._lagged, self._target_mean, out=self._away_rad)
+        np.square(self._deviations, out=self._squares)
+        self._mean += self._shares * (self._now - self._mean)
+        np.divide(self._square, self._target_variance + self._least_variance, out=self.rho)
+        coxae, femora, tibiae = self._rho_of_kinds
+        self.rho_of_legs = np.maximum(np.maximum(coxae, femora), tibiae)
+        self._learn()
 
     def sent(self, targets_rad: FloatArray, age_s: float) -> None:
         """Take the targets of a tick, leading shape + (18,), sent after a state of an age."""
-        if self._lagged is None:
+        if self._ring is None:
             late = RANGE_TICKS + round(age_s / self._period_s)
             self._ring = np.repeat(targets_rad[np.newaxis], late, axis=0)
-            self._lagged, self._target_mean = targets_rad.copy(), targets_rad.copy()
+            self._lagged[...] = self._target_mean[...] = targets_rad
         self._lagged += self._lag_share * (targets_rad - self._lagged)
         self._ring[self._row] = self._lagged
         self._row = (self._row + 1) % len(self._ring)
@@ -116,28 +141,48 @@ class JointFollowing:
         """Forget the residuals of some robots, leading shape + (1,)."""
         self._square *= ~which
 
-    def _overloaded(self, torques_nm: FloatArray, phases: FloatArray, per_cycle: FloatArray) -> BoolArray:
-        """Whether joints of legs in the stance give all the torque they have, leading shape + (18,).
+    def _learn(self) -> None:
+        """Learn from the legs that follow as usual."""
+        suspicious = self.rho_of_legs > self._suspicious
+        learns = self._learns
+        if np.count_nonzero(suspicious):
+            learns = learns * ~suspicious.take(self._twice)
+        self._habit.learn(learns * self._unusual)
 
-        That is about as much as the same joint of another leg gave at most: a jammed joint soon takes more.
-        """
-        legs_nm = np.abs(torques_nm).reshape(*self._shape, N_LEGS, JOINTS_PER_LEG)
-        kept = 1 - FORGOTTEN_PER_CYCLE * per_cycle[..., np.newaxis]
-        self._greatest_nm = np.maximum(self._greatest_nm * kept, legs_nm)
-        second_nm, first_nm = np.moveaxis(np.sort(self._greatest_nm, axis=-2)[..., -2:, :], -2, 0)
-        others_nm = np.where(
-            self._greatest_nm < first_nm[..., np.newaxis, :],
-            first_nm[..., np.newaxis, :],
-            second_nm[..., np.newaxis, :],
-        )
-        all_it_has = (legs_nm > ALL_IT_HAS * others_nm) & (legs_nm < MORE_THAN_ALL * others_nm)
-        if self._walked_cycles < KNOWN_AFTER_CYCLES:
-            all_it_has |= legs_nm > MUCH * self._limits_nm
-            self._walked_cycles += float(per_cycle.min())
-        stance = in_stance(phases)[..., np.newaxis]
-        return np.asarray((all_it_has & stance).reshape(torques_nm.shape))
 
-    def _calm(self) -> FloatArray:
-        """1 for the joints of legs that follow as usual, leading shape + (18,)."""
-        legs = self.rho.reshape(*self._shape, N_LEGS, JOINTS_PER_LEG).max(axis=-1) < SUSPICIOUS
-        return np.repeat(legs, JOINTS_PER_LEG, axis=-1)
+class Overload:
+    """Which servos give all the torque they have, tick by tick.
+
+    That is about as much as the same joint of another leg gave at most: a jammed joint soon takes more.
+
+    Args:
+        cycles: that one tick takes, leading shape + (18,).
+        limits_nm: greatest torques of the servos, (18,), by what the robot file says.
+    """
+
+    def __init__(self, cycles: FloatArray, limits_nm: FloatArray) -> None:
+        self._cycles, self._much_nm = cycles, MUCH * limits_nm
+        self._walked_cycles = np.zeros_like(cycles)
+        self._known, self._ticks = False, 0
+        self._greatest_nm = np.zeros_like(cycles)
+        self._kept = 1 - FORGOTTEN_PER_CYCLE * COMPARED_TICKS * cycles
+        self._all_it_has_nm, self._more_nm = np.zeros_like(cycles), np.zeros_like(cycles)
+        joints = np.arange(cycles.size).reshape(*cycles.shape[:-1], N_LEGS, JOINTS_PER_LEG)
+        others = [np.roll(joints, legs, axis=-2).reshape(cycles.shape) for legs in range(1, N_LEGS)]
+        self._others = np.stack(others)  # the same joint of the other legs
+
+    def spares(self, torques_nm: FloatArray) -> BoolArray:
+        """Take torques of a tick; whether servos have more to give than these, both leading shape + (18,)."""
+        size_nm = np.abs(torques_nm)
+        self._greatest_nm = np.maximum(self._greatest_nm, size_nm)
+        if self._ticks % COMPARED_TICKS == 0:
+            self._greatest_nm *= self._kept
+            others_nm = np.maximum.reduce(self._greatest_nm.take(self._others))
+            self._all_it_has_nm, self._more_nm = ALL_IT_HAS * others_nm, MORE_THAN_ALL * others_nm
+        self._ticks += 1
+        spares = (size_nm <= self._all_it_has_nm) | (size_nm >= self._more_nm)
+        if not self._known:
+            spares &= (size_nm <= self._much_nm) | (self._walked_cycles >= KNOWN_AFTER_CYCLES)
+            self._walked_cycles += self._cycles
+            self._known = bool((self._walked_cycles >= KNOWN_AFTER_CYCLES).all())
+        return spares

@@ -7,6 +7,7 @@ import numpy as np
 
 from hexctl.control.monitor.joint_following import JointFollowing
 from hexctl.control.monitor.leg_support import LegSupport
+from hexctl.control.monitor.phase_habit import cycle_parts
 from hexctl.robot.failure import Failure
 from hexctl.robot.failure_event import in_words
 from hexctl.robot.model import Robot
@@ -35,6 +36,9 @@ USUAL_CYCLES, FIRST_RHO, FIRST_MISSING = 1.5, 0.8, 0.4
 
 #: An alarm needs this many ticks in a row.
 ALARM_TICKS = 3
+
+#: What moves slowly is learned in one of so many ticks: the loads of legs, and how much evidence is usual.
+LEARNING_TICKS = 2
 
 #: Time over which a joint is looked at to tell a still one from one that moves, in cycles.
 STILL_CYCLES = 0.25
@@ -102,42 +106,55 @@ class LegMonitor:
         pace_hz: FloatArray,
         believed: BoolArray | None = None,
     ) -> None:
-        self._shape, self._period_s = shape, period_s
-        self._dead_nm = DEAD_SHARE * robot.joint_max_torque_nm
-        self._cycles = np.asarray(pace_hz * period_s)
         legs = (*shape, N_LEGS)
-        self._following = JointFollowing(shape, period_s, robot.joint_max_torque_nm)
-        self._support = LegSupport(shape)
-        self._usual_rho: FloatArray = np.full(shape, FIRST_RHO)
-        self._usual_missing: FloatArray = np.full(legs, FIRST_MISSING)
-        self._ticks = np.zeros(legs, dtype=int)
-        self._still_ticks = np.maximum(2, np.rint(STILL_CYCLES / self._cycles).astype(int))
+        cycles = np.asarray(pace_hz * period_s)
+        self._dead_nm = DEAD_SHARE * robot.joint_max_torque_nm
+        limits_nm = robot.joint_max_torque_nm
+        self._following = JointFollowing(shape, period_s, cycles, limits_nm)
+        self._support = LegSupport(shape, cycles, learns_every=LEARNING_TICKS)
+        # Of joints, their rho, and of legs, what they miss: evidence, what is usual of it, when it alarms.
+        self._evidence: FloatArray = np.zeros((2, *legs))
+        self._now: FloatArray = np.zeros((2, *legs))
+        self._usual = self._of_both(legs, FIRST_RHO, FIRST_MISSING)
+        share = np.minimum(1.0, LEARNING_TICKS * cycles / USUAL_CYCLES)
+        self._usual_share = np.broadcast_to(share[..., np.newaxis], (2, *legs)).copy()
+        self._least = self._of_both(legs, LEAST_RHO, LEAST_MISSING)
+        self._times = self._of_both(legs, TIMES_USUAL, TIMES_MISSING)
+        self._most = self._of_both(legs, np.inf, MOST_MISSING)
+        self._ticks = 0
+        self._alarm_ticks = np.zeros(legs, dtype=int)
+        self._alarm, self._suspected = np.ones(legs), False
+        self._still_ticks = np.maximum(2, np.rint(STILL_CYCLES / cycles).astype(int))
         self._history: FloatArray = np.full((3, int(self._still_ticks.max()), *shape, N_JOINTS), np.nan)
         self._row = 0
-        self._joint_ratio: FloatArray = np.zeros((*shape, N_JOINTS))
-        self._missing_ratio: FloatArray = np.zeros(legs)
         self.failed: BoolArray = np.zeros(legs, dtype=bool) if believed is None else believed.copy()
+        self._watched = np.where(self.failed, 0.0, 1.0)
         self.new: BoolArray = np.zeros(legs, dtype=bool)
         self.ratio: FloatArray = np.zeros(legs)
+        self._set_threshold()
+
+    @staticmethod
+    def _of_both(legs: tuple[int, ...], rho: float, missing: float) -> FloatArray:
+        return np.stack([np.full(legs, rho), np.full(legs, missing)])
 
     def update(self, state: RobotState, phases: FloatArray) -> None:
         """Take the state of a tick, and the normalised times of the legs then, leading shape + (6,)."""
-        cycles = self._cycles
+        parts = cycle_parts(phases)
         if state.measured:
-            self._following.update(state, phases, cycles)
-        self._support.update(state, phases, cycles)
+            self._following.update(state, parts)
+        self._support.update(state, parts)
         self._history[0, self._row] = state.joint_positions_rad
         if state.joint_torques_nm is not None:
             self._history[2, self._row] = state.joint_torques_nm
-        self._compare(cycles)
-        watched = ~self.failed
-        self.ratio = np.maximum(self._joint_ratio_of_legs(), self._missing_ratio) * watched
-        self._ticks = (self._ticks + 1) * (self.ratio > 1)
-        self.new = np.asarray(self._ticks >= ALARM_TICKS)
-        if self.new.any():
-            # One leg at a time: what follows from its failure must not be blamed on another.
-            self.new &= self.ratio >= self.ratio.max(axis=-1, keepdims=True)
-            self._accept()
+        self._evidence[0] = self._following.rho_of_legs
+        self._evidence[1] = self._support.missing
+        self._following_ratio, support_ratio = self._evidence / self._threshold
+        self.ratio = np.maximum(self._following_ratio, support_ratio) * self._watched
+        self._ticks += 1
+        if self._ticks % LEARNING_TICKS == 0:
+            self._support.learn()
+            self._learn_usual()
+        self._count_alarms()
 
     def sent(self, targets_rad: FloatArray, age_s: float = 0.0) -> None:
         """Take the targets sent in the tick, leading shape + (18,), after a state of an age."""
@@ -149,36 +166,46 @@ class LegMonitor:
         """What is believed of the leg that was noticed in the last tick, of one robot of a batch."""
         leg = int(np.argmax(self.new[row]))
         # A leg that is gone follows all the better.
-        by_support = self._joint_ratio_of_legs()[row][leg] < TAKES_PART
+        by_support = self._following_ratio[row][leg] < TAKES_PART
         failure = Failure(leg=leg + 1, kind="missing") if by_support else self.kind(leg + 1, row)
         evidence = "support" if by_support else "following"
         return Suspicion(failure=failure, step=step, evidence=evidence, ratio=float(self.ratio[row][leg]))
 
-    def _compare(self, cycles: FloatArray) -> None:
-        """Evidence over thresholds, which follow what is usual for this robot."""
-        rho, missing = self._following.rho, self._support.missing
-        threshold = LEAST_RHO + TIMES_USUAL * self._usual_rho
-        self._joint_ratio = rho / threshold[..., np.newaxis]
-        watched_rho = rho.reshape(*self._shape, N_LEGS, JOINTS_PER_LEG).max(axis=-1) * ~self.failed
-        share = cycles / USUAL_CYCLES
-        self._usual_rho = self._usual_rho + share * (watched_rho.max(axis=-1) - self._usual_rho)
-        threshold = np.minimum(MOST_MISSING, LEAST_MISSING + TIMES_MISSING * self._usual_missing)
-        self._missing_ratio = missing / threshold
-        share = np.asarray(share)[..., np.newaxis]
-        self._usual_missing = self._usual_missing + share * (missing - self._usual_missing)
+    def _learn_usual(self) -> None:
+        """Follow what is usual: for this robot the greatest rho of its joints, for each leg what it misses."""
+        rho, missing = self._evidence
+        self._now[0] = np.maximum.reduce(rho * self._watched, axis=-1, keepdims=True)
+        self._now[1] = missing
+        self._usual += self._usual_share * (self._now - self._usual)
+        self._set_threshold()
 
-    def _joint_ratio_of_legs(self) -> FloatArray:
-        return np.asarray(self._joint_ratio.reshape(*self._shape, N_LEGS, JOINTS_PER_LEG).max(axis=-1))
+    def _set_threshold(self) -> None:
+        self._threshold = np.minimum(self._least + self._times * self._usual, self._most)
+
+    def _count_alarms(self) -> None:
+        """Count for how many ticks each leg has been suspected, and accept those that were for long."""
+        over = self.ratio > self._alarm
+        before, self._suspected = self._suspected, bool(np.count_nonzero(over))
+        if not (before or self._suspected):
+            return
+        self._alarm_ticks = (self._alarm_ticks + 1) * over
+        self.new = self._alarm_ticks >= ALARM_TICKS
+        if self.new.any():
+            # One leg at a time: what follows from its failure must not be blamed on another.
+            self.new &= self.ratio >= self.ratio.max(axis=-1, keepdims=True)
+            self._accept()
 
     def _accept(self) -> None:
         """Count the new legs as failed, and be patient while the gait changes."""
         self.failed = self.failed | self.new
+        self._watched = np.where(self.failed, 0.0, 1.0)
         changed = np.logical_or.reduce(self.new, axis=-1, keepdims=True)
-        self._usual_rho = np.where(changed[..., 0], FIRST_RHO, self._usual_rho)
-        self._usual_missing = np.where(changed, 2 * FIRST_MISSING, self._usual_missing)
+        patient = self._of_both(self.new.shape, FIRST_RHO, 2 * FIRST_MISSING)
+        self._usual = np.where(changed, patient, self._usual)
+        self._set_threshold()
         self._following.forget(changed)
         self._support.forget(changed)
-        self._ticks = self._ticks * ~changed
+        self._alarm_ticks = self._alarm_ticks * ~changed
 
     def kind(self, leg: int, row: tuple[int, ...] = ()) -> Failure:
         """How the joints of a leg fail, 1..6, as far as the last quarter of a cycle tells.

@@ -8,6 +8,7 @@ touches the floor. Where in its cycle it usually carries much, it counts much:
 """
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hexctl.control.monitor.phase_habit import PARTS, PhaseHabit
 from hexctl.types import JOINTS_PER_LEG, N_LEGS, BoolArray, FloatArray, RobotState
@@ -21,58 +22,84 @@ CALM_SHARE = 0.6
 #: Cycles that the habit looks back.
 MEMORY_CYCLES = 3.0
 
+#: Share of a leg's largest usual load that fades in a cycle, so that that of another gait does not stay.
+FADES_PER_CYCLE = 0.1
+
+#: A usual load below this is none.
+LEAST_LOAD = 1e-9
+
 
 class LegSupport:
     """Share of its usual load that each leg misses, tick by tick.
 
     Args:
         shape: leading shape.
+        cycles: that one tick takes, leading shape.
+        learns_every: ticks after which `learn` is called.
 
     Attributes:
         missing: 0 for a leg that carries as usual, 1 for one that carries nothing, leading shape + (6,).
         known: whether the last state told anything of it.
     """
 
-    def __init__(self, shape: tuple[int, ...]) -> None:
-        self._shape = shape
-        self._habit = PhaseHabit((*shape, N_LEGS))
-        self._learned_cycles: FloatArray = np.zeros((*shape, 1))
-        self._carried: FloatArray = np.ones((*shape, N_LEGS))
-        self._most: FloatArray = np.zeros((*shape, N_LEGS))
-        self.missing: FloatArray = np.zeros((*shape, N_LEGS))
+    def __init__(self, shape: tuple[int, ...], cycles: FloatArray, learns_every: int = 1) -> None:
+        legs = (*shape, N_LEGS)
+        self._habit = PhaseHabit(legs)
+        # Arrays of one shape are the fastest to calculate with, so the constants have it too.
+        per_tick = np.repeat(np.asarray(cycles)[..., np.newaxis], N_LEGS, axis=-1)
+        self._rate = np.minimum(1.0, per_tick / SHARE_CYCLES)
+        self._least, self._whole = np.full(legs, LEAST_LOAD), np.ones(legs)
+        self._unusual: FloatArray = np.zeros(legs)
+        self._kept = 1 - FADES_PER_CYCLE * per_tick
+        self._passed: FloatArray = learns_every * per_tick
+        self._learned_cycles: FloatArray = np.zeros(legs)
+        self._learned, self._learns = False, self._rate
+        self._carried: FloatArray = np.ones(legs)
+        self._most: FloatArray = np.zeros(legs)
+        self.missing: FloatArray = np.zeros(legs)
         self.known = False
 
-    def update(self, state: RobotState, phases: FloatArray, cycles: FloatArray) -> None:
+    def update(self, state: RobotState, parts: NDArray[np.int64]) -> None:
         """Take the state of a tick.
 
         Args:
             state: as measured.
-            phases: normalised times of the legs, leading shape + (6,).
-            cycles: that one tick takes, leading shape.
+            parts: of the cycle that the legs are in, leading shape + (6,).
         """
-        load = self._load(state)
+        load = _load(state)
         self.known = load is not None
         if load is None:
             return
-        per_cycle = np.asarray(cycles)[..., np.newaxis]
-        usual, _ = self._habit.at(np.minimum((phases * PARTS).astype(int), PARTS - 1))
-        # A leg's largest usual load fades slowly, so that that of another gait does not stay.
-        self._most = np.maximum(self._most * (1 - 0.1 * per_cycle), usual)
-        weight = np.minimum(1.0, usual / np.maximum(self._most, 1e-9)) ** 2
-        share = np.minimum(1.0, load / np.maximum(usual, 1e-9))
-        self._carried += np.minimum(1.0, weight * per_cycle / SHARE_CYCLES) * (share - self._carried)
-        self.missing = 1 - self._carried
-        self._learned_cycles = np.minimum(self._learned_cycles + per_cycle, MEMORY_CYCLES)
-        rate = PARTS * per_cycle / (self._learned_cycles + 0.5 + PARTS * per_cycle)
-        off = rate * (self._carried > CALM_SHARE) * (load - usual)
-        self._habit.learn(off, np.zeros_like(off))
+        usual = self._habit.at(parts)
+        self._unusual = load - usual
+        some = np.maximum(usual, self._least)
+        self._most = np.maximum(self._most * self._kept, some)
+        weight = usual / self._most
+        share = np.minimum(load / some, self._whole)
+        self._carried = self._carried + weight * weight * self._rate * (share - self._carried)
+        self.missing = self._whole - self._carried
+
+    def learn(self) -> None:
+        """Learn what is usual from what legs carried in the last tick."""
+        if self.known:
+            self._habit.learn(self._learning() * (self._carried > CALM_SHARE) * self._unusual)
 
     def forget(self, which: BoolArray) -> None:
         """Take the legs of some robots, leading shape + (1,), for legs that carry as usual."""
         self._carried = np.where(which, 1.0, self._carried)
 
-    def _load(self, state: RobotState) -> FloatArray | None:
-        if state.joint_torques_nm is not None:
-            legs = state.joint_torques_nm.reshape(*self._shape, N_LEGS, JOINTS_PER_LEG)
-            return np.asarray(np.abs(legs[..., 1:]).sum(axis=-1))
-        return None if state.foot_contacts is None else state.foot_contacts.astype(float)
+    def _learning(self) -> FloatArray:
+        """Share of a load that the habit learns: the less, the more it has seen, down to its memory's."""
+        if not self._learned:
+            self._learned_cycles = np.minimum(self._learned_cycles + self._passed, MEMORY_CYCLES)
+            passed = PARTS * self._passed
+            self._learns = passed / (self._learned_cycles + 0.5 + passed)
+            self._learned = bool((self._learned_cycles >= MEMORY_CYCLES).all())
+        return self._learns
+
+
+def _load(state: RobotState) -> FloatArray | None:
+    if state.joint_torques_nm is not None:
+        size_nm = np.abs(state.joint_torques_nm)
+        return size_nm[..., 1::JOINTS_PER_LEG] + size_nm[..., 2::JOINTS_PER_LEG]
+    return None if state.foot_contacts is None else state.foot_contacts.astype(float)

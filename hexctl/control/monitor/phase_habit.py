@@ -8,34 +8,42 @@ from hexctl.types import FloatArray
 #: Parts of a cycle that a habit tells apart.
 PARTS = 12
 
+#: A little less, so that a normalised time that rounds to 1 is in the last part.
+JUST_PARTS = float(np.nextafter(PARTS, 0))
+
 #: How fast a habit follows: the time constant is this share of the time spent in its part of the cycle.
 RATE_PER_CYCLE = 0.5 * PARTS
 
 
+def cycle_parts(phases: FloatArray) -> NDArray[np.int64]:
+    """Part of its cycle that each leg is in, 0 to `PARTS` - 1, from normalised times of 0 to 1."""
+    return (phases * JUST_PARTS).astype(np.int64)
+
+
 class PhaseHabit:
-    """Mean of quantities, and of how far they are from it, at each twelfth of the gait cycle.
+    """Mean of quantities at each twelfth of the gait cycle.
 
     Args:
-        shape: leading shape + (quantities,).
+        shape: of the quantities.
     """
 
     def __init__(self, shape: tuple[int, ...]) -> None:
-        self._mean: FloatArray = np.zeros((*shape, PARTS))
-        self._spread: FloatArray = np.zeros((*shape, PARTS))
-        self._first: NDArray[np.int64] = np.arange(int(np.prod(shape))).reshape(shape) * PARTS
+        size = int(np.prod(shape))
+        self._table: FloatArray = np.zeros(size * PARTS)
+        self._first: NDArray[np.int64] = np.arange(size).reshape(shape) * PARTS
         self._place = self._first
+        self._usual: FloatArray = np.zeros(shape)
 
     def begin(self, values: FloatArray) -> None:
         """Take values of shape as what is usual everywhere."""
-        self._mean[:] = values[..., np.newaxis]
-        self._spread[:] = 0.0
+        self._table[:] = np.repeat(values, PARTS)
 
-    def at(self, parts: NDArray[np.int64]) -> tuple[FloatArray, FloatArray]:
-        """Mean and spread at parts of the cycle, 0 to `PARTS` - 1, each of shape."""
+    def at(self, parts: NDArray[np.int64]) -> FloatArray:
+        """What is usual at parts of the cycle, 0 to `PARTS` - 1, both of shape."""
         self._place = self._first + parts
-        return self._mean.take(self._place), self._spread.take(self._place)
+        self._usual = self._table[self._place]
+        return self._usual
 
-    def learn(self, off_mean: FloatArray, off_spread: FloatArray) -> None:
-        """Move mean and spread at the parts asked for last by what is given, of shape."""
-        self._mean.put(self._place, self._mean.take(self._place) + off_mean)
-        self._spread.put(self._place, self._spread.take(self._place) + off_spread)
+    def learn(self, change: FloatArray) -> None:
+        """Change what is usual at the parts asked for last, by values of shape."""
+        self._table[self._place] = self._usual + change

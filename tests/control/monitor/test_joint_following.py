@@ -3,6 +3,7 @@
 import numpy as np
 
 from hexctl.control.monitor.joint_following import JointFollowing
+from hexctl.control.monitor.phase_habit import cycle_parts
 from hexctl.types import FloatArray, RobotState
 
 TICKS_PER_CYCLE = 50
@@ -10,12 +11,13 @@ TICKS_PER_CYCLE = 50
 
 def _rho(off_rad: FloatArray, torques_nm: FloatArray, *, from_tick: int = 300) -> FloatArray:
     """Greatest rho of each joint from a tick on, (18,), of joints that are off by angles, (T, 18)."""
-    following, greatest = JointFollowing((), 0.02, np.full(18, 2.0)), np.zeros(18)
+    following = JointFollowing((), 0.02, np.array(1 / TICKS_PER_CYCLE), np.full(18, 2.0))
+    greatest = np.zeros(18)
     for tick in range(len(off_rad)):
         phases = (tick / TICKS_PER_CYCLE + np.arange(6) / 6) % 1
         targets = 0.25 * min(1.0, tick / 100) * np.repeat(np.sin(2 * np.pi * phases), 3)
         state = RobotState(targets + off_rad[tick], 0.0, True, joint_torques_nm=torques_nm[tick])
-        following.update(state, phases, np.float64(1 / TICKS_PER_CYCLE))  # type: ignore[arg-type]
+        following.update(state, cycle_parts(phases))
         following.sent(targets, 0.0)
         if tick >= from_tick:
             greatest = np.maximum(greatest, following.rho)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from hexctl.control.monitor.leg_support import LegSupport
+from hexctl.control.monitor.phase_habit import cycle_parts
 from hexctl.types import RobotState
 
 TICKS_PER_CYCLE = 50
@@ -12,7 +13,7 @@ TICKS_PER_CYCLE = 50
 @pytest.mark.parametrize("efforts", [True, False])
 @pytest.mark.parametrize("reliable", [1.0, 0.8])
 def test_a_leg_that_carries_nothing_misses_all_of_its_load(efforts: bool, reliable: float) -> None:
-    support, rng = LegSupport(()), np.random.default_rng(0)
+    support, rng = LegSupport((), np.array(1 / TICKS_PER_CYCLE)), np.random.default_rng(0)
     most = np.zeros(6)
     for tick in range(700):
         phases = (tick / TICKS_PER_CYCLE + np.arange(6) / 6) % 1
@@ -24,14 +25,14 @@ def test_a_leg_that_carries_nothing_misses_all_of_its_load(efforts: bool, reliab
         state = RobotState(
             np.zeros(18), 0.0, True, None, None, contacts, joint_torques_nm=torques if efforts else None
         )
-        support.update(state, phases, np.float64(1 / TICKS_PER_CYCLE))  # type: ignore[arg-type]
+        support.update(state, cycle_parts(phases))
     assert support.known
     assert most[3] > 0.95
     assert np.delete(most, 3).max() < 0.7
 
 
 def test_without_contacts_and_efforts_nothing_is_known() -> None:
-    support = LegSupport(())
-    support.update(RobotState(np.zeros(18), 0.0, True), np.zeros(6), np.float64(0.02))  # type: ignore[arg-type]
+    support = LegSupport((), np.array(0.02))
+    support.update(RobotState(np.zeros(18), 0.0, True), cycle_parts(np.zeros(6)))
     assert not support.known
     assert (support.missing == 0).all()
