@@ -13,7 +13,6 @@ from hexctl.robot.failure_event import in_words
 from hexctl.robot.model import Robot
 from hexctl.types import (
     JOINT_KINDS,
-    JOINTS_PER_LEG,
     N_JOINTS,
     N_LEGS,
     BoolArray,
@@ -37,7 +36,7 @@ USUAL_CYCLES, FIRST_RHO, FIRST_MISSING = 1.5, 0.8, 0.4
 #: An alarm needs this many ticks in a row.
 ALARM_TICKS = 3
 
-#: What moves slowly is learned in one of so many ticks: the loads of legs, and how much evidence is usual.
+#: Ticks after which it is learned how much evidence is usual.
 LEARNING_TICKS = 2
 
 #: Time over which a joint is looked at to tell a still one from one that moves, in cycles.
@@ -109,20 +108,18 @@ class LegMonitor:
         legs = (*shape, N_LEGS)
         cycles = np.asarray(pace_hz * period_s)
         self._dead_nm = DEAD_SHARE * robot.joint_max_torque_nm
-        limits_nm = robot.joint_max_torque_nm
-        self._following = JointFollowing(shape, period_s, cycles, limits_nm)
-        self._support = LegSupport(shape, cycles, learns_every=LEARNING_TICKS)
-        # Of joints, their rho, and of legs, what they miss: evidence, what is usual of it, when it alarms.
+        self._following = JointFollowing(shape, period_s, cycles, robot.joint_max_torque_nm)
+        self._support = LegSupport(shape, cycles)
+        # Two kinds of evidence: of joints, the greatest rho of each leg, and the load that each leg misses.
         self._evidence: FloatArray = np.zeros((2, *legs))
         self._now: FloatArray = np.zeros((2, *legs))
-        self._usual = self._of_both(legs, FIRST_RHO, FIRST_MISSING)
+        self._usual = _of_both(legs, FIRST_RHO, FIRST_MISSING)
         share = np.minimum(1.0, LEARNING_TICKS * cycles / USUAL_CYCLES)
         self._usual_share = np.broadcast_to(share[..., np.newaxis], (2, *legs)).copy()
-        self._least = self._of_both(legs, LEAST_RHO, LEAST_MISSING)
-        self._times = self._of_both(legs, TIMES_USUAL, TIMES_MISSING)
-        self._most = self._of_both(legs, np.inf, MOST_MISSING)
-        self._ticks = 0
-        self._alarm_ticks = np.zeros(legs, dtype=int)
+        self._least = _of_both(legs, LEAST_RHO, LEAST_MISSING)
+        self._times = _of_both(legs, TIMES_USUAL, TIMES_MISSING)
+        self._most = _of_both(legs, np.inf, MOST_MISSING)
+        self._ticks, self._alarm_ticks = 0, np.zeros(legs, dtype=int)
         self._alarm, self._suspected = np.ones(legs), False
         self._still_ticks = np.maximum(2, np.rint(STILL_CYCLES / cycles).astype(int))
         self._history: FloatArray = np.full((3, int(self._still_ticks.max()), *shape, N_JOINTS), np.nan)
@@ -131,11 +128,8 @@ class LegMonitor:
         self._watched = np.where(self.failed, 0.0, 1.0)
         self.new: BoolArray = np.zeros(legs, dtype=bool)
         self.ratio: FloatArray = np.zeros(legs)
+        self._following_ratio: FloatArray = np.zeros(legs)
         self._set_threshold()
-
-    @staticmethod
-    def _of_both(legs: tuple[int, ...], rho: float, missing: float) -> FloatArray:
-        return np.stack([np.full(legs, rho), np.full(legs, missing)])
 
     def update(self, state: RobotState, phases: FloatArray) -> None:
         """Take the state of a tick, and the normalised times of the legs then, leading shape + (6,)."""
@@ -152,7 +146,6 @@ class LegMonitor:
         self.ratio = np.maximum(self._following_ratio, support_ratio) * self._watched
         self._ticks += 1
         if self._ticks % LEARNING_TICKS == 0:
-            self._support.learn()
             self._learn_usual()
         self._count_alarms()
 
@@ -172,7 +165,7 @@ class LegMonitor:
         return Suspicion(failure=failure, step=step, evidence=evidence, ratio=float(self.ratio[row][leg]))
 
     def _learn_usual(self) -> None:
-        """Follow what is usual: for this robot the greatest rho of its joints, for each leg what it misses."""
+        """Follow what is usual: the greatest rho of all joints of a robot, and what each leg misses."""
         rho, missing = self._evidence
         self._now[0] = np.maximum.reduce(rho * self._watched, axis=-1, keepdims=True)
         self._now[1] = missing
@@ -200,7 +193,7 @@ class LegMonitor:
         self.failed = self.failed | self.new
         self._watched = np.where(self.failed, 0.0, 1.0)
         changed = np.logical_or.reduce(self.new, axis=-1, keepdims=True)
-        patient = self._of_both(self.new.shape, FIRST_RHO, 2 * FIRST_MISSING)
+        patient = _of_both(self.new.shape, FIRST_RHO, 2 * FIRST_MISSING)
         self._usual = np.where(changed, patient, self._usual)
         self._set_threshold()
         self._following.forget(changed)
@@ -237,3 +230,8 @@ class LegMonitor:
             return Failure(leg=leg, kind="stuck", joint=JOINT_KINDS[worst], angle_rad=angle_rad)
         part = rho > TAKES_PART * rho[worst]
         return Failure(leg=leg, kind="limp", joint=None if part.sum() > 1 else JOINT_KINDS[worst])
+
+
+def _of_both(legs: tuple[int, ...], rho: float, missing: float) -> FloatArray:
+    """A value for rho and one for the load that is missing, of all legs, (2,) + legs."""
+    return np.stack([np.full(legs, rho), np.full(legs, missing)])

@@ -19,8 +19,8 @@ SHARE_CYCLES = 0.15
 #: A leg that carries less than this share no longer teaches what is usual.
 CALM_SHARE = 0.6
 
-#: Cycles that the habit looks back.
-MEMORY_CYCLES = 3.0
+#: Cycles that the habit looks back, and ticks after which it learns.
+MEMORY_CYCLES, LEARNING_TICKS = 3.0, 2
 
 #: Share of a leg's largest usual load that fades in a cycle, so that that of another gait does not stay.
 FADES_PER_CYCLE = 0.1
@@ -35,25 +35,23 @@ class LegSupport:
     Args:
         shape: leading shape.
         cycles: that one tick takes, leading shape.
-        learns_every: ticks after which `learn` is called.
 
     Attributes:
         missing: 0 for a leg that carries as usual, 1 for one that carries nothing, leading shape + (6,).
         known: whether the last state told anything of it.
     """
 
-    def __init__(self, shape: tuple[int, ...], cycles: FloatArray, learns_every: int = 1) -> None:
+    def __init__(self, shape: tuple[int, ...], cycles: FloatArray) -> None:
         legs = (*shape, N_LEGS)
-        self._habit = PhaseHabit(legs)
+        self._habit, self._ticks = PhaseHabit(legs), 0
         # Arrays of one shape are the fastest to calculate with, so the constants have it too.
         per_tick = np.repeat(np.asarray(cycles)[..., np.newaxis], N_LEGS, axis=-1)
         self._rate = np.minimum(1.0, per_tick / SHARE_CYCLES)
         self._least, self._whole = np.full(legs, LEAST_LOAD), np.ones(legs)
-        self._unusual: FloatArray = np.zeros(legs)
         self._kept = 1 - FADES_PER_CYCLE * per_tick
-        self._passed: FloatArray = learns_every * per_tick
+        self._passed: FloatArray = LEARNING_TICKS * per_tick
         self._learned_cycles: FloatArray = np.zeros(legs)
-        self._learned, self._learns = False, self._rate
+        self._learned, self._share = False, self._rate
         self._carried: FloatArray = np.ones(legs)
         self._most: FloatArray = np.zeros(legs)
         self.missing: FloatArray = np.zeros(legs)
@@ -71,31 +69,28 @@ class LegSupport:
         if load is None:
             return
         usual = self._habit.at(parts)
-        self._unusual = load - usual
         some = np.maximum(usual, self._least)
         self._most = np.maximum(self._most * self._kept, some)
         weight = usual / self._most
         share = np.minimum(load / some, self._whole)
         self._carried = self._carried + weight * weight * self._rate * (share - self._carried)
         self.missing = self._whole - self._carried
-
-    def learn(self) -> None:
-        """Learn what is usual from what legs carried in the last tick."""
-        if self.known:
-            self._habit.learn(self._learning() * (self._carried > CALM_SHARE) * self._unusual)
+        self._ticks += 1
+        if self._ticks % LEARNING_TICKS == 0:
+            self._habit.learn(self._learns() * (self._carried > CALM_SHARE) * (load - usual))
 
     def forget(self, which: BoolArray) -> None:
         """Take the legs of some robots, leading shape + (1,), for legs that carry as usual."""
         self._carried = np.where(which, 1.0, self._carried)
 
-    def _learning(self) -> FloatArray:
+    def _learns(self) -> FloatArray:
         """Share of a load that the habit learns: the less, the more it has seen, down to its memory's."""
         if not self._learned:
             self._learned_cycles = np.minimum(self._learned_cycles + self._passed, MEMORY_CYCLES)
             passed = PARTS * self._passed
-            self._learns = passed / (self._learned_cycles + 0.5 + passed)
+            self._share = passed / (self._learned_cycles + 0.5 + passed)
             self._learned = bool((self._learned_cycles >= MEMORY_CYCLES).all())
-        return self._learns
+        return self._share
 
 
 def _load(state: RobotState) -> FloatArray | None:
