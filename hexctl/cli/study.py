@@ -1,4 +1,4 @@
-"""`hexctl study`: the paper's experiments, the transfer benchmark, and the comparison of holds."""
+"""`hexctl study`: the paper's experiments, and the benchmarks of transfer, holds and recovery."""
 
 import json
 from collections.abc import Iterable, Mapping, Sequence
@@ -35,7 +35,7 @@ from hexctl.errors import InputError
 
 if TYPE_CHECKING:
     from hexctl.study.matrix import MatrixResult
-    from hexctl.study.study import HoldResult, StudyResult, TransferResult
+    from hexctl.study.study import HoldResult, RecoveryResult, StudyResult, TransferResult
 
 RUN_COUNT = Range(low=1, high=999, whole=True)
 BUDGET = Range(low=1, high=10_000, whole=True)
@@ -58,7 +58,12 @@ OptimizersOption = Annotated[
 ]
 RunsOption = Annotated[
     int | None,
-    number("--runs", RUN_COUNT, "Runs of each optimizer on each leg, {}. (default: 30; with --transfer 5)"),
+    number(
+        "--runs",
+        RUN_COUNT,
+        "Runs of each optimizer on each leg, {}; with --recovery of each set of legs under the protocol "
+        "hexaheal. (default: 30; with --transfer 5, with --recovery 10)",
+    ),
 ]
 BudgetOption = Annotated[
     int | None, number("--budget", BUDGET, "Trials of a run, {}. (default: 120; with --transfer 60)")
@@ -69,8 +74,8 @@ WorldsOption = Annotated[
         "--worlds",
         WORLDS,
         "In how many worlds, {}: with --transfer unseen ones (default: 30), else --world and others like it, "
-        "up to 100, over which claims have intervals (default: 1; with --matrix 3); with --hold unseen ones "
-        "(default: 10).",
+        "up to 100, over which claims have intervals (default: 1; with --matrix 3); with --hold and "
+        "--recovery unseen ones of each family (default: 10).",
     ),
 ]
 StudyFailureOption = Annotated[
@@ -78,7 +83,7 @@ StudyFailureOption = Annotated[
     typer.Option(
         "--failure",
         autocompletion=completion.failures,
-        help=f"{FAILURE_HELP} (default: locked; with --hold and --matrix several)",
+        help=f"{FAILURE_HELP} (default: locked; with --hold, --recovery and --matrix several)",
     ),
 ]
 StudySelfRotationOption = Annotated[
@@ -103,8 +108,8 @@ StudyWorldOption = Annotated[
     typer.Option(
         "--world",
         autocompletion=completion.worlds,
-        help=f"{WORLD_HELP} With --transfer and --hold a family of worlds, transfer or real. "
-        "(default: flat; transfer)",
+        help=f"{WORLD_HELP} With --transfer, --hold and --recovery a family of worlds, "
+        "transfer or real. (default: flat; transfer; with --recovery both)",
     ),
 ]
 StudyRobotOption = Annotated[
@@ -148,7 +153,38 @@ ExactSensorsOption = Annotated[
     bool,
     typer.Option(
         "--exact-sensors",
-        help="With --hold, leave out the delay, the noise and the losses that it gives to sensors.",
+        help="With --hold and --recovery, leave out the delay, the noise and the losses that they give to "
+        "sensors.",
+    ),
+]
+RecoveryStudyOption = Annotated[
+    bool,
+    typer.Option(
+        "--recovery",
+        help="Ask another question: a leg or a joint fails in mid-walk; is it noticed, and where does the "
+        "walk end, how fast. --failure, --world and --robot take several with commas.",
+    ),
+]
+GaitsOption = Annotated[
+    str | None,
+    typer.Option(
+        "--gaits", help="With --recovery, gaits on six legs, with commas: names, or auto. (default: tripod)"
+    ),
+]
+MethodsOption = Annotated[
+    str | None,
+    typer.Option(
+        "--methods",
+        help="With --recovery, what robots do about it, with commas: nothing (always), told, recover, or "
+        "your own package.module:Class. (default: nothing,told,recover)",
+    ),
+]
+ProtocolsOption = Annotated[
+    str | None,
+    typer.Option(
+        "--protocols",
+        help="With --recovery, with commas: line, one leg or joint fails 8 s into a walk of --duration in "
+        "unseen worlds; hexaheal, one leg or two lose their torque after 4 s of 14 s. (default: both)",
     ),
 ]
 OneLegOption = Annotated[
@@ -177,6 +213,10 @@ def study(
     matrix: MatrixOption = False,
     hold: HoldStudyOption = False,
     holds: HoldsOption = None,
+    recovery: RecoveryStudyOption = False,
+    gaits: GaitsOption = None,
+    methods: MethodsOption = None,
+    protocols: ProtocolsOption = None,
     exact_sensors: ExactSensorsOption = False,
     time_steps: TimeStepsOption = None,
     optimizers: OptimizersOption = None,
@@ -197,25 +237,39 @@ def study(
 
     Gaits are walked once and kept under runs/study-cache; Ctrl-C, then the same command continues.
     """
-    kinds = {"--transfer": transfer, "--matrix": matrix, "--hold": hold}
-    of_transfer = {"--prior": prior, "--one-leg": one_leg or None}
-    of_hold = {"--holds": holds, "--exact-sensors": exact_sensors or None}
-    _check_kind(
-        kinds, {"--transfer": of_transfer, "--matrix": {"--time-steps": time_steps}, "--hold": of_hold}
-    )
+    kinds = {"--transfer": transfer, "--matrix": matrix, "--hold": hold, "--recovery": recovery}
+    own: dict[str, dict[str, object]] = {
+        "--transfer": {"--prior": prior, "--one-leg": one_leg or None},
+        "--matrix": {"--time-steps": time_steps},
+        "--hold": {"--holds": holds},
+        "--recovery": {"--gaits": gaits, "--methods": methods, "--protocols": protocols},
+    }
+    _check_kind(kinds, own)
+    if not (hold or recovery):
+        refuse_given({"--exact-sensors": exact_sensors or None}, "with --hold or --recovery")
     folder = out or RUNS / f"study-{datetime.now():%Y%m%d-%H%M%S}"
     options: dict[str, Any] = {"legs": listed_legs(legs), "duration_s": duration} | _given(worlds=worlds)
-    result: StudyResult | TransferResult | MatrixResult | HoldResult
-    if hold:
-        refused = {"--optimizers": optimizers, "--runs": runs, "--budget": budget, "--dask": dask}
-        refuse_given(refused | {"--seed": seed or None}, "without --hold, which searches nothing")
-        options |= _given(self_rotation=self_rotation, exact_sensors=exact_sensors or None)
-        settings = _given(robots=robot, families=world, failures=failure, holds=holds)
-        result, lines = _hold(settings, options, folder, jobs)
+    result: StudyResult | TransferResult | MatrixResult | HoldResult | RecoveryResult
+    if hold or recovery:
+        flag = "--hold" if hold else "--recovery"
+        refused = {"--optimizers": optimizers, "--budget": budget, "--dask": dask}
+        refuse_given(refused, f"without {flag}, which searches nothing")
+        options |= _given(exact_sensors=exact_sensors or None)
+        settings = _given(robots=robot, families=world, failures=failure)
     else:
         searches = None if optimizers is None else listed(optimizers)
         options |= {"seed": seed} | _given(optimizers=searches, runs=runs, budget=budget)
-    if transfer:
+    if hold:
+        refused = {"--runs": runs, "--seed": seed or None}
+        refuse_given(refused, "without --hold, which searches nothing")
+        options |= _given(self_rotation=self_rotation)
+        result, lines = _hold(settings | _given(holds=holds), options, folder, jobs)
+    elif recovery:
+        refuse_given({"--self-rotation": self_rotation}, "without --recovery, which does not turn")
+        options |= {"seed": seed} | _given(runs=runs)
+        settings |= _given(gaits=gaits, methods=methods, protocols=protocols)
+        result, lines = _recovery(settings, options, folder, jobs)
+    elif transfer:
         refuse_given({"--self-rotation": self_rotation}, "without --transfer, which turns to the rear")
         options |= _given(failure=failure) | {"one_leg": one_leg}
         result, lines = _transfer(robot or "ant", world, prior, options, folder, jobs, dask)
@@ -223,7 +277,7 @@ def study(
         options |= _given(self_rotation=self_rotation)
         settings = _given(robots=robot, worlds=world, failures=failure, steps=time_steps)
         result, lines = _matrix(settings, options, folder, jobs, dask)
-    elif not hold:
+    else:
         options |= _given(failure=failure, self_rotation=self_rotation)
         result, lines = _study(robot or "ant", world or "flat", options, folder, jobs, dask)
     print_result(json.dumps(result.to_json()) if as_json else "\n".join([*lines, f"report: {result.report}"]))
@@ -335,6 +389,33 @@ def _hold(
         (bar.verdict, f"{bar.asked}: {bar.measured}") for bar in hold_bars(result.findings)
     )
     return result, [*holds_lines(result.findings), *verdicts]
+
+
+def _recovery(
+    settings: dict[str, str], options: dict[str, Any], folder: Path, jobs: int | None
+) -> "tuple[RecoveryResult, list[str]]":
+    """Run the recovery benchmark; returns the result, its table and its verdicts as lines."""
+    from hexctl.backends.sim.world import load_randomization
+    from hexctl.robot.loader import load_robot
+    from hexctl.study.recovery.findings import recovery_bars
+    from hexctl.study.recovery.plan import FAMILIES, RecoveryPlan
+    from hexctl.study.recovery.report import recovery_lines
+    from hexctl.study.recovery.walks import EpisodeCache
+    from hexctl.study.study import run_recovery
+
+    parts: dict[str, Any] = {name: listed(text) for name, text in settings.items()}
+    robots = tuple(load_robot(name) for name in parts.pop("robots", ("ant",)))
+    families = {name: load_randomization(name) for name in parts.pop("families", FAMILIES)}
+    plan = RecoveryPlan(robots=robots, families=families, **parts, **options)
+    with (
+        interruptible(lambda cache: EpisodeCache(cache).count(plan.walked()), "walks"),
+        StudyProgress() as progress,
+    ):
+        result = run_recovery(plan, folder=folder, jobs=jobs, progress=progress)
+    verdicts = _verdict_lines(
+        (bar.verdict, f"{bar.asked}: {bar.measured}") for bar in recovery_bars(result.findings)
+    )
+    return result, [*recovery_lines(result.findings), *verdicts]
 
 
 #: Length of a tick in ms, and steps of the physics, of which it is a whole number.

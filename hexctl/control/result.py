@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -92,6 +92,8 @@ class TrialResult(ArrayFields):
             scaled down.
         true_deviation: from the same line by where a simulated robot really was, which its sensors may not
             have told; None for a real robot.
+        true_path_m: the same as `path_m` by where it really was, (T, 2); None for a real robot, and for a
+            result that was read. It counts in no comparison.
         energy_j: mechanical work of the joints' actuators over the walk, without what they brake; None where
             the robot does not tell its torques.
         cost_of_transport: that work per weight and metre of progress, without unit; None likewise, and
@@ -124,6 +126,7 @@ class TrialResult(ArrayFields):
     hold_lost_s: float = 0.0
     limited_ticks: int = 0
     true_deviation: Deviation | None = None
+    true_path_m: FloatArray | None = field(default=None, compare=False)
     energy_j: float | None = None
     cost_of_transport: float | None = None
     tilt_deg: float | None = None
@@ -306,6 +309,7 @@ def score(
     long_enough = duration_s >= RAMP_DURATION_S
     if status == "ok" and distance_m is not None and long_enough and _goes_straight(plan):
         status = "ok" if distance_m >= progress_floor_m(robot, plan, duration_s) else "no_progress"
+    true_path_m = _true_path_m(frame, true_positions_world)
     cause = None
     if status == "no_progress" and samples is not None:
         seen = symptoms(robot, plan, samples, filled(positions_world), filled(quaternions_world))
@@ -327,7 +331,8 @@ def score(
         hold_caveat=why_less(plan, frame) if len(positions_world) else None,
         hold_lost_s=_hold_lost_s(hold, duration_s, positions_world, quaternions_world),
         limited_ticks=limited_ticks,
-        true_deviation=_true_deviation(frame, true_positions_world),
+        true_deviation=None if true_path_m is None else _deviation(true_path_m[:, 1]),
+        true_path_m=true_path_m,
         energy_j=energy_j,
         cost_of_transport=cost_of_transport(robot, energy_j, distance_m),
         tilt_deg=lean_deg(quaternions_world),
@@ -350,15 +355,15 @@ def _hold_lost_s(
     return float(gaps_s[gaps_s > LOST_AFTER_S].sum())
 
 
-def _true_deviation(frame: TrialFrame | None, positions_world: FloatArray | None) -> Deviation | None:
-    """Deviation by true positions, (T, 3); None where there are none."""
+def _true_path_m(frame: TrialFrame | None, positions_world: FloatArray | None) -> FloatArray | None:
+    """Path by true positions, (T, 3); None where there are none."""
     if frame is None or positions_world is None or not len(positions_world):
         return None
     if not np.isfinite(positions_world).all():
         return None
     if not np.isfinite(frame.origin_world).all():
         frame = replace(frame, origin_world=positions_world[0])
-    return _deviation(frame.path(positions_world)[:, 1])
+    return frame.path(positions_world)
 
 
 def filled(rows: FloatArray) -> FloatArray:

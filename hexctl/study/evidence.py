@@ -1,8 +1,10 @@
 """Evidence for a claim: numbers of several worlds, tolerances, intervals over worlds, and three verdicts."""
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from statistics import NormalDist
 from typing import Any
 
 import numpy as np
@@ -86,6 +88,21 @@ def clustered_error(values: FloatArray, groups: NDArray[Any]) -> FloatArray:
     residuals = (values - values.mean(axis=0)) / len(values)
     sums = np.array([residuals[groups == number].sum(axis=0) for number in numbers])
     return np.asarray(np.sqrt(len(numbers) / (len(numbers) - 1) * (sums**2).sum(axis=0)))
+
+
+def wilson_interval(count: int, of: int) -> tuple[float, float]:
+    """Wilson's interval of a share, of `CONFIDENCE`; that of none is all there is.
+
+    E. B. Wilson, *Probable inference, the law of succession, and statistical inference*, 1927: the shares p
+    with |count / of - p| at most z sqrt(p (1 - p) / of). Cases are taken to be independent.
+    """
+    if not of:
+        return 0.0, 1.0
+    z = NormalDist().inv_cdf(0.5 + CONFIDENCE / 2)
+    share, more = count / of, z**2 / of
+    centre = (share + more / 2) / (1 + more)
+    half = math.sqrt(share * (1 - share) * more + more**2 / 4) / (1 + more)
+    return max(0.0, centre - half), min(1.0, centre + half)
 
 
 #: What `judge` answers.

@@ -1,4 +1,4 @@
-"""The paper's experiments, the transfer benchmark and the comparison of holds as library calls."""
+"""The paper's experiments, the benchmarks of transfer, holds and recovery as library calls."""
 
 import json
 import time
@@ -26,6 +26,12 @@ from hexctl.study.holds.report import REPORT as HOLD_REPORT
 from hexctl.study.holds.report import holds_json, write_hold_report
 from hexctl.study.holds.walks import HoldCache, walk_all
 from hexctl.study.plan import StudyPlan
+from hexctl.study.recovery.findings import RecoveryFindings
+from hexctl.study.recovery.plan import RecoveryPlan
+from hexctl.study.recovery.report import REPORT as RECOVERY_REPORT
+from hexctl.study.recovery.report import recovery_json, write_recovery_report
+from hexctl.study.recovery.walks import EpisodeCache
+from hexctl.study.recovery.walks import walk_all as walk_episodes
 from hexctl.study.report import REPORT, write_report
 from hexctl.study.searches import Findings, search_all
 from hexctl.study.tables import summary_json
@@ -113,6 +119,21 @@ class HoldResult(ReportResult):
     def numbers(self) -> dict[str, Any]:
         """Walks and verdicts, as plain JSON values."""
         return holds_json(self.findings)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RecoveryResult(ReportResult):
+    """A finished recovery benchmark.
+
+    Attributes:
+        findings: walks in which legs fail.
+    """
+
+    findings: RecoveryFindings
+
+    def numbers(self) -> dict[str, Any]:
+        """Walks and verdicts, as plain JSON values."""
+        return recovery_json(self.findings)
 
 
 def study(
@@ -268,6 +289,34 @@ def run_holds(
         report = write_hold_report(findings, folder)
         result = HoldResult(findings=findings, report=report, notes=tuple(cache.notes))
         _write_json(result.to_json(), folder / "holds.json")
+    return result
+
+
+def run_recovery(
+    plan: RecoveryPlan,
+    *,
+    folder: Path,
+    cache: LandscapeCache | None = None,
+    jobs: int | None = None,
+    progress: Progress | None = None,
+) -> RecoveryResult:
+    """Let legs fail in mid-walk, write report, figure, table and `recovery.json`.
+
+    Arguments and errors are those of `run_study`; `jobs` is the number of batches that walk in parallel.
+    Walks are saved while this runs: a call that was interrupted is continued by the next one.
+    """
+    check_type(plan, RecoveryPlan, "plan", "a RecoveryPlan")
+    folder, cache, progress = Path(folder), cache or LandscapeCache(), progress or Silent()
+    check_jobs(jobs)
+    check_drawing()
+    plan.check()
+    with report_folder(folder, RECOVERY_REPORT):
+        cache.probe()
+        episodes = walk_episodes(plan.walked(), EpisodeCache(cache), progress, jobs)
+        findings = RecoveryFindings(plan=plan, episodes=episodes)
+        report = write_recovery_report(findings, folder)
+        result = RecoveryResult(findings=findings, report=report, notes=tuple(cache.notes))
+        _write_json(result.to_json(), folder / "recovery.json")
     return result
 
 

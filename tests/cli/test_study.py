@@ -236,6 +236,75 @@ def test_an_interrupted_comparison_of_holds_goes_on(tmp_path: Path) -> None:
     assert not (tmp_path / "out").exists()
 
 
+BROKEN = ["study", "--recovery", "--legs", "2,5", "--failure", "limp", "--worlds", "1", "--runs", "1"]
+
+
+def test_recovery_is_measured_from_end_to_end_and_again_from_the_cache(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    short = [*BROKEN, "--duration", "12", "--world", "transfer"]
+    assert exit_code([*short, "--jobs", "1", "--out", "first", "--json"]) == 0
+    first = capsys.readouterr()
+    outcome = json.loads(first.out)
+    assert (outcome["families"], outcome["first_world"], outcome["walks"]) == (["transfer"], 400, 10 + 9)
+    assert outcome["sensors"]["lost_poses"] == 0.05
+    assert json.loads((tmp_path / "first" / "recovery.json").read_text()) == outcome
+    assert "ant, line, transfer:400" in first.err
+    assert "ant, hexaheal, flat:0 (flat): 9 walks" in first.err
+
+    assert exit_code([*short, "--methods", "nothing,recover", "--protocols", "line"]) == 0
+    again = capsys.readouterr()
+    assert "8 of 8 walks: from the cache" in again.err
+    (report,) = Path("runs").glob("study-2*/recovery.html")
+    assert again.out.endswith(f"report: {report}\n")
+    assert "| limp | recover | 2 in 1 world |" in again.out
+    assert "\nnot judged: walks of 12 s, needs at least 30 s\n" in again.out
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--hold"], "--recovery: got it with --hold; allowed: one or the other"),
+        (["--holds", "line"], "--holds: got line; allowed: with --hold"),
+        (
+            ["--optimizers", "pso"],
+            "--optimizers: got pso; allowed: without --recovery, which searches nothing",
+        ),
+        (["--budget", "3"], "--budget: got 3; allowed: without --recovery"),
+        (["--dask", "tcp://127.0.0.1:1"], "allowed: without --recovery"),
+        (["--self-rotation", "rear"], "--self-rotation: got rear; allowed: without --recovery"),
+        (["--gaits", "gallop"], "--gaits: got gallop; allowed: one or more of demo"),
+        (["--methods", "told"], "--methods: got told; allowed: nothing among them"),
+        (["--methods", "nothing,hope"], "--methods: got hope; allowed: nothing, told, recover"),
+        (["--protocols", "ours"], "--protocols: got ours; allowed: one or more of line, hexaheal, each once"),
+        (["--failure", "tired"], "allowed: locked, limp"),
+        (["--world", "slippery"], "has no `ranges`; allowed: a family of worlds"),
+        (["--robot", "ant,ant"], "--robot: got ant,ant; allowed: one or more, each once"),
+        (["--worlds", "1001"], "--worlds: got 1001; allowed: 1..1000"),
+        (["--duration", "9"], "--duration: got 9; allowed: 11.1 to 86400 s"),
+    ],
+)
+def test_a_recovery_benchmark_that_cannot_be_is_refused_in_one_line(
+    options: list[str], message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    monkeypatch.chdir(tmp_path)
+    assert exit_code([*BROKEN, *options]) == 2
+    printed = capsys.readouterr()
+    assert (printed.out, len(printed.err.splitlines())) == ("", 1)
+    assert message in printed.err
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("option", [["--gaits", "wave"], ["--methods", "told"], ["--protocols", "line"]])
+def test_options_of_recovery_are_refused_elsewhere(
+    option: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert exit_code([*TINY, *option]) == 2
+    assert "allowed: with --recovery" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_an_interrupted_study_goes_on(number: signal.Signals, tmp_path: Path) -> None:
     command = [sys.executable, "-m", "hexctl", "study", "--legs", "2", "--duration", "3", "--jobs", "1"]

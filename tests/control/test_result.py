@@ -160,6 +160,27 @@ def test_results_compare_by_value_and_travel_as_json() -> None:
     assert TrialResult.from_dict(one.to_dict()).path_m.shape == (0, 2)
 
 
+def test_the_true_path_is_from_the_same_line_by_where_the_robot_was() -> None:
+    measured_world = np.array([[1.0, 2.0, 0.0], [1.1, 3.9, 0.0]])
+    result = score(
+        shipped(),
+        TrialPlan(gait=gait_of(shipped())),
+        status="ok",
+        duration_s=0.04,
+        turned_rad=0.0,
+        clipped_ticks=0,
+        frame=TrialFrame(measured_world[0], math.pi / 2, 0.0),
+        positions_world=measured_world,
+        quaternions_world=np.tile(UPRIGHT, (2, 1)),
+        true_positions_world=np.array([[1.0, 2.0, 0.0], [0.7, 4.0, 0.0]]),
+    )
+    assert result.true_path_m is not None
+    np.testing.assert_allclose(result.true_path_m, [[0.0, 0.0], [2.0, 0.3]], atol=1e-12)
+    assert result.true_deviation is not None
+    assert result.true_deviation.signed == pytest.approx(0.3)
+    assert _score(_along(1.2, np.array([0.0, 0.1]))).true_path_m is None
+
+
 def test_a_result_that_knows_nothing_travels_as_json_too() -> None:
     one = _score(_along(1.2, np.array([0.0, 0.1])))
     partly = replace(one, deviation=Deviation(0.1, float("nan"), float("nan"), 0.1), yaw_change_rad=None)

@@ -46,6 +46,7 @@ PARSED = {
     ("study", "--legs"): "the same as plain study, once that is shortened",
     ("study", "--transfer"): "simulates for an hour; tests/study has a small one",
     ("study", "--hold"): "walks for an hour; tests/cli/test_study.py has a small one",
+    ("study", "--recovery"): "walks for hours; tests/cli/test_study.py has a small one",
     ("study", "--matrix"): "simulates for hours; tests/study has a small one",
     ("prior", "build"): "walks 120 gaits a world, half a minute at least; tests/cli/test_prior.py has it",
     ("run", "--then"): "changes the gait later than a shortened walk ends; tests/cli/test_run.py has one",

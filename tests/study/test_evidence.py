@@ -3,7 +3,15 @@
 import pytest
 from scipy import stats
 
-from hexctl.study.evidence import Measure, Tolerance, cm, judge, judge_all, null_share
+from hexctl.study.evidence import (
+    Measure,
+    Tolerance,
+    cm,
+    judge,
+    judge_all,
+    null_share,
+    wilson_interval,
+)
 
 
 def test_about_a_number_is_half_of_it_to_both_sides() -> None:
@@ -19,6 +27,13 @@ def test_the_interval_over_worlds_is_students() -> None:
     assert Measure("share", (0.9, 1.0), most=1.0).interval == pytest.approx((0.3147, 1.0), abs=1e-4)
     assert Measure("pso", (0.01, 0.3)).interval[0] == 0.0
     assert Measure("pso", (0.08, float("nan"))).interval == (0.08, 0.08)
+
+
+@pytest.mark.parametrize(("count", "of"), [(0, 10), (3, 10), (10, 10), (999, 1000)])
+def test_the_interval_of_a_share_is_wilsons(count: int, of: int) -> None:
+    expected = stats.binomtest(count, of).proportion_ci(method="wilson")
+    assert wilson_interval(count, of) == pytest.approx((expected.low, expected.high))
+    assert wilson_interval(0, 0) == (0.0, 1.0)
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,288 @@
+"""Episodes of the recovery benchmark: walks in which legs fail, their conditions and outcomes."""
+
+import hashlib
+import json
+import math
+from dataclasses import dataclass, replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from hexctl.backends.sim.world import World
+from hexctl.control.assessment.static_stability import stable_gait
+from hexctl.control.batch import SimTrial
+from hexctl.control.plan import TrialPlan
+from hexctl.control.result import TrialResult
+from hexctl.gait.gait import Gait, ideal_speed_m_s, make_gait
+from hexctl.robot.failure_event import FailureEvent, parse_failure_event
+from hexctl.robot.model import Robot
+from hexctl.study.recovery.methods import Alarm, method_of
+from hexctl.study.versions import code_versions, source_digest
+from hexctl.types import FloatArray
+
+#: What fails in a walk in which nothing does.
+INTACT = "intact"
+
+#: Statuses of walks that end on their feet.
+ENDED = ("ok", "no_progress")
+
+#: The gait that stands safest on six legs.
+AUTO_GAIT = "auto"
+
+#: The later speed is that from so long after the failure on.
+LATER_S = 5.0
+
+#: Share of the later speed at which a walk counts as settled.
+SETTLED = 0.9
+
+#: HexaHeal's rule: a walk has recovered if it has so much of the commanded speed over its last seconds.
+RULE_SHARE, RULE_S = 0.5, 8.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, order=True)
+class RecoveryCase:
+    """One walk under some conditions.
+
+    Attributes:
+        gait: name of the gait on six legs, or `auto`.
+        legs: those that fail, all in the same way; none in an intact walk.
+        failure: how, in the words of `parse_failure`; `intact` without any.
+        at_s: when they fail, since the walk began; in an intact walk the moment from which on it is compared.
+        heading_deg: direction of travel.
+        method: what the robot does about it, as `method_of` has it.
+    """
+
+    gait: str
+    legs: tuple[int, ...]
+    failure: str
+    at_s: float
+    heading_deg: float
+    method: str
+
+    @property
+    def events(self) -> tuple[FailureEvent, ...]:
+        """What the world does."""
+        return tuple(parse_failure_event(f"{leg}:{self.failure}@{self.at_s}") for leg in self.legs)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecoveryConditions:
+    """One robot in one world; a walk there is decided by this and its case.
+
+    Attributes:
+        protocol: name of the protocol.
+        robot: model of the robot.
+        family: name of the world's family.
+        number: of the world in its family, and the seed of what is drawn in it.
+        kind: kind of the world, as the family names it.
+        world: the world, its sensors included.
+        duration_s: length of each walk.
+    """
+
+    protocol: str
+    robot: Robot
+    family: str
+    number: int
+    kind: str
+    world: World
+    duration_s: float
+
+    @property
+    def title(self) -> str:
+        """Name for progress and messages."""
+        return f"{self.robot.name}, {self.protocol}, {self.family}:{self.number} ({self.kind})"
+
+    def trial(self, case: RecoveryCase) -> SimTrial:
+        """Trial of a case."""
+        plan = TrialPlan(
+            gait=make_gait(self.robot, "tripod" if case.gait == AUTO_GAIT else case.gait),
+            heading_rad=math.radians(case.heading_deg),
+            duration_s=self.duration_s,
+            self_rotation="none",
+            hold="line",
+        )
+        if case.gait == AUTO_GAIT:
+            plan = replace(plan, gait=_stable_gait(self.robot, plan))
+        # A plan of its own for each trial, by which the walks of a batch are told apart.
+        plan = replace(method_of(case.method).planned(plan))
+        return SimTrial(
+            robot=self.robot,
+            plan=plan,
+            failure=None,
+            world=self.world,
+            seed=self.number,
+            events=case.events,
+        )
+
+    def identity(self) -> dict[str, Any]:
+        """Plain JSON values that are equal where walks are: settings and versions of the code."""
+        return {
+            "robot": self.robot.fingerprint,
+            "world": self.world.model_dump(mode="json"),
+            "seed": self.number,
+            "duration_s": self.duration_s,
+            "code": _versions(),
+        }
+
+    @property
+    def fingerprint(self) -> str:
+        """Digest of the identity, 16 hexadecimal digits."""
+        return hashlib.sha256(json.dumps(self.identity(), sort_keys=True).encode()).hexdigest()[:16]
+
+
+@cache
+def _versions() -> dict[str, str]:
+    return code_versions() | {"source": source_digest(__name__)}
+
+
+#: Gaits by robot and plan: they are the same in all worlds.
+_stable_gait = cache(stable_gait)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Episode:
+    """The outcome of one walk, by the simulation's true pose; NaN where it is not known.
+
+    Attributes:
+        case: what failed, and what the robot was to do about it.
+        status: as in `hexctl.control.result.STATUSES`.
+        why: why it was stopped, or the likely cause of a walk without progress; None for neither.
+        duration_s: how long it walked.
+        alarms: what was noticed, in the order of time.
+        pace_hz: gait cycles per second.
+        ideal_m_s: speed that is commanded before the failure.
+        signed_m: deviation from the original line at the end, positive to the left.
+        way_m: greatest absolute deviation after the failure.
+        before_m_s: speed along the line over the second half of the time before the failure.
+        after_m_s: speed from `LATER_S` after the failure on.
+        last_m_s: speed over the last `RULE_S`.
+        settled_s: time from the failure until the mean speed over the cycle about that moment is `SETTLED` of
+            the later one again, after its lowest within `LATER_S`; 0 where it never falls below.
+    """
+
+    case: RecoveryCase
+    status: str
+    why: str | None
+    duration_s: float
+    alarms: tuple[Alarm, ...]
+    pace_hz: float
+    ideal_m_s: float
+    signed_m: float
+    way_m: float
+    before_m_s: float
+    after_m_s: float
+    last_m_s: float
+    settled_s: float
+
+    @property
+    def ended(self) -> bool:
+        """Whether it ended on its feet."""
+        return self.status in ENDED
+
+    @property
+    def final_m(self) -> float:
+        """Final deviation in m; NaN for a walk that did not end on its feet."""
+        return abs(self.signed_m) if self.ended else math.nan
+
+    @property
+    def early(self) -> tuple[Alarm, ...]:
+        """Alarms before anything has failed: of an intact walk all."""
+        return tuple(one for one in self.alarms if not self.case.legs or one.at_s < self.case.at_s)
+
+    @property
+    def delay_s(self) -> float:
+        """Time from the failure to the first alarm after it; NaN without one."""
+        later = [one.at_s for one in self.alarms if self.case.legs and one.at_s >= self.case.at_s]
+        return later[0] - self.case.at_s if later else math.nan
+
+    @property
+    def right_leg(self) -> bool:
+        """Whether the first alarm of the walk is of a leg that has failed, after it has."""
+        return bool(self.alarms) and not self.early and self.alarms[0].leg in self.case.legs
+
+    @property
+    def right_kind(self) -> bool:
+        """Whether the first alarm has leg, kind and joint right."""
+        if not self.right_leg:
+            return False
+        first = self.alarms[0]
+        failures = [event.failure for event in self.case.events if event.leg == first.leg]
+        return any(one and (one.kind, one.joint) == (first.kind, first.joint) for one in failures)
+
+    @property
+    def recovered(self) -> bool:
+        """Whether it has recovered by HexaHeal's rule: no fall, and enough speed at its end."""
+        return self.ended and self.last_m_s >= RULE_SHARE * self.ideal_m_s
+
+    @classmethod
+    def of(
+        cls, case: RecoveryCase, trial: SimTrial, result: TrialResult, alarms: tuple[Alarm, ...]
+    ) -> "Episode":
+        """Episode of a case from its trial, the result and what was noticed."""
+        gait, at_s = trial.plan.gait, case.at_s
+        track = Track.of(result, gait)
+        ended = result.status in ENDED
+        off_m = math.nan if not ended else float(track.path_m[-1, 1])
+        end_s = result.duration_s
+        after_m_s = track.speed(at_s + LATER_S, end_s) if ended else math.nan
+        return cls(
+            case=case,
+            status=result.status,
+            why=result.stopped or result.cause,
+            duration_s=float(end_s),
+            alarms=alarms,
+            pace_hz=float(gait.pace_hz),
+            ideal_m_s=float(ideal_speed_m_s(trial.robot, gait, trial.plan.motion(0.0))),
+            signed_m=off_m,
+            way_m=track.way_m(at_s),
+            before_m_s=track.speed(at_s / 2, at_s),
+            after_m_s=after_m_s,
+            last_m_s=track.speed(end_s - RULE_S, end_s) if ended else math.nan,
+            settled_s=track.settled_s(at_s, after_m_s),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Track:
+    """Where a walk was at each tick: progress and deviation in m, (T, 2), with the tick and a cycle in s."""
+
+    path_m: FloatArray
+    period_s: float
+    cycle_s: float
+
+    @classmethod
+    def of(cls, result: TrialResult, gait: Gait) -> "Track":
+        """Track of a simulated walk with a gait; empty where there is none."""
+        path_m = np.zeros((0, 2)) if result.true_path_m is None else result.true_path_m
+        return cls(path_m, result.duration_s / max(1, len(path_m)), 1 / gait.pace_hz)
+
+    def _row(self, time_s: float) -> int:
+        return round(time_s / self.period_s) if len(self.path_m) else 0
+
+    def speed(self, from_s: float, until_s: float) -> float:
+        """Mean speed along the line in m/s; NaN unless at least half a cycle of that time was walked."""
+        first, last = max(0, self._row(from_s)), min(self._row(until_s), len(self.path_m) - 1)
+        if last <= first or (last - first) * self.period_s < self.cycle_s / 2:
+            return math.nan
+        return float(self.path_m[last, 0] - self.path_m[first, 0]) / ((last - first) * self.period_s)
+
+    def way_m(self, from_s: float) -> float:
+        """Greatest absolute deviation from a time on."""
+        rows = self.path_m[self._row(from_s) :, 1]
+        return float(np.abs(rows).max()) if rows.size else math.nan
+
+    def settled_s(self, at_s: float, later_m_s: float) -> float:
+        """Time until a speed is reached again, as `Episode.settled_s` has it; NaN where it never is."""
+        half, first = max(1, self._row(self.cycle_s / 2)), self._row(at_s)
+        if not later_m_s > 0 or first < half or first + half >= len(self.path_m):
+            return math.nan
+        progress = self.path_m[:, 0]
+        speed = (progress[2 * half :] - progress[: -2 * half]) / (2 * half * self.period_s)
+        since = speed[first - half :]  # over the cycle about each tick, from the failure on
+        enough = since >= SETTLED * later_m_s
+        lowest = int(np.argmin(since[: self._row(LATER_S)]))
+        if enough[lowest]:
+            return 0.0
+        again = np.flatnonzero(enough[lowest:])
+        return float((lowest + again[0]) * self.period_s) if again.size else math.nan

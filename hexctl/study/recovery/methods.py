@@ -1,0 +1,201 @@
+"""What robots do about failures that come while they walk: the methods that are compared."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+from inspect import isclass
+
+import numpy as np
+
+from hexctl.control.controllers import Controller
+from hexctl.control.monitor.monitored_walk import MonitoredWalk, recovering_walk
+from hexctl.control.monitor.recovery import GlideToStableGait, RecoveryPolicy, WalkOn
+from hexctl.control.plan import TrialPlan
+from hexctl.control.preparation import WalkStart
+from hexctl.control.steered_walk import SteeredWalk
+from hexctl.control.steering import held
+from hexctl.control.velocity_walk import MotionWalk, VelocityWalk
+from hexctl.errors import InputError, argument
+from hexctl.robot.failure import Failure
+from hexctl.robot.failure_event import FailureEvent
+from hexctl.robot.plugins import load_named
+from hexctl.types import FloatArray, RobotState
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Alarm:
+    """A failure that a walk has noticed.
+
+    Attributes:
+        at_s: when, since the walk began.
+        leg: accused leg, 1..6.
+        kind: how it is said to fail.
+        joint: which joint alone; None for the whole leg.
+        evidence: what it was noticed by.
+    """
+
+    at_s: float
+    leg: int
+    kind: str
+    joint: str | None
+    evidence: str
+
+
+class RecoveryMethod(ABC):
+    """What a robot does about failures. One method leads any number of walks, in several threads.
+
+    Methods of one's own are subclasses with a constructor without arguments, named `package.module:Class`.
+
+    Attributes:
+        notices: whether its walks say what they notice.
+    """
+
+    notices = False
+
+    def planned(self, plan: TrialPlan) -> TrialPlan:
+        """Plan of a walk by this method, from that of a walk that holds its line."""
+        return plan
+
+    @abstractmethod
+    def controller(self, start: WalkStart, to_come: Sequence[Sequence[FailureEvent]]) -> Controller:
+        """Controller of a batch of walks.
+
+        Args:
+            start: the robots, ready to walk.
+            to_come: what will happen to each of them, which a method that claims to notice must not read.
+        """
+
+    def alarms(self, controller: Controller, start: WalkStart, index: int) -> tuple[Alarm, ...]:
+        """What a walk of the batch that began at `start` has noticed, in the order of time."""
+        return ()
+
+
+class _Monitored(RecoveryMethod):
+    """Walks that a monitor watches."""
+
+    notices = True
+
+    def __init__(self, policy: RecoveryPolicy) -> None:
+        self._make = recovering_walk(policy)
+
+    def controller(self, start: WalkStart, to_come: Sequence[Sequence[FailureEvent]]) -> Controller:
+        """The watched walks."""
+        return self._make(start)
+
+    def alarms(self, controller: Controller, start: WalkStart, index: int) -> tuple[Alarm, ...]:
+        """Suspicions of the monitor."""
+        if not isinstance(controller, MonitoredWalk):
+            return ()
+        return tuple(
+            Alarm(
+                at_s=round(one.suspicion.step * start.period_s, 6),
+                leg=one.suspicion.leg,
+                kind=one.suspicion.failure.kind,
+                joint=one.suspicion.failure.joint,
+                evidence=one.suspicion.evidence,
+            )
+            for one in controller.noticed[index]
+        )
+
+
+class Nothing(_Monitored):
+    """Walks on; what the monitor would have said is kept."""
+
+    def __init__(self) -> None:
+        super().__init__(WalkOn())
+
+
+class Recover(_Monitored):
+    """Notices by itself and glides to a gait for the legs that are left."""
+
+    def __init__(self) -> None:
+        super().__init__(GlideToStableGait())
+
+
+class Told(RecoveryMethod):
+    """An oracle: told leg and kind in the tick of the failure, it glides to the same gait as `Recover`."""
+
+    def __init__(self) -> None:
+        self._policy = GlideToStableGait()
+
+    def controller(self, start: WalkStart, to_come: Sequence[Sequence[FailureEvent]]) -> Controller:
+        """Walks that know what is to come."""
+        return ToldWalk(start, self._policy, to_come)
+
+
+class ToldWalk(Controller):
+    """Walks of a batch that are told of failures as they come.
+
+    Args:
+        start: the robots, ready to walk.
+        policy: decides what each does.
+        to_come: failures of each, those of one moment together.
+    """
+
+    def __init__(
+        self, start: WalkStart, policy: RecoveryPolicy, to_come: Sequence[Sequence[FailureEvent]]
+    ) -> None:
+        self.hold = held(start.plans[0], start.frame)
+        self.walk: VelocityWalk = (
+            MotionWalk(start) if self.hold == "none" else SteeredWalk(start, hold=self.hold)
+        )
+        self.walk.leave_plain()  # each walk changes its gait at a time of its own
+        self._start, self._policy = start, policy
+        self._headings_rad = [motion.heading_rad for motion in start.motions]
+        for plan, heading_rad in zip(start.plans, self._headings_rad, strict=True):
+            policy.prepare(start.robot, plan, heading_rad)
+        self._to_come = [list(events) for events in to_come]
+        self._failures: list[dict[int, Failure]] = [{} for _ in start.plans]
+
+    def targets_rad(self, step: int, state: RobotState) -> FloatArray:
+        """Joint angles at this step, (n, 18)."""
+        told = np.zeros(len(self._to_come), dtype=bool)
+        gaits = list(self.walk.gaits)
+        for index, events in enumerate(self._to_come):
+            now = [event for event in events if event.at_s <= (step + 0.5) * self._start.period_s]
+            if not now:
+                continue
+            del events[: len(now)]
+            known = self._failures[index]
+            for event in now:
+                if event.failure is None:
+                    known.pop(event.leg, None)
+                else:
+                    known[event.leg] = event.failure
+            plan, heading_rad = self._start.plans[index], self._headings_rad[index]
+            response = self._policy.respond(self._start.robot, plan, heading_rad, list(known.values()))
+            if response.gait is not None:
+                gaits[index], told[index] = response.gait, True
+        if told.any():
+            self.walk.glide_to(gaits, told)
+        self.limited_steps = self.walk.limited_steps
+        return self.walk.targets_rad(step, state)
+
+
+#: Methods by name.
+METHODS: dict[str, type[RecoveryMethod]] = {"nothing": Nothing, "told": Told, "recover": Recover}
+
+#: What the others are compared with.
+NOTHING = "nothing"
+
+
+@cache
+def method_of(name: str) -> RecoveryMethod:
+    """The method of a name of `METHODS`, or of one's own, `package.module:Class`.
+
+    Raises InputError for anything else.
+    """
+    if name in METHODS:
+        return METHODS[name]()
+    what, allowed = argument("methods"), f"{', '.join(METHODS)}, package.module:Class"
+    if ":" not in name:
+        raise InputError(f"{what}: got {name}; allowed: {allowed}")
+    try:
+        named = load_named(name, "methods")
+        made = named() if isclass(named) else named
+    except (ImportError, AttributeError, TypeError, ValueError) as error:
+        raise InputError(f"{what}: {name} cannot be loaded ({error}); allowed: {allowed}") from error
+    if not isinstance(made, RecoveryMethod):
+        raise InputError(f"{what}: got {name}, a {type(made).__name__}; allowed: a RecoveryMethod")
+    return made

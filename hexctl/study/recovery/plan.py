@@ -1,0 +1,239 @@
+"""Settings of the recovery benchmark: robots, gaits, unseen worlds, what fails, and the methods compared."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import combinations
+from zlib import crc32
+
+import numpy as np
+
+from hexctl.backends.sim.world import MAX_MEMBERS, DomainRandomization, World, load_world
+from hexctl.control.plan import MAX_DURATION_S
+from hexctl.control.turning import check_plan
+from hexctl.errors import InputError, LimitError, ReachError, argument, check_type
+from hexctl.gait.gait import NAMED_SLOTS
+from hexctl.robot.failure import FAILURE_FORMS
+from hexctl.robot.failure_event import parse_failure_event
+from hexctl.robot.model import Robot
+from hexctl.study.holds.conditions import with_sensors
+from hexctl.study.plan import check_robot
+from hexctl.study.recovery.episodes import AUTO_GAIT, INTACT, RecoveryCase, RecoveryConditions
+from hexctl.study.recovery.methods import METHODS, NOTHING, method_of
+from hexctl.types import JOINT_KINDS, N_LEGS
+
+#: Members of the families before this one were looked at while monitor and recovery were built.
+FIRST_WORLD = 400
+
+#: Families of unseen worlds, unless told otherwise.
+FAMILIES = ("transfer", "real")
+
+#: How legs and single joints fail, unless told otherwise.
+FAILURES = (
+    "locked",
+    "limp",
+    "missing",
+    *(f"{kind}:{joint}" for kind in ("stuck", "limp") for joint in JOINT_KINDS),
+)
+
+#: Directions of travel, of which each episode has one.
+HEADINGS_DEG = (0.0, 60.0, 145.0, -95.0)
+
+#: Protocols: `line`, a line walk in unseen worlds, and `hexaheal`, that of another work: one leg or two lose
+#: their torque after 4 s of 14 s, on an even floor.
+LINE, HEXAHEAL = PROTOCOLS = ("line", "hexaheal")
+
+#: When legs fail in each protocol at the earliest; the phase of the gait is drawn.
+FAULT_S = {LINE: 8.0, HEXAHEAL: 4.0}
+
+#: Length of a walk of the protocol `hexaheal`, and what fails in it.
+HEXAHEAL_S, TORQUE_OFF = 14.0, "limp"
+
+#: A walk is to go on for so long after the failure.
+LEAST_AFTER_S = 2.0
+
+MAX_WORLDS, MAX_RUNS = 1000, 999
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecoveryPlan:
+    """Settings of one benchmark.
+
+    Attributes:
+        robots: models of the robots.
+        families: the unseen worlds by the name of their family.
+        gaits: names of gaits on six legs, or `auto`.
+        worlds: number of worlds of each family.
+        first_world: number of the first of them.
+        legs: those that fail, ascending.
+        failures: of each leg, in the words of `parse_failure`; intact robots walk beside them.
+        methods: what robots do about them, as `method_of` has it; `nothing` among them.
+        protocols: of `PROTOCOLS`.
+        runs: of each set of legs in the protocol `hexaheal`, with different seeds.
+        duration_s: length of each walk of the protocol `line`.
+        exact_sensors: whether worlds keep the sensors that their family gives them, instead of
+            `hexctl.study.holds.conditions.SENSORS`.
+        seed: draws phase and heading of each episode.
+    """
+
+    robots: tuple[Robot, ...]
+    families: dict[str, DomainRandomization]
+    gaits: tuple[str, ...] = ("tripod",)
+    worlds: int = 10
+    first_world: int = FIRST_WORLD
+    legs: tuple[int, ...] = tuple(range(1, N_LEGS + 1))
+    failures: tuple[str, ...] = FAILURES
+    methods: tuple[str, ...] = tuple(METHODS)
+    protocols: tuple[str, ...] = PROTOCOLS
+    runs: int = 10
+    duration_s: float = 30.0
+    exact_sensors: bool = False
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        for name in ("robots", "gaits", "legs", "failures", "methods", "protocols"):
+            check_type(getattr(self, name), tuple, f"plan.{name}", "a tuple")
+        for robot in self.robots:
+            check_robot(robot)
+        check_type(self.families, dict, "plan.families", "families of worlds by name")
+        for family in self.families.values():
+            allowed = "a DomainRandomization, as load_randomization('transfer') gives"
+            check_type(family, DomainRandomization, "plan.families", allowed)
+        for failure in self.failures:
+            check_type(failure, str, "plan.failures", FAILURE_FORMS)
+        for name in ("worlds", "first_world", "runs", "seed"):
+            check_type(getattr(self, name), int, f"plan.{name}")
+        check_type(self.duration_s, float, "plan.duration_s")
+        check_type(self.exact_sensors, bool, "plan.exact_sensors")
+
+    def walked(self) -> list[tuple[RecoveryConditions, list[RecoveryCase]]]:
+        """Conditions of all walks, and the cases under each."""
+        found: list[tuple[RecoveryConditions, list[RecoveryCase]]] = []
+        if LINE in self.protocols:
+            found += [(one, list(self._line_cases(one))) for one in self._line_conditions()]
+        if HEXAHEAL in self.protocols:
+            found += [(one, list(self._pair_cases(one))) for one in self._pair_conditions()]
+        return found
+
+    def _line_conditions(self) -> Iterator[RecoveryConditions]:
+        for robot in self.robots:
+            for name, family in self.families.items():
+                for number, world in enumerate(
+                    family.members(self.first_world, self.worlds), self.first_world
+                ):
+                    yield RecoveryConditions(
+                        protocol=LINE,
+                        robot=robot,
+                        family=name,
+                        number=number,
+                        kind=family.kind(number).name,
+                        world=self._sensed(world),
+                        duration_s=self.duration_s,
+                    )
+
+    def _pair_conditions(self) -> Iterator[RecoveryConditions]:
+        for robot in self.robots:
+            for run in range(self.runs):
+                yield RecoveryConditions(
+                    protocol=HEXAHEAL,
+                    robot=robot,
+                    family="flat",
+                    number=run,
+                    kind="flat",
+                    world=self._sensed(load_world("flat")),
+                    duration_s=HEXAHEAL_S,
+                )
+
+    def _sensed(self, world: World) -> World:
+        return world if self.exact_sensors else with_sensors(world)
+
+    def _line_cases(self, conditions: RecoveryConditions) -> Iterator[RecoveryCase]:
+        """Intact walks in each heading, then each leg with each failure, by each method."""
+        for gait in self.gaits:
+            for heading_deg in HEADINGS_DEG:
+                yield RecoveryCase(
+                    gait=gait,
+                    legs=(),
+                    failure=INTACT,
+                    at_s=FAULT_S[LINE],
+                    heading_deg=heading_deg,
+                    method=NOTHING,
+                )
+            for leg in self.legs:
+                for failure in self.failures:
+                    at_s, heading_deg = self._drawn(conditions, (leg,), failure)
+                    yield from self._by_methods(gait, (leg,), failure, at_s, heading_deg)
+
+    def _pair_cases(self, conditions: RecoveryConditions) -> Iterator[RecoveryCase]:
+        """Each leg and each pair of legs without torque, by each method, straight ahead."""
+        sets = [legs for count in (1, 2) for legs in combinations(self.legs, count)]
+        for gait in self.gaits:
+            for legs in sets:
+                at_s, _ = self._drawn(conditions, legs, TORQUE_OFF)
+                yield from self._by_methods(gait, legs, TORQUE_OFF, at_s, 0.0)
+
+    def _by_methods(
+        self, gait: str, legs: tuple[int, ...], failure: str, at_s: float, heading_deg: float
+    ) -> Iterator[RecoveryCase]:
+        for method in self.methods:
+            yield RecoveryCase(
+                gait=gait, legs=legs, failure=failure, at_s=at_s, heading_deg=heading_deg, method=method
+            )
+
+    def _drawn(
+        self, conditions: RecoveryConditions, legs: tuple[int, ...], failure: str
+    ) -> tuple[float, float]:
+        """Time of a failure, within a cycle from the earliest one on, and heading."""
+        text = f"{conditions.protocol} {conditions.family} {legs} {failure}"
+        random = np.random.default_rng([self.seed, conditions.number, crc32(text.encode())])
+        at_s = FAULT_S[conditions.protocol] + random.uniform() / conditions.robot.gait.pace_hz
+        return round(at_s, 2), float(random.choice(HEADINGS_DEG))
+
+    def check(self) -> None:
+        """Raise InputError for anything that is not allowed, before anything runs."""
+        _check_each("robot", [robot.name for robot in self.robots])
+        _check_each("world", list(self.families))
+        _check_each("gaits", self.gaits, (*NAMED_SLOTS, AUTO_GAIT))
+        _check_each("legs", self.legs, tuple(range(1, N_LEGS + 1)))
+        _check_each("failure", self.failures)
+        _check_each("methods", self.methods)
+        _check_each("protocols", self.protocols, PROTOCOLS)
+        for method in self.methods:
+            method_of(method)
+        _check("methods", ",".join(self.methods), NOTHING in self.methods, f"{NOTHING} among them")
+        most = min(MAX_WORLDS, MAX_MEMBERS - self.first_world)
+        _check("worlds", self.worlds, 1 <= self.worlds <= most, f"1..{most}")
+        _check("runs", self.runs, 1 <= self.runs <= MAX_RUNS, f"1..{MAX_RUNS}")
+        _check("seed", self.seed, self.seed >= 0, "0 or more")
+        for failure in self.failures:
+            parse_failure_event(f"{self.legs[0]}:{failure}@0")
+        longest_s = max(1 / robot.gait.pace_hz for robot in self.robots)
+        least_s = FAULT_S[LINE] + longest_s + LEAST_AFTER_S
+        fine = LINE not in self.protocols or least_s <= self.duration_s <= MAX_DURATION_S
+        _check("duration", f"{self.duration_s:g}", fine, f"{least_s:.3g} to {MAX_DURATION_S:g} s")
+        self._check_walks()
+
+    def _check_walks(self) -> None:
+        """Raise InputError for a gait that the legs of a robot cannot walk."""
+        checked = set()
+        for one, cases in self.walked():
+            for case in cases:
+                key = (one.robot.name, case.gait, case.heading_deg)
+                if key in checked:
+                    continue
+                checked.add(key)
+                try:
+                    check_plan(one.robot, one.trial(case).plan)
+                except (ReachError, LimitError) as error:
+                    raise InputError(f"{one.robot.name}, {case.gait}: {error}") from error
+
+
+def _check(name: str, got: object, holds: bool, allowed: str) -> None:
+    if not holds:
+        raise InputError(f"{argument(name)}: got {got}; allowed: {allowed}")
+
+
+def _check_each(name: str, given: tuple[object, ...] | list[str], known: tuple[object, ...] = ()) -> None:
+    """Raise InputError unless there are values, each once, and all of them known."""
+    among = f" of {', '.join(map(str, known))}" if known else ""
+    fine = bool(given) and len(set(given)) == len(given) and (not known or set(given) <= set(known))
+    _check(name, ",".join(map(str, given)) or "none", fine, f"one or more{among}, each once")

@@ -1,0 +1,177 @@
+"""Statistics of the episodes, and bars."""
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hexctl.study.evidence import clustered_error
+from hexctl.study.recovery import findings as module
+from hexctl.study.recovery.episodes import Episode
+from hexctl.study.recovery.findings import RecoveryFindings, recovery_bars
+from hexctl.study.recovery.plan import HEXAHEAL, LINE
+from tests.robots import shipped
+from tests.study.recovery.made_up import DELAY_S, PACE_HZ, alarm, changed, findings, plan
+
+EVERY_BAR = {
+    "right_leg",
+    "right_joint",
+    "delay",
+    "false_alarms",
+    "settled",
+    "deviation",
+    "falls",
+    "kept",
+    "pairs",
+}
+
+
+def on_line(method: str, *, legs: bool = True) -> Any:
+    """Which episodes of the protocol `line` are of a method."""
+
+    def which(place: Any, one: Episode) -> bool:
+        return place.protocol == LINE and one.case.method == method and bool(one.case.legs) == legs
+
+    return which
+
+
+def bars_of(found: RecoveryFindings) -> dict[str, Any]:
+    return {bar.name: bar for bar in recovery_bars(found)}
+
+
+def test_statistics_are_those_of_the_episodes() -> None:
+    made = findings()
+    division, name, rows = next(made.groups())
+    assert (division, name, len(rows)) == ("all", "one leg or joint failed", 3 * 2 * 2 * 4)
+    found = made.statistics(rows, "recover")
+    some = [row for row in rows if row.episode.case.method == "recover"]
+    final_m = np.array([row.episode.final_m for row in some])
+    worlds = np.array([row.world for row in some])
+    assert (found.episodes, found.worlds, found.matter) == (16, 4, 16)
+    assert (found.right_leg, found.right_kind, found.early, found.again) == (16, 16, 0, 0)
+    assert found.delay_median == pytest.approx(DELAY_S * PACE_HZ)
+    assert found.mean_m == pytest.approx(final_m.mean())
+    assert found.mean_error_m == pytest.approx(float(clustered_error(final_m, worlds)))
+    assert (found.max_m, found.way_p99_m) == (final_m.max(), pytest.approx(0.06))
+    assert (found.kept, found.kept_worst, found.settled_median_s) == (
+        pytest.approx(0.9),
+        pytest.approx(0.9),
+        1.2,
+    )
+    assert (found.fell, found.others, found.no_progress) == (0, 0, 0)
+
+
+def test_groups_divide_all_episodes() -> None:
+    made = findings(robots=(shipped(), shipped("pexod")), gaits=("tripod", "wave"))
+    groups: dict[str, dict[str, int]] = {}
+    for division, name, rows in made.groups():
+        groups.setdefault(division, {})[name] = len(rows)
+    total = groups["all"]["one leg or joint failed"]
+    assert groups["kind"] == {"whole legs": total // 2, "locked": total // 2, "stuck joint": total // 2}
+    for division in ("failure", "robot", "gait", "family", "leg", "kind of world"):
+        assert sum(groups[division].values()) == total
+    assert list(groups["gait"]) == ["tripod", "wave"]
+
+
+def test_a_failure_matters_that_changes_the_walk_in_which_nothing_is_done() -> None:
+    harmless = changed(findings(), on_line("nothing"), signed_m=0.0, after_m_s=0.14)
+    cases: list[tuple[dict[str, Any], bool]] = [
+        ({}, False),
+        ({"signed_m": -0.0191}, True),
+        ({"signed_m": -0.018}, False),
+        ({"after_m_s": 0.13}, True),
+        ({"status": "fell", "after_m_s": math.nan}, True),
+    ]
+    for changes, matters in cases:
+        made = changed(harmless, on_line("nothing"), **changes)
+        assert {row.matters for row in made.judged} == {matters}, changes
+
+
+def test_robots_that_make_no_progress_while_intact_are_counted_apart() -> None:
+    made = changed(
+        findings(),
+        lambda place, one: not one.case.legs and place.number == 201 and place.family == "real",
+        status="no_progress",
+    )
+    assert {row.world for row in made.set_aside} == {"real:201"}
+    assert (len(made.judged), len(made.set_aside)) == (36, 12)
+    assert "in 1 intact walk" not in bars_of(made)["deviation"].measured
+    assert "0 in 4 intact walks without progress" in bars_of(made)["false_alarms"].measured
+
+
+def test_walks_that_fell_have_no_end_and_no_speed() -> None:
+    made = findings()
+    fallen = changed(
+        made,
+        lambda place, one: (
+            on_line("recover")(place, one) and one.case.legs == (2,) and one.case.failure == "locked"
+        ),
+        status="fell",
+        signed_m=math.nan,
+        after_m_s=math.nan,
+    )
+    _, _, rows = next(fallen.groups())
+    found = fallen.statistics(rows, "recover")
+    assert (found.fell, found.episodes, found.kept, found.kept_worst) == (4, 16, pytest.approx(0.9), 0.0)
+    bars = bars_of(fallen)
+    assert bars["falls"].holds is False
+    assert bars["falls"].measured == "4 fell, 0 diverged or were stopped, of 16"
+    assert bars["kept"].holds is False
+
+
+def test_bars_are_judged_by_enough_episodes_of_30_s(monkeypatch: pytest.MonkeyPatch) -> None:
+    made = findings()
+    bars = bars_of(made)
+    assert set(bars) == EVERY_BAR
+    few = {name for name, bar in bars.items() if bar.verdict.startswith("not judged: ")}
+    assert few == {"right_leg", "right_joint", "falls"}
+    assert {bar.verdict for name, bar in bars.items() if name not in few} == {"holds"}
+    monkeypatch.setattr(module, "ENOUGH", 5)
+    monkeypatch.setattr(module, "ENOUGH_JOINTS", 5)
+    assert {bar.verdict for bar in recovery_bars(made)} == {"holds"}
+    assert bars["pairs"].measured == "1 of 1; 2 of 2 walks"
+    short = bars_of(replace(made, plan=plan(duration_s=20.0)))
+    assert short.pop("pairs").verdict == "holds"
+    assert {bar.verdict for bar in short.values()} == {"not judged: walks of 20 s, needs at least 30 s"}
+
+
+def test_bars_are_missed_by_what_they_forbid(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "ENOUGH", 5)
+    monkeypatch.setattr(module, "ENOUGH_JOINTS", 5)
+    made = findings()
+
+    def missed(which: Any, **changes: Any) -> set[str]:
+        return {name for name, bar in bars_of(changed(made, which, **changes)).items() if not bar.holds}
+
+    recover = on_line("recover")
+    case = next(one.case for place, one in made.episodes if recover(place, one))
+    assert missed(recover, alarms=()) == {"right_leg", "right_joint", "delay"}
+    late = (alarm(case, at_s=12.0),)
+    of_case = (case.legs, case.failure)
+    assert missed(lambda _, one: (one.case.legs, one.case.failure) == of_case, alarms=late) == {"delay"}
+    assert missed(on_line("nothing", legs=False), alarms=late) == {"false_alarms"}
+    assert missed(recover, settled_s=2.6) == missed(recover, settled_s=math.nan) == {"settled"}
+    assert missed(recover, signed_m=0.009) == {"deviation"}
+    assert missed(recover, after_m_s=0.1) == {"kept"}
+    assert missed(lambda place, _: place.protocol == HEXAHEAL, last_m_s=0.0) == {"pairs"}
+
+
+def test_bars_are_those_of_what_was_walked() -> None:
+    assert set(bars_of(findings(protocols=(HEXAHEAL,)))) == {"pairs"}
+    assert set(bars_of(findings(protocols=(LINE,)))) == EVERY_BAR - {"pairs"}
+    assert bars_of(findings(methods=("nothing", "told"))) == {}
+
+
+def test_hexaheals_rule_counts_walks_and_sets_of_legs() -> None:
+    made = findings(runs=4)
+    some = changed(
+        made,
+        lambda place, one: place.protocol == HEXAHEAL and one.case.legs == (2,) and place.number > 0,
+        status="fell",
+    )
+    one, two = some.rule_share("told", 1), some.rule_share("told", 2)
+    assert (one.recovered, one.walks, one.fell, one.sets, one.of_sets) == (5, 8, 3, 1, 2)
+    assert (two.recovered, two.walks, two.fell, two.sets, two.of_sets) == (4, 4, 0, 1, 1)
+    assert some.rule_share("nothing", 2).recovered == 0
