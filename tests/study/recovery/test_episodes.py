@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -38,7 +39,7 @@ def test_nothing_of_what_will_fail_is_told_in_the_plan() -> None:
 
 
 def test_whatever_decides_a_walk_is_in_the_fingerprint() -> None:
-    changes = [{"robot": shipped("pexod")}, {"number": 206}, {"world": World()}, {"duration_s": 60.0}]
+    changes: list[dict[str, Any]] = [{"robot": shipped("pexod")}, {"number": 206}, {"world": World()}, {"duration_s": 60.0}]
     prints = {replace(CONDITIONS, **change).fingerprint for change in changes}
     assert len(prints | {CONDITIONS.fingerprint}) == len(changes) + 1
 
@@ -47,8 +48,13 @@ def test_the_first_alarm_of_a_walk_counts() -> None:
     right = episode(CASE)
     assert (right.right_leg, right.right_kind, right.early) == (True, True, ())
     assert right.delay_s == pytest.approx(0.3)
-    for wrong, leg in (({"kind": "limp"}, True), ({"joint": None}, True), ({"leg": 3}, False)):
-        other = episode(CASE, alarms=(alarm(CASE, **wrong),))  # type: ignore[arg-type]
+    wrongs: list[tuple[dict[str, Any], bool]] = [
+        ({"kind": "limp"}, True),
+        ({"joint": None}, True),
+        ({"leg": 3}, False),
+    ]
+    for wrong, leg in wrongs:
+        other = episode(CASE, alarms=(alarm(CASE, **wrong),))
         assert (other.right_leg, other.right_kind) == (leg, False)
     early = episode(CASE, alarms=(alarm(CASE, after_s=-2.0), alarm(CASE)))
     assert (early.right_leg, len(early.early)) == (False, 1)
