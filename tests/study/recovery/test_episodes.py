@@ -39,7 +39,12 @@ def test_nothing_of_what_will_fail_is_told_in_the_plan() -> None:
 
 
 def test_whatever_decides_a_walk_is_in_the_fingerprint() -> None:
-    changes: list[dict[str, Any]] = [{"robot": shipped("pexod")}, {"number": 206}, {"world": World()}, {"duration_s": 60.0}]
+    changes: list[dict[str, Any]] = [
+        {"robot": shipped("pexod")},
+        {"number": 206},
+        {"world": World()},
+        {"duration_s": 60.0},
+    ]
     prints = {replace(CONDITIONS, **change).fingerprint for change in changes}
     assert len(prints | {CONDITIONS.fingerprint}) == len(changes) + 1
 
