@@ -58,6 +58,7 @@ class VelocityWalk(Controller):
         gaits: the gait of each walk, or that it changes to.
         limited_steps: steps in which the velocity was scaled down, leading shape.
         velocity_body: the one walked with now, leading shape + (3,).
+        foot_offsets_m: added to the feet in the body frame, leading shape + (6, 3); None for nothing.
     """
 
     def __init__(self, start: WalkStart, command: Command | None = None, *, speed_by: str = "stride") -> None:
@@ -78,6 +79,7 @@ class VelocityWalk(Controller):
         self._cycles = np.zeros(self._shape)[()]
         self.velocity_body: FloatArray = np.zeros((*self._shape, 3))
         self.limited_steps = np.zeros(self._shape, dtype=int)[()]
+        self.foot_offsets_m: FloatArray | None = None
         self._last_step = 0
         self._stop_step: int | None = None
 
@@ -104,6 +106,8 @@ class VelocityWalk(Controller):
             self._change(step, cycles)
         u = part_of_cycle(self._cycles[..., np.newaxis] + self._pattern.phases)
         feet = feet_at_phases(self._robot, self._pattern, u, strokes, self._envelope(step))
+        if self.foot_offsets_m is not None:
+            feet = feet + self.foot_offsets_m
         return joints_of_feet(self._robot, feet, self._held)
 
     def _envelope(self, step: int) -> float:

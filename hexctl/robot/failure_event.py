@@ -65,15 +65,18 @@ class NoticedFailure:
         evidence: what it was noticed by: `following` (targets that joints do not follow) or `support` (load
             that a leg does not carry).
         did: what it did, in few words.
+        healed: whether it noticed that the leg is whole again.
     """
 
     at_s: float
     failure: Failure
     evidence: str
     did: str
+    healed: bool = False
 
     def __str__(self) -> str:
-        return f"leg {self.failure.leg} {in_words(self.failure)} at {self.at_s:.2f} s, {self.did}"
+        what = "whole again" if self.healed else in_words(self.failure)
+        return f"leg {self.failure.leg} {what} at {self.at_s:.2f} s, {self.did}"
 
     def to_dict(self) -> dict[str, Any]:
         """JSON values."""
@@ -84,6 +87,7 @@ class NoticedFailure:
             "joint": self.failure.joint,
             "evidence": self.evidence,
             "did": self.did,
+            "healed": self.healed,
         }
 
     @classmethod
@@ -91,7 +95,11 @@ class NoticedFailure:
         """Inverse of `to_dict`; the angle of a stuck joint is not kept."""
         failure = Failure(leg=int(data["leg"]), kind=str(data["kind"]), joint=data["joint"])
         return cls(
-            at_s=float(data["at_s"]), failure=failure, evidence=str(data["evidence"]), did=str(data["did"])
+            at_s=float(data["at_s"]),
+            failure=failure,
+            evidence=str(data["evidence"]),
+            did=str(data["did"]),
+            healed=bool(data.get("healed", False)),
         )
 
 

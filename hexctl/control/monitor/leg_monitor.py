@@ -155,6 +155,13 @@ class LegMonitor:
         self._history[1, self._row] = targets_rad
         self._row = (self._row + 1) % self._history.shape[1]
 
+    def believe_whole(self, leg: int, row: tuple[int, ...] = ()) -> None:
+        """Watch a leg again, 1..6, patiently as at the start of a walk."""
+        self.failed[(*row, leg - 1)] = False
+        changed: BoolArray = np.zeros((*self._shape, 1), dtype=bool)
+        changed[row] = True
+        self._be_patient(changed)
+
     def suspicion(self, step: int, row: tuple[int, ...] = ()) -> Suspicion:
         """What is believed of the leg that was noticed in the last tick, of one robot of a batch."""
         leg = int(np.argmax(self.new[row]))
@@ -191,8 +198,11 @@ class LegMonitor:
     def _accept(self) -> None:
         """Count the new legs as failed, and be patient while the gait changes."""
         self.failed = self.failed | self.new
+        self._be_patient(np.logical_or.reduce(self.new, axis=-1, keepdims=True))
+
+    def _be_patient(self, changed: BoolArray) -> None:
+        """Ask for more evidence while the gait of some robots changes, leading shape + (1,)."""
         self._watched = np.where(self.failed, 0.0, 1.0)
-        changed = np.logical_or.reduce(self.new, axis=-1, keepdims=True)
         patient = _of_both(self.new.shape, FIRST_RHO, 2 * FIRST_MISSING)
         self._usual = np.where(changed, patient, self._usual)
         self._set_threshold()

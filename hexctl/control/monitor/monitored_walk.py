@@ -1,6 +1,6 @@
 """A walk that notices failed legs, and does about them what its policy says."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from hexctl.control.controllers import Controller
 from hexctl.control.monitor.leg_monitor import LegMonitor, Suspicion
+from hexctl.control.monitor.leg_probe import AFTER_RELAPSE, FIRST_CYCLES, LegProbe
 from hexctl.control.monitor.recovery import (
     GlideToStableGait,
     RecoveryPolicy,
@@ -24,7 +25,7 @@ from hexctl.control.velocity_walk import MotionWalk, VelocityWalk
 from hexctl.errors import check_type
 from hexctl.robot.failure import Failure
 from hexctl.robot.failure_event import NoticedFailure
-from hexctl.types import N_LEGS, BoolArray, FloatArray, RobotState
+from hexctl.types import N_JOINTS, N_LEGS, BoolArray, FloatArray, RobotState, leg_slice
 
 #: How long after a failure was noticed it is looked at again how the leg fails, in cycles.
 KIND_AFTER_CYCLES = 0.4
@@ -38,12 +39,14 @@ class Noticed:
     """A failure that a walk has noticed, and what it did about it.
 
     Attributes:
-        suspicion: which leg, how, when, by what.
+        suspicion: which leg, how, when, by what; of a leg that is whole again, what was believed before.
         response: of the policy.
+        healed: whether the leg is whole again.
     """
 
     suspicion: Suspicion
     response: Response
+    healed: bool = False
 
 
 class MonitoredWalk(Controller):
@@ -72,6 +75,9 @@ class MonitoredWalk(Controller):
             policy.prepare(start.robot, plan, heading_rad)
         self._stopping = False
         self._unsettled: list[tuple[int, int, int]] = []
+        self._probes: dict[tuple[int, int], LegProbe] = {}
+        self._first_tries: dict[tuple[int, int], float] = {}
+        self._sent_rad: FloatArray = np.zeros((*start.batch_shape, N_JOINTS))
         self._news: Sequence[str] = ()
         self._monitor = LegMonitor(
             start.robot,
@@ -108,7 +114,9 @@ class MonitoredWalk(Controller):
                 self._respond(step)
             if self._unsettled and step >= self._unsettled[0][0]:
                 self._settle_kind()
-        targets_rad = self.walk.targets_rad(step, state)
+            if self._probes:
+                self._try_legs(step, state)
+        targets_rad = self._sent_rad = self.walk.targets_rad(step, state)
         self._monitor.sent(targets_rad, state.age_s)
         return targets_rad
 
@@ -129,6 +137,7 @@ class MonitoredWalk(Controller):
                 failure=each.suspicion.failure,
                 evidence=each.suspicion.evidence,
                 did=str(each.response),
+                healed=each.healed,
             )
             for each in self.noticed[index]
         )
@@ -138,37 +147,84 @@ class MonitoredWalk(Controller):
         news, self._news = self._news, ()
         return news
 
+    def _row(self, index: int) -> tuple[int, ...]:
+        """Index of a robot in arrays of the leading shape."""
+        return (index,) if self._start.batch_shape else ()
+
+    def _cycle_steps(self, index: int) -> float:
+        return 1 / (self._start.plans[index].gait.pace_hz * self._start.period_s)
+
     def _respond(self, step: int) -> None:
         """Do what the policy says about the legs noticed in this tick."""
-        new = np.flatnonzero(self._monitor.new.any(axis=-1)).tolist()
-        gaits = [plan.gait for plan in self._start.plans]
-        if isinstance(self.walk, VelocityWalk):
-            gaits = list(self.walk.gaits)
-        changes: BoolArray = np.zeros(len(gaits), dtype=bool)
-        for index in new:
-            row = (index,) if self._start.batch_shape else ()
-            suspicion = self._monitor.suspicion(step, row)
+        responses: dict[int, Response] = {}
+        for index in np.flatnonzero(self._monitor.new.any(axis=-1)).tolist():
+            suspicion = self._monitor.suspicion(step, self._row(index))
             self._failures[index].append(suspicion.failure)
             response = self._answer(index, self._failures[index])
             self.noticed[index].append(Noticed(suspicion=suspicion, response=response))
             self._news = (*self._news, f"noticed: {suspicion}, by its {suspicion.evidence}; {response}")
-            if response.gait is not None:
-                gaits[index], changes[index] = response.gait, True
+            responses[index] = response
             if response.stop:
                 self.stopped = str(suspicion)
-            if suspicion.evidence == "following":
-                pace_hz = self._start.plans[index].gait.pace_hz
-                later = round(KIND_AFTER_CYCLES / (pace_hz * self._start.period_s))
-                self._unsettled.append((step + later, index, len(self.noticed[index]) - 1))
-        if changes.any() and isinstance(self.walk, VelocityWalk):
+            self._look_again(index, suspicion)
+        self._glide(responses)
+
+    def _look_again(self, index: int, suspicion: Suspicion) -> None:
+        """Have it settled how a leg fails, and the leg tried later on."""
+        step, cycle_steps, moves = suspicion.step, self._cycle_steps(index), suspicion.evidence == "following"
+        if moves:
+            later = round(KIND_AFTER_CYCLES * cycle_steps)
+            self._unsettled.append((step + later, index, len(self.noticed[index]) - 1))
+        key = index, suspicion.leg
+        first = self._first_tries.get(key, FIRST_CYCLES)
+        self._probes[key] = LegProbe(step, cycle_steps, moves=moves, first_cycles=first)
+
+    def _glide(self, responses: Mapping[int, Response]) -> None:
+        """Change to the gaits of responses, by robot."""
+        if not isinstance(self.walk, VelocityWalk):
+            return
+        gaits = list(self.walk.gaits)
+        changes: BoolArray = np.zeros(len(gaits), dtype=bool)
+        for index, response in responses.items():
+            if response.gait is not None:
+                gaits[index], changes[index] = response.gait, True
+        if changes.any():
             self.walk.glide_to(gaits, changes if self._start.batch_shape else None)
+
+    def _try_legs(self, step: int, state: RobotState) -> None:
+        """Move the legs that it is time to try, and take back those that follow."""
+        if not isinstance(self.walk, VelocityWalk):
+            return
+        offsets_m = np.zeros((*self._start.batch_shape, N_LEGS, 3))
+        for (index, leg), probe in list(self._probes.items()):
+            if leg not in self.walk.gaits[index].posture.tucked_legs:
+                continue
+            row, joints = self._row(index), leg_slice(leg)
+            offsets_m[(*row, leg - 1)] = probe.offset_m(step, self._start.robot.size_m)
+            if probe.whole(step, self._sent_rad[row][joints], state.joint_positions_rad[row][joints]):
+                self._take_back(index, leg, step)
+        self.walk.foot_offsets_m = offsets_m
+
+    def _take_back(self, index: int, leg: int, step: int) -> None:
+        """Walk with a leg again that has proved to be whole."""
+        del self._probes[index, leg]
+        key = index, leg
+        self._first_tries[key] = AFTER_RELAPSE * self._first_tries.get(key, FIRST_CYCLES)
+        before = next(one for one in self._failures[index] if one.leg == leg)
+        self._failures[index].remove(before)
+        self._monitor.believe_whole(leg, self._row(index))
+        response = self._answer(index, self._failures[index])
+        suspicion = Suspicion(failure=before, step=step, evidence="following", ratio=0.0)
+        self.noticed[index].append(Noticed(suspicion=suspicion, response=response, healed=True))
+        self._news = (*self._news, f"noticed: leg {leg} follows again; {response}")
+        self._glide({index: response})
 
     def _settle_kind(self) -> None:
         """Look again how a leg fails, now that all that is looked at comes from after its failure."""
         _, index, place = self._unsettled.pop(0)
-        noticed, row = self.noticed[index], (index,) if self._start.batch_shape else ()
+        noticed = self.noticed[index]
         before = noticed[place].suspicion
-        failure = self._monitor.kind(before.leg, row)
+        failure = self._monitor.kind(before.leg, self._row(index))
         if failure == before.failure:
             return
         suspicion = replace(before, failure=failure)

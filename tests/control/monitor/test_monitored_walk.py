@@ -16,7 +16,7 @@ from hexctl.control.trial import planned_walk, run_trial
 from hexctl.errors import WrongTypeError
 from hexctl.gait.gait import make_gait
 from hexctl.robot.failure import Failure
-from hexctl.robot.failure_event import parse_failure_event
+from hexctl.robot.failure_event import parse_failure_event, parse_healing
 from tests.robots import shipped
 
 
@@ -124,3 +124,31 @@ def test_what_is_no_policy_is_refused() -> None:
 
     with pytest.raises(WrongTypeError, match="policy"):
         run_sim_trial(_trial(None, duration_s=1.0), make)
+
+
+def test_a_leg_that_heals_is_taken_back_and_one_that_does_not_is_not() -> None:
+    trial = _trial("5:limp@3", duration_s=20.0)
+    healing = replace(trial, events=(*trial.events, parse_healing("5@8")))
+    result, walk = _walk(healing)
+    failed, healed = walk.noticed_failures()
+    assert (failed.failure.leg, failed.healed, healed.failure.leg, healed.healed) == (5, False, 5, True)
+    assert 8 < healed.at_s < 20
+    assert healed.did == "glided to slots 1,4,1,4,1,4"
+    assert result.status == "ok"
+    assert result.deviation is not None
+    assert result.deviation.max < 0.05
+    _, walk = _walk(trial)
+    assert [each.healed for each in walk.noticed_failures()] == [False]
+
+
+def test_a_second_leg_is_met_in_the_same_way() -> None:
+    trial = _trial("5:locked@3", duration_s=16.0)
+    result, walk = _walk(replace(trial, events=(*trial.events, parse_failure_event("2:limp@9"))))
+    first, second = walk.noticed_failures()
+    assert (first.failure.leg, second.failure.leg) == (5, 2)
+    assert 9 < second.at_s < 10.5
+    assert walk.noticed[0][1].response.gait is not None
+    assert walk.noticed[0][1].response.gait.posture.tucked_legs == (2, 5)
+    assert result.status == "ok"
+    assert result.deviation is not None
+    assert result.deviation.max < 0.08

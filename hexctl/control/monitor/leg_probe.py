@@ -1,0 +1,77 @@
+"""The leg probe: moves a tucked leg now and then, and says whether its joints follow again."""
+
+import math
+
+import numpy as np
+
+from hexctl.types import JOINTS_PER_LEG, FloatArray
+
+#: A leg is tried for the first time so many cycles after it was tucked, and each time later by this factor.
+FIRST_CYCLES, LATER = 6.0, 1.5
+
+#: A leg that was taken for whole and failed again is tried later by this factor.
+AFTER_RELAPSE = 3.0
+
+#: How long a try takes, in cycles.
+LASTS_CYCLES = 1.0
+
+#: How far the foot moves, sideways and up, as fractions of the robot's size.
+SIDEWAYS, UP = 0.03, 0.015
+
+#: A joint follows if it makes this part of its targets' motion, which must have this standard deviation.
+LEAST_GAIN, LEAST_MOTION_RAD = 0.6, math.radians(1.0)
+
+
+class LegProbe:
+    """Tries of one tucked leg.
+
+    Args:
+        step: in which the leg was tucked.
+        cycle_steps: steps of a gait cycle.
+        moves: whether its joints can tell that it is whole; that of a leg that was missed by its load only
+            putting it down can, and it counts as whole when it is time for a try.
+        first_cycles: when it is tried first, in cycles.
+    """
+
+    def __init__(
+        self, step: int, cycle_steps: float, *, moves: bool, first_cycles: float = FIRST_CYCLES
+    ) -> None:
+        self._cycle_steps, self._moves = cycle_steps, moves
+        self._wait_steps = first_cycles * cycle_steps
+        self._next = step + self._wait_steps
+        self._rows: list[tuple[FloatArray, FloatArray]] = []
+
+    def offset_m(self, step: int, size_m: float) -> FloatArray:
+        """Where the foot is to be at a step, from its place in the air, in the body frame, (3,) in m."""
+        cycles = (step - self._next) / self._cycle_steps
+        if not (self._moves and 0 <= cycles < LASTS_CYCLES):
+            return np.zeros(3)
+        wave = math.sin(math.tau * cycles / LASTS_CYCLES)
+        return size_m * np.array([SIDEWAYS * wave, SIDEWAYS * wave, UP * wave])
+
+    def whole(self, step: int, targets_rad: FloatArray, measured_rad: FloatArray) -> bool:
+        """Whether the leg has just proved to be whole.
+
+        Args:
+            step: of the walk.
+            targets_rad: of its joints, (3,), sent before the measurement.
+            measured_rad: likewise.
+        """
+        if step < self._next:
+            return False
+        if self._moves and step < self._next + LASTS_CYCLES * self._cycle_steps:
+            self._rows.append((targets_rad.copy(), measured_rad.copy()))
+            return False
+        follows = not self._moves or self._follows()
+        self._rows.clear()
+        self._wait_steps *= LATER
+        self._next = step + self._wait_steps
+        return follows
+
+    def _follows(self) -> bool:
+        """Whether all joints that were moved followed: slope of the measured angles over the targets."""
+        targets, measured = np.array(self._rows).swapaxes(0, 1) - np.mean(self._rows, axis=0)[:, np.newaxis]
+        variance = (targets * targets).mean(axis=0)
+        moved = variance > LEAST_MOTION_RAD**2
+        gains = (targets * measured).mean(axis=0)[moved] / variance[moved]
+        return len(gains) > JOINTS_PER_LEG // 2 and bool((gains > LEAST_GAIN).all())
