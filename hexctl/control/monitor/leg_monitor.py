@@ -158,7 +158,7 @@ class LegMonitor:
     def believe_whole(self, leg: int, row: tuple[int, ...] = ()) -> None:
         """Watch a leg again, 1..6, patiently as at the start of a walk."""
         self.failed[(*row, leg - 1)] = False
-        changed: BoolArray = np.zeros((*self._shape, 1), dtype=bool)
+        changed: BoolArray = np.zeros_like(self.failed[..., :1])
         changed[row] = True
         self._be_patient(changed)
 
