@@ -41,7 +41,7 @@ KNOWN_AFTER_CYCLES, MUCH = 2.0, 0.4
 FORGOTTEN_PER_CYCLE = 0.02
 
 #: Ticks after which it is compared anew with those of the other legs.
-COMPARED_TICKS = 4
+COMPARED_TICKS = 8
 
 #: A leg whose rho is above this no longer teaches what is usual.
 SUSPICIOUS = 0.15
@@ -112,9 +112,9 @@ class JointFollowing:
             # How joints hang in the stance, and where their sensors are off.
             self._habit.begin(np.stack([off_rad, self._none]))
             self._begun = True
-        usual_rad, spread_rad = self._habit.at(parts.take(self._twice))
-        np.subtract(off_rad, usual_rad, out=self._unusual_rad)
-        np.subtract(np.abs(self._unusual_rad), spread_rad, out=self._wider_rad)
+        usual = self._habit.at(parts.take(self._twice))
+        np.subtract(off_rad, usual[0], out=self._unusual_rad)
+        np.subtract(np.abs(self._unusual_rad), usual[1], out=self._wider_rad)
         np.maximum(self._wider_rad, self._none, out=self._residual_rad)
         if state.joint_torques_nm is not None:
             swings = SWINGS[parts].take(self._legs)

@@ -142,8 +142,9 @@ class LegMonitor:
             self._history[2, self._row] = state.joint_torques_nm
         self._evidence[0] = self._following.rho_of_legs
         self._evidence[1] = self._support.missing
-        self._following_ratio, support_ratio = self._evidence / self._threshold
-        self.ratio = np.maximum(self._following_ratio, support_ratio) * self._watched
+        ratio = self._evidence / self._threshold
+        self._following_ratio = ratio[0]
+        self.ratio = np.maximum(ratio[0], ratio[1]) * self._watched
         self._ticks += 1
         if self._ticks % LEARNING_TICKS == 0:
             self._learn_usual()
@@ -173,9 +174,9 @@ class LegMonitor:
 
     def _learn_usual(self) -> None:
         """Follow what is usual: the greatest rho of all joints of a robot, and what each leg misses."""
-        rho, missing = self._evidence
-        self._now[0] = np.maximum.reduce(rho * self._watched, axis=-1, keepdims=True)
-        self._now[1] = missing
+        watched_rho = self._following.rho_of_legs * self._watched
+        self._now[0] = np.maximum.reduce(watched_rho, axis=-1, keepdims=True)
+        self._now[1] = self._support.missing
         self._usual += self._usual_share * (self._now - self._usual)
         self._set_threshold()
 

@@ -60,3 +60,22 @@ def test_a_jam_takes_more_than_other_servos_ever_gave() -> None:
     torques, off = np.where(_legs_standing(ticks), 1.0, 0.2), np.zeros((ticks, 18))
     off[300:, 4], torques[300:, 4] = -0.3, 1.6
     assert _rho(off, torques)[4] > 0.8
+
+
+def test_robots_of_a_batch_get_to_know_their_servos_at_their_own_pace() -> None:
+    """Servos that may give all they have, until it is known that others gave more."""
+    cycles, limits, rng = np.array([1 / 50, 1 / 70]), np.full(18, 2.5), np.random.default_rng(0)
+    together = JointFollowing((2,), 0.02, cycles, limits)
+    alone = [JointFollowing((), 0.02, each, limits) for each in cycles]
+    torques = np.full((2, 18), 1.2)
+    torques[:, ::7] = 1.9
+    for tick in range(200):
+        parts = cycle_parts((tick * cycles[:, np.newaxis] + np.arange(6) / 6) % 1)
+        measured, targets = 0.1 * rng.standard_normal((2, 2, 18))
+        together.update(RobotState(measured, 0.0, True, joint_torques_nm=torques), parts)
+        together.sent(targets, 0.0)
+        for row, following in enumerate(alone):
+            state = RobotState(measured[row], 0.0, True, joint_torques_nm=torques[row])
+            following.update(state, parts[row])
+            following.sent(targets[row], 0.0)
+            assert (together.rho[row] == following.rho).all()

@@ -142,7 +142,7 @@ def test_a_batch_sees_what_each_robot_sees_alone() -> None:
         seen = np.stack([targets for _, targets in both]) + 0.02 * rng.standard_normal((2, 18))
         if tick > 300:
             seen[1, 3:6] = robot.stance_angles_rad[3:6]
-        torques, contacts = 3 * np.abs(rng.standard_normal((2, 18))), rng.random((2, 6)) > 0.3
+        torques, contacts = np.abs(rng.standard_normal((2, 18))), rng.random((2, 6)) > 0.3
         together.update(
             RobotState(seen, 0.0, True, None, None, contacts, joint_torques_nm=torques),
             np.stack([phases for phases, _ in both]),
