@@ -216,10 +216,8 @@ class Episode:
         return self.ended and self.last_m_s >= RULE_SHARE * self.ideal_m_s
 
     @classmethod
-    def of(
-        cls, case: RecoveryCase, trial: SimTrial, result: TrialResult, alarms: tuple[Alarm, ...]
-    ) -> "Episode":
-        """Episode of a case from its trial, the result and what was noticed."""
+    def of(cls, case: RecoveryCase, trial: SimTrial, result: TrialResult) -> "Episode":
+        """Episode of a case from its trial and the result."""
         gait, at_s = trial.plan.gait, case.at_s
         track = Track.of(result, gait)
         ended = result.status in ENDED
@@ -231,7 +229,7 @@ class Episode:
             status=result.status,
             why=result.stopped or result.cause,
             duration_s=float(end_s),
-            alarms=alarms,
+            alarms=tuple(map(Alarm.of, result.noticed)),
             pace_hz=float(gait.pace_hz),
             ideal_m_s=float(ideal_speed_m_s(trial.robot, gait, trial.plan.motion(0.0))),
             signed_m=off_m,

@@ -9,7 +9,7 @@ from inspect import isclass
 import numpy as np
 
 from hexctl.control.controllers import Controller
-from hexctl.control.monitor.monitored_walk import MonitoredWalk, recovering_walk
+from hexctl.control.monitor.monitored_walk import recovering_walk
 from hexctl.control.monitor.recovery import GlideToStableGait, RecoveryPolicy, WalkOn
 from hexctl.control.plan import TrialPlan
 from hexctl.control.preparation import WalkStart
@@ -18,7 +18,7 @@ from hexctl.control.steering import held
 from hexctl.control.velocity_walk import MotionWalk, VelocityWalk
 from hexctl.errors import InputError, argument
 from hexctl.robot.failure import Failure
-from hexctl.robot.failure_event import FailureEvent
+from hexctl.robot.failure_event import FailureEvent, NoticedFailure
 from hexctl.robot.plugins import load_named
 from hexctl.types import FloatArray, RobotState
 
@@ -41,6 +41,18 @@ class Alarm:
     joint: str | None
     evidence: str
 
+    @classmethod
+    def of(cls, noticed: NoticedFailure) -> "Alarm":
+        """Alarm of what a walk has noticed."""
+        failure = noticed.failure
+        return cls(
+            at_s=round(float(noticed.at_s), 6),
+            leg=failure.leg,
+            kind=failure.kind,
+            joint=failure.joint,
+            evidence=noticed.evidence,
+        )
+
 
 class RecoveryMethod(ABC):
     """What a robot does about failures. One method leads any number of walks, in several threads.
@@ -48,7 +60,7 @@ class RecoveryMethod(ABC):
     Methods of one's own are subclasses with a constructor without arguments, named `package.module:Class`.
 
     Attributes:
-        notices: whether its walks say what they notice.
+        notices: whether its walks say what they notice (`Controller.noticed_failures`).
     """
 
     notices = False
@@ -66,10 +78,6 @@ class RecoveryMethod(ABC):
             to_come: what will happen to each of them, which a method that claims to notice must not read.
         """
 
-    def alarms(self, controller: Controller, start: WalkStart, index: int) -> tuple[Alarm, ...]:
-        """What a walk of the batch that began at `start` has noticed, in the order of time."""
-        return ()
-
 
 class _Monitored(RecoveryMethod):
     """Walks that a monitor watches."""
@@ -82,21 +90,6 @@ class _Monitored(RecoveryMethod):
     def controller(self, start: WalkStart, to_come: Sequence[Sequence[FailureEvent]]) -> Controller:
         """The watched walks."""
         return self._make(start)
-
-    def alarms(self, controller: Controller, start: WalkStart, index: int) -> tuple[Alarm, ...]:
-        """Suspicions of the monitor."""
-        if not isinstance(controller, MonitoredWalk):
-            return ()
-        return tuple(
-            Alarm(
-                at_s=round(one.suspicion.step * start.period_s, 6),
-                leg=one.suspicion.leg,
-                kind=one.suspicion.failure.kind,
-                joint=one.suspicion.failure.joint,
-                evidence=one.suspicion.evidence,
-            )
-            for one in controller.noticed[index]
-        )
 
 
 class Nothing(_Monitored):

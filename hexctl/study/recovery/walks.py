@@ -9,7 +9,7 @@ from os import cpu_count
 from pathlib import Path
 from typing import Any
 
-from hexctl.control.batch import SimTrial, run_sim_trials
+from hexctl.control.batch import run_sim_trials
 from hexctl.control.controllers import Controller
 from hexctl.control.preparation import WalkStart
 from hexctl.control.result import STATUSES
@@ -17,7 +17,7 @@ from hexctl.files import atomic_write
 from hexctl.study.cache import CacheError, LandscapeCache
 from hexctl.study.evaluate import Progress
 from hexctl.study.recovery.episodes import Episode, RecoveryCase, RecoveryConditions
-from hexctl.study.recovery.methods import METHODS, Alarm, RecoveryMethod, method_of
+from hexctl.study.recovery.methods import METHODS, Alarm, method_of
 
 #: What is to be walked: cases under each of some conditions.
 Walked = Sequence[tuple[RecoveryConditions, Sequence[RecoveryCase]]]
@@ -29,36 +29,15 @@ def walk_episodes(
     """Episodes of some cases of one method, stepped together."""
     method = method_of(cases[0].method)
     trials = [conditions.trial(case) for case in cases]
-    noticed = _Noticed(method, trials)
-    results = run_sim_trials(trials, threads, noticed.controller, apart=True)
-    alarms = noticed.alarms()
+    to_come = {id(trial.plan): trial.events for trial in trials}
+
+    def make(start: WalkStart) -> Controller:
+        return method.controller(start, [to_come[id(plan)] for plan in start.plans])
+
+    results = run_sim_trials(trials, threads, make, apart=True)
     return [
-        Episode.of(case, trial, result, alarms.get(id(trial.plan), ()))
-        for case, trial, result in zip(cases, trials, results, strict=True)
+        Episode.of(case, trial, result) for case, trial, result in zip(cases, trials, results, strict=True)
     ]
-
-
-class _Noticed:
-    """Makes the controllers of a method for batches of trials, and keeps what each trial noticed."""
-
-    def __init__(self, method: RecoveryMethod, trials: Sequence[SimTrial]) -> None:
-        self._method = method
-        self._to_come = {id(trial.plan): trial.events for trial in trials}
-        self._made: list[tuple[WalkStart, Controller]] = []
-
-    def controller(self, start: WalkStart) -> Controller:
-        """Controller of a batch."""
-        made = self._method.controller(start, [self._to_come[id(plan)] for plan in start.plans])
-        self._made.append((start, made))
-        return made
-
-    def alarms(self) -> dict[int, tuple[Alarm, ...]]:
-        """Alarms by the identity of the plan."""
-        return {
-            id(plan): self._method.alarms(made, start, index)
-            for start, made in self._made
-            for index, plan in enumerate(start.plans)
-        }
 
 
 class EpisodeCache:
