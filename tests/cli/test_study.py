@@ -169,10 +169,10 @@ def test_holds_are_compared_from_end_to_end_and_again_from_the_cache(
     assert exit_code([*SHORT, "--world", "transfer,real", "--jobs", "1", "--out", "first", "--json"]) == 0
     first = capsys.readouterr()
     outcome = json.loads(first.out)
-    assert (outcome["families"], outcome["first_world"], outcome["walks"]) == (["transfer", "real"], 215, 12)
+    assert (outcome["families"], outcome["first_world"], outcome["walks"]) == (["transfer", "real"], 250, 12)
     assert outcome["sensors"]["lost_poses"] == 0.05
     assert json.loads((tmp_path / "first" / "holds.json").read_text()) == outcome
-    assert "ant, transfer:215 (delay): 6 walks" in first.err
+    assert "ant, transfer:250 (plain): 6 walks" in first.err
 
     assert exit_code([*SHORT, "--holds", "none,line"]) == 0
     again = capsys.readouterr()
@@ -228,7 +228,7 @@ def test_an_interrupted_comparison_of_holds_goes_on(tmp_path: Path) -> None:
     study = subprocess.Popen(
         [*command, "--out", "out"], cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     )
-    wait_for(lambda: list((tmp_path / CACHE).glob("hold-215-*.json")), 120, "nothing was saved")
+    wait_for(lambda: list((tmp_path / CACHE).glob("hold-250-*.json")), 120, "nothing was saved")
     study.send_signal(signal.SIGINT)
     out, err = study.communicate(timeout=60)
     assert (study.returncode, out) == (130, "")

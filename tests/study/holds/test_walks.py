@@ -100,7 +100,7 @@ def test_files_are_named_by_what_decides_the_walks(tmp_path: Path, monkeypatch: 
     walk_all(
         plan(worlds=1, legs=(2,), failures=("limp",), holds=("none",), duration_s=0.2), cache, Silent(), 1
     )
-    assert len(list(tmp_path.glob("hold-215-*.json"))) == 2
+    assert len(list(tmp_path.glob("hold-250-*.json"))) == 2
     (path, _) = sorted(tmp_path.glob("*.json"))
     assert json.loads(path.read_text())[0]["case"]["failure"] == "intact"
     monkeypatch.setattr(walks_module, "walk_cases", None)
