@@ -48,6 +48,7 @@ class LegSupport:
         per_tick = np.repeat(np.asarray(cycles)[..., np.newaxis], N_LEGS, axis=-1)
         self._rate = np.minimum(1.0, per_tick / SHARE_CYCLES)
         self._least, self._whole = np.full(legs, LEAST_LOAD), np.ones(legs)
+        self._calm = np.full(legs, CALM_SHARE)
         self._kept = 1 - FADES_PER_CYCLE * per_tick
         self._passed: FloatArray = LEARNING_TICKS * per_tick
         self._learned_cycles: FloatArray = np.zeros(legs)
@@ -77,7 +78,7 @@ class LegSupport:
         self.missing = self._whole - self._carried
         self._ticks += 1
         if self._ticks % LEARNING_TICKS == 0:
-            self._habit.learn(self._learns() * (self._carried > CALM_SHARE) * (load - usual))
+            self._habit.learn(self._learns() * (self._carried > self._calm) * (load - usual))
 
     def forget(self, which: BoolArray) -> None:
         """Take the legs of some robots, leading shape + (1,), for legs that carry as usual."""

@@ -8,8 +8,8 @@ from hexctl.types import FloatArray
 #: Parts of a cycle that a habit tells apart.
 PARTS = 12
 
-#: A little less, so that a normalised time that rounds to 1 is in the last part.
-JUST_PARTS = float(np.nextafter(PARTS, 0))
+#: A little less, so that a normalised time that rounds to 1 is in the last part; as an array, which is faster.
+JUST_PARTS: FloatArray = np.array(np.nextafter(PARTS, 0))
 
 #: How fast a habit follows: the time constant is this share of the time spent in its part of the cycle.
 RATE_PER_CYCLE = 0.5 * PARTS
