@@ -8,7 +8,7 @@ from hexctl.types import FloatArray
 #: Parts of a cycle that a habit tells apart.
 PARTS = 12
 
-#: A little less, so that a normalised time that rounds to 1 is in the last part; as an array, which is faster.
+#: A little less, so that a normalised time that rounds to 1 is in the last part; an array is the fastest.
 JUST_PARTS: FloatArray = np.array(np.nextafter(PARTS, 0))
 
 #: How fast a habit follows: the time constant is this share of the time spent in its part of the cycle.
