@@ -281,22 +281,32 @@ class RecoveryFindings:
         yield "all", "one leg or joint failed", rows
         yield "kind", "whole legs", [row for row in rows if row.whole_leg]
         for division, name_of in _DIVISIONS.items():
-            named = [(name_of(row), row) for row in rows]
-            for name in dict.fromkeys(name for name, _ in named):
-                yield division, name, [row for other, row in named if other == name]
+            for name in dict.fromkeys(map(name_of, self._all)):  # in the order of the plan
+                some = [row for row in rows if name_of(row) == name]
+                if some:
+                    yield division, name, some
 
     def statistics(self, rows: Sequence[Judged], method: str) -> RecoveryStatistics:
         """Statistics of those of some episodes that are of a method."""
         return RecoveryStatistics.of([row for row in rows if row.episode.case.method == method])
 
-    def rule_share(self, method: str, legs: int) -> RuleShare:
-        """Walks of the protocol `hexaheal` by a method in which so many legs fail."""
+    def rule_share(self, method: str, legs: int | tuple[int, ...]) -> RuleShare:
+        """Walks of the protocol `hexaheal` by a method in which so many legs fail, or just these."""
         return RuleShare.of(
             [
                 (place, one)
                 for place, one in self.episodes
-                if place.protocol == HEXAHEAL and one.case.method == method and len(one.case.legs) == legs
+                if place.protocol == HEXAHEAL
+                and one.case.method == method
+                and legs in (len(one.case.legs), one.case.legs)
             ]
+        )
+
+    @property
+    def leg_sets(self) -> list[tuple[int, ...]]:
+        """Sets of legs that fail in the protocol `hexaheal`, in the order of the plan."""
+        return list(
+            dict.fromkeys(one.case.legs for place, one in self.episodes if place.protocol == HEXAHEAL)
         )
 
 

@@ -153,7 +153,10 @@ def write_recovery_report(findings: RecoveryFindings, folder: Path) -> Path:
         )
         sections += _tables(findings)
     if HEXAHEAL in findings.plan.protocols:
-        sections.append(Section("HexaHeal's protocol", [Table(RULE_HEADER, list(_rule_rows(findings)))]))
+        sets = Table(("legs that fail", *findings.plan.methods), list(_set_rows(findings)))
+        sections.append(
+            Section("HexaHeal's protocol", [Table(RULE_HEADER, list(_rule_rows(findings))), sets])
+        )
     versions = ", ".join(f"{name} {value}" for name, value in code_versions().items())
     page = render_page(
         "hexctl study --recovery", "Legs fail in mid-walk", [*sections, Section("Versions", [versions])]
@@ -194,6 +197,11 @@ def recovery_json(findings: RecoveryFindings) -> dict[str, Any]:
             for legs in (1, 2)
             for method in plan.methods
             if HEXAHEAL in plan.protocols
+        ],
+        "hexaheal_sets": [
+            {"legs": list(legs), "method": method} | asdict(findings.rule_share(method, legs))
+            for legs in findings.leg_sets
+            for method in plan.methods
         ],
     }
 
@@ -310,6 +318,14 @@ def _rule_rows(findings: RecoveryFindings) -> Iterator[tuple[str, ...]]:
             if found.walks:
                 recovered = counted(found.recovered, found.walks)
                 yield (name, method, recovered, str(found.fell), f"{found.sets} of {found.of_sets}")
+
+
+def _set_rows(findings: RecoveryFindings) -> Iterator[tuple[str, ...]]:
+    """Walks that recover of each set of legs, method by method."""
+    for legs in findings.leg_sets:
+        found = [findings.rule_share(method, legs) for method in findings.plan.methods]
+        shares = [f"{one.recovered} of {one.walks}" for one in found]
+        yield (" and ".join(map(str, legs)), *shares)
 
 
 def _write_table(findings: RecoveryFindings, folder: Path) -> None:

@@ -174,3 +174,15 @@ def test_hexaheals_rule_counts_walks_and_sets_of_legs() -> None:
     assert (one.recovered, one.walks, one.fell, one.sets, one.of_sets) == (5, 8, 3, 1, 2)
     assert (two.recovered, two.walks, two.fell, two.sets, two.of_sets) == (4, 4, 0, 1, 1)
     assert some.rule_share("nothing", 2).recovered == 0
+    assert some.leg_sets == [(2,), (5,), (2, 5)]
+    assert [some.rule_share("told", legs).recovered for legs in some.leg_sets] == [1, 4, 4]
+
+
+def test_groups_keep_the_order_of_the_plan_where_some_are_counted_apart() -> None:
+    made = findings(failures=("locked", "limp", "missing"))
+    some = changed(
+        made, lambda place, one: not one.case.legs and one.case.heading_deg != 0, status="no_progress"
+    )
+    kinds = [name for division, name, _ in some.groups() if division == "kind"]
+    assert kinds == [name for name in ("whole legs", "locked", "limp", "missing") if name in kinds]
+    assert all(rows for _, _, rows in some.groups())

@@ -24,7 +24,7 @@ def test_the_report_is_one_page_with_a_figure_and_all_walks_beside_it(tmp_path: 
     text = (tmp_path / REPORT).read_text(encoding="utf-8")
     assert text.count("data:image/png;base64,") == 1
     for words in ("worlds 200 to 201 of transfer and real", "gaits tripod", "1 cm and 0.5 degrees", "By leg",
-                  "16 in 4 worlds", "HexaHeal", "not judged: 8 episodes, needs 1000"):  # fmt: skip
+                  "16 in 4 worlds", "HexaHeal", "2 and 5", "not judged: 8 episodes, needs 1000"):  # fmt: skip
         assert words in text, words
     rows = pq.read_table(tmp_path / TABLE).to_pylist()
     assert len(rows) == len(made.episodes)
@@ -50,6 +50,8 @@ def test_the_json_has_every_number_of_the_tables() -> None:
     ]
     assert [(one["legs"], one["method"], one["walks"]) for one in values["hexaheal"]][:4] == [
         (1, "nothing", 4), (1, "told", 4), (1, "recover", 4), (2, "nothing", 2)]  # fmt: skip
+    sets = [(one["legs"], one["method"]) for one in values["hexaheal_sets"]]
+    assert sets[:4] == [([2], "nothing"), ([2], "told"), ([2], "recover"), ([5], "nothing")]
     assert {bar["name"]: bar["holds"] for bar in values["bars"]}["falls"] is False
 
 
