@@ -290,6 +290,16 @@ class RecoveryFindings:
         """Statistics of those of some episodes that are of a method."""
         return RecoveryStatistics.of([row for row in rows if row.episode.case.method == method])
 
+    @cached_property
+    def table(self) -> list[tuple[str, str, str, RecoveryStatistics]]:
+        """Division, group, method, and the statistics of these episodes."""
+        return [
+            (division, name, method, self.statistics(rows, method))
+            for division, name, rows in self.groups()
+            if rows
+            for method in self.plan.methods
+        ]
+
     def rule_share(self, method: str, legs: int | tuple[int, ...]) -> RuleShare:
         """Walks of the protocol `hexaheal` by a method in which so many legs fail, or just these."""
         return RuleShare.of(

@@ -187,10 +187,8 @@ def recovery_json(findings: RecoveryFindings) -> dict[str, Any]:
         "set_aside": len(findings.set_aside),
         "bars": [bar.as_json() for bar in recovery_bars(findings)],
         "statistics": [
-            {"division": division, "group": name, "method": method} | _numbers(findings, rows, method)
-            for division, name, rows in findings.groups()
-            for method in plan.methods
-            if rows
+            {"division": division, "group": name, "method": method} | _numbers(found)
+            for division, name, method, found in findings.table
         ],
         "hexaheal": [
             {"legs": legs, "method": method} | asdict(findings.rule_share(method, legs))
@@ -206,8 +204,8 @@ def recovery_json(findings: RecoveryFindings) -> dict[str, Any]:
     }
 
 
-def _numbers(findings: RecoveryFindings, rows: Sequence[Judged], method: str) -> dict[str, Any]:
-    values = asdict(findings.statistics(rows, method))
+def _numbers(found: RecoveryStatistics) -> dict[str, Any]:
+    values = asdict(found)
     return {name: number(value) if isinstance(value, float) else value for name, value in values.items()}
 
 
@@ -216,10 +214,9 @@ def recovery_lines(findings: RecoveryFindings) -> list[str]:
     lines: list[str] = []
     if LINE in findings.plan.protocols:
         rows = [
-            _row(name, method, findings.statistics(judged, method))
-            for division, name, judged in findings.groups()
-            if division in ("all", "kind") and judged
-            for method in findings.plan.methods
+            _row(name, method, found)
+            for division, name, method, found in findings.table
+            if division in ("all", "kind")
         ]
         lines += [*_markdown(HEADER, rows), *([text] if (text := _aside(findings)) else [])]
     if HEXAHEAL in findings.plan.protocols:
@@ -268,12 +265,8 @@ def _head(findings: RecoveryFindings) -> Iterator[Section]:
 def _tables(findings: RecoveryFindings) -> Iterator[Section]:
     """A table for each division of the walks."""
     rows: dict[str, list[tuple[str, ...]]] = {}
-    for division, name, judged in findings.groups():
-        if judged:
-            some = [
-                _row(name, method, findings.statistics(judged, method)) for method in findings.plan.methods
-            ]
-            rows.setdefault(division, []).extend(some)
+    for division, name, method, found in findings.table:
+        rows.setdefault(division, []).append(_row(name, method, found))
     for division, lines in rows.items():
         yield Section("All" if division == "all" else f"By {division}", [Table(HEADER, lines)])
 

@@ -180,9 +180,7 @@ def test_hexaheals_rule_counts_walks_and_sets_of_legs() -> None:
 
 def test_groups_keep_the_order_of_the_plan_where_some_are_counted_apart() -> None:
     made = findings(failures=("locked", "limp", "missing"))
-    some = changed(
-        made, lambda place, one: not one.case.legs and one.case.heading_deg != 0, status="no_progress"
-    )
+    some = changed(made, lambda _, one: not one.case.legs and one.case.heading_deg != 0, status="no_progress")
     kinds = [name for division, name, _ in some.groups() if division == "kind"]
     assert kinds == [name for name in ("whole legs", "locked", "limp", "missing") if name in kinds]
     assert all(rows for _, _, rows in some.groups())
