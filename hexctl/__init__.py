@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from hexctl.control.assessment.feasibility import check_robot
     from hexctl.control.batch import SimTrial, run_sim_trial, run_sim_trials
     from hexctl.control.controllers import Controller, Stand, Walk
+    from hexctl.control.diagnosis.findings import Diagnosis, LegFinding
     from hexctl.control.guard import Guard
     from hexctl.control.log import Recorder, Recorders, TickLog
     from hexctl.control.plan import TrialPlan
@@ -51,6 +52,7 @@ if TYPE_CHECKING:
     )
     from hexctl.gait.encoding import code_from_slots, slots_from_code
     from hexctl.gait.gait import Gait, Motion, make_gait
+    from hexctl.record.diagnosis import DiagnosisResult, diagnose
     from hexctl.record.recording import Recording
     from hexctl.record.run import RunResult, run
     from hexctl.record.run_spec import RunSpec
@@ -85,7 +87,8 @@ __all__ = [
     "BestGait", "best_gait", "Prior", "ScorePrior", "load_prior", "load_score_prior", "list_priors",
     "PriorPlan", "build_prior",
     # one call for each command
-    "RunResult", "RunSpec", "run", "StudyPlan", "StudyResult", "study", "RobotService", "ServosSpec",
+    "RunResult", "RunSpec", "run", "Diagnosis", "DiagnosisResult", "LegFinding", "diagnose",
+    "StudyPlan", "StudyResult", "study", "RobotService", "ServosSpec",
     "serve",
     # errors
     "HexctlError", "InputError", "WrongTypeError", "MissingExtraError", "ReachError", "LimitError",
@@ -138,6 +141,8 @@ _MODULES = {
     "study.prior": "PriorPlan build_prior",
     # one call for each command
     "record.run": "RunResult run",
+    "control.diagnosis.findings": "Diagnosis LegFinding",
+    "record.diagnosis": "DiagnosisResult diagnose",
     "record.run_spec": "RunSpec",
     "study.plan": "StudyPlan",
     "study.study": "StudyResult study",

@@ -1,11 +1,11 @@
-"""Evidence of a standing test: how far each joint follows its target, what each leg bears, how it gives way."""
+"""Evidence of a standing test: how each joint follows its target, what each leg bears, how it gives way."""
 
 import math
 from dataclasses import dataclass
 
 import numpy as np
 
-from hexctl.control.diagnosis.standing_test import Observed, Section, lean_rad
+from hexctl.control.diagnosis.standing_test import Observed, Section
 from hexctl.types import JOINTS_PER_LEG, N_JOINTS, N_LEGS, ArrayFields, BoolArray, FloatArray, leg_slice
 
 #: Longest time from a target to a measurement of it that is looked for, in control periods.
@@ -28,31 +28,28 @@ class Evidence(ArrayFields):
             short; healthy joints have about 1, dead ones 0, (6, 3).
         follows: the slope over the sway of the targets that the body's motion asks of each joint, (6, 3).
         leg_follows: likewise of all three together, (6,).
+        travel_rad: how far each joint moved in the whole test, without the extremes, (6, 3).
         lifted_contact: share of the upper part of its own lift in which each foot had contact, (6,).
         standing_contact: share of the rest of the test, without the tripods beside it, likewise, (6,).
         torque_rms_nm: of each joint's torque, (6, 3).
         servo_share: torque for a position error, as a share of what other legs give, (6, 3).
-        lift_tilt_rad: how far the body leans toward each leg in its lift, (6,).
+        softness: position error for a torque, as a multiple of what other legs have, (6, 3).
     """
 
     lag_ticks: int
     gains: FloatArray
     follows: FloatArray
     leg_follows: FloatArray
+    travel_rad: FloatArray
     lifted_contact: FloatArray
     standing_contact: FloatArray
     torque_rms_nm: FloatArray
     servo_share: FloatArray
-    lift_tilt_rad: FloatArray
+    softness: FloatArray
 
     @classmethod
-    def of(cls, observed: Observed, azimuths_rad: FloatArray) -> "Evidence":
-        """Evidence of what was observed so far.
-
-        Args:
-            observed: of a standing test.
-            azimuths_rad: direction of each foot from the body, (6,).
-        """
+    def of(cls, observed: Observed) -> "Evidence":
+        """Evidence of what was observed so far."""
         rows = _Rows(observed)
         torques = rows.torques
         return cls(
@@ -60,11 +57,12 @@ class Evidence(ArrayFields):
             gains=_gains(rows),
             follows=_follows(rows),
             leg_follows=_leg_follows(rows),
+            travel_rad=_travel_rad(rows),
             lifted_contact=_lifted_contact(rows),
             standing_contact=_standing_contact(rows),
             torque_rms_nm=_legs(np.sqrt((torques**2).mean(axis=0))) if len(torques) else _nan3(),
             servo_share=_servo_share(rows),
-            lift_tilt_rad=_lift_tilt_rad(rows, azimuths_rad),
+            softness=_softness(rows),
         )
 
 
@@ -159,6 +157,14 @@ def _leg_follows(rows: _Rows) -> FloatArray:
     return np.full(N_LEGS, np.nan)
 
 
+def _travel_rad(rows: _Rows) -> FloatArray:
+    """Range of each joint's angles without the hundredth at either end, (6, 3)."""
+    if not rows.known:
+        return _nan3()
+    low, high = np.percentile(rows.measured, [1, 99], axis=0)
+    return _legs(np.asarray(high - low))
+
+
 def _upper(section: Section) -> slice:
     """Rows in which what a section raises is up, less the time that a state takes."""
     length = section.stop - section.start
@@ -214,20 +220,27 @@ def _servo_share(rows: _Rows) -> FloatArray:
     return _legs(np.array([_slope(expected[:, j], torque[:, j], speed[:, j]) for j in range(N_JOINTS)]))
 
 
+def _softness(rows: _Rows) -> FloatArray:
+    """Slope of position error over torque, as a multiple of its median over the legs, (6, 3).
+
+    Play and delay are errors of the position, which this slope averages out, and the slope of torque over
+    error does not. Rows near a joint's greatest torque are left out.
+    """
+    lag = rows.lag
+    if not rows.known or lag == 0 or not np.isfinite(rows.torques).all():
+        return _nan3()
+    error, torque = rows.targets[:-lag] - rows.measured[lag:], rows.torques[lag:]
+    speed = np.gradient(rows.measured, axis=0)[lag:]
+    slopes = np.full(N_JOINTS, np.nan)
+    for joint in range(N_JOINTS):
+        within = np.abs(torque[:, joint]) <= 0.9 * np.abs(torque[:, joint]).max()
+        if within.sum() >= 2 * LEAST_ROWS and torque[within, joint].std() > 0:
+            slopes[joint] = _slope(torque[within, joint], error[within, joint], speed[within, joint])
+    usual = np.array([np.median(column[np.isfinite(column)]) for column in _legs(slopes).T])
+    return np.asarray(_legs(slopes) / usual)
+
+
 def _slope(over: FloatArray, values: FloatArray, speed: FloatArray) -> float:
     """Slope of values over others, speed and an offset fitted beside it."""
     design = np.stack([over, speed, np.ones(len(over))], axis=1)
     return float(np.linalg.lstsq(design, values, rcond=None)[0][0])
-
-
-def _lift_tilt_rad(rows: _Rows, azimuths_rad: FloatArray) -> FloatArray:
-    """How far the body leans toward each leg while that is lifted, against just before, (6,)."""
-    tilt = np.full(N_LEGS, np.nan)
-    leans = lean_rad(rows.quaternions) if len(rows.quaternions) else np.zeros((0, 2))
-    for section in rows.of("lift"):
-        if section.stop - section.start < LEAST_ROWS:
-            continue
-        leg = section.probe.legs[0]
-        up, before = _upper(section), slice(section.start, section.start + 3)
-        tilt[leg - 1] = np.linalg.norm(leans[up].mean(axis=0) - leans[before].mean(axis=0))
-    return tilt

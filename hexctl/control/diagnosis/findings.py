@@ -11,12 +11,16 @@ from hexctl.control.diagnosis.evidence import Evidence
 from hexctl.control.diagnosis.standing_test import Observed
 from hexctl.robot.failure import UNKNOWN, Failure, failure_text
 from hexctl.robot.model import Robot
-from hexctl.types import JOINT_KINDS, JOINTS_PER_LEG, N_LEGS, FloatArray, leg_slice
+from hexctl.types import JOINT_KINDS, JOINTS_PER_LEG, N_LEGS, BoolArray, FloatArray, leg_slice
 
 #: A joint whose gain is below this does not follow its target; one that also fails to follow the sway, with
 #: its servo at work, is stuck, or its leg locked.
 DEAD_GAIN = 0.35
 STUCK_GAIN = 0.12
+
+#: A joint whose servo is at work is stuck only if it moves by less than this in the whole test, or its gain
+#: is below the second number: an overloaded one gives way.
+STUCK_TRAVEL_RAD, NO_GAIN = math.radians(4.0), 0.03
 
 #: A joint that follows the sway by more than this, dead as it is, gives way: without torques it counts as
 #: limp.
@@ -28,19 +32,19 @@ NO_TORQUE_SHARE = 0.05
 #: A servo that pushes with less than this share of what others would does not try to reach its target.
 IDLE_SHARE = 0.2
 
-#: A leg whose femur and tibia both give less than this share of the others' torque is weak.
+#: A leg too weak to lift itself gives less than this share of the others' torque.
 WEAK_SHARE = 0.55
+
+#: A weak leg gives way more than the others by this factor, the geometric mean of femur and tibia, and each
+#: of the two by the second one; and gives less than this share of their torque.
+WEAK_SOFTNESS, LEAST_SOFTNESS, WEAK_MEAN_SHARE = 1.75, 1.2, 0.7
 
 #: A foot with contact in less than this share of its stands bears nothing; one with contact in more than
 #: that share of the top of its own lift did not rise.
 NO_CONTACT_SHARE, STAYED_SHARE = 0.02, 0.5
 
-#: A leg whose lift leans the body by less than this share of the median over the legs changes nothing; a
-#: median below the least lean tells nothing.
-NO_TILT_SHARE, LEAST_TILT_RAD = 0.25, math.radians(0.2)
-
 #: What the evidence is from.
-SOURCES = ("joints", "contacts", "tilt", "operator", "none")
+SOURCES = ("joints", "contacts", "operator", "none")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -116,22 +120,18 @@ def diagnosis_of(observed: Observed, robot: Robot) -> Diagnosis:
     """Diagnosis of what a standing test observed.
 
     From joint positions where the servos measure them, and torques and contacts where they are known; else
-    from contacts, else from the lean of the body.
+    from contacts alone. How the body leans does not tell: on stiff floors and legs it hardly does.
     """
-    evidence = Evidence.of(observed, robot.leg_azimuths_rad)
+    evidence = Evidence.of(observed)
     notes = _notes(observed)
     if observed.measured and np.isfinite(evidence.gains).any():
         judge = _Judge(evidence, observed.measured_rad, robot)
-        findings = tuple(judge.finding(leg) for leg in range(1, N_LEGS + 1))
+        findings = judge.findings()
         return Diagnosis(legs=findings, source="joints", notes=(*notes, *_gaps(evidence)))
     if np.isfinite(evidence.lifted_contact).any():
-        why = "joint angles are not measured: a leg that does not leave the floor, or never meets it, has failed"
+        why = "joint angles are not measured: judged by which feet leave the floor and meet it"
         return _of_others(evidence, "contacts", _by_contact(evidence), (*notes, why))
-    tilt_rad = evidence.lift_tilt_rad
-    if np.isfinite(tilt_rad).any() and np.nanmedian(tilt_rad) > LEAST_TILT_RAD:
-        why = "joint angles and contacts are not measured: a leg whose lift does not lean the body has failed"
-        return _of_others(evidence, "tilt", _by_tilt(evidence), (*notes, why))
-    why = "joint angles, contacts and the lean of the body are not measured"
+    why = "neither joint angles nor contacts are measured"
     return _of_others(evidence, "none", {}, (*notes, why))
 
 
@@ -151,12 +151,14 @@ class _Judge:
         self._efforts = bool(np.isfinite(torques).all() and torques.any())
         usual = np.median(torques, axis=0) if self._efforts else np.ones(JOINTS_PER_LEG)
         #: Joints without torque, (6, 3).
-        self._idle = torques < NO_TORQUE_SHARE * usual if self._efforts else np.zeros_like(torques, dtype=bool)
+        self._idle: BoolArray = self._efforts & (torques < NO_TORQUE_SHARE * usual)
 
-    def finding(self, leg: int) -> LegFinding:
-        """Finding for one leg."""
-        failure, why = self._verdict(leg)
-        return _finding(self._seen, leg, failure, why)
+    def findings(self) -> tuple[LegFinding, ...]:
+        """Findings for all legs. A weak one is looked for only where no leg has failed outright."""
+        found = {leg: self._verdict(leg) for leg in range(1, N_LEGS + 1)}
+        if self._efforts and not any(failure for failure, _ in found.values()):
+            found |= {leg: weak for leg in found if (weak := self._weak(leg)) is not None}
+        return tuple(_finding(self._seen, leg, *verdict) for leg, verdict in found.items())
 
     def _verdict(self, leg: int) -> tuple[Failure | None, str]:
         row = leg - 1
@@ -173,15 +175,11 @@ class _Judge:
             return self._one_joint(leg, int(dead.argmax()))
         if not self._efforts and contact <= NO_CONTACT_SHARE:
             return Failure(leg=leg, kind="missing"), "its joints follow, its foot never meets the floor"
-        share = self._strength(row)
-        if share < WEAK_SHARE:
-            weak = Failure(leg=leg, kind="weak", torque_fraction=_part(share))
-            return weak, f"{share:.0%} of the other legs' torque for the same error"
         if contact <= NO_CONTACT_SHARE:
             return None, "bears its load, but its foot shows no contact: look at the contact sensor"
         return None, "follows its targets"
 
-    def _dead(self, row: int) -> "np.ndarray[Any, np.dtype[np.bool_]]":
+    def _dead(self, row: int) -> BoolArray:
         """Which joints of a leg do not follow their targets, (3,)."""
         gains, follows, idle = self._seen.gains[row], self._seen.follows[row], self._idle[row]
         if not self._efforts:
@@ -189,12 +187,19 @@ class _Judge:
         still = gains < STUCK_GAIN
         if np.count_nonzero(still) < 2:
             # A healthy foot that the load keeps on the floor still goes with the sway. A locked leg may, too.
-            still &= ~(follows >= STUCK_GAIN)
+            rigid = (self._seen.travel_rad[row] < STUCK_TRAVEL_RAD) | (np.abs(gains) < NO_GAIN)
+            still &= ~(follows >= STUCK_GAIN) & rigid
         return np.asarray(np.where(idle, gains < DEAD_GAIN, still))
 
-    def _strength(self, row: int) -> float:
-        """Torque of femur and tibia as a share of the other legs', the greater of both; NaN where unknown."""
-        return float(self._seen.servo_share[row, 1:].max())
+    def _weak(self, leg: int) -> tuple[Failure, str] | None:
+        """Failure of a leg whose joints follow and give way too much; None for another."""
+        softness, shares = self._seen.softness[leg - 1, 1:], self._seen.servo_share[leg - 1, 1:]
+        if not (softness.min() > LEAST_SOFTNESS and _mean(softness) > WEAK_SOFTNESS):
+            return None
+        if not _mean(shares) < WEAK_MEAN_SHARE:
+            return None
+        failure = Failure(leg=leg, kind="weak", torque_fraction=_part(1 / _mean(softness)))
+        return failure, f"gives way {_mean(softness):.1f} times as much as the other legs"
 
     def _whole_leg(self, leg: int) -> tuple[Failure | None, str]:
         """Failure of a leg of which several joints are dead."""
@@ -230,6 +235,11 @@ class _Judge:
         return stuck, f"the {kind} stays at {math.degrees(angle_rad):.0f} degrees{pushes}"
 
 
+def _mean(values: FloatArray) -> float:
+    """Geometric mean; values of 0 or less count as next to nothing."""
+    return math.exp(float(np.log(np.maximum(values, 1e-6)).mean()))
+
+
 def _part(share: float) -> float:
     """Share of the torque of a weak leg, as a failure has it."""
     return round(min(max(share, 0.0), 1.0), 2)
@@ -247,23 +257,12 @@ def _by_contact(evidence: Evidence) -> dict[int, tuple[Failure, str]]:
     return found
 
 
-def _by_tilt(evidence: Evidence) -> dict[int, tuple[Failure, str]]:
-    """Failures of legs by the lean of the body alone."""
-    tilt_rad = evidence.lift_tilt_rad
-    usual = np.nanmedian(tilt_rad)
-    return {
-        row + 1: (Failure(leg=row + 1, kind=UNKNOWN), "its lift does not lean the body")
-        for row in np.flatnonzero(tilt_rad < NO_TILT_SHARE * usual).tolist()
-    }
-
-
 def _of_others(
     evidence: Evidence, source: str, found: Mapping[int, tuple[Failure, str]], notes: tuple[str, ...]
 ) -> Diagnosis:
     """Diagnosis without joint positions."""
     usual = {
         "contacts": "its foot leaves the floor and meets it",
-        "tilt": "its lift leans the body",
         "none": "not known",
     }[source]
     legs = range(1, N_LEGS + 1)

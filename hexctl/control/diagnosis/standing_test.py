@@ -1,9 +1,9 @@
-"""The standing test: small motions of each leg, of the body, and stands on three legs, with their observation.
+"""The standing test: small motions of each leg and of the body, stands on three legs, and what they show.
 
 A lift raises one leg by its femur joint, swings its coxa by a sine and its tibia by one bump while it is up;
 so the targets of its three joints are independent of each other. A sway moves the body over six feet on a
-circle and dips. A tripod stands on every other leg. What a motion would ask of a leg that is dead or missing by then
-is left out.
+circle and dips. A tripod stands on every other leg, and is left out where one of them is known to be dead or
+missing by then.
 """
 
 import math
@@ -100,7 +100,8 @@ def probe_targets_rad(robot: Robot, probe: Probe, period_s: float) -> FloatArray
 
     They are within the joints' ranges and `SPEED_SHARE` of their speeds: amplitudes shrink until they are.
     """
-    tau = (np.arange(round(probe.duration_s / period_s)) + 1) * period_s / probe.duration_s
+    count = round(probe.duration_s / period_s)
+    tau: FloatArray = np.linspace(0.0, 1.0, count + 1)[1:]
     for scale in np.linspace(1.0, 0.1, 19):
         try:
             targets = _targets(robot, probe, tau, float(scale))
@@ -136,9 +137,7 @@ def _targets(robot: Robot, probe: Probe, tau: FloatArray, scale: float) -> Float
     away_m = scale * LEAN_SHARE * robot.stance_radius_m
     azimuth = robot.leg_azimuths_rad[leg - 1]
     shift = away_m * np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
-    targets = solve_legs_within_limits(
-        robot, robot.stance_feet_body + up[:, np.newaxis, np.newaxis] * shift
-    )
+    targets = solve_legs_within_limits(robot, robot.stance_feet_body + up[:, np.newaxis, np.newaxis] * shift)
     part = np.clip((tau - RISE) / (1 - 2 * RISE), 0, 1)
     coxa, femur, tibia = scale * _lift_amplitudes_rad(robot, leg)
     targets[:, joints] = stance[joints] + np.stack(
@@ -160,8 +159,10 @@ def _lift_amplitudes_rad(robot: Robot, leg: int) -> FloatArray:
     peaks = np.array([math.tau / (1 - 2 * RISE), math.pi / 2 / RISE, math.pi / (1 - 2 * RISE)]) / LIFT_S
     most = np.minimum(MOST_RAD, SPEED_SHARE * robot.joint_max_speed_rad_s[joints] / peaks)
     tibia = TIBIA_BUMP_RAD if above[2] >= min(below[2], TIBIA_BUMP_RAD) else -TIBIA_BUMP_RAD
-    wanted = np.array([min(coxa, above[0], below[0]), min(femur, above[1]), np.clip(tibia, -below[2], above[2])])
-    return np.clip(wanted, -most, most)
+    wanted = np.array(
+        [min(coxa, above[0], below[0]), min(femur, above[1]), np.clip(tibia, -below[2], above[2])]
+    )
+    return np.asarray(np.clip(wanted, -most, most))
 
 
 @dataclass(slots=True)
