@@ -13,6 +13,7 @@ from hexctl.cli.board import board
 from hexctl.cli.calibrate import calibrate
 from hexctl.cli.check import check
 from hexctl.cli.console import BAD_INPUT, FAULT, INTERRUPTED, in_flags
+from hexctl.cli.diagnose import diagnose
 from hexctl.cli.estop import estop
 from hexctl.cli.keys import keys
 from hexctl.cli.prior import prior
@@ -64,6 +65,7 @@ app.command(rich_help_panel=WALK)(adapt)
 app.command(rich_help_panel=WALK)(view)
 app.add_typer(sessions, name="sessions", rich_help_panel=WALK)
 app.command(rich_help_panel=ROBOT)(check)
+app.command(rich_help_panel=ROBOT)(diagnose)
 app.command(rich_help_panel=ROBOT)(calibrate)
 app.command(rich_help_panel=ROBOT)(board)
 app.command(rich_help_panel=NETWORK)(serve)

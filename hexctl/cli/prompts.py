@@ -146,3 +146,26 @@ class StdinLines:
             self._pending += more
         line, _, self._pending = self._pending.partition(b"\n")
         return line.decode(errors="replace")
+
+
+class LegPrompt:
+    """The operator of a diagnosis that sees nothing itself: which legs move as they should."""
+
+    def __init__(self) -> None:
+        self._lines = StdinLines()
+
+    def moved(self, leg: int) -> bool | None:
+        """Ask whether a leg lifted, swung and stood again; None for an operator who ends the questions."""
+        question = f"leg {leg} was told to lift, swing and stand again: did it? yes, no or quit: "
+        while True:
+            typer.echo(question, err=True, nl=False)
+            while (line := self._lines.poll(LOOK_S)) is None:
+                if self._lines.ended:
+                    print_note("\nhexctl: stdin has ended: quit")
+                    return None
+            said = line.strip().lower()
+            if said in ("y", "yes", "n", "no"):
+                return said.startswith("y")
+            if said in ("q", "quit"):
+                return None
+            question = f"got {said!r}; allowed: yes, no, quit: "

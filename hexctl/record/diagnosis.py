@@ -78,6 +78,10 @@ class DiagnosisRun(Run):
         """Robot and what is done, the title of recordings and live views."""
         return f"{self.robot.name} diagnosis"
 
+    @property
+    def _what(self) -> str:
+        return "diagnosis"
+
     def diagnose(
         self,
         *,

@@ -147,6 +147,11 @@ class Run:
         return f"{self.robot.name} {self.spec.gait_text}"
 
     @property
+    def _what(self) -> str:
+        """What is done, in the name of a recording."""
+        return self.spec.gait_text.replace(",", "") or "gait"
+
+    @property
     def robot_file(self) -> Path | None:
         """File of the robot, None for a robot that is not from a file."""
         return None if self._file is None else self._file.path
@@ -254,7 +259,7 @@ class Run:
         now = datetime.now().strftime("%Y%m%d-%H%M%S")
         failure = self.plan.belief
         failed = f"_leg{failure.leg}-{failure.kind}" if failure else ""
-        stem = f"{now}_{self.robot.name}_{self.spec.gait_text.replace(',', '') or 'gait'}{failed}"
+        stem = f"{now}_{self.robot.name}_{self._what}{failed}"
         try:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:

@@ -1,0 +1,152 @@
+"""`hexctl diagnose`: which leg has failed, found out at rest."""
+
+import json
+import sys
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from hexctl.cli.console import INTERRUPTED, RUNS, StopOnInterrupt, code_of, print_note, print_result
+from hexctl.cli.options import (
+    BackendOption,
+    ConnectOption,
+    InsecureOption,
+    JsonOption,
+    KeysOption,
+    LinkOption,
+    RobotOption,
+    SeedOption,
+    SimFailedLegOption,
+    SimFailureOption,
+    WorldOption,
+)
+from hexctl.errors import InputError, RecordingError, RobotFaultError
+from hexctl.types import JOINT_KINDS
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from hexctl.record.diagnosis import AskOperator, DiagnosisResult
+    from hexctl.record.run_spec import RunSpec
+
+
+def diagnose(
+    backend: BackendOption = "sim",
+    robot: RobotOption = "ant",
+    world: WorldOption = None,
+    failed_leg: SimFailedLegOption = None,
+    failure: SimFailureOption = None,
+    realtime: Annotated[
+        bool,
+        typer.Option("--realtime", help="Simulate at the speed of a real robot, not as fast as possible."),
+    ] = False,
+    record: Annotated[
+        Path | None,
+        typer.Option("--record", help="Recording to write, a new .rrd file. (default: one in runs/)"),
+    ] = None,
+    no_record: Annotated[bool, typer.Option("--no-record", help="Leave no recording.")] = False,
+    seed: SeedOption = 0,
+    connect: ConnectOption = None,
+    keys: KeysOption = None,
+    insecure: InsecureOption = False,
+    link: LinkOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Find out at rest which leg has failed, which joint, and how: 12 s of small motions.
+
+    The robot stands on its feet, with room around it. With sim, --failed-leg and --failure say what the
+    simulation breaks; the diagnosis is not told. Exit codes: 0 done, whatever was found, 2 bad input, 3 fault
+    of robot or link, 4 fell or was stopped, 130 interrupted.
+    """
+    from hexctl.record.run_spec import RunSpec
+    from hexctl.robot.failure import failure_of
+
+    if no_record and record is not None:
+        raise InputError("--no-record: got --record too; allowed: one or the other")
+    spec = RunSpec(
+        backend=backend,
+        robot=robot,
+        world=world,
+        failure=failure_of(failed_leg, failure),
+        seed=seed,
+        realtime=realtime,
+        record=record,
+        record_folder=None if no_record or record is not None else RUNS,
+        connect=connect,
+        credentials=keys,
+        insecure=insecure,
+        link=link,
+    )
+    done, code = diagnosed(spec)
+    if done is None:
+        raise typer.Exit(code)
+    print_result(*([json.dumps(done.outcome)] if as_json else summary(done.outcome)))
+    if done.diagnosis.source == "none" and _operator() is None:
+        print_note("hexctl: on a terminal, hexctl diagnose asks the operator which legs move as they should")
+    if (error := done.recording_error) is not None:
+        raise RecordingError(f"the diagnosis is done, its recording is not whole: {error}") from error
+    raise typer.Exit(code)
+
+
+def diagnosed(spec: "RunSpec") -> "tuple[DiagnosisResult | None, int]":
+    """Connect, make the standing test and judge it; the result and the exit code, no result if interrupted.
+
+    Raises what `DiagnosisRun` raises.
+    """
+    from hexctl.record.diagnosis import DiagnosisRun
+
+    run = DiagnosisRun(spec)
+    with ExitStack() as stack:
+        interrupt = stack.enter_context(StopOnInterrupt())
+        try:
+            stack.enter_context(run)
+        except RobotFaultError:
+            if interrupt.requested():
+                return None, INTERRUPTED
+            raise
+        for note in run.notes:
+            print_note(f"hexctl: {note}")
+        done = run.diagnose(ask=_operator(), stop_requested=interrupt.requested)
+        return done, INTERRUPTED if interrupt.requested() else code_of(done.trial)
+
+
+def _operator() -> "AskOperator | None":
+    """What asks the operator; None where no answer can come."""
+    if not (sys.stdin and sys.stdin.isatty()):
+        return None
+    from hexctl.cli.prompts import LegPrompt
+
+    return LegPrompt().moved
+
+
+def summary(outcome: dict[str, Any]) -> list[Any]:
+    """Outcome of a diagnosis, the object of `hexctl diagnose --json`, as text and a table."""
+    from hexctl.cli.render import label_table
+
+    where = f"in world {outcome['world']}" if outcome["world"] else f"on {outcome['backend']}"
+    stopped = f" ({outcome['stopped']})" if outcome["stopped"] else ""
+    rows = [
+        *([] if outcome["status"] == "ok" else [("status", outcome["status"] + stopped)]),
+        *[("note", note) for note in outcome["notes"]],
+        ("verdict", outcome["verdict"]),
+        *([("recording", outcome["recording"])] if outcome["recording"] else []),
+    ]
+    return [f"{outcome['robot']} {where}", "", _leg_table(outcome), "", label_table(rows)]
+
+
+def _leg_table(outcome: dict[str, Any]) -> "Table":
+    """Gains, load, torque and verdict of each leg."""
+    from hexctl.cli.render import plain_table
+
+    table = plain_table("leg", *JOINT_KINDS, "load", "verdict", "")
+    for leg in outcome["legs"]:
+        gains = [_number(leg["gains"][kind]) for kind in JOINT_KINDS]
+        verdict = leg["failure"] or ("-" if outcome["source"] == "none" else "good")
+        table.add_row(str(leg["leg"]), *gains, _number(leg["load"]), verdict, leg["evidence"])
+    return table
+
+
+def _number(value: float | None) -> str:
+    return "-" if value is None else f"{value:.2f}"
