@@ -23,7 +23,6 @@ from hexctl.cli.options import (
     WorldOption,
 )
 from hexctl.errors import InputError, RecordingError, RobotFaultError
-from hexctl.types import JOINT_KINDS
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -139,6 +138,7 @@ def summary(outcome: dict[str, Any]) -> list[Any]:
 def _leg_table(outcome: dict[str, Any]) -> "Table":
     """Gains, load, torque and verdict of each leg."""
     from hexctl.cli.render import plain_table
+    from hexctl.types import JOINT_KINDS
 
     table = plain_table("leg", *JOINT_KINDS, "load", "verdict", "")
     for leg in outcome["legs"]:
