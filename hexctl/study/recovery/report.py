@@ -337,7 +337,21 @@ def _write_table(findings: RecoveryFindings, folder: Path) -> None:
             "kind_of_world": place.kind,
         }
         rows.append(where | episode_row(one) | _beside(judged.get(id(one))))
-    pq.write_table(pa.Table.from_pylist(rows), folder / TABLE)
+    table = pa.Table.from_pylist(rows)
+    text, count, real = pa.string(), pa.int64(), pa.float64()
+    alarm = {"at_s": real, "leg": count, "kind": text, "joint": text, "evidence": text}
+    # Columns that may be empty have a type all the same, so that tables can be joined.
+    types = {
+        "alarms": pa.list_(pa.struct(list(alarm.items()))),
+        "noticed_leg": count,
+        "matters": pa.bool_(),
+        **dict.fromkeys(("why", "noticed_kind", "noticed_joint", "noticed_evidence", "intact_status"), text),
+        **dict.fromkeys(("delay_s", "delay_cycles", "final_m", "speed_kept"), real),
+    }
+    for name, kind in types.items():
+        values = pa.array([row[name] for row in rows], type=kind)
+        table = table.set_column(table.schema.get_field_index(name), name, values)
+    pq.write_table(table, folder / TABLE)
 
 
 def episode_row(episode: Episode) -> dict[str, Any]:

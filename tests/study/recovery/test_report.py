@@ -39,6 +39,16 @@ def test_the_report_is_one_page_with_a_figure_and_all_walks_beside_it(tmp_path: 
     assert (intact["matters"], intact["noticed_leg"], intact["delay_s"]) == (None, None, None)
 
 
+def test_tables_of_other_plans_can_be_joined(tmp_path: Path) -> None:
+    made, quiet = findings(), changed(findings(protocols=(HEXAHEAL,)), lambda *_: True, alarms=())
+    tables = []
+    for name, found in (("made", made), ("quiet", quiet)):
+        (tmp_path / name).mkdir()
+        write_recovery_report(found, tmp_path / name)
+        tables.append(pq.read_table(tmp_path / name / TABLE))
+    assert tables[0].schema == tables[1].schema
+
+
 def test_the_json_has_every_number_of_the_tables() -> None:
     made = changed(findings(exact_sensors=True), lambda _, one: one.case.failure == "locked", status="fell")
     values = json.loads(json.dumps(recovery_json(made), allow_nan=False))
