@@ -50,7 +50,6 @@ PARSED = {
     ("study", "--matrix"): "simulates for hours; tests/study has a small one",
     ("prior", "build"): "walks 120 gaits a world, half a minute at least; tests/cli/test_prior.py has it",
     ("run", "--fail"): "fails later than a shortened walk ends; tests/cli/test_run.py has one",
-    ("run", "--fail"): "breaks a leg later than a shortened walk ends; tests/cli/test_run.py has one",
     ("run", "--then"): "changes the gait later than a shortened walk ends; tests/cli/test_run.py has one",
     ("--dask",): "needs a cluster; tests/study has one",
 }
