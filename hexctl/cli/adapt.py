@@ -21,11 +21,12 @@ from hexctl.cli.console import (
     print_note,
     print_result,
 )
+from hexctl.cli.diagnose import found_failure
 from hexctl.cli.options import (
+    AUTO_LEG,
+    AUTO_LEG_HELP,
     DURATION_S,
-    FAILED_LEG_HELP,
     HEADING_DEG,
-    LEG,
     ROBOT_HELP,
     SEED,
     SEED_HELP,
@@ -41,7 +42,9 @@ from hexctl.cli.options import (
     SelfRotation,
     WorldOption,
     choice,
+    complete_leg,
     given,
+    leg_or_auto,
     number,
 )
 from hexctl.errors import HexctlError, InputError, RecordingError
@@ -65,7 +68,12 @@ def adapt(
     context: typer.Context,
     failed_leg: Annotated[
         int | None,
-        number("--failed-leg", LEG, f"{FAILED_LEG_HELP} Needed, unless --resume. (default: none)"),
+        typer.Option(
+            "--failed-leg",
+            parser=leg_or_auto,
+            autocompletion=complete_leg,
+            help=f"{AUTO_LEG_HELP} Needed, unless --resume. (default: none)",
+        ),
     ] = None,
     failure: FailureOption = None,
     budget: Annotated[
@@ -244,7 +252,15 @@ def adapt(
         _check_resumed_alone(resume, given(context))
         raise typer.Exit(_resume(resume, budget, record=not no_record, view=view, as_json=as_json))
     if failed_leg is None:
-        raise InputError("--failed-leg: is missing; allowed: 1..6 (or --resume SESSION)")
+        raise InputError("--failed-leg: is missing; allowed: 1..6, auto (or --resume SESSION)")
+    if failed_leg == AUTO_LEG:
+        from hexctl.record.run_spec import RunSpec
+
+        where = _given(backend=backend, robot=robot, world=world, seed=seed, connect=connect, link=link)
+        found = found_failure(RunSpec(credentials=credentials, insecure=bool(insecure), **where), failure)
+        if found.failure is None:
+            raise InputError("--failed-leg: got auto, and no leg has failed; allowed: 1..6")
+        failed_leg, failure = found.failure.leg, str(found.failure)
     asked = _given(
         failed_leg=failed_leg,
         failure=failure,

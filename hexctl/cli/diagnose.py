@@ -4,11 +4,11 @@ import json
 import sys
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
-from hexctl.cli.console import INTERRUPTED, RUNS, StopOnInterrupt, code_of, print_note, print_result
+from hexctl.cli.console import DONE, INTERRUPTED, RUNS, StopOnInterrupt, code_of, print_note, print_result
 from hexctl.cli.options import (
     BackendOption,
     ConnectOption,
@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 
     from hexctl.record.diagnosis import AskOperator, DiagnosisResult
     from hexctl.record.run_spec import RunSpec
+    from hexctl.robot.failure import Failure
 
 
 def diagnose(
@@ -111,6 +112,63 @@ def diagnosed(spec: "RunSpec") -> "tuple[DiagnosisResult | None, int]":
         return done, INTERRUPTED if interrupt.requested() else code_of(done.trial)
 
 
+def found_failure(spec: "RunSpec", words: str | None) -> "Found":
+    """What a diagnosis finds before a walk of a spec, for `--failed-leg auto`; it is told on stderr.
+
+    Args:
+        spec: of the walk, without a failure.
+        words: what a simulation breaks, such as `5:limp`; None for nothing.
+
+    Raises InputError where nothing or more than one leg was found out, Exit where the diagnosis was stopped.
+    """
+    broken = _broken(spec, words)
+    names = ("backend", "robot", "world", "seed", "realtime", "connect", "credentials", "insecure", "link")
+    options = {name: getattr(spec, name) for name in names}
+    done, code = diagnosed(type(spec)(failure=broken, **options))
+    if done is None or code != DONE:
+        print_note("hexctl: the diagnosis was stopped, and so is what was to follow")
+        raise typer.Exit(code)
+    for note in done.diagnosis.notes:
+        print_note(f"hexctl: {note}")
+    print_note(f"hexctl: diagnosis: {done.diagnosis.verdict}")
+    if done.diagnosis.source == "none":
+        raise InputError("--failed-leg: got auto, which could not be found out; allowed: 1..6")
+    failures = done.diagnosis.failures
+    if len(failures) > 1:
+        raise InputError(
+            f"--failed-leg: got auto, which is {done.diagnosis.verdict}; allowed: one failed leg"
+        )
+    return Found(failures[0] if failures else None, broken, done)
+
+
+class Found(NamedTuple):
+    """What a diagnosis found before a walk, what the simulation breaks, and the whole result."""
+
+    failure: "Failure | None"
+    broken: "Failure | None"
+    result: "DiagnosisResult"
+
+
+def _broken(spec: "RunSpec", words: str | None) -> "Failure | None":
+    """Failure of words such as `5:limp`."""
+    from hexctl.robot.failure import parse_failure
+
+    if words is None:
+        return None
+    leg, _, kind = words.partition(":")
+    if not spec.simulated:
+        raise InputError(
+            f"--failure: got {words} with --failed-leg auto and --backend {spec.backend}; allowed: with sim, "
+            "which breaks it"
+        )
+    if leg not in ("1", "2", "3", "4", "5", "6"):
+        raise InputError(
+            f"--failure: got {words} with --failed-leg auto; allowed: a leg and what the simulation breaks, "
+            "such as 5:limp"
+        )
+    return parse_failure(int(leg), kind or "locked")
+
+
 def _operator() -> "AskOperator | None":
     """What asks the operator; None where no answer can come."""
     if not (sys.stdin and sys.stdin.isatty()):
@@ -143,7 +201,7 @@ def _leg_table(outcome: dict[str, Any]) -> "Table":
     table = plain_table("leg", *JOINT_KINDS, "load", "verdict", "")
     for leg in outcome["legs"]:
         gains = [_number(leg["gains"][kind]) for kind in JOINT_KINDS]
-        verdict = leg["failure"] or ("-" if outcome["source"] == "none" else "good")
+        verdict = leg["failure"] or ("-" if outcome["source"] == "none" or not leg["tested"] else "good")
         table.add_row(str(leg["leg"]), *gains, _number(leg["load"]), verdict, leg["evidence"])
     return table
 

@@ -263,7 +263,36 @@ HeightOption = Annotated[
 
 # What has failed.
 
-FailedLegOption = Annotated[int | None, number("--failed-leg", LEG, f"{FAILED_LEG_HELP} (default: none)")]
+#: Failed leg `auto`: a diagnosis finds it.
+AUTO_LEG = 0
+
+
+def leg_or_auto(text: str | int) -> int:
+    """Number of a leg, or `AUTO_LEG` for `auto`."""
+    try:
+        return AUTO_LEG if text == "auto" else int(LEG.parse(text))
+    except typer.BadParameter:
+        raise typer.BadParameter(f"got {text}; allowed: {LEG}, auto") from None
+
+
+def complete_leg(incomplete: str) -> list[str]:
+    """Legs and `auto`, which the shell offers."""
+    return [*LEG.complete(incomplete), *(["auto"] if "auto".startswith(incomplete) else [])]
+
+
+AUTO_LEG_HELP = (
+    f"{FAILED_LEG_HELP[:-1]}; or auto: hexctl diagnose finds it first. With auto, --failure is what a "
+    "simulation breaks, as 5:limp."
+)
+FailedLegOption = Annotated[
+    int | None,
+    typer.Option(
+        "--failed-leg",
+        parser=leg_or_auto,
+        autocompletion=complete_leg,
+        help=f"{AUTO_LEG_HELP} (default: none)",
+    ),
+]
 LegsOption = Annotated[str, typer.Option("--legs", help=f"Failed legs, of {LEG}, with commas.")]
 FailureOption = Annotated[
     str | None,

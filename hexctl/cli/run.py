@@ -2,6 +2,7 @@
 
 import json
 from contextlib import ExitStack
+from dataclasses import replace
 from math import radians
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -18,7 +19,9 @@ from hexctl.cli.console import (
     print_note,
     print_result,
 )
+from hexctl.cli.diagnose import Found, found_failure
 from hexctl.cli.options import (
+    AUTO_LEG,
     HEADING_DEG,
     AmplitudeOption,
     BackendOption,
@@ -151,7 +154,7 @@ def run(
         heading_rad=None if heading is None else radians(heading),
         turn_rate_rad_s=None if turn is None else radians(turn),
         duration_s=duration,
-        failure=failure_of(failed_leg, failure),
+        failure=None if failed_leg == AUTO_LEG else failure_of(failed_leg, failure),
         events=(*map(parse_failure_event, fail or ()), *map(parse_healing, heal or ())),
         policy=policy or ("glide" if recover else None),
         self_rotation=self_rotation,
@@ -166,7 +169,12 @@ def run(
         insecure=insecure,
         link=link,
     )
-    raise typer.Exit(_walk(_with_best(spec), view=view, as_json=as_json))
+    if failed_leg != AUTO_LEG:
+        raise typer.Exit(_walk(_with_best(spec), view=view, as_json=as_json))
+    spec.check()
+    found = found_failure(spec, failure)
+    told = replace(spec, failure=found.failure)
+    raise typer.Exit(_walk(_with_best(told), view=view, as_json=as_json, found=found))
 
 
 def _with_best(spec: "RunSpec") -> "RunSpec":
@@ -191,11 +199,13 @@ def _shift_of(text: str | None) -> tuple[float, float] | None:
     return forward, left
 
 
-def _walk(spec: "RunSpec", *, view: bool, as_json: bool) -> int:
+def _walk(spec: "RunSpec", *, view: bool, as_json: bool, found: "Found | None" = None) -> int:
     """Walk, print the outcome, show it; the exit code."""
     from hexctl.backends.clock import request_realtime_priority
 
     run = _checked(spec)
+    if found is not None:
+        run.broken = found.broken
     live = None
     with ExitStack() as stack:
         interrupt = stack.enter_context(StopOnInterrupt())
@@ -215,6 +225,8 @@ def _walk(spec: "RunSpec", *, view: bool, as_json: bool) -> int:
         progress = stack.enter_context(_WalkProgress(spec.duration_s, quiet=quiet))
         recorders: list[Recorder] = [progress] if live is None else [progress, live]
         done = run.walk(recorders=recorders, stop_requested=interrupt.requested)
+    if found is not None:
+        done.outcome["diagnosis"] = found.result.diagnosis.to_dict()
     print_result(*([json.dumps(done.outcome)] if as_json else _summary(done)))
     if (error := done.recording_error) is not None:
         raise RecordingError(f"the walk is done, its recording is not whole: {error}") from error

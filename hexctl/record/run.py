@@ -86,6 +86,8 @@ class Run:
         spec: what it does.
         robot: the robot of the spec.
         plan: the trial of the spec.
+        broken: what a simulation breaks: the failure of the spec, unless set otherwise before connecting. The
+            walk is told the spec's.
         notes: once connected, what an operator should know about the robot that answered, and options
             without effect.
     """
@@ -113,6 +115,7 @@ class Run:
             self._policy.prepare(self.robot, plan, plan.heading_rad)
         world = "flat" if spec.world is None else spec.world
         self._world = world if isinstance(world, World) else load_world(world)
+        self.broken = spec.failure
         self.notes: tuple[str, ...] = ()
         self._guard: Guard | None = None
         self._recording: Recording | None = None
@@ -124,7 +127,9 @@ class Run:
         Raises RobotFaultError for a robot that cannot be reached, InputError for a recording that cannot be
         created, MissingExtraError for an extra that is not installed.
         """
-        options = BackendOptions.of(self.spec, robot=self.robot, world=self._world, robot_file=self._file)
+        options = BackendOptions.of(
+            self.spec, robot=self.robot, world=self._world, robot_file=self._file, failure=self.broken
+        )
         servos = make_servos(self.spec.backend, options)
         with ExitStack() as stack:
             self._guard = stack.enter_context(Guard(servos))

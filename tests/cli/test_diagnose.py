@@ -76,3 +76,56 @@ def test_the_operator_answers_in_words_and_is_asked_again(
 
 def test_an_input_that_ends_ends_the_questions(monkeypatch: pytest.MonkeyPatch) -> None:
     assert _typed("", monkeypatch).moved(1) is None
+
+
+def test_a_walk_finds_its_failed_leg_first(capsys: pytest.CaptureFixture[str]) -> None:
+    walk = ["run", "--gait", "auto", "--duration", "1", "--no-record", "--json"]
+    assert exit_code([*walk, "--failed-leg", "auto", "--failure", "5:limp"]) == 0
+    printed = capsys.readouterr()
+    outcome = json.loads(printed.out)
+    assert (outcome["failed_leg"], outcome["failure"]) == (5, "limp")
+    assert outcome["diagnosis"]["verdict"] == "leg 5 limp"
+    assert "diagnosis: leg 5 limp" in printed.err
+
+
+def test_a_walk_of_which_no_leg_has_failed_goes_on_with_six(capsys: pytest.CaptureFixture[str]) -> None:
+    assert exit_code(["run", "--failed-leg", "auto", "--duration", "1", "--no-record", "--json"]) == 0
+    printed = capsys.readouterr()
+    assert json.loads(printed.out)["failed_leg"] is None
+    assert "no leg has failed" in printed.err
+
+
+def test_what_was_not_found_is_still_what_the_simulation_breaks(capsys: pytest.CaptureFixture[str]) -> None:
+    walk = ["run", "--duration", "1", "--no-record", "--json", "--failed-leg", "auto"]
+    assert exit_code([*walk, "--failure", "3:weak:0.9"]) == 0
+    printed = capsys.readouterr()
+    assert json.loads(printed.out)["failed_leg"] is None
+    assert "the simulation breaks leg 3 weak:0.9; the controller is told none" in printed.err
+
+
+def test_a_search_finds_its_failed_leg_first_and_ends_where_there_is_none(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    search = ["adapt", "--failed-leg", "auto", "--optimizer", "random", "--budget", "1", "--duration", "2"]
+    shown = ["--no-baseline", "--no-record", "--json"]
+    exit_code([*search, *shown, "--failure", "2:locked"])
+    printed = capsys.readouterr()
+    assert "diagnosis: leg 2 locked" in printed.err
+    assert '"failed_leg": 2' in printed.out
+    assert exit_code([*search, *shown]) == 2
+    assert "no leg has failed" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "named"),
+    [
+        (["--failure", "limp"], "such as 5:limp"),
+        (["--backend", "mock", "--failure", "5:limp"], "allowed: with sim"),
+    ],
+)
+def test_auto_names_what_is_not_allowed(
+    arguments: list[str], named: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert exit_code(["run", "--no-record", "--failed-leg", "auto", *arguments]) == 2
+    assert named in capsys.readouterr().err

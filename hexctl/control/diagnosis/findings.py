@@ -58,6 +58,7 @@ class LegFinding:
         gains: slope of measured over commanded angle of coxa, femur and tibia; None where not measured.
         load: share of the time with contact where the leg stands; None where unknown.
         torque_shares: torque of coxa, femur and tibia as a share of the other legs'; None where unknown.
+        tested: False where the motions that would tell were stopped.
     """
 
     leg: int
@@ -66,6 +67,7 @@ class LegFinding:
     gains: tuple[float | None, ...] = (None, None, None)
     load: float | None = None
     torque_shares: tuple[float | None, ...] = (None, None, None)
+    tested: bool = True
 
     def to_dict(self) -> dict[str, Any]:
         """Plain and finite values or None."""
@@ -73,6 +75,7 @@ class LegFinding:
             "leg": self.leg,
             "failure": None if self.failure is None else str(self.failure),
             "evidence": self.evidence,
+            "tested": self.tested,
             "gains": dict(zip(JOINT_KINDS, self.gains, strict=True)),
             "load": self.load,
             "torque_shares": dict(zip(JOINT_KINDS, self.torque_shares, strict=True)),
@@ -103,7 +106,9 @@ class Diagnosis:
         """The failures in words, such as `leg 5 locked`."""
         if self.source == "none":
             return "not known: nothing that the robot tells shows its legs"
-        return ", ".join(map(failure_text, self.failures)) or "no leg has failed"
+        untested = ", ".join(str(finding.leg) for finding in self.legs if not finding.tested)
+        found = ", ".join(map(failure_text, self.failures)) or "no leg has failed"
+        return f"{found}; not tested: leg {untested}" if untested else found
 
     def to_dict(self) -> dict[str, Any]:
         """Plain and finite values or None."""
@@ -158,7 +163,11 @@ class _Judge:
         found = {leg: self._verdict(leg) for leg in range(1, N_LEGS + 1)}
         if self._efforts and not any(failure for failure, _ in found.values()):
             found |= {leg: weak for leg in found if (weak := self._weak(leg)) is not None}
-        return tuple(_finding(self._seen, leg, *verdict) for leg, verdict in found.items())
+        tested = np.isfinite(self._seen.gains).any(axis=-1).tolist()
+        return tuple(
+            replace(_finding(self._seen, leg, *verdict), tested=tested[leg - 1])
+            for leg, verdict in found.items()
+        )
 
     def _verdict(self, leg: int) -> tuple[Failure | None, str]:
         row = leg - 1

@@ -81,6 +81,17 @@ def test_a_whole_robot_is_not_accused(name: str) -> None:
     assert found.verdict == "no leg has failed"
 
 
+def test_a_leg_whose_motions_were_all_stopped_is_not_called_good() -> None:
+    robot = load_robot("ant")
+    observed = _observed("ant", None, "")
+    for section in observed.sections:
+        if 3 in section.probe.legs:
+            section.stopped = "the body leant by 13 degrees"
+    found = diagnosis_of(observed, robot)
+    assert not found.legs[2].tested
+    assert found.verdict == "no leg has failed; not tested: leg 3"
+
+
 def _echo(robot_name: str, *, contacts: bool, tilt: bool) -> Blind:
     stance = load_robot(robot_name).stance_angles_rad
     return lambda state: replace(
