@@ -163,7 +163,7 @@ class _Judge:
         found = {leg: self._verdict(leg) for leg in range(1, N_LEGS + 1)}
         if self._efforts and not any(failure for failure, _ in found.values()):
             found |= {leg: weak for leg in found if (weak := self._weak(leg)) is not None}
-        tested = np.isfinite(self._seen.gains).any(axis=-1).tolist()
+        tested = [bool(np.isfinite(gains).any()) for gains in self._seen.gains]
         return tuple(
             replace(_finding(self._seen, leg, *verdict), tested=tested[leg - 1])
             for leg, verdict in found.items()
