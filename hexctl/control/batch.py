@@ -317,9 +317,19 @@ class _Walks:
             if state.base_quaternion_world is not None:
                 self._quaternions[:, step] = state.base_quaternion_world
             self._true_positions[:, step] = self._batch.true_pose[0]
-            running &= (step + 1 < self._ticks) & ~np.asarray(self._controller.done(step, state))
+            self._end_done(running & self._controller.done(step, state))
+            running &= step + 1 < self._ticks
             if not running.any():
                 return
+
+    def _end_done(self, done: BoolArray) -> None:
+        """End the walks that their controller ends, and say why it stops one before its time."""
+        if not done.any():
+            return
+        self._batch.running &= ~done
+        for index in np.flatnonzero(done).tolist():
+            if (why := self._controller.why_stopped(index)) is not None:
+                self._status[index], self._stopped[index] = "aborted", why
 
     def results(self) -> list[TrialResult]:
         """Result of each walk."""
@@ -340,7 +350,12 @@ class _Walks:
                 quaternions_world=self._quaternions[index, :walked],
                 samples=self._samples.of(walked, (index,)),
                 energy_j=self._effort.energy_j((index,)),
-                noticed=self._controller.noticed_failures(index),
+                # A robot that has fallen is still led until the last of its batch has ended.
+                noticed=tuple(
+                    one
+                    for one in self._controller.noticed_failures(index)
+                    if one.at_s < walked * start.period_s
+                ),
             )
             for index, (plan, walked, start) in enumerate(
                 zip(self._plans, self._walked.tolist(), self._starts, strict=True)

@@ -47,14 +47,12 @@ class Controller(ABC):
         limited_steps: steps so far in which it asked for more speed than its strokes allow, leading shape.
         leg_phases: normalised times of the legs in the last step, leading shape + (6,); None for motions
             without a cycle.
-        stopped: why it has ended a walk before its time, in few words; None where it has not.
     """
 
     hold: str = "none"
     velocity_body: FloatArray | None = None
     limited_steps: NDArray[np.int64] | int = 0
     leg_phases: FloatArray | None = None
-    stopped: str | None = None
 
     @abstractmethod
     def targets_rad(self, step: int, state: RobotState) -> FloatArray:
@@ -66,6 +64,10 @@ class Controller(ABC):
     def done(self, step: int, state: RobotState) -> bool | BoolArray:
         """Whether the controller has ended at a step, asked after its targets were sent; leading shape."""
         return False
+
+    def why_stopped(self, index: int = 0) -> str | None:
+        """Why it has ended a walk before its time, in few words, of one robot of a batch; None for not."""
+        return None
 
     def noticed_failures(self, index: int = 0) -> tuple[NoticedFailure, ...]:
         """Failures that it noticed so far, of one robot of a batch."""

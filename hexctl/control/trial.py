@@ -259,8 +259,9 @@ class _Trial:
             self.clipped_ticks = self._servos.counters.clipped - clipped_before
             self.limited_ticks = int(walk.limited_steps)
             self.noticed = walk.noticed_failures()
-        if self.status == "aborted" and walk.stopped is not None:
-            self.stopped = walk.stopped
+        why = walk.why_stopped()
+        if self.status == "aborted" and why is not None:
+            self.stopped = why
         elif self.status == "aborted" and not self._requested:
             self.status = "ok"  # the controller itself has ended the walk
         if soft_stop:

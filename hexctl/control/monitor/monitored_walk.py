@@ -74,6 +74,7 @@ class MonitoredWalk(Controller):
         for plan, heading_rad in zip(start.plans, self._headings_rad, strict=True):
             policy.prepare(start.robot, plan, heading_rad)
         self._stopping = False
+        self._stopped: dict[int, str] = {}
         self._unsettled: list[tuple[int, int, int]] = []
         self._probes: dict[tuple[int, int], LegProbe] = {}
         self._first_tries: dict[tuple[int, int], float] = {}
@@ -121,8 +122,15 @@ class MonitoredWalk(Controller):
         return targets_rad
 
     def done(self, step: int, state: RobotState) -> bool | BoolArray:
-        """Whether the walk has ended, or its policy stops it."""
-        return self.stopped is not None or self.walk.done(step, state)
+        """Whether the walk has ended, or its policy stops it, leading shape."""
+        if not self._stopped:
+            return self.walk.done(step, state)
+        by_policy = self._each([index in self._stopped for index in range(len(self.noticed))])
+        return np.asarray(by_policy | self.walk.done(step, state))
+
+    def why_stopped(self, index: int = 0) -> str | None:
+        """The failure for which its policy has stopped a walk; None where it has not."""
+        return self._stopped.get(index)
 
     def stop(self, step: int) -> None:
         """Begin the soft stop, in which nothing is watched."""
@@ -158,6 +166,8 @@ class MonitoredWalk(Controller):
         """Do what the policy says about the legs noticed in this tick."""
         responses: dict[int, Response] = {}
         for index in np.flatnonzero(self._monitor.new.any(axis=-1)).tolist():
+            if index in self._stopped:
+                continue
             suspicion = self._monitor.suspicion(step, self._row(index))
             self._failures[index].append(suspicion.failure)
             response = self._answer(index, self._failures[index])
@@ -165,7 +175,7 @@ class MonitoredWalk(Controller):
             self._news = (*self._news, f"noticed: {suspicion}, by its {suspicion.evidence}; {response}")
             responses[index] = response
             if response.stop:
-                self.stopped = str(suspicion)
+                self._stopped[index] = str(suspicion)
             self._look_again(index, suspicion)
         self._glide(responses)
 
@@ -222,6 +232,8 @@ class MonitoredWalk(Controller):
     def _settle_kind(self) -> None:
         """Look again how a leg fails, now that all that is looked at comes from after its failure."""
         _, index, place = self._unsettled.pop(0)
+        if index in self._stopped:
+            return
         noticed = self.noticed[index]
         before = noticed[place].suspicion
         failure = self._monitor.kind(before.leg, self._row(index))

@@ -80,6 +80,15 @@ def test_the_robot_can_stop_instead_and_says_why() -> None:
     assert len(walk.noticed[0]) == 1
 
 
+def test_a_policy_stops_one_walk_of_a_batch_and_no_other() -> None:
+    trials = [_trial(event, duration_s=6.0) for event in ("5:locked@3", None, "2:limp@4")]
+    together = run_sim_trials(trials, make_controller=recovering_walk(StopWalking()), apart=True)
+    assert [result.stopped for result in together] == ["leg 5 locked", None, "leg 2 limp"]
+    assert [result.status for result in together] == ["aborted", "ok", "aborted"]
+    for trial, result in zip(trials, together, strict=True):
+        assert result == run_sim_trial(trial, recovering_walk(StopWalking()))
+
+
 def test_watching_alone_changes_no_walk() -> None:
     trial = _trial("5:locked@3", duration_s=6.0, hold="none")
 
