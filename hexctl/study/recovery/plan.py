@@ -21,7 +21,7 @@ from hexctl.study.recovery.episodes import AUTO_GAIT, INTACT, RecoveryCase, Reco
 from hexctl.study.recovery.methods import METHODS, NOTHING, method_of
 from hexctl.types import JOINT_KINDS, N_LEGS
 
-#: Members of the families before this one were looked at while monitor and recovery were built, and 400 to 402
+#: Members of the families before this one were looked at while monitor and recovery were built, 400 to 402
 #: when they were measured first.
 FIRST_WORLD = 400
 
