@@ -41,6 +41,9 @@ class Recorder(MockServos):
     def pause_watchdog(self) -> None:
         self.calls.append("pause_watchdog")
 
+    def change_leg(self, leg: int, failure: Failure | None) -> None:
+        self.calls.append(f"leg {leg} {failure}")
+
 
 class TestServosWrapper(LegServosConformance):
     def make(self) -> LegServos:
@@ -57,7 +60,8 @@ def test_a_wrapper_forwards_every_public_attribute() -> None:
             return super().__getattribute__(name)
 
     wrapper = ServosWrapper(Inner())
-    arguments = {"write": (JointTargets(shipped().stance_angles_rad, 0.0),)}
+    targets = JointTargets(shipped().stance_angles_rad, 0.0)
+    arguments: dict[str, tuple[Any, ...]] = {"write": (targets,), "change_leg": (5, None)}
     wrapper.connect()
     for name in [*(name for name in PUBLIC if name not in ("close", "connect")), "close"]:
         called.clear()

@@ -123,7 +123,7 @@ class _Copies:
         for event in self._to_come.due():
             self._simulation.failed.change(event.leg, event.failure)
             self.sensors.torques = JointTorques.of(self._simulation)
-            held = held_rad(self._simulation, self.sensors.memory.qpos, self._ctrl)
+            held = held_rad(self._simulation.failed, self.sensors.memory.qpos, self._ctrl)
             self._actuators.leg_changed(event.leg, held, self._ctrl)
 
     def draw(self) -> None:

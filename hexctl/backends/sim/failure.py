@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -18,9 +18,6 @@ from hexctl.types import (
     FloatArray,
     leg_slice,
 )
-
-if TYPE_CHECKING:
-    from hexctl.backends.sim.model import Simulation
 
 #: An event this near before a control period, as a share of one, belongs to it.
 ROUNDING = 1e-6
@@ -185,15 +182,15 @@ class FailuresToCome:
         return due
 
 
-def held_rad(simulation: "Simulation", qpos: FloatArray, ctrl: FloatArray) -> FloatArray:
+def held_rad(failed: FailedLegs, qpos: FloatArray, ctrl: FloatArray) -> FloatArray:
     """Angles at which joints that jam now are held, leading shape + (18,).
 
     Args:
-        simulation: after the failure.
+        failed: the legs after the failure.
         qpos: leading shape + (25,); stuck joints stay where they are.
         ctrl: leading shape + (18,); locked ones hold what they were commanded last.
     """
-    return np.where(simulation.failed.stiff, qpos[..., -N_JOINTS:], ctrl)
+    return np.where(failed.stiff, qpos[..., -N_JOINTS:], ctrl)
 
 
 def check_stuck_angle(robot: Robot, failure: Failure) -> None:

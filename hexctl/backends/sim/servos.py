@@ -193,7 +193,7 @@ class SimServos(LegServos):
         self._news = (*self._news, f"the world: leg {leg} {what}")
         self._keep_springs()
         self.sensors.torques = JointTorques.of(simulation)
-        self.actuators.leg_changed(leg, held_rad(simulation, self._qpos, self._ctrl), self._ctrl)
+        self.actuators.leg_changed(leg, held_rad(simulation.failed, self._qpos, self._ctrl), self._ctrl)
 
     def read(self) -> RobotState:
         """State after the last tick, with the sensor noise of the world."""

@@ -19,7 +19,7 @@ from hexctl.robot.failure_event import FailureEvent, parse_failure_event
 from hexctl.robot.model import Robot
 from hexctl.study.recovery.methods import Alarm, method_of
 from hexctl.study.versions import code_versions, source_digest
-from hexctl.types import FloatArray
+from hexctl.types import ArrayFields, FloatArray
 
 #: What fails in a walk in which nothing does.
 INTACT = "intact"
@@ -241,8 +241,8 @@ class Episode:
         )
 
 
-@dataclass(frozen=True, slots=True)
-class Track:
+@dataclass(frozen=True, slots=True, eq=False)
+class Track(ArrayFields):
     """Where a walk was at each tick: progress and deviation in m, (T, 2), with the tick and a cycle in s."""
 
     path_m: FloatArray
