@@ -32,7 +32,7 @@ from hexctl.errors import (
     check_type,
 )
 from hexctl.robot.failure import Failure
-from hexctl.robot.failure_event import FailureEvent
+from hexctl.robot.failure_event import FailureEvent, NoticedFailure
 from hexctl.robot.model import Robot
 from hexctl.types import BoolArray, FloatArray, JointTargets, RobotState, check_shape
 
@@ -287,6 +287,7 @@ class _Walks:
         self._leaning_ticks = np.repeat([one.guard.leaning_ticks for one in ready], counts)
         self._status = np.full(n, "ok", dtype=object)
         self._stopped: list[str | None] = [None] * n
+        self._noticed: list[tuple[NoticedFailure, ...]] = [()] * n
         self._samples = WalkSamples(int(self._ticks.max()), (n,))
         self._effort = WalkEffort((n,))
         self._positions = np.full((n, self._ticks.max(), 3), np.nan)
@@ -319,6 +320,9 @@ class _Walks:
             self._true_positions[:, step] = self._batch.true_pose[0]
             self._end_done(running & self._controller.done(step, state))
             running &= step + 1 < self._ticks
+            # Robots that have ended are led until the last of the batch has; what is noticed then is nothing.
+            for index in np.flatnonzero(asked & ~running).tolist():
+                self._noticed[index] = self._controller.noticed_failures(index)
             if not running.any():
                 return
 
@@ -350,12 +354,7 @@ class _Walks:
                 quaternions_world=self._quaternions[index, :walked],
                 samples=self._samples.of(walked, (index,)),
                 energy_j=self._effort.energy_j((index,)),
-                # A robot that has fallen is still led until the last of its batch has ended.
-                noticed=tuple(
-                    one
-                    for one in self._controller.noticed_failures(index)
-                    if one.at_s < walked * start.period_s
-                ),
+                noticed=self._noticed[index],
             )
             for index, (plan, walked, start) in enumerate(
                 zip(self._plans, self._walked.tolist(), self._starts, strict=True)

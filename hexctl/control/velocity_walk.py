@@ -59,6 +59,7 @@ class VelocityWalk(Controller):
         limited_steps: steps in which the velocity was scaled down, leading shape.
         velocity_body: the one walked with now, leading shape + (3,).
         foot_offsets_m: added to the feet in the body frame, leading shape + (6, 3); None for nothing.
+        suited: gaits to change to instead of those of the plans' changes, once these are due.
     """
 
     def __init__(self, start: WalkStart, command: Command | None = None, *, speed_by: str = "stride") -> None:
@@ -80,6 +81,7 @@ class VelocityWalk(Controller):
         self.velocity_body: FloatArray = np.zeros((*self._shape, 3))
         self.limited_steps = np.zeros(self._shape, dtype=int)[()]
         self.foot_offsets_m: FloatArray | None = None
+        self.suited: Callable[[list[Gait]], list[Gait]] = list
         self._last_step = 0
         self._stop_step: int | None = None
 
@@ -227,7 +229,7 @@ class VelocityWalk(Controller):
     def _change(self, step: int, cycles: FloatArray) -> None:
         """Begin the change of gait that is due, and continue the one that is on its way."""
         if self._changes and step * self._period_s >= self._changes[0][0]:
-            self.glide_to(self._changes.pop(0)[1])
+            self.glide_to(self.suited(self._changes.pop(0)[1]))
         if self._glide is not None:
             self._glide = self._glide.after(cycles)
             self._use(self._glide.pattern)

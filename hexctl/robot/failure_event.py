@@ -50,9 +50,9 @@ class FailureEvent:
 
     def __str__(self) -> str:
         if self.failure is None:
-            return f"{self.leg}@{self.at_s:g}"
+            return f"{self.leg}@{self.at_s:.12g}"
         kind = f"stuck:{self.failure.joint}" if self.failure.kind == "stuck" else str(self.failure)
-        return f"{self.leg}:{kind}@{self.at_s:g}"
+        return f"{self.leg}:{kind}@{self.at_s:.12g}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

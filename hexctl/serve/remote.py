@@ -82,6 +82,10 @@ class RemoteRobots:
     def _change(self, content: dict[str, Any]) -> list[dict[str, Any]]:
         for status in self.await_statuses():
             check_may_command(RobotIdentity.of_answer(status), self._link)
+            if status.get("simulated") is None:
+                raise RobotFaultError(
+                    f"{RobotIdentity.of_answer(status)} is not simulated; no leg is changed"
+                )
         answers = self._ask(self._keys.failure, content)
         for answer in answers:
             if "failures" not in answer:

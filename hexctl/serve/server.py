@@ -9,6 +9,7 @@ from typing import Any, TypeVar
 from hexctl.backends.base import LegServos, ServosWrapper
 from hexctl.control.guard import EXPIRY_S, Guard
 from hexctl.errors import CommandRefusedError, EStopError, HexctlError, MessageError, RobotFaultError
+from hexctl.robot.failure import Failure
 from hexctl.serve.commands import CommandHandler
 from hexctl.serve.event_log import EventLog
 from hexctl.serve.idle import SIT_AFTER_S, IdleSupervisor
@@ -91,6 +92,10 @@ class ServedServos(ServosWrapper):
     def disable_torque(self) -> bool:
         """Switch off the torque of the servos."""
         return self._call("disable_torque", super().disable_torque)
+
+    def change_leg(self, leg: int, failure: Failure | None) -> None:
+        """Let a leg of a simulation fail now, or heal for None."""
+        self._call("change_leg", lambda: self.wrapped.change_leg(leg, failure))
 
     def close(self) -> None:
         """Close the servos and drop the pose."""

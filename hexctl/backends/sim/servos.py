@@ -1,5 +1,6 @@
 """The simulated robot as LegServos, and its clock."""
 
+from collections import deque
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
@@ -21,6 +22,9 @@ from hexctl.robot.failure import Failure, drawn_failure
 from hexctl.robot.failure_event import FailureEvent, in_words
 from hexctl.robot.model import Robot
 from hexctl.types import JointTargets, RobotState
+
+#: News of legs that nobody asks for are forgotten beyond this number.
+MOST_NEWS = 100
 
 
 class SimClock(Clock):
@@ -109,7 +113,7 @@ class SimServos(LegServos):
         self._clock = SimClock(self._step, WallClock() if realtime else None)
         self._simulation: Simulation | None = None
         self._limp, self._to_come = False, FailuresToCome((), 0.0)
-        self._news: Sequence[str] = ()
+        self._news: deque[str] = deque(maxlen=MOST_NEWS)
 
     @property
     def robot(self) -> Robot:
@@ -172,7 +176,8 @@ class SimServos(LegServos):
 
     def news(self) -> Sequence[str]:
         """Legs that failed or healed since this was asked last."""
-        news, self._news = self._news, ()
+        news = tuple(self._news)
+        self._news.clear()
         return news
 
     def walk_begins(self) -> None:
@@ -183,15 +188,18 @@ class SimServos(LegServos):
         """Let a leg fail now, or be whole again for None: before the next step of the physics.
 
         A joint that sticks does so where it is, and a leg that locks keeps the targets that it was sent last.
-        Raises RobotFaultError before `connect`.
+        Raises RobotFaultError before `connect`, InputError for a failure of another leg or an `unknown` one.
         """
-        simulation = self.simulation
-        if self._limp:
+        simulation, limp = self.simulation, self._limp
+        FailureEvent(at_s=0.0, leg=leg, failure=failure)  # refuses what cannot be
+        if limp:
             self._set_springs(1.0)
         simulation.failed.change(leg, failure)
         what = "whole again" if failure is None else in_words(failure)
-        self._news = (*self._news, f"the world: leg {leg} {what}")
+        self._news.append(f"the world: leg {leg} {what}")
         self._keep_springs()
+        if limp:
+            self._set_springs(0.0)
         self.sensors.torques = JointTorques.of(simulation)
         self.actuators.leg_changed(leg, held_rad(simulation.failed, self._qpos, self._ctrl), self._ctrl)
 

@@ -1,6 +1,7 @@
 """The leg monitor: says in mid-walk which leg has failed, and how."""
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -133,6 +134,10 @@ class LegMonitor:
 
     def update(self, state: RobotState, phases: FloatArray) -> None:
         """Take the state of a tick, and the normalised times of the legs then, leading shape + (6,)."""
+        torques_nm = state.joint_torques_nm
+        # A sum is finite only if every term is, and is cheaper than asking each one.
+        if torques_nm is not None and not math.isfinite(np.add.reduce(torques_nm, axis=None)):
+            state = replace(state, joint_torques_nm=None)
         parts = cycle_parts(phases)
         if state.measured:
             self._following.update(state, parts)

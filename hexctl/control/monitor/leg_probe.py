@@ -70,6 +70,8 @@ class LegProbe:
 
     def _follows(self) -> bool:
         """Whether all joints that were moved followed: slope of the measured angles over the targets."""
+        if not self._rows:  # its time passed while the leg was not in the air
+            return False
         targets, measured = np.array(self._rows).swapaxes(0, 1) - np.mean(self._rows, axis=0)[:, np.newaxis]
         variance = (targets * targets).mean(axis=0)
         moved = variance > LEAST_MOTION_RAD**2

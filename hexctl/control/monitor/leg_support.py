@@ -57,6 +57,7 @@ class LegSupport:
         self._most: FloatArray = np.zeros(legs)
         self.missing: FloatArray = np.zeros(legs)
         self.known = False
+        self._by_torque: bool | None = None
 
     def update(self, state: RobotState, parts: NDArray[np.int64]) -> None:
         """Take the state of a tick.
@@ -65,7 +66,7 @@ class LegSupport:
             state: as measured.
             parts: of the cycle that the legs are in, leading shape + (6,).
         """
-        load = _load(state)
+        load = self._load(state)
         self.known = load is not None
         if load is None:
             return
@@ -93,9 +94,15 @@ class LegSupport:
             self._learned = bool((self._learned_cycles >= MEMORY_CYCLES).all())
         return self._share
 
-
-def _load(state: RobotState) -> FloatArray | None:
-    if state.joint_torques_nm is not None:
-        size_nm = np.abs(state.joint_torques_nm)
-        return size_nm[..., 1::JOINTS_PER_LEG] + size_nm[..., 2::JOINTS_PER_LEG]
-    return None if state.foot_contacts is None else state.foot_contacts.astype(float)
+    def _load(self, state: RobotState) -> FloatArray | None:
+        """Load of each leg, from what told it first: torques or contacts, whose numbers do not compare."""
+        if self._by_torque is None:
+            self._by_torque = state.joint_torques_nm is not None or (
+                None if state.foot_contacts is None else False
+            )
+        if self._by_torque and state.joint_torques_nm is not None:
+            size_nm = np.abs(state.joint_torques_nm)
+            return size_nm[..., 1::JOINTS_PER_LEG] + size_nm[..., 2::JOINTS_PER_LEG]
+        if self._by_torque is False and state.foot_contacts is not None:
+            return state.foot_contacts.astype(float)
+        return None

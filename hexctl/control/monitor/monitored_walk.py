@@ -23,6 +23,7 @@ from hexctl.control.steering import held
 from hexctl.control.trial import planned_walk
 from hexctl.control.velocity_walk import MotionWalk, VelocityWalk
 from hexctl.errors import check_type
+from hexctl.gait.gait import Gait
 from hexctl.robot.failure import Failure
 from hexctl.robot.failure_event import NoticedFailure
 from hexctl.types import N_JOINTS, N_LEGS, BoolArray, FloatArray, RobotState, leg_slice
@@ -67,7 +68,9 @@ class MonitoredWalk(Controller):
         check_type(walk, Controller, "walk", "a Controller, as planned_walk(start) gives")
         check_type(policy, RecoveryPolicy, "policy", "a RecoveryPolicy")
         self.walk, self.hold = walk, walk.hold
-        self._start, self._policy = start, policy
+        self._start, self._policy, self._plans = start, policy, list(start.plans)
+        if isinstance(walk, VelocityWalk):
+            walk.suited = self._suited
         self._headings_rad = [motion.heading_rad for motion in start.motions]
         self._failures = [[] if plan.belief is None else [plan.belief] for plan in start.plans]
         self.noticed: tuple[list[Noticed], ...] = tuple([] for _ in start.plans)
@@ -113,8 +116,9 @@ class MonitoredWalk(Controller):
             self._monitor.update(state, phases)
             if self._monitor.new.any():
                 self._respond(step)
-            if self._unsettled and step >= self._unsettled[0][0]:
-                self._settle_kind()
+            for due in [due for due in self._unsettled if step >= due[0]]:
+                self._unsettled.remove(due)
+                self._settle_kind(*due[1:])
             if self._probes:
                 self._try_legs(step, state)
         targets_rad = self._sent_rad = self.walk.targets_rad(step, state)
@@ -229,9 +233,8 @@ class MonitoredWalk(Controller):
         self._news = (*self._news, f"noticed: leg {leg} follows again; {response}")
         self._glide({index: response})
 
-    def _settle_kind(self) -> None:
+    def _settle_kind(self, index: int, place: int) -> None:
         """Look again how a leg fails, now that all that is looked at comes from after its failure."""
-        _, index, place = self._unsettled.pop(0)
         if index in self._stopped:
             return
         noticed = self.noticed[index]
@@ -244,8 +247,17 @@ class MonitoredWalk(Controller):
         self._failures[index] = [failure if one is before.failure else one for one in self._failures[index]]
         self._news = (*self._news, f"noticed: it is {suspicion}")
 
+    def _suited(self, gaits: list[Gait]) -> list[Gait]:
+        """Gaits of a planned change, suited to the legs that have failed meanwhile."""
+        suited = []
+        for index, gait in enumerate(gaits):
+            self._plans[index] = replace(self._plans[index], gait=gait)
+            answer = self._answer(index, self._failures[index]) if self.noticed[index] else Response()
+            suited.append(gait if answer.gait is None else answer.gait)
+        return suited
+
     def _answer(self, index: int, failures: list[Failure]) -> Response:
-        plan = self._start.plans[index]
+        plan = self._plans[index]
         return self._policy.respond(self._start.robot, plan, self._headings_rad[index], failures)
 
 
@@ -271,6 +283,6 @@ def watched_walk(policy: RecoveryPolicy) -> Callable[[WalkStart], MonitoredWalk]
 
     For a policy that changes no gait they are the plans' own walks, the same to the last bit.
     """
-    if not isinstance(policy, WalkOn | StopWalking):
+    if type(policy) not in (WalkOn, StopWalking):
         return recovering_walk(policy)
     return lambda start: MonitoredWalk(start, planned_walk(start), policy)

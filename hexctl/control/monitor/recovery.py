@@ -5,6 +5,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from itertools import combinations
 
 from hexctl.control.assessment.static_stability import DIRECTION_STEP_RAD, STAND_UP, most_stable_slots
 from hexctl.control.plan import TrialPlan
@@ -84,21 +85,23 @@ class GlideToStableGait(RecoveryPolicy):
     """
 
     def prepare(self, robot: Robot, plan: TrialPlan, heading_body_rad: float) -> None:
-        """Find the gaits for each leg that may fail first."""
-        for leg in range(1, N_LEGS + 1):
-            slots_without(robot, heading_body_rad, tuple(sorted({*plan.failed_legs, leg})))
+        """Find the gaits for each leg that may fail first, and for each two."""
+        whole = [leg for leg in range(1, N_LEGS + 1) if leg not in plan.failed_legs]
+        for lost in [*combinations(whole, 1), *combinations(whole, 2)]:
+            slots_without(robot, heading_body_rad, tuple(sorted((*plan.failed_legs, *lost))))
 
     def respond(
         self, robot: Robot, plan: TrialPlan, heading_body_rad: float, failures: Sequence[Failure]
     ) -> Response:
-        """The gait for the legs that are left; that of the plan once all are whole."""
-        if not failures:
-            return Response(gait=plan.gait)
+        """The gait for the legs that are left; that of the plan while only those failed that it knows of."""
         legs = tuple(sorted({failure.leg for failure in failures}))
+        noticed = set(legs) - set(plan.failed_legs)
+        if not noticed:
+            return Response(gait=plan.gait)
         posture = plan.gait.posture
         posture = replace(
             posture,
-            tucked_legs=tuple(sorted({*posture.tucked_legs, *legs})),
+            tucked_legs=tuple(sorted({*posture.tucked_legs, *noticed})),
             body_raise=posture.body_raise or STAND_UP,
         )
         slots = slots_without(robot, heading_body_rad, legs)

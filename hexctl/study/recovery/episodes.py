@@ -229,7 +229,7 @@ class Episode:
             status=result.status,
             why=result.stopped or result.cause,
             duration_s=float(end_s),
-            alarms=tuple(map(Alarm.of, result.noticed)),
+            alarms=tuple(Alarm.of(one) for one in result.noticed if not one.healed),
             pace_hz=float(gait.pace_hz),
             ideal_m_s=float(ideal_speed_m_s(trial.robot, gait, trial.plan.motion(0.0))),
             signed_m=off_m,

@@ -170,3 +170,21 @@ def test_a_world_file_with_other_failures_is_refused_in_one_line(tmp_path: Path,
     with pytest.raises(InputError, match="allowed") as caught:
         load_world(path)
     assert "\n" not in str(caught.value)
+
+
+def test_servos_that_are_off_stay_off_when_a_leg_heals() -> None:
+    with SimServos(shipped()) as servos:
+        servos.change_leg(LEG, Failure(leg=LEG, kind="limp"))
+        servos.disable_torque()
+        servos.change_leg(LEG, None)
+        assert (servos.simulation.physics.model.actuator_gainprm[:, 0] == 0).all()
+        servos.write(JointTargets(servos.robot.stance_angles_rad, servos.clock.now_s))
+        assert (servos.simulation.physics.model.actuator_gainprm[:, 0] > 0).all()
+
+
+@pytest.mark.parametrize("failure", [Failure(leg=5), Failure(leg=LEG, kind="unknown")])
+def test_a_failure_that_no_leg_can_have_is_refused(failure: Failure) -> None:
+    with SimServos(shipped()) as servos:
+        with pytest.raises(InputError, match="failure event"):
+            servos.change_leg(LEG, failure)
+        assert servos.failures == ()

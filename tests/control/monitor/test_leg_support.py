@@ -36,3 +36,20 @@ def test_without_contacts_and_efforts_nothing_is_known() -> None:
     support.update(RobotState(np.zeros(18), 0.0, True), cycle_parts(np.zeros(6)))
     assert not support.known
     assert (support.missing == 0).all()
+
+
+def test_a_tick_without_torques_is_no_tick_without_load() -> None:
+    """Contacts are no torques: where these are missing for a while, what was learned of them is kept."""
+    support, most = LegSupport((), np.float64(1 / TICKS_PER_CYCLE)), 0.0  # type: ignore[arg-type]
+    for tick in range(400):
+        phases = (tick / TICKS_PER_CYCLE + np.arange(6) / 6) % 1
+        contacts = (phases < 1 / 3) | (phases >= 2 / 3)
+        torques = np.repeat(np.where(contacts, 5.0, 0.0), 3)
+        lost = 300 <= tick < 350
+        state = RobotState(
+            np.zeros(18), 0.0, True, None, None, contacts, joint_torques_nm=None if lost else torques
+        )
+        support.update(state, cycle_parts(phases))
+        assert support.known == (not lost)
+        most = max(most, float(support.missing.max())) if tick > 250 else most
+    assert most < 0.5

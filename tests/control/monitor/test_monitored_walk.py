@@ -9,10 +9,11 @@ from hexctl.control.batch import SimTrial, run_sim_trial, run_sim_trials
 from hexctl.control.guard import Guard
 from hexctl.control.monitor.monitored_walk import MonitoredWalk, recovering_walk
 from hexctl.control.monitor.recovery import RecoveryPolicy, StopWalking, WalkOn
-from hexctl.control.plan import TrialPlan
+from hexctl.control.plan import GaitChange, TrialPlan
 from hexctl.control.preparation import WalkStart
 from hexctl.control.result import TrialResult
 from hexctl.control.trial import planned_walk, run_trial
+from hexctl.control.velocity_walk import VelocityWalk
 from hexctl.errors import WrongTypeError
 from hexctl.gait.gait import make_gait
 from hexctl.robot.failure import Failure
@@ -161,3 +162,46 @@ def test_a_second_leg_is_met_in_the_same_way() -> None:
     assert result.status == "ok"
     assert result.deviation is not None
     assert result.deviation.max < 0.08
+
+
+def test_a_change_of_gait_that_was_planned_does_not_undo_the_recovery() -> None:
+    trial = _trial("5:limp@3", duration_s=14.0)
+    wave = replace(trial.plan.gait, slots=make_gait(shipped(), "wave").slots)
+    plan = replace(trial.plan, changes=(GaitChange(gait=wave, at_s=9.0),))
+    trial = replace(trial, plan=plan, events=(*trial.events, parse_healing("5@8")))
+    result, walk = _walk(trial)
+    assert [each.healed for each in walk.noticed_failures()] == [False, True]
+    assert walk.noticed_failures()[1].did == f"glided to slots {','.join(map(str, wave.slots))}"
+    assert isinstance(walk.walk, VelocityWalk)
+    assert walk.walk.gaits[0].posture.tucked_legs == ()
+    assert result.status == "ok"
+
+
+def test_after_a_planned_change_the_failed_leg_stays_up() -> None:
+    trial = _trial("5:limp@3", duration_s=8.0)
+    wave = replace(trial.plan.gait, slots=make_gait(shipped(), "wave").slots)
+    trial = replace(trial, plan=replace(trial.plan, changes=(GaitChange(gait=wave, at_s=6.0),)))
+    _, walk = _walk(trial)
+    assert isinstance(walk.walk, VelocityWalk)
+    assert walk.walk.gaits[0].posture.tucked_legs == (5,)
+
+
+def test_legs_that_fail_in_one_moment_are_each_judged_as_alone() -> None:
+    """All alarms of a batch in one tick; one of the robots falls or is stopped before the others."""
+    trials = [_trial(f"{leg}:locked@3", duration_s=5.0) for leg in (1, 3, 5)]
+    trials.append(_trial("3:limp@3", duration_s=3.5))
+    together = run_sim_trials(trials, make_controller=recovering_walk(), apart=True)
+    for trial, result in zip(trials, together, strict=True):
+        assert result == run_sim_trial(trial, recovering_walk())
+
+
+def test_a_told_leg_is_never_tucked_and_the_gait_comes_back_once_the_other_heals() -> None:
+    robot, failure = shipped(), Failure(leg=2, kind="limp")
+    gait = make_gait(robot, "tripod")
+    plan = TrialPlan(gait=gait, hold="line", duration_s=18.0, belief=failure, self_rotation="none")
+    events = [parse_failure_event("5:limp@3"), parse_healing("5@6")]
+    _, walk = _walk(SimTrial(robot=robot, plan=plan, failure=failure, events=events))
+    first, second = walk.noticed[0]
+    assert first.response.gait is not None
+    assert first.response.gait.posture.tucked_legs == (5,)
+    assert (second.healed, second.response.gait) == (True, gait)
