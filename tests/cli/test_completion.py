@@ -63,7 +63,7 @@ def asked(shell: str, line: str, folder: Path) -> list[str]:
         ("hexctl run --world t", ["transfer:0"]),
         ("hexctl prior build --family ", ["randomised", "real", "transfer"]),
         ("hexctl run --gait ", ["auto", "best", "demo", "tripod", "wave", "ripple"]),
-        ("hexctl run --failed-leg ", ["1", "2", "3", "4", "5", "6"]),
+        ("hexctl run --failed-leg ", ["1", "2", "3", "4", "5", "6", "auto"]),
         ("hexctl run --failure l", ["locked", "limp"]),
         ("hexctl run --self-rotation ", ["auto", "rear", "front", "none"]),
         ("hexctl run --backend m", ["mavlink", "mock"]),
