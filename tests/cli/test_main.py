@@ -234,6 +234,8 @@ def test_a_ctrl_c_after_the_end_of_a_command_is_no_signal_and_no_traceback(last:
 def test_a_ctrl_c_before_a_command_is_loaded_says_that_nothing_was_recorded() -> None:
     program = (
         "import os, signal, sys\n"
+        # What starts the tests may have made their processes ignore it.
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
         "class Interrupting:\n"
         "    def find_spec(self, name, *_):\n"
         "        if name == 'hexctl.cli.main':\n"
