@@ -1,10 +1,12 @@
 """Simulate the gaits that landscapes lack, in chunks: on this computer or on a Dask cluster."""
 
+import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import Executor, Future, as_completed
+from concurrent.futures import Executor, Future, ThreadPoolExecutor, as_completed
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
-from typing import Any, Protocol
+from os import cpu_count
+from typing import Any, Protocol, TypeVar
 
 from hexctl.control.batch import run_sim_trials
 from hexctl.errors import InputError, MissingExtraError, RobotFaultError, argument
@@ -229,3 +231,27 @@ def _check_versions(done: ChunkDone) -> None:
             f"study: a worker runs other code than this machine: {', '.join(differing)}; "
             "install the same versions on all workers"
         )
+
+
+Done = TypeVar("Done")
+
+
+def as_finished(walks: Sequence[Callable[[int], Done]], jobs: int | None) -> Iterator[Done]:
+    """What functions return as they finish; left early, those that have begun are awaited.
+
+    Args:
+        walks: simulate; each is called with the number of threads that it may use.
+        jobs: threads that simulate together; None is all cores.
+    """
+    jobs = jobs or cpu_count() or 1
+    if jobs == 1:
+        yield from (walk(1) for walk in walks)
+        return
+    threads = math.ceil(jobs / max(1, len(walks)))
+    with ThreadPoolExecutor(jobs) as executor:
+        futures = [executor.submit(walk, threads) for walk in walks]
+        try:
+            for future in as_completed(futures):
+                yield future.result()
+        finally:
+            executor.shutdown(wait=False, cancel_futures=True)

@@ -192,3 +192,16 @@ def check_walks(specs: Iterable[LandscapeSpec]) -> None:
 def _require(holds: bool, what: str, got: object, allowed: str) -> None:
     if not holds:
         raise InputError(f"{what}: got {got}; allowed: {allowed}")
+
+
+def check_setting(name: str, got: object, holds: bool, allowed: str) -> None:
+    """Raise InputError for a setting, by its name, unless something holds."""
+    if not holds:
+        raise InputError(f"{argument(name)}: got {got}; allowed: {allowed}")
+
+
+def check_each(name: str, given: tuple[object, ...] | list[str], known: tuple[object, ...] = ()) -> None:
+    """Raise InputError unless there are values, each once, and all of them known."""
+    among = f" of {', '.join(map(str, known))}" if known else ""
+    fine = bool(given) and len(set(given)) == len(given) and (not known or set(given) <= set(known))
+    check_setting(name, ",".join(map(str, given)) or "none", fine, f"one or more{among}, each once")

@@ -5,11 +5,11 @@ from dataclasses import dataclass
 from hexctl.backends.sim.world import MAX_MEMBERS, DomainRandomization, World
 from hexctl.control.plan import AUTO_ROTATION, SELF_ROTATIONS
 from hexctl.control.turning import check_plan
-from hexctl.errors import InputError, LimitError, ReachError, argument, check_type
+from hexctl.errors import InputError, LimitError, ReachError, check_type
 from hexctl.robot.failure import FAILURE_FORMS, parse_failure
 from hexctl.robot.model import Robot
 from hexctl.study.holds.conditions import HOLDS, INTACT, HoldCase, HoldConditions, with_sensors
-from hexctl.study.plan import check_robot
+from hexctl.study.plan import check_each, check_robot, check_setting
 from hexctl.types import N_LEGS
 
 #: Members of the families before this one were looked at: those of the transfer benchmark, 200 to 214 of
@@ -101,18 +101,18 @@ class HoldPlan:
 
     def check(self) -> None:
         """Raise InputError for anything that is not allowed, before anything runs."""
-        _check_each("robot", [robot.name for robot in self.robots])
-        _check_each("world", list(self.families))
-        _check_each("legs", self.legs, tuple(range(1, N_LEGS + 1)))
-        _check_each("failure", self.failures)
-        _check_each("holds", self.holds, HOLDS)
+        check_each("robot", [robot.name for robot in self.robots])
+        check_each("world", list(self.families))
+        check_each("legs", self.legs, tuple(range(1, N_LEGS + 1)))
+        check_each("failure", self.failures)
+        check_each("holds", self.holds, HOLDS)
         last = MAX_MEMBERS - self.first_world
-        _check(
+        check_setting(
             "worlds", self.worlds, 1 <= self.worlds <= min(MAX_WORLDS, last), f"1..{min(MAX_WORLDS, last)}"
         )
         turn = self.self_rotation
         allowed = (AUTO_ROTATION, *SELF_ROTATIONS)
-        _check("self_rotation", turn, turn in allowed, ", ".join(allowed))
+        check_setting("self_rotation", turn, turn in allowed, ", ".join(allowed))
         for failure in self.failures:
             parse_failure(self.legs[0], failure)
         for one in self.conditions()[:: len(self.families) * self.worlds]:
@@ -121,15 +121,3 @@ class HoldPlan:
                     check_plan(one.robot, one.trial(case).plan)
                 except (ReachError, LimitError) as error:
                     raise InputError(f"{one.robot.name}, leg {case.leg} {case.failure}: {error}") from error
-
-
-def _check(name: str, got: object, holds: bool, allowed: str) -> None:
-    if not holds:
-        raise InputError(f"{argument(name)}: got {got}; allowed: {allowed}")
-
-
-def _check_each(name: str, given: tuple[object, ...] | list[str], known: tuple[object, ...] = ()) -> None:
-    """Raise InputError unless there are values, each once, and all of them known."""
-    among = f" of {', '.join(map(str, known))}" if known else ""
-    fine = bool(given) and len(set(given)) == len(given) and (not known or set(given) <= set(known))
-    _check(name, ",".join(map(str, given)) or "none", fine, f"one or more{among}, each once")

@@ -3,9 +3,7 @@
 import json
 import math
 from collections.abc import Iterable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import asdict, dataclass
-from os import cpu_count
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +13,7 @@ from hexctl.files import atomic_write
 from hexctl.gait.encoding import Slots
 from hexctl.gait.gait import Gait
 from hexctl.study.cache import CacheError, LandscapeCache
-from hexctl.study.evaluate import Progress
+from hexctl.study.evaluate import Progress, as_finished
 from hexctl.study.holds.conditions import HOLDS, HoldCase, HoldConditions
 from hexctl.study.holds.plan import HoldPlan
 
@@ -196,7 +194,7 @@ def walk_all(
     if left < total:
         progress.note(f"{total - left} of {total} walks: from the cache")
     progress.stage("walks (Ctrl-C stops, the same command continues)", left)
-    for chunk, walks in _simulated(todo, jobs or cpu_count() or 1):
+    for chunk, walks in as_finished([chunk.walk for chunk in todo], jobs):
         saved = known[chunk.conditions.fingerprint]
         saved.update((walk.case, walk) for walk in walks)
         cache.save(chunk.conditions, saved.values())
@@ -215,18 +213,3 @@ def _chunks(
         missing = tuple(case for case in cases if case.hold == hold and case not in known)
         if missing:
             yield _Chunk(conditions=conditions, cases=missing)
-
-
-def _simulated(chunks: Sequence[_Chunk], jobs: int) -> Iterator[tuple[_Chunk, list[HoldWalk]]]:
-    """Chunks and their walks as they finish; when this is left early, those that have begun are awaited."""
-    if jobs == 1:
-        yield from (chunk.walk(1) for chunk in chunks)
-        return
-    threads = math.ceil(jobs / max(1, len(chunks)))
-    with ThreadPoolExecutor(jobs) as executor:
-        futures = [executor.submit(chunk.walk, threads) for chunk in chunks]
-        try:
-            for future in as_completed(futures):
-                yield future.result()
-        finally:
-            executor.shutdown(wait=False, cancel_futures=True)

@@ -10,13 +10,13 @@ import numpy as np
 from hexctl.backends.sim.world import MAX_MEMBERS, DomainRandomization, World, load_world
 from hexctl.control.plan import MAX_DURATION_S
 from hexctl.control.turning import check_plan
-from hexctl.errors import InputError, LimitError, ReachError, argument, check_type
+from hexctl.errors import InputError, LimitError, ReachError, check_type
 from hexctl.gait.gait import NAMED_SLOTS
 from hexctl.robot.failure import FAILURE_FORMS
 from hexctl.robot.failure_event import parse_failure_event
 from hexctl.robot.model import Robot
 from hexctl.study.holds.conditions import with_sensors
-from hexctl.study.plan import check_robot
+from hexctl.study.plan import check_each, check_robot, check_setting
 from hexctl.study.recovery.episodes import AUTO_GAIT, INTACT, RecoveryCase, RecoveryConditions
 from hexctl.study.recovery.methods import METHODS, NOTHING, method_of
 from hexctl.types import JOINT_KINDS, N_LEGS
@@ -191,26 +191,26 @@ class RecoveryPlan:
 
     def check(self) -> None:
         """Raise InputError for anything that is not allowed, before anything runs."""
-        _check_each("robot", [robot.name for robot in self.robots])
-        _check_each("world", list(self.families))
-        _check_each("gaits", self.gaits, (*NAMED_SLOTS, AUTO_GAIT))
-        _check_each("legs", self.legs, tuple(range(1, N_LEGS + 1)))
-        _check_each("failure", self.failures)
-        _check_each("methods", self.methods)
-        _check_each("protocols", self.protocols, PROTOCOLS)
+        check_each("robot", [robot.name for robot in self.robots])
+        check_each("world", list(self.families))
+        check_each("gaits", self.gaits, (*NAMED_SLOTS, AUTO_GAIT))
+        check_each("legs", self.legs, tuple(range(1, N_LEGS + 1)))
+        check_each("failure", self.failures)
+        check_each("methods", self.methods)
+        check_each("protocols", self.protocols, PROTOCOLS)
         for method in self.methods:
             method_of(method)
-        _check("methods", ",".join(self.methods), NOTHING in self.methods, f"{NOTHING} among them")
+        check_setting("methods", ",".join(self.methods), NOTHING in self.methods, f"{NOTHING} among them")
         most = min(MAX_WORLDS, MAX_MEMBERS - self.first_world)
-        _check("worlds", self.worlds, 1 <= self.worlds <= most, f"1..{most}")
-        _check("runs", self.runs, 1 <= self.runs <= MAX_RUNS, f"1..{MAX_RUNS}")
-        _check("seed", self.seed, self.seed >= 0, "0 or more")
+        check_setting("worlds", self.worlds, 1 <= self.worlds <= most, f"1..{most}")
+        check_setting("runs", self.runs, 1 <= self.runs <= MAX_RUNS, f"1..{MAX_RUNS}")
+        check_setting("seed", self.seed, self.seed >= 0, "0 or more")
         for failure in self.failures:
             parse_failure_event(f"{self.legs[0]}:{failure}@0")
         longest_s = max(1 / robot.gait.pace_hz for robot in self.robots)
         least_s = FAULT_S[LINE] + longest_s + LEAST_AFTER_S
         fine = LINE not in self.protocols or least_s <= self.duration_s <= MAX_DURATION_S
-        _check("duration", f"{self.duration_s:g}", fine, f"{least_s:.3g} to {MAX_DURATION_S:g} s")
+        check_setting("duration", f"{self.duration_s:g}", fine, f"{least_s:.3g} to {MAX_DURATION_S:g} s")
         self._check_walks()
 
     def _check_walks(self) -> None:
@@ -226,15 +226,3 @@ class RecoveryPlan:
                     check_plan(one.robot, one.trial(case).plan)
                 except (ReachError, LimitError) as error:
                     raise InputError(f"{one.robot.name}, {case.gait}: {error}") from error
-
-
-def _check(name: str, got: object, holds: bool, allowed: str) -> None:
-    if not holds:
-        raise InputError(f"{argument(name)}: got {got}; allowed: {allowed}")
-
-
-def _check_each(name: str, given: tuple[object, ...] | list[str], known: tuple[object, ...] = ()) -> None:
-    """Raise InputError unless there are values, each once, and all of them known."""
-    among = f" of {', '.join(map(str, known))}" if known else ""
-    fine = bool(given) and len(set(given)) == len(given) and (not known or set(given) <= set(known))
-    _check(name, ",".join(map(str, given)) or "none", fine, f"one or more{among}, each once")

@@ -3,9 +3,7 @@
 import json
 import math
 from collections.abc import Iterable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import asdict, dataclass
-from os import cpu_count
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +13,7 @@ from hexctl.control.preparation import WalkStart
 from hexctl.control.result import STATUSES
 from hexctl.files import atomic_write
 from hexctl.study.cache import CacheError, LandscapeCache
-from hexctl.study.evaluate import Progress
+from hexctl.study.evaluate import Progress, as_finished
 from hexctl.study.recovery.episodes import Episode, RecoveryCase, RecoveryConditions
 from hexctl.study.recovery.methods import METHODS, Alarm, method_of
 
@@ -139,7 +137,7 @@ def walk_all(
     if left < total:
         progress.note(f"{total - left} of {total} walks: from the cache")
     progress.stage("walks (Ctrl-C stops, the same command continues)", left)
-    for chunk, episodes in _simulated(todo, jobs or cpu_count() or 1):
+    for chunk, episodes in as_finished([chunk.walk for chunk in todo], jobs):
         place = chunk.conditions
         saved = known[place.fingerprint]
         saved.update((episode.case, episode) for episode in episodes)
@@ -161,18 +159,3 @@ def _chunks(
             groups.setdefault((case.method, case.gait), []).append(case)
     for group in groups.values():
         yield _Chunk(conditions=conditions, cases=tuple(group))
-
-
-def _simulated(chunks: Sequence[_Chunk], jobs: int) -> Iterator[tuple[_Chunk, list[Episode]]]:
-    """Chunks and their episodes as they finish; left early, those that have begun are awaited."""
-    if jobs == 1:
-        yield from (chunk.walk(1) for chunk in chunks)
-        return
-    threads = math.ceil(jobs / max(1, len(chunks)))
-    with ThreadPoolExecutor(jobs) as executor:
-        futures = [executor.submit(chunk.walk, threads) for chunk in chunks]
-        try:
-            for future in as_completed(futures):
-                yield future.result()
-        finally:
-            executor.shutdown(wait=False, cancel_futures=True)
