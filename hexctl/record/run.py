@@ -293,7 +293,7 @@ class Run:
             },
             "failed_leg": plan.belief.leg if plan.belief else None,
             "failure": str(plan.belief) if plan.belief else None,
-            "events": [str(event) for event in spec.events],
+            "events": self._event_texts(trial.duration_s),
             **trial.to_dict(),
             "ideal_yaw_change_deg": math.degrees(plan.turn_rate_rad_s * trial.duration_s),
             "ticks": len(log),
@@ -308,6 +308,12 @@ class Run:
             "seed": spec.seed,
             "recording": None if self._recording is None else str(self._recording.path),
         }
+
+    def _event_texts(self, until_s: float) -> list[str]:
+        """What failed and healed by a time, by options and by the world itself."""
+        worlds = self._world.events if self.spec.simulated else ()
+        events = sorted((*worlds, *self.spec.events), key=lambda event: event.at_s)
+        return [str(event) for event in events if event.at_s < until_s]
 
     def _world_text(self) -> str | None:
         if not self.spec.simulated:

@@ -81,6 +81,10 @@ class PriorPlan:
         check_robot(self.robot)
         allowed = "a DomainRandomization, as load_randomization('randomised') gives"
         check_type(self.family, DomainRandomization, "plan.family", allowed)
+        if self.family.failures:
+            raise InputError(
+                "prior: got a family in which legs fail in mid-walk; allowed: one without `failures`"
+            )
 
     def specs(self) -> list[LandscapeSpec]:
         """Landscapes to simulate, world by world, so that any beginning of the list covers all legs.

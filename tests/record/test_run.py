@@ -274,6 +274,11 @@ class TestFailuresInMidWalk:
         walk = done.log.rows_of("walk")
         assert rows[0] - walk.start in (150, 151)
 
+    def test_what_the_world_lets_fail_is_told_as_well(self) -> None:
+        world = World(failures=("2:limp@1", "4:limp@9"))
+        done = run(gait="tripod", duration_s=2.0, events=[parse_failure_event("5:locked@0.5")], world=world)
+        assert done.outcome["events"] == ["5:locked@0.5", "2:limp@1"], "not those after its end"
+
     def test_a_simulation_walks_on_unless_asked(self) -> None:
         done = run(gait="tripod", duration_s=5.0, events=[parse_failure_event("5:locked@3")])
         assert done.trial.status == "ok"

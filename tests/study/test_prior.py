@@ -109,6 +109,11 @@ def test_another_number_of_worlds_is_refused(worlds: int) -> None:
         plan(worlds=worlds).check()
 
 
+def test_a_prior_is_not_built_of_worlds_in_which_legs_fail_on_the_way() -> None:
+    with pytest.raises(InputError, match=r"^prior: got a family in which legs fail"):
+        replace(plan(worlds=2), family=load_randomization("failing"))
+
+
 @pytest.mark.parametrize("self_rotation", ["rear", "front", "none"])
 def test_each_shipped_robot_can_walk_the_default_prior(self_rotation: str) -> None:
     for name in ("ant", "phantomx", "pexod"):

@@ -16,7 +16,9 @@ from pydantic import (
 )
 
 from hexctl.backends.clock import PERIOD_S
-from hexctl.backends.sim.flaws import Finite, Section, SensorFaults, SensorNoise
+from hexctl.backends.sim.distribution import Distribution
+from hexctl.backends.sim.drawn_failure import COLUMNS, DrawnFailure, draw_failures
+from hexctl.backends.sim.flaws import Section, SensorFaults, SensorNoise
 from hexctl.errors import InputError, check_type, shown
 from hexctl.robot.configs import Number, find_config, read_mapping, validate
 from hexctl.robot.failure_event import FailureEvent, parse_failure_event, parse_healing
@@ -254,41 +256,6 @@ def _parts(key: str) -> int:
     return N_LEGS if dot else _PARTS.get(name, 1)
 
 
-class Distribution(BaseModel):
-    """Distribution of one randomized quantity.
-
-    Attributes:
-        low: lower bound; for `normal`, two standard deviations below the mean.
-        high: upper bound; for `normal`, two standard deviations above the mean.
-        scale: `even` is uniform between the bounds, `log` uniform over ratios, `normal` a Gaussian.
-    """
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-    low: Finite
-    high: Finite
-    scale: Literal["even", "log", "normal"] = "even"
-
-    @model_validator(mode="after")
-    def _ordered(self) -> "Distribution":
-        if not self.low <= self.high or (self.scale == "log" and self.low <= 0):
-            raise ValueError(
-                f"got {self.low:g} to {self.high:g}; allowed: low up to high, above 0 where the scale is log"
-            )
-        return self
-
-    def at(self, share: FloatArray) -> FloatArray:
-        """Inverse of the cumulative distribution function at shares 0..1, any shape."""
-        if self.scale == "log":
-            return np.asarray(self.low * (self.high / self.low) ** share)
-        if self.scale == "normal":
-            from scipy.special import ndtri
-
-            middle, sigma = (self.low + self.high) / 2, (self.high - self.low) / 4
-            return np.asarray(middle + sigma * ndtri(np.clip(share, 1e-6, 1 - 1e-6)))
-        return self.low + (self.high - self.low) * share
-
-
 class Kind(BaseModel):
     """A subset of the worlds with something in common that no range expresses.
 
@@ -319,6 +286,7 @@ class DomainRandomization(BaseModel):
         ranges: the randomized quantities, by the keys of a world file; every element of a list is drawn
             independently. Of a list of 18 joints a key may name one joint kind: `joint_stiffness.coxa`.
         kinds: subsets to which the members belong in turn; one plain kind unless given.
+        failures: legs that fail in walks of the members, each one drawn anew; later ones have other legs.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -326,6 +294,8 @@ class DomainRandomization(BaseModel):
     seed: Annotated[int, Field(ge=0, strict=True)]
     ranges: dict[str, Distribution]
     kinds: tuple[Kind, ...] = (Kind(name="plain"),)
+    # Families that were written down before there were any are the same families.
+    failures: Annotated[tuple[DrawnFailure, ...], Field(exclude_if=lambda draws: not draws)] = ()
 
     @model_validator(mode="after")
     def _makes_worlds(self) -> "DomainRandomization":
@@ -337,6 +307,7 @@ class DomainRandomization(BaseModel):
                 f"got {', '.join(unknown) or 'no kinds'}; allowed: quantities of a world file that have no "
                 "steps, and kinds"
             )
+        self._check_failures()
         for share in (0.0, 1.0):
             self._world(np.full(self._dimensions, share), self.kinds[0])
         return self
@@ -348,6 +319,20 @@ class DomainRandomization(BaseModel):
             given = [key for key in (name, *keys) if key in self.ranges]
             if name in given or (name == "joint_friction_nm" and given != keys):
                 raise ValueError(f"got {', '.join(given)}; allowed: {name} alone, or {', '.join(keys)}")
+
+    def _check_failures(self) -> None:
+        """Refuse failures that find no leg that is whole, and those that kinds set as well."""
+        for earlier, draw in enumerate(self.failures):
+            if len(draw.legs) <= earlier:
+                raise ValueError(
+                    f"got {earlier + 1} failures, of which one has the legs {shown(list(draw.legs))}; "
+                    "allowed: for each more legs than there are failures before it"
+                )
+        setting = [kind.name for kind in self.kinds if {"failures", "healings"} & kind.world.keys()]
+        if self.failures and setting:
+            raise ValueError(
+                f"got failures that are drawn, and others of the kind {setting[0]}; allowed: one of both"
+            )
 
     def members(self, first: int, count: int) -> list[World]:
         """Worlds first .. first + count - 1."""
@@ -365,7 +350,7 @@ class DomainRandomization(BaseModel):
     @cached_property
     def _dimensions(self) -> int:
         """Dimensions of the design, the spare one included."""
-        return sum(_parts(key) for key in self.ranges) + 1
+        return sum(_parts(key) for key in self.ranges) + COLUMNS * len(self.failures) + 1
 
     def _shares(self, first: int, count: int) -> FloatArray:
         if not (count >= 1 and first >= 0 and first + count <= MAX_MEMBERS):
@@ -391,6 +376,7 @@ class DomainRandomization(BaseModel):
             else:
                 values[key] = drawn if parts > 1 else drawn[0]
             at += parts
+        values |= draw_failures(self.failures, np.asarray(shares[at:]))
         return World.model_validate(values | kind.world)
 
 

@@ -193,6 +193,9 @@ class RecoveryPlan:
         """Raise InputError for anything that is not allowed, before anything runs."""
         check_each("robot", [robot.name for robot in self.robots])
         check_each("world", list(self.families))
+        for name, family in self.families.items():
+            failing = "a family without `failures`: the benchmark lets legs fail by itself"
+            check_setting("world", name, not family.failures, failing)
         check_each("gaits", self.gaits, (*NAMED_SLOTS, AUTO_GAIT))
         check_each("legs", self.legs, tuple(range(1, N_LEGS + 1)))
         check_each("failure", self.failures)

@@ -4,6 +4,7 @@ from typing import Any
 
 import pytest
 
+from hexctl.backends.sim.world import load_randomization
 from hexctl.errors import InputError
 from hexctl.study.holds.plan import FIRST_WORLD as FIRST_HOLD_WORLD
 from hexctl.study.recovery.plan import FAILURES, FIRST_WORLD, HEADINGS_DEG, HEXAHEAL, LINE, RecoveryPlan
@@ -75,6 +76,10 @@ def test_sensors_are_late_and_noisy_unless_they_are_to_be_exact() -> None:
     [
         ({"robots": ()}, "robot: got none; allowed: one or more, each once"),
         ({"families": {}}, "world: got none"),
+        (
+            {"families": {"failing": load_randomization("failing")}},
+            "world: got failing; allowed: a family without",
+        ),
         ({"gaits": ("gallop",)}, "gaits: got gallop; allowed: one or more of demo"),
         ({"worlds": 0}, r"worlds: got 0; allowed: 1\.\.1000"),
         ({"runs": 0}, r"runs: got 0; allowed: 1\.\.999"),

@@ -1,0 +1,125 @@
+"""Failures that families of worlds draw: which leg fails, when, how, and whether it heals."""
+
+from collections.abc import Sequence
+from typing import Annotated, Any, TypeVar
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+
+from hexctl.backends.sim.distribution import Distribution
+from hexctl.errors import InputError
+from hexctl.robot.configs import Number
+from hexctl.robot.failure_event import FailureEvent, parse_failure_event
+from hexctl.types import JOINT_KINDS, N_LEGS, FloatArray
+
+#: Numbers that the draw of one failure takes: whether it comes, when, which leg, how, torque, healing.
+COLUMNS = 6
+
+ValueT = TypeVar("ValueT")
+
+Leg = Annotated[int, Field(ge=1, le=N_LEGS, strict=True)]
+
+
+class DrawnFailure(BaseModel):
+    """A failure that comes to a leg during a walk, drawn for each member of a family.
+
+    A joint that sticks does so where it is, so that the time of the failure draws its angle as well.
+
+    Attributes:
+        at_s: when, in seconds since the walk began.
+        legs: of which one fails, each as likely as any other.
+        failure: how, in the words of `parse_failure`, each as likely as any other; a word that is given twice
+            is twice as likely.
+        torque_share: part of its torque that a `weak` leg or joint keeps whose word has no number.
+        heals_after_s: how long after its failure the leg is whole again; None where it stays as it is.
+        share: share of the members to which this failure comes.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    at_s: Distribution
+    legs: Annotated[tuple[Leg, ...], Field(min_length=1)] = tuple(range(1, N_LEGS + 1))
+    failure: Annotated[tuple[str, ...], Field(min_length=1)] = ("locked", "limp", "missing")
+    torque_share: Distribution = Distribution(low=0.05, high=0.6)
+    heals_after_s: Distribution | None = None
+    share: Annotated[Number, Field(gt=0, le=1, allow_inf_nan=False)] = 1.0
+
+    @field_validator("legs")
+    @classmethod
+    def _different(cls, legs: tuple[int, ...]) -> tuple[int, ...]:
+        if len(set(legs)) < len(legs):
+            raise ValueError(f"got {', '.join(map(str, legs))}; allowed: each leg once")
+        return legs
+
+    @field_validator("failure")
+    @classmethod
+    def _can_come(cls, words: tuple[str, ...]) -> tuple[str, ...]:
+        for word in words:
+            try:
+                parse_failure_event(f"1:{word}@0")
+            except InputError as error:
+                _, _, allowed = str(error).partition("; allowed: ")
+                raise ValueError(f"got {word}; allowed: {allowed}") from error
+        return words
+
+    @model_validator(mode="after")
+    def _within(self) -> "DrawnFailure":
+        """Refuse distributions whose ends are no times or no shares."""
+        bounds = {
+            "at_s": (self.at_s, 0.0, np.inf, "0 s or more"),
+            "torque_share": (self.torque_share, 0.0, 1.0, "0 to 1"),
+            "heals_after_s": (self.heals_after_s, 0.0, np.inf, "0 s or more"),
+        }
+        for name, (distribution, least, most, allowed) in bounds.items():
+            if distribution is None:
+                continue
+            low, high = distribution.at(np.array([0.0, 1.0])).tolist()
+            if not least <= low <= high <= most:
+                raise ValueError(f"{name}: got {low:g} to {high:g}; allowed: {allowed}")
+        return self
+
+    def drawn(self, shares: FloatArray, whole: Sequence[int]) -> tuple[FailureEvent, ...]:
+        """The failure of one member, and the leg's healing; neither where it does not come to it.
+
+        Args:
+            shares: shares 0..1 of its distributions, (COLUMNS,).
+            whole: the legs that no earlier failure has.
+        """
+        comes, at, leg_at, how, torque, healing = shares.tolist()
+        if comes >= self.share and self.share < 1:
+            return ()
+        leg = _one_of([each for each in self.legs if each in whole], leg_at)
+        word = _one_of(self.failure, how)
+        if word.startswith("weak") and word.rpartition(":")[2] in ("weak", *JOINT_KINDS):
+            word += f":{float(self.torque_share.at(np.asarray(torque))):.3f}"
+        at_s = float(self.at_s.at(np.asarray(at)))
+        fails = parse_failure_event(f"{leg}:{word}@{at_s:.2f}")
+        if self.heals_after_s is None:
+            return (fails,)
+        healed_s = at_s + float(self.heals_after_s.at(np.asarray(healing)))
+        return fails, FailureEvent(at_s=round(healed_s, 2), leg=leg)
+
+
+def draw_failures(draws: Sequence[DrawnFailure], shares: FloatArray) -> dict[str, Any]:
+    """What a world file says of the failures of one member: `failures` and `healings`, where there are any.
+
+    Args:
+        draws: of the family, in its order.
+        shares: shares 0..1 of their distributions, (COLUMNS * draws or more,).
+    """
+    whole = list(range(1, N_LEGS + 1))
+    events: list[FailureEvent] = []
+    for index, draw in enumerate(draws):
+        drawn = draw.drawn(shares[COLUMNS * index : COLUMNS * (index + 1)], whole)
+        events += drawn
+        whole = [leg for leg in whole if leg not in {event.leg for event in drawn}]
+    found = {
+        "failures": tuple(str(event) for event in events if event.failure is not None),
+        "healings": tuple(str(event) for event in events if event.failure is None),
+    }
+    return {name: texts for name, texts in found.items() if texts}
+
+
+def _one_of(values: Sequence[ValueT], share: float) -> ValueT:
+    """The value at a share 0..1 of several."""
+    return values[min(int(share * len(values)), len(values) - 1)]
