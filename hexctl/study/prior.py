@@ -11,7 +11,8 @@ import numpy as np
 from hexctl.adapt.prior.find import SUFFIX
 from hexctl.adapt.prior.prior import CHECKPOINTS, Prior, PriorKey, ScorePrior, check_place, save_prior
 from hexctl.adapt.stance import stance_deflection_rad
-from hexctl.backends.sim.world import Distribution, DomainRandomization, World
+from hexctl.backends.sim.distribution import Distribution
+from hexctl.backends.sim.world import DomainRandomization, World
 from hexctl.control.assessment.static_stability import usual_posture
 from hexctl.control.guard import Guard
 from hexctl.control.plan import TrialPlan

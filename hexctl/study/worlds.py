@@ -4,7 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from hexctl.backends.sim.world import Distribution, World
+from hexctl.backends.sim.distribution import Distribution
+from hexctl.backends.sim.world import World
 from hexctl.errors import InputError, argument
 
 #: What the paper leaves open and no leg is favoured by, as factors on the world's own values: floor, servos,

@@ -10,10 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.special import ndtr
 
+from hexctl.backends.sim.distribution import Distribution
 from hexctl.backends.sim.model import make_simulation
 from hexctl.backends.sim.world import (
     MAX_MEMBERS,
-    Distribution,
     DomainRandomization,
     World,
     load_randomization,
