@@ -5,6 +5,7 @@ Tab key stay quick. Where none of its words fits, the shell offers files.
 """
 
 from collections.abc import Callable, Iterable
+from typing import Any
 
 from hexctl.cli.console import RUNS
 from hexctl.errors import HexctlError
@@ -32,20 +33,18 @@ def _robots() -> Iterable[str]:
 
 def _worlds() -> Iterable[str]:
     # A family is not a world; its first member shows how members are named.
-    families = set(_families())
-    return [f"{name}:0" if name in families else name for name in _world_files()]
+    return [f"{name}:0" if "ranges" in content else name for name, content in _world_files()]
 
 
 def _families() -> Iterable[str]:
-    from hexctl.robot.configs import find_config, read_mapping
+    # Those that priors are built from: no leg of theirs fails on the way.
+    return [name for name, content in _world_files() if "ranges" in content and "failures" not in content]
 
-    return [name for name in _world_files() if "ranges" in read_mapping(find_config("worlds", name))]
 
+def _world_files() -> Iterable[tuple[str, dict[str, Any]]]:
+    from hexctl.robot.configs import config_names, find_config, read_mapping
 
-def _world_files() -> Iterable[str]:
-    from hexctl.robot.configs import config_names
-
-    return config_names("worlds")
+    return [(name, read_mapping(find_config("worlds", name))) for name in config_names("worlds")]
 
 
 def _gaits() -> Iterable[str]:
