@@ -121,7 +121,7 @@ class StepPattern(ArrayFields):
     """Gaits as arrays, for one walk or n computed together: the leading shape is () or (n,).
 
     Attributes:
-        phases: by how much of a cycle each leg is ahead, (g_i - 1) / 6 of Eq. 5, leading shape + (6,).
+        phases: by how much of a cycle each leg is ahead, `Gait.leg_phases`, leading shape + (6,).
         pace_hz: leading shape.
         amplitude_m: leading shape.
         height_m: step heights, leading shape + (1,).
@@ -152,7 +152,7 @@ class StepPattern(ArrayFields):
         stance = plain and all(posture == STANCE for posture in postures)
         all_step = plain and not any(posture.tucked_legs for posture in postures)
         return cls(
-            phases=(np.array([gait.slots for gait in each])[pick] - 1) / 6,
+            phases=stacked([gait.leg_phases for gait in each]),
             pace_hz=stacked([gait.pace_hz for gait in each]),
             amplitude_m=stacked([gait.amplitude * robot.size_m for gait in each]),
             height_m=stacked([[gait.height * robot.size_m] for gait in each]),

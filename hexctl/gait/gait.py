@@ -43,6 +43,8 @@ class Gait:
         posture: how the body stands over its feet.
         swing_share: part of a cycle that a foot is in the air, 0.1 to 0.5; a third in the paper, less in a
             crawl, half in a tripod without a moment on six feet.
+        phases: by how much of a cycle each leg is ahead, 0..1 without 1; None is (g_i - 1) / 6 of its slot,
+            as in the paper. The quarter phases of a crawl on four legs lie between slots.
     """
 
     slots: Slots
@@ -51,6 +53,7 @@ class Gait:
     height: float
     posture: Posture = STANCE
     swing_share: float = SWING_SHARE
+    phases: tuple[float, ...] | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "slots", as_slots(self.slots))
@@ -63,6 +66,24 @@ class Gait:
         check_type(self.swing_share, float, "swing share", f"a number, {MIN_SWING:g}..{MAX_SWING:g}")
         if not MIN_SWING <= self.swing_share <= MAX_SWING:
             raise InputError(f"swing share: got {self.swing_share:g}; allowed: {MIN_SWING:g}..{MAX_SWING:g}")
+        self._check_phases()
+
+    def _check_phases(self) -> None:
+        """Raise InputError unless the phases are six parts of a cycle, or follow the slots."""
+        if self.phases is None:
+            return
+        allowed = f"{N_LEGS} parts of a cycle, each 0 up to 1 without 1, or None"
+        check_type(self.phases, (tuple, list), "phases", allowed)
+        for phase in self.phases:
+            check_type(phase, float, "phases", allowed)
+        if len(self.phases) != N_LEGS or not all(0 <= phase < 1 for phase in self.phases):
+            raise InputError(f"phases: got {self.phases}; allowed: {allowed}")
+        object.__setattr__(self, "phases", tuple(map(float, self.phases)))
+
+    @property
+    def leg_phases(self) -> tuple[float, ...]:
+        """By how much of a cycle each leg is ahead, (6,): the phases, or (g_i - 1) / 6 of Eq. 5."""
+        return tuple((slot - 1) / N_LEGS for slot in self.slots) if self.phases is None else self.phases
 
     @property
     def strokes_per_cycle(self) -> float:
@@ -70,7 +91,9 @@ class Gait:
         return STROKES_PER_CYCLE if self.swing_share == SWING_SHARE else 1 / (1 - self.swing_share)
 
     def code(self, failed_legs: tuple[int, ...] = ()) -> int | None:
-        """Gait code, or None for shared slots and for a failed leg that is not in its own slot."""
+        """Gait code, or None for shared slots, phases between slots, and failed legs not in their slots."""
+        if self.phases is not None:
+            return None
         try:
             check_permutation(self.slots)
             return code_from_slots(self.slots, failed_legs)

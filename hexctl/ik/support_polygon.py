@@ -139,6 +139,37 @@ def support(feet: FloatArray, standing: BoolArray, point: FloatArray) -> Support
         standing: which of them are on the floor, leading shape + (6,).
         point: the projected centre of gravity, leading shape + (2,).
     """
+    outer, sides, lengths = _sides(feet, standing)
+    to_point = (point[..., np.newaxis, :] - feet)[..., np.newaxis, :]  # (..., from, 1, 2)
+    distance = _cross(sides, to_point) / np.maximum(lengths, SAME_PLACE_M)
+    margin = np.where(outer, distance, np.inf).min(axis=(-2, -1))
+    return Support(_corners(feet, standing, outer), np.where(np.isposinf(margin), -np.inf, margin))
+
+
+def margins_at_m(feet: FloatArray, standing: BoolArray, points: FloatArray) -> FloatArray:
+    """Stability margins of several points over the same feet, points shape + leading shape.
+
+    What `support` gives for each of them, several times as fast.
+
+    Args:
+        feet: leading shape + (6, 2) in m.
+        standing: which of them are on the floor, leading shape + (6,).
+        points: (points, 2) in m.
+    """
+    outer, sides, lengths = _sides(feet, standing)
+    lengths = np.maximum(lengths, SAME_PLACE_M)
+    # The distance of a point from a side is linear in it: from the origin, less the point along the normal.
+    constant = np.where(outer, _cross(sides, -feet[..., np.newaxis, :]) / lengths, np.inf)
+    normals = np.where(outer[..., np.newaxis], sides / lengths[..., np.newaxis], 0.0)
+    rows = [
+        (constant + _cross(normals, point)).min(axis=(-2, -1)) for point in points[:, np.newaxis, np.newaxis]
+    ]
+    margins_m = np.array(rows)
+    return np.where(np.isposinf(margins_m), -np.inf, margins_m)
+
+
+def _sides(feet: FloatArray, standing: BoolArray) -> tuple[BoolArray, FloatArray, FloatArray]:
+    """Lines between two feet: which are sides of the hull, as vectors, and their lengths, (..., from, to)."""
     # The cross product of two feet, seen from a third, is a sum of their products seen from the origin.
     seen = feet - feet[..., :1, :]
     products = _cross(seen[..., :, np.newaxis, :], seen[..., np.newaxis, :, :])  # (..., from, to)
@@ -149,10 +180,7 @@ def support(feet: FloatArray, standing: BoolArray, point: FloatArray) -> Support
     right_of = left < -SAME_PLACE_M * lengths[..., np.newaxis]
     outer = ~(right_of & standing[..., np.newaxis, np.newaxis, :]).any(axis=-1)
     outer &= standing[..., :, np.newaxis] & standing[..., np.newaxis, :] & (lengths > SAME_PLACE_M)
-    to_point = (point[..., np.newaxis, :] - feet)[..., np.newaxis, :]  # (..., from, 1, 2)
-    distance = _cross(sides, to_point) / np.maximum(lengths, SAME_PLACE_M)
-    margin = np.where(outer, distance, np.inf).min(axis=(-2, -1))
-    return Support(_corners(feet, standing, outer), np.where(np.isposinf(margin), -np.inf, margin))
+    return outer, sides, lengths
 
 
 def _corners(feet: FloatArray, standing: BoolArray, outer: BoolArray) -> FloatArray:

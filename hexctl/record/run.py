@@ -289,6 +289,7 @@ class Run:
                 "code": plan.gait.code(plan.failed_legs),
                 "posture": plan.gait.posture.to_dict(),
                 "swing_share": plan.gait.swing_share,
+                "phases": None if plan.gait.phases is None else list(plan.gait.phases),
                 "then": list(spec.then),
             },
             "failed_leg": plan.belief.leg if plan.belief else None,

@@ -57,6 +57,7 @@ def make_properties(
         "then": [f"{','.join(map(str, each.gait.slots))}@{each.at_s:g}" for each in plan.changes] or None,
         "posture": None if gait.posture == STANCE else gait.posture.to_dict(),
         "swing_share": gait.swing_share,
+        "phases": None if gait.phases is None else list(gait.phases),
         "pace_hz": gait.pace_hz,
         "amplitude": gait.amplitude,
         "height": gait.height,

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -206,3 +207,21 @@ def test_a_gait_of_another_name_is_not_the_best() -> None:
     assert [names_best(gait) for gait in ("best", "best:x", "auto", "bestest", (1, 2, 3, 4, 5, 6))] == [
         True, True, False, False, False,
     ]  # fmt: skip
+
+
+def test_phases_follow_the_slots_unless_they_are_given() -> None:
+    gait = make_gait(shipped(), "demo")
+    assert gait.leg_phases == tuple((slot - 1) / 6 for slot in gait.slots)
+    quarters = (0.0, 0.0, 0.25, 0.5, 0.75, 0.0)
+    crawl = replace(gait, phases=quarters)
+    assert crawl.leg_phases == quarters
+    assert gait.code() is not None
+    assert crawl.code() is None
+
+
+@pytest.mark.parametrize(
+    "phases", [(0.0,) * 5, (0.0, 0.1, 0.2, 0.3, 0.4, 1.0), (0.0, 0.1, 0.2, 0.3, -0.1, 0.5)]
+)
+def test_phases_are_six_parts_of_a_cycle(phases: tuple[float, ...]) -> None:
+    with pytest.raises(InputError, match=r"phases: got .*; allowed: 6 parts of a cycle, each 0 up to 1"):
+        replace(make_gait(shipped(), "demo"), phases=phases)

@@ -11,7 +11,14 @@ from scipy.spatial import ConvexHull
 from hexctl.backends.sim.model import FIRST_JOINT, make_simulation
 from hexctl.backends.sim.world import World
 from hexctl.ik.legs import foot_positions_body
-from hexctl.ik.support_polygon import carried, centre_of_mass_body, foot_heights_body, support, to_world
+from hexctl.ik.support_polygon import (
+    carried,
+    centre_of_mass_body,
+    foot_heights_body,
+    margins_at_m,
+    support,
+    to_world,
+)
 from hexctl.types import N_JOINTS
 from tests.robots import ROBOT_NAMES, shipped
 
@@ -102,3 +109,12 @@ def test_a_foot_in_the_air_does_not_carry() -> None:
     inside, outside = (support(HEXAGON, which, forward).margin_m for which in (ALL, standing))
     assert inside > 0
     assert outside == pytest.approx(-0.1)
+
+
+def test_margins_of_several_points_are_those_of_each() -> None:
+    random = np.random.default_rng(5)
+    feet, standing = random.normal(size=(40, 6, 2)), random.random((40, 6)) < 0.6
+    points = random.normal(size=(7, 2))
+    together = margins_at_m(feet, standing, points)
+    for row, point in zip(together, points, strict=True):
+        np.testing.assert_allclose(row, support(feet, standing, np.broadcast_to(point, (40, 2))).margin_m)

@@ -5,7 +5,7 @@ in where they end, and the margin tells which of them walk well with a leg faile
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -14,14 +14,14 @@ from hexctl.control.plan import TrialPlan
 from hexctl.control.turning import failed_foot_azimuth_rad, turn_needed_rad
 from hexctl.errors import InputError, argument
 from hexctl.gait.encoding import Slots, code_count, slots_from_code
-from hexctl.gait.foot_trajectory import in_stance, phase_in_cycle, posture_offsets_m, stroke_offset
+from hexctl.gait.foot_trajectory import in_stance, part_of_cycle, posture_offsets_m, stroke_offset
 from hexctl.gait.gait import Gait
 from hexctl.gait.posture import Posture
 from hexctl.ik.support_polygon import centre_of_mass_body, support
 from hexctl.robot.failure import Failure
 from hexctl.robot.model import Robot
 from hexctl.robot.rotations import wrapped_rad
-from hexctl.types import N_LEGS, FloatArray
+from hexctl.types import N_LEGS, BoolArray, FloatArray
 
 #: Phases of the cycle at which the margin is taken: each of the twelve parts between two feet that land or
 #: leave, at its ends and between.
@@ -81,21 +81,47 @@ def static_margins_m(
         heading_rad: direction of travel in the body frame.
         failure: of one leg, those of several, or None.
     """
-    # Half a step between the corners of Eq. 3 and 4, where a foot both stands and swings.
-    cycles = (np.arange(PHASES) + 0.5) / PHASES
-    u = phase_in_cycle(cycles[:, np.newaxis], np.array(slots)[:, np.newaxis, :])  # (gaits, phases, 6)
-    stroke_m = robot.gait.amplitude * robot.size_m * stroke_offset(u)
-    direction = np.array([math.cos(heading_rad), math.sin(heading_rad)])
-    offsets, standing = -stroke_m[..., np.newaxis] * direction, in_stance(u)
-    for one in _each(failure):
-        standing[..., one.leg - 1] = one.kind == "locked"
-        offsets[..., one.leg - 1, :] = 0.0
-    feet = robot.stance_feet_body[:, :2] + offsets
+    phases = (np.array(slots) - 1) / N_LEGS
+    stances = {one.leg: one.kind == "locked" for one in _each(failure)}
+    feet, standing = feet_over_cycle(robot, phases, heading_rad=heading_rad, stances=stances)
     centre = centre_of_mass_body(robot, robot.stance_angles_rad)[:2]
     margins_m = support(feet, standing, np.broadcast_to(centre, (*feet.shape[:-2], 2))).margin_m
     # Fewer than two feet have no margin: as bad as the farthest foot is away.
     margins_m = np.maximum(margins_m, -float(np.linalg.norm(robot.stance_feet_body[:, :2], axis=-1).max()))
     return np.stack([margins_m.min(axis=-1), margins_m.mean(axis=-1)], axis=-1)
+
+
+def feet_over_cycle(
+    robot: Robot,
+    phases: FloatArray,
+    *,
+    heading_rad: float,
+    stances: Mapping[int, bool],
+    amplitude: float | None = None,
+    swing_share: float | None = None,
+) -> tuple[FloatArray, BoolArray]:
+    """Places of the feet over a gait cycle, (gaits, P, 6, 2) in m, and which are on the floor, (gaits, P, 6).
+
+    Args:
+        robot: geometry.
+        phases: of the legs of each gait, (gaits, 6), as `Gait.leg_phases`.
+        heading_rad: direction of travel in the body frame.
+        stances: legs that stay in their stance, and whether they are on the floor there.
+        amplitude: of the strokes; None is the robot's.
+        swing_share: of the gaits; None is a third.
+    """
+    # Half a step between the corners of Eq. 3 and 4, where a foot both stands and swings.
+    cycles = (np.arange(PHASES) + 0.5) / PHASES
+    u = part_of_cycle(cycles[:, np.newaxis] + phases[:, np.newaxis, :])  # (gaits, P, 6)
+    share = None if swing_share is None else np.array(swing_share)
+    stroke = robot.gait.amplitude if amplitude is None else amplitude
+    stroke_m = stroke * robot.size_m * stroke_offset(u, share)
+    direction = np.array([math.cos(heading_rad), math.sin(heading_rad)])
+    offsets, standing = -stroke_m[..., np.newaxis] * direction, in_stance(u, share)
+    for leg, on_floor in stances.items():
+        standing[..., leg - 1] = on_floor
+        offsets[..., leg - 1, :] = 0.0
+    return robot.stance_feet_body[:, :2] + offsets, standing
 
 
 def legs_that_stand(plan: TrialPlan) -> tuple[int, ...]:

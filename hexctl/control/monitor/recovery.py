@@ -4,13 +4,12 @@ import inspect
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from itertools import combinations
 
-from hexctl.control.assessment.static_stability import DIRECTION_STEP_RAD, STAND_UP, most_stable_slots
+from hexctl.control.assessment.crawl import gait_without
+from hexctl.control.assessment.static_stability import STAND_UP
 from hexctl.control.plan import TrialPlan
 from hexctl.errors import InputError, argument
-from hexctl.gait.encoding import Slots
 from hexctl.gait.gait import Gait
 from hexctl.robot.failure import Failure
 from hexctl.robot.model import Robot
@@ -33,7 +32,10 @@ class Response:
     def __str__(self) -> str:
         if self.stop:
             return "stopped"
-        return "walked on" if self.gait is None else f"glided to slots {','.join(map(str, self.gait.slots))}"
+        if self.gait is None:
+            return "walked on"
+        slots = f"slots {','.join(map(str, self.gait.slots))}"
+        return f"glided to {slots}" if self.gait.phases is None else f"glided to a crawl, {slots}"
 
 
 class RecoveryPolicy(ABC):
@@ -81,14 +83,15 @@ class StopWalking(RecoveryPolicy):
 class GlideToStableGait(RecoveryPolicy):
     """Glides to the gait that stands safest without the failed legs, which are tucked, the body a little up.
 
-    The course stays what it was.
+    Without two legs that is a crawl with the body shifted, unless they are opposite (`gait_without`). The
+    course stays what it was.
     """
 
     def prepare(self, robot: Robot, plan: TrialPlan, heading_body_rad: float) -> None:
         """Find the gaits for each leg that may fail first, and for each two."""
         whole = [leg for leg in range(1, N_LEGS + 1) if leg not in plan.failed_legs]
         for lost in [*combinations(whole, 1), *combinations(whole, 2)]:
-            slots_without(robot, heading_body_rad, tuple(sorted((*plan.failed_legs, *lost))))
+            self._gait_without(robot, plan, heading_body_rad, lost)
 
     def respond(
         self, robot: Robot, plan: TrialPlan, heading_body_rad: float, failures: Sequence[Failure]
@@ -98,31 +101,16 @@ class GlideToStableGait(RecoveryPolicy):
         noticed = set(legs) - set(plan.failed_legs)
         if not noticed:
             return Response(gait=plan.gait)
+        return Response(gait=self._gait_without(robot, plan, heading_body_rad, legs))
+
+    @staticmethod
+    def _gait_without(robot: Robot, plan: TrialPlan, heading_body_rad: float, legs: Sequence[int]) -> Gait:
+        """Gait without some legs and those that the plan knows to have failed, the body a little up."""
         posture = plan.gait.posture
-        posture = replace(
-            posture,
-            tucked_legs=tuple(sorted({*posture.tucked_legs, *noticed})),
-            body_raise=posture.body_raise or STAND_UP,
-        )
-        slots = slots_without(robot, heading_body_rad, legs)
-        return Response(gait=replace(plan.gait, slots=slots, posture=posture))
-
-
-def slots_without(robot: Robot, heading_body_rad: float, legs: tuple[int, ...]) -> Slots:
-    """Slots of the gait that stands safest on the other legs; worked out once in a process.
-
-    Args:
-        robot: who walks.
-        heading_body_rad: direction of travel in the body frame.
-        legs: that carry nothing.
-    """
-    return _slots_without(robot, round(heading_body_rad / DIRECTION_STEP_RAD), legs)
-
-
-@lru_cache(maxsize=1024)
-def _slots_without(robot: Robot, direction: int, legs: tuple[int, ...]) -> Slots:
-    lost = [Failure(leg=leg, kind="limp") for leg in legs]
-    return most_stable_slots(robot, heading_rad=DIRECTION_STEP_RAD * direction, failure=lost)
+        raised = replace(posture, body_raise=posture.body_raise or STAND_UP)
+        lost = tuple(sorted({*plan.failed_legs, *legs}))
+        gait = replace(plan.gait, posture=raised)
+        return gait_without(robot, gait, heading_rad=heading_body_rad, legs=lost)
 
 
 #: Policies by name: what a walk does about a leg that fails.

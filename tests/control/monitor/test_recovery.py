@@ -2,7 +2,7 @@
 
 import pytest
 
-from hexctl.control.monitor import recovery
+from hexctl.control.assessment import crawl
 from hexctl.control.monitor.recovery import GlideToStableGait, Response, StopWalking, WalkOn
 from hexctl.control.plan import TrialPlan
 from hexctl.gait.gait import make_gait
@@ -58,7 +58,8 @@ def test_gaits_are_ready_before_the_walk() -> None:
     """A response within a tick only looks them up."""
     policy, plan = GlideToStableGait(), _plan()
     policy.prepare(shipped(), plan, 0.5)
-    known = recovery._slots_without.cache_info().misses
+    known = crawl._gait_without.cache_info().misses
     for leg in range(1, 7):
         policy.respond(shipped(), plan, 0.5, [Failure(leg=leg, kind="locked")])
-    assert recovery._slots_without.cache_info().misses == known
+        policy.respond(shipped(), plan, 0.5, [Failure(leg=leg), Failure(leg=leg % 6 + 1)])
+    assert crawl._gait_without.cache_info().misses == known

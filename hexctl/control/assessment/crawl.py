@@ -1,0 +1,169 @@
+"""The crawl: one foot in the air at a time, and the body shifted away from the legs that carry nothing.
+
+With two legs lost the 24 codes have two of the others in the air for a part of the cycle, and unless the lost
+legs are opposite ones the robot tips then. A crawl on n legs has phases i/n and a swing share below 1/n. The
+order of the legs and the shift of the body over its feet are those of the largest static stability margin.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import lru_cache
+from itertools import permutations
+
+import numpy as np
+
+from hexctl.control.assessment.static_stability import (
+    DIRECTION_STEP_RAD,
+    SAME_MARGIN_M,
+    feet_over_cycle,
+    most_stable_slots,
+    static_margins_m,
+)
+from hexctl.gait.encoding import Slots
+from hexctl.gait.foot_trajectory import StepPattern, feet_at_phases
+from hexctl.gait.gait import SWING_SHARE, Gait
+from hexctl.gait.posture import MAX_SHIFT, Posture
+from hexctl.ik.legs import TOLERANCE_RAD, range_excess_rad, solve_legs
+from hexctl.ik.support_polygon import centre_of_mass_body, margins_at_m
+from hexctl.robot.failure import Failure
+from hexctl.robot.model import Robot
+from hexctl.types import JOINTS_PER_LEG, N_LEGS, BoolArray, FloatArray
+
+#: Part of a cycle that a foot is in the air, on four legs; on others the same part of the time there is.
+CRAWL_SWING = 0.22
+
+#: A code is walked while its centre of mass leans out of the support by no more than this, as a share of the
+#: radius of the stance: it is faster than a crawl, and opposite legs leave codes that lean by 0.03 to 0.06.
+CODE_LEAN = 0.1
+
+#: Shifts of the body that are tried: lengths as shares of the radius of the stance, and directions.
+SHIFT_LENGTHS = tuple(0.05 * step for step in range(1, 9))
+SHIFT_DIRECTIONS = 24
+
+#: Points of a cycle at which feet must be in reach, besides the ends of their strokes.
+REACH_POINTS = 24
+
+
+def gait_without(robot: Robot, gait: Gait, *, heading_rad: float, legs: tuple[int, ...]) -> Gait:
+    """The gait that stands safest while some legs carry nothing; worked out once in a process.
+
+    Pace, amplitude, height and body raise are those of a gait, and the legs are tucked. Of one lost leg, and
+    of more where its lean is small (`CODE_LEAN`), it is the most stable code; else the most stable crawl.
+
+    Args:
+        robot: who walks.
+        gait: the gait that it walked, or would.
+        heading_rad: direction of travel in the body frame, rounded to `DIRECTION_STEP_RAD`.
+        legs: that carry nothing, besides those that the gait tucks already.
+    """
+    lost = tuple(sorted({*legs, *gait.posture.tucked_legs}))
+    return _gait_without(robot, _plain(gait, lost), round(heading_rad / DIRECTION_STEP_RAD), lost)
+
+
+def _plain(gait: Gait, lost: tuple[int, ...]) -> Gait:
+    """A gait without what is to be found; equal for gaits that differ in this only."""
+    shift = gait.posture.shift if len(lost) < 2 else (0.0, 0.0)
+    posture = Posture(body_raise=gait.posture.body_raise, shift=shift, tucked_legs=lost)
+    return Gait(
+        slots=tuple(range(1, N_LEGS + 1)),
+        pace_hz=gait.pace_hz,
+        amplitude=gait.amplitude,
+        height=gait.height,
+        posture=posture,
+        swing_share=gait.swing_share if len(lost) < 2 else SWING_SHARE,
+    )
+
+
+@lru_cache(maxsize=4096)
+def _gait_without(robot: Robot, gait: Gait, direction: int, lost: tuple[int, ...]) -> Gait:
+    heading_rad = DIRECTION_STEP_RAD * direction
+    failures = [Failure(leg=leg, kind="limp") for leg in lost]
+    slots = most_stable_slots(robot, heading_rad=heading_rad, failure=failures)
+    coded = replace(gait, slots=slots)
+    if len(lost) < 2:
+        return coded
+    lean_m = -static_margins_m(robot, [slots], heading_rad=heading_rad, failure=failures)[0, 0]
+    if lean_m <= CODE_LEAN * robot.stance_radius_m:
+        return coded
+    return crawl_on(robot, gait, heading_rad=heading_rad) or coded
+
+
+def crawl_on(robot: Robot, gait: Gait, *, heading_rad: float) -> Gait | None:
+    """The most stable crawl on the legs that a gait does not tuck; None where no shift is in reach.
+
+    Pace, amplitude, height and body raise are those of the gait.
+    """
+    walking = [leg for leg in range(1, N_LEGS + 1) if leg not in gait.posture.tucked_legs]
+    share = CRAWL_SWING * 4 / max(4, len(walking))
+    shifts = _shifts(robot)
+    shifts = shifts[_in_reach(robot, replace(gait, swing_share=share), heading_rad, shifts)]
+    if not len(shifts):
+        return None
+    phases = _orders(walking)
+    feet, standing = feet_over_cycle(
+        robot,
+        phases,
+        heading_rad=heading_rad,
+        stances=dict.fromkeys(gait.posture.tucked_legs, False),
+        amplitude=gait.amplitude,
+        swing_share=share,
+    )
+    centre = centre_of_mass_body(robot, robot.stance_angles_rad)[:2]
+    margins_m = margins_at_m(feet, standing, centre + shifts)  # (shifts, orders, P)
+    least_m, mean_m = margins_m.min(axis=-1), margins_m.mean(axis=-1)
+    # The largest smallest margin; of those the largest mean, then the shortest shift, then the first order.
+    rank = np.lexsort((-np.round(mean_m / SAME_MARGIN_M).ravel(), -np.round(least_m / SAME_MARGIN_M).ravel()))
+    shift, order = np.unravel_index(rank[0], least_m.shape)
+    forward, left = (shifts[shift] / robot.size_m).tolist()
+    return replace(
+        gait,
+        slots=_slots_of(phases[order], walking),
+        phases=tuple(phases[order].tolist()),
+        swing_share=share,
+        posture=replace(gait.posture, shift=(forward, left)),
+    )
+
+
+def _orders(walking: Sequence[int]) -> FloatArray:
+    """Phases of all crawls on some legs, i/n each, (orders, 6); those of the others are 0."""
+    orders = [(walking[0], *rest) for rest in permutations(walking[1:])]
+    phases = np.zeros((len(orders), N_LEGS))
+    for row, order in zip(phases, orders, strict=True):
+        row[[leg - 1 for leg in order]] = np.arange(len(order)) / len(order)
+    return phases
+
+
+def _slots_of(phases: FloatArray, walking: Sequence[int]) -> Slots:
+    """Slots in which the walking legs swing in the same order, and the others have their own."""
+    slots = list(range(1, N_LEGS + 1))
+    for slot, leg in zip(walking, sorted(walking, key=lambda leg: phases[leg - 1]), strict=True):
+        slots[leg - 1] = slot
+    return tuple(slots)
+
+
+def _shifts(robot: Robot) -> FloatArray:
+    """Shifts of the body over its feet that are tried, short ones first, (shifts, 2) in m."""
+    angles = 2 * math.pi * np.arange(SHIFT_DIRECTIONS) / SHIFT_DIRECTIONS
+    ways = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+    lengths_m = robot.stance_radius_m * np.array(SHIFT_LENGTHS)
+    longer = (lengths_m[:, np.newaxis, np.newaxis] * ways).reshape(-1, 2)
+    allowed = (np.abs(longer) <= MAX_SHIFT * robot.size_m).all(axis=-1)
+    return np.concatenate([np.zeros((1, 2)), longer[allowed]])
+
+
+def _in_reach(robot: Robot, gait: Gait, heading_rad: float, shifts: FloatArray) -> BoolArray:
+    """Whether the walking legs can make their full strokes with the body shifted, (shifts,)."""
+    turning = [(1 - gait.swing_share) / 2, (1 + gait.swing_share) / 2]  # where strokes are longest
+    points = np.concatenate([turning, np.arange(REACH_POINTS) / REACH_POINTS])
+    u = np.broadcast_to(points[:, np.newaxis], (len(points), N_LEGS))
+    stroke_m = -gait.amplitude * robot.size_m * np.array([math.cos(heading_rad), math.sin(heading_rad)])
+    pattern = StepPattern.of(robot, gait, plain=False)
+    feet = feet_at_phases(robot, pattern, u, np.broadcast_to(stroke_m, (N_LEGS, 2)), 1.0)  # (P, 6, 3)
+    moved = np.zeros((len(shifts), 1, N_LEGS, 3))
+    moved[..., :2] = -shifts[:, np.newaxis, np.newaxis]
+    moved[..., [leg - 1 for leg in gait.posture.tucked_legs], :] = 0.0
+    solution = solve_legs(robot, feet + moved)
+    outside = range_excess_rad(robot, solution.joint_positions_rad) > TOLERANCE_RAD
+    legs_outside = outside.reshape(*outside.shape[:-1], N_LEGS, JOINTS_PER_LEG).any(axis=-1)
+    return np.asarray((solution.reachable & ~legs_outside).all(axis=(1, 2)))
