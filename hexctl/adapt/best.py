@@ -82,6 +82,11 @@ def _best_of(spec: RunSpec, folder: Path | str) -> BestGait:
             f"{argument('gait')}: got {spec.gait} with six good legs; allowed: with a failed leg; "
             "auto is the gait that stands safest"
         )
+    if spec.further_failures:
+        raise InputError(
+            f"{argument('gait')}: got {spec.gait} with failed legs "
+            f"{', '.join(str(one.leg) for one in spec.failures)}; allowed: with one; auto needs no prior"
+        )
     robot = as_robot(spec.robot)
     if session:
         return _of_session(spec, robot, spec.failure, load_session(session, folder))

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Protocol, Self, runtime_checkable
 
 from hexctl.backends.clock import Clock, accept_former_names
 from hexctl.errors import CommandRefusedError, InputError, RobotFaultError, check_type
-from hexctl.robot.failure import Failure, failure_text, untold_note
+from hexctl.robot.failure import Failure, Failures, each_failure, failure_text, untold_note
 from hexctl.robot.loader import load_robot
 from hexctl.robot.model import Robot
 from hexctl.robot.servo_map import ServoMap
@@ -34,6 +34,9 @@ class LegServos(ABC):
 
     #: The leg failure that a simulation injects, or None.
     failure: Failure | None = None
+
+    #: Those of other legs that it injects besides.
+    further_failures: tuple[Failure, ...] = ()
 
     #: True position (3,) and orientation (4,) of a simulation's base in the world, whatever is measured of
     #: them; None for real robots. Results are scored with it, controllers must not use it.
@@ -152,6 +155,11 @@ class ServosWrapper(LegServos):
         return self.wrapped.failure
 
     @property
+    def further_failures(self) -> tuple[Failure, ...]:  # type: ignore[override]
+        """Those of other legs that the wrapped servos inject besides."""
+        return self.wrapped.further_failures
+
+    @property
     def true_pose(self) -> TruePose | None:  # type: ignore[override]
         """True pose of the wrapped servos, where they simulate; else None."""
         return self.wrapped.true_pose
@@ -262,16 +270,21 @@ def as_robot(robot: Robot | str | Path) -> Robot:
     return robot
 
 
-def connection_notes(servos: LegServos, failure: Failure | None) -> list[str]:
+def connection_notes(servos: LegServos, told: Failures) -> list[str]:
     """What an operator should know about the robot that servos have connected to.
 
     Over a link, which robot it is and who started it; and for a simulation, here or there, whether its
     failure is another than the controller's.
+
+    Args:
+        servos: connected.
+        told: failures that the controller is told of.
     """
     notes = [] if servos.identity is None else [f"the robot is {servos.identity}"]
-    if servos.injects_failure and (note := untold_note(servos.failure, failure)) is not None:
+    broken = (*each_failure(servos.failure), *servos.further_failures)
+    if servos.injects_failure and (note := untold_note(broken, told)) is not None:
         notes.append(note)
-    there, here = (servos.simulated or {}).get("failure"), failure_text(failure)
+    there, here = (servos.simulated or {}).get("failure"), failure_text(*each_failure(told))
     if there not in (None, here):
         notes.append(f"the simulated robot there has failure {there}, this end walks as with failure {here}")
     return notes

@@ -28,6 +28,7 @@ class BackendOptions:
         robot: the robot at the other end.
         world: the simulated world.
         failure: the failed leg that a simulation injects.
+        further_failures: other legs that a simulation injects a failure into besides.
         events: failures that come to a simulation in the walk, and legs that heal.
         seed: seed of everything random in a simulation.
         trial: number of the trial; sensor noise differs between trials.
@@ -43,6 +44,7 @@ class BackendOptions:
     robot: Robot
     world: "World | None" = None
     failure: Failure | None = None
+    further_failures: tuple[Failure, ...] = ()
     events: tuple[FailureEvent, ...] = ()
     seed: int = 0
     trial: int = 0
@@ -151,6 +153,7 @@ def _sim(options: BackendOptions) -> LegServos:
         trial=options.trial,
         realtime=options.realtime,
         events=options.events,
+        further_failures=options.further_failures,
     )
 
 
@@ -233,7 +236,9 @@ def _not_loaded(name: str, error: Exception) -> InputError:
 
 
 BACKENDS: dict[str, Backend] = {
-    "sim": Backend(_sim, frozenset({"world", "failure", "events", "seed", "trial", "realtime"})),
+    "sim": Backend(
+        _sim, frozenset({"world", "failure", "further_failures", "events", "seed", "trial", "realtime"})
+    ),
     "zenoh": Backend(_zenoh, frozenset({"connect", "credentials", "insecure", "link"})),
     "mavlink": Backend(_mavlink, frozenset({"connect", "credentials", "insecure"})),
     "mock": Backend(_mock, frozenset()),

@@ -275,6 +275,16 @@ def leg_or_auto(text: str | int) -> int:
         raise typer.BadParameter(f"got {text}; allowed: {LEG}, auto") from None
 
 
+def legs_or_auto(text: str | tuple[int, ...]) -> tuple[int, ...]:
+    """Numbers of legs with commas, or `AUTO_LEG` alone for `auto`."""
+    if not isinstance(text, str):
+        return text
+    try:
+        return (AUTO_LEG,) if text == "auto" else tuple(int(LEG.parse(part)) for part in listed(text) or [""])
+    except typer.BadParameter:
+        raise typer.BadParameter(f"got {text}; allowed: {LEG}, several with commas, auto") from None
+
+
 def complete_leg(incomplete: str) -> list[str]:
     """Legs and `auto`, which the shell offers."""
     return [*LEG.complete(incomplete), *(["auto"] if "auto".startswith(incomplete) else [])]
@@ -285,12 +295,14 @@ AUTO_LEG_HELP = (
     "simulation breaks, as 5:limp."
 )
 FailedLegOption = Annotated[
-    int | None,
+    Any,
     typer.Option(
         "--failed-leg",
-        parser=leg_or_auto,
+        parser=legs_or_auto,
+        metavar="LEGS",
         autocompletion=complete_leg,
-        help=f"{AUTO_LEG_HELP} (default: none)",
+        help=f"{AUTO_LEG_HELP} Several with commas, such as 2,5, then with one --failure for all or one for "
+        "each (limp,locked). (default: none)",
     ),
 ]
 LegsOption = Annotated[str, typer.Option("--legs", help=f"Failed legs, of {LEG}, with commas.")]

@@ -44,6 +44,7 @@ def summary(outcome: dict[str, Any]) -> list[RenderableType]:
     """Outcome of a run, the object of `hexctl run --json`, as text and a table."""
     where = f"in world {outcome['world']}" if outcome["world"] else f"on {outcome['backend']}"
     failed = f", leg {outcome['failed_leg']} {outcome['failure']}" if outcome["failed_leg"] else ""
+    failed += "".join(f", leg {leg} {how}" for leg, how in outcome.get("further_failures", {}).items())
     link = link_in_words(outcome["servo_link"])
     rows = [
         ("gait", _gait_text(outcome["gait"])),
@@ -102,7 +103,8 @@ def _gait_text(gait: dict[str, Any]) -> str:
     named = gait["name"] not in (slots, str(gait["code"]))
     code = "" if gait["code"] is None else f", code {gait['code']}"
     then = "".join(f", then {change}" for change in gait.get("then", []))
-    return (f"{gait['name']} (slots {slots}{code})" if named else f"slots {slots}{code}") + then
+    slots = f"{'a crawl, ' if gait.get('phases') else ''}slots {slots}"
+    return (f"{gait['name']} ({slots}{code})" if named else f"{slots}{code}") + then
 
 
 def _posture_rows(gait: dict[str, Any]) -> list[tuple[str, str]]:

@@ -131,13 +131,15 @@ def run(
     4 fell or was stopped, 130 interrupted.
     """
     from hexctl.record.run_spec import RunSpec
-    from hexctl.robot.failure import failure_of
+    from hexctl.robot.failure import failure_of, failures_of
     from hexctl.robot.failure_event import parse_failure_event, parse_healing
 
     if recover and policy not in (None, "glide"):
         raise InputError(f"--policy: got {policy} with --recover, which is glide; allowed: one or the other")
     if no_record and (record is not None or view):
         raise InputError("--no-record: got --record or --view too; allowed: one or the other")
+    diagnosed = failed_leg == (AUTO_LEG,)
+    failures = () if diagnosed else failures_of(failed_leg, failure) if failed_leg else ()
     spec = RunSpec(
         backend=backend,
         robot=robot,
@@ -154,7 +156,8 @@ def run(
         heading_rad=None if heading is None else radians(heading),
         turn_rate_rad_s=None if turn is None else radians(turn),
         duration_s=duration,
-        failure=None if failed_leg == AUTO_LEG else failure_of(failed_leg, failure),
+        failure=None if diagnosed else failures[0] if failures else failure_of(None, failure),
+        further_failures=failures[1:],
         events=(*map(parse_failure_event, fail or ()), *map(parse_healing, heal or ())),
         policy=policy or ("glide" if recover else None),
         self_rotation=self_rotation,
@@ -169,7 +172,7 @@ def run(
         insecure=insecure,
         link=link,
     )
-    if failed_leg != AUTO_LEG:
+    if not diagnosed:
         raise typer.Exit(_walk(_with_best(spec), view=view, as_json=as_json))
     spec.check()
     found = found_failure(spec, failure)

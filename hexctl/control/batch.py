@@ -31,7 +31,7 @@ from hexctl.errors import (
     check_callable,
     check_type,
 )
-from hexctl.robot.failure import Failure
+from hexctl.robot.failure import Failure, check_further
 from hexctl.robot.failure_event import FailureEvent, NoticedFailure
 from hexctl.robot.model import Robot
 from hexctl.types import BoolArray, FloatArray, JointTargets, RobotState, check_shape
@@ -54,6 +54,7 @@ class SimTrial:
         seed: of the simulation.
         facing_rad: yaw in which the robot is put down; the plan's heading counts from there.
         events: failures that come during the walk, and legs that heal.
+        further_failures: other legs that the simulation breaks besides `failure`.
     """
 
     robot: Robot
@@ -63,6 +64,7 @@ class SimTrial:
     seed: int
     facing_rad: float
     events: tuple[FailureEvent, ...]
+    further_failures: tuple[Failure, ...]
 
     def __init__(
         self,
@@ -74,12 +76,17 @@ class SimTrial:
         seed: int = 0,
         facing_rad: float = 0.0,
         events: Sequence[FailureEvent] = (),
+        further_failures: Sequence[Failure] = (),
     ) -> None:
         check_type(plan, TrialPlan, "trial.plan", "a TrialPlan")
         check_type(failure, (Failure, type(None)), "trial.failure", "a Failure, as Failure(leg=5), or None")
+        check_further(failure, further_failures, "trial.further_failures")
         check_type(seed, int, "trial.seed")
         check_type(facing_rad, float, "trial.facing_rad")
-        values = (as_robot(robot), plan, failure, as_world(world), seed, facing_rad, tuple(events))
+        values = (
+            *(as_robot(robot), plan, failure, as_world(world), seed, facing_rad, tuple(events)),
+            tuple(further_failures),
+        )
         for place, value in zip(fields(self), values, strict=True):
             object.__setattr__(self, place.name, value)
 
@@ -92,6 +99,7 @@ class SimTrial:
             seed=self.seed,
             facing_rad=self.facing_rad,
             events=self.events,
+            further_failures=self.further_failures,
         )
 
     def put_down_turned(self, miss_rad: float = 0.0) -> "SimTrial":
@@ -107,7 +115,9 @@ class SimTrial:
         """Key that trials must have in common to walk from one state, with one kind of walk."""
         plan = self.plan
         start = (self.facing_rad, plan.heading_rad, plan.self_rotation, plan.turn_rad, plan.settle_s)
-        return (self.world, self.seed, self.failure, self.events, plan.belief, start, *self.shared_walk())
+        told = (plan.belief, plan.further_failures)
+        broken = (self.failure, self.further_failures, self.events)
+        return (self.world, self.seed, *broken, *told, start, *self.shared_walk())
 
     def shared_walk(self) -> tuple[object, ...]:
         """Key that trials must have in common to be led by one controller."""

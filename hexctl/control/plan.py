@@ -6,7 +6,7 @@ from itertools import pairwise
 
 from hexctl.errors import InputError, check_type
 from hexctl.gait.gait import Gait, Motion
-from hexctl.robot.failure import UNKNOWN, Failure
+from hexctl.robot.failure import UNKNOWN, Failure, check_further, each_failure
 
 SELF_ROTATIONS = ("rear", "front", "none")
 
@@ -81,6 +81,8 @@ class TrialPlan:
             counter-clockwise; it takes out a bias that was measured in a walk before.
         turn_trim_rad_s: in open loop, a turn that goes with the walk and takes out a curve that was measured
             in a walk before, counter-clockwise; the line stays straight. None for a walk that is not trimmed.
+        further_failures: those of other legs that the controller was told of besides `belief`, by leg. With
+            more failed legs than one there is no self-rotation but `turn_rad`.
     """
 
     gait: Gait
@@ -96,10 +98,13 @@ class TrialPlan:
     changes: tuple[GaitChange, ...] = ()
     trim_rad: float = 0.0
     turn_trim_rad_s: float | None = None
+    further_failures: tuple[Failure, ...] = ()
 
     def __post_init__(self) -> None:
         check_type(self.gait, Gait, "plan.gait", "a Gait, as make_gait(robot, 'tripod') gives")
         check_type(self.belief, (Failure, type(None)), "plan.belief", "a Failure, as Failure(leg=5), or None")
+        check_further(self.belief, self.further_failures, "plan.further_failures")
+        object.__setattr__(self, "further_failures", each_failure(self.further_failures))
         for name in ("heading_rad", "travel", "turn_rate_rad_s", "duration_s", "settle_s", "trim_rad"):
             check_type(getattr(self, name), float, f"plan.{name}")
         if not abs(self.trim_rad) <= MAX_TRIM_RAD:
@@ -160,11 +165,16 @@ class TrialPlan:
         return self.travel > 0 and self.turn_rate_rad_s == 0
 
     @property
+    def failures(self) -> tuple[Failure, ...]:
+        """All failures that the controller was told of, by leg."""
+        return each_failure((*each_failure(self.belief), *self.further_failures))
+
+    @property
     def failed_legs(self) -> tuple[int, ...]:
-        """The failed leg, if there is one, in the form of `GaitSpace`."""
-        return (self.belief.leg,) if self.belief else ()
+        """The failed legs, ascending, in the form of `GaitSpace`."""
+        return tuple(one.leg for one in self.failures)
 
     @property
     def held_legs(self) -> tuple[int, ...]:
         """Legs that the controller keeps in their stance pose."""
-        return self.failed_legs if self.belief and self.belief.kind in ("locked", UNKNOWN) else ()
+        return tuple(one.leg for one in self.failures if one.kind in ("locked", UNKNOWN))

@@ -61,7 +61,7 @@ def turn_needed_rad(robot: Robot, plan: TrialPlan) -> float:
     """Angle to turn before the walk of a plan, counter-clockwise positive."""
     if plan.turn_rad is not None:
         return plan.turn_rad
-    if plan.belief is None or plan.self_rotation == "none":
+    if plan.belief is None or plan.further_failures or plan.self_rotation == "none":
         return 0.0
     wanted_rad = plan.heading_rad + (math.pi if plan.self_rotation == "rear" else 0.0)
     turn_rad = wrapped_rad(wanted_rad - failed_foot_azimuth_rad(robot, plan.belief))

@@ -133,7 +133,7 @@ class Run:
         servos = make_servos(self.spec.backend, options)
         with ExitStack() as stack:
             self._guard = stack.enter_context(Guard(servos))
-            self.notes = (*self._without_effect(), *connection_notes(servos, self.plan.belief))
+            self.notes = (*self._without_effect(), *connection_notes(servos, self.plan.failures))
             self._suit_rotation()
             self._recording = self._open_recording()
             if self._recording is not None:
@@ -222,7 +222,7 @@ class Run:
         """Turn the failed leg away after all where `auto` took it for granted that the line can be held."""
         spec = self.spec
         unasked = spec.self_rotation == AUTO_ROTATION and spec.hold == "auto"
-        taken = unasked and self.plan.self_rotation == "none"
+        taken = unasked and self.plan.self_rotation == "none" and not self.plan.further_failures
         if taken and self.plan.belief is not None and not self._position_comes():
             # The hold stays what was asked for: the result says why less was held.
             self.plan = replace(plan_of(replace(spec, hold="heading"), self.robot), hold=spec.hold)
@@ -262,8 +262,7 @@ class Run:
     def _new_path(self, folder: Path) -> Path:
         """Path in a folder that no run has used, named by time, robot, gait and failure."""
         now = datetime.now().strftime("%Y%m%d-%H%M%S")
-        failure = self.plan.belief
-        failed = f"_leg{failure.leg}-{failure.kind}" if failure else ""
+        failed = "".join(f"_leg{one.leg}-{one.kind}" for one in self.plan.failures)
         stem = f"{now}_{self.robot.name}_{self._what}{failed}"
         try:
             folder.mkdir(parents=True, exist_ok=True)
@@ -294,6 +293,7 @@ class Run:
             },
             "failed_leg": plan.belief.leg if plan.belief else None,
             "failure": str(plan.belief) if plan.belief else None,
+            "further_failures": {str(one.leg): str(one) for one in plan.further_failures},
             "events": self._event_texts(trial.duration_s),
             **trial.to_dict(),
             "ideal_yaw_change_deg": math.degrees(plan.turn_rate_rad_s * trial.duration_s),
@@ -344,7 +344,8 @@ def run(
         controller: walks instead of the plan's own walk, as in `run_trial`.
         recorders: take the ticks in blocks beside the recording; each fails alone.
         stop_requested: asked every tick; True ends the walk with a soft stop.
-        options: fields of `RunSpec`; `failed_leg=5, failure="limp"` say a failure in words.
+        options: fields of `RunSpec`; `failed_leg=5, failure="limp"` say a failure in words, and
+            `failed_leg=(2, 5), failure="limp,locked"` those of several legs.
 
     Raises what `Run` raises: InputError, ReachError and LimitError before anything moves, RobotFaultError for
     a robot or a link that fails.

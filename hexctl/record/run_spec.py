@@ -9,14 +9,15 @@ from typing import Any
 
 from hexctl.backends.registry import check_options, option_values
 from hexctl.backends.sim.world import World
-from hexctl.control.assessment.static_stability import check_tucked, stable_gait, stable_slots_of
+from hexctl.control.assessment.crawl import auto_gait
+from hexctl.control.assessment.static_stability import check_tucked, stable_slots_of
 from hexctl.control.monitor.recovery import RecoveryPolicy, make_policy
 from hexctl.control.plan import AUTO_ROTATION, GaitChange, TrialPlan, suited_rotation
 from hexctl.errors import InputError, argument, check_type
 from hexctl.gait.gait import AUTO, BEST, SWING_SHARE, Gait, make_gait, names_best, parse_slots
 from hexctl.gait.posture import Posture
 from hexctl.record.rrd import probe_file
-from hexctl.robot.failure import Failure, failure_of
+from hexctl.robot.failure import Failure, check_further, each_failure, failures_of
 from hexctl.robot.failure_event import FailureEvent
 from hexctl.robot.model import Robot
 
@@ -49,6 +50,7 @@ class RunSpec:
         turn_rate_rad_s: rate of turning, counter-clockwise. Without a heading the robot turns in place.
         duration_s: how long to walk.
         failure: the failed leg, or None.
+        further_failures: those of other legs that failed too, by leg.
         events: failures that come to a simulation during the walk, and legs that heal; its controller is not
             told.
         policy: what the walk does about a leg that it notices to have failed: `walk-on`, `stop`, `glide` to a
@@ -87,6 +89,7 @@ class RunSpec:
     turn_rate_rad_s: float | None = None
     duration_s: float = 30.0
     failure: Failure | None = None
+    further_failures: Sequence[Failure] = ()
     events: Sequence[FailureEvent] = ()
     policy: str | RecoveryPolicy | None = None
     self_rotation: str = AUTO_ROTATION
@@ -106,6 +109,8 @@ class RunSpec:
         check_type(self.backend, str, "backend", "a name or package.module:Class; run_trial takes servos")
         check_type(self.world, (*path, World), "world")
         check_type(self.failure, (Failure, NoneType), "failure", "a Failure, as Failure(leg=5), or None")
+        check_further(self.failure, self.further_failures, "further_failures")
+        object.__setattr__(self, "further_failures", each_failure(self.further_failures))
         check_type(self.seed, int, "seed", "a whole number, 0 or more")
         for event in self.events:
             check_type(event, FailureEvent, "events", "FailureEvents, as parse_failure_event('5:limp@8')")
@@ -117,6 +122,11 @@ class RunSpec:
             check_type(getattr(self, name), path, name)
         for name in ("connect", "link"):
             check_type(getattr(self, name), (str, NoneType), name)
+
+    @property
+    def failures(self) -> tuple[Failure, ...]:
+        """All failures, by leg."""
+        return each_failure((*each_failure(self.failure), *self.further_failures))
 
     @property
     def simulated(self) -> bool:
@@ -156,7 +166,7 @@ class RunSpec:
             raise InputError(f"seed: got {self.seed}; allowed: 0 or more")
         # A failure is the plan's too: on a robot that is not simulated it tells the controller.
         events = ", ".join(map(str, self.events)) or None
-        options = option_values(self, but=("robot", "failure", "events"))
+        options = option_values(self, but=("robot", "failure", "further_failures", "events"))
         check_options(self.backend, names={"events": "fail"}, events=events, **options)
         names = ("pace_hz", "amplitude", "height", "body_raise", "stance_shift", "swing_share")
         steps = {name: getattr(self, name) for name in names} | {"tucked_legs": self.tucked_legs or None}
@@ -165,6 +175,11 @@ class RunSpec:
                 raise InputError(f"{name}: got {value} with a Gait; allowed: with a name, a code or slots")
         if self.trim_rad is not None and self.hold != "heading":
             raise InputError(f"{argument('trim')}: got it with hold {self.hold}; allowed: with hold heading")
+        if self.further_failures and self.self_rotation not in (AUTO_ROTATION, "none"):
+            raise InputError(
+                f"{argument('self_rotation')}: got {self.self_rotation} with failed legs "
+                f"{', '.join(str(one.leg) for one in self.failures)}; allowed: {AUTO_ROTATION}, none"
+            )
         late = [event for event in self.events if event.at_s >= self.duration_s]
         if late:
             raise InputError(f"failure event: got {late[0]}; allowed: before {self.duration_s:g} s, the end")
@@ -177,9 +192,13 @@ def spec_of(options: Mapping[str, Any]) -> RunSpec:
     given = dict(options)
     failed_leg, failure = given.pop("failed_leg", None), given.get("failure")
     if failed_leg is not None:
-        check_type(failed_leg, int, "failed_leg", "1..6, the leg that fails")
+        legs = (failed_leg,) if isinstance(failed_leg, int) else failed_leg
+        check_type(legs, (tuple, list), "failed_leg", "1..6, the leg that fails, or several, as (2, 5)")
+        for leg in legs:
+            check_type(leg, int, "failed_leg", "1..6, the leg that fails")
         check_type(failure, (str, NoneType), "failure", f"words such as 'limp' with failed_leg={failed_leg}")
-        given["failure"] = failure_of(failed_leg, failure)
+        found = failures_of(legs, failure)
+        given["failure"], given["further_failures"] = next(iter(found), None), found[1:]
     unknown = [name for name in given if name not in RunSpec.__slots__]
     if unknown:
         allowed = ("failed_leg", *RunSpec.__slots__, "controller", "recorders", "stop_requested")
@@ -206,7 +225,7 @@ def plan_of(spec: RunSpec, robot: Robot) -> TrialPlan:
             pace_hz=spec.pace_hz,
             amplitude=spec.amplitude,
             height=spec.height,
-            failed_legs=(spec.failure.leg,) if spec.failure else (),
+            failed_legs=tuple(one.leg for one in spec.failures),
             besides=_besides(spec.failure),
         )
         gait = replace(
@@ -225,15 +244,16 @@ def plan_of(spec: RunSpec, robot: Robot) -> TrialPlan:
         turn_rate_rad_s=spec.turn_rate_rad_s or 0.0,
         duration_s=spec.duration_s,
         belief=spec.failure,
+        further_failures=tuple(spec.further_failures),
         self_rotation=suited_rotation(
-            spec.self_rotation,
+            "none" if spec.further_failures else spec.self_rotation,
             "none" if spec.turn_rate_rad_s is not None else spec.hold,
             chosen_gait=auto or spec.chosen_gait,
         ),
         hold=spec.hold,
         trim_rad=spec.trim_rad or 0.0,
     )
-    plan = replace(plan, gait=stable_gait(robot, plan, stand_up=spec.body_raise is None)) if auto else plan
+    plan = replace(plan, gait=auto_gait(robot, plan, stand_up=spec.body_raise is None)) if auto else plan
     check_tucked(robot, plan)
     changes = tuple(_change_of(text, robot, plan) for text in spec.then)
     for (first, before), (second, after) in pairwise(zip(spec.then, changes, strict=True)):
@@ -274,6 +294,8 @@ def _change_of(text: str, robot: Robot, plan: TrialPlan) -> GaitChange:
         )
     if time_s >= plan.duration_s:
         raise InputError(f"{argument('then')}: got {text!r}; allowed: before {plan.duration_s:g} s, the end")
+    if name == AUTO and plan.further_failures:
+        return GaitChange(gait=auto_gait(robot, plan), at_s=time_s)
     try:
         slots = (
             stable_slots_of(robot, plan)
@@ -282,4 +304,7 @@ def _change_of(text: str, robot: Robot, plan: TrialPlan) -> GaitChange:
         )
     except InputError as error:
         raise InputError(f"{argument('then')}: got {text!r} ({error})") from error
-    return GaitChange(gait=replace(plan.gait, slots=slots), at_s=time_s)
+    plain = replace(plan.gait, slots=slots)
+    if plan.gait.phases is not None:  # a gait of slots has the swings of the paper
+        plain = replace(plain, phases=None, swing_share=SWING_SHARE)
+    return GaitChange(gait=plain, at_s=time_s)

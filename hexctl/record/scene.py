@@ -132,7 +132,7 @@ def send_body(stream: Any, robot: Robot, meshes: Meshes) -> None:
 def send_leg(stream: Any, robot: Robot, plan: TrialPlan, meshes: Meshes, leg: int) -> None:
     """Send mount, links and foot of a leg; a failed one in its own colours, a missing one as an outline."""
     rr = load_rerun()
-    failure = plan.belief if plan.belief and plan.belief.leg == leg else None
+    failure = next((one for one in plan.failures if one.leg == leg), None)
     yaw = rr.RotationAxisAngle([0, 0, 1], radians=float(robot.mount_yaws_rad[leg - 1]))
     mount = rr.Transform3D(translation=robot.mount_positions_body[leg - 1], rotation=yaw)
     stream.log(paths.leg_path(leg), mount, static=True)

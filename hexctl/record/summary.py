@@ -64,6 +64,7 @@ def make_properties(
         "heading_deg": math.degrees(plan.heading_rad),
         "failed_leg": plan.belief.leg if plan.belief else None,
         "failure": str(plan.belief) if plan.belief else None,
+        "further_failures": {str(one.leg): str(one) for one in plan.further_failures} or None,
         "self_rotation": plan.self_rotation,
         "stability": stability,
     }
@@ -118,7 +119,9 @@ def _slots_in_words(gait: Gait, failed_legs: tuple[int, ...]) -> str:
 
 def _plan_rows(robot: Robot, plan: TrialPlan) -> Iterator[Row]:
     gait = plan.gait
-    if plan.belief:
+    if plan.further_failures:
+        yield "failed legs", ", ".join(f"{one.leg} ({one})" for one in plan.failures)
+    elif plan.belief:
         yield "failed leg", f"{plan.belief.leg} ({plan.belief}), turned to: {plan.self_rotation}"
     yield "robot", robot.name
     yield "gait", _slots_in_words(gait, plan.failed_legs)

@@ -1,6 +1,7 @@
 """Failures of a leg: `locked`, `limp`, `stuck`, `weak`, `missing`; and `unknown`."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -84,16 +85,48 @@ class Failure:
         return self.kind + only + detail.get(self.kind, "")
 
 
-def failure_text(failure: Failure | None) -> str:
-    """Leg and failure as text, such as `leg 5 locked`; `none` where no leg failed."""
-    return "none" if failure is None else f"leg {failure.leg} {failure}"
+#: The failure of one leg, those of several, or None.
+Failures = Failure | Sequence[Failure] | None
+
+#: A robot walks with no more failed legs than this.
+MOST_FAILED = 3
 
 
-def untold_note(broken: Failure | None, told: Failure | None) -> str | None:
+def failure_text(*failures: Failure | None) -> str:
+    """Legs and failures as text, such as `leg 5 locked`; `none` where no leg failed."""
+    return " and ".join(f"leg {one.leg} {one}" for one in failures if one is not None) or "none"
+
+
+def untold_note(broken: Failures, told: Failures) -> str | None:
     """What an operator should know where a simulation breaks something else than its controller is told."""
-    if broken == told:
+    breaks, tells = each_failure(broken), each_failure(told)
+    if breaks == tells:
         return None
-    return f"the simulation breaks {failure_text(broken)}; the controller is told {failure_text(told)}"
+    return f"the simulation breaks {failure_text(*breaks)}; the controller is told {failure_text(*tells)}"
+
+
+def each_failure(failures: Failures) -> tuple[Failure, ...]:
+    """The failure of one leg, those of several, or none, as a tuple, by leg."""
+    if failures is None:
+        return ()
+    if isinstance(failures, Failure):
+        return (failures,)
+    return tuple(sorted(failures, key=lambda one: one.leg))
+
+
+def check_further(failure: Failure | None, further: Sequence[Failure], what: str) -> None:
+    """Raise InputError for failures of legs besides a first one that are not of other legs, 3 in all."""
+    check_type(further, (tuple, list), what, "Failures, as (Failure(leg=5),)")
+    for one in further:
+        check_type(one, Failure, what, "Failures, as (Failure(leg=5),)")
+    legs = [one.leg for one in (*each_failure(failure), *further)]
+    _require(not further or failure is not None, what, "some without a first", "with the failure of a leg")
+    _require(len(set(legs)) == len(legs), what, f"legs {_and(legs)}", "each leg once")
+    _require(len(legs) <= MOST_FAILED, what, f"{len(legs)} legs", f"up to {MOST_FAILED}, others must walk")
+
+
+def _and(values: Sequence[object]) -> str:
+    return ", ".join(map(str, values))
 
 
 def failure_of(failed_leg: int | None, failure: str | None) -> Failure | None:
@@ -109,6 +142,25 @@ def failure_of(failed_leg: int | None, failure: str | None) -> Failure | None:
     raise InputError(
         f"{argument('failure')}: got {failure} without a leg; allowed: with {argument('failed_leg')} 1..6"
     )
+
+
+def failures_of(failed_legs: Sequence[int], failure: str | None) -> tuple[Failure, ...]:
+    """Failures of legs' numbers and words, in the order of the legs.
+
+    Words are those of `parse_failure`, once for all legs, or with commas for each: `locked,limp`. Raises
+    InputError for what is not allowed.
+    """
+    words = [part.strip() for part in (failure or "locked").split(",")]
+    if len(words) == 1:
+        words *= len(failed_legs)
+    if len(words) != len(failed_legs):
+        raise InputError(
+            f"{argument('failure')}: got {failure} with legs {_and(failed_legs)}; allowed: one for all, or "
+            "one for each"
+        )
+    found = [parse_failure(leg, text) for leg, text in zip(failed_legs, words, strict=True)]
+    check_further(found[0] if found else None, found[1:], argument("failed_leg"))
+    return each_failure(found)
 
 
 def parse_failure(leg: int, text: str) -> Failure:

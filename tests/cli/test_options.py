@@ -122,3 +122,12 @@ def test_what_was_typed_is_told_from_defaults() -> None:
 
     probe(["--seed", "0"], standalone_mode=False)
     assert seen == {"--seed": 0, "values": ("ant", 0)}
+
+
+def test_failed_legs_are_numbers_with_commas_or_auto() -> None:
+    assert options.legs_or_auto("2,5") == (2, 5)
+    assert options.legs_or_auto("3") == (3,)
+    assert options.legs_or_auto("auto") == (options.AUTO_LEG,)
+    for text in ("2,9", "", "2,auto", "x"):
+        with pytest.raises(typer.BadParameter, match=r"allowed: 1..6, several with commas, auto"):
+            options.legs_or_auto(text)

@@ -66,3 +66,14 @@ def test_a_failed_leg_is_turned_to_the_rear_but_for_a_chosen_gait_on_its_line(
     asked: str, hold: str, chosen_gait: bool, suited: str
 ) -> None:
     assert suited_rotation(asked, hold, chosen_gait=chosen_gait) == suited
+
+
+def test_a_plan_may_be_told_of_several_failed_legs() -> None:
+    limp, locked = Failure(leg=6, kind="limp"), Failure(leg=2)
+    plan = TrialPlan(gait=gait_of(shipped()), belief=limp, further_failures=(locked,))
+    assert plan.failures == (locked, limp)
+    assert (plan.failed_legs, plan.held_legs) == ((2, 6), (2,))
+    with pytest.raises(InputError, match=r"further_failures: got legs 2, 2; allowed: each leg once"):
+        TrialPlan(gait=gait_of(shipped()), belief=locked, further_failures=(locked,))
+    with pytest.raises(InputError, match=r"further_failures: got some without a first"):
+        TrialPlan(gait=gait_of(shipped()), further_failures=(locked,))

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hexctl import RunSpec, run
+from hexctl import RunSpec, best_gait, run
 from hexctl.backends.mock import MockServos
 from hexctl.backends.sim.world import World
 from hexctl.control.controllers import Stand
@@ -19,12 +19,14 @@ from hexctl.control.result import TrialResult
 from hexctl.errors import HexctlError, InputError, ReachError, WrongTypeError
 from hexctl.gait.gait import make_gait
 from hexctl.record.run import Run
+from hexctl.record.run_spec import plan_of, spec_of
 from hexctl.robot.failure import Failure
 from hexctl.robot.failure_event import parse_failure_event, parse_healing
 from hexctl.robot.loader import load_robot
 from hexctl.robot.model import Robot
 from hexctl.types import RobotState
 from tests.control.posed import PosedMock
+from tests.robots import shipped
 
 SHORT: dict[str, Any] = {"duration_s": 1.5}
 
@@ -309,3 +311,35 @@ class TestFailuresInMidWalk:
     ) -> None:
         with pytest.raises(HexctlError, match=message):
             Run(RunSpec(**options))
+
+
+def test_several_legs_fail_from_the_start() -> None:
+    done = run(failed_leg=(5, 4), failure="limp,missing", gait="auto", duration_s=6.0, self_rotation="none")
+    assert done.outcome["failed_leg"] == 4
+    assert done.outcome["further_failures"] == {"5": "limp"}
+    assert done.outcome["gait"]["phases"] is not None
+    assert done.trial.status == "ok"
+    assert done.trial.distance_m is not None
+    assert done.trial.distance_m > 0.5 * done.trial.ideal_distance_m
+
+
+def test_a_code_counts_among_the_arrangements_of_the_legs_that_are_left() -> None:
+    plan = plan_of(spec_of({"failed_leg": (2, 5), "gait": "24"}), shipped("ant"))
+    assert plan.gait.slots == (6, 2, 4, 3, 5, 1)
+    with pytest.raises(InputError, match=r"gait code: got 25; allowed: 1..24 with failed leg 2, 5"):
+        plan_of(spec_of({"failed_leg": (2, 5), "gait": "25"}), shipped("ant"))
+
+
+def test_a_change_to_auto_without_two_legs_is_a_crawl_and_one_to_a_name_is_none() -> None:
+    options = {"failed_leg": (2, 3), "gait": "auto", "then": ("wave@5", "auto@9")}
+    wave, crawl = (change.gait for change in plan_of(spec_of(options), shipped("ant")).changes)
+    assert (wave.phases, wave.swing_share) == (None, 1 / 3)
+    assert crawl.phases is not None
+    assert crawl.swing_share < 1 / 4
+
+
+def test_a_robot_without_two_legs_does_not_turn_before_its_walk() -> None:
+    with pytest.raises(InputError, match="rear with failed legs 2, 5; allowed: auto, none"):
+        Run(spec_of({"failed_leg": (2, 5), "self_rotation": "rear"}))
+    with pytest.raises(InputError, match="best with failed legs 2, 5; allowed: with one"):
+        best_gait(spec_of({"failed_leg": (2, 5), "gait": "best"}))

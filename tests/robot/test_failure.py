@@ -7,7 +7,14 @@ from typing import Any
 import pytest
 
 from hexctl.errors import InputError, WrongTypeError
-from hexctl.robot.failure import FAILURE_KINDS, Failure, failure_of, parse_failure
+from hexctl.robot.failure import (
+    FAILURE_KINDS,
+    Failure,
+    failure_of,
+    failure_text,
+    failures_of,
+    parse_failure,
+)
 
 
 @pytest.mark.parametrize(
@@ -101,3 +108,31 @@ def test_a_value_of_a_wrong_type_is_refused_at_once(change: dict[str, Any], mess
 def test_a_failure_is_not_read_from_another_failure() -> None:
     with pytest.raises(WrongTypeError, match=r"failure: got Failure\(.*allowed: locked, limp"):
         parse_failure(5, Failure(leg=5))  # type: ignore[arg-type]
+
+
+def test_failures_of_several_legs_are_one_for_all_or_one_for_each() -> None:
+    assert failures_of((5, 2), "limp") == (Failure(leg=2, kind="limp"), Failure(leg=5, kind="limp"))
+    assert failures_of((5, 2), "limp,stuck:femur:20") == (
+        parse_failure(2, "stuck:femur:20"),
+        Failure(leg=5, kind="limp"),
+    )
+    assert failures_of((3,), None) == (Failure(leg=3),)
+    assert failure_text(*failures_of((2, 5), "limp,locked")) == "leg 2 limp and leg 5 locked"
+
+
+@pytest.mark.parametrize(
+    ("legs", "words", "message"),
+    [
+        ((2, 2), "limp", "got legs 2, 2; allowed: each leg once"),
+        ((1, 2, 3, 4), "limp", "got 4 legs; allowed: up to 3"),
+        (
+            (2, 5),
+            "limp,limp,limp",
+            "got limp,limp,limp with legs 2, 5; allowed: one for all, or one",
+        ),
+        ((2, 7), "limp", "failed leg: got 7; allowed: 1..6"),
+    ],
+)
+def test_failures_of_several_legs_that_cannot_be(legs: tuple[int, ...], words: str, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        failures_of(legs, words)

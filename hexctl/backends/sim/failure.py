@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from hexctl.errors import InputError
-from hexctl.robot.failure import Failure
+from hexctl.robot.failure import Failure, Failures, each_failure
 from hexctl.robot.failure_event import FailureEvent
 from hexctl.robot.model import Robot
 from hexctl.types import (
@@ -204,11 +204,12 @@ def check_stuck_angle(robot: Robot, failure: Failure) -> None:
         )
 
 
-def jammed_angles_rad(robot: Robot, failure: Failure | None) -> FloatArray:
-    """Angles that the jammed joints of a robot with a failed leg hold from the beginning, (18,)."""
+def jammed_angles_rad(robot: Robot, failures: Failures) -> FloatArray:
+    """Angles that the jammed joints of a robot with failed legs hold from the beginning, (18,)."""
     angles_rad: FloatArray = robot.stance_angles_rad.copy()
-    if failure is not None and failure.kind == "stuck":
-        angles_rad[failure.joint_index] = failure.angle_rad
+    for failure in each_failure(failures):
+        if failure.kind == "stuck":
+            angles_rad[failure.joint_index] = failure.angle_rad
     return angles_rad
 
 

@@ -1,6 +1,7 @@
 """The simulated model: robot, world and failure compiled into one dm_control Physics in its start state."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,7 +13,7 @@ from hexctl.backends.sim.failure import FIRST_SPEED, FailedLegs, check_stuck_ang
 from hexctl.backends.sim.terrain import ROUGH_CELLS, ROUGH_HALF_SIZE_M, Floor, make_floor
 from hexctl.backends.sim.world import World, per_joint, per_leg
 from hexctl.errors import InputError
-from hexctl.robot.failure import Failure
+from hexctl.robot.failure import Failures, each_failure
 from hexctl.robot.model import Body, Robot
 from hexctl.types import (
     JOINT_KINDS,
@@ -63,9 +64,9 @@ class Simulation(ArrayFields):
 
 
 def make_simulation(
-    robot: Robot, world: World, failure: Failure | None = None, seed: int = 0, facing_rad: float = 0.0
+    robot: Robot, world: World, failure: Failures = None, seed: int = 0, facing_rad: float = 0.0
 ) -> Simulation:
-    """The simulation of a robot that stands in a world, with a failed leg if one is given.
+    """The simulation of a robot that stands in a world, with failed legs if any are given.
 
     `facing_rad` is the yaw in which the robot is put down.
     """
@@ -76,7 +77,7 @@ def make_simulation(
     _load_payload(body, world)
     root = _make_world(world, floor)
     root.attach(body).add("freejoint")
-    missing = failure.leg if failure is not None and failure.kind == "missing" else None
+    missing = [one.leg for one in each_failure(failure) if one.kind == "missing"]
     _lay_grain(root, body, world, missing)
     _measure_forces(root, body, world)
     physics = mjcf.Physics.from_mjcf_model(root)
@@ -86,10 +87,10 @@ def make_simulation(
     _fill_heights(physics, floor)
     _change_joints(physics, world)
     failed = FailedLegs(physics, robot)
-    if failure is not None:
-        if failure.kind == "stuck":
-            check_stuck_angle(robot, failure)
-        failed.change(failure.leg, failure, physics.data.ptr)
+    for one in each_failure(failure):
+        if one.kind == "stuck":
+            check_stuck_angle(robot, one)
+        failed.change(one.leg, one, physics.data.ptr)
     _set_start_state(physics, robot, world, floor, facing_rad)
     offsets = _joint_offsets(world, seed)
     return Simulation(physics, world, floor, offsets, failed)
@@ -145,7 +146,7 @@ def _stretch_tibias(body: Any, world: World) -> None:
                 part.pos = (1 + error) * np.array(part.pos)
 
 
-def _lay_grain(root: Any, body: Any, world: World, missing_leg: int | None) -> None:
+def _lay_grain(root: Any, body: Any, world: World, missing_legs: Sequence[int]) -> None:
     """Give the feet another friction along the world's y axis than along its x axis.
 
     A contact's first tangential axis is the y axis, projected onto the floor, for every contact between a
@@ -156,7 +157,7 @@ def _lay_grain(root: Any, body: Any, world: World, missing_leg: int | None) -> N
     along_y = world.friction * world.friction_ratio
     floors = [geom for name in ("bumps", "floor") if (geom := root.find("geom", name)) is not None]
     for leg in range(1, N_LEGS + 1):
-        for floor in floors if leg != missing_leg else ():
+        for floor in floors if leg not in missing_legs else ():
             root.contact.add(
                 "pair",
                 geom1=floor,

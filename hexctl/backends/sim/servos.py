@@ -18,7 +18,7 @@ from hexctl.backends.sim.model import FIRST_JOINT, Simulation, make_simulation
 from hexctl.backends.sim.sensing import Losses, SensorMemory, Sensors
 from hexctl.backends.sim.world import World, as_world
 from hexctl.errors import SimulationDivergedError, check_type
-from hexctl.robot.failure import Failure, drawn_failure
+from hexctl.robot.failure import Failure, check_further, drawn_failure, each_failure
 from hexctl.robot.failure_event import FailureEvent, in_words
 from hexctl.robot.model import Robot
 from hexctl.types import JointTargets, RobotState
@@ -80,6 +80,7 @@ class SimServos(LegServos):
         facing_rad: yaw in which the robot is put down.
         realtime: pace the clock with wall time; otherwise the physics runs as fast as it can.
         events: failures to come, and legs that heal, counted from `walk_begins`, besides those of the world.
+        further_failures: those of other legs besides `failure`; the attribute is what breaks.
     """
 
     injects_failure = True
@@ -95,10 +96,12 @@ class SimServos(LegServos):
         facing_rad: float = 0.0,
         realtime: bool = False,
         events: Sequence[FailureEvent] = (),
+        further_failures: Sequence[Failure] = (),
     ) -> None:
         self._robot = as_robot(robot)
         self.world = as_world(world)
         check_type(failure, (Failure, type(None)), "failure", "a Failure, as Failure(leg=5), or None")
+        check_further(failure, further_failures, "further_failures")
         check_type(seed, int, "seed")
         check_type(trial, int, "trial")
         check_type(facing_rad, float, "facing_rad")
@@ -107,6 +110,8 @@ class SimServos(LegServos):
             check_type(event, FailureEvent, "events", "FailureEvents")
         self.events = tuple(sorted((*self.world.events, *events), key=lambda event: event.at_s))
         self.failure = drawn_failure(self._robot, failure, seed)
+        drawn = [drawn_failure(self._robot, one, seed) for one in further_failures]
+        self.further_failures = tuple(one for one in drawn if one is not None)
         self.seed = seed
         self.trial = trial
         self.facing_rad = facing_rad
@@ -139,9 +144,8 @@ class SimServos(LegServos):
         """Compile the model and stand the robot on the floor."""
         if self._simulation is not None:
             return
-        simulation = make_simulation(
-            self._robot, self.world, self.failure, self.seed, facing_rad=self.facing_rad
-        )
+        broken = (*each_failure(self.failure), *self.further_failures)
+        simulation = make_simulation(self._robot, self.world, broken, self.seed, facing_rad=self.facing_rad)
         self._simulation = simulation
         self._limp = False
         self._keep_springs()
@@ -150,7 +154,7 @@ class SimServos(LegServos):
         # Views of MuJoCo's own memory: they stay valid and save the wrapper's cost on every tick.
         self._qpos, self._ctrl, self._warnings = data.qpos, data.ctrl, data.warning.number
         self._steps_per_tick = self.world.steps_per_tick
-        jammed_at_rad = jammed_angles_rad(self._robot, self.failure)
+        jammed_at_rad = jammed_angles_rad(self._robot, broken)
         self.actuators = ActuatorModel.at_rest(simulation, self._robot.stance_angles_rad, jammed_at_rad)
         torques = JointTorques.of(simulation)
         self.sensors = Sensors.of(

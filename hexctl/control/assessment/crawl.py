@@ -16,10 +16,14 @@ import numpy as np
 from hexctl.control.assessment.static_stability import (
     DIRECTION_STEP_RAD,
     SAME_MARGIN_M,
+    STAND_UP,
     feet_over_cycle,
     most_stable_slots,
+    stable_gait,
     static_margins_m,
 )
+from hexctl.control.plan import TrialPlan
+from hexctl.control.turning import turn_needed_rad
 from hexctl.gait.encoding import Slots
 from hexctl.gait.foot_trajectory import StepPattern, feet_at_phases
 from hexctl.gait.gait import SWING_SHARE, Gait
@@ -59,6 +63,21 @@ def gait_without(robot: Robot, gait: Gait, *, heading_rad: float, legs: tuple[in
     """
     lost = tuple(sorted({*legs, *gait.posture.tucked_legs}))
     return _gait_without(robot, _plain(gait, lost), round(heading_rad / DIRECTION_STEP_RAD), lost)
+
+
+def auto_gait(robot: Robot, plan: TrialPlan, *, stand_up: bool = True) -> Gait:
+    """The gait `auto` of a plan: `stable_gait`, and with more than one failed leg `gait_without` them.
+
+    With `stand_up` the body then stands up by `STAND_UP`, where it is not raised or lowered already.
+    """
+    if not plan.further_failures:
+        return stable_gait(robot, plan, stand_up=stand_up)
+    posture = plan.gait.posture
+    if stand_up:
+        posture = replace(posture, body_raise=posture.body_raise or STAND_UP)
+    heading_rad = plan.heading_rad - turn_needed_rad(robot, plan)
+    gait = replace(plan.gait, posture=posture)
+    return gait_without(robot, gait, heading_rad=heading_rad, legs=plan.failed_legs)
 
 
 def _plain(gait: Gait, lost: tuple[int, ...]) -> Gait:
@@ -115,7 +134,7 @@ def crawl_on(robot: Robot, gait: Gait, *, heading_rad: float) -> Gait | None:
     # The largest smallest margin; of those the largest mean, then the shortest shift, then the first order.
     rank = np.lexsort((-np.round(mean_m / SAME_MARGIN_M).ravel(), -np.round(least_m / SAME_MARGIN_M).ravel()))
     shift, order = np.unravel_index(rank[0], least_m.shape)
-    forward, left = (shifts[shift] / robot.size_m).tolist()
+    forward, left = (np.round(shifts[shift] / robot.size_m, 6) + 0.0).tolist()
     return replace(
         gait,
         slots=_slots_of(phases[order], walking),

@@ -18,7 +18,7 @@ from hexctl.gait.foot_trajectory import in_stance, part_of_cycle, posture_offset
 from hexctl.gait.gait import Gait
 from hexctl.gait.posture import Posture
 from hexctl.ik.support_polygon import centre_of_mass_body, support
-from hexctl.robot.failure import Failure
+from hexctl.robot.failure import Failures, each_failure
 from hexctl.robot.model import Robot
 from hexctl.robot.rotations import wrapped_rad
 from hexctl.types import N_LEGS, BoolArray, FloatArray
@@ -57,16 +57,6 @@ def usual_posture(hold: str) -> str:
 SAME_MARGIN_M = 1e-6
 
 
-#: The failure of one leg, those of several, or None.
-Failures = Failure | Sequence[Failure] | None
-
-
-def _each(failures: Failures) -> tuple[Failure, ...]:
-    if failures is None:
-        return ()
-    return (failures,) if isinstance(failures, Failure) else tuple(failures)
-
-
 def static_margins_m(
     robot: Robot, slots: Sequence[Slots], *, heading_rad: float, failure: Failures = None
 ) -> FloatArray:
@@ -82,7 +72,7 @@ def static_margins_m(
         failure: of one leg, those of several, or None.
     """
     phases = (np.array(slots) - 1) / N_LEGS
-    stances = {one.leg: one.kind == "locked" for one in _each(failure)}
+    stances = {one.leg: one.kind == "locked" for one in each_failure(failure)}
     feet, standing = feet_over_cycle(robot, phases, heading_rad=heading_rad, stances=stances)
     centre = centre_of_mass_body(robot, robot.stance_angles_rad)[:2]
     margins_m = support(feet, standing, np.broadcast_to(centre, (*feet.shape[:-2], 2))).margin_m
@@ -129,10 +119,9 @@ def legs_that_stand(plan: TrialPlan) -> tuple[int, ...]:
 
     Tucked legs do not, nor does one that is limp or missing, or held in its stance under a raised body.
     """
-    posture, failure = plan.gait.posture, plan.belief
+    posture = plan.gait.posture
     lost = set(posture.tucked_legs)
-    if failure is not None and failure.kind in ("limp", "missing") and failure.joint is None:
-        lost.add(failure.leg)
+    lost |= {one.leg for one in plan.failures if one.kind in ("limp", "missing") and one.joint is None}
     if posture.body_raise > 0:
         lost |= set(plan.held_legs)
     return tuple(leg for leg in range(1, N_LEGS + 1) if leg not in lost)
@@ -173,7 +162,7 @@ def slots_by_stability(robot: Robot, *, heading_rad: float, failure: Failures = 
         failure: of one leg, whose gaits are the 120 codes with its slot pinned, or of two, with 24 codes;
             None for an intact robot, whose leg 1 is pinned, as shifted slots walk alike.
     """
-    pinned = tuple(sorted(one.leg for one in _each(failure))) or (1,)
+    pinned = tuple(sorted(one.leg for one in each_failure(failure))) or (1,)
     slots = [slots_from_code(code, pinned) for code in range(1, code_count(pinned) + 1)]
     rounded_rad = DIRECTION_STEP_RAD * round(heading_rad / DIRECTION_STEP_RAD)
     margins_m = static_margins_m(robot, slots, heading_rad=rounded_rad, failure=failure)

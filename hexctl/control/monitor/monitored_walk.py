@@ -72,7 +72,7 @@ class MonitoredWalk(Controller):
         if isinstance(walk, VelocityWalk):
             walk.suited = self._suited
         self._headings_rad = [motion.heading_rad for motion in start.motions]
-        self._failures = [[] if plan.belief is None else [plan.belief] for plan in start.plans]
+        self._failures = [list(plan.failures) for plan in start.plans]
         self.noticed: tuple[list[Noticed], ...] = tuple([] for _ in start.plans)
         for plan, heading_rad in zip(start.plans, self._headings_rad, strict=True):
             policy.prepare(start.robot, plan, heading_rad)
