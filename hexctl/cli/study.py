@@ -175,8 +175,9 @@ MethodsOption = Annotated[
     str | None,
     typer.Option(
         "--methods",
-        help="With --recovery, what robots do about it, with commas: nothing (always), told, recover, or "
-        "your own package.module:Class. (default: nothing,told,recover)",
+        help="With --recovery, what robots do about it, with commas: nothing (always), told, recover, "
+        "stop-diagnose, decentralised, open-loop-best, or your own package.module:Class. "
+        "(default: nothing,told,recover)",
     ),
 ]
 ProtocolsOption = Annotated[

@@ -174,6 +174,7 @@ class Episode:
     after_m_s: float
     last_m_s: float
     settled_s: float
+    trials: int = 0
 
     @property
     def ended(self) -> bool:
@@ -216,8 +217,8 @@ class Episode:
         return self.ended and self.last_m_s >= RULE_SHARE * self.ideal_m_s
 
     @classmethod
-    def of(cls, case: RecoveryCase, trial: SimTrial, result: TrialResult) -> "Episode":
-        """Episode of a case from its trial and the result."""
+    def of(cls, case: RecoveryCase, trial: SimTrial, result: TrialResult, *, trials: int = 0) -> "Episode":
+        """Episode of a case from its trial and the result, with the number of trials made before."""
         gait, at_s = trial.plan.gait, case.at_s
         track = Track.of(result, gait)
         ended = result.status in ENDED
@@ -238,6 +239,7 @@ class Episode:
             after_m_s=after_m_s,
             last_m_s=track.speed(end_s - RULE_S, end_s) if ended else math.nan,
             settled_s=track.settled_s(at_s, after_m_s),
+            trials=trials,
         )
 
 

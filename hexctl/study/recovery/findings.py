@@ -115,6 +115,7 @@ class RecoveryStatistics:
         kept_error: its standard error.
         kept_worst: the same of the worst robot, gait, leg and failure, over worlds.
         settled_median_s: time until 90 % of the later speed are reached.
+        trials: made before the walks, all together.
     """
 
     episodes: int
@@ -138,6 +139,7 @@ class RecoveryStatistics:
     kept_error: float
     kept_worst: float
     settled_median_s: float
+    trials: int
 
     @classmethod
     def of(cls, rows: Sequence[Judged]) -> "RecoveryStatistics":
@@ -172,6 +174,7 @@ class RecoveryStatistics:
             kept_error=float(clustered_error(kept[known], worlds[known])),
             kept_worst=_worst_cell(rows),
             settled_median_s=_percentile(np.array(settled_s)[known], 50),
+            trials=sum(one.trials for one in episodes),
         )
 
 

@@ -1,13 +1,15 @@
 """What robots do about failures that come while they walk: the methods that are compared."""
 
+import math
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from inspect import isclass
 
 import numpy as np
 
+from hexctl.control.batch import SimTrial
 from hexctl.control.controllers import Controller
 from hexctl.control.monitor.monitored_walk import recovering_walk
 from hexctl.control.monitor.recovery import GlideToStableGait, RecoveryPolicy, WalkOn
@@ -20,6 +22,9 @@ from hexctl.errors import InputError, argument
 from hexctl.robot.failure import Failure
 from hexctl.robot.failure_event import FailureEvent, NoticedFailure
 from hexctl.robot.plugins import load_named
+from hexctl.study.recovery.decentralised import DecentralisedWalk
+from hexctl.study.recovery.open_loop import TRIES, OpenLoopFromFailure, Rehearsal, rehearse
+from hexctl.study.recovery.stop_and_diagnose import EachAlone, StopAndDiagnoseWalk
 from hexctl.types import FloatArray, RobotState
 
 
@@ -68,6 +73,19 @@ class RecoveryMethod(ABC):
     def planned(self, plan: TrialPlan) -> TrialPlan:
         """Plan of a walk by this method, from that of a walk that holds its line."""
         return plan
+
+    def prepared(self, trials: Sequence[SimTrial], threads: int = 1) -> "RecoveryMethod":
+        """The method with what it finds out before some walks, by trials in their worlds; itself for none.
+
+        Args:
+            trials: the walks, of which each plan is an object of its own.
+            threads: that simulate.
+        """
+        return self
+
+    def trials_before(self, plan: TrialPlan) -> int:
+        """How many trials it made before the walk of a plan."""
+        return 0
 
     @abstractmethod
     def controller(self, start: WalkStart, to_come: Sequence[Sequence[FailureEvent]]) -> Controller:
@@ -166,8 +184,68 @@ class ToldWalk(Controller):
         return self.walk.targets_rad(step, state)
 
 
+class StopDiagnose(RecoveryMethod):
+    """Stops at the monitor's alarm, makes the standing test, and walks on with what that has found."""
+
+    notices = True
+
+    def __init__(self) -> None:
+        self._policy = GlideToStableGait()
+
+    def controller(self, start: WalkStart, to_come: Sequence[Sequence[FailureEvent]]) -> Controller:
+        """Walks that stop and go."""
+        return EachAlone(start, lambda one: StopAndDiagnoseWalk(one, self._policy))
+
+
+class OpenLoopBest(RecoveryMethod):
+    """The paper's way: told which leg it is, it walks on in open loop with the gait that trials have found.
+
+    Args:
+        tries: gaits that are tried before each walk.
+        found: what trials have found, by the `id` of the walk's plan.
+    """
+
+    def __init__(self, tries: int = TRIES, found: Mapping[int, Rehearsal] | None = None) -> None:
+        self._tries, self._found = tries, dict(found or {})
+
+    def prepared(self, trials: Sequence[SimTrial], threads: int = 1) -> RecoveryMethod:
+        """The method with the gaits that trials of these walks have found."""
+        rehearsals = rehearse(trials, self._tries, threads)
+        pairs = zip(trials, rehearsals, strict=True)
+        return OpenLoopBest(self._tries, {id(trial.plan): each for trial, each in pairs if each is not None})
+
+    def trials_before(self, plan: TrialPlan) -> int:
+        """How many gaits were tried for a walk."""
+        return self._found[id(plan)].trials if id(plan) in self._found else 0
+
+    def controller(self, start: WalkStart, to_come: Sequence[Sequence[FailureEvent]]) -> Controller:
+        """Walks that know what is to come, and with which gait they go on."""
+        told_s = [min([event.at_s for event in events], default=math.inf) for events in to_come]
+        known = [self._found.get(id(plan)) for plan in start.plans]
+        gaits = {index: each.gait for index, each in enumerate(known) if each is not None}
+        return OpenLoopFromFailure(start, hold=held(start.plans[0], start.frame), told_s=told_s, gaits=gaits)
+
+
+class Decentralised(RecoveryMethod):
+    """Has no belief about its legs: each steps by its own load and its neighbours'."""
+
+    def controller(self, start: WalkStart, to_come: Sequence[Sequence[FailureEvent]]) -> Controller:
+        """Walks with a phase for each leg."""
+        return DecentralisedWalk(start, hold=held(start.plans[0], start.frame))
+
+
 #: Methods by name.
-METHODS: dict[str, type[RecoveryMethod]] = {"nothing": Nothing, "told": Told, "recover": Recover}
+METHODS: dict[str, type[RecoveryMethod]] = {
+    "nothing": Nothing,
+    "told": Told,
+    "recover": Recover,
+    "stop-diagnose": StopDiagnose,
+    "decentralised": Decentralised,
+    "open-loop-best": OpenLoopBest,
+}
+
+#: Those that are compared unless told otherwise.
+DEFAULT_METHODS = ("nothing", "told", "recover")
 
 #: What the others are compared with.
 NOTHING = "nothing"

@@ -18,7 +18,7 @@ from hexctl.robot.model import Robot
 from hexctl.study.holds.conditions import with_sensors
 from hexctl.study.plan import check_each, check_robot, check_setting
 from hexctl.study.recovery.episodes import AUTO_GAIT, INTACT, RecoveryCase, RecoveryConditions
-from hexctl.study.recovery.methods import METHODS, NOTHING, method_of
+from hexctl.study.recovery.methods import DEFAULT_METHODS, NOTHING, method_of
 from hexctl.types import JOINT_KINDS, N_LEGS
 
 #: Members of the families before this one were looked at while monitor and recovery were built, 400 to 402
@@ -83,7 +83,7 @@ class RecoveryPlan:
     first_world: int = FIRST_WORLD
     legs: tuple[int, ...] = tuple(range(1, N_LEGS + 1))
     failures: tuple[str, ...] = FAILURES
-    methods: tuple[str, ...] = tuple(METHODS)
+    methods: tuple[str, ...] = DEFAULT_METHODS
     protocols: tuple[str, ...] = PROTOCOLS
     runs: int = 10
     duration_s: float = 30.0

@@ -44,6 +44,10 @@ LOW_CM = 0.01
 READING = (
     "nothing walks on; told is an oracle that is told leg and kind in the tick of the failure; recover "
     "notices by itself. Both glide to the same gaits.",
+    "stop-diagnose stops at an alarm, makes the standing test, and begins anew on its line with the gait for "
+    "what the test has found; its alarms are these findings. decentralised steps each leg by its own load "
+    "and its neighbours'. open-loop-best is told which leg it is and walks on in open loop, with the gait that "
+    "ended nearest its line in trials of that failure in that world, which are counted apart.",
     "Deviations are those of the simulation's true pose from the line that the walk began on.",
     "Right leg: the first alarm of the walk, after the failure, is of that leg. Right kind: the joint and "
     "the kind too, among failures that matter: with nothing done they change the end by more than 2 cm, or "
@@ -77,6 +81,7 @@ HEADER = (
     "speed kept",
     "worst cell",
     "90 % after",
+    "trials before, each",
 )
 
 RULE_HEADER = (
@@ -295,6 +300,7 @@ def _row(name: str, method: str, found: RecoveryStatistics) -> tuple[str, ...]:
         _with_error(found.kept, found.kept_error),
         f"{found.kept_worst:.2f}" if np.isfinite(found.kept_worst) else "-",
         f"{found.settled_median_s:.2f} s" if np.isfinite(found.settled_median_s) else "-",
+        f"{found.trials / found.episodes:.3g}" if found.trials else "0",
     )
 
 

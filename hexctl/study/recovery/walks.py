@@ -25,8 +25,8 @@ def walk_episodes(
     conditions: RecoveryConditions, cases: Sequence[RecoveryCase], threads: int = 1
 ) -> list[Episode]:
     """Episodes of some cases of one method, stepped together."""
-    method = method_of(cases[0].method)
     trials = [conditions.trial(case) for case in cases]
+    method = method_of(cases[0].method).prepared(trials, threads)
     to_come = {id(trial.plan): trial.events for trial in trials}
 
     def make(start: WalkStart) -> Controller:
@@ -34,7 +34,8 @@ def walk_episodes(
 
     results = run_sim_trials(trials, threads, make, apart=True)
     return [
-        Episode.of(case, trial, result) for case, trial, result in zip(cases, trials, results, strict=True)
+        Episode.of(case, trial, result, trials=method.trials_before(trial.plan))
+        for case, trial, result in zip(cases, trials, results, strict=True)
     ]
 
 

@@ -87,7 +87,10 @@ def test_sensors_are_late_and_noisy_unless_they_are_to_be_exact() -> None:
         ({"legs": (7,)}, "legs: got 7"),
         ({"failures": ("tired",)}, "failure: got tired; allowed: locked, limp"),
         ({"failures": ("stuck:tibia:20",)}, "it sticks where it is"),
-        ({"methods": ("nothing", "hope")}, "methods: got hope; allowed: nothing, told, recover, package"),
+        (
+            {"methods": ("nothing", "hope")},
+            "methods: got hope; allowed: nothing, told, recover, stop-diagnose",
+        ),
         ({"methods": ("recover",)}, "methods: got recover; allowed: nothing among them"),
         ({"protocols": ("ours",)}, "protocols: got ours; allowed: one or more of line, hexaheal"),
         ({"duration_s": 9.0}, r"duration: got 9; allowed: 11\.1 to 86400 s"),

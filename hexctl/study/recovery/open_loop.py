@@ -1,0 +1,118 @@
+"""Walks in open loop after a failure, with the gait that trials have found to end nearest its line."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from hexctl.adapt.space import GaitSpace
+from hexctl.control.batch import SimTrial, run_sim_trials
+from hexctl.control.preparation import WalkStart
+from hexctl.control.result import TrialResult
+from hexctl.control.steered_walk import SteeredWalk
+from hexctl.gait.gait import Gait, ideal_speed_m_s
+from hexctl.types import BoolArray, FloatArray, RobotState
+
+#: Gaits that are tried: what the paper's searches take.
+TRIES = 40
+
+#: A trial is at least so long.
+LEAST_TRIAL_S = 10.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Rehearsal:
+    """What trials have found for one walk.
+
+    Attributes:
+        gait: with which one of them ended nearest its line.
+        trials: how many there were.
+    """
+
+    gait: Gait
+    trials: int
+
+
+def rehearse(trials: Sequence[SimTrial], tries: int, threads: int = 1) -> list[Rehearsal | None]:
+    """Rehearsals of walks in which legs fail; None for those in which none does.
+
+    Each gait is tried once, in open loop, in the same world, with the same direction of travel and the legs
+    failed from its first step on, for the time that the walk has left after the failure. Which gaits are
+    tried of all the codes for the legs that are left is drawn with the seed of the world. The end is judged
+    as the robot measures it.
+
+    Args:
+        trials: the walks.
+        tries: gaits for each; all where there are fewer.
+        threads: that simulate.
+    """
+    tried = [_tries_of(trial, tries) for trial in trials]
+    results = iter(run_sim_trials([one for each in tried for one in each], threads))
+    found: list[Rehearsal | None] = []
+    for each in tried:
+        ends = [(next(results), one) for one in each]
+        best = min(ends, key=lambda pair: _badness(pair[0]))[1] if ends else None
+        found.append(None if best is None else Rehearsal(gait=best.plan.gait, trials=len(each)))
+    return found
+
+
+def _tries_of(trial: SimTrial, tries: int) -> list[SimTrial]:
+    failing = [event for event in trial.events if event.failure is not None]
+    if not failing:
+        return []
+    space = GaitSpace(tuple(sorted({event.leg for event in failing})))
+    codes = 1 + np.random.default_rng(trial.seed).permutation(space.size)[:tries]
+    left_s = trial.plan.duration_s - min(event.at_s for event in failing)
+    plan = replace(trial.plan, hold="none", duration_s=max(LEAST_TRIAL_S, left_s))
+    events = tuple(replace(event, at_s=0.0) for event in failing)
+    gaits = [replace(plan.gait, slots=space.slots_of(int(code))) for code in codes]
+    return [replace(trial, plan=replace(plan, gait=gait), events=events) for gait in gaits]
+
+
+def _badness(result: TrialResult) -> tuple[int, float]:
+    """Order of trials: those that get ahead on their feet first, by their final deviation."""
+    rank = {"ok": 0, "no_progress": 1}.get(result.status, 2)
+    off_m = np.inf if result.deviation is None else result.deviation.final
+    return rank, off_m if np.isfinite(off_m) else np.inf
+
+
+class OpenLoopFromFailure(SteeredWalk):
+    """Walks along its line until it is told of a failure, and from then on in open loop.
+
+    Args:
+        start: the batch of robots, ready to walk.
+        hold: `line` or `heading`, until then.
+        told_s: when each is told; infinity for never.
+        gaits: with which each walks from then on.
+    """
+
+    def __init__(
+        self, start: WalkStart, *, hold: str, told_s: Sequence[float], gaits: Mapping[int, Gait]
+    ) -> None:
+        super().__init__(start, hold=hold)
+        self.leave_plain()  # each walk changes its gait at a time of its own
+        self._told_s, self._found, self._motions = np.array(told_s), gaits, start.motions
+        self._open: BoolArray = np.zeros(len(start.plans), dtype=bool)
+        self._nominal: FloatArray = np.zeros((len(start.plans), 3))
+
+    def targets_rad(self, step: int, state: RobotState) -> FloatArray:
+        """Joint angles at this step, (n, 18)."""
+        now = ~self._open & (self._told_s <= (step + 0.5) * self._period_s)
+        if now.any():
+            self._leave_line(now)
+        return super().targets_rad(step, state)
+
+    def wanted(self, dt_s: float, step: int, state: RobotState) -> FloatArray:
+        """Velocity of the law, and that of the gait where the loop is open, (n, 3)."""
+        steered = super().wanted(dt_s, step, state)
+        return np.where(self._open[:, np.newaxis], self._nominal, steered)
+
+    def _leave_line(self, which: BoolArray) -> None:
+        """Open the loop of some walks, and let them glide to the gaits that were found."""
+        self._open = self._open | which
+        self.glide_to([self._found.get(index, gait) for index, gait in enumerate(self.gaits)], which)
+        for index in np.flatnonzero(which).tolist():
+            motion = self._motions[index]
+            speed_m_s = ideal_speed_m_s(self._robot, self.gaits[index], motion)
+            way = np.cos(motion.heading_rad), np.sin(motion.heading_rad)
+            self._nominal[index, :2] = speed_m_s * way[0], speed_m_s * way[1]

@@ -1,0 +1,189 @@
+"""A walk that stops at an alarm, finds out standing which leg has failed, and walks on without it."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from hexctl.control.controllers import Controller, Stand, soft_stop_steps
+from hexctl.control.diagnosis.findings import Diagnosis, diagnosis_of, unsafe_legs
+from hexctl.control.diagnosis.standing_test import ALL_PROBES, Probe, StandingTest
+from hexctl.control.monitor.monitored_walk import MonitoredWalk
+from hexctl.control.monitor.recovery import RecoveryPolicy, WalkOn
+from hexctl.control.preparation import WalkStart
+from hexctl.control.steered_walk import SteeredWalk
+from hexctl.control.steering import held
+from hexctl.control.trace import TrialFrame
+from hexctl.control.velocity_walk import MotionWalk
+from hexctl.robot.failure import Failure
+from hexctl.robot.failure_event import NoticedFailure
+from hexctl.types import BoolArray, FloatArray, RobotState
+
+#: Time to come from the end of the soft stop to the stance and to rest, as before a diagnosis by itself.
+SETTLE_S = 0.8
+
+
+class StopAndDiagnoseWalk(Controller):
+    """Walks one robot until its monitor raises an alarm; stops, makes the standing test, and walks on.
+
+    Of the alarm only its time counts: which leg it is, and how it fails, is what the test finds. The walk
+    then begins anew, softly, on the original line, with the gait of a policy for what was found; it is
+    watched as before, and stops again for another leg.
+
+    Args:
+        start: the robot, ready to walk.
+        policy: gives the gait for failed legs.
+        probes: of the standing test.
+    """
+
+    def __init__(
+        self, start: WalkStart, policy: RecoveryPolicy, *, probes: Sequence[Probe] = ALL_PROBES
+    ) -> None:
+        self._start, self._policy, self._probes = start, policy, probes
+        self._plan, self._heading_rad = start.plans[0], start.motions[0].heading_rad
+        self.hold = held(self._plan, start.frame)
+        policy.prepare(start.robot, self._plan, self._heading_rad)
+        self._failures: tuple[Failure, ...] = ()
+        self._noticed: list[NoticedFailure] = []
+        self._walk = self._watched_walk()
+        self._controller: Controller = self._walk
+        self._first_step = self._stopped_at = 0
+        self._stopping = False
+        self._sent_rad = start.robot.stance_angles_rad
+
+    def targets_rad(self, step: int, state: RobotState) -> FloatArray:
+        """Joint angles at this step, (18,)."""
+        self._go_on(step, state)
+        self._sent_rad = self._controller.targets_rad(step - self._first_step, state)
+        if self._controller is self._walk and not self._stopping and self._alarmed():
+            self._stopping = True
+            self._stopped_at = step
+            self._walk.stop(step - self._first_step)
+        self.limited_steps = self._walk.limited_steps
+        return self._sent_rad
+
+    def noticed_failures(self, index: int = 0) -> tuple[NoticedFailure, ...]:
+        """Failures that its standing tests found so far."""
+        return tuple(self._noticed)
+
+    def _go_on(self, step: int, state: RobotState) -> None:
+        """Let the next controller lead where the one before it is done."""
+        now = self._controller
+        if now is self._walk:
+            if self._stopping and step >= self._stopped_at + soft_stop_steps(self._start.period_s):
+                steps = round(SETTLE_S / self._start.period_s)
+                self._lead(step, Stand(self._start.robot, self._sent_rad, steps // 2, steps - steps // 2))
+        elif now.done(step - 1 - self._first_step, state):
+            if isinstance(now, StandingTest):
+                self._judge(step, diagnosis_of(now.observed, self._start.robot))
+                self._walk, self._stopping = self._watched_walk(), False
+                self._lead(step, self._walk)
+            else:
+                self._lead(step, self._standing_test())
+
+    def _lead(self, step: int, controller: Controller) -> None:
+        self._controller, self._first_step = controller, step
+
+    def _alarmed(self) -> bool:
+        """Whether the monitor accuses a leg that is not known to have failed."""
+        known = {failure.leg for failure in self._failures}
+        return any(one.suspicion.leg not in known for one in self._walk.noticed[0])
+
+    def _standing_test(self) -> StandingTest:
+        robot = self._start.robot
+        return StandingTest(
+            robot,
+            self._start.period_s,
+            probes=self._probes,
+            unsafe=lambda observed: unsafe_legs(observed, robot),
+        )
+
+    def _judge(self, step: int, found: Diagnosis) -> None:
+        """Believe what a standing test has found."""
+        before = {failure.leg for failure in self._failures}
+        self._failures = found.failures
+        for failure in found.failures:
+            if failure.leg in before:
+                continue
+            self._noticed.append(
+                NoticedFailure(
+                    at_s=step * self._start.period_s,
+                    failure=failure,
+                    evidence="standing test",
+                    did="stopped, diagnosed and walked on",
+                )
+            )
+
+    def _watched_walk(self) -> MonitoredWalk:
+        """A walk from standing, on the original line, with the gait for the legs that are left."""
+        plan = self._plan
+        if self._failures:
+            found = self._policy.respond(self._start.robot, plan, self._heading_rad, self._failures)
+            plan = plan if found.gait is None else replace(plan, gait=found.gait)
+        start = replace(self._start, plans=(plan,))
+        walk = MotionWalk(start) if self.hold == "none" else SteeredWalk(start, hold=self.hold)
+        walk.leave_plain()
+        return MonitoredWalk(start, walk, WalkOn())
+
+
+class EachAlone(Controller):
+    """Leads a batch of robots by controllers for single ones.
+
+    Args:
+        start: the batch, ready to walk.
+        make: makes the controller of one robot.
+    """
+
+    def __init__(self, start: WalkStart, make: Callable[[WalkStart], Controller]) -> None:
+        self._each: list[Controller] = [make(one) for one in starts_alone(start)]
+        self.hold = self._each[0].hold
+
+    def targets_rad(self, step: int, state: RobotState) -> FloatArray:
+        """Joint angles at this step, (n, 18)."""
+        targets = [one.targets_rad(step, state_of(state, index)) for index, one in enumerate(self._each)]
+        self.limited_steps = np.array([one.limited_steps for one in self._each])
+        return np.array(targets)
+
+    def done(self, step: int, state: RobotState) -> BoolArray:
+        """Which of them have ended, (n,)."""
+        return np.array([bool(one.done(step, state)) for one in self._each])
+
+    def why_stopped(self, index: int = 0) -> str | None:
+        """Why one has ended a walk."""
+        return self._each[index].why_stopped()
+
+    def noticed_failures(self, index: int = 0) -> tuple[NoticedFailure, ...]:
+        """Failures that one has noticed."""
+        return self._each[index].noticed_failures()
+
+
+def starts_alone(start: WalkStart) -> list[WalkStart]:
+    """The starts of a batch, each as that of a robot alone."""
+    n = len(start.plans)
+    turned_rad = np.broadcast_to(start.turned_rad, n).tolist()
+    frames: list[TrialFrame | None] = [None] * n
+    if start.frame is not None:
+        places = np.broadcast_to(start.frame.origin_world, (n, 3))
+        headings = np.broadcast_to(start.frame.heading_rad, n).tolist()
+        yaws = np.broadcast_to(start.frame.yaw_rad, n).tolist()
+        frames = [TrialFrame(*values) for values in zip(places, headings, yaws, strict=True)]
+    return [
+        replace(start, plans=(plan,), batch_shape=(), turned_rad=turned, frame=frame)
+        for plan, turned, frame in zip(start.plans, turned_rad, frames, strict=True)
+    ]
+
+
+def state_of(state: RobotState, index: int) -> RobotState:
+    """State of one robot of a batch; what was not measured of it, NaN, is None as for a robot alone."""
+
+    def of(values: FloatArray | None) -> FloatArray | None:
+        return None if values is None or np.isnan(values[index]).any() else values[index]
+
+    return replace(
+        state,
+        joint_positions_rad=state.joint_positions_rad[index],
+        base_position_world=of(state.base_position_world),
+        base_quaternion_world=of(state.base_quaternion_world),
+        foot_contacts=None if state.foot_contacts is None else state.foot_contacts[index],
+        joint_torques_nm=of(state.joint_torques_nm),
+    )

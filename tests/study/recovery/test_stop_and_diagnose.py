@@ -1,0 +1,65 @@
+"""Stop, diagnose, go: from an alarm over the standing test to a walk for the legs that are left."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import pytest
+
+from hexctl.control.batch import run_sim_trials
+from hexctl.control.preparation import WalkStart
+from hexctl.study.recovery.episodes import Episode, RecoveryCase
+from hexctl.study.recovery.methods import method_of
+from hexctl.study.recovery.walks import walk_episodes
+from tests.study.recovery.made_up import plan
+
+PLACE = replace(plan().walked()[0][0], duration_s=24.0)
+
+#: The soft stop, the standing test, and the rest before it take longer than this.
+LEAST_S = 13.0
+
+
+def case(*legs: int, failure: str = "limp") -> RecoveryCase:
+    return RecoveryCase(
+        gait="tripod",
+        legs=legs,
+        failure=failure if legs else "intact",
+        at_s=2.5,
+        heading_deg=0.0,
+        method="stop-diagnose",
+    )
+
+
+@pytest.fixture(scope="module")
+def episodes() -> list[Episode]:
+    return walk_episodes(PLACE, [case(), case(2), case(5, failure="locked"), case(4, failure="missing")])
+
+
+def test_the_standing_test_says_what_failed_and_when_it_is_known(episodes: Sequence[Episode]) -> None:
+    intact, *failed = episodes
+    assert intact.alarms == ()
+    for one in failed:
+        (alarm,) = one.alarms
+        assert (one.right_leg, one.right_kind) == (True, True)
+        assert alarm.evidence == "standing test"
+        assert LEAST_S < one.delay_s < LEAST_S + 4
+
+
+def test_it_goes_on_along_the_line_after_it_has_stood(episodes: Sequence[Episode]) -> None:
+    intact, *failed = episodes
+    for one in failed:
+        assert one.ended
+        assert one.final_m < 0.02
+        assert 0 < one.after_m_s < 0.5 * intact.after_m_s, "it stood for most of that time"
+        assert one.last_m_s > one.after_m_s
+
+
+def test_it_is_told_nothing_of_what_is_to_come(episodes: Sequence[Episode]) -> None:
+    trial = PLACE.trial(case(2))
+    method = method_of("stop-diagnose")
+    (result,) = run_sim_trials([trial], 1, lambda start: method.controller(_checked(start), [()]), apart=True)
+    assert repr(Episode.of(case(2), trial, result)) == repr(episodes[1])
+
+
+def _checked(start: WalkStart) -> WalkStart:
+    assert all(plan.belief is None for plan in start.plans)
+    return start
