@@ -7,10 +7,10 @@ N keeps it there, and the mean load of its neighbours lets it lift off:
 
     dphi_i / dt = omega - sigma_1 N_i cos(phi_i) + sigma_2 cos(phi_i) mean_{j in L(i)} N_j
 
-With the first load alone it is the rule of quadrupeds (D. Owaki and A. Ishiguro, "A Quadruped Robot Exhibiting
-Spontaneous Gait Transitions from Walking to Trotting to Galloping", Scientific Reports 7:277, 2017). Here L(i)
-are the two legs beside leg i, around the body; sigma is in multiples of omega, N of a third of the robot's
-weight. The middle of the stance is at u = 0 of the foot trajectory, so that cos(phi) = sin(2 pi u).
+With the first load alone it is the rule of quadrupeds (D. Owaki and A. Ishiguro, "A Quadruped Robot
+Exhibiting Spontaneous Gait Transitions from Walking to Trotting to Galloping", Scientific Reports 7:277,
+2017). Here L(i) are the two legs beside leg i, around the body; sigma is in multiples of omega, N of a third
+of the robot's weight. The middle of the stance is at u = 0 of the foot trajectory: cos(phi) = sin(2 pi u).
 """
 
 from dataclasses import replace
@@ -24,8 +24,8 @@ from hexctl.ik.statics import GRAVITY_M_S2
 from hexctl.robot.model import Robot
 from hexctl.types import JOINTS_PER_LEG, N_LEGS, FloatArray, RobotState
 
-#: sigma_1 and sigma_2, as multiples of omega: of 0.05 to 1 the best of walks of `ant`, `phantomx` and `pexod`
-#: with a failed leg. With 0.3 robots with weak servos lose speed, with 1 all do.
+#: sigma_1 and sigma_2, as multiples of omega: of 0.05 to 1 those with which `ant` with a failed leg is
+#: fastest. With 0.3 robots with weak servos lose speed, with 1 all do.
 OWN_LOAD, NEIGHBOURS_LOAD = 0.1, 0.1
 
 #: A phase neither stands still for good nor runs faster than this multiple of omega.

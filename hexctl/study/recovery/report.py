@@ -46,8 +46,8 @@ READING = (
     "notices by itself. Both glide to the same gaits.",
     "stop-diagnose stops at an alarm, makes the standing test, and begins anew on its line with the gait for "
     "what the test has found; its alarms are these findings. decentralised steps each leg by its own load "
-    "and its neighbours'. open-loop-best is told which leg it is and walks on in open loop, with the gait that "
-    "ended nearest its line in trials of that failure in that world, which are counted apart.",
+    "and its neighbours'. open-loop-best is told which leg it is and walks on in open loop, with the gait "
+    "that ended nearest its line in trials of that failure in that world, which are counted apart.",
     "Deviations are those of the simulation's true pose from the line that the walk began on.",
     "Right leg: the first alarm of the walk, after the failure, is of that leg. Right kind: the joint and "
     "the kind too, among failures that matter: with nothing done they change the end by more than 2 cm, or "
