@@ -62,8 +62,8 @@ class NoticedFailure:
     Attributes:
         at_s: seconds since the walk began.
         failure: leg, kind and joint, as it believes.
-        evidence: what it was noticed by: `following` (targets that joints do not follow) or `support` (load
-            that a leg does not carry).
+        evidence: what it was noticed by: `following` (targets that joints do not follow), `support` (load
+            that a leg does not carry) or `effort` (torque that a joint does not give).
         did: what it did, in few words.
         healed: whether it noticed that the leg is whole again.
     """

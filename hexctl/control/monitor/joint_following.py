@@ -62,6 +62,7 @@ class JointFollowing:
     Attributes:
         rho: of each joint, leading shape + (18,).
         rho_of_legs: the greatest of the joints of each leg, leading shape + (6,).
+        off_rad: how far each joint is off its lagged targets, leading shape + (18,).
     """
 
     def __init__(
@@ -95,6 +96,7 @@ class JointFollowing:
         # Views of rho, for its maximum in each leg.
         self._rho_of_kinds = tuple(self.rho[..., kind::JOINTS_PER_LEG] for kind in range(JOINTS_PER_LEG))
         self.rho_of_legs: FloatArray = np.zeros(legs)
+        self.off_rad: FloatArray = np.zeros(joints)
 
     def update(self, state: RobotState, parts: NDArray[np.int64]) -> None:
         """Take the state of a tick.
@@ -107,7 +109,7 @@ class JointFollowing:
             return
         measured = state.joint_positions_rad
         low, high = np.minimum.reduce(self._ring), np.maximum.reduce(self._ring)
-        off_rad = measured - np.minimum(np.maximum(measured, low), high)
+        off_rad = self.off_rad = measured - np.minimum(np.maximum(measured, low), high)
         if not self._begun:
             # How joints hang in the stance, and where their sensors are off.
             self._habit.begin(np.stack([off_rad, self._none]))

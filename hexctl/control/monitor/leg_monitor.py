@@ -7,13 +7,14 @@ from typing import Any
 import numpy as np
 
 from hexctl.control.monitor.joint_following import JointFollowing
-from hexctl.control.monitor.leg_support import LegSupport
+from hexctl.control.monitor.leg_support import NO_TORQUE_SHARE, OFF_RAD, LegSupport
 from hexctl.control.monitor.phase_habit import cycle_parts
 from hexctl.robot.failure import Failure
 from hexctl.robot.failure_event import in_words
 from hexctl.robot.model import Robot
 from hexctl.types import (
     JOINT_KINDS,
+    JOINTS_PER_LEG,
     N_JOINTS,
     N_LEGS,
     BoolArray,
@@ -25,33 +26,40 @@ from hexctl.types import (
 #: Rho above which a joint has failed, and how many times what is usual for the robot is added.
 LEAST_RHO, TIMES_USUAL = 0.2, 2.5
 
-#: Share of its load that a leg misses when it has gone, and how many times its own usual is added.
-LEAST_MISSING, TIMES_MISSING = 0.6, 1.0
+#: Share of its load that a leg misses when it has gone, how many times the most that another leg missed
+#: lately is added, and the share above which no more can be asked for.
+LEAST_MISSING, TIMES_MISSING, MOST_MISSING = 0.6, 0.5, 0.97
 
-#: More than this share cannot be asked for.
-MOST_MISSING = 0.97
+#: Cycles for which a joint without power is idle, and how many times the most of another leg's are added.
+LEAST_IDLE, TIMES_IDLE = 0.1, 1.0
 
-#: Time constant of what is usual, in cycles, and what it is taken for before anything is known.
-USUAL_CYCLES, FIRST_RHO, FIRST_MISSING = 1.5, 0.8, 0.4
+#: Time constant of what is usual, in cycles, and rho before anything is known of it.
+USUAL_CYCLES, FIRST_RHO = 1.5, 0.8
+
+#: Time constant with which the most that other legs missed is forgotten, in cycles, and what both are taken
+#: for before anything is known.
+MOST_CYCLES, FIRST_MISSING, FIRST_IDLE = 6.0, 0.6, 0.1
 
 #: An alarm needs this many ticks in a row.
 ALARM_TICKS = 3
 
 #: Ticks after which it is learned how much evidence is usual.
-LEARNING_TICKS = 2
+LEARNING_TICKS = 4
 
-#: Time over which a joint is looked at to tell a still one from one that moves, in cycles.
-STILL_CYCLES = 0.25
+#: Time over which a joint is looked at to tell a still one from one that moves, in cycles, and its most.
+STILL_CYCLES, MOST_STILL_CYCLES = 0.25, 1.5
+
+#: Latest part of that over which a servo without power is looked at, in cycles.
+POWER_CYCLES = 0.125
+
+#: What a leg is noticed by, in the order of the monitor's arrays.
+EVIDENCE = ("following", "support", "effort")
 
 #: A joint is still if it moves by less than this, or by this share of its targets.
 STILL_RAD, STILL_SHARE = np.radians(2.0), 0.25
 
 #: Targets that move by less than this do not tell whether a joint is still.
 TELLING_RAD = np.radians(4.0)
-
-#: A servo with less than this share of its greatest torque does not drive a joint that is off its target. The
-#: joints of a locked leg in the air hold its weight, with some percent.
-DEAD_SHARE = 0.005
 
 #: A joint takes part in a failure if its evidence is this share of an alarm, or of the worst joint's.
 TAKES_PART = 0.4
@@ -64,7 +72,8 @@ class Suspicion:
     Attributes:
         failure: leg, kind and joint; the angle of a stuck joint is the one measured.
         step: of the walk, when it was noticed.
-        evidence: what it was noticed by: `following`, its joints' targets, or `support`, its load.
+        evidence: what it was noticed by: `following` (targets that joints do not follow), `support` (load
+            that is missing) or `effort` (torque that a joint does not give).
         ratio: evidence over its threshold, above 1.
     """
 
@@ -108,29 +117,35 @@ class LegMonitor:
     ) -> None:
         legs = (*shape, N_LEGS)
         cycles = np.asarray(pace_hz * period_s)
-        self._dead_nm = DEAD_SHARE * robot.joint_max_torque_nm
+        self._none_nm = NO_TORQUE_SHARE * robot.joint_max_torque_nm
         self._following = JointFollowing(shape, period_s, cycles, robot.joint_max_torque_nm)
-        self._support = LegSupport(shape, cycles)
-        # Two kinds of evidence: of joints, the greatest rho of each leg, and the load that each leg misses.
-        self._evidence: FloatArray = np.zeros((2, *legs))
-        self._now: FloatArray = np.zeros((2, *legs))
-        self._usual = _of_both(legs, FIRST_RHO, FIRST_MISSING)
-        share = np.minimum(1.0, LEARNING_TICKS * cycles / USUAL_CYCLES)
-        self._usual_share = np.broadcast_to(share[..., np.newaxis], (2, *legs)).copy()
-        self._least = _of_both(legs, LEAST_RHO, LEAST_MISSING)
-        self._times = _of_both(legs, TIMES_USUAL, TIMES_MISSING)
-        self._most = _of_both(legs, np.inf, MOST_MISSING)
+        self._support = LegSupport(shape, cycles, robot.joint_max_torque_nm)
+        # Rows as in EVIDENCE: the greatest rho of each leg, the load that it misses, its longest idle joint.
+        self._evidence: FloatArray = np.zeros((3, *legs))
+        # What each is compared with: what is usual for the robot, the most of another leg lately.
+        self._compared = _of_each(legs, FIRST_RHO, FIRST_MISSING, FIRST_IDLE)
+        self._most_seen = self._compared[1:].copy()
+        ticks_in_cycles = np.broadcast_to((LEARNING_TICKS * cycles)[..., np.newaxis], legs).copy()
+        self._usual_share = np.minimum(1.0, ticks_in_cycles / USUAL_CYCLES)
+        self._kept = np.exp(-ticks_in_cycles / MOST_CYCLES)
+        places = np.arange(self._most_seen.size).reshape(self._most_seen.shape)
+        self._others = np.stack([np.roll(places, by, axis=-1) for by in range(1, N_LEGS)])
+        self._least = _of_each(legs, LEAST_RHO, LEAST_MISSING, LEAST_IDLE)
+        self._times = _of_each(legs, TIMES_USUAL, TIMES_MISSING, TIMES_IDLE)
+        self._most = _of_each(legs, np.inf, MOST_MISSING, np.inf)
         self._ticks, self._alarm_ticks = 0, np.zeros(legs, dtype=int)
         self._alarm, self._suspected = np.ones(legs), False
-        self._still_ticks = np.maximum(2, np.rint(STILL_CYCLES / cycles).astype(int))
-        self._history: FloatArray = np.full((3, int(self._still_ticks.max()), *shape, N_JOINTS), np.nan)
+        self._cycle_ticks = 1 / cycles
+        rows = math.ceil(MOST_STILL_CYCLES * self._cycle_ticks.max())
+        self._history: FloatArray = np.full((3, rows, *shape, N_JOINTS), np.nan)
         self._row = 0
         self.failed: BoolArray = np.zeros(legs, dtype=bool) if believed is None else believed.copy()
         self._watched = np.where(self.failed, 0.0, 1.0)
         self.new: BoolArray = np.zeros(legs, dtype=bool)
         self.ratio: FloatArray = np.zeros(legs)
-        self._following_ratio: FloatArray = np.zeros(legs)
+        self._ratios: FloatArray = np.zeros((3, *legs))
         self._set_threshold()
+        self._threshold_then = self._threshold  # at the last alarm
 
     def update(self, state: RobotState, phases: FloatArray) -> None:
         """Take the state of a tick, and the normalised times of the legs then, leading shape + (6,)."""
@@ -141,15 +156,15 @@ class LegMonitor:
         parts = cycle_parts(phases)
         if state.measured:
             self._following.update(state, parts)
-        self._support.update(state, parts)
+        self._support.update(state, parts, self._following.off_rad)
         self._history[0, self._row] = state.joint_positions_rad
         if state.joint_torques_nm is not None:
             self._history[2, self._row] = state.joint_torques_nm
         self._evidence[0] = self._following.rho_of_legs
         self._evidence[1] = self._support.missing
-        ratio = self._evidence / self._threshold
-        self._following_ratio = ratio[0]
-        self.ratio = np.maximum(ratio[0], ratio[1]) * self._watched
+        self._evidence[2] = self._support.idle_of_legs
+        self._ratios = self._evidence / self._threshold
+        self.ratio = np.maximum.reduce(self._ratios) * self._watched
         self._ticks += 1
         if self._ticks % LEARNING_TICKS == 0:
             self._learn_usual()
@@ -170,23 +185,25 @@ class LegMonitor:
 
     def suspicion(self, step: int, row: tuple[int, ...] = ()) -> Suspicion:
         """What is believed of the leg that was noticed in the last tick, of one robot of a batch."""
-        leg = int(np.argmax(self.new[row]))
-        # A leg that is gone follows all the better.
-        by_support = self._following_ratio[row][leg] < TAKES_PART
-        failure = Failure(leg=leg + 1, kind="missing") if by_support else self.kind(leg + 1, row)
-        evidence = "support" if by_support else "following"
-        return Suspicion(failure=failure, step=step, evidence=evidence, ratio=float(self.ratio[row][leg]))
+        leg = int(np.argmax(self.new[row])) + 1
+        evidence: tuple[Any, ...] = (slice(None), *row, leg - 1)
+        return Suspicion(
+            failure=self.kind(leg, row),
+            step=step,
+            evidence=EVIDENCE[int(np.argmax(self._ratios[evidence]))],
+            ratio=float(self.ratio[row][leg - 1]),
+        )
 
     def _learn_usual(self) -> None:
-        """Follow what is usual: the greatest rho of all joints of a robot, and what each leg misses."""
-        watched_rho = self._following.rho_of_legs * self._watched
-        self._now[0] = np.maximum.reduce(watched_rho, axis=-1, keepdims=True)
-        self._now[1] = self._support.missing
-        self._usual += self._usual_share * (self._now - self._usual)
+        """Follow what is usual: the greatest rho of all joints of a robot, and what other legs miss."""
+        worst = np.maximum.reduce(self._evidence[0] * self._watched, axis=-1, keepdims=True)
+        self._compared[0] += self._usual_share * (worst - self._compared[0])
+        self._most_seen = np.maximum(self._most_seen * self._kept, self._evidence[1:]) * self._watched
+        self._compared[1:] = np.maximum.reduce(self._most_seen.take(self._others))
         self._set_threshold()
 
     def _set_threshold(self) -> None:
-        self._threshold = np.minimum(self._least + self._times * self._usual, self._most)
+        self._threshold = np.minimum(self._least + self._times * self._compared, self._most)
 
     def _count_alarms(self) -> None:
         """Count for how many ticks each leg has been suspected, and accept those that were for long."""
@@ -204,50 +221,77 @@ class LegMonitor:
     def _accept(self) -> None:
         """Count the new legs as failed, and be patient while the gait changes."""
         self.failed = self.failed | self.new
-        self._be_patient(np.logical_or.reduce(self.new, axis=-1, keepdims=True))
+        changed = np.logical_or.reduce(self.new, axis=-1, keepdims=True)
+        self._threshold_then = np.where(changed, self._threshold, self._threshold_then)
+        self._be_patient(changed)
 
     def _be_patient(self, changed: BoolArray) -> None:
         """Ask for more evidence while the gait of some robots changes, leading shape + (1,)."""
         self._watched = np.where(self.failed, 0.0, 1.0)
-        patient = _of_both(self.new.shape, FIRST_RHO, 2 * FIRST_MISSING)
-        self._usual = np.where(changed, patient, self._usual)
+        patient = _of_each(self.new.shape, FIRST_RHO, MOST_MISSING, 2 * FIRST_IDLE)
+        self._compared = np.where(changed, patient, self._compared)
+        self._most_seen = np.where(changed, patient[1:], self._most_seen)
         self._set_threshold()
         self._following.forget(changed)
         self._support.forget(changed)
         self._alarm_ticks = self._alarm_ticks * ~changed
 
-    def kind(self, leg: int, row: tuple[int, ...] = ()) -> Failure:
-        """How the joints of a leg fail, 1..6, as far as the last quarter of a cycle tells.
+    def kind(
+        self, leg: int, row: tuple[int, ...] = (), *, cycles: float = STILL_CYCLES, powered: bool = False
+    ) -> Failure:
+        """How a leg fails, 1..6, as far as the last part of a cycle tells.
 
-        Without torque they are limp. A joint whose target moves and that does not is still: one alone is
-        stuck, all are locked.
+        Joints without torque are limp. A leg whose joints follow, and that carries nothing, is missing. A
+        joint whose target moves and that does not is still: one alone is stuck, all are locked.
+
+        Args:
+            leg: 1..6.
+            row: of the robot in its batch.
+            cycles: that are looked at, up to `MOST_STILL_CYCLES`.
+            powered: whether it is known that its servos have power and that its joints do not follow.
         """
         joints = leg_slice(leg)
-        # The newest rows: measured in this tick, sent in the one before.
-        newest = (self._row - np.arange(self._still_ticks[row])) % self._history.shape[1]
         index: tuple[Any, ...] = (*row, joints)
+        # The newest rows: measured in this tick, sent in the one before.
+        ticks = max(2, round(cycles * float(self._cycle_ticks[row])))
+        newest = (self._row - np.arange(min(ticks, self._history.shape[1]))) % self._history.shape[1]
         measured_rad, torques_nm = (self._history[part][(newest, *index)] for part in (0, 2))
         targets_rad = self._history[1][((newest - 1) % self._history.shape[1], *index)]
         rho = self._following.rho[row][joints]
-        worst = int(np.argmax(rho))
-        recent_nm = torques_nm[: 1 + len(torques_nm) // 2]
-        dead = np.abs(recent_nm).max(axis=0) < self._dead_nm[joints]  # False where unknown
-        if dead.all():
+        dead: BoolArray = np.zeros(JOINTS_PER_LEG, dtype=bool)
+        follows = bool(rho.max() < TAKES_PART * self._threshold_then[(0, *row, leg - 1)])
+        measures_torque = bool(np.isfinite(torques_nm[0]).all())
+        if measures_torque and not powered:
+            latest_nm = torques_nm[: 1 + round(POWER_CYCLES * float(self._cycle_ticks[row]))]
+            dead = np.abs(latest_nm).max(axis=0) < self._none_nm[joints]
+        idle = dead & (np.abs(self._following.off_rad[row][joints]) > OFF_RAD)
+        if dead.all() and not follows:
             return Failure(leg=leg, kind="limp")
-        target_range_rad, range_rad = np.ptp(targets_rad, axis=0), np.ptp(measured_rad, axis=0)
-        telling = target_range_rad > TELLING_RAD
-        still = range_rad < np.maximum(STILL_RAD, STILL_SHARE * target_range_rad)
+        if follows and not powered and (dead.all() or not idle.any()):
+            return Failure(leg=leg, kind="missing")
+        target_range_rad = np.ptp(targets_rad, axis=0)
+        moves = np.ptp(measured_rad, axis=0) / np.maximum(target_range_rad, STILL_RAD / STILL_SHARE)
+        telling, still = target_range_rad > TELLING_RAD, moves < STILL_SHARE
         if (telling & still).sum() > 1 and not (telling & ~still).any():
             return Failure(leg=leg, kind="locked")
-        if dead[worst]:
-            return Failure(leg=leg, kind="limp", joint=JOINT_KINDS[worst])
-        if still[worst]:
+        takes_part = rho > TAKES_PART * rho.max()
+        if (idle & takes_part).any():
+            return _limp(leg, idle & takes_part)
+        worst = int(np.argmax(rho))
+        if measures_torque and not still[worst] and telling.any():
+            # It has power, so that it is another joint that holds it back.
+            worst = int(np.argmin(np.where(telling, moves, np.inf)))
+        if measures_torque or still[worst]:
             angle_rad = float(measured_rad[0, worst])
             return Failure(leg=leg, kind="stuck", joint=JOINT_KINDS[worst], angle_rad=angle_rad)
-        part = rho > TAKES_PART * rho[worst]
-        return Failure(leg=leg, kind="limp", joint=None if part.sum() > 1 else JOINT_KINDS[worst])
+        return _limp(leg, takes_part)
 
 
-def _of_both(legs: tuple[int, ...], rho: float, missing: float) -> FloatArray:
-    """A value for rho and one for the load that is missing, of all legs, (2,) + legs."""
-    return np.stack([np.full(legs, rho), np.full(legs, missing)])
+def _limp(leg: int, joints: BoolArray) -> Failure:
+    """A leg with some joints that are limp, (3,): one alone, else the leg."""
+    return Failure(leg=leg, kind="limp", joint=JOINT_KINDS[joints.argmax()] if joints.sum() == 1 else None)
+
+
+def _of_each(legs: tuple[int, ...], *values: float) -> FloatArray:
+    """Values for each kind of evidence, of all legs, (3,) + legs."""
+    return np.stack([np.full(legs, value) for value in values])

@@ -1,17 +1,25 @@
-"""Leg support: how much of the load that a leg usually carries is missing.
+"""Leg support: how much of the load that a leg usually carries is missing, and which joints give no torque.
 
-With efforts the load of a leg is the sum of the torques of its femur and tibia, without them whether its foot
+With torques the load of a leg is the sum of those of its femur and tibia, without them whether its foot
 touches the floor. Where in its cycle it usually carries much, it counts much:
 
-    w = (p / p_max)^2,   c = min(1, load / p)      p: usual load at this part of the cycle
-    dc' = w (c - c') / (0.15 cycles)               c': share of its load that the leg carries
+    w = p / p_max,   c = min(1, load / p)       p: usual load at this part of the cycle
+    dc' = w^2 (c - c') / (0.15 cycles)          c': share of its load that the leg carries
+
+A foot that touches the floor is there: with both, a leg misses no more of its load than 0.4 above what its
+foot misses of its contact.
+
+A joint is idle while its servo gives no torque although the joint is off its target; its idle time is counted
+in cycles, by w. A whole joint changes from push to pull in a tick or two, one without power stays idle.
 """
+
+import math
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hexctl.control.monitor.phase_habit import PARTS, PhaseHabit
-from hexctl.types import JOINTS_PER_LEG, N_LEGS, BoolArray, FloatArray, RobotState
+from hexctl.types import JOINTS_PER_LEG, N_JOINTS, N_LEGS, BoolArray, FloatArray, RobotState
 
 #: Time constant of the share that a leg carries, in cycles of full load.
 SHARE_CYCLES = 0.15
@@ -20,7 +28,7 @@ SHARE_CYCLES = 0.15
 CALM_SHARE = 0.6
 
 #: Cycles that the habit looks back, and ticks after which it learns.
-MEMORY_CYCLES, LEARNING_TICKS = 3.0, 2
+MEMORY_CYCLES, LEARNING_TICKS = 3.0, 3
 
 #: Share of a leg's largest usual load that fades in a cycle, so that that of another gait does not stay.
 FADES_PER_CYCLE = 0.1
@@ -28,62 +36,112 @@ FADES_PER_CYCLE = 0.1
 #: A usual load below this is none.
 LEAST_LOAD = 1e-9
 
+#: How much more of its load than of its contact a leg may miss.
+BEYOND_CONTACT = 0.4
+
+#: A servo with less than this share of its greatest torque gives none. The joints of a leg in the air hold
+#: its weight, with some percent.
+NO_TORQUE_SHARE = 0.005
+
+#: A joint that is less than this off its targets needs no torque.
+OFF_RAD = math.radians(1.0)
+
+#: Columns of the loads: of the legs, and of their feet's contacts.
+_LEGS, _FEET = slice(0, N_LEGS), slice(N_LEGS, None)
+
 
 class LegSupport:
-    """Share of its usual load that each leg misses, tick by tick.
+    """Share of its usual load that each leg misses, and how long its joints have been idle, tick by tick.
+
+    What is measured in the first state that tells anything decides what is looked at from then on.
 
     Args:
         shape: leading shape.
         cycles: that one tick takes, leading shape.
+        limits_nm: greatest torques of the servos, (18,).
 
     Attributes:
         missing: 0 for a leg that carries as usual, 1 for one that carries nothing, leading shape + (6,).
+        idle_cycles: for which the joints have given no torque, by weight, leading shape + (18,).
+        idle_of_legs: the greatest of the joints of each leg, leading shape + (6,).
         known: whether the last state told anything of it.
     """
 
-    def __init__(self, shape: tuple[int, ...], cycles: FloatArray) -> None:
-        legs = (*shape, N_LEGS)
-        self._habit, self._ticks = PhaseHabit(legs), 0
+    def __init__(self, shape: tuple[int, ...], cycles: FloatArray, limits_nm: FloatArray) -> None:
+        legs, joints = (*shape, N_LEGS), (*shape, N_JOINTS)
+        self._shape, self._cycles = shape, np.asarray(cycles)
+        self._torques: bool | None = None
         # Arrays of one shape are the fastest to calculate with, so the constants have it too.
-        per_tick = np.repeat(np.asarray(cycles)[..., np.newaxis], N_LEGS, axis=-1)
+        self._none_nm = np.broadcast_to(NO_TORQUE_SHARE * limits_nm, joints).copy()
+        self._off_rad = np.full(joints, OFF_RAD)
+        self._per_tick = np.broadcast_to(self._cycles[..., np.newaxis], joints).copy()
+        self._legs = np.repeat(np.arange(math.prod(legs)).reshape(legs), JOINTS_PER_LEG, axis=-1)
+        self._size_nm: FloatArray = np.zeros(joints)
+        self.missing: FloatArray = np.zeros(legs)
+        self.idle_cycles: FloatArray = np.zeros(joints)
+        self.idle_of_legs: FloatArray = np.zeros(legs)
+        self.known, self._idle = False, False
+
+    def _begin(self, torques: bool, contacts: bool) -> None:
+        """Decide what is looked at: columns of the loads, leading shape + (6 or 12,)."""
+        self._torques, self._feet = torques, torques and contacts
+        columns = (*self._shape, N_LEGS * (1 + self._feet))
+        self._habit, self._ticks = PhaseHabit(columns), 0
+        per_tick = np.broadcast_to(self._cycles[..., np.newaxis], columns).copy()
         self._rate = np.minimum(1.0, per_tick / SHARE_CYCLES)
-        self._least, self._whole = np.full(legs, LEAST_LOAD), np.ones(legs)
-        self._calm = np.full(legs, CALM_SHARE)
+        self._least, self._whole = np.full(columns, LEAST_LOAD), np.ones(columns)
+        self._calm = np.full(columns, CALM_SHARE)
         self._kept = 1 - FADES_PER_CYCLE * per_tick
         self._passed: FloatArray = LEARNING_TICKS * per_tick
-        self._learned_cycles: FloatArray = np.zeros(legs)
+        self._learned_cycles: FloatArray = np.zeros(columns)
         self._learned, self._share = False, self._rate
-        self._carried: FloatArray = np.ones(legs)
-        self._most: FloatArray = np.zeros(legs)
-        self.missing: FloatArray = np.zeros(legs)
-        self.known = False
-        self._by_torque: bool | None = None
+        self._carried: FloatArray = np.ones(columns)
+        self._most: FloatArray = np.zeros(columns)
 
-    def update(self, state: RobotState, parts: NDArray[np.int64]) -> None:
+    def update(self, state: RobotState, parts: NDArray[np.int64], off_rad: FloatArray) -> None:
         """Take the state of a tick.
 
         Args:
             state: as measured.
             parts: of the cycle that the legs are in, leading shape + (6,).
+            off_rad: how far joints are off their targets, leading shape + (18,).
         """
         load = self._load(state)
         self.known = load is not None
         if load is None:
             return
-        usual = self._habit.at(parts)
+        usual = self._habit.at(np.concatenate((parts, parts), axis=-1) if self._feet else parts)
+        if self._feet and state.foot_contacts is None:
+            load[..., _FEET] = (usual * self._carried)[..., _FEET]  # nothing new
         some = np.maximum(usual, self._least)
         self._most = np.maximum(self._most * self._kept, some)
         weight = usual / self._most
         share = np.minimum(load / some, self._whole)
         self._carried = self._carried + weight * weight * self._rate * (share - self._carried)
         self.missing = self._whole - self._carried
+        if self._feet:
+            missing = self.missing
+            self.missing = np.minimum(missing[..., _LEGS], missing[..., _FEET] + BEYOND_CONTACT)
+        if self._torques:
+            self._count_idle(weight, off_rad)
         self._ticks += 1
         if self._ticks % LEARNING_TICKS == 0:
             self._habit.learn(self._learns() * (self._carried > self._calm) * (load - usual))
 
+    def _count_idle(self, weight: FloatArray, off_rad: FloatArray) -> None:
+        idle = (self._size_nm < self._none_nm) & (np.abs(off_rad) > self._off_rad)
+        before, self._idle = self._idle, bool(np.count_nonzero(idle))
+        if not (before or self._idle):
+            return
+        passed = weight[..., _LEGS].take(self._legs) * self._per_tick
+        self.idle_cycles = (self.idle_cycles + passed) * idle
+        self.idle_of_legs = self.idle_cycles.reshape(*self._shape, N_LEGS, JOINTS_PER_LEG).max(axis=-1)
+
     def forget(self, which: BoolArray) -> None:
         """Take the legs of some robots, leading shape + (1,), for legs that carry as usual."""
-        self._carried = np.where(which, 1.0, self._carried)
+        if self._torques is not None:
+            self._carried = np.where(which, 1.0, self._carried)
+        self.idle_cycles = self.idle_cycles * ~which
 
     def _learns(self) -> FloatArray:
         """Share of a load that the habit learns: the less, the more it has seen, down to its memory's."""
@@ -95,14 +153,16 @@ class LegSupport:
         return self._share
 
     def _load(self, state: RobotState) -> FloatArray | None:
-        """Load of each leg, from what told it first: torques or contacts, whose numbers do not compare."""
-        if self._by_torque is None:
-            self._by_torque = state.joint_torques_nm is not None or (
-                None if state.foot_contacts is None else False
-            )
-        if self._by_torque and state.joint_torques_nm is not None:
-            size_nm = np.abs(state.joint_torques_nm)
-            return size_nm[..., 1::JOINTS_PER_LEG] + size_nm[..., 2::JOINTS_PER_LEG]
-        if self._by_torque is False and state.foot_contacts is not None:
-            return state.foot_contacts.astype(float)
-        return None
+        """Loads, leading shape + columns, of what told it first: torques and contacts do not compare."""
+        contacts, torques_nm = state.foot_contacts, state.joint_torques_nm
+        if self._torques is None and not (torques_nm is None and contacts is None):
+            self._begin(torques_nm is not None, contacts is not None)
+        if self._torques is False and contacts is not None:
+            return contacts.astype(float)
+        if not self._torques or torques_nm is None:
+            return None
+        size_nm = self._size_nm = np.abs(torques_nm)
+        legs_nm: FloatArray = size_nm[..., 1::JOINTS_PER_LEG] + size_nm[..., 2::JOINTS_PER_LEG]
+        if not self._feet:
+            return legs_nm
+        return np.concatenate((legs_nm, legs_nm if contacts is None else contacts), axis=-1)

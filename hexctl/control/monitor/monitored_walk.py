@@ -28,8 +28,9 @@ from hexctl.robot.failure import Failure
 from hexctl.robot.failure_event import NoticedFailure
 from hexctl.types import N_JOINTS, N_LEGS, BoolArray, FloatArray, RobotState, leg_slice
 
-#: How long after a failure was noticed it is looked at again how the leg fails, in cycles.
-KIND_AFTER_CYCLES = 0.4
+#: How long after a failure was noticed it is looked at again how the leg fails, in cycles; and once more
+#: whether a stuck leg is locked, after its targets have moved in all joints.
+KIND_AFTER_CYCLES, LOCKED_AFTER_CYCLES = 0.4, 1.5
 
 #: Numbers of the legs.
 LEGS = np.arange(1, N_LEGS + 1)
@@ -78,7 +79,7 @@ class MonitoredWalk(Controller):
             policy.prepare(start.robot, plan, heading_rad)
         self._stopping = False
         self._stopped: dict[int, str] = {}
-        self._unsettled: list[tuple[int, int, int]] = []
+        self._unsettled: list[tuple[int, int, int, float]] = []
         self._probes: dict[tuple[int, int], LegProbe] = {}
         self._first_tries: dict[tuple[int, int], float] = {}
         self._sent_rad: FloatArray = np.zeros((*start.batch_shape, N_JOINTS))
@@ -185,13 +186,23 @@ class MonitoredWalk(Controller):
 
     def _look_again(self, index: int, suspicion: Suspicion) -> None:
         """Have it settled how a leg fails, and the leg tried later on."""
-        step, cycle_steps, moves = suspicion.step, self._cycle_steps(index), suspicion.evidence == "following"
-        if moves:
-            later = round(KIND_AFTER_CYCLES * cycle_steps)
-            self._unsettled.append((step + later, index, len(self.noticed[index]) - 1))
+        self._settle_later(index, len(self.noticed[index]) - 1, KIND_AFTER_CYCLES)
+        self._try_later(index, suspicion)
+
+    def _settle_later(self, index: int, place: int, cycles: float) -> None:
+        """Look again how a leg fails, so many cycles after it was noticed, at those cycles."""
+        due = self.noticed[index][place].suspicion.step + round(cycles * self._cycle_steps(index))
+        self._unsettled.append((due, index, place, cycles))
+
+    def _try_later(self, index: int, suspicion: Suspicion) -> None:
+        """Have a leg tried now and then, whether it is whole again."""
         key = index, suspicion.leg
-        first = self._first_tries.get(key, FIRST_CYCLES)
-        self._probes[key] = LegProbe(step, cycle_steps, moves=moves, first_cycles=first)
+        self._probes[key] = LegProbe(
+            suspicion.step,
+            self._cycle_steps(index),
+            moves=suspicion.failure.kind != "missing",
+            first_cycles=self._first_tries.get(key, FIRST_CYCLES),
+        )
 
     def _glide(self, responses: Mapping[int, Response]) -> None:
         """Change to the gaits of responses, by robot."""
@@ -233,18 +244,26 @@ class MonitoredWalk(Controller):
         self._news = (*self._news, f"noticed: leg {leg} follows again; {response}")
         self._glide({index: response})
 
-    def _settle_kind(self, index: int, place: int) -> None:
+    def _settle_kind(self, index: int, place: int, cycles: float) -> None:
         """Look again how a leg fails, now that all that is looked at comes from after its failure."""
         if index in self._stopped:
             return
         noticed = self.noticed[index]
         before = noticed[place].suspicion
-        failure = self._monitor.kind(before.leg, self._row(index))
-        if failure == before.failure:
+        last = cycles == LOCKED_AFTER_CYCLES
+        failure = self._monitor.kind(before.leg, self._row(index), cycles=cycles, powered=last)
+        if not last and failure.kind in ("stuck", "locked"):
+            self._settle_later(index, place, LOCKED_AFTER_CYCLES)
+        # In the air all legs carry nothing, and follow the better the less they move.
+        if failure in (before.failure, Failure(leg=before.leg, kind="missing")):
+            return
+        if last and failure.kind != "locked":
             return
         suspicion = replace(before, failure=failure)
         noticed[place] = replace(noticed[place], suspicion=suspicion)
         self._failures[index] = [failure if one is before.failure else one for one in self._failures[index]]
+        if (index, before.leg) in self._probes and "missing" in (failure.kind, before.failure.kind):
+            self._try_later(index, suspicion)
         self._news = (*self._news, f"noticed: it is {suspicion}")
 
     def _suited(self, gaits: list[Gait]) -> list[Gait]:

@@ -106,6 +106,28 @@ def test_a_leg_that_is_gone_is_missed_by_its_load(efforts: bool) -> None:
     assert suspicion.evidence == "support"
 
 
+@pytest.mark.parametrize("joint", range(3))
+def test_a_joint_that_sags_without_torque_is_limp_before_it_is_far_off(joint: int) -> None:
+    """Its targets it follows nearly as well as before, which alone is no alarm."""
+
+    def sags(seen: FloatArray, torques: FloatArray, *, torque_nm: float = 0.0) -> None:
+        seen[joint] -= np.radians(4.0)
+        torques[joint] = torque_nm
+
+    ((delay, suspicion),) = _walk(sags)
+    assert suspicion.failure == Failure(leg=1, kind="limp", joint=("coxa", "femur", "tibia")[joint])
+    assert suspicion.evidence == "effort"
+    assert 0 < delay < 1
+    assert _walk(lambda seen, torques: sags(seen, torques, torque_nm=0.3)) == []
+
+
+def test_a_joint_at_its_target_needs_no_torque() -> None:
+    def rests(_seen: FloatArray, torques: FloatArray) -> None:
+        torques[3] = 0.0
+
+    assert _walk(rests, noise_deg=0.0) == []
+
+
 @pytest.mark.parametrize("noise_deg", [0.0, 1.0])
 @pytest.mark.parametrize("offset_deg", [0.0, 10.0])
 def test_a_whole_robot_is_left_alone(noise_deg: float, offset_deg: float) -> None:

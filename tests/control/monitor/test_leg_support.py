@@ -13,7 +13,7 @@ TICKS_PER_CYCLE = 50
 @pytest.mark.parametrize("efforts", [True, False])
 @pytest.mark.parametrize("reliable", [1.0, 0.8])
 def test_a_leg_that_carries_nothing_misses_all_of_its_load(efforts: bool, reliable: float) -> None:
-    support, rng = LegSupport((), np.array(1 / TICKS_PER_CYCLE)), np.random.default_rng(0)
+    support, rng = LegSupport((), np.array(1 / TICKS_PER_CYCLE), np.ones(18)), np.random.default_rng(0)
     most = np.zeros(6)
     for tick in range(700):
         phases = (tick / TICKS_PER_CYCLE + np.arange(6) / 6) % 1
@@ -25,22 +25,38 @@ def test_a_leg_that_carries_nothing_misses_all_of_its_load(efforts: bool, reliab
         state = RobotState(
             np.zeros(18), 0.0, True, None, None, contacts, joint_torques_nm=torques if efforts else None
         )
-        support.update(state, cycle_parts(phases))
+        support.update(state, cycle_parts(phases), np.zeros(18))
     assert support.known
     assert most[3] > 0.95
     assert np.delete(most, 3).max() < 0.7
 
 
+def test_a_foot_on_the_floor_is_there_whatever_the_torques_say() -> None:
+    """Torques that vanish while the foot touches as always: another part of the body carries for a while."""
+    support, most = LegSupport((), np.array(1 / TICKS_PER_CYCLE), np.ones(18)), np.zeros(6)
+    for tick in range(700):
+        phases = (tick / TICKS_PER_CYCLE + np.arange(6) / 6) % 1
+        contacts = (phases < 1 / 3) | (phases >= 2 / 3)
+        torques = np.repeat(np.where(contacts, 0.5, 0.0), 3)
+        if tick >= 600:
+            torques[:6], contacts[0] = 0.0, False
+        state = RobotState(np.zeros(18), 0.0, True, None, None, contacts, joint_torques_nm=torques)
+        support.update(state, cycle_parts(phases), np.zeros(18))
+        most = np.maximum(most, support.missing) if tick > 600 else most
+    assert most[0] > 0.95  # neither load nor contact
+    assert 0.3 < most[1] < 0.6
+
+
 def test_without_contacts_and_efforts_nothing_is_known() -> None:
-    support = LegSupport((), np.array(0.02))
-    support.update(RobotState(np.zeros(18), 0.0, True), cycle_parts(np.zeros(6)))
+    support = LegSupport((), np.array(0.02), np.ones(18))
+    support.update(RobotState(np.zeros(18), 0.0, True), cycle_parts(np.zeros(6)), np.zeros(18))
     assert not support.known
     assert (support.missing == 0).all()
 
 
 def test_a_tick_without_torques_is_no_tick_without_load() -> None:
     """Contacts are no torques: where these are missing for a while, what was learned of them is kept."""
-    support, most = LegSupport((), np.float64(1 / TICKS_PER_CYCLE)), 0.0  # type: ignore[arg-type]
+    support, most = LegSupport((), np.float64(1 / TICKS_PER_CYCLE), np.ones(18)), 0.0  # type: ignore[arg-type]
     for tick in range(400):
         phases = (tick / TICKS_PER_CYCLE + np.arange(6) / 6) % 1
         contacts = (phases < 1 / 3) | (phases >= 2 / 3)
@@ -49,7 +65,7 @@ def test_a_tick_without_torques_is_no_tick_without_load() -> None:
         state = RobotState(
             np.zeros(18), 0.0, True, None, None, contacts, joint_torques_nm=None if lost else torques
         )
-        support.update(state, cycle_parts(phases))
+        support.update(state, cycle_parts(phases), np.zeros(18))
         assert support.known == (not lost)
         most = max(most, float(support.missing.max())) if tick > 250 else most
     assert most < 0.5
