@@ -28,10 +28,10 @@ LEAST_RHO, TIMES_USUAL = 0.2, 2.5
 
 #: Share of its load that a leg misses when it has gone, how many times the most that another leg missed
 #: lately is added, and the share above which no more can be asked for.
-LEAST_MISSING, TIMES_MISSING, MOST_MISSING = 0.6, 0.5, 0.97
+LEAST_MISSING, TIMES_MISSING, MOST_MISSING = 0.6, 0.6, 0.97
 
 #: Cycles for which a joint without power is idle, and how many times the most of another leg's are added.
-LEAST_IDLE, TIMES_IDLE = 0.1, 1.0
+LEAST_IDLE, TIMES_IDLE = 0.12, 1.0
 
 #: Time constant of what is usual, in cycles, and rho before anything is known of it.
 USUAL_CYCLES, FIRST_RHO = 1.5, 0.8
