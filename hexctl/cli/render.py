@@ -125,8 +125,7 @@ def _distance_rows(outcome: dict[str, Any]) -> list[tuple[str, str]]:
     of_turn = f" of {turn:.1f} asked for" if turn else ""
     turned = [] if turned_deg is None else [("turned", f"{turned_deg + 0.0:.1f} degrees{of_turn}")]
     if outcome["distance_m"] is None:
-        known = "this robot knows no position" if outcome["duration_s"] else "it never set out"
-        return [("walked", f"{duration}; {known}"), *turned, *held]
+        return [("walked", f"{duration}; {_why_no_distance(outcome)}"), *_true_rows(outcome), *turned, *held]
     distance, side = f"{outcome['distance_m']:.3f} m", _side(outcome["deviation_m"]["signed"])
     if turn and ideal:
         return [("walked", f"{duration} in an arc, ended {distance} ahead and {side}"), *turned, *held]
@@ -137,18 +136,30 @@ def _distance_rows(outcome: dict[str, Any]) -> list[tuple[str, str]]:
     return [*rows, *_true_rows(outcome), *turned, *missed, *held, *_cost(outcome)]
 
 
+def _why_no_distance(outcome: dict[str, Any]) -> str:
+    """Why a walk has no distance, in words."""
+    if not outcome["duration_s"]:
+        return "it never set out"
+    hold = outcome.get("hold")
+    if hold == "line" or (hold == "none" and not outcome.get("hold_caveat")):
+        return "its position was not measured at the end"
+    return "this robot knows no position"
+
+
 #: The true deviation of a simulation is told where the measured one is further off than this.
 NOTED_ERROR_M = 0.02
 
 
 def _true_rows(outcome: dict[str, Any]) -> list[tuple[str, str]]:
-    """A row for where a simulated robot truly was, if its sensors told otherwise."""
+    """A row for where a simulated robot truly was, if its sensors told otherwise or nothing."""
     true, measured = outcome.get("true_deviation_m"), outcome["deviation_m"]
     if not true or any(true.get(name) is None for name in ("signed", "mean")):
         return []
+    said = f"{_side(true['signed'])} at the end, {true['mean']:.3f} m on average"
+    if outcome["distance_m"] is None:
+        return [("truly", said)]
     if max(abs(true[name] - measured[name]) for name in ("signed", "mean")) <= NOTED_ERROR_M:
         return []
-    said = f"{_side(true['signed'])} at the end, {true['mean']:.3f} m on average"
     return [("truly", f"{said}: the sensors told otherwise")]
 
 

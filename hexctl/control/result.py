@@ -10,7 +10,7 @@ import numpy as np
 from hexctl.control.assessment.cause import Samples, symptoms
 from hexctl.control.assessment.walk_quality import cost_of_transport, lean_deg, unsteadiness_m_s
 from hexctl.control.plan import TrialPlan
-from hexctl.control.steering import LOST_AFTER_S, why_less
+from hexctl.control.steering import LOST_AFTER_S, why_less, without_frozen
 from hexctl.control.trace import TrialFrame
 from hexctl.control.turning import TURN_WITHIN_RAD, turn_needed_rad
 from hexctl.errors import InputError, MissingExtraError
@@ -19,7 +19,7 @@ from hexctl.gait.gait import ideal_speed_m_s
 from hexctl.robot.failure_event import NoticedFailure
 from hexctl.robot.model import Robot
 from hexctl.robot.rotations import wrapped_rad, yaw_rad
-from hexctl.types import ArrayFields, FloatArray
+from hexctl.types import ArrayFields, BoolArray, FloatArray
 
 #: A walk with less than this share of the ideal distance made no progress; one that is over before the soft
 #: start is says nothing about it.
@@ -86,8 +86,9 @@ class TrialResult(ArrayFields):
             without one, and where the robot knows no yaw. A degree is worth 8 to 14 cm after 30 s.
         hold: what the walk held by feedback: `line`, `heading` or `none`.
         hold_caveat: why it held less than its plan wanted, in words; None where it did not.
-        hold_lost_s: how long what it holds by was not measured, in gaps of more than a second; what a sensor
-            showed wrongly does not count.
+        hold_lost_s: how long what it holds by was not measured, in gaps of more than a second; a value that
+            froze for more than 4 s was not, and has no part in any other number of the result. What a sensor
+            showed wrongly otherwise does not count.
         limited_ticks: ticks in which a steered walk asked for more speed than its strokes allow, and was
             scaled down.
         true_deviation: from the same line by where a simulated robot really was, which its sensors may not
@@ -300,6 +301,9 @@ def score(
         energy_j: mechanical work of its actuators; None where it is not known.
         noticed: failures that its controller noticed.
     """
+    positions_world, quaternions_world = (
+        without_frozen(rows, duration_s / max(1, len(rows))) for rows in (positions_world, quaternions_world)
+    )
     path = frame.path(positions_world) if frame is not None else np.zeros((0, 2))
     known = path[np.isfinite(path[:, 0])]
     path = path if len(known) else path[:0]
@@ -312,7 +316,8 @@ def score(
     true_path_m = _true_path_m(frame, true_positions_world)
     cause = None
     if status == "no_progress" and samples is not None:
-        seen = symptoms(robot, plan, samples, filled(positions_world), filled(quaternions_world))
+        poses = (_briefly_filled(rows, duration_s) for rows in (positions_world, quaternions_world))
+        seen = symptoms(robot, plan, samples, *poses)
         cause = None if seen is None else seen.cause
     return TrialResult(
         status=status,
@@ -350,9 +355,22 @@ def _hold_lost_s(
     by = {"line": positions_world, "heading": quaternions_world}.get(hold)
     if by is None or not len(by):
         return 0.0
-    ends = np.flatnonzero(np.concatenate([[True], np.isfinite(by[:, 0]), [True]]))
-    gaps_s = (np.diff(ends) - 1) * (duration_s / len(by))
-    return float(gaps_s[gaps_s > LOST_AFTER_S].sum())
+    return float(_lost(by, duration_s).sum() * (duration_s / len(by)))
+
+
+def _lost(rows: FloatArray, duration_s: float) -> BoolArray:
+    """Which rows (T, n) of a duration are in a gap of more than `LOST_AFTER_S`, (T,)."""
+    ends = np.flatnonzero(np.concatenate([[True], np.isfinite(rows[:, 0]), [True]])) - 1
+    lost = np.zeros(len(rows), dtype=bool)
+    for before, after in zip(ends[:-1].tolist(), ends[1:].tolist(), strict=True):
+        if (after - before - 1) * (duration_s / len(rows)) > LOST_AFTER_S:
+            lost[before + 1 : after] = True
+    return lost
+
+
+def _briefly_filled(rows: FloatArray, duration_s: float) -> FloatArray:
+    """Rows (T, n) in which short dropouts have the value before; NaN in longer gaps."""
+    return np.where(_lost(rows, duration_s)[:, np.newaxis], np.nan, filled(rows))
 
 
 def _true_path_m(frame: TrialFrame | None, positions_world: FloatArray | None) -> FloatArray | None:

@@ -117,6 +117,31 @@ class FrozenSensor:
         return unseen
 
 
+def without_frozen(rows: FloatArray, period_s: float) -> FloatArray:
+    """What a sensor showed, (T, n), with NaN for the repeats of a value that froze for `FROZEN_AFTER_S`.
+
+    As `FrozenSensor` judges it: to the last bit, and whatever drops out meanwhile. A value that returns sooner
+    stays.
+
+    Args:
+        rows: values of each tick, (T, n); NaN where they were not measured.
+        period_s: between two ticks.
+    """
+    seen = np.flatnonzero(np.isfinite(rows[:, 0]))
+    if len(seen) < 2:
+        return rows
+    values = rows[seen]
+    repeats = np.concatenate([[False], (values[1:] == values[:-1]).all(axis=-1)])
+    if not repeats.any():
+        return rows
+    first = np.maximum.accumulate(np.where(repeats, 0, np.arange(len(seen))))  # of the run of each
+    last_s = np.zeros(len(seen))
+    np.maximum.at(last_s, first, (seen - seen[first]) * period_s)
+    result = rows.copy()
+    result[seen[repeats & (last_s[first] > FROZEN_AFTER_S)]] = np.nan
+    return result
+
+
 class CourseOverGround:
     """Yaw of robots that measure their position alone: where they go, against where they mean to.
 

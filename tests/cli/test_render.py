@@ -64,6 +64,8 @@ def test_a_simulation_whose_sensors_were_far_off_says_where_the_robot_truly_was(
     true = {"final": 0.01, "mean": 0.003, "max": 0.01, "signed": 0.01}
     line = "truly      0.010 m to the left at the end, 0.003 m on average: the sensors told otherwise"
     assert line in shown(capsys, true_deviation_m=true)
+    unmeasured = {"distance_m": None, "deviation_m": dict.fromkeys(true), "hold": "line"}
+    assert line.partition(":")[0] in shown(capsys, true_deviation_m=true, **unmeasured)
     near = {"final": 0.09, "mean": 0.05, "max": 0.1, "signed": -0.09}
     unknown = dict.fromkeys(near)
     for unsaid in (near, unknown, None):
@@ -89,11 +91,19 @@ def test_a_robot_that_was_stopped_says_why_and_what_to_do(capsys: pytest.Capture
 
 
 @pytest.mark.parametrize(
-    ("duration_s", "words"),
-    [(10.0, "10.0 s; this robot knows no position"), (0.0, "0.0 s; it never set out")],
+    ("duration_s", "held", "words"),
+    [
+        (10.0, {"hold": "heading"}, "10.0 s; this robot knows no position"),
+        (10.0, {"hold": "none", "hold_caveat": "no pose"}, "10.0 s; this robot knows no position"),
+        (10.0, {"hold": "line"}, "10.0 s; its position was not measured at the end"),
+        (10.0, {"hold": "none"}, "10.0 s; its position was not measured at the end"),
+        (0.0, {}, "0.0 s; it never set out"),
+    ],
 )
-def test_a_walk_without_a_position(duration_s: float, words: str, capsys: pytest.CaptureFixture[str]) -> None:
-    lines = shown(capsys, distance_m=None, yaw_change_deg=None, duration_s=duration_s)
+def test_a_walk_without_a_position(
+    duration_s: float, held: dict[str, str], words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    lines = shown(capsys, distance_m=None, yaw_change_deg=None, duration_s=duration_s, **held)
     assert f"walked     {words}" in lines
     assert not any(line.startswith(("deviation", "turned")) for line in lines)
 

@@ -39,6 +39,7 @@ def _score(
     world = np.column_stack([turned + origin[:2], np.full(len(path), 0.1)])
     quaternions = np.tile(UPRIGHT, (len(path), 1)) if yaws is None else _turned(yaws)
     duration_s, turned_rad = plan.pop("duration_s", 10.0), plan.pop("turned_rad", 0.0)
+    hold = plan.pop("hold", "none")
     return score(
         shipped(),
         TrialPlan(gait=gait_of(shipped()), **plan),
@@ -46,6 +47,7 @@ def _score(
         duration_s=duration_s,
         turned_rad=turned_rad,
         clipped_ticks=3,
+        hold=hold,
         frame=TrialFrame(origin, heading, 0.0 if yaws is None else float(yaws[0])),
         positions_world=world,
         quaternions_world=quaternions,
@@ -219,3 +221,27 @@ def test_a_self_rotation_that_misses_its_goal_says_so(turned_deg: float, miss_de
     old = result.to_dict()
     del old["turn_miss_deg"]
     assert TrialResult.from_dict(old).turn_miss_rad is None
+
+
+def test_a_frozen_pose_is_not_measured_and_nothing_is_judged_by_it() -> None:
+    ticks = 500
+    moving = _along(1.2, 0.001 * np.sin(np.arange(ticks)))
+    frozen = moving.copy()
+    frozen[100:] = frozen[99]
+    result = _score(frozen, yaws=np.zeros(ticks), hold="line")
+    assert (result.status, result.cause, result.distance_m, result.deviation) == ("ok", None, None, None)
+    assert result.hold_lost_s == pytest.approx(8.0)
+    frozen[450:] = moving[450:]
+    result = _score(frozen, hold="line")
+    assert result.distance_m == pytest.approx(1.2)
+    assert result.hold_lost_s == pytest.approx(7.0)
+    assert np.isnan(result.path_m[100:450]).all()
+
+
+def test_a_pose_that_freezes_shortly_counts() -> None:
+    path = _along(1.2, np.zeros(500))
+    path[100:300] = path[99]
+    assert _score(path, hold="line").hold_lost_s == 0.0
+    path[200] = np.nan  # a dropout does not end it
+    path[300] = path[99]
+    assert _score(path, hold="line").hold_lost_s == pytest.approx(201 * 0.02)

@@ -160,6 +160,16 @@ def test_a_sensor_that_fails_bends_no_line(faults: dict[str, Any]) -> None:
     assert result.true_deviation.max < 0.1
 
 
+def test_a_pose_that_stays_frozen_is_lost_and_no_slip() -> None:
+    faults = {"pose_frozen_s": [[5, 500]]}
+    result = walked(healthy, world=World.model_validate({"sensor_faults": faults}), duration_s=12.0)
+    assert (result.status, result.hold, result.cause) == ("ok", "line", None)
+    assert (result.distance_m, result.deviation) == (None, None)
+    assert result.hold_lost_s == pytest.approx(8.0, abs=0.1)
+    assert result.true_path_m is not None
+    assert result.true_path_m[-1, 0] > 1.0
+
+
 def test_noise_delay_and_dropouts_cost_a_centimetre_or_so() -> None:
     world = World(
         sensor_noise=SensorNoise(position_m=0.01, yaw_deg=0.5, joint_deg=0.3),

@@ -125,8 +125,8 @@ def symptoms(
         robot: the robot that walked.
         plan: its gait and failed leg, which is left out.
         samples: of the walk.
-        positions_world: base positions of the walk, (ticks, 3).
-        quaternions_world: base orientations of the walk, (ticks, 4).
+        positions_world: base positions of the walk, (ticks, 3); NaN where they are not known.
+        quaternions_world: base orientations of the walk, (ticks, 4), likewise.
     """
     first = math.ceil(RAMP_DURATION_S / (SAMPLE_TICKS * PERIOD_S))
     measured, sent = samples.measured_rad[first:], samples.sent_rad[first:]
@@ -148,7 +148,8 @@ def symptoms(
     return Symptoms(
         saturated=_mean(saturated[:, legs], down[:, legs]),
         tracking_error=math.sqrt((error**2).mean() / max(float((motion**2).mean()), 1e-12)),
-        slip=_mean(speeds_m_s[:, legs], (down[1:] & down[:-1])[:, legs]) / ideal_m_s,
+        slip=_mean(speeds_m_s[:, legs], (down[1:] & down[:-1] & np.isfinite(speeds_m_s))[:, legs])
+        / ideal_m_s,
     )
 
 
