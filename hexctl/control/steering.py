@@ -120,8 +120,7 @@ class FrozenSensor:
 def without_frozen(rows: FloatArray, period_s: float) -> FloatArray:
     """What a sensor showed, (T, n), with NaN for the repeats of a value that froze for `FROZEN_AFTER_S`.
 
-    As `FrozenSensor` judges it: to the last bit, and whatever drops out meanwhile. A value that returns sooner
-    stays.
+    As `FrozenSensor` judges it: to the last bit, and whatever drops out meanwhile. What froze for less stays.
 
     Args:
         rows: values of each tick, (T, n); NaN where they were not measured.

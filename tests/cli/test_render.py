@@ -64,7 +64,7 @@ def test_a_simulation_whose_sensors_were_far_off_says_where_the_robot_truly_was(
     true = {"final": 0.01, "mean": 0.003, "max": 0.01, "signed": 0.01}
     line = "truly      0.010 m to the left at the end, 0.003 m on average: the sensors told otherwise"
     assert line in shown(capsys, true_deviation_m=true)
-    unmeasured = {"distance_m": None, "deviation_m": dict.fromkeys(true), "hold": "line"}
+    unmeasured = {"distance_m": None, "deviation_m": dict.fromkeys(true)}
     assert line.partition(":")[0] in shown(capsys, true_deviation_m=true, **unmeasured)
     near = {"final": 0.09, "mean": 0.05, "max": 0.1, "signed": -0.09}
     unknown = dict.fromkeys(near)
@@ -90,6 +90,10 @@ def test_a_robot_that_was_stopped_says_why_and_what_to_do(capsys: pytest.Capture
     assert any(line.startswith("guard      clipped 7 commands") for line in lines)
 
 
+#: What was lost on the way: nothing.
+LOST: dict[str, Any] = {"hold_lost_s": 0.0, "limited_ticks": 0}
+
+
 @pytest.mark.parametrize(
     ("duration_s", "held", "words"),
     [
@@ -103,7 +107,7 @@ def test_a_robot_that_was_stopped_says_why_and_what_to_do(capsys: pytest.Capture
 def test_a_walk_without_a_position(
     duration_s: float, held: dict[str, str], words: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    lines = shown(capsys, distance_m=None, yaw_change_deg=None, duration_s=duration_s, **held)
+    lines = shown(capsys, distance_m=None, yaw_change_deg=None, duration_s=duration_s, **LOST | held)
     assert f"walked     {words}" in lines
     assert not any(line.startswith(("deviation", "turned")) for line in lines)
 
