@@ -384,7 +384,10 @@ def _hold(
     robots = tuple(load_robot(name) for name in parts.pop("robots", ("ant",)))
     families = {name: load_randomization(name) for name in parts.pop("families", (FAMILY,))}
     plan = HoldPlan(robots=robots, families=families, **parts, **options)
-    with interruptible(lambda cache: HoldCache(cache).count(plan), "walks"), StudyProgress() as progress:
+    with (
+        interruptible(lambda cache: HoldCache(cache).count(plan.walked()), "walks"),
+        StudyProgress() as progress,
+    ):
         result = run_holds(plan, folder=folder, jobs=jobs, progress=progress)
     verdicts = _verdict_lines(
         (bar.verdict, f"{bar.asked}: {bar.measured}") for bar in hold_bars(result.findings)

@@ -99,6 +99,10 @@ class HoldPlan:
             HoldCase(leg=leg, failure=failure, hold=hold) for leg, failure in broken for hold in self.holds
         ]
 
+    def walked(self) -> list[tuple[HoldConditions, list[HoldCase]]]:
+        """Conditions of all walks, and the cases under each."""
+        return [(one, self.cases()) for one in self.conditions()]
+
     def check(self) -> None:
         """Raise InputError for anything that is not allowed, before anything runs."""
         check_each("robot", [robot.name for robot in self.robots])

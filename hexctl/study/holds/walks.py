@@ -1,21 +1,20 @@
 """The compared walks: simulated in chunks, and kept on disk."""
 
-import json
 import math
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import asdict, dataclass
-from pathlib import Path
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 from hexctl.control.batch import run_sim_trials
 from hexctl.control.result import STATUSES, TrialResult
-from hexctl.files import atomic_write
 from hexctl.gait.encoding import Slots
 from hexctl.gait.gait import Gait
-from hexctl.study.cache import CacheError, LandscapeCache
-from hexctl.study.evaluate import Progress, as_finished
-from hexctl.study.holds.conditions import HOLDS, HoldCase, HoldConditions
+from hexctl.study.cache import LandscapeCache
+from hexctl.study.evaluate import Progress
+from hexctl.study.holds.conditions import HoldCase, HoldConditions
 from hexctl.study.holds.plan import HoldPlan
+from hexctl.study.walks import WalkCache
+from hexctl.study.walks import walk_all as all_walks
 
 #: Statuses of walks that end on their feet and have a final deviation.
 ENDED = ("ok", "no_progress")
@@ -104,47 +103,15 @@ def walk_cases(conditions: HoldConditions, cases: Sequence[HoldCase], threads: i
     ]
 
 
-class HoldCache:
-    """Walks on disk, a file for each robot and world, beside the landscapes of a study.
+class HoldCache(WalkCache[HoldConditions, HoldCase, HoldWalk]):
+    """Walks on disk, a file for each robot and world.
 
     Args:
-        landscapes: their cache, which takes the notes on files that are not usable.
+        landscapes: cache beside which they are, which takes the notes on files that are not usable.
     """
 
     def __init__(self, landscapes: LandscapeCache) -> None:
-        self._landscapes = landscapes
-
-    def path_of(self, conditions: HoldConditions) -> Path:
-        """File of the walks under some conditions."""
-        return self._landscapes.folder / f"hold-{conditions.number}-{conditions.fingerprint}.json"
-
-    def load(self, conditions: HoldConditions) -> dict[HoldCase, HoldWalk]:
-        """Walks as saved; empty where there is no usable file."""
-        path = self.path_of(conditions)
-        if not path.exists():
-            return {}
-        try:
-            walks = [_walk_from(values) for values in json.loads(path.read_text(encoding="utf-8"))]
-        except (OSError, ValueError, TypeError, AttributeError, KeyError) as error:
-            reason = " ".join(str(error).split())
-            self._landscapes.notes.append(f"{path}: not usable ({reason}); it is computed again")
-            return {}
-        return {walk.case: walk for walk in walks}
-
-    def save(self, conditions: HoldConditions, walks: Iterable[HoldWalk]) -> None:
-        """Replace the file of some conditions; raises CacheError when the disk refuses."""
-        path = self.path_of(conditions)
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            atomic_write(path, json.dumps([asdict(walk) for walk in walks]))
-        except OSError as error:
-            raise CacheError(f"study cache: {path} cannot be written: {error}") from error
-
-    def count(self, plan: HoldPlan) -> tuple[int, int]:
-        """Number of walks saved, and of all walks, of a plan."""
-        conditions, cases = plan.conditions(), plan.cases()
-        saved = sum(sum(case in walks for case in cases) for walks in map(self.load, conditions))
-        return saved, len(conditions) * len(cases)
+        super().__init__(landscapes, name="hold", read=_walk_from)
 
 
 def _walk_from(values: dict[str, Any]) -> HoldWalk:
@@ -158,58 +125,8 @@ def _walk_from(values: dict[str, Any]) -> HoldWalk:
     return walk
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Chunk:
-    """Cases that are simulated together: those that hold the same under one set of conditions."""
-
-    conditions: HoldConditions
-    cases: tuple[HoldCase, ...]
-
-    def walk(self, threads: int) -> tuple["_Chunk", list[HoldWalk]]:
-        """The chunk and its walks."""
-        return self, walk_cases(self.conditions, self.cases, threads)
-
-
 def walk_all(
     plan: HoldPlan, cache: HoldCache, progress: Progress, jobs: int | None = None
 ) -> list[tuple[HoldConditions, HoldWalk]]:
-    """All walks of a plan, simulated where the cache lacks them.
-
-    When this is interrupted, what has finished, hold by hold in each world, is in the cache, and another call
-    continues from there.
-
-    Args:
-        plan: what to walk.
-        cache: of the walks.
-        progress: observer.
-        jobs: threads that simulate; None is all cores.
-
-    Raises CacheError when walks cannot be saved.
-    """
-    conditions, cases = plan.conditions(), plan.cases()
-    known = {one.fingerprint: cache.load(one) for one in conditions}
-    todo = [chunk for one in conditions for chunk in _chunks(one, cases, known[one.fingerprint])]
-    left = sum(len(chunk.cases) for chunk in todo)
-    total = len(conditions) * len(cases)
-    if left < total:
-        progress.note(f"{total - left} of {total} walks: from the cache")
-    progress.stage("walks (Ctrl-C stops, the same command continues)", left)
-    for chunk, walks in as_finished([chunk.walk for chunk in todo], jobs):
-        saved = known[chunk.conditions.fingerprint]
-        saved.update((walk.case, walk) for walk in walks)
-        cache.save(chunk.conditions, saved.values())
-        for _ in walks:
-            progress.step()
-        if all(case in saved for case in cases):
-            progress.note(f"{chunk.conditions.title}: {len(cases)} walks")
-    return [(one, known[one.fingerprint][case]) for one in conditions for case in cases]
-
-
-def _chunks(
-    conditions: HoldConditions, cases: Sequence[HoldCase], known: dict[HoldCase, HoldWalk]
-) -> Iterator[_Chunk]:
-    """Chunks of the cases that are not known, hold by hold."""
-    for hold in HOLDS:
-        missing = tuple(case for case in cases if case.hold == hold and case not in known)
-        if missing:
-            yield _Chunk(conditions=conditions, cases=missing)
+    """All walks of a plan, hold by hold in each world, as `hexctl.study.walks.walk_all` has it."""
+    return all_walks(plan.walked(), cache, walk_cases, lambda case: case.hold, progress, jobs)

@@ -66,9 +66,11 @@ class RecoveryMethod(ABC):
 
     Attributes:
         notices: whether its walks say what they notice (`Controller.noticed_failures`).
+        makes_trials: whether it makes trials before its walks.
     """
 
     notices = False
+    makes_trials = False
 
     def planned(self, plan: TrialPlan) -> TrialPlan:
         """Plan of a walk by this method, from that of a walk that holds its line."""
@@ -204,6 +206,8 @@ class OpenLoopBest(RecoveryMethod):
         tries: gaits that are tried before each walk.
         found: what trials have found, by the `id` of the walk's plan.
     """
+
+    makes_trials = True
 
     def __init__(self, tries: int = TRIES, found: Mapping[int, Rehearsal] | None = None) -> None:
         self._tries, self._found = tries, dict(found or {})

@@ -1,24 +1,19 @@
 """The walks of the recovery benchmark: simulated in chunks, and kept on disk."""
 
-import json
 import math
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import asdict, dataclass
-from pathlib import Path
+from collections.abc import Sequence
 from typing import Any
 
 from hexctl.control.batch import run_sim_trials
 from hexctl.control.controllers import Controller
 from hexctl.control.preparation import WalkStart
 from hexctl.control.result import STATUSES
-from hexctl.files import atomic_write
-from hexctl.study.cache import CacheError, LandscapeCache
-from hexctl.study.evaluate import Progress, as_finished
+from hexctl.study.cache import LandscapeCache
+from hexctl.study.evaluate import Progress
 from hexctl.study.recovery.episodes import Episode, RecoveryCase, RecoveryConditions
 from hexctl.study.recovery.methods import METHODS, Alarm, method_of
-
-#: What is to be walked: cases under each of some conditions.
-Walked = Sequence[tuple[RecoveryConditions, Sequence[RecoveryCase]]]
+from hexctl.study.walks import WalkCache, Walked
+from hexctl.study.walks import walk_all as all_walks
 
 
 def walk_episodes(
@@ -39,50 +34,17 @@ def walk_episodes(
     ]
 
 
-class EpisodeCache:
-    """Episodes on disk, a file for each robot and world, beside the landscapes of a study.
+class EpisodeCache(WalkCache[RecoveryConditions, RecoveryCase, Episode]):
+    """Episodes on disk, a file for each robot and world. Methods of one's own are never kept.
 
     Args:
-        landscapes: their cache, which takes the notes on files that are not usable.
+        landscapes: cache beside which they are, which takes the notes on files that are not usable.
     """
 
     def __init__(self, landscapes: LandscapeCache) -> None:
-        self._landscapes = landscapes
-
-    def path_of(self, conditions: RecoveryConditions) -> Path:
-        """File of the episodes under some conditions."""
-        return self._landscapes.folder / f"recovery-{conditions.number}-{conditions.fingerprint}.json"
-
-    def load(self, conditions: RecoveryConditions) -> dict[RecoveryCase, Episode]:
-        """Episodes as saved; empty where there is no usable file. Methods of one's own are never kept."""
-        path = self.path_of(conditions)
-        if not path.exists():
-            return {}
-        try:
-            episodes = [_episode_from(values) for values in json.loads(path.read_text(encoding="utf-8"))]
-        except (OSError, ValueError, TypeError, AttributeError, KeyError) as error:
-            reason = " ".join(str(error).split())
-            self._landscapes.notes.append(f"{path}: not usable ({reason}); it is computed again")
-            return {}
-        return {episode.case: episode for episode in episodes}
-
-    def save(self, conditions: RecoveryConditions, episodes: Iterable[Episode]) -> None:
-        """Replace the file of some conditions; raises CacheError when the disk refuses."""
-        path = self.path_of(conditions)
-        kept = [asdict(episode) for episode in episodes if episode.case.method in METHODS]
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            atomic_write(path, json.dumps(kept))
-        except OSError as error:
-            raise CacheError(f"study cache: {path} cannot be written: {error}") from error
-
-    def count(self, walked: Walked) -> tuple[int, int]:
-        """Number of episodes saved, and of all episodes, of what is to be walked."""
-        saved = 0
-        for conditions, cases in walked:
-            known = self.load(conditions)
-            saved += sum(case in known for case in cases)
-        return saved, sum(len(cases) for _, cases in walked)
+        super().__init__(
+            landscapes, name="recovery", read=_episode_from, keeps=lambda one: one.case.method in METHODS
+        )
 
 
 def _episode_from(values: dict[str, Any]) -> Episode:
@@ -103,60 +65,16 @@ def _episode_from(values: dict[str, Any]) -> Episode:
     return episode
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Chunk:
-    """Cases that are simulated together: those of one method and gait under one set of conditions."""
-
-    conditions: RecoveryConditions
-    cases: tuple[RecoveryCase, ...]
-
-    def walk(self, threads: int) -> tuple["_Chunk", list[Episode]]:
-        """The chunk and its episodes."""
-        return self, walk_episodes(self.conditions, self.cases, threads)
-
-
 def walk_all(
-    walked: Walked, cache: EpisodeCache, progress: Progress, jobs: int | None = None
+    walked: Walked[RecoveryConditions, RecoveryCase],
+    cache: EpisodeCache,
+    progress: Progress,
+    jobs: int | None = None,
 ) -> list[tuple[RecoveryConditions, Episode]]:
-    """All episodes of some cases, simulated where the cache lacks them.
-
-    When this is interrupted, what has finished, method by method in each world, is in the cache, and another
-    call continues from there.
-
-    Args:
-        walked: conditions and their cases.
-        cache: of the episodes.
-        progress: observer.
-        jobs: threads that simulate; None is all cores.
-
-    Raises CacheError when episodes cannot be saved.
-    """
-    known = {one.fingerprint: cache.load(one) for one, _ in walked}
-    todo = [chunk for one, cases in walked for chunk in _chunks(one, cases, known[one.fingerprint])]
-    wanted = {one.fingerprint: cases for one, cases in walked}
-    left, total = sum(len(chunk.cases) for chunk in todo), sum(len(cases) for _, cases in walked)
-    if left < total:
-        progress.note(f"{total - left} of {total} walks: from the cache")
-    progress.stage("walks (Ctrl-C stops, the same command continues)", left)
-    for chunk, episodes in as_finished([chunk.walk for chunk in todo], jobs):
-        place = chunk.conditions
-        saved = known[place.fingerprint]
-        saved.update((episode.case, episode) for episode in episodes)
-        cache.save(place, saved.values())
-        for _ in episodes:
-            progress.step()
-        if all(case in saved for case in wanted[place.fingerprint]):
-            progress.note(f"{place.title}: {len(wanted[place.fingerprint])} walks")
-    return [(one, known[one.fingerprint][case]) for one, cases in walked for case in cases]
+    """All episodes of some cases, method by method in each world, as `hexctl.study.walks.walk_all` has it."""
+    return all_walks(walked, cache, walk_episodes, _chunk_of, progress, jobs)
 
 
-def _chunks(
-    conditions: RecoveryConditions, cases: Sequence[RecoveryCase], known: dict[RecoveryCase, Episode]
-) -> Iterator[_Chunk]:
-    """Chunks of the cases that are not known, method by method and gait by gait."""
-    groups: dict[tuple[str, str], list[RecoveryCase]] = {}
-    for case in cases:
-        if case not in known:
-            groups.setdefault((case.method, case.gait), []).append(case)
-    for group in groups.values():
-        yield _Chunk(conditions=conditions, cases=tuple(group))
+def _chunk_of(case: RecoveryCase) -> tuple[object, ...]:
+    """What cases that are simulated together have in common; those with trials of their own are fewer."""
+    return case.method, case.gait, case.legs if method_of(case.method).makes_trials else ()
