@@ -27,9 +27,10 @@ def main() -> None:
         signal.signal(signal.SIGINT, _quit)
         sys.stderr.write(f"hexctl: {interrupted}\n")
         code = INTERRUPTED
-    rrd = sys.modules.get("hexctl.record.rrd")
-    if rrd is not None and rrd.stuck():
-        # Python would wait for Rerun, and Rerun for a disk that takes nothing more.
+    rrd, evaluate = (sys.modules.get(f"hexctl.{name}") for name in ("record.rrd", "study.evaluate"))
+    if (rrd is not None and rrd.stuck()) or (code and evaluate is not None and evaluate.simulating()):
+        # Python would wait for Rerun, and Rerun for a disk that takes nothing more; or for walks that nothing
+        # stops, and crash where another Ctrl-C cuts that short.
         sys.stdout.flush()
         sys.stderr.flush()
         os._exit(code)

@@ -113,7 +113,7 @@ def exit_code(arguments: Sequence[str] | None = None) -> int:
             raise
         return _print_error(str(MissingExtraError("this", extra)), BAD_INPUT)
     except (KeyboardInterrupt, _CutOffError):
-        return _print_error("interrupted; what has been recorded so far is kept", INTERRUPTED)
+        return _print_error("interrupted", INTERRUPTED)
     return code if isinstance(code, int) else 0
 
 

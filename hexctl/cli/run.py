@@ -227,7 +227,12 @@ def _walk(spec: "RunSpec", *, view: bool, as_json: bool, found: "Found | None" =
         quiet = as_json or (not spec.paced and spec.duration_s < SHORT_S)
         progress = stack.enter_context(_WalkProgress(spec.duration_s, quiet=quiet))
         recorders: list[Recorder] = [progress] if live is None else [progress, live]
-        done = run.walk(recorders=recorders, stop_requested=interrupt.requested)
+        try:
+            done = run.walk(recorders=recorders, stop_requested=interrupt.requested)
+        except KeyboardInterrupt:
+            kept = "" if run.recording_path is None else f"; recorded until then: {run.recording_path}"
+            print_note(f"hexctl: interrupted without a soft stop{kept}")
+            return INTERRUPTED
     if found is not None:
         done.outcome["diagnosis"] = found.result.diagnosis.to_dict()
     print_result(*([json.dumps(done.outcome)] if as_json else _summary(done)))

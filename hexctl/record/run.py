@@ -161,6 +161,11 @@ class Run:
         """File of the robot, None for a robot that is not from a file."""
         return None if self._file is None else self._file.path
 
+    @property
+    def recording_path(self) -> Path | None:
+        """File of the recording; None without one, and before the robot is connected."""
+        return None if self._recording is None else self._recording.path
+
     @cached_property
     def floor(self) -> Floor | None:
         """Floor of the simulated world, None on a robot that is not simulated here."""

@@ -6,6 +6,7 @@ from concurrent.futures import Executor, Future, ThreadPoolExecutor, as_complete
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from os import cpu_count
+from threading import enumerate as enumerate_threads
 from typing import Any, Protocol, TypeVar
 
 from hexctl.control.batch import run_sim_trials
@@ -235,9 +236,12 @@ def _check_versions(done: ChunkDone) -> None:
 
 Done = TypeVar("Done")
 
+#: Threads of `as_finished` have names that begin so.
+THREADS = "simulate"
+
 
 def as_finished(walks: Sequence[Callable[[int], Done]], jobs: int | None) -> Iterator[Done]:
-    """What functions return as they finish; left early, those that have begun are awaited.
+    """What functions return as they finish; left early, those that have begun run on and are dropped.
 
     Args:
         walks: simulate; each is called with the number of threads that it may use.
@@ -248,10 +252,16 @@ def as_finished(walks: Sequence[Callable[[int], Done]], jobs: int | None) -> Ite
         yield from (walk(1) for walk in walks)
         return
     threads = math.ceil(jobs / max(1, len(walks)))
-    with ThreadPoolExecutor(jobs) as executor:
+    executor = ThreadPoolExecutor(jobs, THREADS)
+    try:
         futures = [executor.submit(walk, threads) for walk in walks]
-        try:
-            for future in as_completed(futures):
-                yield future.result()
-        finally:
-            executor.shutdown(wait=False, cancel_futures=True)
+        for future in as_completed(futures):
+            yield future.result()
+    finally:
+        # Not awaited: a walk cannot be stopped, and takes up to a minute.
+        executor.shutdown(wait=False, cancel_futures=True)
+
+
+def simulating() -> bool:
+    """Whether walks that were dropped still run: the interpreter would wait for them when it ends."""
+    return any(thread.name.startswith(THREADS) for thread in enumerate_threads())

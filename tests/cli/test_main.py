@@ -249,6 +249,21 @@ def test_a_ctrl_c_before_a_command_is_loaded_says_that_nothing_was_recorded() ->
     assert done.stderr == "hexctl: interrupted before the command began: nothing was recorded\n"
 
 
+def test_a_second_ctrl_c_in_a_walk_names_the_recording(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    def interrupted(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("hexctl.record.run.Run.walk", interrupted)
+    path = tmp_path / "walk.rrd"
+    assert exit_code(["run", "--record", str(path)]) == 130
+    line = f"hexctl: interrupted without a soft stop; recorded until then: {path}\n"
+    assert capsys.readouterr().err == line
+    assert exit_code(["run", "--no-record"]) == 130
+    assert capsys.readouterr().err == "hexctl: interrupted without a soft stop\n"
+
+
 @pytest.mark.parametrize("command", [["run"], ["sessions", "list"]])
 def test_a_ctrl_c_that_a_command_does_not_handle_is_a_line(
     command: list[str], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
@@ -259,4 +274,4 @@ def test_a_ctrl_c_that_a_command_does_not_handle_is_a_line(
     monkeypatch.setattr("hexctl.record.run.Run.__init__", interrupted)
     monkeypatch.setattr("hexctl.adapt.store.list_sessions", interrupted)
     assert exit_code(command) == 130
-    assert capsys.readouterr().err == "hexctl: interrupted; what has been recorded so far is kept\n"
+    assert capsys.readouterr().err == "hexctl: interrupted\n"

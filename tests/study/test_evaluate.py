@@ -5,14 +5,16 @@ import signal
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from threading import Event
 
 import pytest
 from distributed import Client, LocalCluster
 
 from hexctl.errors import InputError
 from hexctl.study.cache import LandscapeCache
-from hexctl.study.evaluate import dask_executor, fill, simulate_here, simulate_on
+from hexctl.study.evaluate import as_finished, dask_executor, fill, simulate_here, simulate_on, simulating
 from hexctl.study.landscape import Landscape
+from hexctl.waiting import comes_true
 from tests.study.landscapes import same, spec
 from tests.study.watching import Remembering
 
@@ -74,3 +76,18 @@ def test_a_scheduler_that_is_not_there_is_named(address: str, monkeypatch: pytes
     monkeypatch.setattr("hexctl.study.evaluate.CONNECT_S", 0.5)
     with pytest.raises(InputError, match="dask: got"), dask_executor(address):
         pass
+
+
+def test_walks_that_are_left_are_not_awaited() -> None:
+    go_on = Event()
+
+    def slow(_threads: int) -> str:
+        go_on.wait(30)
+        return "slow"
+
+    walks = as_finished([lambda _: "fast", slow, slow], 2)
+    assert next(walks) == "fast"
+    walks.close()  # type: ignore[attr-defined]
+    assert simulating()
+    go_on.set()
+    assert comes_true(lambda: not simulating(), 30)
