@@ -3,8 +3,14 @@
 import importlib
 import os
 import sys
+from collections.abc import Callable, Mapping
+from inspect import isclass
 from types import ModuleType
-from typing import Any
+from typing import Any, TypeVar
+
+from hexctl.errors import InputError, argument
+
+MadeT = TypeVar("MadeT")
 
 
 def module_here(name: str) -> ModuleType:
@@ -35,3 +41,29 @@ def load_named(name: str, part: str) -> Any:
             f"hexctl.Adaptation.resume(NAME, {part}={attribute}).run()"
         )
     return getattr(module, attribute)
+
+
+def made_of(name: str, named: Mapping[str, Callable[[], MadeT]], kind: type[MadeT], part: str) -> MadeT:
+    """What a name of `named` makes, or `package.module:Class` without arguments; an instance is itself.
+
+    Args:
+        name: of what is to be made.
+        named: what makes each of the shipped ones.
+        kind: class of which it must be.
+        part: the argument or option that takes such a name.
+
+    Raises InputError for anything else.
+    """
+    if name in named:
+        return named[name]()
+    what, allowed = argument(part), f"{', '.join(named)}, package.module:Class"
+    if ":" not in name:
+        raise InputError(f"{what}: got {name}; allowed: {allowed}")
+    try:
+        own = load_named(name, part)
+        made = own() if isclass(own) else own
+    except (ImportError, AttributeError, TypeError, ValueError) as error:
+        raise InputError(f"{what}: {name} cannot be loaded ({error}); allowed: {allowed}") from error
+    if not isinstance(made, kind):
+        raise InputError(f"{what}: got {name}, a {type(made).__name__}; allowed: a {kind.__name__}")
+    return made

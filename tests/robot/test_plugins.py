@@ -5,7 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from hexctl.robot.plugins import load_named, module_here
+from hexctl.errors import InputError
+from hexctl.robot.plugins import load_named, made_of, module_here
 
 
 def test_a_module_in_the_working_folder_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -28,3 +29,29 @@ def test_what_a_script_has_defined_is_given_from_python() -> None:
     with pytest.raises(ImportError, match=continued):
         load_named("__main__:Mine", "optimizer")
     assert load_named("hexctl.robot.plugins:load_named", "optimizer") is load_named
+
+
+@pytest.mark.parametrize("name", ["ours", f"{__name__}:Counted", f"{__name__}:MADE"])
+def test_a_class_of_ones_own_is_made_as_a_shipped_one_is(name: str) -> None:
+    assert isinstance(made_of(name, {"ours": Counted}, Counted, "policy"), Counted)
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("hope", "policy: got hope; allowed: ours, package.module:Class"),
+        ("no.such.module:Hope", "policy: no.such.module:Hope cannot be loaded"),
+        (f"{__name__}:Nothing", "cannot be loaded"),
+        ("pathlib:Path", "got pathlib:Path, a PosixPath; allowed: a Counted"),
+    ],
+)
+def test_what_is_not_of_the_kind_is_refused(name: str, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        made_of(name, {"ours": Counted}, Counted, "policy")
+
+
+class Counted:
+    """Something that can be made."""
+
+
+MADE = Counted()

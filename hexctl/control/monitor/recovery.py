@@ -1,6 +1,5 @@
 """Recovery: what a walk does about a leg that is believed to have failed."""
 
-import inspect
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -9,11 +8,10 @@ from itertools import combinations
 from hexctl.control.assessment.crawl import gait_without
 from hexctl.control.assessment.static_stability import STAND_UP
 from hexctl.control.plan import TrialPlan
-from hexctl.errors import InputError, argument
 from hexctl.gait.gait import Gait
 from hexctl.robot.failure import Failure
 from hexctl.robot.model import Robot
-from hexctl.robot.plugins import load_named
+from hexctl.robot.plugins import made_of
 from hexctl.types import N_LEGS
 
 
@@ -126,16 +124,4 @@ def make_policy(name: str) -> RecoveryPolicy:
 
     Raises InputError for anything else.
     """
-    if name in POLICIES:
-        return POLICIES[name]()
-    what, allowed = argument("policy"), f"{', '.join(POLICIES)}, or package.module:Class"
-    if ":" not in name:
-        raise InputError(f"{what}: got {name!r}; allowed: {allowed}")
-    try:
-        own = load_named(name, "policy")
-        made = own() if inspect.isclass(own) else own
-    except (ImportError, AttributeError, TypeError, ValueError) as error:
-        raise InputError(f"{what}: {name!r} cannot be loaded ({error}); allowed: {allowed}") from error
-    if not isinstance(made, RecoveryPolicy):
-        raise InputError(f"{what}: {name!r} is a {type(made).__name__}; allowed: a RecoveryPolicy")
-    return made
+    return made_of(name, POLICIES, RecoveryPolicy, "policy")  # type: ignore[type-abstract]

@@ -5,7 +5,6 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
-from inspect import isclass
 
 import numpy as np
 
@@ -18,10 +17,9 @@ from hexctl.control.preparation import WalkStart
 from hexctl.control.steered_walk import SteeredWalk
 from hexctl.control.steering import held
 from hexctl.control.velocity_walk import MotionWalk, VelocityWalk
-from hexctl.errors import InputError, argument
 from hexctl.robot.failure import Failure
 from hexctl.robot.failure_event import FailureEvent, NoticedFailure
-from hexctl.robot.plugins import load_named
+from hexctl.robot.plugins import made_of
 from hexctl.study.recovery.decentralised import DecentralisedWalk
 from hexctl.study.recovery.open_loop import TRIES, OpenLoopFromFailure, Rehearsal, rehearse
 from hexctl.study.recovery.stop_and_diagnose import EachAlone, StopAndDiagnoseWalk
@@ -261,16 +259,4 @@ def method_of(name: str) -> RecoveryMethod:
 
     Raises InputError for anything else.
     """
-    if name in METHODS:
-        return METHODS[name]()
-    what, allowed = argument("methods"), f"{', '.join(METHODS)}, package.module:Class"
-    if ":" not in name:
-        raise InputError(f"{what}: got {name}; allowed: {allowed}")
-    try:
-        named = load_named(name, "methods")
-        made = named() if isclass(named) else named
-    except (ImportError, AttributeError, TypeError, ValueError) as error:
-        raise InputError(f"{what}: {name} cannot be loaded ({error}); allowed: {allowed}") from error
-    if not isinstance(made, RecoveryMethod):
-        raise InputError(f"{what}: got {name}, a {type(made).__name__}; allowed: a RecoveryMethod")
-    return made
+    return made_of(name, METHODS, RecoveryMethod, "methods")  # type: ignore[type-abstract]
