@@ -27,6 +27,7 @@ from hexctl.errors import InputError
 if TYPE_CHECKING:
     from rich.table import Table
 
+    from hexctl.control.assessment.feasibility import RobotCheck
     from hexctl.robot.model import Robot
 
 
@@ -84,6 +85,13 @@ def check(
             help="Print the greatest speeds by direction, and the static margins, with and without each leg.",
         ),
     ] = False,
+    leg_sets: Annotated[
+        bool,
+        typer.Option(
+            "--leg-sets",
+            help="Print without which legs the robot can walk, one, two or three, by the static margin.",
+        ),
+    ] = False,
     as_json: JsonOption = False,
 ) -> None:
     """Check a robot file: can the robot walk a gait, in reach, angles, speeds, torques and servo pulses."""
@@ -109,12 +117,16 @@ def check(
         from hexctl.control.assessment.speed_envelope import speed_envelope
 
         report["envelope"] = speed_envelope(checked.robot, checked.gait).to_dict()
+    if leg_sets:
+        report["leg_sets"] = _leg_sets(checked, heading)
     if as_json:
         print_result(json.dumps(report))
     else:
         print_result(*_heading(report), "", _joint_table(report), "", *_verdict(report), *_physics(report))
         if envelope:
             print_result("", _envelope_table(report["envelope"]))
+        if leg_sets:
+            print_result("", _leg_set_table(report["leg_sets"]))
     if not checked.possible:
         raise typer.Exit(BAD_INPUT)
 
@@ -165,6 +177,38 @@ def _envelope_table(envelope: dict[str, Any]) -> "Table":
         leg = "none" if name == "intact" else name
         table.add_row(leg, f"{envelope['turn_rates_deg_s'][name]:.0f}", *cells)
     return table
+
+
+def _leg_sets(checked: "RobotCheck", heading_deg: float | None) -> list[dict[str, Any]]:
+    """Verdicts on all sets of lost legs, in the direction that was asked for or the worst of four."""
+    from hexctl.control.assessment.leg_sets import DIRECTIONS_RAD, MOST_LOST, leg_sets
+
+    directions_rad = DIRECTIONS_RAD if heading_deg is None else (math.radians(heading_deg),)
+    return [one.to_dict() for one in leg_sets(checked.robot, checked.gait, directions_rad, MOST_LOST)]
+
+
+def _leg_set_table(sets: list[dict[str, Any]]) -> "Table":
+    """Sets of lost legs by number and verdict, with the range of their margins."""
+    from hexctl.cli.render import label_table
+
+    groups: dict[tuple[int, str], list[dict[str, Any]]] = {}
+    for one in sets:
+        groups.setdefault((len(one["legs"]), one["verdict"]), []).append(one)
+    rows = [("margin", "the smallest over the gait cycle, as a share of the radius of the stance")]
+    for (count, verdict), group in sorted(groups.items(), key=lambda item: (item[0][0], -_best(item[1]))):
+        margins = [one["margin"] for one in group if one["margin"] is not None]
+        whole = len(group) == math.comb(6, count)
+        names = (
+            f"any of {len(group)}" if whole else ", ".join("+".join(map(str, one["legs"])) for one in group)
+        )
+        span = f"; margin {min(margins):+.2f} to {max(margins):+.2f}" if margins else ""
+        rows.append((f"without {count}", f"{verdict}: {names}{span}"))
+    return label_table(rows)
+
+
+def _best(sets: list[dict[str, Any]]) -> float:
+    """Largest margin of some sets."""
+    return max((one["margin"] for one in sets if one["margin"] is not None), default=-math.inf)
 
 
 def _joint_table(report: dict[str, Any]) -> "Table":

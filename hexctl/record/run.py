@@ -18,6 +18,7 @@ from hexctl.backends.clock import PERIOD_S
 from hexctl.backends.registry import BackendOptions, make_servos
 from hexctl.backends.sim.terrain import Floor, make_floor
 from hexctl.backends.sim.world import World, load_world
+from hexctl.control.assessment.leg_sets import doubt, leg_set
 from hexctl.control.guard import Guard
 from hexctl.control.log import (
     BLOCK_TICKS,
@@ -133,7 +134,11 @@ class Run:
         servos = make_servos(self.spec.backend, options)
         with ExitStack() as stack:
             self._guard = stack.enter_context(Guard(servos))
-            self.notes = (*self._without_effect(), *connection_notes(servos, self.plan.failures))
+            self.notes = (
+                *self._without_effect(),
+                *self._doubts(),
+                *connection_notes(servos, self.plan.failures),
+            )
             self._suit_rotation()
             self._recording = self._open_recording()
             if self._recording is not None:
@@ -222,6 +227,14 @@ class Run:
         if self.plan.belief is not None or rotation in (AUTO_ROTATION, "none"):
             return []
         return [f"--self-rotation {rotation} changes nothing: it turns a failed leg, and six legs are good"]
+
+    def _doubts(self) -> list[str]:
+        """Whether more than one failed leg lets the robot walk, in words where that is doubtful."""
+        plan = self.plan
+        if not plan.further_failures or not plan.travel:
+            return []
+        found = leg_set(self.robot, plan.gait, plan.failed_legs, (plan.heading_rad,))
+        return [note for note in (doubt(found),) if note is not None]
 
     def _suit_rotation(self) -> None:
         """Turn the failed leg away after all where `auto` took it for granted that the line can be held."""

@@ -10,10 +10,12 @@ from typing import Any
 from hexctl.backends.registry import check_options, option_values
 from hexctl.backends.sim.world import World
 from hexctl.control.assessment.crawl import auto_gait
+from hexctl.control.assessment.leg_sets import doubt, leg_set
 from hexctl.control.assessment.static_stability import check_tucked, stable_slots_of
-from hexctl.control.monitor.recovery import RecoveryPolicy, make_policy
+from hexctl.control.monitor.recovery import MOST_LOST, RecoveryPolicy, make_policy
 from hexctl.control.plan import AUTO_ROTATION, GaitChange, TrialPlan, suited_rotation
 from hexctl.errors import InputError, argument, check_type
+from hexctl.gait.encoding import code_count
 from hexctl.gait.gait import AUTO, BEST, SWING_SHARE, Gait, make_gait, names_best, parse_slots
 from hexctl.gait.posture import Posture
 from hexctl.record.rrd import probe_file
@@ -253,6 +255,12 @@ def plan_of(spec: RunSpec, robot: Robot) -> TrialPlan:
         hold=spec.hold,
         trim_rad=spec.trim_rad or 0.0,
     )
+    if auto and len(plan.failed_legs) > MOST_LOST:
+        raise InputError(
+            f"{argument('failed_leg')}: got {','.join(map(str, plan.failed_legs))} with {argument('gait')} "
+            f"{AUTO}; {doubt(leg_set(robot, plan.gait, plan.failed_legs, (plan.heading_rad,)))}; allowed: "
+            f"one leg or two, or a gait by its name or code, 1..{code_count(plan.failed_legs)}"
+        )
     plan = replace(plan, gait=auto_gait(robot, plan, stand_up=spec.body_raise is None)) if auto else plan
     check_tucked(robot, plan)
     changes = tuple(_change_of(text, robot, plan) for text in spec.then)

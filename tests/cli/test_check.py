@@ -180,3 +180,13 @@ def test_where_and_how_long_belong_to_the_measurement(capsys: pytest.CaptureFixt
     assert "--duration: got 5.0; allowed: with --physics" in capsys.readouterr().err
     assert exit_code(["check", "ant", "--world", "flat"]) == 2
     assert "--world: got flat; allowed: with --physics" in capsys.readouterr().err
+
+
+def test_which_legs_may_be_lost_is_printed_by_verdict(capsys: pytest.CaptureFixture[str]) -> None:
+    sets = check_json(capsys, "pexod", "--leg-sets", "--heading", "0")["leg_sets"]
+    assert [len(one["legs"]) for one in sets] == [1] * 6 + [2] * 15 + [3] * 20
+    assert {one["verdict"] for one in sets if len(one["legs"]) == 3} == {"no gait"}
+    assert exit_code(["check", "pexod", "--leg-sets", "--heading", "0"]) == 0
+    printed = capsys.readouterr().out
+    assert "without 1  walks: any of 6; margin -0.06 to" in printed
+    assert "without 3  no gait: any of 20" in printed

@@ -343,3 +343,15 @@ def test_a_robot_without_two_legs_does_not_turn_before_its_walk() -> None:
         Run(spec_of({"failed_leg": (2, 5), "self_rotation": "rear"}))
     with pytest.raises(InputError, match="best with failed legs 2, 5; allowed: with one"):
         best_gait(spec_of({"failed_leg": (2, 5), "gait": "best"}))
+
+
+def test_legs_without_which_a_robot_hardly_walks_are_said_before_it_moves() -> None:
+    spec = spec_of({"robot": "pexod", "failed_leg": (1, 2), "failure": "limp", "gait": "auto"})
+    with Run(replace(spec, duration_s=0.5)) as connected:
+        assert "whether the robot walks without legs 1, 2 is doubtful" in connected.notes[0]
+    with Run(replace(spec, failure=Failure(leg=1), further_failures=(Failure(leg=4),))) as connected:
+        assert not any("doubtful" in note for note in connected.notes)
+    with pytest.raises(
+        InputError, match=r"got 1,3,5 with gait auto; .* no gait keeps .* allowed: one"
+    ):
+        Run(spec_of({"failed_leg": (1, 3, 5), "gait": "auto"}))

@@ -65,6 +65,24 @@ def gait_without(robot: Robot, gait: Gait, *, heading_rad: float, legs: tuple[in
     return _gait_without(robot, _plain(gait, lost), round(heading_rad / DIRECTION_STEP_RAD), lost)
 
 
+def least_margin_m(robot: Robot, gait: Gait, *, heading_rad: float) -> float:
+    """Smallest static stability margin over the cycle of a gait in its posture, in m.
+
+    Tucked legs do not carry. -inf where fewer than two feet stand at some time.
+    """
+    feet, standing = feet_over_cycle(
+        robot,
+        np.array([gait.leg_phases]),
+        heading_rad=heading_rad,
+        stances=dict.fromkeys(gait.posture.tucked_legs, False),
+        amplitude=gait.amplitude,
+        swing_share=gait.swing_share,
+    )
+    centre = centre_of_mass_body(robot, robot.stance_angles_rad)[:2]
+    shifted = centre + robot.size_m * np.array(gait.posture.shift)
+    return float(margins_at_m(feet, standing, shifted[np.newaxis]).min())
+
+
 def auto_gait(robot: Robot, plan: TrialPlan, *, stand_up: bool = True) -> Gait:
     """The gait `auto` of a plan: `stable_gait`, and with more than one failed leg `gait_without` them.
 
@@ -116,7 +134,7 @@ def crawl_on(robot: Robot, gait: Gait, *, heading_rad: float) -> Gait | None:
     walking = [leg for leg in range(1, N_LEGS + 1) if leg not in gait.posture.tucked_legs]
     share = CRAWL_SWING * 4 / max(4, len(walking))
     shifts = _shifts(robot)
-    shifts = shifts[_in_reach(robot, replace(gait, swing_share=share), heading_rad, shifts)]
+    shifts = shifts[_in_reach(robot, replace(gait, swing_share=share), heading_rad)]
     if not len(shifts):
         return None
     phases = _orders(walking)
@@ -171,18 +189,26 @@ def _shifts(robot: Robot) -> FloatArray:
     return np.concatenate([np.zeros((1, 2)), longer[allowed]])
 
 
-def _in_reach(robot: Robot, gait: Gait, heading_rad: float, shifts: FloatArray) -> BoolArray:
-    """Whether the walking legs can make their full strokes with the body shifted, (shifts,)."""
+def _in_reach(robot: Robot, gait: Gait, heading_rad: float) -> BoolArray:
+    """Whether the walking legs can make their full strokes at each of the shifts, (shifts,)."""
+    walking = [leg - 1 for leg in range(1, N_LEGS + 1) if leg not in gait.posture.tucked_legs]
+    posture = replace(gait.posture, shift=(0.0, 0.0), tucked_legs=())
+    return np.asarray(_reach(robot, replace(gait, posture=posture), heading_rad)[:, walking].all(axis=-1))
+
+
+@lru_cache(maxsize=64)
+def _reach(robot: Robot, gait: Gait, heading_rad: float) -> BoolArray:
+    """Whether each leg can make its full strokes at each of the shifts, (shifts, 6)."""
     turning = [(1 - gait.swing_share) / 2, (1 + gait.swing_share) / 2]  # where strokes are longest
     points = np.concatenate([turning, np.arange(REACH_POINTS) / REACH_POINTS])
     u = np.broadcast_to(points[:, np.newaxis], (len(points), N_LEGS))
     stroke_m = -gait.amplitude * robot.size_m * np.array([math.cos(heading_rad), math.sin(heading_rad)])
     pattern = StepPattern.of(robot, gait, plain=False)
     feet = feet_at_phases(robot, pattern, u, np.broadcast_to(stroke_m, (N_LEGS, 2)), 1.0)  # (P, 6, 3)
+    shifts = _shifts(robot)
     moved = np.zeros((len(shifts), 1, N_LEGS, 3))
     moved[..., :2] = -shifts[:, np.newaxis, np.newaxis]
-    moved[..., [leg - 1 for leg in gait.posture.tucked_legs], :] = 0.0
     solution = solve_legs(robot, feet + moved)
     outside = range_excess_rad(robot, solution.joint_positions_rad) > TOLERANCE_RAD
     legs_outside = outside.reshape(*outside.shape[:-1], N_LEGS, JOINTS_PER_LEG).any(axis=-1)
-    return np.asarray((solution.reachable & ~legs_outside).all(axis=(1, 2)))
+    return np.asarray((solution.reachable & ~legs_outside).all(axis=1))

@@ -14,6 +14,9 @@ from hexctl.robot.model import Robot
 from hexctl.robot.plugins import made_of
 from hexctl.types import N_LEGS
 
+#: A walk goes on without as many legs as this: on three, of which one swings, hardly a robot gets on.
+MOST_LOST = 2
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Response:
@@ -81,14 +84,15 @@ class StopWalking(RecoveryPolicy):
 class GlideToStableGait(RecoveryPolicy):
     """Glides to the gait that stands safest without the failed legs, which are tucked, the body a little up.
 
-    Without two legs that is a crawl with the body shifted, unless they are opposite (`gait_without`). The
-    course stays what it was.
+    Without two legs that is a crawl with the body shifted, unless they are opposite (`gait_without`). Without
+    three it stops. The course stays what it was.
     """
 
     def prepare(self, robot: Robot, plan: TrialPlan, heading_body_rad: float) -> None:
         """Find the gaits for each leg that may fail first, and for each two."""
         whole = [leg for leg in range(1, N_LEGS + 1) if leg not in plan.failed_legs]
-        for lost in [*combinations(whole, 1), *combinations(whole, 2)]:
+        left = range(1, MOST_LOST - len(plan.failed_legs) + 1)
+        for lost in [legs for count in left for legs in combinations(whole, count)]:
             self._gait_without(robot, plan, heading_body_rad, lost)
 
     def respond(
@@ -99,6 +103,8 @@ class GlideToStableGait(RecoveryPolicy):
         noticed = set(legs) - set(plan.failed_legs)
         if not noticed:
             return Response(gait=plan.gait)
+        if len(legs) > MOST_LOST:
+            return Response(stop=True)
         return Response(gait=self._gait_without(robot, plan, heading_body_rad, legs))
 
     @staticmethod

@@ -63,3 +63,8 @@ def test_gaits_are_ready_before_the_walk() -> None:
         policy.respond(shipped(), plan, 0.5, [Failure(leg=leg, kind="locked")])
         policy.respond(shipped(), plan, 0.5, [Failure(leg=leg), Failure(leg=leg % 6 + 1)])
     assert crawl._gait_without.cache_info().misses == known
+
+
+def test_without_three_legs_it_stops() -> None:
+    failures = [Failure(leg=leg, kind="limp") for leg in (1, 3, 5)]
+    assert GlideToStableGait().respond(shipped(), _plan(), 0.0, failures) == Response(stop=True)
