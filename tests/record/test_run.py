@@ -351,7 +351,5 @@ def test_legs_without_which_a_robot_hardly_walks_are_said_before_it_moves() -> N
         assert "whether the robot walks without legs 1, 2 is doubtful" in connected.notes[0]
     with Run(replace(spec, failure=Failure(leg=1), further_failures=(Failure(leg=4),))) as connected:
         assert not any("doubtful" in note for note in connected.notes)
-    with pytest.raises(
-        InputError, match=r"got 1,3,5 with gait auto; .* no gait keeps .* allowed: one"
-    ):
+    with pytest.raises(InputError, match=r"got 1,3,5 with gait auto; .* no gait keeps .* allowed: one"):
         Run(spec_of({"failed_leg": (1, 3, 5), "gait": "auto"}))
