@@ -11,7 +11,7 @@ from pathlib import Path
 
 os.environ.setdefault("MUJOCO_GL", "disable")
 
-from pictures import figures, step_response
+from pictures import failure_strip, figures, step_response
 from pictures.needed import MissingProgramError
 from pictures.picture import Picture
 
@@ -32,6 +32,7 @@ PICTURES: dict[str, Callable[[Path], Picture]] = {
     "prior": _prior,
     "convergence": figures.draw_convergence,
     "step_response": step_response.draw_step_response,
+    "failure": failure_strip.draw_failure_strip,
 }
 
 
