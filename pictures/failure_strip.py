@@ -59,7 +59,8 @@ class FailedWalk:
         turned: FloatArray = np.zeros(9)
         mujoco.mju_quat2Mat(turned, self.log["base_quaternion_world"][row])
         points = link_points_body(load_robot("ant"), self.log["measured_rad"][row])
-        return points @ turned.reshape(3, 3).T + self.log["base_position_world"][row]
+        placed: FloatArray = points @ turned.reshape(3, 3).T + self.log["base_position_world"][row]
+        return placed
 
     def way_m(self) -> tuple[FloatArray, FloatArray]:
         """Times from the failure on, and the way along the line and to its left, (T,) and (T, 2)."""
