@@ -15,7 +15,7 @@ from hexctl.control.steered_walk import SteeredWalk
 from hexctl.control.steering import held
 from hexctl.control.trace import TrialFrame
 from hexctl.control.velocity_walk import MotionWalk
-from hexctl.robot.failure import Failure
+from hexctl.robot.failure import Failure, failure_text
 from hexctl.robot.failure_event import NoticedFailure
 from hexctl.types import BoolArray, FloatArray, RobotState
 
@@ -45,6 +45,7 @@ class StopAndDiagnoseWalk(Controller):
         policy.prepare(start.robot, self._plan, self._heading_rad)
         self._failures: tuple[Failure, ...] = ()
         self._noticed: list[NoticedFailure] = []
+        self._given_up: str | None = None
         self._walk = self._watched_walk()
         self._controller: Controller = self._walk
         self._first_step = self._stopped_at = 0
@@ -61,6 +62,14 @@ class StopAndDiagnoseWalk(Controller):
             self._walk.stop(step - self._first_step)
         self.limited_steps = self._walk.limited_steps
         return self._sent_rad
+
+    def done(self, step: int, state: RobotState) -> bool:
+        """Whether its policy has ended it."""
+        return self._given_up is not None
+
+    def why_stopped(self, index: int = 0) -> str | None:
+        """The failures for which its policy has ended it; None where it has not."""
+        return self._given_up
 
     def noticed_failures(self, index: int = 0) -> tuple[NoticedFailure, ...]:
         """Failures that its standing tests found so far."""
@@ -120,6 +129,8 @@ class StopAndDiagnoseWalk(Controller):
         if self._failures:
             found = self._policy.respond(self._start.robot, plan, self._heading_rad, self._failures)
             plan = plan if found.gait is None else replace(plan, gait=found.gait)
+            if found.stop:
+                self._given_up = ", ".join(map(failure_text, self._failures))
         start = replace(self._start, plans=(plan,))
         walk = MotionWalk(start) if self.hold == "none" else SteeredWalk(start, hold=self.hold)
         walk.leave_plain()

@@ -6,9 +6,12 @@ from dataclasses import replace
 import pytest
 
 from hexctl.control.batch import run_sim_trials
+from hexctl.control.diagnosis.standing_test import Probe
+from hexctl.control.monitor.recovery import StopWalking
 from hexctl.control.preparation import WalkStart
 from hexctl.study.recovery.episodes import Episode, RecoveryCase
 from hexctl.study.recovery.methods import method_of
+from hexctl.study.recovery.stop_and_diagnose import EachAlone, StopAndDiagnoseWalk
 from hexctl.study.recovery.walks import walk_episodes
 from tests.study.recovery.made_up import plan
 
@@ -58,6 +61,16 @@ def test_it_is_told_nothing_of_what_is_to_come(episodes: Sequence[Episode]) -> N
     method = method_of("stop-diagnose")
     (result,) = run_sim_trials([trial], 1, lambda start: method.controller(_checked(start), [()]), apart=True)
     assert repr(Episode.of(case(2), trial, result)) == repr(episodes[1])
+
+
+def test_a_policy_that_stops_ends_the_walk_after_the_test() -> None:
+    def make(start: WalkStart) -> EachAlone:
+        lifts = (Probe("lift", (2,)), Probe("lift", (5,)))
+        return EachAlone(start, lambda one: StopAndDiagnoseWalk(one, StopWalking(), probes=lifts))
+
+    (result,) = run_sim_trials([PLACE.trial(case(2))], 1, make, apart=True)
+    assert (result.status, result.stopped) == ("aborted", "leg 2 limp")
+    assert result.duration_s < 12
 
 
 def _checked(start: WalkStart) -> WalkStart:
