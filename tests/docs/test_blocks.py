@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 import yaml
 
-from hexctl.backends.sim.world import World
+from hexctl.backends.sim.world import DomainRandomization, World
 from hexctl.cli.main import exit_code
 from hexctl.robot.loader import load_meshes
 from hexctl.robot.schema import MountSection, RobotSchema
@@ -49,9 +49,14 @@ def meshes(values: dict[str, Any], folder: Path) -> None:
     assert set(load_meshes(edited_file(folder, put("meshes", values["meshes"])))) == set(values["meshes"])
 
 
+def worlds(values: dict[str, Any], _folder: Path) -> None:
+    """A world, or a family of them."""
+    (DomainRandomization if "ranges" in values else World).model_validate(values)
+
+
 #: What a page's YAML is.
 FILES: dict[str, Callable[[Any, Path], object]] = {
-    "walking.md": lambda values, _folder: World.model_validate(values),
+    "walking.md": worlds,
     "robots.md": parts,
     "recordings.md": meshes,
     "firmware.md": servos,
