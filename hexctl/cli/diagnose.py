@@ -136,7 +136,8 @@ def found_failure(spec: "RunSpec", words: str | None) -> "Found":
     failures = done.diagnosis.failures
     if len(failures) > 1:
         raise InputError(
-            f"--failed-leg: got auto, which is {done.diagnosis.verdict}; allowed: one failed leg"
+            f"--failed-leg: got auto, which is {done.diagnosis.verdict}; allowed: one failed leg, or "
+            f"hexctl run --failed-leg {','.join(str(one.leg) for one in failures)}"
         )
     return Found(failures[0] if failures else None, broken, done)
 

@@ -18,7 +18,7 @@ from hexctl.backends.clock import PERIOD_S
 from hexctl.backends.registry import BackendOptions, make_servos
 from hexctl.backends.sim.terrain import Floor, make_floor
 from hexctl.backends.sim.world import World, load_world
-from hexctl.control.assessment.leg_sets import doubt, leg_set
+from hexctl.control.assessment.leg_sets import doubt, drag, leg_set
 from hexctl.control.guard import Guard
 from hexctl.control.log import (
     BLOCK_TICKS,
@@ -234,7 +234,8 @@ class Run:
         if not plan.further_failures or not plan.travel:
             return []
         found = leg_set(self.robot, plan.gait, plan.failed_legs, (plan.heading_rad,))
-        return [note for note in (doubt(found),) if note is not None]
+        dragged = drag(self.robot, plan.failures, plan.heading_rad)
+        return [note for note in (doubt(found), dragged) if note is not None]
 
     def _suit_rotation(self) -> None:
         """Turn the failed leg away after all where `auto` took it for granted that the line can be held."""

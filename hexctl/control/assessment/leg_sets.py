@@ -6,16 +6,24 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Any
 
+import numpy as np
+
 from hexctl.control.assessment.crawl import CODE_LEAN, gait_without, least_margin_m
 from hexctl.control.assessment.static_stability import STAND_UP
 from hexctl.gait.gait import Gait
+from hexctl.robot.failure import Failure
 from hexctl.robot.model import Robot
+from hexctl.robot.rotations import wrapped_rad
 from hexctl.types import N_LEGS
 
 #: A crawl leans out of its support by no more than this, as a share of the radius of the stance, where it is
 #: expected to walk: up to 0.40 (`ant`) limp and missing pairs did so at 0.6 of the speed, from 0.43
 #: (`phantomx`) and 0.57 (`pexod`) on at 0.4 and 0.3 (docs/gait.md).
 CRAWL_LEAN = 0.42
+
+#: Limp neighbours, whose directions have a mean at least as long as this, drag where that is nearer to the
+#: direction of travel than this: pairs of `ant` then made 0.1 to 0.3 of the speed, and 0.6 otherwise.
+TOGETHER, AHEAD_RAD = 0.75, math.radians(45.0)
 
 #: Verdicts on a set of legs, from the safest on.
 VERDICTS = ("walks", "crawls", "doubtful", "no gait")
@@ -87,6 +95,28 @@ def doubt(found: LegSet) -> str | None:
         f"whether the robot walks {without} is doubtful: the safest gait leans out of its support by "
         f"{-found.margin:.2f} of the radius of the stance, and beyond {CRAWL_LEAN:g} most fail; see hexctl "
         "check --leg-sets"
+    )
+
+
+def drag(robot: Robot, failures: Sequence[Failure], heading_rad: float) -> str | None:
+    """That limp neighbours ahead drag on the floor, in a sentence; None where there are none.
+
+    Args:
+        robot: geometry.
+        failures: of all failed legs.
+        heading_rad: direction of travel in the body frame.
+    """
+    limp = [one.leg for one in failures if one.kind == "limp" and one.joint is None]
+    if len(limp) < 2:
+        return None
+    azimuths_rad = robot.leg_azimuths_rad[[leg - 1 for leg in limp]]
+    forward, left = np.cos(azimuths_rad).mean(), np.sin(azimuths_rad).mean()
+    off_rad = abs(wrapped_rad(math.atan2(left, forward) - heading_rad))
+    if math.hypot(forward, left) < TOGETHER or off_rad > AHEAD_RAD:
+        return None
+    return (
+        f"limp legs {' and '.join(map(str, limp))} are ahead and drag on the floor, which takes half of the "
+        "speed or more; in another direction they drag less"
     )
 
 

@@ -1,5 +1,6 @@
 """Which legs a robot can lose: verdicts by the margin, and walks that agree with them."""
 
+import math
 from itertools import combinations
 
 import pytest
@@ -12,6 +13,7 @@ from hexctl.control.assessment.leg_sets import (
     WALKS,
     LegSet,
     doubt,
+    drag,
     leg_set,
     leg_sets,
 )
@@ -78,3 +80,20 @@ def test_the_simulation_agrees(legs: tuple[int, ...], least: float, most: float)
     result = run_sim_trial(SimTrial(robot=robot, plan=plan, failure=first, further_failures=(second,)))
     assert result.distance_m is not None
     assert least <= result.distance_m / result.ideal_distance_m <= most
+
+
+@pytest.mark.parametrize(
+    ("legs", "kind", "heading_deg", "drags"),
+    [
+        ((1, 2), "limp", 0, True),
+        ((1, 2), "limp", 120, False),
+        ((1, 2), "missing", 0, False),
+        ((2, 3), "limp", 0, False),
+        ((2, 3), "limp", 90, True),
+        ((2, 6), "limp", 0, False),
+        ((1, 4), "limp", 0, False),
+    ],
+)
+def test_limp_neighbours_ahead_drag(legs: tuple[int, ...], kind: str, heading_deg: int, drags: bool) -> None:
+    note = drag(shipped("ant"), failures_of(legs, kind), math.radians(heading_deg))
+    assert (note is not None) == drags
