@@ -14,7 +14,7 @@ from hexctl.cli.options import (
     ROBOT_HELP,
     WORLD_HELP,
     AmplitudeOption,
-    GaitOption,
+    CheckedGaitOption,
     HeightOption,
     JsonOption,
     PaceOption,
@@ -44,7 +44,7 @@ def check(
             "--robot", autocompletion=completion.robots, help="The robot, as an option. (default: ant)"
         ),
     ] = None,
-    gait: GaitOption = "demo",
+    gait: CheckedGaitOption = "demo",
     heading: Annotated[
         float | None,
         number(
@@ -82,7 +82,8 @@ def check(
         bool,
         typer.Option(
             "--envelope",
-            help="Print the greatest speeds by direction, and the static margins, with and without each leg.",
+            help="Print the greatest velocities that may be commanded, by direction, and the static margins of "
+            "the most stable gait there, with and without each leg.",
         ),
     ] = False,
     leg_sets: Annotated[
@@ -124,7 +125,7 @@ def check(
     else:
         print_result(*_heading(report), "", _joint_table(report), "", *_verdict(report), *_physics(report))
         if envelope:
-            print_result("", _envelope_table(report["envelope"]))
+            print_result("", *ENVELOPE, _envelope_table(report["envelope"]))
         if leg_sets:
             print_result("", _leg_set_table(report["leg_sets"]))
     if not checked.possible:
@@ -163,6 +164,14 @@ def _heading(report: dict[str, Any]) -> list[str]:
         f"ideal speed {report['ideal_speed_m_s']:g} m/s",
         *([f"meshes for {', '.join(report['meshes'])}, solids for the rest"] if report["meshes"] else []),
     ]
+
+
+#: What the table of the envelope has, in words.
+ENVELOPE = (
+    "envelope: greatest velocity commands, by which steered walks and VelocityWalk go, and smallest static",
+    "margin of the most stable gait there. Strokes are 1.2 amplitudes at most, every foot in reach, every joint",
+    "in its range; how fast joints turn is not part of it: beyond `speed` above the guard clips.",
+)
 
 
 def _envelope_table(envelope: dict[str, Any]) -> "Table":

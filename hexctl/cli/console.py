@@ -90,9 +90,25 @@ def flag_of(argument: str) -> str:
     return FLAGS.get(argument) or "--" + argument.removesuffix(unit).replace("_", "-")
 
 
+#: Flags whose values the library calls by a noun of its own, at the beginning of its messages.
+NOUNS = {
+    "gait code": "--gait",
+    "slots": "--gait",
+    "gait": "--gait",
+    "gait change": "--then",
+    "body raise": "--body-raise",
+    "stance shift": "--stance-shift",
+    "tucked legs": "--tuck",
+    "failure event": "--fail or --heal",
+    "healing": "--heal",
+}
+
+
 def in_flags(error: HexctlError) -> str:
-    """Text of an error with the command line's flags in place of the library's arguments."""
-    return error.worded(flag_of)
+    """Text of an error with the command line's flags in place of the library's arguments and nouns."""
+    text = error.worded(flag_of)
+    noun, colon, rest = text.partition(": got ")
+    return f"{NOUNS[noun]}{colon}{rest}" if colon and noun in NOUNS else text
 
 
 def print_note(text: str) -> None:

@@ -219,6 +219,7 @@ LinkOption = Annotated[
 
 # How it walks.
 
+_SLOTS_HELP = "or when in the cycle legs 1..6 step, six slots such as 5,1,2,4,3,6."
 GaitOption = Annotated[
     str,
     typer.Option(
@@ -226,8 +227,16 @@ GaitOption = Annotated[
         autocompletion=completion.gaits,
         help="Gait: demo, tripod, wave, ripple; auto, the one that stands safest; best, the fastest by a "
         "prior for the failed leg, or best:SESSION, that of a session; a code, 1..720, or 1..120 "
-        "with a failed leg; "
-        "or when in the cycle legs 1..6 step, six slots such as 5,1,2,4,3,6.",
+        f"with a failed leg; {_SLOTS_HELP}",
+    ),
+]
+CheckedGaitOption = Annotated[
+    str,
+    typer.Option(
+        "--gait",
+        autocompletion=completion.gaits,
+        help="Gait: demo, tripod, wave, ripple; auto, the one that stands safest; a code, 1..720; "
+        f"{_SLOTS_HELP}",
     ),
 ]
 DurationOption = Annotated[float, number("--duration", DURATION_S, "Seconds to walk, {}.")]

@@ -34,6 +34,7 @@ from hexctl.cli.progress import StudyProgress, interruptible
 from hexctl.errors import InputError
 
 if TYPE_CHECKING:
+    from hexctl.backends.sim.world import DomainRandomization
     from hexctl.study.matrix import MatrixResult
     from hexctl.study.study import HoldResult, RecoveryResult, StudyResult, TransferResult
 
@@ -199,7 +200,8 @@ ReportFolderOption = Annotated[
     Path | None,
     typer.Option(
         "--out",
-        help="Folder for the report, new or empty. (default: runs/study-TIME)",
+        help="Folder for the report: new, empty, or of an earlier study, whose files are replaced. "
+        "(default: runs/study-TIME)",
         show_default=False,
     ),
 ]
@@ -294,6 +296,16 @@ def _check_kind(kinds: Mapping[str, bool], own: Mapping[str, Mapping[str, object
             refuse_given(options, f"with {flag}")
 
 
+def _family(name: str) -> "DomainRandomization":
+    """Family of worlds that `--world` names; raises InputError for any other world."""
+    from hexctl.backends.sim.world import load_randomization
+
+    try:
+        return load_randomization(name)
+    except InputError as error:
+        raise InputError(f"--world: got {name} ({error})") from error
+
+
 def _study(
     robot: str, world: str, options: dict[str, Any], folder: Path, jobs: int | None, dask: str | None
 ) -> "tuple[StudyResult, list[str]]":
@@ -321,7 +333,6 @@ def _transfer(
     """Run the transfer benchmark; returns the result and its verdicts as lines."""
     from hexctl.adapt.prior.find import prior_folders
     from hexctl.adapt.prior.prior import load_prior
-    from hexctl.backends.sim.world import load_randomization
     from hexctl.robot.loader import load_robot
     from hexctl.study.study import run_transfer
     from hexctl.study.transfer.plan import UNSEEN, TransferPlan, find_transfer_prior
@@ -336,7 +347,7 @@ def _transfer(
         )
     else:
         believed = load_prior(Path(str(prior)))
-    plan = TransferPlan(robot=model, family=load_randomization(family or UNSEEN), prior=believed, **options)
+    plan = TransferPlan(robot=model, family=_family(family or UNSEEN), prior=believed, **options)
     with interruptible(lambda cache: cache.count(plan.specs())), StudyProgress() as progress:
         result = run_transfer(plan, folder=folder, jobs=jobs, dask=dask, progress=progress)
     bars = transfer_bars(result.findings)
@@ -372,7 +383,6 @@ def _hold(
     settings: dict[str, str], options: dict[str, Any], folder: Path, jobs: int | None
 ) -> "tuple[HoldResult, list[str]]":
     """Compare holds; returns the result, its table and its verdicts as lines."""
-    from hexctl.backends.sim.world import load_randomization
     from hexctl.robot.loader import load_robot
     from hexctl.study.holds.findings import hold_bars
     from hexctl.study.holds.plan import FAMILY, HoldPlan
@@ -382,7 +392,7 @@ def _hold(
 
     parts: dict[str, Any] = {name: listed(text) for name, text in settings.items()}
     robots = tuple(load_robot(name) for name in parts.pop("robots", ("ant",)))
-    families = {name: load_randomization(name) for name in parts.pop("families", (FAMILY,))}
+    families = {name: _family(name) for name in parts.pop("families", (FAMILY,))}
     plan = HoldPlan(robots=robots, families=families, **parts, **options)
     with (
         interruptible(lambda cache: HoldCache(cache).count(plan.walked()), "walks"),
@@ -399,7 +409,6 @@ def _recovery(
     settings: dict[str, str], options: dict[str, Any], folder: Path, jobs: int | None
 ) -> "tuple[RecoveryResult, list[str]]":
     """Run the recovery benchmark; returns the result, its table and its verdicts as lines."""
-    from hexctl.backends.sim.world import load_randomization
     from hexctl.robot.loader import load_robot
     from hexctl.study.recovery.findings import recovery_bars
     from hexctl.study.recovery.plan import FAMILIES, RecoveryPlan
@@ -409,7 +418,7 @@ def _recovery(
 
     parts: dict[str, Any] = {name: listed(text) for name, text in settings.items()}
     robots = tuple(load_robot(name) for name in parts.pop("robots", ("ant",)))
-    families = {name: load_randomization(name) for name in parts.pop("families", FAMILIES)}
+    families = {name: _family(name) for name in parts.pop("families", FAMILIES)}
     plan = RecoveryPlan(robots=robots, families=families, **parts, **options)
     with (
         interruptible(lambda cache: EpisodeCache(cache).count(plan.walked()), "walks"),

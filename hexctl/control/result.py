@@ -97,8 +97,8 @@ class TrialResult(ArrayFields):
             result that was read. It counts in no comparison.
         energy_j: mechanical work of the joints' actuators over the walk, without what they brake; None where
             the robot does not tell its torques.
-        cost_of_transport: that work per weight and metre of progress, without unit; None likewise, and
-            without progress.
+        cost_of_transport: that work per weight and metre of progress, without unit; None likewise, without
+            progress, and for a turn in place and an arc.
         tilt_deg: lean of the body after the soft start, root mean square; None where its orientation is not
             known.
         steadiness: by how much the velocity of the body differs from its mean after the soft start, root mean
@@ -339,7 +339,7 @@ def score(
         true_deviation=None if true_path_m is None else _deviation(true_path_m[:, 1]),
         true_path_m=true_path_m,
         energy_j=energy_j,
-        cost_of_transport=cost_of_transport(robot, energy_j, distance_m),
+        cost_of_transport=cost_of_transport(robot, energy_j, distance_m if _goes_straight(plan) else None),
         tilt_deg=lean_deg(quaternions_world),
         steadiness=unsteadiness_m_s(positions_world),
         trim_rad=plan.trim_rad if hold == "heading" else None,

@@ -364,7 +364,8 @@ def run(
         recorders: take the ticks in blocks beside the recording; each fails alone.
         stop_requested: asked every tick; True ends the walk with a soft stop.
         options: fields of `RunSpec`; `failed_leg=5, failure="limp"` say a failure in words, and
-            `failed_leg=(2, 5), failure="limp,locked"` those of several legs.
+            `failed_leg=(2, 5), failure="limp,locked"` those of several legs; `record=False` leaves no
+            recording.
 
     Raises what `Run` raises: InputError, ReachError and LimitError before anything moves, RobotFaultError for
     a robot or a link that fails.

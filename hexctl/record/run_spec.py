@@ -177,6 +177,11 @@ class RunSpec:
                 raise InputError(f"{name}: got {value} with a Gait; allowed: with a name, a code or slots")
         if self.trim_rad is not None and self.hold != "heading":
             raise InputError(f"{argument('trim')}: got it with hold {self.hold}; allowed: with hold heading")
+        arc = self.turn_rate_rad_s is not None and (self.turn_rate_rad_s or self.heading_rad is None)
+        if self.trim_rad is not None and arc:
+            raise InputError(
+                f"{argument('trim')}: got it with a turn, which holds no heading; allowed: without a turn"
+            )
         if self.further_failures and self.self_rotation not in (AUTO_ROTATION, "none"):
             raise InputError(
                 f"{argument('self_rotation')}: got {self.self_rotation} with failed legs "
@@ -193,6 +198,8 @@ def spec_of(options: Mapping[str, Any]) -> RunSpec:
     """Spec of keywords: the fields of `RunSpec`, with a failure in words too."""
     given = dict(options)
     failed_leg, failure = given.pop("failed_leg", None), given.get("failure")
+    if given.get("record") is False:
+        given["record"] = given["record_folder"] = None
     if failed_leg is not None:
         legs = (failed_leg,) if isinstance(failed_leg, int) else failed_leg
         check_type(legs, (tuple, list), "failed_leg", "1..6, the leg that fails, or several, as (2, 5)")

@@ -190,3 +190,12 @@ def test_which_legs_may_be_lost_is_printed_by_verdict(capsys: pytest.CaptureFixt
     printed = capsys.readouterr().out
     assert "without 1  walks: any of 6; margin -0.06 to" in printed
     assert "without 3  no gait: any of 20" in printed
+
+
+def test_the_envelope_says_what_its_figures_are(capsys: pytest.CaptureFixture[str]) -> None:
+    assert exit_code(["check", "--envelope"]) == 0
+    out = capsys.readouterr().out
+    assert "envelope: greatest velocity commands" in out
+    assert "0.178 m/s" in out
+    assert exit_code(["check", "--help"]) == 0
+    assert "best" not in capsys.readouterr().out

@@ -7,8 +7,9 @@ import sys
 
 import pytest
 
-from hexctl.cli.console import StopOnInterrupt, flag_of, print_result
+from hexctl.cli.console import StopOnInterrupt, flag_of, in_flags, print_result
 from hexctl.cli.render import label_table, plain_table
+from hexctl.errors import InputError
 
 
 def _hexctl(*arguments: str, **more: object) -> "subprocess.Popen[bytes]":
@@ -74,3 +75,17 @@ def test_the_first_ctrl_c_asks_for_a_stop_and_the_second_ends() -> None:
         with pytest.raises(KeyboardInterrupt):
             os.kill(os.getpid(), signal.SIGTERM)
     assert signal.getsignal(signal.SIGINT) is before
+
+
+@pytest.mark.parametrize(
+    ("message", "text"),
+    [
+        ("gait code: got 800; allowed: 1..720", "--gait: got 800; allowed: 1..720"),
+        ("gait change: got -1 s; allowed: 0 up", "--then: got -1 s; allowed: 0 up"),
+        ("stance shift: got 9; allowed: 0.2", "--stance-shift: got 9; allowed: 0.2"),
+        ("healing: got '5'; allowed: 5@20", "--heal: got '5'; allowed: 5@20"),
+        ("w.yaml: gait: got 5", "w.yaml: gait: got 5"),
+    ],
+)
+def test_a_message_about_a_noun_of_the_library_begins_with_the_option(message: str, text: str) -> None:
+    assert in_flags(InputError(message)) == text

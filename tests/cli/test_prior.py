@@ -557,7 +557,7 @@ def test_a_score_prior_of_other_trials_is_refused_by_name(
         (["--early-stop"], "--early-stop: got it with --objective speed; allowed: with final"),
         (["--worth", "0.1"], "--worth: got 0.1 m with --objective speed; allowed: 0, to spend the budget"),
         (["--objective", "final", "--hold", "line"], "priors of steered walks are for speed, cost, tilt, st"),
-        (["--hold", "none"], "priors are for the objective final, not speed"),
+        (["--hold", "none"], "priors are for the objective final, not speed, with hold none; those of"),
     ],
     ids=str,
 )

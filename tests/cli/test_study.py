@@ -156,7 +156,9 @@ def test_the_transfer_benchmark_has_its_own_worlds_and_rotation(capsys: pytest.C
     assert exit_code(["study", "--transfer", "--failure", "limp"]) == 2
     assert "prior: there is none for these trials" in capsys.readouterr().err
     assert exit_code(["study", "--transfer", "--world", "slippery"]) == 2
-    assert "has no `ranges`; allowed: a family of worlds" in capsys.readouterr().err
+    err = capsys.readouterr().err
+    assert "--world: got slippery (" in err
+    assert "has no `ranges`; allowed: a family of worlds, such as transfer or real" in err
 
 
 SHORT = ["study", "--hold", "--legs", "2", "--failure", "limp", "--worlds", "1", "--duration", "0.2"]

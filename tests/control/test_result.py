@@ -39,7 +39,7 @@ def _score(
     world = np.column_stack([turned + origin[:2], np.full(len(path), 0.1)])
     quaternions = np.tile(UPRIGHT, (len(path), 1)) if yaws is None else _turned(yaws)
     duration_s, turned_rad = plan.pop("duration_s", 10.0), plan.pop("turned_rad", 0.0)
-    hold = plan.pop("hold", "none")
+    hold, energy_j = plan.pop("hold", "none"), plan.pop("energy_j", None)
     return score(
         shipped(),
         TrialPlan(gait=gait_of(shipped()), **plan),
@@ -48,6 +48,7 @@ def _score(
         turned_rad=turned_rad,
         clipped_ticks=3,
         hold=hold,
+        energy_j=energy_j,
         frame=TrialFrame(origin, heading, 0.0 if yaws is None else float(yaws[0])),
         positions_world=world,
         quaternions_world=quaternions,
@@ -245,3 +246,10 @@ def test_a_pose_that_freezes_shortly_counts() -> None:
     path[200] = np.nan  # a dropout does not end it
     path[300] = path[99]
     assert _score(path, hold="line").hold_lost_s == pytest.approx(201 * 0.02)
+
+
+@pytest.mark.parametrize("plan", [{"travel": 0.0, "turn_rate_rad_s": 1.0}, {"turn_rate_rad_s": 0.3}])
+def test_a_turn_has_no_cost_of_transport(plan: dict[str, Any]) -> None:
+    path = _along(0.1, np.zeros(5))
+    assert _score(path, energy_j=5.0).cost_of_transport is not None
+    assert _score(path, energy_j=5.0, **plan).cost_of_transport is None

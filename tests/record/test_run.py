@@ -353,3 +353,15 @@ def test_legs_without_which_a_robot_hardly_walks_are_said_before_it_moves() -> N
         assert not any("doubtful" in note for note in connected.notes)
     with pytest.raises(InputError, match=r"got 1,3,5 with gait auto; .* no gait keeps .* allowed: one"):
         Run(spec_of({"failed_leg": (1, 3, 5), "gait": "auto"}))
+
+
+@pytest.mark.parametrize("heading_rad", [None, 0.0])
+def test_a_trim_with_a_turn_is_refused(heading_rad: float | None) -> None:
+    spec = RunSpec(hold="heading", trim_rad=0.1, turn_rate_rad_s=0.1, heading_rad=heading_rad)
+    with pytest.raises(InputError, match="trim: got it with a turn"):
+        spec.check()
+    replace(spec, turn_rate_rad_s=0.0, heading_rad=0.0).check()
+
+
+def test_a_run_may_say_that_it_leaves_no_recording() -> None:
+    assert spec_of({"record": False, "record_folder": "runs"}) == RunSpec()

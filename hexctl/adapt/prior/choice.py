@@ -73,8 +73,11 @@ def _other_objective(spec: SessionSpec) -> str:
     steered = spec.hold != "none"
     if spec.objective in (SCORES if steered else ("final",)):
         return ""
-    what = f"of steered walks are for {', '.join(SCORES)}" if steered else "are for the objective final"
-    return f"priors {what}, not {spec.objective}"
+    of_steered = f"of steered walks are for {', '.join(SCORES)}"
+    if steered:
+        return f"priors {of_steered}, not {spec.objective}"
+    others = f"; those {of_steered}" if spec.objective in SCORES else ""
+    return f"priors are for the objective final, not {spec.objective}, with hold none{others}"
 
 
 def _wants_prior(spec: SessionSpec, wanted: str | None, free: bool) -> bool:

@@ -7,6 +7,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validat
 from hexctl.robot.configs import Number
 
 Finite = Annotated[Number, Field(allow_inf_nan=False)]
+Jump = Annotated[Number, Field(ge=-100, le=100, allow_inf_nan=False)]
 NotNegative = Annotated[Number, Field(ge=0, allow_inf_nan=False)]
 
 
@@ -19,9 +20,9 @@ class Section(BaseModel):
 class SensorNoise(Section):
     """Standard deviations of the measurement errors, which are drawn every tick."""
 
-    joint_deg: NotNegative = 0.0
-    position_m: NotNegative = 0.0
-    yaw_deg: NotNegative = 0.0
+    joint_deg: Annotated[Number, Field(ge=0, le=10, allow_inf_nan=False)] = 0.0
+    position_m: Annotated[Number, Field(ge=0, le=1, allow_inf_nan=False)] = 0.0
+    yaw_deg: Annotated[Number, Field(ge=0, le=45, allow_inf_nan=False)] = 0.0
 
 
 def _ordered(interval: tuple[float, float]) -> tuple[float, float]:
@@ -52,7 +53,7 @@ class SensorFaults(Section):
     yaw_drift_deg_per_min: Annotated[Number, Field(ge=-3600, le=3600, allow_inf_nan=False)] = 0.0
     pose_frozen_s: tuple[Interval, ...] = ()
     position_jump_s: tuple[Interval, ...] = ()
-    position_jump_m: tuple[Finite, Finite, Finite] = JUMP_M
+    position_jump_m: tuple[Jump, Jump, Jump] = JUMP_M
 
     @model_validator(mode="after")
     def _jumps(self) -> Self:

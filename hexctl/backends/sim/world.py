@@ -388,7 +388,7 @@ def load_randomization(name_or_path: str | Path) -> DomainRandomization:
     path = find_config("worlds", name_or_path)
     content = read_mapping(path)
     if "ranges" not in content:
-        raise InputError(f"{path}: has no `ranges`; allowed: a family of worlds")
+        raise InputError(f"{path}: has no `ranges`; allowed: a family of worlds, such as transfer or real")
     return validate(DomainRandomization, content, path)
 
 
@@ -403,7 +403,9 @@ def load_world(name_or_path: str | Path = "flat") -> World:
     family, colon, number = text.rpartition(":")
     if colon and not Path(text).is_file():
         if not (number.isdecimal() and len(number) <= len(str(MAX_MEMBERS))):
-            raise InputError(f"world: got {text!r}; allowed: the number of a member, as in {family}:7")
+            raise InputError(
+                f"world: got {text!r}; allowed: the number of a member, 0..{MAX_MEMBERS - 1}, as in {family}:7"
+            )
         return load_randomization(family).members(int(number), 1)[0]
     path = find_config("worlds", text)
     content = read_mapping(path)

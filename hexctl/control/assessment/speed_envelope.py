@@ -31,7 +31,7 @@ class SpeedEnvelope(ArrayFields):
     Attributes:
         directions_rad: of travel in the body frame, (D,).
         speeds_m_s: at which every foot of a walking leg is in reach, every joint in its range, and no stroke
-            longer than steering allows, (7, D).
+            longer than steering allows, 1.2 amplitudes, (7, D); how fast joints turn is not part of it.
         turn_rates_rad_s: of a turn in place, likewise, (7,).
         margins_m: smallest static margin of the most stable gait there, negative where the robot leans on its
             momentum for a moment, (7, D).
@@ -60,7 +60,10 @@ class SpeedEnvelope(ArrayFields):
 def speed_envelope(
     robot: Robot, gait: Gait, directions_rad: Sequence[float] = DIRECTIONS_RAD
 ) -> SpeedEnvelope:
-    """Envelope of a gait: what a velocity command may ask for."""
+    """Envelope of a gait: what a velocity command may ask for.
+
+    A planned motion, as `hexctl run --turn`, has no bound on its strokes but the reach of the legs.
+    """
     way = [_possible(robot, gait, Motion(heading_rad=heading_rad)) for heading_rad in directions_rad]
     turn_rate_rad_s = 2 * half_amplitude_turn_rate_rad_s(robot, gait)
     turn = _possible(robot, gait, Motion(travel=0.0, turn_rate_rad_s=turn_rate_rad_s))

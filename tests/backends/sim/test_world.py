@@ -62,6 +62,13 @@ def test_all_keys_are_read(tmp_path: Path) -> None:
         ("sensor_noise: {joint: 1}", ["unknown key sensor_noise.joint", "joint_deg, position_m, yaw_deg"]),
         ("sensor_noise: 1", ["sensor_noise", "got 1", "mapping"]),
         ("sensor_noise: {yaw_deg: -1}", ["sensor_noise.yaw_deg", "got -1", "0 or more"]),
+        ("sensor_noise: {joint_deg: 11}", ["sensor_noise.joint_deg", "got 11", "10 or less"]),
+        ("sensor_noise: {position_m: 10}", ["sensor_noise.position_m", "got 10", "1 or less"]),
+        ("sensor_noise: {yaw_deg: 500}", ["sensor_noise.yaw_deg", "got 500", "45 or less"]),
+        (
+            "sensor_faults: {position_jump_s: [[1, 2]], position_jump_m: [0, 1000, 0]}",
+            ["sensor_faults.position_jump_m[1]", "1000", "100 or less"],
+        ),
         ("friction: 0", ["friction", "got 0", "above 0"]),
         ("friction: -1", ["friction", "got -1", "above 0"]),
         ("friction: .nan", ["friction", "nan", "finite"]),
