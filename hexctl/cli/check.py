@@ -82,8 +82,8 @@ def check(
         bool,
         typer.Option(
             "--envelope",
-            help="Print the greatest velocities that may be commanded, by direction, and the static margins of "
-            "the most stable gait there, with and without each leg.",
+            help="Print the greatest velocities that may be commanded, by direction, and the static margins "
+            "of the most stable gait there, with and without each leg.",
         ),
     ] = False,
     leg_sets: Annotated[
@@ -169,8 +169,8 @@ def _heading(report: dict[str, Any]) -> list[str]:
 #: What the table of the envelope has, in words.
 ENVELOPE = (
     "envelope: greatest velocity commands, by which steered walks and VelocityWalk go, and smallest static",
-    "margin of the most stable gait there. Strokes are 1.2 amplitudes at most, every foot in reach, every joint",
-    "in its range; how fast joints turn is not part of it: beyond `speed` above the guard clips.",
+    "margin of the most stable gait there. Strokes are 1.2 amplitudes at most, every foot in reach, every",
+    "joint in its range; how fast joints turn is not part of it: where `speed` is not kept, the guard clips.",
 )
 
 

@@ -404,7 +404,8 @@ def load_world(name_or_path: str | Path = "flat") -> World:
     if colon and not Path(text).is_file():
         if not (number.isdecimal() and len(number) <= len(str(MAX_MEMBERS))):
             raise InputError(
-                f"world: got {text!r}; allowed: the number of a member, 0..{MAX_MEMBERS - 1}, as in {family}:7"
+                f"world: got {text!r}; allowed: the number of a member, 0..{MAX_MEMBERS - 1}, as in "
+                f"{family}:7"
             )
         return load_randomization(family).members(int(number), 1)[0]
     path = find_config("worlds", text)

@@ -206,7 +206,10 @@ def test_a_world_that_is_no_family_is_what_it_was() -> None:
         ("randomised:-1", ["got 'randomised:-1'", "randomised:7"]),
         ("randomised:1.5", ["got 'randomised:1.5'", "randomised:7"]),
         (f"randomised:{MAX_MEMBERS}", [f"got member {MAX_MEMBERS}", f"0..{MAX_MEMBERS - 1}"]),
-        ("randomised:99999999999999999999", ["got 'randomised:99999999999999999999'", "number of a member, 0..1048575"]),
+        (
+            "randomised:99999999999999999999",
+            ["got 'randomised:99999999999999999999'", "number of a member, 0..1048575"],
+        ),
         ("flat:3", ["flat.yaml", "no `ranges`", "a family of worlds"]),
         ("mars:3", ["unknown world 'mars'", "randomised", "transfer"]),
         ("mars", ["unknown world 'mars'", "randomised", "transfer"]),
