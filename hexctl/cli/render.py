@@ -143,7 +143,7 @@ def _why_no_distance(outcome: dict[str, Any]) -> str:
     hold = outcome.get("hold")
     if hold == "line" or (hold == "none" and not outcome.get("hold_caveat")):
         return "its position was not measured at the end"
-    return "this robot knows no position"
+    return "its position is not known"
 
 
 #: The true deviation of a simulation is told where the measured one is further off than this.

@@ -97,8 +97,8 @@ LOST: dict[str, Any] = {"hold_lost_s": 0.0, "limited_ticks": 0}
 @pytest.mark.parametrize(
     ("duration_s", "held", "words"),
     [
-        (10.0, {"hold": "heading"}, "10.0 s; this robot knows no position"),
-        (10.0, {"hold": "none", "hold_caveat": "no pose"}, "10.0 s; this robot knows no position"),
+        (10.0, {"hold": "heading"}, "10.0 s; its position is not known"),
+        (10.0, {"hold": "none", "hold_caveat": "no pose"}, "10.0 s; its position is not known"),
         (10.0, {"hold": "line"}, "10.0 s; its position was not measured at the end"),
         (10.0, {"hold": "none"}, "10.0 s; its position was not measured at the end"),
         (0.0, {}, "0.0 s; it never set out"),

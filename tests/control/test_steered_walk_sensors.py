@@ -140,8 +140,8 @@ def test_what_stays_away_for_three_seconds_and_comes_back_costs_no_course(sensor
     assert truly_off_m(result) < 0.05
 
 
-#: In times of the simulation; the walk begins at 1 s, and in open loop ends 1.1 m off. Measured: 1.3 cm off
-#: without a fault, 1.3 to 1.6 with most, 2.4 and 2.7 with the second and third pose that freezes.
+#: In times of the simulation; the walk begins at 1 s, and in open loop ends 1.1 m off. Measured: 0.3 cm off
+#: without a fault, 0.4 to 0.6 with most, 1.9 and 0.9 with the second and third pose that freezes.
 FAULTS: dict[str, dict[str, Any]] = {
     "a position that is a metre off for 3 s": {"position_jump_s": [[6, 9]]},
     "a pose that freezes for 3 s": {"pose_frozen_s": [[6, 9]]},
