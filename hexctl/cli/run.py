@@ -59,10 +59,13 @@ from hexctl.cli.progress import WithBar
 from hexctl.errors import InputError, LimitError, ReachError, RecordingError, RobotFaultError
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+
     from hexctl.control.log import Recorder, TickLog
     from hexctl.record.live import LiveView
     from hexctl.record.run import Run, RunResult
     from hexctl.record.run_spec import RunSpec
+    from hexctl.robot.failure_event import FailureEvent
 
 #: A simulated walk shorter than this has no progress bar.
 SHORT_S = 120.0
@@ -158,7 +161,10 @@ def run(
         duration_s=duration,
         failure=None if diagnosed else failures[0] if failures else failure_of(None, failure),
         further_failures=failures[1:],
-        events=(*map(parse_failure_event, fail or ()), *map(parse_healing, heal or ())),
+        events=(
+            *_events("--fail", parse_failure_event, fail),
+            *_events("--heal", parse_healing, heal),
+        ),
         policy=policy or ("glide" if recover else None),
         self_rotation=self_rotation,
         hold=hold,
@@ -189,6 +195,18 @@ def _with_best(spec: "RunSpec") -> "RunSpec":
     best = best_gait(spec, RUNS)
     print_note(f"hexctl: {best.source}")
     return best.spec
+
+
+def _events(
+    flag: str, parse: "Callable[[str], FailureEvent]", texts: "Sequence[str] | None"
+) -> "Iterator[FailureEvent]":
+    """Events of the texts of an option; raises InputError that names it."""
+    for text in texts or ():
+        try:
+            yield parse(text)
+        except InputError as error:
+            _, same, allowed = str(error).partition(f": got {text!r}")
+            raise InputError(f"{flag}: got {text!r}{allowed if same else f' ({error})'}") from error
 
 
 def _shift_of(text: str | None) -> tuple[float, float] | None:

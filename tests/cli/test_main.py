@@ -231,6 +231,21 @@ def test_a_ctrl_c_after_the_end_of_a_command_is_no_signal_and_no_traceback(last:
     assert (done.returncode, done.stdout, done.stderr) == (code, "", "")
 
 
+def test_an_interrupted_command_does_not_wait_for_walks_that_were_dropped() -> None:
+    program = (
+        "import threading\n"
+        "import hexctl.cli.main, hexctl.study.evaluate\n"
+        "from hexctl.cli.entry import main\n"
+        "def end():\n"
+        "    threading.Thread(target=threading.Event().wait, name='simulate_0').start()\n"
+        "    return 130\n"
+        "hexctl.cli.main.exit_code = end\n"
+        "main()\n"
+    )
+    done = subprocess.run([sys.executable, "-c", program], check=False, timeout=60)
+    assert done.returncode == 130
+
+
 def test_a_ctrl_c_before_a_command_is_loaded_says_that_nothing_was_recorded() -> None:
     program = (
         "import os, signal, sys\n"
