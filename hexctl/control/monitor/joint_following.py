@@ -62,7 +62,6 @@ class JointFollowing:
     Attributes:
         rho: of each joint, leading shape + (18,).
         rho_of_legs: the greatest of the joints of each leg, leading shape + (6,).
-        off_rad: how far each joint is off its lagged targets, leading shape + (18,).
     """
 
     def __init__(
@@ -71,7 +70,8 @@ class JointFollowing:
         joints, legs = (*shape, N_JOINTS), (*shape, N_LEGS)
         # Arrays of one shape are the fastest to calculate with, so the constants have it too.
         per_tick = np.repeat(np.asarray(cycles)[..., np.newaxis], N_JOINTS, axis=-1)
-        self._period_s, self._begun = period_s, False
+        self._period_s = period_s
+        self._at_rest_rad: FloatArray | None = None
         self._overload = Overload(per_tick, limits_nm)
         self._legs = np.repeat(np.arange(int(np.prod(legs))).reshape(legs), JOINTS_PER_LEG, axis=-1)
         self._twice = np.stack([self._legs, self._legs])
@@ -96,7 +96,6 @@ class JointFollowing:
         # Views of rho, for its maximum in each leg.
         self._rho_of_kinds = tuple(self.rho[..., kind::JOINTS_PER_LEG] for kind in range(JOINTS_PER_LEG))
         self.rho_of_legs: FloatArray = np.zeros(legs)
-        self.off_rad: FloatArray = np.zeros(joints)
 
     def update(self, state: RobotState, parts: NDArray[np.int64]) -> None:
         """Take the state of a tick.
@@ -107,13 +106,12 @@ class JointFollowing:
         """
         if self._ring is None:
             return
-        measured = state.joint_positions_rad
+        if self._at_rest_rad is None:
+            # How joints hang in the stance, and by how much their sensors are off.
+            self._at_rest_rad = state.joint_positions_rad - self._lagged
+        measured = state.joint_positions_rad - self._at_rest_rad
         low, high = np.minimum.reduce(self._ring), np.maximum.reduce(self._ring)
-        off_rad = self.off_rad = measured - np.minimum(np.maximum(measured, low), high)
-        if not self._begun:
-            # How joints hang in the stance, and where their sensors are off.
-            self._habit.begin(np.stack([off_rad, self._none]))
-            self._begun = True
+        off_rad = measured - np.minimum(np.maximum(measured, low), high)
         usual = self._habit.at(parts.take(self._twice))
         np.subtract(off_rad, usual[0], out=self._unusual_rad)
         np.subtract(np.abs(self._unusual_rad), usual[1], out=self._wider_rad)
@@ -138,6 +136,13 @@ class JointFollowing:
         self._lagged += self._lag_share * (targets_rad - self._lagged)
         self._ring[self._row] = self._lagged
         self._row = (self._row + 1) % len(self._ring)
+
+    def off_rad(self, measured_rad: FloatArray) -> FloatArray:
+        """How far joints are off their lagged targets at least, whether or not as much as at rest."""
+        off_rad = measured_rad - self._lagged
+        if self._at_rest_rad is None:
+            return self._none
+        return np.minimum(np.abs(off_rad), np.abs(off_rad - self._at_rest_rad))
 
     def forget(self, which: BoolArray) -> None:
         """Forget the residuals of some robots, leading shape + (1,)."""

@@ -150,13 +150,16 @@ class LegMonitor:
     def update(self, state: RobotState, phases: FloatArray) -> None:
         """Take the state of a tick, and the normalised times of the legs then, leading shape + (6,)."""
         torques_nm = state.joint_torques_nm
-        # A sum is finite only if every term is, and is cheaper than asking each one.
-        if torques_nm is not None and not math.isfinite(np.add.reduce(torques_nm, axis=None)):
-            state = replace(state, joint_torques_nm=None)
+        if torques_nm is not None:
+            # A sum is finite only if every term is, and is cheaper than asking each one.
+            total_nm = np.add.reduce(torques_nm, axis=None)
+            # Not all servos lose their power at once and keep their positions: their torques are not told.
+            if not math.isfinite(total_nm) or (total_nm == 0 and not torques_nm.any()):
+                state = replace(state, joint_torques_nm=None)
         parts = cycle_parts(phases)
         if state.measured:
             self._following.update(state, parts)
-        self._support.update(state, parts, self._following.off_rad)
+        self._support.update(state, parts, self._following if state.measured else None)
         self._history[0, self._row] = state.joint_positions_rad
         if state.joint_torques_nm is not None:
             self._history[2, self._row] = state.joint_torques_nm
@@ -264,7 +267,8 @@ class LegMonitor:
         if measures_torque and not powered:
             latest_nm = torques_nm[: 1 + round(POWER_CYCLES * float(self._cycle_ticks[row]))]
             dead = np.abs(latest_nm).max(axis=0) < self._none_nm[joints]
-        idle = dead & (np.abs(self._following.off_rad[row][joints]) > OFF_RAD)
+        off_rad = measured_rad[0] - targets_rad[0]
+        idle = dead & (np.abs(off_rad) > OFF_RAD)
         if dead.all() and not follows:
             return Failure(leg=leg, kind="limp")
         if follows and not powered and (dead.all() or not idle.any()):

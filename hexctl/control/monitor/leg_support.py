@@ -18,6 +18,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from hexctl.control.monitor.joint_following import JointFollowing
 from hexctl.control.monitor.phase_habit import PARTS, PhaseHabit
 from hexctl.types import JOINTS_PER_LEG, N_JOINTS, N_LEGS, BoolArray, FloatArray, RobotState
 
@@ -98,13 +99,15 @@ class LegSupport:
         self._carried: FloatArray = np.ones(columns)
         self._most: FloatArray = np.zeros(columns)
 
-    def update(self, state: RobotState, parts: NDArray[np.int64], off_rad: FloatArray) -> None:
+    def update(
+        self, state: RobotState, parts: NDArray[np.int64], joints: JointFollowing | None = None
+    ) -> None:
         """Take the state of a tick.
 
         Args:
             state: as measured.
             parts: of the cycle that the legs are in, leading shape + (6,).
-            off_rad: how far joints are off their targets, leading shape + (18,).
+            joints: how they follow their targets; None where nothing measures it.
         """
         load = self._load(state)
         self.known = load is not None
@@ -122,17 +125,18 @@ class LegSupport:
         if self._feet:
             missing = self.missing
             self.missing = np.minimum(missing[..., _LEGS], missing[..., _FEET] + BEYOND_CONTACT)
-        if self._torques:
-            self._count_idle(weight, off_rad)
+        if self._torques and joints is not None:
+            self._count_idle(weight, state.joint_positions_rad, joints)
         self._ticks += 1
         if self._ticks % LEARNING_TICKS == 0:
             self._habit.learn(self._learns() * (self._carried > self._calm) * (load - usual))
 
-    def _count_idle(self, weight: FloatArray, off_rad: FloatArray) -> None:
-        idle = (self._size_nm < self._none_nm) & (np.abs(off_rad) > self._off_rad)
+    def _count_idle(self, weight: FloatArray, measured_rad: FloatArray, joints: JointFollowing) -> None:
+        idle = self._size_nm < self._none_nm
         before, self._idle = self._idle, bool(np.count_nonzero(idle))
         if not (before or self._idle):
             return
+        idle &= joints.off_rad(measured_rad) > self._off_rad
         passed = weight[..., _LEGS].take(self._legs) * self._per_tick
         self.idle_cycles = (self.idle_cycles + passed) * idle
         self.idle_of_legs = self.idle_cycles.reshape(*self._shape, N_LEGS, JOINTS_PER_LEG).max(axis=-1)

@@ -34,10 +34,6 @@ class PhaseHabit:
         self._place = self._first
         self._usual: FloatArray = np.zeros(shape)
 
-    def begin(self, values: FloatArray) -> None:
-        """Take values of shape as what is usual everywhere."""
-        self._table[:] = np.repeat(values, PARTS)
-
     def at(self, parts: NDArray[np.int64]) -> FloatArray:
         """What is usual at parts of the cycle, 0 to `PARTS` - 1, both of shape."""
         self._place = self._first + parts

@@ -25,7 +25,7 @@ def test_a_leg_that_carries_nothing_misses_all_of_its_load(efforts: bool, reliab
         state = RobotState(
             np.zeros(18), 0.0, True, None, None, contacts, joint_torques_nm=torques if efforts else None
         )
-        support.update(state, cycle_parts(phases), np.zeros(18))
+        support.update(state, cycle_parts(phases))
     assert support.known
     assert most[3] > 0.95
     assert np.delete(most, 3).max() < 0.7
@@ -41,7 +41,7 @@ def test_a_foot_on_the_floor_is_there_whatever_the_torques_say() -> None:
         if tick >= 600:
             torques[:6], contacts[0] = 0.0, False
         state = RobotState(np.zeros(18), 0.0, True, None, None, contacts, joint_torques_nm=torques)
-        support.update(state, cycle_parts(phases), np.zeros(18))
+        support.update(state, cycle_parts(phases))
         most = np.maximum(most, support.missing) if tick > 600 else most
     assert most[0] > 0.95  # neither load nor contact
     assert 0.3 < most[1] < 0.6
@@ -49,7 +49,7 @@ def test_a_foot_on_the_floor_is_there_whatever_the_torques_say() -> None:
 
 def test_without_contacts_and_efforts_nothing_is_known() -> None:
     support = LegSupport((), np.array(0.02), np.ones(18))
-    support.update(RobotState(np.zeros(18), 0.0, True), cycle_parts(np.zeros(6)), np.zeros(18))
+    support.update(RobotState(np.zeros(18), 0.0, True), cycle_parts(np.zeros(6)))
     assert not support.known
     assert (support.missing == 0).all()
 
@@ -65,7 +65,7 @@ def test_a_tick_without_torques_is_no_tick_without_load() -> None:
         state = RobotState(
             np.zeros(18), 0.0, True, None, None, contacts, joint_torques_nm=None if lost else torques
         )
-        support.update(state, cycle_parts(phases), np.zeros(18))
+        support.update(state, cycle_parts(phases))
         assert support.known == (not lost)
         most = max(most, float(support.missing.max())) if tick > 250 else most
     assert most < 0.5

@@ -1,9 +1,12 @@
 """Legs fail in mid-walk; the robot notices and walks on along its line. Alone and in batches."""
 
+from collections.abc import Callable
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
+from hexctl.backends.base import ServosWrapper
 from hexctl.backends.sim.servos import SimServos
 from hexctl.control.batch import SimTrial, run_sim_trial, run_sim_trials
 from hexctl.control.guard import Guard
@@ -18,6 +21,7 @@ from hexctl.errors import WrongTypeError
 from hexctl.gait.gait import make_gait
 from hexctl.robot.failure import Failure
 from hexctl.robot.failure_event import parse_failure_event, parse_healing
+from hexctl.types import FloatArray, RobotState
 from tests.robots import shipped
 
 
@@ -205,3 +209,73 @@ def test_a_told_leg_is_never_tucked_and_the_gait_comes_back_once_the_other_heals
     assert first.response.gait is not None
     assert first.response.gait.posture.tucked_legs == (5,)
     assert (second.healed, second.response.gait) == (True, gait)
+
+
+class Faulty(ServosWrapper):
+    """Servos of a whole robot whose sensors tell something else from a time on."""
+
+    def __init__(self, servos: SimServos, changed: Callable[[RobotState], RobotState], from_s: float) -> None:
+        super().__init__(servos)
+        self._changed, self._from_s = changed, from_s
+
+    def read(self) -> RobotState:
+        state = super().read()
+        return self._changed(state) if state.stamp_s >= self._from_s else state
+
+
+def _with_joints(change: Callable[[FloatArray], FloatArray]) -> Callable[[RobotState], RobotState]:
+    return lambda state: replace(state, joint_positions_rad=change(state.joint_positions_rad.copy()))
+
+
+def _walk_with(
+    changed: Callable[[RobotState], RobotState], from_s: float, *, robot: str = "ant"
+) -> tuple[TrialResult, MonitoredWalk]:
+    model, walks = shipped(robot), list[MonitoredWalk]()
+    plan = TrialPlan(gait=make_gait(model, "tripod"), hold="line", duration_s=14.0)
+
+    def make(start: WalkStart) -> MonitoredWalk:
+        walks.append(recovering_walk()(start))
+        return walks[0]
+
+    with Guard(Faulty(SimServos(model), changed, from_s)) as guard:
+        return run_trial(guard, plan, make), walks[0]
+
+
+def test_encoders_that_are_off_since_the_start_are_no_failure() -> None:
+    off_rad = np.radians(10.0) * np.array([1, -1, 1] * 6)
+    result, walk = _walk_with(_with_joints(lambda joints: joints + off_rad), 0.0)
+    assert (result.status, walk.noticed) == ("ok", ([],))
+
+
+@pytest.mark.parametrize("robot", ["ant", "pexod"])
+def test_torques_that_all_vanish_are_not_told_any_more(robot: str) -> None:
+    result, walk = _walk_with(lambda state: replace(state, joint_torques_nm=np.zeros(18)), 6.0, robot=robot)
+    assert (result.status, walk.noticed) == ("ok", ([],))
+
+
+@pytest.mark.parametrize("joint", [3, 4, 5])
+def test_a_sensor_that_freezes_costs_a_leg_and_no_fall(joint: int) -> None:
+    frozen = list[float]()
+
+    def freeze(joints: FloatArray) -> FloatArray:
+        frozen.append(joints[joint])
+        joints[joint] = frozen[0]
+        return joints
+
+    result, walk = _walk_with(_with_joints(freeze), 6.0)
+    assert [one.suspicion.leg for one in walk.noticed[0]] == [2]
+    assert result.status == "ok"
+    assert result.deviation is not None
+    assert abs(result.deviation.final) < 0.02
+
+
+def test_an_encoder_that_jumps_costs_a_leg_for_a_while_and_no_fall() -> None:
+    def jump(joints: FloatArray) -> FloatArray:
+        joints[4] += np.radians(10.0)
+        return joints
+
+    result, walk = _walk_with(_with_joints(jump), 6.0)
+    assert {one.suspicion.leg for one in walk.noticed[0]} <= {2}
+    assert result.status == "ok"
+    assert result.deviation is not None
+    assert abs(result.deviation.final) < 0.02

@@ -7,7 +7,6 @@ from hexctl.control.monitor.phase_habit import PARTS, RATE_PER_CYCLE, PhaseHabit
 
 def test_it_learns_a_quantity_of_the_cycle() -> None:
     habit, rng = PhaseHabit((2, 3)), np.random.default_rng(0)
-    habit.begin(np.zeros((2, 3)))
     ticks = 60
     for tick in range(40 * ticks):
         parts = cycle_parts(np.full((2, 3), tick / ticks % 1))
@@ -21,11 +20,10 @@ def test_it_learns_a_quantity_of_the_cycle() -> None:
 
 def test_each_robot_has_its_own() -> None:
     habit = PhaseHabit((2, 1))
-    habit.begin(np.array([[0.0], [5.0]]))
     habit.at(np.array([[3], [4]]))
-    habit.learn(np.array([[1.0], [1.0]]))
-    assert habit.at(np.array([[3], [3]])).tolist() == [[1.0], [5.0]]
-    assert habit.at(np.array([[4], [4]])).tolist() == [[0.0], [6.0]]
+    habit.learn(np.array([[1.0], [2.0]]))
+    assert habit.at(np.array([[3], [3]])).tolist() == [[1.0], [0.0]]
+    assert habit.at(np.array([[4], [4]])).tolist() == [[0.0], [2.0]]
 
 
 def test_a_normalised_time_that_rounds_to_one_is_in_the_last_part() -> None:
