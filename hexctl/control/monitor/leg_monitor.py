@@ -28,7 +28,7 @@ LEAST_RHO, TIMES_USUAL = 0.2, 2.5
 
 #: Share of its load that a leg misses when it has gone, how many times the most that another leg missed
 #: lately is added, and the share above which no more can be asked for.
-LEAST_MISSING, TIMES_MISSING, MOST_MISSING = 0.6, 0.6, 0.97
+LEAST_MISSING, TIMES_MISSING, MOST_MISSING = 0.6, 0.6, 0.985
 
 #: Cycles for which a joint without power is idle, and how many times the most of another leg's are added.
 LEAST_IDLE, TIMES_IDLE = 0.12, 1.0
@@ -185,6 +185,10 @@ class LegMonitor:
         changed: BoolArray = np.zeros_like(self.failed[..., :1])
         changed[row] = True
         self._be_patient(changed)
+
+    def gait_changes(self, which: BoolArray) -> None:
+        """Be patient with some robots, leading shape: what is usual is not what it was."""
+        self._be_patient(which[..., np.newaxis])
 
     def suspicion(self, step: int, row: tuple[int, ...] = ()) -> Suspicion:
         """What is believed of the leg that was noticed in the last tick, of one robot of a batch."""

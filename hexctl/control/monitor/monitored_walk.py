@@ -273,6 +273,7 @@ class MonitoredWalk(Controller):
             self._plans[index] = replace(self._plans[index], gait=gait)
             answer = self._answer(index, self._failures[index]) if self.noticed[index] else Response()
             suited.append(gait if answer.gait is None else answer.gait)
+        self._monitor.gait_changes(self._each([True] * len(suited)))
         return suited
 
     def _answer(self, index: int, failures: list[Failure]) -> Response:

@@ -178,3 +178,21 @@ def test_a_batch_sees_what_each_robot_sees_alone() -> None:
             if monitor.new.any():
                 assert together.suspicion(tick, (row,)) == monitor.suspicion(tick)
     assert alone[1].failed.tolist() == [False, True, False, False, False, False]
+
+
+@pytest.mark.parametrize("told", [True, False])
+def test_loads_that_change_with_the_gait_are_learned_anew(told: bool) -> None:
+    monitor, noticed = LegMonitor(shipped(), (), PERIOD_S, np.array(PACE_HZ)), []
+    joints = shipped().stance_angles_rad
+    for tick in range(700):
+        phases = (tick * PERIOD_S * PACE_HZ + np.array([0, 0.5, 0, 0.5, 0, 0.5])) % 1
+        standing = (phases < 1 / 3) | (phases >= 2 / 3)
+        if tick >= 400:
+            standing[2] &= phases[2] < 0.15  # in this gait it carries in the end of its stance alone
+        if tick == 400 and told:
+            monitor.gait_changes(np.array(True))
+        torques = np.repeat(np.where(standing, 0.5, 0.05), 3)
+        monitor.update(RobotState(joints, 0.0, True, None, None, standing, joint_torques_nm=torques), phases)
+        noticed += (np.flatnonzero(monitor.new) + 1).tolist()
+        monitor.sent(joints)
+    assert noticed == ([] if told else [3])
