@@ -142,7 +142,7 @@ class LegSupport:
         self.idle_of_legs = self.idle_cycles.reshape(*self._shape, N_LEGS, JOINTS_PER_LEG).max(axis=-1)
 
     def forget(self, which: BoolArray) -> None:
-        """Take the legs of some robots, leading shape + (1,), for legs that carry as usual; learn that anew."""
+        """Take the legs of some robots, leading shape + (1,), for such as carry as usual, and learn anew."""
         if self._torques is not None:
             self._carried = np.where(which, 1.0, self._carried)
             self._learned_cycles = np.where(which, 0.0, self._learned_cycles)
