@@ -142,7 +142,8 @@ class JointFollowing:
         off_rad = measured_rad - self._lagged
         if self._at_rest_rad is None:
             return self._none
-        return np.minimum(np.abs(off_rad), np.abs(off_rad - self._at_rest_rad))
+        least_rad: FloatArray = np.minimum(np.abs(off_rad), np.abs(off_rad - self._at_rest_rad))
+        return least_rad
 
     def forget(self, which: BoolArray) -> None:
         """Forget the residuals of some robots, leading shape + (1,)."""
