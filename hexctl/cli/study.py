@@ -62,8 +62,8 @@ RunsOption = Annotated[
     number(
         "--runs",
         RUN_COUNT,
-        "Runs of each optimizer on each leg, {}; with --recovery of each set of legs under the protocol "
-        "hexaheal. (default: 30; with --transfer 5, with --recovery 10)",
+        "Runs of each optimizer on each leg, {}; with --recovery of each set of legs under the protocols "
+        "hexaheal and second. (default: 30; with --transfer 5, with --recovery 10)",
     ),
 ]
 BudgetOption = Annotated[
@@ -186,7 +186,8 @@ ProtocolsOption = Annotated[
     typer.Option(
         "--protocols",
         help="With --recovery, with commas: line, one leg or joint fails 8 s into a walk of --duration in "
-        "unseen worlds; hexaheal, one leg or two lose their torque after 4 s of 14 s. (default: both)",
+        "unseen worlds; hexaheal, one leg or two lose their torque after 4 s of 14 s; second, one leg after "
+        "8 s of 36 s and another 10 s later. (default: line,hexaheal)",
     ),
 ]
 OneLegOption = Annotated[

@@ -46,11 +46,13 @@ class RecoveryCase:
 
     Attributes:
         gait: name of the gait on six legs, or `auto`.
-        legs: those that fail, all in the same way; none in an intact walk.
+        legs: those that fail, all in the same way, in this order; none in an intact walk.
         failure: how, in the words of `parse_failure`; `intact` without any.
-        at_s: when they fail, since the walk began; in an intact walk the moment from which on it is compared.
+        at_s: when the first fails, since the walk began; in an intact walk the moment from which on it is
+            compared.
         heading_deg: direction of travel.
         method: what the robot does about it, as `method_of` has it.
+        apart_s: time from one leg's failure to that of the next.
     """
 
     gait: str
@@ -59,11 +61,15 @@ class RecoveryCase:
     at_s: float
     heading_deg: float
     method: str
+    apart_s: float = 0.0
 
     @property
     def events(self) -> tuple[FailureEvent, ...]:
         """What the world does."""
-        return tuple(parse_failure_event(f"{leg}:{self.failure}@{self.at_s}") for leg in self.legs)
+        return tuple(
+            parse_failure_event(f"{leg}:{self.failure}@{self.at_s + place * self.apart_s:.2f}")
+            for place, leg in enumerate(self.legs)
+        )
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -17,8 +17,8 @@ from hexctl.study.evidence import (
     wilson_interval,
 )
 from hexctl.study.recovery.episodes import Episode, RecoveryConditions
-from hexctl.study.recovery.methods import NOTHING
-from hexctl.study.recovery.plan import HEXAHEAL, LINE, RecoveryPlan
+from hexctl.study.recovery.methods import NOTHING, TOLD
+from hexctl.study.recovery.plan import HEXAHEAL, LINE, SECOND, RecoveryPlan
 from hexctl.types import FloatArray
 
 #: A failure matters that, with nothing done about it, changes the end by more than this, or the speed by more
@@ -222,7 +222,8 @@ class RuleShare:
         """Share of some walks."""
         sets: dict[tuple[object, ...], list[bool]] = {}
         for place, one in rows:
-            sets.setdefault((place.robot.name, one.case.gait, one.case.legs), []).append(one.recovered)
+            legs = tuple(sorted(one.case.legs))
+            sets.setdefault((place.robot.name, one.case.gait, legs), []).append(one.recovered)
         return cls(
             recovered=sum(one.recovered for _, one in rows),
             walks=len(rows),
@@ -303,23 +304,24 @@ class RecoveryFindings:
             for method in self.plan.methods
         ]
 
-    def rule_share(self, method: str, legs: int | tuple[int, ...]) -> RuleShare:
-        """Walks of the protocol `hexaheal` by a method in which so many legs fail, or just these."""
+    def rule_share(self, method: str, legs: int | tuple[int, ...], protocol: str = HEXAHEAL) -> RuleShare:
+        """Walks by a method in which so many legs lose their torque, or just these, in any order."""
         return RuleShare.of(
             [
                 (place, one)
                 for place, one in self.episodes
-                if place.protocol == HEXAHEAL
+                if place.protocol == protocol
                 and one.case.method == method
-                and legs in (len(one.case.legs), one.case.legs)
+                and legs in (len(one.case.legs), tuple(sorted(one.case.legs)))
             ]
         )
 
-    @property
-    def leg_sets(self) -> list[tuple[int, ...]]:
-        """Sets of legs that fail in the protocol `hexaheal`, in the order of the plan."""
+    def leg_sets(self, protocol: str = HEXAHEAL) -> list[tuple[int, ...]]:
+        """Sets of legs that lose their torque in a protocol, ascending, in the order of the plan."""
         return list(
-            dict.fromkeys(one.case.legs for place, one in self.episodes if place.protocol == HEXAHEAL)
+            dict.fromkeys(
+                tuple(sorted(one.case.legs)) for place, one in self.episodes if place.protocol == protocol
+            )
         )
 
 
@@ -348,7 +350,7 @@ def recovery_bars(findings: RecoveryFindings) -> list[Bar]:
         bars = [*_alarm_bars(findings), *_walk_bars(findings)]
         if reason := too_short(findings.plan.duration_s):
             bars = [replace(bar, holds=None, not_judged=reason) for bar in bars]
-    return [*bars, *_rule_bars(findings)]
+    return [*bars, *_rule_bars(findings), *_second_bars(findings)]
 
 
 def _alarm_bars(findings: RecoveryFindings) -> Iterator[Bar]:
@@ -426,6 +428,25 @@ def _rule_bars(findings: RecoveryFindings) -> Iterator[Bar]:
         "(stretch: 15)",
         measured=f"{found.sets} of {found.of_sets}; {found.recovered} of {found.walks} walks",
         holds=share >= 12 / 15,
+    )
+
+
+def _second_bars(findings: RecoveryFindings) -> Iterator[Bar]:
+    """Of the pairs that recover when told, those that recover by themselves."""
+    sets = findings.leg_sets(SECOND)
+    if TOLD not in findings.plan.methods or not sets:
+        return
+    able = [legs for legs in sets if findings.rule_share(TOLD, legs, SECOND).sets]
+    found = [findings.rule_share(JUDGED, legs, SECOND) for legs in able]
+    recover = sum(one.sets for one in found)
+    yield Bar(
+        name="second",
+        asked="a second leg 10 s after the first: pairs that recover in at least half of the walks, of those "
+        "that do when told: 80 %",
+        measured=f"{recover} of {len(able)} (of {len(sets)} pairs); "
+        f"{sum(one.recovered for one in found)} of {sum(one.walks for one in found)} walks",
+        holds=recover >= 0.8 * len(able) if able else None,
+        not_judged="" if able else "no pair recovers when told",
     )
 
 

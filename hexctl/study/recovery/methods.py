@@ -249,8 +249,8 @@ METHODS: dict[str, type[RecoveryMethod]] = {
 #: Those that are compared unless told otherwise.
 DEFAULT_METHODS = ("nothing", "told", "recover")
 
-#: What the others are compared with.
-NOTHING = "nothing"
+#: What the others are compared with, and the oracle.
+NOTHING, TOLD = "nothing", "told"
 
 
 @cache

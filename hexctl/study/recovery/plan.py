@@ -39,15 +39,24 @@ FAILURES = (
 #: Directions of travel, of which each episode has one.
 HEADINGS_DEG = (0.0, 60.0, 145.0, -95.0)
 
-#: Protocols: `line`, a line walk in unseen worlds, and `hexaheal`, that of another work: one leg or two lose
-#: their torque after 4 s of 14 s, on an even floor.
-LINE, HEXAHEAL = PROTOCOLS = ("line", "hexaheal")
+#: Protocols: `line`, a line walk in unseen worlds; `hexaheal`, that of another work: one leg or two lose
+#: their torque after 4 s of 14 s, on an even floor; `second`: one leg after 8 s of 36 s, another 10 s later.
+LINE, HEXAHEAL, SECOND = PROTOCOLS = ("line", "hexaheal", "second")
+
+#: Protocols that are walked unless told otherwise.
+DEFAULT_PROTOCOLS = (LINE, HEXAHEAL)
+
+#: Protocols in which sets of legs lose their torque, judged by HexaHeal's rule.
+RULED = (HEXAHEAL, SECOND)
 
 #: When legs fail in each protocol at the earliest; the phase of the gait is drawn.
-FAULT_S = {LINE: 8.0, HEXAHEAL: 4.0}
+FAULT_S = {LINE: 8.0, HEXAHEAL: 4.0, SECOND: 8.0}
 
-#: Length of a walk of the protocol `hexaheal`, and what fails in it.
-HEXAHEAL_S, TORQUE_OFF = 14.0, "limp"
+#: How long after the first leg the second one fails.
+APART_S = 10.0
+
+#: Length of the walks in which legs lose their torque, and how that is called.
+RULED_S, TORQUE_OFF = {HEXAHEAL: 14.0, SECOND: 36.0}, "limp"
 
 #: A walk is to go on for so long after the failure.
 LEAST_AFTER_S = 2.0
@@ -69,7 +78,7 @@ class RecoveryPlan:
         failures: of each leg, in the words of `parse_failure`; intact robots walk beside them.
         methods: what robots do about them, as `method_of` has it; `nothing` among them.
         protocols: of `PROTOCOLS`.
-        runs: of each set of legs in the protocol `hexaheal`, with different seeds.
+        runs: of each set of legs in the protocols `hexaheal` and `second`, with different seeds.
         duration_s: length of each walk of the protocol `line`.
         exact_sensors: whether worlds keep the sensors that their family gives them, instead of
             `hexctl.study.holds.conditions.SENSORS`.
@@ -84,7 +93,7 @@ class RecoveryPlan:
     legs: tuple[int, ...] = tuple(range(1, N_LEGS + 1))
     failures: tuple[str, ...] = FAILURES
     methods: tuple[str, ...] = DEFAULT_METHODS
-    protocols: tuple[str, ...] = PROTOCOLS
+    protocols: tuple[str, ...] = DEFAULT_PROTOCOLS
     runs: int = 10
     duration_s: float = 30.0
     exact_sensors: bool = False
@@ -111,8 +120,9 @@ class RecoveryPlan:
         found: list[tuple[RecoveryConditions, list[RecoveryCase]]] = []
         if LINE in self.protocols:
             found += [(one, list(self._line_cases(one))) for one in self._line_conditions()]
-        if HEXAHEAL in self.protocols:
-            found += [(one, list(self._pair_cases(one))) for one in self._pair_conditions()]
+        for protocol in RULED:
+            if protocol in self.protocols:
+                found += [(one, list(self._set_cases(one))) for one in self._set_conditions(protocol)]
         return found
 
     def _line_conditions(self) -> Iterator[RecoveryConditions]:
@@ -131,17 +141,17 @@ class RecoveryPlan:
                         duration_s=self.duration_s,
                     )
 
-    def _pair_conditions(self) -> Iterator[RecoveryConditions]:
+    def _set_conditions(self, protocol: str) -> Iterator[RecoveryConditions]:
         for robot in self.robots:
             for run in range(self.runs):
                 yield RecoveryConditions(
-                    protocol=HEXAHEAL,
+                    protocol=protocol,
                     robot=robot,
                     family="flat",
                     number=run,
                     kind="flat",
                     world=self._sensed(load_world("flat")),
-                    duration_s=HEXAHEAL_S,
+                    duration_s=RULED_S[protocol],
                 )
 
     def _sensed(self, world: World) -> World:
@@ -164,20 +174,38 @@ class RecoveryPlan:
                     at_s, heading_deg = self._drawn(conditions, (leg,), failure)
                     yield from self._by_methods(gait, (leg,), failure, at_s, heading_deg)
 
-    def _pair_cases(self, conditions: RecoveryConditions) -> Iterator[RecoveryCase]:
-        """Each leg and each pair of legs without torque, by each method, straight ahead."""
-        sets = [legs for count in (1, 2) for legs in combinations(self.legs, count)]
+    def _set_cases(self, conditions: RecoveryConditions) -> Iterator[RecoveryCase]:
+        """Sets of legs without torque, by each method, straight ahead.
+
+        Each leg and each pair at once, or each pair in a row, in every other run the higher leg first.
+        """
+        in_a_row = conditions.protocol == SECOND
+        sets = [legs for count in ((2,) if in_a_row else (1, 2)) for legs in combinations(self.legs, count)]
         for gait in self.gaits:
             for legs in sets:
                 at_s, _ = self._drawn(conditions, legs, TORQUE_OFF)
-                yield from self._by_methods(gait, legs, TORQUE_OFF, at_s, 0.0)
+                order = legs[::-1] if in_a_row and conditions.number % 2 else legs
+                apart_s = APART_S if in_a_row else 0.0
+                yield from self._by_methods(gait, order, TORQUE_OFF, at_s, 0.0, apart_s)
 
     def _by_methods(
-        self, gait: str, legs: tuple[int, ...], failure: str, at_s: float, heading_deg: float
+        self,
+        gait: str,
+        legs: tuple[int, ...],
+        failure: str,
+        at_s: float,
+        heading_deg: float,
+        apart_s: float = 0.0,
     ) -> Iterator[RecoveryCase]:
         for method in self.methods:
             yield RecoveryCase(
-                gait=gait, legs=legs, failure=failure, at_s=at_s, heading_deg=heading_deg, method=method
+                gait=gait,
+                legs=legs,
+                failure=failure,
+                at_s=at_s,
+                heading_deg=heading_deg,
+                method=method,
+                apart_s=apart_s,
             )
 
     def _drawn(

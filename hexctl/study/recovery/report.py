@@ -21,7 +21,7 @@ from hexctl.study.recovery.findings import (
     recovery_bars,
 )
 from hexctl.study.recovery.methods import method_of
-from hexctl.study.recovery.plan import HEXAHEAL, LINE
+from hexctl.study.recovery.plan import HEXAHEAL, LINE, RULED, SECOND
 from hexctl.study.tables import number
 from hexctl.study.versions import code_versions
 from hexctl.types import FloatArray
@@ -60,7 +60,8 @@ READING = (
     "± is the standard error over worlds. Intervals of shares are Wilson's, 95 %, of walks taken to be "
     "independent.",
     "hexaheal: one leg or two lose their torque after 4 s of 14 s, on an even floor; recovered is a walk "
-    "without a fall that has half of the commanded speed or more over its last 8 s.",
+    "without a fall that has half of the commanded speed or more over its last 8 s. second: one leg does so "
+    "after 8 s of 36 s and another 10 s later, in either order, judged by the same rule.",
 )
 
 HEADER = (
@@ -83,6 +84,8 @@ HEADER = (
     "90 % after",
     "trials before, each",
 )
+
+RULE_TITLES = {HEXAHEAL: "HexaHeal's protocol", SECOND: "A second leg"}
 
 RULE_HEADER = (
     "legs that fail",
@@ -157,11 +160,11 @@ def write_recovery_report(findings: RecoveryFindings, folder: Path) -> Path:
             )
         )
         sections += _tables(findings)
-    if HEXAHEAL in findings.plan.protocols:
-        sets = Table(("legs that fail", *findings.plan.methods), list(_set_rows(findings)))
-        sections.append(
-            Section("HexaHeal's protocol", [Table(RULE_HEADER, list(_rule_rows(findings))), sets])
-        )
+    for protocol in RULED:
+        if protocol in findings.plan.protocols:
+            sets = Table(("legs that fail", *findings.plan.methods), list(_set_rows(findings, protocol)))
+            rows = Table(RULE_HEADER, list(_rule_rows(findings, protocol)))
+            sections.append(Section(RULE_TITLES[protocol], [rows, sets]))
     versions = ", ".join(f"{name} {value}" for name, value in code_versions().items())
     page = render_page(
         "hexctl study --recovery", "Legs fail in mid-walk", [*sections, Section("Versions", [versions])]
@@ -195,16 +198,24 @@ def recovery_json(findings: RecoveryFindings) -> dict[str, Any]:
             {"division": division, "group": name, "method": method} | _numbers(found)
             for division, name, method, found in findings.table
         ],
-        "hexaheal": [
-            {"legs": legs, "method": method} | asdict(findings.rule_share(method, legs))
-            for legs in (1, 2)
-            for method in plan.methods
-            if HEXAHEAL in plan.protocols
+        **_rule_json(findings, HEXAHEAL, (1, 2)),
+        **_rule_json(findings, SECOND, (2,)),
+    }
+
+
+def _rule_json(findings: RecoveryFindings, protocol: str, counts: tuple[int, ...]) -> dict[str, Any]:
+    """Walks that recover by the number of failed legs, and by set of legs."""
+    methods = findings.plan.methods if protocol in findings.plan.protocols else ()
+    return {
+        protocol: [
+            {"legs": legs, "method": method} | asdict(findings.rule_share(method, legs, protocol))
+            for legs in counts
+            for method in methods
         ],
-        "hexaheal_sets": [
-            {"legs": list(legs), "method": method} | asdict(findings.rule_share(method, legs))
-            for legs in findings.leg_sets
-            for method in plan.methods
+        f"{protocol}_sets": [
+            {"legs": list(legs), "method": method} | asdict(findings.rule_share(method, legs, protocol))
+            for legs in findings.leg_sets(protocol)
+            for method in methods
         ],
     }
 
@@ -224,8 +235,10 @@ def recovery_lines(findings: RecoveryFindings) -> list[str]:
             if division in ("all", "kind")
         ]
         lines += [*_markdown(HEADER, rows), *([text] if (text := _aside(findings)) else [])]
-    if HEXAHEAL in findings.plan.protocols:
-        lines += ["", *_markdown(RULE_HEADER, list(_rule_rows(findings)))]
+    for protocol in RULED:
+        if protocol in findings.plan.protocols:
+            header = (f"{protocol}: {RULE_HEADER[0]}", *RULE_HEADER[1:])
+            lines += ["", *_markdown(header, list(_rule_rows(findings, protocol)))]
     return lines
 
 
@@ -310,19 +323,19 @@ def _with_error(value: float, error: float) -> str:
     return f"{value:.2f}" + (f" ± {error:.2f}" if np.isfinite(error) else "")
 
 
-def _rule_rows(findings: RecoveryFindings) -> Iterator[tuple[str, ...]]:
+def _rule_rows(findings: RecoveryFindings, protocol: str) -> Iterator[tuple[str, ...]]:
     for legs, name in ((1, "one"), (2, "two")):
         for method in findings.plan.methods:
-            found = findings.rule_share(method, legs)
+            found = findings.rule_share(method, legs, protocol)
             if found.walks:
                 recovered = counted(found.recovered, found.walks)
                 yield (name, method, recovered, str(found.fell), f"{found.sets} of {found.of_sets}")
 
 
-def _set_rows(findings: RecoveryFindings) -> Iterator[tuple[str, ...]]:
+def _set_rows(findings: RecoveryFindings, protocol: str) -> Iterator[tuple[str, ...]]:
     """Walks that recover of each set of legs, method by method."""
-    for legs in findings.leg_sets:
-        found = [findings.rule_share(method, legs) for method in findings.plan.methods]
+    for legs in findings.leg_sets(protocol):
+        found = [findings.rule_share(method, legs, protocol) for method in findings.plan.methods]
         shares = [f"{one.recovered} of {one.walks}" for one in found]
         yield (" and ".join(map(str, legs)), *shares)
 

@@ -1,6 +1,7 @@
 """Statistics of the episodes, and bars."""
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -9,9 +10,9 @@ import pytest
 
 from hexctl.study.evidence import clustered_error
 from hexctl.study.recovery import findings as module
-from hexctl.study.recovery.episodes import Episode
+from hexctl.study.recovery.episodes import Episode, RecoveryConditions
 from hexctl.study.recovery.findings import RecoveryFindings, recovery_bars
-from hexctl.study.recovery.plan import HEXAHEAL, LINE
+from hexctl.study.recovery.plan import HEXAHEAL, LINE, SECOND
 from tests.robots import shipped
 from tests.study.recovery.made_up import DELAY_S, PACE_HZ, alarm, changed, findings, plan
 
@@ -174,8 +175,26 @@ def test_hexaheals_rule_counts_walks_and_sets_of_legs() -> None:
     assert (one.recovered, one.walks, one.fell, one.sets, one.of_sets) == (5, 8, 3, 1, 2)
     assert (two.recovered, two.walks, two.fell, two.sets, two.of_sets) == (4, 4, 0, 1, 1)
     assert some.rule_share("nothing", 2).recovered == 0
-    assert some.leg_sets == [(2,), (5,), (2, 5)]
-    assert [some.rule_share("told", legs).recovered for legs in some.leg_sets] == [1, 4, 4]
+    assert some.leg_sets() == [(2,), (5,), (2, 5)]
+    assert [some.rule_share("told", legs).recovered for legs in some.leg_sets()] == [1, 4, 4]
+
+
+def test_a_second_leg_is_judged_among_the_pairs_that_recover_when_told() -> None:
+    made = findings(legs=(2, 4, 5), protocols=(SECOND,), runs=4)
+    assert made.leg_sets(SECOND) == [(2, 4), (2, 5), (4, 5)]
+    assert made.leg_sets() == []
+
+    def of(method: str, legs: tuple[int, int]) -> Callable[[RecoveryConditions, Episode], bool]:
+        return lambda _, one: one.case.method == method and tuple(sorted(one.case.legs)) == legs
+
+    unable = changed(made, of("told", (2, 4)), last_m_s=0.0)
+    assert bars_of(unable).keys() == {"second"}
+    assert bars_of(unable)["second"].holds
+    fails = changed(unable, of("recover", (2, 5)), status="fell")
+    assert not bars_of(fails)["second"].holds
+    assert "1 of 2 (of 3 pairs)" in bars_of(fails)["second"].measured
+    nobody = changed(made, lambda _, one: one.case.method == "told", last_m_s=0.0)
+    assert bars_of(nobody)["second"].holds is None
 
 
 def test_groups_keep_the_order_of_the_plan_where_some_are_counted_apart() -> None:

@@ -44,6 +44,18 @@ def test_by_default_all_joints_fail_and_hexaheal_has_its_21_sets_of_legs() -> No
     assert made.first_world == FIRST_WORLD > FIRST_HOLD_WORLD
 
 
+def test_a_second_leg_fails_ten_seconds_after_the_first_in_either_order() -> None:
+    made = RecoveryPlan(robots=(shipped(),), families=plan().families, protocols=("second",), runs=6)
+    assert [one.duration_s for one, _ in made.walked()] == [36.0] * 6
+    cases = [case for _, some in made.walked() for case in some if case.method == "told"]
+    assert len(cases) == 15 * 6
+    for case in cases:
+        (first, second), trial = case.legs, made.walked()[0][0].trial(case)
+        assert [event.leg for event in trial.events] == [first, second]
+        assert [event.at_s for event in trial.events] == pytest.approx([case.at_s, case.at_s + 10.0])
+    assert sum(first < second for first, second in (case.legs for case in cases)) == 15 * 3
+
+
 def test_phase_and_heading_are_drawn_by_the_seed_and_are_the_same_for_all_methods() -> None:
     def drawn(seed: int) -> dict[tuple[Any, ...], set[tuple[float, float]]]:
         found: dict[tuple[Any, ...], set[tuple[float, float]]] = {}
@@ -92,7 +104,7 @@ def test_sensors_are_late_and_noisy_unless_they_are_to_be_exact() -> None:
             "methods: got hope; allowed: nothing, told, recover, stop-diagnose",
         ),
         ({"methods": ("recover",)}, "methods: got recover; allowed: nothing among them"),
-        ({"protocols": ("ours",)}, "protocols: got ours; allowed: one or more of line, hexaheal"),
+        ({"protocols": ("ours",)}, "protocols: got ours; allowed: one or more of line, hexaheal, second"),
         ({"duration_s": 9.0}, r"duration: got 9; allowed: 11\.1 to 86400 s"),
         ({"legs": [2]}, r"plan.legs: got \[2\]"),
     ],
