@@ -279,7 +279,10 @@ def test_recovery_is_measured_from_end_to_end_and_again_from_the_cache(
         (["--gaits", "gallop"], "--gaits: got gallop; allowed: one or more of demo"),
         (["--methods", "told"], "--methods: got told; allowed: nothing among them"),
         (["--methods", "nothing,hope"], "--methods: got hope; allowed: nothing, told, recover"),
-        (["--protocols", "ours"], "--protocols: got ours; allowed: one or more of line, hexaheal, second, each once"),
+        (
+            ["--protocols", "ours"],
+            "--protocols: got ours; allowed: one or more of line, hexaheal, second, each once",
+        ),
         (["--failure", "tired"], "allowed: locked, limp"),
         (["--world", "slippery"], "has no `ranges`; allowed: a family of worlds"),
         (["--robot", "ant,ant"], "--robot: got ant,ant; allowed: one or more, each once"),
