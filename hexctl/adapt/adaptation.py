@@ -32,7 +32,7 @@ from hexctl.adapt.runner import (
     yaw_note,
 )
 from hexctl.adapt.search import check_parts, extended, make_search, new_spec
-from hexctl.adapt.session import Session, SessionSpec
+from hexctl.adapt.session import UNWATCHED, Session, SessionSpec
 from hexctl.adapt.setting import (
     Note,
     Setting,
@@ -326,6 +326,7 @@ def adapt(
     heading_deg: float = 0.0,
     self_rotation: str | None = None,
     hold: str | None = None,
+    policy: str = UNWATCHED,
     seed: int = 0,
     backend: str = "sim",
     servos: LegServos | None = None,
@@ -374,6 +375,9 @@ def adapt(
             `none` where the walks hold their line, else `rear`.
         hold: what the walks hold by feedback: `auto`, `line`, `heading` or `none`; None is `auto` for
             `speed`, `cost`, `tilt` and `steadiness`, else `none`.
+        policy: what a trial does about another leg that it notices to have failed: `stop`, `glide` to a gait
+            for those that are left, or `package.module:Class`. Such a trial does not count, and the search
+            ends with LegFailedError. With `walk-on` no legs are watched.
         seed: of the optimizer and of the simulation.
         backend: `sim`, `zenoh`, `mavlink`, or `package.module:Class`.
         servos: a robot of your own instead of a backend, not connected yet.
@@ -423,6 +427,7 @@ def adapt(
         heading_deg=heading_deg,
         self_rotation=self_rotation,
         hold=hold,
+        policy=policy,
         seed=seed,
         connect=connect,
         credentials=str(credentials) if isinstance(credentials, Path) else credentials,

@@ -10,7 +10,7 @@ import numpy as np
 from hexctl.adapt.objectives import Objective, make_objective
 from hexctl.adapt.optimizer import Observation, Optimizer, Prediction
 from hexctl.adapt.optimizers.trim import wanted_trim_rad, wanted_turn_trim_rad_s
-from hexctl.adapt.runner import RobotStoppedError, WalkedTrial
+from hexctl.adapt.runner import LegFailedError, RobotStoppedError, WalkedTrial, noticed_legs
 from hexctl.adapt.session import BASELINE_INDEX, BaselineRecord, Session, TrialRecord
 from hexctl.adapt.space import GaitSpace
 from hexctl.adapt.store import SessionStore
@@ -201,10 +201,12 @@ class AdaptLoop:
         return self._checked(self._walk(index, code, slots, should_stop), f"trial {index}")
 
     def _checked(self, walked: WalkedTrial, what: str) -> WalkedTrial:
-        """A walk; raises RobotStoppedError when the robot, not the operator, stopped it."""
+        """A walk; raises RobotStoppedError when the robot, not the operator, stopped it, or a leg failed."""
         result = walked.result
         if result.status == "aborted" and result.stopped != "requested":
             reason = result.stopped or "for no known reason"
+            if legs := tuple(leg for leg, _ in noticed_legs(result)):
+                raise LegFailedError(f"{what} does not count: {reason}", reason, legs)
             raise RobotStoppedError(f"{what}: the robot was stopped: {reason}", reason)
         return walked
 

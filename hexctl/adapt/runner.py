@@ -10,19 +10,22 @@ from hexctl.adapt.arena import LEFT_THE_ARENA, Arena, Geofence, aimed, as_placed
 from hexctl.adapt.measurement import Operator, measured, not_walked
 from hexctl.adapt.objectives import OBJECTIVES
 from hexctl.adapt.optimizers.shipped import TRIM
-from hexctl.adapt.session import BASELINE_INDEX, SessionSpec
+from hexctl.adapt.session import BASELINE_INDEX, UNWATCHED, SessionSpec
 from hexctl.adapt.setting import Note, Setting
 from hexctl.backends.base import LegServos, connection_notes
 from hexctl.backends.clock import request_realtime_priority
 from hexctl.backends.registry import BackendOptions, make_servos
 from hexctl.backends.sim.terrain import make_floor
 from hexctl.backends.sim.world import World
+from hexctl.control.controllers import Controller
 from hexctl.control.guard import Guard
 from hexctl.control.log import BLOCK_TICKS, PACED_BLOCK_TICKS, Recorders
+from hexctl.control.monitor.monitored_walk import watched_walk
+from hexctl.control.monitor.recovery import make_policy
 from hexctl.control.plan import TrialPlan
-from hexctl.control.preparation import StopRequested, never
+from hexctl.control.preparation import StopRequested, WalkStart, never
 from hexctl.control.result import TrialResult
-from hexctl.control.trial import Enough, ShouldStop, run_trial, stop_when
+from hexctl.control.trial import Enough, ShouldStop, planned_walk, run_trial, stop_when
 from hexctl.control.turning import turn_gait
 from hexctl.errors import HexctlError, InputError, RobotFaultError, argument
 from hexctl.gait.encoding import Slots
@@ -31,6 +34,7 @@ from hexctl.gait.gait import AUTO, NAMED_SLOTS, ideal_speed_m_s
 from hexctl.record.live import LiveView
 from hexctl.record.recording import Recording
 from hexctl.robot.failure import drawn_failure, untold_note
+from hexctl.robot.failure_event import NoticedFailure, in_words
 from hexctl.robot.meshes import Meshes
 from hexctl.robot.model import Robot
 from hexctl.types import RobotState
@@ -57,6 +61,18 @@ class RobotStoppedError(RobotFaultError):
     def __init__(self, message: str, reason: str) -> None:
         super().__init__(message)
         self.reason = reason
+
+
+class LegFailedError(RobotStoppedError):
+    """A leg failed during a trial of which nothing was told; the trial does not count.
+
+    Attributes:
+        legs: those that are noticed to have failed, ascending.
+    """
+
+    def __init__(self, message: str, reason: str, legs: tuple[int, ...]) -> None:
+        super().__init__(message, reason)
+        self.legs = legs
 
 
 def check_not_stopped(servos: Guard) -> None:
@@ -138,11 +154,12 @@ class TrialRunner:
             result = run_trial(
                 servos,
                 plan,
+                self._made_walk(),
                 recorders=recorders,
                 stop_requested=self.stop_requested,
                 should_stop=should_stop,
             )
-            result = completed(result)
+            result = without_count(completed(result))
             if recording is None:
                 return WalkedTrial(result=result)
             trouble = recorders.error_of(recording) or _finished(recording, result, self._facts(index, code))
@@ -150,6 +167,12 @@ class TrialRunner:
         finally:
             if recording is not None:
                 recording.close()
+
+    def _made_walk(self) -> Callable[[WalkStart], Controller]:
+        """What makes the walk of a trial: as planned, or watching its legs."""
+        if self.spec.policy == UNWATCHED:
+            return planned_walk
+        return watched_walk(make_policy(self.spec.policy))
 
     def _recorders(self, recording: Recording | None, plan: TrialPlan, title: str) -> Recorders:
         """The recording, the live view, both or neither."""
@@ -176,6 +199,21 @@ class TrialRunner:
             "world": spec.world,
             "seed": spec.seed,
         }
+
+
+def without_count(result: TrialResult) -> TrialResult:
+    """A result that does not count where another leg failed meanwhile and is not whole again."""
+    failed = noticed_legs(result)
+    if not failed or (result.status == "aborted" and result.stopped == "requested"):
+        return result
+    words = (f"leg {leg} {in_words(one.failure)}, noticed {one.at_s:.1f} s into it" for leg, one in failed)
+    return replace(result, status="aborted", stopped=", ".join(words))
+
+
+def noticed_legs(result: TrialResult) -> list[tuple[int, NoticedFailure]]:
+    """Legs that were noticed to have failed during a walk and are not whole again, ascending."""
+    last = {one.failure.leg: one for one in result.noticed}
+    return sorted(((leg, one) for leg, one in last.items() if not one.healed), key=lambda pair: pair[0])
 
 
 def _finished(recording: Recording, result: TrialResult, facts: dict[str, Any]) -> Exception | None:

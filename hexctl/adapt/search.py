@@ -29,6 +29,7 @@ from hexctl.adapt.store import RUNS
 from hexctl.backends.base import LegServos
 from hexctl.backends.registry import check_options, option_values
 from hexctl.control.assessment.static_stability import slots_by_stability, usual_posture
+from hexctl.control.monitor.recovery import make_policy
 from hexctl.control.plan import AUTO_ROTATION, HOLDS, TrialPlan, suited_rotation
 from hexctl.control.result import progress_floor_m
 from hexctl.errors import InputError, argument, check_type
@@ -169,6 +170,7 @@ _TYPES: dict[str, tuple[tuple[type, ...], str | None]] = {
     "target": ((float, str, type(None)), "a number, or a share of the distance such as '1%'"),
     **dict.fromkeys(("early_stop", "count_repeats", "insecure", "baseline"), ((bool,), None)),
     **{name: ((str, type(None)), None) for name in ("connect", "credentials", "link", "hold")},
+    "policy": ((str,), "the name of a policy, which the session stores"),
 }
 
 
@@ -271,6 +273,7 @@ def _with_trim(spec: SessionSpec, prior: str | None, *, free: bool) -> SessionSp
 
 def _check_options(spec: SessionSpec, objective: Objective) -> None:
     """Raise InputError for options that do not belong to the session's robot, or contradict one another."""
+    make_policy(spec.policy)
     if spec.hold not in HOLDS:
         raise InputError(f"{argument('hold')}: got {spec.hold}; allowed: {', '.join(HOLDS)}")
     if spec.uncertainty_m and spec.objective != "final":

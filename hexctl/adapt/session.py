@@ -14,6 +14,9 @@ from hexctl.control.result import QUALITIES, TrialResult
 from hexctl.gait.gait import AUTO
 from hexctl.robot.failure import Failure, parse_failure
 
+#: The policy of sessions whose trials watch no legs.
+UNWATCHED = "walk-on"
+
 #: Scores in m; reports name the first trial within each.
 MILESTONES_M = (0.10, 0.025)
 
@@ -65,6 +68,8 @@ class SessionSpec:
         home_m: where it stood when the session began, x and y in the world; None without an arena.
         ask: True where an operator places the robot before each trial and measures after it.
         baseline_gaits: named gaits that are walked before the first trial, to compare with.
+        policy: what a trial does about another leg that it notices to have failed, as in `hexctl run`; with
+            `walk-on` legs are not watched, else such a trial does not count and ends the search.
         sag_rad: static deflection of each joint in the stance before the first trial, 18 numbers,
             None for a joint that is not measured; None where the prior or the robot does not tell.
     """
@@ -106,6 +111,7 @@ class SessionSpec:
     uncertainty_caveat: str = ""
     hold: str = "none"
     body_raise: float = 0.0
+    policy: str = UNWATCHED
 
     @property
     def simulated(self) -> bool:

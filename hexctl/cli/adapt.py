@@ -39,6 +39,7 @@ from hexctl.cli.options import (
     KeysOption,
     LinkOption,
     Range,
+    RecoverOption,
     SelfRotation,
     WorldOption,
     choice,
@@ -46,6 +47,7 @@ from hexctl.cli.options import (
     given,
     leg_or_auto,
     number,
+    recovery_policy,
 )
 from hexctl.errors import HexctlError, InputError, RecordingError
 
@@ -178,6 +180,16 @@ def adapt(
             "(default: auto for speed, cost, tilt and steadiness, else none)",
         ),
     ] = None,
+    recover: RecoverOption = False,
+    policy: Annotated[
+        str | None,
+        typer.Option(
+            "--policy",
+            help="What a trial does about another leg that it notices to have failed: stop, glide, or "
+            "package.module:Class; such a trial does not count and ends the search. With walk-on no legs are "
+            "watched. (default: walk-on)",
+        ),
+    ] = None,
     backend: Annotated[
         str | None,
         typer.Option(
@@ -278,6 +290,7 @@ def adapt(
         heading_deg=heading_deg,
         self_rotation=self_rotation,
         hold=hold,
+        policy=recovery_policy(recover=recover, policy=policy),
         backend=backend,
         robot=robot,
         world=world,
@@ -440,9 +453,14 @@ def _code_of_stop(error: HexctlError) -> int:
 
 def _clearing(spec: "SessionSpec", error: HexctlError) -> str:
     """What a stop wants done first, as the begin of a list; this end's own guard starts afresh by itself."""
+    from hexctl.adapt.runner import LegFailedError
+
     reason = getattr(error, "reason", None)
     if reason is None or _code_of_stop(error) == FAULT:
         return ""
+    if isinstance(error, LegFailedError):
+        legs = ",".join(map(str, sorted({spec.failed_leg, *error.legs})))
+        return f"mend the leg, or walk without it (hexctl run --failed-leg {legs}), "
     at = f" --connect {spec.connect}" if spec.connect else ""
     clear = f"clear the stop (hexctl estop --clear{at}), " if spec.backend == "zenoh" else ""
     return f"stand it up, {clear}" if reason == "fell" else clear

@@ -443,3 +443,10 @@ DaskOption = Annotated[
     ),
 ]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout and nothing else.")]
+
+
+def recovery_policy(*, recover: bool, policy: str | None) -> str | None:
+    """The policy of `--recover` and `--policy`; raises InputError where they contradict one another."""
+    if recover and policy not in (None, "glide"):
+        raise InputError(f"--policy: got {policy} with --recover, which is glide; allowed: one or the other")
+    return "glide" if recover else policy

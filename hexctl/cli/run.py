@@ -54,6 +54,7 @@ from hexctl.cli.options import (
     WorldOption,
     listed_legs,
     number,
+    recovery_policy,
 )
 from hexctl.cli.progress import WithBar
 from hexctl.errors import InputError, LimitError, ReachError, RecordingError, RobotFaultError
@@ -137,8 +138,6 @@ def run(
     from hexctl.robot.failure import failure_of, failures_of
     from hexctl.robot.failure_event import parse_failure_event, parse_healing
 
-    if recover and policy not in (None, "glide"):
-        raise InputError(f"--policy: got {policy} with --recover, which is glide; allowed: one or the other")
     if no_record and (record is not None or view):
         raise InputError("--no-record: got --record or --view too; allowed: one or the other")
     diagnosed = failed_leg == (AUTO_LEG,)
@@ -165,7 +164,7 @@ def run(
             *_events("--fail", parse_failure_event, fail),
             *_events("--heal", parse_healing, heal),
         ),
-        policy=policy or ("glide" if recover else None),
+        policy=recovery_policy(recover=recover, policy=policy),
         self_rotation=self_rotation,
         hold=hold,
         trim_rad=None if trim is None else radians(trim),

@@ -16,7 +16,13 @@ from hexctl.adapt.objectives import make_objective
 from hexctl.adapt.optimizers.baselines import RandomSearch
 from hexctl.adapt.optimizers.bayes import Bayes
 from hexctl.adapt.prior.prior import Prior
-from hexctl.adapt.runner import NotBegunError, RobotStoppedError, TrialRunner, WalkedTrial
+from hexctl.adapt.runner import (
+    LegFailedError,
+    NotBegunError,
+    RobotStoppedError,
+    TrialRunner,
+    WalkedTrial,
+)
 from hexctl.adapt.search import new_spec
 from hexctl.adapt.store import delete_session, export_session, list_sessions, load_session
 from hexctl.backends.sim.world import load_world
@@ -249,6 +255,29 @@ def test_a_robot_that_stops_raises_and_the_session_stays() -> None:
     assert len(session.trials) == 1
     result = Adaptation.resume(session.name, record=False, servos=EStopped(shipped())).run()
     assert (result.ended, result.walked) == ("budget", 2)
+
+
+@pytest.mark.parametrize("policy", ["stop", "glide"])
+def test_a_trial_in_which_another_leg_fails_does_not_count(policy: str, tmp_path: Path) -> None:
+    world = tmp_path / "breaks.yaml"
+    world.write_text("failures: ['2:limp@4']\n")
+    options: dict[str, Any] = {"failed_leg": 5, "duration_s": 8.0, "budget": 1, "record": False}
+    with pytest.raises(LegFailedError, match=r"trial 1 does not count: leg 2 limp, noticed 4") as raised:
+        adapt(**options, world=str(world), policy=policy, baseline=False)
+    assert raised.value.legs == (2,)
+    (summary,) = list_sessions()
+    session = load_session(summary.name)
+    assert (session.trials, session.spec.policy) == ([], policy)
+    world.write_text("failures: []\n")  # the leg is mended
+    resumed = Adaptation.resume(summary.name, record=False).run()
+    assert [trial.valid for trial in resumed.session.trials] == [True]
+
+
+def test_legs_are_not_watched_unless_asked(tmp_path: Path) -> None:
+    world = tmp_path / "breaks.yaml"
+    world.write_text("failures: ['2:limp@2']\n")
+    result = adapt(failed_leg=5, duration_s=4.0, budget=1, record=False, world=str(world), baseline=False)
+    assert len(result.session.trials) == 1
 
 
 def test_a_target_may_be_a_share_of_the_distance() -> None:
