@@ -211,3 +211,20 @@ def test_wrong_types_are_refused_by_name(ant: Robot) -> None:
         run_sim_trials(trials)
     with pytest.raises(WrongTypeError, match=r"^make_controller: got 3 .int.; allowed: a Controller, or a"):
         run_sim_trials([trial(ant, "tripod")], make_controller=trials)
+
+
+def test_one_that_diverges_ends_alone(ant: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+    trials = [trial(ant, "1"), trial(ant, "120")]
+    alone, ticks, tick = run_sim_trial(trials[1]), 0, SimBatch.tick
+
+    def blow_up(batch: SimBatch) -> None:
+        nonlocal ticks
+        ticks += 1
+        if ticks == 60:
+            batch._batch.bind("qvel")[0] = 1e12
+        tick(batch)
+
+    monkeypatch.setattr(SimBatch, "tick", blow_up)
+    first, second = run_sim_trials(trials)
+    assert first.status == "diverged"
+    assert_same(second, alone)

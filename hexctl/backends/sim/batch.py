@@ -80,7 +80,7 @@ class SimBatch:
         except SimulationError as error:
             self.running[error.ids] = False
         if self._batch.warning.any():
-            self.running &= ~self._batch.warning.any(axis=-1)
+            self.running &= ~self._batch.warning.any(axis=(-2, -1))
 
     @property
     def true_pose(self) -> TruePose:

@@ -94,6 +94,8 @@ class Suspicion:
 class LegMonitor:
     """Watches a walk, or n of them: which legs have failed, from what is measured alone.
 
+    Robots of a batch are simulated: all of them measure torques, or none.
+
     Args:
         robot: whose servos say how large a torque is.
         shape: leading shape.
@@ -161,8 +163,8 @@ class LegMonitor:
             self._following.update(state, parts)
         self._support.update(state, parts, self._following if state.measured else None)
         self._history[0, self._row] = state.joint_positions_rad
-        if state.joint_torques_nm is not None:
-            self._history[2, self._row] = state.joint_torques_nm
+        unknown = state.joint_torques_nm is None
+        self._history[2, self._row] = np.nan if unknown else state.joint_torques_nm
         self._evidence[0] = self._following.rho_of_legs
         self._evidence[1] = self._support.missing
         self._evidence[2] = self._support.idle_of_legs

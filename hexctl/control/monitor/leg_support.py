@@ -44,6 +44,9 @@ BEYOND_CONTACT = 0.4
 #: its weight, with some percent.
 NO_TORQUE_SHARE = 0.005
 
+#: Ticks without torques and contacts after which what they said before counts no more.
+SILENT_TICKS = 10
+
 #: A joint that is less than this off its targets needs no torque.
 OFF_RAD = math.radians(1.0)
 
@@ -81,7 +84,7 @@ class LegSupport:
         self.missing: FloatArray = np.zeros(legs)
         self.idle_cycles: FloatArray = np.zeros(joints)
         self.idle_of_legs: FloatArray = np.zeros(legs)
-        self.known, self._idle = False, False
+        self.known, self._idle, self._silent_ticks = False, False, 0
 
     def _begin(self, torques: bool, contacts: bool) -> None:
         """Decide what is looked at: columns of the loads, leading shape + (6 or 12,)."""
@@ -111,6 +114,9 @@ class LegSupport:
         """
         load = self._load(state)
         self.known = load is not None
+        self._silent_ticks = 0 if self.known else self._silent_ticks + 1
+        if self._silent_ticks == SILENT_TICKS:
+            self._forget_evidence(np.array(True))
         if load is None:
             return
         usual = self._habit.at(np.concatenate((parts, parts), axis=-1) if self._feet else parts)
@@ -143,11 +149,17 @@ class LegSupport:
 
     def forget(self, which: BoolArray) -> None:
         """Take the legs of some robots, leading shape + (1,), for such as carry as usual, and learn anew."""
+        self._forget_evidence(which)
         if self._torques is not None:
-            self._carried = np.where(which, 1.0, self._carried)
             self._learned_cycles = np.where(which, 0.0, self._learned_cycles)
             self._learned = False
-        self.idle_cycles = self.idle_cycles * ~which
+
+    def _forget_evidence(self, which: BoolArray) -> None:
+        """Take the legs of some robots, leading shape + (1,), for such as carry as usual."""
+        if self._torques is not None:
+            self._carried = np.where(which, 1.0, self._carried)
+        self.missing = np.where(which, 0.0, self.missing)
+        self.idle_cycles, self.idle_of_legs = self.idle_cycles * ~which, self.idle_of_legs * ~which
 
     def _learns(self) -> FloatArray:
         """Share of a load that the habit learns: the less, the more it has seen, down to its memory's."""

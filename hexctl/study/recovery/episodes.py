@@ -206,7 +206,10 @@ class Episode:
     @property
     def right_leg(self) -> bool:
         """Whether the first alarm of the walk is of a leg that has failed, after it has."""
-        return bool(self.alarms) and not self.early and self.alarms[0].leg in self.case.legs
+        if not self.alarms:
+            return False
+        first = self.alarms[0]
+        return any(event.leg == first.leg and event.at_s <= first.at_s for event in self.case.events)
 
     @property
     def right_kind(self) -> bool:

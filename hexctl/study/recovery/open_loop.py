@@ -37,7 +37,8 @@ def rehearse(trials: Sequence[SimTrial], tries: int, threads: int = 1) -> list[R
     """Rehearsals of walks in which legs fail; None for those in which none does.
 
     Each gait is tried once, in open loop, in the same world, with the same direction of travel and the legs
-    failed from its first step on, for the time that the walk has left after the failure. Which gaits are
+    failed from its first step on, for the time that the walk has left after the failure; of legs that fail in
+    a row all, so that the walk has the gait for them from the first failure on. Which gaits are
     tried of all the codes for the legs that are left is drawn with the seed of the world. The end is judged
     as the robot measures it.
 

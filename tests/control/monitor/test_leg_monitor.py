@@ -196,3 +196,38 @@ def test_loads_that_change_with_the_gait_are_learned_anew(told: bool) -> None:
         noticed += (np.flatnonzero(monitor.new) + 1).tolist()
         monitor.sent(joints)
     assert noticed == ([] if told else [3])
+
+
+def test_torques_that_are_no_longer_told_accuse_no_leg_that_was_taken_back() -> None:
+    monitor, noticed = LegMonitor(shipped(), (), PERIOD_S, np.array(PACE_HZ)), []
+    joints = shipped().stance_angles_rad
+    for tick in range(1400):
+        phases = (tick * PERIOD_S * PACE_HZ + np.array([0, 0.5, 0, 0.5, 0, 0.5])) % 1
+        standing = (phases < 1 / 3) | (phases >= 2 / 3)
+        torques = np.repeat(np.where(standing, 0.5, 0.05), 3)
+        if tick >= 400:
+            torques[6:9] = 0.0
+        told = torques if tick < 880 else None
+        monitor.update(RobotState(joints, 0.0, True, joint_torques_nm=told), phases)
+        noticed += [(tick, leg) for leg in (np.flatnonzero(monitor.new) + 1).tolist()]
+        monitor.sent(joints)
+        if tick == 1000:
+            monitor.believe_whole(3)
+    assert [leg for _, leg in noticed] == [3]
+
+
+def test_evidence_of_a_sensor_that_falls_silent_grows_old() -> None:
+    """It is just short of an alarm when the torques end, and thresholds fall while the walk goes on."""
+    monitor, noticed = LegMonitor(shipped(), (), PERIOD_S, np.array(PACE_HZ)), []
+    joints = shipped().stance_angles_rad
+    for tick in range(900):
+        phases = (tick * PERIOD_S * PACE_HZ + np.array([0, 0.5, 0, 0.5, 0, 0.5])) % 1
+        standing = (phases < 1 / 3) | (phases >= 2 / 3)
+        torques = np.repeat(np.where(standing, 0.5, 0.05), 3)
+        if tick >= 150:
+            torques[6:9] = 0.0
+        silent = monitor.ratio[2] > 0.8 or tick > 400
+        monitor.update(RobotState(joints, 0.0, True, joint_torques_nm=None if silent else torques), phases)
+        noticed += (np.flatnonzero(monitor.new) + 1).tolist()
+        monitor.sent(joints)
+    assert noticed == []

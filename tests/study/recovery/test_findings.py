@@ -197,6 +197,15 @@ def test_a_second_leg_is_judged_among_the_pairs_that_recover_when_told() -> None
     assert bars_of(nobody)["second"].holds is None
 
 
+def test_an_alarm_of_the_second_leg_before_it_fails_is_wrong() -> None:
+    made = findings(protocols=(SECOND,), runs=1)
+    one = next(one for _, one in made.episodes if one.case.method == "recover")
+    second = one.case.legs[1]
+    early, late = (alarm(one.case, at_s=at_s, leg=second) for at_s in (12.0, 20.0))
+    assert not replace(one, alarms=(early,)).right_leg
+    assert replace(one, alarms=(late,)).right_leg
+
+
 def test_groups_keep_the_order_of_the_plan_where_some_are_counted_apart() -> None:
     made = findings(failures=("locked", "limp", "missing"))
     some = changed(made, lambda _, one: not one.case.legs and one.case.heading_deg != 0, status="no_progress")
