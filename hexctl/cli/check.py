@@ -190,10 +190,10 @@ def _envelope_table(envelope: dict[str, Any]) -> "Table":
 
 def _leg_sets(checked: "RobotCheck", heading_deg: float | None) -> list[dict[str, Any]]:
     """Verdicts on all sets of lost legs, in the direction that was asked for or the worst of four."""
-    from hexctl.control.assessment.leg_sets import DIRECTIONS_RAD, MOST_LOST, leg_sets
+    from hexctl.control.assessment.leg_sets import DIRECTIONS_RAD, MOST_JUDGED, leg_sets
 
     directions_rad = DIRECTIONS_RAD if heading_deg is None else (math.radians(heading_deg),)
-    return [one.to_dict() for one in leg_sets(checked.robot, checked.gait, directions_rad, MOST_LOST)]
+    return [one.to_dict() for one in leg_sets(checked.robot, checked.gait, directions_rad, MOST_JUDGED)]
 
 
 def _leg_set_table(sets: list[dict[str, Any]]) -> "Table":

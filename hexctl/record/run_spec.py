@@ -12,7 +12,7 @@ from hexctl.backends.sim.world import World
 from hexctl.control.assessment.crawl import auto_gait
 from hexctl.control.assessment.leg_sets import doubt, leg_set
 from hexctl.control.assessment.static_stability import check_tucked, stable_slots_of
-from hexctl.control.monitor.recovery import MOST_LOST, RecoveryPolicy, make_policy
+from hexctl.control.monitor.recovery import MOST_RECOVERED, RecoveryPolicy, make_policy
 from hexctl.control.plan import AUTO_ROTATION, GaitChange, TrialPlan, suited_rotation
 from hexctl.errors import InputError, argument, check_type
 from hexctl.gait.encoding import code_count
@@ -220,6 +220,7 @@ def plan_of(spec: RunSpec, robot: Robot) -> TrialPlan:
 
     Raises InputError for a gait, a posture or a motion that is not allowed.
     """
+    _check_found(spec)
     in_place = spec.turn_rate_rad_s is not None and spec.heading_rad is None
     gait, auto = spec.gait, spec.gait == AUTO
     if names_best(gait):
@@ -262,7 +263,7 @@ def plan_of(spec: RunSpec, robot: Robot) -> TrialPlan:
         hold=spec.hold,
         trim_rad=spec.trim_rad or 0.0,
     )
-    if auto and len(plan.failed_legs) > MOST_LOST:
+    if auto and len(plan.failed_legs) > MOST_RECOVERED:
         raise InputError(
             f"{argument('failed_leg')}: got {','.join(map(str, plan.failed_legs))} with {argument('gait')} "
             f"{AUTO}; {doubt(leg_set(robot, plan.gait, plan.failed_legs, (plan.heading_rad,)))}; allowed: "
@@ -270,7 +271,8 @@ def plan_of(spec: RunSpec, robot: Robot) -> TrialPlan:
         )
     plan = replace(plan, gait=auto_gait(robot, plan, stand_up=spec.body_raise is None)) if auto else plan
     check_tucked(robot, plan)
-    changes = tuple(_change_of(text, robot, plan) for text in spec.then)
+    stand_up = spec.body_raise is None
+    changes = tuple(_change_of(text, robot, plan, stand_up=stand_up) for text in spec.then)
     for (first, before), (second, after) in pairwise(zip(spec.then, changes, strict=True)):
         if after.at_s <= before.at_s:
             raise InputError(
@@ -299,8 +301,27 @@ def _name_and_time(text: str) -> tuple[str, float]:
     return name, time_s
 
 
-def _change_of(text: str, robot: Robot, plan: TrialPlan) -> GaitChange:
-    """Change of gait of a text such as `wave@10`, in the posture of the plan's gait."""
+def _check_found(spec: RunSpec) -> None:
+    """Raise InputError for options of a gait that `auto` finds by itself with more than one failed leg."""
+    names = (spec.gait, *(text.rpartition("@")[0] for text in spec.then))
+    if not spec.further_failures or AUTO not in names:
+        return
+    for name in ("swing_share", "stance_shift"):
+        if (value := getattr(spec, name)) is not None:
+            got = ",".join(f"{one:g}" for one in (value if isinstance(value, tuple | list) else (value,)))
+            raise InputError(
+                f"{argument(name)}: got {got} with failed legs "
+                f"{', '.join(str(one.leg) for one in spec.failures)} and {argument('gait')} {AUTO}, which "
+                "finds its own; allowed: with one failed leg, or with a gait by its name, code or slots"
+            )
+
+
+def _change_of(text: str, robot: Robot, plan: TrialPlan, *, stand_up: bool) -> GaitChange:
+    """Change of gait of a text such as `wave@10`, in the posture of the plan's gait.
+
+    Swings and shift of the body that are those of a crawl end with it. With `stand_up` the body stands up
+    with the gait `auto` for more failed legs than one.
+    """
     name, time_s = _name_and_time(text)
     if names_best(name):
         raise InputError(
@@ -310,7 +331,7 @@ def _change_of(text: str, robot: Robot, plan: TrialPlan) -> GaitChange:
     if time_s >= plan.duration_s:
         raise InputError(f"{argument('then')}: got {text!r}; allowed: before {plan.duration_s:g} s, the end")
     if name == AUTO and plan.further_failures:
-        return GaitChange(gait=auto_gait(robot, plan), at_s=time_s)
+        return GaitChange(gait=auto_gait(robot, plan, stand_up=stand_up), at_s=time_s)
     try:
         slots = (
             stable_slots_of(robot, plan)
@@ -321,5 +342,6 @@ def _change_of(text: str, robot: Robot, plan: TrialPlan) -> GaitChange:
         raise InputError(f"{argument('then')}: got {text!r} ({error})") from error
     plain = replace(plan.gait, slots=slots)
     if plan.gait.phases is not None:  # a gait of slots has the swings of the paper
-        plain = replace(plain, phases=None, swing_share=SWING_SHARE)
+        posture = replace(plan.gait.posture, shift=(0.0, 0.0))
+        plain = replace(plain, phases=None, swing_share=SWING_SHARE, posture=posture)
     return GaitChange(gait=plain, at_s=time_s)

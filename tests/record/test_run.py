@@ -338,6 +338,30 @@ def test_a_change_to_auto_without_two_legs_is_a_crawl_and_one_to_a_name_is_none(
     assert crawl.swing_share < 1 / 4
 
 
+@pytest.mark.parametrize(("gait", "then"), [("auto", ()), ("wave", ("auto@5",))])
+@pytest.mark.parametrize(("name", "value"), [("swing_share", 0.4), ("stance_shift", (0.02, 0.0))])
+def test_auto_without_two_legs_refuses_what_it_finds_by_itself(
+    gait: str, then: tuple[str, ...], name: str, value: Any
+) -> None:
+    options = {"gait": gait, "then": then, name: value}
+    with pytest.raises(InputError, match=rf"{name}: got 0\S+ with failed legs 2, 5 and gait auto.*allowed: "):
+        plan_of(spec_of({"failed_leg": (2, 5), **options}), shipped("ant"))
+    assert plan_of(spec_of({"failed_leg": 2, **options}), shipped("ant"))
+
+
+def test_a_body_that_is_to_stay_down_stays_down_with_a_change_to_auto() -> None:
+    options = {"failed_leg": (2, 3), "gait": "wave", "then": ("auto@5",)}
+    for given, raised in (({"body_raise": 0.0}, 0.0), ({}, 0.012)):
+        (change,) = plan_of(spec_of({**options, **given}), shipped("ant")).changes
+        assert change.gait.posture.body_raise == raised
+
+
+def test_the_shift_of_a_crawl_ends_with_it() -> None:
+    plan = plan_of(spec_of({"failed_leg": (1, 3), "gait": "auto", "then": ("2@5",)}), shipped("ant"))
+    assert plan.gait.posture.shift != (0.0, 0.0)
+    assert plan.changes[0].gait.posture == replace(plan.gait.posture, shift=(0.0, 0.0))
+
+
 def test_a_robot_without_two_legs_does_not_turn_before_its_walk() -> None:
     with pytest.raises(InputError, match="rear with failed legs 2, 5; allowed: auto, none"):
         Run(spec_of({"failed_leg": (2, 5), "self_rotation": "rear"}))

@@ -20,7 +20,6 @@ from hexctl.control.assessment.static_stability import (
     feet_over_cycle,
     most_stable_slots,
     stable_gait,
-    static_margins_m,
 )
 from hexctl.control.plan import TrialPlan
 from hexctl.control.turning import turn_needed_rad
@@ -120,8 +119,7 @@ def _gait_without(robot: Robot, gait: Gait, direction: int, lost: tuple[int, ...
     coded = replace(gait, slots=slots)
     if len(lost) < 2:
         return coded
-    lean_m = -static_margins_m(robot, [slots], heading_rad=heading_rad, failure=failures)[0, 0]
-    if lean_m <= CODE_LEAN * robot.stance_radius_m:
+    if least_margin_m(robot, coded, heading_rad=heading_rad) >= -CODE_LEAN * robot.stance_radius_m:
         return coded
     return crawl_on(robot, gait, heading_rad=heading_rad) or coded
 

@@ -33,7 +33,7 @@ WALKS, CRAWLS, DOUBTFUL, NO_GAIT = VERDICTS
 DIRECTIONS_RAD = tuple(math.radians(degrees) for degrees in (0, 90, 180, 270))
 
 #: Sets are judged up to this number of lost legs; without four, two feet are left.
-MOST_LOST = 3
+MOST_JUDGED = 3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -45,8 +45,8 @@ class LegSet:
         margin: smallest static stability margin over the cycle of the safest gait, as a share of the radius
             of the stance, in the worst direction of travel; negative where the robot tips for a moment, -inf
             where fewer than two feet stand at some time.
-        crawl: whether that gait is a crawl.
-        verdict: one of `VERDICTS`. `walks`: a code that leans by `CODE_LEAN` at most. `crawls`: a crawl that
+        crawl: whether that gait is a crawl; in other directions it may be a code, or the other way round.
+        verdict: on that gait, one of `VERDICTS`. `walks`: a code that leans by `CODE_LEAN` at most. `crawls`: a crawl that
             leans by `CRAWL_LEAN` at most. `doubtful`: a gait that leans by more. `no gait`: fewer than four
             legs, so that two feet or fewer carry while one swings.
     """
@@ -81,7 +81,7 @@ def leg_set(
         margin = least_margin_m(robot, found, heading_rad=heading_rad) / robot.stance_radius_m
         if margin < worst:
             worst, crawl = margin, found.phases is not None
-    return LegSet(legs=lost, margin=worst, crawl=crawl, verdict=_verdict(len(lost), worst))
+    return LegSet(legs=lost, margin=worst, crawl=crawl, verdict=_verdict(len(lost), worst, crawl))
 
 
 def doubt(found: LegSet) -> str | None:
@@ -91,10 +91,10 @@ def doubt(found: LegSet) -> str | None:
     without = f"without leg{'s' * (len(found.legs) > 1)} {', '.join(map(str, found.legs))}"
     if found.verdict == NO_GAIT:
         return f"{without} no gait keeps the robot up: only {N_LEGS - len(found.legs)} carry, and one swings"
+    beyond = f"beyond {CRAWL_LEAN:g} most fail" if found.crawl else f"only up to {CODE_LEAN:g} was tried"
     return (
         f"whether the robot walks {without} is doubtful: the safest gait leans out of its support by "
-        f"{-found.margin:.2f} of the radius of the stance, and beyond {CRAWL_LEAN:g} most fail; see hexctl "
-        "check --leg-sets"
+        f"{-found.margin:.2f} of the radius of the stance, and {beyond}; see hexctl check --leg-sets"
     )
 
 
@@ -120,20 +120,25 @@ def drag(robot: Robot, failures: Sequence[Failure], heading_rad: float) -> str |
     )
 
 
-def _verdict(lost: int, margin: float) -> str:
+def _verdict(lost: int, margin: float, crawl: bool) -> str:
     if N_LEGS - lost < 4:
         return NO_GAIT
-    if margin >= -CODE_LEAN:
-        return WALKS
-    return CRAWLS if margin >= -CRAWL_LEAN else DOUBTFUL
+    if margin < -_most_lean(crawl):
+        return DOUBTFUL
+    return CRAWLS if crawl else WALKS
+
+
+def _most_lean(crawl: bool) -> float:
+    """By how much a crawl or a code may lean, as a share of the radius of the stance."""
+    return CRAWL_LEAN if crawl else CODE_LEAN
 
 
 def leg_sets(
     robot: Robot, gait: Gait, directions_rad: Sequence[float] = DIRECTIONS_RAD, most: int = 2
 ) -> list[LegSet]:
-    """Verdicts on all sets of one leg up to `most`, `MOST_LOST` at most."""
+    """Verdicts on all sets of one leg up to `most`, `MOST_JUDGED` at most."""
     legs = range(1, N_LEGS + 1)
-    counts = range(1, min(most, MOST_LOST) + 1)
+    counts = range(1, min(most, MOST_JUDGED) + 1)
     return [
         leg_set(robot, gait, lost, directions_rad) for count in counts for lost in combinations(legs, count)
     ]

@@ -14,8 +14,8 @@ from hexctl.robot.model import Robot
 from hexctl.robot.plugins import made_of
 from hexctl.types import N_LEGS
 
-#: A walk goes on without as many legs as this: on three, of which one swings, hardly a robot gets on.
-MOST_LOST = 2
+#: A recovery walks on without this many legs at most: on three, of which one swings, hardly a robot gets on.
+MOST_RECOVERED = 2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -91,7 +91,7 @@ class GlideToStableGait(RecoveryPolicy):
     def prepare(self, robot: Robot, plan: TrialPlan, heading_body_rad: float) -> None:
         """Find the gaits for each leg that may fail first, and for each two."""
         whole = [leg for leg in range(1, N_LEGS + 1) if leg not in plan.failed_legs]
-        left = range(1, MOST_LOST - len(plan.failed_legs) + 1)
+        left = range(1, MOST_RECOVERED - len(plan.failed_legs) + 1)
         for lost in [legs for count in left for legs in combinations(whole, count)]:
             self._gait_without(robot, plan, heading_body_rad, lost)
 
@@ -103,7 +103,7 @@ class GlideToStableGait(RecoveryPolicy):
         noticed = set(legs) - set(plan.failed_legs)
         if not noticed:
             return Response(gait=plan.gait)
-        if len(legs) > MOST_LOST:
+        if len(legs) > MOST_RECOVERED:
             return Response(stop=True)
         return Response(gait=self._gait_without(robot, plan, heading_body_rad, legs))
 

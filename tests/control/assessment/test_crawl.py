@@ -7,7 +7,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from hexctl.control.assessment.crawl import CRAWL_SWING, gait_without
+from hexctl.control.assessment.crawl import CRAWL_SWING, gait_without, least_margin_m
 from hexctl.control.assessment.static_stability import STAND_UP, slots_by_stability
 from hexctl.control.batch import SimTrial, run_sim_trial
 from hexctl.control.plan import TrialPlan
@@ -108,6 +108,16 @@ def test_tucked_legs_count_as_lost() -> None:
     robot = shipped()
     gait = replace(make_gait(robot, "tripod"), posture=Posture(body_raise=STAND_UP, tucked_legs=(2,)))
     assert gait_without(robot, gait, heading_rad=0.0, legs=(3,)) == without("ant", (2, 3))
+
+
+def test_a_code_is_judged_at_the_stride_that_is_walked() -> None:
+    """At twice the usual stride the code without legs 1 and 4 leans by more than `CODE_LEAN`."""
+    robot = shipped()
+    usual = make_gait(robot, "tripod")
+    assert gait_without(robot, usual, heading_rad=0.0, legs=(1, 4)).phases is None
+    gait = gait_without(robot, replace(usual, amplitude=0.22), heading_rad=0.0, legs=(1, 4))
+    assert gait.phases is not None
+    assert least_margin_m(robot, gait, heading_rad=0.0) > 0
 
 
 def test_neighbours_that_are_missing_let_it_walk() -> None:

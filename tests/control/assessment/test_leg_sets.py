@@ -1,6 +1,7 @@
 """Which legs a robot can lose: verdicts by the margin, and walks that agree with them."""
 
 import math
+from dataclasses import replace
 from itertools import combinations
 
 import pytest
@@ -51,6 +52,20 @@ def test_two_legs_of_one_side_of_a_long_robot_are_doubtful(legs: tuple[int, ...]
     found = judged("pexod", *legs)
     assert found.verdict == verdict
     assert (doubt(found) is None) == (verdict == CRAWLS)
+
+
+def test_a_crawl_is_said_to_crawl_however_little_it_leans() -> None:
+    found = judged("pexod", 3, 4)
+    assert (found.verdict, found.crawl) == (CRAWLS, True)
+    assert found.margin > -0.1
+
+
+def test_a_code_that_leans_by_more_than_codes_may_is_doubtful() -> None:
+    """Raised by 0.012 of its size, `ant` has no crawl in reach at twice the usual stride."""
+    robot = shipped("ant")
+    found = leg_set(robot, replace(make_gait(robot, "demo"), amplitude=0.22), (1, 4), (0.0,))
+    assert (found.verdict, found.crawl) == (DOUBTFUL, False)
+    assert "by 0.11 of the radius of the stance, and only up to 0.1 was tried" in (doubt(found) or "")
 
 
 def test_three_legs_leave_no_gait() -> None:
