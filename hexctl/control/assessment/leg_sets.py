@@ -46,9 +46,9 @@ class LegSet:
             of the stance, in the worst direction of travel; negative where the robot tips for a moment, -inf
             where fewer than two feet stand at some time.
         crawl: whether that gait is a crawl; in other directions it may be a code, or the other way round.
-        verdict: on that gait, one of `VERDICTS`. `walks`: a code that leans by `CODE_LEAN` at most. `crawls`: a crawl that
-            leans by `CRAWL_LEAN` at most. `doubtful`: a gait that leans by more. `no gait`: fewer than four
-            legs, so that two feet or fewer carry while one swings.
+        verdict: on that gait, one of `VERDICTS`. `walks`: a code that leans by `CODE_LEAN` at most.
+            `crawls`: a crawl that leans by `CRAWL_LEAN` at most. `doubtful`: a gait that leans by more.
+            `no gait`: fewer than four legs, so that two feet or fewer carry while one swings.
     """
 
     legs: tuple[int, ...]
