@@ -65,7 +65,7 @@ class NoticedFailure:
         evidence: what it was noticed by: `following` (targets that joints do not follow), `support` (load
             that a leg does not carry) or `effort` (torque that a joint does not give).
         did: what it did, in few words.
-        healed: whether it noticed that the leg is whole again.
+        healed: whether it noticed that the leg is whole again, or put down one that was missing to try it.
     """
 
     at_s: float
@@ -75,7 +75,8 @@ class NoticedFailure:
     healed: bool = False
 
     def __str__(self) -> str:
-        what = "whole again" if self.healed else in_words(self.failure)
+        again = "put down again, on trial," if self.failure.kind == "missing" else "whole again"
+        what = again if self.healed else in_words(self.failure)
         return f"leg {self.failure.leg} {what} at {self.at_s:.2f} s, {self.did}"
 
     def to_dict(self) -> dict[str, Any]:

@@ -28,10 +28,10 @@ LEAST_RHO, TIMES_USUAL = 0.2, 2.5
 
 #: Share of its load that a leg misses when it has gone, how many times the most that another leg missed
 #: lately is added, and the share above which no more can be asked for.
-LEAST_MISSING, TIMES_MISSING, MOST_MISSING = 0.6, 0.6, 0.985
+LEAST_MISSING, TIMES_MISSING, MOST_MISSING = 0.6, 0.6, 0.99
 
 #: Cycles for which a joint without power is idle, and how many times the most of another leg's are added.
-LEAST_IDLE, TIMES_IDLE = 0.12, 1.0
+LEAST_IDLE, TIMES_IDLE = 0.16, 1.0
 
 #: Time constant of what is usual, in cycles, and rho before anything is known of it.
 USUAL_CYCLES, FIRST_RHO = 1.5, 0.8
@@ -143,6 +143,8 @@ class LegMonitor:
         self._row = 0
         self.failed: BoolArray = np.zeros(legs, dtype=bool) if believed is None else believed.copy()
         self._watched = np.where(self.failed, 0.0, 1.0)
+        none: BoolArray = np.zeros(legs, dtype=bool)
+        self._support.forget(none[..., :1], none, ~self.failed)
         self.new: BoolArray = np.zeros(legs, dtype=bool)
         self.ratio: FloatArray = np.zeros(legs)
         self._ratios: FloatArray = np.zeros((3, *legs))
@@ -186,7 +188,10 @@ class LegMonitor:
         self.failed[(*row, leg - 1)] = False
         changed: BoolArray = np.zeros_like(self.failed[..., :1])
         changed[row] = True
-        self._be_patient(changed)
+        taken_back: BoolArray = np.zeros_like(self.failed)
+        taken_back[(*row, leg - 1)] = True
+        # What that leg carries while it is whole is known from before.
+        self._be_patient(changed, anew=changed & ~taken_back)
 
     def gait_changes(self, which: BoolArray) -> None:
         """Be patient with some robots, leading shape: what is usual is not what it was."""
@@ -234,15 +239,19 @@ class LegMonitor:
         self._threshold_then = np.where(changed, self._threshold, self._threshold_then)
         self._be_patient(changed)
 
-    def _be_patient(self, changed: BoolArray) -> None:
-        """Ask for more evidence while the gait of some robots changes, leading shape + (1,)."""
+    def _be_patient(self, changed: BoolArray, anew: BoolArray | None = None) -> None:
+        """Ask for more evidence while the gait of some robots changes, leading shape + (1,).
+
+        Of some of their legs, leading shape + (6,), it is learned anew what they carry: of all unless given.
+        """
         self._watched = np.where(self.failed, 0.0, 1.0)
         patient = _of_each(self.new.shape, FIRST_RHO, MOST_MISSING, 2 * FIRST_IDLE)
         self._compared = np.where(changed, patient, self._compared)
         self._most_seen = np.where(changed, patient[1:], self._most_seen)
         self._set_threshold()
         self._following.forget(changed)
-        self._support.forget(changed)
+        anew = changed if anew is None else anew
+        self._support.forget(changed, anew & ~self.failed, ~self.failed)
         self._alarm_ticks = self._alarm_ticks * ~changed
 
     def kind(

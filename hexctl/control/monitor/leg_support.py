@@ -84,6 +84,7 @@ class LegSupport:
         self.missing: FloatArray = np.zeros(legs)
         self.idle_cycles: FloatArray = np.zeros(joints)
         self.idle_of_legs: FloatArray = np.zeros(legs)
+        self._teaching: BoolArray = np.ones(legs, dtype=bool)
         self.known, self._idle, self._silent_ticks = False, False, 0
 
     def _begin(self, torques: bool, contacts: bool) -> None:
@@ -98,6 +99,7 @@ class LegSupport:
         self._kept = 1 - FADES_PER_CYCLE * per_tick
         self._passed: FloatArray = LEARNING_TICKS * per_tick
         self._learned_cycles: FloatArray = np.zeros(columns)
+        self._teaches = self._columns(self._teaching)
         self._learned, self._share = False, self._rate
         self._carried: FloatArray = np.ones(columns)
         self._most: FloatArray = np.zeros(columns)
@@ -135,7 +137,8 @@ class LegSupport:
             self._count_idle(weight, state.joint_positions_rad, joints)
         self._ticks += 1
         if self._ticks % LEARNING_TICKS == 0:
-            self._habit.learn(self._learns() * (self._carried > self._calm) * (load - usual))
+            teaches = (self._carried > self._calm) & self._teaches
+            self._habit.learn(self._learns() * teaches * (load - usual))
 
     def _count_idle(self, weight: FloatArray, measured_rad: FloatArray, joints: JointFollowing) -> None:
         idle = self._size_nm < self._none_nm
@@ -147,12 +150,25 @@ class LegSupport:
         self.idle_cycles = (self.idle_cycles + passed) * idle
         self.idle_of_legs = self.idle_cycles.reshape(*self._shape, N_LEGS, JOINTS_PER_LEG).max(axis=-1)
 
-    def forget(self, which: BoolArray) -> None:
-        """Take the legs of some robots, leading shape + (1,), for such as carry as usual, and learn anew."""
+    def forget(self, which: BoolArray, anew: BoolArray, teaching: BoolArray) -> None:
+        """Take the legs of some robots for such as carry as usual.
+
+        Args:
+            which: robots, leading shape + (1,).
+            anew: legs of which it is learned anew what is usual, leading shape + (6,).
+            teaching: legs of which anything is learned, leading shape + (6,). A leg in the air, which carries
+                nothing, is not one of them.
+        """
         self._forget_evidence(which)
-        if self._torques is not None:
-            self._learned_cycles = np.where(which, 0.0, self._learned_cycles)
-            self._learned = False
+        self._teaching = teaching
+        if self._torques is None:
+            return
+        self._learned_cycles = np.where(self._columns(anew), 0.0, self._learned_cycles)
+        self._teaches, self._learned = self._columns(teaching), False
+
+    def _columns(self, legs: BoolArray) -> BoolArray:
+        """Values of legs for the columns of the loads."""
+        return np.concatenate([legs, legs], axis=-1) if self._feet else legs
 
     def _forget_evidence(self, which: BoolArray) -> None:
         """Take the legs of some robots, leading shape + (1,), for such as carry as usual."""

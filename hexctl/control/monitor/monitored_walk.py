@@ -79,6 +79,7 @@ class MonitoredWalk(Controller):
             policy.prepare(start.robot, plan, heading_rad)
         self._stopping = False
         self._stopped: dict[int, str] = {}
+        self._trouble = ""  # what is wrong with the policy
         self._unsettled: list[tuple[int, int, int, float]] = []
         self._probes: dict[tuple[int, int], LegProbe] = {}
         self._first_tries: dict[tuple[int, int], float] = {}
@@ -180,7 +181,7 @@ class MonitoredWalk(Controller):
             self._news = (*self._news, f"noticed: {suspicion}, by its {suspicion.evidence}; {response}")
             responses[index] = response
             if response.stop:
-                self._stopped[index] = str(suspicion)
+                self._stopped[index] = f"{suspicion}; {self._trouble}" if self._trouble else str(suspicion)
             self._look_again(index, suspicion)
         self._glide(responses)
 
@@ -241,7 +242,8 @@ class MonitoredWalk(Controller):
         response = self._answer(index, self._failures[index])
         suspicion = Suspicion(failure=before, step=step, evidence="following", ratio=0.0)
         self.noticed[index].append(Noticed(suspicion=suspicion, response=response, healed=True))
-        self._news = (*self._news, f"noticed: leg {leg} follows again; {response}")
+        again = "is put down again, on trial" if before.kind == "missing" else "follows again"
+        self._news = (*self._news, f"noticed: leg {leg} {again}; {response}")
         self._glide({index: response})
 
     def _settle_kind(self, index: int, place: int, cycles: float) -> None:
@@ -277,8 +279,17 @@ class MonitoredWalk(Controller):
         return suited
 
     def _answer(self, index: int, failures: list[Failure]) -> Response:
-        plan = self._plans[index]
-        return self._policy.respond(self._start.robot, plan, self._headings_rad[index], failures)
+        """What the policy says; a policy that fails stops the walk softly, and is named."""
+        plan, name = self._plans[index], type(self._policy).__name__
+        try:
+            response = self._policy.respond(self._start.robot, plan, self._headings_rad[index], failures)
+        except Exception as error:  # noqa: BLE001  whatever it is, the robot is still walking
+            self._trouble = f"policy {name}: {type(error).__name__}: {error}"
+            return Response(stop=True)
+        if not isinstance(response, Response):
+            self._trouble = f"policy {name}: respond gave {response!r}; allowed: a Response"
+            return Response(stop=True)
+        return response
 
 
 def recovering_walk(policy: RecoveryPolicy | None = None) -> Callable[[WalkStart], MonitoredWalk]:

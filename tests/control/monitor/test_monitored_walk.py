@@ -11,7 +11,7 @@ from hexctl.backends.sim.servos import SimServos
 from hexctl.control.batch import SimTrial, run_sim_trial, run_sim_trials
 from hexctl.control.guard import Guard
 from hexctl.control.monitor.monitored_walk import MonitoredWalk, recovering_walk
-from hexctl.control.monitor.recovery import RecoveryPolicy, StopWalking, WalkOn
+from hexctl.control.monitor.recovery import RecoveryPolicy, Response, StopWalking, WalkOn
 from hexctl.control.plan import GaitChange, TrialPlan
 from hexctl.control.preparation import WalkStart
 from hexctl.control.result import TrialResult
@@ -279,3 +279,40 @@ def test_an_encoder_that_jumps_costs_a_leg_for_a_while_and_no_fall() -> None:
     assert result.status == "ok"
     assert result.deviation is not None
     assert abs(result.deviation.final) < 0.02
+
+
+class Raises(RecoveryPolicy):
+    """A policy with a mistake in it."""
+
+    def respond(self, *_: object) -> Response:
+        raise ValueError("boom")
+
+
+class SaysNothing(RecoveryPolicy):
+    """A policy that answers with no response."""
+
+    def respond(self, *_: object) -> Response:
+        return None  # type: ignore[return-value]
+
+
+@pytest.mark.parametrize(
+    ("policy", "words"), [(Raises, "ValueError: boom"), (SaysNothing, "respond gave None; allowed: a Resp")]
+)
+def test_a_policy_that_fails_stops_the_walk_softly_and_is_named(
+    policy: type[RecoveryPolicy], words: str
+) -> None:
+    result, _ = _walk(_trial("2:limp@3", duration_s=6.0), policy())
+    assert result.status == "aborted"
+    assert result.stopped is not None
+    assert result.stopped.startswith(f"leg 2 limp; policy {policy.__name__}: ")
+    assert words in result.stopped
+
+
+def test_a_leg_that_is_gone_is_missed_again_each_time_it_is_put_down() -> None:
+    trial = _trial("5:missing@4", duration_s=18.0)
+    _, walk = _walk(trial)
+    first, tried, again = walk.noticed[0][:3]
+    assert (first.healed, tried.healed, again.healed) == (False, True, False)
+    assert again.suspicion.failure == Failure(leg=5, kind="missing")
+    assert (again.suspicion.step - tried.suspicion.step) * 0.02 < 4.0
+    assert "put down again, on trial" in str(walk.noticed_failures()[1])
