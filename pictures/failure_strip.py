@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 from matplotlib.axes import Axes
 
+from hexctl.backends.clock import PERIOD_S
 from hexctl.backends.sim.servos import SimServos
 from hexctl.control.guard import Guard
 from hexctl.control.log import TickLog
@@ -71,7 +72,7 @@ class FailedWalk:
 
     def _row(self, moment_s: float) -> int:
         rows = self.log.rows_of("walk")
-        return int(np.arange(len(self.log["time_s"]))[rows][round((FAILS_S + moment_s) / 0.02)])
+        return int(np.arange(len(self.log["time_s"]))[rows][round((FAILS_S + moment_s) / PERIOD_S)])
 
 
 def walk(name: str, policy: type[RecoveryPolicy]) -> FailedWalk:
@@ -141,11 +142,11 @@ VIEW: FloatArray = np.array([[1.0, 0.25, 0.0], [0.0, 0.45, 0.9]])
 def _draw_curves(axes: Sequence[Axes], walks: Sequence[FailedWalk]) -> None:
     """Deviation from the line and speed over time."""
     colors = (FAILED_COLOR, hex_color(VERDICT_COLORS["holds"]))
-    cycle = round(1 / load_robot("ant").gait.pace_hz / 0.02)
+    cycle = round(1 / load_robot("ant").gait.pace_hz / PERIOD_S)
     for one, color in zip(walks, colors, strict=True):
         times_s, way_m = one.way_m()
         axes[0].plot(times_s, 100 * way_m[:, 1], color=color, label=one.name)
-        speed = (way_m[cycle:, 0] - way_m[:-cycle, 0]) / (cycle * 0.02)
+        speed = (way_m[cycle:, 0] - way_m[:-cycle, 0]) / (cycle * PERIOD_S)
         axes[1].plot(times_s[cycle:], 100 * speed, color=color)
     for ax in axes:
         ax.axvline(0.0, color=WHOLE_COLOR, linewidth=1.0)

@@ -17,7 +17,7 @@ from pydantic import (
 
 from hexctl.backends.clock import PERIOD_S
 from hexctl.backends.sim.distribution import Distribution
-from hexctl.backends.sim.drawn_failure import COLUMNS, DrawnFailure, draw_failures
+from hexctl.backends.sim.failure_draws import COLUMNS, DrawnFailure, draw_failures
 from hexctl.backends.sim.flaws import Section, SensorFaults, SensorNoise
 from hexctl.errors import InputError, check_type, shown
 from hexctl.robot.configs import Number, find_config, read_mapping, validate

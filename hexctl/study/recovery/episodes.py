@@ -165,6 +165,7 @@ class Episode:
         last_m_s: speed over the last `RULE_S`.
         settled_s: time from the failure until the mean speed over the cycle about that moment is `SETTLED` of
             the later one again, after its lowest within `LATER_S`; 0 where it never falls below.
+        trials: trials that its method made before the walk, to find out how to walk.
     """
 
     case: RecoveryCase

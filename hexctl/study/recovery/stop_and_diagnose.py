@@ -10,12 +10,13 @@ from hexctl.control.diagnosis.findings import Diagnosis, diagnosis_of, unsafe_le
 from hexctl.control.diagnosis.standing_test import ALL_PROBES, Probe, StandingTest
 from hexctl.control.monitor.monitored_walk import MonitoredWalk
 from hexctl.control.monitor.recovery import RecoveryPolicy, WalkOn
+from hexctl.control.plan import TrialPlan
 from hexctl.control.preparation import WalkStart
 from hexctl.control.steered_walk import SteeredWalk
 from hexctl.control.steering import held
 from hexctl.control.trace import TrialFrame
 from hexctl.control.velocity_walk import MotionWalk
-from hexctl.robot.failure import Failure, failure_text
+from hexctl.robot.failure import MOST_FAILED, Failure, each_failure, failure_text
 from hexctl.robot.failure_event import NoticedFailure
 from hexctl.types import BoolArray, FloatArray, RobotState
 
@@ -34,6 +35,9 @@ class StopAndDiagnoseWalk(Controller):
         start: the robot, ready to walk.
         policy: gives the gait for failed legs.
         probes: of the standing test.
+
+    Attributes:
+        walk: that before the stop, or the one after it; each is told what the standing tests have found.
     """
 
     def __init__(
@@ -46,9 +50,9 @@ class StopAndDiagnoseWalk(Controller):
         self._failures: tuple[Failure, ...] = ()
         self._noticed: list[NoticedFailure] = []
         self._given_up: str | None = None
-        self._walk = self._watched_walk()
-        self._controller: Controller = self._walk
-        self._first_step = self._stopped_at = 0
+        self.walk = self._watched_walk()
+        self._controller: Controller = self.walk
+        self._first_step = self._stopped_at = self._limited_before = 0
         self._stopping = False
         self._sent_rad = start.robot.stance_angles_rad
 
@@ -56,11 +60,11 @@ class StopAndDiagnoseWalk(Controller):
         """Joint angles at this step, (18,)."""
         self._go_on(step, state)
         self._sent_rad = self._controller.targets_rad(step - self._first_step, state)
-        if self._controller is self._walk and not self._stopping and self._alarmed():
+        if self._controller is self.walk and not self._stopping and self._alarmed():
             self._stopping = True
             self._stopped_at = step
-            self._walk.stop(step - self._first_step)
-        self.limited_steps = self._walk.limited_steps
+            self.walk.stop(step - self._first_step)
+        self.limited_steps = self._limited_before + int(self.walk.limited_steps)
         return self._sent_rad
 
     def done(self, step: int, state: RobotState) -> bool:
@@ -78,15 +82,16 @@ class StopAndDiagnoseWalk(Controller):
     def _go_on(self, step: int, state: RobotState) -> None:
         """Let the next controller lead where the one before it is done."""
         now = self._controller
-        if now is self._walk:
+        if now is self.walk:
             if self._stopping and step >= self._stopped_at + soft_stop_steps(self._start.period_s):
                 steps = round(SETTLE_S / self._start.period_s)
                 self._lead(step, Stand(self._start.robot, self._sent_rad, steps // 2, steps - steps // 2))
         elif now.done(step - 1 - self._first_step, state):
             if isinstance(now, StandingTest):
                 self._judge(step, diagnosis_of(now.observed, self._start.robot))
-                self._walk, self._stopping = self._watched_walk(), False
-                self._lead(step, self._walk)
+                self._limited_before += int(self.walk.limited_steps)
+                self.walk, self._stopping = self._watched_walk(), False
+                self._lead(step, self.walk)
             else:
                 self._lead(step, self._standing_test())
 
@@ -96,7 +101,7 @@ class StopAndDiagnoseWalk(Controller):
     def _alarmed(self) -> bool:
         """Whether the monitor accuses a leg that is not known to have failed."""
         known = {failure.leg for failure in self._failures}
-        return any(one.suspicion.leg not in known for one in self._walk.noticed[0])
+        return any(one.suspicion.leg not in known for one in self.walk.noticed[0])
 
     def _standing_test(self) -> StandingTest:
         robot = self._start.robot
@@ -134,7 +139,13 @@ class StopAndDiagnoseWalk(Controller):
         start = replace(self._start, plans=(plan,))
         walk = MotionWalk(start) if self.hold == "none" else SteeredWalk(start, hold=self.hold)
         walk.leave_plain()
-        return MonitoredWalk(start, walk, WalkOn())
+        return MonitoredWalk(replace(start, plans=(self._told(plan),)), walk, WalkOn())
+
+    def _told(self, plan: TrialPlan) -> TrialPlan:
+        """A plan that knows of what was found too, so that the monitor does not watch those legs."""
+        by_leg = {one.leg: one for one in (*plan.failures, *self._failures)}
+        believed = each_failure(tuple(by_leg.values()))[:MOST_FAILED]
+        return replace(plan, belief=next(iter(believed), None), further_failures=believed[1:])
 
 
 class EachAlone(Controller):

@@ -3,16 +3,18 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from hexctl.control.batch import run_sim_trials
 from hexctl.control.diagnosis.standing_test import Probe
-from hexctl.control.monitor.recovery import StopWalking
+from hexctl.control.monitor.recovery import GlideToStableGait, StopWalking
 from hexctl.control.preparation import WalkStart
 from hexctl.study.recovery.episodes import Episode, RecoveryCase
 from hexctl.study.recovery.methods import method_of
 from hexctl.study.recovery.stop_and_diagnose import EachAlone, StopAndDiagnoseWalk
 from hexctl.study.recovery.walks import walk_episodes
+from hexctl.types import FloatArray, RobotState
 from tests.study.recovery.made_up import plan
 
 PLACE = replace(plan().walked()[0][0], duration_s=24.0)
@@ -61,6 +63,41 @@ def test_it_is_told_nothing_of_what_is_to_come(episodes: Sequence[Episode]) -> N
     method = method_of("stop-diagnose")
     (result,) = run_sim_trials([trial], 1, lambda start: method.controller(_checked(start), [()]), apart=True)
     assert repr(Episode.of(case(2), trial, result)) == repr(episodes[1])
+
+
+class Watched(StopAndDiagnoseWalk):
+    """Keeps the walks and the counts of limited steps."""
+
+    def __init__(self, start: WalkStart) -> None:
+        super().__init__(start, GlideToStableGait(), probes=[Probe("lift", (leg,)) for leg in (2, 5)])
+        self.walk.walk.limited_steps = np.int64(5)  # as of a line that is far away
+        self.walks, self.counts = [self.walk], list[int]()
+
+    def targets_rad(self, step: int, state: RobotState) -> FloatArray:
+        targets_rad = super().targets_rad(step, state)
+        if self.walk is not self.walks[-1]:
+            self.walks.append(self.walk)
+        self.counts.append(int(self.limited_steps))
+        return targets_rad
+
+
+def test_the_walk_after_the_test_knows_what_was_found_and_counts_on() -> None:
+    made: list[Watched] = []
+
+    def watched(start: WalkStart) -> Watched:
+        made.append(Watched(start))
+        return made[-1]
+
+    def make(start: WalkStart) -> EachAlone:
+        return EachAlone(start, watched)
+
+    place = replace(PLACE, duration_s=20.0)
+    run_sim_trials([place.trial(case(2))], 1, make, apart=True)
+    before, after = made[0].walks
+    assert [one.suspicion.leg for one in before.noticed[0]] == [2]
+    assert after.noticed[0] == []
+    assert made[0].counts[-1] == 5 + after.limited_steps
+    assert before.limited_steps == 5
 
 
 def test_a_policy_that_stops_ends_the_walk_after_the_test() -> None:

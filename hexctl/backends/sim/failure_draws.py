@@ -6,6 +6,7 @@ from typing import Annotated, Any, TypeVar
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
+from hexctl.backends.clock import PERIOD_S
 from hexctl.backends.sim.distribution import Distribution
 from hexctl.errors import InputError
 from hexctl.robot.configs import Number
@@ -31,7 +32,8 @@ class DrawnFailure(BaseModel):
         failure: how, in the words of `parse_failure`, each as likely as any other; a word that is given twice
             is twice as likely.
         torque_share: part of its torque that a `weak` leg or joint keeps whose word has no number.
-        heals_after_s: how long after its failure the leg is whole again; None where it stays as it is.
+        heals_after_s: how long after its failure the leg is whole again, a control period or more; None
+            where it stays as it is.
         share: share of the members to which this failure comes.
     """
 
@@ -68,7 +70,12 @@ class DrawnFailure(BaseModel):
         bounds = {
             "at_s": (self.at_s, 0.0, np.inf, "0 s or more"),
             "torque_share": (self.torque_share, 0.0, 1.0, "0 to 1"),
-            "heals_after_s": (self.heals_after_s, 0.0, np.inf, "0 s or more"),
+            "heals_after_s": (
+                self.heals_after_s,
+                PERIOD_S,
+                np.inf,
+                f"{PERIOD_S:g} s, a control period, or more",
+            ),
         }
         for name, (distribution, least, most, allowed) in bounds.items():
             if distribution is None:
@@ -97,7 +104,8 @@ class DrawnFailure(BaseModel):
         if self.heals_after_s is None:
             return (fails,)
         healed_s = at_s + float(self.heals_after_s.at(np.asarray(healing)))
-        return fails, FailureEvent(at_s=round(healed_s, 2), leg=leg)
+        # Rounding brings the two times no nearer to each other than a control period.
+        return fails, FailureEvent(at_s=round(max(healed_s, fails.at_s + PERIOD_S), 2), leg=leg)
 
 
 def draw_failures(draws: Sequence[DrawnFailure], shares: FloatArray) -> dict[str, Any]:

@@ -101,7 +101,10 @@ def test_batches_and_single_simulations_get_what_was_drawn(tmp_path: Path, robot
         ("{at_s: {low: 1, high: 2}, failure: ['stuck:femur:30']}", "it sticks where it is"),
         ("{at_s: {low: 1, high: 2}, failure: [unknown]}", "what breaks"),
         ("{at_s: {low: 1, high: 2}, torque_share: {low: 0, high: 2}}", "torque_share: got 0 to 2"),
-        ("{at_s: {low: 1, high: 2}, heals_after_s: {low: -3, high: 2}}", "heals_after_s"),
+        (
+            "{at_s: {low: 1, high: 2}, heals_after_s: {low: 0, high: 0}}",
+            "heals_after_s: got 0 to 0; allowed: 0.02 s, a control period, or more",
+        ),
         ("{at_s: {low: 1, high: 2}, share: 0}", "share"),
         ("{at_s: {low: 1, high: 2}, angle_deg: 3}", "angle_deg"),
     ],
@@ -113,6 +116,14 @@ def test_what_cannot_be_drawn_is_refused_in_one_line(tmp_path: Path, draw: str, 
     assert message in str(caught.value)
     assert "family.yaml" in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_a_leg_heals_after_it_has_failed(tmp_path: Path) -> None:
+    soon = "failures: [{at_s: {low: 1, high: 2}, heals_after_s: {low: 0.02, high: 0.02}}]\n"
+    family = load_randomization(_written(HEAD + soon, tmp_path))
+    for world in family.members(0, 64):
+        fails, heals = world.events
+        assert 0.019 < heals.at_s - fails.at_s < 0.031
 
 
 def test_failures_find_whole_legs_and_one_source(tmp_path: Path) -> None:
