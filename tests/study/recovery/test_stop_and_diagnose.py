@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
-import numpy as np
 import pytest
 
 from hexctl.control.batch import run_sim_trials
@@ -70,7 +69,7 @@ class Watched(StopAndDiagnoseWalk):
 
     def __init__(self, start: WalkStart) -> None:
         super().__init__(start, GlideToStableGait(), probes=[Probe("lift", (leg,)) for leg in (2, 5)])
-        self.walk.walk.limited_steps = np.int64(5)  # as of a line that is far away
+        self.walk.walk.limited_steps = 5  # as of a line that is far away
         self.walks, self.counts = [self.walk], list[int]()
 
     def targets_rad(self, step: int, state: RobotState) -> FloatArray:
