@@ -140,6 +140,8 @@ def _why_no_distance(outcome: dict[str, Any]) -> str:
     """Why a walk has no distance, in words."""
     if not outcome["duration_s"]:
         return "it never set out"
+    if outcome["status"] == "no_progress":
+        return "its position did not change"
     hold = outcome.get("hold")
     if hold == "line" or (hold == "none" and not outcome.get("hold_caveat")):
         return "its position was not measured at the end"

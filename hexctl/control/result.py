@@ -10,7 +10,7 @@ import numpy as np
 from hexctl.control.assessment.cause import Samples, symptoms
 from hexctl.control.assessment.walk_quality import cost_of_transport, lean_deg, unsteadiness_m_s
 from hexctl.control.plan import TrialPlan
-from hexctl.control.steering import LOST_AFTER_S, why_less, without_frozen
+from hexctl.control.steering import LOST_AFTER_S, frozen_rows, plane, why_less
 from hexctl.control.trace import TrialFrame
 from hexctl.control.turning import TURN_WITHIN_RAD, turn_needed_rad
 from hexctl.errors import InputError, MissingExtraError
@@ -69,7 +69,8 @@ class TrialResult(ArrayFields):
     """The outcome of one trial; distances are None where the robot knows no pose or never set out.
 
     Attributes:
-        status: one of `STATUSES`.
+        status: one of `STATUSES`. A walk that shows one and the same position from its start on has made
+            `no_progress`, with distances that are None: the robot stands, or its sensor is dead.
         stopped: why an aborted trial was stopped: `requested`, or what the guard says; why one was cut short,
             where it was not for what it showed; None otherwise.
         duration_s: how long it walked.
@@ -301,9 +302,11 @@ def score(
         energy_j: mechanical work of its actuators; None where it is not known.
         noticed: failures that its controller noticed.
     """
-    positions_world, quaternions_world = (
-        without_frozen(rows, duration_s / max(1, len(rows))) for rows in (positions_world, quaternions_world)
-    )
+    shown = int(np.isfinite(positions_world[:, 0]).sum())
+    positions_world = _without_frozen(positions_world, np.stack(plane(positions_world), axis=-1), duration_s)
+    quaternions_world = _without_frozen(quaternions_world, quaternions_world, duration_s)
+    # All that the robot showed of its position is one that froze: it stands, or its sensor is dead.
+    never_moved = frame is not None and shown > 1 and int(np.isfinite(positions_world[:, 0]).sum()) == 1
     path = frame.path(positions_world) if frame is not None else np.zeros((0, 2))
     known = path[np.isfinite(path[:, 0])]
     path = path if len(known) else path[:0]
@@ -311,8 +314,9 @@ def score(
     distance_m = float(known[-1, 0]) if walked else None
     yaw_change_rad = None if frame is None else _yaw_change_rad(frame.yaw_rad, quaternions_world)
     long_enough = duration_s >= RAMP_DURATION_S
-    if status == "ok" and distance_m is not None and long_enough and _goes_straight(plan):
-        status = "ok" if distance_m >= progress_floor_m(robot, plan, duration_s) else "no_progress"
+    if status == "ok" and long_enough and _goes_straight(plan):
+        too_short = distance_m is not None and distance_m < progress_floor_m(robot, plan, duration_s)
+        status = "no_progress" if too_short or never_moved else "ok"
     true_path_m = _true_path_m(frame, true_positions_world)
     cause = None
     if status == "no_progress" and samples is not None:
@@ -346,6 +350,12 @@ def score(
         turn_trim_rad_s=plan.turn_trim_rad_s,
         noticed=noticed,
     )
+
+
+def _without_frozen(rows: FloatArray, compared: FloatArray, duration_s: float) -> FloatArray:
+    """Rows (T, n) with NaN where what is compared of them, (T, m), repeats a value that froze."""
+    frozen = frozen_rows(compared, duration_s / max(1, len(rows)))
+    return np.where(frozen[:, np.newaxis], np.nan, rows) if frozen.any() else rows
 
 
 def _hold_lost_s(

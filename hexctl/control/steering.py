@@ -31,6 +31,9 @@ LOST_AFTER_S = 1.0
 #: A value that does not change for longer than this is not measured any more.
 FROZEN_AFTER_S = 4.0
 
+#: The same with room for rounding, so that sums and products of control periods are judged alike.
+LONGEST_SAME_S = FROZEN_AFTER_S + 1e-6
+
 #: A change between two measurements that no walking robot makes; it is believed once it has stayed until the
 #: bound, which grows by half of itself in a second, reaches it.
 JUMP_M = 0.25
@@ -92,6 +95,8 @@ class Measured:
 class FrozenSensor:
     """Whether a sensor has shown the same to the last bit for longer than `FROZEN_AFTER_S`.
 
+    The time counts in which it showed something: dropouts neither end it nor belong to it.
+
     Attributes:
         last: the values that it showed last, leading shape each; empty before.
     """
@@ -113,32 +118,29 @@ class FrozenSensor:
         if any_of(~seen) and self.last:
             values = tuple(chosen(seen, *pair) for pair in zip(values, self.last, strict=True))
         self.last = values
-        unseen: BoolArray = (self._same_s > FROZEN_AFTER_S) | ~seen
+        unseen: BoolArray = (self._same_s > LONGEST_SAME_S) | ~seen
         return unseen
 
 
-def without_frozen(rows: FloatArray, period_s: float) -> FloatArray:
-    """What a sensor showed, (T, n), with NaN for the repeats of a value that froze for `FROZEN_AFTER_S`.
+def frozen_rows(values: FloatArray, period_s: float) -> BoolArray:
+    """Ticks at which a sensor repeated a value that froze, (T,), judged from all of a walk.
 
-    As `FrozenSensor` judges it: to the last bit, and whatever drops out meanwhile. What froze for less stays.
+    The rule is that of `FrozenSensor`; once a value has frozen, all of its repetitions count as frozen, those
+    of the first `FROZEN_AFTER_S` too. What froze for less stays.
 
     Args:
-        rows: values of each tick, (T, n); NaN where they were not measured.
+        values: that are compared, of each tick, (T, n); NaN where they were not measured.
         period_s: between two ticks.
     """
-    seen = np.flatnonzero(np.isfinite(rows[:, 0]))
+    frozen = np.zeros(len(values), dtype=bool)
+    seen = np.flatnonzero(np.isfinite(values[:, 0]))
     if len(seen) < 2:
-        return rows
-    values = rows[seen]
-    repeats = np.concatenate([[False], (values[1:] == values[:-1]).all(axis=-1)])
-    if not repeats.any():
-        return rows
-    first = np.maximum.accumulate(np.where(repeats, 0, np.arange(len(seen))))  # of the run of each
-    last_s = np.zeros(len(seen))
-    np.maximum.at(last_s, first, (seen - seen[first]) * period_s)
-    result = rows.copy()
-    result[seen[repeats & (last_s[first] > FROZEN_AFTER_S)]] = np.nan
-    return result
+        return frozen
+    repeats = np.concatenate([[False], (values[seen[1:]] == values[seen[:-1]]).all(axis=-1)])
+    run = np.cumsum(~repeats) - 1
+    same_s = np.bincount(run, weights=repeats) * period_s
+    frozen[seen[repeats & (same_s[run] > LONGEST_SAME_S)]] = True
+    return frozen
 
 
 class CourseOverGround:
@@ -239,8 +241,8 @@ def why_less(plan: TrialPlan, frame: TrialFrame | None) -> str | None:
     return f"{'no yaw' if plan.hold == 'heading' else missing} was measured at rest before the walk"
 
 
-def _plane(position_world: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Coordinates x and y of positions, leading shape each."""
+def plane(position_world: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Coordinates x and y of positions, leading shape each: those by which a position freezes."""
     return position_world[..., 0][()], position_world[..., 1][()]
 
 
@@ -362,7 +364,7 @@ class CourseHold:
         position = state.base_position_world
         if position is None or self._hold != "line":
             return self._unknown
-        x_m, y_m = _plane(position)
+        x_m, y_m = plane(position)
         unseen = self._frozen_position.update(dt_s, x_m, y_m)
         return chosen(unseen, math.nan, self._left_of_line_m(x_m, y_m))
 

@@ -36,7 +36,7 @@ def _score(
     origin = np.array([3.0, -2.0, 0.12])
     cos, sin = math.cos(heading), math.sin(heading)
     turned = path @ np.array([[cos, sin], [-sin, cos]])
-    world = np.column_stack([turned + origin[:2], np.full(len(path), 0.1)])
+    world = np.column_stack([turned + origin[:2], np.full(len(path), 0.1) + plan.pop("heights", 0.0)])
     quaternions = np.tile(UPRIGHT, (len(path), 1)) if yaws is None else _turned(yaws)
     duration_s, turned_rad = plan.pop("duration_s", 10.0), plan.pop("turned_rad", 0.0)
     hold, energy_j = plan.pop("hold", "none"), plan.pop("energy_j", None)
@@ -245,7 +245,30 @@ def test_a_pose_that_freezes_shortly_counts() -> None:
     assert _score(path, hold="line").hold_lost_s == 0.0
     path[200] = np.nan  # a dropout does not end it
     path[300] = path[99]
-    assert _score(path, hold="line").hold_lost_s == pytest.approx(201 * 0.02)
+    assert _score(path, hold="line").hold_lost_s == 0.0, "nor does it belong to it"
+    path[301] = path[99]
+    assert _score(path, hold="line").hold_lost_s == pytest.approx(202 * 0.02)
+
+
+def test_a_position_freezes_by_where_it_is_whatever_its_height_does() -> None:
+    path = _along(1.2, np.zeros(500))
+    path[100:] = path[99]
+    result = _score(path, hold="line", heights=0.1 + 0.001 * np.sin(np.arange(500)))
+    assert (result.status, result.distance_m) == ("ok", None)
+    assert result.hold_lost_s == pytest.approx(8.0)
+
+
+def test_a_walk_that_shows_one_position_from_its_start_on_makes_no_progress() -> None:
+    """A robot that stands, on odometry that counts millimetres."""
+    still = np.zeros((500, 2))
+    result = _score(still, yaws=0.001 * np.sin(np.arange(500)))
+    assert (result.status, result.distance_m, result.deviation) == ("no_progress", None, None)
+    assert _score(still, status="fell").status == "fell"
+    assert _score(still, travel=0.0, turn_rate_rad_s=1.0).status == "ok"
+    still[1:] = np.nan
+    assert _score(still).status == "ok", "nothing is known of it"
+    still[:] = np.nan
+    assert _score(still).status == "ok"
 
 
 @pytest.mark.parametrize("plan", [{"travel": 0.0, "turn_rate_rad_s": 1.0}, {"turn_rate_rad_s": 0.3}])

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hexctl.control.steering import JUMP_M, Course, CourseHold, FrozenSensor, Measured
+from hexctl.control.steering import JUMP_M, Course, CourseHold, FrozenSensor, Measured, frozen_rows
 from hexctl.errors import InputError
 from hexctl.types import FloatArray, RobotState
 
@@ -155,6 +155,20 @@ def test_a_sensor_that_has_frozen_is_not_believed_for_ever_whatever_else_moves()
     for step in range(500):
         frozen = sensor.update(DT_S, np.array([0.01 * step / 500, 0.1]), np.array([0.004, 0.004]))
     assert frozen.tolist() == [False, True]
+
+
+@pytest.mark.parametrize("repeats", [199, 200, 201, 260])
+@pytest.mark.parametrize("dropouts", [0, 1, 120])
+def test_a_frozen_value_is_judged_alike_during_the_walk_and_after_it(repeats: int, dropouts: int) -> None:
+    values = np.arange(400.0)
+    values[20 : 20 + repeats] = values[19]
+    values = np.insert(values, 40, np.full(dropouts, np.nan))
+    sensor = FrozenSensor()
+    live = [bool(sensor.update(DT_S, np.float64(value))) for value in values] & np.isfinite(values)
+    after = frozen_rows(values[:, np.newaxis], DT_S)
+    assert live.any() == after.any() == (repeats > 200)
+    assert not (live & ~after).any()
+    assert after.sum() == (repeats if repeats > 200 else 0)
 
 
 def test_a_yaw_that_freezes_turns_nothing_for_ever() -> None:
