@@ -101,6 +101,7 @@ LOST: dict[str, Any] = {"hold_lost_s": 0.0, "limited_ticks": 0}
         (10.0, {"hold": "none", "hold_caveat": "no pose"}, "10.0 s; its position is not known"),
         (10.0, {"hold": "line"}, "10.0 s; its position was not measured at the end"),
         (10.0, {"hold": "none"}, "10.0 s; its position was not measured at the end"),
+        (10.0, {"hold": "line", "status": "no_progress"}, "10.0 s; its position did not change"),
         (0.0, {}, "0.0 s; it never set out"),
     ],
 )
