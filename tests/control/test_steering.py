@@ -164,7 +164,7 @@ def test_a_frozen_value_is_judged_alike_during_the_walk_and_after_it(repeats: in
     values[20 : 20 + repeats] = values[19]
     values = np.insert(values, 40, np.full(dropouts, np.nan))
     sensor = FrozenSensor()
-    live = [bool(sensor.update(DT_S, np.float64(value))) for value in values] & np.isfinite(values)
+    live = [bool(sensor.update(DT_S, np.array(value))) for value in values] & np.isfinite(values)
     after = frozen_rows(values[:, np.newaxis], DT_S)
     assert live.any() == after.any() == (repeats > 200)
     assert not (live & ~after).any()
