@@ -99,8 +99,9 @@ NOUNS = {
     "body raise": "--body-raise",
     "stance shift": "--stance-shift",
     "tucked legs": "--tuck",
-    "failure event": "--fail or --heal",
+    "failure event": "--fail",
     "healing": "--heal",
+    "failure of a leg": "LEG:FAILURE",
 }
 
 

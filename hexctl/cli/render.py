@@ -72,7 +72,11 @@ def _failure_rows(outcome: dict[str, Any]) -> list[tuple[str, str]]:
 
     noticed = [str(NoticedFailure.from_dict(each)) for each in outcome.get("noticed", ())]
     events = outcome.get("events", ())
-    rows = [("failed", ", ".join(events))] if events else []
+    rows = [
+        (word, ", ".join(texts))
+        for word, colons in (("failed", True), ("healed", False))
+        if (texts := [event for event in events if (":" in event) is colons])  # 5:limp@8 fails, 5@20 heals
+    ]
     if events or noticed:
         rows.append(("noticed", "; ".join(noticed) or "nothing"))
     return rows

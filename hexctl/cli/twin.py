@@ -62,7 +62,7 @@ def _change(
     link: str | None,
     as_json: bool,
 ) -> None:
-    from hexctl.cli.console import print_result
+    from hexctl.cli.console import print_note, print_result
     from hexctl.serve.remote import remote_robots
     from hexctl.wire.links import Role
 
@@ -71,6 +71,8 @@ def _change(
     ) as robots:
         answers = change(robots)
     failures = [str(failure) for answer in answers for failure in answer["failures"]]
+    for note in sorted({str(answer["note"]) for answer in answers if "note" in answer}):
+        print_note(f"hexctl: {note}")
     if as_json:
         print_result(json.dumps({"failures": failures, "robots": answers}))
     else:

@@ -36,6 +36,8 @@ from hexctl.control.trial import run_trial
 from hexctl.control.turning import check_plan, turn_needed_rad
 from hexctl.errors import InputError, MissingExtraError, argument, check_type
 from hexctl.record.run_spec import RunSpec, plan_of, spec_of
+from hexctl.robot.failure import each_failure
+from hexctl.robot.failure_event import FailureEvent, check_healings
 from hexctl.robot.loader import RobotFile, load_robot_file
 from hexctl.robot.model import Robot
 from hexctl.waiting import comes_true
@@ -126,8 +128,11 @@ class Run:
         """Connect the robot, then create the recording.
 
         Raises RobotFaultError for a robot that cannot be reached, InputError for a recording that cannot be
-        created, MissingExtraError for an extra that is not installed.
+        created and for a leg that is to heal while it is whole, MissingExtraError for an extra that is not
+        installed.
         """
+        broken = (*each_failure(self.broken), *self.spec.further_failures)
+        check_healings(self.spec.events, self._world_events, [one.leg for one in broken])
         options = BackendOptions.of(
             self.spec, robot=self.robot, world=self._world, robot_file=self._file, failure=self.broken
         )
@@ -223,10 +228,13 @@ class Run:
 
     def _without_effect(self) -> list[str]:
         """What was asked for and changes nothing, in words."""
-        rotation = self.spec.self_rotation
+        end_s, rotation = self.plan.duration_s, self.spec.self_rotation
+        late = [str(event) for event in self._world_events if event.at_s >= end_s]
+        notes = [f"{', '.join(late)} of the world changes nothing: the end is at {end_s:g} s"] if late else []
         if self.plan.belief is not None or rotation in (AUTO_ROTATION, "none"):
-            return []
-        return [f"--self-rotation {rotation} changes nothing: it turns a failed leg, and six legs are good"]
+            return notes
+        why = "it turns a failed leg, and six legs are good"
+        return [*notes, f"--self-rotation {rotation} changes nothing: {why}"]
 
     def _doubts(self) -> list[str]:
         """Whether more than one failed leg lets the robot walk, in words where that is doubtful."""
@@ -329,10 +337,14 @@ class Run:
             "recording": None if self._recording is None else str(self._recording.path),
         }
 
+    @property
+    def _world_events(self) -> tuple[FailureEvent, ...]:
+        """Legs that the simulated world lets fail and heal."""
+        return self._world.events if self.spec.simulated else ()
+
     def _event_texts(self, until_s: float) -> list[str]:
         """What failed and healed by a time, by options and by the world itself."""
-        worlds = self._world.events if self.spec.simulated else ()
-        events = sorted((*worlds, *self.spec.events), key=lambda event: event.at_s)
+        events = sorted((*self._world_events, *self.spec.events), key=lambda event: event.at_s)
         return [str(event) for event in events if event.at_s < until_s]
 
     def _world_text(self) -> str | None:

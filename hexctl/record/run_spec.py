@@ -153,7 +153,8 @@ class RunSpec:
     @property
     def made_policy(self) -> RecoveryPolicy:
         """The policy of the walk; raises InputError for a name that is not allowed."""
-        policy = self.policy or ("walk-on" if self.simulated else "stop")
+        usual = "walk-on" if self.simulated else "stop"
+        policy = usual if self.policy is None else self.policy
         return make_policy(policy) if isinstance(policy, str) else policy
 
     @property
@@ -167,9 +168,11 @@ class RunSpec:
         if self.seed < 0:
             raise InputError(f"seed: got {self.seed}; allowed: 0 or more")
         # A failure is the plan's too: on a robot that is not simulated it tells the controller.
-        events = ", ".join(map(str, self.events)) or None
         options = option_values(self, but=("robot", "failure", "further_failures", "events"))
-        check_options(self.backend, names={"events": "fail"}, events=events, **options)
+        check_options(self.backend, **options)
+        for name, heals in (("fail", False), ("heal", True)):
+            events = [str(event) for event in self.events if (event.failure is None) is heals]
+            check_options(self.backend, names={"events": name}, events=", ".join(events))
         names = ("pace_hz", "amplitude", "height", "body_raise", "stance_shift", "swing_share")
         steps = {name: getattr(self, name) for name in names} | {"tucked_legs": self.tucked_legs or None}
         for name, value in steps.items() if isinstance(self.gait, Gait) else ():
@@ -189,7 +192,8 @@ class RunSpec:
             )
         late = [event for event in self.events if event.at_s >= self.duration_s]
         if late:
-            raise InputError(f"failure event: got {late[0]}; allowed: before {self.duration_s:g} s, the end")
+            what = "healing" if late[0].failure is None else "failure event"
+            raise InputError(f"{what}: got {late[0]}; allowed: before {self.duration_s:g} s, the end")
         if self.record is not None:
             probe_file(Path(self.record))
 

@@ -1,16 +1,25 @@
 """Failures that come and go while a robot walks."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Self
 
-from hexctl.errors import InputError, check_type
-from hexctl.robot.failure import FAILURE_FORMS, UNKNOWN, Failure, parse_failure
-from hexctl.types import N_LEGS
+from hexctl.errors import InputError, argument, check_type
+from hexctl.robot.failure import UNKNOWN, Failure, parse_failure
+from hexctl.types import JOINT_KINDS, N_LEGS
 
 #: What the command-line text of a failure to come looks like.
 EVENT_FORMS = "LEG:FAILURE@SECONDS, such as 5:locked@8"
+
+#: What the command-line text of a failure that comes now looks like.
+NOW_FORMS = "LEG:FAILURE, such as 5:limp"
+
+#: Failures that may come during a walk: a joint sticks where it is, and what breaks is known.
+COMING_FORMS = (
+    f"locked, limp[:JOINT], missing, weak:[JOINT:]FRACTION, stuck:JOINT; JOINT: {', '.join(JOINT_KINDS)}; "
+    "FRACTION: 0..1"
+)
 
 #: What the command-line text of a leg that heals looks like.
 HEALING_FORMS = "LEG@SECONDS, such as 5@20"
@@ -36,13 +45,14 @@ class FailureEvent:
     failure: Failure | None = None
 
     def __post_init__(self) -> None:
-        check_type(self.at_s, float, "failure event: time")
-        check_type(self.leg, int, "failure event: leg", f"a leg's number, 1..{N_LEGS}")
-        check_type(self.failure, (Failure, type(None)), "failure event", "a Failure, or None to heal")
+        what = "healing" if self.failure is None else "failure event"
+        check_type(self.at_s, float, f"{what}: time")
+        check_type(self.leg, int, f"{what}: leg", f"a leg's number, 1..{N_LEGS}")
+        check_type(self.failure, (Failure, type(None)), what, "a Failure, or None to heal")
         if not (math.isfinite(self.at_s) and self.at_s >= 0):
-            raise InputError(f"failure event: got {self.at_s:g} s; allowed: 0 or more")
+            raise InputError(f"{what}: got {self.at_s:g} s; allowed: 0 or more")
         if not 1 <= self.leg <= N_LEGS:
-            raise InputError(f"failure event: got leg {self.leg}; allowed: 1..{N_LEGS}")
+            raise InputError(f"{what}: got leg {self.leg}; allowed: 1..{N_LEGS}")
         if self.failure is not None and self.failure.leg != self.leg:
             raise InputError(f"failure event: got leg {self.leg} with a failure of {self.failure.leg}")
         if self.failure is not None and self.failure.kind == UNKNOWN:
@@ -109,6 +119,12 @@ def in_words(failure: Failure) -> str:
     return failure.kind if failure.joint is None else f"{failure.joint} {failure.kind}"
 
 
+def in_words_with_share(failure: Failure) -> str:
+    """Kind and joint of a failure, and the torque that a weak leg or joint has left."""
+    share = f" ({failure.torque_fraction:g} of its torque)" if failure.kind == "weak" else ""
+    return in_words(failure) + share
+
+
 def parse_failure_event(text: str) -> FailureEvent:
     """Event of a text such as `5:locked@8`: leg, failure as `parse_failure` has it, seconds.
 
@@ -117,10 +133,35 @@ def parse_failure_event(text: str) -> FailureEvent:
     leg, colon, rest = text.partition(":")
     kind, at, time_text = rest.rpartition("@")
     if not (colon and at and leg.strip().isdecimal()):
-        raise InputError(f"failure event: got {text!r}; allowed: {EVENT_FORMS}, with {FAILURE_FORMS}")
+        raise InputError(f"failure event: got {text!r}; allowed: {EVENT_FORMS}, with {COMING_FORMS}")
+    failure = _coming(int(leg), kind, f"failure event: got {text!r}; allowed: ")
+    at_s = _seconds(time_text, f"failure event: got {text!r}")
+    return FailureEvent(at_s=at_s, leg=failure.leg, failure=failure)
+
+
+def parse_failure_now(text: str) -> Failure:
+    """Failure of a text such as `5:limp`, which comes now: leg, and failure as `parse_failure` has it.
+
+    Raises InputError for anything else, for an angle of a stuck joint, and for an `unknown` failure.
+    """
+    leg, colon, kind = text.partition(":")
+    if not (colon and leg.strip().isdecimal()) or "@" in kind:
+        raise InputError(f"failure of a leg: got {text!r}; allowed: {NOW_FORMS}, with {COMING_FORMS}")
+    return _coming(int(leg), kind, f"failure of a leg: got {text!r}; allowed: ")
+
+
+def _coming(leg: int, kind: str, refused: str) -> Failure:
+    """Failure that comes while a robot walks; `refused` begins the message for one that cannot."""
+    Failure(leg=leg)  # refuses a leg that no robot has
     if kind.startswith("stuck") and kind.count(":") > 1:
-        raise InputError(f"failure event: got {text!r}; allowed: stuck:JOINT, it sticks where it is")
-    return FailureEvent(at_s=_seconds(time_text, text), leg=int(leg), failure=parse_failure(int(leg), kind))
+        raise InputError(f"{refused}stuck:JOINT, it sticks where it is")
+    try:
+        failure = parse_failure(leg, kind)
+    except InputError as error:
+        raise InputError(refused + COMING_FORMS) from error
+    if failure.kind == UNKNOWN:
+        raise InputError(refused + COMING_FORMS)
+    return failure
 
 
 def parse_healing(text: str) -> FailureEvent:
@@ -131,11 +172,34 @@ def parse_healing(text: str) -> FailureEvent:
     leg, at, time_text = text.partition("@")
     if not (at and leg.strip().isdecimal()):
         raise InputError(f"healing: got {text!r}; allowed: {HEALING_FORMS}")
-    return FailureEvent(at_s=_seconds(time_text, text), leg=int(leg))
+    return FailureEvent(at_s=_seconds(time_text, f"healing: got {text!r}"), leg=int(leg))
 
 
-def _seconds(text: str, whole: str) -> float:
+def check_healings(
+    events: Sequence[FailureEvent], before: Sequence[FailureEvent] = (), failed_legs: Collection[int] = ()
+) -> None:
+    """Raise InputError for a leg that heals while it is whole.
+
+    Args:
+        events: that are checked.
+        before: further events of the same walk, those of the world.
+        failed_legs: legs that have failed before the walk.
+    """
+    failed = set(failed_legs)
+    for event in sorted((*before, *events), key=lambda one: one.at_s):
+        if event.failure is not None:
+            failed.add(event.leg)
+        elif event.leg in failed:
+            failed.remove(event.leg)
+        elif event in events:
+            raise InputError(
+                f"healing: got {event}, when leg {event.leg} is whole; allowed: after its failure, as "
+                f"{argument('fail')} {event.leg}:limp@SECONDS says one"
+            )
+
+
+def _seconds(text: str, refused: str) -> float:
     try:
         return float(text)
     except ValueError:
-        raise InputError(f"failure event: got {whole!r}; allowed: seconds in place of {text!r}") from None
+        raise InputError(f"{refused}; allowed: seconds in place of {text!r}") from None

@@ -58,7 +58,7 @@ def made_of(name: str, named: Mapping[str, Callable[[], MadeT]], kind: type[Made
         return named[name]()
     what, allowed = argument(part), f"{', '.join(named)}, package.module:Class"
     if ":" not in name:
-        raise InputError(f"{what}: got {name}; allowed: {allowed}")
+        raise InputError(f"{what}: got {name or repr(name)}; allowed: {allowed}")
     try:
         own = load_named(name, part)
         made = own() if isclass(own) else own

@@ -8,7 +8,7 @@ from typing import Any
 
 from hexctl.control.guard import Guard
 from hexctl.errors import HexctlError, MessageError
-from hexctl.robot.failure_event import in_words, parse_failure_event, parse_healing
+from hexctl.robot.failure_event import in_words_with_share, parse_failure_now, parse_healing
 from hexctl.wire.description import decode_json
 from hexctl.wire.messages import LEASE_ID_BYTES
 
@@ -177,12 +177,15 @@ class RequestHandler:
             return self._misunderstood(error)
         try:
             text = str(content.get("leg" if heals else "failure", ""))[:MAX_FAILURE_TEXT]
-            event = (parse_healing if heals else parse_failure_event)(f"{text}@0")
-            self._guard.change_leg(event.leg, event.failure)
+            failure = None if heals else parse_failure_now(text)
+            leg = parse_healing(f"{text}@0").leg if failure is None else failure.leg
+            whole = all(one.leg != leg for one in getattr(self._guard.unwrapped, "failures", ()))
+            self._guard.change_leg(leg, failure)
         except HexctlError as error:
             return {"error": str(error)}
         failures = getattr(self._guard.unwrapped, "failures", ())
-        return {"failures": [f"leg {one.leg} {in_words(one)}" for one in failures]}
+        note = {"note": f"leg {leg} was whole already"} if heals and whole else {}
+        return {"failures": [f"leg {one.leg} {in_words_with_share(one)}" for one in failures], **note}
 
     def lease(self, payload: bytes, now_s: float) -> dict[str, Any]:
         """Answer to a request at `lease`: acquire, renew, rest or release."""

@@ -9,7 +9,7 @@ import zenoh
 
 from hexctl.backends.zenoh.client import ask, ask_until
 from hexctl.errors import RobotFaultError
-from hexctl.robot.failure_event import parse_failure_event, parse_healing
+from hexctl.robot.failure_event import parse_failure_now, parse_healing
 from hexctl.wire.description import RobotIdentity, check_may_command
 from hexctl.wire.links import KeyMap, Link, Role, load_link
 from hexctl.wire.session import open_session
@@ -71,7 +71,7 @@ class RemoteRobots:
         Raises InputError for a text that is not allowed, and for a robot of another user on a link that was
         not named; RobotFaultError where a robot refuses, as a real one does, and where none answers.
         """
-        parse_failure_event(f"{text}@0")
+        parse_failure_now(text)
         return self._change({"op": "fail", "failure": text})
 
     def heal(self, leg: int) -> list[dict[str, Any]]:

@@ -84,6 +84,8 @@ def test_the_first_ctrl_c_asks_for_a_stop_and_the_second_ends() -> None:
         ("gait change: got -1 s; allowed: 0 up", "--then: got -1 s; allowed: 0 up"),
         ("stance shift: got 9; allowed: 0.2", "--stance-shift: got 9; allowed: 0.2"),
         ("healing: got '5'; allowed: 5@20", "--heal: got '5'; allowed: 5@20"),
+        ("failure event: got '5'; allowed: 5:limp@2", "--fail: got '5'; allowed: 5:limp@2"),
+        ("failure of a leg: got 'limp'; allowed: 5:limp", "LEG:FAILURE: got 'limp'; allowed: 5:limp"),
         ("w.yaml: gait: got 5", "w.yaml: gait: got 5"),
     ],
 )

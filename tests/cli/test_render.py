@@ -124,3 +124,10 @@ def test_counts_in_words() -> None:
     assert in_words({"late": 2, "stale_owner": 1, "other": 0}) == "2 late, 1 stale owner"
     assert link_in_words({"received": 5, "lost": 0}) == "5 messages came; none lost"
     assert link_in_words(None) == ""
+
+
+def test_legs_that_healed_have_a_word_of_their_own(capsys: pytest.CaptureFixture[str]) -> None:
+    lines = shown(capsys, events=["2:limp@8", "5:missing@14", "2@18"])
+    assert "failed     2:limp@8, 5:missing@14" in lines
+    assert "healed     2@18" in lines
+    assert [line.split()[0] for line in lines].count("noticed") == 1

@@ -537,7 +537,11 @@ def test_a_leg_dies_and_the_text_says_what_was_noticed_and_done(capsys: pytest.C
         (("--heal", "9@3"), "--heal: got '9@3' ("),
         (("--heal", "5"), "LEG@SECONDS"),
         (("--fail", "5:locked@3", "--backend", "mock"), "--fail: got 5:locked@3 with --backend mock"),
+        (("--heal", "5@8", "--backend", "zenoh"), "--heal: got 5@8 with --backend zenoh"),
+        (("--heal", "5@31"), "--heal: got 5@31; allowed: before 30 s"),
+        (("--heal", "5@5"), "--heal: got 5@5, when leg 5 is whole; allowed: after its failure, as --fail"),
         (("--policy", "hope"), "walk-on, stop, glide"),
+        (("--policy", ""), "--policy: got ''; allowed: walk-on, stop, glide"),
         (("--policy", "stop", "--recover"), "one or the other"),
     ],
 )

@@ -281,6 +281,13 @@ class TestFailuresInMidWalk:
         done = run(gait="tripod", duration_s=2.0, events=[parse_failure_event("5:locked@0.5")], world=world)
         assert done.outcome["events"] == ["5:locked@0.5", "2:limp@1"], "not those after its end"
 
+    def test_what_the_world_does_after_the_end_is_noted(self) -> None:
+        world = World(failures=("2:limp@1", "4:limp@9"))
+        with Run(RunSpec(gait="tripod", duration_s=2.0, world=world)) as late:
+            assert late.notes == ("4:limp@9 of the world changes nothing: the end is at 2 s",)
+        with Run(RunSpec(gait="tripod", duration_s=10.0, world=world)) as whole:
+            assert whole.notes == ()
+
     def test_a_simulation_walks_on_unless_asked(self) -> None:
         done = run(gait="tripod", duration_s=5.0, events=[parse_failure_event("5:locked@3")])
         assert done.trial.status == "ok"

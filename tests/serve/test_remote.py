@@ -62,7 +62,10 @@ def test_legs_of_a_served_simulation_fail_and_heal_on_request(tmp_path: Path) ->
         here = ("--connect", robot.endpoint)
         told = [
             hexctl("twin", *change, *here)
-            for change in (("fail", "5:limp"), ("fail", "2:stuck:femur"), ("heal", "5"), ("fail", "7:limp"))
+            for change in (
+                *(("fail", "5:limp"), ("fail", "2:stuck:femur"), ("heal", "5"), ("fail", "7:limp")),
+                *(("heal", "5"), ("fail", "limp")),
+            )
         ]
         shown = hexctl("status", *here)
         with remote_robots(Role.CONTROLLER, connect=robot.endpoint) as robots:
@@ -70,11 +73,13 @@ def test_legs_of_a_served_simulation_fail_and_heal_on_request(tmp_path: Path) ->
             assert [answer["failures"] for answer in robots.heal(2)] == [[]]
             with pytest.raises(InputError, match="LEG:FAILURE"):
                 robots.fail("limp")
-    assert [done.returncode for done in told] == [0, 0, 0, 2]
+    assert [done.returncode for done in told] == [0, 0, 0, 2, 0, 2]
     assert told[0].stdout == "failed now: leg 5 limp\n"
     assert told[1].stdout == "failed now: leg 2 femur stuck, leg 5 limp\n"
     assert told[2].stdout == "failed now: leg 2 femur stuck\n"
     assert "1..6" in told[3].stderr
+    assert told[4].stderr == "hexctl: leg 5 was whole already\n"
+    assert "LEG:FAILURE: got 'limp'; allowed: LEG:FAILURE, such as 5:limp" in told[5].stderr
     assert "leg 2 femur stuck" in shown.stdout
 
 
