@@ -173,12 +173,10 @@ def test_a_request_for_a_failure_that_cannot_be_is_answered_with_an_error(payloa
 
 
 def test_a_leg_that_is_whole_already_and_the_torque_of_a_weak_one_are_told() -> None:
+    heal = b'{"op": "heal", "leg": 5}'
     with SimServos(shipped()) as servos:
         desk = RequestHandler(Guard(servos), LeaseManager())
-        assert desk.failure(b'{"op": "heal", "leg": 5}') == {
-            "failures": [],
-            "note": "leg 5 was whole already",
-        }
+        assert desk.failure(heal) == {"failures": [], "note": "leg 5 was whole already"}
         weak = desk.failure(b'{"op": "fail", "failure": "5:weak:femur:0.2"}')
         assert weak == {"failures": ["leg 5 femur weak (0.2 of its torque)"]}
         assert desk.failure(heal) == {"failures": []}
