@@ -31,7 +31,7 @@ LEAST_RHO, TIMES_USUAL = 0.2, 2.5
 LEAST_MISSING, TIMES_MISSING, MOST_MISSING = 0.6, 0.6, 0.99
 
 #: Cycles for which a joint without power is idle, and how many times the most of another leg's are added.
-LEAST_IDLE, TIMES_IDLE = 0.16, 1.0
+LEAST_IDLE, TIMES_IDLE = 0.14, 1.0
 
 #: Time constant of what is usual, in cycles, and rho before anything is known of it.
 USUAL_CYCLES, FIRST_RHO = 1.5, 0.8

@@ -44,11 +44,14 @@ BEYOND_CONTACT = 0.4
 #: its weight, with some percent.
 NO_TORQUE_SHARE = 0.005
 
+#: Cycles after which it is known when a leg carries, so that idle joints count.
+KNOWN_AFTER_CYCLES = 2.0
+
 #: Ticks without torques and contacts after which what they said before counts no more.
 SILENT_TICKS = 10
 
 #: A joint that is less than this off its targets needs no torque.
-OFF_RAD = math.radians(1.0)
+OFF_RAD = math.radians(2.0)
 
 #: Columns of the loads: of the legs, and of their feet's contacts.
 _LEGS, _FEET = slice(0, N_LEGS), slice(N_LEGS, None)
@@ -146,7 +149,8 @@ class LegSupport:
         if not (before or self._idle):
             return
         idle &= joints.off_rad(measured_rad) > self._off_rad
-        passed = weight[..., _LEGS].take(self._legs) * self._per_tick
+        known = self._learned_cycles[..., _LEGS] >= KNOWN_AFTER_CYCLES
+        passed = (weight[..., _LEGS] * known).take(self._legs) * self._per_tick
         self.idle_cycles = (self.idle_cycles + passed) * idle
         self.idle_of_legs = self.idle_cycles.reshape(*self._shape, N_LEGS, JOINTS_PER_LEG).max(axis=-1)
 
