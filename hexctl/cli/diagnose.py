@@ -83,7 +83,7 @@ def diagnose(
     if done is None:
         raise typer.Exit(code)
     print_result(*([json.dumps(done.outcome)] if as_json else summary(done.outcome)))
-    if done.diagnosis.source == "none" and _operator() is None:
+    if done.diagnosis.source == "none" and not done.diagnosis.unfinished and _operator() is None:
         print_note("hexctl: on a terminal, hexctl diagnose asks the operator which legs move as they should")
     if (error := done.recording_error) is not None:
         raise RecordingError(f"the diagnosis is done, its recording is not whole: {error}") from error

@@ -236,7 +236,8 @@ def _softness(rows: _Rows) -> FloatArray:
         within = np.abs(torque[:, joint]) <= 0.9 * np.abs(torque[:, joint]).max()
         if within.sum() >= 2 * LEAST_ROWS and torque[within, joint].std() > 0:
             slopes[joint] = _slope(torque[within, joint], error[within, joint], speed[within, joint])
-    usual = np.array([np.median(column[np.isfinite(column)]) for column in _legs(slopes).T])
+    finite = (column[np.isfinite(column)] for column in _legs(slopes).T)
+    usual = np.array([np.median(column) if column.size else np.nan for column in finite])
     return np.asarray(_legs(slopes) / usual)
 
 

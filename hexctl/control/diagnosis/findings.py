@@ -90,11 +90,13 @@ class Diagnosis:
         legs: a finding for each leg, in the order of their numbers.
         source: what the evidence is from, one of `SOURCES`; `none` where nothing could be found out.
         notes: what an operator should know: probes that were stopped or left out, and what is not known.
+        unfinished: whether the test ended before any joint had moved far enough to tell.
     """
 
     legs: tuple[LegFinding, ...]
     source: str
     notes: tuple[str, ...] = ()
+    unfinished: bool = False
 
     @property
     def failures(self) -> tuple[Failure, ...]:
@@ -104,6 +106,8 @@ class Diagnosis:
     @property
     def verdict(self) -> str:
         """The failures in words, such as `leg 5 locked`."""
+        if self.unfinished:
+            return "not known: the test ended before it showed anything"
         if self.source == "none":
             return "not known: nothing that the robot tells shows its legs"
         untested = ", ".join(str(finding.leg) for finding in self.legs if not finding.tested)
@@ -133,6 +137,8 @@ def diagnosis_of(observed: Observed, robot: Robot) -> Diagnosis:
         judge = _Judge(evidence, observed.measured_rad, robot)
         findings = judge.findings()
         return Diagnosis(legs=findings, source="joints", notes=(*notes, *_gaps(evidence)))
+    if observed.measured:
+        return replace(_of_others(evidence, "none", {}, notes), unfinished=True)
     if np.isfinite(evidence.lifted_contact).any():
         why = "joint angles are not measured: judged by which feet leave the floor and meet it"
         return _of_others(evidence, "contacts", _by_contact(evidence), (*notes, why))
@@ -160,10 +166,11 @@ class _Judge:
 
     def findings(self) -> tuple[LegFinding, ...]:
         """Findings for all legs. A weak one is looked for only where no leg has failed outright."""
+        tested = [bool(np.isfinite(gains).any()) for gains in self._seen.gains]
         found = {leg: self._verdict(leg) for leg in range(1, N_LEGS + 1)}
         if self._efforts and not any(failure for failure, _ in found.values()):
-            found |= {leg: weak for leg in found if (weak := self._weak(leg)) is not None}
-        tested = [bool(np.isfinite(gains).any()) for gains in self._seen.gains]
+            tried = [leg for leg in found if tested[leg - 1]]
+            found |= {leg: weak for leg in tried if (weak := self._weak(leg)) is not None}
         return tuple(
             replace(_finding(self._seen, leg, *verdict), tested=tested[leg - 1])
             for leg, verdict in found.items()

@@ -1,5 +1,6 @@
 """What a standing test finds: each kind of failure, with what the robot tells about itself."""
 
+import warnings
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -136,3 +137,27 @@ def test_a_contact_sensor_that_is_silent_under_a_good_leg_is_not_the_leg() -> No
     found = _found("ant", None, "", blind=silent)
     assert found.failures == ()
     assert "contact sensor" in found.legs[2].evidence
+
+
+def _cut(whole: Observed, rows: int) -> Observed:
+    """What was observed when a test is stopped after some rows."""
+    sections = [
+        replace(section, stop=section.stop if section.stop <= rows else 0)
+        for section in whole.sections
+        if section.start <= rows
+    ]
+    return Observed(sections=sections, measured=whole.measured, _rows=whole._rows[:rows])
+
+
+def test_a_test_that_is_stopped_early_says_no_more_than_it_knows() -> None:
+    whole, robot = _observed("ant", 5, "locked"), load_robot("ant")
+    for rows in range(0, 70, 3):
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            found = diagnosis_of(_cut(whole, rows), robot)
+        assert not [note for note in found.notes if "measured" in note]
+        assert found.failures == (), "leg 5 has not been tried yet"
+        assert found.unfinished == (found.source == "none") == (rows < 18)
+    early = diagnosis_of(_cut(whole, 6), robot).verdict
+    assert early == "not known: the test ended before it showed anything"
+    assert diagnosis_of(whole, robot).verdict == "leg 5 locked"
