@@ -91,9 +91,9 @@ def test_many_trials_of_good_and_bad_gaits_stay_in_the_arena(
 ) -> None:
     logs: list[TickLog] = []
 
-    def watched(servos: Guard, plan: TrialPlan, **more: Any) -> TrialResult:
+    def watched(servos: Guard, plan: TrialPlan, *controller: Any, **more: Any) -> TrialResult:
         logs.append(TickLog())
-        return run_trial(servos, plan, **more | {"recorders": (logs[-1],)})
+        return run_trial(servos, plan, *controller, **more | {"recorders": (logs[-1],)})
 
     monkeypatch.setattr(runner_module, "run_trial", watched)
     runner, results = runner_of(robot, arena=ARENA), []
