@@ -196,6 +196,15 @@ def _leg_sets(checked: "RobotCheck", heading_deg: float | None) -> list[dict[str
     return [one.to_dict() for one in leg_sets(checked.robot, checked.gait, directions_rad, MOST_JUDGED)]
 
 
+#: Verdicts on sets of lost legs, in words.
+VERDICTS = {
+    "walks": "with a gait whose body stays over its feet, or nearly",
+    "crawls": "slower: one leg at a time swings",
+    "doubtful": "leans further than robots that walked: it may fall or hardly move; hexctl run notes it",
+    "no gait": "two feet or fewer stand while one swings; hexctl run --gait auto refuses it",
+}
+
+
 def _leg_set_table(sets: list[dict[str, Any]]) -> "Table":
     """Sets of lost legs by number and verdict, with the range of their margins."""
     from hexctl.cli.render import label_table
@@ -211,8 +220,9 @@ def _leg_set_table(sets: list[dict[str, Any]]) -> "Table":
             f"any of {len(group)}" if whole else ", ".join("+".join(map(str, one["legs"])) for one in group)
         )
         span = f"; margin {min(margins):+.2f} to {max(margins):+.2f}" if margins else ""
-        rows.append((f"without {count}", f"{verdict}: {names}{span}"))
-    return label_table(rows)
+        rows.append((f"without {count} leg{'s' * (count > 1)}", f"{verdict}: {names}{span}"))
+    found = {verdict for _, verdict in groups}
+    return label_table([*rows, *((verdict, text) for verdict, text in VERDICTS.items() if verdict in found)])
 
 
 def _best(sets: list[dict[str, Any]]) -> float:

@@ -188,8 +188,9 @@ def test_which_legs_may_be_lost_is_printed_by_verdict(capsys: pytest.CaptureFixt
     assert {one["verdict"] for one in sets if len(one["legs"]) == 3} == {"no gait"}
     assert exit_code(["check", "pexod", "--leg-sets", "--heading", "0"]) == 0
     printed = capsys.readouterr().out
-    assert "without 1  walks: any of 6; margin -0.06 to" in printed
-    assert "without 3  no gait: any of 20" in printed
+    assert "without 1 leg   walks: any of 6; margin -0.06 to" in printed
+    assert "without 3 legs  no gait: any of 20" in printed
+    assert "doubtful        leans further than robots that walked" in printed
 
 
 def test_the_envelope_says_what_its_figures_are(capsys: pytest.CaptureFixture[str]) -> None:
