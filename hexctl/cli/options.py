@@ -371,8 +371,8 @@ FailOption = Annotated[
     typer.Option(
         "--fail",
         help="With sim, let a leg fail during the walk, untold: LEG:FAILURE@SECONDS, such as 5:locked@8 or "
-        "2:stuck:femur@4, FAILURE as with --failure; a joint sticks where it is. May be given several times. "
-        "(default: never)",
+        "2:stuck:femur@4, FAILURE as with --failure but unknown; a joint sticks where it is. May be given "
+        "several times. (default: never)",
     ),
 ]
 HealOption = Annotated[

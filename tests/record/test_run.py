@@ -288,6 +288,14 @@ class TestFailuresInMidWalk:
         with Run(RunSpec(gait="tripod", duration_s=10.0, world=world)) as whole:
             assert whole.notes == ()
 
+    def test_a_leg_heals_that_failed_before_the_walk_or_in_its_world(self) -> None:
+        heals = {"gait": "tripod", "duration_s": 2.0, "events": [parse_healing("5@1.5")]}
+        for failing in ({"failure": Failure(leg=5)}, {"world": World(failures=("5:limp@1",))}):
+            with Run(RunSpec(**heals, **failing)) as connected:  # type: ignore[arg-type]
+                assert connected.notes == ()
+        with pytest.raises(InputError, match="leg 5 is whole"), Run(RunSpec(**heals)):  # type: ignore[arg-type]
+            pass
+
     def test_a_simulation_walks_on_unless_asked(self) -> None:
         done = run(gait="tripod", duration_s=5.0, events=[parse_failure_event("5:locked@3")])
         assert done.trial.status == "ok"
