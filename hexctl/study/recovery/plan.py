@@ -21,9 +21,9 @@ from hexctl.study.recovery.episodes import AUTO_GAIT, INTACT, RecoveryCase, Reco
 from hexctl.study.recovery.methods import DEFAULT_METHODS, NOTHING, method_of
 from hexctl.types import JOINT_KINDS, N_LEGS
 
-#: Members of the families before this one were looked at while monitor and recovery were built, 400 to 402
-#: when they were measured first.
-FIRST_WORLD = 400
+#: Members of the families before this one were looked at while monitor, recovery and diagnosis were built and
+#: measured.
+FIRST_WORLD = 450
 
 #: Families of unseen worlds, unless told otherwise.
 FAMILIES = ("transfer", "real")
