@@ -150,6 +150,14 @@ def parse_failure_now(text: str) -> Failure:
     return _coming(int(leg), kind, f"failure of a leg: got {text!r}; allowed: ")
 
 
+def parse_coming_failure(leg: int, kind: str) -> Failure:
+    """Failure of a leg, 1..6, that comes while a robot walks, in words as `parse_failure` has them.
+
+    Raises InputError for anything else, for an angle of a stuck joint, and for an `unknown` failure.
+    """
+    return _coming(leg, kind, f"failure: got {kind}; allowed: ")
+
+
 def _coming(leg: int, kind: str, refused: str) -> Failure:
     """Failure that comes while a robot walks; `refused` begins the message for one that cannot."""
     Failure(leg=leg)  # refuses a leg that no robot has

@@ -10,7 +10,7 @@ from hexctl.backends.clock import PERIOD_S
 from hexctl.backends.sim.distribution import Distribution
 from hexctl.errors import InputError
 from hexctl.robot.configs import Number
-from hexctl.robot.failure_event import FailureEvent, parse_failure_event
+from hexctl.robot.failure_event import FailureEvent, parse_coming_failure, parse_failure_event
 from hexctl.types import JOINT_KINDS, N_LEGS, FloatArray
 
 #: Numbers that the draw of one failure takes: whether it comes, when, which leg, how, torque, healing.
@@ -58,7 +58,7 @@ class DrawnFailure(BaseModel):
     def _can_come(cls, words: tuple[str, ...]) -> tuple[str, ...]:
         for word in words:
             try:
-                parse_failure_event(f"1:{word}@0")
+                parse_coming_failure(1, word)
             except InputError as error:
                 _, _, allowed = str(error).partition("; allowed: ")
                 raise ValueError(f"got {word}; allowed: {allowed}") from error

@@ -13,7 +13,7 @@ from hexctl.control.turning import check_plan
 from hexctl.errors import InputError, LimitError, ReachError, check_type
 from hexctl.gait.gait import NAMED_SLOTS
 from hexctl.robot.failure import FAILURE_FORMS
-from hexctl.robot.failure_event import parse_failure_event
+from hexctl.robot.failure_event import parse_coming_failure
 from hexctl.robot.model import Robot
 from hexctl.study.holds.conditions import with_sensors
 from hexctl.study.plan import check_each, check_robot, check_setting
@@ -237,7 +237,7 @@ class RecoveryPlan:
         check_setting("runs", self.runs, 1 <= self.runs <= MAX_RUNS, f"1..{MAX_RUNS}")
         check_setting("seed", self.seed, self.seed >= 0, "0 or more")
         for failure in self.failures:
-            parse_failure_event(f"{self.legs[0]}:{failure}@0")
+            parse_coming_failure(self.legs[0], failure)
         longest_s = max(1 / robot.gait.pace_hz for robot in self.robots)
         least_s = FAULT_S[LINE] + longest_s + LEAST_AFTER_S
         fine = LINE not in self.protocols or least_s <= self.duration_s <= MAX_DURATION_S
