@@ -205,7 +205,7 @@ class AdaptLoop:
         result = walked.result
         if result.status == "aborted" and result.stopped != "requested":
             reason = result.stopped or "for no known reason"
-            if legs := tuple(leg for leg, _ in noticed_legs(result)):
+            if legs := tuple(one.failure.leg for one in noticed_legs(result)):
                 raise LegFailedError(f"{what} does not count: {reason}", reason, legs)
             raise RobotStoppedError(f"{what}: the robot was stopped: {reason}", reason)
         return walked

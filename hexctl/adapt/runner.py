@@ -206,14 +206,16 @@ def without_count(result: TrialResult) -> TrialResult:
     failed = noticed_legs(result)
     if not failed or (result.status == "aborted" and result.stopped == "requested"):
         return result
-    words = (f"leg {leg} {in_words(one.failure)}, noticed {one.at_s:.1f} s into it" for leg, one in failed)
+    words = (
+        f"leg {one.failure.leg} {in_words(one.failure)}, noticed {one.at_s:.1f} s into it" for one in failed
+    )
     return replace(result, status="aborted", stopped=", ".join(words))
 
 
-def noticed_legs(result: TrialResult) -> list[tuple[int, NoticedFailure]]:
-    """Legs that were noticed to have failed during a walk and are not whole again, ascending."""
+def noticed_legs(result: TrialResult) -> list[NoticedFailure]:
+    """Failures that were noticed during a walk, of legs that are not whole again, by leg."""
     last = {one.failure.leg: one for one in result.noticed}
-    return sorted(((leg, one) for leg, one in last.items() if not one.healed), key=lambda pair: pair[0])
+    return [last[leg] for leg in sorted(last) if not last[leg].healed]
 
 
 def _finished(recording: Recording, result: TrialResult, facts: dict[str, Any]) -> Exception | None:

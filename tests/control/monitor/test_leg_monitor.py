@@ -7,7 +7,7 @@ import pytest
 
 from hexctl.control.monitor.leg_monitor import LegMonitor, Suspicion
 from hexctl.robot.failure import Failure
-from hexctl.types import FloatArray, RobotState, leg_slice
+from hexctl.types import BoolArray, FloatArray, RobotState, leg_slice
 from tests.robots import shipped
 
 PERIOD_S, PACE_HZ = 0.02, 0.9
@@ -16,9 +16,15 @@ PERIOD_S, PACE_HZ = 0.02, 0.9
 Breaks = Callable[[FloatArray, FloatArray], None]
 
 
+def _tripod(cycles: float) -> tuple[FloatArray, BoolArray]:
+    """Phases of the legs in a tripod, and which of them stand, (6,) each."""
+    phases = (cycles + np.array([0, 0.5, 0, 0.5, 0, 0.5])) % 1
+    return phases, (phases < 1 / 3) | (phases >= 2 / 3)
+
+
 def _targets(cycles: float) -> tuple[FloatArray, FloatArray]:
     """Phases of the legs, (6,), and joint targets, (18,), of a tripod of sines."""
-    phases = (cycles + np.array([0, 0.5, 0, 0.5, 0, 0.5])) % 1
+    phases, _ = _tripod(cycles)
     swing = np.radians(15.0) * np.sin(2 * np.pi * phases)[:, np.newaxis] * np.array([1.0, 0.8, 1.2])
     return phases, (shipped().stance_angles_rad.reshape(6, 3) + swing).ravel()
 
@@ -40,8 +46,8 @@ def _walk(
     offsets = np.radians(offset_deg) * np.array([1, -1, 1] * 6)
     for tick in range(round(cycles / PACE_HZ / PERIOD_S)):
         now = tick * PERIOD_S * PACE_HZ
-        phases, targets = _targets(now)
-        standing = (phases < 1 / 3) | (phases >= 2 / 3)
+        _, targets = _targets(now)
+        phases, standing = _tripod(now)
         torques = np.where(np.repeat(standing, 3), 0.5, 0.05) + 0.01 * rng.standard_normal(18)
         seen, contacts = joints.copy(), standing.copy()
         if breaks is not None and now >= at_cycle:
@@ -185,8 +191,7 @@ def test_loads_that_change_with_the_gait_are_learned_anew(told: bool) -> None:
     monitor, noticed = LegMonitor(shipped(), (), PERIOD_S, np.array(PACE_HZ)), []
     joints = shipped().stance_angles_rad
     for tick in range(700):
-        phases = (tick * PERIOD_S * PACE_HZ + np.array([0, 0.5, 0, 0.5, 0, 0.5])) % 1
-        standing = (phases < 1 / 3) | (phases >= 2 / 3)
+        phases, standing = _tripod(tick * PERIOD_S * PACE_HZ)
         if tick >= 400:
             standing[2] &= phases[2] < 0.15  # in this gait it carries in the end of its stance alone
         if tick == 400 and told:
@@ -202,8 +207,7 @@ def test_torques_that_are_no_longer_told_accuse_no_leg_that_was_taken_back() -> 
     monitor, noticed = LegMonitor(shipped(), (), PERIOD_S, np.array(PACE_HZ)), []
     joints = shipped().stance_angles_rad
     for tick in range(1400):
-        phases = (tick * PERIOD_S * PACE_HZ + np.array([0, 0.5, 0, 0.5, 0, 0.5])) % 1
-        standing = (phases < 1 / 3) | (phases >= 2 / 3)
+        phases, standing = _tripod(tick * PERIOD_S * PACE_HZ)
         torques = np.repeat(np.where(standing, 0.5, 0.05), 3)
         if tick >= 400:
             torques[6:9] = 0.0
@@ -221,8 +225,7 @@ def test_evidence_of_a_sensor_that_falls_silent_grows_old() -> None:
     monitor, noticed = LegMonitor(shipped(), (), PERIOD_S, np.array(PACE_HZ)), []
     joints = shipped().stance_angles_rad
     for tick in range(900):
-        phases = (tick * PERIOD_S * PACE_HZ + np.array([0, 0.5, 0, 0.5, 0, 0.5])) % 1
-        standing = (phases < 1 / 3) | (phases >= 2 / 3)
+        phases, standing = _tripod(tick * PERIOD_S * PACE_HZ)
         torques = np.repeat(np.where(standing, 0.5, 0.05), 3)
         if tick >= 150:
             torques[6:9] = 0.0
