@@ -44,7 +44,8 @@ BEYOND_CONTACT = 0.4
 #: its weight, with some percent.
 NO_TORQUE_SHARE = 0.005
 
-#: Cycles after which it is known when a leg carries, so that idle joints count.
+#: Cycles after which it is known when a leg carries, so that missing load and idle joints count. Phases glide
+#: for 1.5 cycles to a new gait, in which legs carry as in neither.
 KNOWN_AFTER_CYCLES = 2.0
 
 #: Ticks without torques and contacts after which what they said before counts no more.
@@ -96,14 +97,15 @@ class LegSupport:
         columns = (*self._shape, N_LEGS * (1 + self._feet))
         self._habit, self._ticks = PhaseHabit(columns), 0
         per_tick = np.broadcast_to(self._cycles[..., np.newaxis], columns).copy()
-        self._rate = np.minimum(1.0, per_tick / SHARE_CYCLES)
+        self._full_rate = np.minimum(1.0, per_tick / SHARE_CYCLES)
         self._least, self._whole = np.full(columns, LEAST_LOAD), np.ones(columns)
         self._calm = np.full(columns, CALM_SHARE)
         self._kept = 1 - FADES_PER_CYCLE * per_tick
         self._passed: FloatArray = LEARNING_TICKS * per_tick
         self._learned_cycles: FloatArray = np.zeros(columns)
+        self._see_what_is_known()
         self._teaches = self._columns(self._teaching)
-        self._learned, self._share = False, self._rate
+        self._learned, self._share = False, self._passed
         self._carried: FloatArray = np.ones(columns)
         self._most: FloatArray = np.zeros(columns)
 
@@ -149,8 +151,7 @@ class LegSupport:
         if not (before or self._idle):
             return
         idle &= joints.off_rad(measured_rad) > self._off_rad
-        known = self._learned_cycles[..., _LEGS] >= KNOWN_AFTER_CYCLES
-        passed = (weight[..., _LEGS] * known).take(self._legs) * self._per_tick
+        passed = (weight * self._knows)[..., _LEGS].take(self._legs) * self._per_tick
         self.idle_cycles = (self.idle_cycles + passed) * idle
         self.idle_of_legs = self.idle_cycles.reshape(*self._shape, N_LEGS, JOINTS_PER_LEG).max(axis=-1)
 
@@ -168,7 +169,13 @@ class LegSupport:
         if self._torques is None:
             return
         self._learned_cycles = np.where(self._columns(anew), 0.0, self._learned_cycles)
+        self._see_what_is_known()
         self._teaches, self._learned = self._columns(teaching), False
+
+    def _see_what_is_known(self) -> None:
+        """Of which legs it is known when they carry, leading shape + columns: only those can miss their load."""
+        self._knows: BoolArray = self._learned_cycles >= KNOWN_AFTER_CYCLES
+        self._rate = self._full_rate * self._knows
 
     def _columns(self, legs: BoolArray) -> BoolArray:
         """Values of legs for the columns of the loads."""
@@ -187,6 +194,7 @@ class LegSupport:
             self._learned_cycles = np.minimum(self._learned_cycles + self._passed, MEMORY_CYCLES)
             passed = PARTS * self._passed
             self._share = passed / (self._learned_cycles + 0.5 + passed)
+            self._see_what_is_known()
             self._learned = bool((self._learned_cycles >= MEMORY_CYCLES).all())
         return self._share
 
