@@ -7,15 +7,13 @@ from typing import Any
 import numpy as np
 
 from hexctl.control.monitor.joint_following import JointFollowing
-from hexctl.control.monitor.leg_support import NO_TORQUE_SHARE, OFF_RAD, LegSupport
+from hexctl.control.monitor.leg_support import NO_TORQUE_SHARE, LegSupport
 from hexctl.control.monitor.phase_habit import cycle_parts
+from hexctl.control.monitor.recent_motion import STILL_CYCLES, TAKES_PART, RecentMotion, failure_shown
 from hexctl.robot.failure import Failure
 from hexctl.robot.failure_event import in_words
 from hexctl.robot.model import Robot
 from hexctl.types import (
-    JOINT_KINDS,
-    JOINTS_PER_LEG,
-    N_JOINTS,
     N_LEGS,
     BoolArray,
     FloatArray,
@@ -46,23 +44,8 @@ ALARM_TICKS = 3
 #: Ticks after which it is learned how much evidence is usual.
 LEARNING_TICKS = 4
 
-#: Time over which a joint is looked at to tell a still one from one that moves, in cycles, and its most.
-STILL_CYCLES, MOST_STILL_CYCLES = 0.25, 1.5
-
-#: Latest part of that over which a servo without power is looked at, in cycles.
-POWER_CYCLES = 0.125
-
 #: What a leg is noticed by, in the order of the monitor's arrays.
 EVIDENCE = ("following", "support", "effort")
-
-#: A joint is still if it moves by less than this, or by this share of its targets.
-STILL_RAD, STILL_SHARE = np.radians(2.0), 0.25
-
-#: Targets that move by less than this do not tell whether a joint is still.
-TELLING_RAD = np.radians(4.0)
-
-#: A joint takes part in a failure if its evidence is this share of an alarm, or of the worst joint's.
-TAKES_PART = 0.4
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -137,10 +120,7 @@ class LegMonitor:
         self._most = _of_each(legs, np.inf, MOST_MISSING, np.inf)
         self._ticks, self._alarm_ticks = 0, np.zeros(legs, dtype=int)
         self._alarm, self._suspected = np.ones(legs), False
-        self._cycle_ticks = 1 / cycles
-        rows = math.ceil(MOST_STILL_CYCLES * self._cycle_ticks.max())
-        self._history: FloatArray = np.full((3, rows, *shape, N_JOINTS), np.nan)
-        self._row = 0
+        self._motion = RecentMotion(shape, cycles)
         self.failed: BoolArray = np.zeros(legs, dtype=bool) if believed is None else believed.copy()
         self._watched = np.where(self.failed, 0.0, 1.0)
         none: BoolArray = np.zeros(legs, dtype=bool)
@@ -164,9 +144,7 @@ class LegMonitor:
         if state.measured:
             self._following.update(state, parts)
         self._support.update(state, parts, self._following if state.measured else None)
-        self._history[0, self._row] = state.joint_positions_rad
-        unknown = state.joint_torques_nm is None
-        self._history[2, self._row] = np.nan if unknown else state.joint_torques_nm
+        self._motion.measured(state.joint_positions_rad, state.joint_torques_nm)
         self._evidence[0] = self._following.rho_of_legs
         self._evidence[1] = self._support.missing
         self._evidence[2] = self._support.idle_of_legs
@@ -180,8 +158,7 @@ class LegMonitor:
     def sent(self, targets_rad: FloatArray, age_s: float = 0.0) -> None:
         """Take the targets sent in the tick, leading shape + (18,), after a state of an age."""
         self._following.sent(targets_rad, age_s)
-        self._history[1, self._row] = targets_rad
-        self._row = (self._row + 1) % self._history.shape[1]
+        self._motion.sent(targets_rad)
 
     def believe_whole(self, leg: int, row: tuple[int, ...] = ()) -> None:
         """Watch a leg again, 1..6, patiently as at the start of a walk."""
@@ -257,10 +234,7 @@ class LegMonitor:
     def kind(
         self, leg: int, row: tuple[int, ...] = (), *, cycles: float = STILL_CYCLES, powered: bool = False
     ) -> Failure:
-        """How a leg fails, 1..6, as far as the last part of a cycle tells.
-
-        Joints without torque are limp. A leg whose joints follow, and that carries nothing, is missing. A
-        joint whose target moves and that does not is still: one alone is stuck, all are locked.
+        """How a leg fails, 1..6, as far as the last part of a cycle tells (`failure_shown`).
 
         Args:
             leg: 1..6.
@@ -268,47 +242,15 @@ class LegMonitor:
             cycles: that are looked at, up to `MOST_STILL_CYCLES`.
             powered: whether it is known that its servos have power and that its joints do not follow.
         """
-        joints = leg_slice(leg)
-        index: tuple[Any, ...] = (*row, joints)
-        # The newest rows: measured in this tick, sent in the one before.
-        ticks = max(2, round(cycles * float(self._cycle_ticks[row])))
-        newest = (self._row - np.arange(min(ticks, self._history.shape[1]))) % self._history.shape[1]
-        measured_rad, torques_nm = (self._history[part][(newest, *index)] for part in (0, 2))
-        targets_rad = self._history[1][((newest - 1) % self._history.shape[1], *index)]
-        rho = self._following.rho[row][joints]
-        dead: BoolArray = np.zeros(JOINTS_PER_LEG, dtype=bool)
-        follows = bool(rho.max() < TAKES_PART * self._threshold_then[(0, *row, leg - 1)])
-        measures_torque = bool(np.isfinite(torques_nm[0]).all())
-        if measures_torque and not powered:
-            latest_nm = torques_nm[: 1 + round(POWER_CYCLES * float(self._cycle_ticks[row]))]
-            dead = np.abs(latest_nm).max(axis=0) < self._none_nm[joints]
-        off_rad = measured_rad[0] - targets_rad[0]
-        idle = dead & (np.abs(off_rad) > OFF_RAD)
-        if dead.all() and not follows:
-            return Failure(leg=leg, kind="limp")
-        if follows and not powered and (dead.all() or not idle.any()):
-            return Failure(leg=leg, kind="missing")
-        target_range_rad = np.ptp(targets_rad, axis=0)
-        moves = np.ptp(measured_rad, axis=0) / np.maximum(target_range_rad, STILL_RAD / STILL_SHARE)
-        telling, still = target_range_rad > TELLING_RAD, moves < STILL_SHARE
-        if (telling & still).sum() > 1 and not (telling & ~still).any():
-            return Failure(leg=leg, kind="locked")
-        takes_part = rho > TAKES_PART * rho.max()
-        if (idle & takes_part).any():
-            return _limp(leg, idle & takes_part)
-        worst = int(np.argmax(rho))
-        if measures_torque and not still[worst] and telling.any():
-            # It has power, so that it is another joint that holds it back.
-            worst = int(np.argmin(np.where(telling, moves, np.inf)))
-        if measures_torque or still[worst]:
-            angle_rad = float(measured_rad[0, worst])
-            return Failure(leg=leg, kind="stuck", joint=JOINT_KINDS[worst], angle_rad=angle_rad)
-        return _limp(leg, takes_part)
-
-
-def _limp(leg: int, joints: BoolArray) -> Failure:
-    """A leg with some joints that are limp, (3,): one alone, else the leg."""
-    return Failure(leg=leg, kind="limp", joint=JOINT_KINDS[joints.argmax()] if joints.sum() == 1 else None)
+        rho = self._following.rho[row][leg_slice(leg)]
+        return failure_shown(
+            leg,
+            self._motion.of_leg(leg, row, cycles=cycles),
+            rho,
+            follows=bool(rho.max() < TAKES_PART * self._threshold_then[(0, *row, leg - 1)]),
+            none_nm=self._none_nm[leg_slice(leg)],
+            powered=powered,
+        )
 
 
 def _of_each(legs: tuple[int, ...], *values: float) -> FloatArray:

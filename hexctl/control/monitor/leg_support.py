@@ -173,7 +173,7 @@ class LegSupport:
         self._teaches, self._learned = self._columns(teaching), False
 
     def _see_what_is_known(self) -> None:
-        """Of which legs it is known when they carry, leading shape + columns: only those can miss their load."""
+        """Of which columns it is known when legs carry: only those can miss their load."""
         self._knows: BoolArray = self._learned_cycles >= KNOWN_AFTER_CYCLES
         self._rate = self._full_rate * self._knows
 

@@ -69,3 +69,20 @@ def test_a_tick_without_torques_is_no_tick_without_load() -> None:
         assert support.known == (not lost)
         most = max(most, float(support.missing.max())) if tick > 250 else most
     assert most < 0.5
+
+
+def test_legs_miss_nothing_while_their_gait_changes() -> None:
+    """Phases glide for 1.5 cycles, in which a leg that is whole may carry nothing for most of one."""
+    support, most = LegSupport((), np.array(1 / TICKS_PER_CYCLE), np.ones(18)), np.zeros(6)
+    every, none = np.ones(6, dtype=bool), np.zeros(1, dtype=bool)
+    for tick in range(800):
+        phases = (tick / TICKS_PER_CYCLE + np.arange(6) / 6) % 1
+        contacts = (phases < 1 / 3) | (phases >= 2 / 3)
+        if tick == 500:
+            support.forget(~none, every, every)
+        contacts[1] &= not 550 <= tick < 590  # carries first, and then for the time of the change nothing
+        contacts[4] &= tick < 660  # fails once the gait has changed
+        support.update(RobotState(np.zeros(18), 0.0, True, None, None, contacts), cycle_parts(phases))
+        most = np.maximum(most, support.missing) if tick > 500 else most
+    assert most[4] > 0.95
+    assert np.delete(most, 4).max() < 0.5
