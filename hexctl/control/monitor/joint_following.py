@@ -7,7 +7,7 @@ targets of the last ticks, less what is usual for that joint at that part of its
 
 It is near 0 for a joint that follows as always, and near 1 for one that does not move. Under a load at
 which its servo gives all it has a whole joint does not follow either: what it does then, in the stance, says
-nothing, and its swing has to show.
+nothing, and its swing has to show. Nor does the swing of a joint that always needs all its servo has for it.
 """
 
 import math
@@ -40,8 +40,11 @@ KNOWN_AFTER_CYCLES, MUCH = 2.0, 0.4
 #: Share of that greatest torque that is forgotten in a cycle.
 FORGOTTEN_PER_CYCLE = 0.02
 
-#: Ticks after which it is compared anew with those of the other legs.
-COMPARED_TICKS = 8
+#: Ticks after which it is compared anew with those of the other legs. Cycles are rarely a multiple of it.
+COMPARED_TICKS = 7
+
+#: A joint needs all its servo has to swing if it gives that in this share of its swings, of late.
+NEEDS_ALL, NEEDS_ALL_CYCLES = 0.4, 6.0
 
 #: A leg whose rho is above this no longer teaches what is usual.
 SUSPICIOUS = 0.15
@@ -118,7 +121,7 @@ class JointFollowing:
         np.maximum(self._wider_rad, self._none, out=self._residual_rad)
         if state.joint_torques_nm is not None:
             swings = SWINGS[parts].take(self._legs)
-            self._residual_rad *= swings | self._overload.spares(state.joint_torques_nm)
+            self._residual_rad *= self._overload.tells(state.joint_torques_nm, swings)
         np.subtract(self._lagged, self._target_mean, out=self._away_rad)
         np.square(self._deviations, out=self._squares)
         self._mean += self._shares * (self._now - self._mean)
@@ -159,7 +162,7 @@ class JointFollowing:
 
 
 class Overload:
-    """Which servos give all the torque they have, tick by tick.
+    """Which servos give all the torque they have, tick by tick, so that their joints need not follow.
 
     That is about as much as the same joint of another leg gave at most: a jammed joint soon takes more.
 
@@ -178,19 +181,32 @@ class Overload:
         joints = np.arange(cycles.size).reshape(*cycles.shape[:-1], N_LEGS, JOINTS_PER_LEG)
         others = [np.roll(joints, legs, axis=-2).reshape(cycles.shape) for legs in range(1, N_LEGS)]
         self._others = np.stack(others)  # the same joint of the other legs
+        swings = COMPARED_TICKS * cycles * SWINGS.size / np.count_nonzero(SWINGS)
+        self._swing_rate = np.minimum(1.0, swings / NEEDS_ALL_CYCLES)
+        self._all_in_swings: FloatArray = np.zeros_like(cycles)  # share of the swings
+        self._can_swing: BoolArray = np.ones(cycles.shape, dtype=bool)
 
-    def spares(self, torques_nm: FloatArray) -> BoolArray:
-        """Take torques of a tick; whether servos have more to give than these, both leading shape + (18,)."""
+    def tells(self, torques_nm: FloatArray, swings: BoolArray) -> BoolArray:
+        """Take torques of a tick; whether it says something if joints do not follow, leading shape + (18,).
+
+        Args:
+            torques_nm: of the joints.
+            swings: whether they belong to a leg in the air.
+        """
         size_nm = np.abs(torques_nm)
         self._greatest_nm = np.maximum(self._greatest_nm, size_nm)
-        if self._ticks % COMPARED_TICKS == 0:
+        compares = self._ticks % COMPARED_TICKS == 0
+        self._ticks += 1
+        if compares:
             self._greatest_nm *= self._kept
             others_nm = np.maximum.reduce(self._greatest_nm.take(self._others))
             self._all_it_has_nm, self._more_nm = ALL_IT_HAS * others_nm, MORE_THAN_ALL * others_nm
-        self._ticks += 1
         spares = (size_nm <= self._all_it_has_nm) | (size_nm >= self._more_nm)
+        if compares:
+            self._all_in_swings += self._swing_rate * swings * (~spares - self._all_in_swings)
+            self._can_swing = self._all_in_swings < NEEDS_ALL
         if not self._known:
             spares &= (size_nm <= self._much_nm) | (self._walked_cycles >= KNOWN_AFTER_CYCLES)
             self._walked_cycles += self._cycles
             self._known = bool((self._walked_cycles >= KNOWN_AFTER_CYCLES).all())
-        return spares
+        return (swings & self._can_swing) | spares

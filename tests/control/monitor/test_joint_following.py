@@ -30,7 +30,7 @@ def _legs_standing(ticks: int) -> FloatArray:
 
 
 def test_a_joint_that_stays_behind_stands_out() -> None:
-    off, torques = np.zeros((500, 18)), np.full((500, 18), 0.2)
+    off, torques = np.zeros((500, 18)), np.where(_legs_standing(500), 1.0, 0.2)
     off[300:, 7] = -0.3
     rho = _rho(off, torques)
     assert rho[7] > 0.8
@@ -79,3 +79,15 @@ def test_robots_of_a_batch_get_to_know_their_servos_at_their_own_pace() -> None:
             following.update(state, parts[row])
             following.sent(targets[row], 0.0)
             assert (together.rho[row] == following.rho).all()
+
+
+def test_a_joint_that_always_needs_all_its_servo_to_swing_may_get_caught_for_a_cycle() -> None:
+    """Friction and a servo with a fifth of its torque: a foot that catches stays where it is for a while."""
+    ticks = 1000
+    standing = _legs_standing(ticks)
+    torques, off = np.where(standing, 1.0, 0.2), np.zeros((ticks, 18))
+    caught = slice(800, 800 + TICKS_PER_CYCLE)
+    off[caught, 4], torques[caught, 4] = np.where(standing[caught, 4], 0.0, -0.3), 1.0
+    assert _rho(off, torques)[4] > 0.5, "one that swung with ease before is jammed"
+    torques[:, 4] = 1.0
+    assert _rho(off, torques)[4] < 0.1
