@@ -411,7 +411,7 @@ def _recovery(
 ) -> "tuple[RecoveryResult, list[str]]":
     """Run the recovery benchmark; returns the result, its table and its verdicts as lines."""
     from hexctl.robot.loader import load_robot
-    from hexctl.study.recovery.findings import recovery_bars
+    from hexctl.study.recovery.bars import recovery_bars
     from hexctl.study.recovery.plan import FAMILIES, RecoveryPlan
     from hexctl.study.recovery.report import recovery_lines
     from hexctl.study.recovery.walks import EpisodeCache

@@ -12,13 +12,13 @@ from hexctl.study.drawing import save_figure
 from hexctl.study.evidence import cm
 from hexctl.study.holds.conditions import SENSORS
 from hexctl.study.page import Bullets, Picture, Section, Table, render_page
+from hexctl.study.recovery.bars import recovery_bars
 from hexctl.study.recovery.episodes import Episode
 from hexctl.study.recovery.findings import (
     Judged,
     RecoveryFindings,
     RecoveryStatistics,
     counted,
-    recovery_bars,
 )
 from hexctl.study.recovery.methods import method_of
 from hexctl.study.recovery.plan import HEXAHEAL, LINE, RULED, SECOND

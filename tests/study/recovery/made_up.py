@@ -6,10 +6,11 @@ from typing import Any
 import numpy as np
 
 from hexctl.backends.sim.world import load_randomization
+from hexctl.study.recovery.bars import recovery_bars
 from hexctl.study.recovery.episodes import Episode, RecoveryCase, RecoveryConditions
 from hexctl.study.recovery.findings import RecoveryFindings
 from hexctl.study.recovery.methods import Alarm
-from hexctl.study.recovery.plan import HEXAHEAL, RecoveryPlan
+from hexctl.study.recovery.plan import HEXAHEAL, LINE, RecoveryPlan
 from tests.robots import shipped
 
 PACE_HZ, IDEAL_M_S = 0.9, 0.15
@@ -87,3 +88,16 @@ def changed(found: RecoveryFindings, which: Any, **changes: Any) -> RecoveryFind
         (place, replace(one, **changes) if which(place, one) else one) for place, one in found.episodes
     ]
     return replace(found, episodes=episodes)
+
+
+def on_line(method: str, *, legs: bool = True) -> Any:
+    """Which episodes of the protocol `line` are of a method."""
+
+    def which(place: Any, one: Episode) -> bool:
+        return place.protocol == LINE and one.case.method == method and bool(one.case.legs) == legs
+
+    return which
+
+
+def bars_of(found: RecoveryFindings) -> dict[str, Any]:
+    return {bar.name: bar for bar in recovery_bars(found)}
