@@ -168,16 +168,21 @@ class TrialRunner:
             if recording is not None:
                 recording.close()
 
+    @property
+    def _watched(self) -> bool:
+        """Whether the legs of a trial are watched."""
+        return self.spec.policy != UNWATCHED
+
     def _made_walk(self) -> Callable[[WalkStart], Controller]:
         """What makes the walk of a trial: as planned, or watching its legs."""
-        if self.spec.policy == UNWATCHED:
+        if not self._watched:
             return planned_walk
         return watched_walk(make_policy(self.spec.policy))
 
     def _recorders(self, recording: Recording | None, plan: TrialPlan, title: str) -> Recorders:
         """The recording, the live view, both or neither."""
         if self.live is not None:
-            self.live.begin(self.robot, plan, title=title, looks=self.spec.robot)
+            self.live.begin(self.robot, plan, title=title, looks=self.spec.robot, watched=self._watched)
         given = [recorder for recorder in (recording, self.live) if recorder is not None]
         return Recorders(*given, block_ticks=BLOCK_TICKS if self.spec.simulated else PACED_BLOCK_TICKS)
 
@@ -187,7 +192,9 @@ class TrialRunner:
         floor = make_floor(self.world, self.spec.seed) if self.world is not None else None
         stem = f"trial-{index:03d}" if index != BASELINE_INDEX else f"baseline-{_name_of(plan)}"
         path, title = _new_path(self.folder, stem), title_of(index, code, plan)
-        return Recording(path, self.robot, plan, title=title, floor=floor, meshes=self.meshes)
+        return Recording(
+            path, self.robot, plan, title=title, floor=floor, meshes=self.meshes, watched=self._watched
+        )
 
     def _facts(self, index: int, code: int) -> dict[str, Any]:
         spec = self.spec

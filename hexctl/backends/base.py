@@ -1,7 +1,7 @@
 """The abstract leg-servo interface: the only way to a robot, simulated or real."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Protocol, Self, runtime_checkable
@@ -37,6 +37,10 @@ class LegServos(ABC):
 
     #: Those of other legs that it injects besides.
     further_failures: tuple[Failure, ...] = ()
+
+    #: Failures in force now, by leg, of a simulation, here or at the other end of a link; None where unknown.
+    #: Recordings show them, controllers must not use them.
+    failures: tuple[Failure, ...] | None = None
 
     #: True position (3,) and orientation (4,) of a simulation's base in the world, whatever is measured of
     #: them; None for real robots. Results are scored with it, controllers must not use it.
@@ -91,10 +95,6 @@ class LegServos(ABC):
 
     def pause_watchdog(self) -> None:  # noqa: B027  most servos have no watchdog
         """Expect no command until the next one: until then, silence is not a failure."""
-
-    def news(self) -> Sequence[str]:
-        """What happened to a simulated robot since this was asked last, in lines for a recording."""
-        return ()
 
     def change_leg(self, leg: int, failure: Failure | None) -> None:
         """Let a leg of a simulation fail now, or heal for None.
@@ -160,6 +160,11 @@ class ServosWrapper(LegServos):
         return self.wrapped.further_failures
 
     @property
+    def failures(self) -> tuple[Failure, ...] | None:  # type: ignore[override]
+        """Failures in force now in the wrapped servos, where they are known; else None."""
+        return self.wrapped.failures
+
+    @property
     def true_pose(self) -> TruePose | None:  # type: ignore[override]
         """True pose of the wrapped servos, where they simulate; else None."""
         return self.wrapped.true_pose
@@ -204,10 +209,6 @@ class ServosWrapper(LegServos):
     def pause_watchdog(self) -> None:
         """Expect no command until the next one."""
         self.wrapped.pause_watchdog()
-
-    def news(self) -> Sequence[str]:
-        """What happened to the wrapped servos since this was asked last."""
-        return self.wrapped.news()
 
     def change_leg(self, leg: int, failure: Failure | None) -> None:
         """Let a leg of wrapped servos that simulate fail now, or heal for None."""

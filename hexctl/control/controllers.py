@@ -17,6 +17,7 @@ from hexctl.gait.foot_trajectory import (
 )
 from hexctl.gait.gait import Gait, Motion
 from hexctl.ik.legs import solve_legs, solve_legs_within_limits
+from hexctl.robot.failure import Failure
 from hexctl.robot.failure_event import NoticedFailure
 from hexctl.robot.model import Robot
 from hexctl.types import N_JOINTS, BoolArray, FloatArray, RobotState, leg_slice
@@ -47,12 +48,15 @@ class Controller(ABC):
         limited_steps: steps so far in which it asked for more speed than its strokes allow, leading shape.
         leg_phases: normalised times of the legs in the last step, leading shape + (6,); None for motions
             without a cycle.
+        leg_suspicion: evidence against each leg in the last step, an alarm at 1, leading shape + (6,); None
+            while legs are not watched.
     """
 
     hold: str = "none"
     velocity_body: FloatArray | None = None
     limited_steps: NDArray[np.int64] | int = 0
     leg_phases: FloatArray | None = None
+    leg_suspicion: FloatArray | None = None
 
     @abstractmethod
     def targets_rad(self, step: int, state: RobotState) -> FloatArray:
@@ -72,6 +76,14 @@ class Controller(ABC):
     def noticed_failures(self, index: int = 0) -> tuple[NoticedFailure, ...]:
         """Failures that it noticed so far, of one robot of a batch."""
         return ()
+
+    def believed_failures(self, index: int = 0) -> tuple[Failure, ...] | None:
+        """Failures that it takes for granted now, by leg, told or noticed; None where legs are not watched.
+
+        Args:
+            index: of the robot in its batch.
+        """
+        return None
 
     def news(self) -> Sequence[str]:
         """What happened since this was asked last, in lines for a recording."""

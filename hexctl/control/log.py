@@ -11,6 +11,7 @@ from hexctl.backends.clock import Tick
 from hexctl.control.controllers import Controller
 from hexctl.control.trace import PHASES, TrialFrame
 from hexctl.errors import InputError, check_type
+from hexctl.robot.failure import Failure
 from hexctl.types import N_JOINTS, N_LEGS, FloatArray, JointTargets, RobotState
 
 #: Name, width and type of each column; a width of 0 is a plain value per tick.
@@ -27,6 +28,7 @@ COLUMNS: tuple[tuple[str, int, type], ...] = (
     ("foot_contacts", N_LEGS, bool),
     ("joint_torques_nm", N_JOINTS, float),
     ("velocity_body", 3, float),
+    ("leg_suspicion", N_LEGS, float),
 )
 
 #: Ticks of a block in a walk that runs ahead of time: a second.
@@ -39,12 +41,30 @@ PACED_BLOCK_TICKS = 1
 CHUNK_ROWS = 2048
 
 
+@dataclass(frozen=True, slots=True)
+class LegChange:
+    """A tick in which legs were found to have failed, or to be whole again.
+
+    Attributes:
+        row: of the log. What the world does, it did since the row before.
+        by: `world`, what is broken, or `belief`, what the controller takes for broken.
+        before: failures until then, by leg.
+        failures: failures from then on, by leg.
+    """
+
+    row: int
+    by: str
+    before: tuple[Failure, ...]
+    failures: tuple[Failure, ...]
+
+
 class TickLog:
     """Rows of all ticks of a trial so far.
 
     `log[name]` gives all rows of a column of `COLUMNS`; positions, orientations and torques are NaN where the
-    robot did not know them, and the commanded velocity (forward, left in m/s, turn in rad/s) is NaN where
-    the walk is not steered. Given to `run_trial` as a recorder it is filled tick by tick.
+    robot did not know them, the commanded velocity (forward, left in m/s, turn in rad/s) is NaN where the
+    walk is not steered, and the evidence against each leg (`leg_suspicion`, an alarm at 1) where legs are not
+    watched. Given to `run_trial` as a recorder it is filled tick by tick.
 
     Attributes:
         controller: walks the next ticks, where it is known.
@@ -54,7 +74,9 @@ class TickLog:
         posed_from: the first row with a base position, None before any.
         contacts_known: whether the last tick came with foot contacts.
         walked_ticks: how many ticks belong to the walk.
+        walk_from: the first row of the walk, None before it.
         notes: rows at which something happened, and what.
+        leg_changes: which legs have failed, by the world and by the controller's belief, where that changed.
     """
 
     def __init__(self) -> None:
@@ -65,7 +87,10 @@ class TickLog:
         self.posed_from: int | None = None
         self.contacts_known = True
         self.walked_ticks = 0
+        self.walk_from: int | None = None
         self.notes: list[tuple[int, str]] = []
+        self.leg_changes: list[LegChange] = []
+        self._failures_by: dict[str, tuple[Failure, ...]] = {}
         self._length = 0
         self._chunks: list[dict[str, Any]] = []
 
@@ -111,12 +136,28 @@ class TickLog:
             columns["joint_torques_nm"][row] = state.joint_torques_nm
         if self.controller is not None and self.controller.velocity_body is not None:
             columns["velocity_body"][row] = self.controller.velocity_body
-        self.walked_ticks += self.phase == "walk"
+        if self.controller is not None and self.controller.leg_suspicion is not None:
+            columns["leg_suspicion"][row] = self.controller.leg_suspicion
+        if self.phase == "walk":
+            self.walk_from = self._length if self.walk_from is None else self.walk_from
+            self.walked_ticks += 1
         self._length += 1
 
     def note(self, texts: Sequence[str]) -> None:
         """Note what happened in the tick that is recorded next."""
         self.notes += [(self._length, text) for text in texts]
+
+    def note_failures(self, by: str, failures: tuple[Failure, ...] | None) -> None:
+        """Note which legs have failed in the tick that is recorded next, if that has changed.
+
+        Args:
+            by: `world` or `belief`, as in `LegChange`.
+            failures: by leg; None where nothing is known of them.
+        """
+        if failures is not None and failures != self._failures_by.get(by):
+            before = self._failures_by.get(by, ())
+            self._failures_by[by] = failures
+            self.leg_changes.append(LegChange(self._length, by, before, failures))
 
     def extend(self, rows: Mapping[str, Any]) -> None:
         """Append rows that another process recorded, all columns of `COLUMNS`."""
@@ -133,7 +174,10 @@ class TickLog:
                 self._chunks[-1][name][row : row + fits] = rows[name][done : done + fits]
             self._length += fits
             done += fits
-        self.walked_ticks += int((rows["phase"] == PHASES.index("walk")).sum())
+        walked = np.flatnonzero(rows["phase"] == PHASES.index("walk"))
+        if self.walk_from is None and walked.size:
+            self.walk_from = self._length - count + int(walked[0])
+        self.walked_ticks += walked.size
 
     def took(self, work_s: float) -> None:
         """Set how long the work of the last tick took, its recording included."""

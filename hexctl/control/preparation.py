@@ -114,15 +114,16 @@ class _TraceObserver:
 
 
 class _NewsObserver:
-    """Notes in the log what happens to the robot and what its controller notices."""
+    """Notes in the log what happens to the robot's legs and what its controller notices."""
 
     def __init__(self, log: TickLog, servos: LegServos, controller: Controller) -> None:
-        self._log, self._sources = log, (servos.news, controller.news)
+        self._log, self._servos, self._controller = log, servos, controller
 
     def record(self, tick: Tick, state: RobotState, wanted_rad: FloatArray, sent: JointTargets) -> None:
-        for news in self._sources:
-            if texts := news():
-                self._log.note(texts)
+        self._log.note_failures("world", self._servos.failures)
+        self._log.note_failures("belief", self._controller.believed_failures())
+        if texts := self._controller.news():
+            self._log.note(texts)
 
     def took(self, work_s: float) -> None:
         """Nothing: notes keep no durations."""
@@ -176,7 +177,7 @@ class Phases:
         observers = [*self._observers, *map(RowObserver, seen_by)]
         if self._recorders is not None:
             self._recorders.log.controller = controller
-            observers.insert(0, _NewsObserver(self._recorders.log, self.servos, controller))
+            observers.insert(0, _NewsObserver(self._recorders.log, self.servos.unwrapped, controller))
         return run_controller(self.servos, controller, observers, until=until, first_step=first_step)[0]
 
 

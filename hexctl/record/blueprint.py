@@ -16,17 +16,19 @@ from hexctl.robot.model import Robot
 EYE = (-1.1, -2.1, 1.5)
 
 
-def make_blueprint(robot: Robot, plan: TrialPlan, floor: Floor) -> Any:
-    """Blueprint of a trial's recording."""
+def make_blueprint(robot: Robot, plan: TrialPlan, floor: Floor, *, watched: bool = False) -> Any:
+    """Blueprint of a trial's recording; with the evidence against each leg where they are watched."""
     import rerun.blueprint as rrb
 
-    scene = rrb.Vertical(scene_view(robot, plan, floor), _lanes_view(), row_shares=[6, 5])
     hidden = rrb.PlotLegend(visible=False)
+    scene = rrb.Vertical(scene_view(robot, plan, floor), _lanes_view(), row_shares=[6, 5])
+    evidence = [_plot(paths.SUSPICION, "evidence, alarm at 1")] if watched else []
     side = rrb.Vertical(
         rrb.Tabs(_summary_view(), _events_view()),
         _plot(paths.DEVIATION, "deviation from the line (m), left is up", plot_legend=hidden),
         _plot(paths.MARGIN, "stability margin (m), below 0 the feet do not carry it", plot_legend=hidden),
         rrb.Tabs(
+            *evidence,
             *(_plot(paths.leg_path(leg), f"leg {leg} (rad)") for leg in paths.LEGS),
             _plot(paths.TORQUES, "torques (N m)", plot_legend=hidden),
             _plot(paths.VELOCITY, "commanded velocity"),
@@ -37,7 +39,7 @@ def make_blueprint(robot: Robot, plan: TrialPlan, floor: Floor) -> Any:
         rrb.Horizontal(scene, side, column_shares=[5, 3]),
         rrb.BlueprintPanel(state="hidden"),
         rrb.SelectionPanel(state="hidden"),
-        rrb.TimePanel(state="collapsed", timeline=paths.TIMELINE, play_state="playing", loop_mode="all"),
+        rrb.TimePanel(state="collapsed", timeline=paths.WALK_TIMELINE, play_state="playing", loop_mode="all"),
         auto_views=False,
         auto_layout=False,
     )
@@ -82,10 +84,12 @@ def _up_to_cursor() -> Any:
     """Time range of everything up to the time cursor."""
     import rerun.blueprint as rrb
 
+    start, end = rrb.TimeRangeBoundary.infinite(), rrb.TimeRangeBoundary.cursor_relative()
     return rrb.VisibleTimeRanges(
-        timeline=paths.TIMELINE,
-        start=rrb.TimeRangeBoundary.infinite(),
-        end=rrb.TimeRangeBoundary.cursor_relative(),
+        [
+            rrb.VisibleTimeRange(timeline, start=start, end=end)
+            for timeline in (paths.WALK_TIMELINE, paths.TIMELINE)
+        ]
     )
 
 
@@ -96,11 +100,11 @@ def _lanes_view() -> Any:
     lanes = load_rerun().StateConfiguration(
         values=list(style.LANE_COLORS),
         colors=list(style.LANE_COLORS.values()),
-        labels=[" " if state in style.WORDLESS else state for state in style.LANE_COLORS],
+        labels=[style.label_of(state) for state in style.LANE_COLORS],
     )
     return rrb.StateTimelineView(
         origin="/",
-        contents=[f"+ {paths.PHASE}", f"+ {paths.GUARD}", "+ gait/**"],
+        contents=[f"+ {paths.PHASE}", f"+ {paths.GUARD}", "+ gait/**", "+ failures/**"],
         name="gait diagram: light is stance, orange hangs, red drags",
         defaults=[lanes],
         time_view=_linked(),

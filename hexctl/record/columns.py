@@ -1,6 +1,7 @@
 """Rows of a tick log as Rerun columns: times, numbers, and joint angles in Arrow's layout."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -8,12 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hexctl.backends.sim.terrain import Floor
-from hexctl.control.log import TickLog
+from hexctl.control.log import LegChange, TickLog
 from hexctl.control.plan import TrialPlan
 from hexctl.control.trace import PHASES
 from hexctl.ik.support_polygon import foot_heights_body
 from hexctl.record import paths
 from hexctl.record.rrd import load_rerun
+from hexctl.robot.meshes import Meshes, PartMesh
 from hexctl.robot.model import Robot
 from hexctl.types import JOINT_KINDS, BoolArray, FloatArray
 
@@ -43,11 +45,17 @@ LIFTED_M = 1e-5
 
 @dataclass(frozen=True, slots=True)
 class Subject:
-    """The robot, its plan and the floor of a recording."""
+    """The robot, its plan, the floor and the meshes of a recording."""
 
     robot: Robot
     plan: TrialPlan
     floor: Floor
+    meshes: Meshes = field(default_factory=dict)
+
+    def mesh_of(self, leg: int, kind: str) -> PartMesh | None:
+        """Mesh of a link; None where it is drawn as a solid, as those of a leg that is told to be missing."""
+        missing = any(one.leg == leg and one.kind == "missing" for one in self.plan.failures)
+        return None if missing else self.meshes.get(kind)
 
 
 class Block:
@@ -67,16 +75,16 @@ class Block:
     ) -> None:
         """Take rows of a log; `began_at_s` is the wall clock at its first tick, in s since 1970."""
         self.subject, self.log, self.start, self.stop = subject, log, start, stop
-        self._stream, self._rr = stream, load_rerun()
-        elapsed_s = self.column("time_s") - log.rows("time_s", 0, 1)
-        elapsed_ns = np.round(elapsed_s * 1e9).astype(np.int64)
-        self._times = elapsed_ns.astype("timedelta64[ns]")
-        wall_ns = (elapsed_ns + round(began_at_s * 1e9)) // WALL_STEP_NS * WALL_STEP_NS
-        self._wall_times = wall_ns.astype("datetime64[ns]")
+        self._stream, self._rr, self._began_at_s = stream, load_rerun(), began_at_s
+        self._times = self._time_columns(self.column("time_s"))
 
     def column(self, name: str) -> Any:
         """Rows of a column in this block."""
         return self.log.rows(name, self.start, self.stop)
+
+    def leg_changes(self) -> list[LegChange]:
+        """Changes of failed legs in this block."""
+        return [change for change in self.log.leg_changes if self.start <= change.row < self.stop]
 
     def led(self, name: str, lead: int = 1) -> Any:
         """Rows of a column in this block, preceded by up to `lead` earlier rows."""
@@ -131,11 +139,40 @@ class Block:
 
     def send(self, path: str, rows: Rows, columns: Any) -> None:
         """Send columns for rows."""
-        times = [
-            self._rr.TimeColumn(paths.TIMELINE, duration=self._times[rows]),
-            self._rr.TimeColumn(paths.WALL_TIMELINE, timestamp=self._wall_times[rows]),
+        self._send(path, {name: times[rows] for name, times in self._times.items()}, columns)
+
+    def send_at(self, path: str, log_rows: Sequence[int], columns: Any) -> None:
+        """Send columns for a few rows counted from the start of the log; also for some before the block."""
+        times_s = np.array([self.log.rows("time_s", row, row + 1)[0] for row in log_rows])
+        self._send(path, self._time_columns(times_s), columns)
+
+    def _send(self, path: str, times: Mapping[str, Any], columns: Any) -> None:
+        """Send columns with the times of their rows on all timelines."""
+        rr = self._rr
+        indexes = [
+            rr.TimeColumn(paths.WALK_TIMELINE, duration=times[paths.WALK_TIMELINE]),
+            rr.TimeColumn(paths.TIMELINE, duration=times[paths.TIMELINE]),
+            rr.TimeColumn(paths.WALL_TIMELINE, timestamp=times[paths.WALL_TIMELINE]),
         ]
-        self._stream.send_columns(path, times, columns, strict=True)
+        self._stream.send_columns(path, indexes, columns, strict=True)
+
+    def _time_columns(self, times_s: FloatArray) -> dict[str, Any]:
+        """Times of the log's clock, (rows,), on all timelines; all time before the walk is its second 0."""
+        log = self.log
+        elapsed_ns = _ns(times_s - log.rows("time_s", 0, 1))
+        walk_ns = np.zeros_like(elapsed_ns)
+        if log.walk_from is not None:
+            walk_ns = np.maximum(0, _ns(times_s - log.rows("time_s", log.walk_from, log.walk_from + 1)))
+        wall_ns = (elapsed_ns + round(self._began_at_s * 1e9)) // WALL_STEP_NS * WALL_STEP_NS
+        return {
+            paths.WALK_TIMELINE: walk_ns.astype("timedelta64[ns]"),
+            paths.TIMELINE: elapsed_ns.astype("timedelta64[ns]"),
+            paths.WALL_TIMELINE: wall_ns.astype("datetime64[ns]"),
+        }
+
+
+def _ns(times_s: FloatArray) -> NDArray[np.int64]:
+    return np.asarray(np.round(times_s * 1e9).astype(np.int64))
 
 
 def posed_rows(log: TickLog, start: int, stop: int) -> BoolArray:

@@ -7,6 +7,7 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from types import TracebackType
 from typing import Any, Self
 
@@ -89,6 +90,7 @@ class LiveView:
         title: str,
         floor: Floor | None = None,
         looks: str | None = None,
+        watched: bool = False,
     ) -> None:
         """Begin another walk.
 
@@ -98,15 +100,15 @@ class LiveView:
             title: name of the walk in the viewer.
             floor: what it walks on; None is an even, level floor.
             looks: robot file whose meshes are drawn; None draws solids.
+            watched: whether the walk watches its legs.
         """
-        self._send({"robot": robot, "plan": plan, "title": title, "floor": floor, "looks": looks})
+        header = {"robot": robot, "plan": plan, "title": title, "floor": floor, "looks": looks}
+        self._send({**header, "watched": watched})
 
     def write_block(self, log: TickLog, start: int, stop: int) -> None:
         """Pass rows [start, stop) of a log on. What it raises is kept in `lost` too."""
         try:
-            rows = {name: log.rows(name, start, stop) for name, _, _ in COLUMNS}
-            facts = {"frame": log.frame, "pose_known": log.pose_known, "contacts_known": log.contacts_known}
-            self._send({"rows": rows, "at_s": time.time(), **facts})
+            self._send({**rows_of(log, start, stop), "at_s": time.time()})
         except Exception as error:
             self.lost = f"the live view failed: {error}"
             raise
@@ -160,6 +162,22 @@ class LiveView:
             pass
         except OSError:
             self.lost = "the live view has ended"
+
+
+def rows_of(log: TickLog, start: int, stop: int) -> dict[str, Any]:
+    """Rows [start, stop) of a log and what happened in them, which `append` of the feeder takes."""
+    return {
+        "rows": {name: log.rows(name, start, stop) for name, _, _ in COLUMNS},
+        "frame": log.frame,
+        "pose_known": log.pose_known,
+        "contacts_known": log.contacts_known,
+        "notes": [(row - start, text) for row, text in log.notes if start <= row < stop],
+        "leg_changes": [
+            replace(change, row=change.row - start)
+            for change in log.leg_changes
+            if start <= change.row < stop
+        ],
+    }
 
 
 def open_window(on_problem: Callable[[RecordingError], object]) -> LiveView | None:

@@ -8,6 +8,7 @@ import time
 import uuid
 from collections.abc import Iterator
 from contextlib import suppress
+from dataclasses import replace
 from typing import Any, BinaryIO
 
 from hexctl.control.log import TickLog
@@ -32,20 +33,20 @@ class Feed:
     def __init__(self, address: str, header: dict[str, Any]) -> None:
         rr = load_rerun()
         robot, plan, floor = header["robot"], header["plan"], header["floor"] or LEVEL
-        self._subject = Subject(robot, plan, floor)
+        meshes = _meshes(header["looks"])
+        self._subject = Subject(robot, plan, floor, meshes)
         self._log = TickLog()
         self._stream: Any = rr.RecordingStream(APPLICATION_ID, recording_id=str(uuid.uuid4()))
-        self._stream.connect_grpc(address, default_blueprint=make_blueprint(robot, plan, floor))
+        blueprint = make_blueprint(robot, plan, floor, watched=header["watched"])
+        self._stream.connect_grpc(address, default_blueprint=blueprint)
         self._stream.send_recording_name(header["title"])
-        send_scene(self._stream, robot, plan, floor, _meshes(header["looks"]))
+        send_scene(self._stream, robot, plan, floor, meshes)
         self._began_at_s: float | None = None
 
     def show(self, block: dict[str, Any]) -> None:
         """Show the rows of a block."""
         log, start = self._log, len(self._log)
-        log.frame = block["frame"]
-        log.pose_known, log.contacts_known = block["pose_known"], block["contacts_known"]
-        log.extend(block["rows"])
+        append(log, block)
         if self._began_at_s is None:
             times_s = log["time_s"]
             self._began_at_s = block["at_s"] - float(times_s[-1] - times_s[0])
@@ -54,6 +55,16 @@ class Feed:
     def close(self) -> None:
         """Send the remaining rows to the viewer."""
         self._stream.disconnect()
+
+
+def append(log: TickLog, block: dict[str, Any]) -> None:
+    """Append the rows of a block, as `rows_of` gives them, and what happened in them."""
+    start = len(log)
+    log.frame, log.pose_known = block["frame"], block["pose_known"]
+    log.contacts_known = block["contacts_known"]
+    log.notes += [(start + row, text) for row, text in block["notes"]]
+    log.leg_changes += [replace(change, row=start + change.row) for change in block["leg_changes"]]
+    log.extend(block["rows"])
 
 
 def _meshes(looks: str | None) -> Meshes:

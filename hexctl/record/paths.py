@@ -2,6 +2,8 @@
 
 from hexctl.types import JOINT_KINDS, N_LEGS
 
+#: Time since the walk began, which is the time of results and events; 0 before it.
+WALK_TIMELINE = "walk_time"
 #: Time since the first tick of the trial, and the time of day then.
 TIMELINE = "trial_time"
 WALL_TIMELINE = "wall_time"
@@ -25,6 +27,10 @@ TORQUES = "joint_torques"
 VELOCITY = "commanded_velocity"
 #: The same as an arrow above the body, as far as it goes in two seconds.
 VELOCITY_ARROW = "world/robot/body/velocity"
+#: Seven scalars, ten times a second: the evidence against each leg, and 1, at which it is an alarm.
+SUSPICION = "leg_suspicion"
+#: Which legs are broken, where that is known, and which the walk suspects and takes for broken.
+BROKEN, NOTICED = "failures/world", "failures/noticed"
 PHASE = "phase"
 GUARD = "guard"
 EVENTS = "events"
@@ -55,6 +61,11 @@ def joint_path(leg: int, kind: str) -> str:
 def foot_path(leg: int) -> str:
     """Entity of a foot, at the end of the tibia."""
     return f"{link_path(leg, 'tibia')}/foot"
+
+
+def noticed_path(leg: int) -> str:
+    """Entity of the mark at the hip of a leg that the walk takes for broken without having been told."""
+    return f"{leg_path(leg)}/noticed"
 
 
 def gait_path(leg: int) -> str:

@@ -54,6 +54,7 @@ class Recording:
         title: str,
         floor: Floor | None = None,
         meshes: Meshes | None = None,
+        watched: bool = False,
     ) -> None:
         """Create the file, with the scene and the layout in it.
 
@@ -64,13 +65,14 @@ class Recording:
             title: heading of the text panel and name of the recording.
             floor: what it walks on; None is an even, level floor.
             meshes: of the robot's parts; None draws solids of its geometry.
+            watched: whether the walk watches its legs; the layout then has the evidence against them.
 
         Raises InputError for a file that exists or cannot be written, and
         MissingExtraError without Rerun.
         """
         rr = load_rerun()
         self.path = path
-        self._subject = Subject(robot, plan, floor or LEVEL)
+        self._subject = Subject(robot, plan, floor or LEVEL, meshes or {})
         self._title = title
         self._pending: _Pending | None = None
         self._created_at_s, self._began_at_s = time.time(), 0.0
@@ -83,7 +85,7 @@ class Recording:
         create_file(path)
         self._stream: Any = rr.RecordingStream(APPLICATION_ID, recording_id=str(uuid.uuid4()))
         floor = self._subject.floor
-        self._stream.save(str(path), default_blueprint=make_blueprint(robot, plan, floor))
+        self._stream.save(str(path), default_blueprint=make_blueprint(robot, plan, floor, watched=watched))
         self._stream.send_recording_name(title)
         send_scene(self._stream, robot, plan, floor, meshes or {})
         self._send_summary(None, {})

@@ -281,7 +281,13 @@ class Run:
 
         try:
             return Recording(
-                path, self.robot, self.plan, title=self.title, floor=self.floor, meshes=self._meshes
+                path,
+                self.robot,
+                self.plan,
+                title=self.title,
+                floor=self.floor,
+                meshes=self._meshes,
+                watched=True,
             )
         except MissingExtraError as error:
             raise MissingExtraError("recording (or walk with --no-record)", "view") from error

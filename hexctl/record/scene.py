@@ -19,6 +19,9 @@ from hexctl.robot.meshes import Meshes, PartMesh
 from hexctl.robot.model import Robot
 from hexctl.types import JOINT_KINDS, JOINT_NAMES, N_LEGS, ArrayFields, FloatArray
 
+#: Radius of the mark at a leg that was noticed, in radii of its coxa.
+MARK_SIZE = 1.8
+
 #: What the eye sees to each side of the robot, in stance radii. The viewer uses this size or the layout's
 #: eye, whichever it gets first; both give the same picture.
 FRAME_SHARE = 1.3
@@ -70,6 +73,12 @@ def send_scene(stream: Any, robot: Robot, plan: TrialPlan, floor: Floor, meshes:
     names = ("forward (m/s)", "left (m/s)", "turn (rad/s)")
     stream.log(paths.VELOCITY, rr.SeriesLines(names=names), static=True)
     stream.log(paths.TORQUES, rr.SeriesLines(colors=colors, names=JOINT_NAMES), static=True)
+    evidence = rr.SeriesLines(
+        colors=[*style.LEG_COLORS, style.ALARM_COLOR],
+        names=[*(f"leg {leg}" for leg in paths.LEGS), "alarm"],
+        widths=[1.5] * (N_LEGS + 1),
+    )
+    stream.log(paths.SUSPICION, evidence, static=True)
 
 
 def _send_frame(stream: Any, robot: Robot) -> None:
@@ -130,7 +139,7 @@ def send_body(stream: Any, robot: Robot, meshes: Meshes) -> None:
 
 
 def send_leg(stream: Any, robot: Robot, plan: TrialPlan, meshes: Meshes, leg: int) -> None:
-    """Send mount, links and foot of a leg; a failed one in its own colours, a missing one as an outline."""
+    """Send mount, links and foot of a leg; their colours, which change when it fails, are tracks."""
     rr = load_rerun()
     failure = next((one for one in plan.failures if one.leg == leg), None)
     yaw = rr.RotationAxisAngle([0, 0, 1], radians=float(robot.mount_yaws_rad[leg - 1]))
@@ -144,9 +153,11 @@ def send_leg(stream: Any, robot: Robot, plan: TrialPlan, meshes: Meshes, leg: in
         parts = _link(robot, index, failure, meshes)
         stream.log(paths.link_path(leg, kind), *parts, _series(kind), static=True)
         start = tuple(robot.link_vectors_m[index])
-    label = {"labels": [f"leg {leg} {failure}"], "show_labels": True} if failure else {}
-    foot = rr.Points3D([[start[0], 0, start[1]]], radii=[1.3 * robot.foot_radius_m], **label)
+    foot = rr.Points3D([[start[0], 0, start[1]]], radii=[1.3 * robot.foot_radius_m], show_labels=True)
     stream.log(paths.foot_path(leg), foot, static=True)
+    radii, colors = [MARK_SIZE * robot.link_radii_m[0]], [style.NOTICED_COLOR]
+    mark = rr.Points3D.from_fields(radii=radii, colors=colors, show_labels=True)
+    stream.log(paths.noticed_path(leg), mark, static=True)
 
 
 def _trunk(robot: Robot) -> Any:
@@ -160,33 +171,30 @@ def _trunk(robot: Robot) -> Any:
 
 
 def _link(robot: Robot, index: int, failure: Failure | None, meshes: Meshes) -> list[Any]:
-    """Components that draw a link."""
+    """Components that draw a link, but its colour."""
     kind = JOINT_KINDS[index]
-    color = (style.FAILED_COLORS if failure else style.LINK_COLORS)[kind]
     missing = failure is not None and failure.kind == "missing"
     # A missing leg is drawn as an outline, which a mesh does not have.
     if kind in meshes and not missing:
-        return _asset(meshes[kind], color, tinted=failure is not None)
+        return _asset(meshes[kind], None)
     outward, up = robot.link_vectors_m[index]
     tilt = math.atan2(outward, up)  # a capsule points along z until it is turned
     capsule = load_rerun().Capsules3D(
         lengths=[math.hypot(outward, up)],
         radii=[robot.link_radii_m[index]],
         quaternions=[[0, math.sin(tilt / 2), 0, math.cos(tilt / 2)]],
-        colors=[color],
-        fill_mode="majorwireframe" if missing else "solid",
     )
     return [capsule]
 
 
-def _asset(mesh: PartMesh, color: style.Color, *, tinted: bool = False) -> list[Any]:
-    """A mesh and its pose; tinted if asked for, or if the mesh has no colours."""
+def _asset(mesh: PartMesh, color: style.Color | None) -> list[Any]:
+    """A mesh and its pose, in a colour if one is given and the mesh has none of its own."""
     rr = load_rerun()
     w, x, y, z = mesh.quaternion.tolist()
     pose = rr.InstancePoses3D(
         translations=[mesh.position_m], quaternions=[[x, y, z, w]], scales=[[mesh.scale] * 3]
     )
-    look = {"albedo_factor": color} if tinted or not mesh.coloured else {}
+    look = {} if color is None or mesh.coloured else {"albedo_factor": color}
     return [rr.Asset3D(contents=mesh.content, media_type=mesh.media_type, **look), pose]
 
 

@@ -1,6 +1,10 @@
 """The colours of a recording, (red, green, blue), and the series of the plots."""
 
+from itertools import combinations
+
 from hexctl.palette import LINE_COLOR
+from hexctl.robot.failure import FAILURE_KINDS
+from hexctl.types import JOINT_KINDS, N_LEGS
 
 Color = tuple[int, ...]
 
@@ -10,6 +14,19 @@ BODY_COLOR = (58, 110, 165)
 NOSE_COLOR = (240, 240, 240)
 LINK_COLORS = {"coxa": (126, 144, 164), "femur": (186, 198, 212), "tibia": (226, 232, 240)}
 FAILED_COLORS = {"coxa": (190, 44, 30), "femur": (226, 66, 42), "tibia": (246, 98, 66)}
+WHITE = (255, 255, 255)
+#: A leg that was noticed to have failed.
+NOTICED_COLOR = (255, 176, 0)
+#: One hue per leg, from leg 1 on, and the alarm.
+LEG_COLORS = (
+    (90, 170, 255),
+    (255, 140, 60),
+    (100, 210, 130),
+    (230, 110, 200),
+    (240, 215, 90),
+    (170, 140, 255),
+)
+ALARM_COLOR = (255, 70, 60)
 TOUCHING_COLOR = (64, 220, 120)
 LIFTED_COLOR = (96, 108, 124)
 UNFELT_COLOR = (206, 212, 220)
@@ -44,6 +61,39 @@ FELT_STATES = (HANGS, STANCE, SWING, DRAGS)
 GUARD_STATES = ("as commanded", "clipped", "ticks missed")
 STOPPED = "stopped"
 
+#: Lanes of failures while nothing is wrong.
+WHOLE, WATCHING = "all legs whole", "no leg noticed"
+
+#: How states of broken legs begin, and those of legs taken for broken: each lane has a colour of its own.
+BROKEN, NOTICED = "broken: ", "noticed: "
+
+
+def broken_state(words: str) -> str:
+    """State of the lane of what is broken, as `leg 5 limp`; none for no words."""
+    return f"{BROKEN}{words}" if words else WHOLE
+
+
+def noticed_state(words: str) -> str:
+    """State of the lane of what the walk takes for broken; none for no words."""
+    return f"{NOTICED}{words}" if words else WATCHING
+
+
+def label_of(state: str) -> str:
+    """Text of a state in its lane: short, and empty where the colour is enough."""
+    return " " if state in WORDLESS else state.removeprefix(BROKEN).removeprefix(NOTICED)
+
+
+def _failure_words() -> list[str]:
+    """Words of all single failed legs, and of two and three legs."""
+    legs = range(1, N_LEGS + 1)
+    kinds = [
+        *FAILURE_KINDS,
+        *(f"{joint} {kind}" for joint in JOINT_KINDS for kind in ("limp", "weak", "stuck")),
+    ]
+    several = [", ".join(map(str, few)) for count in (2, 3) for few in combinations(legs, count)]
+    return [f"leg {leg} {kind}" for leg in legs for kind in kinds] + [f"legs {few}" for few in several]
+
+
 #: States of the lanes and their colours. Those in `WORDLESS` have no label: their colour is enough.
 LANE_COLORS = {
     STANCE: (206, 212, 220),
@@ -58,8 +108,12 @@ LANE_COLORS = {
     GUARD_STATES[1]: (226, 150, 40),
     GUARD_STATES[2]: (226, 66, 42),
     STOPPED: (226, 66, 42),
+    WHOLE: (38, 43, 52),
+    WATCHING: (38, 43, 52),
+    **{broken_state(words): FAILED_COLORS["coxa"] for words in _failure_words()},
+    **{noticed_state(words): NOTICED_COLOR for words in _failure_words()},
 }
-WORDLESS = (*FELT_STATES, *GUARD_STATES[:2])
+WORDLESS = (*FELT_STATES, *GUARD_STATES[:2], WHOLE, WATCHING)
 
 
 def packed(color: Color) -> int:

@@ -153,8 +153,9 @@ def _result_rows(result: TrialResult, stability: float | None) -> Iterator[Row]:
         yield "**deviation**", f"**{off.final:.3f} m** at the end{whole}"
     if result.duration_s:
         yield "held", held_in_words(result.to_dict())
-    if result.noticed:
-        yield "noticed", "; ".join(map(str, result.noticed))
+    for one in result.noticed:
+        yield "noticed", f"{one.at_s:.2f} s: {one.in_words}"
+        yield "", one.did
     if result.yaw_change_rad is not None:
         yield "turned", f"{math.degrees(result.yaw_change_rad):+.1f}°"
     if result.cost_of_transport is not None and result.energy_j is not None:
@@ -175,7 +176,7 @@ def _fact_rows(result: TrialResult | None, facts: Mapping[str, Any]) -> Iterator
     """Facts that are known and not already in the rows of plan or result."""
     told = {"robot", "gait", "failed_leg", "failure", *(result.to_dict() if result is not None else ())}
     for key, value in facts.items():
-        if key not in told and value is not None:
+        if key not in told and value not in (None, [], {}):
             yield _cell(key), _cell(value)
 
 
@@ -186,6 +187,8 @@ def _table(rows: Any) -> str:
 
 def _cell(value: Any) -> str:
     """Value as text that cannot break a table."""
+    if isinstance(value, list):
+        value = ", ".join(map(str, value))
     if isinstance(value, Mapping):
         value = ", ".join(f"{key} {each}" for key, each in value.items())
     text = f"{value:g}" if isinstance(value, float) else str(value)

@@ -26,6 +26,7 @@ from hexctl.record.columns import (
     posed_rows,
     rounded,
 )
+from hexctl.record.failure_tracks import failure_lines, send_lanes, send_looks, send_suspicion
 from hexctl.record.rrd import load_rerun
 from hexctl.record.scene import course_world, on_floor, path_end_m, xyzw
 from hexctl.types import JOINT_KINDS, JOINT_NAMES, JOINTS_PER_LEG, N_JOINTS, BoolArray, FloatArray
@@ -234,11 +235,12 @@ MAX_NAMES = 3
 
 def send_events(block: Block) -> None:
     """Send what happened in the rows of a block."""
-    events = sorted([*_phases(block), *_notes(block), *_clipped(block), *_skipped(block)])
+    parts = (_phases(block), _failures(block), _notes(block), _clipped(block), _skipped(block))
+    events = sorted((event for part in parts for event in part), key=lambda event: event[0])
     if events:
         rows, levels, texts = zip(*events, strict=True)
         columns = load_rerun().TextLog.columns(text=list(texts), level=list(levels))
-        block.send(paths.EVENTS, np.array(rows), columns)
+        block.send_at(paths.EVENTS, [block.start + row for row in rows], columns)
 
 
 def _phases(block: Block) -> Iterator[Event]:
@@ -246,8 +248,14 @@ def _phases(block: Block) -> Iterator[Event]:
         yield row, INFO, f"{PHASES[block.column('phase')[row]]} begins"
 
 
+def _failures(block: Block) -> Iterator[Event]:
+    """Legs that the world let fail or heal, in the tick before the first that shows it."""
+    for row, text in failure_lines(block):
+        yield row - block.start, WARNING, text
+
+
 def _notes(block: Block) -> Iterator[Event]:
-    """Failures of the robot, and what its controller noticed and did."""
+    """What the controller noticed and did."""
     for row, text in block.log.notes:
         if block.start <= row < block.stop:
             yield row - block.start, WARNING, text
@@ -401,6 +409,8 @@ class BlockWriter:
         for leg in paths.LEGS:
             _send_leg(block, links, leg)
             yield
+            send_looks(block, leg)
+            yield
         for send in PARTS:
             send(block)
             yield
@@ -452,4 +462,6 @@ PARTS: tuple[Callable[[Block], None], ...] = (
     send_deviation,
     send_torques,
     send_velocity,
+    send_suspicion,
+    send_lanes,
 )

@@ -85,9 +85,14 @@ class NoticedFailure:
     healed: bool = False
 
     def __str__(self) -> str:
-        again = "put down again, on trial," if self.failure.kind == "missing" else "whole again"
-        what = again if self.healed else in_words(self.failure)
-        return f"leg {self.failure.leg} {what} at {self.at_s:.2f} s, {self.did}"
+        comma = "," if self.healed and self.failure.kind == "missing" else ""
+        return f"{self.in_words}{comma} at {self.at_s:.2f} s, {self.did}"
+
+    @property
+    def in_words(self) -> str:
+        """Leg, and how it fails or that it is whole again: `leg 5 limp`."""
+        again = "put down again, on trial" if self.failure.kind == "missing" else "whole again"
+        return f"leg {self.failure.leg} {again if self.healed else in_words(self.failure)}"
 
     def to_dict(self) -> dict[str, Any]:
         """JSON values."""

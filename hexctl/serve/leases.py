@@ -179,11 +179,11 @@ class RequestHandler:
             text = str(content.get("leg" if heals else "failure", ""))[:MAX_FAILURE_TEXT]
             failure = None if heals else parse_failure_now(text)
             leg = parse_healing(f"{text}@0").leg if failure is None else failure.leg
-            whole = all(one.leg != leg for one in getattr(self._guard.unwrapped, "failures", ()))
+            whole = all(one.leg != leg for one in self._guard.failures or ())
             self._guard.change_leg(leg, failure)
         except HexctlError as error:
             return {"error": str(error)}
-        failures = getattr(self._guard.unwrapped, "failures", ())
+        failures = self._guard.failures or ()
         note = {"note": f"leg {leg} was whole already"} if heals and whole else {}
         return {"failures": [f"leg {one.leg} {in_words_with_share(one)}" for one in failures], **note}
 

@@ -83,18 +83,20 @@ class ReadBack:
         """The component's value per row, static ones included."""
         return [value for _, value in self._rows(entity, component)]
 
-    def times_s(self, entity: str, component: str) -> np.ndarray:
-        times = [time for time, _ in self._rows(entity, component) if time is not None]
+    def times_s(self, entity: str, component: str, timeline: str = "trial_time") -> np.ndarray:
+        times = [time for time, _ in self._rows(entity, component, timeline) if time is not None]
         return np.array(times, dtype="int64") / 1e9
 
-    def _rows(self, entity: str, component: str) -> list[tuple[int | None, Any]]:
+    def _rows(
+        self, entity: str, component: str, timeline: str = "trial_time"
+    ) -> list[tuple[int | None, Any]]:
         rows: list[tuple[int | None, Any]] = []
         for batch in self._chunks[entity]:
             if component not in batch.schema.names:
                 continue
             values = batch.column(component).to_pylist()
-            if "trial_time" in batch.schema.names:
-                times = batch.column("trial_time").cast("int64").to_pylist()
+            if timeline in batch.schema.names:
+                times = batch.column(timeline).cast("int64").to_pylist()
                 rows += zip(times, values, strict=True)
             else:
                 rows += [(None, value) for value in values]

@@ -9,7 +9,9 @@ import numpy as np
 
 from hexctl.control.log import COLUMNS, TickLog
 from hexctl.record import live_feed
-from tests.trials import walk
+from hexctl.record.live import rows_of
+from hexctl.record.run import run
+from hexctl.robot.failure_event import parse_failure_event
 
 
 def test_what_is_sent_arrives_up_to_where_it_was_cut_off() -> None:
@@ -22,11 +24,17 @@ def test_what_is_sent_arrives_up_to_where_it_was_cut_off() -> None:
 
 
 def test_rows_that_cross_the_pipe_are_the_rows_of_the_log() -> None:
-    log, other = walk(duration_s=1.0).log, TickLog()
+    events = [parse_failure_event("2:limp@2.5")]
+    log = run(gait="tripod", duration_s=3.5, events=events, policy="glide", record=False).log
+    other = TickLog()
     for start in range(0, len(log), 7):
-        other.extend({name: log.rows(name, start, min(start + 7, len(log))) for name, _, _ in COLUMNS})
+        sent = pickle.dumps(rows_of(log, start, min(start + 7, len(log))))
+        live_feed.append(other, pickle.loads(sent))  # noqa: S301  our own
     assert len(other) == len(log)
-    assert other.walked_ticks == log.walked_ticks
+    assert (other.walked_ticks, other.walk_from) == (log.walked_ticks, log.walk_from)
+    assert [text for _, text in log.notes if text.startswith("noticed: leg 2")]
+    assert other.notes == log.notes
+    assert other.leg_changes == log.leg_changes
     for name, _, _ in COLUMNS:
         np.testing.assert_array_equal(other[name], log[name])
 

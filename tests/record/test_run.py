@@ -271,10 +271,11 @@ class TestFailuresInMidWalk:
         assert noticed["did"].startswith("glided to slots")
         assert TrialResult.from_dict(done.trial.to_dict()).noticed == done.trial.noticed
         texts = [text for _, text in done.log.notes]
-        assert [text.partition(":")[0] for text in texts] == ["the world", "noticed"]
-        rows = [row for row, _ in done.log.notes]
-        walk = done.log.rows_of("walk")
-        assert rows[0] - walk.start in (150, 151)
+        assert [text.partition(":")[0] for text in texts] == ["noticed", "policy"]
+        walk = done.log.rows_of("walk").start
+        assert {row - walk for row, _ in done.log.notes} == {round(50 * noticed["at_s"])}
+        changes = [(change.by, change.row - walk) for change in done.log.leg_changes if change.failures]
+        assert changes == [("world", 151), ("belief", round(50 * noticed["at_s"]))]
 
     def test_what_the_world_lets_fail_is_told_as_well(self) -> None:
         world = World(failures=("2:limp@1", "4:limp@9"))

@@ -3,13 +3,16 @@
 import numpy as np
 import pytest
 
+from hexctl.backends.sim.servos import SimServos
 from hexctl.backends.sim.terrain import make_floor
 from hexctl.backends.sim.world import World
+from hexctl.control.log import TickLog
 from hexctl.record import paths, style
 from hexctl.record.recording import Recording
 from hexctl.record.scene import MAX_VERTICES, make_floor_mesh
 from hexctl.robot.failure import Failure
 from hexctl.robot.loader import load_meshes
+from hexctl.types import JointTargets
 from tests.record.conftest import ReadBack, make_plan
 from tests.robot.meshmaking import glb_box, stl_box
 from tests.robots import edited_file, put, shipped
@@ -23,7 +26,14 @@ def read(tmp_path_factory: pytest.TempPathFactory) -> ReadBack:
     turned = {"file": "shin.glb", "scale": 0.02, "position_m": [0.0, 0.0, -0.06], "rotation_deg": [0, 0, 90]}
     file = edited_file(folder, put("meshes", {"body": {"file": "trunk.stl"}, "tibia": turned}))
     plan = make_plan(shipped(), belief=Failure(leg=5))
-    Recording(folder / "a.rrd", shipped(), plan, title="looks", meshes=load_meshes(file)).close()
+    log = TickLog()
+    with (
+        Recording(folder / "a.rrd", shipped(), plan, title="looks", meshes=load_meshes(file)) as recording,
+        SimServos(shipped()) as servos,
+    ):
+        clock, targets = servos.clock, JointTargets(shipped().stance_angles_rad, 0.0)
+        log.record(clock.tick(), servos.read(), targets.positions_rad, targets)
+        recording.write_block(log, 0, 1)
     return ReadBack(folder / "a.rrd")
 
 
@@ -52,7 +62,8 @@ def test_a_mesh_is_put_in_its_place(read: ReadBack) -> None:
 
 def test_only_a_mesh_without_colours_or_of_the_failed_leg_is_tinted(read: ReadBack) -> None:
     assert read.values(f"/{paths.BODY}", "Asset3D:albedo_factor") == [[style.packed(style.BODY_COLOR)]]
-    assert not read.values(f"/{paths.link_path(1, 'tibia')}", "Asset3D:albedo_factor")
+    coloured = read.values(f"/{paths.link_path(1, 'tibia')}", "Asset3D:albedo_factor")
+    assert coloured == [[style.packed(style.WHITE)]], "as it is"
     failed = read.values(f"/{paths.link_path(5, 'tibia')}", "Asset3D:albedo_factor")
     assert failed == [[style.packed(style.FAILED_COLORS["tibia"])]]
 

@@ -1,6 +1,5 @@
 """The simulated robot as LegServos, and its clock."""
 
-from collections import deque
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
@@ -19,12 +18,9 @@ from hexctl.backends.sim.sensing import Losses, SensorMemory, Sensors
 from hexctl.backends.sim.world import World, as_world
 from hexctl.errors import SimulationDivergedError, check_type
 from hexctl.robot.failure import Failure, check_further, drawn_failure, each_failure
-from hexctl.robot.failure_event import FailureEvent, in_words
+from hexctl.robot.failure_event import FailureEvent
 from hexctl.robot.model import Robot
 from hexctl.types import JointTargets, RobotState
-
-#: News of legs that nobody asks for are forgotten beyond this number.
-MOST_NEWS = 100
 
 
 class SimClock(Clock):
@@ -118,7 +114,6 @@ class SimServos(LegServos):
         self._clock = SimClock(self._step, WallClock() if realtime else None)
         self._simulation: Simulation | None = None
         self._limp, self._to_come = False, FailuresToCome((), 0.0)
-        self._news: deque[str] = deque(maxlen=MOST_NEWS)
 
     @property
     def robot(self) -> Robot:
@@ -174,15 +169,11 @@ class SimServos(LegServos):
         return self._qpos[:3].copy(), self._qpos[3:FIRST_JOINT].copy()
 
     @property
-    def failures(self) -> tuple[Failure, ...]:
-        """The failures in force now, by leg."""
-        return tuple(failure for _, failure in sorted(self.simulation.failed.by_leg.items()))
-
-    def news(self) -> Sequence[str]:
-        """Legs that failed or healed since this was asked last."""
-        news = tuple(self._news)
-        self._news.clear()
-        return news
+    def failures(self) -> tuple[Failure, ...] | None:  # type: ignore[override]  # changes while it walks
+        """The failures in force now, by leg; None before `connect`."""
+        if self._simulation is None:
+            return None
+        return tuple(failure for _, failure in sorted(self._simulation.failed.by_leg.items()))
 
     def walk_begins(self) -> None:
         """Count the times of the events from the next control period on."""
@@ -199,8 +190,6 @@ class SimServos(LegServos):
         if limp:
             self._set_springs(1.0)
         simulation.failed.change(leg, failure)
-        what = "whole again" if failure is None else in_words(failure)
-        self._news.append(f"the world: leg {leg} {what}")
         self._keep_springs()
         if limp:
             self._set_springs(0.0)

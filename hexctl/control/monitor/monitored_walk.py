@@ -112,6 +112,15 @@ class MonitoredWalk(Controller):
         """Normalised times of the legs in the last step, leading shape + (6,)."""
         return self.walk.leg_phases
 
+    @property
+    def leg_suspicion(self) -> FloatArray | None:  # type: ignore[override]  # of the monitor
+        """Evidence against each leg, an alarm at 1, leading shape + (6,); None in the soft stop."""
+        return None if self._stopping else self._monitor.ratio
+
+    def believed_failures(self, index: int = 0) -> tuple[Failure, ...]:
+        """Failures that its plan tells, and those that it noticed, by leg."""
+        return tuple(sorted(self._failures[index], key=lambda one: one.leg))
+
     def targets_rad(self, step: int, state: RobotState) -> FloatArray:
         """Joint angles at this step, leading shape + (18,)."""
         if (phases := self.walk.leg_phases) is not None and not self._stopping:
@@ -161,6 +170,9 @@ class MonitoredWalk(Controller):
         news, self._news = self._news, ()
         return news
 
+    def _tell(self, *lines: str) -> None:
+        self._news = (*self._news, *lines)
+
     def _row(self, index: int) -> tuple[int, ...]:
         """Index of a robot in arrays of the leading shape."""
         return (index,) if self._start.batch_shape else ()
@@ -178,7 +190,7 @@ class MonitoredWalk(Controller):
             self._failures[index].append(suspicion.failure)
             response = self._answer(index, self._failures[index])
             self.noticed[index].append(Noticed(suspicion=suspicion, response=response))
-            self._news = (*self._news, f"noticed: {suspicion}, by its {suspicion.evidence}; {response}")
+            self._tell(f"noticed: {suspicion}, by {suspicion.evidence}", f"policy: {response}")
             responses[index] = response
             if response.stop:
                 self._stopped[index] = f"{suspicion}; {self._trouble}" if self._trouble else str(suspicion)
@@ -243,7 +255,7 @@ class MonitoredWalk(Controller):
         suspicion = Suspicion(failure=before, step=step, evidence="following", ratio=0.0)
         self.noticed[index].append(Noticed(suspicion=suspicion, response=response, healed=True))
         again = "is put down again, on trial" if before.kind == "missing" else "follows again"
-        self._news = (*self._news, f"noticed: leg {leg} {again}; {response}")
+        self._tell(f"noticed: leg {leg} {again}", f"policy: {response}")
         self._glide({index: response})
 
     def _settle_kind(self, index: int, place: int, cycles: float) -> None:
@@ -266,7 +278,7 @@ class MonitoredWalk(Controller):
         self._failures[index] = [failure if one is before.failure else one for one in self._failures[index]]
         if (index, before.leg) in self._probes and "missing" in (failure.kind, before.failure.kind):
             self._try_later(index, suspicion)
-        self._news = (*self._news, f"noticed: it is {suspicion}")
+        self._tell(f"noticed: it is {suspicion}")
 
     def _suited(self, gaits: list[Gait]) -> list[Gait]:
         """Gaits of a planned change, suited to the legs that have failed meanwhile."""
