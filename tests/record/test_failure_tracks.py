@@ -30,7 +30,7 @@ def read(walked: RunResult) -> ReadBack:
     return ReadBack(walked.recording)
 
 
-def timed(read: ReadBack, path: str, component: str) -> list[tuple[float, Any]]:
+def timed(read: ReadBack, path: str, component: str) -> Any:
     """Values with their times in the walk."""
     times = read.times_s(f"/{path}", component, paths.WALK_TIMELINE)
     return list(zip(times.tolist(), read.values(f"/{path}", component), strict=True))
