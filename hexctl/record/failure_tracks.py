@@ -1,6 +1,6 @@
 """Tracks of failures: what the world breaks, what the walk suspects and notices, and how legs look."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -62,13 +62,14 @@ def _short(failures: Sequence[Failure]) -> str:
 def failure_lines(block: Block) -> Iterator[tuple[int, str]]:
     """Rows of the log at which the world let legs fail or heal, and lines that say so."""
     for change in block.leg_changes():
-        if change.by == "world" and (change.row or change.failures):
-            for text in _differences(change):
+        if change.by == "world":
+            # What was told is not news when it begins.
+            before = block.subject.plan.failures if change.row == 0 else change.before
+            for text in _differences(_by_leg(before), _by_leg(change.failures)):
                 yield _since(change), f"world: {text}"
 
 
-def _differences(change: LegChange) -> Iterator[str]:
-    before, now = _by_leg(change.before), _by_leg(change.failures)
+def _differences(before: Mapping[int, Failure], now: Mapping[int, Failure]) -> Iterator[str]:
     for leg in sorted({*before, *now}):
         if leg not in now:
             yield f"leg {leg} whole again"
