@@ -38,6 +38,10 @@ USUAL_CYCLES, FIRST_RHO = 1.5, 0.8
 #: for before anything is known.
 MOST_CYCLES, FIRST_MISSING, FIRST_IDLE = 6.0, 0.6, 0.1
 
+#: Where this many legs do not follow at once it is the robot that cannot: how many times the rho of
+#: the least of them is added to its threshold.
+MANY, TIMES_MANY = 3, 4.0
+
 #: An alarm needs this many ticks in a row.
 ALARM_TICKS = 3
 
@@ -128,6 +132,7 @@ class LegMonitor:
         self.new: BoolArray = np.zeros(legs, dtype=bool)
         self.ratio: FloatArray = np.zeros(legs)
         self._ratios: FloatArray = np.zeros((3, *legs))
+        self._rho_of_many: FloatArray = np.zeros((*shape, 1))
         self._set_threshold()
         self._threshold_then = self._threshold  # at the last alarm
 
@@ -189,12 +194,20 @@ class LegMonitor:
         """Follow what is usual: the greatest rho of all joints of a robot, and what other legs miss."""
         worst = np.maximum.reduce(self._evidence[0] * self._watched, axis=-1, keepdims=True)
         self._compared[0] += self._usual_share * (worst - self._compared[0])
+        self._learn_overload()
         self._most_seen = np.maximum(self._most_seen * self._kept, self._evidence[1:]) * self._watched
         self._compared[1:] = np.maximum.reduce(self._most_seen.take(self._others))
         self._set_threshold()
 
+    def _learn_overload(self) -> None:
+        """Follow the most that many legs had at once; legs do not fail all at the same time."""
+        rho = np.partition(self._evidence[0] * self._watched, N_LEGS - MANY, axis=-1)
+        now = rho[..., N_LEGS - MANY, np.newaxis]
+        self._rho_of_many = np.maximum(self._rho_of_many * self._kept[..., :1], now)
+
     def _set_threshold(self) -> None:
         self._threshold = np.minimum(self._least + self._times * self._compared, self._most)
+        self._threshold[0] += TIMES_MANY * self._rho_of_many
 
     def _count_alarms(self) -> None:
         """Count for how many ticks each leg has been suspected, and accept those that were for long."""

@@ -140,6 +140,14 @@ def test_a_whole_robot_is_left_alone(noise_deg: float, offset_deg: float) -> Non
     assert _walk(None, cycles=30.0, noise_deg=noise_deg, offset_deg=offset_deg) == []
 
 
+@pytest.mark.parametrize("legs", [(4,), (1, 3, 5), (1, 2, 3, 4, 5, 6)])
+def test_where_many_legs_do_not_follow_at_once_it_is_the_robot(legs: tuple[int, ...]) -> None:
+    """A load that is too much for the servos."""
+    joints = tuple(joint for leg in legs for joint in range(3 * leg - 3, 3 * leg))
+    noticed = {suspicion.leg for _, suspicion in _walk(_held(joints, torque_nm=0.3))}
+    assert noticed == (set(legs) if len(legs) == 1 else set())
+
+
 def test_targets_that_come_back_as_measurements_say_nothing() -> None:
     joints = tuple(range(3))
     assert _walk(_held(joints, torque_nm=0.3), measured=False) == []
