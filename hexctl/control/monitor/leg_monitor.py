@@ -31,16 +31,17 @@ LEAST_MISSING, TIMES_MISSING, MOST_MISSING = 0.6, 0.6, 0.99
 #: Cycles for which a joint without power is idle, and how many times the most of another leg's are added.
 LEAST_IDLE, TIMES_IDLE = 0.14, 1.0
 
-#: Time constant of what is usual, in cycles, and rho before anything is known of it.
-USUAL_CYCLES, FIRST_RHO = 1.5, 0.8
+#: Time constants of what is usual, of other legs and of a leg itself, whose failure must not raise its own
+#: threshold, in cycles; and rho before anything is known of it.
+USUAL_CYCLES, OWN_CYCLES, FIRST_RHO = 1.5, 3.0, 0.8
 
 #: Time constant with which the most that other legs missed is forgotten, in cycles, and what both are taken
 #: for before anything is known.
 MOST_CYCLES, FIRST_MISSING, FIRST_IDLE = 6.0, 0.6, 0.1
 
-#: Where this many legs do not follow at once it is the robot that cannot: how many times the rho of
-#: the least of them is added to its threshold.
-MANY, TIMES_MANY = 3, 4.0
+#: Where this many legs do not follow at once it is the robot that cannot: how many times the rho of the least
+#: of them is added to the threshold, and the time constant with which it is forgotten, in cycles.
+MANY, TIMES_MANY, MANY_CYCLES = 3, 6.0, 3.0
 
 #: An alarm needs this many ticks in a row.
 ALARM_TICKS = 3
@@ -115,8 +116,12 @@ class LegMonitor:
         self._compared = _of_each(legs, FIRST_RHO, FIRST_MISSING, FIRST_IDLE)
         self._most_seen = self._compared[1:].copy()
         ticks_in_cycles = np.broadcast_to((LEARNING_TICKS * cycles)[..., np.newaxis], legs).copy()
-        self._usual_share = np.minimum(1.0, ticks_in_cycles / USUAL_CYCLES)
+        constants = np.array([USUAL_CYCLES, OWN_CYCLES]).reshape(2, *([1] * len(legs)))
+        self._usual_shares = np.minimum(1.0, ticks_in_cycles / constants)
+        # As other legs are compared with it, and as the leg itself is.
+        self._usual_rho = _first_usual(legs)
         self._kept = np.exp(-ticks_in_cycles / MOST_CYCLES)
+        self._many_kept = np.exp(-ticks_in_cycles[..., :1] / MANY_CYCLES)
         places = np.arange(self._most_seen.size).reshape(self._most_seen.shape)
         self._others = np.stack([np.roll(places, by, axis=-1) for by in range(1, N_LEGS)])
         self._least = _of_each(legs, LEAST_RHO, LEAST_MISSING, LEAST_IDLE)
@@ -191,19 +196,21 @@ class LegMonitor:
         )
 
     def _learn_usual(self) -> None:
-        """Follow what is usual: the greatest rho of all joints of a robot, and what other legs miss."""
-        worst = np.maximum.reduce(self._evidence[0] * self._watched, axis=-1, keepdims=True)
-        self._compared[0] += self._usual_share * (worst - self._compared[0])
+        """Follow what is usual: the rho of other legs and of each itself, and what other legs miss."""
+        rho = self._evidence[0] * self._watched
+        self._usual_rho += self._usual_shares * (rho - self._usual_rho)
         self._learn_overload()
         self._most_seen = np.maximum(self._most_seen * self._kept, self._evidence[1:]) * self._watched
         self._compared[1:] = np.maximum.reduce(self._most_seen.take(self._others))
+        of_others, own = self._usual_rho
+        self._compared[0] = np.maximum(np.maximum.reduce(of_others.take(self._others[:, 0])), own)
         self._set_threshold()
 
     def _learn_overload(self) -> None:
         """Follow the most that many legs had at once; legs do not fail all at the same time."""
         rho = np.partition(self._evidence[0] * self._watched, N_LEGS - MANY, axis=-1)
         now = rho[..., N_LEGS - MANY, np.newaxis]
-        self._rho_of_many = np.maximum(self._rho_of_many * self._kept[..., :1], now)
+        self._rho_of_many = np.maximum(self._rho_of_many * self._many_kept, now)
 
     def _set_threshold(self) -> None:
         self._threshold = np.minimum(self._least + self._times * self._compared, self._most)
@@ -238,6 +245,7 @@ class LegMonitor:
         patient = _of_each(self.new.shape, FIRST_RHO, MOST_MISSING, 2 * FIRST_IDLE)
         self._compared = np.where(changed, patient, self._compared)
         self._most_seen = np.where(changed, patient[1:], self._most_seen)
+        self._usual_rho = np.where(changed, _first_usual(self.new.shape), self._usual_rho)
         self._set_threshold()
         self._following.forget(changed)
         anew = changed if anew is None else anew
@@ -264,6 +272,11 @@ class LegMonitor:
             none_nm=self._none_nm[leg_slice(leg)],
             powered=powered,
         )
+
+
+def _first_usual(legs: tuple[int, ...]) -> FloatArray:
+    """Rho that is usual before anything is known of it, (2,) + legs."""
+    return np.stack([np.full(legs, FIRST_RHO), np.zeros(legs)])
 
 
 def _of_each(legs: tuple[int, ...], *values: float) -> FloatArray:
