@@ -16,6 +16,7 @@ LANES = {
     "robots": (
         "tests/serve/test_link_faults.py",
         "tests/serve/test_steered_link.py",
+        "tests/serve/test_failing_link.py",
         "tests/serve/test_servo_board.py",
         "tests/serve/test_remote.py",
         "tests/docs/test_commands.py::test_the_commands_of_a_page",

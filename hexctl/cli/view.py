@@ -71,7 +71,12 @@ def _watch(*, web: bool, link: str | None, **options: Any) -> int:
                 _print_address(live.url)
             try:
                 watch_states(
-                    live, robot, states.newest, place=loaded.endpoint, stop_requested=interrupt.requested
+                    live,
+                    robot,
+                    states.newest,
+                    place=loaded.endpoint,
+                    stop_requested=interrupt.requested,
+                    failures=lambda: states.failures,
                 )
             except RobotFaultError:
                 # A window keeps showing the last that came; a browser cannot ask for more.

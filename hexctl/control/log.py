@@ -57,6 +57,12 @@ class LegChange:
     before: tuple[Failure, ...]
     failures: tuple[Failure, ...]
 
+    @property
+    def differences(self) -> list[tuple[int, Failure | None]]:
+        """Legs that changed, 1..6, and how they have failed now; None for one that is whole again."""
+        before, now = ({one.leg: one for one in failures} for failures in (self.before, self.failures))
+        return [(leg, now.get(leg)) for leg in sorted({*before, *now}) if before.get(leg) != now.get(leg)]
+
 
 class TickLog:
     """Rows of all ticks of a trial so far.

@@ -64,7 +64,8 @@ def failure_lines(block: Block) -> Iterator[tuple[int, str]]:
     for change in block.leg_changes():
         if change.by == "world":
             # What was told is not news when it begins.
-            before = block.subject.plan.failures if change.row == 0 else change.before
+            told = [one for one in block.subject.plan.failures if one.leg in _by_leg(change.failures)]
+            before = told if change.row == 0 else change.before
             for text in _differences(_by_leg(before), _by_leg(change.failures)):
                 yield _since(change), f"world: {text}"
 

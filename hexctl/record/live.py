@@ -19,6 +19,7 @@ from hexctl.control.trace import TrialFrame
 from hexctl.errors import RecordingError, RobotFaultError
 from hexctl.gait.gait import make_gait
 from hexctl.record.viewer import LOCAL, check_display, free_port, viewer_binary, web_options, web_url
+from hexctl.robot.failure import Failure
 from hexctl.robot.model import Robot
 from hexctl.robot.rotations import yaw_rad
 from hexctl.types import JointTargets, RobotState
@@ -197,6 +198,7 @@ def watch_states(
     *,
     place: str,
     stop_requested: Callable[[], bool],
+    failures: Callable[[], tuple[Failure, ...] | None] = lambda: None,
 ) -> None:
     """Show a robot's states at 50 Hz until the viewer is closed or a stop is requested.
 
@@ -206,6 +208,7 @@ def watch_states(
         read: gives the latest state, with its stamp on the clock whose time it is given in s.
         place: where the robot is, for titles.
         stop_requested: asked at every tick.
+        failures: gives the legs of a simulation that have failed, None where that is unknown.
 
     Raises RobotFaultError when the live view is lost, and what `read` raises.
     """
@@ -213,13 +216,16 @@ def watch_states(
     plan = TrialPlan(gait=make_gait(robot, "demo"))
     while not stop_requested() and live.open:
         live.begin(robot, plan, title=f"{robot.name} at {place}, from {time.strftime('%H:%M:%S')}")
-        _watch_recording(live, read, stop_requested)
+        _watch_recording(live, read, stop_requested, failures)
         if live.lost is not None:
             raise RobotFaultError(f"{live.lost}; {place} itself is as it was")
 
 
 def _watch_recording(
-    live: LiveView, read: Callable[[float], RobotState], stop_requested: Callable[[], bool]
+    live: LiveView,
+    read: Callable[[float], RobotState],
+    stop_requested: Callable[[], bool],
+    failures: Callable[[], tuple[Failure, ...] | None],
 ) -> None:
     """Show states for as long as one recording may last."""
     log = TickLog()
@@ -233,6 +239,7 @@ def _watch_recording(
             yaw = 0.0 if quaternion is None else float(yaw_rad(quaternion))
             log.frame = TrialFrame(state.base_position_world, yaw, yaw)
         positions_rad = state.joint_positions_rad
+        log.note_failures("world", failures())
         log.record(tick, state, positions_rad, JointTargets(positions_rad, tick.time_s))
         if len(log) % LIVE_BLOCK_TICKS == 0:
             live.write_block(log, len(log) - LIVE_BLOCK_TICKS, len(log))

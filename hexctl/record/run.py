@@ -327,7 +327,7 @@ class Run:
             "failed_leg": plan.belief.leg if plan.belief else None,
             "failure": str(plan.belief) if plan.belief else None,
             "further_failures": {str(one.leg): str(one) for one in plan.further_failures},
-            "events": self._event_texts(trial.duration_s),
+            "events": self._event_texts(trial.duration_s, log),
             **trial.to_dict(),
             "ideal_yaw_change_deg": math.degrees(plan.turn_rate_rad_s * trial.duration_s),
             "ticks": len(log),
@@ -348,16 +348,33 @@ class Run:
         """Legs that the simulated world lets fail and heal."""
         return self._world.events if self.spec.simulated else ()
 
-    def _event_texts(self, until_s: float) -> list[str]:
-        """What failed and healed by a time, by options and by the world itself."""
-        events = sorted((*self._world_events, *self.spec.events), key=lambda event: event.at_s)
-        return [str(event) for event in events if event.at_s < until_s]
+    def _event_texts(self, until_s: float, log: TickLog) -> list[str]:
+        """What failed and healed by a time: by options and by the world itself, or as a twin has told."""
+        planned = (*self._world_events, *self.spec.events)
+        events = planned if self.spec.simulated else _events_told(log)
+        in_order = sorted(events, key=lambda event: event.at_s)
+        return [str(event) for event in in_order if event.at_s < until_s]
 
     def _world_text(self) -> str | None:
         if not self.spec.simulated:
             return None
         world = self.spec.world
         return "custom" if isinstance(world, World) else str(world or "flat")
+
+
+def _events_told(log: TickLog) -> list[FailureEvent]:
+    """Legs that a simulation at the other end of a link let fail and heal during a walk."""
+    if log.walk_from is None:
+        return []
+    began_s = float(log["time_s"][log.walk_from])
+    told = []
+    for change in log.leg_changes:
+        at_s = float(log["time_s"][min(change.row, len(log) - 1)]) - began_s
+        if change.by == "world" and at_s > 0:
+            told += [
+                FailureEvent(at_s=round(at_s, 3), leg=leg, failure=now) for leg, now in change.differences
+            ]
+    return told
 
 
 def _as_it_may_stand(robot: Robot, plan: TrialPlan) -> list[TrialPlan]:

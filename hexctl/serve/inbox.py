@@ -10,6 +10,9 @@ from typing import Any
 #: More messages than arrive in a tick; a full queue drops its oldest.
 CAPACITY = 64
 
+#: Kinds of messages of which only so many wait: a flood of them must not displace commands.
+MOST_WAITING = {"failure": 4}
+
 
 @dataclass(frozen=True, slots=True)
 class Arrival:
@@ -45,7 +48,11 @@ class Inbox:
         self.overflowed = 0
 
     def put(self, kind: str, item: Any) -> None:
-        """Append an arrival; never waits."""
+        """Append an arrival, but one of a kind of which enough wait; never waits."""
+        most = MOST_WAITING.get(kind)
+        if most is not None and sum(one.kind == kind for one in list(self._waiting)) >= most:
+            self.overflowed += 1
+            return
         while len(self._waiting) >= self._capacity:
             with suppress(IndexError):
                 self._waiting.popleft()

@@ -3,6 +3,7 @@
 import math
 import secrets
 import time
+from collections import deque
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -17,6 +18,10 @@ LEASE_S = 1.0
 
 #: Longest text of a failure that is read.
 MAX_FAILURE_TEXT = 60
+
+#: Legs of a simulation that may change in a second: each change takes a part of a control period.
+MOST_CHANGES = 10
+CHANGES_S = 1.0
 
 #: Longest name of a controller.
 MAX_OWNER = 80
@@ -134,6 +139,7 @@ class RequestHandler:
         self._guard, self._leases = guard, leases
         self.malformed = 0
         self._stopped_at_s = -math.inf
+        self._changed_at_s: deque[float] = deque(maxlen=MOST_CHANGES)
 
     def urgent(self, payload: bytes) -> None:
         """Stop the robot if a payload at `estop` asks for it, as an empty one does. Safe on any thread."""
@@ -164,12 +170,19 @@ class RequestHandler:
         self._leases.revoke()
         return {"stopped": self._guard.stopped}
 
-    def failure(self, payload: bytes) -> dict[str, Any]:
+    def failure(self, payload: bytes, at_s: float) -> dict[str, Any]:
         """Answer to a request at `failure`: the legs of a simulation that have failed now, or an error.
 
         A request has the text of a failure, `{"op": "fail", "failure": "5:limp"}`, or a leg that heals,
-        `{"op": "heal", "leg": 5}`.
+        `{"op": "heal", "leg": 5}`. More than `MOST_CHANGES` in a second are refused.
+
+        Args:
+            payload: of the request.
+            at_s: time of arrival, on any monotonic clock.
         """
+        changed_at_s = self._changed_at_s
+        if len(changed_at_s) == MOST_CHANGES and at_s - changed_at_s[0] < CHANGES_S:
+            return {"error": f"failure: got more in a second; allowed: {MOST_CHANGES} legs that fail or heal"}
         try:
             content = decode_json(payload)
             heals = _one_of(content, "op", ("fail", "heal")) == "heal"
@@ -181,6 +194,7 @@ class RequestHandler:
             leg = parse_healing(f"{text}@0").leg if failure is None else failure.leg
             whole = all(one.leg != leg for one in self._guard.failures or ())
             self._guard.change_leg(leg, failure)
+            changed_at_s.append(at_s)
         except HexctlError as error:
             return {"error": str(error)}
         failures = self._guard.failures or ()

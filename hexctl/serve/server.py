@@ -205,10 +205,12 @@ class RobotServer:
         elif arrival.kind == "lease":
             self._transport.reply(arrival.kind, item, self._requests.lease(payload_of(item), arrival.at_s))
         elif arrival.kind == "failure":
-            answer = self._requests.failure(payload_of(item))
+            answer = self._requests.failure(payload_of(item), arrival.at_s)
             if "failures" in answer and self._simulated is not None:
                 self._simulated["failure"] = ", ".join(answer["failures"]) or "none"
             self._transport.reply(arrival.kind, item, {**answer, **self._who})
+            if "failures" in answer:
+                self._publish_status()
         elif arrival.kind == "estop":
             answer = self._requests.estop(payload_of(item), arrival.at_s)
             self._transport.reply(arrival.kind, item, {**answer, **self._who})
@@ -260,7 +262,7 @@ class RobotServer:
         self._publish(state)
         self._log_changes()
         if self._ticks % STATUS_TICKS == 0:
-            self._transport.publish("status", encode_json(self.status()))
+            self._publish_status()
         if self._ticks % BATTERY_TICKS == 0:
             self._transport.publish("battery", encode_battery(state.battery_v, state.battery_share))
 
@@ -300,6 +302,9 @@ class RobotServer:
         joints = encode_positions(state.joint_positions_rad, torques_nm=state.joint_torques_nm)
         self._transport.publish("joint_states", joints, tag)
 
+    def _publish_status(self) -> None:
+        self._transport.publish("status", encode_json(self.status()))
+
     def status(self) -> dict[str, Any]:
         """Status of the robot, as JSON values."""
         now_s = time.monotonic()
@@ -308,6 +313,7 @@ class RobotServer:
         return {
             **self._who,
             "simulated": self._simulated,
+            "failures": None if guard.failures is None else [f"{one.leg}:{one}" for one in guard.failures],
             "stopped": guard.stopped,
             "posture": self._idle.name,
             "controller": None if lease is None else lease.owner,

@@ -36,6 +36,16 @@ def test_what_does_not_fit_pushes_out_the_oldest_and_is_counted() -> None:
     assert inbox.overflowed == 3
 
 
+def test_a_flood_of_failures_displaces_no_command() -> None:
+    inbox = Inbox()
+    inbox.put("command", "a")
+    for _ in range(10 * CAPACITY):
+        inbox.put("failure", "b")
+    inbox.put("command", "c")
+    assert items(inbox) == ["a", *"bbbb", "c"]
+    assert inbox.overflowed == 10 * CAPACITY - 4
+
+
 @pytest.mark.parametrize("timeout_s", [-1.0, 0.0, 0.01])
 def test_nothing_came(timeout_s: float) -> None:
     assert Inbox().take(timeout_s) is None

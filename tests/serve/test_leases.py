@@ -7,7 +7,7 @@ import pytest
 from hexctl.backends.sim.servos import SimServos
 from hexctl.control.guard import Guard
 from hexctl.errors import EStopError
-from hexctl.serve.leases import LEASE_S, LeaseManager, LeaseRefusedError, RequestHandler
+from hexctl.serve.leases import LEASE_S, MOST_CHANGES, LeaseManager, LeaseRefusedError, RequestHandler
 from hexctl.wire.description import encode_json
 from tests.control.posed import connected, send
 from tests.robots import shipped
@@ -167,7 +167,7 @@ def test_resting_is_no_silence(guard: Guard, desk: RequestHandler) -> None:
 )
 def test_a_request_for_a_failure_that_cannot_be_is_answered_with_an_error(payload: bytes) -> None:
     with SimServos(shipped()) as servos:
-        answer = RequestHandler(Guard(servos), LeaseManager()).failure(payload)
+        answer = RequestHandler(Guard(servos), LeaseManager()).failure(payload, 0.0)
         assert list(answer) == ["error"]
         assert servos.failures == ()
 
@@ -176,7 +176,18 @@ def test_a_leg_that_is_whole_already_and_the_torque_of_a_weak_one_are_told() -> 
     heal = b'{"op": "heal", "leg": 5}'
     with SimServos(shipped()) as servos:
         desk = RequestHandler(Guard(servos), LeaseManager())
-        assert desk.failure(heal) == {"failures": [], "note": "leg 5 was whole already"}
-        weak = desk.failure(b'{"op": "fail", "failure": "5:weak:femur:0.2"}')
+        assert desk.failure(heal, 0.0) == {"failures": [], "note": "leg 5 was whole already"}
+        weak = desk.failure(b'{"op": "fail", "failure": "5:weak:femur:0.2"}', 0.0)
         assert weak == {"failures": ["leg 5 femur weak (0.2 of its torque)"]}
-        assert desk.failure(heal) == {"failures": []}
+        assert desk.failure(heal, 0.0) == {"failures": []}
+
+
+def test_legs_that_fail_and_heal_too_often_are_refused_until_a_second_has_passed() -> None:
+    requests = [b'{"op": "fail", "failure": "5:limp"}', b'{"op": "heal", "leg": 5}']
+    with SimServos(shipped()) as servos:
+        desk = RequestHandler(Guard(servos), LeaseManager())
+        answers = [desk.failure(requests[number % 2], 0.01 * number) for number in range(50)]
+        assert ["error" in answer for answer in answers] == [False] * MOST_CHANGES + [True] * 40
+        assert answers[-1]["error"] == "failure: got more in a second; allowed: 10 legs that fail or heal"
+        assert desk.failure(requests[0], 1.005) == {"failures": ["leg 5 limp"]}
+        assert "error" in desk.failure(requests[1], 1.006)

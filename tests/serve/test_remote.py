@@ -70,6 +70,7 @@ def test_legs_of_a_served_simulation_fail_and_heal_on_request(tmp_path: Path) ->
         shown = hexctl("status", *here)
         with remote_robots(Role.CONTROLLER, connect=robot.endpoint) as robots:
             assert robots.statuses()[0]["simulated"]["failure"] == "leg 2 femur stuck"
+            assert robots.statuses()[0]["failures"] == ["2:stuck:femur:0"]
             assert [answer["failures"] for answer in robots.heal(2)] == [[]]
             with pytest.raises(InputError, match="LEG:FAILURE"):
                 robots.fail("limp")

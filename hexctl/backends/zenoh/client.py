@@ -15,6 +15,7 @@ from hexctl.backends.base import LegServos, as_robot, check_connected, check_tar
 from hexctl.backends.clock import Clock, CountedClock, WallClock
 from hexctl.backends.zenoh.subscriber import LatestValues, StateSubscriber
 from hexctl.errors import MessageError, RobotFaultError, argument
+from hexctl.robot.failure import Failure
 from hexctl.robot.model import Robot
 from hexctl.types import JointTargets, RobotState
 from hexctl.waiting import wait_for
@@ -215,6 +216,11 @@ class ZenohServos(LegServos):
     def clock(self) -> Clock:
         """The clock of this end."""
         return self._clock
+
+    @property
+    def failures(self) -> tuple[Failure, ...] | None:  # type: ignore[override]  # as it tells
+        """Failures in force in a simulation at the other end, as it told last; None for a robot."""
+        return None if self._opened is None else self._subscriber.failures
 
     def connect(self) -> None:
         """Open the link, verify the robot, take its lease and wait for its first state.

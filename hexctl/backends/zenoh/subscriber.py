@@ -7,15 +7,17 @@ from typing import Any
 
 import zenoh
 
-from hexctl.errors import MessageError, RobotFaultError
+from hexctl.errors import InputError, MessageError, RobotFaultError
+from hexctl.robot.failure import Failure, each_failure, parse_failure
 from hexctl.types import FloatArray, RobotState
 from hexctl.waiting import wait_for
+from hexctl.wire.description import decode_json
 from hexctl.wire.links import KeyMap
 from hexctl.wire.messages import StateTag, contacts_of, decode_battery, decode_joints
 from hexctl.wire.pose import decode_pose
 
 #: Kinds of messages that are subscribed to.
-SUBSCRIBED = ("joint_states", "odom", "battery")
+SUBSCRIBED = ("joint_states", "odom", "battery", "status")
 
 #: How long a robot may take to send its first state.
 FIRST_STATE_TIMEOUT_S = 3.0
@@ -78,6 +80,8 @@ class StateSubscriber:
 
     def __init__(self, keys: KeyMap, latest: LatestValues, *, plain: bool = False) -> None:
         self._keys, self._latest, self._plain = keys, latest, plain
+        self._failures: tuple[Failure, ...] | None = None
+        self._failures_of: StampedSample | None = None
 
     def subscribe(self, session: zenoh.Session) -> None:
         """Subscribe, with nothing received yet."""
@@ -136,6 +140,15 @@ class StateSubscriber:
             joint_torques_nm=torques_nm,
         )
 
+    @property
+    def failures(self) -> tuple[Failure, ...] | None:
+        """Failures in force in a simulation at the other end, by leg, as it told last; None for a robot."""
+        sample = self._latest.newest("status")
+        if sample is not None and sample is not self._failures_of:
+            self._failures_of = sample
+            self._failures = _failures_of(sample.payload)
+        return self._failures
+
     def _pose(self, state_at_s: float) -> tuple[FloatArray | None, FloatArray | None]:
         """The newest pose; None once states keep arriving without it, but not while everything is silent."""
         sample = self._latest.newest("odom")
@@ -152,3 +165,15 @@ class StateSubscriber:
             return (None, None) if sample is None else decode_battery(sample.payload)
         except MessageError:
             return None, None
+
+
+def _failures_of(payload: bytes) -> tuple[Failure, ...] | None:
+    """Failures that a status tells, such as `5:limp`; None where it tells none or is not understood."""
+    try:
+        texts = decode_json(payload).get("failures")
+        if not isinstance(texts, list):
+            return None
+        told = [str(text).partition(":") for text in texts]
+        return each_failure([parse_failure(int(leg), kind) for leg, _, kind in told])
+    except (MessageError, InputError, ValueError):
+        return None
