@@ -18,6 +18,7 @@ TOGETHER = {
     "adapt/test_docs_example.py",
     "adapt/test_kill.py",
     "cli/test_meshes.py",
+    "serve/test_failing_link.py",
     "serve/test_hostile_input.py",
     "serve/test_link_faults.py",
     "serve/test_soak.py",

@@ -363,18 +363,23 @@ class Run:
 
 
 def _events_told(log: TickLog) -> list[FailureEvent]:
-    """Legs that a simulation at the other end of a link let fail and heal during a walk."""
+    """Legs that a simulation at the other end of a link let fail and heal, before the walk at its start.
+
+    What it had broken when it was first heard of is no event.
+    """
     if log.walk_from is None:
         return []
-    began_s = float(log["time_s"][log.walk_from])
-    told = []
-    for change in log.leg_changes:
-        at_s = float(log["time_s"][min(change.row, len(log) - 1)]) - began_s
-        if change.by == "world" and at_s > 0:
-            told += [
-                FailureEvent(at_s=round(at_s, 3), leg=leg, failure=now) for leg, now in change.differences
-            ]
-    return told
+    times_s, last = log["time_s"], len(log) - 1
+    changes = [change for change in log.leg_changes if change.by == "world"][1:]
+    return [
+        FailureEvent(
+            at_s=round(max(0.0, float(times_s[min(change.row, last)] - times_s[log.walk_from])), 3),
+            leg=leg,
+            failure=failure,
+        )
+        for change in changes
+        for leg, failure in change.differences
+    ]
 
 
 def _as_it_may_stand(robot: Robot, plan: TrialPlan) -> list[TrialPlan]:
