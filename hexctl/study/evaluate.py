@@ -139,7 +139,7 @@ def fill(
     progress.begin(list(landscapes.values()))
     todo = [chunk for landscape in landscapes.values() for chunk in chunks_of(landscape, chunk_size)]
     for done in simulate(todo):
-        _check_versions(done)
+        _check_versions(done.versions)
         key = done.chunk.spec.fingerprint
         landscapes[key] = with_rows(landscapes[key], done.rows)
         cache.save(landscapes[key])
@@ -223,10 +223,11 @@ def _cancel(futures: Sequence[Future[ChunkDone]]) -> None:
         future.cancel()
 
 
-def _check_versions(done: ChunkDone) -> None:
+def _check_versions(versions: dict[str, str]) -> None:
+    """Raise RobotFaultError unless a chunk was computed by the versions that run here."""
     here = code_versions()
-    differing = [f"{name} {done.versions.get(name)} for {here[name]}" for name in here
-                 if done.versions.get(name) != here[name]]  # fmt: skip
+    differing = [f"{name} {versions.get(name)} for {here[name]}" for name in here
+                 if versions.get(name) != here[name]]  # fmt: skip
     if differing:
         raise RobotFaultError(
             f"study: a worker runs other code than this machine: {', '.join(differing)}; "
@@ -260,6 +261,35 @@ def as_finished(walks: Sequence[Callable[[int], Done]], jobs: int | None) -> Ite
     finally:
         # Not awaited: a walk cannot be stopped, and takes up to a minute.
         executor.shutdown(wait=False, cancel_futures=True)
+
+
+def finished_on_dask(
+    walks: Sequence[Callable[[int], Done]], address: str, jobs: int | None
+) -> Iterator[Done]:
+    """What picklable functions return as they finish on a Dask cluster.
+
+    Args:
+        walks: simulate; each is called with the number of threads that it may use.
+        address: of the scheduler.
+        jobs: threads of each; None is one.
+
+    Raises InputError for an address that does not answer, RobotFaultError when a worker runs other code.
+    """
+    with dask_executor(address) as executor:
+        futures = [executor.submit(_walked_elsewhere, walk, jobs or 1) for walk in walks]
+        try:
+            for future in as_completed(futures):
+                versions, done = future.result()
+                _check_versions(versions)
+                yield done
+        finally:
+            for future in futures:
+                future.cancel()
+
+
+def _walked_elsewhere(walk: Callable[[int], Done], threads: int) -> tuple[dict[str, str], Done]:
+    """What a function returns, and the versions of the code that it ran."""
+    return code_versions(), walk(threads)
 
 
 def simulating() -> bool:

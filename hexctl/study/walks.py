@@ -8,7 +8,7 @@ from typing import Any, Generic, Protocol, TypeVar
 
 from hexctl.files import atomic_write
 from hexctl.study.cache import CacheError, LandscapeCache
-from hexctl.study.evaluate import Progress, as_finished
+from hexctl.study.evaluate import Progress, as_finished, finished_on_dask
 
 
 class Conditions(Protocol):
@@ -125,6 +125,8 @@ def walk_all(
     alike: Callable[[CaseT], Hashable],
     progress: Progress,
     jobs: int | None = None,
+    *,
+    dask: str | None = None,
 ) -> list[tuple[PlaceT, WalkT]]:
     """All walks of some cases, simulated where the cache lacks them.
 
@@ -137,9 +139,11 @@ def walk_all(
         simulate: walks a chunk.
         alike: cases of which this is equal are one chunk under the same conditions.
         progress: observer.
-        jobs: threads that simulate; None is all cores.
+        jobs: threads that simulate; None is all cores here, one for each chunk on a Dask worker.
+        dask: address of a Dask scheduler whose workers simulate, for which conditions, cases and `simulate`
+            are pickled; None simulates here.
 
-    Raises CacheError when walks cannot be saved.
+    Raises CacheError when walks cannot be saved, InputError for an address that does not answer.
     """
     known = {one.fingerprint: cache.load(one) for one, _ in walked}
     todo = [
@@ -152,7 +156,8 @@ def walk_all(
     if left < total:
         progress.note(f"{total - left} of {total} walks: from the cache")
     progress.stage("walks (Ctrl-C stops, the same command continues)", left)
-    for chunk, walks in as_finished([chunk.walk for chunk in todo], jobs):
+    chunks = [chunk.walk for chunk in todo]
+    for chunk, walks in as_finished(chunks, jobs) if dask is None else finished_on_dask(chunks, dask, jobs):
         place = chunk.conditions
         saved = known[place.fingerprint]
         saved.update((walk.case, walk) for walk in walks)
