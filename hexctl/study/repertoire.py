@@ -22,15 +22,16 @@ from hexctl.control.monitor.repertoire import (
     IDENTITY,
     INTACT_GAIT,
     SAFEST,
-    SUFFIX,
     WALK_ON,
     BodySymmetry,
     Candidate,
+    FailedParts,
     Repertoire,
     Situation,
+    moved_parts,
     parts_of,
-    save_repertoire,
 )
+from hexctl.control.monitor.repertoire_store import SUFFIX, save_repertoire
 from hexctl.control.plan import GaitChange, TrialPlan
 from hexctl.control.result import STATUSES, TrialResult
 from hexctl.control.turning import check_plan
@@ -83,8 +84,8 @@ class RepertoirePlan:
         directions: number of directions of travel.
         failures: of single legs, in the words of `parse_failure`.
         pair_failures: of both legs of a pair.
-        codes: how many next codes by the static margin are candidates, and as many drawn at random, as a check
-            of that ranking.
+        codes: how many next codes by the static margin are candidates, and as many drawn at random, as a
+            check of that ranking.
     """
 
     robot: Robot
@@ -133,14 +134,16 @@ class RepertoirePlan:
             for one, other in combinations(legs, 2)
         ]
         headings_deg = [math.remainder(self.step_deg * k, 360.0) for k in range(self.directions)]
-        found, known = [], set()
+        found: list[tuple[tuple[Failure, ...], float]] = []
+        known: set[tuple[FailedParts, float]] = set()
         for failures in (*single, *pairs):
             for heading_deg in headings_deg:
-                if (parts_of(failures), _key_deg(heading_deg)) in known:
+                parts = parts_of(failures)
+                if (parts, _key_deg(heading_deg)) in known:
                     continue
                 found.append((failures, heading_deg))
                 known |= {
-                    (one.failures(failures), _key_deg(one.heading_deg(heading_deg)))
+                    (moved_parts(parts, one.legs), _key_deg(one.heading_deg(heading_deg)))
                     for one in self.symmetries
                 }
         return tuple(found)

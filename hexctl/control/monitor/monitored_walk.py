@@ -224,7 +224,7 @@ class MonitoredWalk(Controller):
         gaits = list(self.walk.gaits)
         changes: BoolArray = np.zeros(len(gaits), dtype=bool)
         for index, response in responses.items():
-            if response.gait is not None:
+            if response.gait is not None and response.gait != gaits[index]:
                 gaits[index], changes[index] = response.gait, True
         if changes.any():
             self.walk.glide_to(gaits, changes if self._start.batch_shape else None)
@@ -279,6 +279,23 @@ class MonitoredWalk(Controller):
         if (index, before.leg) in self._probes and "missing" in (failure.kind, before.failure.kind):
             self._try_later(index, suspicion)
         self._tell(f"noticed: it is {suspicion}")
+        self._reconsider(index, place)
+
+    def _reconsider(self, index: int, place: int) -> None:
+        """Do what the policy says now that it is known better how a leg fails, if that is another gait."""
+        if not isinstance(self.walk, VelocityWalk):
+            return
+        response = self._answer(index, self._failures[index])
+        if response.gait in (None, self.walk.gaits[index]) and not response.stop:
+            return
+        noticed = self.noticed[index]
+        noticed[place] = replace(noticed[place], response=response)
+        self._tell(f"policy: {response}")
+        if response.stop:
+            self._stopped[index] = self._trouble or str(noticed[place].suspicion)
+            return
+        self._monitor.gait_changes(self._each([each == index for each in range(len(self.noticed))]))
+        self._glide({index: response})
 
     def _suited(self, gaits: list[Gait]) -> list[Gait]:
         """Gaits of a planned change, suited to the legs that have failed meanwhile."""

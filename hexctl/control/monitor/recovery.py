@@ -4,9 +4,12 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
+from typing import Literal
 
 from hexctl.control.assessment.crawl import gait_without
 from hexctl.control.assessment.static_stability import STAND_UP
+from hexctl.control.monitor.repertoire import SAFEST, WALK_ON, Repertoire, walks_on
+from hexctl.control.monitor.repertoire_store import find_repertoire
 from hexctl.control.plan import TrialPlan
 from hexctl.gait.gait import Gait
 from hexctl.robot.failure import Failure
@@ -25,15 +28,23 @@ class Response:
     Attributes:
         gait: glides to this gait, posture included; None keeps the one it has.
         stop: comes softly to a stand.
+        stays: whether the gait is the one it had while all legs were whole.
+        why: what speaks for it, for people; empty for nothing in particular.
     """
 
     gait: Gait | None = None
     stop: bool = False
+    stays: bool = False
+    why: str = ""
 
     def __str__(self) -> str:
+        return f"{self._did}: {self.why}" if self.why else self._did
+
+    @property
+    def _did(self) -> str:
         if self.stop:
             return "stopped"
-        if self.gait is None:
+        if self.gait is None or self.stays:
             return "walked on"
         slots = f"slots {','.join(map(str, self.gait.slots))}"
         return f"glided to {slots}" if self.gait.phases is None else f"glided to a crawl, {slots}"
@@ -82,18 +93,33 @@ class StopWalking(RecoveryPolicy):
 
 
 class GlideToStableGait(RecoveryPolicy):
-    """Glides to the gait that stands safest without the failed legs, which are tucked, the body a little up.
+    """Glides to the best gait for the legs that are left: by the repertoire, else the one that stands safest.
 
-    Without two legs that is a crawl with the body shifted, unless they are opposite (`gait_without`). Without
-    three it stops. The course stays what it was.
+    The safest has the failed legs tucked, the body a little up; without two legs it is a crawl with the body
+    shifted, unless they are opposite (`gait_without`). Where the repertoire has walked the failures in this
+    direction of travel, and another gait was faster, it is that one; it may be to walk on as before. Without
+    three legs it stops. The course stays what it was.
+
+    Args:
+        repertoire: what it goes by; `auto` finds the robot's, in `runs/repertoires` or shipped; None goes by
+            the static margin alone.
     """
 
+    def __init__(self, repertoire: Repertoire | Literal["auto"] | None = "auto") -> None:
+        self._find = repertoire == "auto"
+        self._repertoires = [repertoire] if isinstance(repertoire, Repertoire) else []
+
     def prepare(self, robot: Robot, plan: TrialPlan, heading_body_rad: float) -> None:
-        """Find the gaits for each leg that may fail first, and for each two."""
+        """Find the repertoire, and the gaits for each leg that may fail first, and for each two."""
         whole = [leg for leg in range(1, N_LEGS + 1) if leg not in plan.failed_legs]
         left = range(1, MOST_RECOVERED - len(plan.failed_legs) + 1)
         for lost in [legs for count in left for legs in combinations(whole, count)]:
             self._gait_without(robot, plan, heading_body_rad, lost)
+        if self._find and self._covering(robot, plan) is None:
+            found = find_repertoire(robot, plan)
+            self._repertoires += [] if found is None else [found]
+        if (repertoire := self._covering(robot, plan)) is not None:
+            repertoire.choice((), heading_body_rad)  # works all choices out
 
     def respond(
         self, robot: Robot, plan: TrialPlan, heading_body_rad: float, failures: Sequence[Failure]
@@ -105,7 +131,29 @@ class GlideToStableGait(RecoveryPolicy):
             return Response(gait=plan.gait)
         if len(legs) > MOST_RECOVERED:
             return Response(stop=True)
-        return Response(gait=self._gait_without(robot, plan, heading_body_rad, legs))
+        faster = self._faster(robot, plan, heading_body_rad, failures)
+        return faster or Response(gait=self._gait_without(robot, plan, heading_body_rad, legs))
+
+    def _covering(self, robot: Robot, plan: TrialPlan) -> Repertoire | None:
+        """The repertoire for the walk of a plan, of those that are at hand."""
+        return next((one for one in self._repertoires if one.covers(robot, plan)), None)
+
+    def _faster(
+        self, robot: Robot, plan: TrialPlan, heading_body_rad: float, failures: Sequence[Failure]
+    ) -> Response | None:
+        """What was faster than the safest gait, by the repertoire; None for nothing, and without one."""
+        repertoire = self._covering(robot, plan)
+        choice = None if repertoire is None else repertoire.choice(failures, heading_body_rad)
+        if choice is None or choice.candidate.name == SAFEST:
+            return None
+        if choice.candidate.name != WALK_ON:
+            why = f"{choice.gain:.0%} of the speed faster than the safest gait in {choice.walks} walks"
+            return Response(gait=choice.candidate.gait(plan.gait), why=why)
+        if not walks_on(choice.candidate, plan.gait):
+            return None
+        legs = " and ".join(str(leg) for leg in sorted({one.leg for one in failures}))
+        why = f"{choice.gain:.0%} of the speed faster than the safest gait without leg {legs} in"
+        return Response(gait=plan.gait, stays=True, why=f"{why} {choice.walks} walks")
 
     @staticmethod
     def _gait_without(robot: Robot, plan: TrialPlan, heading_body_rad: float, legs: Sequence[int]) -> Gait:

@@ -1,41 +1,27 @@
-"""The repertoire of a robot: how it walked without some legs or joints, with each of a few gaits, by simulation.
+"""The repertoire of a robot: what it walks like after failures, by simulation.
 
-Which legs failed, how, and the direction of travel are a situation; symmetric robots have walked one of several
-that are alike. In each a few candidates walked in the same worlds: the gait that stands safest comes first, and
-another is better where it was faster by more than the noise of the worlds, and fell no more often.
+Which legs failed, how, and the direction of travel are a situation; of those that are alike on a symmetric
+robot one is walked. In each a few candidates walk in the same worlds. The gait that stands safest comes
+first, and another is better where it was faster by more than the noise of the worlds, and fell no more often.
 """
 
 import hashlib
-import io
 import json
 import math
-import zipfile
-import zlib
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from hexctl.control.plan import TrialPlan
-from hexctl.errors import HexctlError, InputError, check_type
-from hexctl.files import atomic_write
 from hexctl.gait.encoding import Slots
 from hexctl.gait.gait import NAMED_SLOTS, SWING_SHARE, Gait
 from hexctl.gait.posture import STANCE, Posture
-from hexctl.robot.configs import config_root
 from hexctl.robot.failure import Failure
 from hexctl.robot.model import Robot
 from hexctl.types import N_LEGS, FloatArray
-
-FORMAT, VERSION = "hexctl repertoire", 1
-
-SUFFIX = ".npz"
-
-#: Folder of the repertoires that were built, in the folder of sessions and recordings, and of shipped ones.
-REPERTOIRES = "repertoires"
 
 #: A repertoire is for gaits whose pace, amplitude and height are within this share of its own.
 NEAR = 0.15
@@ -49,10 +35,6 @@ SAFEST, WALK_ON = "safest", "walk-on"
 
 #: A walk goes along a line that is held: in open loop gaits differ in where they lead.
 HOLDS = ("auto", "line", "heading")
-
-
-class RepertoireFileError(HexctlError, OSError):
-    """A repertoire cannot be written."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -73,9 +55,15 @@ class BodySymmetry:
         """Where a direction of travel comes to lie, -180 up to 180."""
         return math.remainder(self.turn_deg + (-heading_deg if self.mirrored else heading_deg), 360.0)
 
-    def failures(self, failures: Iterable[Failure]) -> "FailedParts":
-        """Where failed legs and joints come to lie."""
-        return parts_of(failures, self.legs)
+    def heading_before_deg(self, heading_deg: float) -> float:
+        """The direction of travel that comes to lie at one, -180 up to 180."""
+        turned_deg = heading_deg - self.turn_deg
+        return math.remainder(-turned_deg if self.mirrored else turned_deg, 360.0)
+
+    @property
+    def legs_before(self) -> tuple[int, ...]:
+        """The leg that comes to lie at each leg, (6,)."""
+        return tuple(self.legs.index(leg) + 1 for leg in range(1, N_LEGS + 1))
 
 
 #: Leg, kind and joint of each failure, by leg.
@@ -85,9 +73,14 @@ FailedParts = tuple[tuple[int, str, str | None], ...]
 IDENTITY = BodySymmetry(legs=tuple(range(1, N_LEGS + 1)), mirrored=False, turn_deg=0.0)
 
 
-def parts_of(failures: Iterable[Failure], legs: Sequence[int] = IDENTITY.legs) -> FailedParts:
-    """Leg, kind and joint of failures, by leg; `legs` are where the legs come to lie."""
-    return tuple(sorted((legs[one.leg - 1], one.kind, one.joint) for one in failures))
+def parts_of(failures: Iterable[Failure]) -> FailedParts:
+    """Leg, kind and joint of failures, by leg."""
+    return tuple(sorted((one.leg, one.kind, one.joint) for one in failures))
+
+
+def moved_parts(parts: FailedParts, legs: Sequence[int]) -> FailedParts:
+    """Failed parts on a robot whose legs have come to lie at others."""
+    return tuple(sorted((legs[leg - 1], kind, joint) for leg, kind, joint in parts))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, order=True)
@@ -129,8 +122,11 @@ class Candidate:
     @classmethod
     def from_dict(cls, values: dict[str, Any]) -> "Candidate":
         """Candidate of JSON values."""
-        lists = ("slots", "phases", "shift", "tucked_legs")
-        return cls(**{k: tuple(v) if k in lists and v is not None else v for k, v in values.items()})
+        made: dict[str, Any] = {
+            name: tuple(value) if isinstance(value, (list, tuple)) else value
+            for name, value in values.items()
+        }
+        return cls(**made)
 
     def gait(self, base: Gait) -> Gait:
         """The gait with pace, amplitude and height of another."""
@@ -284,27 +280,28 @@ class Repertoire:
     def choice(self, failures: Iterable[Failure], heading_rad: float) -> Choice | None:
         """The best for some failures and a direction of travel in the body frame; None where none was walked.
 
-        The direction is the nearest that was walked, by half a step off at most.
+        The direction is the nearest one that a repertoire has, off by half a step at most. The first call
+        works out all choices, the others look one up.
         """
-        failures, heading_deg = tuple(failures), math.degrees(heading_rad)
-        for symmetry in self.symmetries:
-            moved_deg = symmetry.heading_deg(heading_deg)
-            for situation in self._by_failure.get(symmetry.failures(failures), ()):
-                off_deg = math.remainder(situation.heading_deg - moved_deg, 360.0)
-                if abs(off_deg) <= self.direction_step_deg / 2 + 1e-6:
-                    return _choice(situation, symmetry)
-        return None
+        return self._choices.get((self._direction(math.degrees(heading_rad)), parts_of(failures)))
+
+    def _direction(self, heading_deg: float) -> int:
+        """Number of the nearest direction."""
+        return round(heading_deg / self.direction_step_deg) % round(360 / self.direction_step_deg)
 
     @cached_property
-    def _by_failure(self) -> dict[FailedParts, list[Situation]]:
-        found: dict[FailedParts, list[Situation]] = {}
-        for situation in self.situations:
-            found.setdefault(situation.failed, []).append(situation)
+    def _choices(self) -> dict[tuple[int, FailedParts], Choice]:
+        found: dict[tuple[int, FailedParts], Choice] = {}
+        for symmetry in self.symmetries:
+            for situation in self.situations:
+                direction = self._direction(symmetry.heading_before_deg(situation.heading_deg))
+                failed = moved_parts(situation.failed, symmetry.legs_before)
+                found.setdefault((direction, failed), _choice(situation, symmetry))
         return found
 
     @property
     def head(self) -> dict[str, Any]:
-        """Everything but the arrays, as JSON values; `walks` of each situation is how many each candidate has."""
+        """Everything but the arrays, as JSON values; each candidate of a situation has its `walks`."""
         return {
             "robot": self.robot,
             "robot_fingerprint": self.robot_fingerprint,
@@ -358,115 +355,6 @@ def is_shifted(one: Slots, other: Slots) -> bool:
     """Whether two gaits are the same but for the time at which they begin."""
     differences = {(a - b) % N_LEGS for a, b in zip(one, other, strict=True)}
     return len(differences) == 1
-
-
-def save_repertoire(repertoire: Repertoire, path: Path) -> None:
-    """Write a repertoire; the file is the old one or the new one at any moment.
-
-    Raises RepertoireFileError when the disk refuses.
-    """
-    head = {"format": FORMAT, "version": VERSION, "digest": repertoire.digest(), **repertoire.head}
-    buffer = io.BytesIO()
-    np.savez_compressed(buffer, allow_pickle=False, head=np.array(json.dumps(head)), **repertoire.arrays)
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        atomic_write(path, buffer.getvalue())
-    except OSError as error:
-        raise RepertoireFileError(f"repertoire: {path} cannot be written: {error.strerror}") from error
-
-
-_DAMAGE = (
-    OSError,
-    EOFError,
-    ValueError,
-    KeyError,
-    TypeError,
-    NotImplementedError,
-    zipfile.BadZipFile,
-    zlib.error,
-    RuntimeError,  # zipfile, of a file that claims to be encrypted
-)
-
-
-def load_repertoire(path: Path | str) -> Repertoire:
-    """Repertoire of a file.
-
-    Raises InputError for a file that is not one, is of another version, is cut off or was altered.
-    """
-    check_type(path, (str, Path), "repertoire", "the path of a file")
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            head = json.loads(str(file["head"]))
-            arrays = {name: file[name].astype(float) for name in ("speeds", "costs") if name in file.files}
-    except FileNotFoundError:
-        raise InputError(
-            f"repertoire: no file at {str(path)!r}; allowed: a file of hexctl prior build --repertoire"
-        ) from None
-    except _DAMAGE as error:
-        raise _refused(path, "it is not a repertoire, or cut off") from error
-    if not isinstance(head, dict) or head.get("format") != FORMAT:
-        raise _refused(path, "it is not a repertoire")
-    if head.get("version") != VERSION:
-        raise _refused(path, f"it has version {head.get('version')}, this hexctl reads {VERSION}")
-    try:
-        repertoire = _made(head, arrays)
-        intact = repertoire.digest() == head["digest"]
-    except _DAMAGE as error:
-        raise _refused(path, f"it is damaged ({' '.join(str(error).split())[:120]})") from error
-    if not intact:
-        raise _refused(path, "it was altered after it was built")
-    return repertoire
-
-
-def _made(head: dict[str, Any], arrays: dict[str, FloatArray]) -> Repertoire:
-    """Repertoire of what its file holds."""
-    situations, first = [], 0
-    for values in head["situations"]:
-        candidates = tuple(Candidate.from_dict(one) for one in values["candidates"])
-        shape = len(candidates), int(values["walks"])
-        last = first + shape[0] * shape[1]
-        situations.append(
-            Situation(
-                failed=tuple((leg, kind, joint) for leg, kind, joint in values["failed"]),
-                heading_deg=values["heading_deg"],
-                candidates=candidates,
-                speeds=arrays["speeds"][first:last].reshape(shape),
-                costs=arrays["costs"][first:last].reshape(shape),
-            )
-        )
-        first = last
-    names = ("robot", "robot_fingerprint", "pace_hz", "amplitude", "height", "direction_step_deg", "origin")
-    symmetries = [BodySymmetry(**one | {"legs": tuple(one["legs"])}) for one in head["symmetries"]]
-    return Repertoire(
-        **{name: head[name] for name in names}, symmetries=tuple(symmetries), situations=tuple(situations)
-    )
-
-
-def _refused(path: Path | str, why: str) -> InputError:
-    return InputError(
-        f"repertoire {path}: {why}; allowed: a repertoire as hexctl prior build --repertoire writes it"
-    )
-
-
-def repertoire_files(folder: Path | str = "runs") -> list[Path]:
-    """Files that may be repertoires, in the order in which they are searched: built ones, then shipped ones."""
-    folders = [Path(folder) / REPERTOIRES, config_root() / REPERTOIRES]
-    return [path for one in folders if one.is_dir() for path in sorted(one.glob(f"*{SUFFIX}"))]
-
-
-def find_repertoire(robot: Robot, plan: TrialPlan, folder: Path | str = "runs") -> Repertoire | None:
-    """The first repertoire that says something about the walks of a plan; None without one.
-
-    Files that cannot be read are passed over.
-    """
-    for path in repertoire_files(folder):
-        try:
-            found = load_repertoire(path)
-        except InputError:
-            continue
-        if found.covers(robot, plan):
-            return found
-    return None
 
 
 #: What `WALK_ON` has walked.

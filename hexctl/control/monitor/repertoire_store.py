@@ -1,0 +1,145 @@
+"""Repertoires on disk: built ones and shipped ones, saved, checked when they are read, and found."""
+
+import io
+import json
+import zipfile
+import zlib
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hexctl.control.monitor.repertoire import BodySymmetry, Candidate, Repertoire, Situation
+from hexctl.control.plan import TrialPlan
+from hexctl.errors import HexctlError, InputError, check_type
+from hexctl.files import atomic_write
+from hexctl.robot.configs import config_root
+from hexctl.robot.model import Robot
+from hexctl.types import FloatArray
+
+FORMAT, VERSION = "hexctl repertoire", 1
+
+SUFFIX = ".npz"
+
+#: Folder of the repertoires that were built, in the folder of sessions and recordings, and of shipped ones.
+REPERTOIRES = "repertoires"
+
+
+class RepertoireFileError(HexctlError, OSError):
+    """A repertoire cannot be written."""
+
+
+def save_repertoire(repertoire: Repertoire, path: Path) -> None:
+    """Write a repertoire; the file is the old one or the new one at any moment.
+
+    Raises RepertoireFileError when the disk refuses.
+    """
+    head = {"format": FORMAT, "version": VERSION, "digest": repertoire.digest(), **repertoire.head}
+    buffer = io.BytesIO()
+    np.savez_compressed(buffer, allow_pickle=False, head=np.array(json.dumps(head)), **repertoire.arrays)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        atomic_write(path, buffer.getvalue())
+    except OSError as error:
+        raise RepertoireFileError(f"repertoire: {path} cannot be written: {error.strerror}") from error
+
+
+_DAMAGE = (
+    OSError,
+    EOFError,
+    ValueError,
+    KeyError,
+    TypeError,
+    NotImplementedError,
+    zipfile.BadZipFile,
+    zlib.error,
+    RuntimeError,  # zipfile, of a file that claims to be encrypted
+)
+
+
+def load_repertoire(path: Path | str) -> Repertoire:
+    """Repertoire of a file.
+
+    Raises InputError for a file that is not one, is of another version, is cut off or was altered.
+    """
+    check_type(path, (str, Path), "repertoire", "the path of a file")
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            head = json.loads(str(file["head"]))
+            arrays = {name: file[name].astype(float) for name in ("speeds", "costs") if name in file.files}
+    except FileNotFoundError:
+        raise InputError(
+            f"repertoire: no file at {str(path)!r}; allowed: a file of hexctl prior build --repertoire"
+        ) from None
+    except _DAMAGE as error:
+        raise _refused(path, "it is not a repertoire, or cut off") from error
+    if not isinstance(head, dict) or head.get("format") != FORMAT:
+        raise _refused(path, "it is not a repertoire")
+    if head.get("version") != VERSION:
+        raise _refused(path, f"it has version {head.get('version')}, this hexctl reads {VERSION}")
+    try:
+        repertoire = _made(head, arrays)
+        intact = repertoire.digest() == head["digest"]
+    except _DAMAGE as error:
+        raise _refused(path, f"it is damaged ({' '.join(str(error).split())[:120]})") from error
+    if not intact:
+        raise _refused(path, "it was altered after it was built")
+    return repertoire
+
+
+def _made(head: dict[str, Any], arrays: dict[str, FloatArray]) -> Repertoire:
+    """Repertoire of what its file holds."""
+    situations, first = [], 0
+    for values in head["situations"]:
+        candidates = tuple(Candidate.from_dict(one) for one in values["candidates"])
+        shape = len(candidates), int(values["walks"])
+        last = first + shape[0] * shape[1]
+        situations.append(
+            Situation(
+                failed=tuple((leg, kind, joint) for leg, kind, joint in values["failed"]),
+                heading_deg=values["heading_deg"],
+                candidates=candidates,
+                speeds=arrays["speeds"][first:last].reshape(shape),
+                costs=arrays["costs"][first:last].reshape(shape),
+            )
+        )
+        first = last
+    names = ("robot", "robot_fingerprint", "pace_hz", "amplitude", "height", "direction_step_deg", "origin")
+    symmetries = [BodySymmetry(**one | {"legs": tuple(one["legs"])}) for one in head["symmetries"]]
+    return Repertoire(
+        **{name: head[name] for name in names}, symmetries=tuple(symmetries), situations=tuple(situations)
+    )
+
+
+def _refused(path: Path | str, why: str) -> InputError:
+    return InputError(
+        f"repertoire {path}: {why}; allowed: a repertoire as hexctl prior build --repertoire writes it"
+    )
+
+
+def repertoire_files(folder: Path | str = "runs") -> list[Path]:
+    """Files that may be repertoires, in the order of the search: those that were built, then shipped ones."""
+    folders = [Path(folder) / REPERTOIRES, config_root() / REPERTOIRES]
+    return [path for one in folders if one.is_dir() for path in sorted(one.glob(f"*{SUFFIX}"))]
+
+
+def find_repertoire(robot: Robot, plan: TrialPlan, folder: Path | str = "runs") -> Repertoire | None:
+    """The first repertoire that covers the walks of a plan; None without one.
+
+    Files that cannot be read are passed over.
+    """
+    for path in repertoire_files(folder):
+        try:
+            found = _loaded(path, path.stat().st_mtime_ns)
+        except (InputError, OSError):
+            continue
+        if found.covers(robot, plan):
+            return found
+    return None
+
+
+@lru_cache(maxsize=8)
+def _loaded(path: Path, _modified_ns: int) -> Repertoire:
+    """Repertoire of a file, read once in a process while the file stays as it is."""
+    return load_repertoire(path)
