@@ -3,6 +3,7 @@
 import json
 import shutil
 import sqlite3
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,8 @@ from hexctl.cli.main import exit_code
 from hexctl.control.assessment.static_stability import STAND_UP
 from hexctl.robot.failure import Failure
 from hexctl.study.prior import PriorPlan
+from hexctl.study.repertoire import building
+from hexctl.study.repertoire.walks import CandidateWalk, RepertoireCase, RepertoireConditions
 from tests.adapt.priors import MadeUpModel, MadeUpWorld, key_of, made_up_prior, made_up_score_prior
 from tests.robots import shipped
 
@@ -574,3 +577,68 @@ def test_without_a_prior_of_steered_walks_the_command_that_builds_one_is_told(
     _, err = run(capsys, *STEERED, "--failed-leg", "5", "--budget", "1", "--failure", "limp")
     assert "no prior for these trials" in err
     assert err.rstrip().endswith(f"{ADVICE} --failure limp --hold line --duration 6")
+
+
+REPERTOIRE = ["prior", "build", "--repertoire", "--worlds", "2", "--directions", "1", "--codes", "0"]
+
+
+def test_a_repertoire_is_built_continued_and_shown(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def walk(
+        _conditions: RepertoireConditions, cases: Sequence[RepertoireCase], _threads: int = 1
+    ) -> list[CandidateWalk]:
+        if Path("cut").exists():
+            raise KeyboardInterrupt
+        Path("cut").touch()
+        speeds = [0.9 if case.candidate.name == "walk-on" else 0.6 for case in cases]
+        return [
+            CandidateWalk(case=case, status="ok", speed=speed, cost=0.3)
+            for case, speed in zip(cases, speeds, strict=True)
+        ]
+
+    monkeypatch.setattr(building, "walk_cases", walk)
+    words = [*REPERTOIRE, "--family", "transfer", "--pairs", "limp", "--jobs", "1"]
+    assert exit_code(words) == 130
+    assert "walks are saved in runs/study-cache; the same command continues" in capsys.readouterr().err
+    made: dict[str, Any] = {}
+    for _ in range(20):
+        Path("cut").unlink()
+        if exit_code([*words, "--json"]) == 0:
+            made = json.loads(capsys.readouterr().out)
+            break
+    assert made["repertoire"] == "runs/repertoires/ant.npz"
+    assert (made["robot"], made["directions"], made["walks"], made["pairs"]) == ("ant", 1, 2, ["limp"])
+    assert made["others"] == made["situations"]
+    (shown,), _ = run(capsys, "prior", "show", "--repertoire", "runs/repertoires/ant.npz")
+    assert shown == made
+    assert exit_code(["prior", "show", "--repertoire", "ant"]) == 0
+    said = capsys.readouterr().out
+    assert said.startswith("runs/repertoires/ant.npz: ant, legs locked, limp, missing, stuck:coxa")
+    assert "1 directions" not in said
+    assert f"another than the safest is best in all {made['situations']} situations" in said
+
+
+@pytest.mark.parametrize(("words", "message"), [
+    (["--repertoire", "--failure", "limp"], "--failure: got limp; allowed: without --repertoire"),
+    (["--repertoire", "--hold", "line"], "--hold: got line; allowed: without --repertoire"),
+    (["--repertoire", "--directions", "5"], "--directions: got 5; allowed: 1, 2, 4, 6, 8, 12"),
+    (["--repertoire", "--worlds", "17"], "--worlds: got 17; allowed: 1..16"),
+    (["--repertoire", "--codes", "12"], "--codes"),
+    (["--repertoire", "--pairs", "tired"], "tired"),
+    (["--repertoire", "--family", "nobody"], "nobody"),
+    (["--repertoire", "--family", "failing"], "--family: got failing, in which legs fail in mid-walk"),
+    (["--repertoire", "--out", "x.zip"], "--out: got x.zip; allowed: a file whose name ends in .npz"),
+    (["--directions", "4"], "--directions: got 4; allowed: with --repertoire"),
+    (["--pairs", "none"], "--pairs: got none; allowed: with --repertoire"),
+], ids=lambda value: " ".join(value) if isinstance(value, list) else "-")  # fmt: skip
+def test_a_repertoire_that_cannot_be_built_is_refused(
+    words: list[str], message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert message in refused(capsys, "prior", "build", *words)
+
+
+def test_a_file_that_is_no_repertoire_is_refused(prior: str, capsys: pytest.CaptureFixture[str]) -> None:
+    said = f"repertoire {prior}: it is not a repertoire"
+    assert said in refused(capsys, "prior", "show", "--repertoire", prior)
+    assert "no file at 'nowhere.npz'" in refused(capsys, "prior", "show", "--repertoire", "nowhere.npz")

@@ -333,7 +333,11 @@ class Repertoire:
         return {"speeds": self._column("speeds"), "costs": self._column("costs")}
 
     def digest(self) -> str:
-        """Hash of the whole content."""
+        """Hash of the whole content, computed once."""
+        return self._digest
+
+    @cached_property
+    def _digest(self) -> str:
         digest = hashlib.sha256(json.dumps(self.head, sort_keys=True).encode())
         for array in self.arrays.values():
             digest.update(array.tobytes())

@@ -118,6 +118,30 @@ def _refused(path: Path | str, why: str) -> InputError:
     )
 
 
+def describe_repertoire(path: Path | str) -> dict[str, Any]:
+    """What a repertoire has, as plain JSON values; raises InputError as `load_repertoire` does.
+
+    `others` counts the situations in which another gait than the safest is best.
+    """
+    found = load_repertoire(path)
+    kinds = [(len(one.failed), *one.failed[0][1:]) for one in found.situations]
+    words = {count: [f"{kind}:{joint}" if joint else kind for n, kind, joint in kinds if n == count]
+             for count in (1, 2)}  # fmt: skip
+    return {
+        "robot": found.robot,
+        "pace_hz": found.pace_hz,
+        "amplitude": found.amplitude,
+        "height": found.height,
+        "legs": list(dict.fromkeys(words[1])),
+        "pairs": list(dict.fromkeys(words[2])),
+        "directions": round(360 / found.direction_step_deg),
+        "situations": len(found.situations),
+        "others": sum(one.best != 0 for one in found.situations),
+        "walks": min((one.walks for one in found.situations), default=0),
+        "bytes": Path(path).stat().st_size,
+    }
+
+
 def repertoire_files(folder: Path | str = "runs") -> list[Path]:
     """Files that may be repertoires, in the order of the search: those that were built, then shipped ones."""
     folders = [Path(folder) / REPERTOIRES, config_root() / REPERTOIRES]

@@ -12,6 +12,7 @@ import numpy as np
 from hexctl.backends.sim.world import World
 from hexctl.control.assessment.static_stability import stable_gait
 from hexctl.control.batch import SimTrial
+from hexctl.control.monitor.repertoire_store import find_repertoire
 from hexctl.control.plan import TrialPlan
 from hexctl.control.result import TrialResult
 from hexctl.gait.gait import Gait, ideal_speed_m_s, make_gait
@@ -128,6 +129,7 @@ class RecoveryConditions:
             "world": self.world.model_dump(mode="json"),
             "seed": self.number,
             "duration_s": self.duration_s,
+            "repertoire": repertoire_digest(self.robot),
             "code": _versions(),
         }
 
@@ -135,6 +137,12 @@ class RecoveryConditions:
     def fingerprint(self) -> str:
         """Digest of the identity, 16 hexadecimal digits."""
         return hashlib.sha256(json.dumps(self.identity(), sort_keys=True).encode()).hexdigest()[:16]
+
+
+def repertoire_digest(robot: Robot) -> str | None:
+    """Digest of the repertoire that recoveries of a robot go by; None where it has none."""
+    found = find_repertoire(robot, TrialPlan(gait=make_gait(robot, "tripod"), hold="line"))
+    return None if found is None else found.digest()
 
 
 @cache

@@ -1,6 +1,6 @@
 """Legs fail in mid-walk; the robot notices and walks on along its line. Alone and in batches."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -11,7 +11,13 @@ from hexctl.backends.sim.servos import SimServos
 from hexctl.control.batch import SimTrial, run_sim_trial, run_sim_trials
 from hexctl.control.guard import Guard
 from hexctl.control.monitor.monitored_walk import MonitoredWalk, recovering_walk
-from hexctl.control.monitor.recovery import RecoveryPolicy, Response, StopWalking, WalkOn
+from hexctl.control.monitor.recovery import (
+    GlideToStableGait,
+    RecoveryPolicy,
+    Response,
+    StopWalking,
+    WalkOn,
+)
 from hexctl.control.plan import GaitChange, TrialPlan
 from hexctl.control.preparation import WalkStart
 from hexctl.control.result import TrialResult
@@ -21,7 +27,9 @@ from hexctl.errors import WrongTypeError
 from hexctl.gait.gait import make_gait
 from hexctl.robot.failure import Failure
 from hexctl.robot.failure_event import parse_failure_event, parse_healing
+from hexctl.robot.model import Robot
 from hexctl.types import FloatArray, RobotState
+from tests.control.monitor.repertoires import made_up, situation
 from tests.robots import shipped
 
 
@@ -316,3 +324,45 @@ def test_a_leg_that_is_gone_is_missed_again_each_time_it_is_put_down() -> None:
     assert again.suspicion.failure == Failure(leg=5, kind="missing")
     assert (again.suspicion.step - tried.suspicion.step) * 0.02 < 4.0
     assert "put down again, on trial" in str(walk.noticed_failures()[1])
+
+
+class OnSecondThought(RecoveryPolicy):
+    """Walks on with what it hears first of a failure, and in a wave once that is known better."""
+
+    def __init__(self) -> None:
+        self.heard: list[Failure] = []
+
+    def respond(
+        self, robot: Robot, plan: TrialPlan, heading_body_rad: float, failures: Sequence[Failure]
+    ) -> Response:
+        """One or the other."""
+        self.heard += [failure for failure in failures if failure not in self.heard]
+        if len(self.heard) == 1:
+            return Response(gait=plan.gait, stays=True, why="why not")
+        return Response(gait=make_gait(robot, "wave"))
+
+
+def test_once_more_is_known_of_a_failure_the_policy_is_asked_again() -> None:
+    """Where a joint is stuck is measured better 0.4 cycles later."""
+    policy = OnSecondThought()
+    result, walk = _walk(_trial("2:stuck:tibia@4.6", duration_s=8.0), policy)
+    ((noticed,),) = walk.noticed
+    assert len(policy.heard) == 2
+    assert noticed.suspicion.failure == policy.heard[-1]
+    assert isinstance(walk.walk, VelocityWalk)
+    assert walk.walk.gaits == [make_gait(shipped(), "wave")]
+    (told,) = result.noticed
+    assert told.did == "glided to slots 4,5,6,3,2,1"
+    assert result.status == "ok"
+
+
+def test_a_leg_that_the_repertoire_walks_on_with_is_not_tucked() -> None:
+    on = situation([[0.7, 0.7], [0.9, 0.9], [0.7, 0.7]], failed=((2, "stuck", "tibia"),))
+    result, walk = _walk(_trial("2:stuck:tibia@4.6"), GlideToStableGait(made_up(on)))
+    ((noticed,),) = walk.noticed
+    assert isinstance(walk.walk, VelocityWalk)
+    assert walk.walk.gaits == [make_gait(shipped(), "tripod")]
+    assert str(noticed.response).startswith("walked on: 20% of the speed faster than the safest gait without")
+    assert result.status == "ok"
+    assert result.deviation is not None
+    assert result.deviation.max < 0.05

@@ -1,13 +1,26 @@
 """What policies decide."""
 
+from pathlib import Path
+
 import pytest
 
 from hexctl.control.assessment import crawl
+from hexctl.control.monitor import recovery
 from hexctl.control.monitor.recovery import GlideToStableGait, Response, StopWalking, WalkOn
+from hexctl.control.monitor.repertoire import IDENTITY
+from hexctl.control.monitor.repertoire_store import save_repertoire
 from hexctl.control.plan import TrialPlan
 from hexctl.gait.gait import make_gait
 from hexctl.gait.posture import Posture
 from hexctl.robot.failure import Failure
+from tests.control.monitor.repertoires import (
+    MIRROR,
+    ON_IS_BEST,
+    OTHER,
+    OTHER_IS_BEST,
+    made_up,
+    situation,
+)
 from tests.robots import ROBOT_NAMES, shipped
 
 
@@ -68,3 +81,67 @@ def test_gaits_are_ready_before_the_walk() -> None:
 def test_without_three_legs_it_stops() -> None:
     failures = [Failure(leg=leg, kind="limp") for leg in (1, 3, 5)]
     assert GlideToStableGait().respond(shipped(), _plan(), 0.0, failures) == Response(stop=True)
+
+
+STUCK, GONE = Failure(leg=2, kind="stuck", joint="femur"), Failure(leg=2, kind="missing")
+
+
+def test_by_its_repertoire_it_walks_on_where_that_was_faster_and_says_why() -> None:
+    plan = _plan()
+    response = GlideToStableGait(made_up()).respond(shipped(), plan, 0.0, [STUCK])
+    assert response.gait == plan.gait
+    why = "20% of the speed faster than the safest gait without leg 2 in 4 walks"
+    assert str(response) == f"walked on: {why}"
+
+
+def test_by_its_repertoire_it_glides_to_a_faster_gait_at_the_pace_of_the_walk() -> None:
+    gait = make_gait(shipped(), "wave", pace_hz=0.85)
+    plan = TrialPlan(gait=gait, hold="heading")
+    response = GlideToStableGait(made_up()).respond(shipped(), plan, 0.1, [GONE])
+    assert response.gait == OTHER.gait(gait)
+    assert response.gait is not None
+    assert response.gait.pace_hz == 0.85
+    faster = "13% of the speed faster than the safest gait in 4 walks"
+    assert str(response) == f"glided to slots 2,1,3,4,5,6: {faster}"
+
+
+@pytest.mark.parametrize(
+    ("gait", "hold", "heading_rad", "failures"),
+    [
+        ("tripod", "none", 0.0, [STUCK]),
+        ("tripod", "line", 0.5, [STUCK]),  # a direction that was not walked
+        ("tripod", "line", 0.0, [Failure(leg=2, kind="locked")]),
+        ("tripod", "line", 0.0, [STUCK, Failure(leg=4, kind="limp")]),
+        ("wave", "line", 0.0, [STUCK]),  # the tripod went on, not the wave
+    ],
+)
+def test_what_the_repertoire_has_not_walked_is_left_to_the_margin(
+    gait: str, hold: str, heading_rad: float, failures: list[Failure]
+) -> None:
+    plan = TrialPlan(gait=make_gait(shipped(), gait), hold=hold)
+    by_margin = GlideToStableGait(None).respond(shipped(), plan, heading_rad, failures)
+    assert GlideToStableGait(made_up()).respond(shipped(), plan, heading_rad, failures) == by_margin
+
+
+def test_where_the_safest_gait_is_the_best_nothing_is_said_of_it() -> None:
+    same = made_up(situation([[0.9, 0.9], [0.5, 0.5], [0.9, 0.9]]))
+    by_margin = GlideToStableGait(None).respond(shipped(), _plan(), 0.0, [STUCK])
+    assert GlideToStableGait(same).respond(shipped(), _plan(), 0.0, [STUCK]) == by_margin
+
+
+def test_alike_legs_are_met_alike() -> None:
+    policy = GlideToStableGait(made_up(ON_IS_BEST, OTHER_IS_BEST, symmetries=(IDENTITY, MIRROR)))
+    there = policy.respond(shipped(), _plan(), 0.0, [Failure(leg=6, kind="missing")])
+    assert there.gait is not None
+    assert there.gait.posture.tucked_legs == (6,)
+    assert there.gait.slots == (2, 6, 5, 4, 3, 1)
+
+
+def test_a_repertoire_is_read_before_the_walk_only(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    save_repertoire(made_up(), tmp_path / "runs" / "repertoires" / "ant.npz")
+    monkeypatch.chdir(tmp_path)
+    policy, unprepared = GlideToStableGait(), GlideToStableGait()
+    policy.prepare(shipped(), _plan(), 0.0)
+    monkeypatch.setattr(recovery, "find_repertoire", None)
+    assert policy.respond(shipped(), _plan(), 0.0, [STUCK]).stays
+    assert not unprepared.respond(shipped(), _plan(), 0.0, [STUCK]).stays

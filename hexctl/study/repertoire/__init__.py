@@ -1,0 +1,1 @@
+"""Repertoires: building what walks that recover go by."""

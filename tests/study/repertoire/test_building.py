@@ -1,0 +1,96 @@
+"""Building a repertoire: interrupted and continued, on a cluster, and what its file then says."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hexctl.control.monitor.repertoire_store import load_repertoire
+from hexctl.errors import InputError
+from hexctl.robot.failure import Failure
+from hexctl.study.cache import LandscapeCache
+from hexctl.study.evaluate import Silent
+from hexctl.study.repertoire import building
+from hexctl.study.repertoire.building import build_repertoire, repertoire_of
+from hexctl.study.repertoire.walks import (
+    CandidateWalk,
+    RepertoireCase,
+    RepertoireConditions,
+    repertoire_cache,
+)
+from tests.study.repertoire.made_up import plan
+
+PLAN = plan(worlds=2, directions=1, failures=("limp",))
+
+
+class Counting(Silent):
+    """Counts the walks, and is interrupted after some."""
+
+    def __init__(self, interrupt_after: int | None = None) -> None:
+        self.walks, self._left = 0, interrupt_after
+
+    def step(self) -> None:
+        """Count a walk."""
+        self.walks += 1
+        if self.walks == self._left:
+            raise KeyboardInterrupt
+
+
+def _made_up_walks(monkeypatch: pytest.MonkeyPatch) -> None:
+    def walk(
+        _conditions: RepertoireConditions, cases: Sequence[RepertoireCase], _threads: int = 1
+    ) -> list[CandidateWalk]:
+        return [
+            CandidateWalk(case=case, status="ok", speed=0.5 + 0.01 * number, cost=0.3)
+            for number, case in enumerate(cases)
+        ]
+
+    monkeypatch.setattr(building, "walk_cases", walk)
+    monkeypatch.setattr(building, "TOGETHER", 1)
+
+
+def test_what_was_interrupted_goes_on_from_what_has_finished(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _made_up_walks(monkeypatch)
+    cache, out = LandscapeCache(tmp_path / "cache"), tmp_path / "ant.npz"
+    with pytest.raises(KeyboardInterrupt):
+        build_repertoire(PLAN, out, cache=cache, jobs=1, progress=Counting(interrupt_after=5))
+    assert not out.exists()
+    saved, total = repertoire_cache(cache).count(PLAN.walked())
+    assert 0 < saved < total
+    left = Counting()
+    built = build_repertoire(PLAN, out, cache=cache, jobs=1, progress=left)
+    assert left.walks == total - saved
+    assert load_repertoire(out).digest() == built.digest()
+    again = Counting()
+    build_repertoire(PLAN, out, cache=cache, jobs=1, progress=again)
+    assert again.walks == 0
+
+
+def test_a_repertoire_says_how_its_candidates_walked() -> None:
+    walks = [
+        CandidateWalk(
+            case=case,
+            status="ok",
+            speed=0.9 if case.candidate.name == "walk-on" else 0.5 + 0.1 * place,
+            cost=0.3,
+        )
+        for place, (_, cases) in enumerate(PLAN.walked())
+        for case in cases
+    ]
+    repertoire = repertoire_of(PLAN, walks)
+    first = repertoire.situations[0]
+    assert first.walks == 2
+    np.testing.assert_allclose(first.speeds[0], [0.5, 0.6])
+    for leg in range(1, 7):
+        choice = repertoire.choice((Failure(leg=leg, kind="limp"),), 0.0)
+        assert choice is not None
+        assert choice.candidate.name == "walk-on"
+    assert repertoire.choice((Failure(leg=1, kind="locked"),), 0.0) is None
+
+
+def test_what_cannot_be_written_is_refused_before_anything_runs(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"ends in \.npz"):
+        build_repertoire(PLAN, tmp_path / "x.zip", cache=LandscapeCache(tmp_path))
