@@ -180,6 +180,11 @@ class LegMonitor:
         # What that leg carries while it is whole is known from before.
         self._be_patient(changed, anew=changed & ~taken_back)
 
+    def believe_failed(self, leg: int, row: tuple[int, ...] = ()) -> None:
+        """Watch a leg no longer, 1..6."""
+        self.failed[(*row, leg - 1)] = True
+        self._watched = np.where(self.failed, 0.0, 1.0)
+
     def gait_changes(self, which: BoolArray) -> None:
         """Be patient with some robots, leading shape: what is usual is not what it was."""
         self._be_patient(which[..., np.newaxis])

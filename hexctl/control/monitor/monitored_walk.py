@@ -32,6 +32,10 @@ from hexctl.types import N_JOINTS, N_LEGS, BoolArray, FloatArray, RobotState, le
 #: whether a stuck leg is locked, after its targets have moved in all joints.
 KIND_AFTER_CYCLES, LOCKED_AFTER_CYCLES = 0.4, 1.5
 
+#: For how long a leg that was missing is on trial after it was put down, in cycles: if it still carries
+#: nothing it is missed by then.
+TRIAL_CYCLES = 3.0
+
 #: Numbers of the legs.
 LEGS = np.arange(1, N_LEGS + 1)
 
@@ -83,6 +87,7 @@ class MonitoredWalk(Controller):
         self._unsettled: list[tuple[int, int, int, float]] = []
         self._probes: dict[tuple[int, int], LegProbe] = {}
         self._first_tries: dict[tuple[int, int], float] = {}
+        self._trials: dict[tuple[int, int], tuple[float, Failure]] = {}
         self._sent_rad: FloatArray = np.zeros((*start.batch_shape, N_JOINTS))
         self._news: Sequence[str] = ()
         self._monitor = LegMonitor(
@@ -188,18 +193,41 @@ class MonitoredWalk(Controller):
                 continue
             suspicion = self._monitor.suspicion(step, self._row(index))
             self._failures[index].append(suspicion.failure)
+            self._tell(f"noticed: {suspicion}, by {suspicion.evidence}")
+            failed_trials = self._end_trials(index, suspicion)
             response = self._answer(index, self._failures[index])
             self.noticed[index].append(Noticed(suspicion=suspicion, response=response))
-            self._tell(f"noticed: {suspicion}, by {suspicion.evidence}", f"policy: {response}")
+            for again in failed_trials:
+                self.noticed[index].append(Noticed(suspicion=again, response=response))
+                self._try_later(index, again)
+            self._tell(f"policy: {response}")
             responses[index] = response
             if response.stop:
                 self._stopped[index] = f"{suspicion}; {self._trouble}" if self._trouble else str(suspicion)
-            self._look_again(index, suspicion)
+            self._look_again(index, suspicion, len(self.noticed[index]) - 1 - len(failed_trials))
         self._glide(responses)
 
-    def _look_again(self, index: int, suspicion: Suspicion) -> None:
-        """Have it settled how a leg fails, and the leg tried later on."""
-        self._settle_later(index, len(self.noticed[index]) - 1, KIND_AFTER_CYCLES)
+    def _end_trials(self, index: int, suspicion: Suspicion) -> list[Suspicion]:
+        """Take legs on trial for missing again, now that another leg has failed.
+
+        The monitor is patient from now on and learns anew what legs carry: it would not miss them.
+        """
+        self._trials.pop((index, suspicion.leg), None)
+        ended = [leg for each, leg in self._trials if each == index]
+        again = []
+        for leg in ended:
+            until_step, failure = self._trials.pop((index, leg))
+            if suspicion.step < until_step:
+                self._failures[index].append(failure)
+                self._first_tries[index, leg] /= AFTER_RELAPSE  # it has shown nothing
+                self._monitor.believe_failed(leg, self._row(index))
+                again.append(Suspicion(failure=failure, step=suspicion.step, evidence="support", ratio=0.0))
+                self._tell(f"noticed: the trial of leg {leg} is over")
+        return again
+
+    def _look_again(self, index: int, suspicion: Suspicion, place: int) -> None:
+        """Have it settled how a leg fails, whose place among those noticed this is, and it tried later on."""
+        self._settle_later(index, place, KIND_AFTER_CYCLES)
         self._try_later(index, suspicion)
 
     def _settle_later(self, index: int, place: int, cycles: float) -> None:
@@ -254,6 +282,8 @@ class MonitoredWalk(Controller):
         response = self._answer(index, self._failures[index])
         suspicion = Suspicion(failure=before, step=step, evidence="following", ratio=0.0)
         self.noticed[index].append(Noticed(suspicion=suspicion, response=response, healed=True))
+        if before.kind == "missing":
+            self._trials[key] = step + TRIAL_CYCLES * self._cycle_steps(index), before
         again = "is put down again, on trial" if before.kind == "missing" else "follows again"
         self._tell(f"noticed: leg {leg} {again}", f"policy: {response}")
         self._glide({index: response})
