@@ -38,10 +38,16 @@ class Response:
     why: str = ""
 
     def __str__(self) -> str:
-        return f"{self._did}: {self.why}" if self.why else self._did
+        return f"{self.did}: {self.why}" if self.why else self.did
 
     @property
-    def _did(self) -> str:
+    def lines(self) -> tuple[str, ...]:
+        """What it does and what speaks for it, in short lines for a recording."""
+        return (f"policy: {self.did}", *([f"why: {self.why}"] if self.why else []))
+
+    @property
+    def did(self) -> str:
+        """What it does, in few words."""
         if self.stop:
             return "stopped"
         if self.gait is None or self.stays:
