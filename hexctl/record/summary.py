@@ -155,7 +155,8 @@ def _result_rows(result: TrialResult, stability: float | None) -> Iterator[Row]:
         yield "held", held_in_words(result.to_dict())
     for one in result.noticed:
         yield "noticed", f"{one.at_s:.2f} s: {one.in_words}"
-        yield "", one.did
+        for line in one.did.split(": ", 1):
+            yield "", line
     if result.yaw_change_rad is not None:
         yield "turned", f"{math.degrees(result.yaw_change_rad):+.1f}°"
     if result.cost_of_transport is not None and result.energy_j is not None:

@@ -200,7 +200,7 @@ class MonitoredWalk(Controller):
             for again in failed_trials:
                 self.noticed[index].append(Noticed(suspicion=again, response=response))
                 self._try_later(index, again)
-            self._tell(f"policy: {response}")
+            self._tell(*response.lines)
             responses[index] = response
             if response.stop:
                 self._stopped[index] = f"{suspicion}; {self._trouble}" if self._trouble else str(suspicion)
@@ -285,7 +285,7 @@ class MonitoredWalk(Controller):
         if before.kind == "missing":
             self._trials[key] = step + TRIAL_CYCLES * self._cycle_steps(index), before
         again = "is put down again, on trial" if before.kind == "missing" else "follows again"
-        self._tell(f"noticed: leg {leg} {again}", f"policy: {response}")
+        self._tell(f"noticed: leg {leg} {again}", *response.lines)
         self._glide({index: response})
 
     def _settle_kind(self, index: int, place: int, cycles: float) -> None:
@@ -320,7 +320,7 @@ class MonitoredWalk(Controller):
             return
         noticed = self.noticed[index]
         noticed[place] = replace(noticed[place], response=response)
-        self._tell(f"policy: {response}")
+        self._tell(*response.lines)
         if response.stop:
             self._stopped[index] = self._trouble or str(noticed[place].suspicion)
             return

@@ -370,7 +370,7 @@ def test_a_leg_that_the_repertoire_walks_on_with_is_not_tucked() -> None:
 
 def test_a_leg_on_trial_counts_as_missing_again_when_another_fails() -> None:
     """The monitor is patient then, and would learn that the leg usually carries nothing."""
-    events = [parse_failure_event("5:missing@3"), parse_failure_event("6:limp@11")]
+    events = (parse_failure_event("5:missing@3"), parse_failure_event("6:limp@11"))
     _, walk = _walk(replace(_trial(None, duration_s=14.0), events=events))
     first, tried, other, again = walk.noticed[0][:4]
     assert (tried.healed, other.suspicion.leg, again.suspicion.failure) == (True, 6, first.suspicion.failure)
