@@ -65,6 +65,10 @@ class FailureEvent:
         return f"{self.leg}:{kind}@{self.at_s:.12g}"
 
 
+#: Kinds of a noticed failure whose leg only putting it down can tell to be whole again.
+ON_TRIAL = ("missing", UNKNOWN)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NoticedFailure:
     """A failure that a controller noticed by itself, and what it did about it.
@@ -73,7 +77,8 @@ class NoticedFailure:
         at_s: seconds since the walk began.
         failure: leg, kind and joint, as it believes.
         evidence: what it was noticed by: `following` (targets that joints do not follow), `support` (load
-            that a leg does not carry) or `effort` (torque that a joint does not give).
+            that a leg does not carry), `effort` (torque that a joint does not give) or `balance` (how the
+            body leans and which feet touch).
         did: what it did, in few words.
         healed: whether it noticed that the leg is whole again, or put down one that was missing to try it.
     """
@@ -85,13 +90,13 @@ class NoticedFailure:
     healed: bool = False
 
     def __str__(self) -> str:
-        comma = "," if self.healed and self.failure.kind == "missing" else ""
+        comma = "," if self.healed and self.failure.kind in ON_TRIAL else ""
         return f"{self.in_words}{comma} at {self.at_s:.2f} s, {self.did}"
 
     @property
     def in_words(self) -> str:
         """Leg, and how it fails or that it is whole again: `leg 5 limp`."""
-        again = "put down again, on trial" if self.failure.kind == "missing" else "whole again"
+        again = "put down again, on trial" if self.failure.kind in ON_TRIAL else "whole again"
         return f"leg {self.failure.leg} {again if self.healed else in_words(self.failure)}"
 
     def to_dict(self) -> dict[str, Any]:

@@ -1,16 +1,18 @@
 """The leg monitor: says in mid-walk which leg has failed, and how."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
+from hexctl.control.monitor.body_balance import BodyBalance
 from hexctl.control.monitor.joint_following import JointFollowing
 from hexctl.control.monitor.leg_support import NO_TORQUE_SHARE, LegSupport
 from hexctl.control.monitor.phase_habit import cycle_parts
 from hexctl.control.monitor.recent_motion import STILL_CYCLES, TAKES_PART, RecentMotion, failure_shown
-from hexctl.robot.failure import Failure
+from hexctl.robot.failure import UNKNOWN, Failure
 from hexctl.robot.failure_event import in_words
 from hexctl.robot.model import Robot
 from hexctl.types import (
@@ -50,7 +52,10 @@ ALARM_TICKS = 3
 LEARNING_TICKS = 4
 
 #: What a leg is noticed by, in the order of the monitor's arrays.
-EVIDENCE = ("following", "support", "effort")
+EVIDENCE = ("following", "support", "effort", "balance")
+
+#: Rows of evidence that are compared with what is usual here; the body's balance does so by itself.
+_ROWS = 3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -61,7 +66,8 @@ class Suspicion:
         failure: leg, kind and joint; the angle of a stuck joint is the one measured.
         step: of the walk, when it was noticed.
         evidence: what it was noticed by: `following` (targets that joints do not follow), `support` (load
-            that is missing) or `effort` (torque that a joint does not give).
+            that is missing), `effort` (torque that a joint does not give) or `balance` (how the body leans
+            and which feet touch; that does not tell how the leg failed).
         ratio: evidence over its threshold, above 1.
     """
 
@@ -90,6 +96,7 @@ class LegMonitor:
         period_s: control period.
         pace_hz: of the gait, leading shape.
         believed: legs that are known to have failed, leading shape + (6,); they are not watched.
+        signatures_of: signatures of a leg for the body's balance (`BodyBalance`); None leaves it out.
 
     Attributes:
         failed: legs that it believes to have failed, leading shape + (6,).
@@ -104,6 +111,7 @@ class LegMonitor:
         period_s: float,
         pace_hz: FloatArray,
         believed: BoolArray | None = None,
+        signatures_of: Callable[[int], FloatArray] | None = None,
     ) -> None:
         legs = (*shape, N_LEGS)
         cycles = np.asarray(pace_hz * period_s)
@@ -111,7 +119,7 @@ class LegMonitor:
         self._following = JointFollowing(shape, period_s, cycles, robot.joint_max_torque_nm)
         self._support = LegSupport(shape, cycles, robot.joint_max_torque_nm)
         # Rows as in EVIDENCE: the greatest rho of each leg, the load that it misses, its longest idle joint.
-        self._evidence: FloatArray = np.zeros((3, *legs))
+        self._evidence: FloatArray = np.zeros((_ROWS, *legs))
         # What each is compared with: what is usual for the robot, the most of another leg lately.
         self._compared = _of_each(legs, FIRST_RHO, FIRST_MISSING, FIRST_IDLE)
         self._most_seen = self._compared[1:].copy()
@@ -136,8 +144,13 @@ class LegMonitor:
         self._support.forget(none[..., :1], none, ~self.failed)
         self.new: BoolArray = np.zeros(legs, dtype=bool)
         self.ratio: FloatArray = np.zeros(legs)
-        self._ratios: FloatArray = np.zeros((3, *legs))
+        self._ratios: FloatArray = np.zeros((len(EVIDENCE), *legs))
         self._rho_of_many: FloatArray = np.zeros((*shape, 1))
+        self._balance: BodyBalance | None = None
+        if signatures_of is not None:
+            self._balance = BodyBalance(shape, period_s, cycles, signatures_of)
+            self._balance.silence(self.failed.any(axis=-1))
+        self._gait_kept: BoolArray = np.ones(shape, dtype=bool)
         self._set_threshold()
         self._threshold_then = self._threshold  # at the last alarm
 
@@ -153,12 +166,19 @@ class LegMonitor:
         parts = cycle_parts(phases)
         if state.measured:
             self._following.update(state, parts)
+        elif self._balance is not None:
+            self._balance.update(state, phases)
         self._support.update(state, parts, self._following if state.measured else None)
         self._motion.measured(state.joint_positions_rad, state.joint_torques_nm)
         self._evidence[0] = self._following.rho_of_legs
         self._evidence[1] = self._support.missing
         self._evidence[2] = self._support.idle_of_legs
-        self._ratios = self._evidence / self._threshold
+        np.divide(self._evidence, self._threshold, out=self._ratios[:_ROWS])
+        if self._balance is not None and not state.measured:
+            self._ratios[_ROWS] = self._balance.ratio
+            if state.joint_torques_nm is None:
+                # Feet hang in the air on a bumpy floor.
+                self._ratios[1] *= self._balance.even
         self.ratio = np.maximum.reduce(self._ratios) * self._watched
         self._ticks += 1
         if self._ticks % LEARNING_TICKS == 0:
@@ -179,6 +199,9 @@ class LegMonitor:
         taken_back[(*row, leg - 1)] = True
         # What that leg carries while it is whole is known from before.
         self._be_patient(changed, anew=changed & ~taken_back)
+        if self._balance is not None:
+            back = changed[..., 0] & self._gait_kept & ~self.failed.any(axis=-1)
+            self._balance.resume(back)
 
     def believe_failed(self, leg: int, row: tuple[int, ...] = ()) -> None:
         """Watch a leg no longer, 1..6."""
@@ -187,16 +210,18 @@ class LegMonitor:
 
     def gait_changes(self, which: BoolArray) -> None:
         """Be patient with some robots, leading shape: what is usual is not what it was."""
+        self._gait_kept = self._gait_kept & ~which
         self._be_patient(which[..., np.newaxis])
 
     def suspicion(self, step: int, row: tuple[int, ...] = ()) -> Suspicion:
         """What is believed of the leg that was noticed in the last tick, of one robot of a batch."""
         leg = int(np.argmax(self.new[row])) + 1
-        evidence: tuple[Any, ...] = (slice(None), *row, leg - 1)
+        ratios: tuple[Any, ...] = (slice(None), *row, leg - 1)
+        evidence = EVIDENCE[int(np.argmax(self._ratios[ratios]))]
         return Suspicion(
-            failure=self.kind(leg, row),
+            failure=Failure(leg=leg, kind=UNKNOWN) if evidence == "balance" else self.kind(leg, row),
             step=step,
-            evidence=EVIDENCE[int(np.argmax(self._ratios[evidence]))],
+            evidence=evidence,
             ratio=float(self.ratio[row][leg - 1]),
         )
 
@@ -253,6 +278,8 @@ class LegMonitor:
         self._usual_rho = np.where(changed, _first_usual(self.new.shape), self._usual_rho)
         self._set_threshold()
         self._following.forget(changed)
+        if self._balance is not None:
+            self._balance.silence(changed[..., 0])
         anew = changed if anew is None else anew
         self._support.forget(changed, anew & ~self.failed, ~self.failed)
         self._alarm_ticks = self._alarm_ticks * ~changed

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hexctl.control.controllers import Controller
+from hexctl.control.controllers import Controller, Walk
+from hexctl.control.monitor.body_balance import signatures
 from hexctl.control.monitor.leg_monitor import LegMonitor, Suspicion
 from hexctl.control.monitor.leg_probe import AFTER_RELAPSE, FIRST_CYCLES, LegProbe
 from hexctl.control.monitor.recovery import (
@@ -25,7 +26,7 @@ from hexctl.control.velocity_walk import MotionWalk, VelocityWalk
 from hexctl.errors import check_type
 from hexctl.gait.gait import Gait
 from hexctl.robot.failure import Failure
-from hexctl.robot.failure_event import NoticedFailure
+from hexctl.robot.failure_event import ON_TRIAL, NoticedFailure
 from hexctl.types import N_JOINTS, N_LEGS, BoolArray, FloatArray, RobotState, leg_slice
 
 #: How long after a failure was noticed it is looked at again how the leg fails, in cycles; and once more
@@ -96,11 +97,19 @@ class MonitoredWalk(Controller):
             start.period_s,
             self._each([plan.gait.pace_hz for plan in start.plans]),
             self._each([np.isin(LEGS, plan.failed_legs) for plan in start.plans]),
+            self._signatures_of if _steady(walk) else None,
         )
 
     def _each(self, values: Sequence[Any]) -> Any:
         """Values of the walks, with the leading shape."""
         return np.array(values)[slice(None) if self._start.batch_shape else 0]
+
+    def _signatures_of(self, leg: int) -> FloatArray:
+        """Signatures of a leg, 1..6, in the gaits that the walks begin with (`BodyBalance`)."""
+        start = self._start
+        each = zip(start.plans, start.motions, strict=True)
+        signs = [signatures(start.robot, plan.gait, motion, leg) for plan, motion in each]
+        return np.stack(signs) if start.batch_shape else signs[0]
 
     @property
     def velocity_body(self) -> FloatArray | None:  # type: ignore[override]  # forwarded
@@ -241,7 +250,8 @@ class MonitoredWalk(Controller):
         self._probes[key] = LegProbe(
             suspicion.step,
             self._cycle_steps(index),
-            moves=suspicion.failure.kind != "missing",
+            # Joints whose targets are echoed follow them, whatever the leg does.
+            moves=suspicion.failure.kind not in ON_TRIAL,
             first_cycles=self._first_tries.get(key, FIRST_CYCLES),
         )
 
@@ -282,9 +292,10 @@ class MonitoredWalk(Controller):
         response = self._answer(index, self._failures[index])
         suspicion = Suspicion(failure=before, step=step, evidence="following", ratio=0.0)
         self.noticed[index].append(Noticed(suspicion=suspicion, response=response, healed=True))
-        if before.kind == "missing":
+        on_trial = before.kind in ON_TRIAL
+        if on_trial:
             self._trials[key] = step + TRIAL_CYCLES * self._cycle_steps(index), before
-        again = "is put down again, on trial" if before.kind == "missing" else "follows again"
+        again = "is put down again, on trial" if on_trial else "follows again"
         self._tell(f"noticed: leg {leg} {again}", *response.lines)
         self._glide({index: response})
 
@@ -299,7 +310,10 @@ class MonitoredWalk(Controller):
         if not last and failure.kind in ("stuck", "locked"):
             self._settle_later(index, place, LOCKED_AFTER_CYCLES)
         # In the air all legs carry nothing, and follow the better the less they move.
-        if failure in (before.failure, Failure(leg=before.leg, kind="missing")):
+        if before.evidence == "balance" or failure in (
+            before.failure,
+            Failure(leg=before.leg, kind="missing"),
+        ):
             return
         if last and failure.kind != "locked":
             return
@@ -349,6 +363,11 @@ class MonitoredWalk(Controller):
             self._trouble = f"policy {name}: respond gave {response!r}; allowed: a Response"
             return Response(stop=True)
         return response
+
+
+def _steady(walk: Controller) -> bool:
+    """Whether a walk keeps the motion of its plan, so that what is usual at a part of the cycle stays so."""
+    return isinstance(walk, (SteeredWalk, MotionWalk, Walk))
 
 
 def recovering_walk(policy: RecoveryPolicy | None = None) -> Callable[[WalkStart], MonitoredWalk]:

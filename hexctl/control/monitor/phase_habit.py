@@ -34,6 +34,11 @@ class PhaseHabit:
         self._place = self._first
         self._usual: FloatArray = np.zeros(shape)
 
+    @property
+    def values(self) -> FloatArray:
+        """What is usual at all parts of the cycle, shape + (12,)."""
+        return self._table.reshape(*self._usual.shape, PARTS)
+
     def at(self, parts: NDArray[np.int64]) -> FloatArray:
         """What is usual at parts of the cycle, 0 to `PARTS` - 1, both of shape."""
         self._place = self._first + parts

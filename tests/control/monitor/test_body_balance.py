@@ -1,0 +1,185 @@
+"""The body's balance on made-up walks, whose lean and contacts do what statics say."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hexctl.control.batch import SimTrial, run_sim_trials
+from hexctl.control.monitor.body_balance import BodyBalance, signatures
+from hexctl.control.monitor.leg_monitor import LegMonitor
+from hexctl.control.monitor.monitored_walk import MonitoredWalk
+from hexctl.control.monitor.recovery import WalkOn
+from hexctl.control.plan import TrialPlan
+from hexctl.control.preparation import WalkStart
+from hexctl.control.trial import planned_walk
+from hexctl.gait.gait import Motion, make_gait
+from hexctl.robot.failure import Failure
+from hexctl.robot.failure_event import parse_failure_event
+from hexctl.types import BoolArray, FloatArray, RobotState
+from tests.robots import shipped
+
+PERIOD_S, PACE_HZ = 0.02, 0.9
+PHASES = np.array([0, 0.5, 0, 0.5, 0, 0.5])
+STANDS = slice(0, 4)  # parts of leg 1's cycle in which it stands
+
+
+def _signatures_of(leg: int) -> FloatArray:
+    return signatures(shipped(), make_gait(shipped(), "tripod"), Motion(), leg)
+
+
+def _state(lean: FloatArray, contacts: BoolArray, *, contacts_told: bool = True) -> RobotState:
+    """State of a body that is lower ahead and on the left by small angles, (2,), whose joints are echoed."""
+    quaternion = np.array([1.0, -lean[1] / 2, lean[0] / 2, 0.0])
+    touching = contacts if contacts_told else None
+    return RobotState(np.zeros(18), 0.0, False, None, quaternion, touching)
+
+
+def _walk(
+    change: FloatArray | None,
+    *,
+    at_cycle: float = 8.0,
+    cycles: float = 12.0,
+    contacts_told: bool = True,
+    bump_rad: float = 0.0,
+) -> list[tuple[float, int]]:
+    """Cycles after the failure, and legs, of the alarms of a walk that a change (8, 12) comes upon."""
+    balance = BodyBalance((), PERIOD_S, np.array(PERIOD_S * PACE_HZ), _signatures_of)
+    rng, alarms, bump = np.random.default_rng(3), [], np.zeros(2)
+    for tick in range(round(cycles / PERIOD_S / PACE_HZ)):
+        now = tick * PERIOD_S * PACE_HZ
+        phases = (now + PHASES) % 1
+        if tick % 20 == 0:
+            bump = bump_rad * rng.standard_normal(2)
+        seen = np.concatenate([bump, (phases < 1 / 3) | (phases >= 2 / 3)])
+        if change is not None and now >= at_cycle:
+            seen += change[:, int(12 * phases[0])]
+        seen[:2] += np.radians(0.1) * rng.standard_normal(2)
+        balance.update(_state(seen[:2], seen[2:] > 0.5, contacts_told=contacts_told), phases)
+        alarms += [(now - at_cycle, leg + 1) for leg in np.flatnonzero(balance.ratio > 1).tolist()]
+    return alarms
+
+
+def test_a_leg_that_carries_nothing_lets_the_body_lean_to_it_while_it_should_stand() -> None:
+    for leg in range(1, 7):
+        lean, foot = _signatures_of(leg)[0, :2], shipped().stance_feet_body[leg - 1, :2]
+        standing = np.roll(lean, 6 if leg % 2 == 0 else 0, axis=-1)[:, [0, 11]]
+        assert ((foot / np.linalg.norm(foot)) @ standing > np.radians(1)).all()
+
+
+def test_a_locked_foot_touches_the_floor_in_its_swing() -> None:
+    change = _signatures_of(1)
+    assert (change[1, 2, 4:8] > 0.9).any()
+    assert (change[0, 2, STANDS] < -0.9).all()
+
+
+@pytest.mark.parametrize("leg", range(1, 7))
+@pytest.mark.parametrize("contacts_told", [True, False])
+def test_a_leg_that_carries_nothing_is_found_within_a_cycle_and_a_half(leg: int, contacts_told: bool) -> None:
+    alarms = _walk(0.8 * _signatures_of(leg)[0], contacts_told=contacts_told)
+    assert {one for _, one in alarms} == {leg}
+    assert 0 < alarms[0][0] < 1.5
+
+
+def test_a_whole_robot_is_left_alone_on_any_floor() -> None:
+    assert _walk(None, cycles=40.0) == []
+    assert _walk(None, cycles=40.0, bump_rad=np.radians(1.0)) == []
+
+
+def test_a_sensor_that_tells_no_lean_accuses_no_leg() -> None:
+    balance = BodyBalance((), PERIOD_S, np.array(PERIOD_S * PACE_HZ), _signatures_of)
+    for tick in range(800):
+        phases = (tick * PERIOD_S * PACE_HZ + PHASES) % 1
+        contacts = (phases < 1 / 3) | (phases >= 2 / 3)
+        contacts[1] &= tick < 500
+        balance.update(RobotState(np.zeros(18), 0.0, False, None, None, contacts), phases)
+        assert not balance.ratio.any()
+
+
+def test_a_batch_sees_what_each_robot_sees_alone() -> None:
+    rng, paces = np.random.default_rng(2), np.array([0.9, 0.7])
+    cycles = PERIOD_S * paces
+    together = BodyBalance((2,), PERIOD_S, cycles, lambda leg: np.stack([_signatures_of(leg)] * 2))
+    alone = [BodyBalance((), PERIOD_S, one, _signatures_of) for one in cycles]
+    alarmed = False
+    for tick in range(800):
+        phases = (tick * cycles[:, np.newaxis] + PHASES) % 1
+        lean = 0.002 * rng.standard_normal((2, 2))
+        if tick > 500:
+            lean[1] += _signatures_of(2)[0, :2, int(12 * phases[1, 0])]
+        quaternions = np.stack([np.ones(2), -lean[:, 1] / 2, lean[:, 0] / 2, np.zeros(2)], axis=-1)
+        quaternions[tick % 7 == 0, :] = np.nan
+        contacts = (phases < 1 / 3) | (phases >= 2 / 3)
+        if tick == 700:
+            together.silence(np.array([True, False]))
+            alone[0].silence(np.array(True))
+        together.update(RobotState(np.zeros((2, 18)), 0.0, False, None, quaternions, contacts), phases)
+        for row, one in enumerate(alone):
+            state = RobotState(np.zeros(18), 0.0, False, None, quaternions[row], contacts[row])
+            one.update(state, phases[row])
+            assert (together.ratio[row] == one.ratio).all()
+        alarmed |= bool((together.ratio[1] > 1).any())
+    assert alarmed
+
+
+def _monitor() -> LegMonitor:
+    pace = np.array(PACE_HZ)
+    return LegMonitor(shipped(), (), PERIOD_S, pace, signatures_of=_signatures_of)
+
+
+def _drive(monitor: LegMonitor, ticks: range, change: FloatArray | None) -> list[str]:
+    """What a monitor says of a walk without contacts whose lean changes."""
+    said = []
+    for tick in ticks:
+        phases = (tick * PERIOD_S * PACE_HZ + PHASES) % 1
+        lean = np.zeros(2) if change is None else change[:2, int(12 * phases[0])]
+        monitor.update(_state(lean, np.zeros(6, dtype=bool), contacts_told=False), phases)
+        if monitor.new.any():
+            suspicion = monitor.suspicion(tick)
+            assert suspicion.evidence == "balance"
+            said.append(str(suspicion))
+        monitor.sent(np.zeros(18))
+    return said
+
+
+def test_how_the_leg_failed_stays_unknown_and_it_is_missed_again_after_a_trial() -> None:
+    monitor, change = _monitor(), _signatures_of(4)[0]
+    assert _drive(monitor, range(500), None) == []
+    assert _drive(monitor, range(500, 800), change) == ["leg 4 unknown"]
+    assert _drive(monitor, range(800, 1000), None) == []
+    monitor.believe_whole(4)
+    assert _drive(monitor, range(1000, 1300), change) == ["leg 4 unknown"]
+
+
+def test_in_another_gait_nothing_is_said() -> None:
+    monitor, change = _monitor(), _signatures_of(4)[0]
+    assert _drive(monitor, range(500), None) == []
+    monitor.gait_changes(np.array(True))
+    assert _drive(monitor, range(500, 900), change) == []
+
+
+class _Echo(MonitoredWalk):
+    """A walk of a robot whose servos echo their targets."""
+
+    def targets_rad(self, step: int, state: RobotState) -> FloatArray:
+        """Targets, given an echo for the joints."""
+        echo = replace(state, measured=False, joint_positions_rad=self._sent_rad, joint_torques_nm=None)
+        return super().targets_rad(step, echo)
+
+
+def test_a_limp_leg_of_servos_that_echo_is_found_in_the_simulation() -> None:
+    walks: list[_Echo] = []
+
+    def make(start: WalkStart) -> MonitoredWalk:
+        walks.append(_Echo(start, planned_walk(start), WalkOn()))
+        return walks[-1]
+
+    plan = TrialPlan(gait=make_gait(shipped(), "tripod"), hold="line", duration_s=12.0)
+    events = [[], [parse_failure_event("2:limp@8")], [parse_failure_event("6:missing@8.4")]]
+    trials = [
+        SimTrial(robot=shipped(), plan=plan, failure=None, events=tuple(each), seed=1) for each in events
+    ]
+    run_sim_trials(trials, make_controller=make)
+    noticed = [[one.suspicion for one in each] for walk in walks for each in walk.noticed]
+    assert [[one.leg for one in each] for each in noticed] == [[], [2], [6]]
+    assert noticed[1][0].failure == Failure(leg=2, kind="unknown")
