@@ -16,15 +16,26 @@ from hexctl.robot.model import Robot
 EYE = (-1.1, -2.1, 1.5)
 
 
-def make_blueprint(robot: Robot, plan: TrialPlan, floor: Floor, *, watched: bool = False) -> Any:
-    """Blueprint of a trial's recording; with the evidence against each leg where they are watched."""
+def make_blueprint(
+    robot: Robot, plan: TrialPlan, floor: Floor, *, watched: bool = False, live: bool = False
+) -> Any:
+    """Blueprint of a trial's recording.
+
+    Args:
+        robot: who walks.
+        plan: what it is asked to do.
+        floor: what it walks on.
+        watched: whether its legs are watched; the layout then has the evidence against each.
+        live: whether it is shown while it walks; the time cursor then follows it, and the events are in front,
+            as there is no summary yet.
+    """
     import rerun.blueprint as rrb
 
     hidden = rrb.PlotLegend(visible=False)
     scene = rrb.Vertical(scene_view(robot, plan, floor), _lanes_view(), row_shares=[6, 5])
     evidence = [_plot(paths.SUSPICION, "evidence, alarm at 1")] if watched else []
     side = rrb.Vertical(
-        rrb.Tabs(_summary_view(), _events_view()),
+        rrb.Tabs(_summary_view(), _events_view(), active_tab=1 if live else 0),
         _plot(paths.DEVIATION, "deviation from the line (m), left is up", plot_legend=hidden),
         _plot(paths.MARGIN, "stability margin (m), below 0 the feet do not carry it", plot_legend=hidden),
         rrb.Tabs(
@@ -39,7 +50,12 @@ def make_blueprint(robot: Robot, plan: TrialPlan, floor: Floor, *, watched: bool
         rrb.Horizontal(scene, side, column_shares=[5, 3]),
         rrb.BlueprintPanel(state="hidden"),
         rrb.SelectionPanel(state="hidden"),
-        rrb.TimePanel(state="collapsed", timeline=paths.WALK_TIMELINE, play_state="playing", loop_mode="all"),
+        rrb.TimePanel(
+            state="collapsed",
+            timeline=paths.WALK_TIMELINE,
+            play_state="following" if live else "playing",
+            loop_mode="off" if live else "all",
+        ),
         auto_views=False,
         auto_layout=False,
     )

@@ -37,7 +37,7 @@ class Feed:
         self._subject = Subject(robot, plan, floor, meshes)
         self._log = TickLog()
         self._stream: Any = rr.RecordingStream(APPLICATION_ID, recording_id=str(uuid.uuid4()))
-        blueprint = make_blueprint(robot, plan, floor, watched=header["watched"])
+        blueprint = make_blueprint(robot, plan, floor, watched=header["watched"], live=True)
         self._stream.connect_grpc(address, default_blueprint=blueprint)
         self._stream.send_recording_name(header["title"])
         send_scene(self._stream, robot, plan, floor, meshes)

@@ -7,6 +7,8 @@ import pytest
 import rerun as rr
 
 from hexctl.palette import BACKGROUND
+from hexctl.record import paths
+from hexctl.record.blueprint import make_blueprint
 from hexctl.record.overview_figures import write_overview_file
 from hexctl.record.style import packed
 from tests.record.conftest import SESSION, Trial, write
@@ -45,3 +47,24 @@ def test_colours_for_a_dark_background_have_one_in_a_light_theme_too(
     found = backgrounds(path)
     assert {name for name, _ in found} == {"TimeSeries", "3D" if kind == "trial" else "2D"}
     assert {color for _, color in found} == {packed(BACKGROUND)}
+
+
+def test_a_recording_opens_with_the_time_of_the_walk_and_a_live_view_follows_it(
+    trial: Trial, tmp_path: Path
+) -> None:
+    shown = {}
+    for live in (False, True):
+        path = tmp_path / f"{live}.rbl"
+        layout = make_blueprint(trial.robot, trial.plan, trial.floor, watched=True, live=live)
+        layout.save("hexctl", str(path))
+        reader = rr.chunk.RrdReader(path)
+        columns: dict[str, Any] = {}
+        for chunk in reader.stream(store=reader.blueprints()[0]).to_chunks():
+            batch = chunk.to_record_batch()
+            columns |= {
+                name: batch.column(name).to_pylist()[-1] for name in batch.schema.names if ":" in name
+            }
+        shown[live] = columns
+    assert all(shown[live]["TimePanelBlueprint:timeline"] == [paths.WALK_TIMELINE] for live in shown)
+    playing, following = (shown[live]["TimePanelBlueprint:play_state"] for live in (False, True))
+    assert playing != following
