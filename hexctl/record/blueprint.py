@@ -26,8 +26,8 @@ def make_blueprint(
         plan: what it is asked to do.
         floor: what it walks on.
         watched: whether its legs are watched; the layout then has the evidence against each.
-        live: whether it is shown while it walks; the time cursor then follows it, and the events are in front,
-            as there is no summary yet.
+        live: whether it is shown while it walks; the time cursor then follows it, and the events are in
+            front, as there is no summary yet.
     """
     import rerun.blueprint as rrb
 
