@@ -8,7 +8,7 @@ first, and another is better where it was faster by more than the noise of the w
 import hashlib
 import json
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from typing import Any
@@ -168,7 +168,8 @@ class Situation:
         heading_deg: direction of travel in the body frame.
         candidates: the safest gait first.
         speeds: along the line, as a share of what was commanded before the failure, (candidates, walks); NaN
-            for a walk that did not end on its feet. Walks of one column differ in the candidate only.
+            for a walk that did not end on its feet. Walks of one column differ in the candidate only, and are
+            in the same world in all situations.
         costs: of transport, likewise, NaN where it has none.
     """
 
@@ -199,23 +200,42 @@ class Situation:
         """Mean speed of each candidate, walks that fell counted as 0, (candidates,)."""
         return np.asarray(np.nan_to_num(self.speeds, nan=0.0).mean(axis=1))
 
-    @cached_property
-    def best(self) -> int:
-        """Index of the best candidate: the safest, unless another is faster beyond the noise.
-
-        That is one whose walks ended on their feet as often, and whose mean gain over the safest in the same
-        walks, less `ERRORS` standard errors, is the largest and above `LEAST_GAIN`.
-        """
+    @property
+    def gains(self) -> FloatArray:
+        """By how much each candidate is faster than the first in each world, (candidates, walks)."""
         speeds = np.nan_to_num(self.speeds, nan=0.0)
-        gains = speeds - speeds[0]
-        if self.walks < 2:
-            return 0
-        errors = gains.std(axis=1, ddof=1) / math.sqrt(self.walks)
-        sure = gains.mean(axis=1) - ERRORS * errors
-        falls_more = self.valid < self.valid[0]
-        sure[falls_more | (np.arange(len(sure)) == 0)] = -math.inf
-        first = int(np.argmax(sure))
-        return first if sure[first] > LEAST_GAIN else 0
+        return np.asarray(speeds - speeds[0])
+
+    @property
+    def kinds(self) -> tuple[object, ...]:
+        """Kinds and joints of the failures, whichever legs they are of, and how many walks there are."""
+        return (*((kind, joint) for _, kind, joint in self.failed), self.walks)
+
+
+def sure_gains(gains: FloatArray) -> FloatArray:
+    """Gain of a candidate that is sure in each of some situations: the mean less `ERRORS` standard errors.
+
+    Situations say something of each other: the mean of each is drawn towards that of all, m, by the part of
+    its variance that is noise, v / (v + t), with v the variance within situations over the number of worlds,
+    and t that of the situations' means beyond v (empirical Bayes, normal). What all share is as uncertain as
+    the worlds make it. Of one situation it is the plain mean with its error.
+
+    Args:
+        gains: over the first candidate, (situations, worlds); the worlds are the same in all situations.
+    """
+    count, worlds = gains.shape
+    if worlds < 2:
+        return np.full(count, -math.inf)
+    means = gains.mean(axis=1)
+    within = float(gains.var(axis=1, ddof=1).mean()) / worlds
+    shared = float(gains.mean(axis=0).var(ddof=1)) / worlds
+    if count == 1:
+        return np.asarray(means - ERRORS * math.sqrt(shared))
+    between = max(0.0, float(means.var(ddof=1)) - within)
+    own = between / (between + within) if between + within > 0 else 0.0
+    shared = max(shared, (between + within) / count)
+    error = math.sqrt(own * within + (1 - own) ** 2 * shared)
+    return np.asarray(means.mean() + own * (means - means.mean()) - ERRORS * error)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -290,13 +310,36 @@ class Repertoire:
         return round(heading_deg / self.direction_step_deg) % round(360 / self.direction_step_deg)
 
     @cached_property
+    def best(self) -> tuple[int, ...]:
+        """Index of the best candidate of each situation: the safest, unless another is surely faster.
+
+        That is one whose walks ended on their feet as often, and whose sure gain over the safest, among the
+        situations of the same kinds of failure (`sure_gains`), is the largest and above `LEAST_GAIN`.
+        """
+        sure: dict[tuple[int, str], float] = {}
+        for (_, name), rows in self._gains.items():
+            gains = np.array([self.situations[place].gains[row] for place, row in rows])
+            for (place, _), gain in zip(rows, sure_gains(gains).tolist(), strict=True):
+                sure[place, name] = gain
+        return tuple(_best_of(one, place, sure) for place, one in enumerate(self.situations))
+
+    @property
+    def _gains(self) -> dict[tuple[object, str], list[tuple[int, int]]]:
+        """Numbers of the situations and of their candidates, by kinds of failure and the candidate's name."""
+        found: dict[tuple[object, str], list[tuple[int, int]]] = {}
+        for place, one in enumerate(self.situations):
+            for row, candidate in enumerate(one.candidates):
+                found.setdefault((one.kinds, candidate.name), []).append((place, row))
+        return found
+
+    @cached_property
     def _choices(self) -> dict[tuple[int, FailedParts], Choice]:
         found: dict[tuple[int, FailedParts], Choice] = {}
         for symmetry in self.symmetries:
-            for situation in self.situations:
+            for situation, best in zip(self.situations, self.best, strict=True):
                 direction = self._direction(symmetry.heading_before_deg(situation.heading_deg))
                 failed = moved_parts(situation.failed, symmetry.legs_before)
-                found.setdefault((direction, failed), _choice(situation, symmetry))
+                found.setdefault((direction, failed), _choice(situation, best, symmetry))
         return found
 
     @property
@@ -344,8 +387,17 @@ class Repertoire:
         return digest.hexdigest()[:32]
 
 
-def _choice(situation: Situation, symmetry: BodySymmetry) -> Choice:
-    best, speeds = situation.best, situation.mean_speeds
+def _best_of(situation: Situation, place: int, sure: Mapping[tuple[int, str], float]) -> int:
+    """Index of the best candidate of a situation, given the sure gains by its number and the names."""
+    best, most, valid = 0, LEAST_GAIN, situation.valid
+    for row, candidate in enumerate(situation.candidates[1:], 1):
+        if sure[place, candidate.name] > most and valid[row] >= valid[0]:
+            best, most = row, sure[place, candidate.name]
+    return best
+
+
+def _choice(situation: Situation, best: int, symmetry: BodySymmetry) -> Choice:
+    speeds = situation.mean_speeds
     candidate = situation.candidates[best]
     return Choice(
         # Any shift in time of the tripod is the tripod.

@@ -136,7 +136,7 @@ def describe_repertoire(path: Path | str) -> dict[str, Any]:
         "pairs": list(dict.fromkeys(words[2])),
         "directions": round(360 / found.direction_step_deg),
         "situations": len(found.situations),
-        "others": sum(one.best != 0 for one in found.situations),
+        "others": sum(best != 0 for best in found.best),
         "walks": min((one.walks for one in found.situations), default=0),
         "bytes": Path(path).stat().st_size,
     }

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hexctl.control.monitor.repertoire import IDENTITY, Repertoire, Situation
+from hexctl.control.monitor.repertoire import IDENTITY, Candidate, Repertoire, Situation
 from hexctl.control.plan import TrialPlan
 from hexctl.gait.gait import make_gait
 from hexctl.gait.posture import Posture
@@ -92,12 +92,40 @@ def test_alike_situations_share_what_one_has_walked() -> None:
     ],
 )
 def test_another_gait_is_better_beyond_the_noise_only(changed: Situation, best: object) -> None:
-    assert changed.candidates[changed.best] == best
+    assert _best(changed) == best
 
 
 def test_of_several_that_are_better_the_one_that_is_so_most_surely_is_taken() -> None:
     sure = situation([[0.5, 0.5, 0.5], [0.6, 0.9, 0.9], [0.7, 0.7, 0.7]])
-    assert sure.candidates[sure.best] == OTHER
+    assert _best(sure) == OTHER
+
+
+def test_situations_of_one_kind_speak_for_each_other() -> None:
+    """Walking on is faster in each, which one alone does not show."""
+    noisy = [
+        situation([[0.6, 0.6, 0.6], [0.9, 0.5, 1.0], [0.6, 0.6, 0.6]], heading_deg=0.0),
+        situation([[0.6, 0.6, 0.6], [0.55, 0.95, 0.8], [0.6, 0.6, 0.6]], heading_deg=30.0),
+        situation([[0.6, 0.6, 0.6], [0.8, 0.9, 0.6], [0.6, 0.6, 0.6]], heading_deg=60.0),
+    ]
+    assert [_best(one) for one in noisy] == [SAFE] * 3
+    assert made_up(*noisy).best == (1, 1, 1)
+
+
+def test_situations_that_differ_are_judged_each_by_itself() -> None:
+    one = situation([[0.6, 0.6, 0.6], [0.9, 0.9, 0.91], [0.6, 0.6, 0.6]], heading_deg=0.0)
+    other = situation([[0.6, 0.6, 0.6], [0.2, 0.2, 0.21], [0.6, 0.6, 0.6]], heading_deg=30.0)
+    assert made_up(one, other).best == (1, 0)
+
+
+def test_what_worlds_share_is_no_evidence_of_many() -> None:
+    """Three situations in one lucky world and one unlucky world are two worlds."""
+    lucky = [situation([[0.6, 0.6], [0.95, 0.57], [0.6, 0.6]], heading_deg=30.0 * k) for k in range(6)]
+    assert made_up(*lucky).best == (0,) * 6
+
+
+def _best(one: Situation) -> Candidate:
+    """Best candidate of a situation by itself."""
+    return one.candidates[made_up(one).best[0]]
 
 
 @pytest.mark.parametrize(
