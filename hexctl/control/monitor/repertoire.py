@@ -208,7 +208,13 @@ class Situation:
 
     @property
     def kinds(self) -> tuple[object, ...]:
-        """Kinds and joints of the failures, whichever legs they are of, and how many walks there are."""
+        """What situations that speak for each other have in common.
+
+        That is kind and joint of one failure, whichever leg it is of. Pairs differ in how their legs lie to
+        each other, and stand alone.
+        """
+        if len(self.failed) > 1:
+            return self.failed, self.heading_deg
         return (*((kind, joint) for _, kind, joint in self.failed), self.walks)
 
 

@@ -117,6 +117,13 @@ def test_situations_that_differ_are_judged_each_by_itself() -> None:
     assert made_up(one, other).best == (1, 0)
 
 
+def test_pairs_stand_alone() -> None:
+    failed = ((2, "limp", None), (3, "limp", None))
+    sure = situation([[0.6, 0.6], [0.9, 0.9], [0.6, 0.6]], failed, 0.0)
+    slower = [situation([[0.6, 0.6], [0.5, 0.51], [0.6, 0.6]], failed, 30.0 * k) for k in range(1, 6)]
+    assert made_up(sure, *slower).best == (1, 0, 0, 0, 0, 0)
+
+
 def test_what_worlds_share_is_no_evidence_of_many() -> None:
     """Three situations in one lucky world and one unlucky world are two worlds."""
     lucky = [situation([[0.6, 0.6], [0.95, 0.57], [0.6, 0.6]], heading_deg=30.0 * k) for k in range(6)]
