@@ -121,6 +121,36 @@ class JointTargets(ArrayFields):
     stamp_s: float
 
 
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class ServoReadings(ArrayFields):
+    """What single servos report, where they can; each (18,), leg-major, NaN where unknown.
+
+    Attributes:
+        ages_s: since the position of each joint was measured; infinite for one that never was.
+        efforts: share of its greatest torque or power that each servo gives, -1 to 1.
+        currents_a: through the motors.
+        voltages_v: at the servos.
+        temperatures_c: of the servos.
+        errors: what each servo complains of, in few words; empty without.
+    """
+
+    ages_s: FloatArray
+    efforts: FloatArray
+    currents_a: FloatArray
+    voltages_v: FloatArray
+    temperatures_c: FloatArray
+    errors: tuple[str, ...] = ("",) * N_JOINTS
+
+    def copy(self) -> "ServoReadings":
+        """The same readings, with copies of their arrays."""
+        arrays: dict[str, Any] = {
+            field.name: value.copy()
+            for field in fields(self)
+            if isinstance(value := getattr(self, field.name), np.ndarray)
+        }
+        return replace(self, **arrays)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class RobotState(ArrayFields):
     """State of a robot at one moment, as its servos report it.
@@ -141,6 +171,8 @@ class RobotState(ArrayFields):
         joint_torques_nm: torques that the actuators apply to the joints, (18,), positive the way the angle
             grows, averaged over the control period up to the stamp where the servos can, else as they are
             then; None where unknown.
+        servos: what single servos report, or None where nothing is known of them.
+        warnings: what is wrong with the robot that is no fault, in few words each.
     """
 
     joint_positions_rad: FloatArray
@@ -156,12 +188,14 @@ class RobotState(ArrayFields):
     battery_v: float | None = None
     battery_share: float | None = None
     joint_torques_nm: FloatArray | None = None
+    servos: ServoReadings | None = None
+    warnings: tuple[str, ...] = ()
 
     def copy(self) -> "RobotState":
         """The same state, with copies of its arrays."""
         arrays: dict[str, Any] = {
             field.name: value.copy()
             for field in fields(self)
-            if isinstance(value := getattr(self, field.name), np.ndarray)
+            if isinstance(value := getattr(self, field.name), np.ndarray | ServoReadings)
         }
         return replace(self, **arrays)

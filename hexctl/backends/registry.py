@@ -9,11 +9,13 @@ from typing import TYPE_CHECKING, Any, Self
 
 from hexctl.backends.base import LegServos
 from hexctl.errors import InputError, MissingExtraError, argument
+from hexctl.robot.bus_map import bus_map_of
 from hexctl.robot.failure import Failure
 from hexctl.robot.failure_event import FailureEvent
 from hexctl.robot.loader import RobotFile
 from hexctl.robot.model import Robot
 from hexctl.robot.plugins import load_named
+from hexctl.robot.schema import BUS_DRIVERS, ServosSection
 from hexctl.robot.servo_map import ServoMap, default_servo_map
 
 if TYPE_CHECKING:
@@ -187,6 +189,20 @@ def _mavlink(options: BackendOptions) -> LegServos:
     return MavlinkServos(options.robot, servo_map=options.servo_map, port=port, signing_key=signing_key)
 
 
+def _bus(driver: str) -> Callable[[BackendOptions], LegServos]:
+    """What makes servos of a driver in `BUS_DRIVERS`."""
+
+    def make(options: BackendOptions) -> LegServos:
+        from hexctl.backends.bus.servos import BusServos, parse_bus_port
+
+        section = ServosSection() if options.robot_file is None else options.robot_file.content.servos
+        baud_of_file = None if section.baud is None else int(section.baud)
+        path, baud = parse_bus_port(options.connect or section.port, baud_of_file)
+        return BusServos(options.robot, bus_map=bus_map_of(section, driver), port=path, baud=baud)
+
+    return make
+
+
 def _make_own(name: str, options: BackendOptions) -> LegServos:
     own = _own_class(name)
     accepted = _arguments(own)
@@ -241,5 +257,6 @@ BACKENDS: dict[str, Backend] = {
     ),
     "zenoh": Backend(_zenoh, frozenset({"connect", "credentials", "insecure", "link"})),
     "mavlink": Backend(_mavlink, frozenset({"connect", "credentials", "insecure"})),
+    **{driver: Backend(_bus(driver), frozenset({"connect"})) for driver in BUS_DRIVERS},
     "mock": Backend(_mock, frozenset()),
 }

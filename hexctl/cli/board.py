@@ -15,15 +15,24 @@ from hexctl.cli.options import (
     SimFailureOption,
     WorldOption,
     choice,
+    given,
     number,
 )
 
 BoardBackend = Literal["sim", "mock"]
+BusDriver = Literal["dynamixel", "feetech"]
+BAUD = Range(low=9600, high=4_500_000, whole=True, unit="baud")
 EXPIRY_S = Range(low=0.05, high=1, unit="s")
 RELEASE_S = Range(low=1, high=3600, unit="s")
 
 
+#: Options of a MAVLink board alone, and of a bus alone.
+OF_BOARD = ("--port", "--pty", "--expiry", "--release-after", "--keys", "--insecure")
+OF_BUS = ("--model", "--baud", "--fault")
+
+
 def board(
+    context: typer.Context,
     port: Annotated[
         str | None,
         typer.Option(
@@ -67,22 +76,67 @@ def board(
     insecure: Annotated[
         bool, typer.Option("--insecure", help="Let others than this computer command without that secret.")
     ] = False,
+    bus: Annotated[
+        BusDriver | None,
+        choice(
+            "--bus",
+            BusDriver,
+            "Be servos on a serial bus instead, on a pseudo-terminal: dynamixel or feetech. "
+            "(default: a MAVLink board)",
+        ),
+    ] = None,
+    model: Annotated[
+        str | None,
+        typer.Option(
+            "--model",
+            help="With --bus, model of all servos, such as ax12a or sts3215. "
+            "(default: that of the robot file, else xl430-w250 or sts3215)",
+        ),
+    ] = None,
+    baud: Annotated[
+        int, number("--baud", BAUD, "With --bus, bits per second: how long packets take, {}.")
+    ] = 1_000_000,
+    fault: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--fault",
+            help="With --bus, what goes wrong, repeatable: mute:5:coxa@10, hot:2:femur:72@5, "
+            "lost-id:3:tibia@8, brown-out@12, unplug@15, replug@18, garble:0.01, echo. (default: nothing)",
+        ),
+    ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Be a servo board that speaks MAVLink 2, to try things without one.
+    """Be a servo board that speaks MAVLink 2, or servos on a bus, to try things without one.
 
-    It runs until Ctrl-C. hexctl run --backend mavlink walks its simulated robot.
+    It runs until Ctrl-C. hexctl run --backend mavlink walks its simulated robot, and hexctl run --backend
+    feetech --connect PORT that behind servos on a bus.
     """
     from hexctl.cli.console import StopOnInterrupt, print_note, print_result
     from hexctl.robot.failure import failure_of
-    from hexctl.serve.service import BoardService, ServiceStarted, ServosSpec
+    from hexctl.serve.service import BoardService, BusBoardService, ServiceStarted, ServosSpec
 
+    servos = ServosSpec(
+        backend=backend, robot=robot, world=world, failure=failure_of(failed_leg, failure), seed=seed
+    )
+    _check_of_one(context, bus)
+    if bus is not None:
+        bus_service = BusBoardService(
+            driver=bus, servos=servos, model=model, baud=baud, faults=tuple(fault or ())
+        )
+
+        def on_bus(started: ServiceStarted) -> None:
+            name = f"{started.robot} ({started.backend})"
+            print_note(f"{bus} bus of {name} at {started.place}, {baud} baud; Ctrl-C ends it")
+
+        with StopOnInterrupt() as interrupt:
+            report = bus_service.run(interrupt.requested, on_started=on_bus)
+        if as_json:
+            print_result(json.dumps(report))
+        return
     service = BoardService(
         port=port,
         pty=pty,
-        servos=ServosSpec(
-            backend=backend, robot=robot, world=world, failure=failure_of(failed_leg, failure), seed=seed
-        ),
+        servos=servos,
         expiry_s=expiry,
         release_after_s=release_after,
         keys=keys,
@@ -98,3 +152,14 @@ def board(
         report = service.run(interrupt.requested, on_started=on_started)
     if as_json:
         print_result(json.dumps(report))
+
+
+def _check_of_one(context: typer.Context, bus: str | None) -> None:
+    """Raise InputError for options of the board that were typed with a bus, and the other way round."""
+    from hexctl.errors import InputError
+
+    for flag in given(context):
+        if bus is not None and flag in OF_BOARD:
+            raise InputError(f"{flag}: got it with --bus {bus}; allowed: without --bus")
+        if bus is None and flag in OF_BUS:
+            raise InputError(f"{flag}: got it without --bus; allowed: with --bus")

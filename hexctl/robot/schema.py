@@ -34,6 +34,12 @@ PulseUs = Annotated[Number, Field(ge=100, le=5000, allow_inf_nan=False), AfterVa
 Channel = Annotated[Number, Field(ge=1, le=N_JOINTS, allow_inf_nan=False), AfterValidator(_whole)]
 Direction = Annotated[Number, AfterValidator(_direction)]
 
+#: Drivers of servos on a bus, whose positions are counts.
+BUS_DRIVERS = ("dynamixel", "feetech")
+ServoId = Annotated[Number, Field(ge=0, le=252, allow_inf_nan=False), AfterValidator(_whole)]
+Count = Annotated[Number, Field(ge=0, le=65535, allow_inf_nan=False), AfterValidator(_whole)]
+Baud = Annotated[Number, Field(ge=1200, le=4_500_000, allow_inf_nan=False), AfterValidator(_whole)]
+
 
 class Section(BaseModel):
     """A section of a robot file; unknown keys are refused."""
@@ -172,17 +178,28 @@ class KindServoSection(Section):
     offset_deg: AngleDeg | None = None
     min_us: PulseUs | None = None
     max_us: PulseUs | None = None
+    model: str | None = None
+    min_count: Count | None = None
+    max_count: Count | None = None
 
 
 class JointServoSection(KindServoSection):
     """Servo of one joint; a key that is left out is as for its joint kind."""
 
     channel: Channel | None = None
+    id: ServoId | None = None
 
 
 class ServosSection(Section):
-    """Servo map: pulse = centre_us + us_per_deg * (sign * angle + offset_deg)."""
+    """Servo map: pulse = centre_us + us_per_deg * (sign * angle + offset_deg).
 
+    Servos on a bus have a `driver`, a `model` and counts instead, and each joint an `id`.
+    """
+
+    driver: Literal["dynamixel", "feetech"] | None = None
+    port: str | None = None
+    baud: Baud | None = None
+    model: str | None = None
     us_per_deg: Annotated[Number, Field(gt=0, le=1000, allow_inf_nan=False)] = 1000 / 90
     centre_us: PulseUs = 1500
     low_battery_v: Positive | None = None

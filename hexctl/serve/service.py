@@ -11,8 +11,10 @@ from typing import TYPE_CHECKING, Any
 from hexctl.backends.clock import request_realtime_priority
 from hexctl.backends.registry import BackendOptions, check_options, make_servos
 from hexctl.errors import InputError, argument, check_type
+from hexctl.robot.bus_map import bus_map_of
 from hexctl.robot.failure import Failure, failure_text
 from hexctl.robot.loader import load_robot_file
+from hexctl.robot.schema import ServosSection
 from hexctl.serve.server import RobotServer
 from hexctl.wire.links import Link, load_link
 
@@ -24,7 +26,7 @@ DEFAULT_WORLD = "flat"
 MIN_SIT_AFTER_S, MAX_SIT_AFTER_S = 1.0, 3600.0
 MIN_EXPIRY_S, MAX_EXPIRY_S = 0.05, 1.0
 MIN_RELEASE_S, MAX_RELEASE_S = 1.0, 3600.0
-SERVED_BACKENDS = ("sim", "mavlink", "mock")
+SERVED_BACKENDS = ("sim", "mavlink", "dynamixel", "feetech", "mock")
 BOARD_BACKENDS = ("sim", "mock")
 
 
@@ -302,6 +304,60 @@ class BoardService:
             return terminal, terminal.path
         text = self.port or DEFAULT_BOARD_PORT
         return open_port(address, text=text), text
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BusBoardService:
+    """Servos on a simulated bus: options of a `BusBoard`, checked when they are given.
+
+    Attributes:
+        driver: whose protocol they speak, `dynamixel` or `feetech`.
+        servos: what they move, `sim` or `mock`.
+        model: of all servos, in place of those of the robot file.
+        baud: bits per second of the line.
+        faults: what goes wrong, in the words of `parse_bus_fault`.
+    """
+
+    driver: str
+    servos: ServosSpec = field(default_factory=ServosSpec)
+    model: str | None = None
+    baud: int = 1_000_000
+    faults: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.servos.backend not in BOARD_BACKENDS:
+            raise InputError(
+                f"{argument('backend')}: got {self.servos.backend}; allowed: {', '.join(BOARD_BACKENDS)}"
+            )
+        self.servos.check()
+
+    def run(
+        self,
+        stop_requested: Callable[[], bool],
+        *,
+        on_started: Callable[[ServiceStarted], None] = lambda _: None,
+    ) -> dict[str, Any]:
+        """Be a bus until `stop_requested` returns True; the counts of its work, as JSON values.
+
+        Raises InputError for a robot, world, model or fault that is not allowed.
+        """
+        from hexctl.serve.bus_board import BusBoard
+        from hexctl.serve.bus_faults import parse_bus_fault
+
+        options = self.servos.options()
+        section = ServosSection() if options.robot_file is None else options.robot_file.content.servos
+        if self.model is not None:
+            section = section.model_copy(update={"model": self.model})
+        bus_map = bus_map_of(section, self.driver)
+        faults = tuple(parse_bus_fault(text) for text in self.faults)
+        servos = make_servos(self.servos.backend, options)
+        board = BusBoard(servos, bus_map, baud=self.baud, faults=faults, seed=self.servos.seed)
+        realtime = request_realtime_priority()
+        started = ServiceStarted(
+            robot=servos.robot.name, backend=self.servos.backend, place=board.path, realtime=realtime
+        )
+        board.run(stop_requested, ready=lambda: on_started(started))
+        return board.report()
 
 
 def _check_between(option: str, value: float, lowest: float, highest: float) -> None:

@@ -1,0 +1,96 @@
+"""The serial line of a bus: one adapter, half duplex, of which one thread writes and reads."""
+
+import contextlib
+import os
+import select
+import time
+from typing import Any
+
+from hexctl.errors import RobotFaultError
+
+#: Bytes per read: more than a bus delivers between two reads.
+CHUNK = 4096
+
+
+class SerialLine:
+    """An open serial device; its adapter may echo what is sent, which is cut out.
+
+    Args:
+        path: of the device.
+        baud: bits per second.
+
+    Attributes:
+        echoes: whether the adapter sends back what is written, as some half-duplex adapters do.
+
+    Raises RobotFaultError when the device cannot be opened.
+    """
+
+    def __init__(self, path: str, baud: int) -> None:
+        import serial
+
+        self.path, self.baud, self.echoes = path, baud, False
+        try:
+            self._device: Any = serial.Serial(path, baud, timeout=0, write_timeout=0, exclusive=True)
+        except (OSError, ValueError, OverflowError) as error:
+            reason = getattr(error, "strerror", None) or str(error)
+            raise RobotFaultError(
+                f"the port {path} cannot be opened ({reason}); is the cable in, the name right, and no other "
+                "program using it?"
+            ) from error
+        # FTDI adapters wait 16 ms for more bytes; other drivers and pseudo-terminals have no such setting.
+        with contextlib.suppress(ValueError, NotImplementedError, OSError):
+            self._device.set_low_latency_mode(True)
+        self._descriptor: int = self._device.fileno()
+        self._echo = b""
+        self.discard()
+
+    def write(self, packet: bytes, *, timeout_s: float = 0.02) -> None:
+        """Send a packet whole; raises OSError when the device has gone or takes nothing."""
+        if self.echoes:
+            self._echo += packet
+        deadline_s = time.monotonic() + timeout_s
+        while packet:
+            try:
+                packet = packet[os.write(self._descriptor, packet) :]
+            except BlockingIOError:
+                left_s = deadline_s - time.monotonic()
+                if left_s <= 0:
+                    raise TimeoutError(f"{self.path} takes no bytes") from None
+                select.select([], [self._descriptor], [], left_s)
+
+    def read(self, deadline_s: float) -> bytes:
+        """What has come, or comes first until a time on time.monotonic; empty where nothing does.
+
+        Raises OSError when the device has gone.
+        """
+        wait_s = max(0.0, deadline_s - time.monotonic())
+        if not select.select([self._descriptor], [], [], wait_s)[0]:
+            return b""
+        data = os.read(self._descriptor, CHUNK)
+        if not data:
+            raise OSError("the other end of the port has gone")
+        return self._without_echo(data)
+
+    def discard(self) -> None:
+        """Drop what has come so far."""
+        while select.select([self._descriptor], [], [], 0)[0]:
+            self.read(0.0)
+
+    def close(self) -> None:
+        """Close the device."""
+        self._device.close()
+
+    def wire_s(self, count: int) -> float:
+        """How long bytes take on the wire: ten bits each."""
+        return 10.0 * count / self.baud
+
+    def _without_echo(self, data: bytes) -> bytes:
+        """Cut what was sent from what has come; an echo that differs is no echo any more."""
+        count = 0
+        while count < len(data) and count < len(self._echo) and data[count] == self._echo[count]:
+            count += 1
+        if count < len(data) and count < len(self._echo):
+            self._echo = b""
+            return data
+        self._echo = self._echo[count:]
+        return data[count:]

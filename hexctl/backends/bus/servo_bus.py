@@ -1,0 +1,308 @@
+"""A bus of eighteen servos: what one thread asks them and tells them, packet by packet."""
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from hexctl.backends.bus.packets import (
+    BROADCAST,
+    PING,
+    PROTOCOLS,
+    READ,
+    SYNC_READ,
+    SYNC_WRITE,
+    WRITE,
+    PacketStream,
+    StatusPacket,
+)
+from hexctl.backends.bus.registers import Register, RegisterTable, table_of
+from hexctl.backends.bus.serial_line import SerialLine
+from hexctl.robot.bus_map import BusMap
+from hexctl.types import N_JOINTS, BoolArray, FloatArray
+
+#: How long an answer may take beside its time on the wire: least, and at first. Adapters deliver late, FTDI's
+#: by 16 ms where their timer cannot be set.
+LEAST_PATIENCE_S, FIRST_PATIENCE_S = 0.004, 0.034
+
+#: How many times the delay of the answers so far is waited for, and the share of each answer in that.
+PATIENCE_TIMES, PATIENCE_SHARE = 4.0, 0.1
+
+#: Servos that are asked one by one in a control period, where they do not answer one packet together.
+ONE_BY_ONE = 5
+
+#: All joints, by index.
+ALL = tuple(range(N_JOINTS))
+
+#: Tries of what must arrive.
+TRIES = 4
+
+#: Time of the servos' own watchdog, in 20 ms.
+WATCHDOG_20MS = 10
+
+
+@dataclass(frozen=True, slots=True)
+class Report:
+    """What one servo reports.
+
+    Attributes:
+        joint: index of its joint, 0..17.
+        at_s: when its answer came, on time.monotonic.
+        position: in counts.
+        effort: share of its greatest, or NaN.
+        current_a: or NaN.
+        voltage_v: at the servo.
+        temperature_c: of the servo.
+        error: what it complains of; empty for nothing.
+    """
+
+    joint: int
+    at_s: float
+    position: float
+    effort: float
+    current_a: float
+    voltage_v: float
+    temperature_c: float
+    error: str
+
+
+@dataclass(slots=True)
+class BusCounters:
+    """Counts of a bus since it was opened.
+
+    Attributes:
+        writes: packets with targets.
+        reports: reports of servos.
+        missed: reports that were asked for and did not come.
+        garbled: bytes that belonged to no packet.
+        implausible: positions that were not believed.
+        reopened: times that the port came back.
+    """
+
+    writes: int = 0
+    reports: int = 0
+    missed: int = 0
+    garbled: int = 0
+    implausible: int = 0
+    reopened: int = 0
+
+
+class ServoBus:
+    """Servos with registers on one line: Dynamixel and Feetech.
+
+    Nothing moves before `set_torque`. One thread at a time may use it; every method raises OSError when the
+    port has gone.
+
+    Args:
+        line: open.
+        servos: which servo moves which joint.
+        counters: what is counted.
+    """
+
+    def __init__(self, line: SerialLine, servos: BusMap, counters: BusCounters) -> None:
+        self._line, self._servos, self._counters = line, servos, counters
+        self.table: RegisterTable = table_of(servos.models[0].name)
+        self._packets = PROTOCOLS[self.table.protocol]
+        self._stream = PacketStream(self._packets)
+        self._ids: list[int] = servos.ids.tolist()
+        self._joints = {servo_id: joint for joint, servo_id in enumerate(self._ids)}
+        self._next = 0
+        self._patience_s = FIRST_PATIENCE_S
+
+    def find(self) -> BoolArray:
+        """Which joints have a servo that answers, (18,); learns whether the adapter echoes."""
+        self._learn_echo()
+        found: BoolArray = np.zeros(N_JOINTS, dtype=bool)
+        for joint, servo_id in enumerate(self._ids):
+            found[joint] = self._ask(servo_id, PING) is not None
+        return found
+
+    def model_number(self, joint: int) -> int | None:
+        """Model number that the servo of a joint reports, or None without an answer."""
+        return self._read(joint, self.table.model)
+
+    def prepare(self, joints: BoolArray) -> None:
+        """Set up the servos of some joints, (18,), that have no torque: at once answers, position mode."""
+        table = self.table
+        for joint in np.flatnonzero(joints).tolist():
+            delay = self._read(joint, table.return_delay)
+            changes = {table.return_delay.address: 0} if delay else {}
+            for address, value in {**changes, **table.settings}.items():
+                self._write(joint, Register(address), value)
+
+    def torque(self, joint: int) -> bool | None:
+        """Whether the servo of a joint holds its goal, or None without an answer."""
+        value = self._read(joint, self.table.torque)
+        return None if value is None else value == 1
+
+    def set_torque(self, on: bool, joints: Sequence[int] = ALL) -> None:
+        """Switch the torque of some joints, and the watchdog of their servos where they have one."""
+        table = self.table
+        if table.watchdog is not None:  # an expired one refuses goals until it is 0
+            self._sync_write(table.watchdog, np.zeros(N_JOINTS), joints)
+        self._sync_write(table.torque, np.full(N_JOINTS, float(on)), joints)
+        if table.watchdog is not None and on:
+            self._sync_write(table.watchdog, np.full(N_JOINTS, float(WATCHDOG_20MS)), joints)
+
+    def hold(self, counts: FloatArray, joints: BoolArray) -> None:
+        """Switch the torque of some joints on, (18,), each with its goal where it is, counts (18,)."""
+        chosen = np.flatnonzero(joints).tolist()
+        self._sync_write(self.table.goal, np.rint(counts), chosen)
+        self.set_torque(True, chosen)
+
+    def close(self) -> None:
+        """Close the line."""
+        self._line.close()
+
+    def end_watchdog(self) -> None:
+        """Let silence be no failure any more."""
+        if self.table.watchdog is not None:
+            self._sync_write(self.table.watchdog, np.zeros(N_JOINTS))
+
+    def write_goals(self, counts: FloatArray) -> None:
+        """Send goals in counts, (18,), in one packet."""
+        self._sync_write(self.table.goal, np.rint(counts))
+        self._counters.writes += 1
+
+    def poll(self) -> list[Report]:
+        """Reports of all servos, or of the next few where they have to be asked one by one."""
+        if self.table.sync_read:
+            return self._poll_together(list(range(N_JOINTS)))
+        asked = [(self._next + step) % N_JOINTS for step in range(ONE_BY_ONE)]
+        self._next = (self._next + ONE_BY_ONE) % N_JOINTS
+        return self._poll_each(asked)
+
+    def poll_all(self) -> list[Report]:
+        """Reports of all servos, each asked as often as it takes, up to `TRIES` times."""
+        found: dict[int, Report] = {}
+        for _ in range(TRIES):
+            missing = [joint for joint in range(N_JOINTS) if joint not in found]
+            reports = self._poll_together(missing) if self.table.sync_read else self._poll_each(missing)
+            found.update({report.joint: report for report in reports})
+            if len(found) == N_JOINTS:
+                break
+        return list(found.values())
+
+    def _poll_together(self, joints: list[int]) -> list[Report]:
+        if not joints:
+            return []
+        first, size = self.table.block
+        ids = bytes(self._ids[joint] for joint in joints)
+        if self.table.protocol == 1:
+            asked = bytes([first, size]) + ids
+        else:
+            asked = first.to_bytes(2, "little") + size.to_bytes(2, "little") + ids
+        request = self._packets.instruction(BROADCAST, SYNC_READ, asked)
+        wire_s = self._line.wire_s(len(request) + len(joints) * self._packets.status_size(size))
+        answers = self._transact(request, wanted=len(joints), wire_s=wire_s)
+        reports = [each for answer in answers if (each := self._report(answer)) is not None]
+        self._counters.missed += len(joints) - len(reports)
+        return reports
+
+    def _poll_each(self, joints: list[int]) -> list[Report]:
+        reports: list[Report] = []
+        for joint in joints:
+            answer = self._ask(self._ids[joint], READ, self._place(*self.table.block), tries=1)
+            report = None if answer is None else self._report(answer)
+            if report is None:
+                self._counters.missed += 1
+            else:
+                reports.append(report)
+        return reports
+
+    def _report(self, answer: StatusPacket) -> Report | None:
+        """Report of an answer; None for one of another servo or size."""
+        table, joint = self.table, self._joints.get(answer.servo_id)
+        if joint is None or len(answer.parameters) != table.block[1]:
+            return None
+        self._counters.reports += 1
+        return Report(
+            joint=joint,
+            at_s=time.monotonic(),
+            position=table.of_block(table.position, answer.parameters),
+            effort=table.of_block(table.effort, answer.parameters),
+            current_a=table.of_block(table.current, answer.parameters),
+            voltage_v=table.of_block(table.voltage, answer.parameters),
+            temperature_c=table.of_block(table.temperature, answer.parameters),
+            error=table.complaint(answer.error),
+        )
+
+    def _learn_echo(self) -> None:
+        """Ping a servo, and see whether the ping comes back in front of the answer."""
+        line = self._line
+        line.echoes = False
+        line.discard()
+        ping = self._packets.instruction(self._ids[0], PING)
+        line.write(ping)
+        deadline_s, seen = time.monotonic() + line.wire_s(2 * len(ping)) + FIRST_PATIENCE_S, b""
+        while time.monotonic() < deadline_s and len(seen) < len(ping):
+            seen += line.read(deadline_s)
+        line.echoes = seen.startswith(ping)
+        time.sleep(LEAST_PATIENCE_S)
+        line.discard()
+
+    def _place(self, address: int, size: int) -> bytes:
+        """Parameters that name some bytes of the memory."""
+        if self.table.protocol == 1:
+            return bytes([address, size])
+        return address.to_bytes(2, "little") + size.to_bytes(2, "little")
+
+    def _read(self, joint: int, register: Register) -> int | None:
+        """Raw number in a register of a joint's servo, or None without an answer."""
+        answer = self._ask(self._ids[joint], READ, self._place(register.address, register.size))
+        if answer is None or len(answer.parameters) != register.size:
+            return None
+        return int.from_bytes(answer.parameters, self.table.byte_order)
+
+    def _write(self, joint: int, register: Register, value: float) -> bool:
+        """Write a register of a joint's servo; whether it answered."""
+        address = register.address.to_bytes(1 if self.table.protocol == 1 else 2, "little")
+        data = address + self.table.packed(register, value)
+        return self._ask(self._ids[joint], WRITE, data) is not None
+
+    def _sync_write(self, register: Register, values: FloatArray, joints: Sequence[int] = ALL) -> None:
+        """Write a register of some joints, values (18,), in one packet, which no servo answers."""
+        table = self.table
+        if table.protocol == 1:
+            head = bytes([register.address, register.size])
+        else:
+            head = register.address.to_bytes(2, "little") + register.size.to_bytes(2, "little")
+        rows = b"".join(
+            bytes([self._ids[joint]]) + table.packed(register, float(values[joint])) for joint in joints
+        )
+        self._line.write(self._packets.instruction(BROADCAST, SYNC_WRITE, head + rows))
+
+    def _ask(
+        self, servo_id: int, instruction: int, parameters: bytes = b"", *, tries: int = TRIES
+    ) -> StatusPacket | None:
+        """Answer of one servo, or None where it gives none in some tries."""
+        request = self._packets.instruction(servo_id, instruction, parameters)
+        size = self._packets.status_size(self.table.block[1])
+        wire_s = self._line.wire_s(len(request) + size)
+        for _ in range(tries):
+            for answer in self._transact(request, wanted=1, wire_s=wire_s):
+                if answer.servo_id == servo_id:
+                    return answer
+        return None
+
+    def _transact(self, request: bytes, *, wanted: int, wire_s: float) -> list[StatusPacket]:
+        """Answers to a packet that takes a time on the wire with them, until there are as many as wanted."""
+        line, stream = self._line, self._stream
+        line.discard()
+        stream.finish()
+        line.write(request)
+        answers: list[StatusPacket] = []
+        begin_s = time.monotonic()
+        deadline_s = begin_s + wire_s + self._patience_s
+        while len(answers) < wanted:
+            data = line.read(deadline_s)
+            if not data and time.monotonic() >= deadline_s:
+                answers += stream.finish()
+                break
+            answers += [each for each in stream.feed(data) if each.servo_id in self._joints]
+        if len(answers) == wanted:
+            delay_s = PATIENCE_TIMES * (time.monotonic() - begin_s - wire_s)
+            self._patience_s += PATIENCE_SHARE * (max(delay_s, LEAST_PATIENCE_S) - self._patience_s)
+        self._counters.garbled = stream.garbled
+        return answers

@@ -1,0 +1,269 @@
+"""Leg servos on a bus, as `LegServos`."""
+
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+
+from hexctl.backends.base import LegServos, as_robot, check_connected, check_targets
+from hexctl.backends.bus.bus_thread import BusThread
+from hexctl.backends.bus.readings import BelievedReadings
+from hexctl.backends.bus.serial_line import SerialLine
+from hexctl.backends.bus.servo_bus import BusCounters, ServoBus
+from hexctl.backends.clock import Clock, CountedClock, WallClock
+from hexctl.errors import InputError, RobotFaultError, argument
+from hexctl.robot.bus_map import BusMap
+from hexctl.robot.model import Robot
+from hexctl.types import N_JOINTS, BoolArray, FloatArray, JointTargets, RobotState, ServoReadings
+
+#: Default speed of a line.
+DEFAULT_BAUD = 1_000_000
+
+MOST_BAUD = 4_500_000
+
+#: A joint whose servo was not heard for this long is mute.
+MUTE_S = 0.5
+
+#: With more mute servos than those of two legs it is the bus, not a leg.
+MOST_MUTE = 6
+
+#: A servo that is hotter is mentioned.
+HOT_C = 65.0
+
+
+def parse_bus_port(text: str | None, baud: int | None = None) -> tuple[str, int]:
+    """Device and baud of a text such as `/dev/ttyUSB0:1000000`.
+
+    Args:
+        text: of the port; without a baud it has that of the robot file.
+        baud: of the robot file, or None.
+
+    Raises InputError without a port, and for a baud that is none.
+    """
+    if not text:
+        raise InputError(
+            f"{argument('connect')}: got none; allowed: the port of the bus, such as /dev/ttyUSB0, here or "
+            "as `port` in the section `servos` of the robot file"
+        )
+    path, _, speed = text.partition(":")
+    if not path or (":" in text and not (speed.isdecimal() and 1200 <= int(speed) <= MOST_BAUD)):
+        raise InputError(
+            f"{argument('connect')}: got {text!r}; allowed: a serial device such as /dev/ttyUSB0 or "
+            f"/dev/ttyUSB0:1000000, at 1200 to {MOST_BAUD} baud"
+        )
+    return path, int(speed) if speed else baud or DEFAULT_BAUD
+
+
+class BusServos(LegServos):
+    """Eighteen servos on a serial bus.
+
+    A thread of its own owns the port: `read` gives what it heard last, with the age of each joint, `write`
+    leaves the goals that it sends next, and neither waits for the bus. Nothing moves, and no torque is
+    switched, before the first `write`; then each servo holds where it is before it follows. After `close` the
+    robot holds its pose. Servos that do not answer are named in `warnings`; a joint that is not heard is
+    where it was heard last, or else told to be.
+
+    Args:
+        robot: the robot that the servos belong to, or the name or path of its file.
+        bus_map: which servo moves which joint, and how.
+        port: serial device.
+        baud: bits per second.
+        clock: a wall clock unless given.
+    """
+
+    def __init__(
+        self,
+        robot: Robot | str | Path,
+        *,
+        bus_map: BusMap,
+        port: str,
+        baud: int = DEFAULT_BAUD,
+        clock: Clock | None = None,
+    ) -> None:
+        self._robot = as_robot(robot)
+        self._map, self._port, self._baud = bus_map, port, baud
+        self._clock = CountedClock(clock or WallClock())
+        self.counters = BusCounters()
+        self._thread: BusThread | None = None
+        self._sent_rad: FloatArray = self._robot.stance_angles_rad.copy()
+        self._snapshot: tuple[int, RobotState] | None = None
+        self._news: list[str] = []
+        self._warned: tuple[str, ...] = ()
+
+    @property
+    def robot(self) -> Robot:
+        """The robot that the servos belong to."""
+        return self._robot
+
+    @property
+    def clock(self) -> Clock:
+        """The clock of this end."""
+        return self._clock
+
+    @property
+    def bus_map(self) -> BusMap:
+        """Which servo moves which joint, and how."""
+        return self._map
+
+    @property
+    def link_counts(self) -> dict[str, int]:
+        """Counts of the bus by name."""
+        return asdict(self.counters)
+
+    def connect(self) -> None:
+        """Open the port, find the servos and read where they are.
+
+        Raises RobotFaultError that says what to check: no port, no servo, or servos of more than two legs
+        missing.
+        """
+        if self._thread is not None:
+            return
+        bus = self._open()
+        speeds = np.degrees(self._robot.joint_max_speed_rad_s) * self._map.counts_per_deg
+        readings = BelievedReadings(speeds, self._map.counts_per_deg)
+        try:
+            readings.take(bus.poll_all())
+            holding = self._holds(bus, np.isfinite(readings.positions))
+        except OSError as error:
+            bus.close()
+            raise RobotFaultError(self._gone(error.strerror or str(error))) from error
+        self._thread = BusThread(self._open, bus, readings, self.counters)
+        self._thread.start(on=holding)
+        self._snapshot = None
+
+    def read(self) -> RobotState:
+        """Newest state; the same one until the next tick.
+
+        Raises RobotFaultError when not connected.
+        """
+        check_connected(self._thread is not None, "the servo bus")
+        if self._snapshot is None or self._snapshot[0] != self._clock.ticks:
+            self._snapshot = (self._clock.ticks, self._newest())
+        return self._snapshot[1].copy()
+
+    def write(self, targets: JointTargets) -> JointTargets:
+        """Leave targets for the bus; the result is the nearest that the limits of the servos allow."""
+        check_connected(self._thread is not None, "the servo bus")
+        check_targets(targets)
+        assert self._thread is not None  # noqa: S101  for the type
+        sent = targets
+        if self._map.outside(targets.positions_rad).any():
+            sent = JointTargets(self._map.limited_rad(targets.positions_rad), targets.stamp_s)
+        self._thread.send(self._map.counts(sent.positions_rad))
+        self._sent_rad = sent.positions_rad.copy()
+        return sent
+
+    def news(self) -> Sequence[str]:
+        """Warnings that came and went since this was asked last."""
+        news, self._news = self._news, []
+        return news
+
+    def disable_torque(self) -> bool:
+        """Let all joints go limp until the next targets."""
+        check_connected(self._thread is not None, "the servo bus")
+        assert self._thread is not None  # noqa: S101  for the type
+        self._thread.release()
+        return True
+
+    def close(self) -> None:
+        """Close the port; the robot holds its pose."""
+        if self._thread is not None:
+            thread, self._thread = self._thread, None
+            thread.stop()
+
+    def _open(self) -> ServoBus:
+        """Bus on the opened port, on which enough servos have answered."""
+        line = SerialLine(self._port, self._baud)
+        try:
+            bus = ServoBus(line, self._map, self.counters)
+            found = bus.find()
+            self._check_found(found)
+            self._check_models(bus, found)
+            bus.prepare(found & ~self._on(bus, found))
+        except OSError as error:
+            line.close()
+            raise RobotFaultError(self._gone(error.strerror or str(error))) from error
+        except BaseException:
+            line.close()
+            raise
+        return bus
+
+    def _check_found(self, found: BoolArray) -> None:
+        if not found.any():
+            raise RobotFaultError(
+                f"no servo answers on {self._port} at {self._baud} baud; are they powered, and are driver, "
+                "baud and ids those of the robot file?"
+            )
+        if np.count_nonzero(~found) > MOST_MUTE:
+            raise RobotFaultError(f"servos do not answer on {self._port}: {self._map.names(~found)}")
+
+    def _check_models(self, bus: ServoBus, found: BoolArray) -> None:
+        """Raise RobotFaultError for a servo that is another model than the robot file says."""
+        for joint in np.flatnonzero(found).tolist():
+            model, number = self._map.models[joint], bus.model_number(joint)
+            if None not in (model.number, number) and number != model.number:
+                which = self._map.names(np.arange(N_JOINTS) == joint)
+                raise RobotFaultError(
+                    f"{which} reports model number {number}, not {model.number} ({model.name}); "
+                    "check `model` in the robot file"
+                )
+
+    @staticmethod
+    def _on(bus: ServoBus, found: BoolArray) -> BoolArray:
+        """Which servos hold already, (18,)."""
+        return np.array([bool(found[joint] and bus.torque(joint)) for joint in range(N_JOINTS)])
+
+    def _holds(self, bus: ServoBus, heard: BoolArray) -> bool:
+        """Whether all servos that were heard hold already, as after a program that has closed them."""
+        return bool(heard.any() and self._on(bus, heard)[heard].all())
+
+    def _gone(self, reason: str) -> str:
+        return f"the port {self._port} has gone ({reason}); is the cable still in?"
+
+    def _newest(self) -> RobotState:
+        """State put together from the newest readings."""
+        assert self._thread is not None  # noqa: S101  for the type
+        counts, servos, age_s = self._thread.newest()
+        heard: BoolArray = np.isfinite(counts)
+        positions = np.where(heard, self._map.angles_rad(np.where(heard, counts, 0.0)), self._sent_rad)
+        gone = self._thread.gone
+        efforts = self._map.signs * servos.efforts
+        torques = None if np.isnan(efforts).any() else efforts * self._robot.joint_max_torque_nm
+        warnings = self._warnings(servos)
+        self._tell(warnings)
+        return RobotState(
+            positions,
+            stamp_s=max(0.0, self._clock.now_s - age_s),
+            measured=True,
+            age_s=age_s,
+            healthy=gone is None,
+            fault=None if gone is None else self._gone(gone),
+            battery_v=_median(servos.voltages_v),
+            joint_torques_nm=torques,
+            servos=servos,
+            warnings=warnings,
+        )
+
+    def _warnings(self, servos: ServoReadings) -> tuple[str, ...]:
+        """What is wrong with single servos."""
+        warnings = []
+        if (mute := servos.ages_s > MUTE_S).any():
+            warnings.append(f"mute: {self._map.names(mute)}")
+        if (hot := servos.temperatures_c > HOT_C).any():
+            warnings.append(f"hot, {np.nanmax(servos.temperatures_c):.0f} degrees C: {self._map.names(hot)}")
+        for joint, error in enumerate(servos.errors):
+            if error:
+                warnings.append(f"{error}: {self._map.names(np.arange(N_JOINTS) == joint)}")
+        return tuple(warnings)
+
+    def _tell(self, warnings: tuple[str, ...]) -> None:
+        """Remember warnings that are new or over, for `news`."""
+        self._news += [f"servos: {each}" for each in warnings if each not in self._warned]
+        self._news += [f"servos: no longer {each}" for each in self._warned if each not in warnings]
+        self._warned = warnings
+
+
+def _median(values: FloatArray) -> float | None:
+    known = values[np.isfinite(values)]
+    return float(np.median(known)) if len(known) else None

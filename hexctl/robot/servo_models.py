@@ -1,0 +1,91 @@
+"""Models of bus servos: what a count of each means, and which driver speaks to it."""
+
+from dataclasses import dataclass
+
+from hexctl.errors import InputError
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ServoType:
+    """A model of a bus servo.
+
+    Attributes:
+        name: as robot files write it.
+        driver: `dynamixel` or `feetech`.
+        number: model number that the servo reports, or None where it reports none.
+        protocol: version of the driver's protocol, 1 or 2.
+        counts: of a whole turn.
+        least: lowest count of its travel.
+        most: highest count of its travel.
+        centre: count at the middle of its travel.
+    """
+
+    name: str
+    driver: str
+    number: int | None
+    protocol: int
+    counts: float
+    least: int
+    most: int
+    centre: int
+
+    @property
+    def counts_per_deg(self) -> float:
+        """Counts per degree of the horn."""
+        return self.counts / 360.0
+
+
+def _turn(name: str, driver: str, number: int | None, protocol: int) -> ServoType:
+    """A servo with 4096 counts a turn, all of which it can reach."""
+    return ServoType(
+        name=name,
+        driver=driver,
+        number=number,
+        protocol=protocol,
+        counts=4096,
+        least=0,
+        most=4095,
+        centre=2048,
+    )
+
+
+def _arc(name: str, driver: str, number: int | None, protocol: int) -> ServoType:
+    """A servo with 1024 counts over 300 degrees."""
+    return ServoType(
+        name=name,
+        driver=driver,
+        number=number,
+        protocol=protocol,
+        counts=1023 * 360 / 300,
+        least=0,
+        most=1023,
+        centre=512,
+    )
+
+
+#: Models by name. Numbers and counts: ROBOTIS e-Manual (dynamixel); memory tables of STS and SCS (feetech).
+SERVO_TYPES: dict[str, ServoType] = {
+    each.name: each
+    for each in (
+        _arc("ax12a", "dynamixel", 12, 1),
+        _arc("ax18a", "dynamixel", 18, 1),
+        _arc("xl320", "dynamixel", 350, 2),
+        _turn("xl330-m077", "dynamixel", 1190, 2),
+        _turn("xl330-m288", "dynamixel", 1200, 2),
+        _turn("xl430-w250", "dynamixel", 1060, 2),
+        _turn("xm430-w350", "dynamixel", 1020, 2),
+        _turn("sts3215", "feetech", 777, 1),
+        _turn("sts3032", "feetech", None, 1),
+        _arc("scs0009", "feetech", 1284, 1),
+    )
+}
+
+#: Model where a robot file names none.
+DEFAULT_MODELS = {"dynamixel": "xl430-w250", "feetech": "sts3215"}
+
+
+def servo_type(name: str) -> ServoType:
+    """Model of a name; raises InputError for one that is not known."""
+    if name not in SERVO_TYPES:
+        raise InputError(f"servos.model: got {name!r}; allowed: {', '.join(SERVO_TYPES)}")
+    return SERVO_TYPES[name]
