@@ -19,6 +19,8 @@ LANES = {
         "tests/serve/test_failing_link.py",
         "tests/serve/test_servo_board.py",
         "tests/serve/test_remote.py",
+        "tests/backends/bus/test_servo_bus.py",
+        "tests/backends/bus/test_servos.py",
         "tests/docs/test_commands.py::test_the_commands_of_a_page",
     ),
     "links": (

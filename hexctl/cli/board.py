@@ -121,12 +121,14 @@ def board(
     _check_of_one(context, bus)
     if bus is not None:
         bus_service = BusBoardService(
-            driver=bus, servos=servos, model=model, baud=baud, faults=tuple(fault or ())
+            driver=bus, servos=servos, model=model, baud=int(baud), faults=tuple(fault or ())
         )
 
         def on_bus(started: ServiceStarted) -> None:
             name = f"{started.robot} ({started.backend})"
-            print_note(f"{bus} bus of {name} at {started.place}, {baud} baud; Ctrl-C ends it")
+            print_note(
+                f"bus of {name} with {bus} servos at {started.place}, {int(baud)} baud; Ctrl-C ends it"
+            )
 
         with StopOnInterrupt() as interrupt:
             report = bus_service.run(interrupt.requested, on_started=on_bus)

@@ -130,7 +130,7 @@ class RobotService:
     Attributes:
         servos: what is served.
         listen: Zenoh endpoint to listen at; None is that of the link, or the default.
-        device: port of the servo board, for `mavlink` only.
+        device: port of the servo board for `mavlink`, of the bus for `dynamixel` and `feetech`.
         device_keys: folder with the key of the servo board, for `mavlink` only.
         sit_after_s: seconds without a command until the robot sits down and its torque is switched off.
         credentials: folder of certificates, or None.

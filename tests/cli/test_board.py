@@ -1,5 +1,6 @@
 """`hexctl board` as a user calls it."""
 
+import json
 import os
 import signal
 import subprocess
@@ -30,6 +31,11 @@ from tests.backends.mavlink.boards import PATIENCE_S, board, free_port
         (["--failure", "limp"], "--failure: got limp without a leg"),
         (["--keys", "no-such-folder"], "no-such-folder/mavlink.key: cannot be read"),
         (["--robot", "elephant"], "unknown robot 'elephant'"),
+        (["--bus", "hitec"], "got hitec; allowed: dynamixel, feetech"),
+        (["--bus", "feetech", "--port", "udpin:127.0.0.1:1"], "--port: got it with --bus feetech"),
+        (["--fault", "echo"], "--fault: got it without --bus; allowed: with --bus"),
+        (["--bus", "feetech", "--fault", "noise"], "fault: got 'noise'; allowed: mute:LEG:JOINT"),
+        (["--bus", "feetech", "--model", "ax12a"], "got ax12a with feetech; allowed: models of feetech"),
     ],
 )
 def test_bad_input_is_one_line(
@@ -93,3 +99,19 @@ def test_help_is_there_without_mavlink() -> None:
     )
     assert done.stdout.splitlines()[-1] == "[]"
     assert "calibrate" in done.stdout
+
+
+def test_a_bus_is_walked_over_a_pseudo_terminal(capsys: pytest.CaptureFixture[str]) -> None:
+    with board(
+        "--bus", "dynamixel", "--model", "ax12a", "--backend", "mock", "--robot", "phantomx"
+    ) as running:
+        words = ["--robot", "phantomx", "--duration", "1", "--no-record", "--json"]
+        file = ["run", "--backend", "dynamixel", "--connect", running.port, *words]
+        assert exit_code(file) == 3
+        assert "no servo answers on /dev/pts/" in capsys.readouterr().err
+        assert running.end()["packets"] > 18
+    with board("--bus", "feetech", "--backend", "mock", "--robot", "phantomx") as running:
+        assert exit_code(["run", "--backend", "feetech", "--connect", running.port, *words]) == 0
+        report = json.loads(capsys.readouterr().out)
+        assert report["link"]["writes"] > 50
+        assert running.end()["goals"] > 50

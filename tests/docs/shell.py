@@ -174,8 +174,11 @@ class Shell:
             arguments += SHORTER.get(name, "").split()
         if "mavlink" in arguments:
             arguments += ["--connect", self._board]
+        on_bus = bool({"dynamixel", "feetech"} & set(arguments)) and "--connect" in arguments
+        if on_bus:
+            arguments[arguments.index("--connect") + 1] = self._board
         _stay_here(arguments)
-        paced = served or "mock" in arguments or "mavlink" in arguments
+        paced = served or on_bus or "mock" in arguments or "mavlink" in arguments
         for _ in range(ATTEMPTS if paced else 1):
             code = exit_code(arguments)
             if code != STOPPED:
@@ -190,8 +193,9 @@ class Shell:
     def _serve(self, arguments: list[str]) -> None:
         """Serve a robot on loopback until the page serves another; a simulated one stands for a real one."""
         self._programs.close()
-        if "mavlink" in arguments:
-            arguments[arguments.index("mavlink")] = "sim"
+        real = {"mavlink", "dynamixel", "feetech"} & set(arguments)
+        if real:
+            arguments[arguments.index(real.pop())] = "sim"
             at = arguments.index("--device")
             del arguments[at : at + 2]
         listen = arguments[arguments.index("--listen") + 1] if "--listen" in arguments else "tcp/"
@@ -202,7 +206,7 @@ class Shell:
         self._start([*arguments, "--listen", endpoint], "serving ")
 
     def _start_board(self, arguments: list[str]) -> None:
-        said = self._start(arguments, "board of ")
+        said = self._start(arguments, "bus of " if "--bus" in arguments else "board of ")
         found = re.search(r" at (\S+),", said)
         assert found, said
         self._board = found[1]

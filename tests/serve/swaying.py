@@ -34,7 +34,7 @@ class LossyPublisher:
     def __init__(self, publisher: Any, *, loss: float, reorder: float) -> None:
         self._publisher, self._loss, self._reorder = publisher, loss, reorder
         self._held: tuple[bytes, bytes] | None = None
-        self._random = random.Random(1)  # noqa: S311  no secret
+        self._random = random.Random(1)
 
     def put(self, payload: bytes, *, attachment: bytes) -> None:
         """Send a command, or not, or after the next."""

@@ -84,7 +84,7 @@ def test_a_hundred_thousand_spoiled_messages_move_nothing_and_are_counted(kind: 
 
 def check_spoiled(kind: str, times: int) -> None:
     """Send spoiled messages to a key, and check that they move nothing and are counted."""
-    chance = random.Random(kind)  # noqa: S311  no secret
+    chance = random.Random(kind)
     servos = PosedMock()
     server = RobotServer(servos, Link(), backend="mock")
     servos.connect()
@@ -111,7 +111,7 @@ def test_spoiled_commands_of_the_lease_holder_never_leave_the_limits(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(Transport, "publish", lambda *_: None)
-    chance = random.Random(1)  # noqa: S311  no secret
+    chance = random.Random(1)
     servos = PosedMock()
     server = RobotServer(servos, Link(), backend="mock")
     servos.connect()

@@ -23,7 +23,7 @@ KEYS = KeyMap.of("ant")
 def test_a_hundred_thousand_spoiled_messages_over_the_link_move_nothing_and_delay_no_stop(
     tmp_path: Path, kind: str
 ) -> None:
-    chance = random.Random(kind)  # noqa: S311  no secret
+    chance = random.Random(kind)
     good = GOOD.get(kind, b"{}")
     with (
         served(tmp_path) as robot,

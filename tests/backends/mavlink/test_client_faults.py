@@ -164,7 +164,7 @@ def await_commands(port: str) -> None:
 
 def test_a_flooded_board_moves_nothing_and_goes_on(tmp_path: Path) -> None:
     file = fitting_file(tmp_path)
-    draw = random.Random(11)  # noqa: S311  hostile, not secret
+    draw = random.Random(11)
     good = override_frame()
     elsewhere = Codec(255, 191).encode(messages.override(np.full(18, 900.0), 77, 1), 0)
     with board("--backend", "mock", "--robot", str(file)) as running, guarded(running, file) as guard:

@@ -1,0 +1,68 @@
+"""Readings that are believed, and such that are not."""
+
+import numpy as np
+
+from hexctl.backends.bus.readings import BelievedReadings
+from hexctl.backends.bus.servo_bus import Report
+
+
+def _report(at_s: float, position: float, *, joint: int = 4, temperature_c: float = 40.0) -> Report:
+    return Report(
+        joint=joint,
+        at_s=at_s,
+        position=position,
+        effort=0.1,
+        current_a=np.nan,
+        voltage_v=12.0,
+        temperature_c=temperature_c,
+        error="",
+    )
+
+
+def _readings() -> BelievedReadings:
+    return BelievedReadings(np.full(18, 2000.0), np.full(18, 11.4))
+
+
+def test_one_wild_position_is_not_believed_and_three_in_a_row_are() -> None:
+    readings = _readings()
+    for tick, position in enumerate((2000, 2010, 4000, 2020)):
+        readings.take([_report(0.02 * tick, position)])
+    assert readings.positions[4] == 2020
+    assert readings.implausible == 1
+    for tick, position in enumerate((4000, 4005, 4010)):
+        readings.take([_report(0.1 + 0.02 * tick, position)])
+        assert readings.positions[4] == (2020 if tick < 2 else 4010)
+    assert np.isnan(np.delete(readings.positions, 4)).all()
+
+
+def test_wild_positions_that_differ_are_never_believed() -> None:
+    readings = _readings()
+    readings.take([_report(0.0, 100)])
+    for tick in range(1, 50):
+        readings.take([_report(0.02 * tick, 1000.0 * (1 + tick % 4))])
+        assert readings.positions[4] == 100
+
+
+def test_a_joint_that_was_not_heard_for_long_may_be_anywhere() -> None:
+    readings = _readings()
+    readings.take([_report(0.0, 100)])
+    readings.take([_report(1.0, 2000)])
+    assert readings.positions[4] == 2000
+
+
+def test_one_temperature_that_is_wrong_makes_no_servo_hot() -> None:
+    readings = _readings()
+    for tick, degrees in enumerate((40, 77, 41, 70, 40)):
+        readings.take([_report(0.02 * tick, 100, temperature_c=degrees)])
+        assert readings.servos(0.1).temperatures_c[4] <= 41
+    for tick in range(3):
+        readings.take([_report(0.2 + 0.02 * tick, 100, temperature_c=72)])
+    assert readings.servos(0.3).temperatures_c[4] == 72
+
+
+def test_every_joint_has_an_age_of_its_own() -> None:
+    readings = _readings()
+    readings.take([_report(1.0, 100, joint=0), _report(1.5, 100, joint=7)])
+    ages = readings.servos(2.0).ages_s
+    assert (ages[0], ages[7]) == (1.0, 0.5)
+    assert np.isinf(ages[1])

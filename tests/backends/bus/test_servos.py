@@ -1,0 +1,195 @@
+"""Servos on a bus as a controller sees them: they conform, and what goes wrong is named."""
+
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hexctl.backends.base import LegServos
+from hexctl.backends.bus.servos import BusServos, parse_bus_port
+from hexctl.control.guard import Guard
+from hexctl.errors import InputError, RobotFaultError
+from hexctl.testing.servos import LegServosConformance
+from hexctl.types import JointTargets, RobotState
+from tests.backends.bus.boards import a_map, bus_board, servos_on, stance_counts
+from tests.robots import shipped
+
+
+class TestFeetech(LegServosConformance):
+    #: A count is 0.0015 rad.
+    @pytest.fixture(autouse=True)
+    def board(self) -> Iterator[None]:
+        with bus_board(a_map()) as self.running:
+            yield
+
+    def make(self) -> LegServos:
+        return servos_on(self.running, a_map())
+
+
+def _until(servos: LegServos, condition: Callable[[RobotState], Any], seconds: float = 5.0) -> RobotState:
+    """State of the first tick in which a condition holds, while the stance is commanded."""
+    for _ in range(round(seconds / 0.02)):
+        servos.clock.tick()
+        state = servos.read()
+        if condition(state):
+            return state
+        servos.write(JointTargets(servos.robot.stance_angles_rad, servos.clock.now_s))
+    raise AssertionError(state)
+
+
+def test_nothing_is_switched_before_the_first_targets_and_the_robot_then_stays_where_it_is() -> None:
+    bus_map = a_map()
+    with bus_board(bus_map) as board:
+        board._robot._positions_rad += 0.05  # type: ignore[attr-defined]  # moved by hand
+        with servos_on(board, bus_map) as servos:
+            here = servos.read().joint_positions_rad
+            assert here == pytest.approx(servos.robot.stance_angles_rad + 0.05, abs=2e-3)
+            time.sleep(0.2)
+            assert not board._servos[0].holds
+            servos.write(JointTargets(here, servos.clock.now_s))
+            _until(servos, lambda _: board._servos[0].holds)
+            assert servos.disable_torque()
+            time.sleep(0.2)
+            assert not any(servo.holds for servo in board._servos)
+            servos.write(JointTargets(here, servos.clock.now_s))
+            time.sleep(0.2)
+        assert all(servo.holds for servo in board._servos), "after closing the robot holds its pose"
+        with servos_on(board, bus_map) as servos:
+            time.sleep(0.2)
+            assert all(servo.holds for servo in board._servos), "and is not dropped by the next program"
+
+
+def test_a_servo_that_falls_silent_is_named_and_the_others_walk_on() -> None:
+    with bus_board(a_map(), "mute:5:femur@1") as board, servos_on(board, a_map()) as servos:
+        state = _until(servos, lambda state: state.warnings)
+        assert state.warnings == ("mute: leg 5 femur (id 14)",)
+        assert state.healthy
+        assert state.servos is not None
+        assert state.servos.ages_s[13] > 0.4
+        assert np.delete(state.servos.ages_s, 13).max() < 0.4
+        assert np.isfinite(state.joint_positions_rad).all()
+        assert list(servos.news()) == ["servos: mute: leg 5 femur (id 14)"]
+
+
+def test_servos_of_two_legs_may_be_missing_at_connect_and_not_more() -> None:
+    with bus_board(a_map(), "mute:5:femur", "mute:5:coxa") as board, servos_on(board, a_map()) as servos:
+        assert servos.read().joint_positions_rad.shape == (18,)
+    mute = [f"mute:{leg}:{joint}" for leg in (1, 2, 3) for joint in ("coxa", "femur", "tibia")]
+    with bus_board(a_map(), *mute) as board, pytest.raises(RobotFaultError, match=r"leg 1 coxa \(id 1\), "):
+        servos_on(board, a_map()).connect()
+
+
+def test_a_hot_servo_is_named() -> None:
+    with bus_board(a_map(), "hot:2:femur:72") as board, servos_on(board, a_map()) as servos:
+        state = _until(servos, lambda state: state.warnings)
+        assert "hot: leg 2 femur (id 5)" in state.warnings
+
+
+def test_garbled_answers_stop_nothing() -> None:
+    with bus_board(a_map(), "garble:0.05") as board, Guard(servos_on(board, a_map())) as guard:
+        for _ in range(150):
+            guard.clock.tick()
+            state = guard.read()
+            assert state.joint_positions_rad == pytest.approx(guard.robot.stance_angles_rad, abs=0.02)
+            guard.write(JointTargets(guard.robot.stance_angles_rad, guard.clock.now_s))
+        assert guard.stopped is None
+        assert guard.link_counts["missed"] > 0
+
+
+def test_a_port_that_goes_stops_the_robot_and_is_found_again() -> None:
+    with bus_board(a_map(), "unplug@1", "replug@2.5") as board, Guard(servos_on(board, a_map())) as guard:
+        stopped_at, ticks = None, 0
+        while guard.stopped is None and ticks < 400:
+            ticks += 1
+            guard.clock.tick()
+            guard.read()
+            if guard.stopped is None:
+                guard.write(JointTargets(guard.robot.stance_angles_rad, guard.clock.now_s))
+            else:
+                stopped_at = guard.stopped
+        assert stopped_at == "state"  # nothing new was heard
+        for _ in range(400):
+            guard.clock.tick()
+            if guard.read().age_s < 0.1:
+                break
+        guard.clear()
+        guard.write(JointTargets(guard.robot.stance_angles_rad, guard.clock.now_s))
+        assert guard.read().healthy
+
+
+def test_a_device_that_goes_is_a_fault_until_it_is_back(tmp_path: Path) -> None:
+    device = tmp_path / "ttyUSB0"
+    with bus_board(a_map()) as board:
+        device.symlink_to(board.path)
+        guard = Guard(BusServos(shipped("phantomx"), bus_map=a_map(), port=str(device)))
+        guard.connect()
+        guard.write(JointTargets(guard.robot.stance_angles_rad, guard.clock.now_s))
+        assert guard.read().healthy
+    device.unlink()
+    with guard:
+        _ticks(guard, lambda: guard.stopped is not None)
+        _ticks(guard, lambda: not guard.peek().healthy)
+        assert "the port" in str(guard.peek().fault)
+        with bus_board(a_map()) as board:
+            device.symlink_to(board.path)
+            _ticks(guard, lambda: guard.peek().healthy)
+            guard.clear()
+            assert not board._servos[0].holds, "nothing is switched on by itself"
+            guard.write(JointTargets(guard.robot.stance_angles_rad, guard.clock.now_s))
+            _ticks(guard, lambda: board._servos[0].holds)
+        assert guard.link_counts["reopened"] == 1
+
+
+def _ticks(guard: Guard, condition: Callable[[], bool]) -> None:
+    """Tick until a condition holds."""
+    for _ in range(400):
+        guard.clock.tick()
+        guard.read()
+        if condition():
+            return
+    raise AssertionError("not within 8 s")
+
+
+def test_another_model_than_the_robot_file_says_is_refused() -> None:
+    with (
+        bus_board(a_map("dynamixel", "xl430-w250")) as board,
+        pytest.raises(RobotFaultError, match=r"leg 1 coxa \(id 1\) reports model number 1060, not 1200"),
+    ):
+        servos_on(board, a_map("dynamixel", "xl330-m288")).connect()
+
+
+def test_nothing_answers_at_another_protocol() -> None:
+    with bus_board(a_map()) as board, pytest.raises(RobotFaultError, match="no servo answers on /dev/pts/"):
+        servos_on(board, a_map("dynamixel", "xl430-w250")).connect()
+
+
+def test_targets_beyond_the_limits_of_a_servo_end_there() -> None:
+    bus_map = a_map()
+    with bus_board(bus_map) as board, servos_on(board, bus_map) as servos:
+        far = servos.robot.stance_angles_rad.copy()
+        far[1] = 10.0
+        sent = servos.write(JointTargets(far, servos.clock.now_s)).positions_rad
+        assert bus_map.counts(sent)[1] == pytest.approx(bus_map.least[1])
+        assert np.delete(sent, 1) == pytest.approx(np.delete(far, 1))
+        assert stance_counts(bus_map).shape == (18,)
+
+
+@pytest.mark.parametrize(
+    ("text", "baud", "expected"),
+    [
+        ("/dev/ttyUSB0", None, ("/dev/ttyUSB0", 1_000_000)),
+        ("/dev/ttyUSB0", 57_600, ("/dev/ttyUSB0", 57_600)),
+        ("/dev/ttyUSB0:115200", 57_600, ("/dev/ttyUSB0", 115_200)),
+    ],
+)
+def test_a_port_has_a_baud(text: str, baud: int | None, expected: tuple[str, int]) -> None:
+    assert parse_bus_port(text, baud) == expected
+
+
+@pytest.mark.parametrize("text", [None, "", ":9600", "/dev/x:fast", "/dev/x:1"])
+def test_a_port_that_is_none_is_refused(text: str | None) -> None:
+    with pytest.raises(InputError, match=r"connect: got .*; allowed: "):
+        parse_bus_port(text)

@@ -1,0 +1,72 @@
+"""Faults of a simulated bus."""
+
+import random
+
+import numpy as np
+import pytest
+
+from hexctl.errors import InputError
+from hexctl.serve.bus_faults import BusFault, BusFaults, parse_bus_fault
+from tests.backends.bus.boards import a_map
+
+
+@pytest.mark.parametrize(
+    ("text", "fault"),
+    [
+        ("mute:5:coxa@10", BusFault(kind="mute", at_s=10, joint=12)),
+        ("hot:2:femur:72.5", BusFault(kind="hot", joint=4, value=72.5)),
+        ("lost-id:3:tibia@8", BusFault(kind="lost-id", at_s=8, joint=8)),
+        ("brown-out@12", BusFault(kind="brown-out", at_s=12)),
+        ("garble:0.01", BusFault(kind="garble", value=0.01)),
+        ("echo", BusFault(kind="echo")),
+    ],
+)
+def test_faults_are_read(text: str, fault: BusFault) -> None:
+    assert parse_bus_fault(text) == fault
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "mute",
+        "mute:7:coxa",
+        "mute:1:knee",
+        "hot:1:coxa",
+        "hot:1:coxa:warm",
+        "echo:1",
+        "garble:2",
+        "echo@x",
+    ],
+)
+def test_anything_else_is_refused(text: str) -> None:
+    with pytest.raises(InputError, match=r"fault: got .*; allowed: mute:LEG:JOINT, "):
+        parse_bus_fault(text)
+
+
+def test_faults_begin_when_they_are_due() -> None:
+    words = ("unplug@2", "mute:1:femur@1", "replug@3", "hot:1:coxa:80@2")
+    faults = BusFaults(tuple(map(parse_bus_fault, words)), a_map())
+    assert not faults.mute.any()
+    faults.advance(1.0)
+    assert np.flatnonzero(faults.mute).tolist() == [1]
+    faults.advance(2.5)
+    assert faults.unplugged
+    assert faults.temperatures == {0: 80.0}
+    faults.advance(10.0)
+    assert not faults.unplugged
+
+
+def test_as_many_answers_are_garbled_as_was_asked_for() -> None:
+    faults, rng = BusFaults((parse_bus_fault("garble:0.25"),), a_map()), random.Random(0)
+    answer = bytes(range(20))
+    garbled = sum(faults.garbled(answer, rng) != answer for _ in range(4000))
+    assert 0.22 < garbled / 4000 < 0.28
+
+
+def test_in_a_brown_out_nothing_holds() -> None:
+    faults = BusFaults((parse_bus_fault("brown-out@1"),), a_map())
+    assert faults.voltage(12.0) == 12.0
+    faults.advance(1.0)
+    assert faults.voltage(12.0) < 8
+    assert faults.dead.all()
