@@ -106,7 +106,7 @@ def test_servos_that_echo_and_lose_messages_stop_for_a_missing_leg(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """What is left are contacts and pose; the policy is that of a real robot."""
-    chance = random.Random(1)  # noqa: S311  no secret
+    chance = random.Random(1)
     put, write, newest = LatestValues.put, ZenohServos.write, StateSubscriber.newest
 
     def echoing(self: StateSubscriber, clock_s: float) -> RobotState:
