@@ -12,7 +12,8 @@ import yaml
 
 from hexctl.backends.sim.world import DomainRandomization, World
 from hexctl.cli.main import exit_code
-from hexctl.robot.loader import load_meshes
+from hexctl.robot.bus_map import bus_map_of
+from hexctl.robot.loader import load_meshes, load_robot_file
 from hexctl.robot.schema import MountSection, RobotSchema
 from hexctl.wire.certificates import make_certificates
 from hexctl.wire.links import load_link
@@ -54,12 +55,18 @@ def worlds(values: dict[str, Any], _folder: Path) -> None:
     (DomainRandomization if "ranges" in values else World).model_validate(values)
 
 
+def bus_servos(content: dict[str, Any], folder: Path) -> object:
+    file = load_robot_file(edited_file(folder, put("servos", content["servos"])))
+    return bus_map_of(file.content.servos, content["servos"]["driver"])
+
+
 #: What a page's YAML is.
 FILES: dict[str, Callable[[Any, Path], object]] = {
     "walking.md": worlds,
     "robots.md": parts,
     "recordings.md": meshes,
     "firmware.md": servos,
+    "bus-servos.md": bus_servos,
     "protocol.md": a_link,
 }
 
