@@ -1,7 +1,7 @@
 """A bus of eighteen servos: what one thread asks them and tells them, packet by packet."""
 
 import time
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -195,7 +195,7 @@ class ServoBus:
             asked = first.to_bytes(2, "little") + size.to_bytes(2, "little") + ids
         request = self._packets.instruction(BROADCAST, SYNC_READ, asked)
         wire_s = self._line.wire_s(len(request) + len(joints) * self._packets.status_size(size))
-        answers = self._transact(request, wanted=len(joints), wire_s=wire_s)
+        answers = self._transact(request, ids, wire_s)
         reports = [each for answer in answers if (each := self._report(answer)) is not None]
         self._counters.missed += len(joints) - len(reports)
         return reports
@@ -281,28 +281,38 @@ class ServoBus:
         size = self._packets.status_size(self.table.block[1])
         wire_s = self._line.wire_s(len(request) + size)
         for _ in range(tries):
-            for answer in self._transact(request, wanted=1, wire_s=wire_s):
-                if answer.servo_id == servo_id:
-                    return answer
+            for answer in self._transact(request, (servo_id,), wire_s):
+                return answer
         return None
 
-    def _transact(self, request: bytes, *, wanted: int, wire_s: float) -> list[StatusPacket]:
-        """Answers to a packet that takes a time on the wire with them, until there are as many as wanted."""
+    def _transact(self, request: bytes, asked: Collection[int], wire_s: float) -> list[StatusPacket]:
+        """Answers to a packet.
+
+        Args:
+            request: the packet.
+            asked: ids of the servos that are to answer; it is over once all have.
+            wire_s: how long packet and answers take on the wire.
+        """
         line, stream = self._line, self._stream
         line.discard()
         stream.finish()
         line.write(request)
-        answers: list[StatusPacket] = []
+        answers: dict[int, StatusPacket] = {}
         begin_s = time.monotonic()
         deadline_s = begin_s + wire_s + self._patience_s
-        while len(answers) < wanted:
+        while len(answers) < len(asked):
             data = line.read(deadline_s)
-            if not data and time.monotonic() >= deadline_s:
-                answers += stream.finish()
+            came = stream.feed(data)
+            over = not data and time.monotonic() >= deadline_s
+            for answer in came + stream.finish() if over else came:
+                if answer.servo_id in asked:
+                    answers[answer.servo_id] = answer
+                elif answer.servo_id in self._joints:  # too late for the packet before
+                    self._patience_s = min(2 * self._patience_s, FIRST_PATIENCE_S)
+            if over:
                 break
-            answers += [each for each in stream.feed(data) if each.servo_id in self._joints]
-        if len(answers) == wanted:
+        if len(answers) == len(asked):
             delay_s = PATIENCE_TIMES * (time.monotonic() - begin_s - wire_s)
             self._patience_s += PATIENCE_SHARE * (max(delay_s, LEAST_PATIENCE_S) - self._patience_s)
         self._counters.garbled = stream.garbled
-        return answers
+        return list(answers.values())
