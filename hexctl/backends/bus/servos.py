@@ -1,6 +1,5 @@
 """Leg servos on a bus, as `LegServos`."""
 
-from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 
@@ -88,8 +87,6 @@ class BusServos(LegServos):
         self._thread: BusThread | None = None
         self._sent_rad: FloatArray = self._robot.stance_angles_rad.copy()
         self._snapshot: tuple[int, RobotState] | None = None
-        self._news: list[str] = []
-        self._warned: tuple[str, ...] = ()
 
     @property
     def robot(self) -> Robot:
@@ -153,11 +150,6 @@ class BusServos(LegServos):
         self._thread.send(self._map.counts(sent.positions_rad))
         self._sent_rad = sent.positions_rad.copy()
         return sent
-
-    def news(self) -> Sequence[str]:
-        """Warnings that came and went since this was asked last."""
-        news, self._news = self._news, []
-        return news
 
     def disable_torque(self) -> bool:
         """Let all joints go limp until the next targets."""
@@ -231,7 +223,6 @@ class BusServos(LegServos):
         efforts = self._map.signs * servos.efforts
         torques = None if np.isnan(efforts).any() else efforts * self._robot.joint_max_torque_nm
         warnings = self._warnings(servos)
-        self._tell(warnings)
         return RobotState(
             positions,
             stamp_s=max(0.0, self._clock.now_s - age_s),
@@ -256,12 +247,6 @@ class BusServos(LegServos):
             if error:
                 warnings.append(f"{error}: {self._map.names(np.arange(N_JOINTS) == joint)}")
         return tuple(warnings)
-
-    def _tell(self, warnings: tuple[str, ...]) -> None:
-        """Remember warnings that are new or over, for `news`."""
-        self._news += [f"servos: {each}" for each in warnings if each not in self._warned]
-        self._news += [f"servos: no longer {each}" for each in self._warned if each not in warnings]
-        self._warned = warnings
 
 
 def _median(values: FloatArray) -> float | None:
