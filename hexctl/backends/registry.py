@@ -133,13 +133,18 @@ def check_options(
         if not value or field in takes:
             continue
         takers = [known for known, backend in BACKENDS.items() if field in backend.takes]
-        allowed = " and ".join(known for known in takers if offered is None or known in offered) or "none"
+        allowed = _joined([known for known in takers if offered is None or known in offered])
         own = name not in BACKENDS
         raise InputError(
             f"{argument(names.get(field, field))}: got {'it' if value is True else value} "
             f"with {argument('backend')} {name}{f', whose class takes no `{field}`' if own else ''}; "
             f"allowed: with {allowed}{f', or a class that takes `{field}`' if own else ''}"
         )
+
+
+def _joined(names: list[str]) -> str:
+    """Names as a sentence has them."""
+    return " and ".join([", ".join(names[:-1]), names[-1]]) if len(names) > 1 else "".join(names) or "none"
 
 
 def _sim(options: BackendOptions) -> LegServos:
