@@ -1,33 +1,17 @@
 """A bus of eighteen servos: what one thread asks them and tells them, packet by packet."""
 
 import time
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from hexctl.backends.bus.packets import (
-    BROADCAST,
-    PING,
-    PROTOCOLS,
-    READ,
-    SYNC_READ,
-    SYNC_WRITE,
-    WRITE,
-    PacketStream,
-    StatusPacket,
-)
+from hexctl.backends.bus.packet_line import PacketLine
+from hexctl.backends.bus.packets import BROADCAST, PING, READ, SYNC_READ, SYNC_WRITE, WRITE, StatusPacket
 from hexctl.backends.bus.registers import Register, RegisterTable, table_of
 from hexctl.backends.bus.serial_line import SerialLine
 from hexctl.robot.bus_map import BusMap
 from hexctl.types import N_JOINTS, BoolArray, FloatArray
-
-#: How long an answer may take beside its time on the wire: least, and at first. Adapters deliver late, FTDI's
-#: by 16 ms where their timer cannot be set.
-LEAST_PATIENCE_S, FIRST_PATIENCE_S = 0.004, 0.034
-
-#: How many times the delay of the answers so far is waited for, and the share of each answer in that.
-PATIENCE_TIMES, PATIENCE_SHARE = 4.0, 0.1
 
 #: Servos that are asked one by one in a control period, where they do not answer one packet together.
 ONE_BY_ONE = 5
@@ -101,21 +85,19 @@ class ServoBus:
     """
 
     def __init__(self, line: SerialLine, servos: BusMap, counters: BusCounters) -> None:
-        self._line, self._servos, self._counters = line, servos, counters
+        self._line, self._counters = line, counters
         self.table: RegisterTable = table_of(servos.models[0].name)
-        self._packets = PROTOCOLS[self.table.protocol]
-        self._stream = PacketStream(self._packets)
+        self._packets = PacketLine(line, self.table.protocol)
         self._ids: list[int] = servos.ids.tolist()
         self._joints = {servo_id: joint for joint, servo_id in enumerate(self._ids)}
         self._next = 0
-        self._patience_s = FIRST_PATIENCE_S
 
     def find(self) -> BoolArray:
         """Which joints have a servo that answers, (18,); learns whether the adapter echoes."""
-        self._learn_echo()
+        self._packets.learn_echo(self._ids[0])
         found: BoolArray = np.zeros(N_JOINTS, dtype=bool)
         for joint, servo_id in enumerate(self._ids):
-            found[joint] = self._ask(servo_id, PING) is not None
+            found[joint] = self._packets.ask(servo_id, PING, tries=TRIES) is not None
         return found
 
     def model_number(self, joint: int) -> int | None:
@@ -193,23 +175,27 @@ class ServoBus:
             asked = bytes([first, size]) + ids
         else:
             asked = first.to_bytes(2, "little") + size.to_bytes(2, "little") + ids
-        request = self._packets.instruction(BROADCAST, SYNC_READ, asked)
-        wire_s = self._line.wire_s(len(request) + len(joints) * self._packets.status_size(size))
-        answers = self._transact(request, ids, wire_s)
+        packets = self._packets.packets
+        request = packets.instruction(BROADCAST, SYNC_READ, asked)
+        wire_s = self._line.wire_s(len(request) + len(joints) * packets.status_size(size))
+        answers = self._packets.transact(request, ids, wire_s)
         reports = [each for answer in answers if (each := self._report(answer)) is not None]
-        self._counters.missed += len(joints) - len(reports)
+        self._count(missed=len(joints) - len(reports))
         return reports
 
     def _poll_each(self, joints: list[int]) -> list[Report]:
         reports: list[Report] = []
         for joint in joints:
-            answer = self._ask(self._ids[joint], READ, self._place(*self.table.block), tries=1)
+            answer = self._packets.ask(self._ids[joint], READ, self._place(*self.table.block))
             report = None if answer is None else self._report(answer)
-            if report is None:
-                self._counters.missed += 1
-            else:
+            if report is not None:
                 reports.append(report)
+        self._count(missed=len(joints) - len(reports))
         return reports
+
+    def _count(self, *, missed: int) -> None:
+        self._counters.missed += missed
+        self._counters.garbled = self._packets.garbled
 
     def _report(self, answer: StatusPacket) -> Report | None:
         """Report of an answer; None for one of another servo or size."""
@@ -228,20 +214,6 @@ class ServoBus:
             error=table.complaint(answer.error),
         )
 
-    def _learn_echo(self) -> None:
-        """Ping a servo, and see whether the ping comes back in front of the answer."""
-        line = self._line
-        line.echoes = False
-        line.discard()
-        ping = self._packets.instruction(self._ids[0], PING)
-        line.write(ping)
-        deadline_s, seen = time.monotonic() + line.wire_s(2 * len(ping)) + FIRST_PATIENCE_S, b""
-        while time.monotonic() < deadline_s and len(seen) < len(ping):
-            seen += line.read(deadline_s)
-        line.echoes = seen.startswith(ping)
-        time.sleep(LEAST_PATIENCE_S)
-        line.discard()
-
     def _place(self, address: int, size: int) -> bytes:
         """Parameters that name some bytes of the memory."""
         if self.table.protocol == 1:
@@ -250,7 +222,9 @@ class ServoBus:
 
     def _read(self, joint: int, register: Register) -> int | None:
         """Raw number in a register of a joint's servo, or None without an answer."""
-        answer = self._ask(self._ids[joint], READ, self._place(register.address, register.size))
+        answer = self._packets.ask(
+            self._ids[joint], READ, self._place(register.address, register.size), tries=TRIES
+        )
         if answer is None or len(answer.parameters) != register.size:
             return None
         return int.from_bytes(answer.parameters, self.table.byte_order)
@@ -259,7 +233,7 @@ class ServoBus:
         """Write a register of a joint's servo; whether it answered."""
         address = register.address.to_bytes(1 if self.table.protocol == 1 else 2, "little")
         data = address + self.table.packed(register, value)
-        return self._ask(self._ids[joint], WRITE, data) is not None
+        return self._packets.ask(self._ids[joint], WRITE, data, tries=TRIES) is not None
 
     def _sync_write(self, register: Register, values: FloatArray, joints: Sequence[int] = ALL) -> None:
         """Write a register of some joints, values (18,), in one packet, which no servo answers."""
@@ -271,48 +245,4 @@ class ServoBus:
         rows = b"".join(
             bytes([self._ids[joint]]) + table.packed(register, float(values[joint])) for joint in joints
         )
-        self._line.write(self._packets.instruction(BROADCAST, SYNC_WRITE, head + rows))
-
-    def _ask(
-        self, servo_id: int, instruction: int, parameters: bytes = b"", *, tries: int = TRIES
-    ) -> StatusPacket | None:
-        """Answer of one servo, or None where it gives none in some tries."""
-        request = self._packets.instruction(servo_id, instruction, parameters)
-        size = self._packets.status_size(self.table.block[1])
-        wire_s = self._line.wire_s(len(request) + size)
-        for _ in range(tries):
-            for answer in self._transact(request, (servo_id,), wire_s):
-                return answer
-        return None
-
-    def _transact(self, request: bytes, asked: Collection[int], wire_s: float) -> list[StatusPacket]:
-        """Answers to a packet.
-
-        Args:
-            request: the packet.
-            asked: ids of the servos that are to answer; it is over once all have.
-            wire_s: how long packet and answers take on the wire.
-        """
-        line, stream = self._line, self._stream
-        line.discard()
-        stream.finish()
-        line.write(request)
-        answers: dict[int, StatusPacket] = {}
-        begin_s = time.monotonic()
-        deadline_s = begin_s + wire_s + self._patience_s
-        while len(answers) < len(asked):
-            data = line.read(deadline_s)
-            came = stream.feed(data)
-            over = not data and time.monotonic() >= deadline_s
-            for answer in came + stream.finish() if over else came:
-                if answer.servo_id in asked:
-                    answers[answer.servo_id] = answer
-                elif answer.servo_id in self._joints:  # too late for the packet before
-                    self._patience_s = min(2 * self._patience_s, FIRST_PATIENCE_S)
-            if over:
-                break
-        if len(answers) == len(asked):
-            delay_s = PATIENCE_TIMES * (time.monotonic() - begin_s - wire_s)
-            self._patience_s += PATIENCE_SHARE * (max(delay_s, LEAST_PATIENCE_S) - self._patience_s)
-        self._counters.garbled = stream.garbled
-        return list(answers.values())
+        self._packets.tell(BROADCAST, SYNC_WRITE, head + rows)

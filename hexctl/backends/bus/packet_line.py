@@ -1,0 +1,98 @@
+"""A line on which servos answer packets, one question at a time."""
+
+import time
+from collections.abc import Collection
+
+from hexctl.backends.bus.packets import PING, PROTOCOLS, PacketStream, StatusPacket
+from hexctl.backends.bus.serial_line import SerialLine
+
+#: How long an answer may take beside its time on the wire: least, and at first. Adapters deliver late, FTDI's
+#: by 16 ms where their timer cannot be set.
+LEAST_PATIENCE_S, FIRST_PATIENCE_S = 0.004, 0.034
+
+#: How many times the delay of the answers so far is waited for, and the share of each answer in that.
+PATIENCE_TIMES, PATIENCE_SHARE = 4.0, 0.1
+
+#: Parameters of most answers at the most.
+ANSWER_BYTES = 24
+
+
+class PacketLine:
+    """Packets of one protocol on a line. Its methods raise OSError when the port has gone.
+
+    Args:
+        line: open.
+        protocol: version, 1 or 2.
+        patience_s: how long an answer may take at first.
+    """
+
+    def __init__(self, line: SerialLine, protocol: int, *, patience_s: float = FIRST_PATIENCE_S) -> None:
+        self.line, self.packets = line, PROTOCOLS[protocol]
+        self._stream = PacketStream(self.packets)
+        self._patience_s = self._most_patience_s = patience_s
+
+    @property
+    def garbled(self) -> int:
+        """Bytes so far that belonged to no packet."""
+        return self._stream.garbled
+
+    def tell(self, servo_id: int, instruction: int, parameters: bytes) -> None:
+        """Send a packet that no servo answers."""
+        self.line.write(self.packets.instruction(servo_id, instruction, parameters))
+
+    def ask(
+        self, servo_id: int, instruction: int, parameters: bytes = b"", *, tries: int = 1
+    ) -> StatusPacket | None:
+        """Answer of one servo, or None where it gives none in some tries."""
+        request = self.packets.instruction(servo_id, instruction, parameters)
+        wire_s = self.line.wire_s(len(request) + self.packets.status_size(ANSWER_BYTES))
+        for _ in range(tries):
+            for answer in self.transact(request, (servo_id,), wire_s):
+                return answer
+        return None
+
+    def transact(self, request: bytes, asked: Collection[int], wire_s: float) -> list[StatusPacket]:
+        """Answers to a packet.
+
+        Args:
+            request: the packet.
+            asked: ids of the servos that are to answer; it is over once all have.
+            wire_s: how long packet and answers take on the wire.
+        """
+        line, stream = self.line, self._stream
+        line.discard()
+        stream.finish()
+        line.write(request)
+        answers: dict[int, StatusPacket] = {}
+        begin_s = time.monotonic()
+        deadline_s = begin_s + wire_s + self._patience_s
+        while len(answers) < len(asked):
+            data = line.read(deadline_s)
+            came = stream.feed(data)
+            over = not data and time.monotonic() >= deadline_s
+            for answer in came + stream.finish() if over else came:
+                if answer.servo_id in asked:
+                    answers[answer.servo_id] = answer
+                else:  # too late for the packet before
+                    self._patience_s = min(2 * self._patience_s, self._most_patience_s)
+            if over:
+                break
+        if len(answers) == len(asked):
+            delay_s = PATIENCE_TIMES * (time.monotonic() - begin_s - wire_s)
+            self._patience_s += PATIENCE_SHARE * (max(delay_s, LEAST_PATIENCE_S) - self._patience_s)
+            self._patience_s = min(self._patience_s, self._most_patience_s)
+        return list(answers.values())
+
+    def learn_echo(self, servo_id: int) -> None:
+        """Ping a servo, and see whether the ping comes back in front of the answer."""
+        line = self.line
+        line.echoes = False
+        line.discard()
+        ping = self.packets.instruction(servo_id, PING)
+        line.write(ping)
+        deadline_s, seen = time.monotonic() + line.wire_s(2 * len(ping)) + FIRST_PATIENCE_S, b""
+        while time.monotonic() < deadline_s and len(seen) < len(ping):
+            seen += line.read(deadline_s)
+        line.echoes = seen.startswith(ping)
+        time.sleep(LEAST_PATIENCE_S)
+        line.discard()
