@@ -88,7 +88,7 @@ def test_a_hot_servo_is_named() -> None:
 
 
 def test_garbled_answers_stop_nothing() -> None:
-    with bus_board(a_map(), "garble:0.05") as board, Guard(servos_on(board, a_map())) as guard:
+    with bus_board(a_map(), "garble:0.05") as board, Guard(servos_on(board, a_map()), expiry_s=1.0) as guard:
         for _ in range(150):
             guard.clock.tick()
             state = guard.read()
@@ -99,7 +99,10 @@ def test_garbled_answers_stop_nothing() -> None:
 
 
 def test_a_port_that_goes_stops_the_robot_and_is_found_again() -> None:
-    with bus_board(a_map(), "unplug@1", "replug@2.5") as board, Guard(servos_on(board, a_map())) as guard:
+    with (
+        bus_board(a_map(), "unplug@1", "replug@3.5") as board,
+        Guard(servos_on(board, a_map()), expiry_s=1.0) as guard,
+    ):
         stopped_at, ticks = None, 0
         while guard.stopped is None and ticks < 400:
             ticks += 1
@@ -123,7 +126,8 @@ def test_a_device_that_goes_is_a_fault_until_it_is_back(tmp_path: Path) -> None:
     device = tmp_path / "ttyUSB0"
     with bus_board(a_map()) as board:
         device.symlink_to(board.path)
-        guard = Guard(BusServos(shipped("phantomx"), bus_map=a_map(), port=str(device)))
+        servos = BusServos(shipped("phantomx"), bus_map=a_map(), port=str(device))
+        guard = Guard(servos, expiry_s=1.0)
         guard.connect()
         guard.write(JointTargets(guard.robot.stance_angles_rad, guard.clock.now_s))
         assert guard.read().healthy
