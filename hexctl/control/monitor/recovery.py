@@ -8,7 +8,7 @@ from typing import Literal
 
 from hexctl.control.assessment.crawl import gait_without
 from hexctl.control.assessment.static_stability import STAND_UP
-from hexctl.control.monitor.repertoire import SAFEST, WALK_ON, Repertoire, walks_on
+from hexctl.control.monitor.repertoire import SAFEST, Repertoire, walks_on
 from hexctl.control.monitor.repertoire_store import find_repertoire
 from hexctl.control.plan import TrialPlan
 from hexctl.gait.gait import Gait
@@ -152,14 +152,13 @@ class GlideToStableGait(RecoveryPolicy):
         choice = None if repertoire is None else repertoire.choice(failures, heading_body_rad)
         if choice is None or choice.candidate.name == SAFEST:
             return None
-        if choice.candidate.name != WALK_ON:
-            why = f"{choice.gain:.0%} of the speed faster than the safest gait in {choice.walks} walks"
-            return Response(gait=choice.candidate.gait(plan.gait), why=why)
+        faster = f"{choice.gain:.0%} of the speed faster than the safest gait"
         if not walks_on(choice.candidate, plan.gait):
-            return None
+            gait = choice.candidate.gait(plan.gait)
+            return Response(gait=gait, why=f"{faster} in {choice.walks} walks")
         legs = " and ".join(str(leg) for leg in sorted({one.leg for one in failures}))
-        why = f"{choice.gain:.0%} of the speed faster than the safest gait without leg {legs} in"
-        return Response(gait=plan.gait, stays=True, why=f"{why} {choice.walks} walks")
+        why = f"{faster} without leg {legs} in {choice.walks} walks"
+        return Response(gait=plan.gait, stays=True, why=why)
 
     @staticmethod
     def _gait_without(robot: Robot, plan: TrialPlan, heading_body_rad: float, legs: Sequence[int]) -> Gait:

@@ -105,6 +105,14 @@ def test_by_its_repertoire_it_glides_to_a_faster_gait_at_the_pace_of_the_walk() 
     assert str(response) == f"glided to slots 2,1,3,4,5,6: {faster}"
 
 
+def test_where_the_tripod_was_faster_on_all_legs_another_gait_glides_to_it() -> None:
+    plan = TrialPlan(gait=make_gait(shipped(), "wave"), hold="line")
+    response = GlideToStableGait(made_up()).respond(shipped(), plan, 0.0, [STUCK])
+    assert response.gait == make_gait(shipped(), "tripod")
+    faster = "20% of the speed faster than the safest gait in 4 walks"
+    assert str(response) == f"glided to slots 1,4,1,4,1,4: {faster}"
+
+
 @pytest.mark.parametrize(
     ("gait", "hold", "heading_rad", "failures"),
     [
@@ -112,7 +120,6 @@ def test_by_its_repertoire_it_glides_to_a_faster_gait_at_the_pace_of_the_walk() 
         ("tripod", "line", 0.5, [STUCK]),  # a direction that was not walked
         ("tripod", "line", 0.0, [Failure(leg=2, kind="locked")]),
         ("tripod", "line", 0.0, [STUCK, Failure(leg=4, kind="limp")]),
-        ("wave", "line", 0.0, [STUCK]),  # the tripod went on, not the wave
     ],
 )
 def test_what_the_repertoire_has_not_walked_is_left_to_the_margin(
