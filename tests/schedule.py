@@ -21,6 +21,8 @@ LANES = {
         "tests/serve/test_remote.py",
         "tests/backends/bus/test_servo_bus.py",
         "tests/backends/bus/test_servos.py",
+        "tests/backends/bus/test_scan.py",
+        "tests/cli/test_servos.py",
         "tests/docs/test_commands.py::test_the_commands_of_a_page",
     ),
     "links": (

@@ -19,6 +19,7 @@ from hexctl.cli.keys import keys
 from hexctl.cli.prior import prior
 from hexctl.cli.run import run
 from hexctl.cli.serve import serve
+from hexctl.cli.servos import ports, servos
 from hexctl.cli.sessions import sessions
 from hexctl.cli.status import status
 from hexctl.cli.study import study
@@ -68,6 +69,8 @@ app.command(rich_help_panel=ROBOT)(check)
 app.command(rich_help_panel=ROBOT)(diagnose)
 app.command(rich_help_panel=ROBOT)(calibrate)
 app.command(rich_help_panel=ROBOT)(board)
+app.command(rich_help_panel=ROBOT)(ports)
+app.add_typer(servos, name="servos", rich_help_panel=ROBOT)
 app.command(rich_help_panel=NETWORK)(serve)
 app.command(rich_help_panel=NETWORK)(status)
 app.command(rich_help_panel=NETWORK)(estop)

@@ -174,6 +174,8 @@ class Shell:
             arguments += SHORTER.get(name, "").split()
         if "mavlink" in arguments:
             arguments += ["--connect", self._board]
+        if arguments[0] == "servos":
+            arguments[arguments.index("--port") + 1] = self._board
         on_bus = bool({"dynamixel", "feetech"} & set(arguments)) and "--connect" in arguments
         if on_bus:
             arguments[arguments.index("--connect") + 1] = self._board

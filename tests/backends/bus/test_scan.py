@@ -1,0 +1,55 @@
+"""Servos that answer on a bus, without a robot file."""
+
+import pytest
+
+from hexctl.backends.bus.scan import scan_bus, set_servo_id
+from hexctl.errors import InputError, RobotFaultError
+from tests.backends.bus.boards import MODELS, a_map, bus_board, stance_counts
+
+
+@pytest.mark.parametrize(("driver", "model"), MODELS)
+def test_every_servo_is_found_with_what_it_is(driver: str, model: str) -> None:
+    bus_map = a_map(driver, model)
+    with bus_board(bus_map, "mute:1:femur", "hot:1:tibia:72") as board:
+        found = scan_bus(board.path, driver, 1_000_000, ids=range(6))
+    assert [each.servo_id for each in found] == [1, 3, 4, 5]
+    assert {each.model for each in found} == {model}
+    assert found[0].position == stance_counts(bus_map)[0]
+    assert found[0].voltage_v == 12.0
+    assert [each.temperature_c for each in found[:2]] == [35.0, 72.0]
+    assert found[1].error in ("hot", "hardware alert")
+
+
+def test_an_adapter_that_echoes_shows_no_servos_that_are_not_there() -> None:
+    with bus_board(a_map(), "echo") as board:
+        found = scan_bus(board.path, "feetech", 1_000_000, ids=(0, 7, 30))
+    assert [each.servo_id for each in found] == [7]
+
+
+def test_the_only_servo_on_a_bus_takes_an_id() -> None:
+    others = [
+        f"mute:{leg}:{joint}"
+        for leg in range(1, 7)
+        for joint in ("coxa", "femur", "tibia")
+        if (leg, joint) != (2, "coxa")
+    ]
+    for driver, model in (("feetech", "sts3215"), ("dynamixel", "xl430-w250")):
+        with bus_board(a_map(driver, model), *others) as board:
+            servo = set_servo_id(board.path, driver, 1_000_000, 40)
+            assert (servo.servo_id, servo.model) == (40, model)
+
+
+def test_with_more_servos_no_id_is_changed() -> None:
+    with bus_board(a_map()) as board:
+        with pytest.raises(InputError, match=r"servos that answer: got 1, 2, .*; allowed: exactly one"):
+            set_servo_id(board.path, "feetech", 1_000_000, 40)
+        assert [servo.servo_id for servo in board._servos] == list(range(1, 19))
+    with pytest.raises(InputError, match="id: got 253; allowed: 0 to 252"):
+        set_servo_id("/dev/nothing", "feetech", 1_000_000, 253)
+
+
+def test_what_cannot_be_scanned_is_said_in_one_line() -> None:
+    with pytest.raises(RobotFaultError, match="/dev/nothing cannot be opened"):
+        scan_bus("/dev/nothing", "feetech", 1_000_000)
+    with pytest.raises(InputError, match="driver: got 'hitec'; allowed: dynamixel, feetech"):
+        scan_bus("/dev/nothing", "hitec", 1_000_000)
