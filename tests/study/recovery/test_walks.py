@@ -8,10 +8,12 @@ import pytest
 
 from hexctl.control.batch import run_sim_trial
 from hexctl.control.monitor.monitored_walk import recovering_walk
+from hexctl.control.monitor.repertoire_store import save_repertoire
 from hexctl.study.cache import CacheError, LandscapeCache
 from hexctl.study.evaluate import Silent
 from hexctl.study.recovery.episodes import RecoveryCase, RecoveryConditions
 from hexctl.study.recovery.walks import EpisodeCache, walk_all, walk_episodes
+from tests.control.monitor.repertoires import made_up
 from tests.study.recovery.made_up import episode, plan
 
 PLACE = replace(plan().walked()[0][0], duration_s=4.0)
@@ -117,3 +119,10 @@ def test_a_folder_that_cannot_be_written_is_an_error(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     with pytest.raises(CacheError, match="cannot be written"):
         EpisodeCache(LandscapeCache(tmp_path / "file")).save(PLACE, [])
+
+
+def test_walks_by_another_repertoire_are_others(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    before = PLACE.fingerprint
+    save_repertoire(made_up(), tmp_path / "runs" / "repertoires" / "ant.npz")
+    assert PLACE.fingerprint != before

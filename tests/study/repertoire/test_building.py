@@ -1,14 +1,18 @@
 """Building a repertoire: interrupted and continued, on a cluster, and what its file then says."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
+from contextlib import contextmanager
+from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from hexctl.control.monitor.repertoire_store import load_repertoire
-from hexctl.errors import InputError
+from hexctl.errors import InputError, RobotFaultError
 from hexctl.robot.failure import Failure
+from hexctl.study import evaluate
 from hexctl.study.cache import LandscapeCache
 from hexctl.study.evaluate import Silent
 from hexctl.study.repertoire import building
@@ -94,3 +98,37 @@ def test_a_repertoire_says_how_its_candidates_walked() -> None:
 def test_what_cannot_be_written_is_refused_before_anything_runs(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"ends in \.npz"):
         build_repertoire(PLAN, tmp_path / "x.zip", cache=LandscapeCache(tmp_path))
+
+
+def test_walks_of_a_cluster_are_those_of_this_machine(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What is sent to workers can be pickled, and what they send back is kept like any other walk."""
+    few = plan(directions=1)
+    alone = build_repertoire(few, tmp_path / "a.npz", cache=LandscapeCache(tmp_path / "a"), jobs=1)
+
+    @contextmanager
+    def pool(_address: str) -> Iterator[Executor]:
+        with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as executor:
+            yield executor
+
+    monkeypatch.setattr(evaluate, "dask_executor", pool)
+    cache = LandscapeCache(tmp_path / "b")
+    spread = build_repertoire(few, tmp_path / "b.npz", cache=cache, dask="tcp://127.0.0.1:1")
+    assert spread.digest() == alone.digest()
+    saved, total = repertoire_cache(cache).count(few.walked())
+    assert saved == total > 0
+
+
+def test_a_worker_with_other_code_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    _made_up_walks(monkeypatch)
+
+    @contextmanager
+    def pool(_address: str) -> Iterator[Executor]:
+        with ThreadPoolExecutor(1) as executor:
+            yield executor
+
+    monkeypatch.setattr(evaluate, "dask_executor", pool)
+    monkeypatch.setattr(evaluate, "_walked_elsewhere", lambda walk, threads: ({"mujoco": "0"}, walk(threads)))
+    with pytest.raises(RobotFaultError, match="a worker runs other code than this machine"):
+        build_repertoire(PLAN, tmp_path / "x.npz", cache=LandscapeCache(tmp_path), dask="tcp://127.0.0.1:1")
