@@ -22,6 +22,7 @@ LANES = {
         "tests/backends/bus/test_servo_bus.py",
         "tests/backends/bus/test_servos.py",
         "tests/backends/bus/test_scan.py",
+        "tests/serve/test_keeper.py",
         "tests/cli/test_servos.py",
         "tests/docs/test_commands.py::test_the_commands_of_a_page",
     ),

@@ -200,6 +200,7 @@ class ServosSection(Section):
     port: str | None = None
     baud: Baud | None = None
     model: str | None = None
+    if_computer_dies: Literal["sit", "hold"] = "sit"
     us_per_deg: Annotated[Number, Field(gt=0, le=1000, allow_inf_nan=False)] = 1000 / 90
     centre_us: PulseUs = 1500
     low_battery_v: Positive | None = None

@@ -137,6 +137,7 @@ class RobotServer:
         simulated: Mapping[str, str] | None = None,
         sit_after_s: float = SIT_AFTER_S,
         on_event: Callable[[str], None] = lambda _: None,
+        on_tick: Callable[[], None] = lambda: None,
     ) -> None:
         """Prepare to serve; nothing is opened yet.
 
@@ -148,6 +149,7 @@ class RobotServer:
             sit_after_s: seconds without a command until the robot sits down.
             on_event: called with one line for each change of controller, stop and posture, on a thread of
                 the event log.
+            on_tick: called in every control period; must not take long.
         """
         self._servos = ServedServos(servos)
         self._guard = Guard(self._servos, tilt_of=self._servos.tilt_of)
@@ -156,6 +158,7 @@ class RobotServer:
         self._leases = LeaseManager()
         self._commands = CommandHandler()
         self._requests = RequestHandler(self._guard, self._leases)
+        self._on_tick = on_tick
         self._idle = IdleSupervisor(self._guard, sit_after_s=sit_after_s)
         self._event_log = EventLog(on_event)
         self._inbox = Inbox()
@@ -256,6 +259,7 @@ class RobotServer:
         """One control period: read, check for expired commands, publish."""
         self._guard.clock.tick()
         self._ticks += 1
+        self._on_tick()
         state = self._guard.read()
         self._check_expiry()
         self._idle.tick(self._guard.clock.now_s)

@@ -14,13 +14,14 @@ from hexctl.errors import InputError, argument, check_type
 from hexctl.robot.bus_map import bus_map_of
 from hexctl.robot.failure import Failure, failure_text
 from hexctl.robot.loader import load_robot_file
-from hexctl.robot.schema import ServosSection
+from hexctl.robot.schema import BUS_DRIVERS, ServosSection
 from hexctl.serve.server import RobotServer
 from hexctl.wire.links import Link, load_link
 
 if TYPE_CHECKING:
     from hexctl.backends.mavlink.transport import Port, PortAddress
     from hexctl.backends.sim.world import World
+    from hexctl.serve.keeper import Keeper
 
 DEFAULT_WORLD = "flat"
 MIN_SIT_AFTER_S, MAX_SIT_AFTER_S = 1.0, 3600.0
@@ -194,6 +195,7 @@ class RobotService:
             connect=self.device, credentials=self.device_keys, insecure=self.insecure
         )
         servos = make_servos(self.servos.backend, options)
+        keeper = self._keeper(options)
         server = RobotServer(
             servos,
             link,
@@ -201,12 +203,32 @@ class RobotService:
             simulated=self.servos.simulated,
             sit_after_s=self.sit_after_s,
             on_event=on_event,
+            on_tick=keeper.tick if keeper is not None else lambda: None,
         )
         realtime = request_realtime_priority()
         started = ServiceStarted(
             robot=servos.robot.name, backend=self.servos.backend, place=link.endpoint, realtime=realtime
         )
-        server.run(stop_requested, ready=lambda: on_started(started))
+        try:
+            server.run(stop_requested, ready=lambda: on_started(started))
+        finally:
+            if keeper is not None:
+                keeper.dismiss()
+
+    def _keeper(self, options: BackendOptions) -> "Keeper | None":
+        """Process that looks after servos on a bus, which hold for ever, when this one has gone."""
+        from hexctl.serve.keeper import Keeper, KeeperSpec
+
+        if self.servos.backend not in BUS_DRIVERS or options.robot_file is None:
+            return None
+        return Keeper(
+            KeeperSpec(
+                backend=self.servos.backend,
+                robot=self.servos.robot,
+                connect=self.device,
+                sits=options.robot_file.content.servos.if_computer_dies == "sit",
+            )
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

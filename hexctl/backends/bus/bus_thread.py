@@ -31,6 +31,7 @@ class BusThread:
 
     Attributes:
         gone: why the port cannot be used at this moment, or None.
+        on: whether the servos hold.
     """
 
     def __init__(
@@ -44,14 +45,14 @@ class BusThread:
         self._lock, self._wake = threading.Lock(), threading.Event()
         self._goals: FloatArray | None = None
         self._torque: bool | None = None  # that is wanted and not yet switched
-        self._on = False
+        self.on = False
         self._stopping = False
         self.gone: str | None = None
         self._thread = threading.Thread(target=self._run, name="servo bus", daemon=True)
 
     def start(self, *, on: bool) -> None:
         """Begin; `on` says whether the servos hold already."""
-        self._on = on
+        self.on = on
         self._thread.start()
 
     def stop(self) -> None:
@@ -104,10 +105,10 @@ class BusThread:
             torque, self._torque = self._torque, None
         if torque is False:
             self._bus.set_torque(False)
-            self._on = False
+            self.on = False
         if goals is None:
             return torque is not None
-        if not self._on:
+        if not self.on:
             self._hold_where_it_is()
         self._bus.write_goals(goals)
         return True
@@ -121,7 +122,7 @@ class BusThread:
             here = self._readings.positions.copy()
         known: BoolArray = np.isfinite(here)
         self._bus.hold(np.where(known, here, 0.0), known)
-        self._on = True
+        self.on = True
 
     def _hear(self, reports: list) -> None:  # type: ignore[type-arg]
         with self._lock:
@@ -141,7 +142,7 @@ class BusThread:
             with self._lock:
                 self._goals = self._torque = None
                 self._readings.forget()
-            self._on = False
+            self.on = False
             self._counters.reopened += 1
             self.gone = None
             return

@@ -108,6 +108,11 @@ class BusServos(LegServos):
         """Counts of the bus by name."""
         return asdict(self.counters)
 
+    @property
+    def holds(self) -> bool:
+        """Whether the torque is on."""
+        return self._thread is not None and self._thread.on
+
     def connect(self) -> None:
         """Open the port, find the servos and read where they are.
 

@@ -1,0 +1,77 @@
+"""What becomes of a robot on a bus when the process that serves it is killed, or hangs."""
+
+import os
+import signal
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hexctl.backends.bus.scan import scan_bus
+from hexctl.control.controllers import sitting_angles_rad
+from hexctl.robot.bus_map import bus_map_of
+from hexctl.robot.loader import load_robot_file
+from hexctl.serve.keeper import wait_for_the_end
+from hexctl.types import FloatArray
+from tests.backends.mavlink.boards import board
+from tests.robots import edited_file, put
+from tests.serve.processes import program, served, wait_until
+
+WALK = ("hexctl", "run", "--backend", "zenoh", "--duration", "60", "--no-record")
+
+#: Horns mounted so that sitting fits into the travel of the servos.
+FITTING = {"model": "sts3215", "femur": {"offset_deg": -10}, "tibia": {"offset_deg": 40}}
+
+
+@pytest.mark.parametrize(("written", "how"), [(b"...", "gone"), (b"", None), (b"..q", None), (b"q", None)])
+def test_a_pipe_that_closes_without_goodbye_means_a_server_has_gone(written: bytes, how: str | None) -> None:
+    end, begin = os.pipe()
+    os.write(begin, written)
+    os.close(begin)
+    assert wait_for_the_end(end) == how
+    os.close(end)
+
+
+def test_ticks_that_end_are_a_server_that_hangs() -> None:
+    end, begin = os.pipe()
+    os.write(begin, b".")
+    assert wait_for_the_end(end, silent_s=0.05) == "hangs"
+    os.close(begin)
+    os.close(end)
+
+
+def _goals(folder: Path, device: str) -> FloatArray:
+    """Joint angles at which the servos are, (18,), once none of them turns."""
+    file = load_robot_file(folder / "robot.yaml")
+    found = scan_bus(device, "feetech", 1_000_000, ids=range(1, 19))
+    counts = np.array([each.position for each in found], dtype=float)
+    return bus_map_of(file.content.servos, "feetech").angles_rad(counts)
+
+
+@pytest.mark.parametrize(("number", "how"), [(signal.SIGKILL, "serve gone"), (signal.SIGSTOP, "serve hangs")])
+def test_a_robot_whose_server_ends_in_mid_motion_sits_down(
+    number: signal.Signals, how: str, tmp_path: Path
+) -> None:
+    file = edited_file(tmp_path, put("servos", FITTING), base="phantomx")
+    file.rename(tmp_path / "robot.yaml")
+    robot = ("--robot", str(tmp_path / "robot.yaml"))
+    with board("--bus", "feetech", "--backend", "mock", *robot) as bus:
+        with (
+            served(tmp_path, *robot, "--device", bus.port, backend="feetech") as server,
+            program(tmp_path, "walk", *WALK, "--connect", server.endpoint, *robot),
+        ):
+            wait_until(lambda: server.status()["commands"]["accepted"] > 20, "commands")
+            server.signal(number)
+            wait_until(lambda: f"{how}: the robot sat down, and its torque is off" in server.said(), how)
+        end = sitting_angles_rad(load_robot_file(tmp_path / "robot.yaml").robot)
+        assert _goals(tmp_path, bus.port) == pytest.approx(end, abs=0.01)
+
+
+def test_a_server_that_ends_as_it_should_leaves_the_robot_to_nobody(tmp_path: Path) -> None:
+    with board("--bus", "feetech", "--backend", "mock", "--robot", "phantomx") as bus:
+        options = ("--robot", "phantomx", "--device", bus.port)
+        with served(tmp_path, *options, backend="feetech") as server:
+            server.signal(signal.SIGINT)
+            assert server.wait() == 0
+            assert "the robot" not in server.said()
+        assert len(scan_bus(bus.port, "feetech", 1_000_000, ids=range(4))) == 3, "the port is free again"
