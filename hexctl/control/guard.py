@@ -23,7 +23,7 @@ from hexctl.errors import (
 )
 from hexctl.robot.model import Robot
 from hexctl.robot.rotations import cos_tilt
-from hexctl.types import ArrayFields, BoolArray, FloatArray, JointTargets, RobotState, all_finite
+from hexctl.types import JOINT_NAMES, ArrayFields, BoolArray, FloatArray, JointTargets, RobotState, all_finite
 
 #: A body that leans further than this, for this long, has fallen.
 FALL_COS_TILT = float(np.cos(np.radians(50)))
@@ -83,6 +83,9 @@ POSE_EXPIRY_S = 5.0
 
 #: No link needs a longer expiry.
 MAX_EXPIRY_S = 1.0
+
+#: A servo this hot stops the robot: most switch off at 70 to 80 degrees Celsius. How such a stop begins.
+TOO_HOT_C, HOT = 68.0, "hot"
 
 #: A time this near before a control period, as a share of one, is rounding and belongs to it.
 ROUNDING = 1e-6
@@ -173,6 +176,11 @@ class Guard(ServosWrapper):
         """Whether silence now is a failure: a command has come, and no pause since."""
         return self._accepted_at_s is not None
 
+    @property
+    def hot(self) -> bool:
+        """Whether the stop is for hot servos, which holding heats further: the robot should sit down."""
+        return self.stopped is not None and self.stopped.startswith(HOT)
+
     def accepted_rad(self) -> FloatArray:
         """Last accepted targets, or joint positions before the first command, (18,).
 
@@ -208,7 +216,7 @@ class Guard(ServosWrapper):
         Raises RobotFaultError when the robot has gone.
         """
         state = self._read()
-        if self.stopped in (None, "expired"):  # anything graver outweighs silence
+        if self.stopped in (None, "expired") or self.hot:  # anything graver outweighs these
             self._watch(state)
         return state
 
@@ -234,21 +242,23 @@ class Guard(ServosWrapper):
         return self._pass(targets)
 
     def write_while_timed_out(self, targets: JointTargets) -> JointTargets:
-        """Write although commands have expired, with the same limits: how an idle robot sits down.
+        """Write although commands have expired or servos are hot, with the same limits: how it sits down.
 
         Raises EStopError for any other stop, and otherwise what `write` raises.
         """
-        if self.stopped not in (None, "expired"):
+        if self.stopped not in (None, "expired") and not self.hot:
             raise EStopError(f"stopped: {self.stopped}; the robot holds its pose")
         return self._pass(targets)
 
     def stop(self, reason: str) -> None:
-        """Latch a stop; the servos hold the last accepted targets. Any other reason outweighs silence.
+        """Latch a stop; the servos hold the last accepted targets. Others outweigh silence and heat.
 
         May be called from any thread.
         """
         with self._latch:
-            if self.stopped is None or (self.stopped == "expired" and reason != "expired"):
+            silence, heat = self.stopped == "expired", reason.startswith(HOT)
+            outweighs = reason != "expired" and (silence or (self.hot and not heat))
+            if self.stopped is None or outweighs:
                 self.stopped = reason
 
     def clear(self) -> None:
@@ -353,8 +363,16 @@ class Guard(ServosWrapper):
             self.stop(state.stopped)
         if not state.healthy:
             self.stop("fault" if state.fault is None else f"fault: {state.fault}")
+        if state.servos is not None:
+            self._watch_temperatures(state.servos.temperatures_c)
         if self._accepted_at_s is not None and now_s - self._accepted_at_s > self._expiry_s:
             self.stop("expired")
+
+    def _watch_temperatures(self, temperatures_c: FloatArray) -> None:
+        """Latch a stop for a servo that is about to switch itself off."""
+        hottest = int(np.argmax(np.nan_to_num(temperatures_c, nan=-np.inf)))
+        if temperatures_c[hottest] >= TOO_HOT_C:
+            self.stop(f"{HOT}: {JOINT_NAMES[hottest].replace('_', ' ')} {temperatures_c[hottest]:.0f} C")
 
     def _watch_pose(self, state: RobotState, now_s: float) -> None:
         """Latch a stop for a fall, and for a pose that is not finite or has been lost."""

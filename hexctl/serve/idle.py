@@ -12,8 +12,9 @@ SIT_AFTER_S = 10.0
 class IdleSupervisor:
     """Moves a robot whose commands have ended: it sits down after a while and its torque is disabled.
 
-    Any stop other than an expired command makes it hold its pose. After such a stop it does not move before
-    the next command, even when the stop is cleared: the operator who clears it may be touching the robot.
+    With hot servos it sits down at once. Any other stop but for an expired command makes it hold its pose.
+    After such a stop it does not move before the next command, even when the stop is cleared: the operator
+    who clears it may be touching the robot.
 
     Attributes:
         name: `idle` before the first command, then `commanded`, `holding`, `sitting` or `limp`.
@@ -37,7 +38,9 @@ class IdleSupervisor:
         """Advance by one tick; `now_s` is on the clock of the servos."""
         if self.name in ("idle", "limp"):
             return
-        if self._guard.stopped not in (None, "expired"):
+        if self._guard.hot:
+            self._sit(now_s) if self.name == "sitting" else self._begin_to_sit(now_s)
+        elif self._guard.stopped not in (None, "expired"):
             self.name, self._held = "holding", True
         elif self._held:
             self.name = "idle"

@@ -1,6 +1,7 @@
 """The guard: range, speed, freshness, silence, falls, and a stop that stays."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -16,7 +17,7 @@ from hexctl.control.trial import run_trial
 from hexctl.errors import CommandRefusedError, EStopError, InputError, RobotFaultError
 from hexctl.gait.gait import make_gait
 from hexctl.testing.servos import LegServosConformance, move
-from hexctl.types import JointTargets
+from hexctl.types import JointTargets, RobotState, ServoReadings
 from tests.backends.fake_time import FakeTime
 from tests.control.posed import PosedMock, connected, read_for, send
 from tests.robots import ROBOT_NAMES, shipped
@@ -295,6 +296,46 @@ def test_a_robot_that_lies_on_its_back_in_the_simulation_has_fallen() -> None:
         guard.read()
         with pytest.raises(EStopError, match="fell"):
             send(guard, STANCE)
+
+
+def _with_temperature(servos: PosedMock, joint: int, degrees: float) -> None:
+    """Let the servos report temperatures: one of them another than the rest."""
+    read, unknown = servos.read, np.full(18, np.nan)
+    temperatures = np.full(18, 40.0)
+    temperatures[joint] = degrees
+
+    def hot() -> RobotState:
+        readings = ServoReadings(
+            ages_s=np.zeros(18),
+            efforts=unknown,
+            currents_a=unknown,
+            voltages_v=unknown,
+            temperatures_c=temperatures,
+        )
+        return replace(read(), servos=readings)
+
+    servos.read = hot  # type: ignore[method-assign]
+
+
+@pytest.mark.parametrize(
+    ("degrees", "stopped"), [(np.nan, None), (60.0, None), (72.0, "hot: leg2 femur 72 C")]
+)
+def test_a_servo_that_is_too_hot_stops_the_robot_which_may_then_sit(
+    degrees: float, stopped: str | None
+) -> None:
+    guard, servos = connected()
+    send(guard, STANCE)
+    _with_temperature(servos, 4, degrees)
+    guard.read()
+    assert guard.stopped == stopped
+    if stopped is not None:
+        with pytest.raises(EStopError):
+            send(guard, STANCE)
+        guard.write_while_timed_out(JointTargets(STANCE + 0.01, guard.clock.now_s))
+        guard.stop("estop")
+        assert guard.stopped == "estop", "which outweighs it"
+        with pytest.raises(EStopError):
+            guard.write_while_timed_out(JointTargets(STANCE, guard.clock.now_s))
 
 
 def test_a_fault_that_the_robot_reports_stops_it() -> None:

@@ -113,3 +113,25 @@ def test_after_a_stop_is_cleared_nothing_moves_before_the_next_command() -> None
     posture.commanded(guard.clock.now_s)
     let_pass((guard, servos), posture, 5.0)
     assert posture.name == "limp"
+
+
+def test_with_hot_servos_it_sits_at_once_and_goes_limp() -> None:
+    (guard, servos), posture = commanded_once()
+    guard.stop("hot: leg2 femur 72 C")
+    let_pass((guard, servos), posture, 0.1)
+    assert posture.name == "sitting"
+    let_pass((guard, servos), posture, SITTING_S + 0.1)
+    assert posture.name == "limp"
+    assert servos.limp
+    np.testing.assert_allclose(servos.sent[-1].positions_rad, sitting_angles_rad(guard.robot), atol=0.05)
+
+
+def test_a_stop_while_hot_servos_sit_ends_the_motion() -> None:
+    (guard, servos), posture = commanded_once()
+    guard.stop("hot: leg2 femur 72 C")
+    let_pass((guard, servos), posture, 0.5)
+    guard.stop("estop")
+    n_before = len(servos.sent)
+    let_pass((guard, servos), posture, 3.0)
+    assert posture.name == "holding"
+    assert len(servos.sent) == n_before
