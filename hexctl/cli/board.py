@@ -2,7 +2,7 @@
 
 import json
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -18,6 +18,9 @@ from hexctl.cli.options import (
     given,
     number,
 )
+
+if TYPE_CHECKING:
+    from hexctl.serve.service import BusBoardService, ServiceStarted
 
 BoardBackend = Literal["sim", "mock"]
 BusDriver = Literal["dynamixel", "feetech"]
@@ -120,20 +123,12 @@ def board(
     )
     _check_of_one(context, bus)
     if bus is not None:
-        bus_service = BusBoardService(
-            driver=bus, servos=servos, model=model, baud=int(baud), faults=tuple(fault or ())
+        _run_bus(
+            BusBoardService(
+                driver=bus, servos=servos, model=model, baud=int(baud), faults=tuple(fault or ())
+            ),
+            as_json=as_json,
         )
-
-        def on_bus(started: ServiceStarted) -> None:
-            name = f"{started.robot} ({started.backend})"
-            print_note(
-                f"bus of {name} with {bus} servos at {started.place}, {int(baud)} baud; Ctrl-C ends it"
-            )
-
-        with StopOnInterrupt() as interrupt:
-            report = bus_service.run(interrupt.requested, on_started=on_bus)
-        if as_json:
-            print_result(json.dumps(report))
         return
     service = BoardService(
         port=port,
@@ -165,3 +160,17 @@ def _check_of_one(context: typer.Context, bus: str | None) -> None:
             raise InputError(f"{flag}: got it with --bus {bus}; allowed: without --bus")
         if bus is None and flag in OF_BUS:
             raise InputError(f"{flag}: got it without --bus; allowed: with --bus")
+
+
+def _run_bus(service: "BusBoardService", *, as_json: bool) -> None:
+    """Be a bus until Ctrl-C."""
+    from hexctl.cli.console import StopOnInterrupt, print_note, print_result
+
+    def on_started(started: "ServiceStarted") -> None:
+        what = f"bus of {started.robot} ({started.backend}) with {service.driver} servos"
+        print_note(f"{what} at {started.place}, {service.baud} baud; Ctrl-C ends it")
+
+    with StopOnInterrupt() as interrupt:
+        report = service.run(interrupt.requested, on_started=on_started)
+    if as_json:
+        print_result(json.dumps(report))
