@@ -202,7 +202,7 @@ def _bus(driver: str) -> Callable[[BackendOptions], LegServos]:
 
         section = ServosSection() if options.robot_file is None else options.robot_file.content.servos
         baud_of_file = None if section.baud is None else int(section.baud)
-        path, baud = parse_bus_port(options.connect or section.port, baud_of_file)
+        path, baud = parse_bus_port(options.connect or section.port, baud_of_file, driver=driver)
         return BusServos(options.robot, bus_map=bus_map_of(section, driver), port=path, baud=baud)
 
     return make

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from hexctl.serve.service import BusBoardService, ServiceStarted
 
 BoardBackend = Literal["sim", "mock"]
-BusDriver = Literal["dynamixel", "feetech"]
+BusDriver = Literal["dynamixel", "feetech", "lx16a"]
 BAUD = Range(low=9600, high=4_500_000, whole=True, unit="baud")
 EXPIRY_S = Range(low=0.05, high=1, unit="s")
 RELEASE_S = Range(low=1, high=3600, unit="s")
@@ -84,8 +84,8 @@ def board(
         choice(
             "--bus",
             BusDriver,
-            "Be servos on a serial bus instead, on a pseudo-terminal: dynamixel or feetech. "
-            "(default: a MAVLink board)",
+            "Be servos on a serial bus instead, on a pseudo-terminal: dynamixel, feetech or "
+            "lx16a. (default: a MAVLink board)",
         ),
     ] = None,
     model: Annotated[
@@ -93,12 +93,17 @@ def board(
         typer.Option(
             "--model",
             help="With --bus, model of all servos, such as ax12a or sts3215. "
-            "(default: that of the robot file, else xl430-w250 or sts3215)",
+            "(default: that of the robot file, else xl430-w250, sts3215 or lx16a)",
         ),
     ] = None,
     baud: Annotated[
-        int, number("--baud", BAUD, "With --bus, bits per second: how long packets take, {}.")
-    ] = 1_000_000,
+        int | None,
+        number(
+            "--baud",
+            BAUD,
+            "With --bus, bits per second: how long packets take, {}. (default: 1000000, with lx16a 115200)",
+        ),
+    ] = None,
     fault: Annotated[
         list[str] | None,
         typer.Option(
@@ -125,7 +130,7 @@ def board(
     if bus is not None:
         _run_bus(
             BusBoardService(
-                driver=bus, servos=servos, model=model, baud=int(baud), faults=tuple(fault or ())
+                driver=bus, servos=servos, model=model, baud=None if baud is None else int(baud), faults=tuple(fault or ())
             ),
             as_json=as_json,
         )
@@ -168,7 +173,7 @@ def _run_bus(service: "BusBoardService", *, as_json: bool) -> None:
 
     def on_started(started: "ServiceStarted") -> None:
         what = f"bus of {started.robot} ({started.backend}) with {service.driver} servos"
-        print_note(f"{what} at {started.place}, {service.baud} baud; Ctrl-C ends it")
+        print_note(f"{what} at {started.place}, {service.bits_per_s} baud; Ctrl-C ends it")
 
     with StopOnInterrupt() as interrupt:
         report = service.run(interrupt.requested, on_started=on_started)

@@ -36,9 +36,9 @@ def serve(
         typer.Option(
             "--backend",
             autocompletion=completion.served_backends,
-            help="What moves: sim (simulation in real time), mavlink (a servo board), dynamixel or feetech "
-            "(servos on a serial bus), mock (servos without a robot), or package.module:Class for servos of "
-            "your own.",
+            help="What moves: sim (simulation in real time), mavlink (a servo board), dynamixel, feetech "
+            "or lx16a (servos on a serial bus), mock (servos without a robot), or package.module:Class for "
+            "servos of your own.",
         ),
     ] = "sim",
     robot: RobotOption = "ant",
@@ -55,8 +55,8 @@ def serve(
         typer.Option(
             "--device",
             help="With mavlink, the servo board's port: /dev/ttyACM0:115200, udpout:HOST:PORT or "
-            "udpin:HOST:PORT (default: udpout:127.0.0.1:14550); with dynamixel and feetech that of the bus: "
-            "/dev/ttyUSB0:1000000. (default: that of the robot file)",
+            "udpin:HOST:PORT (default: udpout:127.0.0.1:14550); with dynamixel, feetech and lx16a that of "
+            "the bus: /dev/ttyUSB0:1000000. (default: that of the robot file)",
         ),
     ] = None,
     signing: Annotated[

@@ -32,7 +32,7 @@ class BusMap(ArrayFields):
     Arrays are by joint, leg-major, (18,).
 
     Attributes:
-        driver: `dynamixel` or `feetech`.
+        driver: one of `BUS_DRIVERS`.
         ids: bus id of each joint's servo, each once.
         models: model of each joint's servo, of one protocol.
         signs: direction of each servo, 1 or -1.
@@ -159,6 +159,7 @@ def _check_models(driver: str, models: tuple[ServoType, ...]) -> None:
     for model in models:
         if model.driver != driver:
             raise InputError(f"servos.model: got {model.name} with {driver}; allowed: models of {driver}")
-    if len({(model.protocol, model.counts, model.name[:4]) for model in models}) > 1:
+    kinds = {(model.protocol, model.counts, model.name[:4]) for model in models}
+    if len(kinds) > 1 and driver != "lx16a":  # which has no registers
         names = sorted({model.name for model in models})
         raise InputError(f"servos.model: got {', '.join(names)}; allowed: models with the same registers")

@@ -35,7 +35,7 @@ Channel = Annotated[Number, Field(ge=1, le=N_JOINTS, allow_inf_nan=False), After
 Direction = Annotated[Number, AfterValidator(_direction)]
 
 #: Drivers of servos on a bus, whose positions are counts.
-BUS_DRIVERS = ("dynamixel", "feetech")
+BUS_DRIVERS = ("dynamixel", "feetech", "lx16a")
 ServoId = Annotated[Number, Field(ge=0, le=252, allow_inf_nan=False), AfterValidator(_whole)]
 Count = Annotated[Number, Field(ge=0, le=65535, allow_inf_nan=False), AfterValidator(_whole)]
 Baud = Annotated[Number, Field(ge=1200, le=4_500_000, allow_inf_nan=False), AfterValidator(_whole)]
@@ -196,7 +196,7 @@ class ServosSection(Section):
     Servos on a bus have a `driver`, a `model` and counts instead, and each joint an `id`.
     """
 
-    driver: Literal["dynamixel", "feetech"] | None = None
+    driver: Literal["dynamixel", "feetech", "lx16a"] | None = None
     port: str | None = None
     baud: Baud | None = None
     model: str | None = None

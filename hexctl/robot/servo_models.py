@@ -11,7 +11,7 @@ class ServoType:
 
     Attributes:
         name: as robot files write it.
-        driver: `dynamixel` or `feetech`.
+        driver: `dynamixel`, `feetech` or `lx16a`.
         number: model number that the servo reports, or None where it reports none.
         protocol: version of the driver's protocol, 1 or 2.
         counts: of a whole turn.
@@ -63,7 +63,22 @@ def _arc(name: str, driver: str, number: int | None, protocol: int) -> ServoType
     )
 
 
-#: Models by name. Numbers and counts: ROBOTIS e-Manual (dynamixel); memory tables of STS and SCS (feetech).
+def _lx(name: str) -> ServoType:
+    """A servo with 1000 counts over 240 degrees, which reports no model."""
+    return ServoType(
+        name=name,
+        driver="lx16a",
+        number=None,
+        protocol=1,
+        counts=1000 * 360 / 240,
+        least=0,
+        most=1000,
+        centre=500,
+    )
+
+
+#: Models by name. Numbers and counts: ROBOTIS e-Manual (dynamixel); memory tables of STS and SCS (feetech);
+#: LewanSoul's bus servo protocol (lx16a).
 SERVO_TYPES: dict[str, ServoType] = {
     each.name: each
     for each in (
@@ -77,11 +92,17 @@ SERVO_TYPES: dict[str, ServoType] = {
         _turn("sts3215", "feetech", 777, 1),
         _turn("sts3032", "feetech", None, 1),
         _arc("scs0009", "feetech", 1284, 1),
+        _lx("lx16a"),
+        _lx("lx224"),
+        _lx("hts35h"),
     )
 }
 
 #: Model where a robot file names none.
-DEFAULT_MODELS = {"dynamixel": "xl430-w250", "feetech": "sts3215"}
+DEFAULT_MODELS = {"dynamixel": "xl430-w250", "feetech": "sts3215", "lx16a": "lx16a"}
+
+#: Bits per second of each driver's line, where neither the port nor the robot file says them.
+DEFAULT_BAUDS = {"dynamixel": 1_000_000, "feetech": 1_000_000, "lx16a": 115_200}
 
 
 def servo_type(name: str) -> ServoType:

@@ -25,6 +25,9 @@ _KINDS = ("mute", "hot", "lost-id", "brown-out", "unplug", "replug", "garble", "
 #: Id of a servo that has lost its own.
 FACTORY_ID = 1
 
+#: Share of their usual voltage that is left to servos in a brown-out, at the most.
+BROWN_OUT_SHARE = 0.6
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BusFault:
@@ -83,7 +86,7 @@ class BusFaults:
     #: A servo that is hotter complains.
     HOT_C = 70.0
 
-    #: Voltage in a brown-out, in which servos lose their ids.
+    #: Highest voltage in a brown-out, in which servos hold nothing.
     BROWN_OUT_V = 7.0
 
     def __init__(self, faults: tuple[BusFault, ...], bus_map: BusMap) -> None:
@@ -108,7 +111,7 @@ class BusFaults:
 
     def voltage(self, usual_v: float) -> float:
         """Voltage at the servos."""
-        return self.BROWN_OUT_V if self._browned_out else usual_v
+        return min(self.BROWN_OUT_V, BROWN_OUT_SHARE * usual_v) if self._browned_out else usual_v
 
     def garbled(self, answer: bytes, rng: random.Random) -> bytes:
         """An answer, or now and then what is left of it."""

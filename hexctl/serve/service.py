@@ -15,6 +15,7 @@ from hexctl.robot.bus_map import bus_map_of
 from hexctl.robot.failure import Failure, failure_text
 from hexctl.robot.loader import load_robot_file
 from hexctl.robot.schema import BUS_DRIVERS, ServosSection
+from hexctl.robot.servo_models import DEFAULT_BAUDS
 from hexctl.serve.server import RobotServer
 from hexctl.wire.links import Link, load_link
 
@@ -27,7 +28,7 @@ DEFAULT_WORLD = "flat"
 MIN_SIT_AFTER_S, MAX_SIT_AFTER_S = 1.0, 3600.0
 MIN_EXPIRY_S, MAX_EXPIRY_S = 0.05, 1.0
 MIN_RELEASE_S, MAX_RELEASE_S = 1.0, 3600.0
-SERVED_BACKENDS = ("sim", "mavlink", "dynamixel", "feetech", "mock")
+SERVED_BACKENDS = ("sim", "mavlink", "dynamixel", "feetech", "lx16a", "mock")
 BOARD_BACKENDS = ("sim", "mock")
 
 
@@ -131,7 +132,7 @@ class RobotService:
     Attributes:
         servos: what is served.
         listen: Zenoh endpoint to listen at; None is that of the link, or the default.
-        device: port of the servo board for `mavlink`, of the bus for `dynamixel` and `feetech`.
+        device: port of the servo board for `mavlink`, of the bus for `BUS_DRIVERS`.
         device_keys: folder with the key of the servo board, for `mavlink` only.
         sit_after_s: seconds without a command until the robot sits down and its torque is switched off.
         credentials: folder of certificates, or None.
@@ -333,17 +334,17 @@ class BusBoardService:
     """Servos on a simulated bus: options of a `BusBoard`, checked when they are given.
 
     Attributes:
-        driver: whose protocol they speak, `dynamixel` or `feetech`.
+        driver: whose protocol they speak, of `BUS_DRIVERS`.
         servos: what they move, `sim` or `mock`.
         model: of all servos, in place of those of the robot file.
-        baud: bits per second of the line.
+        baud: bits per second of the line; usual for the driver unless given.
         faults: what goes wrong, in the words of `parse_bus_fault`.
     """
 
     driver: str
     servos: ServosSpec = field(default_factory=ServosSpec)
     model: str | None = None
-    baud: int = 1_000_000
+    baud: int | None = None
     faults: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
@@ -352,6 +353,11 @@ class BusBoardService:
                 f"{argument('backend')}: got {self.servos.backend}; allowed: {', '.join(BOARD_BACKENDS)}"
             )
         self.servos.check()
+
+    @property
+    def bits_per_s(self) -> int:
+        """Speed of the line."""
+        return self.baud or DEFAULT_BAUDS[self.driver]
 
     def run(
         self,
@@ -373,7 +379,7 @@ class BusBoardService:
         bus_map = bus_map_of(section, self.driver)
         faults = tuple(parse_bus_fault(text) for text in self.faults)
         servos = make_servos(self.servos.backend, options)
-        board = BusBoard(servos, bus_map, baud=self.baud, faults=faults, seed=self.servos.seed)
+        board = BusBoard(servos, bus_map, baud=self.bits_per_s, faults=faults, seed=self.servos.seed)
         realtime = request_realtime_priority()
         started = ServiceStarted(
             robot=servos.robot.name, backend=self.servos.backend, place=board.path, realtime=realtime

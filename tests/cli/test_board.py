@@ -31,7 +31,7 @@ from tests.backends.mavlink.boards import PATIENCE_S, board, free_port
         (["--failure", "limp"], "--failure: got limp without a leg"),
         (["--keys", "no-such-folder"], "no-such-folder/mavlink.key: cannot be read"),
         (["--robot", "elephant"], "unknown robot 'elephant'"),
-        (["--bus", "hitec"], "got hitec; allowed: dynamixel, feetech"),
+        (["--bus", "hitec"], "got hitec; allowed: dynamixel, feetech, lx16a"),
         (["--bus", "feetech", "--port", "udpin:127.0.0.1:1"], "--port: got it with --bus feetech"),
         (["--fault", "echo"], "--fault: got it without --bus; allowed: with --bus"),
         (["--bus", "feetech", "--fault", "noise"], "fault: got 'noise'; allowed: mute:LEG:JOINT"),

@@ -13,7 +13,7 @@ from hexctl.wire.certificates import make_certificates
 from tests.serve.processes import RECORDED, free_port, hexctl, program, served
 
 REFUSED = [
-    (["serve", "--backend", "zenoh"], ["--backend", "zenoh", "sim, mavlink, dynamixel, feetech, mock"]),
+    (["serve", "--backend", "zenoh"], ["--backend", "zenoh", "sim, mavlink, dynamixel, feetech, lx16a, "]),
     (["serve", "--backend", "warp"], ["backend", "'warp'"]),
     (["serve", "--robot", "bob"], ["robot", "'bob'"]),
     (["serve", "--backend", "mock", "--world", "flat"], ["--world", "mock", "sim"]),

@@ -4,7 +4,7 @@ import pytest
 
 from hexctl.errors import InputError
 from hexctl.robot.schema import BUS_DRIVERS
-from hexctl.robot.servo_models import DEFAULT_MODELS, SERVO_TYPES, servo_type
+from hexctl.robot.servo_models import DEFAULT_BAUDS, DEFAULT_MODELS, SERVO_TYPES, servo_type
 
 
 def test_models_are_found_by_name() -> None:
@@ -16,7 +16,7 @@ def test_models_are_found_by_name() -> None:
 
 
 def test_every_driver_has_a_model_to_begin_with() -> None:
-    assert set(DEFAULT_MODELS) == set(BUS_DRIVERS)
+    assert set(DEFAULT_MODELS) == set(DEFAULT_BAUDS) == set(BUS_DRIVERS)
     assert all(SERVO_TYPES[model].driver == driver for driver, model in DEFAULT_MODELS.items())
     for model in SERVO_TYPES.values():
         assert model.least <= model.centre <= model.most

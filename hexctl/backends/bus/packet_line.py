@@ -85,14 +85,4 @@ class PacketLine:
 
     def learn_echo(self, servo_id: int) -> None:
         """Ping a servo, and see whether the ping comes back in front of the answer."""
-        line = self.line
-        line.echoes = False
-        line.discard()
-        ping = self.packets.instruction(servo_id, PING)
-        line.write(ping)
-        deadline_s, seen = time.monotonic() + line.wire_s(2 * len(ping)) + FIRST_PATIENCE_S, b""
-        while time.monotonic() < deadline_s and len(seen) < len(ping):
-            seen += line.read(deadline_s)
-        line.echoes = seen.startswith(ping)
-        time.sleep(LEAST_PATIENCE_S)
-        line.discard()
+        self.line.learn_echo(self.packets.instruction(servo_id, PING), FIRST_PATIENCE_S)

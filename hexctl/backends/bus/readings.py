@@ -84,6 +84,8 @@ class BelievedReadings:
 
     def _believe(self, name: str, values: FloatArray, joint: int, value: float, reach: float) -> None:
         """Take a value that is within reach of the one before, or with which as many as it takes agree."""
+        if np.isnan(value):  # not read this time
+            return
         before, key = values[joint], (name, joint)
         if np.isnan(before) or abs(value - before) <= reach:
             values[joint] = value

@@ -11,6 +11,9 @@ from hexctl.errors import RobotFaultError
 #: Bytes per read: more than a bus delivers between two reads.
 CHUNK = 4096
 
+#: How long an answer goes on after its first bytes.
+ANSWERED_S = 0.004
+
 
 class SerialLine:
     """An open serial device; its adapter may echo what is sent, which is cut out.
@@ -75,6 +78,23 @@ class SerialLine:
         """Drop what has come so far."""
         while select.select([self._descriptor], [], [], 0)[0]:
             self.read(0.0)
+
+    def learn_echo(self, ping: bytes, patience_s: float) -> None:
+        """Send a packet that a servo answers, and see whether it comes back in front of the answer.
+
+        Args:
+            ping: the packet.
+            patience_s: how late it may come back.
+        """
+        self.echoes = False
+        self.discard()
+        self.write(ping)
+        deadline_s, seen = time.monotonic() + self.wire_s(2 * len(ping)) + patience_s, b""
+        while time.monotonic() < deadline_s and len(seen) < len(ping):
+            seen += self.read(deadline_s)
+        self.echoes = seen.startswith(ping)
+        time.sleep(ANSWERED_S)
+        self.discard()
 
     def close(self) -> None:
         """Close the device."""

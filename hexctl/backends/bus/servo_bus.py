@@ -1,29 +1,17 @@
-"""A bus of eighteen servos: what one thread asks them and tells them, packet by packet."""
+"""A bus of eighteen servos, as the thread that owns it uses it, whatever they speak."""
 
-import time
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
-import numpy as np
-
-from hexctl.backends.bus.packet_line import PacketLine
-from hexctl.backends.bus.packets import BROADCAST, PING, READ, SYNC_READ, SYNC_WRITE, WRITE, StatusPacket
-from hexctl.backends.bus.registers import Register, RegisterTable, table_of
-from hexctl.backends.bus.serial_line import SerialLine
-from hexctl.robot.bus_map import BusMap
 from hexctl.types import N_JOINTS, BoolArray, FloatArray
-
-#: Servos that are asked one by one in a control period, where they do not answer one packet together.
-ONE_BY_ONE = 5
 
 #: All joints, by index.
 ALL = tuple(range(N_JOINTS))
 
 #: Tries of what must arrive.
 TRIES = 4
-
-#: Time of the servos' own watchdog, in 20 ms.
-WATCHDOG_20MS = 10
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,177 +60,58 @@ class BusCounters:
     reopened: int = 0
 
 
-class ServoBus:
-    """Servos with registers on one line: Dynamixel and Feetech.
+class ServoBus(ABC):
+    """Eighteen servos on one line.
 
-    Nothing moves before `set_torque`. One thread at a time may use it; every method raises OSError when the
-    port has gone.
+    Nothing moves before `set_torque` or `hold`. One thread at a time may use it; every method raises OSError
+    when the port has gone.
 
-    Args:
-        line: open.
-        servos: which servo moves which joint.
-        counters: what is counted.
+    Attributes:
+        mute_s: a joint whose servo was not heard for so long is mute.
     """
 
-    def __init__(self, line: SerialLine, servos: BusMap, counters: BusCounters) -> None:
-        self._line, self._counters = line, counters
-        self.table: RegisterTable = table_of(servos.models[0].name)
-        self._packets = PacketLine(line, self.table.protocol)
-        self._ids: list[int] = servos.ids.tolist()
-        self._joints = {servo_id: joint for joint, servo_id in enumerate(self._ids)}
-        self._next = 0
+    mute_s: ClassVar[float] = 0.5
 
+    @abstractmethod
     def find(self) -> BoolArray:
         """Which joints have a servo that answers, (18,); learns whether the adapter echoes."""
-        self._packets.learn_echo(self._ids[0])
-        found: BoolArray = np.zeros(N_JOINTS, dtype=bool)
-        for joint, servo_id in enumerate(self._ids):
-            found[joint] = self._packets.ask(servo_id, PING, tries=TRIES) is not None
-        return found
 
+    @abstractmethod
     def model_number(self, joint: int) -> int | None:
-        """Model number that the servo of a joint reports, or None without an answer."""
-        return self._read(joint, self.table.model)
+        """Model number that the servo of a joint reports, or None where it reports none."""
 
+    @abstractmethod
     def prepare(self, joints: BoolArray) -> None:
-        """Set up the servos of some joints, (18,), that have no torque: at once answers, position mode."""
-        table = self.table
-        for joint in np.flatnonzero(joints).tolist():
-            delay = self._read(joint, table.return_delay)
-            changes = {table.return_delay.address: 0} if delay else {}
-            for address, value in {**changes, **table.settings}.items():
-                self._write(joint, Register(address), value)
+        """Set up the servos of some joints, (18,), that have no torque."""
 
+    @abstractmethod
     def torque(self, joint: int) -> bool | None:
         """Whether the servo of a joint holds its goal, or None without an answer."""
-        value = self._read(joint, self.table.torque)
-        return None if value is None else value == 1
 
+    @abstractmethod
     def set_torque(self, on: bool, joints: Sequence[int] = ALL) -> None:
-        """Switch the torque of some joints, and the watchdog of their servos where they have one."""
-        table = self.table
-        if table.watchdog is not None:  # an expired one refuses goals until it is 0
-            self._sync_write(table.watchdog, np.zeros(N_JOINTS), joints)
-        self._sync_write(table.torque, np.full(N_JOINTS, float(on)), joints)
-        if table.watchdog is not None and on:
-            self._sync_write(table.watchdog, np.full(N_JOINTS, float(WATCHDOG_20MS)), joints)
+        """Switch the torque of some joints."""
 
+    @abstractmethod
     def hold(self, counts: FloatArray, joints: BoolArray) -> None:
         """Switch the torque of some joints on, (18,), each with its goal where it is, counts (18,)."""
-        chosen = np.flatnonzero(joints).tolist()
-        self._sync_write(self.table.goal, np.rint(counts), chosen)
-        self.set_torque(True, chosen)
 
-    def close(self) -> None:
-        """Close the line."""
-        self._line.close()
-
-    def end_watchdog(self) -> None:
-        """Let silence be no failure any more."""
-        if self.table.watchdog is not None:
-            self._sync_write(self.table.watchdog, np.zeros(N_JOINTS))
-
+    @abstractmethod
     def write_goals(self, counts: FloatArray) -> None:
-        """Send goals in counts, (18,), in one packet."""
-        self._sync_write(self.table.goal, np.rint(counts))
-        self._counters.writes += 1
+        """Send goals in counts, (18,), as many at once as the line carries in a control period."""
 
+    @abstractmethod
     def poll(self) -> list[Report]:
         """Reports of all servos, or of the next few where they have to be asked one by one."""
-        if self.table.sync_read:
-            return self._poll_together(list(range(N_JOINTS)))
-        asked = [(self._next + step) % N_JOINTS for step in range(ONE_BY_ONE)]
-        self._next = (self._next + ONE_BY_ONE) % N_JOINTS
-        return self._poll_each(asked)
 
+    @abstractmethod
     def poll_all(self) -> list[Report]:
         """Reports of all servos, each asked as often as it takes, up to `TRIES` times."""
-        found: dict[int, Report] = {}
-        for _ in range(TRIES):
-            missing = [joint for joint in range(N_JOINTS) if joint not in found]
-            reports = self._poll_together(missing) if self.table.sync_read else self._poll_each(missing)
-            found.update({report.joint: report for report in reports})
-            if len(found) == N_JOINTS:
-                break
-        return list(found.values())
 
-    def _poll_together(self, joints: list[int]) -> list[Report]:
-        if not joints:
-            return []
-        first, size = self.table.block
-        ids = bytes(self._ids[joint] for joint in joints)
-        if self.table.protocol == 1:
-            asked = bytes([first, size]) + ids
-        else:
-            asked = first.to_bytes(2, "little") + size.to_bytes(2, "little") + ids
-        packets = self._packets.packets
-        request = packets.instruction(BROADCAST, SYNC_READ, asked)
-        wire_s = self._line.wire_s(len(request) + len(joints) * packets.status_size(size))
-        answers = self._packets.transact(request, ids, wire_s)
-        reports = [each for answer in answers if (each := self._report(answer)) is not None]
-        self._count(missed=len(joints) - len(reports))
-        return reports
+    @abstractmethod
+    def end_watchdog(self) -> None:
+        """Let silence be no failure any more."""
 
-    def _poll_each(self, joints: list[int]) -> list[Report]:
-        reports: list[Report] = []
-        for joint in joints:
-            answer = self._packets.ask(self._ids[joint], READ, self._place(*self.table.block))
-            report = None if answer is None else self._report(answer)
-            if report is not None:
-                reports.append(report)
-        self._count(missed=len(joints) - len(reports))
-        return reports
-
-    def _count(self, *, missed: int) -> None:
-        self._counters.missed += missed
-        self._counters.garbled = self._packets.garbled
-
-    def _report(self, answer: StatusPacket) -> Report | None:
-        """Report of an answer; None for one of another servo or size."""
-        table, joint = self.table, self._joints.get(answer.servo_id)
-        if joint is None or len(answer.parameters) != table.block[1]:
-            return None
-        self._counters.reports += 1
-        return Report(
-            joint=joint,
-            at_s=time.monotonic(),
-            position=table.of_block(table.position, answer.parameters),
-            effort=table.of_block(table.effort, answer.parameters),
-            current_a=table.of_block(table.current, answer.parameters),
-            voltage_v=table.of_block(table.voltage, answer.parameters),
-            temperature_c=table.of_block(table.temperature, answer.parameters),
-            error=table.complaint(answer.error),
-        )
-
-    def _place(self, address: int, size: int) -> bytes:
-        """Parameters that name some bytes of the memory."""
-        if self.table.protocol == 1:
-            return bytes([address, size])
-        return address.to_bytes(2, "little") + size.to_bytes(2, "little")
-
-    def _read(self, joint: int, register: Register) -> int | None:
-        """Raw number in a register of a joint's servo, or None without an answer."""
-        answer = self._packets.ask(
-            self._ids[joint], READ, self._place(register.address, register.size), tries=TRIES
-        )
-        if answer is None or len(answer.parameters) != register.size:
-            return None
-        return int.from_bytes(answer.parameters, self.table.byte_order)
-
-    def _write(self, joint: int, register: Register, value: float) -> bool:
-        """Write a register of a joint's servo; whether it answered."""
-        address = register.address.to_bytes(1 if self.table.protocol == 1 else 2, "little")
-        data = address + self.table.packed(register, value)
-        return self._packets.ask(self._ids[joint], WRITE, data, tries=TRIES) is not None
-
-    def _sync_write(self, register: Register, values: FloatArray, joints: Sequence[int] = ALL) -> None:
-        """Write a register of some joints, values (18,), in one packet, which no servo answers."""
-        table = self.table
-        if table.protocol == 1:
-            head = bytes([register.address, register.size])
-        else:
-            head = register.address.to_bytes(2, "little") + register.size.to_bytes(2, "little")
-        rows = b"".join(
-            bytes([self._ids[joint]]) + table.packed(register, float(values[joint])) for joint in joints
-        )
-        self._packets.tell(BROADCAST, SYNC_WRITE, head + rows)
+    @abstractmethod
+    def close(self) -> None:
+        """Close the line."""

@@ -7,22 +7,19 @@ import numpy as np
 
 from hexctl.backends.base import LegServos, as_robot, check_connected, check_targets
 from hexctl.backends.bus.bus_thread import BusThread
+from hexctl.backends.bus.lx16a_bus import Lx16aBus
 from hexctl.backends.bus.readings import BelievedReadings
+from hexctl.backends.bus.register_bus import RegisterBus
 from hexctl.backends.bus.serial_line import SerialLine
 from hexctl.backends.bus.servo_bus import BusCounters, ServoBus
 from hexctl.backends.clock import Clock, CountedClock, WallClock
 from hexctl.errors import InputError, RobotFaultError, argument
 from hexctl.robot.bus_map import BusMap
 from hexctl.robot.model import Robot
+from hexctl.robot.servo_models import DEFAULT_BAUDS
 from hexctl.types import N_JOINTS, BoolArray, FloatArray, JointTargets, RobotState, ServoReadings
 
-#: Default speed of a line.
-DEFAULT_BAUD = 1_000_000
-
 MOST_BAUD = 4_500_000
-
-#: A joint whose servo was not heard for this long is mute.
-MUTE_S = 0.5
 
 #: With more mute servos than those of two legs it is the bus, not a leg.
 MOST_MUTE = 6
@@ -30,13 +27,23 @@ MOST_MUTE = 6
 #: A servo that is hotter is mentioned.
 HOT_C = 65.0
 
+#: Bus of each driver.
+BUSES: dict[str, type[RegisterBus] | type[Lx16aBus]] = {
+    "dynamixel": RegisterBus,
+    "feetech": RegisterBus,
+    "lx16a": Lx16aBus,
+}
 
-def parse_bus_port(text: str | None, baud: int | None = None) -> tuple[str, int]:
+
+def parse_bus_port(
+    text: str | None, baud: int | None = None, *, driver: str = "dynamixel"
+) -> tuple[str, int]:
     """Device and baud of a text such as `/dev/ttyUSB0:1000000`.
 
     Args:
         text: of the port; without a baud it has that of the robot file.
         baud: of the robot file, or None.
+        driver: whose usual baud it is where neither says one.
 
     Raises InputError without a port, and for a baud that is none.
     """
@@ -51,7 +58,7 @@ def parse_bus_port(text: str | None, baud: int | None = None) -> tuple[str, int]
             f"{argument('connect')}: got {text!r}; allowed: a serial device such as /dev/ttyUSB0 or "
             f"/dev/ttyUSB0:1000000, at 1200 to {MOST_BAUD} baud"
         )
-    return path, int(speed) if speed else baud or DEFAULT_BAUD
+    return path, int(speed) if speed else baud or DEFAULT_BAUDS[driver]
 
 
 class BusServos(LegServos):
@@ -67,7 +74,7 @@ class BusServos(LegServos):
         robot: the robot that the servos belong to, or the name or path of its file.
         bus_map: which servo moves which joint, and how.
         port: serial device.
-        baud: bits per second.
+        baud: bits per second; usual for the driver unless given.
         clock: a wall clock unless given.
     """
 
@@ -77,11 +84,12 @@ class BusServos(LegServos):
         *,
         bus_map: BusMap,
         port: str,
-        baud: int = DEFAULT_BAUD,
+        baud: int | None = None,
         clock: Clock | None = None,
     ) -> None:
         self._robot = as_robot(robot)
-        self._map, self._port, self._baud = bus_map, port, baud
+        self._map, self._port = bus_map, port
+        self._baud = baud or DEFAULT_BAUDS[bus_map.driver]
         self._clock = CountedClock(clock or WallClock())
         self.counters = BusCounters()
         self._thread: BusThread | None = None
@@ -173,7 +181,7 @@ class BusServos(LegServos):
         """Bus on the opened port, on which enough servos have answered."""
         line = SerialLine(self._port, self._baud)
         try:
-            bus = ServoBus(line, self._map, self.counters)
+            bus = BUSES[self._map.driver](line, self._map, self.counters)
             found = bus.find()
             self._check_found(found)
             self._check_models(bus, found)
@@ -244,7 +252,7 @@ class BusServos(LegServos):
     def _warnings(self, servos: ServoReadings) -> tuple[str, ...]:
         """What is wrong with single servos."""
         warnings = []
-        if (mute := servos.ages_s > MUTE_S).any():
+        if (mute := servos.ages_s > BUSES[self._map.driver].mute_s).any():
             warnings.append(f"mute: {self._map.names(mute)}")
         if (hot := servos.temperatures_c > HOT_C).any():
             warnings.append(f"hot, {np.nanmax(servos.temperatures_c):.0f} degrees C: {self._map.names(hot)}")

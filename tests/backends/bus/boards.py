@@ -11,6 +11,7 @@ from hexctl.backends.bus.servos import BusServos
 from hexctl.backends.mock import MockServos
 from hexctl.robot.bus_map import BusMap, bus_map_of
 from hexctl.robot.schema import ServosSection
+from hexctl.robot.servo_models import DEFAULT_BAUDS
 from hexctl.serve.bus_board import BusBoard
 from hexctl.serve.bus_faults import parse_bus_fault
 from tests.robots import shipped
@@ -36,11 +37,12 @@ def a_map(driver: str = "feetech", model: str = "sts3215") -> BusMap:
 
 @contextmanager
 def bus_board(
-    bus_map: BusMap, *faults: str, servos: LegServos | None = None, baud: int = 1_000_000
+    bus_map: BusMap, *faults: str, servos: LegServos | None = None, baud: int | None = None
 ) -> Iterator[BusBoard]:
     """A bus that runs meanwhile, of servos without a robot unless others are given."""
     moved = MockServos(shipped("phantomx")) if servos is None else servos
-    board = BusBoard(moved, bus_map, baud=baud, faults=tuple(map(parse_bus_fault, faults)))
+    speed = baud or DEFAULT_BAUDS[bus_map.driver]
+    board = BusBoard(moved, bus_map, baud=speed, faults=tuple(map(parse_bus_fault, faults)))
     stop, ready = threading.Event(), threading.Event()
     thread = threading.Thread(target=board.run, args=(stop.is_set,), kwargs={"ready": ready.set})
     thread.start()

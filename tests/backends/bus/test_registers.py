@@ -37,7 +37,7 @@ def test_numbers_come_back(sign: Sign, size: int, value: int) -> None:
     assert register.value(register.raw(value)) == value
 
 
-@pytest.mark.parametrize("model", list(SERVO_TYPES))
+@pytest.mark.parametrize("model", [name for name, each in SERVO_TYPES.items() if each.driver != "lx16a"])
 def test_every_model_has_registers_in_which_its_centre_fits(model: str) -> None:
     table = table_of(model)
     assert table.protocol == SERVO_TYPES[model].protocol

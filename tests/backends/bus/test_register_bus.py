@@ -1,4 +1,4 @@
-"""A bus of servos, packet by packet, against simulated ones; the vendors' SDKs see the same."""
+"""A bus of servos with registers, packet by packet, against simulated ones and the vendors' SDKs."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -7,8 +7,9 @@ from contextlib import contextmanager
 import numpy as np
 import pytest
 
+from hexctl.backends.bus.register_bus import RegisterBus
 from hexctl.backends.bus.serial_line import SerialLine
-from hexctl.backends.bus.servo_bus import BusCounters, ServoBus
+from hexctl.backends.bus.servo_bus import BusCounters
 from hexctl.errors import RobotFaultError
 from hexctl.robot.bus_map import BusMap
 from tests.backends.bus.boards import MODELS, a_map, bus_board, stance_counts
@@ -17,9 +18,9 @@ EVERY = np.ones(18, dtype=bool)
 
 
 @contextmanager
-def _bus(bus_map: BusMap, *faults: str) -> Iterator[ServoBus]:
+def _bus(bus_map: BusMap, *faults: str) -> Iterator[RegisterBus]:
     with bus_board(bus_map, *faults) as board:
-        bus = ServoBus(SerialLine(board.path, 1_000_000), bus_map, BusCounters())
+        bus = RegisterBus(SerialLine(board.path, 1_000_000), bus_map, BusCounters())
         yield bus
         bus.close()
 

@@ -1,0 +1,115 @@
+"""Simulated LX-16A servos on a bus: their commands, their moves with a time, and their stored limits."""
+
+import numpy as np
+
+from hexctl.backends.bus import lx16a_packets as lx
+from hexctl.backends.bus.packets import BROADCAST
+from hexctl.robot.bus_map import BusMap
+from hexctl.serve.bus_faults import BusFaults
+from hexctl.serve.bus_servos import USUAL_C, BusBoardCounters, SimulatedServo, SimulatedServos
+from hexctl.types import FloatArray
+
+#: Voltage of servos that nothing is wrong with, in V.
+USUAL_V = 7.4
+
+
+class Lx16aServo(SimulatedServo):
+    """One servo.
+
+    Attributes:
+        servo_id: that it answers to.
+        loaded: whether it holds its goal.
+        limits: lowest and highest count, beyond which it unloads.
+        position: count.
+    """
+
+    def __init__(self, servo_id: int, count: float) -> None:
+        self.servo_id, self.loaded, self.limits = servo_id, False, (0, 1000)
+        self.position = self._goal = self._from = count
+        self._began_s, self._time_s = 0.0, 0.0
+
+    @property
+    def holds(self) -> bool:
+        """Whether it holds its goal."""
+        return self.loaded
+
+    def move(self, count: int, time_ms: int, now_s: float) -> None:
+        """Begin a move, from where the one before has come to."""
+        self._from = self.goal(now_s) if self.loaded else self.position
+        self._goal = float(np.clip(count, *self.limits))
+        self._began_s, self._time_s = now_s, time_ms / 1000
+
+    def goal(self, now_s: float) -> float:
+        """Count that it steers for at a time."""
+        done = 1.0 if self._time_s <= 0 else min(1.0, (now_s - self._began_s) / self._time_s)
+        return self._from + done * (self._goal - self._from)
+
+    def stand(self, count: float) -> None:
+        """Be at a count."""
+        self.position = count
+        self.loaded = self.loaded and self.limits[0] <= round(count) <= self.limits[1]
+
+
+class Lx16aServos(SimulatedServos):
+    """LX-16A servos."""
+
+    def __init__(
+        self, bus_map: BusMap, stance: FloatArray, faults: BusFaults, counters: BusBoardCounters
+    ) -> None:
+        super().__init__(bus_map, stance, faults, counters)
+        self.packets = lx.LX16A
+        self.servos: list[Lx16aServo] = [
+            Lx16aServo(int(servo_id), count) for servo_id, count in zip(bus_map.ids, stance, strict=True)
+        ]
+
+    def obey(self, servo_id: int, instruction: int, parameters: bytes, now_s: float) -> list[bytes]:
+        """Do what a command says; the answers to it."""
+        self._counters.packets += 1
+        self._counters.goals += instruction == lx.MOVE
+        everyone = servo_id == BROADCAST
+        ids = [servo.servo_id for servo in self.servos] if everyone else [servo_id]
+        if instruction in lx.ANSWER_BYTES:
+            # The id is all that a broadcast may ask for.
+            if parameters or (everyone and instruction != lx.READ_ID):
+                return []
+            joints = self.named(list(dict.fromkeys(ids)))
+            return [self._answer(joint, instruction) for joint in joints]
+        for joint in self.named(list(dict.fromkeys(ids))):
+            self._write(self.servos[joint], instruction, parameters, now_s)
+        return []
+
+    def goals(self, now_s: float) -> FloatArray:
+        """Counts, (18,), that the servos steer for at a time."""
+        return np.array([servo.goal(now_s) for servo in self.servos])
+
+    def show(self, counts: FloatArray, efforts: FloatArray) -> None:
+        """Take over where the joints are."""
+        for servo, count in zip(self.servos, counts, strict=True):
+            servo.stand(float(count))
+
+    def _write(self, servo: Lx16aServo, command: int, parameters: bytes, now_s: float) -> None:
+        """Do what a command of the right length writes; there are no answers."""
+        if command == lx.MOVE and len(parameters) == 4:
+            count, time_ms = (int.from_bytes(each, "little") for each in (parameters[:2], parameters[2:]))
+            servo.move(count, min(time_ms, lx.MOST_MOVE_MS), now_s)
+        elif command == lx.WRITE_LOAD and len(parameters) == 1:
+            servo.loaded = bool(parameters[0])
+        elif command == lx.WRITE_LIMITS and len(parameters) == 4:
+            servo.limits = lx.number(parameters[:2]), lx.number(parameters[2:])
+        elif command == lx.WRITE_ID and len(parameters) == 1:
+            servo.servo_id = parameters[0]
+
+    def _answer(self, joint: int, command: int) -> bytes:
+        servo = self.servos[joint]
+        values = {
+            lx.READ_ID: servo.servo_id,
+            lx.READ_TEMPERATURE: round(self._faults.temperatures.get(joint, USUAL_C)),
+            lx.READ_VOLTAGE: round(1000 * self._faults.voltage(USUAL_V)),
+            lx.READ_POSITION: round(servo.position),
+            lx.READ_LOAD: int(servo.loaded),
+        }
+        if command == lx.READ_LIMITS:
+            data = b"".join(limit.to_bytes(2, "little") for limit in servo.limits)
+        else:
+            data = values[command].to_bytes(lx.ANSWER_BYTES[command], "little", signed=values[command] < 0)
+        return self.packets.status(servo.servo_id, command, data)
