@@ -110,7 +110,8 @@ def test_a_bus_is_walked_over_a_pseudo_terminal(capsys: pytest.CaptureFixture[st
         assert exit_code(file) == 3
         assert "no servo answers on /dev/pts/" in capsys.readouterr().err
         assert running.end()["packets"] == 0
-    with board("--bus", "feetech", "--backend", "mock", "--robot", "phantomx") as running:
-        assert exit_code(["run", "--backend", "feetech", "--connect", running.port, *words]) == 0
-        assert json.loads(capsys.readouterr().out)["status"] == "ok"
-        assert running.end()["goals"] > 50
+    for driver in ("feetech", "lx16a"):
+        with board("--bus", driver, "--backend", "mock", "--robot", "phantomx") as running:
+            assert exit_code(["run", "--backend", driver, "--connect", running.port, *words]) == 0
+            assert json.loads(capsys.readouterr().out)["status"] == "ok"
+            assert running.end()["goals"] > 50

@@ -46,6 +46,11 @@ def test_limits_of_a_joint_come_before_those_of_its_kind() -> None:
     assert made.counts(high)[[1, 4]] == pytest.approx([3000, 2500])
 
 
+def test_all_servos_of_the_lx16a_family_mix() -> None:
+    made = _map("lx16a", femur={"model": "hts35h"}, tibia={"model": "lx224"})
+    assert made.counts(np.full(18, np.radians(120))) == pytest.approx(1000)
+
+
 def test_joints_are_found_and_named_by_their_ids() -> None:
     made = _map(leg5_femur={"id": 99})
     assert made.joint_of(99) == 13

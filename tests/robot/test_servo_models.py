@@ -11,6 +11,7 @@ def test_models_are_found_by_name() -> None:
     assert servo_type("sts3215").number == 777
     assert servo_type("ax12a").counts_per_deg == pytest.approx(3.41)
     assert servo_type("xl430-w250").counts_per_deg == pytest.approx(11.378, abs=1e-3)
+    assert servo_type("lx16a").counts_per_deg == pytest.approx(1000 / 240)
     with pytest.raises(InputError, match=r"servos.model: got 'x'; allowed: ax12a, "):
         servo_type("x")
 
