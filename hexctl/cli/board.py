@@ -130,7 +130,11 @@ def board(
     if bus is not None:
         _run_bus(
             BusBoardService(
-                driver=bus, servos=servos, model=model, baud=None if baud is None else int(baud), faults=tuple(fault or ())
+                driver=bus,
+                servos=servos,
+                model=model,
+                baud=None if baud is None else int(baud),
+                faults=tuple(fault or ()),
             ),
             as_json=as_json,
         )

@@ -61,7 +61,7 @@ def test_an_answer_behind_garbage_is_found(garbage: bytes, answer: tuple[int, in
 
 
 def test_hostile_bytes_are_dropped_and_counted() -> None:
-    """Headers with any length behind them, and noise: nothing is kept for ever, and few sums fit by chance."""
+    """Headers with any length behind them, and noise: nothing is kept, and few sums fit by chance."""
     rng, found, sent = random.Random(3), 0, 0
     stream = PacketStream(lx.LX16A)
     for _ in range(20_000):
