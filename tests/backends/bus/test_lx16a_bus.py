@@ -47,7 +47,7 @@ def _reaches(bus: Lx16aBus, goals: FloatArray) -> bool:
 
     def there() -> bool:
         bus.poll()
-        return _positions(bus) == goals.tolist()
+        return bool(_positions(bus) == goals.tolist())
 
     return _within(there)
 
@@ -112,7 +112,12 @@ def test_one_mute_servo_does_not_silence_the_others() -> None:
     with _bus("mute:3:femur") as (bus, _, _counters):
         assert np.flatnonzero(~bus.find()).tolist() == [7]
         heard: set[int] = set()
-        assert _within(lambda: heard.update(r.joint for r in bus.poll()) or len(heard) == 17)  # type: ignore[func-returns-value]
+
+        def all_others() -> bool:
+            heard.update(report.joint for report in bus.poll())
+            return len(heard) == 17
+
+        assert _within(all_others)
         assert heard == set(range(18)) - {7}
 
 
@@ -146,7 +151,12 @@ def test_a_servo_that_unloads_is_limp_and_gets_no_goals() -> None:
         bus.write_goals(stance_counts(MAP))
         _servo(board, 7).loaded = False
         said: dict[int, str] = {}
-        assert _within(lambda: said.update((r.joint, r.error) for r in bus.poll()) or said.get(7) == "limp")  # type: ignore[func-returns-value]
+
+        def limp() -> bool:
+            said.update((report.joint, report.error) for report in bus.poll())
+            return said.get(7) == "limp"
+
+        assert _within(limp)
         assert {joint for joint, error in said.items() if error} == {7}
         goals = stance_counts(MAP) + 20
         goals[7] -= 20
