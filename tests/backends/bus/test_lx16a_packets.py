@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from hexctl.backends.bus import lx16a_packets as lx
 from hexctl.backends.bus.packets import PacketStream, StatusPacket
 
-#: Packets of LewanSoul's document and its examples: id, command, parameters.
+#: The first packet is LewanSoul's own example, the others were made by its rules: id, command, parameters.
 DUMPS = [
     (1, 1, "F4 01 E8 03", "55 55 01 07 01 F4 01 E8 03 16"),
     (1, 1, "00 00 E8 03", "55 55 01 07 01 00 00 E8 03 0B"),
@@ -20,7 +20,7 @@ DUMPS = [
 
 
 @pytest.mark.parametrize(("servo_id", "command", "parameters", "dump"), DUMPS)
-def test_packets_are_those_of_the_document(servo_id: int, command: int, parameters: str, dump: str) -> None:
+def test_packets_are_as_the_document_says(servo_id: int, command: int, parameters: str, dump: str) -> None:
     data = bytes.fromhex(parameters)
     assert lx.LX16A.instruction(servo_id, command, data) == bytes.fromhex(dump)
     assert lx.LX16A.take(bytes.fromhex(dump)) == ((servo_id, command, data), len(bytes.fromhex(dump)))
