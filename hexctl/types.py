@@ -173,6 +173,7 @@ class RobotState(ArrayFields):
             then; None where unknown.
         servos: what single servos report, or None where nothing is known of them.
         warnings: what is wrong with the robot that is no fault, in few words each.
+        current_a: that all servos together draw, or None where unknown.
     """
 
     joint_positions_rad: FloatArray
@@ -190,6 +191,7 @@ class RobotState(ArrayFields):
     joint_torques_nm: FloatArray | None = None
     servos: ServoReadings | None = None
     warnings: tuple[str, ...] = ()
+    current_a: float | None = None
 
     def copy(self) -> "RobotState":
         """The same state, with copies of its arrays."""

@@ -26,6 +26,7 @@ LANES = {
         "tests/backends/bus/test_scan.py",
         "tests/serve/test_keeper.py",
         "tests/cli/test_servos.py",
+        "tests/backends/pwm/test_servo2040.py",
         "tests/docs/test_commands.py::test_the_commands_of_a_page",
     ),
     "links": (

@@ -15,6 +15,7 @@ from hexctl.robot.failure_event import FailureEvent
 from hexctl.robot.loader import RobotFile
 from hexctl.robot.model import Robot
 from hexctl.robot.plugins import load_named
+from hexctl.robot.pwm_map import pwm_map_of
 from hexctl.robot.schema import BUS_DRIVERS, ServosSection
 from hexctl.robot.servo_map import ServoMap, default_servo_map
 
@@ -208,6 +209,14 @@ def _bus(driver: str) -> Callable[[BackendOptions], LegServos]:
     return make
 
 
+def _servo2040(options: BackendOptions) -> LegServos:
+    from hexctl.backends.pwm.servo2040 import Servo2040Servos, parse_servo2040_port
+
+    section = ServosSection() if options.robot_file is None else options.robot_file.content.servos
+    port = parse_servo2040_port(options.connect or section.port)
+    return Servo2040Servos(options.robot, pwm_map=pwm_map_of(section, "servo2040"), port=port)
+
+
 def _make_own(name: str, options: BackendOptions) -> LegServos:
     own = _own_class(name)
     accepted = _arguments(own)
@@ -263,5 +272,6 @@ BACKENDS: dict[str, Backend] = {
     "zenoh": Backend(_zenoh, frozenset({"connect", "credentials", "insecure", "link"})),
     "mavlink": Backend(_mavlink, frozenset({"connect", "credentials", "insecure"})),
     **{driver: Backend(_bus(driver), frozenset({"connect"})) for driver in BUS_DRIVERS},
+    "servo2040": Backend(_servo2040, frozenset({"connect"})),
     "mock": Backend(_mock, frozenset()),
 }

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from hexctl.serve.service import BusBoardService, ServiceStarted
 
 BoardBackend = Literal["sim", "mock"]
-BusDriver = Literal["dynamixel", "feetech", "lx16a"]
+BusDriver = Literal["dynamixel", "feetech", "lx16a", "servo2040"]
 BAUD = Range(low=9600, high=4_500_000, whole=True, unit="baud")
 EXPIRY_S = Range(low=0.05, high=1, unit="s")
 RELEASE_S = Range(low=1, high=3600, unit="s")
@@ -84,16 +84,17 @@ def board(
         choice(
             "--bus",
             BusDriver,
-            "Be servos on a serial bus instead, on a pseudo-terminal: dynamixel, feetech or "
-            "lx16a. (default: a MAVLink board)",
+            "Be servos on a serial bus instead, on a pseudo-terminal: dynamixel, feetech, lx16a, or the "
+            "board servo2040 with hobby servos. "
+            "(default: a MAVLink board)",
         ),
     ] = None,
     model: Annotated[
         str | None,
         typer.Option(
             "--model",
-            help="With --bus, model of all servos, such as ax12a or sts3215. "
-            "(default: that of the robot file, else xl430-w250, sts3215 or lx16a)",
+            help="With --bus, model of all servos, such as ax12a or sts3215; with servo2040 its firmware, "
+            "stock or fork. (default: that of the robot file, else xl430-w250, sts3215, lx16a or stock)",
         ),
     ] = None,
     baud: Annotated[
@@ -109,7 +110,8 @@ def board(
         typer.Option(
             "--fault",
             help="With --bus, what goes wrong, repeatable: mute:5:coxa@10, hot:2:femur:72@5, "
-            "lost-id:3:tibia@8, brown-out@12, unplug@15, replug@18, garble:0.01, echo. (default: nothing)",
+            "lost-id:3:tibia@8, brown-out@12, unplug@15, replug@18, garble:0.01, echo; with servo2040 "
+            "mute@10, trip:12@10, unplug@15, replug@18, garble:0.01. (default: nothing)",
         ),
     ] = None,
     as_json: JsonOption = False,

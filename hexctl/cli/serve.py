@@ -37,8 +37,8 @@ def serve(
             "--backend",
             autocompletion=completion.served_backends,
             help="What moves: sim (simulation in real time), mavlink (a servo board), dynamixel, feetech "
-            "or lx16a (servos on a serial bus), mock (servos without a robot), or package.module:Class for "
-            "servos of your own.",
+            "or lx16a (servos on a serial bus), servo2040 (a board of hobby servos), mock (servos "
+            "without a robot), or package.module:Class for servos of your own.",
         ),
     ] = "sim",
     robot: RobotOption = "ant",
@@ -56,7 +56,8 @@ def serve(
             "--device",
             help="With mavlink, the servo board's port: /dev/ttyACM0:115200, udpout:HOST:PORT or "
             "udpin:HOST:PORT (default: udpout:127.0.0.1:14550); with dynamixel, feetech and lx16a that of "
-            "the bus: /dev/ttyUSB0:1000000. (default: that of the robot file)",
+            "the bus: /dev/ttyUSB0:1000000, and with servo2040 that of the board: /dev/ttyACM0. "
+            "(default: that of the robot file)",
         ),
     ] = None,
     signing: Annotated[

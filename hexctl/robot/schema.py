@@ -36,8 +36,11 @@ Direction = Annotated[Number, AfterValidator(_direction)]
 
 #: Drivers of servos on a bus, whose positions are counts.
 BUS_DRIVERS = ("dynamixel", "feetech", "lx16a")
+#: Drivers of boards that make the pulses of hobby servos.
+PWM_DRIVERS = ("servo2040",)
 ServoId = Annotated[Number, Field(ge=0, le=252, allow_inf_nan=False), AfterValidator(_whole)]
 Count = Annotated[Number, Field(ge=0, le=65535, allow_inf_nan=False), AfterValidator(_whole)]
+TouchInput = Annotated[Number, Field(ge=0, lt=N_LEGS, allow_inf_nan=False), AfterValidator(_whole)]
 Baud = Annotated[Number, Field(ge=1200, le=4_500_000, allow_inf_nan=False), AfterValidator(_whole)]
 
 
@@ -188,15 +191,17 @@ class JointServoSection(KindServoSection):
 
     channel: Channel | None = None
     id: ServoId | None = None
+    touch: TouchInput | None = None
 
 
 class ServosSection(Section):
     """Servo map: pulse = centre_us + us_per_deg * (sign * angle + offset_deg).
 
-    Servos on a bus have a `driver`, a `model` and counts instead, and each joint an `id`.
+    Servos on a bus have a `driver`, a `model` and counts instead, and each joint an `id`. Boards of hobby
+    servos have pulses, a `driver` and as `id` the output of each joint.
     """
 
-    driver: Literal["dynamixel", "feetech", "lx16a"] | None = None
+    driver: Literal["dynamixel", "feetech", "lx16a", "servo2040"] | None = None
     port: str | None = None
     baud: Baud | None = None
     model: str | None = None

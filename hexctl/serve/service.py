@@ -8,12 +8,14 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from hexctl.backends.base import LegServos
 from hexctl.backends.clock import request_realtime_priority
 from hexctl.backends.registry import BackendOptions, check_options, make_servos
 from hexctl.errors import InputError, argument, check_type
 from hexctl.robot.bus_map import bus_map_of
 from hexctl.robot.failure import Failure, failure_text
 from hexctl.robot.loader import load_robot_file
+from hexctl.robot.pwm_map import pwm_map_of
 from hexctl.robot.schema import BUS_DRIVERS, ServosSection
 from hexctl.robot.servo_models import DEFAULT_BAUDS
 from hexctl.serve.server import RobotServer
@@ -22,13 +24,15 @@ from hexctl.wire.links import Link, load_link
 if TYPE_CHECKING:
     from hexctl.backends.mavlink.transport import Port, PortAddress
     from hexctl.backends.sim.world import World
+    from hexctl.serve.bus_board import BusBoard
     from hexctl.serve.keeper import Keeper
+    from hexctl.serve.servo2040_board import Servo2040Board
 
 DEFAULT_WORLD = "flat"
 MIN_SIT_AFTER_S, MAX_SIT_AFTER_S = 1.0, 3600.0
 MIN_EXPIRY_S, MAX_EXPIRY_S = 0.05, 1.0
 MIN_RELEASE_S, MAX_RELEASE_S = 1.0, 3600.0
-SERVED_BACKENDS = ("sim", "mavlink", "dynamixel", "feetech", "lx16a", "mock")
+SERVED_BACKENDS = ("sim", "mavlink", "dynamixel", "feetech", "lx16a", "servo2040", "mock")
 BOARD_BACKENDS = ("sim", "mock")
 
 
@@ -334,11 +338,11 @@ class BusBoardService:
     """Servos on a simulated bus: options of a `BusBoard`, checked when they are given.
 
     Attributes:
-        driver: whose protocol they speak, of `BUS_DRIVERS`.
+        driver: whose protocol they speak, of `BUS_DRIVERS`, or `servo2040`, which is a board.
         servos: what they move, `sim` or `mock`.
-        model: of all servos, in place of those of the robot file.
+        model: of all servos, in place of those of the robot file; of a servo2040 the firmware.
         baud: bits per second of the line; usual for the driver unless given.
-        faults: what goes wrong, in the words of `parse_bus_fault`.
+        faults: what goes wrong, in the words of `parse_bus_fault` or `parse_servo2040_fault`.
     """
 
     driver: str
@@ -357,7 +361,7 @@ class BusBoardService:
     @property
     def bits_per_s(self) -> int:
         """Speed of the line."""
-        return self.baud or DEFAULT_BAUDS[self.driver]
+        return self.baud or DEFAULT_BAUDS.get(self.driver, 115_200)
 
     def run(
         self,
@@ -369,23 +373,34 @@ class BusBoardService:
 
         Raises InputError for a robot, world, model or fault that is not allowed.
         """
-        from hexctl.serve.bus_board import BusBoard
-        from hexctl.serve.bus_faults import parse_bus_fault
-
         options = self.servos.options()
         section = ServosSection() if options.robot_file is None else options.robot_file.content.servos
-        if self.model is not None:
-            section = section.model_copy(update={"model": self.model})
-        bus_map = bus_map_of(section, self.driver)
-        faults = tuple(parse_bus_fault(text) for text in self.faults)
         servos = make_servos(self.servos.backend, options)
-        board = BusBoard(servos, bus_map, baud=self.bits_per_s, faults=faults, seed=self.servos.seed)
+        board = self._servo2040(servos, section) if self.driver == "servo2040" else self._bus(servos, section)
         realtime = request_realtime_priority()
         started = ServiceStarted(
             robot=servos.robot.name, backend=self.servos.backend, place=board.path, realtime=realtime
         )
         board.run(stop_requested, ready=lambda: on_started(started))
         return board.report()
+
+    def _bus(self, servos: LegServos, section: ServosSection) -> "BusBoard":
+        from hexctl.serve.bus_board import BusBoard
+        from hexctl.serve.bus_faults import parse_bus_fault
+
+        if self.model is not None:
+            section = section.model_copy(update={"model": self.model})
+        bus_map = bus_map_of(section, self.driver)
+        faults = tuple(parse_bus_fault(text) for text in self.faults)
+        return BusBoard(servos, bus_map, baud=self.bits_per_s, faults=faults, seed=self.servos.seed)
+
+    def _servo2040(self, servos: LegServos, section: ServosSection) -> "Servo2040Board":
+        from hexctl.serve.servo2040_board import Servo2040Board, parse_servo2040_fault
+
+        pwm_map = pwm_map_of(section, self.driver)
+        faults = tuple(parse_servo2040_fault(text) for text in self.faults)
+        firmware = self.model or "stock"
+        return Servo2040Board(servos, pwm_map, firmware=firmware, faults=faults, seed=self.servos.seed)
 
 
 def _check_between(option: str, value: float, lowest: float, highest: float) -> None:

@@ -31,11 +31,13 @@ from tests.backends.mavlink.boards import PATIENCE_S, board, free_port
         (["--failure", "limp"], "--failure: got limp without a leg"),
         (["--keys", "no-such-folder"], "no-such-folder/mavlink.key: cannot be read"),
         (["--robot", "elephant"], "unknown robot 'elephant'"),
-        (["--bus", "hitec"], "got hitec; allowed: dynamixel, feetech, lx16a"),
+        (["--bus", "hitec"], "got hitec; allowed: dynamixel, feetech, lx16a, servo2040"),
         (["--bus", "feetech", "--port", "udpin:127.0.0.1:1"], "--port: got it with --bus feetech"),
         (["--fault", "echo"], "--fault: got it without --bus; allowed: with --bus"),
         (["--bus", "feetech", "--fault", "noise"], "fault: got 'noise'; allowed: mute:LEG:JOINT"),
         (["--bus", "feetech", "--model", "ax12a"], "got ax12a with feetech; allowed: models of feetech"),
+        (["--bus", "servo2040", "--model", "ax12a"], "got ax12a; allowed: stock, fork with servo2040"),
+        (["--bus", "servo2040", "--fault", "echo"], "fault: got 'echo'; allowed: mute, unplug, replug, "),
     ],
 )
 def test_bad_input_is_one_line(
@@ -115,3 +117,13 @@ def test_a_bus_is_walked_over_a_pseudo_terminal(capsys: pytest.CaptureFixture[st
             assert exit_code(["run", "--backend", driver, "--connect", running.port, *words]) == 0
             assert json.loads(capsys.readouterr().out)["status"] == "ok"
             assert running.end()["goals"] > 50
+
+
+def test_hobby_servos_are_walked_over_a_pseudo_terminal(capsys: pytest.CaptureFixture[str]) -> None:
+    with board("--bus", "servo2040", "--model", "fork", "--backend", "mock", "--robot", "ant") as running:
+        words = ["--robot", "ant", "--duration", "1", "--no-record", "--json"]
+        assert exit_code(["run", "--backend", "servo2040", "--connect", running.port, *words]) == 0
+        assert json.loads(capsys.readouterr().out)["status"] == "ok"
+        report = running.end()
+        assert report["goals"] > 50
+        assert report["torn"] == 0

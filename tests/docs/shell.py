@@ -176,7 +176,9 @@ class Shell:
             arguments += ["--connect", self._board]
         if arguments[0] == "servos":
             arguments[arguments.index("--port") + 1] = self._board
-        on_bus = bool({"dynamixel", "feetech", "lx16a"} & set(arguments)) and "--connect" in arguments
+        on_bus = (
+            bool({"dynamixel", "feetech", "lx16a", "servo2040"} & set(arguments)) and "--connect" in arguments
+        )
         if on_bus:
             arguments[arguments.index("--connect") + 1] = self._board
         _stay_here(arguments)
@@ -195,7 +197,7 @@ class Shell:
     def _serve(self, arguments: list[str]) -> None:
         """Serve a robot on loopback until the page serves another; a simulated one stands for a real one."""
         self._programs.close()
-        real = {"mavlink", "dynamixel", "feetech", "lx16a"} & set(arguments)
+        real = {"mavlink", "dynamixel", "feetech", "lx16a", "servo2040"} & set(arguments)
         if real:
             arguments[arguments.index(real.pop())] = "sim"
             at = arguments.index("--device")

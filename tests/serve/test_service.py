@@ -14,7 +14,7 @@ from tests.serve.processes import free_port
         (lambda: RobotService(servos=ServosSpec(backend="zenoh")), "served already; allowed: sim"),
         (
             lambda: RobotService(device="/dev/ttyACM0"),
-            "ttyACM0 with backend sim; allowed: with mavlink, dynamixel, feetech and lx16a$",
+            "ttyACM0 with backend sim; allowed: with mavlink, dynamixel, feetech, lx16a and servo2040$",
         ),
         (lambda: RobotService(sit_after_s=float("nan")), "got nan; allowed: 1 to 3600 s"),
         (lambda: RobotService(servos=ServosSpec(seed=-1)), "seed: got -1"),

@@ -1,0 +1,1 @@
+"""Hobby servos behind a board that makes their pulses: no servo says where it is."""

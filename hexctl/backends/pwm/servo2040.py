@@ -1,0 +1,252 @@
+"""Pimoroni's servo2040 with the Chica firmware: 18 pulses, six touch inputs, current, voltage and a relay.
+
+A command byte has bit 7, all others have not; values are 14 bits in two bytes, low bits first.
+
+    SET: D3 start count (lo7 hi7)*count, no reply
+    GET: C7 start count, answered by the same three bytes and (lo7 hi7)*count
+
+The fork github.com/olli-io/hexapod-servo2040-driver ends its replies with a checksum, XOR of all before with
+bit 7 set, gives current and voltage in hundredths, and switches itself off at an overcurrent.
+"""
+
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from hexctl.backends.bus.serial_line import SerialLine
+from hexctl.backends.clock import Clock
+from hexctl.backends.pwm.board import BoardReport
+from hexctl.backends.pwm.servos import PwmServos
+from hexctl.errors import InputError, RobotFaultError, argument
+from hexctl.robot.model import Robot
+from hexctl.robot.pwm_map import SERVO2040_US, PwmMap
+from hexctl.types import N_JOINTS, N_LEGS, FloatArray
+
+SET, GET = 0xD3, 0xC7
+
+#: Indices of the protocol.
+TOUCH, CURRENT, VOLTAGE, RELAY, STATUS = 18, 24, 25, 26, 27
+
+MOST_VALUE = (1 << 14) - 1
+
+#: Counts per volt of the original firmware, and its current: amperes per count, from a count of no current.
+COUNTS_PER_V, AMPERES_PER_COUNT, NO_CURRENT = 310.3, 0.0814, 512
+
+#: Counts per volt and ampere of the fork.
+FORK_COUNTS = 100.0
+
+#: A touch input at half of its 3.3 V; the inputs are pulled down.
+TOUCHED, MOST_TOUCH = 512, 1100
+
+#: How long a reply may take, and how long the checksum of the fork may be behind the rest of it.
+PATIENCE_S, CHECKSUM_S = 0.05, 0.02
+
+#: How often a board is asked before it is taken for mute.
+TRIES = 4
+
+#: Any speed does for a device on USB.
+BAUD = 115_200
+
+#: Pulse of a servo that was told none.
+NEVER_US = (0, 1500)
+
+
+def set_frame(start: int, values: Sequence[int]) -> bytes:
+    """Frame that sets values from an index on."""
+    return bytes([SET, start, len(values)]) + encoded(values)
+
+
+def get_frame(start: int, count: int) -> bytes:
+    """Frame that asks for some values from an index on."""
+    return bytes([GET, start, count])
+
+
+def encoded(values: Sequence[int]) -> bytes:
+    """Values 0 to 16383, two bytes each."""
+    return bytes(byte for value in values for byte in (value & 0x7F, value >> 7 & 0x7F))
+
+
+def decoded(data: bytes) -> list[int]:
+    """Values of bytes without bit 7, two each."""
+    return [low | high << 7 for low, high in zip(data[::2], data[1::2], strict=True)]
+
+
+def checksum(data: bytes) -> int:
+    """Last byte of the fork's replies, after the bytes given."""
+    total = 0
+    for byte in data:
+        total ^= byte
+    return total | 0x80
+
+
+def find_reply(data: bytes, start: int, count: int, *, checked: bool) -> list[int] | None:
+    """Values of a whole reply among some bytes, or None.
+
+    Args:
+        data: what has come since the request.
+        start: index of the first value asked for.
+        count: values asked for.
+        checked: whether a checksum ends the reply.
+    """
+    head, size = get_frame(start, count), 3 + 2 * count
+    at = data.find(head)
+    while at >= 0:
+        frame, behind = data[at : at + size], data[at + size : at + size + 1]
+        whole = len(frame) == size and max(frame[3:]) < 0x80
+        if whole and (not checked or behind == bytes([checksum(frame)])):
+            return decoded(frame[3:])
+        at = data.find(head, at + 1)
+    return None
+
+
+class Servo2040:
+    """The board on an open line, used by one thread.
+
+    Args:
+        line: open.
+        pwm_map: outputs of the joints and inputs of the feet.
+
+    Attributes:
+        fork: whether the firmware is the fork.
+
+    Raises RobotFaultError when nothing answers as the firmware does.
+    """
+
+    def __init__(self, line: SerialLine, pwm_map: PwmMap) -> None:
+        self._line, self._map = line, pwm_map
+        self._voltages: list[float] = []
+        self.fork = self._is_fork()
+        self._asked = N_LEGS + 2  # touch, current, voltage
+        if self.fork and self._ask(TOUCH, N_LEGS + 4, tries=TRIES) is not None:
+            self._asked = N_LEGS + 4  # relay and status besides
+        if self._asked > N_LEGS + 2 and self._tripped() is not None:
+            self.end()
+
+    def commanded_us(self) -> FloatArray | None:
+        """Pulses of each joint, (18,), that the board was last told, or None for a board just switched on."""
+        values = self._ask(0, N_JOINTS, tries=TRIES)
+        if values is None or any(len(set(values)) == 1 and never in values for never in NEVER_US):
+            return None
+        pulses = np.array(values, dtype=float)[self._map.outputs]
+        return pulses if (pulses > 0).all() else None
+
+    def begin(self, pulses_us: FloatArray) -> None:
+        """Stage a pose, then switch the relay on: without one all servos would turn to 1500 us."""
+        self.write(pulses_us)
+        self._line.write(set_frame(RELAY, [1]))
+
+    def write(self, pulses_us: FloatArray) -> None:
+        """Send the pulses of all joints, (18,), in one frame."""
+        ordered = np.empty(N_JOINTS)
+        ordered[self._map.outputs] = np.clip(np.rint(pulses_us), *SERVO2040_US)
+        self._line.write(set_frame(0, ordered.astype(int).tolist()))
+
+    def end(self) -> None:
+        """Switch the relay and all pulses off."""
+        self._line.write(set_frame(RELAY, [0]))
+
+    def poll(self) -> BoardReport | None:
+        """Contacts, current, voltage and fault, or None without a whole answer."""
+        values = self._ask(TOUCH, self._asked)
+        if values is None or max(values[:N_LEGS]) > MOST_TOUCH:
+            return None
+        current, voltage = values[CURRENT - TOUCH], values[VOLTAGE - TOUCH]
+        volts = voltage / (FORK_COUNTS if self.fork else COUNTS_PER_V)
+        self._voltages = [*self._voltages[-2:], volts]  # the original has no checksum: one may be wrong
+        status = values[STATUS - TOUCH] if self._asked > N_LEGS + 2 else 0
+        return BoardReport(
+            at_s=time.monotonic(),
+            contacts=np.array(values[:N_LEGS])[self._map.touches] > TOUCHED,
+            voltage_v=float(np.median(self._voltages)),
+            current_a=current / FORK_COUNTS if self.fork else (current - NO_CURRENT) * AMPERES_PER_COUNT,
+            fault=_trip(status),
+        )
+
+    def close(self) -> None:
+        """Close the line; the board goes on with the last pulses."""
+        self._line.close()
+
+    def _tripped(self) -> str | None:
+        values = self._ask(STATUS, 1, tries=TRIES)
+        return None if values is None else _trip(values[0])
+
+    def _is_fork(self) -> bool:
+        """Ask for the voltage, and see whether a checksum ends the reply."""
+        request = get_frame(VOLTAGE, 1)
+        for _ in range(TRIES):
+            self._line.discard()
+            self._line.write(request)
+            data = self._gather(VOLTAGE, 1, checked=False)
+            if find_reply(data, VOLTAGE, 1, checked=False) is None:
+                continue
+            data += self._line.read(time.monotonic() + CHECKSUM_S)
+            return find_reply(data, VOLTAGE, 1, checked=True) is not None
+        raise RobotFaultError(
+            f"no servo2040 answers on {self._line.path}; is it the board's port, and does the board have the "
+            "Chica firmware?"
+        )
+
+    def _ask(self, start: int, count: int, *, tries: int = 1) -> list[int] | None:
+        """Values from an index on, or None without a whole reply in some tries."""
+        for _ in range(tries):
+            self._line.discard()
+            self._line.write(get_frame(start, count))
+            data = self._gather(start, count, checked=self.fork)
+            values = find_reply(data, start, count, checked=self.fork)
+            if values is not None:
+                return values
+        return None
+
+    def _gather(self, start: int, count: int, *, checked: bool) -> bytes:
+        """What comes until a reply is whole, or the patience is over."""
+        deadline_s, data = time.monotonic() + PATIENCE_S, b""
+        while find_reply(data, start, count, checked=checked) is None:
+            more = self._line.read(deadline_s)
+            if not more:
+                break
+            data += more
+        return data
+
+
+class Servo2040Servos(PwmServos):
+    """Eighteen hobby servos on a servo2040, with foot contacts.
+
+    Args:
+        robot: the robot that the servos belong to, or the name or path of its file.
+        pwm_map: which output moves which joint, and which input is which foot.
+        port: serial device.
+        clock: a wall clock unless given.
+    """
+
+    def __init__(
+        self, robot: Robot | str | Path, *, pwm_map: PwmMap, port: str, clock: Clock | None = None
+    ) -> None:
+        super().__init__(robot, pwm_map=pwm_map, place=port, clock=clock)
+
+    def _open(self) -> Servo2040:
+        line = SerialLine(self._place, BAUD)
+        try:
+            return Servo2040(line, self._map)
+        except BaseException:
+            line.close()
+            raise
+
+
+def parse_servo2040_port(text: str | None) -> str:
+    """Serial device of a text such as `/dev/ttyACM0`; raises InputError without one."""
+    if not text or ":" in text:
+        got = "none" if not text else repr(text)
+        raise InputError(
+            f"{argument('connect')}: got {got}; allowed: the serial device of the servo2040, such as "
+            "/dev/ttyACM0, here or as `port` in the section `servos` of the robot file"
+        )
+    return text
+
+
+def _trip(status: int) -> str | None:
+    """Fault of the fork's status word: bit 0, and the current in tenths of an ampere in bits 1 to 10."""
+    if not status & 1:
+        return None
+    return f"the board has switched its servos off at {(status >> 1 & 0x3FF) * 0.1:.1f} A"

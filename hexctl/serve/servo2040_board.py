@@ -1,0 +1,301 @@
+"""A servo2040 with the Chica firmware, or its fork, on a pseudo-terminal; it moves a simulated robot."""
+
+import os
+import random
+import re
+import select
+import tty
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from hexctl.backends.base import LegServos
+from hexctl.backends.pwm.servo2040 import (
+    AMPERES_PER_COUNT,
+    COUNTS_PER_V,
+    CURRENT,
+    FORK_COUNTS,
+    GET,
+    MOST_VALUE,
+    NO_CURRENT,
+    RELAY,
+    SET,
+    STATUS,
+    TOUCH,
+    VOLTAGE,
+    checksum,
+    decoded,
+    encoded,
+)
+from hexctl.control.guard import StepLimits
+from hexctl.errors import InputError, RobotFaultError
+from hexctl.robot.pwm_map import SERVO2040_US, PwmMap
+from hexctl.types import N_JOINTS, N_LEGS, BoolArray, FloatArray, JointTargets, RobotState
+
+#: The firmwares.
+FIRMWARES = ("stock", "fork")
+
+#: The supply, in V, and what a servo draws that gives all its torque, in A.
+SUPPLY_V, STALL_A = 7.4, 2.0
+
+#: Where the original firmware turns servos that were told no pulse.
+MIDDLE_US = 1500.0
+
+#: A byte of a frame that comes later than this is none; the firmware waits 0.1 ms, but for a USB frame.
+BYTE_S = 0.005
+
+#: Time that is kept free before a tick.
+SPARE_S = 0.0003
+
+#: Counts of a touch input: of a foot on the floor, and of one in the air.
+PRESSED, FREE = 1020, 3
+
+#: Faults by their words, with a number or none.
+FAULTS = ("mute", "unplug", "replug", "garble:SHARE", "trip:AMPERES")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Servo2040Fault:
+    """One fault.
+
+    Attributes:
+        kind: the word.
+        at_s: when it begins, on the clock of the simulated robot.
+        value: share of the replies that are garbled, or current of the trip in A.
+    """
+
+    kind: str
+    at_s: float = 0.0
+    value: float = 0.0
+
+
+def parse_servo2040_fault(text: str) -> Servo2040Fault:
+    """Fault of a text such as `mute@10` or `garble:0.01`; raises InputError for anything else."""
+    found = re.fullmatch(
+        r"(mute|unplug|replug|garble|trip)(:[0-9]+(?:\.[0-9]+)?)?(@[0-9]+(?:\.[0-9]+)?)?", text
+    )
+    if found is None or (found[1] in ("garble", "trip")) != (found[2] is not None):
+        raise InputError(f"fault: got {text!r}; allowed: {', '.join(FAULTS)}, each with @SECONDS")
+    value = float(found[2][1:]) if found[2] else 0.0
+    if found[1] == "garble" and value > 1:
+        raise InputError(f"fault: got {text!r}; allowed: a share up to 1")
+    return Servo2040Fault(kind=found[1], at_s=float(found[3][1:]) if found[3] else 0.0, value=value)
+
+
+@dataclass(slots=True)
+class Servo2040Counters:
+    """Counts of a board since it began.
+
+    Attributes:
+        goals: frames with pulses.
+        answers: replies.
+        garbage: bytes that belonged to no command.
+        torn: frames of which bytes came too late.
+        ticks: control periods.
+    """
+
+    goals: int = 0
+    answers: int = 0
+    garbage: int = 0
+    torn: int = 0
+    ticks: int = 0
+
+
+class Servo2040Board:
+    """A servo2040 on a pseudo-terminal, which moves simulated joints.
+
+    Args:
+        servos: of the simulated robot, in real time, not connected.
+        pwm_map: outputs of the joints and inputs of the feet.
+        firmware: `stock` or `fork`.
+        faults: what goes wrong, and when.
+        seed: of garbled bytes.
+
+    Attributes:
+        path: the device to open.
+        pulses_us: by output, (18,); 0 where none was told.
+        relay: whether the servos have power.
+    """
+
+    def __init__(
+        self,
+        servos: LegServos,
+        pwm_map: PwmMap,
+        *,
+        firmware: str = "stock",
+        faults: tuple[Servo2040Fault, ...] = (),
+        seed: int = 0,
+    ) -> None:
+        if firmware not in FIRMWARES:
+            raise InputError(f"servos.model: got {firmware}; allowed: {', '.join(FIRMWARES)} with servo2040")
+        self._robot, self._map, self._fork = servos, pwm_map, firmware == "fork"
+        self._master, self._slave = os.openpty()
+        tty.setraw(self._slave)
+        os.set_blocking(self._master, False)
+        self.path = os.ttyname(self._slave)
+        self.pulses_us: FloatArray = np.zeros(N_JOINTS)
+        self.relay = False
+        self._staged = False
+        self._status = 0
+        self._sensors = [FREE] * N_LEGS + [0, 0]
+        self._limits = StepLimits.of(servos.robot, servos.clock.period_s)
+        self._to_come = sorted(faults, key=lambda fault: fault.at_s)
+        self._mute = self._unplugged = False
+        self._garbles = 0.0
+        self._random = random.Random(seed)  # noqa: S311  garbled bytes are no secret
+        self._counters = Servo2040Counters()
+        self._data = bytearray()
+        self._sent_rad: FloatArray | None = None
+
+    def run(self, until: Callable[[], bool], *, ready: Callable[[], None] = lambda: None) -> None:
+        """Serve until `until` returns True; `ready` is called once controllers may open `path`.
+
+        Raises RobotFaultError when the simulated robot fails.
+        """
+        try:
+            with self._robot:
+                self._robot.clock.tick()
+                self._sense(self._robot.read())
+                self._begin_faults()
+                ready()
+                while not until():
+                    while (timeout_s := self._robot.clock.due_in_s - SPARE_S) > 0:
+                        self._serve(timeout_s)
+                    self._serve(0.0)
+                    self._tick()
+        except OSError as error:
+            raise RobotFaultError(f"the board has gone: {error.strerror or error}") from error
+        finally:
+            os.close(self._master)
+            os.close(self._slave)
+
+    def report(self) -> dict[str, Any]:
+        """Counts so far, as JSON values."""
+        return asdict(self._counters)
+
+    def _serve(self, timeout_s: float) -> None:
+        """Obey the commands that come within a time."""
+        if not self._receive(timeout_s):
+            return
+        while self._data:
+            command = self._data.pop(0)
+            if command not in (SET, GET):
+                self._counters.garbage += 1
+                continue
+            if not (header := self._take(2)):
+                continue
+            start, count = header
+            if command == GET:
+                self._get(start, count)
+            elif payload := self._take(2 * count):
+                self._set(start, decoded(payload))
+
+    def _receive(self, timeout_s: float) -> bool:
+        if not select.select([self._master], [], [], timeout_s)[0]:
+            return False
+        data = os.read(self._master, 4096)
+        if not self._unplugged:
+            self._data += data
+        return bool(data)
+
+    def _take(self, count: int) -> bytes:
+        """Next bytes of a frame: a missing one reads as 7F originally, and the fork drops the frame."""
+        while len(self._data) < count and self._receive(BYTE_S):
+            pass
+        came = self._data[:count]
+        torn = len(came) < count or (self._fork and max(came, default=0) > 0x7F)
+        taken = bytes(byte & 0x7F for byte in came)
+        if not torn:
+            del self._data[:count]
+            return taken
+        self._counters.torn += 1
+        if self._fork:
+            return b""
+        self._data.clear()
+        return taken + b"\x7f" * (count - len(taken))
+
+    def _set(self, start: int, values: list[int]) -> None:
+        self._counters.goals += start < TOUCH
+        for index, value in enumerate(values, start):
+            if index < TOUCH:
+                self.pulses_us[index] = np.clip(value, *SERVO2040_US) if value else 0.0
+                self._staged = True
+            elif index == RELAY:
+                self._switch(value > 0)
+
+    def _switch(self, on: bool) -> None:
+        """Switch the relay: the fork only with a pose that was staged, and not after a trip."""
+        if not on:
+            self.relay, self._staged, self._status = False, False, 0
+        elif not self._fork:
+            self.relay = True
+            self.pulses_us[self.pulses_us == 0] = MIDDLE_US
+        elif self._staged and not self._status:
+            self.relay = True
+
+    def _get(self, start: int, count: int) -> None:
+        """Reply; the original gives nothing for the relay and the outputs behind it."""
+        values = [round(pulse) for pulse in self.pulses_us] + self._sensors
+        if self._fork:
+            values += [0, self._status]
+        if self._mute or (self._fork and (count == 0 or start + count > STATUS + 1)):
+            return
+        reply = bytes([GET, start, count]) + encoded(values[start : start + count])
+        reply += bytes([checksum(reply)]) if self._fork else b""
+        if self._random.random() < self._garbles:
+            place = self._random.randrange(len(reply))
+            reply = reply[:place] + bytes([self._random.randrange(256)] * self._random.randrange(3))
+        self._counters.answers += 1
+        if not self._unplugged:
+            os.write(self._master, reply)
+
+    def _tick(self) -> None:
+        """One control period: move the joints, and measure."""
+        self._robot.clock.tick()
+        self._counters.ticks += 1
+        self._begin_faults()
+        state = self._robot.read()
+        self._move(state)
+        self._sense(state)
+
+    def _begin_faults(self) -> None:
+        while self._to_come and self._to_come[0].at_s <= self._robot.clock.now_s:
+            fault = self._to_come.pop(0)
+            if fault.kind == "mute":
+                self._mute = True
+            elif fault.kind == "garble":
+                self._garbles = fault.value
+            elif fault.kind == "trip":
+                self.relay = self._staged = False
+                self._status = 1 | min(0x3FF, round(10 * fault.value)) << 1
+            else:
+                self._unplugged = fault.kind == "unplug"
+
+    def _move(self, state: RobotState) -> None:
+        pulses = self.pulses_us[self._map.outputs]
+        powered: BoolArray = (pulses > 0) & self.relay
+        if not powered.any():
+            if self._sent_rad is not None:
+                self._robot.disable_torque()
+            self._sent_rad = None
+            return
+        wanted = np.where(powered, self._map.pulses.angles_rad(pulses), state.joint_positions_rad)
+        before = state.joint_positions_rad if self._sent_rad is None else self._sent_rad
+        self._sent_rad = self._limits.apply(wanted, before)
+        self._robot.write(JointTargets(self._sent_rad, self._robot.clock.now_s))
+
+    def _sense(self, state: RobotState) -> None:
+        """Put contacts, current and voltage where they are asked for."""
+        if state.foot_contacts is not None:
+            for leg, touch in enumerate(self._map.touches.tolist()):
+                self._sensors[touch] = PRESSED if state.foot_contacts[leg] else FREE
+        amperes = 0.0
+        if state.joint_torques_nm is not None and self.relay:
+            share = np.abs(state.joint_torques_nm) / self._robot.robot.joint_max_torque_nm
+            amperes = STALL_A * float(np.clip(share, 0, 1).sum())
+        scale = FORK_COUNTS if self._fork else COUNTS_PER_V
+        self._sensors[VOLTAGE - TOUCH] = round(SUPPLY_V * scale)
+        counts = amperes * FORK_COUNTS if self._fork else NO_CURRENT + amperes / AMPERES_PER_COUNT
+        self._sensors[CURRENT - TOUCH] = min(MOST_VALUE, round(counts))

@@ -1,0 +1,47 @@
+"""A simulated servo2040, in a thread of the test."""
+
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from hexctl.backends.base import LegServos
+from hexctl.backends.mock import MockServos
+from hexctl.backends.pwm.servo2040 import Servo2040Servos
+from hexctl.robot.pwm_map import PwmMap, pwm_map_of
+from hexctl.robot.schema import ServosSection
+from hexctl.serve.servo2040_board import Servo2040Board, parse_servo2040_fault
+from tests.robots import shipped
+
+
+def a_map(driver: str = "servo2040", **section: Any) -> PwmMap:
+    """Servos of the robot ant, whose horns are mounted so that its stance fits into their travel."""
+    mounted = {"tibia": {"offset_deg": 40}, **section}
+    return pwm_map_of(ServosSection.model_validate(mounted), driver)
+
+
+@contextmanager
+def servo2040_board(
+    *faults: str, firmware: str = "stock", servos: LegServos | None = None, pwm_map: PwmMap | None = None
+) -> Iterator[Servo2040Board]:
+    """A board that runs meanwhile, of servos without a robot unless others are given."""
+    board = Servo2040Board(
+        MockServos(shipped()) if servos is None else servos,
+        a_map() if pwm_map is None else pwm_map,
+        firmware=firmware,
+        faults=tuple(map(parse_servo2040_fault, faults)),
+    )
+    stop, ready = threading.Event(), threading.Event()
+    thread = threading.Thread(target=board.run, args=(stop.is_set,), kwargs={"ready": ready.set})
+    thread.start()
+    try:
+        assert ready.wait(20)
+        yield board
+    finally:
+        stop.set()
+        thread.join()
+
+
+def servos_on(board: Servo2040Board, pwm_map: PwmMap | None = None) -> Servo2040Servos:
+    """Servos of the controller's end, not connected."""
+    return Servo2040Servos(shipped(), pwm_map=a_map() if pwm_map is None else pwm_map, port=board.path)

@@ -1,0 +1,322 @@
+"""Hobby servos on a servo2040: bytes, staging before the relay, contacts, and what goes wrong."""
+
+import os
+import select
+import tty
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hexctl.backends.base import LegServos
+from hexctl.backends.bus.serial_line import SerialLine
+from hexctl.backends.mock import MockServos
+from hexctl.backends.pwm.servo2040 import (
+    Servo2040,
+    Servo2040Servos,
+    checksum,
+    decoded,
+    encoded,
+    find_reply,
+    get_frame,
+    parse_servo2040_port,
+    set_frame,
+)
+from hexctl.control.guard import Guard
+from hexctl.errors import InputError, RobotFaultError
+from hexctl.serve.servo2040_board import parse_servo2040_fault
+from hexctl.testing.servos import LegServosConformance
+from hexctl.types import JointTargets, RobotState
+from tests.backends.pwm.boards import a_map, servo2040_board, servos_on
+from tests.robots import shipped
+
+#: Frames of the protocol's description, and what they say.
+DUMPS = [
+    (set_frame(4, [1500]), "D3 04 01 5C 0B"),
+    (set_frame(7, [1007, 1012]), "D3 07 02 6F 07 74 07"),
+    (set_frame(26, [1]), "D3 1A 01 01 00"),
+    (get_frame(24, 2), "C7 18 02"),
+]
+
+#: 1.5 A and 8.3 V in the fork's example.
+FORK_REPLY = bytes.fromhex("C7 18 02 16 01 3E 06 F2")
+
+
+@pytest.mark.parametrize(("frame", "dump"), DUMPS)
+def test_frames_are_those_of_the_description(frame: bytes, dump: str) -> None:
+    assert frame == bytes.fromhex(dump)
+
+
+def test_the_forks_example_is_read() -> None:
+    assert find_reply(FORK_REPLY, 24, 2, checked=True) == [150, 830]
+    assert find_reply(b"\x93\xc7" + FORK_REPLY, 24, 2, checked=True) == [150, 830]
+    assert find_reply(FORK_REPLY[:-1], 24, 2, checked=True) is None
+    assert find_reply(FORK_REPLY[:-1] + b"\xf3", 24, 2, checked=True) is None
+    assert find_reply(FORK_REPLY, 24, 3, checked=False) is None
+
+
+@given(st.lists(st.integers(0, 16383), max_size=28), st.integers(0, 28), st.binary(max_size=8))
+def test_values_of_14_bits_come_back(values: list[int], start: int, noise: bytes) -> None:
+    data = encoded(values)
+    assert decoded(data) == values
+    assert all(byte < 0x80 for byte in data)
+    reply = get_frame(start, len(values)) + data
+    if values:
+        checked = reply + bytes([checksum(reply)])
+        assert find_reply(noise + checked, start, len(values), checked=True) is not None
+        assert find_reply(reply[:-1], start, len(values), checked=False) is None
+
+
+class TestServo2040(LegServosConformance):
+    @pytest.fixture(autouse=True)
+    def board(self) -> Iterator[None]:
+        with servo2040_board() as self.running:
+            yield
+
+    def make(self) -> LegServos:
+        return servos_on(self.running)
+
+
+def _until(servos: LegServos, condition: Callable[[RobotState], Any], *, write: bool = True) -> RobotState:
+    """State of the first tick in which a condition holds, while the stance is commanded."""
+    for _ in range(400):
+        servos.clock.tick()
+        state = servos.read()
+        if condition(state):
+            return state
+        if write:
+            servos.write(JointTargets(servos.robot.stance_angles_rad, servos.clock.now_s))
+    raise AssertionError(state)
+
+
+class _Line(SerialLine):
+    """A line that keeps what is written to it, and on which nothing is heard."""
+
+    def __init__(self) -> None:
+        self.written: list[bytes] = []
+        self.path, self.reply = "/dev/ttyACM0", FORK_REPLY
+
+    def write(self, packet: bytes, *, timeout_s: float = 0.02) -> None:
+        self.written.append(packet)
+
+    def read(self, deadline_s: float) -> bytes:
+        asked = self.written[-1]
+        values = asked + encoded([600] * asked[2])
+        return values if asked[0] == 0xC7 else b""
+
+    def discard(self) -> None:
+        pass
+
+
+def test_a_pose_is_one_frame_below_64_bytes_and_staged_before_the_relay() -> None:
+    line = _Line()
+    outputs = {
+        f"leg{leg}_{kind}": {"id": 17 - 3 * (leg - 1) - n}
+        for leg in range(1, 7)
+        for n, kind in enumerate(("coxa", "femur", "tibia"))
+    }
+    board = Servo2040(line, a_map("servo2040", **outputs))
+    line.written.clear()
+    pulses = np.linspace(1000.0, 1170.0, 18)
+    board.begin(pulses)
+    board.end()
+    pose = bytes([0xD3, 0, 18]) + encoded([round(pulse) for pulse in pulses[::-1]])
+    assert line.written == [pose, bytes.fromhex("D31A010100"), bytes.fromhex("D31A010000")]
+    assert len(pose) == 39
+
+
+@pytest.mark.parametrize("firmware", ["stock", "fork"])
+def test_nothing_is_powered_before_the_first_targets(firmware: str) -> None:
+    with servo2040_board(firmware=firmware) as board:
+        with servos_on(board) as servos:
+            _until(servos, lambda _: servos.counters.reports > 3, write=False)
+            assert not board.relay
+            assert not board.pulses_us.any()
+            assert not servos.read().measured
+            _until(servos, lambda _: board.relay)
+            stance_us = a_map().pulses.pulses_us(servos.robot.stance_angles_rad)
+            np.testing.assert_allclose(board.pulses_us, stance_us, atol=0.5)
+            assert servos.disable_torque()
+            _until(servos, lambda _: not board.relay, write=False)
+            _until(servos, lambda _: board.relay)
+        assert board.relay, "after closing the robot holds its pose"
+        assert board.report()["torn"] == 0
+
+
+def test_the_pose_of_an_earlier_program_is_where_the_next_one_begins() -> None:
+    with servo2040_board() as board:
+        with servos_on(board) as servos:
+            servos.write(JointTargets(servos.robot.stance_angles_rad + 0.1, 0.0))
+        with servos_on(board) as servos:
+            reached = servos.read().joint_positions_rad
+            np.testing.assert_allclose(reached, servos.robot.stance_angles_rad + 0.1, atol=2e-3)
+
+
+def test_torque_that_is_switched_off_before_closing_is_off() -> None:
+    with servo2040_board() as board:
+        with servos_on(board) as servos:
+            _until(servos, lambda _: board.relay)
+            servos.disable_torque()
+        _until(board._robot, lambda _: not board.relay, write=False)
+
+
+@pytest.mark.parametrize("firmware", ["stock", "fork"])
+def test_contacts_voltage_and_current_of_the_simulated_robot_are_read(firmware: str) -> None:
+    from hexctl.backends.sim.servos import SimServos
+
+    pwm_map = a_map("servo2040", leg1_tibia={"touch": 4}, leg5_tibia={"touch": 0})
+    simulated = SimServos(shipped(), realtime=True)
+    with (
+        servo2040_board(firmware=firmware, servos=simulated, pwm_map=pwm_map) as board,
+        servos_on(board, pwm_map) as servos,
+    ):
+        stance = servos.robot.stance_angles_rad
+        state = _until(servos, lambda state: state.foot_contacts is not None and state.foot_contacts.all())
+        assert state.battery_v == pytest.approx(7.4, abs=0.01)
+        lifted = stance.copy()
+        lifted[1] += np.radians(30) * np.sign(_up(servos))
+        for _ in range(400):
+            servos.clock.tick()
+            contacts = servos.read().foot_contacts
+            assert contacts is not None
+            if contacts.tolist() == [False, True, True, True, True, True]:
+                break
+            servos.write(JointTargets(lifted, servos.clock.now_s))
+        else:
+            raise AssertionError(contacts)
+        current = servos.read().current_a
+        assert current is not None
+        assert 0 < current < 36
+
+
+def _up(servos: LegServos) -> float:
+    """Direction in which a femur lifts its foot."""
+    from hexctl.ik.legs import foot_positions_body
+
+    robot = servos.robot
+    lower, higher = robot.stance_angles_rad.copy(), robot.stance_angles_rad.copy()
+    lower[1], higher[1] = lower[1] - 0.1, higher[1] + 0.1
+    return float(foot_positions_body(robot, higher)[0, 2] - foot_positions_body(robot, lower)[0, 2])
+
+
+def test_the_fork_is_recognised() -> None:
+    for firmware in ("stock", "fork"):
+        with servo2040_board(firmware=firmware) as running:
+            line = SerialLine(running.path, 115_200)
+            board = Servo2040(line, a_map())
+            assert board.fork == (firmware == "fork")
+            report = board.poll()
+            assert report is not None
+            assert report.voltage_v == pytest.approx(7.4, abs=0.01)
+            line.close()
+
+
+def test_a_trip_stops_the_robot_until_its_torque_was_off() -> None:
+    with servo2040_board("trip:12.5@1", firmware="fork") as board, servos_on(board) as servos:
+        state = _until(servos, lambda state: not state.healthy)
+        assert state.fault == "the board has switched its servos off at 12.5 A"
+        servos.write(JointTargets(servos.robot.stance_angles_rad, servos.clock.now_s))
+        for _ in range(10):
+            servos.clock.tick()
+            servos.write(JointTargets(servos.robot.stance_angles_rad, servos.clock.now_s))
+        assert not board.relay, "nothing is powered again by itself"
+        servos.disable_torque()
+        _until(servos, lambda state: state.healthy, write=False)
+        _until(servos, lambda _: board.relay)
+
+
+def test_garbled_replies_stop_nothing() -> None:
+    with servo2040_board("garble:0.2@0.5", firmware="fork") as board, Guard(servos_on(board)) as guard:
+        for _ in range(150):
+            guard.clock.tick()
+            guard.read()
+            guard.write(JointTargets(guard.robot.stance_angles_rad, guard.clock.now_s))
+        assert guard.stopped is None
+        assert guard.link_counts["missed"] > 0
+
+
+def test_a_board_that_falls_mute_is_a_fault() -> None:
+    with servo2040_board("mute@1") as board, servos_on(board) as servos:
+        state = _until(servos, lambda state: not state.healthy)
+        assert state.fault == f"the board on {board.path} does not answer any more"
+        assert state.foot_contacts is None
+
+
+def test_a_mute_board_is_a_fault_in_one_line() -> None:
+    with servo2040_board("mute") as board, pytest.raises(RobotFaultError) as refused:
+        servos_on(board).connect()
+    assert str(refused.value).startswith("no servo2040 answers on /dev/pts/")
+    assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize("noise", [b"\x00\xff\xc7" * 50, b"\xc7\x19\x01\xff\xff\xff", b"\xc7" * 500])
+def test_a_device_that_talks_nonsense_is_no_board(noise: bytes) -> None:
+    master, slave = os.openpty()
+    tty.setraw(slave)
+    servos = Servo2040Servos(shipped(), pwm_map=a_map(), port=os.ttyname(slave))
+    os.write(master, noise)
+    with pytest.raises(RobotFaultError, match="no servo2040 answers"):
+        servos.connect()
+    asked = os.read(master, 100) if select.select([master], [], [], 0)[0] else b""
+    assert asked == get_frame(25, 1) * 4, "nothing but questions was sent"
+    os.close(master)
+    os.close(slave)
+
+
+def test_a_device_that_goes_is_a_fault_until_it_is_back(tmp_path: Path) -> None:
+    device = tmp_path / "ttyACM0"
+    with servo2040_board() as board:
+        device.symlink_to(board.path)
+        servos = Servo2040Servos(shipped(), pwm_map=a_map(), port=str(device))
+        servos.connect()
+        _until(servos, lambda _: board.relay)
+    device.unlink()
+    with servos:
+        state = _until(servos, lambda state: not state.healthy)
+        assert str(state.fault).startswith(f"the port {device} has gone")
+        with servo2040_board() as board:
+            device.symlink_to(board.path)
+            _until(servos, lambda state: state.healthy, write=False)
+            assert not board.relay, "nothing is switched on by itself"
+            _until(servos, lambda _: board.relay)
+        assert servos.link_counts["reopened"] == 1
+
+
+def test_a_line_that_is_pulled_for_a_while_stops_the_walk() -> None:
+    with servo2040_board("unplug@1", "replug@2.5") as board, servos_on(board) as servos:
+        assert "does not answer" in str(_until(servos, lambda state: not state.healthy).fault)
+        _until(servos, lambda state: state.healthy)
+
+
+def test_a_frame_whose_bytes_come_late_is_seen_by_the_simulated_board() -> None:
+    """The board does what the firmware does, so that torn writes would be noticed."""
+    with servo2040_board() as board:
+        line = SerialLine(board.path, 115_200)
+        line.write(set_frame(0, [1000, 1000])[:-1])
+        _until(_ticking(), lambda _: board.report()["torn"] == 1, write=False)
+        assert board.pulses_us[0] == 1000
+        assert board.pulses_us[1] == 2500
+        line.close()
+
+
+def _ticking() -> LegServos:
+    """Servos that only tell the time."""
+    servos = MockServos(shipped())
+    servos.connect()
+    return servos
+
+
+@pytest.mark.parametrize("text", [None, "", "/dev/ttyACM0:115200"])
+def test_a_port_that_is_none_is_refused(text: str | None) -> None:
+    with pytest.raises(InputError, match=r"connect: got .*; allowed: "):
+        parse_servo2040_port(text)
+
+
+@pytest.mark.parametrize("text", ["echo", "mute:3", "garble", "garble:2", "trip", "mute@x", ""])
+def test_faults_that_are_none_are_refused(text: str) -> None:
+    with pytest.raises(InputError, match=r"fault: got .*; allowed: "):
+        parse_servo2040_fault(text)

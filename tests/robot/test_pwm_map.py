@@ -1,0 +1,54 @@
+"""Which output of a board moves which joint."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from pydantic import ValidationError
+
+from hexctl.errors import InputError
+from hexctl.robot.pwm_map import PwmMap, pwm_map_of
+from hexctl.robot.schema import ServosSection
+
+
+def _map(driver: str = "servo2040", /, **section: Any) -> PwmMap:
+    return pwm_map_of(ServosSection.model_validate(section), driver)
+
+
+def test_ids_are_outputs_from_0_on_and_touch_inputs_are_those_of_feet() -> None:
+    made = _map(
+        "servo2040",
+        leg2_femur={"id": 5},
+        leg2_tibia={"id": 4},
+        leg1_tibia={"touch": 5},
+        leg4_tibia={"touch": 0},
+    )
+    assert made.outputs.tolist() == [0, 1, 2, 3, 5, 4, *range(6, 18)]
+    assert made.touches.tolist() == [5, 1, 2, 0, 4, 3]
+    assert _map(femur={"sign": -1}).pulses.pulses_us(np.full(18, np.radians(9)))[:3] == pytest.approx(
+        [1600, 1400, 1600]
+    )
+
+
+@pytest.mark.parametrize(
+    ("driver", "section", "message"),
+    [
+        ("servo2040", {"leg1_coxa": {"id": 18}}, "servos.leg1_coxa.id: got 18; allowed: 0 to 17"),
+        ("servo2040", {"leg1_coxa": {"id": 1}}, "got id 1 for leg1_coxa and leg1_femur; allowed: each once"),
+        ("servo2040", {"leg1_tibia": {"touch": 1}}, "got touch 1 for leg1_tibia and leg2_tibia"),
+        ("servo2040", {"leg1_coxa": {"touch": 1}}, "servos.leg1_coxa: got touch 1; allowed: touch under the"),
+        ("servo2040", {"tibia": {"min_us": 400}}, "got min_us 400 and max_us 2500; allowed: 500 to 2500 us"),
+        ("servo2040", {"driver": "feetech"}, "servos.driver: got feetech; allowed: servo2040"),
+        ("hitec", {}, "servos.driver: got 'hitec'; allowed: servo2040"),
+    ],
+)
+def test_what_no_board_can_have_is_refused(driver: str, section: dict[str, Any], message: str) -> None:
+    with pytest.raises(InputError) as refused:
+        _map(driver, **section)
+    assert message in str(refused.value)
+    assert "\n" not in str(refused.value)
+
+
+def test_a_touch_input_is_one_of_six() -> None:
+    with pytest.raises(ValidationError):
+        ServosSection.model_validate({"leg1_tibia": {"touch": 6}})
