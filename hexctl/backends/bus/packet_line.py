@@ -13,6 +13,9 @@ LEAST_PATIENCE_S, FIRST_PATIENCE_S = 0.004, 0.034
 #: How many times the delay of the answers so far is waited for, and the share of each answer in that.
 PATIENCE_TIMES, PATIENCE_SHARE = 4.0, 0.1
 
+#: An id that servos cannot have.
+NOBODY = 253
+
 #: Parameters of most answers at the most.
 ANSWER_BYTES = 24
 
@@ -24,12 +27,16 @@ class PacketLine:
         line: open.
         protocol: version, 1 or 2.
         patience_s: how long an answer may take at first.
+        adapts: whether the patience follows how long answers take.
     """
 
-    def __init__(self, line: SerialLine, protocol: int, *, patience_s: float = FIRST_PATIENCE_S) -> None:
+    def __init__(
+        self, line: SerialLine, protocol: int, *, patience_s: float = FIRST_PATIENCE_S, adapts: bool = True
+    ) -> None:
         self.line, self.packets = line, PROTOCOLS[protocol]
         self._stream = PacketStream(self.packets)
         self._patience_s = self._most_patience_s = patience_s
+        self._adapts = adapts
 
     @property
     def garbled(self) -> int:
@@ -77,12 +84,15 @@ class PacketLine:
                     self._patience_s = min(2 * self._patience_s, self._most_patience_s)
             if over:
                 break
-        if len(answers) == len(asked):
+        if self._adapts and len(answers) == len(asked):
             delay_s = PATIENCE_TIMES * (time.monotonic() - begin_s - wire_s)
             self._patience_s += PATIENCE_SHARE * (max(delay_s, LEAST_PATIENCE_S) - self._patience_s)
             self._patience_s = min(self._patience_s, self._most_patience_s)
         return list(answers.values())
 
-    def learn_echo(self, servo_id: int) -> None:
-        """Ping a servo, and see whether the ping comes back in front of the answer."""
+    def learn_echo(self) -> None:
+        """Ping an id that no servo has, and see whether the ping comes back.
+
+        The answer of a servo may be the same bytes as its ping, with an error in place of the instruction.
+        """
         self.line.learn_echo(self.packets.instruction(servo_id, PING), FIRST_PATIENCE_S)

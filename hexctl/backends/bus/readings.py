@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hexctl.backends.bus.servo_bus import Report
-from hexctl.types import N_JOINTS, FloatArray, ServoReadings
+from hexctl.types import N_JOINTS, BoolArray, FloatArray, ServoReadings
 
 #: A reading that differs by more than a joint can is believed when this many in a row agree.
 AGREEING = 3
@@ -42,6 +42,7 @@ class BelievedReadings:
         self._voltages, self._temperatures = np.full(N_JOINTS, np.nan), np.full(N_JOINTS, np.nan)
         self._errors = [""] * N_JOINTS
         self._doubts: dict[tuple[str, int], tuple[float, int]] = {}
+        self._trusted: BoolArray = np.ones(N_JOINTS, dtype=bool)
         self.implausible = 0
 
     @property
@@ -59,6 +60,7 @@ class BelievedReadings:
         for report in reports:
             joint = report.joint
             reach = self._jump[joint] + self._speeds[joint] * (report.at_s - self._at_s[joint])
+            reach, self._trusted[joint] = reach if self._trusted[joint] else np.inf, True
             self._believe("position", self.positions, joint, report.position, reach)
             self._believe("voltage", self._voltages, joint, report.voltage_v, VOLTAGE_V)
             self._believe("temperature", self._temperatures, joint, report.temperature_c, TEMPERATURE_C)
@@ -66,9 +68,9 @@ class BelievedReadings:
             self._efforts[joint], self._currents[joint] = report.effort, report.current_a
             self._errors[joint] = report.error
 
-    def forget(self) -> None:
-        """Believe the next reading of each position, whatever it is: servos were moved by hand meanwhile."""
-        self.positions[:] = np.nan
+    def distrust(self) -> None:
+        """Believe the next reading of each joint, whatever it is: joints were moved by hand meanwhile."""
+        self._trusted[:] = False
         self._doubts.clear()
 
     def servos(self, now_s: float | None = None) -> ServoReadings:

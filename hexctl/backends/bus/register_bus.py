@@ -1,7 +1,7 @@
 """A bus of servos with registers, Dynamixel and Feetech: what one thread asks them and tells them."""
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -39,7 +39,7 @@ class RegisterBus(ServoBus):
 
     def find(self) -> BoolArray:
         """Which joints have a servo that answers, (18,); learns whether the adapter echoes."""
-        self._packets.learn_echo(self._ids[0])
+        self._packets.learn_echo()
         found: BoolArray = np.zeros(N_JOINTS, dtype=bool)
         for joint, servo_id in enumerate(self._ids):
             found[joint] = self._packets.ask(servo_id, PING, tries=TRIES) is not None
@@ -50,55 +50,80 @@ class RegisterBus(ServoBus):
         return self._read(joint, self.table.model)
 
     def prepare(self, joints: BoolArray) -> None:
-        """Set up the servos of some joints, (18,), that have no torque: at once answers, position mode."""
-        table = self.table
-        for joint in np.flatnonzero(joints).tolist():
-            delay = self._read(joint, table.return_delay)
-            changes = {table.return_delay.address: 0} if delay else {}
-            for address, value in {**changes, **table.settings}.items():
-                self._write(joint, Register(address), value)
+        """Set up the servos of some joints, (18,), that have no torque: answers without delay, position mode.
 
-    def torque(self, joint: int) -> bool | None:
+        What is as it should be is not written: some of it is kept in memory that wears out.
+        """
+        wanted = {self.table.return_delay.address: 0, **self.table.settings}
+        for joint in np.flatnonzero(joints).tolist():
+            for address, value in wanted.items():
+                if self._read(joint, Register(address)) not in (value, None):
+                    self._write(joint, Register(address), value)
+
+    def torque(self, joint: int, *, tries: int = TRIES) -> bool | None:
         """Whether the servo of a joint holds its goal, or None without an answer."""
-        value = self._read(joint, self.table.torque)
+        value = self._read(joint, self.table.torque, tries=tries)
         return None if value is None else value == 1
 
     def set_torque(self, on: bool, joints: Sequence[int] = ALL) -> None:
         """Switch the torque of some joints, and the watchdog of their servos where they have one."""
-        table = self.table
-        if table.watchdog is not None:  # an expired one refuses goals until it is 0
-            self._sync_write(table.watchdog, np.zeros(N_JOINTS), joints)
-        self._sync_write(table.torque, np.full(N_JOINTS, float(on)), joints)
-        if table.watchdog is not None and on:
-            self._sync_write(table.watchdog, np.full(N_JOINTS, float(WATCHDOG_20MS)), joints)
+        self._sync_write(self.table.torque, np.full(N_JOINTS, float(on)), joints)
+        if on:
+            self.renew_watchdog(joints)
+        else:
+            self.end_watchdog(joints)
 
-    def hold(self, counts: FloatArray, joints: BoolArray) -> None:
-        """Switch the torque of some joints on, (18,), each with its goal where it is, counts (18,)."""
-        chosen = np.flatnonzero(joints).tolist()
-        self._sync_write(self.table.goal, np.rint(counts), chosen)
-        self.set_torque(True, chosen)
+    def hold(self, counts: FloatArray, joints: BoolArray) -> BoolArray:
+        """Switch the torque of some joints on, (18,), each with its goal where it is, counts (18,).
+
+        Goals and torques are read back, and written again where they did not arrive; which joints hold.
+        """
+        holds: BoolArray = np.zeros(N_JOINTS, dtype=bool)
+        goals = np.rint(counts)
+        for _ in range(TRIES):
+            left = np.flatnonzero(joints & ~holds).tolist()
+            if not left:
+                break
+            self.end_watchdog(left)  # an expired one refuses goals
+            self._sync_write(self.table.goal, goals, left)
+            there = [joint for joint in left if self._goal(joint) == goals[joint]]
+            self.set_torque(True, there)
+            for joint in there:
+                holds[joint] = self.torque(joint) is True
+        return holds
 
     def close(self) -> None:
         """Close the line."""
         self._line.close()
 
-    def end_watchdog(self) -> None:
+    def renew_watchdog(self, joints: Sequence[int] = ALL) -> None:
+        """Let silence be a failure from now on, also where it has been one: goals are taken again."""
+        if self.table.watchdog is not None:
+            self.end_watchdog(joints)
+            self._sync_write(self.table.watchdog, np.full(N_JOINTS, float(WATCHDOG_20MS)), joints)
+
+    def end_watchdog(self, joints: Sequence[int] = ALL) -> None:
         """Let silence be no failure any more."""
         if self.table.watchdog is not None:
-            self._sync_write(self.table.watchdog, np.zeros(N_JOINTS))
+            self._sync_write(self.table.watchdog, np.zeros(N_JOINTS), joints)
 
     def write_goals(self, counts: FloatArray) -> None:
         """Send goals in counts, (18,), in one packet."""
         self._sync_write(self.table.goal, np.rint(counts))
         self._counters.writes += 1
 
-    def poll(self) -> list[Report]:
-        """Reports of all servos, or of the next few where they have to be asked one by one."""
+    def poll(self, until: Callable[[], bool] = lambda: False) -> list[Report]:
+        """Reports of all servos, or of the next few, asked one by one until something else is to be sent."""
         if self.table.sync_read:
             return self._poll_together(list(range(N_JOINTS)))
         asked = [(self._next + step) % N_JOINTS for step in range(ONE_BY_ONE)]
-        self._next = (self._next + ONE_BY_ONE) % N_JOINTS
-        return self._poll_each(asked)
+        reports: list[Report] = []
+        for joint in asked:
+            self._next = (joint + 1) % N_JOINTS
+            reports += self._poll_each([joint])
+            if until():
+                break
+        return reports
 
     def poll_all(self) -> list[Report]:
         """Reports of all servos, each asked as often as it takes, up to `TRIES` times."""
@@ -165,10 +190,15 @@ class RegisterBus(ServoBus):
             return bytes([address, size])
         return address.to_bytes(2, "little") + size.to_bytes(2, "little")
 
-    def _read(self, joint: int, register: Register) -> int | None:
+    def _goal(self, joint: int) -> float | None:
+        """Goal of the servo of a joint in counts, or None without an answer."""
+        raw = self._read(joint, self.table.goal)
+        return None if raw is None else self.table.goal.value(raw)
+
+    def _read(self, joint: int, register: Register, *, tries: int = TRIES) -> int | None:
         """Raw number in a register of a joint's servo, or None without an answer."""
         answer = self._packets.ask(
-            self._ids[joint], READ, self._place(register.address, register.size), tries=TRIES
+            self._ids[joint], READ, self._place(register.address, register.size), tries=tries
         )
         if answer is None or len(answer.parameters) != register.size:
             return None

@@ -3,6 +3,7 @@
 import contextlib
 import os
 import select
+import termios
 import time
 from typing import Any
 
@@ -34,7 +35,7 @@ class SerialLine:
         self.path, self.baud, self.echoes = path, baud, False
         try:
             self._device: Any = serial.Serial(path, baud, timeout=0, write_timeout=0, exclusive=True)
-        except (OSError, ValueError, OverflowError) as error:
+        except (OSError, ValueError, OverflowError, termios.error) as error:
             reason = getattr(error, "strerror", None) or str(error)
             raise RobotFaultError(
                 f"the port {path} cannot be opened ({reason}); is the cable in, the name right, and no other "
