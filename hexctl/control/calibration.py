@@ -126,6 +126,9 @@ def calibrate(
     path = find_config("robots", robot)
     check_writable(path)
     file = load_robot_file(path)
+    if (driver := file.content.servos.driver) is not None:
+        # The section would be written without what the servos of other drivers need.
+        raise InputError(f"servos.driver: got {driver}; allowed: none, it is for MAVLink servo boards")
     chosen = chosen_joints(joints)
     given: dict[str, Any] = {"connect": connect, "credentials": credentials, "insecure": insecure}
     check_options(backend, **given)

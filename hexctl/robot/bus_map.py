@@ -159,7 +159,7 @@ def _check_models(driver: str, models: tuple[ServoType, ...]) -> None:
     for model in models:
         if model.driver != driver:
             raise InputError(f"servos.model: got {model.name} with {driver}; allowed: models of {driver}")
-    kinds = {(model.protocol, model.counts, model.name[:4]) for model in models}
+    kinds = {(model.protocol, model.counts, model.registers) for model in models}
     if len(kinds) > 1 and driver != "lx16a":  # which has no registers
         names = sorted({model.name for model in models})
         raise InputError(f"servos.model: got {', '.join(names)}; allowed: models with the same registers")

@@ -30,6 +30,11 @@ class ServoType:
     centre: int
 
     @property
+    def registers(self) -> str:
+        """Name of the registers: models of one name can be mixed on a robot."""
+        return "ax" if self.name.startswith("ax") else self.name.partition("-")[0]
+
+    @property
     def counts_per_deg(self) -> float:
         """Counts per degree of the horn."""
         return self.counts / 360.0

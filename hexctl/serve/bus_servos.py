@@ -27,6 +27,9 @@ from hexctl.types import BoolArray, FloatArray
 #: Bytes of a servo's memory.
 MEMORY = 256
 
+#: Highest time of a watchdog, in 20 ms, and what it says once it has expired (-1).
+MOST_WATCHDOG, EXPIRED = 127, 255
+
 #: Voltage and temperature of servos that nothing is wrong with, in V and degrees Celsius.
 USUAL_V, USUAL_C = 12.0, 35.0
 
@@ -149,8 +152,23 @@ class BusServo(SimulatedServo):
         """Whether it holds its goal."""
         return self.memory[self._table.torque.address] == 1
 
+    @property
+    def _expired(self) -> bool:
+        watchdog = self._table.watchdog
+        return watchdog is not None and self.memory[watchdog.address] == EXPIRED
+
+    def watch(self, silent_s: float) -> None:
+        """Let the watchdog expire where the line has been silent for long, in s, and the torque is on."""
+        watchdog = self._table.watchdog
+        if watchdog is None or not self.holds or not 0 < self.memory[watchdog.address] <= MOST_WATCHDOG:
+            return
+        if silent_s > 0.02 * self.memory[watchdog.address]:
+            self.memory[watchdog.address] = EXPIRED
+
     def write(self, address: int, data: bytes) -> None:
-        """Write bytes, as a controller does."""
+        """Write bytes, as a controller does; once its watchdog has expired it takes no goals."""
+        if self._expired and address == self._table.goal.address:
+            return
         held = self.holds
         self.memory[address : address + len(data)] = data[: MEMORY - address]
         if self.memory[self._table.torque.address] and not held and not _covers(self._table, address, data):
@@ -166,6 +184,7 @@ class RegisterServos(SimulatedServos):
         super().__init__(bus_map, stance, faults, counters)
         self._table = table_of(bus_map.models[0].name)
         self.packets = PROTOCOLS[self._table.protocol]
+        self._heard_s = 0.0
         self.servos: list[BusServo] = [
             BusServo(int(servo_id), self._table, model.number, count)
             for servo_id, model, count in zip(bus_map.ids, bus_map.models, stance, strict=True)
@@ -175,6 +194,9 @@ class RegisterServos(SimulatedServos):
         """Do what an instruction says; the answers to it."""
         if self._table.protocol == 2 and instruction == STATUS:
             return []
+        for servo in self.servos:
+            servo.watch(now_s - self._heard_s)
+        self._heard_s = now_s
         self._counters.packets += 1
         if instruction == SYNC_WRITE:
             self._sync_write(parameters)

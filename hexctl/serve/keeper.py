@@ -13,23 +13,28 @@ import signal
 import subprocess
 import sys
 import time
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import IO
+
+import numpy as np
 
 from hexctl.backends.base import LegServos
 from hexctl.backends.bus.servos import BusServos
 from hexctl.backends.registry import BackendOptions, make_servos
 from hexctl.control.controllers import SITTING_S, sitting_angles_rad
 from hexctl.control.guard import MAX_EXPIRY_S, Guard
-from hexctl.errors import HexctlError
+from hexctl.errors import CommandRefusedError, EStopError, HexctlError
 from hexctl.robot.loader import load_robot_file
-from hexctl.types import JointTargets
+from hexctl.types import FloatArray, JointTargets, RobotState
 
 #: A server that is silent for this long hangs.
 SILENT_S = 1.0
 
 #: Byte of a tick, and the one with which the server ends the keeper.
 TICK, GOODBYE = b".", b"q"
+
+#: How long joints are given to settle, and how near their goals they are then.
+SETTLES_S, ARRIVED_RAD = 0.4, 0.35
 
 #: How often it is tried to open the port, and for how long: its lock goes with the server's process.
 TRY_S, TRIES_S = 0.1, 5.0
@@ -66,7 +71,7 @@ class Keeper:
     """
 
     def __init__(self, spec: KeeperSpec) -> None:
-        words = {"backend": spec.backend, "robot": spec.robot, "connect": spec.connect, "sits": spec.sits}
+        words = {**asdict(spec), "server": os.getpid()}
         self._process = subprocess.Popen(
             [sys.executable, "-m", "hexctl.serve.keeper", json.dumps(words)],
             stdin=subprocess.PIPE,
@@ -75,19 +80,35 @@ class Keeper:
         assert self._process.stdin is not None  # noqa: S101  for the type
         self._pipe: IO[bytes] = self._process.stdin
         os.set_blocking(self._pipe.fileno(), False)
+        self.lost = False
 
     def tick(self) -> None:
-        """Say that the server lives; never waits."""
-        with contextlib.suppress(OSError):
+        """Say that the server lives; never waits. `lost` says that the keeper does not."""
+        try:
             os.write(self._pipe.fileno(), TICK)
+        except BlockingIOError:
+            return
+        except OSError:
+            self.lost = True
 
-    def dismiss(self) -> None:
-        """End the keeper: the server ends as it should."""
-        os.set_blocking(self._pipe.fileno(), True)
+    def goodbye(self) -> None:
+        """Say that the server begins to end as it should."""
         with contextlib.suppress(OSError):
             os.write(self._pipe.fileno(), GOODBYE)
-            self._pipe.close()
+
+    def dismiss(self) -> None:
+        """End the keeper: the server has ended as it should."""
+        self.goodbye()
+        self._close()
         self._process.wait()
+
+    def abandon(self) -> None:
+        """Leave the robot to the keeper: the server ends by an error."""
+        self._close()
+
+    def _close(self) -> None:
+        with contextlib.suppress(OSError):
+            self._pipe.close()
 
 
 def wait_for_the_end(pipe: int, silent_s: float = SILENT_S) -> str | None:
@@ -116,20 +137,36 @@ def take_over(spec: KeeperSpec) -> str:
     with Guard(servos, expiry_s=MAX_EXPIRY_S) as guard:
         if isinstance(servos, BusServos) and not servos.holds:
             return "had no torque"
-        state = guard.read()
-        here = state.joint_positions_rad.copy()
+        here = guard.read().joint_positions_rad.copy()
         end = sitting_angles_rad(guard.robot) if spec.sits else here
-        begin_s = guard.clock.tick().time_s
-        share = 0.0
-        while share < 1.0:
-            share = min(1.0, (guard.clock.now_s - begin_s) / SITTING_S)
+        state = _move(guard, here, end)
+        if not spec.sits:
+            return "holds"
+        arrived = np.abs(state.joint_positions_rad - end) < ARRIVED_RAD
+        if not arrived.all():
+            return f"did not sit down: {np.count_nonzero(~arrived)} joints do not follow; it holds"
+        guard.disable_torque()
+        time.sleep(TRY_S)
+    return "sat down, and its torque is off"
+
+
+def _move(guard: Guard, here: FloatArray, end: FloatArray) -> RobotState:
+    """Move softly from where the joints are, (18,), and stay for a moment; the last state.
+
+    Nothing stops it that stops a walk, but a bus that fails: a robot must not stand on hot servos.
+    """
+    begin_s, share = guard.clock.tick().time_s, 0.0
+    while True:
+        passed_s = guard.clock.now_s - begin_s
+        share = min(1.0, passed_s / SITTING_S)
+        if guard.stopped is not None:
+            guard.clear()
+        with contextlib.suppress(EStopError, CommandRefusedError):
             guard.write(JointTargets((1 - share) * here + share * end, guard.clock.now_s))
-            guard.clock.tick()
-            guard.read()
-        if spec.sits:
-            guard.disable_torque()
-            time.sleep(TRY_S)
-    return "sat down, and its torque is off" if spec.sits else "holds"
+        guard.clock.tick()
+        state = guard.read()
+        if passed_s > SITTING_S + SETTLES_S:
+            return state
 
 
 def _connected(spec: KeeperSpec) -> LegServos:
@@ -150,9 +187,11 @@ def _connected(spec: KeeperSpec) -> LegServos:
 
 def main(words: str, *, pipe: int = 0) -> int:
     """Run a keeper until its server ends; the exit code."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    server = os.getppid()
-    spec = KeeperSpec(**json.loads(words))
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):  # they are for the server
+        signal.signal(number, signal.SIG_IGN)
+    given = json.loads(words)
+    server = given.pop("server")
+    spec = KeeperSpec(**given)
     spec.servos()  # imports what it will need, while there is time
     how = wait_for_the_end(pipe)
     if how is None:

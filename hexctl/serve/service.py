@@ -208,17 +208,21 @@ class RobotService:
             simulated=self.servos.simulated,
             sit_after_s=self.sit_after_s,
             on_event=on_event,
-            on_tick=keeper.tick if keeper is not None else lambda: None,
+            on_tick=_ticks_of(keeper, on_event),
         )
         realtime = request_realtime_priority()
         started = ServiceStarted(
             robot=servos.robot.name, backend=self.servos.backend, place=link.endpoint, realtime=realtime
         )
-        try:
+        if keeper is None:
             server.run(stop_requested, ready=lambda: on_started(started))
-        finally:
-            if keeper is not None:
-                keeper.dismiss()
+            return
+        try:
+            server.run(_with_goodbye(stop_requested, keeper), ready=lambda: on_started(started))
+        except BaseException:
+            keeper.abandon()
+            raise
+        keeper.dismiss()
 
     def _keeper(self, options: BackendOptions) -> "Keeper | None":
         """Process that looks after servos on a bus, which hold for ever, when this one has gone."""
@@ -401,6 +405,34 @@ class BusBoardService:
         faults = tuple(parse_servo2040_fault(text) for text in self.faults)
         firmware = self.model or "stock"
         return Servo2040Board(servos, pwm_map, firmware=firmware, faults=faults, seed=self.servos.seed)
+
+
+def _with_goodbye(stop_requested: Callable[[], bool], keeper: "Keeper") -> Callable[[], bool]:
+    """Question whether to stop that tells the keeper of a yes."""
+
+    def stop() -> bool:
+        if not stop_requested():
+            return False
+        keeper.goodbye()
+        return True
+
+    return stop
+
+
+def _ticks_of(keeper: "Keeper | None", on_event: Callable[[str], None]) -> Callable[[], None]:
+    """What is done in every control period for a keeper; its loss is an event, once."""
+    told = False
+
+    def tick() -> None:
+        nonlocal told
+        if keeper is None or told:
+            return
+        keeper.tick()
+        if keeper.lost:
+            told = True
+            on_event("the keeper has ended: nothing lets the robot down if this process dies")
+
+    return tick
 
 
 def _check_between(option: str, value: float, lowest: float, highest: float) -> None:

@@ -25,6 +25,7 @@ from hexctl.robot.servo_map import ServoMap
 from hexctl.types import JOINT_NAMES, FloatArray
 from tests.backends.mavlink.boards import PATIENCE_S, BoardProcess, board, fitting_file
 from tests.backends.mavlink.clients import Client
+from tests.robots import edited_file, put
 
 #: How the robot is really wired: one servo turned round and mounted off, one only mounted off.
 TRUE_WIRING = {
@@ -217,3 +218,16 @@ def test_a_shipped_robot_is_refused_with_how_to_copy_it(capsys: pytest.CaptureFi
 def test_a_joint_that_there_is_not(file: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert exit_code(["calibrate", str(file), "--joints", "leg7"]) == 2
     assert "--joints: got 'leg7'; allowed: leg1_coxa" in capsys.readouterr().err
+
+
+def test_servos_of_another_driver_keep_their_section(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It would be written without ports and ids."""
+    file = edited_file(
+        tmp_path, put("servos", {"driver": "feetech", "port": "/dev/nothing"}), base="phantomx"
+    )
+    before = file.read_text()
+    assert exit_code(["calibrate", str(file)]) == 2
+    assert "servos.driver: got feetech; allowed: none" in capsys.readouterr().err
+    assert file.read_text() == before

@@ -51,6 +51,11 @@ def test_all_servos_of_the_lx16a_family_mix() -> None:
     assert made.counts(np.full(18, np.radians(120))) == pytest.approx(1000)
 
 
+def test_models_with_the_same_registers_mix() -> None:
+    mixed = _map("dynamixel", model="ax12a", tibia={"model": "ax18a"})
+    assert {model.name for model in mixed.models} == {"ax12a", "ax18a"}
+
+
 def test_joints_are_found_and_named_by_their_ids() -> None:
     made = _map(leg5_femur={"id": 99})
     assert made.joint_of(99) == 13

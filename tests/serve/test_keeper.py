@@ -11,8 +11,10 @@ from hexctl.backends.bus.scan import scan_bus
 from hexctl.control.controllers import sitting_angles_rad
 from hexctl.robot.bus_map import bus_map_of
 from hexctl.robot.loader import load_robot_file
-from hexctl.serve.keeper import wait_for_the_end
+from hexctl.serve.bus_servos import BusServo
+from hexctl.serve.keeper import KeeperSpec, take_over, wait_for_the_end
 from hexctl.types import FloatArray
+from tests.backends.bus.boards import a_map, bus_board
 from tests.backends.mavlink.boards import board
 from tests.robots import edited_file, put
 from tests.serve.processes import program, served, wait_until
@@ -75,3 +77,34 @@ def test_a_server_that_ends_as_it_should_leaves_the_robot_to_nobody(tmp_path: Pa
             assert server.wait() == 0
             assert "the robot" not in server.said()
         assert len(scan_bus(bus.port, "feetech", 1_000_000, ids=range(4))) == 3, "the port is free again"
+
+
+@pytest.mark.parametrize(
+    ("driver", "model", "fault"),
+    [
+        ("dynamixel", "xl430-w250", None),
+        ("feetech", "sts3215", "hot:2:femur:72"),
+        ("feetech", "sts3215", None),
+    ],
+)
+def test_it_lets_down_what_it_finds(driver: str, model: str, fault: str | None, tmp_path: Path) -> None:
+    """An expired watchdog, a hot servo, and one servo that has lost its torque do not keep it from that."""
+    content = {**FITTING, "model": model}
+    file = edited_file(tmp_path, put("servos", content), base="phantomx")
+    bus_map = bus_map_of(load_robot_file(file).content.servos, driver)
+    with bus_board(bus_map, *([fault] if fault else [])) as bus:
+        for joint, servo in enumerate(bus._servos):
+            assert isinstance(servo, BusServo)
+            servo.write(servo._table.torque.address, bytes([joint != 7]))
+            if driver == "dynamixel":
+                servo.memory[98] = 255
+        done = take_over(KeeperSpec(backend=driver, robot=str(file), connect=bus.path, sits=True))
+        assert done == "sat down, and its torque is off"
+        assert not any(servo.holds for servo in bus._servos)
+
+
+def test_a_robot_without_torque_is_left_alone() -> None:
+    with bus_board(a_map()) as bus:
+        spec = KeeperSpec(backend="feetech", robot="phantomx", connect=bus.path, sits=True)
+        assert take_over(spec) == "had no torque"
+        assert not any(servo.holds for servo in bus._servos)

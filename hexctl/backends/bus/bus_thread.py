@@ -14,7 +14,7 @@ from hexctl.types import BoolArray, FloatArray, ServoReadings
 #: Reports are polled once in this time, after the goals of the tick if there are any.
 POLL_PERIOD_S = 0.02
 
-#: Goals move no farther in one packet than joints can turn in this time: a bus that was held up must not jump.
+#: Goals move no farther in a packet than joints turn in this time: a bus that was held up must not jump.
 STEP_S = 0.03
 
 #: After a gap this long between its packets the servos' own watchdog may have expired.
@@ -129,7 +129,10 @@ class BusThread:
             self._hold_where_it_is()
         elif time.monotonic() - self._active_at_s > GAP_S:
             self._bus.renew_watchdog()
-        near = goals if self._sent is None else self._sent + np.clip(goals - self._sent, -self._step, self._step)
+        near = goals
+        if self._sent is not None:
+            near = self._sent + np.clip(goals - self._sent, -self._step, self._step)
+            near = np.where(np.isnan(near), goals, near)
         self._bus.write_goals(near)
         self._sent = near
         if (near != goals).any():  # the rest follows in the next period
@@ -147,11 +150,10 @@ class BusThread:
         known: BoolArray = np.isfinite(here) & (self._readings.heard_at_s > time.monotonic() - 1.0)
         self.limp = known & ~self._bus.hold(np.where(known, here, 0.0), known)
         self.on, self._sent = True, np.where(known, here, np.nan)
-        self._sent = None if np.isnan(self._sent).any() else self._sent
 
     def _check_torque(self) -> None:
         """Ask one joint after the other whether it still holds: servos trip, and restart without torque."""
-        if not self.on:
+        if not self.on or self._bus.reports_limp:
             return
         self._asked = (self._asked + 1) % len(self.limp)
         torque = self._bus.torque(self._asked, tries=1)

@@ -6,7 +6,7 @@ by one in the time that is left.
 """
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import ClassVar
 
 import numpy as np
@@ -19,7 +19,7 @@ from hexctl.backends.bus.packet_line import (
     PATIENCE_TIMES,
 )
 from hexctl.backends.bus.packets import PacketStream
-from hexctl.backends.bus.serial_line import SerialLine
+from hexctl.backends.bus.serial_line import NOBODY, SerialLine
 from hexctl.backends.bus.servo_bus import ALL, TRIES, BusCounters, Report, ServoBus
 from hexctl.robot.bus_map import BusMap
 from hexctl.types import N_JOINTS, BoolArray, FloatArray
@@ -58,6 +58,7 @@ class Lx16aBus(ServoBus):
     """
 
     mute_s: ClassVar[float] = 1.5
+    reports_limp = True
 
     def __init__(self, line: SerialLine, servos: BusMap, counters: BusCounters) -> None:
         self._line, self._counters = line, counters
@@ -77,7 +78,7 @@ class Lx16aBus(ServoBus):
 
     def find(self) -> BoolArray:
         """Which joints have a servo that answers, (18,); learns whether the adapter echoes."""
-        self._line.learn_echo(lx.LX16A.instruction(self._ids[0], lx.READ_POSITION), FIRST_PATIENCE_S)
+        self._line.learn_echo(lx.LX16A.instruction(NOBODY, lx.READ_POSITION), FIRST_PATIENCE_S)
         found: BoolArray = np.zeros(N_JOINTS, dtype=bool)
         for joint in ALL:
             limits = self._ask(joint, lx.READ_LIMITS, tries=TRIES)
@@ -96,9 +97,9 @@ class Lx16aBus(ServoBus):
     def prepare(self, joints: BoolArray) -> None:
         """Nothing: these servos answer at once, and their limits are the owner's."""
 
-    def torque(self, joint: int) -> bool | None:
+    def torque(self, joint: int, *, tries: int = TRIES) -> bool | None:
         """Whether the servo of a joint holds its goal, or None without an answer."""
-        answer = self._ask(joint, lx.READ_LOAD, tries=TRIES)
+        answer = self._ask(joint, lx.READ_LOAD, tries=tries)
         if answer is None:
             return None
         self._on[joint] = bool(answer[0])
@@ -117,8 +118,8 @@ class Lx16aBus(ServoBus):
             if not left:
                 return
 
-    def hold(self, counts: FloatArray, joints: BoolArray) -> None:
-        """Switch the torque of some joints on, (18,), each with its goal where it is, counts (18,).
+    def hold(self, counts: FloatArray, joints: BoolArray) -> BoolArray:
+        """Switch the torque of some joints on, (18,), each with its goal where it is; which joints hold.
 
         The goal is sent in front of the torque and behind it: whether an unloaded servo takes moves differs.
         """
@@ -129,6 +130,7 @@ class Lx16aBus(ServoBus):
             self._tell(to_here + lx.load(self._ids[joint], on=True) + to_here)
         self._sent[:] = np.nan
         self.set_torque(True, chosen)
+        return np.array([bool(joints[joint] and self.torque(joint)) for joint in ALL])
 
     def write_goals(self, counts: FloatArray) -> None:
         """Take goals in counts, (18,): those that changed are sent now, or half of them a period later."""
@@ -138,7 +140,7 @@ class Lx16aBus(ServoBus):
         self._wrote = True
         self._send_moves()
 
-    def poll(self) -> list[Report]:
+    def poll(self, until: Callable[[], bool] = lambda: False) -> list[Report]:
         """Reports of the next few servos, as many as answer in the time that is left; one at the least."""
         if not self._wrote:
             self._send_moves()
@@ -154,14 +156,17 @@ class Lx16aBus(ServoBus):
                 self._next, asked = (self._next + 1) % N_JOINTS, asked + 1
             begin_s = max(self._free_s, time.monotonic())
             late = begin_s + wire_s + self._patience_s / PATIENCE_TIMES > self._began_s + SPAN_S
-            if asked and (late or asked == N_JOINTS):
+            if asked and (late or asked == N_JOINTS or until()):
                 return reports
 
     def poll_all(self) -> list[Report]:
         """Reports of all servos, each asked up to `TRIES` times."""
         return [report for joint in ALL for report in self._report(joint, tries=TRIES)]
 
-    def end_watchdog(self) -> None:
+    def renew_watchdog(self, joints: Sequence[int] = ALL) -> None:
+        """Nothing: these servos have no watchdog."""
+
+    def end_watchdog(self, joints: Sequence[int] = ALL) -> None:
         """Send goals that still wait; these servos have no watchdog."""
         self._send_moves()
 

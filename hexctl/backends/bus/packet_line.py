@@ -4,7 +4,7 @@ import time
 from collections.abc import Collection
 
 from hexctl.backends.bus.packets import PING, PROTOCOLS, PacketStream, StatusPacket
-from hexctl.backends.bus.serial_line import SerialLine
+from hexctl.backends.bus.serial_line import NOBODY, SerialLine
 
 #: How long an answer may take beside its time on the wire: least, and at first. Adapters deliver late, FTDI's
 #: by 16 ms where their timer cannot be set.
@@ -12,9 +12,6 @@ LEAST_PATIENCE_S, FIRST_PATIENCE_S = 0.004, 0.034
 
 #: How many times the delay of the answers so far is waited for, and the share of each answer in that.
 PATIENCE_TIMES, PATIENCE_SHARE = 4.0, 0.1
-
-#: An id that servos cannot have.
-NOBODY = 253
 
 #: Parameters of most answers at the most.
 ANSWER_BYTES = 24
@@ -95,4 +92,4 @@ class PacketLine:
 
         The answer of a servo may be the same bytes as its ping, with an error in place of the instruction.
         """
-        self.line.learn_echo(self.packets.instruction(servo_id, PING), FIRST_PATIENCE_S)
+        self.line.learn_echo(self.packets.instruction(NOBODY, PING), FIRST_PATIENCE_S)

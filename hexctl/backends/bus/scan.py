@@ -93,11 +93,15 @@ def scan_bus(
     found: dict[int, FoundServo] = {}
     try:
         for protocol in PROTOCOLS_OF[driver]:
-            packets = PacketLine(line, protocol, patience_s=PATIENCE_S)
-            packets.learn_echo(ids[0] if ids else 1)
+            packets = PacketLine(line, protocol, patience_s=PATIENCE_S, adapts=False)
+            packets.learn_echo()
             for servo_id in ids:
                 asked(protocol, servo_id)
                 if servo_id not in found and packets.ask(servo_id, PING) is not None:
+                    found[servo_id] = _look(packets, driver, protocol, servo_id)
+            # Those that gave no answer among others that did are asked once more.
+            for servo_id in range(max((each for each in found if each in ids), default=-1) + 2):
+                if servo_id in ids and servo_id not in found and packets.ask(servo_id, PING) is not None:
                     found[servo_id] = _look(packets, driver, protocol, servo_id)
     except OSError as error:
         raise RobotFaultError(f"the port {path} has gone ({error.strerror or error})") from error
@@ -117,17 +121,29 @@ def set_servo_id(path: str, driver: str, baud: int, new_id: int) -> FoundServo:
     if len(found) != 1:
         answer = ", ".join(str(each.servo_id) for each in found) or "none"
         raise InputError(f"servos that answer: got {answer}; allowed: exactly one on the bus")
-    servo, line = found[0], SerialLine(path, baud)
+    servo = found[0]
+    if driver == "feetech" and servo.model is None:
+        raise InputError(
+            f"model number: got {servo.model_number}; allowed: those of {', '.join(_names(driver))}"
+        )
+    line = SerialLine(path, baud)
     try:
-        packets = PacketLine(line, servo.protocol, patience_s=PATIENCE_S)
-        packets.learn_echo(servo.servo_id)
+        packets = PacketLine(line, servo.protocol, patience_s=PATIENCE_S, adapts=False)
+        packets.learn_echo()
         _write_id(packets, _table(driver, servo.protocol, servo.model), servo.servo_id, new_id)
+    except OSError as error:
+        raise RobotFaultError(f"the port {path} has gone ({error.strerror or error})") from error
     finally:
         line.close()
     seen = scan_bus(path, driver, baud, ids=(new_id,))
     if not seen:
         raise RobotFaultError(f"the servo with id {servo.servo_id} did not take the id {new_id}")
     return seen[0]
+
+
+def _names(driver: str) -> list[str]:
+    """Models of a driver that report a number."""
+    return [each.name for each in SERVO_TYPES.values() if each.driver == driver and each.number is not None]
 
 
 def _write_id(packets: PacketLine, table: RegisterTable, old_id: int, new_id: int) -> None:

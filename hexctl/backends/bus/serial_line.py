@@ -16,6 +16,10 @@ CHUNK = 4096
 ANSWERED_S = 0.004
 
 
+#: An id that servos cannot have, in any protocol.
+NOBODY = 253
+
+
 class SerialLine:
     """An open serial device; its adapter may echo what is sent, which is cut out.
 
@@ -81,7 +85,9 @@ class SerialLine:
             self.read(0.0)
 
     def learn_echo(self, ping: bytes, patience_s: float) -> None:
-        """Send a packet that a servo answers, and see whether it comes back in front of the answer.
+        """Send a packet that no servo answers, and see whether it comes back.
+
+        The answer of a servo may be the same bytes as its ping, with an error in place of the instruction.
 
         Args:
             ping: the packet.

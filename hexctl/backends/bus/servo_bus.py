@@ -1,7 +1,7 @@
 """A bus of eighteen servos, as the thread that owns it uses it, whatever they speak."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -67,10 +67,12 @@ class ServoBus(ABC):
     when the port has gone.
 
     Attributes:
-        mute_s: a joint whose servo was not heard for so long is mute.
+        mute_s: a joint whose servo was not heard for this long is mute.
+        reports_limp: whether its reports complain of servos that have lost their torque.
     """
 
     mute_s: ClassVar[float] = 0.5
+    reports_limp: ClassVar[bool] = False
 
     @abstractmethod
     def find(self) -> BoolArray:
@@ -85,7 +87,7 @@ class ServoBus(ABC):
         """Set up the servos of some joints, (18,), that have no torque."""
 
     @abstractmethod
-    def torque(self, joint: int) -> bool | None:
+    def torque(self, joint: int, *, tries: int = TRIES) -> bool | None:
         """Whether the servo of a joint holds its goal, or None without an answer."""
 
     @abstractmethod
@@ -93,23 +95,30 @@ class ServoBus(ABC):
         """Switch the torque of some joints."""
 
     @abstractmethod
-    def hold(self, counts: FloatArray, joints: BoolArray) -> None:
-        """Switch the torque of some joints on, (18,), each with its goal where it is, counts (18,)."""
+    def hold(self, counts: FloatArray, joints: BoolArray) -> BoolArray:
+        """Switch the torque of some joints on, (18,), each with its goal where it is, counts (18,).
+
+        Which joints hold then, (18,), as they say.
+        """
 
     @abstractmethod
     def write_goals(self, counts: FloatArray) -> None:
         """Send goals in counts, (18,), as many at once as the line carries in a control period."""
 
     @abstractmethod
-    def poll(self) -> list[Report]:
-        """Reports of all servos, or of the next few where they have to be asked one by one."""
+    def poll(self, until: Callable[[], bool] = lambda: False) -> list[Report]:
+        """Reports of all servos, or of the next few, asked one by one until something else is to be sent."""
 
     @abstractmethod
     def poll_all(self) -> list[Report]:
         """Reports of all servos, each asked as often as it takes, up to `TRIES` times."""
 
     @abstractmethod
-    def end_watchdog(self) -> None:
+    def renew_watchdog(self, joints: Sequence[int] = ALL) -> None:
+        """Let silence be a failure from now on, also where it has been one: goals are taken again."""
+
+    @abstractmethod
+    def end_watchdog(self, joints: Sequence[int] = ALL) -> None:
         """Let silence be no failure any more."""
 
     @abstractmethod

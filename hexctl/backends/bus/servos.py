@@ -1,5 +1,6 @@
 """Leg servos on a bus, as `LegServos`."""
 
+import re
 from dataclasses import asdict
 from pathlib import Path
 
@@ -52,8 +53,11 @@ def parse_bus_port(
             f"{argument('connect')}: got none; allowed: the port of the bus, such as /dev/ttyUSB0, here or "
             "as `port` in the section `servos` of the robot file"
         )
-    path, _, speed = text.partition(":")
-    if not path or (":" in text and not (speed.isdecimal() and 1200 <= int(speed) <= MOST_BAUD)):
+    # Paths by their place, /dev/serial/by-path/pci-0000:00:14.0-usb-0:2:1.0-port0, have colons themselves.
+    path, _, speed = text.rpartition(":") if re.search(r":[^/:]*$", text) else (text, "", "")
+    if "-port" in speed:
+        path, speed = text, ""
+    if not path or (path != text and not (speed.isdecimal() and 1200 <= int(speed) <= MOST_BAUD)):
         raise InputError(
             f"{argument('connect')}: got {text!r}; allowed: a serial device such as /dev/ttyUSB0 or "
             f"/dev/ttyUSB0:1000000, at 1200 to {MOST_BAUD} baud"
@@ -95,6 +99,7 @@ class BusServos(LegServos):
         self._thread: BusThread | None = None
         self._sent_rad: FloatArray = self._robot.stance_angles_rad.copy()
         self._snapshot: tuple[int, RobotState] | None = None
+        self._held = False
 
     @property
     def robot(self) -> Robot:
@@ -118,8 +123,8 @@ class BusServos(LegServos):
 
     @property
     def holds(self) -> bool:
-        """Whether the torque is on."""
-        return self._thread is not None and self._thread.on
+        """Whether any servo holds, as far as is known."""
+        return self._thread is not None and (self._thread.on or self._held)
 
     def connect(self) -> None:
         """Open the port, find the servos and read where they are.
@@ -134,12 +139,14 @@ class BusServos(LegServos):
         readings = BelievedReadings(speeds, self._map.counts_per_deg)
         try:
             readings.take(bus.poll_all())
-            holding = self._holds(bus, np.isfinite(readings.positions))
+            heard = np.isfinite(readings.positions)
+            on = self._on(bus, heard)
         except OSError as error:
             bus.close()
             raise RobotFaultError(self._gone(error.strerror or str(error))) from error
-        self._thread = BusThread(self._open, bus, readings, self.counters)
-        self._thread.start(on=holding)
+        self._held = bool(on.any())
+        self._thread = BusThread(self._open, bus, readings, self.counters, speeds)
+        self._thread.start(on=bool(heard.any() and on[heard].all()))
         self._snapshot = None
 
     def read(self) -> RobotState:
@@ -169,6 +176,7 @@ class BusServos(LegServos):
         check_connected(self._thread is not None, "the servo bus")
         assert self._thread is not None  # noqa: S101  for the type
         self._thread.release()
+        self._held = False
         return True
 
     def close(self) -> None:
@@ -216,12 +224,8 @@ class BusServos(LegServos):
 
     @staticmethod
     def _on(bus: ServoBus, found: BoolArray) -> BoolArray:
-        """Which servos hold already, (18,)."""
-        return np.array([bool(found[joint] and bus.torque(joint)) for joint in range(N_JOINTS)])
-
-    def _holds(self, bus: ServoBus, heard: BoolArray) -> bool:
-        """Whether all servos that were heard hold already, as after a program that has closed them."""
-        return bool(heard.any() and self._on(bus, heard)[heard].all())
+        """Which servos hold already, (18,); one that does not say counts as one."""
+        return np.array([bool(found[joint] and bus.torque(joint) is not False) for joint in range(N_JOINTS)])
 
     def _gone(self, reason: str) -> str:
         return f"the port {self._port} has gone ({reason}); is the cable still in?"
@@ -235,7 +239,7 @@ class BusServos(LegServos):
         gone = self._thread.gone
         efforts = self._map.signs * servos.efforts
         torques = None if np.isnan(efforts).any() else efforts * self._robot.joint_max_torque_nm
-        warnings = self._warnings(servos)
+        warnings = self._warnings(servos, self._thread.limp)
         return RobotState(
             positions,
             stamp_s=max(0.0, self._clock.now_s - age_s),
@@ -249,9 +253,9 @@ class BusServos(LegServos):
             warnings=warnings,
         )
 
-    def _warnings(self, servos: ServoReadings) -> tuple[str, ...]:
+    def _warnings(self, servos: ServoReadings, limp: BoolArray) -> tuple[str, ...]:
         """What is wrong with single servos."""
-        warnings = []
+        warnings = [f"no torque: {self._map.names(limp)}"] if limp.any() else []
         if (mute := servos.ages_s > BUSES[self._map.driver].mute_s).any():
             warnings.append(f"mute: {self._map.names(mute)}")
         if (hot := servos.temperatures_c > HOT_C).any():

@@ -46,6 +46,7 @@ def save_repertoire(repertoire: Repertoire, path: Path) -> None:
 
 
 _DAMAGE = (
+    AttributeError,
     OSError,
     EOFError,
     ValueError,
