@@ -249,10 +249,10 @@ def test_recovery_is_measured_from_end_to_end_and_again_from_the_cache(
     assert exit_code([*short, "--jobs", "1", "--out", "first", "--json"]) == 0
     first = capsys.readouterr()
     outcome = json.loads(first.out)
-    assert (outcome["families"], outcome["first_world"], outcome["walks"]) == (["transfer"], 450, 10 + 9)
+    assert (outcome["families"], outcome["first_world"], outcome["walks"]) == (["transfer"], 470, 10 + 9)
     assert outcome["sensors"]["lost_poses"] == 0.05
     assert json.loads((tmp_path / "first" / "recovery.json").read_text()) == outcome
-    assert "ant, line, transfer:450" in first.err
+    assert "ant, line, transfer:470" in first.err
     assert "ant, hexaheal, flat:0 (flat): 9 walks" in first.err
 
     assert exit_code([*short, "--methods", "nothing,recover", "--protocols", "line"]) == 0

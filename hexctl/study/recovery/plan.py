@@ -23,7 +23,7 @@ from hexctl.types import JOINT_KINDS, N_LEGS
 
 #: Members of the families before this one were looked at while monitor, recovery and diagnosis were built and
 #: measured.
-FIRST_WORLD = 450
+FIRST_WORLD = 470
 
 #: Families of unseen worlds, unless told otherwise.
 FAMILIES = ("transfer", "real")
