@@ -274,8 +274,8 @@ def as_robot(robot: Robot | str | Path) -> Robot:
 def connection_notes(servos: LegServos, told: Failures) -> list[str]:
     """What an operator should know about the robot that servos have connected to.
 
-    Over a link, which robot it is and who started it; and for a simulation, here or there, whether its
-    failure is another than the controller's.
+    Over a link, which robot it is and who started it; what is wrong with its servos; and for a simulation,
+    here or there, whether its failure is another than the controller's.
 
     Args:
         servos: connected.
@@ -286,6 +286,7 @@ def connection_notes(servos: LegServos, told: Failures) -> list[str]:
     if servos.injects_failure and (note := untold_note(broken, told)) is not None:
         notes.append(note)
     there, here = (servos.simulated or {}).get("failure"), failure_text(*each_failure(told))
+    notes += [f"servos: {warning}" for warning in servos.read().warnings]
     if there not in (None, here):
         notes.append(f"the simulated robot there has failure {there}, this end walks as with failure {here}")
     return notes

@@ -212,4 +212,6 @@ def link_in_words(counts: Mapping[str, int] | None) -> str:
     if not counts:
         return ""
     troubles = in_words({name: n for name, n in counts.items() if name != "received"})
-    return f"{counts.get('received', 0)} messages came; {troubles or 'none lost'}"
+    if "received" not in counts:  # a bus counts what it asks for
+        return troubles or "nothing yet"
+    return f"{counts['received']} messages came; {troubles or 'none lost'}"

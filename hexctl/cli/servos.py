@@ -41,13 +41,17 @@ def scan(
 ) -> None:
     """Ask all ids which servos answer: model, position, voltage, temperature. Nothing moves."""
     from hexctl.backends.bus.scan import scan_bus
-    from hexctl.cli.console import print_result
+    from hexctl.backends.bus.servos import parse_bus_port
+    from hexctl.cli.console import print_note, print_result
 
-    found = scan_bus(port, driver, int(baud))
+    path, speed = parse_bus_port(port, int(baud), driver=driver)
+    found = scan_bus(path, driver, speed)
+    if unknown := [each.servo_id for each in found if each.model is None]:
+        print_note(f"{len(unknown)} servos are of a model that is not known: is {driver} the right driver?")
     if as_json:
         print_result(json.dumps([each.to_json() for each in found]))
         return
-    none = f"no servo answers on {port} at {int(baud)} baud"
+    none = f"no servo answers on {path} at {speed} baud"
     print_result(_table([each.to_json() for each in found], none))
 
 

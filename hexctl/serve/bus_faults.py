@@ -22,6 +22,9 @@ ALLOWED = (
 _OF_JOINTS, _WITH_NUMBER = ("mute", "hot", "lost-id"), ("hot", "garble")
 _KINDS = ("mute", "hot", "lost-id", "brown-out", "unplug", "replug", "garble", "echo")
 
+#: Hottest that a servo can say it is, in degrees Celsius.
+MOST_C = 200
+
 #: Id of a servo that has lost its own.
 FACTORY_ID = 1
 
@@ -63,7 +66,7 @@ def parse_bus_fault(text: str) -> BusFault:
     if len(rest) != (kind in _WITH_NUMBER) or not all(map(_number, rest)):
         raise error
     value = float(rest[0]) if rest else 0.0
-    if kind == "garble" and value > 1:
+    if (kind == "garble" and value > 1) or (kind == "hot" and value > MOST_C):
         raise error
     return BusFault(kind=kind, at_s=float(at or 0), joint=joint, value=value)
 

@@ -34,9 +34,19 @@ class EventLog:
         self._posture = "idle"
         self._writer: threading.Thread | None = None
         self._dropped = 0
+        self._warnings: tuple[str, ...] = ()
 
-    def note(self, *, controller: str | None, stopped: str | None, posture: str) -> None:
+    def note(
+        self, *, controller: str | None, stopped: str | None, posture: str, warnings: tuple[str, ...] = ()
+    ) -> None:
         """Report what differs from the last call."""
+        for warning in warnings:
+            if warning not in self._warnings:
+                self._put(f"servos: {warning}")
+        for warning in self._warnings:
+            if warning not in warnings:
+                self._put(f"servos: no longer {warning}")
+        self._warnings = warnings
         if controller != self._controller:
             self._put(f"commanded by {controller}" if controller else f"{self._controller} has left")
         if stopped != self._stopped:

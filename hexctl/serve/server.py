@@ -288,6 +288,7 @@ class RobotServer:
             controller=None if lease is None else lease.owner,
             stopped=self._guard.stopped,
             posture=self._idle.name,
+            warnings=() if self._state is None else self._state.warnings,
         )
 
     def _publish(self, state: RobotState) -> None:
@@ -333,6 +334,7 @@ class RobotServer:
             "pose": state is not None and state.base_position_world is not None,
             "state_age_s": None if state is None else _number(state.age_s),
             "fault": None if state is None else state.fault,
+            "warnings": [] if state is None else list(state.warnings),
             "battery_v": None if state is None else _number(state.battery_v),
             "battery_share": None if state is None else _number(state.battery_share),
             "endpoint": self._link.endpoint,

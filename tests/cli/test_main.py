@@ -109,7 +109,10 @@ REFUSED = [
     (["run", "--failed-leg", "1", "--failure", "stuck:knee:3"], ["knee", "coxa, femur, tibia"]),
     (["run", "--failed-leg", "1", "--failure", "weak:2"], ["weak", "2", "0..1"]),
     (["run", "--self-rotation", "up"], ["self-rotation", "up", "rear, front, none"]),
-    (["run", "--backend", "warp"], ["backend", "'warp'", "sim, zenoh, mavlink, dynamixel, feetech, mock"]),
+    (
+        ["run", "--backend", "warp"],
+        ["backend", "'warp'", "sim, zenoh, mavlink, dynamixel, feetech, lx16a, servo2040, mock"],
+    ),
     (["run", "--backend", "json:JSONDecoder"], ["json:JSONDecoder", "LegServos"]),
     (["run", "--backend", "no.such:Thing"], ["no.such:Thing", "cannot be loaded"]),
     (["run", "--backend", "mock", "--world", "rough"], ["--world", "rough", "sim"]),

@@ -26,6 +26,15 @@ def test_a_scan_is_an_array_or_a_table(capsys: pytest.CaptureFixture[str]) -> No
         assert "sts3215" in capsys.readouterr().out
 
 
+def test_a_driver_that_knows_no_model_is_doubted(capsys: pytest.CaptureFixture[str]) -> None:
+    with bus_board(a_map(), *ONLY_ONE) as board:
+        words = ["servos", "scan", "--driver", "dynamixel", "--port", f"{board.path}:1000000", "--json"]
+        assert exit_code(words) == 0
+        printed = capsys.readouterr()
+    assert [each["model"] for each in json.loads(printed.out)] == [None]
+    assert "is dynamixel the right driver?" in printed.err
+
+
 def test_an_id_is_set_and_shown(capsys: pytest.CaptureFixture[str]) -> None:
     with bus_board(a_map(), *ONLY_ONE) as board:
         words = ["servos", "set-id", "99", "--driver", "feetech", "--port", board.path, "--json"]

@@ -36,6 +36,7 @@ def test_faults_are_read(text: str, fault: BusFault) -> None:
         "hot:1:coxa:warm",
         "echo:1",
         "garble:2",
+        "hot:1:coxa:1000",
         "echo@x",
     ],
 )

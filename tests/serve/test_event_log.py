@@ -46,6 +46,18 @@ def test_changes_are_told_once_and_in_order() -> None:
     ]
 
 
+def test_warnings_are_told_when_they_come_and_go() -> None:
+    told: list[str] = []
+    log = EventLog(told.append)
+    for warnings in ((), ("mute: leg 5 femur (id 14)",), ("mute: leg 5 femur (id 14)",), ()):
+        log.note(controller=None, stopped=None, posture="idle", warnings=warnings)
+    log.close()
+    assert [line[9:] for line in told] == [
+        "servos: mute: leg 5 femur (id 14)",
+        "servos: no longer mute: leg 5 femur (id 14)",
+    ]
+
+
 def test_a_reader_who_is_held_up_holds_nothing_up() -> None:
     reader = Reader()
     event_log = EventLog(reader.say)
