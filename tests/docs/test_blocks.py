@@ -14,6 +14,7 @@ from hexctl.backends.sim.world import DomainRandomization, World
 from hexctl.cli.main import exit_code
 from hexctl.robot.bus_map import bus_map_of
 from hexctl.robot.loader import load_meshes, load_robot_file
+from hexctl.robot.pwm_map import pwm_map_of
 from hexctl.robot.schema import MountSection, RobotSchema
 from hexctl.wire.certificates import make_certificates
 from hexctl.wire.links import load_link
@@ -60,6 +61,11 @@ def bus_servos(content: dict[str, Any], folder: Path) -> object:
     return bus_map_of(file.content.servos, content["servos"]["driver"])
 
 
+def pwm_servos(content: dict[str, Any], folder: Path) -> object:
+    file = load_robot_file(edited_file(folder, put("servos", content["servos"])))
+    return pwm_map_of(file.content.servos, content["servos"]["driver"])
+
+
 #: What a page's YAML is.
 FILES: dict[str, Callable[[Any, Path], object]] = {
     "walking.md": worlds,
@@ -67,6 +73,7 @@ FILES: dict[str, Callable[[Any, Path], object]] = {
     "recordings.md": meshes,
     "firmware.md": servos,
     "bus-servos.md": bus_servos,
+    "pwm-servos.md": pwm_servos,
     "protocol.md": a_link,
 }
 
