@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
+from hexctl.cli.board import BAUD
 from hexctl.cli.options import JsonOption, Range, choice, number
 
 if TYPE_CHECKING:
@@ -15,7 +16,6 @@ servos = typer.Typer(
 )
 
 BusDriver = Literal["dynamixel", "feetech"]
-BAUD = Range(low=9600, high=4_500_000, whole=True, unit="baud")
 SERVO_ID = Range(low=0, high=252, whole=True)
 
 DriverOption = Annotated[

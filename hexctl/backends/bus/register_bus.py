@@ -141,12 +141,8 @@ class RegisterBus(ServoBus):
             return []
         first, size = self.table.block
         ids = bytes(self._ids[joint] for joint in joints)
-        if self.table.protocol == 1:
-            asked = bytes([first, size]) + ids
-        else:
-            asked = first.to_bytes(2, "little") + size.to_bytes(2, "little") + ids
         packets = self._packets.packets
-        request = packets.instruction(BROADCAST, SYNC_READ, asked)
+        request = packets.instruction(BROADCAST, SYNC_READ, self._place(first, size) + ids)
         wire_s = self._line.wire_s(len(request) + len(joints) * packets.status_size(size))
         answers = self._packets.transact(request, ids, wire_s)
         reports = [each for answer in answers if (each := self._report(answer)) is not None]
@@ -186,9 +182,8 @@ class RegisterBus(ServoBus):
 
     def _place(self, address: int, size: int) -> bytes:
         """Parameters that name some bytes of the memory."""
-        if self.table.protocol == 1:
-            return bytes([address, size])
-        return address.to_bytes(2, "little") + size.to_bytes(2, "little")
+        width = self.table.protocol  # of a number in bytes: 1 in protocol 1.0, 2 in 2.0
+        return address.to_bytes(width, "little") + size.to_bytes(width, "little")
 
     def _goal(self, joint: int) -> float | None:
         """Goal of the servo of a joint in counts, or None without an answer."""
@@ -206,18 +201,14 @@ class RegisterBus(ServoBus):
 
     def _write(self, joint: int, register: Register, value: float) -> bool:
         """Write a register of a joint's servo; whether it answered."""
-        address = register.address.to_bytes(1 if self.table.protocol == 1 else 2, "little")
+        address = register.address.to_bytes(self.table.protocol, "little")
         data = address + self.table.packed(register, value)
         return self._packets.ask(self._ids[joint], WRITE, data, tries=TRIES) is not None
 
     def _sync_write(self, register: Register, values: FloatArray, joints: Sequence[int] = ALL) -> None:
         """Write a register of some joints, values (18,), in one packet, which no servo answers."""
-        table = self.table
-        if table.protocol == 1:
-            head = bytes([register.address, register.size])
-        else:
-            head = register.address.to_bytes(2, "little") + register.size.to_bytes(2, "little")
+        head = self._place(register.address, register.size)
         rows = b"".join(
-            bytes([self._ids[joint]]) + table.packed(register, float(values[joint])) for joint in joints
+            bytes([self._ids[joint]]) + self.table.packed(register, float(values[joint])) for joint in joints
         )
         self._packets.tell(BROADCAST, SYNC_WRITE, head + rows)
