@@ -3,9 +3,24 @@
 import os
 import secrets
 import shutil
+import zipfile
+import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+
+#: What numpy and zipfile raise for an archive (.npz) that is damaged.
+ARCHIVE_DAMAGE: tuple[type[Exception], ...] = (
+    OSError,
+    EOFError,
+    ValueError,
+    KeyError,
+    TypeError,
+    NotImplementedError,
+    zipfile.BadZipFile,
+    zlib.error,
+    RuntimeError,  # zipfile, of a file that claims to be encrypted
+)
 
 
 def atomic_write(path: Path, content: str | bytes) -> None:

@@ -5,8 +5,6 @@ import io
 import json
 import math
 import os
-import zipfile
-import zlib
 from abc import ABC, abstractmethod
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
@@ -20,7 +18,7 @@ from hexctl.adapt.space import GaitSpace
 from hexctl.control.assessment.static_stability import stood_up
 from hexctl.control.plan import TrialPlan
 from hexctl.errors import HexctlError, InputError, check_type
-from hexctl.files import atomic_write
+from hexctl.files import ARCHIVE_DAMAGE, atomic_write
 from hexctl.gait.posture import STANCE
 from hexctl.robot.model import Robot
 from hexctl.types import N_JOINTS, BoolArray, FloatArray
@@ -305,7 +303,7 @@ def open_prior(path: Path | str) -> Prior | ScorePrior:
         with np.load(path, allow_pickle=False) as file:
             arrays = {name: file[name] for name in file.files if name != "head"}
         prior = _made(head, arrays)
-    except _DAMAGE as error:
+    except ARCHIVE_DAMAGE as error:
         raise _refused(path, f"it is damaged ({_reason(error)})") from error
     if prior.digest() != head.get("digest"):
         raise _refused(path, "it was altered after it was built")
@@ -337,7 +335,7 @@ def read_head(path: Path) -> dict[str, Any]:
             f"prior: no file at {str(path)!r}; allowed: a file of hexctl prior build, or one that "
             "hexctl prior show names"
         ) from None
-    except _DAMAGE as error:
+    except ARCHIVE_DAMAGE as error:
         raise _refused(path, "it is not a prior, or cut off") from error
     if not isinstance(head, dict) or head.get("format") != FORMAT:
         raise _refused(path, "it is not a prior")
@@ -348,18 +346,6 @@ def read_head(path: Path) -> dict[str, Any]:
 
 
 _VERSIONS = (Prior.version, ScorePrior.version)
-
-_DAMAGE = (
-    OSError,
-    EOFError,
-    ValueError,
-    KeyError,
-    TypeError,
-    NotImplementedError,
-    zipfile.BadZipFile,
-    zlib.error,
-    RuntimeError,  # zipfile, of a file that claims to be encrypted
-)
 
 
 def _refused(path: Path, why: str) -> InputError:

@@ -2,8 +2,6 @@
 
 import io
 import json
-import zipfile
-import zlib
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -13,7 +11,7 @@ import numpy as np
 from hexctl.control.monitor.repertoire import BodySymmetry, Candidate, Repertoire, Situation
 from hexctl.control.plan import TrialPlan
 from hexctl.errors import HexctlError, InputError, check_type
-from hexctl.files import atomic_write
+from hexctl.files import ARCHIVE_DAMAGE, atomic_write
 from hexctl.robot.configs import config_root
 from hexctl.robot.model import Robot
 from hexctl.types import FloatArray
@@ -45,18 +43,7 @@ def save_repertoire(repertoire: Repertoire, path: Path) -> None:
         raise RepertoireFileError(f"repertoire: {path} cannot be written: {error.strerror}") from error
 
 
-_DAMAGE = (
-    AttributeError,
-    OSError,
-    EOFError,
-    ValueError,
-    KeyError,
-    TypeError,
-    NotImplementedError,
-    zipfile.BadZipFile,
-    zlib.error,
-    RuntimeError,  # zipfile, of a file that claims to be encrypted
-)
+_DAMAGE: tuple[type[Exception], ...] = (*ARCHIVE_DAMAGE, AttributeError)
 
 
 def load_repertoire(path: Path | str) -> Repertoire:
