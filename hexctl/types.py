@@ -174,6 +174,8 @@ class RobotState(ArrayFields):
         servos: what single servos report, or None where nothing is known of them.
         warnings: what is wrong with the robot that is no fault, in few words each.
         current_a: that all servos together draw, or None where unknown.
+        stale_joints: joints whose servos have been silent for longer than usual, (18,): their positions and
+            torques are not those of the stamp; None where all are of one moment.
     """
 
     joint_positions_rad: FloatArray
@@ -192,6 +194,7 @@ class RobotState(ArrayFields):
     servos: ServoReadings | None = None
     warnings: tuple[str, ...] = ()
     current_a: float | None = None
+    stale_joints: BoolArray | None = None
 
     def copy(self) -> "RobotState":
         """The same state, with copies of its arrays."""

@@ -77,8 +77,8 @@ class NoticedFailure:
         at_s: seconds since the walk began.
         failure: leg, kind and joint, as it believes.
         evidence: what it was noticed by: `following` (targets that joints do not follow), `support` (load
-            that a leg does not carry), `effort` (torque that a joint does not give) or `balance` (how the
-            body leans and which feet touch).
+            that a leg does not carry), `effort` (torque that a joint does not give), `balance` (how the
+            body leans and which feet touch) or `silence` (a servo that does not answer).
         did: what it did, in few words.
         healed: whether it noticed that the leg is whole again, or put down one that was missing to try it.
     """

@@ -22,9 +22,10 @@ LEASE_ID_BYTES = 16
 
 _COMMAND = struct.Struct("<4sBQqI16sI")
 _STATE = struct.Struct("<4sBQqIQBB")
+_STALE = struct.Struct("<I")
 _COMMAND_MAGIC = b"HXCc"
 _STATE_MAGIC = b"HXCs"
-_MEASURED, _HEALTHY, _CONTACTS_KNOWN = 1, 2, 4
+_MEASURED, _HEALTHY, _CONTACTS_KNOWN, _STALE_JOINTS = 1, 2, 4, 8
 
 #: Longest text of a fault or a stop.
 MAX_TEXT_BYTES = 120
@@ -91,6 +92,7 @@ class StateTag:
         contacts: bit i is set when foot i+1 touches the floor; None where unknown.
         fault: what is wrong, or None.
         stopped: why the robot's guard is stopped, or None.
+        stale_joints: bit i is set when the servo of joint i has been silent for longer than usual.
     """
 
     sequence: int
@@ -102,10 +104,11 @@ class StateTag:
     contacts: int | None
     fault: str | None = None
     stopped: str | None = None
+    stale_joints: int = 0
 
     def packed(self) -> bytes:
-        """Attachment: 35 bytes and two texts, each preceded by its length."""
-        flags = self.measured * _MEASURED | self.healthy * _HEALTHY
+        """Attachment: 35 bytes and two texts, each preceded by its length, and stale joints where any are."""
+        flags = self.measured * _MEASURED | self.healthy * _HEALTHY | bool(self.stale_joints) * _STALE_JOINTS
         flags |= 0 if self.contacts is None else _CONTACTS_KNOWN
         fixed = _STATE.pack(
             _STATE_MAGIC,
@@ -117,7 +120,8 @@ class StateTag:
             flags,
             self.contacts or 0,
         )
-        return fixed + _text(self.fault) + _text(self.stopped)
+        texts = _text(self.fault) + _text(self.stopped)
+        return fixed + texts + (_STALE.pack(self.stale_joints) if self.stale_joints else b"")
 
     @classmethod
     def unpacked(cls, attachment: bytes) -> "StateTag":
@@ -130,6 +134,10 @@ class StateTag:
         _check(magic, _STATE_MAGIC, version)
         fault, rest = _read_text(attachment[_STATE.size :])
         stopped, rest = _read_text(rest)
+        stale_joints = 0
+        if flags & _STALE_JOINTS:
+            (stale_joints,) = _unpacked(_STALE, rest[: _STALE.size])
+            rest = rest[_STALE.size :]
         if rest:
             raise MessageError(f"attachment: got {len(rest)} bytes too many; allowed: none")
         return cls(
@@ -142,6 +150,7 @@ class StateTag:
             contacts=contacts if flags & _CONTACTS_KNOWN else None,
             fault=fault,
             stopped=stopped,
+            stale_joints=stale_joints,
         )
 
 
@@ -342,6 +351,7 @@ def tag_of(state: RobotState, *, sequence: int, stamp_ns: int, command_sequence:
         contacts=None if state.foot_contacts is None else _bits(state.foot_contacts),
         fault=state.fault,
         stopped=state.stopped,
+        stale_joints=0 if state.stale_joints is None else _bits(state.stale_joints),
     )
 
 
@@ -350,6 +360,13 @@ def contacts_of(tag: StateTag) -> BoolArray | None:
     if tag.contacts is None:
         return None
     return np.array([bool(tag.contacts >> leg & 1) for leg in range(N_LEGS)])
+
+
+def stale_joints_of(tag: StateTag) -> BoolArray | None:
+    """Joints whose servos have been silent for longer than usual, (18,); None where none has."""
+    if not tag.stale_joints:
+        return None
+    return np.array([bool(tag.stale_joints >> joint & 1) for joint in range(N_JOINTS)])
 
 
 def encode_battery(voltage_v: float | None, share: float | None) -> bytes:
@@ -392,5 +409,5 @@ def _microseconds(age_s: float) -> int:
     return min(max(0, round(age_s * 1e6)), MAX_AGE_US) if math.isfinite(age_s) else MAX_AGE_US
 
 
-def _bits(contacts: BoolArray) -> int:
-    return sum(1 << leg for leg, touches in enumerate(contacts.tolist()) if touches)
+def _bits(values: BoolArray) -> int:
+    return sum(1 << place for place, value in enumerate(values.tolist()) if value)

@@ -23,6 +23,7 @@ from hexctl.wire.messages import (
     decode_positions,
     encode_battery,
     encode_positions,
+    stale_joints_of,
     tag_of,
 )
 
@@ -77,7 +78,18 @@ def test_a_commands_tag_comes_back_as_it_was(
     assert CommandTag.unpacked(tag.packed()) == tag
 
 
-@given(u64, i64, u32, u64, st.booleans(), st.booleans(), st.none() | st.integers(0, 63), texts, texts)
+@given(
+    u64,
+    i64,
+    u32,
+    u64,
+    st.booleans(),
+    st.booleans(),
+    st.none() | st.integers(0, 63),
+    texts,
+    texts,
+    st.integers(0, 2**18 - 1),
+)
 def test_a_states_tag_comes_back_as_it_was(
     sequence: int,
     stamp_ns: int,
@@ -88,6 +100,7 @@ def test_a_states_tag_comes_back_as_it_was(
     contacts: int | None,
     fault: str | None,
     stopped: str | None,
+    stale_joints: int,
 ) -> None:
     tag = StateTag(
         sequence=sequence,
@@ -99,6 +112,7 @@ def test_a_states_tag_comes_back_as_it_was(
         contacts=contacts,
         fault=fault,
         stopped=stopped,
+        stale_joints=stale_joints,
     )
     assert StateTag.unpacked(tag.packed()) == tag
 
@@ -124,7 +138,10 @@ def test_other_bytes_are_refused(kind: type[CommandTag] | type[StateTag], data: 
         kind.unpacked(data)
 
 
-@pytest.mark.parametrize("good", [COMMAND_BYTES, STATE_BYTES])
+STALE_BYTES = replace(STATE, stale_joints=1 << 17 | 1).packed()
+
+
+@pytest.mark.parametrize("good", [COMMAND_BYTES, STATE_BYTES, STALE_BYTES])
 def test_every_cut_and_every_other_version_is_refused(good: bytes) -> None:
     kind = CommandTag if good is COMMAND_BYTES else StateTag
     for end in range(len(good)):
@@ -260,6 +277,17 @@ def test_a_command_without_an_attachment_is_refused() -> None:
 @pytest.mark.parametrize(("voltage_v", "share"), [(11.5, 0.25), (None, 0.5), (12.0, None), (None, None)])
 def test_a_battery_comes_back_as_it_was(voltage_v: float | None, share: float | None) -> None:
     assert decode_battery(encode_battery(voltage_v, share)) == (voltage_v, share)
+
+
+def test_stale_joints_travel_in_the_tag() -> None:
+    stale = np.arange(18) % 5 == 3
+    state = RobotState(np.zeros(18), 0.0, True, stale_joints=stale)
+    tag = tag_of(state, sequence=1, stamp_ns=0, command_sequence=0)
+    assert tag.packed().endswith((0b10000100001000).to_bytes(4, "little"))
+    np.testing.assert_array_equal(stale_joints_of(StateTag.unpacked(tag.packed())), stale)
+    fresh = replace(state, stale_joints=None)
+    tag = tag_of(fresh, sequence=1, stamp_ns=0, command_sequence=0)
+    assert stale_joints_of(StateTag.unpacked(tag.packed())) is None
 
 
 def test_contacts_travel_in_the_tag() -> None:

@@ -58,6 +58,7 @@ class Lx16aBus(ServoBus):
     """
 
     mute_s: ClassVar[float] = 1.5
+    stale_s: ClassVar[float] = 0.5
     reports_limp = True
 
     def __init__(self, line: SerialLine, servos: BusMap, counters: BusCounters) -> None:

@@ -68,10 +68,12 @@ class ServoBus(ABC):
 
     Attributes:
         mute_s: a joint whose servo was not heard for this long is mute.
+        stale_s: a joint that was not heard for this long was not measured with the others.
         reports_limp: whether its reports complain of servos that have lost their torque.
     """
 
     mute_s: ClassVar[float] = 0.5
+    stale_s: ClassVar[float] = 0.17  # twice the age of a reading where joints are asked in turn
     reports_limp: ClassVar[bool] = False
 
     @abstractmethod

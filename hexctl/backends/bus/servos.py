@@ -236,6 +236,7 @@ class BusServos(LegServos):
         counts, servos, age_s = self._thread.newest()
         heard: BoolArray = np.isfinite(counts)
         positions = np.where(heard, self._map.angles_rad(np.where(heard, counts, 0.0)), self._sent_rad)
+        stale = servos.ages_s > BUSES[self._map.driver].stale_s
         gone = self._thread.gone
         efforts = self._map.signs * servos.efforts
         torques = None if np.isnan(efforts).any() else efforts * self._robot.joint_max_torque_nm
@@ -251,6 +252,7 @@ class BusServos(LegServos):
             joint_torques_nm=torques,
             servos=servos,
             warnings=warnings,
+            stale_joints=stale if stale.any() else None,
         )
 
     def _warnings(self, servos: ServoReadings, limp: BoolArray) -> tuple[str, ...]:

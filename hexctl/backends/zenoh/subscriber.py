@@ -13,7 +13,7 @@ from hexctl.types import FloatArray, RobotState
 from hexctl.waiting import wait_for
 from hexctl.wire.description import decode_json
 from hexctl.wire.links import KeyMap
-from hexctl.wire.messages import StateTag, contacts_of, decode_battery, decode_joints
+from hexctl.wire.messages import StateTag, contacts_of, decode_battery, decode_joints, stale_joints_of
 from hexctl.wire.pose import decode_pose
 
 #: Kinds of messages that are subscribed to.
@@ -138,6 +138,7 @@ class StateSubscriber:
             battery_v=battery_v,
             battery_share=battery_share,
             joint_torques_nm=torques_nm,
+            stale_joints=stale_joints_of(tag),
         )
 
     @property

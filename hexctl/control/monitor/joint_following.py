@@ -140,6 +140,12 @@ class JointFollowing:
         self._ring[self._row] = self._lagged
         self._row = (self._row + 1) % len(self._ring)
 
+    @property
+    def expected_rad(self) -> FloatArray:
+        """Where joints that follow as at rest would be measured now, leading shape + (18,)."""
+        expected_rad: FloatArray = self._lagged
+        return expected_rad if self._at_rest_rad is None else expected_rad + self._at_rest_rad
+
     def off_rad(self, measured_rad: FloatArray) -> FloatArray:
         """How far joints are off their lagged targets at least, whether or not as much as at rest."""
         off_rad = measured_rad - self._lagged

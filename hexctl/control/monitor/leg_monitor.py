@@ -16,6 +16,7 @@ from hexctl.robot.failure import UNKNOWN, Failure
 from hexctl.robot.failure_event import in_words
 from hexctl.robot.model import Robot
 from hexctl.types import (
+    JOINTS_PER_LEG,
     N_LEGS,
     BoolArray,
     FloatArray,
@@ -52,10 +53,19 @@ ALARM_TICKS = 3
 LEARNING_TICKS = 4
 
 #: What a leg is noticed by, in the order of the monitor's arrays.
-EVIDENCE = ("following", "support", "effort", "balance")
+EVIDENCE = ("following", "support", "effort", "balance", "silence")
+
+#: Evidence that does not tell how a leg fails.
+UNTOLD = ("balance", "silence")
+
+#: A leg has failed whose servo has been silent for so much longer than usual. Of MANY legs it is the bus.
+SILENT_S = 0.5
 
 #: Rows of evidence that are compared with what is usual here; the body's balance does so by itself.
 _ROWS = 3
+
+#: The row of silence.
+_SILENCE = EVIDENCE.index("silence")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -66,8 +76,9 @@ class Suspicion:
         failure: leg, kind and joint; the angle of a stuck joint is the one measured.
         step: of the walk, when it was noticed.
         evidence: what it was noticed by: `following` (targets that joints do not follow), `support` (load
-            that is missing), `effort` (torque that a joint does not give) or `balance` (how the body leans
-            and which feet touch; that does not tell how the leg failed).
+            that is missing), `effort` (torque that a joint does not give), `balance` (how the body leans and
+            which feet touch) or `silence` (a servo that does not answer); the last two do not tell how the
+            leg failed.
         ratio: evidence over its threshold, above 1.
     """
 
@@ -150,6 +161,7 @@ class LegMonitor:
         if signatures_of is not None:
             self._balance = BodyBalance(shape, period_s, cycles, signatures_of)
             self._balance.silence(self.failed.any(axis=-1))
+        self._period_s, self._silent_s = period_s, np.zeros(legs)
         self._gait_kept: BoolArray = np.ones(shape, dtype=bool)
         self._set_threshold()
         self._threshold_then = self._threshold  # at the last alarm
@@ -163,6 +175,9 @@ class LegMonitor:
             # Not all servos lose their power at once and keep their positions: their torques are not told.
             if not math.isfinite(total_nm) or (total_nm == 0 and not torques_nm.any()):
                 state = replace(state, joint_torques_nm=None)
+        if (stale := state.stale_joints) is not None:
+            expected_rad = np.where(stale, self._following.expected_rad, state.joint_positions_rad)
+            state = replace(state, joint_positions_rad=expected_rad)
         parts = cycle_parts(phases)
         if state.measured:
             self._following.update(state, parts)
@@ -179,6 +194,7 @@ class LegMonitor:
             if state.joint_torques_nm is None:
                 # Feet hang in the air on a bumpy floor.
                 self._ratios[1] *= self._balance.even
+        self._listen(stale)
         self.ratio = np.maximum.reduce(self._ratios) * self._watched
         self._ticks += 1
         if self._ticks % LEARNING_TICKS == 0:
@@ -219,11 +235,27 @@ class LegMonitor:
         ratios: tuple[Any, ...] = (slice(None), *row, leg - 1)
         evidence = EVIDENCE[int(np.argmax(self._ratios[ratios]))]
         return Suspicion(
-            failure=Failure(leg=leg, kind=UNKNOWN) if evidence == "balance" else self.kind(leg, row),
+            failure=Failure(leg=leg, kind=UNKNOWN) if evidence in UNTOLD else self.kind(leg, row),
             step=step,
             evidence=evidence,
             ratio=float(self.ratio[row][leg - 1]),
         )
+
+    def silent(self, leg: int, row: tuple[int, ...] = ()) -> bool:
+        """Whether a servo of a leg, 1..6, is silent now, of one robot of a batch."""
+        return bool(self._silent_s[row][leg - 1] > 0)
+
+    def _listen(self, stale: BoolArray | None) -> None:
+        """Count for how long legs have had a silent servo; nothing else is known of them meanwhile."""
+        if stale is None:
+            if self._silent_s.any():
+                self._silent_s[...], self._ratios[_SILENCE] = 0.0, 0.0
+            return
+        legs = stale.reshape(*self.ratio.shape, JOINTS_PER_LEG).any(axis=-1)
+        self._silent_s = (self._silent_s + self._period_s) * legs
+        few = np.count_nonzero(legs, axis=-1, keepdims=True) < MANY
+        self._ratios[:_SILENCE] *= ~legs
+        self._ratios[_SILENCE] = few * self._silent_s / SILENT_S
 
     def _learn_usual(self) -> None:
         """Follow what is usual: the rho of other legs and of each itself, and what other legs miss."""

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from hexctl.control.controllers import Controller, Walk
 from hexctl.control.monitor.body_balance import signatures
-from hexctl.control.monitor.leg_monitor import LegMonitor, Suspicion
+from hexctl.control.monitor.leg_monitor import UNTOLD, LegMonitor, Suspicion
 from hexctl.control.monitor.leg_probe import AFTER_RELAPSE, FIRST_CYCLES, LegProbe
 from hexctl.control.monitor.recovery import (
     GlideToStableGait,
@@ -273,9 +273,9 @@ class MonitoredWalk(Controller):
             return
         offsets_m = np.zeros((*self._start.batch_shape, N_LEGS, 3))
         for (index, leg), probe in list(self._probes.items()):
-            if leg not in self.walk.gaits[index].posture.tucked_legs:
-                continue
             row, joints = self._row(index), leg_slice(leg)
+            if leg not in self.walk.gaits[index].posture.tucked_legs or self._monitor.silent(leg, row):
+                continue
             offsets_m[(*row, leg - 1)] = probe.offset_m(step, self._start.robot.size_m)
             if probe.whole(step, self._sent_rad[row][joints], state.joint_positions_rad[row][joints]):
                 self._take_back(index, leg, step)
@@ -310,7 +310,7 @@ class MonitoredWalk(Controller):
         if not last and failure.kind in ("stuck", "locked"):
             self._settle_later(index, place, LOCKED_AFTER_CYCLES)
         # In the air all legs carry nothing, and follow the better the less they move.
-        if before.evidence == "balance" or failure in (
+        if before.evidence in UNTOLD or failure in (
             before.failure,
             Failure(leg=before.leg, kind="missing"),
         ):

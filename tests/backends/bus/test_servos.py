@@ -138,6 +138,8 @@ def test_a_servo_that_falls_silent_is_named_and_the_others_walk_on() -> None:
         assert state.servos.ages_s[13] > 0.4
         assert np.delete(state.servos.ages_s, 13).max() < 0.4
         assert np.isfinite(state.joint_positions_rad).all()
+        assert state.stale_joints is not None
+        assert np.flatnonzero(state.stale_joints).tolist() == [13]
 
 
 def test_servos_of_two_legs_may_be_missing_at_connect_and_not_more() -> None:

@@ -1,6 +1,6 @@
 """The monitor on made-up robots whose joints and feet do exactly what a test says."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import pytest
@@ -38,11 +38,13 @@ def _walk(
     efforts: bool = True,
     noise_deg: float = 0.3,
     offset_deg: float = 0.0,
+    silent: Callable[[float], Sequence[int]] = lambda _cycles: (),
 ) -> list[tuple[float, Suspicion]]:
-    """What a monitor notices, and how many cycles after the failure."""
+    """What a monitor notices, and how many cycles after the failure; silent joints keep their values."""
     robot, rng = shipped(), np.random.default_rng(1)
     monitor = LegMonitor(robot, (), PERIOD_S, np.float64(PACE_HZ))  # type: ignore[arg-type]
     joints, noticed = robot.stance_angles_rad.copy(), []
+    heard, heard_nm = joints.copy(), np.zeros(18)
     offsets = np.radians(offset_deg) * np.array([1, -1, 1] * 6)
     for tick in range(round(cycles / PACE_HZ / PERIOD_S)):
         now = tick * PERIOD_S * PACE_HZ
@@ -54,8 +56,15 @@ def _walk(
             breaks(seen, torques)
             contacts &= np.abs(torques.reshape(6, 3)).max(axis=-1) > 0
         seen += offsets + np.radians(noise_deg) * rng.standard_normal(18)
+        stale = np.isin(np.arange(18), list(silent(now - at_cycle)))
+        heard, heard_nm = np.where(stale, heard, seen), np.where(stale, heard_nm, torques)
         state = RobotState(
-            seen, now, measured, None, None, contacts, joint_torques_nm=torques if efforts else None
+            heard,
+            now,
+            measured,
+            foot_contacts=contacts,
+            joint_torques_nm=heard_nm if efforts else None,
+            stale_joints=stale if stale.any() else None,
         )
         monitor.update(state, phases)
         if monitor.new.any():
@@ -151,6 +160,36 @@ def test_where_many_legs_do_not_follow_at_once_it_is_the_robot(legs: tuple[int, 
 def test_targets_that_come_back_as_measurements_say_nothing() -> None:
     joints = tuple(range(3))
     assert _walk(_held(joints, torque_nm=0.3), measured=False) == []
+
+
+@pytest.mark.parametrize("joint", range(12, 15))
+def test_a_servo_that_falls_silent_is_noticed_by_that_alone(joint: int) -> None:
+    """Whether it still moves its joint, or is limp or stuck, nobody knows."""
+    ((delay, suspicion),) = _walk(None, silent=lambda cycles: [joint] if cycles >= 0 else [])
+    assert suspicion.failure == Failure(leg=5, kind="unknown")
+    assert suspicion.evidence == "silence"
+    assert 0.4 < delay < 0.6
+
+
+@pytest.mark.parametrize("cycles_silent", [0.1, 0.4])
+def test_a_servo_that_is_silent_for_a_moment_accuses_no_leg(cycles_silent: float) -> None:
+    def silent(cycles: float) -> Sequence[int]:
+        return [4] if cycles >= 0 and cycles % 1.3 < cycles_silent else []
+
+    assert _walk(None, silent=silent, cycles=20.0) == []
+
+
+def test_a_leg_that_fails_once_its_servo_is_heard_again_is_found() -> None:
+    joints = (3, 4, 5)
+    ((delay, suspicion),) = _walk(
+        _held(joints, torque_nm=0.3), silent=lambda cycles: joints if -0.3 < cycles < 0.1 else ()
+    )
+    assert (suspicion.leg, suspicion.evidence) == (2, "following")
+    assert 0 < delay < 1.3
+
+
+def test_where_the_servos_of_many_legs_are_silent_it_is_the_bus() -> None:
+    assert _walk(None, silent=lambda cycles: [1, 4, 7] if cycles >= 0 else []) == []
 
 
 def test_a_second_leg_is_found_after_the_first() -> None:
