@@ -164,7 +164,8 @@ class RobotState(ArrayFields):
         foot_contacts: which feet touch the floor, (6,), or None where unknown.
         age_s: age of the measurement when it was read.
         healthy: False when the robot reports a fault of its own.
-        fault: the fault in few words, or None where the robot gives none.
+        fault: the fault in few words, or None where the robot gives none; of a healthy robot it says why
+            nothing new was measured for a while.
         stopped: the reason for which the robot's own guard is stopped, or None.
         battery_v: voltage of the battery, or None where unknown.
         battery_share: remaining charge, 0 to 1, or None where unknown.

@@ -358,7 +358,7 @@ class Guard(ServosWrapper):
         now_s = self.clock.now_s
         self._watch_pose(state, now_s)
         if not (all_finite(state.joint_positions_rad) and state.age_s <= self._expiry_s):
-            self.stop("state")
+            self.stop("state" if state.fault is None else f"fault: {state.fault}")
         if state.stopped is not None:
             self.stop(state.stopped)
         if not state.healthy:

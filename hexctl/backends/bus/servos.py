@@ -1,29 +1,31 @@
 """Leg servos on a bus, as `LegServos`."""
 
 import re
-from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
 
-from hexctl.backends.base import LegServos, as_robot, check_connected, check_targets
 from hexctl.backends.bus.bus_thread import BusThread
 from hexctl.backends.bus.lx16a_bus import Lx16aBus
 from hexctl.backends.bus.readings import BelievedReadings
 from hexctl.backends.bus.register_bus import RegisterBus
 from hexctl.backends.bus.serial_line import SerialLine
 from hexctl.backends.bus.servo_bus import BusCounters, ServoBus
-from hexctl.backends.clock import Clock, CountedClock, WallClock
+from hexctl.backends.clock import Clock
+from hexctl.backends.port_servos import PortServos
 from hexctl.errors import InputError, RobotFaultError, argument
 from hexctl.robot.bus_map import BusMap
 from hexctl.robot.model import Robot
 from hexctl.robot.servo_models import DEFAULT_BAUDS
-from hexctl.types import N_JOINTS, BoolArray, FloatArray, JointTargets, RobotState, ServoReadings
+from hexctl.types import N_JOINTS, BoolArray, FloatArray, RobotState, ServoReadings
 
 MOST_BAUD = 4_500_000
 
 #: With more mute servos than those of two legs it is the bus, not a leg.
 MOST_MUTE = 6
+
+#: A bus of which nothing was heard for this long is named, as long as guards wait for a state.
+SILENT_S = 0.2
 
 #: A servo that is hotter is mentioned.
 HOT_C = 65.0
@@ -65,7 +67,7 @@ def parse_bus_port(
     return path, int(speed) if speed else baud or DEFAULT_BAUDS[driver]
 
 
-class BusServos(LegServos):
+class BusServos(PortServos[BusThread, BusCounters]):
     """Eighteen servos on a serial bus.
 
     A thread of its own owns the port: `read` gives what it heard last, with the age of each joint, `write`
@@ -82,6 +84,8 @@ class BusServos(LegServos):
         clock: a wall clock unless given.
     """
 
+    what = "the servo bus"
+
     def __init__(
         self,
         robot: Robot | str | Path,
@@ -91,25 +95,10 @@ class BusServos(LegServos):
         baud: int | None = None,
         clock: Clock | None = None,
     ) -> None:
-        self._robot = as_robot(robot)
-        self._map, self._port = bus_map, port
-        self._baud = baud or DEFAULT_BAUDS[bus_map.driver]
-        self._clock = CountedClock(clock or WallClock())
-        self.counters = BusCounters()
-        self._thread: BusThread | None = None
+        super().__init__(robot, limits=bus_map, place=port, counters=BusCounters(), clock=clock)
+        self._map, self._baud = bus_map, baud or DEFAULT_BAUDS[bus_map.driver]
         self._sent_rad: FloatArray = self._robot.stance_angles_rad.copy()
-        self._snapshot: tuple[int, RobotState] | None = None
         self._held = False
-
-    @property
-    def robot(self) -> Robot:
-        """The robot that the servos belong to."""
-        return self._robot
-
-    @property
-    def clock(self) -> Clock:
-        """The clock of this end."""
-        return self._clock
 
     @property
     def bus_map(self) -> BusMap:
@@ -117,23 +106,21 @@ class BusServos(LegServos):
         return self._map
 
     @property
-    def link_counts(self) -> dict[str, int]:
-        """Counts of the bus by name."""
-        return asdict(self.counters)
-
-    @property
     def holds(self) -> bool:
         """Whether any servo holds, as far as is known."""
         return self._thread is not None and (self._thread.on or self._held)
 
-    def connect(self) -> None:
-        """Open the port, find the servos and read where they are.
+    def disable_torque(self) -> bool:
+        """Let all joints go limp until the next targets."""
+        self._held = False
+        return super().disable_torque()
+
+    def _started(self) -> BusThread:
+        """The thread of a bus whose servos were asked where they are.
 
         Raises RobotFaultError that says what to check: no port, no servo, or servos of more than two legs
-        missing.
+        missing; OSError when the port has gone.
         """
-        if self._thread is not None:
-            return
         bus = self._open()
         speeds = np.degrees(self._robot.joint_max_speed_rad_s) * self._map.counts_per_deg
         readings = BelievedReadings(speeds, self._map.counts_per_deg)
@@ -141,62 +128,27 @@ class BusServos(LegServos):
             readings.take(bus.poll_all())
             heard = np.isfinite(readings.positions)
             on = self._on(bus, heard)
-        except OSError as error:
+        except BaseException:
             bus.close()
-            raise RobotFaultError(self._gone(error.strerror or str(error))) from error
+            raise
         self._held = bool(on.any())
-        self._thread = BusThread(self._open, bus, readings, self.counters, speeds)
-        self._thread.start(on=bool(heard.any() and on[heard].all()))
-        self._snapshot = None
+        thread = BusThread(self._open, bus, readings, self.counters, speeds)
+        thread.start(on=bool(heard.any() and on[heard].all()))
+        return thread
 
-    def read(self) -> RobotState:
-        """Newest state; the same one until the next tick.
-
-        Raises RobotFaultError when not connected.
-        """
-        check_connected(self._thread is not None, "the servo bus")
-        if self._snapshot is None or self._snapshot[0] != self._clock.ticks:
-            self._snapshot = (self._clock.ticks, self._newest())
-        return self._snapshot[1].copy()
-
-    def write(self, targets: JointTargets) -> JointTargets:
-        """Leave targets for the bus; the result is the nearest that the limits of the servos allow."""
-        check_connected(self._thread is not None, "the servo bus")
-        check_targets(targets)
-        assert self._thread is not None  # noqa: S101  for the type
-        sent = targets
-        if self._map.outside(targets.positions_rad).any():
-            sent = JointTargets(self._map.limited_rad(targets.positions_rad), targets.stamp_s)
-        self._thread.send(self._map.counts(sent.positions_rad))
-        self._sent_rad = sent.positions_rad.copy()
-        return sent
-
-    def disable_torque(self) -> bool:
-        """Let all joints go limp until the next targets."""
-        check_connected(self._thread is not None, "the servo bus")
-        assert self._thread is not None  # noqa: S101  for the type
-        self._thread.release()
-        self._held = False
-        return True
-
-    def close(self) -> None:
-        """Close the port; the robot holds its pose."""
-        if self._thread is not None:
-            thread, self._thread = self._thread, None
-            thread.stop()
+    def _send(self, thread: BusThread, positions_rad: FloatArray) -> None:
+        thread.send(self._map.counts(positions_rad))
+        self._sent_rad = positions_rad.copy()
 
     def _open(self) -> ServoBus:
         """Bus on the opened port, on which enough servos have answered."""
-        line = SerialLine(self._port, self._baud)
+        line = SerialLine(self._place, self._baud)
         try:
             bus = BUSES[self._map.driver](line, self._map, self.counters)
             found = bus.find()
             self._check_found(found)
             self._check_models(bus, found)
             bus.prepare(found & ~self._on(bus, found))
-        except OSError as error:
-            line.close()
-            raise RobotFaultError(self._gone(error.strerror or str(error))) from error
         except BaseException:
             line.close()
             raise
@@ -205,11 +157,11 @@ class BusServos(LegServos):
     def _check_found(self, found: BoolArray) -> None:
         if not found.any():
             raise RobotFaultError(
-                f"no servo answers on {self._port} at {self._baud} baud; are they powered, and are driver, "
+                f"no servo answers on {self._place} at {self._baud} baud; are they powered, and are driver, "
                 "baud and ids those of the robot file?"
             )
         if np.count_nonzero(~found) > MOST_MUTE:
-            raise RobotFaultError(f"servos do not answer on {self._port}: {self._map.names(~found)}")
+            raise RobotFaultError(f"servos do not answer on {self._place}: {self._map.names(~found)}")
 
     def _check_models(self, bus: ServoBus, found: BoolArray) -> None:
         """Raise RobotFaultError for a servo that is another model than the robot file says."""
@@ -227,33 +179,36 @@ class BusServos(LegServos):
         """Which servos hold already, (18,); one that does not say counts as one."""
         return np.array([bool(found[joint] and bus.torque(joint) is not False) for joint in range(N_JOINTS)])
 
-    def _gone(self, reason: str) -> str:
-        return f"the port {self._port} has gone ({reason}); is the cable still in?"
-
-    def _newest(self) -> RobotState:
+    def _state(self, thread: BusThread) -> RobotState:
         """State put together from the newest readings."""
-        assert self._thread is not None  # noqa: S101  for the type
-        counts, servos, age_s = self._thread.newest()
+        counts, servos, age_s = thread.newest()
         heard: BoolArray = np.isfinite(counts)
         positions = np.where(heard, self._map.angles_rad(np.where(heard, counts, 0.0)), self._sent_rad)
         stale = servos.ages_s > BUSES[self._map.driver].stale_s
-        gone = self._thread.gone
         efforts = self._map.signs * servos.efforts
         torques = None if np.isnan(efforts).any() else efforts * self._robot.joint_max_torque_nm
-        warnings = self._warnings(servos, self._thread.limp)
+        warnings = self._warnings(servos, thread.limp)
         return RobotState(
             positions,
             stamp_s=max(0.0, self._clock.now_s - age_s),
             measured=True,
             age_s=age_s,
-            healthy=gone is None,
-            fault=None if gone is None else self._gone(gone),
+            healthy=thread.gone is None,
+            fault=self._fault(thread.gone, age_s),
             battery_v=_median(servos.voltages_v),
             joint_torques_nm=torques,
             servos=servos,
             warnings=warnings,
             stale_joints=stale if stale.any() else None,
         )
+
+    def _fault(self, gone: str | None, age_s: float) -> str | None:
+        """Why the robot cannot be walked, or why nothing new is heard, or None."""
+        if gone is not None:
+            return self._gone(gone)
+        if age_s > SILENT_S:
+            return f"no servo answers on {self._place} any more; is the cable in, and have they power?"
+        return None
 
     def _warnings(self, servos: ServoReadings, limp: BoolArray) -> tuple[str, ...]:
         """What is wrong with single servos."""

@@ -1,0 +1,208 @@
+"""The thread that owns a port: sends the newest targets, polls in between, and opens the port again."""
+
+import contextlib
+import threading
+import time
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from typing import Generic, Protocol, TypeVar
+
+import numpy as np
+
+from hexctl.types import FloatArray
+
+#: What is on the port is polled once in this time, after the targets of the tick if there are any.
+POLL_PERIOD_S = 0.02
+
+#: Targets move no farther in a packet than joints turn in this time: a port that was held up must not jump.
+STEP_S = 0.03
+
+#: How often it is tried to open a port that has gone.
+REOPEN_PERIOD_S = 0.25
+
+
+class OnPort(Protocol):
+    """What is on an open port, used by one thread."""
+
+    def close(self) -> None:
+        """Close the port."""
+        ...
+
+
+class ReopenedCount(Protocol):
+    """Counters of a port."""
+
+    reopened: int
+
+
+Device = TypeVar("Device", bound=OnPort)
+
+
+class PortThread(ABC, Generic[Device]):
+    """Runs what is on a port between `start` and `stop`; its methods never wait for the port, `stop` apart.
+
+    Whatever goes wrong on the port, it is closed and opened again until that succeeds; targets that were left
+    meanwhile are dropped. Torque that is to be off stays so until it is, or until new targets come.
+
+    Args:
+        opened: opens the port again, when it has gone and may be back.
+        device: on the open port.
+        counters: of the port.
+        steps: greatest that targets move in a packet, (18,), in the units of the port.
+        name: of the thread.
+
+    Attributes:
+        gone: why the port cannot be used at this moment, or None.
+        on: whether the servos hold.
+    """
+
+    def __init__(
+        self,
+        opened: Callable[[], Device],
+        device: Device,
+        *,
+        counters: ReopenedCount,
+        steps: FloatArray,
+        name: str,
+    ) -> None:
+        self._open, self._device, self._reopened, self._steps = opened, device, counters, steps
+        self._lock, self._wake, self._stopping = threading.Lock(), threading.Event(), threading.Event()
+        self._targets: FloatArray | None = None
+        self._sent: FloatArray | None = None
+        self._release = False  # torque that is to be switched off and is not yet
+        self.on = False
+        self.gone: str | None = None
+        self._thread = threading.Thread(target=self._run, name=name, daemon=True)
+
+    def start(self, *, on: bool = False) -> None:
+        """Begin; `on` says whether all servos hold already."""
+        self.on = on
+        self._thread.start()
+
+    def stop(self) -> None:
+        """End after what is on the line; the servos hold, but for a torque that was to be off."""
+        self._stopping.set()
+        self._wake.set()
+        self._thread.join()
+
+    def send(self, targets: FloatArray) -> None:
+        """Leave targets, (18,) in the units of the port, in place of any that have not been sent."""
+        with self._lock:
+            self._targets = targets
+            self._release = self._release and self._must_release()
+        self._wake.set()
+
+    def release(self) -> None:
+        """Let the torque be switched off; targets that have not been sent are dropped."""
+        with self._lock:
+            self._targets, self._release = None, True
+        self._wake.set()
+
+    @abstractmethod
+    def _follow(self, targets: FloatArray) -> FloatArray:
+        """Send targets, (18,), or as much of them as may be sent now, to servos that may not hold yet.
+
+        The result is what was sent; what differs from the targets follows in the next period.
+        """
+
+    @abstractmethod
+    def _let_go(self) -> None:
+        """Switch the torque off."""
+
+    @abstractmethod
+    def _poll(self) -> None:
+        """Ask for reports, and keep them."""
+
+    def _may_follow(self) -> bool:
+        """Whether targets may be sent; else they are dropped."""
+        return True
+
+    def _must_release(self) -> bool:
+        """Whether torque that is to be off must be off for a moment although new targets have come."""
+        return False
+
+    def _forget(self) -> None:
+        """Believe nothing of what was known before the port was opened again."""
+
+    def _finish(self) -> None:
+        """Do what is to be done last, before the port is closed."""
+
+    def _stepped(self, targets: FloatArray) -> FloatArray:
+        """Targets no farther from those sent before than joints turn in `STEP_S`; the first ones as they are.
+
+        Joints of which nothing was sent are NaN in those sent before.
+        """
+        if self._sent is None:
+            return targets
+        near = self._sent + np.clip(targets - self._sent, -self._steps, self._steps)
+        return np.where(np.isnan(near), targets, near)
+
+    def _run(self) -> None:
+        due_s = time.monotonic()
+        while not self._stopping.is_set():
+            self._wake.wait(max(0.0, due_s - time.monotonic()))
+            self._wake.clear()
+            try:
+                if self._write() or time.monotonic() >= due_s:
+                    due_s = time.monotonic() + POLL_PERIOD_S
+                    self._poll()
+            except Exception as error:  # noqa: BLE001  whatever it is, the robot must be told to stop
+                self._reopen(error)
+                due_s = time.monotonic()
+        self._end()
+
+    def _write(self) -> bool:
+        """Send what was left; whether that was anything."""
+        with self._lock:
+            release = self._release
+            targets, self._targets = (None, self._targets) if release else (self._targets, None)
+        if release:
+            self._let_go()
+            self.on, self._sent = False, None
+            with self._lock:  # only now it is done
+                self._release = False
+            return True
+        if targets is None or not self._may_follow():
+            return False
+        self._sent = self._follow(targets)
+        self.on = True
+        if (self._sent != targets).any():
+            with self._lock:
+                self._targets = targets if self._targets is None else self._targets
+        return True
+
+    def _reopen(self, error: Exception) -> None:
+        """Wait until the port is back, and begin as at first: the servos hold, or have lost their power."""
+        self.gone = reason_of(error)
+        with contextlib.suppress(Exception):
+            self._device.close()
+        while not self._stopping.wait(REOPEN_PERIOD_S):
+            try:
+                self._device = self._open()
+            except Exception:  # noqa: BLE001, S112  it is as gone as before
+                continue
+            with self._lock:
+                self._targets = self._sent = None
+            self.on = False
+            self._forget()
+            self._reopened.reopened += 1
+            self.gone = None
+            return
+
+    def _end(self) -> None:
+        """Let the servos hold without being told to, or go limp where that was asked for last."""
+        if self.gone is not None:
+            return
+        try:
+            if self._release:
+                self._let_go()
+            self._finish()
+        except Exception as error:  # noqa: BLE001  there is nobody left who could do anything about it
+            self.gone = reason_of(error)
+        with contextlib.suppress(Exception):
+            self._device.close()
+
+
+def reason_of(error: Exception) -> str:
+    """An error in few words."""
+    return getattr(error, "strerror", None) or str(error) or type(error).__name__

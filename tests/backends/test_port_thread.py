@@ -1,0 +1,172 @@
+"""The thread that owns a port: what was asked for happens, whatever the port does meanwhile."""
+
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+
+from hexctl.backends.port_thread import reason_of
+from hexctl.backends.pwm.board import BoardReport, PwmCounters
+from hexctl.backends.pwm.board_thread import BoardThread
+from hexctl.types import FloatArray
+from hexctl.waiting import wait_for
+
+
+@dataclass
+class _Board:
+    """A board that writes down what it is told, and fails where it is to.
+
+    Attributes:
+        fails: what its calls raise, by their names, for ever.
+        fault: of its reports.
+    """
+
+    said: list[str] = field(default_factory=list)
+    fails: dict[str, Exception] = field(default_factory=dict)
+    fault: str | None = None
+
+    def _do(self, name: str) -> None:
+        if name in self.fails:
+            raise self.fails[name]
+        self.said.append(name)
+
+    def commanded_us(self) -> FloatArray | None:
+        return None
+
+    def begin(self, pulses_us: FloatArray) -> None:
+        self._do("begin")
+
+    def write(self, pulses_us: FloatArray) -> None:
+        self._do("write")
+
+    def end(self) -> None:
+        self._do("end")
+
+    def poll(self) -> BoardReport:
+        if "poll" in self.fails:
+            raise self.fails["poll"]
+        return BoardReport(at_s=time.monotonic(), fault=self.fault)
+
+    def close(self) -> None:
+        self._do("close")
+
+
+@contextmanager
+def _running(board: _Board, opened: Callable[[], _Board]) -> Iterator[BoardThread]:
+    """A thread that runs a board meanwhile."""
+    first = BoardReport(at_s=time.monotonic())
+    thread = BoardThread(opened, board, first, PwmCounters(), np.full(18, 1e6))
+    thread.start()
+    try:
+        yield thread
+    finally:
+        thread.stop()
+
+
+def _wait(condition: Callable[[], object]) -> None:
+    wait_for(condition, 10.0, "never came")
+
+
+POSE = np.full(18, 1500.0)
+
+ERRORS = [OSError(5, "Input/output error"), ValueError("not a number"), RuntimeError(), KeyError("x")]
+
+
+@pytest.mark.parametrize("error", ERRORS, ids=lambda error: type(error).__name__)
+@pytest.mark.parametrize("call", ["begin", "poll", "end"])
+def test_whatever_a_port_raises_it_has_gone_and_is_opened_again(call: str, error: Exception) -> None:
+    board, mended = _Board(), _Board()
+    back = threading.Event()
+
+    def opened() -> _Board:
+        if not back.is_set():
+            raise error
+        return mended
+
+    with _running(board, opened) as thread:
+        board.fails[call] = error
+        if call == "begin":
+            thread.send(POSE)
+        if call == "end":
+            thread.release()
+        _wait(lambda: thread.gone)
+        assert thread.gone == reason_of(error)
+        time.sleep(0.6)  # two more attempts
+        assert thread._thread.is_alive()
+        back.set()
+        _wait(lambda: thread.gone is None)
+        assert "begin" not in mended.said, "nothing is powered by itself"
+        thread.send(POSE)
+        _wait(lambda: "begin" in mended.said)
+    assert mended.said[-1] == "close"
+
+
+def test_a_torque_that_could_not_be_switched_off_is_off_once_the_port_is_back() -> None:
+    board, mended = _Board(), _Board()
+    with _running(board, lambda: mended) as thread:
+        thread.send(POSE)
+        _wait(lambda: "begin" in board.said)
+        board.fails["end"] = OSError(5, "Input/output error")
+        thread.release()
+        _wait(lambda: mended.said)
+        _wait(lambda: "end" in mended.said)
+        assert not thread.on
+        time.sleep(0.1)
+        assert mended.said.count("end") == 1, "once is enough"
+
+
+def test_targets_that_come_before_the_torque_is_off_are_obeyed() -> None:
+    board, mended = _Board(), _Board()
+    back = threading.Event()
+
+    def opened() -> _Board:
+        if not back.is_set():
+            raise OSError(6, "No such device")
+        return mended
+
+    with _running(board, opened) as thread:
+        board.fails["end"] = OSError(5, "Input/output error")
+        thread.release()
+        _wait(lambda: thread.gone)
+        thread.send(POSE)
+        back.set()
+        _wait(lambda: thread.gone is None)
+        assert "begin" not in mended.said, "what was left meanwhile is dropped"
+        thread.send(POSE)
+        _wait(lambda: "begin" in mended.said)
+        assert "end" not in mended.said
+
+
+def test_a_board_that_tripped_is_switched_off_although_targets_follow() -> None:
+    board = _Board(fault="overcurrent")
+    with _running(board, lambda: board) as thread:
+        _wait(lambda: thread.newest.fault)
+        thread.send(POSE)
+        time.sleep(0.1)
+        assert "begin" not in board.said
+        board.fault = None
+        thread.release()
+        thread.send(POSE)
+        _wait(lambda: "begin" in board.said)
+        assert board.said[:2] == ["end", "begin"]
+
+
+@pytest.mark.parametrize("released", [True, False])
+def test_what_was_asked_for_last_is_done_before_the_end(released: bool) -> None:
+    board = _Board()
+    with _running(board, lambda: board) as thread:
+        thread.send(POSE)
+        if released:
+            thread.release()
+    assert board.said[-2:] == (["end", "close"] if released else ["begin", "close"])
+
+
+def test_an_end_that_fails_is_an_end() -> None:
+    board = _Board()
+    with _running(board, lambda: board) as thread:
+        board.fails = {"begin": RuntimeError("no"), "close": ValueError("no")}
+    assert not thread._thread.is_alive()
