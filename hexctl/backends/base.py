@@ -11,7 +11,7 @@ from hexctl.errors import CommandRefusedError, InputError, RobotFaultError, chec
 from hexctl.robot.failure import Failure, Failures, each_failure, failure_text, untold_note
 from hexctl.robot.loader import load_robot
 from hexctl.robot.model import Robot
-from hexctl.robot.servo_map import ServoMap
+from hexctl.robot.raw_map import RawMap
 from hexctl.types import N_JOINTS, FloatArray, JointTargets, RobotState, all_finite
 
 if TYPE_CHECKING:
@@ -236,12 +236,12 @@ class CalibratedServos(Protocol):
     """
 
     @property
-    def servo_map(self) -> ServoMap:
+    def servo_map(self) -> RawMap:
         """Conversion between joint angles and raw servo positions."""
         ...
 
-    def remap(self, servo_map: ServoMap) -> None:
-        """Use another servo map from now on: no servo moves, its raw position means another angle."""
+    def remap(self, servo_map: RawMap) -> None:
+        """Use another calibration from now on: no servo moves, its raw position means another angle."""
         ...
 
 

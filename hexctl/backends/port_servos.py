@@ -3,43 +3,33 @@
 from abc import abstractmethod
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from hexctl.backends.base import LegServos, as_robot, check_connected, check_targets
 from hexctl.backends.clock import Clock, CountedClock, WallClock
 from hexctl.backends.port_thread import PortThread, ReopenedCount, reason_of
 from hexctl.errors import RobotFaultError
 from hexctl.robot.model import Robot
-from hexctl.types import BoolArray, FloatArray, JointTargets, RobotState
+from hexctl.robot.raw_map import RawMap
+from hexctl.types import FloatArray, JointTargets, RobotState
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
 
-class JointLimits(Protocol):
-    """What servos can be told."""
-
-    def outside(self, positions_rad: FloatArray) -> BoolArray:
-        """Which joint angles lie beyond it, (18,)."""
-        ...
-
-    def limited_rad(self, positions_rad: FloatArray) -> FloatArray:
-        """The nearest angles within it, (18,)."""
-        ...
-
-
+Map = TypeVar("Map", bound=RawMap)
 Thread = TypeVar("Thread", bound="PortThread[Any]")
 Counters = TypeVar("Counters", bound=ReopenedCount)
 
 
-class PortServos(LegServos, Generic[Thread, Counters]):
+class PortServos(LegServos, Generic[Map, Thread, Counters]):
     """Eighteen servos on a port: neither `read` nor `write` waits for it.
 
     Nothing moves before the first `write`. After `close` the robot holds its pose.
 
     Args:
         robot: the robot that the servos belong to, or the name or path of its file.
-        limits: of the servos.
+        servo_map: which servo moves which joint, and how.
         place: the port, as messages have it.
         counters: of the port.
         clock: a wall clock unless given.
@@ -55,15 +45,16 @@ class PortServos(LegServos, Generic[Thread, Counters]):
         self,
         robot: Robot | str | Path,
         *,
-        limits: JointLimits,
+        servo_map: Map,
         place: str,
         counters: Counters,
         clock: Clock | None = None,
     ) -> None:
         self._robot = as_robot(robot)
-        self._limits, self._place, self.counters = limits, place, counters
+        self._map, self._place, self.counters = servo_map, place, counters
         self._clock = CountedClock(clock or WallClock())
         self._thread: Thread | None = None
+        self._sent_rad: FloatArray = servo_map.limited_rad(self._robot.stance_angles_rad)
         self._snapshot: tuple[int, RobotState] | None = None
 
     @property
@@ -75,6 +66,18 @@ class PortServos(LegServos, Generic[Thread, Counters]):
     def clock(self) -> Clock:
         """The clock of this end."""
         return self._clock
+
+    @property
+    def servo_map(self) -> Map:
+        """Which servo moves which joint, and how."""
+        return self._map
+
+    def remap(self, servo_map: RawMap) -> None:
+        """Use another calibration from now on: no servo moves, its raw position means another angle."""
+        raw = self._map.raw(self._sent_rad)
+        self._map = self._map.calibrated_as(servo_map)
+        self._sent_rad = self._map.angles_rad(raw)
+        self._snapshot = None
 
     @property
     def link_counts(self) -> dict[str, int]:
@@ -109,9 +112,10 @@ class PortServos(LegServos, Generic[Thread, Counters]):
         thread = self._connected()
         check_targets(targets)
         sent = targets
-        if self._limits.outside(targets.positions_rad).any():
-            sent = JointTargets(self._limits.limited_rad(targets.positions_rad), targets.stamp_s)
-        self._send(thread, sent.positions_rad)
+        if self._map.outside(targets.positions_rad).any():
+            sent = JointTargets(self._map.limited_rad(targets.positions_rad), targets.stamp_s)
+        thread.send(self._map.limited_raw(sent.positions_rad))
+        self._sent_rad = sent.positions_rad.copy()
         return sent
 
     def disable_torque(self) -> bool:
@@ -128,10 +132,6 @@ class PortServos(LegServos, Generic[Thread, Counters]):
     @abstractmethod
     def _started(self) -> Thread:
         """The thread, with what has been found on the opened port; raises RobotFaultError or OSError."""
-
-    @abstractmethod
-    def _send(self, thread: Thread, positions_rad: FloatArray) -> None:
-        """Leave joint angles within the limits, (18,)."""
 
     @abstractmethod
     def _state(self, thread: Thread) -> RobotState:

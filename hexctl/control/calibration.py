@@ -14,17 +14,8 @@ from hexctl.control.guard import MAX_EXPIRY_S, Guard
 from hexctl.errors import InputError, RobotFaultError, argument
 from hexctl.robot.configs import find_config
 from hexctl.robot.loader import RobotFile, load_robot_file
-from hexctl.robot.servo_map import (
-    ServoMap,
-    back_up,
-    check_writable,
-    flipped,
-    limited,
-    reference_deg,
-    referenced,
-    taken_over,
-    write_servo_map,
-)
+from hexctl.robot.raw_map import RawMap, reference_deg
+from hexctl.robot.servos_section import back_up, check_writable, write_joint
 from hexctl.types import JOINT_KINDS, JOINT_NAMES, JOINTS_PER_LEG, FloatArray, JointTargets
 
 #: Speed of a joint that is moved while an operator has fingers near it.
@@ -185,7 +176,7 @@ class JointJogger:
         self._believe_in_range()
 
     @property
-    def servo_map(self) -> ServoMap:
+    def servo_map(self) -> RawMap:
         """The servo map in use."""
         return self.servos.servo_map
 
@@ -193,15 +184,15 @@ class JointJogger:
         """Angle of a joint, by the servo map in use."""
         return math.degrees(self._targets_rad[joint])
 
-    def pulse_us(self, joint: int) -> float:
-        """Raw position of a joint: the pulse that its servo gets."""
-        return float(self.servo_map.pulses_us(self._targets_rad)[joint])
+    def raw(self, joint: int) -> float:
+        """Raw position of a joint: the pulse or the count that its servo gets."""
+        return float(self.servo_map.raw(self._targets_rad)[joint])
 
-    def remap(self, servo_map: ServoMap) -> None:
-        """Continue with another servo map: nothing moves, the pulses mean other angles."""
-        pulses = self.servo_map.pulses_us(self._targets_rad)
+    def remap(self, servo_map: RawMap) -> None:
+        """Continue with another servo map: nothing moves, raw positions mean other angles."""
+        raw = self.servo_map.raw(self._targets_rad)
         self.servos.remap(servo_map)
-        self._targets_rad = servo_map.angles_rad(pulses)
+        self._targets_rad = servo_map.angles_rad(raw)
         self._guard.clear()
 
     def move(self, joint: int, to_deg: float) -> bool:
@@ -244,7 +235,7 @@ class JointJogger:
         within_rad = np.clip(self._targets_rad, robot.joint_lower_rad, robot.joint_upper_rad)
         for joint in np.flatnonzero(within_rad != self._targets_rad).tolist():
             believed_deg, true_deg = math.degrees(self._targets_rad[joint]), math.degrees(within_rad[joint])
-            servo_map = referenced(servo_map, joint, believed_deg, true_deg)
+            servo_map = servo_map.referenced(joint, believed_deg, true_deg)
         if servo_map is not self.servo_map:
             self.remap(servo_map)
 
@@ -253,7 +244,7 @@ class Calibration:
     """Asks the operator about joints, and saves each joint before it continues with the next."""
 
     def __init__(self, file: RobotFile, jogger: JointJogger, operator: Operator) -> None:
-        self._robot, self._saved = file.robot, file.servo_map
+        self._robot = file.robot
         self._jogger, self._operator = jogger, operator
         self._result = CalibrationResult(file.path)
 
@@ -262,8 +253,8 @@ class Calibration:
         try:
             self._ask(READY, holding=False)
             for number, joint in enumerate(joints, start=1):
-                name, channel = JOINT_NAMES[joint], self._jogger.servo_map.channels[joint]
-                self._operator.tell(f"{name}, channel {channel} ({number} of {len(joints)})")
+                name, servo = JOINT_NAMES[joint], self._jogger.servo_map.servo_name(joint)
+                self._operator.tell(f"{name}, {servo} ({number} of {len(joints)})")
                 self._calibrate(joint)
                 self._save(joint)
         except EndedError:
@@ -290,7 +281,7 @@ class Calibration:
             answer = self._ask(f"  did it move {seen}? yes, no, again, skip:")
             jogger.move(joint, at_deg)
             if answer in ("n", "no"):
-                jogger.remap(flipped(jogger.servo_map, joint, at_deg))
+                jogger.remap(jogger.servo_map.flipped(joint, at_deg))
             if answer in ("y", "yes", "n", "no", "skip"):
                 return
 
@@ -313,31 +304,31 @@ class Calibration:
                     self._operator.tell(f"  got {true_deg:g}; allowed: {lower:g} to {upper:g} deg")
                     continue
                 believed_deg = jogger.angle_deg(joint)
-                jogger.remap(referenced(jogger.servo_map, joint, believed_deg, true_deg))
+                jogger.remap(jogger.servo_map.referenced(joint, believed_deg, true_deg))
                 return
             self._step(joint, answer)
 
     def _find_limits(self, joint: int) -> None:
-        """Take the pulses of both ends of the travel; an end that is skipped keeps its limit."""
+        """Take the raw positions of both ends of the travel; an end that is skipped keeps its limit."""
         jogger, servo_map = self._jogger, self._jogger.servo_map
-        lowest, highest = servo_map.min_us[joint], servo_map.max_us[joint]
+        lowest, highest = servo_map.least[joint], servo_map.most[joint]
         low, high = (lowest, highest) if servo_map.signs[joint] > 0 else (highest, lowest)
         low = self._find_end(joint, "lower", float(low))
         high = self._find_end(joint, "upper", float(high))
         try:
-            jogger.remap(limited(servo_map, joint, (low, high)))
+            jogger.remap(servo_map.limited(joint, (low, high)))
         except InputError as error:
             self._operator.tell(f"  {error}; the limits stay as they were")
 
-    def _find_end(self, joint: int, which: str, limit_us: float) -> float:
+    def _find_end(self, joint: int, which: str, limit: float) -> float:
         jogger = self._jogger
         while True:
-            place = f"{jogger.angle_deg(joint):.1f} deg, {jogger.pulse_us(joint):.0f} us"
+            place = f"{jogger.angle_deg(joint):.1f} deg, {jogger.raw(joint):.0f} {jogger.servo_map.unit}"
             answer = self._ask(f"  {which} end of its travel ({place}): {STEP_HELP}, ok, skip:")
             if answer == "skip":
-                return limit_us
+                return limit
             if answer == "ok":
-                return jogger.pulse_us(joint)
+                return jogger.raw(joint)
             self._step(joint, answer)
 
     def _step(self, joint: int, answer: str) -> None:
@@ -346,7 +337,7 @@ class Calibration:
         if by_deg is None:
             self._operator.tell(f"  got {answer!r}; allowed: {STEP_HELP}, up to {FARTHEST_DEG:g}")
         elif not self._jogger.move(joint, self._jogger.angle_deg(joint) + by_deg):
-            self._operator.tell("  it is at the end of its range in the robot file, or of its pulses")
+            self._operator.tell("  it is at the end of its range in the robot file, or of its servo")
 
     def _ask(self, question: str, *, holding: bool = True) -> str:
         """The operator's answer, in lower case; meanwhile all joints are held, or nothing is sent.
@@ -365,8 +356,7 @@ class Calibration:
         path, result = self._result.path, self._result
         if result.backup is None:
             result.backup = back_up(path)
-        self._saved = taken_over(self._saved, joint, self._jogger.servo_map)
-        write_servo_map(path, self._saved)
+        write_joint(path, self._jogger.servo_map, joint)
         result.saved.append(JOINT_NAMES[joint])
 
 

@@ -1,16 +1,15 @@
 """The PWM map: the output of a board that each joint's hobby servo is plugged into, and its pulses."""
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hexctl.errors import InputError
-from hexctl.robot.schema import PWM_DRIVERS, JointServoSection, ServosSection
-from hexctl.robot.servo_map import ServoMap, servo_map_of
-from hexctl.types import JOINT_NAMES, JOINTS_PER_LEG, N_JOINTS, N_LEGS, ArrayFields, check_finite
-
-IntArray = NDArray[np.int64]
+from hexctl.robot.raw_map import IntArray, RawMap, check_once, joint_value
+from hexctl.robot.schema import PWM_DRIVERS, ServosSection
+from hexctl.robot.servo_map import pulses_of
+from hexctl.types import JOINT_NAMES, JOINTS_PER_LEG, N_JOINTS, N_LEGS, check_finite
 
 #: Outputs of a driver's boards.
 OUTPUTS = {"servo2040": 18}
@@ -23,35 +22,39 @@ USUAL_TOUCHES = (0, 1, 2, 5, 4, 3)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class PwmMap(ArrayFields):
-    """Which output moves which joint.
+class PwmMap(RawMap):
+    """Which output moves which joint, and the pulses of its angles.
 
     Attributes:
         driver: one of `PWM_DRIVERS`.
         outputs: output of each joint, leg-major, (18,), each once, counted from 0.
         touches: touch input of each leg, (6,), each once, counted from 0.
-        pulses: conversion between angles and pulses; its channels have no meaning here.
     """
 
+    unit: ClassVar[str] = "us"
     driver: str
     outputs: IntArray
     touches: IntArray
-    pulses: ServoMap
 
     def __post_init__(self) -> None:
         check_finite(self.outputs, (N_JOINTS,), "servos.outputs")
         check_finite(self.touches, (N_LEGS,), "servos.touches")
+        super().__post_init__()
         most = OUTPUTS[self.driver] - 1
         for name, output in zip(JOINT_NAMES, self.outputs.tolist(), strict=True):
             if not 0 <= output <= most:
                 raise InputError(f"servos.{name}.id: got {output}; allowed: 0 to {most} with {self.driver}")
-        _check_once("id", JOINT_NAMES, self.outputs)
-        _check_once("touch", JOINT_NAMES[JOINTS_PER_LEG - 1 :: JOINTS_PER_LEG], self.touches)
+        check_once("id", JOINT_NAMES, self.outputs)
+        check_once("touch", JOINT_NAMES[JOINTS_PER_LEG - 1 :: JOINTS_PER_LEG], self.touches)
         if self.driver == "servo2040":
             self._check_pulses(*SERVO2040_US)
 
+    def servo_name(self, joint: int) -> str:
+        """Which servo moves a joint, 0..17: its output."""
+        return f"output {self.outputs[joint]}"
+
     def _check_pulses(self, least_us: float, most_us: float) -> None:
-        for name, low, high in zip(JOINT_NAMES, self.pulses.min_us, self.pulses.max_us, strict=True):
+        for name, low, high in zip(JOINT_NAMES, self.least, self.most, strict=True):
             if low < least_us or high > most_us:
                 raise InputError(
                     f"servos.{name}: got min_us {low:g} and max_us {high:g}; allowed: {least_us:g} to "
@@ -68,27 +71,18 @@ def pwm_map_of(section: ServosSection, driver: str) -> PwmMap:
         raise InputError(f"servos.driver: got {driver!r}; allowed: {', '.join(PWM_DRIVERS)}")
     if section.driver not in (None, driver):
         raise InputError(f"servos.driver: got {section.driver}; allowed: {driver}, with the backend {driver}")
-    joints: list[JointServoSection] = [getattr(section, name) for name in JOINT_NAMES]
-    for name, joint in zip(JOINT_NAMES, joints, strict=True):
-        if joint.touch is not None and not name.endswith("tibia"):
-            raise InputError(f"servos.{name}: got touch {joint.touch:g}; allowed: touch under the tibia")
-    outputs = [number if joint.id is None else joint.id for number, joint in enumerate(joints)]
-    tibiae = joints[JOINTS_PER_LEG - 1 :: JOINTS_PER_LEG]
+    for name in JOINT_NAMES:
+        touch = getattr(section, name).touch
+        if touch is not None and not name.endswith("tibia"):
+            raise InputError(f"servos.{name}: got touch {touch:g}; allowed: touch under the tibia")
+    outputs = [joint_value(section, joint, "id", joint) for joint in range(N_JOINTS)]
     touches = [
-        usual if joint.touch is None else joint.touch
-        for usual, joint in zip(USUAL_TOUCHES, tibiae, strict=True)
+        joint_value(section, JOINTS_PER_LEG * leg + JOINTS_PER_LEG - 1, "touch", usual)
+        for leg, usual in enumerate(USUAL_TOUCHES)
     ]
     return PwmMap(
         driver=driver,
         outputs=np.array(outputs, dtype=np.int64),
         touches=np.array(touches, dtype=np.int64),
-        pulses=servo_map_of(section),
+        **pulses_of(section),
     )
-
-
-def _check_once(key: str, names: tuple[str, ...], values: IntArray) -> None:
-    """Raise InputError unless each value stands once."""
-    for value in values.tolist():
-        sharing = [name for name, own in zip(names, values.tolist(), strict=True) if own == value]
-        if len(sharing) > 1:
-            raise InputError(f"servos: got {key} {value} for {' and '.join(sharing)}; allowed: each once")

@@ -63,7 +63,7 @@ class BusBoard:
         tty.setraw(self._slave)
         os.set_blocking(self._master, False)
         self.path = os.ttyname(self._slave)
-        stance = bus_map.counts(servos.robot.stance_angles_rad)
+        stance = bus_map.raw(servos.robot.stance_angles_rad)
         self._limits = StepLimits.of(servos.robot, servos.clock.period_s)
         self._faults = BusFaults(faults, bus_map)
         self._random = random.Random(seed)  # noqa: S311  garbled bytes are no secret
@@ -168,7 +168,7 @@ class BusBoard:
 
     def _show(self, state: RobotState) -> None:
         """Let the servos know where their joints are, and their loads."""
-        counts = self._map.counts(state.joint_positions_rad)
+        counts = self._map.raw(state.joint_positions_rad)
         limits = self._robot.robot.joint_max_torque_nm
         torques = np.zeros(N_JOINTS) if state.joint_torques_nm is None else state.joint_torques_nm
         self._family.show(counts, self._map.signs * np.clip(torques / limits, -1, 1))

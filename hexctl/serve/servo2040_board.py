@@ -281,7 +281,7 @@ class Servo2040Board:
                 self._robot.disable_torque()
             self._sent_rad = None
             return
-        wanted = np.where(powered, self._map.pulses.angles_rad(pulses), state.joint_positions_rad)
+        wanted = np.where(powered, self._map.angles_rad(pulses), state.joint_positions_rad)
         before = state.joint_positions_rad if self._sent_rad is None else self._sent_rad
         self._sent_rad = self._limits.apply(wanted, before)
         self._robot.write(JointTargets(self._sent_rad, self._robot.clock.now_s))

@@ -36,9 +36,9 @@ class Channels:
     """
 
     def __init__(self, servo_map: ServoMap) -> None:
-        self._least_us = servo_map.by_channel(servo_map.min_us)
-        self._most_us = servo_map.by_channel(servo_map.max_us)
-        self.pulses_us: FloatArray = np.full(N_JOINTS, servo_map.centre_us)
+        self._least_us = servo_map.by_channel(servo_map.least)
+        self._most_us = servo_map.by_channel(servo_map.most)
+        self.pulses_us: FloatArray = servo_map.by_channel(servo_map.centre)
         self.active: BoolArray = np.zeros(N_JOINTS, dtype=bool)
         self.clipped = 0
 
@@ -344,7 +344,7 @@ class ServoBoard:
     def _telemetry(self, state: RobotState) -> list[Any]:
         """Messages for a state, and periodically for the health of the board."""
         ticks, now_s = self._counters.ticks, time.monotonic()
-        pulses = self._map.by_channel(self._map.pulses_us(state.joint_positions_rad))
+        pulses = self._map.by_channel(self._map.raw(state.joint_positions_rad))
         sent = [board_telemetry.outputs(pulses, self._channels.active, now_s)]
         sent += board_telemetry.pose(state, now_s, with_euler=ticks % EULER_TICKS == 0)
         if ticks % BEAT_TICKS == 0:

@@ -41,7 +41,7 @@ class Bench(MockServos):
     def __init__(self, robot: Robot, *, servo_map: ServoMap) -> None:
         super().__init__(robot, clock=FakeTime().clock())
         self.servo_map = servo_map
-        self._pulses_us = servo_map.pulses_us(robot.stance_angles_rad)
+        self._pulses_us = servo_map.raw(robot.stance_angles_rad)
         self.seen_deg: list[FloatArray] = []
         self.made.append(self)
 
@@ -61,7 +61,7 @@ class Bench(MockServos):
 
     def write(self, targets: JointTargets) -> JointTargets:
         sent = super().write(targets)
-        self._pulses_us = self.servo_map.pulses_us(sent.positions_rad)
+        self._pulses_us = self.servo_map.raw(sent.positions_rad)
         self.seen_deg.append(self.true_deg)
         return sent
 
@@ -153,8 +153,8 @@ def test_sign_and_offset_of_any_servos_are_found_and_saved(file: Path, made: lis
 def test_limits_are_where_the_operator_says(file: Path, made: list[Bench]) -> None:
     run(file, made, "leg3_femur", lower=["-15", "-5", "ok"], upper=["25", "15", "ok"])
     found = load_servo_map(file)
-    assert found.min_us[FEMUR] == pytest.approx(1500 - 20 * 1000 / 90, abs=5)
-    assert found.max_us[FEMUR] == pytest.approx(1500 + 20 * 1000 / 90, abs=5)
+    assert found.least[FEMUR] == pytest.approx(1500 - 20 * 1000 / 90, abs=5)
+    assert found.most[FEMUR] == pytest.approx(1500 + 20 * 1000 / 90, abs=5)
 
 
 def test_an_operator_who_quits_changes_nothing(file: Path, made: list[Bench]) -> None:

@@ -25,16 +25,18 @@ def test_ids_are_outputs_from_0_on_and_touch_inputs_are_those_of_feet() -> None:
     )
     assert made.outputs.tolist() == [0, 1, 2, 3, 5, 4, *range(6, 18)]
     assert made.touches.tolist() == [5, 1, 2, 0, 4, 3]
-    assert _map(femur={"sign": -1}).pulses.pulses_us(np.full(18, np.radians(9)))[:3] == pytest.approx(
-        [1600, 1400, 1600]
-    )
+    assert _map(femur={"sign": -1}).raw(np.full(18, np.radians(9)))[:3] == pytest.approx([1600, 1400, 1600])
 
 
 @pytest.mark.parametrize(
     ("driver", "section", "message"),
     [
         ("servo2040", {"leg1_coxa": {"id": 18}}, "servos.leg1_coxa.id: got 18; allowed: 0 to 17"),
-        ("servo2040", {"leg1_coxa": {"id": 1}}, "got id 1 for leg1_coxa and leg1_femur; allowed: each once"),
+        (
+            "servo2040",
+            {"leg1_coxa": {"id": 1}},
+            "got id 1 for leg1_coxa and leg1_femur; allowed: each id once",
+        ),
         ("servo2040", {"leg1_tibia": {"touch": 1}}, "got touch 1 for leg1_tibia and leg2_tibia"),
         ("servo2040", {"leg1_coxa": {"touch": 1}}, "servos.leg1_coxa: got touch 1; allowed: touch under the"),
         ("servo2040", {"tibia": {"min_us": 400}}, "got min_us 400 and max_us 2500; allowed: 500 to 2500 us"),

@@ -67,7 +67,7 @@ def parse_bus_port(
     return path, int(speed) if speed else baud or DEFAULT_BAUDS[driver]
 
 
-class BusServos(PortServos[BusThread, BusCounters]):
+class BusServos(PortServos[BusMap, BusThread, BusCounters]):
     """Eighteen servos on a serial bus.
 
     A thread of its own owns the port: `read` gives what it heard last, with the age of each joint, `write`
@@ -95,15 +95,9 @@ class BusServos(PortServos[BusThread, BusCounters]):
         baud: int | None = None,
         clock: Clock | None = None,
     ) -> None:
-        super().__init__(robot, limits=bus_map, place=port, counters=BusCounters(), clock=clock)
-        self._map, self._baud = bus_map, baud or DEFAULT_BAUDS[bus_map.driver]
-        self._sent_rad: FloatArray = self._robot.stance_angles_rad.copy()
+        super().__init__(robot, servo_map=bus_map, place=port, counters=BusCounters(), clock=clock)
+        self._baud = baud or DEFAULT_BAUDS[bus_map.driver]
         self._held = False
-
-    @property
-    def bus_map(self) -> BusMap:
-        """Which servo moves which joint, and how."""
-        return self._map
 
     @property
     def holds(self) -> bool:
@@ -122,8 +116,8 @@ class BusServos(PortServos[BusThread, BusCounters]):
         missing; OSError when the port has gone.
         """
         bus = self._open()
-        speeds = np.degrees(self._robot.joint_max_speed_rad_s) * self._map.counts_per_deg
-        readings = BelievedReadings(speeds, self._map.counts_per_deg)
+        speeds = np.degrees(self._robot.joint_max_speed_rad_s) * self._map.per_deg
+        readings = BelievedReadings(speeds, self._map.per_deg)
         try:
             readings.take(bus.poll_all())
             heard = np.isfinite(readings.positions)
@@ -135,10 +129,6 @@ class BusServos(PortServos[BusThread, BusCounters]):
         thread = BusThread(self._open, bus, readings, self.counters, speeds)
         thread.start(on=bool(heard.any() and on[heard].all()))
         return thread
-
-    def _send(self, thread: BusThread, positions_rad: FloatArray) -> None:
-        thread.send(self._map.counts(positions_rad))
-        self._sent_rad = positions_rad.copy()
 
     def _open(self) -> ServoBus:
         """Bus on the opened port, on which enough servos have answered."""

@@ -24,6 +24,7 @@ from hexctl.backends.mavlink.transport import (
 )
 from hexctl.errors import MessageError, RobotFaultError
 from hexctl.robot.model import Robot
+from hexctl.robot.raw_map import RawMap
 from hexctl.robot.servo_map import ServoMap
 from hexctl.types import FloatArray, JointTargets, RobotState
 from hexctl.waiting import wait_for
@@ -242,13 +243,14 @@ class MavlinkServos(LegServos):
         """The servo map in use."""
         return self._map
 
-    def remap(self, servo_map: ServoMap) -> None:
-        """Use another servo map from now on: the pulses stay, and mean other angles.
+    def remap(self, servo_map: RawMap) -> None:
+        """Use another calibration from now on: the pulses stay, and mean other angles.
 
         A guard around these servos must be cleared right after, or it takes the change for a movement.
         """
-        self._assumed_rad = servo_map.angles_rad(self._map.pulses_us(self._assumed_rad))
-        self._map = servo_map
+        raw = self._map.raw(self._assumed_rad)
+        self._map = self._map.calibrated_as(servo_map)
+        self._assumed_rad = self._map.angles_rad(raw)
         self._snapshot = None
 
     def connect(self) -> None:

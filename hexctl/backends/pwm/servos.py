@@ -12,13 +12,13 @@ from hexctl.backends.pwm.board import BoardReport, PwmBoard, PwmCounters
 from hexctl.backends.pwm.board_thread import BoardThread
 from hexctl.robot.model import Robot
 from hexctl.robot.pwm_map import PwmMap
-from hexctl.types import FloatArray, RobotState
+from hexctl.types import RobotState
 
 #: A board that has not answered for this long is mute.
 MUTE_S = 0.5
 
 
-class PwmServos(PortServos[BoardThread, PwmCounters]):
+class PwmServos(PortServos[PwmMap, BoardThread, PwmCounters]):
     """Eighteen hobby servos without feedback: where a joint is told to be, there it is taken to be.
 
     A thread of its own owns the port: neither `read` nor `write` waits for it. Nothing is powered before the
@@ -37,18 +37,11 @@ class PwmServos(PortServos[BoardThread, PwmCounters]):
     def __init__(
         self, robot: Robot | str | Path, *, pwm_map: PwmMap, place: str, clock: Clock | None = None
     ) -> None:
-        super().__init__(robot, limits=pwm_map.pulses, place=place, counters=PwmCounters(), clock=clock)
-        self._map = pwm_map
-        self._sent_rad: FloatArray = pwm_map.pulses.limited_rad(self._robot.stance_angles_rad)
+        super().__init__(robot, servo_map=pwm_map, place=place, counters=PwmCounters(), clock=clock)
 
     @abstractmethod
     def _open(self) -> PwmBoard:
         """The board, found; raises RobotFaultError or OSError where there is none."""
-
-    @property
-    def pwm_map(self) -> PwmMap:
-        """Which output moves which joint, and how."""
-        return self._map
 
     def _started(self) -> BoardThread:
         board = self._open()
@@ -59,16 +52,11 @@ class PwmServos(PortServos[BoardThread, PwmCounters]):
             board.close()
             raise
         if pulses is not None:
-            self._sent_rad = self._map.pulses.angles_rad(pulses)
-        speeds = np.degrees(self._robot.joint_max_speed_rad_s) * self._map.pulses.us_per_deg
+            self._sent_rad = self._map.angles_rad(pulses)
+        speeds = np.degrees(self._robot.joint_max_speed_rad_s) * self._map.per_deg
         thread = BoardThread(self._open, board, report, self.counters, speeds)
         thread.start()
         return thread
-
-    def _send(self, thread: BoardThread, positions_rad: FloatArray) -> None:
-        pulses = self._map.pulses
-        thread.send(np.clip(pulses.pulses_us(positions_rad), pulses.min_us, pulses.max_us))
-        self._sent_rad = positions_rad.copy()
 
     def _state(self, thread: BoardThread) -> RobotState:
         """Targets that were sent last, with what the board tells."""

@@ -16,7 +16,8 @@ from hexctl.gait.gait import AUTO, Gait, Motion, ideal_speed_m_s, make_gait
 from hexctl.ik.legs import TOLERANCE_RAD, range_excess_rad, solve_legs
 from hexctl.robot.loader import load_robot_file
 from hexctl.robot.model import Robot
-from hexctl.robot.servo_map import ServoMap, joints_beyond_pulses
+from hexctl.robot.raw_map import joints_beyond
+from hexctl.robot.servo_map import ServoMap
 from hexctl.types import JOINT_NAMES, ArrayFields, FloatArray
 
 #: Points of one gait cycle that are evaluated.
@@ -142,7 +143,7 @@ class RobotCheck:
             "possible": self.possible,
             "joints": self._joints(),
             "pulses_us": self._pulses_us(),
-            "joints_beyond_pulses": list(joints_beyond_pulses(self.servo_map, robot)),
+            "joints_beyond_pulses": list(joints_beyond(self.servo_map, robot)),
             "gait_fits_pulses": self.gait_fits_pulses,
             "meshes": list(self.mesh_parts),
             **self.load.to_dict(),
@@ -176,7 +177,7 @@ class RobotCheck:
     def _pulses_us(self) -> dict[str, list[int]]:
         """Pulses at both ends of each joint's range, the shorter one first."""
         limits = (self.robot.joint_lower_rad, self.robot.joint_upper_rad)
-        ends = [self.servo_map.pulses_us(limit) for limit in limits]
+        ends = [self.servo_map.raw(limit) for limit in limits]
         return {
             name: sorted(round(float(end[joint])) for end in ends) for joint, name in enumerate(JOINT_NAMES)
         }

@@ -61,4 +61,4 @@ def servos_on(board: BusBoard, bus_map: BusMap) -> BusServos:
 
 def stance_counts(bus_map: BusMap) -> "np.ndarray[tuple[int], np.dtype[np.float64]]":
     """Counts of the stance, rounded."""
-    return np.rint(bus_map.counts(shipped("phantomx").stance_angles_rad))
+    return np.rint(bus_map.raw(shipped("phantomx").stance_angles_rad))

@@ -123,9 +123,9 @@ def test_goals_that_were_held_up_come_in_steps() -> None:
         servos._thread._device.write_goals = lambda counts: (seen.append(counts.copy()), write(counts))[1]  # type: ignore
         _walks(servos, 1.0, 0.5)
         steps = np.abs(np.diff(np.array(seen), axis=0)).max(axis=0)
-        speeds = np.degrees(servos.robot.joint_max_speed_rad_s) * bus_map.counts_per_deg
+        speeds = np.degrees(servos.robot.joint_max_speed_rad_s) * bus_map.per_deg
         assert (steps <= 0.03 * speeds + 1e-6).all()
-        goal = bus_map.counts(servos.robot.stance_angles_rad + 0.5)
+        goal = bus_map.raw(servos.robot.stance_angles_rad + 0.5)
         assert seen[-1] == pytest.approx(np.clip(goal, bus_map.least, bus_map.most))
 
 
@@ -246,7 +246,7 @@ def test_targets_beyond_the_limits_of_a_servo_end_there() -> None:
         far = servos.robot.stance_angles_rad.copy()
         far[1] = 10.0
         sent = servos.write(JointTargets(far, servos.clock.now_s)).positions_rad
-        assert bus_map.counts(sent)[1] == pytest.approx(bus_map.least[1])
+        assert bus_map.raw(sent)[1] == pytest.approx(bus_map.least[1])
         assert np.delete(sent, 1) == pytest.approx(np.delete(far, 1))
 
 

@@ -138,7 +138,7 @@ def test_nothing_is_powered_before_the_first_targets(firmware: str) -> None:
             assert not board.pulses_us.any()
             assert not servos.read().measured
             _until(servos, lambda _: board.relay)
-            stance_us = a_map().pulses.pulses_us(servos.robot.stance_angles_rad)
+            stance_us = a_map().raw(servos.robot.stance_angles_rad)
             np.testing.assert_allclose(board.pulses_us, stance_us, atol=0.5)
             assert servos.disable_torque()
             _until(servos, lambda _: not board.relay, write=False)

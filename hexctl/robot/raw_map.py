@@ -1,0 +1,213 @@
+"""The raw map: what the raw position of each joint's servo, a pulse or a count, means as an angle.
+
+    raw = centre + per_deg * (sign * angle_deg + offset_deg)
+
+Every section `servos` of a robot file is one, whatever moves the servos; `ServoMap`, `PwmMap` and `BusMap`
+add which servo it is. Angles are those of joints; in degrees, as in the file, where a name says so.
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hexctl.errors import InputError
+from hexctl.robot.model import Robot
+from hexctl.robot.schema import ServosSection
+from hexctl.types import (
+    JOINT_KINDS,
+    JOINT_NAMES,
+    JOINTS_PER_LEG,
+    N_JOINTS,
+    ArrayFields,
+    BoolArray,
+    FloatArray,
+    check_finite,
+)
+
+IntArray = NDArray[np.int64]
+
+#: Least distance of a reference angle from both ends of a joint's range: it can be trimmed both ways.
+ROOM_DEG = 20.0
+
+#: Least travel between the two limits of a servo.
+LEAST_TRAVEL_DEG = 4.5
+
+#: Keys of the lowest and the highest raw position in a robot file, by unit.
+LIMIT_KEYS = {"us": ("min_us", "max_us"), "counts": ("min_count", "max_count")}
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class RawMap(ArrayFields, ABC):
+    """Conversion between joint angles and raw positions of servos.
+
+    Arrays are by joint, leg-major, (18,), and read-only.
+
+    Attributes:
+        unit: of raw positions, `us` or `counts`.
+        signs: direction of each servo, 1 or -1.
+        offsets_deg: mounting error of each servo's horn.
+        least: lowest raw position of each servo.
+        most: highest raw position of each servo.
+        per_deg: raw units per degree of each servo.
+        centre: raw position at the middle of each servo's travel.
+    """
+
+    unit: ClassVar[str]
+    signs: FloatArray
+    offsets_deg: FloatArray
+    least: FloatArray
+    most: FloatArray
+    per_deg: FloatArray
+    centre: FloatArray
+
+    def __post_init__(self) -> None:
+        for name in ("signs", "offsets_deg", "least", "most", "per_deg", "centre"):
+            check_finite(getattr(self, name), (N_JOINTS,), f"servos.{name}")
+        for value in vars(self).values():
+            if isinstance(value, np.ndarray):
+                value.flags.writeable = False
+
+    @abstractmethod
+    def servo_name(self, joint: int) -> str:
+        """Which servo moves a joint, 0..17, such as `id 7`."""
+
+    def raw(self, positions_rad: FloatArray) -> FloatArray:
+        """Raw positions of angles (18,) in rad, without limits and not rounded."""
+        degrees = self.signs * np.degrees(positions_rad) + self.offsets_deg
+        return np.asarray(self.centre + self.per_deg * degrees)
+
+    def angles_rad(self, raw: FloatArray) -> FloatArray:
+        """Angles in rad of raw positions (18,)."""
+        degrees = (raw - self.centre) / self.per_deg - self.offsets_deg
+        return np.asarray(np.radians(self.signs * degrees))
+
+    def outside(self, positions_rad: FloatArray) -> BoolArray:
+        """Joints whose angles (18,) in rad need a raw position beyond the limits, (18,)."""
+        raw = self.raw(positions_rad)
+        # A thousandth of tolerance: an angle right at the limit may be rounded past it.
+        return np.asarray((raw < self.least - 1e-3) | (raw > self.most + 1e-3))
+
+    def limited_raw(self, positions_rad: FloatArray) -> FloatArray:
+        """Raw positions of angles (18,) in rad, clipped to the limits."""
+        return np.clip(self.raw(positions_rad), self.least, self.most)
+
+    def limited_rad(self, positions_rad: FloatArray) -> FloatArray:
+        """Angles (18,) in rad, clipped to the limits."""
+        return self.angles_rad(self.limited_raw(positions_rad))
+
+    def flipped(self, joint: int, at_deg: float) -> Self:
+        """Map with the opposite sign for a joint, and the same raw position at one angle.
+
+        That is the angle at which the joint is believed to be, so the joint does not move.
+        """
+        sign = self.signs[joint]
+        offset = self.offsets_deg[joint] + 2 * sign * at_deg
+        return replace(
+            self,
+            signs=_with(self.signs, joint, -sign),
+            offsets_deg=_with(self.offsets_deg, joint, offset),
+        )
+
+    def referenced(self, joint: int, believed_deg: float, true_deg: float) -> Self:
+        """Map in which the raw position of a joint's believed angle means its true angle."""
+        shift = self.signs[joint] * (believed_deg - true_deg)
+        offset = round(float(self.offsets_deg[joint] + shift), 3)
+        return replace(self, offsets_deg=_with(self.offsets_deg, joint, offset))
+
+    def limited(self, joint: int, ends: tuple[float, float]) -> Self:
+        """Map with other limits for a joint, raw positions in any order, rounded to whole ones.
+
+        Raises InputError for limits less than `LEAST_TRAVEL_DEG` apart.
+        """
+        least, most = (float(round(end)) for end in sorted(ends))
+        if most - least < (travel := LEAST_TRAVEL_DEG * self.per_deg[joint]):
+            raise InputError(
+                f"limits: got {least:g} and {most:g} {self.unit}; allowed: {travel:.0f} {self.unit} apart "
+                "or more"
+            )
+        return replace(self, least=_with(self.least, joint, least), most=_with(self.most, joint, most))
+
+    def calibrated_as(self, other: "RawMap") -> Self:
+        """Map with the signs, offsets and limits of another one, for the same servos.
+
+        Raises InputError for a map of another unit.
+        """
+        if other.unit != self.unit:
+            raise InputError(f"servo map: got one in {other.unit}; allowed: in {self.unit}")
+        return replace(
+            self, signs=other.signs, offsets_deg=other.offsets_deg, least=other.least, most=other.most
+        )
+
+
+def joints_beyond(raw_map: RawMap, robot: Robot) -> tuple[str, ...]:
+    """Names of the joints whose range in the robot file is wider than the travel of their servo."""
+    outside = raw_map.outside(robot.joint_lower_rad) | raw_map.outside(robot.joint_upper_rad)
+    return tuple(name for name, beyond in zip(JOINT_NAMES, outside, strict=True) if beyond)
+
+
+def reference_deg(lower_deg: float, upper_deg: float) -> float:
+    """Angle that is easily judged by eye: 0, a right angle, or the middle of the joint's range."""
+    for angle in (0.0, -90.0, 90.0):
+        if lower_deg + ROOM_DEG <= angle <= upper_deg - ROOM_DEG:
+            return angle
+    return round((lower_deg + upper_deg) / 2)
+
+
+def joint_value(section: ServosSection, joint: int, key: str, default: Any) -> Any:
+    """Value of a key for a joint, 0..17: its own, else its kind's, else the section's, else a default."""
+    for place in (JOINT_NAMES[joint], JOINT_KINDS[joint % JOINTS_PER_LEG], None):
+        value = getattr(section if place is None else getattr(section, place), key, None)
+        if value is not None:
+            return value
+    return default
+
+
+def calibration_of(
+    section: ServosSection, unit: str, least: Sequence[float], most: Sequence[float]
+) -> dict[str, FloatArray]:
+    """Signs, offsets and limits of a section, by field of `RawMap`.
+
+    Args:
+        section: of a robot file.
+        unit: of its limits, `us` or `counts`.
+        least: lowest raw position of each joint where the section has none, (18,).
+        most: highest one, (18,).
+
+    Raises InputError for limits that leave no travel.
+    """
+    keys = LIMIT_KEYS[unit]
+    columns = {"signs": ("sign", [1.0] * N_JOINTS), "offsets_deg": ("offset_deg", [0.0] * N_JOINTS)} | {
+        "least": (keys[0], least),
+        "most": (keys[1], most),
+    }
+    read = {
+        field: np.array([float(joint_value(section, joint, key, given[joint])) for joint in range(N_JOINTS)])
+        for field, (key, given) in columns.items()
+    }
+    for name, low, high in zip(JOINT_NAMES, read["least"], read["most"], strict=True):
+        if low >= high:
+            raise InputError(
+                f"servos.{name}: got {keys[0]} {low:g} and {keys[1]} {high:g}; allowed: {keys[0]} below "
+                f"{keys[1]}"
+            )
+    return read
+
+
+def check_once(key: str, names: Sequence[str], values: IntArray) -> None:
+    """Raise InputError unless each value, one for each name, stands once."""
+    for value in values.tolist():
+        sharing = [name for name, own in zip(names, values.tolist(), strict=True) if own == value]
+        if len(sharing) > 1:
+            raise InputError(
+                f"servos: got {key} {value} for {' and '.join(sharing)}; allowed: each {key} once"
+            )
+
+
+def _with(values: FloatArray, joint: int, value: float) -> FloatArray:
+    changed = np.array(values, dtype=float)
+    changed[joint] = value
+    return changed
