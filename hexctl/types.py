@@ -141,6 +141,38 @@ class ServoReadings(ArrayFields):
     temperatures_c: FloatArray
     errors: tuple[str, ...] = ("",) * N_JOINTS
 
+    @property
+    def hottest_joint(self) -> int | None:
+        """Index of the joint with the hottest servo, or None where no temperature is known."""
+        known = np.isfinite(self.temperatures_c)
+        return int(np.nanargmax(self.temperatures_c)) if known.any() else None
+
+    def to_json(self) -> dict[str, Any]:
+        """JSON values by attribute, numbers to three decimals; None for what is not known."""
+        numbers = {
+            field.name: [round(one, 3) if math.isfinite(one) else None for one in value.tolist()]
+            for field in fields(self)
+            if isinstance(value := getattr(self, field.name), np.ndarray)
+        }
+        return {**numbers, "errors": list(self.errors)}
+
+    @classmethod
+    def from_json(cls, data: Mapping[str, Any]) -> "ServoReadings":
+        """Readings of `to_json`.
+
+        Raises KeyError, TypeError or ValueError for anything else.
+        """
+        numbers = {
+            field.name: np.array([np.nan if one is None else one for one in data[field.name]], dtype=float)
+            for field in fields(cls)
+            if field.name != "errors"
+        }
+        errors = tuple(str(each) for each in data["errors"])
+        if any(value.shape != (N_JOINTS,) for value in numbers.values()) or len(errors) != N_JOINTS:
+            raise ValueError(f"got readings of another number of servos; allowed: {N_JOINTS}")
+        ages_s = numbers.pop("ages_s")
+        return cls(ages_s=np.where(np.isnan(ages_s), np.inf, ages_s), **numbers, errors=errors)
+
     def copy(self) -> "ServoReadings":
         """The same readings, with copies of their arrays."""
         arrays: dict[str, Any] = {

@@ -1,6 +1,7 @@
 """The vocabulary of every part: the order of the joints, and values with arrays that compare and copy."""
 
 import ast
+import json
 import pickle
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -18,6 +19,7 @@ from hexctl.types import (
     FloatArray,
     JointTargets,
     RobotState,
+    ServoReadings,
     check_shape,
     leg_slice,
 )
@@ -97,6 +99,33 @@ def test_a_copy_of_a_state_is_equal_and_has_arrays_of_its_own() -> None:
     copy.joint_positions_rad[0] = 9
     assert state == a_state()
     assert copy != state
+
+
+def _readings() -> ServoReadings:
+    return ServoReadings(
+        ages_s=np.array([0.25] * 17 + [np.inf]),
+        efforts=np.linspace(-1, 1, 18).round(3),
+        currents_a=np.full(18, np.nan),
+        voltages_v=np.full(18, 11.9),
+        temperatures_c=np.array([40.0] * 4 + [61.5] + [np.nan] * 13),
+        errors=("overload",) + ("",) * 17,
+    )
+
+
+def test_readings_of_servos_come_back_from_json() -> None:
+    text = json.dumps(_readings().to_json(), allow_nan=False)
+    readings = ServoReadings.from_json(json.loads(text))
+    assert readings == _readings()
+    assert readings.hottest_joint == 4
+    assert replace(readings, temperatures_c=np.full(18, np.nan)).hottest_joint is None
+
+
+@pytest.mark.parametrize("broken", [{"ages_s": [1.0] * 17}, {"errors": []}, {"voltages_v": ["a"] * 18}])
+def test_readings_of_other_servos_are_refused(broken: dict[str, Any]) -> None:
+    with pytest.raises((KeyError, TypeError, ValueError)):
+        ServoReadings.from_json({**_readings().to_json(), **broken})
+    with pytest.raises(KeyError):
+        ServoReadings.from_json({})
 
 
 def test_a_wrong_array_is_refused_with_its_shape() -> None:

@@ -21,16 +21,9 @@ from hexctl.adapt.measurement import Operator
 from hexctl.adapt.objectives import ObjectiveChoice, as_objective
 from hexctl.adapt.optimizer import OptimizerChoice
 from hexctl.adapt.prior.prior import Prior
+from hexctl.adapt.reset_free import ResetFreeRunner, arena_of, at_home, connected_robot, yaw_note
 from hexctl.adapt.result import AdaptationResult
-from hexctl.adapt.runner import (
-    ResetFreeRunner,
-    TrialRunner,
-    arena_of,
-    at_home,
-    check_not_interrupted,
-    connected_robot,
-    yaw_note,
-)
+from hexctl.adapt.runner import TrialRunner, check_not_interrupted
 from hexctl.adapt.search import check_parts, extended, make_search, new_spec
 from hexctl.adapt.session import UNWATCHED, Session, SessionSpec
 from hexctl.adapt.setting import (
@@ -271,7 +264,11 @@ class Adaptation:
         walk = runner.walk
         if servos is not None:
             walk = ResetFreeRunner(
-                runner=runner, servos=servos, arena=arena_of(spec), operator=self._operator
+                runner=runner,
+                servos=servos,
+                arena=arena_of(spec),
+                operator=self._operator,
+                note=self._note,
             ).walk
         loop = AdaptLoop(
             session,
@@ -335,6 +332,7 @@ def adapt(
     insecure: bool = False,
     link: str | None = None,
     arena_m: float | None = None,
+    cool_down_c: float | None = None,
     operator: Operator | None = None,
     record: bool = True,
     folder: Path | str = RUNS,
@@ -386,6 +384,7 @@ def adapt(
         insecure: let a link beyond this computer do without.
         link: name or path of a link file.
         arena_m: keep a robot that stays where a walk ends within this radius of its first place.
+        cool_down_c: before each trial, sit and wait until all servos are cooler, in degrees Celsius.
         operator: places the robot before each trial and measures after it.
         record: whether to record each trial.
         folder: of the session store, the recordings and the priors.
@@ -434,6 +433,7 @@ def adapt(
         insecure=insecure,
         link=link,
         arena_m=arena_m,
+        cool_down_c=cool_down_c,
         ask=operator is not None,
     )
     adaptation = Adaptation(

@@ -1,19 +1,11 @@
 """Runners of single trials: each in its own simulation, or reset-free on one connected robot."""
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from hexctl.adapt.arena import LEFT_THE_ARENA, Arena, Geofence, aimed, as_placed
-from hexctl.adapt.measurement import Operator, measured, not_walked
-from hexctl.adapt.objectives import OBJECTIVES
-from hexctl.adapt.optimizers.shipped import TRIM
 from hexctl.adapt.session import BASELINE_INDEX, UNWATCHED, SessionSpec
-from hexctl.adapt.setting import Note, Setting
-from hexctl.backends.base import LegServos, connection_notes
-from hexctl.backends.clock import request_realtime_priority
 from hexctl.backends.registry import BackendOptions, make_servos
 from hexctl.backends.sim.terrain import make_floor
 from hexctl.backends.sim.world import World
@@ -26,19 +18,14 @@ from hexctl.control.plan import TrialPlan
 from hexctl.control.preparation import StopRequested, WalkStart, never
 from hexctl.control.result import TrialResult
 from hexctl.control.trial import Enough, ShouldStop, planned_walk, run_trial, stop_when
-from hexctl.control.turning import turn_gait
-from hexctl.errors import HexctlError, InputError, RobotFaultError, argument
+from hexctl.errors import HexctlError, RobotFaultError
 from hexctl.gait.encoding import Slots
-from hexctl.gait.foot_trajectory import RAMP_DURATION_S
-from hexctl.gait.gait import AUTO, NAMED_SLOTS, ideal_speed_m_s
+from hexctl.gait.gait import AUTO, NAMED_SLOTS
 from hexctl.record.live import LiveView
 from hexctl.record.recording import Recording
-from hexctl.robot.failure import drawn_failure, untold_note
 from hexctl.robot.failure_event import NoticedFailure, in_words
 from hexctl.robot.meshes import Meshes
 from hexctl.robot.model import Robot
-from hexctl.types import RobotState
-from hexctl.waiting import comes_true
 
 
 class NotBegunError(HexctlError, RuntimeError):
@@ -182,7 +169,14 @@ class TrialRunner:
     def _recorders(self, recording: Recording | None, plan: TrialPlan, title: str) -> Recorders:
         """The recording, the live view, both or neither."""
         if self.live is not None:
-            self.live.begin(self.robot, plan, title=title, looks=self.spec.robot, watched=self._watched)
+            self.live.begin(
+                self.robot,
+                plan,
+                title=title,
+                looks=self.spec.robot,
+                watched=self._watched,
+                servos=not self.spec.simulated,
+            )
         given = [recorder for recorder in (recording, self.live) if recorder is not None]
         return Recorders(*given, block_ticks=BLOCK_TICKS if self.spec.simulated else PACED_BLOCK_TICKS)
 
@@ -193,7 +187,14 @@ class TrialRunner:
         stem = f"trial-{index:03d}" if index != BASELINE_INDEX else f"baseline-{_name_of(plan)}"
         path, title = _new_path(self.folder, stem), title_of(index, code, plan)
         return Recording(
-            path, self.robot, plan, title=title, floor=floor, meshes=self.meshes, watched=self._watched
+            path,
+            self.robot,
+            plan,
+            title=title,
+            floor=floor,
+            meshes=self.meshes,
+            watched=self._watched,
+            servos=not self.spec.simulated,
         )
 
     def _facts(self, index: int, code: int) -> dict[str, Any]:
@@ -253,217 +254,3 @@ def _new_path(folder: Path, stem: str) -> Path:
     while path.exists():
         path, number = folder / f"{stem}-{number}.rrd", number + 1
     return path
-
-
-#: How long a robot that has connected may take to tell its yaw.
-YAW_COMES_S = 1.0
-
-#: Ticks in which a robot must report its position and be upright.
-READY_TICKS = 50
-
-#: Attempts to reach a better start before the trial begins at the present position.
-APPROACHES = 2
-
-#: Time limit of a walk to a start, in multiples of its duration without slip.
-APPROACH_TIMEOUT = 2.5
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ResetFreeRunner:
-    """Walks the gaits of one session on one connected robot, through one guard: a stop stays latched.
-
-    Attributes:
-        runner: makes plans and recordings.
-        servos: the robot, connected.
-        arena: circle in which it is kept, or None to let it wander.
-        operator: places the robot and measures; None where the robot knows its position.
-    """
-
-    runner: TrialRunner
-    servos: Guard
-    arena: Arena | None = None
-    operator: Operator | None = None
-
-    def walk(self, index: int, code: int, slots: Slots, should_stop: Enough | None = None) -> WalkedTrial:
-        """Run one trial from where the robot is.
-
-        Raises RobotStoppedError for a robot that is stopped before it begins, RobotFaultError for one that
-        does not know where it is or has gone.
-        """
-        plan = self.runner.plan_for(slots)
-        if self.operator is not None:
-            return self._walk_and_ask(self.operator, index, code, as_placed(plan, self.runner.robot))
-        if self.arena is not None:
-            return self._walk_inside(self.arena, index, code, plan, should_stop)
-        await_ready(self.servos)
-        return self.runner.walk_on(self.servos, plan, index, code, stop_when(should_stop))
-
-    def _walk_and_ask(self, operator: Operator, index: int, code: int, plan: TrialPlan) -> WalkedTrial:
-        """Walk a gait that an operator measures, as often as the operator asks for."""
-        robot, again = self.runner.robot, False
-
-        def completed(result: TrialResult) -> TrialResult:
-            nonlocal again
-            if result.status not in ("ok", "no_progress"):
-                return result
-            answer = operator.measure(index, at_most_m=2 * result.ideal_distance_m)
-            again = answer.word == "again"
-            return measured(result, answer, robot, plan)
-
-        check_not_stopped(self.servos)
-        if not operator.place(index, code):
-            return WalkedTrial(result=not_walked(robot, plan))
-        await_ready(self.servos, needs_pose=False)
-        walked = self.runner.walk_on(self.servos, plan, index, code, completed=completed)
-        return self._walk_and_ask(operator, index, code, plan) if again else walked
-
-    def _walk_inside(
-        self, arena: Arena, index: int, code: int, plan: TrialPlan, should_stop: Enough | None
-    ) -> WalkedTrial:
-        """Walk through the middle of the arena, from a better start if need be, and end at its edge."""
-        hindered = self._come_to_start(arena)
-        if hindered is not None:
-            return WalkedTrial(result=hindered)
-        geofence = Geofence(arena, stop_when(should_stop))
-
-        def completed(result: TrialResult) -> TrialResult:
-            at_edge = result.status == "cut_short" and geofence.reached
-            return replace(result, stopped=LEFT_THE_ARENA) if at_edge else result
-
-        state = await_ready(self.servos)
-        here = aimed(plan, self.runner.robot, state, arena)
-        return self.runner.walk_on(self.servos, here, index, code, geofence, completed)
-
-    def _come_to_start(self, arena: Arena) -> TrialResult | None:
-        """Walk away from the middle while a walk has no room; return what stopped the robot there, if any.
-
-        It walks with the gait of self-rotations, not with an untested one.
-        """
-        robot = self.runner.robot
-        plan = self.runner.plan_for(turn_gait(robot).slots)
-        speed_m_s = ideal_speed_m_s(robot, plan.gait, plan.motion(0.0))
-        reach_m = speed_m_s * plan.duration_s
-        start = arena.start(reach_m)
-        for _ in range(APPROACHES):
-            state = await_ready(self.servos)
-            position = state.base_position_world
-            if position is None or not arena.too_near(position, reach_m):
-                return None
-            missing_m = start.radius_m - start.distance_m(position)
-            timeout_s = APPROACH_TIMEOUT * (RAMP_DURATION_S + missing_m / speed_m_s)
-            there = replace(aimed(plan, robot, state, arena, outward=True), duration_s=timeout_s)
-            result = run_trial(
-                self.servos,
-                there,
-                stop_requested=self.runner.stop_requested,
-                should_stop=Geofence(start),
-            )
-            if result.status == "fell":
-                # The gait of the trial is not at fault: nothing is stored.
-                return replace(result, status="aborted", stopped="fell")
-            if result.status == "aborted":
-                return result
-        return None
-
-
-def await_ready(servos: Guard, *, needs_pose: bool = True) -> RobotState:
-    """State of a robot once it is upright and, if needed, knows its position.
-
-    Raises RobotStoppedError for one that is stopped, RobotFaultError for one that never says where it is:
-    without a pose there is nothing to score.
-    """
-    servos.pause_watchdog()
-    check_not_stopped(servos)
-    # It may have been carried, or sat down: it starts from its present joint angles.
-    servos.clear()
-    for _ in range(READY_TICKS):
-        servos.clock.tick()
-        state = servos.read()
-        check_not_stopped(servos)
-        if servos.leaning_ticks == 0 and (state.base_position_world is not None or not needs_pose):
-            return state
-    raise RobotFaultError(
-        "the robot knows no position, so a trial cannot be scored; use one with odometry or motion capture, "
-        f"or measure by hand with {argument('ask')}"
-    )
-
-
-def at_home(spec: SessionSpec, servos: Guard | None) -> SessionSpec:
-    """Spec of a session that begins where the robot is now.
-
-    Raises RobotStoppedError for a robot that is stopped, RobotFaultError for one that does not know its
-    position and must, InputError for one without the joint torques that the objective needs.
-    """
-    if servos is None or spec.ask:
-        return spec
-    state = await_ready(servos)
-    objective = OBJECTIVES.get(spec.objective)
-    if objective is not None and objective.needs_torques and state.joint_torques_nm is None:
-        usable = [name for name, shipped in OBJECTIVES.items() if not shipped.needs_torques]
-        raise InputError(
-            f"{argument('objective')}: got {spec.objective} with a robot that does not tell its joint "
-            f"torques; allowed: {', '.join(usable)}"
-        )
-    position = state.base_position_world
-    if spec.arena_m is None or position is None:
-        return spec
-    return replace(spec, home_m=[float(position[0]), float(position[1])])
-
-
-def yaw_note(spec: SessionSpec, servos: Guard | None) -> str | None:
-    """That walks will not hold the heading they are asked to, as the robot tells no yaw; None where they can.
-
-    Raises RobotFaultError for a robot that has gone.
-    """
-    wanted = spec.hold == "heading" or (spec.hold == "auto" and spec.ask)
-    if servos is None or not wanted:
-        return None
-    if comes_true(lambda: servos.peek().base_quaternion_world is not None, YAW_COMES_S):
-        return None
-    said = "this robot tells no yaw, so that its walks cannot hold their heading"
-    instead = "; --optimizer trim --hold none learns a turn from the ends alone"
-    return said + (instead if spec.optimizer == TRIM else "")
-
-
-def arena_of(spec: SessionSpec) -> Arena | None:
-    """Arena of a session, if it has one."""
-    if spec.arena_m is None or spec.home_m is None:
-        return None
-    return Arena(home_m=(spec.home_m[0], spec.home_m[1]), radius_m=spec.arena_m)
-
-
-@contextmanager
-def connected_robot(
-    spec: SessionSpec, setting: Setting, given: LegServos | None, note: Note
-) -> Iterator[Guard | None]:
-    """Keep the robot of a session connected; None where each trial makes a simulation of its own.
-
-    Args:
-        spec: of the session.
-        setting: what the spec names.
-        given: the robot, where it is not made by `spec.backend`.
-        note: is told what an operator should know about it.
-
-    Raises RobotFaultError for a robot that cannot be reached.
-    """
-    if spec.simulated:
-        text = untold_note(drawn_failure(setting.robot, spec.broken, spec.seed), spec.broken)
-        if text is not None:
-            note(text)
-        yield None
-        return
-    request_realtime_priority()
-    options = BackendOptions.of(
-        spec, robot=setting.robot, world=None, failure=spec.broken, robot_file=setting.robot_file
-    )
-    robot = make_servos(spec.backend, options) if given is None else given
-    servos = Guard(robot)
-    try:
-        servos.connect()
-        for text in connection_notes(robot, setting.plan.belief):
-            note(text)
-        yield servos
-    finally:
-        # The result comes after the robot is released: a link that fails at that must not cost it.
-        with suppress(RobotFaultError):
-            servos.close()

@@ -29,6 +29,7 @@ from hexctl.adapt.store import RUNS
 from hexctl.backends.base import LegServos
 from hexctl.backends.registry import check_options, option_values
 from hexctl.control.assessment.static_stability import slots_by_stability, usual_posture
+from hexctl.control.guard import TOO_HOT_C
 from hexctl.control.monitor.recovery import make_policy
 from hexctl.control.plan import AUTO_ROTATION, HOLDS, TrialPlan, suited_rotation
 from hexctl.control.result import progress_floor_m
@@ -154,6 +155,9 @@ def _world_of(backend: str, world: Path | str | None) -> str | None:
     return None
 
 
+#: Servos do not cool down further than this, in degrees Celsius.
+LEAST_COOL_C = 25.0
+
 _STORED = "which the session stores"
 
 _METRES = ("target_m", "arena_m", "worth_m", "uncertainty_m", "body_raise")
@@ -170,6 +174,7 @@ _TYPES: dict[str, tuple[tuple[type, ...], str | None]] = {
     "target": ((float, str, type(None)), "a number, or a share of the distance such as '1%'"),
     **dict.fromkeys(("early_stop", "count_repeats", "insecure", "baseline"), ((bool,), None)),
     **{name: ((str, type(None)), None) for name in ("connect", "credentials", "link", "hold")},
+    "cool_down_c": ((float, type(None)), None),
     "policy": ((str,), "the name of a policy, which the session stores"),
 }
 
@@ -295,6 +300,8 @@ def _check_options(spec: SessionSpec, objective: Objective) -> None:
             "each trial begins at the "
             "same place; allowed: with a robot that stays where a walk ends"
         )
+    if spec.cool_down_c is not None:
+        _check_cooling(spec, spec.cool_down_c)
     if (spec.arena_m is not None or spec.ask) and spec.heading_deg and spec.self_rotation != "none":
         raise InputError(
             f"{argument('heading_deg')}: got {spec.heading_deg:g} with "
@@ -303,6 +310,20 @@ def _check_options(spec: SessionSpec, objective: Objective) -> None:
         )
     if spec.ask:
         _check_asking(spec, objective)
+
+
+def _check_cooling(spec: SessionSpec, cool_down_c: float) -> None:
+    """Raise InputError for a temperature that servos do not reach, or that nothing tells."""
+    if spec.simulated:
+        raise InputError(
+            f"{argument('cool_down_c')}: got it with {argument('backend')} sim, whose servos do not heat up; "
+            "allowed: with a real robot"
+        )
+    if not LEAST_COOL_C <= cool_down_c <= TOO_HOT_C:
+        raise InputError(
+            f"{argument('cool_down_c')}: got {cool_down_c:g}; allowed: {LEAST_COOL_C:g} to {TOO_HOT_C:g} "
+            "degrees Celsius"
+        )
 
 
 def _check_asking(spec: SessionSpec, objective: Objective) -> None:

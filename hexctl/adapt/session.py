@@ -65,6 +65,7 @@ class SessionSpec:
         insecure: True to let a link beyond this computer do without.
         link: name or path of a link file, or None.
         arena_m: radius around `home_m` in which a robot that stays between trials is kept, or None.
+        cool_down_c: temperature in degrees Celsius below which all servos are before each trial, or None.
         home_m: where it stood when the session began, x and y in the world; None without an arena.
         ask: True where an operator places the robot before each trial and measures after it.
         baseline_gaits: named gaits that are walked before the first trial, to compare with.
@@ -112,6 +113,7 @@ class SessionSpec:
     hold: str = "none"
     body_raise: float = 0.0
     policy: str = UNWATCHED
+    cool_down_c: float | None = None
 
     @property
     def simulated(self) -> bool:

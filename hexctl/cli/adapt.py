@@ -60,6 +60,7 @@ if TYPE_CHECKING:
 BUDGET = Range(low=1, high=100_000, whole=True)
 REPEATS = Range(low=0, whole=True)
 METRES = Range(low=0, above=True, unit="m")
+COOL_C = Range(low=25, high=68, unit="degrees Celsius")
 GAIN_M = Range(low=0, unit="m")
 
 #: Options that go with --resume.
@@ -221,6 +222,15 @@ def adapt(
             "at the session's start that it is kept in. (default: none, it wanders)",
         ),
     ] = None,
+    cool_down_c: Annotated[
+        float | None,
+        number(
+            "--cool-down",
+            COOL_C,
+            "With servos that tell their temperature: sit before each trial until all are cooler than this, "
+            "in degrees Celsius, {}. (default: none, it does not wait)",
+        ),
+    ] = None,
     ask: Annotated[
         bool,
         typer.Option(
@@ -299,6 +309,7 @@ def adapt(
         insecure=insecure,
         link=link,
         arena_m=arena_m,
+        cool_down_c=cool_down_c,
         ask=ask,
         seed=seed,
     )

@@ -278,7 +278,15 @@ def _open_live(run: "Run") -> "LiveView | None":
     live = open_window(note_no_window)
     if live is not None:
         looks = None if run.robot_file is None else str(run.robot_file)
-        live.begin(run.robot, run.plan, title=run.title, floor=run.floor, looks=looks, watched=True)
+        live.begin(
+            run.robot,
+            run.plan,
+            title=run.title,
+            floor=run.floor,
+            looks=looks,
+            watched=True,
+            servos=run.spec.backend != "sim",
+        )
     return live
 
 

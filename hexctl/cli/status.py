@@ -1,6 +1,7 @@
 """`hexctl status`: state of the robots on a link."""
 
 import json
+import math
 import time
 from collections.abc import Mapping
 from contextlib import ExitStack
@@ -114,6 +115,7 @@ def status_rows(status: Status) -> list[tuple[str, str]]:
         ("controller", _controller(status)),
         ("fault", status.get("fault") or ""),
         ("battery", _battery(status)),
+        ("servos", _servos(status)),
         ("joints", _joints(status)),
         ("position", "known" if status.get("pose") else "not known, so no trial can be scored"),
         ("commands", _commands(status.get("commands", {}))),
@@ -156,6 +158,23 @@ def _battery(status: Status) -> str:
     volts, share = status.get("battery_v"), status.get("battery_share")
     words = [f"{volts:.1f} V" if volts is not None else "", f"{share:.0%}" if share is not None else ""]
     return ", ".join(filter(None, words)) or "does not say"
+
+
+def _servos(status: Status) -> str:
+    """Hottest servo and range of their voltages, as far as they are told; nothing without."""
+    from hexctl.types import JOINT_NAMES, ServoReadings
+
+    try:
+        readings = ServoReadings.from_json(status["servos"])
+    except (KeyError, TypeError, ValueError):
+        return ""
+    words, joint = [], readings.hottest_joint
+    if joint is not None:
+        words.append(f"up to {readings.temperatures_c[joint]:.0f} C ({JOINT_NAMES[joint]})")
+    volts = [one for one in readings.voltages_v.tolist() if math.isfinite(one)]
+    if volts:
+        words.append(f"{min(volts):.1f} to {max(volts):.1f} V")
+    return ", ".join(words)
 
 
 def _joints(status: Status) -> str:

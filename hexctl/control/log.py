@@ -12,7 +12,7 @@ from hexctl.control.controllers import Controller
 from hexctl.control.trace import PHASES, TrialFrame
 from hexctl.errors import InputError, check_type
 from hexctl.robot.failure import Failure
-from hexctl.types import N_JOINTS, N_LEGS, FloatArray, JointTargets, RobotState
+from hexctl.types import N_JOINTS, N_LEGS, FloatArray, JointTargets, RobotState, ServoReadings
 
 #: Name, width and type of each column; a width of 0 is a plain value per tick.
 COLUMNS: tuple[tuple[str, int, type], ...] = (
@@ -36,6 +36,9 @@ BLOCK_TICKS = 50
 
 #: Ticks of a block in a walk that keeps time: the work of a second is then spread over its ticks.
 PACED_BLOCK_TICKS = 1
+
+#: Ticks between two readings of single servos that are kept: a second.
+SERVO_TICKS = 50
 
 #: Rows of one chunk; a full one is never copied, so that a long walk costs no tick its time.
 CHUNK_ROWS = 2048
@@ -83,6 +86,7 @@ class TickLog:
         walk_from: the first row of the walk, None before it.
         notes: rows at which something happened, and what.
         leg_changes: which legs have failed, by the world and by the controller's belief, where that changed.
+        servo_rows: what single servos reported, once a second, and the rows of those ticks.
     """
 
     def __init__(self) -> None:
@@ -96,6 +100,7 @@ class TickLog:
         self.walk_from: int | None = None
         self.notes: list[tuple[int, str]] = []
         self.leg_changes: list[LegChange] = []
+        self.servo_rows: list[tuple[int, ServoReadings]] = []
         self._failures_by: dict[str, tuple[Failure, ...]] = {}
         self._length = 0
         self._chunks: list[dict[str, Any]] = []
@@ -138,6 +143,8 @@ class TickLog:
         self.contacts_known = state.foot_contacts is not None
         if self.contacts_known:
             columns["foot_contacts"][row] = state.foot_contacts
+        if state.servos is not None and self._length % SERVO_TICKS == 0:
+            self.servo_rows.append((self._length, state.servos))
         if state.joint_torques_nm is not None:
             columns["joint_torques_nm"][row] = state.joint_torques_nm
         if self.controller is not None and self.controller.velocity_body is not None:

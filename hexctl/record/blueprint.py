@@ -17,7 +17,13 @@ EYE = (-1.1, -2.1, 1.5)
 
 
 def make_blueprint(
-    robot: Robot, plan: TrialPlan, floor: Floor, *, watched: bool = False, live: bool = False
+    robot: Robot,
+    plan: TrialPlan,
+    floor: Floor,
+    *,
+    watched: bool = False,
+    servos: bool = False,
+    live: bool = False,
 ) -> Any:
     """Blueprint of a trial's recording.
 
@@ -26,6 +32,7 @@ def make_blueprint(
         plan: what it is asked to do.
         floor: what it walks on.
         watched: whether its legs are watched; the layout then has the evidence against each.
+        servos: whether its servos may report temperatures and voltages; the layout then has them.
         live: whether it is shown while it walks; the time cursor then follows it, and the events are in
             front, as there is no summary yet.
     """
@@ -34,6 +41,11 @@ def make_blueprint(
     hidden = rrb.PlotLegend(visible=False)
     scene = rrb.Vertical(scene_view(robot, plan, floor), _lanes_view(), row_shares=[6, 5])
     evidence = [_plot(paths.SUSPICION, "evidence, alarm at 1")] if watched else []
+    reports = [
+        _plot(path, name, plot_legend=hidden)
+        for path, name in ((paths.TEMPERATURES, "servos (°C)"), (paths.VOLTAGES, "servos (V)"))
+        if servos
+    ]
     side = rrb.Vertical(
         rrb.Tabs(_summary_view(), _events_view(), active_tab=1 if live else 0),
         _plot(paths.DEVIATION, "deviation from the line (m), left is up", plot_legend=hidden),
@@ -43,6 +55,7 @@ def make_blueprint(
             *(_plot(paths.leg_path(leg), f"leg {leg} (rad)") for leg in paths.LEGS),
             _plot(paths.TORQUES, "torques (N m)", plot_legend=hidden),
             _plot(paths.VELOCITY, "commanded velocity"),
+            *reports,
         ),
         row_shares=[10, 4, 4, 6],
     )

@@ -92,6 +92,7 @@ class LiveView:
         floor: Floor | None = None,
         looks: str | None = None,
         watched: bool = False,
+        servos: bool = False,
     ) -> None:
         """Begin another walk.
 
@@ -102,9 +103,10 @@ class LiveView:
             floor: what it walks on; None is an even, level floor.
             looks: robot file whose meshes are drawn; None draws solids.
             watched: whether the walk watches its legs.
+            servos: whether the servos may report temperatures and voltages.
         """
         header = {"robot": robot, "plan": plan, "title": title, "floor": floor, "looks": looks}
-        self._send({**header, "watched": watched})
+        self._send({**header, "watched": watched, "servos": servos})
 
     def write_block(self, log: TickLog, start: int, stop: int) -> None:
         """Pass rows [start, stop) of a log on. What it raises is kept in `lost` too."""
@@ -172,6 +174,7 @@ def rows_of(log: TickLog, start: int, stop: int) -> dict[str, Any]:
         "frame": log.frame,
         "pose_known": log.pose_known,
         "contacts_known": log.contacts_known,
+        "servo_rows": [(row - start, servos) for row, servos in log.servo_rows if start <= row < stop],
         "notes": [(row - start, text) for row, text in log.notes if start <= row < stop],
         "leg_changes": [
             replace(change, row=change.row - start)
@@ -215,7 +218,8 @@ def watch_states(
     # The layout needs some plan; a viewer is not told what the robot's controller does.
     plan = TrialPlan(gait=make_gait(robot, "demo"))
     while not stop_requested() and live.open:
-        live.begin(robot, plan, title=f"{robot.name} at {place}, from {time.strftime('%H:%M:%S')}")
+        title = f"{robot.name} at {place}, from {time.strftime('%H:%M:%S')}"
+        live.begin(robot, plan, title=title, servos=True)
         _watch_recording(live, read, stop_requested, failures)
         if live.lost is not None:
             raise RobotFaultError(f"{live.lost}; {place} itself is as it was")

@@ -37,7 +37,8 @@ class Feed:
         self._subject = Subject(robot, plan, floor, meshes)
         self._log = TickLog()
         self._stream: Any = rr.RecordingStream(APPLICATION_ID, recording_id=str(uuid.uuid4()))
-        blueprint = make_blueprint(robot, plan, floor, watched=header["watched"], live=True)
+        shown = {name: header[name] for name in ("watched", "servos")}
+        blueprint = make_blueprint(robot, plan, floor, live=True, **shown)
         self._stream.connect_grpc(address, default_blueprint=blueprint)
         self._stream.send_recording_name(header["title"])
         send_scene(self._stream, robot, plan, floor, meshes)
@@ -62,6 +63,7 @@ def append(log: TickLog, block: dict[str, Any]) -> None:
     start = len(log)
     log.frame, log.pose_known = block["frame"], block["pose_known"]
     log.contacts_known = block["contacts_known"]
+    log.servo_rows += [(start + row, servos) for row, servos in block["servo_rows"]]
     log.notes += [(start + row, text) for row, text in block["notes"]]
     log.leg_changes += [replace(change, row=start + change.row) for change in block["leg_changes"]]
     log.extend(block["rows"])

@@ -23,6 +23,9 @@ DEVIATION = "deviation"
 MARGIN = "stability_margin"
 #: 18 scalars, ten times a second: the torque of each joint in N m.
 TORQUES = "joint_torques"
+#: 18 scalars each, once a second: what the servos report in degrees Celsius, V and A, and ages of angles.
+TEMPERATURES, VOLTAGES, CURRENTS = "servos/temperatures", "servos/voltages", "servos/currents"
+AGES = "servos/ages"
 #: Three scalars, ten times a second: the velocity that a steered walk commands, m/s, m/s and rad/s.
 VELOCITY = "commanded_velocity"
 #: The same as an arrow above the body, as far as it goes in two seconds.

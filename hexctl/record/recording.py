@@ -55,6 +55,7 @@ class Recording:
         floor: Floor | None = None,
         meshes: Meshes | None = None,
         watched: bool = False,
+        servos: bool = False,
     ) -> None:
         """Create the file, with the scene and the layout in it.
 
@@ -66,6 +67,7 @@ class Recording:
             floor: what it walks on; None is an even, level floor.
             meshes: of the robot's parts; None draws solids of its geometry.
             watched: whether the walk watches its legs; the layout then has the evidence against them.
+            servos: whether the servos may report temperatures and voltages; the layout then has them.
 
         Raises InputError for a file that exists or cannot be written, and
         MissingExtraError without Rerun.
@@ -85,7 +87,8 @@ class Recording:
         create_file(path)
         self._stream: Any = rr.RecordingStream(APPLICATION_ID, recording_id=str(uuid.uuid4()))
         floor = self._subject.floor
-        self._stream.save(str(path), default_blueprint=make_blueprint(robot, plan, floor, watched=watched))
+        blueprint = make_blueprint(robot, plan, floor, watched=watched, servos=servos)
+        self._stream.save(str(path), default_blueprint=blueprint)
         self._stream.send_recording_name(title)
         send_scene(self._stream, robot, plan, floor, meshes or {})
         self._send_summary(None, {})

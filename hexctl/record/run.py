@@ -288,6 +288,7 @@ class Run:
                 floor=self.floor,
                 meshes=self._meshes,
                 watched=True,
+                servos=self.spec.backend != "sim",
             )
         except MissingExtraError as error:
             raise MissingExtraError("recording (or walk with --no-record)", "view") from error

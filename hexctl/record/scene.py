@@ -72,7 +72,8 @@ def send_scene(stream: Any, robot: Robot, plan: TrialPlan, floor: Floor, meshes:
     colors = [style.SERIES[kind][1] for kind in JOINT_KINDS] * N_LEGS
     names = ("forward (m/s)", "left (m/s)", "turn (rad/s)")
     stream.log(paths.VELOCITY, rr.SeriesLines(names=names), static=True)
-    stream.log(paths.TORQUES, rr.SeriesLines(colors=colors, names=JOINT_NAMES), static=True)
+    for path in (paths.TORQUES, paths.TEMPERATURES, paths.VOLTAGES, paths.CURRENTS, paths.AGES):
+        stream.log(path, rr.SeriesLines(colors=colors, names=JOINT_NAMES), static=True)
     evidence = rr.SeriesLines(
         colors=[*style.LEG_COLORS, style.ALARM_COLOR],
         names=[*(f"leg {leg}" for leg in paths.LEGS), "alarm"],

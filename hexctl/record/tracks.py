@@ -29,6 +29,7 @@ from hexctl.record.columns import (
 from hexctl.record.failure_tracks import failure_lines, send_lanes, send_looks, send_suspicion
 from hexctl.record.rrd import load_rerun
 from hexctl.record.scene import course_world, on_floor, path_end_m, xyzw
+from hexctl.record.servo_tracks import send_servos
 from hexctl.types import JOINT_KINDS, JOINT_NAMES, JOINTS_PER_LEG, N_JOINTS, BoolArray, FloatArray
 
 #: An arrow is as long as the robot goes in this time.
@@ -464,4 +465,5 @@ PARTS: tuple[Callable[[Block], None], ...] = (
     send_velocity,
     send_suspicion,
     send_lanes,
+    send_servos,
 )

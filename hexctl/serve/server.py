@@ -335,6 +335,7 @@ class RobotServer:
             "state_age_s": None if state is None else _number(state.age_s),
             "fault": None if state is None else state.fault,
             "warnings": [] if state is None else list(state.warnings),
+            "servos": None if state is None or state.servos is None else state.servos.to_json(),
             "battery_v": None if state is None else _number(state.battery_v),
             "battery_share": None if state is None else _number(state.battery_share),
             "endpoint": self._link.endpoint,

@@ -208,7 +208,7 @@ def test_who_puts_it_down_is_told_how(
 def test_a_robot_that_tells_no_yaw_says_so_before_it_is_put_down(
     kit: str, hold: str, said: bool, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("hexctl.adapt.runner.YAW_COMES_S", 0.0)
+    monkeypatch.setattr("hexctl.adapt.reset_free.YAW_COMES_S", 0.0)
     answer(monkeypatch, "quit\n")
     assert adapt(kit, "--ask", "--hold", hold) == 130
     before, asked, _ = capsys.readouterr().err.partition("put the robot on the mark")

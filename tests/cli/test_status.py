@@ -37,6 +37,14 @@ CALM: dict[str, Any] = {
 }
 
 
+SERVOS = {
+    **dict.fromkeys(("ages_s", "efforts", "currents_a"), [None] * 18),
+    "temperatures_c": [40.0] * 4 + [61.2] + [40.0] * 13,
+    "voltages_v": [12.0] * 17 + [11.5],
+    "errors": [""] * 18,
+}
+
+
 def test_a_calm_robot() -> None:
     assert dict(status_rows(CALM)) == {
         "robot": "ant (sim), world rough, failure leg 5 locked",
@@ -70,6 +78,8 @@ def test_a_calm_robot() -> None:
         ({"stopped": "expired"}, "stopped", "EXPIRED; the next controller clears it"),
         ({"controller": "lab", "controller_since_s": 3.5}, "controller", "lab, for 3.5 s"),
         ({"battery_v": 11.13, "battery_share": 0.4}, "battery", "11.1 V, 40%"),
+        ({"servos": SERVOS}, "servos", "up to 61 C (leg2_femur), 11.5 to 12.0 V"),
+        ({"servos": {**SERVOS, "temperatures_c": [None] * 18}}, "servos", "11.5 to 12.0 V"),
         ({"fault": "low battery"}, "fault", "low battery"),
         ({"joints": None}, "joints", "no state received yet"),
         (

@@ -1,7 +1,8 @@
 """State subscriber: the latest messages of a served robot, put together into robot states."""
 
 import time
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -9,7 +10,7 @@ import zenoh
 
 from hexctl.errors import InputError, MessageError, RobotFaultError
 from hexctl.robot.failure import Failure, each_failure, parse_failure
-from hexctl.types import FloatArray, RobotState
+from hexctl.types import FloatArray, RobotState, ServoReadings
 from hexctl.waiting import wait_for
 from hexctl.wire.description import decode_json
 from hexctl.wire.links import KeyMap
@@ -81,7 +82,9 @@ class StateSubscriber:
     def __init__(self, keys: KeyMap, latest: LatestValues, *, plain: bool = False) -> None:
         self._keys, self._latest, self._plain = keys, latest, plain
         self._failures: tuple[Failure, ...] | None = None
-        self._failures_of: StampedSample | None = None
+        self._servos: ServoReadings | None = None
+        self._warnings: tuple[str, ...] = ()
+        self._status_of: StampedSample | None = None
 
     def subscribe(self, session: zenoh.Session) -> None:
         """Subscribe, with nothing received yet."""
@@ -123,6 +126,7 @@ class StateSubscriber:
         except MessageError as error:
             raise RobotFaultError(f"the robot sends invalid states: {error}") from error
         position, quaternion = self._pose(sample.at_s)
+        self._take_status()
         battery_v, battery_share = self._battery()
         return RobotState(
             positions_rad,
@@ -138,17 +142,36 @@ class StateSubscriber:
             battery_v=battery_v,
             battery_share=battery_share,
             joint_torques_nm=torques_nm,
+            servos=self._servos_at(now_s),
+            warnings=self._warnings,
             stale_joints=stale_joints_of(tag),
         )
 
     @property
     def failures(self) -> tuple[Failure, ...] | None:
         """Failures in force in a simulation at the other end, by leg, as it told last; None for a robot."""
-        sample = self._latest.newest("status")
-        if sample is not None and sample is not self._failures_of:
-            self._failures_of = sample
-            self._failures = _failures_of(sample.payload)
+        self._take_status()
         return self._failures
+
+    def _take_status(self) -> None:
+        """Take what the newest status tells, if there is a new one."""
+        sample = self._latest.newest("status")
+        if sample is None or sample is self._status_of:
+            return
+        self._status_of = sample
+        try:
+            status = decode_json(sample.payload)
+        except MessageError:
+            status = {}
+        self._failures, self._servos = _failures_of(status), _servos_of(status)
+        warnings = status.get("warnings")
+        self._warnings = tuple(map(str, warnings)) if isinstance(warnings, list) else ()
+
+    def _servos_at(self, now_s: float) -> ServoReadings | None:
+        """What was told last of single servos, with their ages at a time on time.monotonic."""
+        if self._servos is None or self._status_of is None:
+            return None
+        return replace(self._servos.copy(), ages_s=self._servos.ages_s + (now_s - self._status_of.at_s))
 
     def _pose(self, state_at_s: float) -> tuple[FloatArray | None, FloatArray | None]:
         """The newest pose; None once states keep arriving without it, but not while everything is silent."""
@@ -168,13 +191,21 @@ class StateSubscriber:
             return None, None
 
 
-def _failures_of(payload: bytes) -> tuple[Failure, ...] | None:
+def _failures_of(status: Mapping[str, Any]) -> tuple[Failure, ...] | None:
     """Failures that a status tells, such as `5:limp`; None where it tells none or is not understood."""
+    texts = status.get("failures")
+    if not isinstance(texts, list):
+        return None
     try:
-        texts = decode_json(payload).get("failures")
-        if not isinstance(texts, list):
-            return None
         told = [str(text).partition(":") for text in texts]
         return each_failure([parse_failure(int(leg), kind) for leg, _, kind in told])
-    except (MessageError, InputError, ValueError):
+    except (InputError, ValueError):
+        return None
+
+
+def _servos_of(status: Mapping[str, Any]) -> ServoReadings | None:
+    """What a status tells of single servos; None where it tells nothing or is not understood."""
+    try:
+        return ServoReadings.from_json(status["servos"])
+    except (KeyError, TypeError, ValueError):
         return None

@@ -16,10 +16,11 @@ from hexctl.control.guard import Guard
 from hexctl.errors import EStopError, InputError, RobotFaultError
 from hexctl.robot.loader import load_robot
 from hexctl.testing.servos import LegServosConformance
-from hexctl.types import JointTargets
+from hexctl.types import JointTargets, RobotState
 from hexctl.wire.links import KeyMap, Link, Role
 from hexctl.wire.messages import decode_positions, encode_positions
 from hexctl.wire.session import open_session
+from tests.backends.bus.boards import a_map, bus_board
 from tests.robots import edited_file, put, shipped
 from tests.serve.processes import Served, free_port, hexctl, hexctl_process, served, wait_until
 
@@ -178,3 +179,27 @@ def read_for(servos: ZenohServos, *, seconds: float) -> None:
     for _ in range(round(seconds / servos.clock.period_s)):
         servos.clock.tick()
         servos.read()
+
+
+def test_what_servos_on_a_bus_report_comes_over_the_link(tmp_path: Path) -> None:
+    with (
+        bus_board(a_map(), "hot:2:femur:61", "mute:5:coxa@2") as bus,
+        served(tmp_path, "--robot", "phantomx", "--device", bus.path, backend="feetech") as server,
+        ZenohServos("phantomx", link=Link(endpoint=server.endpoint)) as servos,
+    ):
+        wait_until(lambda: "mute: leg 5 coxa (id 13)" in _next(servos).warnings, "the warning")
+        state = _next(servos)
+        assert state.stale_joints is not None
+        assert np.flatnonzero(state.stale_joints).tolist() == [12]
+        readings = state.servos
+        assert readings is not None
+        assert readings.hottest_joint == 4
+        assert readings.temperatures_c[4] == 61
+        assert np.isfinite(readings.voltages_v).all()
+        assert readings.ages_s[12] > 0.3
+        assert np.delete(readings.ages_s, 12).max() < readings.ages_s[12]
+
+
+def _next(servos: ZenohServos) -> RobotState:
+    servos.clock.tick()
+    return servos.read()

@@ -11,21 +11,23 @@ import pytest
 
 from hexctl.adapt import runner as runner_module
 from hexctl.adapt.arena import Arena
-from hexctl.adapt.runner import ResetFreeRunner, RobotStoppedError, TrialRunner, await_ready
+from hexctl.adapt.reset_free import ResetFreeRunner, await_ready, cool_down
+from hexctl.adapt.runner import RobotStoppedError, TrialRunner
 from hexctl.adapt.session import SessionSpec
 from hexctl.adapt.space import GaitSpace
 from hexctl.backends.sim.servos import SimServos
+from hexctl.control.controllers import sitting_angles_rad
 from hexctl.control.guard import Guard
 from hexctl.control.log import TickLog
 from hexctl.control.plan import TrialPlan
 from hexctl.control.result import TrialResult
 from hexctl.control.trial import run_trial
-from hexctl.errors import RobotFaultError
+from hexctl.errors import InputError, RobotFaultError
 from hexctl.gait.encoding import Slots
 from hexctl.gait.gait import make_gait
 from hexctl.robot.failure import Failure
 from hexctl.robot.rotations import wrapped_rad
-from hexctl.types import FloatArray
+from hexctl.types import FloatArray, JointTargets, RobotState, ServoReadings
 from tests.adapt.staying import StayingSim
 from tests.control.posed import FallsAfter, PosedMock
 from tests.robots import shipped
@@ -241,3 +243,91 @@ def test_after_a_trial_silence_is_no_failure() -> None:
         servos.time.sleep(60.0)
         guard.read()
         assert guard.stopped is None
+
+
+class HeatedMock(PosedMock):
+    """A robot whose hottest servo cools down by a degree in ten seconds, once it sits without torque."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.hottest_c: float | None = 58.0
+        self.limp = False
+
+    def read(self) -> RobotState:
+        """The state, with the temperatures of the servos."""
+        state = super().read()
+        if self.limp and self.hottest_c is not None:
+            self.hottest_c -= 0.1 * self.clock.period_s
+        temperatures_c = np.full(18, 35.0 if self.hottest_c is not None else np.nan)
+        temperatures_c[13] = math.nan if self.hottest_c is None else self.hottest_c
+        unknown = np.full(18, np.nan)
+        return replace(
+            state,
+            servos=ServoReadings(
+                ages_s=np.zeros(18),
+                efforts=unknown,
+                currents_a=unknown,
+                voltages_v=unknown,
+                temperatures_c=temperatures_c,
+            ),
+        )
+
+    def disable_torque(self) -> bool:
+        """Go limp."""
+        self.limp = True
+        return True
+
+    def write(self, targets: JointTargets) -> JointTargets:
+        """Take the targets over."""
+        self.limp = False
+        return super().write(targets)
+
+
+def test_a_hot_robot_sits_limp_until_it_has_cooled_down() -> None:
+    notes: list[str] = []
+    servos = HeatedMock()
+    with Guard(servos, expiry_s=1.0) as guard:
+        cool_down(guard, 50.0, lambda: False, notes.append)
+        assert servos.limp
+        assert servos.hottest_c == pytest.approx(50.0, abs=0.1)
+        np.testing.assert_allclose(servos.read().joint_positions_rad, sitting_angles_rad(ROBOT), atol=1e-9)
+        assert guard.clock.now_s == pytest.approx(82.0, abs=2.0)
+        assert notes[0] == "cooling down below 50 C: leg5_femur 58 C"
+        assert notes[1:] == ["still cooling down: leg5_femur 52 C"]
+        assert guard.stopped is None
+
+
+def test_a_cool_robot_does_not_sit_and_one_that_stays_hot_is_reported(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    servos = HeatedMock()
+    notes: list[str] = []
+    with Guard(servos, expiry_s=1.0) as guard:
+        cool_down(guard, 60.0, lambda: False, notes.append)
+        assert (servos.limp, notes) == (False, [])
+        monkeypatch.setattr("hexctl.adapt.reset_free.COOLING_TIMEOUT_S", 60.0)
+        with pytest.raises(RobotFaultError, match=r"not below 30 C after 1 min: leg5_femur 52 C"):
+            cool_down(guard, 30.0, lambda: False, notes.append)
+
+
+def test_cooling_down_ends_with_a_requested_stop_and_needs_temperatures() -> None:
+    servos = HeatedMock()
+    with Guard(servos, expiry_s=1.0) as guard:
+        cool_down(guard, 30.0, lambda: guard.clock.now_s > 5.0, lambda _text: None)
+        assert guard.clock.now_s < 6.0
+        servos.hottest_c = None
+        with pytest.raises(InputError, match="tells no temperatures"):
+            cool_down(guard, 30.0, lambda: False, lambda _text: None)
+
+
+def test_every_trial_waits_until_the_servos_are_cool() -> None:
+    servos = HeatedMock()
+    plan = replace(PLAN, duration_s=2.0)
+    with Guard(servos, expiry_s=1.0) as guard:
+        runner = runner_of(guard, plan)
+        spec = replace(runner.runner.spec, cool_down_c=50.0)
+        cooled = replace(runner, runner=replace(runner.runner, spec=spec))
+        cooled.walk(1, 17, SPACE.slots_of(17))
+        assert servos.hottest_c is not None
+        assert servos.hottest_c < 50.1
+        assert guard.clock.now_s > 80.0

@@ -1,0 +1,28 @@
+"""Tracks of single servos: temperatures, voltages, currents, and how old the angles of their joints are."""
+
+import numpy as np
+
+from hexctl.record import paths
+from hexctl.record.columns import TORQUE_BITS, Block, rounded
+from hexctl.record.rrd import load_rerun
+from hexctl.types import N_JOINTS
+
+#: Entity of each reading, by attribute of `ServoReadings`.
+READINGS = {
+    "temperatures_c": paths.TEMPERATURES,
+    "voltages_v": paths.VOLTAGES,
+    "currents_a": paths.CURRENTS,
+    "ages_s": paths.AGES,
+}
+
+
+def send_servos(block: Block) -> None:
+    """Send what the servos report, as far as it is known of any; what is unknown of one leaves a gap."""
+    readings = [(row, servos) for row, servos in block.log.servo_rows if block.start <= row < block.stop]
+    for name, path in READINGS.items():
+        known = [(row, getattr(servos, name)) for row, servos in readings]
+        known = [(row, values) for row, values in known if np.isfinite(values).any()]
+        if known:
+            values = np.stack([np.where(np.isfinite(values), values, np.nan) for _, values in known])
+            scalars = load_rerun().Scalars.columns(scalars=rounded(values, TORQUE_BITS).ravel())
+            block.send_at(path, [row for row, _ in known], scalars.partition(np.full(len(known), N_JOINTS)))
