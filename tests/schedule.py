@@ -25,6 +25,8 @@ LANES = {
         "tests/backends/bus/test_lx16a_servos.py",
         "tests/backends/bus/test_servos.py",
         "tests/backends/bus/test_scan.py",
+        "tests/backends/bus/test_servo_settings.py",
+        "tests/backends/bus/test_register_servo.py",
         "tests/serve/test_keeper.py",
         "tests/cli/test_servos.py",
         "tests/backends/pwm/test_servo2040.py",

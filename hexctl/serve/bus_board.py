@@ -3,6 +3,7 @@
 import os
 import random
 import select
+import termios
 import time
 import tty
 from collections.abc import Callable
@@ -15,7 +16,7 @@ from hexctl.backends.base import LegServos
 from hexctl.control.guard import StepLimits
 from hexctl.errors import RobotFaultError
 from hexctl.robot.bus_map import BusMap
-from hexctl.serve.bus_faults import BusFault, BusFaults
+from hexctl.serve.bus_faults import FACTORY_ID, BusFault, BusFaults
 from hexctl.serve.bus_servos import BusBoardCounters, RegisterServos, SimulatedServos
 from hexctl.serve.lx16a_servos import Lx16aServos
 from hexctl.types import N_JOINTS, BoolArray, FloatArray, JointTargets, RobotState
@@ -26,6 +27,13 @@ HESITATES_S = 0.00005
 #: Time that is kept free before a tick.
 SPARE_S = 0.0003
 
+
+#: Bauds by the constants of a terminal.
+_BAUDS = {
+    getattr(termios, name): int(name[1:])
+    for name in dir(termios)
+    if name.startswith("B") and name[1:].isdecimal()
+}
 
 #: Servos of each driver.
 FAMILIES: dict[str, type[SimulatedServos]] = {
@@ -83,6 +91,7 @@ class BusBoard:
         try:
             with self._robot:
                 self._robot.clock.tick()
+                self._suffer()
                 self._show(self._robot.read())
                 ready()
                 while not until():
@@ -109,7 +118,7 @@ class BusBoard:
             return
         data = os.read(self._master, 4096)
         self._occupy(len(data))
-        if self._faults.unplugged:
+        if self._faults.unplugged or not self._understands():
             return
         if self._faults.echoes:
             self._send(data)
@@ -121,15 +130,26 @@ class BusBoard:
                 return
             self._answer(self._family.obey(*packet, self._robot.clock.now_s))
 
+    def _understands(self) -> bool:
+        """Whether the controller has opened the line at the servos' baud, where that can be told."""
+        opened = termios.tcgetattr(self._slave)[5]
+        return _BAUDS.get(opened) in (None, self._baud)
+
     def _answer(self, answers: list[bytes]) -> None:
         """Send answers no sooner than the line could carry them, garbled as the faults say."""
         if not answers:
             return
         self._counters.answers += len(answers)
-        data = b"".join(self._faults.garbled(answer, self._random) for answer in answers)
+        data = b"".join(self._faults.garbled(each, self._random, self._sender(each)) for each in answers)
         self._occupy(len(data))
         time.sleep(max(0.0, self._free_s - time.monotonic()) + HESITATES_S * len(answers))
         self._send(data)
+
+    def _sender(self, answer: bytes) -> int | None:
+        """Joint whose servo gives an answer, where that matters."""
+        packet = self._family.packets.take(answer)[0] if self._faults.cables else None
+        joints = [] if packet is None else self._family.named([packet[0]])
+        return joints[0] if joints else None
 
     def _occupy(self, count: int) -> None:
         """Let bytes, of ten bits each, pass on the line behind those before them."""
@@ -146,11 +166,21 @@ class BusBoard:
         self._robot.clock.tick()
         self._counters.ticks += 1
         self._faults.advance(self._robot.clock.now_s)
-        for joint, new_id in self._faults.lost_ids.items():
-            self._servos[joint].servo_id = new_id
+        self._suffer()
         state = self._robot.read()
         self._move(state)
         self._show(state)
+
+    def _suffer(self) -> None:
+        """Let what has just begun happen to the servos."""
+        while self._faults.sudden:
+            fault = self._faults.sudden.pop(0)
+            if fault.joint is None:
+                self._family.restart()
+            elif fault.kind == "overload":
+                self._family.trip(fault.joint)
+            else:
+                self._family.lose_id(fault.joint, FACTORY_ID)
 
     def _move(self, state: RobotState) -> None:
         holds: BoolArray = self._family.holds() & ~self._faults.dead

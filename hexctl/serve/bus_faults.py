@@ -1,6 +1,7 @@
 """Faults of a simulated bus: what goes wrong with its line and its servos, and when.
 
-mute:5:coxa@10  hot:2:femur:72@5  lost-id:3:tibia@8  brown-out@12  unplug@15  replug@18  garble:0.01  echo
+mute:5:coxa@10  hot:2:femur:72@5  overload:4:femur@6  lost-id:3:tibia@8  bad-cable:3:femur:0.2
+brown-out@12  unplug@15  replug@18  garble:0.01  echo
 """
 
 import random
@@ -14,13 +15,15 @@ from hexctl.robot.bus_map import BusMap
 from hexctl.types import JOINT_KINDS, JOINTS_PER_LEG, N_JOINTS, N_LEGS, BoolArray
 
 ALLOWED = (
-    "mute:LEG:JOINT, hot:LEG:JOINT:DEGREES_C, lost-id:LEG:JOINT, brown-out, unplug, replug, "
-    "garble:SHARE or echo, each with @SECONDS or from the start"
+    "mute:LEG:JOINT, hot:LEG:JOINT:DEGREES_C, overload:LEG:JOINT, lost-id:LEG:JOINT, "
+    "bad-cable:LEG:JOINT:SHARE, brown-out, unplug, replug, garble:SHARE or echo, each with @SECONDS or from "
+    "the start"
 )
 
 #: Kinds with a joint, and with a number.
-_OF_JOINTS, _WITH_NUMBER = ("mute", "hot", "lost-id"), ("hot", "garble")
-_KINDS = ("mute", "hot", "lost-id", "brown-out", "unplug", "replug", "garble", "echo")
+_OF_JOINTS = ("mute", "hot", "overload", "lost-id", "bad-cable")
+_WITH_NUMBER, _WITH_SHARE = ("hot", "garble", "bad-cable"), ("garble", "bad-cable")
+_KINDS = (*_OF_JOINTS, "brown-out", "unplug", "replug", "garble", "echo")
 
 #: Hottest that a servo can say it is, in degrees Celsius.
 MOST_C = 200
@@ -66,7 +69,7 @@ def parse_bus_fault(text: str) -> BusFault:
     if len(rest) != (kind in _WITH_NUMBER) or not all(map(_number, rest)):
         raise error
     value = float(rest[0]) if rest else 0.0
-    if (kind == "garble" and value > 1) or (kind == "hot" and value > MOST_C):
+    if (kind in _WITH_SHARE and value > 1) or (kind == "hot" and value > MOST_C):
         raise error
     return BusFault(kind=kind, at_s=float(at or 0), joint=joint, value=value)
 
@@ -81,7 +84,8 @@ class BusFaults:
     Attributes:
         mute: which servos do not answer and do not obey, (18,).
         temperatures: of servos that are hot, by joint, in degrees Celsius.
-        lost_ids: servos that answer to another id, by joint.
+        cables: shares of damaged answers of servos at the end of a bad cable, by joint.
+        sudden: faults that have just begun and happen once to the servos: overload, lost-id, brown-out.
         echoes: whether the adapter sends back what it gets.
         unplugged: whether nothing gets through.
     """
@@ -97,7 +101,8 @@ class BusFaults:
         self._map = bus_map
         self.mute: BoolArray = np.zeros(N_JOINTS, dtype=bool)
         self.temperatures: dict[int, float] = {}
-        self.lost_ids: dict[int, int] = {}
+        self.cables: dict[int, float] = {}
+        self.sudden: list[BusFault] = []
         self.echoes = self.unplugged = self._browned_out = False
         self._garbles = 0.0
         self.advance(0.0)
@@ -116,9 +121,10 @@ class BusFaults:
         """Voltage at the servos."""
         return min(self.BROWN_OUT_V, BROWN_OUT_SHARE * usual_v) if self._browned_out else usual_v
 
-    def garbled(self, answer: bytes, rng: random.Random) -> bytes:
-        """An answer, or now and then what is left of it."""
-        if rng.random() >= self._garbles:
+    def garbled(self, answer: bytes, rng: random.Random, joint: int | None = None) -> bytes:
+        """An answer of a joint's servo, or now and then what is left of it."""
+        cable = 0.0 if joint is None else self.cables.get(joint, 0.0)
+        if rng.random() >= max(self._garbles, cable):
             return answer
         how, place = rng.randrange(3), rng.randrange(len(answer))
         if how == 0:
@@ -128,19 +134,21 @@ class BusFaults:
         return rng.randbytes(rng.randrange(1, 8)) + answer
 
     def _begin(self, fault: BusFault) -> None:
+        if fault.kind in ("overload", "lost-id", "brown-out"):
+            self.sudden.append(fault)
         if fault.joint is not None and fault.kind == "mute":
             self.mute[fault.joint] = True
         elif fault.joint is not None and fault.kind == "hot":
             self.temperatures[fault.joint] = fault.value
-        elif fault.joint is not None:
-            self.lost_ids[fault.joint] = FACTORY_ID
+        elif fault.joint is not None and fault.kind == "bad-cable":
+            self.cables[fault.joint] = fault.value
         elif fault.kind == "garble":
             self._garbles = fault.value
         elif fault.kind == "echo":
             self.echoes = True
         elif fault.kind == "brown-out":
             self._browned_out = True
-        else:
+        elif fault.kind in ("unplug", "replug"):
             self.unplugged = fault.kind == "unplug"
 
 

@@ -87,6 +87,19 @@ class Lx16aServos(SimulatedServos):
         for servo, count in zip(self.servos, counts, strict=True):
             servo.stand(float(count))
 
+    def trip(self, joint: int) -> None:
+        """Let the servo of a joint be overloaded: it unloads."""
+        self.servos[joint].loaded = False
+
+    def restart(self) -> None:
+        """Let all servos begin as after a loss of power."""
+        for servo in self.servos:
+            servo.loaded = False
+
+    def lose_id(self, joint: int, servo_id: int) -> None:
+        """Let the servo of a joint answer to another id."""
+        self.servos[joint].servo_id = servo_id
+
     def _write(self, servo: Lx16aServo, command: int, parameters: bytes, now_s: float) -> None:
         """Do what a command of the right length writes; there are no answers."""
         if command == lx.MOVE and len(parameters) == 4:

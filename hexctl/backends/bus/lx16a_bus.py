@@ -20,7 +20,7 @@ from hexctl.backends.bus.packet_line import (
 )
 from hexctl.backends.bus.packets import PacketStream
 from hexctl.backends.bus.serial_line import NOBODY, SerialLine
-from hexctl.backends.bus.servo_bus import ALL, TRIES, BusCounters, Report, ServoBus
+from hexctl.backends.bus.servo_bus import ALL, TRIES, BusCounters, Report, ServoBus, beyond_stored_limits
 from hexctl.robot.bus_map import BusMap
 from hexctl.types import N_JOINTS, BoolArray, FloatArray
 
@@ -62,7 +62,7 @@ class Lx16aBus(ServoBus):
     reports_limp = True
 
     def __init__(self, line: SerialLine, servos: BusMap, counters: BusCounters) -> None:
-        self._line, self._counters = line, counters
+        self._line, self._map, self._counters = line, servos, counters
         self._ids: list[int] = servos.ids.tolist()
         self._stream = PacketStream(lx.LX16A)
         self._patience_s = FIRST_PATIENCE_S
@@ -97,6 +97,10 @@ class Lx16aBus(ServoBus):
 
     def prepare(self, joints: BoolArray) -> None:
         """Nothing: these servos answer at once, and their limits are the owner's."""
+
+    def check(self, joints: BoolArray, least: FloatArray, most: FloatArray) -> tuple[str, ...]:
+        """Notes on the limits stored in the servos; goals end there."""
+        return tuple(beyond_stored_limits(self._map, self._lowest, self._highest, least, most))
 
     def torque(self, joint: int, *, tries: int = TRIES) -> bool | None:
         """Whether the servo of a joint holds its goal, or None without an answer."""

@@ -5,7 +5,7 @@ are little-endian. What writes is not answered; an answer repeats the command th
 parameters (LewanSoul Bus Servo Communication Protocol).
 """
 
-from hexctl.backends.bus.packets import PacketFormat
+from hexctl.backends.bus.packets import PacketFormat, StatusPacket
 
 #: Commands that write.
 MOVE, WRITE_ID, WRITE_LIMITS, WRITE_LOAD = 1, 13, 20, 31
@@ -79,6 +79,11 @@ def move(servo_id: int, count: int, time_ms: int) -> bytes:
 def load(servo_id: int, *, on: bool) -> bytes:
     """Packet that switches the torque of a servo."""
     return LX16A.instruction(servo_id, WRITE_LOAD, bytes([on]))
+
+
+def answers(answer: StatusPacket, command: int) -> bool:
+    """Whether a packet answers a command, and not one before it."""
+    return answer.error == command and len(answer.parameters) == ANSWER_BYTES[command]
 
 
 def number(parameters: bytes) -> int:

@@ -3,7 +3,7 @@
 import time
 from collections.abc import Collection
 
-from hexctl.backends.bus.packets import PING, PROTOCOLS, PacketStream, StatusPacket
+from hexctl.backends.bus.packets import PING, PacketFormat, PacketStream, StatusPacket
 from hexctl.backends.bus.serial_line import NOBODY, SerialLine
 
 #: How long an answer may take beside its time on the wire: least, and at first. Adapters deliver late, FTDI's
@@ -22,15 +22,20 @@ class PacketLine:
 
     Args:
         line: open.
-        protocol: version, 1 or 2.
+        packets: format of the servos' packets.
         patience_s: how long an answer may take at first.
         adapts: whether the patience follows how long answers take.
     """
 
     def __init__(
-        self, line: SerialLine, protocol: int, *, patience_s: float = FIRST_PATIENCE_S, adapts: bool = True
+        self,
+        line: SerialLine,
+        packets: PacketFormat,
+        *,
+        patience_s: float = FIRST_PATIENCE_S,
+        adapts: bool = True,
     ) -> None:
-        self.line, self.packets = line, PROTOCOLS[protocol]
+        self.line, self.packets = line, packets
         self._stream = PacketStream(self.packets)
         self._patience_s = self._most_patience_s = patience_s
         self._adapts = adapts
@@ -87,9 +92,9 @@ class PacketLine:
             self._patience_s = min(self._patience_s, self._most_patience_s)
         return list(answers.values())
 
-    def learn_echo(self) -> None:
-        """Ping an id that no servo has, and see whether the ping comes back.
+    def learn_echo(self, instruction: int = PING) -> None:
+        """Ping an id that no servo has, or ask it something else, and see whether that comes back.
 
         The answer of a servo may be the same bytes as its ping, with an error in place of the instruction.
         """
-        self.line.learn_echo(self.packets.instruction(NOBODY, PING), FIRST_PATIENCE_S)
+        self.line.learn_echo(self.packets.instruction(NOBODY, instruction), FIRST_PATIENCE_S)

@@ -6,10 +6,13 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from hexctl.backends.bus.packet_line import PacketLine
-from hexctl.backends.bus.packets import BROADCAST, PING, READ, SYNC_READ, SYNC_WRITE, WRITE, StatusPacket
+from hexctl.backends.bus.packets import BROADCAST, PROTOCOLS, READ, SYNC_READ, SYNC_WRITE, StatusPacket
+from hexctl.backends.bus.register_servo import RegisterServo, place
 from hexctl.backends.bus.registers import Register, RegisterTable, table_of
 from hexctl.backends.bus.serial_line import SerialLine
-from hexctl.backends.bus.servo_bus import ALL, TRIES, BusCounters, Report, ServoBus
+from hexctl.backends.bus.servo_bus import ALL, TRIES, BusCounters, Report, ServoBus, beyond_stored_limits
+from hexctl.backends.bus.servo_settings import hardware_error, renew_torque_limit, set_up, settings_of
+from hexctl.errors import RobotFaultError
 from hexctl.robot.bus_map import BusMap
 from hexctl.types import N_JOINTS, BoolArray, FloatArray
 
@@ -18,6 +21,12 @@ ONE_BY_ONE = 5
 
 #: Time of the servos' own watchdog, in 20 ms.
 WATCHDOG_20MS = 10
+
+#: A joint that stands beyond the limits stored in its servo by no more than this holds at the limit.
+BEYOND_DEG = 2.0
+
+#: How often a servo that raises its alert is asked why.
+ALERT_S = 1.0
 
 
 class RegisterBus(ServoBus):
@@ -31,38 +40,61 @@ class RegisterBus(ServoBus):
 
     def __init__(self, line: SerialLine, servos: BusMap, counters: BusCounters) -> None:
         self._line, self._counters = line, counters
+        self._map = servos
         self.table: RegisterTable = table_of(servos.models[0].name)
-        self._packets = PacketLine(line, self.table.protocol)
+        self._packets = PacketLine(line, PROTOCOLS[self.table.protocol])
         self._ids: list[int] = servos.ids.tolist()
+        self._servos = [RegisterServo(self._packets, self.table, servo_id) for servo_id in self._ids]
+        self._lowest, self._highest = np.full(N_JOINTS, -np.inf), np.full(N_JOINTS, np.inf)
+        self._clipped: BoolArray = np.zeros(N_JOINTS, dtype=bool)
+        self._errors = [0] * N_JOINTS  # the error bytes of the newest reports
+        self._notes: list[str] = []
+        self._alerts: dict[int, tuple[float, str]] = {}  # why joints raise their alert, and since when known
         self._joints = {servo_id: joint for joint, servo_id in enumerate(self._ids)}
         self._next = 0
 
     def find(self) -> BoolArray:
         """Which joints have a servo that answers, (18,); learns whether the adapter echoes."""
         self._packets.learn_echo()
-        found: BoolArray = np.zeros(N_JOINTS, dtype=bool)
-        for joint, servo_id in enumerate(self._ids):
-            found[joint] = self._packets.ask(servo_id, PING, tries=TRIES) is not None
-        return found
+        return np.array([servo.answers() for servo in self._servos])
 
     def model_number(self, joint: int) -> int | None:
         """Model number that the servo of a joint reports, or None without an answer."""
-        return self._read(joint, self.table.model)
+        return self._servos[joint].raw(self.table.model)
 
     def prepare(self, joints: BoolArray) -> None:
-        """Set up the servos of some joints, (18,), that have no torque: answers without delay, position mode.
+        """Set up the servos of some joints, (18,), that have no torque, as `set_up` does.
 
-        What is as it should be is not written: some of it is kept in memory that wears out.
+        What was changed is among the notes of `check`.
         """
-        wanted = {self.table.return_delay.address: 0, **self.table.settings}
+        self._notes = []
         for joint in np.flatnonzero(joints).tolist():
-            for address, value in wanted.items():
-                if self._read(joint, Register(address)) not in (value, None):
-                    self._write(joint, Register(address), value)
+            self._notes += [f"{note}: {self._name(joint)}" for note in set_up(self._servos[joint])]
+
+    def check(self, joints: BoolArray, least: FloatArray, most: FloatArray) -> tuple[str, ...]:
+        """What is worth knowing of the settings of some joints' servos, (18,), and of their limits.
+
+        Raises RobotFaultError for a servo that would not steer for its goals as they are meant.
+        """
+        notes = list(self._notes)
+        for joint in np.flatnonzero(joints).tolist():
+            settings = settings_of(self._servos[joint])
+            if settings.refusal:
+                raise RobotFaultError(f"{self._name(joint)}: {settings.refusal}")
+            notes += [f"{note}: {self._name(joint)}" for note in settings.notes]
+            self._lowest[joint], self._highest[joint] = settings.least, settings.most
+        return (*notes, *beyond_stored_limits(self._map, self._lowest, self._highest, least, most))
 
     def torque(self, joint: int, *, tries: int = TRIES) -> bool | None:
-        """Whether the servo of a joint holds its goal, or None without an answer."""
-        value = self._read(joint, self.table.torque, tries=tries)
+        """Whether the servo of a joint holds its goal, or None without an answer.
+
+        One whose torque limit is 0, as AX servos have it after an overload, holds nothing; it is asked for
+        that where it complains.
+        """
+        servo = self._servos[joint]
+        value = servo.raw(self.table.torque, tries=tries)
+        if value == 1 and (tries > 1 or self._errors[joint]):
+            return servo.raw(self.table.torque_limit, tries=tries) != 0
         return None if value is None else value == 1
 
     def set_torque(self, on: bool, joints: Sequence[int] = ALL) -> None:
@@ -76,17 +108,22 @@ class RegisterBus(ServoBus):
     def hold(self, counts: FloatArray, joints: BoolArray) -> BoolArray:
         """Switch the torque of some joints on, (18,), each with its goal where it is, counts (18,).
 
-        Goals and torques are read back, and written again where they did not arrive; which joints hold.
+        Goals and torques are read back, and written again where they did not arrive; which joints hold. A
+        limit of the torque that an overload has left at 0 is renewed.
         """
         holds: BoolArray = np.zeros(N_JOINTS, dtype=bool)
-        goals = np.rint(counts)
+        beyond = BEYOND_DEG * self._map.counts_per_deg
+        goals = np.rint(np.clip(counts, self._lowest, self._highest))
+        goals = np.where(np.abs(goals - counts) <= beyond, goals, np.rint(counts))
+        for joint in np.flatnonzero(joints).tolist():
+            renew_torque_limit(self._servos[joint])
         for _ in range(TRIES):
             left = np.flatnonzero(joints & ~holds).tolist()
             if not left:
                 break
             self.end_watchdog(left)  # an expired one refuses goals
             self._sync_write(self.table.goal, goals, left)
-            there = [joint for joint in left if self._goal(joint) == goals[joint]]
+            there = [joint for joint in left if self._servos[joint].value(self.table.goal) == goals[joint]]
             self.set_torque(True, there)
             for joint in there:
                 holds[joint] = self.torque(joint) is True
@@ -108,12 +145,19 @@ class RegisterBus(ServoBus):
             self._sync_write(self.table.watchdog, np.zeros(N_JOINTS), joints)
 
     def write_goals(self, counts: FloatArray) -> None:
-        """Send goals in counts, (18,), in one packet."""
-        self._sync_write(self.table.goal, np.rint(counts))
+        """Send goals in counts, (18,), in one packet, clipped to the limits stored in the servos."""
+        goals = np.rint(np.clip(counts, self._lowest, self._highest))
+        self._clipped = np.abs(np.rint(counts) - goals) > 0
+        self._sync_write(self.table.goal, goals)
         self._counters.writes += 1
 
     def poll(self, until: Callable[[], bool] = lambda: False) -> list[Report]:
         """Reports of all servos, or of the next few, asked one by one until something else is to be sent."""
+        reports = self._poll_next(until)
+        self._ask_for_an_alert()
+        return reports
+
+    def _poll_next(self, until: Callable[[], bool]) -> list[Report]:
         if self.table.sync_read:
             return self._poll_together(list(range(N_JOINTS)))
         asked = [(self._next + step) % N_JOINTS for step in range(ONE_BY_ONE)]
@@ -142,7 +186,7 @@ class RegisterBus(ServoBus):
         first, size = self.table.block
         ids = bytes(self._ids[joint] for joint in joints)
         packets = self._packets.packets
-        request = packets.instruction(BROADCAST, SYNC_READ, self._place(first, size) + ids)
+        request = packets.instruction(BROADCAST, SYNC_READ, place(self.table.protocol, first, size) + ids)
         wire_s = self._line.wire_s(len(request) + len(joints) * packets.status_size(size))
         answers = self._packets.transact(request, ids, wire_s)
         reports = [each for answer in answers if (each := self._report(answer)) is not None]
@@ -152,7 +196,8 @@ class RegisterBus(ServoBus):
     def _poll_each(self, joints: list[int]) -> list[Report]:
         reports: list[Report] = []
         for joint in joints:
-            answer = self._packets.ask(self._ids[joint], READ, self._place(*self.table.block))
+            asked = place(self.table.protocol, *self.table.block)
+            answer = self._packets.ask(self._ids[joint], READ, asked)
             report = None if answer is None else self._report(answer)
             if report is not None:
                 reports.append(report)
@@ -177,37 +222,39 @@ class RegisterBus(ServoBus):
             current_a=table.of_block(table.current, answer.parameters),
             voltage_v=table.of_block(table.voltage, answer.parameters),
             temperature_c=table.of_block(table.temperature, answer.parameters),
-            error=table.complaint(answer.error),
+            error=self._complaint(joint, answer.error),
         )
 
-    def _place(self, address: int, size: int) -> bytes:
-        """Parameters that name some bytes of the memory."""
-        width = self.table.protocol  # of a number in bytes: 1 in protocol 1.0, 2 in 2.0
-        return address.to_bytes(width, "little") + size.to_bytes(width, "little")
+    def _complaint(self, joint: int, error: int) -> str:
+        """What a servo complains of, with the goals that end at its limits."""
+        self._errors[joint] = error
+        words = self.table.complaint(error)
+        if self.table.hardware_error is None or not words:
+            self._alerts.pop(joint, None)
+        else:  # why it raises its alert is asked later
+            words = self._alerts.setdefault(joint, (-np.inf, words))[1]
+        if not self._clipped[joint]:
+            return words
+        lowest, highest = self._lowest[joint], self._highest[joint]
+        beyond = f"goal beyond the limits {lowest:.0f} to {highest:.0f} stored in the servo"
+        return f"{words}, {beyond}" if words else beyond
 
-    def _goal(self, joint: int) -> float | None:
-        """Goal of the servo of a joint in counts, or None without an answer."""
-        raw = self._read(joint, self.table.goal)
-        return None if raw is None else self.table.goal.value(raw)
+    def _ask_for_an_alert(self) -> None:
+        """Ask one of the servos that raise their alert for the reason, each once in a while."""
+        now_s = time.monotonic()
+        for joint, (asked_at_s, words) in self._alerts.items():
+            if asked_at_s < now_s - ALERT_S:
+                reason = hardware_error(self._servos[joint])
+                said = f"hardware alert ({reason})" if reason else words
+                self._alerts[joint] = (now_s, said)
+                return
 
-    def _read(self, joint: int, register: Register, *, tries: int = TRIES) -> int | None:
-        """Raw number in a register of a joint's servo, or None without an answer."""
-        answer = self._packets.ask(
-            self._ids[joint], READ, self._place(register.address, register.size), tries=tries
-        )
-        if answer is None or len(answer.parameters) != register.size:
-            return None
-        return int.from_bytes(answer.parameters, self.table.byte_order)
-
-    def _write(self, joint: int, register: Register, value: float) -> bool:
-        """Write a register of a joint's servo; whether it answered."""
-        address = register.address.to_bytes(self.table.protocol, "little")
-        data = address + self.table.packed(register, value)
-        return self._packets.ask(self._ids[joint], WRITE, data, tries=TRIES) is not None
+    def _name(self, joint: int) -> str:
+        return self._map.names(np.arange(N_JOINTS) == joint)
 
     def _sync_write(self, register: Register, values: FloatArray, joints: Sequence[int] = ALL) -> None:
         """Write a register of some joints, values (18,), in one packet, which no servo answers."""
-        head = self._place(register.address, register.size)
+        head = place(self.table.protocol, register.address, register.size)
         rows = b"".join(
             bytes([self._ids[joint]]) + self.table.packed(register, float(values[joint])) for joint in joints
         )

@@ -62,10 +62,28 @@ class RegisterTable:
         servo_id: id that the servo answers to.
         return_delay: time before an answer, 0 is at once.
         sync_read: whether many servos answer one packet.
-        settings: registers that are set at connect while the torque is off, and their values.
+        ram: first address of the memory that is not kept without power; settings below it are changed while
+            the torque is off.
+        least: lowest goal that the servo takes, in counts.
+        most: highest goal that it takes, in counts.
+        mode: register of the operating mode, or None; where it is None, a servo with both limits at 0 is
+            in wheel mode.
+        position_mode: what `mode` is for a servo that steers for a position.
+        flags: register of flags that change what counts mean, or None.
+        refused: flags by bit with which a servo is refused, in words.
+        cleared: flags by bit that are cleared while the torque is off, in words.
+        shutdown: register of the conditions under which the servo lets go, or None.
+        protections: bits of `shutdown` that protect it, in words.
+        max_torque: greatest torque at power-up, or None.
+        torque_limit: greatest torque now, or None; some servos set it to 0 after an overload.
+        soft_torque: register that limits the torque of single servos while they are tried, or None.
+        speed: register that limits the speed, 0 for full, or None.
+        hardware_error: register that says why the servo has let go, or None.
+        hardware_errors: words for its bits.
         watchdog: time in 20 ms without packets after which the servo stops, or None.
         unlock: register that is 0 where settings are kept, or None.
-        errors: words for the bits of the error byte.
+        errors: words for the bits of the error byte that tell how the servo is.
+        refusals: words for what the error byte says of an instruction: bits in protocol 1, codes in 2.
     """
 
     protocol: int
@@ -81,10 +99,26 @@ class RegisterTable:
     servo_id: Register
     return_delay: Register
     sync_read: bool = True
-    settings: Mapping[int, int] = field(default_factory=dict)
+    ram: int
+    least: Register
+    most: Register
+    mode: Register | None = None
+    position_mode: int = 0
+    flags: Register | None = None
+    refused: Mapping[int, str] = field(default_factory=dict)
+    cleared: Mapping[int, str] = field(default_factory=dict)
+    shutdown: Register | None = None
+    protections: Mapping[int, str] = field(default_factory=dict)
+    max_torque: Register | None = None
+    torque_limit: Register | None = None
+    soft_torque: Register | None = None
+    speed: Register | None = None
+    hardware_error: Register | None = None
+    hardware_errors: Mapping[int, str] = field(default_factory=dict)
     watchdog: Register | None = None
     unlock: Register | None = None
     errors: Mapping[int, str] = field(default_factory=dict)
+    refusals: Mapping[int, str] = field(default_factory=dict)
 
     @property
     def reports(self) -> tuple[Register, ...]:
@@ -110,19 +144,35 @@ class RegisterTable:
         return register.raw(value).to_bytes(register.size, self.byte_order)
 
     def complaint(self, error: int) -> str:
-        """What an error byte says, in few words; empty for none."""
-        return ", ".join(words for bit, words in self.errors.items() if error >> bit & 1)
+        """What an error byte says of the servo, in few words; empty for nothing."""
+        return bit_words(self.errors, error)
+
+    def refusal(self, error: int) -> str:
+        """Why an instruction was not carried out, by the error byte of its answer; empty where it was."""
+        if self.protocol == 1:
+            return bit_words(self.refusals, error)
+        code = error & 0x7F
+        return self.refusals.get(code, f"error {code}") if code else ""
 
 
-#: Bits of the error byte of protocol 1.0 (ROBOTIS e-Manual).
-_ERRORS_1 = {
-    0: "voltage",
-    1: "angle limit",
-    2: "hot",
-    3: "range",
-    4: "checksum",
-    5: "overload",
-    6: "instruction",
+def bit_words(words: Mapping[int, str], bits: int) -> str:
+    """Words of the bits that are set, with commas; empty for none."""
+    return ", ".join(each for bit, each in words.items() if bits >> bit & 1)
+
+
+#: Error byte of protocol 1.0: how the servo is, and what is wrong with an instruction (ROBOTIS e-Manual).
+_ERRORS_1 = {0: "voltage", 2: "hot", 5: "overload"}
+_REFUSALS_1 = {1: "angle limit", 3: "range", 4: "checksum", 6: "instruction"}
+
+#: Codes in the error byte of protocol 2.0 (ROBOTIS e-Manual).
+_REFUSALS_2 = {
+    1: "result fail",
+    2: "instruction",
+    3: "CRC",
+    4: "range",
+    5: "length",
+    6: "limit",
+    7: "access",
 }
 
 #: AX-12A, AX-18A (ROBOTIS e-Manual): no sync read.
@@ -138,7 +188,17 @@ AX = RegisterTable(
     servo_id=Register(3),
     return_delay=Register(5),
     sync_read=False,
+    ram=24,
+    least=Register(6, 2),
+    most=Register(8, 2),
+    shutdown=Register(18),
+    protections={2: "heat", 5: "overload"},
+    max_torque=Register(14, 2, scale=1 / 1023),
+    torque_limit=Register(34, 2, scale=1 / 1023),
+    soft_torque=Register(34, 2, scale=1 / 1023),
+    speed=Register(32, 2, scale=0.666),
     errors=_ERRORS_1,
+    refusals=_REFUSALS_1,
 )
 
 #: XL-320 (ROBOTIS e-Manual).
@@ -153,7 +213,21 @@ XL320 = RegisterTable(
     model=Register(0, 2),
     servo_id=Register(3),
     return_delay=Register(5),
+    ram=24,
+    least=Register(6, 2),
+    most=Register(8, 2),
+    mode=Register(11),
+    position_mode=2,
+    shutdown=Register(18),
+    protections={0: "overload", 1: "heat"},
+    max_torque=Register(15, 2, scale=1 / 1023),
+    torque_limit=Register(35, 2, scale=1 / 1023),
+    soft_torque=Register(35, 2, scale=1 / 1023),
+    speed=Register(32, 2, scale=0.666),
+    hardware_error=Register(50),
+    hardware_errors={0: "overload", 1: "hot", 2: "voltage"},
     errors={7: "hardware alert"},
+    refusals=_REFUSALS_2,
 )
 
 #: XL430 (ROBOTIS e-Manual).
@@ -168,15 +242,30 @@ X = RegisterTable(
     model=Register(0, 2),
     servo_id=Register(7),
     return_delay=Register(9),
+    ram=64,
+    least=Register(52, 4),
+    most=Register(48, 4),
+    mode=Register(11),
+    position_mode=3,
+    flags=Register(10),
+    refused={0: "it counts in reverse", 3: "goals switch its torque on"},
+    shutdown=Register(63),
+    protections={2: "heat", 5: "overload"},
+    max_torque=Register(36, 2, scale=1 / 885),
+    soft_torque=Register(100, 2, "twos", 1 / 885),
+    speed=Register(112, 4, scale=1.374),
+    hardware_error=Register(70),
+    hardware_errors={0: "voltage", 2: "hot", 3: "encoder", 4: "electrical shock", 5: "overload"},
     watchdog=Register(98),
     errors={7: "hardware alert"},
+    refusals=_REFUSALS_2,
 )
 
 #: XL330 and XM430, which measure their current in place of the load.
 XL330 = replace(X, effort=None, current=Register(126, 2, "twos", 0.001))
 XM430 = replace(X, effort=None, current=Register(126, 2, "twos", 0.00269))
 
-#: STS3215 and its kin (memory table of STS): position mode at full speed, settings kept from being saved.
+#: STS3215 and its kin (memory table of STS): at full speed, settings kept from being saved.
 STS = RegisterTable(
     protocol=1,
     torque=Register(40),
@@ -189,7 +278,18 @@ STS = RegisterTable(
     model=Register(3, 2),
     servo_id=Register(5),
     return_delay=Register(7),
-    settings={33: 0},
+    ram=40,
+    least=Register(9, 2),
+    most=Register(11, 2),
+    mode=Register(33),
+    flags=Register(18),
+    cleared={4: "positions beyond one turn"},
+    shutdown=Register(19),
+    protections={2: "heat", 5: "overload"},
+    max_torque=Register(16, 2, scale=0.001),
+    torque_limit=Register(48, 2, scale=0.001),
+    soft_torque=Register(48, 2, scale=0.001),
+    speed=Register(46, 2, "bit15", 360 / 4096),
     unlock=Register(55),
     errors={0: "voltage", 1: "encoder", 2: "hot", 3: "current", 5: "overload"},
 )
@@ -208,6 +308,13 @@ SCS = RegisterTable(
     servo_id=Register(5),
     return_delay=Register(7),
     sync_read=False,
+    ram=40,
+    least=Register(9, 2),
+    most=Register(11, 2),
+    shutdown=Register(19),
+    protections={2: "heat", 5: "overload"},
+    max_torque=Register(16, 2, scale=0.001),
+    speed=Register(46, 2, scale=300 / 1023),
     unlock=Register(48),
     errors={0: "voltage", 1: "encoder", 2: "hot", 3: "current", 5: "overload"},
 )

@@ -1,13 +1,22 @@
 """A scan of a bus: which servos answer on it, without knowing any robot; and a new id for one of them."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 
+from hexctl.backends.bus import lx16a_packets as lx
 from hexctl.backends.bus.packet_line import PacketLine
-from hexctl.backends.bus.packets import PING, READ, WRITE, StatusPacket
-from hexctl.backends.bus.registers import AX, STS, RegisterTable, X, table_of
+from hexctl.backends.bus.packets import BROADCAST
 from hexctl.backends.bus.serial_line import SerialLine
-from hexctl.errors import InputError, RobotFaultError
+from hexctl.backends.bus.single_servo import (
+    PROTOCOLS_OF,
+    FoundServo,
+    SingleServo,
+    harmless_instruction,
+    packets_of,
+    single_servo,
+)
+from hexctl.errors import InputError, RobotFaultError, argument
 from hexctl.robot.servo_models import SERVO_TYPES
 
 #: Ids that a servo can have.
@@ -16,188 +25,161 @@ IDS = tuple(range(253))
 #: How long an answer may take beside its time on the wire; 16 ms of it may be the adapter's.
 PATIENCE_S = 0.02
 
-#: Protocols of each driver, the more likely one first.
-PROTOCOLS_OF = {"dynamixel": (2, 1), "feetech": (1,)}
+#: How often a broadcast is repeated that only a servo alone on its bus answers whole.
+BROADCASTS = 3
 
-#: Registers of servos whose model number is not known, by driver and protocol.
-_LIKELY: dict[tuple[str, int], RegisterTable] = {
-    ("dynamixel", 2): X,
-    ("dynamixel", 1): AX,
-    ("feetech", 1): STS,
+#: Bits per second that servos of each driver have from the factory or are usually given.
+USUAL_BAUDS = {
+    "dynamixel": (1_000_000, 57_600, 115_200, 2_000_000, 3_000_000, 4_000_000),
+    "feetech": (1_000_000, 500_000, 115_200, 38_400),
+    "lx16a": (115_200,),
 }
 
-#: Tries of what must arrive.
-TRIES = 3
+#: Told before each question: how many have been asked, and of how many.
+Progress = Callable[[int, int], None]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FoundServo:
-    """A servo that answers.
+@contextmanager
+def opened_line(path: str, baud: int) -> Iterator[SerialLine]:
+    """A line that is open meanwhile; raises RobotFaultError when it cannot be opened, or goes."""
+    line = SerialLine(path, baud)
+    try:
+        yield line
+    except OSError as error:
+        raise RobotFaultError(f"the port {path} has gone ({error.strerror or error})") from error
+    finally:
+        line.close()
 
-    Attributes:
-        servo_id: that it answers to.
-        model: name of its model, or None for one that is not known.
-        model_number: that it reports, or None.
-        protocol: version that it speaks.
-        position: in counts, or None.
-        voltage_v: at the servo, or None.
-        temperature_c: of the servo, or None.
-        error: what it complains of; empty for nothing.
-    """
 
-    servo_id: int
-    model: str | None
-    model_number: int | None
-    protocol: int
-    position: int | None
-    voltage_v: float | None
-    temperature_c: float | None
-    error: str
-
-    def to_json(self) -> dict[str, object]:
-        """JSON values; the id as `id`, and the voltage and temperature in V and degrees Celsius."""
-        return {
-            "id": self.servo_id,
-            "model": self.model,
-            "model_number": self.model_number,
-            "protocol": self.protocol,
-            "position": self.position,
-            "voltage": self.voltage_v,
-            "temperature": self.temperature_c,
-            "error": self.error,
-        }
+def packet_line(line: SerialLine, driver: str, protocol: int) -> PacketLine:
+    """Packets of a driver's protocol on a line whose servos are not known; learns whether it echoes."""
+    packets = PacketLine(line, packets_of(driver, protocol), patience_s=PATIENCE_S, adapts=False)
+    packets.learn_echo(harmless_instruction(driver))
+    return packets
 
 
 def scan_bus(
     path: str,
     driver: str,
-    baud: int,
-    *,
+    *bauds: int,
     ids: Sequence[int] = IDS,
-    asked: Callable[[int, int], None] = lambda _protocol, _servo_id: None,
+    progress: Progress = lambda _asked, _of: None,
 ) -> list[FoundServo]:
     """Servos that answer on a port, by id. Nothing is switched and nothing moves.
 
     Args:
         path: of the serial device.
-        driver: `dynamixel` or `feetech`.
-        baud: bits per second.
+        driver: `dynamixel`, `feetech` or `lx16a`.
+        bauds: bits per second, one after the other.
         ids: that are asked.
-        asked: called with protocol and id before each is asked.
+        progress: called before each question.
 
     Raises InputError for another driver, RobotFaultError for a port that cannot be opened or goes.
     """
+    check_driver(driver)
+    found: dict[tuple[int, int], FoundServo] = {}
+    asked, all_ids = 0, len(bauds) * len(PROTOCOLS_OF[driver]) * len(ids)
+
+    def known(servo_id: int, baud: int) -> bool:
+        return (servo_id, baud) in found
+
+    for baud in bauds:
+        with opened_line(path, baud) as line:
+            for protocol in PROTOCOLS_OF[driver]:
+                packets = packet_line(line, driver, protocol)
+                for servo_id in ids:
+                    progress(asked, all_ids)
+                    asked += 1
+                    if not known(servo_id, baud) and _answers(packets, driver, servo_id):
+                        servo = single_servo(packets, driver, protocol, servo_id)
+                        found[servo_id, baud] = servo.look()
+                # Those that gave no answer among others that did are asked once more.
+                last = max((each for each, of in found if of == baud and each in ids), default=-1)
+                for servo_id in (each for each in ids if each <= last + 1 and not known(each, baud)):
+                    if _answers(packets, driver, servo_id):
+                        servo = single_servo(packets, driver, protocol, servo_id)
+                        found[servo_id, baud] = servo.look()
+    return [found[key] for key in sorted(found)]
+
+
+def check_driver(driver: str) -> None:
+    """Raise InputError for a driver that there is not."""
     if driver not in PROTOCOLS_OF:
-        raise InputError(f"driver: got {driver!r}; allowed: {', '.join(PROTOCOLS_OF)}")
-    line = SerialLine(path, baud)
-    found: dict[int, FoundServo] = {}
-    try:
-        for protocol in PROTOCOLS_OF[driver]:
-            packets = PacketLine(line, protocol, patience_s=PATIENCE_S, adapts=False)
-            packets.learn_echo()
-            for servo_id in ids:
-                asked(protocol, servo_id)
-                if servo_id not in found and packets.ask(servo_id, PING) is not None:
-                    found[servo_id] = _look(packets, driver, protocol, servo_id)
-            # Those that gave no answer among others that did are asked once more.
-            for servo_id in range(max((each for each in found if each in ids), default=-1) + 2):
-                if servo_id in ids and servo_id not in found and packets.ask(servo_id, PING) is not None:
-                    found[servo_id] = _look(packets, driver, protocol, servo_id)
-    except OSError as error:
-        raise RobotFaultError(f"the port {path} has gone ({error.strerror or error})") from error
-    finally:
-        line.close()
-    return [found[servo_id] for servo_id in sorted(found)]
+        raise InputError(f"{argument('driver')}: got {driver!r}; allowed: {', '.join(PROTOCOLS_OF)}")
 
 
-def set_servo_id(path: str, driver: str, baud: int, new_id: int) -> FoundServo:
+def nothing_answers(path: str, driver: str, bauds: Sequence[int]) -> str:
+    """What is said when a scan found no servo."""
+    tried = " or ".join(str(baud) for baud in bauds)
+    others = [str(baud) for baud in USUAL_BAUDS[driver] if baud not in bauds]
+    usual = f"; --baud all also asks at {', '.join(others)}" if others else ""
+    return (
+        f"no servo answers on {path} at {tried} baud; are they powered, and is {driver} their driver?{usual}"
+    )
+
+
+def set_servo_id(
+    path: str, driver: str, baud: int, new_id: int, *, progress: Progress = lambda _asked, _of: None
+) -> FoundServo:
     """Give the one servo on a bus another id, and look at it under that.
 
     Raises InputError unless exactly one servo answers, RobotFaultError when it does not take the id.
     """
+    check_driver(driver)
     if new_id not in IDS:
-        raise InputError(f"id: got {new_id}; allowed: {IDS[0]} to {IDS[-1]}")
-    found = scan_bus(path, driver, baud)
-    if len(found) != 1:
-        answer = ", ".join(str(each.servo_id) for each in found) or "none"
+        raise InputError(f"{argument('new_id')}: got {new_id}; allowed: {IDS[0]} to {IDS[-1]}")
+    if driver == "lx16a":
+        answering = _ids_by_broadcast(path, baud)
+        found = scan_bus(path, driver, baud, ids=answering)
+    else:
+        found = scan_bus(path, driver, baud, progress=progress)
+        answering = [each.servo_id for each in found]
+    if len(answering) != 1 or len(found) != 1:
+        answer = ", ".join(map(str, answering)) or "none"
         raise InputError(f"servos that answer: got {answer}; allowed: exactly one on the bus")
     servo = found[0]
     if driver == "feetech" and servo.model is None:
         raise InputError(
             f"model number: got {servo.model_number}; allowed: those of {', '.join(_names(driver))}"
         )
-    line = SerialLine(path, baud)
-    try:
-        packets = PacketLine(line, servo.protocol, patience_s=PATIENCE_S, adapts=False)
-        packets.learn_echo()
-        _write_id(packets, _table(driver, servo.protocol, servo.model), servo.servo_id, new_id)
-    except OSError as error:
-        raise RobotFaultError(f"the port {path} has gone ({error.strerror or error})") from error
-    finally:
-        line.close()
-    seen = scan_bus(path, driver, baud, ids=(new_id,))
-    if not seen:
-        raise RobotFaultError(f"the servo with id {servo.servo_id} did not take the id {new_id}")
-    return seen[0]
+    with opened_line(path, baud) as line:
+        single = single_servo(
+            packet_line(line, driver, servo.protocol), driver, servo.protocol, servo.servo_id
+        )
+        return give_id(single, new_id)
+
+
+def give_id(servo: SingleServo, new_id: int) -> FoundServo:
+    """Give a servo another id, and look at it; raises RobotFaultError where it does not take the id."""
+    old_id = servo.servo_id
+    if said := servo.set_id(new_id):
+        raise RobotFaultError(f"the servo with id {old_id} did not take the id {new_id} ({said})")
+    return servo.look()
+
+
+def _answers(packets: PacketLine, driver: str, servo_id: int) -> bool:
+    """Whether a servo answers to an id."""
+    command = harmless_instruction(driver)
+    answer = packets.ask(servo_id, command)
+    return answer is not None and (driver != "lx16a" or lx.answers(answer, command))
+
+
+def _ids_by_broadcast(path: str, baud: int) -> list[int]:
+    """Ids of the servos of `lx16a` that answer when all are asked: whole only where there is one."""
+    ids: set[int] = set()
+    with opened_line(path, baud) as line:
+        packets = packet_line(line, "lx16a", 1)
+        request = lx.LX16A.instruction(BROADCAST, lx.READ_ID)
+        for _ in range(BROADCASTS):
+            wire_s = line.wire_s(len(request) + lx.LX16A.status_size(1))
+            answers = packets.transact(request, range(BROADCAST + 1), wire_s)
+            ids |= {answer.parameters[0] for answer in answers if lx.answers(answer, lx.READ_ID)}
+            time.sleep(PATIENCE_S)
+        if not ids and packets.garbled:
+            raise InputError("servos that answer: got several at once; allowed: exactly one on the bus")
+    return sorted(ids)
 
 
 def _names(driver: str) -> list[str]:
     """Models of a driver that report a number."""
     return [each.name for each in SERVO_TYPES.values() if each.driver == driver and each.number is not None]
-
-
-def _write_id(packets: PacketLine, table: RegisterTable, old_id: int, new_id: int) -> None:
-    """Write an id where it is kept: with the torque off, and unlocked for it where there is a lock."""
-    _write(packets, table, old_id, table.torque.address, 0)
-    if table.unlock is not None:
-        _write(packets, table, old_id, table.unlock.address, 0)
-    _write(packets, table, old_id, table.servo_id.address, new_id)
-    if table.unlock is not None:
-        _write(packets, table, new_id, table.unlock.address, 1)
-
-
-def _write(packets: PacketLine, table: RegisterTable, servo_id: int, address: int, value: int) -> None:
-    place = address.to_bytes(table.protocol, "little")
-    packets.ask(servo_id, WRITE, place + bytes([value]), tries=TRIES)
-
-
-def _look(packets: PacketLine, driver: str, protocol: int, servo_id: int) -> FoundServo:
-    """What a servo is, and how it is."""
-    number, model = _model(packets, driver, protocol, servo_id)
-    table = _table(driver, protocol, model)
-    answer = _read(packets, protocol, servo_id, *table.block)
-    data = b"" if answer is None else answer.parameters
-    whole = len(data) == table.block[1]
-    return FoundServo(
-        servo_id=servo_id,
-        model=model,
-        model_number=number,
-        protocol=protocol,
-        position=round(table.of_block(table.position, data)) if whole else None,
-        voltage_v=round(table.of_block(table.voltage, data), 1) if whole else None,
-        temperature_c=round(table.of_block(table.temperature, data), 1) if whole else None,
-        error="" if answer is None else table.complaint(answer.error),
-    )
-
-
-def _model(packets: PacketLine, driver: str, protocol: int, servo_id: int) -> tuple[int | None, str | None]:
-    """Model number that a servo reports, and the name of the model; None where they are not known."""
-    place = _LIKELY[driver, protocol].model
-    answer = _read(packets, protocol, servo_id, place.address, place.size)
-    if answer is None or len(answer.parameters) != place.size:
-        return None, None
-    number = int.from_bytes(answer.parameters, "little")
-    for each in (number, int.from_bytes(answer.parameters, "big")):
-        for model in SERVO_TYPES.values():
-            if (model.driver, model.protocol, model.number) == (driver, protocol, each):
-                return each, model.name
-    return number, None
-
-
-def _table(driver: str, protocol: int, model: str | None) -> RegisterTable:
-    return _LIKELY[driver, protocol] if model is None else table_of(model)
-
-
-def _read(packets: PacketLine, protocol: int, servo_id: int, address: int, size: int) -> StatusPacket | None:
-    asked = address.to_bytes(protocol, "little") + size.to_bytes(protocol, "little")
-    return packets.ask(servo_id, READ, asked, tries=TRIES)

@@ -5,6 +5,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
+import numpy as np
+
+from hexctl.robot.bus_map import BusMap
+from hexctl.robot.model import Robot
 from hexctl.types import N_JOINTS, BoolArray, FloatArray
 
 #: All joints, by index.
@@ -89,6 +93,18 @@ class ServoBus(ABC):
         """Set up the servos of some joints, (18,), that have no torque."""
 
     @abstractmethod
+    def check(self, joints: BoolArray, least: FloatArray, most: FloatArray) -> tuple[str, ...]:
+        """What is worth knowing of what is stored in the servos of some joints, (18,), after `prepare`.
+
+        Args:
+            joints: that were found.
+            least: lowest goals that the robot needs, in counts, (18,).
+            most: highest goals that it needs.
+
+        Raises RobotFaultError for a servo that would not steer for its goals as they are meant.
+        """
+
+    @abstractmethod
     def torque(self, joint: int, *, tries: int = TRIES) -> bool | None:
         """Whether the servo of a joint holds its goal, or None without an answer."""
 
@@ -126,3 +142,30 @@ class ServoBus(ABC):
     @abstractmethod
     def close(self) -> None:
         """Close the line."""
+
+
+def beyond_stored_limits(
+    servos: BusMap, lowest: FloatArray, highest: FloatArray, least: FloatArray, most: FloatArray
+) -> list[str]:
+    """Notes on the joints whose goals go beyond the limits stored in their servos.
+
+    Args:
+        servos: which servo moves which joint.
+        lowest: stored limits in counts, (18,).
+        highest: the others.
+        least: lowest goals that the robot needs in counts, (18,).
+        most: highest goals that it needs.
+    """
+    beyond = (np.rint(least) < lowest) | (np.rint(most) > highest)
+    return [
+        f"its stored limits {lowest[joint]:.0f} to {highest[joint]:.0f} end within the joint's "
+        f"{least[joint]:.0f} to {most[joint]:.0f}: {servos.names(np.arange(N_JOINTS) == joint)}"
+        for joint in np.flatnonzero(beyond).tolist()
+    ]
+
+
+def needed_counts(servos: BusMap, robot: Robot) -> tuple[FloatArray, FloatArray]:
+    """Lowest and highest goals of a robot's joint limits, within those of its servos, in counts, (18,)."""
+    ends = np.array([servos.counts(robot.joint_lower_rad), servos.counts(robot.joint_upper_rad)])
+    within = np.clip(ends, servos.least, servos.most)
+    return np.asarray(within.min(axis=0)), np.asarray(within.max(axis=0))

@@ -10,7 +10,7 @@ from hexctl.backends.bus.lx16a_bus import Lx16aBus
 from hexctl.backends.bus.readings import BelievedReadings
 from hexctl.backends.bus.register_bus import RegisterBus
 from hexctl.backends.bus.serial_line import SerialLine
-from hexctl.backends.bus.servo_bus import BusCounters, ServoBus
+from hexctl.backends.bus.servo_bus import BusCounters, ServoBus, needed_counts
 from hexctl.backends.clock import Clock
 from hexctl.backends.port_servos import PortServos
 from hexctl.errors import InputError, RobotFaultError, argument
@@ -98,6 +98,7 @@ class BusServos(PortServos[BusMap, BusThread, BusCounters]):
         super().__init__(robot, servo_map=bus_map, place=port, counters=BusCounters(), clock=clock)
         self._baud = baud or DEFAULT_BAUDS[bus_map.driver]
         self._held = False
+        self._notes: tuple[str, ...] = ()
 
     @property
     def holds(self) -> bool:
@@ -139,6 +140,7 @@ class BusServos(PortServos[BusMap, BusThread, BusCounters]):
             self._check_found(found)
             self._check_models(bus, found)
             bus.prepare(found & ~self._on(bus, found))
+            self._notes = bus.check(found, *needed_counts(self._map, self._robot))
         except BaseException:
             line.close()
             raise
@@ -202,7 +204,9 @@ class BusServos(PortServos[BusMap, BusThread, BusCounters]):
 
     def _warnings(self, servos: ServoReadings, limp: BoolArray) -> tuple[str, ...]:
         """What is wrong with single servos."""
-        warnings = [f"no torque: {self._map.names(limp)}"] if limp.any() else []
+        warnings = [*self._notes]
+        if limp.any():
+            warnings.append(f"no torque: {self._map.names(limp)}")
         if (mute := servos.ages_s > BUSES[self._map.driver].mute_s).any():
             warnings.append(f"mute: {self._map.names(mute)}")
         if (hot := servos.temperatures_c > HOT_C).any():
