@@ -83,7 +83,7 @@ def test_a_server_that_ends_as_it_should_leaves_the_robot_to_nobody(tmp_path: Pa
     ("driver", "model", "fault"),
     [
         ("dynamixel", "xl430-w250", None),
-        ("feetech", "sts3215", "hot:2:femur:72"),
+        ("feetech", "sts3215", "hot:2:femur:69"),
         ("feetech", "sts3215", None),
     ],
 )
