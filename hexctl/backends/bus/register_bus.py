@@ -112,7 +112,7 @@ class RegisterBus(ServoBus):
         limit of the torque that an overload has left at 0 is renewed.
         """
         holds: BoolArray = np.zeros(N_JOINTS, dtype=bool)
-        beyond = BEYOND_DEG * self._map.counts_per_deg
+        beyond = BEYOND_DEG * self._map.per_deg
         goals = np.rint(np.clip(counts, self._lowest, self._highest))
         goals = np.where(np.abs(goals - counts) <= beyond, goals, np.rint(counts))
         for joint in np.flatnonzero(joints).tolist():

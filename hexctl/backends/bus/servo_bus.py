@@ -166,6 +166,6 @@ def beyond_stored_limits(
 
 def needed_counts(servos: BusMap, robot: Robot) -> tuple[FloatArray, FloatArray]:
     """Lowest and highest goals of a robot's joint limits, within those of its servos, in counts, (18,)."""
-    ends = np.array([servos.counts(robot.joint_lower_rad), servos.counts(robot.joint_upper_rad)])
+    ends = np.array([servos.raw(robot.joint_lower_rad), servos.raw(robot.joint_upper_rad)])
     within = np.clip(ends, servos.least, servos.most)
     return np.asarray(within.min(axis=0)), np.asarray(within.max(axis=0))
