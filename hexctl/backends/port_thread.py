@@ -121,8 +121,8 @@ class PortThread(ABC, Generic[Device]):
         """Whether torque that is to be off must be off for a moment although new targets have come."""
         return False
 
-    def _forget(self) -> None:
-        """Believe nothing of what was known before the port was opened again."""
+    def _meet(self) -> None:
+        """Learn what there is to know of what is on a port that was opened again; may raise as others do."""
 
     def _finish(self) -> None:
         """Do what is to be done last, before the port is closed."""
@@ -177,17 +177,27 @@ class PortThread(ABC, Generic[Device]):
         with contextlib.suppress(Exception):
             self._device.close()
         while not self._stopping.wait(REOPEN_PERIOD_S):
-            try:
-                self._device = self._open()
-            except Exception:  # noqa: BLE001, S112  it is as gone as before
-                continue
-            with self._lock:
-                self._targets = self._sent = None
-            self.on = False
-            self._forget()
-            self._reopened.reopened += 1
-            self.gone = None
-            return
+            if self._is_back():
+                self._reopened.reopened += 1
+                self.gone = None
+                return
+
+    def _is_back(self) -> bool:
+        """Try to open the port; whether that succeeded."""
+        try:
+            self._device = self._open()
+        except Exception:  # noqa: BLE001  it is as gone as before
+            return False
+        with self._lock:
+            self._targets = self._sent = None
+        self.on = False
+        try:
+            self._meet()
+        except Exception:  # noqa: BLE001
+            with contextlib.suppress(Exception):
+                self._device.close()
+            return False
+        return True
 
     def _end(self) -> None:
         """Let the servos hold without being told to, or go limp where that was asked for last."""

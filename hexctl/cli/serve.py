@@ -113,6 +113,8 @@ def serve(
 
         def on_started(started: ServiceStarted) -> None:
             print_note(_greeting(started, settings))
+            for warning in started.warnings:
+                print_note(f"warning: {warning}")
             if view:
                 stack.enter_context(_viewer(settings, link))
 

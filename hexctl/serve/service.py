@@ -16,7 +16,7 @@ from hexctl.robot.bus_map import bus_map_of
 from hexctl.robot.failure import Failure, failure_text
 from hexctl.robot.loader import load_robot_file
 from hexctl.robot.pwm_map import pwm_map_of
-from hexctl.robot.schema import BUS_DRIVERS, ServosSection
+from hexctl.robot.schema import BUS_DRIVERS, PWM_DRIVERS, ServosSection
 from hexctl.robot.servo_models import DEFAULT_BAUDS
 from hexctl.serve.server import RobotServer
 from hexctl.wire.links import Link, load_link
@@ -34,6 +34,12 @@ MIN_EXPIRY_S, MAX_EXPIRY_S = 0.05, 1.0
 MIN_RELEASE_S, MAX_RELEASE_S = 1.0, 3600.0
 SERVED_BACKENDS = ("sim", "mavlink", "dynamixel", "feetech", "lx16a", "servo2040", "mock")
 BOARD_BACKENDS = ("sim", "mock")
+
+#: What is said at every start with a board that cannot be let down when its computer dies.
+NO_WATCHDOG = (
+    "{backend} has no watchdog and its servos no feedback: if this computer dies, they keep their last "
+    "pulses; have a switch in their supply within reach"
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -118,12 +124,14 @@ class ServiceStarted:
         backend: name of its backend.
         place: where clients reach it: a Zenoh endpoint or a MAVLink port.
         realtime: whether its process has real-time priority.
+        warnings: what the operator must know before anything moves.
     """
 
     robot: str
     backend: str
     place: str
     realtime: bool
+    warnings: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -212,7 +220,13 @@ class RobotService:
         )
         realtime = request_realtime_priority()
         started = ServiceStarted(
-            robot=servos.robot.name, backend=self.servos.backend, place=link.endpoint, realtime=realtime
+            robot=servos.robot.name,
+            backend=self.servos.backend,
+            place=link.endpoint,
+            realtime=realtime,
+            warnings=(NO_WATCHDOG.format(backend=self.servos.backend),)
+            if self.servos.backend in PWM_DRIVERS
+            else (),
         )
         if keeper is None:
             server.run(stop_requested, ready=lambda: on_started(started))

@@ -115,7 +115,8 @@ class Servo2040Board:
 
     Attributes:
         path: the device to open.
-        pulses_us: by output, (18,); 0 where none was told.
+        pulses_us: last pulses by output, (18,); 0 where none was told.
+        enabled: outputs that give their pulses once the relay is on, (18,).
         relay: whether the servos have power.
     """
 
@@ -136,6 +137,7 @@ class Servo2040Board:
         os.set_blocking(self._master, False)
         self.path = os.ttyname(self._slave)
         self.pulses_us: FloatArray = np.zeros(N_JOINTS)
+        self.enabled: BoolArray = np.zeros(N_JOINTS, dtype=bool)
         self.relay = False
         self._staged = False
         self._status = 0
@@ -220,7 +222,8 @@ class Servo2040Board:
         self._counters.goals += start < TOUCH
         for index, value in enumerate(values, start):
             if index < TOUCH:
-                self.pulses_us[index] = np.clip(value, *SERVO2040_US) if value else 0.0
+                self.pulses_us[index] = np.clip(value, *SERVO2040_US) if value else self.pulses_us[index]
+                self.enabled[index] = value > 0
                 self._staged = True
             elif index == RELAY:
                 self._switch(value > 0)
@@ -229,11 +232,10 @@ class Servo2040Board:
         """Switch the relay: the fork only with a pose that was staged, and not after a trip."""
         if not on:
             self.relay, self._staged, self._status = False, False, 0
-        elif not self._fork:
+        elif not self._fork or (self._staged and not self._status):
             self.relay = True
             self.pulses_us[self.pulses_us == 0] = MIDDLE_US
-        elif self._staged and not self._status:
-            self.relay = True
+            self.enabled[:] = True  # also those that were told 0
 
     def _get(self, start: int, count: int) -> None:
         """Reply; the original gives nothing for the relay and the outputs behind it."""
@@ -275,7 +277,7 @@ class Servo2040Board:
 
     def _move(self, state: RobotState) -> None:
         pulses = self.pulses_us[self._map.outputs]
-        powered: BoolArray = (pulses > 0) & self.relay
+        powered: BoolArray = self.enabled[self._map.outputs] & self.relay
         if not powered.any():
             if self._sent_rad is not None:
                 self._robot.disable_torque()

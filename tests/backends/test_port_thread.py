@@ -12,7 +12,7 @@ import pytest
 from hexctl.backends.port_thread import reason_of
 from hexctl.backends.pwm.board import BoardReport, PwmCounters
 from hexctl.backends.pwm.board_thread import BoardThread
-from hexctl.types import FloatArray
+from hexctl.types import BoolArray, FloatArray
 from hexctl.waiting import wait_for
 
 
@@ -34,13 +34,13 @@ class _Board:
             raise self.fails[name]
         self.said.append(name)
 
-    def commanded_us(self) -> FloatArray | None:
-        return None
+    def commanded_us(self) -> FloatArray:
+        return np.full(18, np.nan)
 
-    def begin(self, pulses_us: FloatArray) -> None:
+    def begin(self, pulses_us: FloatArray, on: BoolArray) -> None:
         self._do("begin")
 
-    def write(self, pulses_us: FloatArray) -> None:
+    def write(self, pulses_us: FloatArray, on: BoolArray) -> None:
         self._do("write")
 
     def end(self) -> None:
@@ -59,7 +59,7 @@ class _Board:
 def _running(board: _Board, opened: Callable[[], _Board]) -> Iterator[BoardThread]:
     """A thread that runs a board meanwhile."""
     first = BoardReport(at_s=time.monotonic())
-    thread = BoardThread(opened, board, first, PwmCounters(), np.full(18, 1e6))
+    thread = BoardThread(opened, board, first, PwmCounters(), np.full(18, 1e6), np.full(18, np.nan))
     thread.start()
     try:
         yield thread
@@ -162,7 +162,7 @@ def test_what_was_asked_for_last_is_done_before_the_end(released: bool) -> None:
         thread.send(POSE)
         if released:
             thread.release()
-    assert board.said[-2:] == (["end", "close"] if released else ["begin", "close"])
+    assert board.said[-2:] == (["end", "close"] if released else ["write", "close"])
 
 
 def test_an_end_that_fails_is_an_end() -> None:

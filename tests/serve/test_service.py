@@ -5,6 +5,7 @@ import pytest
 from hexctl.errors import InputError
 from hexctl.robot.failure import Failure
 from hexctl.serve.service import BoardService, RobotService, ServiceStarted, ServosSpec
+from tests.backends.pwm.boards import servo2040_board
 from tests.serve.processes import free_port
 
 
@@ -43,6 +44,21 @@ def test_a_robot_is_served_by_a_library_call(capsys: pytest.CaptureFixture[str])
     service.run(lambda: bool(started), on_started=started.append)
     assert [(each.robot, each.backend, each.place) for each in started] == [("ant", "mock", endpoint)]
     assert capsys.readouterr() == ("", "")
+
+
+def test_a_board_without_a_watchdog_is_said_to_be_one_at_every_start() -> None:
+    with servo2040_board() as board:
+        started: list[ServiceStarted] = []
+        service = RobotService(
+            servos=ServosSpec(backend="servo2040", robot="ant"),
+            listen=f"tcp/127.0.0.1:{free_port()}",
+            device=board.path,
+        )
+        service.run(lambda: bool(started), on_started=started.append)
+    assert started[0].warnings == (
+        "servo2040 has no watchdog and its servos no feedback: if this computer dies, they keep their last "
+        "pulses; have a switch in their supply within reach",
+    )
 
 
 def test_a_board_reports_its_counts() -> None:

@@ -67,7 +67,7 @@ class BusThread(PortThread[ServoBus]):
         self._check_torque()
         self._active_at_s = time.monotonic()
 
-    def _forget(self) -> None:
+    def _meet(self) -> None:
         with self._lock:
             self._readings.distrust()
 

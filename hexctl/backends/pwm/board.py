@@ -45,16 +45,16 @@ class PwmCounters:
 class PwmBoard(Protocol):
     """A board on an open port, used by one thread; every method may raise OSError when the port has gone."""
 
-    def commanded_us(self) -> FloatArray | None:
-        """Pulses of each joint, (18,), that the board was last told, or None where it was told none."""
+    def commanded_us(self) -> FloatArray:
+        """Pulses of each joint, (18,), that the board was last told; NaN where it was told none."""
         ...
 
-    def begin(self, pulses_us: FloatArray) -> None:
-        """Power the servos, with these pulses of each joint, (18,), from the first one on."""
+    def begin(self, pulses_us: FloatArray, on: BoolArray) -> None:
+        """Power some servos, (18,), with the pulses of their joints, (18,), from the first one on."""
         ...
 
-    def write(self, pulses_us: FloatArray) -> None:
-        """Send pulses of each joint, (18,), to servos that are powered."""
+    def write(self, pulses_us: FloatArray, on: BoolArray) -> None:
+        """Send pulses of each joint, (18,), to the servos that are on, (18,); the others are limp."""
         ...
 
     def end(self) -> None:

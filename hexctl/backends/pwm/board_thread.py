@@ -1,15 +1,26 @@
 """The thread that owns a board of hobby servos."""
 
+import time
 from collections.abc import Callable
 from dataclasses import replace
 
-from hexctl.backends.port_thread import STEP_S, PortThread
+import numpy as np
+
+from hexctl.backends.port_thread import POLL_PERIOD_S, STEP_S, PortThread
 from hexctl.backends.pwm.board import BoardReport, PwmBoard, PwmCounters
-from hexctl.types import FloatArray
+from hexctl.types import JOINTS_PER_LEG, BoolArray, FloatArray
+
+#: Time between the powering of two legs: a hobby servo turns by 60 degrees in 0.15 to 0.2 s, and draws its
+#: stall current meanwhile.
+LEG_PAUSE_S = 0.15
 
 
 class BoardThread(PortThread[PwmBoard]):
-    """Runs a board, whose servos turn to the first pulses from wherever they are.
+    """Runs a board, whose servos turn to the first pulses from wherever they are, at full speed.
+
+    So legs are powered one after the other, at the pose that was left first; newer targets wait until all are
+    on, and are then approached no faster than joints turn. Joints of which the board was told pulses before
+    hold already, as far as anybody knows, and stay on.
 
     Args:
         opened: opens the board again, when its port has gone and may be back.
@@ -17,9 +28,11 @@ class BoardThread(PortThread[PwmBoard]):
         newest: what it has told.
         counters: of the board.
         speeds: greatest of the joints, (18,), in microseconds of pulse per second.
+        told_us: pulses that the board was last told, (18,), NaN where it was told none.
 
     Attributes:
         newest: last report.
+        told_us: pulses that the board was last told, (18,), NaN where it was told none.
     """
 
     def __init__(
@@ -29,10 +42,14 @@ class BoardThread(PortThread[PwmBoard]):
         newest: BoardReport,
         counters: PwmCounters,
         speeds: FloatArray,
+        told_us: FloatArray,
     ) -> None:
         super().__init__(opened, board, counters=counters, steps=STEP_S * speeds, name="servo board")
         self._counters = counters
-        self.newest = newest
+        self.newest, self.told_us = newest, told_us
+        self._sent = told_us
+        self._powered: BoolArray = np.isfinite(told_us)
+        self._next_leg_at_s = 0.0
 
     def _may_follow(self) -> bool:
         return self.newest.fault is None
@@ -42,16 +59,36 @@ class BoardThread(PortThread[PwmBoard]):
         return self.newest.fault is not None
 
     def _follow(self, targets: FloatArray) -> FloatArray:
-        near = self._stepped(targets)
-        if self.on:
-            self._device.write(near)
+        if self.on and self._powered.all() and time.monotonic() >= self._next_leg_at_s:
+            self.told_us = self._stepped(targets)
+            self._device.write(self.told_us, self._powered)
+        elif self.on:
+            self._power_next_leg()
+            self._device.write(self.told_us, self._powered)
         else:
-            self._device.begin(near)
+            self.told_us = self._stepped(targets)
+            self._power_next_leg()
+            self._device.begin(self.told_us, self._powered)
         self._counters.writes += 1
-        return near
+        return np.where(self._powered, self.told_us, np.nan)
+
+    def _power_next_leg(self) -> None:
+        """Let one more leg have its pulses, if the last one has had its time."""
+        now_s, waiting = time.monotonic(), np.flatnonzero(~self._powered)
+        if len(waiting) and now_s >= self._next_leg_at_s:
+            leg = waiting[0] // JOINTS_PER_LEG
+            self._powered = self._powered.copy()
+            self._powered[leg * JOINTS_PER_LEG : (leg + 1) * JOINTS_PER_LEG] = True
+            self._next_leg_at_s = now_s + LEG_PAUSE_S
+
+    def _meet(self) -> None:
+        self._sent = self._device.commanded_us()
+        self._powered = np.isfinite(self._sent)
+        self.told_us = np.where(self._powered, self._sent, self.told_us)
 
     def _let_go(self) -> None:
         self._device.end()
+        self._powered = np.zeros_like(self._powered)
         self.newest = replace(self.newest, fault=None)
 
     def _poll(self) -> None:
@@ -63,6 +100,7 @@ class BoardThread(PortThread[PwmBoard]):
         self.newest = report
         if report.fault is not None:
             self.on, self._sent = False, None
+            self._powered = np.zeros_like(self._powered)
 
     def _finish(self) -> None:
         """Send the pose that was left last: the servos are to keep it."""
@@ -72,3 +110,4 @@ class BoardThread(PortThread[PwmBoard]):
             self.on = True
             if (self._sent == targets).all():
                 return
+            time.sleep(POLL_PERIOD_S)

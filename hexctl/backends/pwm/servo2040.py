@@ -22,7 +22,7 @@ from hexctl.backends.pwm.servos import PwmServos
 from hexctl.errors import InputError, RobotFaultError, argument
 from hexctl.robot.model import Robot
 from hexctl.robot.pwm_map import SERVO2040_US, PwmMap
-from hexctl.types import N_JOINTS, N_LEGS, FloatArray
+from hexctl.types import N_JOINTS, N_LEGS, BoolArray, FloatArray
 
 SET, GET = 0xD3, 0xC7
 
@@ -124,23 +124,33 @@ class Servo2040:
         if self._asked > N_LEGS + 2 and self._tripped() is not None:
             self.end()
 
-    def commanded_us(self) -> FloatArray | None:
-        """Pulses of each joint, (18,), that the board was last told, or None for a board just switched on."""
+    def commanded_us(self) -> FloatArray:
+        """Pulses of each joint, (18,), that the board was last told; NaN for a board just switched on.
+
+        Raises TimeoutError for a board that does not say.
+        """
         values = self._ask(0, N_JOINTS, tries=TRIES)
-        if values is None or any(len(set(values)) == 1 and never in values for never in NEVER_US):
-            return None
+        if values is None:
+            raise TimeoutError("the board does not say its pulses")
+        if any(len(set(values)) == 1 and never in values for never in NEVER_US):
+            return np.full(N_JOINTS, np.nan)
         pulses = np.array(values, dtype=float)[self._map.outputs]
-        return pulses if (pulses > 0).all() else None
+        return np.where(pulses > 0, pulses, np.nan)
 
-    def begin(self, pulses_us: FloatArray) -> None:
-        """Stage a pose, then switch the relay on: without one all servos would turn to 1500 us."""
-        self.write(pulses_us)
+    def begin(self, pulses_us: FloatArray, on: BoolArray) -> None:
+        """Stage a whole pose, then switch the relay on: servos without a pulse would turn to 1500 us.
+
+        The relay switches all servos on; those that are to wait are off again within a pulse or two.
+        """
+        self.write(pulses_us, np.ones(N_JOINTS, dtype=bool))
         self._line.write(set_frame(RELAY, [1]))
+        if not on.all():
+            self.write(pulses_us, on)
 
-    def write(self, pulses_us: FloatArray) -> None:
-        """Send the pulses of all joints, (18,), in one frame."""
+    def write(self, pulses_us: FloatArray, on: BoolArray) -> None:
+        """Send the pulses of all joints, (18,), in one frame; those of servos that are off are 0."""
         ordered = np.empty(N_JOINTS)
-        ordered[self._map.outputs] = np.clip(np.rint(pulses_us), *SERVO2040_US)
+        ordered[self._map.outputs] = np.where(on, np.clip(np.rint(pulses_us), *SERVO2040_US), 0)
         self._line.write(set_frame(0, ordered.astype(int).tolist()))
 
     def end(self) -> None:

@@ -19,11 +19,12 @@ MUTE_S = 0.5
 
 
 class PwmServos(PortServos[PwmMap, BoardThread, PwmCounters]):
-    """Eighteen hobby servos without feedback: where a joint is told to be, there it is taken to be.
+    """Eighteen hobby servos without feedback: a joint is taken to be where the board was told to turn it.
 
     A thread of its own owns the port: neither `read` nor `write` waits for it. Nothing is powered before the
-    first `write`; the servos then turn to that pose at full speed, from wherever they are. Where the board
-    was told a pose by an earlier program, states begin with it. After `close` the servos keep their pulses.
+    first `write`; the servos then turn to that pose at full speed, from wherever they are, leg by leg. Where
+    the board was told a pose by an earlier program, states begin with it, and no leg is switched off. After
+    `close` the servos keep their pulses.
 
     Args:
         robot: the robot that the servos belong to, or the name or path of its file.
@@ -51,21 +52,21 @@ class PwmServos(PortServos[PwmMap, BoardThread, PwmCounters]):
         except BaseException:
             board.close()
             raise
-        if pulses is not None:
-            self._sent_rad = self._map.angles_rad(pulses)
         speeds = np.degrees(self._robot.joint_max_speed_rad_s) * self._map.per_deg
-        thread = BoardThread(self._open, board, report, self.counters, speeds)
+        thread = BoardThread(self._open, board, report, self.counters, speeds, pulses)
         thread.start()
         return thread
 
     def _state(self, thread: BoardThread) -> RobotState:
-        """Targets that were sent last, with what the board tells."""
-        report = thread.newest
+        """Where the board was told to turn the joints, with what it tells."""
+        told_us, report = thread.told_us, thread.newest
+        told = np.isfinite(told_us)
+        told_rad = self._map.angles_rad(np.where(told, told_us, self._map.centre))
         fault = self._fault(thread.gone, report)
         if fault is not None:
             report = BoardReport(at_s=report.at_s)
         return RobotState(
-            self._sent_rad.copy(),
+            np.where(told, told_rad, self._sent_rad),
             stamp_s=self._clock.now_s,
             measured=False,
             foot_contacts=None if report.contacts is None else report.contacts.copy(),

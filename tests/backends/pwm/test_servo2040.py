@@ -28,9 +28,10 @@ from hexctl.backends.pwm.servo2040 import (
 )
 from hexctl.control.guard import Guard
 from hexctl.errors import InputError, RobotFaultError
-from hexctl.serve.servo2040_board import parse_servo2040_fault
+from hexctl.serve.servo2040_board import Servo2040Board, parse_servo2040_fault
 from hexctl.testing.servos import LegServosConformance
 from hexctl.types import JointTargets, RobotState
+from hexctl.waiting import wait_for
 from tests.backends.pwm.boards import a_map, servo2040_board, servos_on
 from tests.robots import shipped
 
@@ -122,10 +123,12 @@ def test_a_pose_is_one_frame_below_64_bytes_and_staged_before_the_relay() -> Non
     board = Servo2040(line, a_map("servo2040", **outputs))
     line.written.clear()
     pulses = np.linspace(1000.0, 1170.0, 18)
-    board.begin(pulses)
+    first = np.arange(18) < 3
+    board.begin(pulses, first)
     board.end()
     pose = bytes([0xD3, 0, 18]) + encoded([round(pulse) for pulse in pulses[::-1]])
-    assert line.written == [pose, bytes.fromhex("D31A010100"), bytes.fromhex("D31A010000")]
+    alone = bytes([0xD3, 0, 18]) + encoded([0] * 15 + [round(pulse) for pulse in pulses[2::-1]])
+    assert line.written == [pose, bytes.fromhex("D31A010100"), alone, bytes.fromhex("D31A010000")]
     assert len(pose) == 39
 
 
@@ -145,6 +148,52 @@ def test_nothing_is_powered_before_the_first_targets(firmware: str) -> None:
             _until(servos, lambda _: board.relay)
         assert board.relay, "after closing the robot holds its pose"
         assert board.report()["torn"] == 0
+
+
+@pytest.mark.parametrize("firmware", ["stock", "fork"])
+def test_legs_are_powered_one_after_the_other_at_the_pose_that_came_first(firmware: str) -> None:
+    with servo2040_board(firmware=firmware) as board, servos_on(board) as servos:
+        stance = servos.robot.stance_angles_rad
+        seen: list[int] = []
+        for ticks in range(400):
+            servos.clock.tick()
+            servos.write(JointTargets(stance + min(0.2, 0.01 * ticks), servos.clock.now_s))
+            powered = np.flatnonzero(board.enabled & board.relay)
+            if 0 < len(powered) < 18:  # the outputs of ant are in the order of its joints
+                assert powered.tolist() == list(range(len(powered)))
+                at_first = a_map().raw(stance)
+                np.testing.assert_allclose(board.pulses_us, at_first, atol=0.5 + 0.01 * 2 * 637)
+            seen += [len(powered)] if not seen or seen[-1] != len(powered) else []
+            if np.allclose(servos.read().joint_positions_rad, stance + 0.2, atol=1e-3):
+                break
+        # The relay lets go of all servos at once, for as long as a frame takes.
+        assert set(seen) <= {0, 3, 6, 9, 12, 15, 18}
+        assert len({3, 6, 9, 12, 15} & set(seen)) > 0
+        assert seen[-1] == 18
+        reached = a_map().raw(stance + 0.2)
+        _until_pulses(board, reached)
+
+
+def _until_pulses(board: Servo2040Board, expected: "np.ndarray[Any, np.dtype[np.float64]]") -> None:
+    wait_for(lambda: np.allclose(board.pulses_us, expected, atol=0.6), 5.0, "the pulses never came")
+
+
+def test_a_single_pose_is_reached_without_another() -> None:
+    with servo2040_board() as board, servos_on(board) as servos:
+        servos.write(JointTargets(servos.robot.stance_angles_rad + 0.1, 0.0))
+        _until_pulses(board, a_map().raw(servos.robot.stance_angles_rad + 0.1))
+        wait_for(lambda: board.enabled.all(), 5.0, "all legs")
+
+
+def test_a_robot_that_stands_is_not_let_go_of_by_the_next_program() -> None:
+    with servo2040_board() as board:
+        with servos_on(board) as servos:
+            _until(servos, lambda _: board.enabled.all())
+        with servos_on(board) as servos:
+            for _ in range(30):
+                servos.clock.tick()
+                servos.write(JointTargets(servos.robot.stance_angles_rad, servos.clock.now_s))
+                assert board.enabled.all()
 
 
 def test_the_pose_of_an_earlier_program_is_where_the_next_one_begins() -> None:
