@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterator, Sequence
 
 from benchmarks.adapt import adapt_rows
 from benchmarks.batch import batch_rows
+from benchmarks.bus import bus_rows
 from benchmarks.check import check_rows
 from benchmarks.clock import clock_rows
 from benchmarks.landscape import landscape_benchmarks
@@ -26,6 +27,7 @@ BENCHMARKS: dict[str, Benchmark] = {
     "clock": clock_rows,
     "view": view_rows,
     "link": link_rows,
+    "bus": bus_rows,
     "single": single_rows,
     "recording": recording_rows,
     "batch": batch_rows,

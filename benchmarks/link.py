@@ -151,7 +151,7 @@ def _walk_rows(duration_s: float) -> Iterator[Row]:
     with _robot(port, "sim"):
         plan = TrialPlan(gait=make_gait(ant(), "tripod"), duration_s=duration_s)
         log = TickLog()
-        with _realtime(), Guard(ZenohServos(ant(), link=link)) as servos:
+        with realtime(), Guard(ZenohServos(ant(), link=link)) as servos:
             result = run_trial(servos, plan, recorders=(log,))
             overruns = servos.clock.overruns
         with open_session(link, Role.VIEWER, KeyMap.of("ant")) as session:
@@ -167,7 +167,7 @@ def _walk_rows(duration_s: float) -> Iterator[Row]:
 
 
 @contextmanager
-def _realtime() -> Iterator[None]:
+def realtime() -> Iterator[None]:
     """Have the priority that `hexctl run` asks for on a real robot, where it is given."""
     given = request_realtime_priority()
     try:

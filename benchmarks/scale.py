@@ -17,6 +17,7 @@ class Scale:
         clock_s: how long the wall clock is watched.
         link_s: how long round trips over the link are measured.
         twin_s: how long a robot at the other end of the link walks.
+        bus_s: how long each of the robots on a bus walks.
         starts: how often a process is started.
         robots: random robots of each verdict of `hexctl check`.
     """
@@ -30,6 +31,7 @@ class Scale:
     clock_s: float
     link_s: float
     twin_s: float
+    bus_s: float
     starts: int
     robots: int
 
@@ -44,6 +46,7 @@ FULL = Scale(
     clock_s=60.0,
     link_s=60.0,
     twin_s=600.0,
+    bus_s=600.0,
     starts=7,
     robots=20,
 )
@@ -59,6 +62,7 @@ QUICK = Scale(
     clock_s=1.0,
     link_s=1.0,
     twin_s=3.0,
+    bus_s=2.0,
     starts=2,
     robots=1,
 )

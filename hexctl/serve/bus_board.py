@@ -140,7 +140,8 @@ class BusBoard:
         if not answers:
             return
         self._counters.answers += len(answers)
-        data = b"".join(self._faults.garbled(each, self._random, self._sender(each)) for each in answers)
+        packets, rng = self._family.packets, self._random
+        data = b"".join(self._faults.damaged(each, packets, rng, self._sender(each)) for each in answers)
         self._occupy(len(data))
         time.sleep(max(0.0, self._free_s - time.monotonic()) + HESITATES_S * len(answers))
         self._send(data)

@@ -1,7 +1,7 @@
 """Faults of a simulated bus: what goes wrong with its line and its servos, and when.
 
 mute:5:coxa@10  hot:2:femur:72@5  overload:4:femur@6  lost-id:3:tibia@8  bad-cable:3:femur:0.2
-brown-out@12  unplug@15  replug@18  garble:0.01  echo
+brown-out@12  unplug@15  replug@18  garble:0.01  wild:0.01  echo
 """
 
 import random
@@ -10,20 +10,22 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hexctl.backends.bus.packets import PacketFormat, PacketStream
 from hexctl.errors import InputError
 from hexctl.robot.bus_map import BusMap
 from hexctl.types import JOINT_KINDS, JOINTS_PER_LEG, N_JOINTS, N_LEGS, BoolArray
 
 ALLOWED = (
     "mute:LEG:JOINT, hot:LEG:JOINT:DEGREES_C, overload:LEG:JOINT, lost-id:LEG:JOINT, "
-    "bad-cable:LEG:JOINT:SHARE, brown-out, unplug, replug, garble:SHARE or echo, each with @SECONDS or from "
-    "the start"
+    "bad-cable:LEG:JOINT:SHARE, brown-out, unplug, replug, garble:SHARE, wild:SHARE or echo, each with "
+    "@SECONDS or from the start"
 )
 
 #: Kinds with a joint, and with a number.
 _OF_JOINTS = ("mute", "hot", "overload", "lost-id", "bad-cable")
-_WITH_NUMBER, _WITH_SHARE = ("hot", "garble", "bad-cable"), ("garble", "bad-cable")
-_KINDS = (*_OF_JOINTS, "brown-out", "unplug", "replug", "garble", "echo")
+_WITH_SHARE = ("garble", "wild", "bad-cable")
+_WITH_NUMBER = ("hot", *_WITH_SHARE)
+_KINDS = (*_OF_JOINTS, "brown-out", "unplug", "replug", "garble", "wild", "echo")
 
 #: Hottest that a servo can say it is, in degrees Celsius.
 MOST_C = 200
@@ -43,7 +45,7 @@ class BusFault:
         kind: as in the words above.
         at_s: when it begins, on the clock of the simulated robot.
         joint: index of the joint, 0..17, or None for those of the line.
-        value: temperature in degrees Celsius, or the share of answers that are garbled.
+        value: temperature in degrees Celsius, or the share of answers that are garbled or wild.
     """
 
     kind: str
@@ -104,7 +106,7 @@ class BusFaults:
         self.cables: dict[int, float] = {}
         self.sudden: list[BusFault] = []
         self.echoes = self.unplugged = self._browned_out = False
-        self._garbles = 0.0
+        self._garbles = self._wild = 0.0
         self.advance(0.0)
 
     @property
@@ -121,7 +123,16 @@ class BusFaults:
         """Voltage at the servos."""
         return min(self.BROWN_OUT_V, BROWN_OUT_SHARE * usual_v) if self._browned_out else usual_v
 
-    def garbled(self, answer: bytes, rng: random.Random, joint: int | None = None) -> bytes:
+    def damaged(
+        self, answer: bytes, packets: PacketFormat, rng: random.Random, joint: int | None = None
+    ) -> bytes:
+        """An answer of a joint's servo, now and then garbled, or a whole packet with other numbers."""
+        if rng.random() < self._wild:
+            for packet in PacketStream(packets).feed(answer):
+                return packets.status(packet.servo_id, packet.error, rng.randbytes(len(packet.parameters)))
+        return self._garbled(answer, rng, joint)
+
+    def _garbled(self, answer: bytes, rng: random.Random, joint: int | None = None) -> bytes:
         """An answer of a joint's servo, or now and then what is left of it."""
         cable = 0.0 if joint is None else self.cables.get(joint, 0.0)
         if rng.random() >= max(self._garbles, cable):
@@ -144,6 +155,8 @@ class BusFaults:
             self.cables[fault.joint] = fault.value
         elif fault.kind == "garble":
             self._garbles = fault.value
+        elif fault.kind == "wild":
+            self._wild = fault.value
         elif fault.kind == "echo":
             self.echoes = True
         elif fault.kind == "brown-out":

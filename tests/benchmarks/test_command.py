@@ -22,6 +22,7 @@ TINY = Scale(
     clock_s=0.2,
     link_s=0.5,
     twin_s=2.0,
+    bus_s=1.0,
     starts=1,
     robots=1,
 )

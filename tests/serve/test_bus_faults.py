@@ -5,6 +5,8 @@ import random
 import numpy as np
 import pytest
 
+from hexctl.backends.bus.lx16a_packets import LX16A
+from hexctl.backends.bus.packets import PROTOCOLS, PacketFormat, PacketStream
 from hexctl.errors import InputError
 from hexctl.serve.bus_faults import BusFault, BusFaults, parse_bus_fault
 from tests.backends.bus.boards import a_map
@@ -18,6 +20,7 @@ from tests.backends.bus.boards import a_map
         ("lost-id:3:tibia@8", BusFault(kind="lost-id", at_s=8, joint=8)),
         ("brown-out@12", BusFault(kind="brown-out", at_s=12)),
         ("garble:0.01", BusFault(kind="garble", value=0.01)),
+        ("wild:0.02@3", BusFault(kind="wild", at_s=3, value=0.02)),
         ("echo", BusFault(kind="echo")),
     ],
 )
@@ -36,6 +39,7 @@ def test_faults_are_read(text: str, fault: BusFault) -> None:
         "hot:1:coxa:warm",
         "echo:1",
         "garble:2",
+        "wild:1.5",
         "hot:1:coxa:1000",
         "echo@x",
     ],
@@ -60,9 +64,21 @@ def test_faults_begin_when_they_are_due() -> None:
 
 def test_as_many_answers_are_garbled_as_was_asked_for() -> None:
     faults, rng = BusFaults((parse_bus_fault("garble:0.25"),), a_map()), random.Random(0)
-    answer = bytes(range(20))
-    garbled = sum(faults.garbled(answer, rng) != answer for _ in range(4000))
+    packets = PROTOCOLS[1]
+    answer = packets.status(7, 0, bytes(range(15)))
+    garbled = sum(faults.damaged(answer, packets, rng) != answer for _ in range(4000))
     assert 0.22 < garbled / 4000 < 0.28
+
+
+@pytest.mark.parametrize("packets", [PROTOCOLS[1], PROTOCOLS[2], LX16A], ids=["1.0", "2.0", "lx16a"])
+def test_wild_answers_are_whole_packets_with_other_numbers(packets: PacketFormat) -> None:
+    faults, rng = BusFaults((parse_bus_fault("wild:0.25"),), a_map()), random.Random(0)
+    answer = packets.status(7, 28, bytes(2))
+    wild = [each for _ in range(400) if (each := faults.damaged(answer, packets, rng)) != answer]
+    assert 70 < len(wild) < 130
+    for each in wild:
+        (packet,) = PacketStream(packets).feed(each)
+        assert (packet.servo_id, packet.error, len(packet.parameters)) == (7, 28, 2)
 
 
 def test_in_a_brown_out_nothing_holds() -> None:

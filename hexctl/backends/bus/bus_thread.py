@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from hexctl.backends.bus.readings import BelievedReadings
+from hexctl.backends.bus.readings import BelievedReadings, polls
 from hexctl.backends.bus.servo_bus import BusCounters, Report, ServoBus
 from hexctl.backends.port_thread import STEP_S, PortThread
 from hexctl.types import BoolArray, FloatArray, ServoReadings
@@ -78,11 +78,14 @@ class BusThread(PortThread[ServoBus]):
         """Switch the torque on with each goal where its joint is now, so that nothing jumps."""
         with self._lock:
             self._readings.distrust()
-        self._take(self._device.poll_all())
+        begun_s = time.monotonic()
+        for reports in polls(self._device, self._readings):
+            self._take(reports)
         with self._lock:
             here = self._readings.positions.copy()
-        known: BoolArray = np.isfinite(here) & (self._readings.heard_at_s > time.monotonic() - 1.0)
-        self.limp = known & ~self._device.hold(np.where(known, here, 0.0), known)
+        heard: BoolArray = self._readings.heard_at_s >= begun_s
+        known: BoolArray = self._readings.trusted & heard
+        self.limp = heard & ~self._device.hold(np.where(known, here, 0.0), known)
         self._sent = np.where(known, here, np.nan)
 
     def _check_torque(self) -> None:
@@ -91,6 +94,8 @@ class BusThread(PortThread[ServoBus]):
             return
         self._asked = (self._asked + 1) % len(self.limp)
         torque = self._device.torque(self._asked, tries=1)
+        if torque is False:  # a wrong answer is rare, two of them never come
+            torque = self._device.torque(self._asked, tries=1)
         if torque is not None:
             self.limp[self._asked] = not torque
 

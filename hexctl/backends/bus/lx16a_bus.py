@@ -34,10 +34,10 @@ PERIOD_MS = 20
 REPEAT_S = 0.25
 
 #: Time since the goals of a control period in which positions are asked.
-SPAN_S = 0.016
+SPAN_S = 0.0175
 
 #: Every so many readings, one is of something else than a position.
-OTHERS_EVERY = 5
+OTHERS_EVERY = 8
 
 #: What is read besides positions, in turn.
 OTHERS = (lx.READ_VOLTAGE, lx.READ_TEMPERATURE, lx.READ_LOAD)

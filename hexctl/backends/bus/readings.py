@@ -1,16 +1,20 @@
 """Readings of the servos on a bus: the newest of each joint, as far as it can be believed."""
 
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hexctl.backends.bus.servo_bus import Report
+from hexctl.backends.bus.servo_bus import Report, ServoBus
 from hexctl.types import N_JOINTS, BoolArray, FloatArray, ServoReadings
 
-#: A reading that differs by more than a joint can is believed when this many in a row agree.
-AGREEING = 3
+#: A reading that differs by more than a joint can is believed when this many in a row agree, and one that
+#: follows on none when two do.
+AGREEING, AGREEING_AT_FIRST = 3, 2
+
+#: Polls of all servos after which positions that do not agree are left.
+MOST_POLLS = 6
 
 #: How many times its greatest speed a joint may seem to have, and how far it may seem to jump besides.
 SPEED_TIMES, JUMP_DEG = 2.0, 10.0
@@ -23,7 +27,8 @@ class BelievedReadings:
     """Newest plausible readings of each joint; arrays are (18,).
 
     Single bytes that are wrong pass a checksum now and then: a position, voltage or temperature that cannot
-    have come about so fast counts once three in a row agree.
+    have come about so fast counts once three in a row agree. The first of each, a position from which a
+    robot begins to move or a temperature that stops it, counts once two agree.
 
     Args:
         speeds: greatest of the joints, in counts per second.
@@ -31,6 +36,7 @@ class BelievedReadings:
 
     Attributes:
         positions: in counts; NaN before the first.
+        trusted: whether the position of each joint follows on others.
         implausible: readings so far that were not believed.
     """
 
@@ -42,7 +48,7 @@ class BelievedReadings:
         self._voltages, self._temperatures = np.full(N_JOINTS, np.nan), np.full(N_JOINTS, np.nan)
         self._errors = [""] * N_JOINTS
         self._doubts: dict[tuple[str, int], tuple[float, int]] = {}
-        self._trusted: BoolArray = np.ones(N_JOINTS, dtype=bool)
+        self.trusted: BoolArray = np.zeros(N_JOINTS, dtype=bool)
         self.implausible = 0
 
     @property
@@ -60,17 +66,21 @@ class BelievedReadings:
         for report in reports:
             joint = report.joint
             reach = self._jump[joint] + self._speeds[joint] * (report.at_s - self._at_s[joint])
-            reach, self._trusted[joint] = reach if self._trusted[joint] else np.inf, True
-            self._believe("position", self.positions, joint, report.position, reach)
-            self._believe("voltage", self._voltages, joint, report.voltage_v, VOLTAGE_V)
-            self._believe("temperature", self._temperatures, joint, report.temperature_c, TEMPERATURE_C)
+            follows = bool(self.trusted[joint])
+            taken = self._believe("position", self.positions, joint, report.position, reach, follows=follows)
+            self.trusted[joint] = follows or taken
+            for name, values, value, near in (
+                ("voltage", self._voltages, report.voltage_v, VOLTAGE_V),
+                ("temperature", self._temperatures, report.temperature_c, TEMPERATURE_C),
+            ):
+                self._believe(name, values, joint, value, near, follows=bool(np.isfinite(values[joint])))
             self._at_s[joint] = report.at_s
             self._efforts[joint], self._currents[joint] = report.effort, report.current_a
             self._errors[joint] = report.error
 
     def distrust(self) -> None:
-        """Believe the next reading of each joint, whatever it is: joints were moved by hand meanwhile."""
-        self._trusted[:] = False
+        """Begin anew with the position of each joint, wherever it is: joints were moved by hand meanwhile."""
+        self.trusted[:] = False
         self._doubts.clear()
 
     def servos(self, now_s: float | None = None) -> ServoReadings:
@@ -84,20 +94,33 @@ class BelievedReadings:
             errors=tuple(self._errors),
         )
 
-    def _believe(self, name: str, values: FloatArray, joint: int, value: float, reach: float) -> None:
-        """Take a value that is within reach of the one before, or with which as many as it takes agree."""
+    def _believe(
+        self, name: str, values: FloatArray, joint: int, value: float, reach: float, *, follows: bool = True
+    ) -> bool:
+        """Take a value that is within reach of the one before, or with which as many as it takes agree.
+
+        One that follows on none has to agree with the one that was read before it. Whether it was taken.
+        """
         if np.isnan(value):  # not read this time
-            return
+            return False
         before, key = values[joint], (name, joint)
-        if np.isnan(before) or abs(value - before) <= reach:
-            values[joint] = value
-            self._doubts.pop(key, None)
-            return
-        doubted, times = self._doubts.get(key, (value, 0))
+        doubted, times = self._doubts.pop(key, (value, 0))
         times = times + 1 if abs(value - doubted) <= reach else 1
-        if times >= AGREEING:
+        near = follows and abs(value - before) <= reach
+        if near or times >= (AGREEING if follows else AGREEING_AT_FIRST):
             values[joint] = value
-            self._doubts.pop(key, None)
-        else:
-            self.implausible += 1
-            self._doubts[key] = (value, times)
+            return True
+        self.implausible += follows
+        self._doubts[key] = (value, times)
+        return False
+
+
+def polls(bus: ServoBus, readings: BelievedReadings) -> Iterator[list[Report]]:
+    """Reports of all servos, again and again until the positions of those that answer are trusted."""
+    answering: set[int] = set()
+    for _ in range(MOST_POLLS):
+        reports = bus.poll_all()
+        yield reports
+        answering |= {report.joint for report in reports}
+        if readings.trusted[sorted(answering)].all():
+            return

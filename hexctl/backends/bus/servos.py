@@ -7,7 +7,7 @@ import numpy as np
 
 from hexctl.backends.bus.bus_thread import BusThread
 from hexctl.backends.bus.lx16a_bus import Lx16aBus
-from hexctl.backends.bus.readings import BelievedReadings
+from hexctl.backends.bus.readings import BelievedReadings, polls
 from hexctl.backends.bus.register_bus import RegisterBus
 from hexctl.backends.bus.serial_line import SerialLine
 from hexctl.backends.bus.servo_bus import BusCounters, ServoBus, needed_counts
@@ -120,7 +120,8 @@ class BusServos(PortServos[BusMap, BusThread, BusCounters]):
         speeds = np.degrees(self._robot.joint_max_speed_rad_s) * self._map.per_deg
         readings = BelievedReadings(speeds, self._map.per_deg)
         try:
-            readings.take(bus.poll_all())
+            for reports in polls(bus, readings):
+                readings.take(reports)
             heard = np.isfinite(readings.positions)
             on = self._on(bus, heard)
         except BaseException:
@@ -159,6 +160,8 @@ class BusServos(PortServos[BusMap, BusThread, BusCounters]):
         """Raise RobotFaultError for a servo that is another model than the robot file says."""
         for joint in np.flatnonzero(found).tolist():
             model, number = self._map.models[joint], bus.model_number(joint)
+            if number != model.number:  # a wrong answer is rare, two that are equal never come
+                number = number if bus.model_number(joint) == number else None
             if None not in (model.number, number) and number != model.number:
                 which = self._map.names(np.arange(N_JOINTS) == joint)
                 raise RobotFaultError(

@@ -65,7 +65,7 @@ def test_garbled_answers_stop_nothing() -> None:
 
 def test_a_hot_servo_is_named() -> None:
     with bus_board(MAP, "hot:2:femur:72") as board, servos_on(board, MAP) as servos:
-        _walk_about(servos, 10)
+        _walk_about(servos, 300)  # temperatures come in turn, and count once two agree
         assert servos.read().warnings == ("hot, 72 degrees C: leg 2 femur (id 5)",)
 
 

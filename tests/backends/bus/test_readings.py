@@ -19,8 +19,32 @@ def _report(at_s: float, position: float, *, joint: int = 4, temperature_c: floa
     )
 
 
-def _readings() -> BelievedReadings:
+def _new() -> BelievedReadings:
     return BelievedReadings(np.full(18, 2000.0), np.full(18, 11.4))
+
+
+def _readings(position: float = 2000) -> BelievedReadings:
+    """Readings that have begun, at a position of joint 4."""
+    readings = _new()
+    for at_s in (-0.04, -0.02):
+        readings.take([_report(at_s, position)])
+    return readings
+
+
+def test_the_first_position_is_believed_once_two_agree() -> None:
+    """A robot begins to move from there."""
+    readings = _new()
+    for tick, position in enumerate((900, 2000, 400, 405)):
+        assert not readings.trusted[4]
+        assert np.isnan(readings.positions[4])
+        readings.take([_report(0.02 * tick, position)])
+    assert readings.positions[4] == 405
+    assert np.flatnonzero(readings.trusted).tolist() == [4]
+    readings.distrust()
+    readings.take([_report(0.1, 3000)])
+    assert (readings.positions[4], readings.trusted[4]) == (405, False)
+    readings.take([_report(0.12, 3002)])
+    assert (readings.positions[4], readings.trusted[4]) == (3002, True)
 
 
 def test_one_wild_position_is_not_believed_and_three_in_a_row_are() -> None:
@@ -36,22 +60,20 @@ def test_one_wild_position_is_not_believed_and_three_in_a_row_are() -> None:
 
 
 def test_wild_positions_that_differ_are_never_believed() -> None:
-    readings = _readings()
-    readings.take([_report(0.0, 100)])
+    readings = _readings(100)
     for tick in range(1, 50):
         readings.take([_report(0.02 * tick, 1000.0 * (1 + tick % 4))])
         assert readings.positions[4] == 100
 
 
 def test_a_joint_that_was_not_heard_for_long_may_be_anywhere() -> None:
-    readings = _readings()
-    readings.take([_report(0.0, 100)])
+    readings = _readings(100)
     readings.take([_report(1.0, 2000)])
     assert readings.positions[4] == 2000
 
 
 def test_one_temperature_that_is_wrong_makes_no_servo_hot() -> None:
-    readings = _readings()
+    readings = _readings(100)
     for tick, degrees in enumerate((40, 77, 41, 70, 40)):
         readings.take([_report(0.02 * tick, 100, temperature_c=degrees)])
         assert readings.servos(0.1).temperatures_c[4] <= 41
@@ -60,8 +82,16 @@ def test_one_temperature_that_is_wrong_makes_no_servo_hot() -> None:
     assert readings.servos(0.3).temperatures_c[4] == 72
 
 
+def test_a_first_temperature_that_is_wrong_makes_no_servo_hot() -> None:
+    readings = _new()
+    for tick, degrees in enumerate((126, 40, 41)):
+        readings.take([_report(0.02 * tick, 100, temperature_c=degrees)])
+        assert not readings.servos(0.1).temperatures_c[4] > 41
+    assert readings.servos(0.1).temperatures_c[4] == 41
+
+
 def test_every_joint_has_an_age_of_its_own() -> None:
-    readings = _readings()
+    readings = _new()
     readings.take([_report(1.0, 100, joint=0), _report(1.5, 100, joint=7)])
     ages = readings.servos(2.0).ages_s
     assert (ages[0], ages[7]) == (1.0, 0.5)
