@@ -64,6 +64,7 @@ EXTRAS = {
     "matplotlib": "study",
     "distributed": "study",
     "jinja2": "study",
+    "smbus2": "i2c",
 }
 
 

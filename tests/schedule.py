@@ -30,6 +30,7 @@ LANES = {
         "tests/serve/test_keeper.py",
         "tests/cli/test_servos.py",
         "tests/backends/pwm/test_servo2040.py",
+        "tests/backends/pwm/test_pca9685.py",
         "tests/docs/test_commands.py::test_the_commands_of_a_page",
     ),
     "links": (

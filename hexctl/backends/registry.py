@@ -217,6 +217,14 @@ def _servo2040(options: BackendOptions) -> LegServos:
     return Servo2040Servos(options.robot, pwm_map=pwm_map_of(section, "servo2040"), port=port)
 
 
+def _pca9685(options: BackendOptions) -> LegServos:
+    from hexctl.backends.pwm.pca9685 import Pca9685Servos, parse_i2c_place
+
+    section = ServosSection() if options.robot_file is None else options.robot_file.content.servos
+    place = parse_i2c_place(options.connect or section.port)
+    return Pca9685Servos(options.robot, pwm_map=pwm_map_of(section, "pca9685"), place=place)
+
+
 def _make_own(name: str, options: BackendOptions) -> LegServos:
     own = _own_class(name)
     accepted = _arguments(own)
@@ -273,5 +281,6 @@ BACKENDS: dict[str, Backend] = {
     "mavlink": Backend(_mavlink, frozenset({"connect", "credentials", "insecure"})),
     **{driver: Backend(_bus(driver), frozenset({"connect"})) for driver in BUS_DRIVERS},
     "servo2040": Backend(_servo2040, frozenset({"connect"})),
+    "pca9685": Backend(_pca9685, frozenset({"connect"})),
     "mock": Backend(_mock, frozenset()),
 }

@@ -166,9 +166,8 @@ BackendOption = Annotated[
         "--backend",
         autocompletion=completion.backends,
         help="What moves: sim (simulation), zenoh (a robot that hexctl serve puts on the network), "
-        "mavlink (a servo board), dynamixel, feetech or lx16a (servos on a serial bus), servo2040 (a "
-        "board of hobby servos), mock (no robot), or "
-        "package.module:Class (your own servos).",
+        "mavlink (a servo board), dynamixel, feetech or lx16a (servos on a serial bus), servo2040 "
+        "or pca9685 (boards of hobby servos), mock (no robot), or package.module:Class (your own servos).",
     ),
 ]
 RobotOption = Annotated[str, typer.Option("--robot", autocompletion=completion.robots, help=ROBOT_HELP)]
@@ -187,7 +186,8 @@ ConnectOption = Annotated[
         "tcp/HOST:7447 or tls/HOST:7447 (default: tcp/127.0.0.1:7447); with mavlink the servo board's port, "
         "such as /dev/ttyACM0:115200 or udpout:HOST:PORT (default: udpout:127.0.0.1:14550); with dynamixel, "
         "feetech and lx16a that of the bus, such as /dev/ttyUSB0:1000000 (default: that of the robot file); "
-        "with servo2040 that of the board, such as /dev/ttyACM0 (default: that of the robot file).",
+        "with servo2040 that of the board, such as /dev/ttyACM0, and with pca9685 the I2C bus, such as 1 or "
+        "/dev/i2c-1 (default: that of the robot file).",
     ),
 ]
 ZenohConnectOption = Annotated[

@@ -37,7 +37,7 @@ def serve(
             "--backend",
             autocompletion=completion.served_backends,
             help="What moves: sim (simulation in real time), mavlink (a servo board), dynamixel, feetech "
-            "or lx16a (servos on a serial bus), servo2040 (a board of hobby servos), mock (servos "
+            "or lx16a (servos on a serial bus), servo2040 or pca9685 (boards of hobby servos), mock (servos "
             "without a robot), or package.module:Class for servos of your own.",
         ),
     ] = "sim",
@@ -56,7 +56,8 @@ def serve(
             "--device",
             help="With mavlink, the servo board's port: /dev/ttyACM0:115200, udpout:HOST:PORT or "
             "udpin:HOST:PORT (default: udpout:127.0.0.1:14550); with dynamixel, feetech and lx16a that of "
-            "the bus: /dev/ttyUSB0:1000000, and with servo2040 that of the board: /dev/ttyACM0. "
+            "the bus: /dev/ttyUSB0:1000000, with servo2040 that of the board: /dev/ttyACM0, and with pca9685 "
+            "the I2C bus: /dev/i2c-1. "
             "(default: that of the robot file)",
         ),
     ] = None,

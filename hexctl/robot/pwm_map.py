@@ -12,7 +12,10 @@ from hexctl.robot.servo_map import pulses_of
 from hexctl.types import JOINT_NAMES, JOINTS_PER_LEG, N_JOINTS, N_LEGS, check_finite
 
 #: Outputs of a driver's boards.
-OUTPUTS = {"servo2040": 18}
+OUTPUTS = {"servo2040": 18, "pca9685": 32}
+
+#: Outputs of one PCA9685: output 16 is the first one of the second board.
+PCA9685_CHANNELS = 16
 
 #: Shortest and longest pulse of a servo2040, whose firmware clips others.
 SERVO2040_US = (500.0, 2500.0)
@@ -29,12 +32,16 @@ class PwmMap(RawMap):
         driver: one of `PWM_DRIVERS`.
         outputs: output of each joint, leg-major, (18,), each once, counted from 0.
         touches: touch input of each leg, (6,), each once, counted from 0.
+        addresses: of two PCA9685 boards on their I2C bus.
+        oscillators_mhz: frequencies of their oscillators.
     """
 
     unit: ClassVar[str] = "us"
     driver: str
     outputs: IntArray
     touches: IntArray
+    addresses: tuple[int, int] = (0x40, 0x41)
+    oscillators_mhz: tuple[float, float] = (25.0, 25.0)
 
     def __post_init__(self) -> None:
         check_finite(self.outputs, (N_JOINTS,), "servos.outputs")
@@ -75,6 +82,8 @@ def pwm_map_of(section: ServosSection, driver: str) -> PwmMap:
         touch = getattr(section, name).touch
         if touch is not None and not name.endswith("tibia"):
             raise InputError(f"servos.{name}: got touch {touch:g}; allowed: touch under the tibia")
+        if touch is not None and driver != "servo2040":
+            raise InputError(f"servos.{name}: got touch {touch:g}; allowed: no touch with {driver}")
     outputs = [joint_value(section, joint, "id", joint) for joint in range(N_JOINTS)]
     touches = [
         joint_value(section, JOINTS_PER_LEG * leg + JOINTS_PER_LEG - 1, "touch", usual)
@@ -84,5 +93,7 @@ def pwm_map_of(section: ServosSection, driver: str) -> PwmMap:
         driver=driver,
         outputs=np.array(outputs, dtype=np.int64),
         touches=np.array(touches, dtype=np.int64),
+        addresses=(int(section.addresses[0]), int(section.addresses[1])),
+        oscillators_mhz=section.oscillator_mhz,
         **pulses_of(section),
     )

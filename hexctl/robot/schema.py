@@ -2,7 +2,15 @@
 
 from typing import Annotated, Literal, Self
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, field_validator, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    field_validator,
+    model_validator,
+)
 
 from hexctl.robot.configs import Number
 from hexctl.types import N_JOINTS, N_LEGS
@@ -29,6 +37,25 @@ def _direction(value: float) -> int:
     return int(value)
 
 
+def _own_address(value: int) -> int:
+    """Refuse the address at which every PCA9685 answers after a loss of power."""
+    if value == 0x70:
+        raise ValueError("got 0x70, at which all boards answer; allowed: another one, 0x40 to 0x7f")
+    return value
+
+
+def _different(values: tuple[int, int]) -> tuple[int, int]:
+    """Refuse one address for two boards."""
+    if values[0] == values[1]:
+        raise ValueError(f"got {values[0]:#x} twice; allowed: an address of its own for each board")
+    return values
+
+
+def _pair(value: object) -> object:
+    """One number for both boards, or two of them."""
+    return (value, value) if isinstance(value, int | float) else value
+
+
 #: A pulse width in microseconds, within limits far wider than those of any servo.
 PulseUs = Annotated[Number, Field(ge=100, le=5000, allow_inf_nan=False), AfterValidator(_whole)]
 Channel = Annotated[Number, Field(ge=1, le=N_JOINTS, allow_inf_nan=False), AfterValidator(_whole)]
@@ -37,10 +64,17 @@ Direction = Annotated[Number, AfterValidator(_direction)]
 #: Drivers of servos on a bus, whose positions are counts.
 BUS_DRIVERS = ("dynamixel", "feetech", "lx16a")
 #: Drivers of boards that make the pulses of hobby servos.
-PWM_DRIVERS = ("servo2040",)
+PWM_DRIVERS = ("servo2040", "pca9685")
 ServoId = Annotated[Number, Field(ge=0, le=252, allow_inf_nan=False), AfterValidator(_whole)]
 Count = Annotated[Number, Field(ge=0, le=65535, allow_inf_nan=False), AfterValidator(_whole)]
 TouchInput = Annotated[Number, Field(ge=0, lt=N_LEGS, allow_inf_nan=False), AfterValidator(_whole)]
+#: A number is the I2C bus of that number.
+Port = Annotated[str, BeforeValidator(lambda value: str(value) if type(value) is int else value)]
+#: An address of a PCA9685: six pins, but the one at which all answer.
+I2cAddress = Annotated[
+    Number, Field(ge=0x40, le=0x7F, allow_inf_nan=False), AfterValidator(_whole), AfterValidator(_own_address)
+]
+OscillatorMhz = Annotated[Number, Field(ge=20, le=30, allow_inf_nan=False)]
 Baud = Annotated[Number, Field(ge=1200, le=4_500_000, allow_inf_nan=False), AfterValidator(_whole)]
 
 
@@ -201,10 +235,12 @@ class ServosSection(Section):
     servos have pulses, a `driver` and as `id` the output of each joint.
     """
 
-    driver: Literal["dynamixel", "feetech", "lx16a", "servo2040"] | None = None
-    port: str | None = None
+    driver: Literal["dynamixel", "feetech", "lx16a", "servo2040", "pca9685"] | None = None
+    port: Port | None = None
     baud: Baud | None = None
     model: str | None = None
+    addresses: Annotated[tuple[I2cAddress, I2cAddress], AfterValidator(_different)] = (0x40, 0x41)
+    oscillator_mhz: Annotated[tuple[OscillatorMhz, OscillatorMhz], BeforeValidator(_pair)] = (25.0, 25.0)
     if_computer_dies: Literal["sit", "hold"] = "sit"
     us_per_deg: Annotated[Number, Field(gt=0, le=1000, allow_inf_nan=False)] = 1000 / 90
     centre_us: PulseUs = 1500

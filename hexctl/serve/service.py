@@ -32,7 +32,7 @@ DEFAULT_WORLD = "flat"
 MIN_SIT_AFTER_S, MAX_SIT_AFTER_S = 1.0, 3600.0
 MIN_EXPIRY_S, MAX_EXPIRY_S = 0.05, 1.0
 MIN_RELEASE_S, MAX_RELEASE_S = 1.0, 3600.0
-SERVED_BACKENDS = ("sim", "mavlink", "dynamixel", "feetech", "lx16a", "servo2040", "mock")
+SERVED_BACKENDS = ("sim", "mavlink", "dynamixel", "feetech", "lx16a", "servo2040", "pca9685", "mock")
 BOARD_BACKENDS = ("sim", "mock")
 
 #: What is said at every start with a board that cannot be let down when its computer dies.

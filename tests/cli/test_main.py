@@ -111,7 +111,7 @@ REFUSED = [
     (["run", "--self-rotation", "up"], ["self-rotation", "up", "rear, front, none"]),
     (
         ["run", "--backend", "warp"],
-        ["backend", "'warp'", "sim, zenoh, mavlink, dynamixel, feetech, lx16a, servo2040, mock"],
+        ["backend", "'warp'", "sim, zenoh, mavlink, dynamixel, feetech, lx16a, servo2040, pca9685, mock"],
     ),
     (["run", "--backend", "json:JSONDecoder"], ["json:JSONDecoder", "LegServos"]),
     (["run", "--backend", "no.such:Thing"], ["no.such:Thing", "cannot be loaded"]),

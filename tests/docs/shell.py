@@ -122,6 +122,10 @@ def made_by(words: Sequence[str]) -> list[list[str]]:
     return [line.split()[1:] for line in shown.stdout.splitlines() if line.startswith(start)]
 
 
+#: Backends of servos on a port.
+ON_A_PORT = {"dynamixel", "feetech", "lx16a", "servo2040", "pca9685"}
+
+
 class Shell:
     """Runs the commands of one page, one after another, in one folder."""
 
@@ -176,9 +180,7 @@ class Shell:
             arguments += ["--connect", self._board]
         if arguments[0] == "servos":
             arguments[arguments.index("--port") + 1] = self._board
-        on_bus = (
-            bool({"dynamixel", "feetech", "lx16a", "servo2040"} & set(arguments)) and "--connect" in arguments
-        )
+        on_bus = bool(ON_A_PORT & set(arguments)) and "--connect" in arguments
         if on_bus:
             arguments[arguments.index("--connect") + 1] = self._board
         _stay_here(arguments)
@@ -197,7 +199,7 @@ class Shell:
     def _serve(self, arguments: list[str]) -> None:
         """Serve a robot on loopback until the page serves another; a simulated one stands for a real one."""
         self._programs.close()
-        real = {"mavlink", "dynamixel", "feetech", "lx16a", "servo2040"} & set(arguments)
+        real = ({"mavlink"} | ON_A_PORT) & set(arguments)
         if real:
             arguments[arguments.index(real.pop())] = "sim"
             at = arguments.index("--device")

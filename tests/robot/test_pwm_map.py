@@ -40,8 +40,10 @@ def test_ids_are_outputs_from_0_on_and_touch_inputs_are_those_of_feet() -> None:
         ("servo2040", {"leg1_tibia": {"touch": 1}}, "got touch 1 for leg1_tibia and leg2_tibia"),
         ("servo2040", {"leg1_coxa": {"touch": 1}}, "servos.leg1_coxa: got touch 1; allowed: touch under the"),
         ("servo2040", {"tibia": {"min_us": 400}}, "got min_us 400 and max_us 2500; allowed: 500 to 2500 us"),
+        ("pca9685", {"leg1_coxa": {"id": 32}}, "servos.leg1_coxa.id: got 32; allowed: 0 to 31 with pca9685"),
+        ("pca9685", {"leg1_tibia": {"touch": 1}}, "got touch 1; allowed: no touch with pca9685"),
         ("servo2040", {"driver": "feetech"}, "servos.driver: got feetech; allowed: servo2040"),
-        ("hitec", {}, "servos.driver: got 'hitec'; allowed: servo2040"),
+        ("hitec", {}, "servos.driver: got 'hitec'; allowed: servo2040, pca9685"),
     ],
 )
 def test_what_no_board_can_have_is_refused(driver: str, section: dict[str, Any], message: str) -> None:
@@ -54,3 +56,30 @@ def test_what_no_board_can_have_is_refused(driver: str, section: dict[str, Any],
 def test_a_touch_input_is_one_of_six() -> None:
     with pytest.raises(ValidationError):
         ServosSection.model_validate({"leg1_tibia": {"touch": 6}})
+
+
+def test_boards_have_addresses_and_oscillators_of_their_own() -> None:
+    assert _map("pca9685").addresses == (0x40, 0x41)
+    made = _map("pca9685", addresses=[0x41, 0x40], oscillator_mhz=26, port=1)
+    assert (made.addresses, made.oscillators_mhz) == ((0x41, 0x40), (26.0, 26.0))
+    assert _map("pca9685", oscillator_mhz=[24.5, 26]).oscillators_mhz == (24.5, 26.0)
+    assert ServosSection.model_validate({"port": 1}).port == "1"
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("addresses", [0x40, 0x40]),
+        ("addresses", [0x40, 0x70]),
+        ("addresses", [0x40, 0x80]),
+        ("addresses", [0x40]),
+        ("addresses", 0x40),
+        ("oscillator_mhz", 19),
+        ("oscillator_mhz", [25, 31]),
+        ("oscillator_mhz", True),
+        ("port", True),
+    ],
+)
+def test_boards_that_cannot_be_are_refused(key: str, value: object) -> None:
+    with pytest.raises(ValidationError):
+        ServosSection.model_validate({key: value})

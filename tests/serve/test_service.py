@@ -15,7 +15,7 @@ from tests.serve.processes import free_port
         (lambda: RobotService(servos=ServosSpec(backend="zenoh")), "served already; allowed: sim"),
         (
             lambda: RobotService(device="/dev/ttyACM0"),
-            "ttyACM0 with backend sim; allowed: with mavlink, dynamixel, feetech, lx16a and servo2040$",
+            "allowed: with mavlink, dynamixel, feetech, lx16a, servo2040 and pca9685$",
         ),
         (lambda: RobotService(sit_after_s=float("nan")), "got nan; allowed: 1 to 3600 s"),
         (lambda: RobotService(servos=ServosSpec(seed=-1)), "seed: got -1"),

@@ -33,6 +33,7 @@ class BoardThread(PortThread[PwmBoard]):
     Attributes:
         newest: last report.
         told_us: pulses that the board was last told, (18,), NaN where it was told none.
+        powered: servos that have pulses, (18,).
     """
 
     def __init__(
@@ -48,7 +49,7 @@ class BoardThread(PortThread[PwmBoard]):
         self._counters = counters
         self.newest, self.told_us = newest, told_us
         self._sent = told_us
-        self._powered: BoolArray = np.isfinite(told_us)
+        self.powered: BoolArray = np.isfinite(told_us)
         self._next_leg_at_s = 0.0
 
     def _may_follow(self) -> bool:
@@ -59,36 +60,36 @@ class BoardThread(PortThread[PwmBoard]):
         return self.newest.fault is not None
 
     def _follow(self, targets: FloatArray) -> FloatArray:
-        if self.on and self._powered.all() and time.monotonic() >= self._next_leg_at_s:
+        if self.on and self.powered.all() and time.monotonic() >= self._next_leg_at_s:
             self.told_us = self._stepped(targets)
-            self._device.write(self.told_us, self._powered)
+            self._device.write(self.told_us, self.powered)
         elif self.on:
             self._power_next_leg()
-            self._device.write(self.told_us, self._powered)
+            self._device.write(self.told_us, self.powered)
         else:
             self.told_us = self._stepped(targets)
             self._power_next_leg()
-            self._device.begin(self.told_us, self._powered)
+            self._device.begin(self.told_us, self.powered)
         self._counters.writes += 1
-        return np.where(self._powered, self.told_us, np.nan)
+        return np.where(self.powered, self.told_us, np.nan)
 
     def _power_next_leg(self) -> None:
         """Let one more leg have its pulses, if the last one has had its time."""
-        now_s, waiting = time.monotonic(), np.flatnonzero(~self._powered)
+        now_s, waiting = time.monotonic(), np.flatnonzero(~self.powered)
         if len(waiting) and now_s >= self._next_leg_at_s:
             leg = waiting[0] // JOINTS_PER_LEG
-            self._powered = self._powered.copy()
-            self._powered[leg * JOINTS_PER_LEG : (leg + 1) * JOINTS_PER_LEG] = True
+            self.powered = self.powered.copy()
+            self.powered[leg * JOINTS_PER_LEG : (leg + 1) * JOINTS_PER_LEG] = True
             self._next_leg_at_s = now_s + LEG_PAUSE_S
 
     def _meet(self) -> None:
         self._sent = self._device.commanded_us()
-        self._powered = np.isfinite(self._sent)
-        self.told_us = np.where(self._powered, self._sent, self.told_us)
+        self.powered = np.isfinite(self._sent)
+        self.told_us = np.where(self.powered, self._sent, self.told_us)
 
     def _let_go(self) -> None:
         self._device.end()
-        self._powered = np.zeros_like(self._powered)
+        self.powered = np.zeros_like(self.powered)
         self.newest = replace(self.newest, fault=None)
 
     def _poll(self) -> None:
@@ -100,7 +101,7 @@ class BoardThread(PortThread[PwmBoard]):
         self.newest = report
         if report.fault is not None:
             self.on, self._sent = False, None
-            self._powered = np.zeros_like(self._powered)
+            self.powered = np.zeros_like(self.powered)
 
     def _finish(self) -> None:
         """Send the pose that was left last: the servos are to keep it."""

@@ -1,0 +1,371 @@
+"""Two PCA9685 boards on an I2C bus: sixteen pulses each, without feedback, without a watchdog.
+
+Registers after the data sheet of NXP, Rev. 4: MODE1 is 00, MODE2 01, channel n has four bytes from 06 + 4 n
+(ON and OFF, low bits first, 12 bits each; bit 4 of the last one switches it off), the prescaler FE, which is
+only written in sleep: a period takes 4096 (prescale + 1) cycles of the oscillator. Outputs change with the
+end of a message, all that it wrote together. After a loss of power MODE1 is 11: asleep, all channels off.
+"""
+
+import errno
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, Protocol, TypeVar
+
+import numpy as np
+
+from hexctl.backends.clock import Clock
+from hexctl.backends.port_thread import reason_of
+from hexctl.backends.pwm.board import BoardReport
+from hexctl.backends.pwm.board_thread import BoardThread
+from hexctl.backends.pwm.i2c_socket import I2cSocket
+from hexctl.backends.pwm.servos import PwmServos
+from hexctl.errors import InputError, MissingExtraError, RobotFaultError, argument
+from hexctl.robot.model import Robot
+from hexctl.robot.pwm_map import PCA9685_CHANNELS, PwmMap
+from hexctl.types import N_JOINTS, BoolArray, FloatArray
+
+MODE1, MODE2, CHANNELS, PRESCALE = 0x00, 0x01, 0x06, 0xFE
+
+#: Bits of MODE1: external clock, auto-increment, sleep. Of MODE2: outputs drive both ways.
+EXTERNAL, INCREMENT, SLEEP = 0x40, 0x20, 0x10
+DRIVEN = 0x04
+
+#: Bits of MODE1 and MODE2 that must be as they were set; others are of no concern, as the flag of a restart.
+MODE1_MASK, MODE2_MASK = EXTERNAL | INCREMENT | SLEEP, 0x1C
+
+#: Bit of the last byte of a channel that switches it off, and of the second one that switches it on for good.
+FULL = 0x10
+
+#: Bytes of a channel.
+WIDTH = 4
+
+COUNTS = 4096
+
+#: Pulses in a second.
+PULSES_HZ = 50.0
+
+#: Time that the oscillator takes to start after sleep.
+STARTS_S = 0.0005
+
+#: How often a transfer is tried that is not acknowledged, and a register read that is not what it should be.
+TRIES = 3
+
+#: Pulses that no servo has were not meant for one.
+PLAUSIBLE_US = (100.0, 5000.0)
+
+Answer = TypeVar("Answer")
+
+
+class I2cBus(Protocol):
+    """What is used of an I2C bus; `smbus2.SMBus` has it. Every method may raise OSError."""
+
+    def write_byte_data(self, i2c_addr: int, register: int, value: int, /) -> None:
+        """Write one byte to a register."""
+        ...
+
+    def read_byte_data(self, i2c_addr: int, register: int, /) -> int:
+        """Byte of a register."""
+        ...
+
+    def i2c_rdwr(self, *i2c_msgs: Any) -> None:
+        """Transfer messages of `smbus2.i2c_msg` in one transaction."""
+        ...
+
+
+def prescale_of(oscillator_mhz: float) -> int:
+    """Prescaler for 50 pulses in a second."""
+    return round(oscillator_mhz * 1e6 / COUNTS / PULSES_HZ) - 1
+
+
+def channel_bytes(pulse_us: float, count_us: float) -> bytes:
+    """Registers of a channel: a pulse from the begin of the period on, or off for NaN.
+
+    Args:
+        pulse_us: the pulse.
+        count_us: time of a count.
+    """
+    if np.isnan(pulse_us):
+        return bytes([0, 0, 0, FULL])
+    count = min(max(round(pulse_us / count_us), 1), COUNTS - 1)
+    return bytes([0, 0, count & 0xFF, count >> 8])
+
+
+def pulse_of(channel: Sequence[int], count_us: float) -> float:
+    """Pulse in us that the registers of a channel make, or NaN where they make none that a servo has."""
+    on, off = channel[0] | channel[1] << 8, channel[2] | channel[3] << 8
+    if (on | off) & FULL << 8:
+        return float("nan")
+    pulse_us = ((off - on) % COUNTS) * count_us
+    return pulse_us if PLAUSIBLE_US[0] <= pulse_us <= PLAUSIBLE_US[1] else float("nan")
+
+
+class Pca9685Chip:
+    """One board.
+
+    Args:
+        bus: that it is on.
+        address: of the board.
+        oscillator_mhz: frequency of its oscillator.
+        channels: that are used, at least one; those between them keep what they have.
+    """
+
+    def __init__(self, bus: I2cBus, address: int, oscillator_mhz: float, channels: Sequence[int]) -> None:
+        self._bus, self.address, self._oscillator_mhz = bus, address, oscillator_mhz
+        self._first, self._last = min(channels), max(channels)
+        self._prescale = prescale_of(oscillator_mhz)
+        self._count_us = (self._prescale + 1) / oscillator_mhz
+        self._image = bytearray(channel_bytes(float("nan"), 1.0) * PCA9685_CHANNELS)
+
+    def learn(self) -> FloatArray:
+        """Read the pulses of all channels, (16,) in us, NaN for those that make none.
+
+        They stay as they are with the next `write`.
+        """
+        pulses = np.full(PCA9685_CHANNELS, np.nan)
+        if self._read_surely(MODE1) & SLEEP:
+            return pulses
+        count_us = (self._read_surely(PRESCALE) + 1) / self._oscillator_mhz
+        for channel in range(self._first, self._last + 1):
+            first = WIDTH * channel
+            found = bytes(self._read_surely(CHANNELS + first + byte) for byte in range(WIDTH))
+            pulses[channel] = pulse_of(found, count_us)
+            self._image[first : first + WIDTH] = found
+            if not np.isnan(pulses[channel]) and count_us != self._count_us:
+                self.set_pulse(channel, pulses[channel])
+        return pulses
+
+    def set_up(self) -> None:
+        """Let the board run at 50 Hz; its pulses stay, which takes them away for a millisecond at most.
+
+        Raises RobotFaultError for a board that does not keep its settings.
+        """
+        self.learn()
+        if self.lost() is None and self._read(MODE2) & MODE2_MASK == DRIVEN:
+            return
+        self._write(MODE1, INCREMENT | SLEEP)
+        self._write(PRESCALE, self._prescale)
+        self._write(MODE2, DRIVEN)
+        self.send()
+        self._write(MODE1, INCREMENT)
+        time.sleep(STARTS_S)
+        if (lost := self.lost()) is not None:
+            raise RobotFaultError(f"{lost}; is it a PCA9685, and does nothing else use it?")
+
+    def lost(self) -> str | None:
+        """What shows that the board does not run as it was set up, or None; one wrong reading is none."""
+        for _ in range(TRIES):
+            mode, prescale = self._read(MODE1), self._read(PRESCALE)
+            if mode & MODE1_MASK == INCREMENT and prescale == self._prescale:
+                return None
+        return (
+            f"the PCA9685 at {self.address:#x} has lost its settings (MODE1 {mode:02x}, prescaler "
+            f"{prescale:02x}), as after a loss of power"
+        )
+
+    def set_pulse(self, channel: int, pulse_us: float) -> None:
+        """Change the pulse of a channel, NaN for none, with the next `send`."""
+        self._image[WIDTH * channel : WIDTH * (channel + 1)] = channel_bytes(pulse_us, self._count_us)
+
+    def send(self) -> None:
+        """Send the pulses of all channels that are used, in one message."""
+        from smbus2 import i2c_msg
+
+        part = self._image[WIDTH * self._first : WIDTH * (self._last + 1)]
+        message = bytes([CHANNELS + WIDTH * self._first]) + bytes(part)
+        self._try(lambda: self._bus.i2c_rdwr(i2c_msg.write(self.address, message)))
+
+    def _read(self, register: int) -> int:
+        def ask() -> int:
+            value = self._bus.read_byte_data(self.address, register)
+            if not isinstance(value, int) or not 0 <= value <= 0xFF:
+                raise OSError(errno.EIO, f"got {value!r} for a byte")
+            return value
+
+        return self._try(ask)
+
+    def _read_surely(self, register: int) -> int:
+        """Byte that was read twice alike: servos will be told it."""
+        before = self._read(register)
+        for _ in range(TRIES):
+            now = self._read(register)
+            if now == before:
+                return now
+            before = now
+        raise OSError(errno.EIO, f"readings that differ, board at {self.address:#x}")
+
+    def _write(self, register: int, value: int) -> None:
+        self._try(lambda: self._bus.write_byte_data(self.address, register, value))
+
+    def _try(self, transfer: Callable[[], Answer]) -> Answer:
+        """Transfer, again if it is not acknowledged; raises OSError that names the board."""
+        for tries in range(TRIES):
+            try:
+                return transfer()
+            except OSError as error:
+                if tries == TRIES - 1:
+                    code = error.errno or errno.EIO
+                    raise OSError(code, f"{reason_of(error)}, board at {self.address:#x}") from error
+        raise AssertionError("unreachable")
+
+
+class Pca9685:
+    """Boards on an open bus, used by one thread.
+
+    Args:
+        bus: open.
+        pwm_map: outputs of the joints, addresses and oscillators.
+        known: whether the boards were set up before and are to be found as they were; what is not is told
+            by `poll`, until `end` sets it up again.
+        owned: whether closing the boards closes the bus.
+
+    Raises RobotFaultError for boards that do not keep their settings, OSError where none answers.
+    """
+
+    def __init__(self, bus: I2cBus, pwm_map: PwmMap, *, known: bool = False, owned: bool = True) -> None:
+        self._bus, self._owned = bus, owned
+        boards, channels = np.divmod(pwm_map.outputs, PCA9685_CHANNELS)
+        self._chips = {
+            board: Pca9685Chip(
+                bus, pwm_map.addresses[board], pwm_map.oscillators_mhz[board], channels[boards == board]
+            )
+            for board in sorted(set(boards.tolist()))
+        }
+        self._places = list(zip(boards.tolist(), channels.tolist(), strict=True))
+        for chip in self._chips.values():
+            if not known:
+                chip.set_up()
+            else:
+                chip.lost()  # an answer is enough
+
+    def commanded_us(self) -> FloatArray:
+        """Pulses of each joint, (18,), that the boards make, NaN where none."""
+        pulses = {board: chip.learn() for board, chip in self._chips.items()}
+        return np.array([pulses[board][channel] for board, channel in self._places])
+
+    def begin(self, pulses_us: FloatArray, on: BoolArray) -> None:
+        """Send pulses: there is nothing to switch on besides."""
+        self.write(pulses_us, on)
+
+    def write(self, pulses_us: FloatArray, on: BoolArray) -> None:
+        """Send pulses of each joint, (18,), to the servos that are on, one message for each board."""
+        for joint, (board, channel) in enumerate(self._places):
+            self._chips[board].set_pulse(channel, pulses_us[joint] if on[joint] else np.nan)
+        self._each(Pca9685Chip.send)
+
+    def end(self) -> None:
+        """Let all servos go limp; boards that have lost their settings get them again."""
+        off = np.full(N_JOINTS, np.nan)
+
+        def set_up(chip: Pca9685Chip) -> None:
+            if chip.lost() is not None:
+                chip.set_up()
+
+        self.write(off, np.zeros(N_JOINTS, dtype=bool))
+        self._each(set_up)
+        self.write(off, np.zeros(N_JOINTS, dtype=bool))
+
+    def poll(self) -> BoardReport:
+        """Whether the boards run as they were set up."""
+        lost = [text for chip in self._chips.values() if (text := chip.lost()) is not None]
+        fault = f"{'; '.join(lost)}: its servos are limp" if lost else None
+        return BoardReport(at_s=time.monotonic(), fault=fault)
+
+    def close(self) -> None:
+        """Close the bus, unless it is another's; the boards go on with the last pulses."""
+        if self._owned:
+            close: Callable[[], None] = getattr(self._bus, "close", lambda: None)
+            close()
+
+    def _each(self, do: Callable[[Pca9685Chip], None]) -> None:
+        """Do something with each board, also when that failed with another."""
+        errors = []
+        for chip in self._chips.values():
+            try:
+                do(chip)
+            except OSError as error:
+                errors.append(error)
+        if errors:
+            raise errors[0]
+
+
+class Pca9685Servos(PwmServos):
+    """Eighteen hobby servos on two PCA9685 boards.
+
+    Args:
+        robot: the robot that the servos belong to, or the name or path of its file.
+        pwm_map: which output moves which joint, addresses and oscillators.
+        place: number of the I2C bus, its device, or the socket of simulated boards.
+        i2c: an open bus in place of that; it stays open.
+        clock: a wall clock unless given.
+    """
+
+    def __init__(
+        self,
+        robot: Robot | str | Path,
+        *,
+        pwm_map: PwmMap,
+        place: str,
+        i2c: I2cBus | None = None,
+        clock: Clock | None = None,
+    ) -> None:
+        super().__init__(robot, pwm_map=pwm_map, place=place, clock=clock)
+        self._i2c, self._known = i2c, False
+
+    @property
+    def holds(self) -> bool:
+        """Whether any servo has pulses."""
+        return self._thread is not None and bool(self._thread.powered.any())
+
+    def _started(self) -> BoardThread:
+        self._known = False
+        thread = super()._started()
+        self._known = True
+        return thread
+
+    def _open(self) -> Pca9685:
+        bus = open_i2c(self._place) if self._i2c is None else self._i2c
+        try:
+            return Pca9685(bus, self._map, known=self._known, owned=self._i2c is None)
+        except BaseException:
+            if self._i2c is None:
+                bus.close()  # type: ignore[attr-defined]
+            raise
+
+    def _gone(self, reason: str) -> str:
+        return (
+            f"the servo boards on I2C bus {self._place} do not answer ({reason}); are the cables in, have "
+            "they power, and are the addresses those of the robot file?"
+        )
+
+
+def open_i2c(place: str) -> I2cBus:
+    """Open I2C bus of a number, a device or the socket of simulated boards.
+
+    Raises MissingExtraError without smbus2, RobotFaultError for a bus that cannot be opened.
+    """
+    try:
+        import smbus2
+    except ModuleNotFoundError as error:
+        raise MissingExtraError("the backend pca9685", "i2c") from error
+    try:
+        if Path(place).is_socket():
+            return I2cSocket(place)
+        bus: I2cBus = smbus2.SMBus(int(place) if place.isdecimal() else place)
+    except OSError as error:
+        raise RobotFaultError(
+            f"the I2C bus {place} cannot be opened ({reason_of(error)}); is I2C enabled, and may you use "
+            "it (group i2c)?"
+        ) from error
+    return bus
+
+
+def parse_i2c_place(text: str | None) -> str:
+    """I2C bus of a text such as `1` or `/dev/i2c-1`; raises InputError without one."""
+    if not text or not (text.isdecimal() or "/" in text):
+        got = "none" if not text else repr(text)
+        raise InputError(
+            f"{argument('connect')}: got {got}; allowed: the I2C bus of the boards, such as 1 or /dev/i2c-1, "
+            "here or as `port` in the section `servos` of the robot file"
+        )
+    return text

@@ -1,0 +1,388 @@
+"""Hobby servos on two PCA9685 boards: registers, powering, losses of power, and a bus that lies."""
+
+import errno
+import random
+import sys
+import time
+from collections.abc import Callable
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hexctl.backends.base import LegServos
+from hexctl.backends.pwm.i2c_socket import I2cMessage
+from hexctl.backends.pwm.pca9685 import (
+    I2cBus,
+    Pca9685Servos,
+    channel_bytes,
+    open_i2c,
+    parse_i2c_place,
+    prescale_of,
+    pulse_of,
+)
+from hexctl.errors import InputError, MissingExtraError, RobotFaultError
+from hexctl.robot.pwm_map import PwmMap
+from hexctl.serve.pca9685_chips import SimulatedI2c, SimulatedPca9685
+from hexctl.testing.servos import LegServosConformance
+from hexctl.types import FloatArray, JointTargets, RobotState
+from hexctl.waiting import wait_for
+from tests.backends.pwm.boards import a_map
+from tests.backends.pwm.i2c import ChipBus, FlatBus
+from tests.robots import shipped
+
+#: A count at 50 Hz.
+COUNT_US = 122 / 25
+
+#: Freenove's outputs, of the legs LF, LM, LR, RR, RM, RF, and the legs of hexctl that they are.
+FREENOVE = [16, 17, 18, 19, 20, 21, 22, 23, 27, 9, 8, 31, 12, 11, 10, 15, 14, 13]
+
+
+def _servos(bus: I2cBus, pwm_map: PwmMap | None = None) -> Pca9685Servos:
+    used = a_map("pca9685") if pwm_map is None else pwm_map
+    return Pca9685Servos(shipped(), pwm_map=used, place="1", i2c=bus)
+
+
+def _until(
+    servos: LegServos, condition: Callable[[RobotState], Any], *, write: bool = True, offset_rad: float = 0.0
+) -> RobotState:
+    """State of the first tick in which a condition holds, while a pose is commanded."""
+    for _ in range(400):
+        servos.clock.tick()
+        state = servos.read()
+        if condition(state):
+            return state
+        if write:
+            servos.write(JointTargets(servos.robot.stance_angles_rad + offset_rad, servos.clock.now_s))
+    raise AssertionError(state)
+
+
+class TestChips(LegServosConformance):
+    def make(self) -> LegServos:
+        return _servos(ChipBus())
+
+
+class TestTwoArrays(LegServosConformance):
+    def make(self) -> LegServos:
+        return _servos(FlatBus())
+
+
+def _referee_us(registers: bytes, channel: int, clock_hz: float = 25e6) -> float:
+    """Pulse of a channel as drivers of these boards understand their registers.
+
+    Adafruit's has the frequency clock / 4096 / (prescale + 1) and writes (ON, OFF) as (0, counts), and
+    Freenove's has ON = 0 and OFF = pulse * 4096 * 50 / 1e6; both are off where bit 12 of OFF is set.
+    """
+    prescale, base = registers[0xFE], 0x06 + 4 * channel
+    on, off = (int.from_bytes(registers[base + 2 * n : base + 2 * n + 2], "little") for n in (0, 1))
+    assert on == 0
+    frequency = clock_hz / 4096 / (prescale + 1)
+    assert frequency == pytest.approx(50, rel=0.01)
+    return 0.0 if off & 0x1000 else off * 1e6 / 4096 / frequency
+
+
+def test_registers_are_what_other_drivers_take_them_for() -> None:
+    bus, robot = FlatBus(), shipped()
+    with _servos(bus) as servos:
+        wanted = a_map("pca9685").raw(robot.stance_angles_rad)
+        _until(servos, lambda _: bus.memories[0x41][0x06 + 4 + 3] != 0x10 and bus.memories[0x41][8])
+        for joint in range(18):
+            memory = bytes(bus.memories[0x40 if joint < 16 else 0x41])
+            assert _referee_us(memory, joint % 16) == pytest.approx(wanted[joint], abs=COUNT_US / 2)
+            # Freenove's own line, at its nominal frequency.
+            off = int.from_bytes(memory[0x08 + 4 * (joint % 16) : 0x0A + 4 * (joint % 16)], "little")
+            assert off == pytest.approx(wanted[joint] * 4096 * 50 / 1e6, abs=1.0)
+        for memory in map(bytes, bus.memories.values()):
+            assert (memory[0x00], memory[0x01], memory[0xFE]) == (0x20, 0x04, 121)
+
+
+@pytest.mark.parametrize("pulse_us", [500.0, 1000.0, 1499.9, 1500.0, 2500.0])
+def test_a_pulse_comes_back_from_its_registers(pulse_us: float) -> None:
+    assert pulse_of(channel_bytes(pulse_us, COUNT_US), COUNT_US) == pytest.approx(pulse_us, abs=COUNT_US / 2)
+    assert channel_bytes(float("nan"), COUNT_US) == bytes.fromhex("00000010")
+    assert np.isnan(pulse_of(bytes.fromhex("00000010"), COUNT_US))
+    assert np.isnan(pulse_of(bytes.fromhex("00100000"), COUNT_US)), "always on is no pulse"
+    assert channel_bytes(1500, COUNT_US).hex() == "00003301"  # 307
+
+
+@pytest.mark.parametrize(("oscillator_mhz", "prescale"), [(25.0, 121), (26.3, 127), (23.9, 116)])
+def test_pulses_are_right_with_an_oscillator_that_is_not(oscillator_mhz: float, prescale: int) -> None:
+    assert prescale_of(oscillator_mhz) == prescale
+    bus = ChipBus({0x40: SimulatedPca9685(oscillator_mhz), 0x41: SimulatedPca9685(25.0)})
+    pwm_map = a_map("pca9685", oscillator_mhz=[oscillator_mhz, 25])
+    wanted = pwm_map.raw(shipped().stance_angles_rad)
+    with _servos(bus, pwm_map) as servos:
+        _until(servos, lambda _: (bus.pulses_us()[:18] > 0).all())
+        np.testing.assert_allclose(bus.pulses_us()[:18], wanted, atol=COUNT_US / 2 + 0.1)
+
+
+def test_the_prescaler_is_set_in_sleep_and_nothing_comes_out_before_the_first_targets() -> None:
+    bus = ChipBus()
+    with _servos(bus) as servos:
+        for address in (0x40, 0x41):
+            assert bus.chips[address].registers[0xFE] == 121, "which chips take in sleep alone"
+            assert not bus.chips[address].registers[0x00] & 0x10
+        for _ in range(20):
+            servos.clock.tick()
+            servos.read()
+        assert not bus.pulses_us().any()
+        assert not servos.holds
+        _until(servos, lambda _: (bus.pulses_us()[:18] > 0).all())
+        assert servos.holds
+        assert not bus.pulses_us()[18:].any()
+        servos.disable_torque()
+        wait_for(lambda: not bus.pulses_us().any(), 5.0, "limp servos never came")
+        assert bus.chips[0x40].registers[0x09] == 0x10, "off by the bit that is made for it"
+        _until(servos, lambda _: (bus.pulses_us()[:18] > 0).all())
+    assert (bus.pulses_us()[:18] > 0).all(), "after closing the robot holds its pose"
+
+
+def test_a_pose_is_one_message_for_each_board() -> None:
+    bus = ChipBus()
+    with _servos(bus) as servos:
+        _until(servos, lambda _: (bus.pulses_us()[:18] > 0).all())
+        servos.clock.tick()
+        time.sleep(0.1)
+        bus.log.clear()
+        before = servos.counters.writes
+        servos.write(JointTargets(servos.robot.stance_angles_rad + 0.01, servos.clock.now_s))
+        wait_for(lambda: servos.counters.writes > before, 5.0, "the write never came")
+        time.sleep(0.1)
+        sent = bus.writes()
+    written = [(address, data[0], len(data)) for address, data in sent]
+    assert written[:2] == [(0x40, 6, 65), (0x41, 6, 9)]
+    assert written == written[:2] * (len(written) // 2)
+
+
+def test_ids_and_addresses_are_those_of_a_freenove_kit() -> None:
+    names = [f"leg{leg}_{kind}" for leg in range(1, 7) for kind in ("coxa", "femur", "tibia")]
+    ids = {name: {"id": output} for name, output in zip(names, FREENOVE, strict=True)}
+    pwm_map = a_map("pca9685", addresses=[0x41, 0x40], **ids)
+    bus = ChipBus()
+    wanted = np.linspace(1200, 1800, 18)
+    with _servos(bus, pwm_map) as servos:
+        angles = pwm_map.angles_rad(wanted)
+        servos.write(JointTargets(angles, servos.clock.now_s))
+        wait_for(lambda: np.count_nonzero(bus.pulses_us()) == 18, 5.0, "the pose never came")
+    for output, pulse_us in zip(FREENOVE, wanted, strict=True):
+        chip = bus.chips[0x41 if output < 16 else 0x40]
+        assert chip.pulses_us()[output % 16] == pytest.approx(pulse_us, abs=COUNT_US / 2 + 0.01)
+    assert not bus.chips[0x41].pulses_us()[:8].any()
+
+
+def test_legs_are_powered_one_after_the_other() -> None:
+    bus = ChipBus()
+    with _servos(bus) as servos:
+        _until(servos, lambda _: (bus.pulses_us()[:18] > 0).all())
+    powered: list[list[bool]] = []
+    chips = {0x40: SimulatedPca9685(), 0x41: SimulatedPca9685()}
+    for transaction in bus.log:  # played again, to look at it after each message
+        SimulatedI2c(chips).transfer(transaction)
+        on = np.concatenate([chips[0x40].pulses_us(), chips[0x41].pulses_us()])[:18] > 0
+        if not powered or powered[-1] != on.tolist():
+            powered.append(on.tolist())
+    counts = [sum(on) for on in powered]
+    assert counts[0] == 0
+    assert all(0 <= after - before <= 3 for before, after in pairwise(counts))
+    assert all(on == [True] * sum(on) + [False] * (18 - sum(on)) for on in powered)
+
+
+@pytest.mark.parametrize("prescale", [121, 118, 130])
+def test_the_pose_of_an_earlier_program_is_kept_whatever_its_frequency(prescale: int) -> None:
+    bus = ChipBus()
+    with _servos(bus) as servos:
+        _until(servos, lambda _: (bus.pulses_us()[:18] > 0).all(), offset_rad=0.1)
+    for chip in bus.chips.values():
+        chip.write(bytes([0x00, 0x10]))
+        chip.write(bytes([0xFE, prescale]))
+        chip.write(bytes([0x00, 0x00]))
+    before = bus.pulses_us()
+    bus.log.clear()
+    with _servos(bus) as servos:
+        np.testing.assert_allclose(bus.pulses_us(), before, atol=COUNT_US / 2)
+        expected = a_map("pca9685").angles_rad(before[:18])
+        np.testing.assert_allclose(servos.read().joint_positions_rad, expected, atol=0.005)
+        for _ in range(25):
+            servos.clock.tick()
+            servos.write(JointTargets(servos.read().joint_positions_rad, servos.clock.now_s))
+            assert (bus.pulses_us()[:18] > 0).all(), "no leg is let go of"
+
+
+@pytest.mark.parametrize("address", [0x40, 0x41])
+def test_a_board_that_lost_its_power_is_a_fault_until_the_torque_was_off(address: int) -> None:
+    bus = ChipBus()
+    with _servos(bus) as servos:
+        _until(servos, lambda _: (bus.pulses_us()[:18] > 0).all())
+        with bus.lock:
+            bus.chips[address].reset()
+        state = _until(servos, lambda state: not state.healthy)
+        assert state.fault == (
+            f"the PCA9685 at {address:#x} has lost its settings (MODE1 11, prescaler 1e), as after a loss of "
+            "power: its servos are limp"
+        )
+        _until(servos, lambda _: servos.clock.now_s > 1.5)
+        assert not bus.chips[address].pulses_us().any(), "nothing is powered again by itself"
+        servos.disable_torque()
+        _until(servos, lambda state: state.healthy, write=False)
+        assert not bus.pulses_us().any()
+        _until(servos, lambda _: (bus.pulses_us()[:18] > 0).all())
+
+
+def test_a_board_that_lost_its_power_while_its_cable_was_out_is_named_too() -> None:
+    bus = ChipBus()
+    with _servos(bus) as servos:
+        _until(servos, lambda _: (bus.pulses_us()[:18] > 0).all())
+        bus.fails = lambda address: address == 0x41
+        state = _until(servos, lambda state: not state.healthy)
+        assert state.fault == (
+            "the servo boards on I2C bus 1 do not answer (Remote I/O error, board at 0x41); are the cables "
+            "in, have they power, and are the addresses those of the robot file?"
+        )
+        with bus.lock:
+            bus.chips[0x41].reset()
+        bus.fails = lambda _: False
+        _until(servos, lambda state: "has lost its settings" in str(state.fault))
+        assert servos.link_counts["reopened"] == 1
+        assert (bus.pulses_us()[:16] > 0).all(), "the other board goes on"
+
+
+def test_a_bus_that_comes_back_leaves_the_robot_standing() -> None:
+    bus = ChipBus()
+    with _servos(bus) as servos:
+        _until(servos, lambda _: (bus.pulses_us()[:18] > 0).all())
+        bus.fails = lambda _: True
+        _until(servos, lambda state: not state.healthy)
+        bus.fails = lambda _: False
+        _until(servos, lambda state: state.healthy)
+        for _ in range(25):
+            servos.clock.tick()
+            servos.write(JointTargets(servos.robot.stance_angles_rad, servos.clock.now_s))
+            assert (bus.pulses_us()[:18] > 0).all()
+
+
+def test_a_torque_off_that_one_board_does_not_hear_reaches_the_other_and_is_tried_again() -> None:
+    bus = ChipBus()
+    with _servos(bus) as servos:
+        _until(servos, lambda _: (bus.pulses_us()[:18] > 0).all())
+        bus.fails = lambda address: address == 0x40
+        servos.disable_torque()
+        wait_for(lambda: not bus.chips[0x41].pulses_us().any(), 5.0, "the second board never was limp")
+        bus.fails = lambda _: False
+        wait_for(lambda: not bus.pulses_us().any(), 5.0, "the first board never was limp")
+
+
+def test_transfers_that_fail_once_and_readings_that_are_wrong_once_stop_nothing() -> None:
+    dice, bus = random.Random(1), ChipBus()
+    bus.fails = lambda _: dice.random() < 0.02
+    bus.spoils = lambda value: dice.randrange(256) if dice.random() < 0.02 else value
+    with _servos(bus) as servos:
+        for _ in range(150):
+            servos.clock.tick()
+            state = servos.read()
+            assert state.healthy, state.fault
+            servos.write(JointTargets(servos.robot.stance_angles_rad, servos.clock.now_s))
+        assert (bus.pulses_us()[:18] > 0).all()
+
+
+def test_ten_thousand_hostile_readings_neither_crash_nor_move_anything() -> None:
+    dice, reads = random.Random(2), 0
+
+    def hostile(value: int) -> Any:
+        nonlocal reads
+        reads += 1
+        return dice.choice([*dice.randbytes(3), 0, 0x10, 0x20, 0xFF, -1, 256, None, "x", value])
+
+    bus = ChipBus()
+    bus.spoils = hostile
+    faults = set()
+    while reads < 10_000:
+        servos = _servos(bus)
+        try:
+            with servos:
+                servos.clock.tick()
+                servos.read()
+        except RobotFaultError as error:
+            faults.add(str(error))
+    assert faults
+    assert not any("\n" in fault for fault in faults)
+    assert not bus.pulses_us().any()
+
+
+def test_hostile_readings_in_a_walk_end_in_a_fault() -> None:
+    dice, bus = random.Random(3), ChipBus()
+    with _servos(bus) as servos:
+        _until(servos, lambda _: (bus.pulses_us()[:18] > 0).all())
+        sent = bus.pulses_us()
+        bus.spoils = lambda _: dice.choice([dice.randrange(256), None, -5])
+        assert _until(servos, lambda state: not state.healthy).fault
+        np.testing.assert_array_equal(bus.pulses_us(), sent)
+        assert servos._thread is not None
+        assert servos._thread._thread.is_alive()
+        bus.spoils = lambda value: value
+        servos.disable_torque()
+        _until(servos, lambda state: state.healthy, write=False)
+
+
+def test_a_chip_that_is_no_pca9685_and_a_bus_without_boards_are_faults_in_one_line() -> None:
+    class Deaf(ChipBus):
+        def write_byte_data(self, address: int, register: int, value: int) -> None:
+            pass
+
+    with pytest.raises(RobotFaultError, match=r"the PCA9685 at 0x40 has lost its .* is it a PCA9685"):
+        _servos(Deaf()).connect()
+    with pytest.raises(RobotFaultError, match=r"bus 1 do not answer \(Remote I/O error, board at 0x40\)"):
+        _servos(ChipBus({})).connect()
+    one = ChipBus({0x40: SimulatedPca9685()})
+    with pytest.raises(RobotFaultError, match="board at 0x41"):
+        _servos(one).connect()
+
+
+def test_a_missing_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "smbus2", None)
+    with pytest.raises(MissingExtraError, match=r'pca9685 needs the "i2c" extra'):
+        open_i2c("1")
+
+
+def test_a_bus_that_is_not_there_is_a_fault_in_one_line() -> None:
+    with pytest.raises(RobotFaultError, match=r"the I2C bus /dev/i2c-77 cannot be opened \(No such file"):
+        open_i2c("/dev/i2c-77")
+
+
+@pytest.mark.parametrize("text", [None, "", "i2c", "1:400000"])
+def test_a_place_that_is_none_is_refused(text: str | None) -> None:
+    with pytest.raises(InputError, match=r"connect: got .*; allowed: the I2C bus"):
+        parse_i2c_place(text)
+    assert parse_i2c_place("/dev/i2c-1") == "/dev/i2c-1"
+
+
+def test_chips_do_what_the_data_sheet_says() -> None:
+    """The simulated chip, by which all of this is judged."""
+    chip = SimulatedPca9685()
+    chip.write(bytes([0xFE, 121]))
+    assert chip.registers[0xFE] == 121, "asleep after a reset"
+    chip.write(bytes([0x00, 0x20]))
+    chip.write(bytes([0xFE, 50]))
+    assert chip.registers[0xFE] == 121, "blocked while awake"
+    chip.write(bytes([6, 0, 0, 0x33, 0x01, 0, 0, 0, 0x10]))
+    assert chip.pulses_us()[0] == pytest.approx(307 * COUNT_US)
+    assert chip.pulses_us()[1] == 0
+    chip.write(bytes([0x00, 0x30]))
+    assert chip.registers[0x00] == 0xB0, "a restart is possible"
+    assert not chip.pulses_us().any()
+    chip.write(bytes([0xFD, 0x10]))
+    chip.write(bytes([0x00, 0x20]))
+    assert not chip.pulses_us().any(), "all channels off"
+    chip.reset()
+    chip.write(bytes([6, 1, 2, 3, 4]))
+    assert chip.registers[6:10] == bytes([4, 0, 0, 0x10]), "no auto-increment after a reset"
+    bus = SimulatedI2c({0x40: chip, 0x41: SimulatedPca9685()})
+    bus.transfer([I2cMessage(0x70, data=bytes([0x01, 0x00]))])
+    assert chip.registers[0x01] == 0, "all of them answer at 0x70"
+    bus.transfer([I2cMessage(0x00, data=b"\x06")])
+    assert chip.registers[0x01] == 0x04
+    with pytest.raises(OSError, match="Remote I/O error") as refused:
+        bus.transfer([I2cMessage(0x42, 1)])
+    assert refused.value.errno == errno.EREMOTEIO
+    pulses: FloatArray = chip.pulses_us()
+    assert pulses.shape == (16,)
