@@ -78,7 +78,7 @@ def _discard_stdout() -> None:
 
 
 #: Flags that are not named as the library's argument is.
-FLAGS = {"credentials": "--keys", "failure.leg": "--failed-leg", "tucked_legs": "--tuck"}
+FLAGS = {"credentials": "--keys", "failure.leg": "--failed-leg", "tucked_legs": "--tuck", "new_id": "ID"}
 
 #: Units at the end of an argument's name, which its flag leaves out.
 _UNITS = ("_m", "_s", "_deg")

@@ -21,13 +21,18 @@ WORDS = ("fell", "skip", "again", "quit")
 HELP = 'two numbers in metres such as "4.1 -0.12", or fell, skip, again, quit'
 
 
-def check_answerable() -> None:
-    """Raise InputError where no answer can come: stdin is closed or /dev/null."""
+def can_answer() -> bool:
+    """Whether an answer can come: not where stdin is closed or /dev/null."""
     try:
         mode = os.fstat(sys.stdin.fileno()).st_mode
     except (AttributeError, OSError, ValueError):
-        mode = stat.S_IFCHR
-    if stat.S_ISCHR(mode) and not (sys.stdin and sys.stdin.isatty()):
+        return False
+    return not stat.S_ISCHR(mode) or bool(sys.stdin and sys.stdin.isatty())
+
+
+def check_answerable() -> None:
+    """Raise InputError where no answer can come."""
+    if not can_answer():
         raise InputError("--ask: no answer can come on stdin; allowed: a terminal, or lines from a pipe")
 
 

@@ -1,82 +1,251 @@
-"""`hexctl servos` and `hexctl ports`: look at servos on a bus, and at serial ports, without a robot file."""
+"""`hexctl servos` and `hexctl ports`: servos on a bus, one by one, and serial ports."""
 
 import json
+from dataclasses import asdict
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
 from hexctl.cli.board import BAUD
-from hexctl.cli.options import JsonOption, Range, choice, number
+from hexctl.cli.options import JsonOption, Range, choice
 
 if TYPE_CHECKING:
     from rich.table import Table
 
 servos = typer.Typer(
-    help="Look at servos on a serial bus, before there is a robot file.", no_args_is_help=True
+    help="Look at servos on a serial bus, one by one, before there is a robot file and after.",
+    no_args_is_help=True,
 )
 
-BusDriver = Literal["dynamixel", "feetech"]
+BusDriver = Literal["dynamixel", "feetech", "lx16a"]
 SERVO_ID = Range(low=0, high=252, whole=True)
 
+#: What asks at every usual baud.
+ALL_BAUDS = "all"
+
+
+def _parse_bauds(text: str) -> str:
+    if text != ALL_BAUDS:
+        try:
+            BAUD.parse(text)
+        except typer.BadParameter as error:
+            raise typer.BadParameter(f"{error.message}, or {ALL_BAUDS}") from None
+    return text
+
+
 DriverOption = Annotated[
-    str,
+    str | None,
     choice(
         "--driver",
         BusDriver,
-        "Whose protocol the servos speak: dynamixel or feetech. (default: none, it must be given)",
+        "Whose protocol the servos speak: dynamixel, feetech or lx16a. (default: that of --robot, else it "
+        "must be given)",
     ),
 ]
 PortOption = Annotated[
-    str,
+    str | None,
     typer.Option(
-        "--port", help="Serial device of the bus, such as /dev/ttyUSB0. (default: none, it must be given)"
+        "--port",
+        help="Serial device of the bus, such as /dev/ttyUSB0. (default: that of --robot, else it must be "
+        "given)",
     ),
 ]
-BaudOption = Annotated[int, number("--baud", BAUD, "Bits per second, {}.")]
+BaudOption = Annotated[
+    int | None,
+    typer.Option(
+        "--baud",
+        parser=BAUD.parse,
+        help=f"Bits per second, {BAUD}. (default: that of --robot, else 1000000, with lx16a 115200)",
+    ),
+]
+BaudsOption = Annotated[
+    str | None,
+    typer.Option(
+        "--baud",
+        parser=_parse_bauds,
+        help=f"Bits per second, {BAUD}, or all: every baud that is usual for the driver, one after the "
+        "other. (default: that of --robot, else 1000000, with lx16a 115200)",
+    ),
+]
+RobotFileOption = Annotated[
+    str | None,
+    typer.Option(
+        "--robot", help="Robot file whose section servos has driver, port and baud. (default: none)"
+    ),
+]
+YesOption = Annotated[
+    bool, typer.Option("--yes", help="Move without asking, for scripts: a limp leg falls, and moves.")
+]
+
+
+def _an_id(help_text: str) -> Any:
+    """Argument that is the id of a servo."""
+    return typer.Argument(parser=SERVO_ID.parse, metavar="ID", help=help_text, show_default=False)
 
 
 @servos.command()
 def scan(
-    driver: DriverOption, port: PortOption, baud: BaudOption = 1_000_000, as_json: JsonOption = False
+    driver: DriverOption = None,
+    port: PortOption = None,
+    baud: BaudsOption = None,
+    robot: RobotFileOption = None,
+    as_json: JsonOption = False,
 ) -> None:
     """Ask all ids which servos answer: model, position, voltage, temperature. Nothing moves."""
-    from hexctl.backends.bus.scan import scan_bus
-    from hexctl.backends.bus.servos import parse_bus_port
+    from hexctl.backends.bus.scan import USUAL_BAUDS, nothing_answers, scan_bus
     from hexctl.cli.console import print_note, print_result
 
-    path, speed = parse_bus_port(port, int(baud), driver=driver)
-    found = scan_bus(path, driver, speed)
+    every = baud == ALL_BAUDS
+    driver, path, speed = _bus(robot, driver, port, None if every or baud is None else int(baud))
+    bauds = USUAL_BAUDS[driver] if every else (speed,)
+    with _Bar("asking ids") as bar:
+        found = scan_bus(path, driver, *bauds, progress=bar.told)
     if unknown := [each.servo_id for each in found if each.model is None]:
         print_note(f"{len(unknown)} servos are of a model that is not known: is {driver} the right driver?")
+    if not found:
+        print_note(nothing_answers(path, driver, bauds))
     if as_json:
         print_result(json.dumps([each.to_json() for each in found]))
-        return
-    none = f"no servo answers on {path} at {speed} baud"
-    print_result(_table([each.to_json() for each in found], none))
+    elif found:
+        print_result(_table([each.to_json() for each in found], ""))
 
 
 @servos.command("set-id")
 def set_id(
-    new_id: Annotated[
-        int,
-        typer.Argument(
-            parser=SERVO_ID.parse,
-            metavar="ID",
-            help="The id to give, a whole number 0..252.",
-            show_default=False,
-        ),
-    ],
-    driver: DriverOption,
-    port: PortOption,
-    baud: BaudOption = 1_000_000,
+    new_id: Annotated[int, _an_id(f"The id to give, a whole number {SERVO_ID}.")],
+    driver: DriverOption = None,
+    port: PortOption = None,
+    baud: BaudOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Give the only servo on the bus another id; with more than one nothing is changed."""
     from hexctl.backends.bus.scan import set_servo_id
     from hexctl.cli.console import print_result
 
-    servo = set_servo_id(port, driver, int(baud), int(new_id)).to_json()
+    driver, path, speed = _bus(None, driver, port, baud)
+    with _Bar("asking ids") as bar:
+        servo = set_servo_id(path, driver, speed, int(new_id), progress=bar.told).to_json()
     print_result(json.dumps(servo)) if as_json else print_result(_table([servo], ""))
+
+
+@servos.command()
+def identify(
+    servo_id: Annotated[
+        int | None, _an_id(f"Only this servo, a whole number {SERVO_ID}. (default: all that answer)")
+    ] = None,
+    driver: DriverOption = None,
+    port: PortOption = None,
+    baud: BaudOption = None,
+    robot: RobotFileOption = None,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "--output",
+            help="New file for the section servos of a robot file; what is known meanwhile is in a file "
+            "beside it, which the same command continues. (default: none, it is printed)",
+        ),
+    ] = None,
+    yes: YesOption = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Move one servo after the other by 5 degrees and back, and ask which joint it was.
+
+    Hold the robot so that its legs hang free. What is found is printed as the section servos of a robot file;
+    no robot file is written.
+    """
+    from hexctl.backends.bus.scan import scan_bus
+    from hexctl.cli.console import DONE, INTERRUPTED, StopOnInterrupt, print_note, print_result
+    from hexctl.cli.prompts import CalibrationPrompt
+    from hexctl.control.servo_identification import Identification, identify_servos
+    from hexctl.errors import InputError
+
+    if robot is not None and output is not None:
+        raise InputError(
+            "--output: got it with --robot; allowed: without --robot, to which nothing is written"
+        )
+    driver, path, speed = _bus(robot, driver, port, baud)
+    _check_answerable()
+    known = Identification(driver=driver, port=path, baud=speed, output=output)
+    known.resume()
+    if servo_id is None:
+        with _Bar("asking ids") as bar:
+            ids = [each.servo_id for each in scan_bus(path, driver, speed, progress=bar.told)]
+    else:
+        ids = [int(servo_id)]
+    with StopOnInterrupt() as interrupt:
+        identify_servos(known, ids, CalibrationPrompt(), consent=yes, stop_requested=interrupt.requested)
+        stopped = interrupt.requested()
+    print_result(json.dumps(known.ids) if as_json else known.section().rstrip())
+    if known.finish():
+        print_note(f"written to {output}")
+    elif output is not None:
+        missing = f"{len(known.ids)} of 18 joints are known"
+        print_note(f"{missing}, in {known.draft}; the same command continues")
+    raise typer.Exit(INTERRUPTED if stopped else DONE)
+
+
+@servos.command("test")
+def try_(
+    servo_id: Annotated[int, _an_id(f"The servo to test, a whole number {SERVO_ID}.")],
+    driver: DriverOption = None,
+    port: PortOption = None,
+    baud: BaudOption = None,
+    robot: RobotFileOption = None,
+    yes: YesOption = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Move one servo by 10 degrees to both sides and back, and tell whether it followed.
+
+    It goes limp first, and ends with its torque as it was. Hold the robot so that its legs hang free.
+    """
+    from hexctl.backends.bus.scan import opened_line, the_servo
+    from hexctl.cli.console import DONE, FAULT, print_result
+    from hexctl.control.servo_trial import try_servo
+
+    driver, path, speed = _bus(robot, driver, port, baud)
+    with opened_line(path, speed) as line:
+        servo = the_servo(line, driver, int(servo_id))
+        _ask_consent(
+            f"The servo with id {servo_id} goes limp and moves by 10 degrees to both sides.", yes=yes
+        )
+        trial = try_servo(servo)
+    rows = asdict(trial)
+    print_result(json.dumps(rows) if as_json else _column(rows))
+    raise typer.Exit(DONE if trial.followed else FAULT)
+
+
+@servos.command()
+def adopt(
+    robot: Annotated[
+        str,
+        typer.Option(
+            "--robot", help="Robot file with the ids of all joints. (default: none, it must be given)"
+        ),
+    ],
+    port: PortOption = None,
+    baud: BaudOption = None,
+    yes: Annotated[
+        bool, typer.Option("--yes", help="Give the id without asking, for scripts: the joint goes limp.")
+    ] = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Give a servo that has fallen back to the id 1 the id of the only joint whose servo is missing.
+
+    Its model and its position have to fit that joint. It goes limp; X servos are restarted.
+    """
+    from hexctl.backends.bus.lost_id import adopt as adopt_servo
+    from hexctl.cli.console import print_result
+    from hexctl.robot.bus_map import bus_map_of
+    from hexctl.robot.loader import load_robot_file
+    from hexctl.types import JOINT_NAMES
+
+    driver, path, speed = _bus(robot, None, port, baud)
+    file = load_robot_file(robot)
+    _ask_consent("The servo that has lost its id goes limp.", yes=yes)
+    adoption = adopt_servo(file.robot, bus_map_of(file.content.servos, driver), path, speed)
+    rows = {"joint": JOINT_NAMES[adoption.joint], "angle_deg": adoption.angle_deg, **adoption.servo.to_json()}
+    print_result(json.dumps(rows) if as_json else _column(rows))
 
 
 def ports(as_json: JsonOption = False) -> None:
@@ -99,6 +268,95 @@ def ports(as_json: JsonOption = False) -> None:
         print_result(json.dumps(found))
         return
     print_result(_table(found, "no serial ports; is the adapter plugged in?"))
+
+
+def _bus(robot: str | None, driver: str | None, port: str | None, baud: int | None) -> tuple[str, str, int]:
+    """Driver, device and baud: as typed, else as in a robot file, else as usual for the driver."""
+    from hexctl.backends.bus.servos import parse_bus_port
+    from hexctl.errors import InputError
+    from hexctl.robot.loader import load_robot_file
+
+    section = None if robot is None else load_robot_file(robot).content.servos
+    allowed = ("dynamixel", "feetech", "lx16a")
+    if driver is None:
+        driver = None if section is None else section.driver
+    elif section is not None and section.driver not in (None, driver):
+        raise InputError(f"--driver: got {driver}; allowed: {section.driver}, with this robot file")
+    if driver not in allowed:
+        raise InputError(f"--driver: got {driver or 'none'}; allowed: {', '.join(allowed)}")
+    text = port or (None if section is None else section.port)
+    if not text:
+        raise InputError("--port: got none; allowed: the port of the bus, such as /dev/ttyUSB0")
+    of_file = None if section is None or port is not None or section.baud is None else int(section.baud)
+    path, speed = parse_bus_port(text, of_file if baud is None else int(baud), driver=driver)
+    return driver, path, speed
+
+
+def _check_answerable() -> None:
+    """Raise InputError where no answer can come on stdin."""
+    from hexctl.cli.prompts import can_answer
+    from hexctl.errors import InputError
+
+    if not can_answer():
+        raise InputError("identify: no answer can come on stdin; allowed: a terminal, or lines from a pipe")
+
+
+def _ask_consent(text: str, *, yes: bool) -> None:
+    """Ask whether a servo may move; raises InputError where the operator does not want it, or cannot say."""
+    from hexctl.cli.console import print_note
+    from hexctl.cli.prompts import LOOK_S, StdinLines, can_answer
+    from hexctl.errors import InputError
+
+    if yes:
+        return
+    if not can_answer():
+        raise InputError("--yes: got none, and no answer can come on stdin; allowed: --yes, or a terminal")
+    typer.echo(f"{text} Hold the robot so that its legs hang free. Go on? yes or no: ", err=True, nl=False)
+    lines = StdinLines()
+    while (said := lines.poll(LOOK_S)) is None:
+        if lines.ended:
+            print_note("")
+            break
+    if said is None or said.strip().lower() not in ("y", "yes"):
+        raise InputError(f"consent: got {said or 'no answer'}; allowed: yes; nothing was moved")
+
+
+class _Bar:
+    """Progress of a scan on stderr: a bar on a terminal, else one line."""
+
+    def __init__(self, text: str) -> None:
+        from hexctl.cli.console import make_bar
+
+        self._bar, self._text = make_bar(), text
+        self._task: Any = None
+
+    def __enter__(self) -> "_Bar":
+        self._bar.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._bar.stop()
+
+    def told(self, asked: int, of: int) -> None:
+        """Show how many have been asked."""
+        from hexctl.cli.console import print_note
+
+        if self._task is None:
+            self._task = self._bar.add_task(self._text, total=of)
+            if self._bar.disable:
+                print_note(f"{self._text}: {of}, some seconds")
+        self._bar.update(self._task, completed=asked)
+
+
+def _column(rows: dict[str, Any]) -> "Table":
+    """Names and values below one another."""
+    from hexctl.cli.render import plain_table
+
+    table = plain_table("what", "value")
+    for name, value in rows.items():
+        shown = " ".join(map(str, value)) if isinstance(value, tuple) else value
+        table.add_row(name, "" if shown is None else str(shown))
+    return table
 
 
 def _table(rows: list[dict[str, Any]], empty: str) -> "Table | str":

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hexctl.backends.bus.packets import PacketFormat, PacketStream
-from hexctl.errors import InputError
+from hexctl.errors import InputError, argument
 from hexctl.robot.bus_map import BusMap
 from hexctl.types import JOINT_KINDS, JOINTS_PER_LEG, N_JOINTS, N_LEGS, BoolArray
 
@@ -56,7 +56,7 @@ class BusFault:
 
 def parse_bus_fault(text: str) -> BusFault:
     """Fault of a text such as `mute:5:coxa@10`; raises InputError for anything else."""
-    error = InputError(f"fault: got {text!r}; allowed: {ALLOWED}")
+    error = InputError(f"{argument('fault')}: got {text!r}; allowed: {ALLOWED}")
     words, _, at = text.partition("@")
     kind, *rest = words.split(":")
     if kind not in _KINDS or (at and not _number(at)):

@@ -1,11 +1,19 @@
 """`hexctl servos` and `hexctl ports` as a user calls them."""
 
+import io
 import json
+import os
+import sys
+from pathlib import Path
 
 import pytest
 
 from hexctl.cli.main import exit_code
+from hexctl.robot.bus_map import bus_map_of
+from hexctl.robot.loader import load_robot_file
+from hexctl.types import JOINT_NAMES
 from tests.backends.bus.boards import a_map, bus_board
+from tests.robots import edited_file, put
 
 ONLY_ONE = [
     f"mute:{leg}:{joint}"
@@ -15,15 +23,18 @@ ONLY_ONE = [
 ]
 
 
-def test_a_scan_is_an_array_or_a_table(capsys: pytest.CaptureFixture[str]) -> None:
-    with bus_board(a_map()) as board:
-        words = ["servos", "scan", "--driver", "feetech", "--port", board.path]
+@pytest.mark.parametrize(("driver", "model"), [("feetech", "sts3215"), ("lx16a", "lx16a")])
+def test_a_scan_is_an_array_or_a_table(driver: str, model: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with bus_board(a_map(driver, model)) as board:
+        words = ["servos", "scan", "--driver", driver, "--port", board.path]
         assert exit_code([*words, "--json"]) == 0
-        found = json.loads(capsys.readouterr().out)
+        printed = capsys.readouterr()
+        found = json.loads(printed.out)
         assert [each["id"] for each in found] == list(range(1, 19))
         assert {"id", "model", "position", "voltage", "temperature"} <= found[0].keys()
+        assert printed.err == "asking ids: 253, some seconds\n"
         assert exit_code(words) == 0
-        assert "sts3215" in capsys.readouterr().out
+        assert model in capsys.readouterr().out
 
 
 def test_a_driver_that_knows_no_model_is_doubted(capsys: pytest.CaptureFixture[str]) -> None:
@@ -35,19 +46,106 @@ def test_a_driver_that_knows_no_model_is_doubted(capsys: pytest.CaptureFixture[s
     assert "is dynamixel the right driver?" in printed.err
 
 
-def test_an_id_is_set_and_shown(capsys: pytest.CaptureFixture[str]) -> None:
-    with bus_board(a_map(), *ONLY_ONE) as board:
-        words = ["servos", "set-id", "99", "--driver", "feetech", "--port", board.path, "--json"]
+def test_servos_at_another_baud_are_hinted_at_and_found_with_all(capsys: pytest.CaptureFixture[str]) -> None:
+    with bus_board(a_map(), *ONLY_ONE, baud=115_200) as board:
+        words = ["servos", "scan", "--driver", "feetech", "--port", board.path, "--json"]
         assert exit_code(words) == 0
-        assert json.loads(capsys.readouterr().out)["id"] == 99
+        printed = capsys.readouterr()
+        assert json.loads(printed.out) == []
+        assert "no servo answers on" in printed.err
+        assert "--baud all also asks at 500000, 115200, 38400" in printed.err
+        assert exit_code([*words, "--baud", "all"]) == 0
+        found = json.loads(capsys.readouterr().out)
+    assert [(each["id"], each["baud"]) for each in found] == [(1, 115_200)]
+
+
+def test_an_id_is_set_and_shown(capsys: pytest.CaptureFixture[str]) -> None:
+    for driver, model in (("feetech", "sts3215"), ("lx16a", "lx16a")):
+        with bus_board(a_map(driver, model), *ONLY_ONE) as board:
+            words = ["servos", "set-id", "99", "--driver", driver, "--port", board.path, "--json"]
+            assert exit_code(words) == 0
+            assert json.loads(capsys.readouterr().out)["id"] == 99
+
+
+def test_a_servo_is_tested_with_consent_only(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with bus_board(a_map()) as board:
+        words = ["servos", "test", "8", "--driver", "feetech", "--port", board.path, "--json"]
+        monkeypatch.setattr(sys, "stdin", open(os.devnull))  # noqa: SIM115
+        assert exit_code(words) == 2
+        assert "--yes: got none" in capsys.readouterr().err
+        _says(monkeypatch, "no\n")
+        assert exit_code(words) == 2
+        assert "nothing was moved" in capsys.readouterr().err
+        _says(monkeypatch, "yes\n")
+        assert exit_code(words) == 0
+        printed = capsys.readouterr()
+        assert "goes limp and moves by 10 degrees" in printed.err
+        trial = json.loads(printed.out)
+        assert trial["followed"]
+        assert exit_code([*words, "--yes"]) == 0
+        assert exit_code(["servos", "test", "99", *words[3:]]) == 3
+        assert "no servo with id 99 answers" in capsys.readouterr().err
+
+
+def test_a_servo_that_is_stuck_is_an_exit_code(capsys: pytest.CaptureFixture[str]) -> None:
+    with bus_board(a_map()) as board:
+        board._robot.write = lambda targets: targets  # type: ignore[method-assign]  # nothing moves
+        words = ["servos", "test", "8", "--driver", "feetech", "--port", board.path, "--yes"]
+        assert exit_code(words) == 3
+        assert "followed" in capsys.readouterr().out
+
+
+def test_joints_are_identified_and_no_robot_file_is_written(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    with bus_board(a_map()) as board:
+        section = {"driver": "feetech", "port": board.path, "model": "sts3215"}
+        file = edited_file(tmp_path, put("servos", section), base="phantomx")
+        before = file.read_text()
+        _says(monkeypatch, "\n2f\n")
+        assert exit_code(["servos", "identify", "5", "--robot", str(file)]) == 0
+        printed = capsys.readouterr()
+        assert printed.out.endswith("  leg2_femur: {id: 5}\n")
+        assert "Hold the robot up" in printed.err
+        assert file.read_text() == before
+        words = ["servos", "identify", "5", "--robot", str(file), "--output", "x"]
+        assert exit_code(words) == 2
+        assert "--output: got it with --robot" in capsys.readouterr().err
+
+
+def test_a_lost_id_is_given_back(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    joints = {name: {"id": 21 + place} for place, name in enumerate(JOINT_NAMES)}
+    file = edited_file(tmp_path, put("servos", {"driver": "feetech", **joints}), base="phantomx")
+    bus_map = bus_map_of(load_robot_file(file).content.servos, "feetech")
+    with bus_board(bus_map, "lost-id:3:tibia") as board:
+        words = ["servos", "adopt", "--robot", str(file), "--port", board.path, "--yes", "--json"]
+        assert exit_code(words) == 0
+        adopted = json.loads(capsys.readouterr().out)
+        assert (adopted["joint"], adopted["id"]) == ("leg3_tibia", 29)
+        assert exit_code(words) == 3
+        assert "exactly one must be missing" in capsys.readouterr().err
+
+
+def _says(monkeypatch: pytest.MonkeyPatch, text: str) -> None:
+    """Let a user type a text."""
+    read, write = os.pipe()
+    os.write(write, text.encode())
+    os.close(write)
+    monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(os.fdopen(read, "rb")))
 
 
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["scan", "--driver", "hitec", "--port", "x"], "got hitec; allowed: dynamixel, feetech"),
+        (["scan", "--driver", "hitec", "--port", "x"], "got hitec; allowed: dynamixel, feetech, lx16a"),
+        (["scan", "--port", "x"], "--driver: got none; allowed: dynamixel, feetech, lx16a"),
+        (["scan", "--driver", "feetech"], "--port: got none; allowed: the port of the bus"),
+        (["scan", "--driver", "feetech", "--port", "x", "--baud", "9"], "9600 to 4500000 baud, or all"),
         (["scan", "--driver", "feetech", "--port", "/dev/nothing"], "cannot be opened"),
         (["set-id", "300", "--driver", "feetech", "--port", "x"], "got 300; allowed: 0..252"),
+        (["adopt", "--robot", "phantomx", "--port", "x"], "--driver: got none"),
     ],
 )
 def test_bad_input_is_one_line(words: list[str], message: str, capsys: pytest.CaptureFixture[str]) -> None:

@@ -22,6 +22,7 @@ from hexctl.backends.bus.packets import PacketStream
 from hexctl.backends.bus.serial_line import NOBODY, SerialLine
 from hexctl.backends.bus.servo_bus import ALL, TRIES, BusCounters, Report, ServoBus, beyond_stored_limits
 from hexctl.robot.bus_map import BusMap
+from hexctl.robot.servo_models import ServoType
 from hexctl.types import N_JOINTS, BoolArray, FloatArray
 
 #: Moves in a control period: half of the servos, 7.8 ms.
@@ -94,6 +95,10 @@ class Lx16aBus(ServoBus):
     def model_number(self, joint: int) -> int | None:
         """None: these servos report no model number."""
         return None
+
+    def answers(self, servo_id: int, model: ServoType) -> bool:
+        """Whether a servo answers to an id that no joint has."""
+        return self._ask_id(servo_id, lx.READ_POSITION, tries=TRIES) is not None
 
     def prepare(self, joints: BoolArray) -> None:
         """Nothing: these servos answer at once, and their limits are the owner's."""
@@ -247,7 +252,10 @@ class Lx16aBus(ServoBus):
 
     def _ask(self, joint: int, command: int, *, tries: int = 1) -> bytes | None:
         """Parameters that the servo of a joint answers to a command, or None where it does not."""
-        servo_id, size = self._ids[joint], lx.ANSWER_BYTES[command]
+        return self._ask_id(self._ids[joint], command, tries=tries)
+
+    def _ask_id(self, servo_id: int, command: int, *, tries: int = 1) -> bytes | None:
+        size = lx.ANSWER_BYTES[command]
         for _ in range(tries):
             self._line.discard()
             self._stream.finish()

@@ -14,6 +14,7 @@ from hexctl.backends.bus.servo_bus import ALL, TRIES, BusCounters, Report, Servo
 from hexctl.backends.bus.servo_settings import hardware_error, renew_torque_limit, set_up, settings_of
 from hexctl.errors import RobotFaultError
 from hexctl.robot.bus_map import BusMap
+from hexctl.robot.servo_models import ServoType
 from hexctl.types import N_JOINTS, BoolArray, FloatArray
 
 #: Servos that are asked one by one in a control period, where they do not answer one packet together.
@@ -61,6 +62,11 @@ class RegisterBus(ServoBus):
     def model_number(self, joint: int) -> int | None:
         """Model number that the servo of a joint reports, or None without an answer."""
         return self._servos[joint].raw(self.table.model)
+
+    def answers(self, servo_id: int, model: ServoType) -> bool:
+        """Whether a servo of a model answers to an id that no joint has."""
+        number = RegisterServo(self._packets, self.table, servo_id).raw(self.table.model)
+        return number is not None and model.number in (number, None)
 
     def prepare(self, joints: BoolArray) -> None:
         """Set up the servos of some joints, (18,), that have no torque, as `set_up` does.

@@ -8,6 +8,7 @@ from hexctl.backends.bus import lx16a_packets as lx
 from hexctl.backends.bus.packet_line import PacketLine
 from hexctl.backends.bus.packets import BROADCAST
 from hexctl.backends.bus.serial_line import SerialLine
+from hexctl.backends.bus.servo_bus import TRIES
 from hexctl.backends.bus.single_servo import (
     PROTOCOLS_OF,
     FoundServo,
@@ -183,3 +184,24 @@ def _ids_by_broadcast(path: str, baud: int) -> list[int]:
 def _names(driver: str) -> list[str]:
     """Models of a driver that report a number."""
     return [each.name for each in SERVO_TYPES.values() if each.driver == driver and each.number is not None]
+
+
+def find_servo(line: SerialLine, driver: str, servo_id: int) -> SingleServo | None:
+    """Servo with an id on an open line, in any of its driver's protocols; None where none answers."""
+    check_driver(driver)
+    for protocol in PROTOCOLS_OF[driver]:
+        packets = packet_line(line, driver, protocol)
+        if any(_answers(packets, driver, servo_id) for _ in range(TRIES)):
+            return single_servo(packets, driver, protocol, servo_id)
+    return None
+
+
+def the_servo(line: SerialLine, driver: str, servo_id: int) -> SingleServo:
+    """Servo with an id on an open line; raises RobotFaultError where none answers."""
+    servo = find_servo(line, driver, servo_id)
+    if servo is None:
+        raise RobotFaultError(
+            f"no servo with id {servo_id} answers on {line.path} at {line.baud} baud; `hexctl servos scan` "
+            "shows which do"
+        )
+    return servo

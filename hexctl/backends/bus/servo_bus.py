@@ -9,6 +9,7 @@ import numpy as np
 
 from hexctl.robot.bus_map import BusMap
 from hexctl.robot.model import Robot
+from hexctl.robot.servo_models import ServoType
 from hexctl.types import N_JOINTS, BoolArray, FloatArray
 
 #: All joints, by index.
@@ -87,6 +88,10 @@ class ServoBus(ABC):
     @abstractmethod
     def model_number(self, joint: int) -> int | None:
         """Model number that the servo of a joint reports, or None where it reports none."""
+
+    @abstractmethod
+    def answers(self, servo_id: int, model: ServoType) -> bool:
+        """Whether a servo of a model, as far as it says, answers to an id that no joint has."""
 
     @abstractmethod
     def prepare(self, joints: BoolArray) -> None:

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from hexctl.backends.bus.bus_thread import BusThread
+from hexctl.backends.bus.lost_id import lost_id_notes
 from hexctl.backends.bus.lx16a_bus import Lx16aBus
 from hexctl.backends.bus.readings import BelievedReadings, polls
 from hexctl.backends.bus.register_bus import RegisterBus
@@ -141,7 +142,8 @@ class BusServos(PortServos[BusMap, BusThread, BusCounters]):
             self._check_found(found)
             self._check_models(bus, found)
             bus.prepare(found & ~self._on(bus, found))
-            self._notes = bus.check(found, *needed_counts(self._map, self._robot))
+            notes = bus.check(found, *needed_counts(self._map, self._robot))
+            self._notes = (*notes, *lost_id_notes(bus, self._map, found))
         except BaseException:
             line.close()
             raise

@@ -151,7 +151,7 @@ class SingleRegisterServo(SingleServo):
         servo_id: int,
         *,
         soft_torque: float = 0.4,
-        soft_deg_s: float = 30.0,
+        soft_deg_s: float = 60.0,
     ) -> None:
         self.servo_id = servo_id
         self._packets, self._driver, self._protocol = packets, driver, protocol

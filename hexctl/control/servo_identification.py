@@ -1,0 +1,202 @@
+"""Which servo on a bus moves which joint: each is wiggled, and the operator says what moved."""
+
+import re
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import yaml
+
+from hexctl.backends.bus.scan import opened_line, the_servo
+from hexctl.backends.bus.single_servo import FoundServo
+from hexctl.control.calibration import EndedError, Operator
+from hexctl.control.servo_trial import WIGGLE_DEG, wiggle
+from hexctl.errors import InputError, RobotFaultError, argument
+from hexctl.files import atomic_write
+from hexctl.robot.schema import ServosSection
+from hexctl.types import JOINT_KINDS, JOINT_NAMES, N_LEGS
+
+#: How often it is looked for an answer.
+LOOK_S = 0.05
+
+#: What is said before the first one moves.
+INTRODUCTION = (
+    "Hold the robot up so that its legs hang free. A servo that is tried goes limp first, and moves by "
+    f"{WIGGLE_DEG:g} degrees and back."
+)
+
+_JOINT = re.compile(r"(?:leg)?([1-6])[ _:]?(coxa|femur|tibia|c|f|t)")
+
+
+@dataclass(slots=True)
+class Identification:
+    """Servos whose joints are known.
+
+    Attributes:
+        driver: of the bus.
+        port: serial device.
+        baud: bits per second.
+        ids: by the name of the joint.
+        models: by the name of the joint; None where the servo does not say.
+        output: file for the section `servos`, or None; what is known meanwhile is in a file beside it.
+    """
+
+    driver: str
+    port: str
+    baud: int
+    output: Path | None = None
+    ids: dict[str, int] = field(default_factory=dict)
+    models: dict[str, str | None] = field(default_factory=dict)
+
+    @property
+    def draft(self) -> Path | None:
+        """File with what is known so far, until it is complete."""
+        return None if self.output is None else self.output.with_name(f"{self.output.name}.part")
+
+    @property
+    def complete(self) -> bool:
+        """Whether every joint has its servo."""
+        return len(self.ids) == len(JOINT_NAMES)
+
+    def section(self) -> str:
+        """Section `servos` of a robot file with what is known, as YAML."""
+        models = set(filter(None, self.models.values()))
+        lines = [f"driver: {self.driver}", f"port: {self.port}", f"baud: {self.baud}"]
+        lines += [f"model: {models.pop()}"] if len(models) == 1 else []
+        for name in JOINT_NAMES:
+            if name in self.ids:
+                own = f", model: {self.models[name]}" if len(models) > 1 and self.models.get(name) else ""
+                lines.append(f"{name}: {{id: {self.ids[name]}{own}}}")
+        return "servos:\n" + "".join(f"  {line}\n" for line in lines)
+
+    def resume(self) -> None:
+        """Take over what an earlier identification left.
+
+        Raises InputError for an output that there is already, and for a draft of another bus.
+        """
+        if self.output is None or self.draft is None:
+            return
+        if self.output.exists():
+            raise InputError(
+                f"{argument('output')}: got {self.output}, which there is already; allowed: a new file"
+            )
+        if not self.output.parent.is_dir():
+            raise InputError(
+                f"{argument('output')}: got {self.output}; allowed: a file in a folder that there is"
+            )
+        if self.draft.is_file():
+            self._take_over(self.draft)
+
+    def know(self, joint: str, servo: FoundServo) -> None:
+        """Note which servo moves a joint, and keep it on the disk."""
+        self.ids[joint], self.models[joint] = servo.servo_id, servo.model
+        if self.draft is not None:
+            atomic_write(self.draft, self.section())
+
+    def finish(self) -> bool:
+        """Write the output once every joint is known; whether it was written."""
+        if self.output is None or self.draft is None or not self.complete:
+            return False
+        if self.output.exists():
+            raise InputError(f"{argument('output')}: got {self.output}, which there is by now; allowed: none")
+        atomic_write(self.output, self.section())
+        self.draft.unlink(missing_ok=True)
+        return True
+
+    def _take_over(self, draft: Path) -> None:
+        try:
+            section = ServosSection.model_validate(yaml.safe_load(draft.read_text())["servos"])
+        except (yaml.YAMLError, ValueError, KeyError, TypeError) as error:
+            raise InputError(f"{draft}: got no section `servos`; delete it to begin again") from error
+        if section.driver != self.driver:
+            raise InputError(f"{draft}: got driver {section.driver}; allowed: {self.driver}")
+        for name in JOINT_NAMES:
+            joint = getattr(section, name)
+            if joint.id is not None:
+                self.ids[name], self.models[name] = joint.id, joint.model or section.model
+
+
+def joint_named(text: str) -> str | None:
+    """Joint of an answer such as `leg3_femur`, `3 femur` or `3f`; None for anything else."""
+    found = _JOINT.fullmatch(text.strip().lower())
+    if found is None:
+        return None
+    kind = next(each for each in JOINT_KINDS if each.startswith(found[2][0]))
+    return f"leg{found[1]}_{kind}"
+
+
+def identify_servos(
+    known: Identification,
+    ids: Sequence[int],
+    operator: Operator,
+    *,
+    consent: bool = False,
+    stop_requested: Callable[[], bool] = lambda: False,
+) -> None:
+    """Wiggle the servos with some ids one after the other, and ask which joint each moves.
+
+    Args:
+        known: takes what the operator says; servos that it has are left out.
+        ids: of the servos.
+        operator: asked before each servo moves, and then which joint it was.
+        consent: True to move without the first question.
+        stop_requested: polled while an answer is waited for; True ends it.
+
+    A servo that cannot be moved is said and left out. Raises RobotFaultError for a port that cannot be opened
+    or goes.
+    """
+    left = [servo_id for servo_id in ids if servo_id not in known.ids.values()]
+    operator.tell(INTRODUCTION)
+    with opened_line(known.port, known.baud) as line:
+        for place, servo_id in enumerate(left, start=1):
+            try:
+                servo = the_servo(line, known.driver, servo_id)
+                found = servo.look()
+                what = f"id {servo_id} ({found.model or 'unknown model'}), {place} of {len(left)}"
+                if not consent and _answer(operator, f"{what}: Enter moves it, skip:", stop_requested) != "":
+                    continue
+                joint = None
+                while joint is None:
+                    wiggle(servo)
+                    joint = _joint(known, operator, what, stop_requested)
+                if joint:
+                    known.know(joint, found)
+            except EndedError:
+                return
+            except RobotFaultError as error:
+                operator.tell(f"id {servo_id}: {error}; it is left out")
+
+
+def _joint(
+    known: Identification, operator: Operator, what: str, stop_requested: Callable[[], bool]
+) -> str | None:
+    """Joint that moved as the operator says, None to see it again, or empty for a servo of none."""
+    question = f"{what}: which joint moved? leg3_femur or 3f, again, none:"
+    while True:
+        said = _answer(operator, question, stop_requested)
+        if said == "again":
+            return None
+        if said == "none":
+            return ""
+        joint = joint_named(said)
+        if joint is None:
+            names = f"leg1 to leg{N_LEGS} with {', '.join(JOINT_KINDS)}, such as leg3_femur"
+            question = f"got {said!r}; allowed: {names}; again, none, quit:"
+        elif joint in known.ids:
+            question = f"{joint} has id {known.ids[joint]} already; which joint moved now? again, none, quit:"
+        else:
+            return joint
+
+
+def _answer(operator: Operator, question: str, stop_requested: Callable[[], bool]) -> str:
+    """Answer to a question, in lower case; raises EndedError for `quit`, a stop and an input that ends."""
+    operator.prompt(question)
+    while (said := operator.poll()) is None:
+        if stop_requested():
+            raise EndedError
+        time.sleep(LOOK_S)
+    said = " ".join(said.lower().split())
+    if said in ("quit", "q"):
+        raise EndedError
+    return said
