@@ -121,7 +121,9 @@ def test_a_server_that_goes_in_mid_walk_leaves_the_robot_at_rest(
 
 def _watched(robot: MockServos, duration_s: float) -> tuple[FloatArray, FloatArray]:
     """Times, (n,), and joint angles then, (n, 18), for a while."""
-    begun_s, at_s, angles_rad = time.monotonic(), [], []
+    begun_s = time.monotonic()
+    at_s: list[float] = []
+    angles_rad: list[FloatArray] = []
     while not at_s or at_s[-1] < duration_s:
         angles_rad.append(robot.read().joint_positions_rad.copy())
         at_s.append(time.monotonic() - begun_s)
