@@ -67,7 +67,7 @@ SLOW = (
     "tests/adapt/test_kill.py",
     "tests/adapt/optimizers/test_population.py::test_it_converges_as_scipys_does",
     "tests/adapt/optimizers/test_population.py::test_the_comparison_would_notice_another_factor_or_strategy",
-    "tests/adapt/test_runner.py",
+    "tests/adapt/test_reset_free.py",
     "tests/benchmarks/test_command.py",
     "tests/cli/test_adapt.py",
     "tests/cli/test_adapt_robot.py",
@@ -124,7 +124,7 @@ SLOW = (
 
 #: Files whose tests are spread one by one.
 SPREAD = (
-    "tests/adapt/test_runner.py",
+    "tests/adapt/test_reset_free.py",
     "tests/adapt/test_kill.py",
     "tests/benchmarks/test_command.py",
     "tests/test_compatibility.py",
