@@ -32,6 +32,7 @@ LANES = {
         "tests/control/test_servo_trial.py",
         "tests/control/test_servo_identification.py",
         "tests/backends/bus/test_lost_id.py",
+        "tests/control/calibration/test_calibration.py",
         "tests/backends/pwm/test_servo2040.py",
         "tests/backends/pwm/test_pca9685.py",
         "tests/docs/test_commands.py::test_the_commands_of_a_page",

@@ -12,19 +12,20 @@ from hexctl.cli.options import InsecureOption
 def calibrate(
     robot: Annotated[str, typer.Argument(help="Robot file (YAML) to write to; copy a shipped one first.")],
     backend: Annotated[
-        str,
+        str | None,
         typer.Option(
             "--backend",
-            help="What moves: mavlink (a servo board), or package.module:Class for servos of your own that "
-            "have a servo map.",
+            help="The servos: mavlink (a servo board), a driver such as dynamixel or servo2040, or "
+            "package.module:Class for servos of your own that have a servo map. (default: the driver of the "
+            "robot file, or mavlink)",
         ),
-    ] = "mavlink",
+    ] = None,
     connect: Annotated[
         str | None,
         typer.Option(
             "--connect",
-            help="Where the servo board is: udpout:HOST:PORT, or a serial device such as "
-            "/dev/ttyACM0:115200. (default: udpout:127.0.0.1:14550)",
+            help="Where the servos are: a serial device such as /dev/ttyUSB0 or /dev/ttyACM0:115200, or "
+            "udpout:HOST:PORT. (default: the port of the robot file, or udpout:127.0.0.1:14550)",
         ),
     ] = None,
     joints: Annotated[
@@ -45,7 +46,9 @@ def calibrate(
 ) -> None:
     """Find direction, offset and limits of each servo, and write them to the robot file.
 
-    Hold the robot so that its legs hang free. Every joint is saved when it is done; Ctrl-C ends it.
+    Hold the robot so that its legs hang free. Servos with feedback lose their torque and are moved by hand;
+    others are moved one at a time, slowly. Every joint is saved when it is done; Ctrl-C ends it, and --joints
+    does the rest.
     """
     from hexctl.cli.prompts import CalibrationPrompt
     from hexctl.control.calibration import calibrate as calibrate_servos

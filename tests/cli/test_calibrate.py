@@ -220,14 +220,15 @@ def test_a_joint_that_there_is_not(file: Path, capsys: pytest.CaptureFixture[str
     assert "--joints: got 'leg7'; allowed: leg1_coxa" in capsys.readouterr().err
 
 
-def test_servos_of_another_driver_keep_their_section(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """It would be written without ports and ids."""
+def test_driver_and_port_come_from_the_robot_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = edited_file(
         tmp_path, put("servos", {"driver": "feetech", "port": "/dev/nothing"}), base="phantomx"
     )
     before = file.read_text()
-    assert exit_code(["calibrate", str(file)]) == 2
-    assert "servos.driver: got feetech; allowed: none" in capsys.readouterr().err
+    assert exit_code(["calibrate", str(file)]) == 3
+    assert "the port /dev/nothing cannot be opened" in capsys.readouterr().err
+    assert exit_code(["calibrate", str(file), "--connect", "/dev/nowhere"]) == 3
+    assert "the port /dev/nowhere cannot be opened" in capsys.readouterr().err
+    assert exit_code(["calibrate", str(file), "--backend", "dynamixel"]) == 2
+    assert "--backend: got dynamixel for a file whose servos.driver is feetech" in capsys.readouterr().err
     assert file.read_text() == before

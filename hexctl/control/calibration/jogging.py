@@ -1,21 +1,23 @@
-"""Servo calibration: sign, offset and pulse limits of each servo, found by moving one joint at a time."""
+"""Calibration of servos that do not tell where they are: each is moved by its motor, and judged by eye."""
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
-from pathlib import Path
-from typing import Any, Protocol
 
 import numpy as np
 
 from hexctl.backends.base import CalibratedServos
-from hexctl.backends.registry import BackendOptions, check_options, make_servos
-from hexctl.control.guard import MAX_EXPIRY_S, Guard
-from hexctl.errors import InputError, RobotFaultError, argument
-from hexctl.robot.configs import find_config
-from hexctl.robot.loader import RobotFile, load_robot_file
+from hexctl.control.calibration.operator import (
+    SEEN,
+    CalibrationResult,
+    EndedError,
+    Operator,
+    ask,
+    measured_deg,
+)
+from hexctl.control.guard import Guard
+from hexctl.errors import InputError, RobotFaultError
+from hexctl.robot.model import Robot
 from hexctl.robot.raw_map import RawMap, reference_deg
-from hexctl.robot.servos_section import back_up, check_writable, write_joint
 from hexctl.types import JOINT_KINDS, JOINT_NAMES, JOINTS_PER_LEG, FloatArray, JointTargets
 
 #: Speed of a joint that is moved while an operator has fingers near it.
@@ -26,13 +28,6 @@ NEAR_DEG = 0.05
 
 #: How far a joint is moved to see in which direction it turns.
 NUDGE_DEG = 8.0
-
-#: What a positive and a negative movement of each kind of joint look like.
-SEEN = {
-    "coxa": ("counter-clockwise seen from above", "clockwise seen from above"),
-    "femur": ("up, with the whole leg", "down, with the whole leg"),
-    "tibia": ("up and outward", "down and inward"),
-}
 
 #: What a joint looks like at angle zero.
 AT_ZERO = {
@@ -45,121 +40,11 @@ AT_ZERO = {
 STEPS_DEG = {"+": 1.0, "-": -1.0, "++": 5.0, "--": -5.0}
 FARTHEST_DEG = 45.0
 
-INTRODUCTION = "skip leaves a step as it is, quit ends; every joint is saved when it is done."
 READY = (
     "Hold the robot up so that its legs hang free. Servos without power jump to their places now. "
     "Enter when ready:"
 )
 STEP_HELP = "+ or - 1 deg, ++ or -- 5, a number of degrees"
-
-
-class EndedError(Exception):
-    """The operator ends the calibration."""
-
-
-class Operator(Protocol):
-    """The person who watches the robot, as the application reaches them; no method may wait."""
-
-    def tell(self, text: str) -> None:
-        """Show a line."""
-        ...
-
-    def prompt(self, text: str) -> None:
-        """Show a question; its answer is polled for."""
-        ...
-
-    def poll(self) -> str | None:
-        """The answer to the last question, or None while there is none; raises EndedError after the last."""
-        ...
-
-
-@dataclass(slots=True)
-class CalibrationResult:
-    """What a calibration changed.
-
-    Attributes:
-        path: the robot file.
-        saved: names of the joints that were saved, in order.
-        backup: copy of the file as it was before, or None if nothing was saved.
-    """
-
-    path: Path
-    saved: list[str] = field(default_factory=list)
-    backup: Path | None = None
-
-
-def calibrate(
-    robot: str | Path,
-    operator: Operator,
-    *,
-    backend: str = "mavlink",
-    joints: str | None = None,
-    connect: str | None = None,
-    credentials: Path | None = None,
-    insecure: bool = False,
-    stop_requested: Callable[[], bool] = lambda: False,
-) -> CalibrationResult:
-    """Calibrate servos with an operator, and write the servo map to the robot file joint by joint.
-
-    Args:
-        robot: name or path of a robot file that may be written to.
-        operator: asked what the joints do.
-        backend: a backend whose servos are `CalibratedServos`.
-        joints: names such as `leg1_coxa,leg3`; all 18 unless given.
-        connect: where the servos are, or None for the backend's default.
-        credentials: folder with the keys of the link, or None.
-        insecure: True to allow a link beyond this computer without credentials.
-        stop_requested: polled at every tick; True ends the calibration.
-
-    Raises InputError for a file, joints, options or servos that cannot be calibrated, and RobotFaultError for
-    a robot that cannot be reached or stops.
-    """
-    path = find_config("robots", robot)
-    check_writable(path)
-    file = load_robot_file(path)
-    if (driver := file.content.servos.driver) is not None:
-        # The section would be written without what the servos of other drivers need.
-        raise InputError(f"servos.driver: got {driver}; allowed: none, it is for MAVLink servo boards")
-    chosen = chosen_joints(joints)
-    given: dict[str, Any] = {"connect": connect, "credentials": credentials, "insecure": insecure}
-    check_options(backend, **given)
-    servos = _calibrated(backend, BackendOptions(robot=file.robot, robot_file=file, **given))
-    # One joint at a time, slowly: a computer that is busy for a moment need not end a long sitting.
-    with Guard(servos, expiry_s=MAX_EXPIRY_S) as guard:
-        guard.clock.tick()
-        operator.tell(INTRODUCTION)
-        jogger = JointJogger(guard, servos, stop_requested)
-        return Calibration(file, jogger, operator).run(chosen)
-
-
-def _calibrated(backend: str, options: BackendOptions) -> Any:
-    """Servos that are both LegServos and CalibratedServos; raises InputError for others."""
-    servos = make_servos(backend, options)
-    if not isinstance(servos, CalibratedServos):
-        raise InputError(
-            f"{argument('backend')}: got {backend}, whose servos have no servo map; allowed: mavlink, or "
-            "servos of your "
-            "own with `servo_map` and `remap`"
-        )
-    return servos
-
-
-def chosen_joints(text: str | None) -> list[int]:
-    """The joints, 0..17, of a text such as `leg1_coxa,leg3`, in the order of the robot; all for None.
-
-    Raises InputError for an unknown name.
-    """
-    if text is None:
-        return list(range(len(JOINT_NAMES)))
-    chosen: set[int] = set()
-    for part in (part.strip() for part in text.split(",")):
-        named = [joint for joint, name in enumerate(JOINT_NAMES) if part in (name, name.split("_")[0])]
-        if not named:
-            raise InputError(
-                f"{argument('joints')}: got {part!r}; allowed: {', '.join(JOINT_NAMES)}, or leg1 .. leg6"
-            )
-        chosen.update(named)
-    return sorted(chosen)
 
 
 class JointJogger:
@@ -240,15 +125,16 @@ class JointJogger:
             self.remap(servo_map)
 
 
-class Calibration:
+class JoggedCalibration:
     """Asks the operator about joints, and saves each joint before it continues with the next."""
 
-    def __init__(self, file: RobotFile, jogger: JointJogger, operator: Operator) -> None:
-        self._robot = file.robot
-        self._jogger, self._operator = jogger, operator
-        self._result = CalibrationResult(file.path)
+    def __init__(
+        self, robot: Robot, jogger: JointJogger, operator: Operator, result: CalibrationResult
+    ) -> None:
+        self._robot = robot
+        self._jogger, self._operator, self._result = jogger, operator, result
 
-    def run(self, joints: list[int]) -> CalibrationResult:
+    def run(self, joints: list[int]) -> None:
         """Calibrate some joints, 0..17, until done or ended by the operator."""
         try:
             self._ask(READY, holding=False)
@@ -256,10 +142,9 @@ class Calibration:
                 name, servo = JOINT_NAMES[joint], self._jogger.servo_map.servo_name(joint)
                 self._operator.tell(f"{name}, {servo} ({number} of {len(joints)})")
                 self._calibrate(joint)
-                self._save(joint)
+                self._result.save(joint, self._jogger.servo_map)
         except EndedError:
             pass
-        return self._result
 
     def _calibrate(self, joint: int) -> None:
         """Find sign, offset and limits of one joint, and return it to where it was."""
@@ -295,11 +180,11 @@ class Calibration:
         self._operator.tell(f"  turn it to {true_deg:g} deg; at 0 {AT_ZERO[kind]}")
         while True:
             answer = self._ask(f"  {STEP_HELP}, at DEGREES if you measured, ok, skip:")
-            measured_deg = _measured(answer)
+            told_deg = measured_deg(answer)
             if answer == "skip":
                 return
-            if answer == "ok" or measured_deg is not None:
-                true_deg = true_deg if measured_deg is None else measured_deg
+            if answer == "ok" or told_deg is not None:
+                true_deg = true_deg if told_deg is None else told_deg
                 if not lower <= true_deg <= upper:
                     self._operator.tell(f"  got {true_deg:g}; allowed: {lower:g} to {upper:g} deg")
                     continue
@@ -340,24 +225,11 @@ class Calibration:
             self._operator.tell("  it is at the end of its range in the robot file, or of its servo")
 
     def _ask(self, question: str, *, holding: bool = True) -> str:
-        """The operator's answer, in lower case; meanwhile all joints are held, or nothing is sent.
+        """The operator's answer; meanwhile all joints are held, or nothing is sent.
 
         Raises EndedError for `quit`, a requested stop, and when no more answers can come.
         """
-        self._operator.prompt(question)
-        while (answer := self._operator.poll()) is None:
-            self._jogger.tick(holding=holding)
-        if answer.lower() in ("quit", "q"):
-            raise EndedError
-        return answer.lower()
-
-    def _save(self, joint: int) -> None:
-        """Write what was found for one joint; the others were only held, and keep their saved values."""
-        path, result = self._result.path, self._result
-        if result.backup is None:
-            result.backup = back_up(path)
-        write_joint(path, self._jogger.servo_map, joint)
-        result.saved.append(JOINT_NAMES[joint])
+        return ask(self._operator, question, lambda: self._jogger.tick(holding=holding))
 
 
 def _by_deg(answer: str) -> float | None:
@@ -369,14 +241,3 @@ def _by_deg(answer: str) -> float | None:
     except ValueError:
         return None
     return value if abs(value) <= FARTHEST_DEG else None  # not for nan
-
-
-def _measured(answer: str) -> float | None:
-    """The angle of an answer such as `at 12.5`, or None for any other answer."""
-    if not answer.startswith("at "):
-        return None
-    try:
-        value = float(answer[3:])
-    except ValueError:
-        return None
-    return value if math.isfinite(value) else None

@@ -1,0 +1,86 @@
+"""The operator of a calibration: how they are asked, in which words, and what is saved for them."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Protocol
+
+from hexctl.robot.raw_map import RawMap
+from hexctl.robot.servos_section import back_up, write_joint
+from hexctl.types import JOINT_NAMES
+
+#: What a positive and a negative movement of each kind of joint look like.
+SEEN = {
+    "coxa": ("counter-clockwise seen from above", "clockwise seen from above"),
+    "femur": ("up, with the whole leg", "down, with the whole leg"),
+    "tibia": ("up and outward", "down and inward"),
+}
+
+INTRODUCTION = "skip leaves a step as it is, quit ends; every joint is saved when it is done."
+
+
+class EndedError(Exception):
+    """The operator ends the calibration."""
+
+
+class Operator(Protocol):
+    """The person who watches the robot, as the application reaches them; no method may wait."""
+
+    def tell(self, text: str) -> None:
+        """Show a line."""
+        ...
+
+    def prompt(self, text: str) -> None:
+        """Show a question; its answer is polled for."""
+        ...
+
+    def poll(self) -> str | None:
+        """The answer to the last question, or None while there is none; raises EndedError after the last."""
+        ...
+
+
+@dataclass(slots=True)
+class CalibrationResult:
+    """What a calibration changed.
+
+    Attributes:
+        path: the robot file.
+        saved: names of the joints that were saved, in order.
+        backup: copy of the file as it was before, or None if nothing was saved.
+    """
+
+    path: Path
+    saved: list[str] = field(default_factory=list)
+    backup: Path | None = None
+
+    def save(self, joint: int, servo_map: RawMap) -> None:
+        """Write what was found for one joint, 0..17; the keys of the others stay as they are."""
+        if self.backup is None:
+            self.backup = back_up(self.path)
+        write_joint(self.path, servo_map, joint)
+        self.saved.append(JOINT_NAMES[joint])
+
+
+def ask(operator: Operator, question: str, tick: Callable[[], object]) -> str:
+    """The operator's answer, in lower case; `tick` runs until it comes.
+
+    Raises EndedError for `quit`, and when no more answers can come.
+    """
+    operator.prompt(question)
+    while (answer := operator.poll()) is None:
+        tick()
+    if answer.lower() in ("quit", "q"):
+        raise EndedError
+    return answer.lower()
+
+
+def measured_deg(answer: str) -> float | None:
+    """The angle of an answer such as `at 12.5`, or None for any other answer."""
+    if not answer.startswith("at "):
+        return None
+    try:
+        value = float(answer[3:])
+    except ValueError:
+        return None
+    return value if math.isfinite(value) else None

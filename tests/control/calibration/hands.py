@@ -1,0 +1,77 @@
+"""An operator who moves the joints of limp servos by hand, as they are asked to."""
+
+import re
+from collections.abc import Callable
+
+import numpy as np
+
+from hexctl.types import JOINT_NAMES, FloatArray
+
+#: True angles of the ends to which joints are moved, in degrees.
+ENDS_DEG = (-38.0, 47.0)
+
+
+class Hands:
+    """Reads what is asked, poses the legs so, and answers.
+
+    Args:
+        hold: puts joints at true angles (18,) in degrees.
+        script: answers in place of Enter, by part of the question, each used once; `quit` and `skip` move
+            nothing, `#` raises `interrupted` instead of an answer.
+
+    Attributes:
+        screen: everything that was asked and said.
+        true_deg: where the joints are.
+        interrupted: whether Ctrl-C was pressed.
+    """
+
+    def __init__(self, hold: Callable[[FloatArray], None], **script: list[str]) -> None:
+        self._hold, self._script = hold, script
+        self.screen: list[str] = []
+        self.true_deg: FloatArray = np.linspace(-12, 14, 18)  # as the legs hang
+        self.interrupted = False
+        self._question, self._polls = "", 0
+        hold(self.true_deg)
+
+    def tell(self, text: str) -> None:
+        self.screen.append(text)
+
+    def prompt(self, text: str) -> None:
+        self.screen.append(text)
+        self._question, self._polls = text, 0
+
+    def poll(self) -> str | None:
+        self._polls += 1
+        if self._polls < 3 or self.interrupted:
+            return None
+        for part, answers in self._script.items():
+            if part in self._question.replace(" ", "_") and answers:
+                answer = answers.pop(0)
+                self.interrupted = answer == "#"
+                if answer in ("skip", "quit", "#"):
+                    return None if self.interrupted else answer
+                if answer:
+                    return answer
+        self._obey(self._question)
+        return ""
+
+    def _obey(self, question: str) -> None:
+        """Move what the question, and the lines before it, ask to be moved."""
+        if posed := re.search(r"leg (\d) is in it", question):
+            leg = int(posed[1])
+            for kind in ("coxa", "femur", "tibia"):
+                angles = [re.match(rf"  {kind} (\S+) deg:", line) for line in self.screen]
+                self.true_deg[JOINT_NAMES.index(f"leg{leg}_{kind}")] = float([a for a in angles if a][-1][1])
+        elif any(words in question for words in ("far as it may", "10 deg or more", "hold it anywhere")):
+            joint = self._joint()
+            rises = "counter-clockwise" in question or " up" in question
+            if "10 deg" in question:
+                self.true_deg[joint] += 15 if rises else -15
+            elif "far as" in question:
+                self.true_deg[joint] = ENDS_DEG[rises]
+        self._hold(self.true_deg)
+
+    def _joint(self) -> int:
+        """The joint that is asked about."""
+        named = [line.split(",")[0] for line in self.screen if line.split(",")[0] in JOINT_NAMES]
+        return JOINT_NAMES.index(named[-1])

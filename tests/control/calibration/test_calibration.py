@@ -1,0 +1,136 @@
+"""Calibration over the real drivers, on simulated buses and boards: by hand with feedback, jogged without."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hexctl.backends.mock import MockServos
+from hexctl.control.calibration import calibrate
+from hexctl.errors import InputError
+from hexctl.robot.bus_map import bus_map_of
+from hexctl.robot.configs import read_mapping
+from hexctl.robot.loader import load_robot_file
+from hexctl.robot.pwm_map import PwmMap, pwm_map_of
+from hexctl.robot.schema import ServosSection
+from hexctl.serve.bus_board import BusBoard
+from hexctl.serve.servo2040_board import Servo2040Board
+from hexctl.types import FloatArray, JointTargets, RobotState
+from tests.backends.bus.boards import bus_board
+from tests.backends.pwm.boards import servo2040_board
+from tests.control.calibration.hands import ENDS_DEG, Hands
+from tests.robots import edited_file, put, shipped
+
+
+class LimpRobot(MockServos):
+    """A robot behind a bus, whose joints a test moves once they are limp, and that counts what motors do."""
+
+    moved = 0
+
+    def write(self, targets: JointTargets) -> JointTargets:
+        self.moved += 1
+        return super().write(targets)
+
+    def read(self) -> RobotState:
+        return replace(super().read(), measured=True)
+
+    def hold(self, true_deg: FloatArray) -> None:
+        self._positions_rad = np.radians(true_deg)
+
+
+DRIVERS = {
+    "dynamixel": {"model": "ax12a", "tibia": {"sign": -1, "offset_deg": 30}},
+    "feetech": {"leg1_coxa": {"sign": -1, "offset_deg": 12}, "tibia": {"offset_deg": 30}},
+    "lx16a": {"femur": {"sign": -1, "offset_deg": -9}, "tibia": {"offset_deg": 30}},
+}
+
+
+@pytest.mark.parametrize("driver", DRIVERS)
+def test_a_bus_is_calibrated_by_hand_and_left_limp(driver: str, tmp_path: Path) -> None:
+    true = bus_map_of(ServosSection.model_validate(DRIVERS[driver]), driver)
+    robot = LimpRobot(shipped("phantomx"))
+    with bus_board(true, servos=robot) as board:
+        section = {"driver": driver, "model": true.models[0].name, "port": board.path}
+        file = edited_file(tmp_path, put("servos", {**section, "if_computer_dies": "hold"}), base="phantomx")
+        hands = Hands(robot.hold)
+        result = calibrate(file, hands, joints="leg1")
+        assert result.saved == ["leg1_coxa", "leg1_femur", "leg1_tibia"]
+        assert not _holding(board)
+        assert robot.moved == 0
+    found = bus_map_of(load_robot_file(file).content.servos, driver)
+    np.testing.assert_array_equal(found.signs[:3], true.signs[:3])
+    count_deg = 1 / float(true.per_deg[0])
+    np.testing.assert_allclose(found.offsets_deg[:3], true.offsets_deg[:3], atol=count_deg)
+    ends = np.array([true.raw(np.radians(np.full(18, end))) for end in ENDS_DEG])
+    np.testing.assert_allclose(found.least[:3], ends.min(axis=0)[:3], atol=1.5)
+    np.testing.assert_allclose(found.most[:3], ends.max(axis=0)[:3], atol=1.5)
+    kept = read_mapping(file)["servos"]
+    assert (kept["port"], kept["model"], kept["if_computer_dies"]) == (
+        section["port"],
+        section["model"],
+        "hold",
+    )
+
+
+def _holding(board: BusBoard) -> bool:
+    return bool(board._family.holds().any())
+
+
+class Watcher:
+    """Sees the true angle of leg 1's coxa on a board, and judges direction and angle."""
+
+    def __init__(self, board: Servo2040Board, true: PwmMap) -> None:
+        self._board, self._true, self._before_deg, self._question = board, true, 0.0, ""
+        self.screen: list[str] = []
+
+    def tell(self, text: str) -> None:
+        self.screen.append(text)
+
+    def prompt(self, text: str) -> None:
+        self.screen.append(text)
+        self._question, self._polls = text, 0
+
+    def poll(self) -> str | None:
+        self._polls += 1
+        if self._polls < 10:  # the last step is on its way
+            return None
+        pulses = self._board.pulses_us[self._true.outputs]
+        seen_deg = float(np.degrees(self._true.angles_rad(pulses))[0])
+        if "Enter to move" in self._question:
+            self._before_deg = seen_deg
+        if "did it move" in self._question:
+            return "yes" if (seen_deg > self._before_deg) == ("counter-clockwise" in self._question) else "no"
+        if "if you measured" in self._question:
+            return "ok" if abs(seen_deg) < 0.2 else f"{np.clip(-seen_deg, -40, 40):.2f}"
+        if "upper end" in self._question and "(0.0 deg" in self._question.replace("-0.0", "0.0"):
+            return "20"
+        return "ok" if "end of its travel" in self._question else ""
+
+
+def test_a_servo2040_is_calibrated_by_its_motors(tmp_path: Path) -> None:
+    mounted: dict[str, Any] = {"tibia": {"offset_deg": 40}, "leg1_coxa": {"id": 7}, "leg3_femur": {"id": 0}}
+    true = {**mounted, "leg1_coxa": {"id": 7, "sign": -1, "offset_deg": 12}}
+    true_map = pwm_map_of(ServosSection.model_validate(true), "servo2040")
+    with servo2040_board(pwm_map=true_map) as board:
+        section = {**mounted, "driver": "servo2040", "port": board.path, "leg1_tibia": {"touch": 0}}
+        file = edited_file(tmp_path, put("servos", section))
+        watcher = Watcher(board, true_map)
+        result = calibrate(file, watcher, joints="leg1_coxa")
+    assert result.saved == ["leg1_coxa"]
+    assert any("output 7" in line for line in watcher.screen)
+    kept = read_mapping(file)["servos"]
+    found = kept.pop("leg1_coxa")
+    assert (found["id"], found["sign"]) == (7, -1)
+    assert found["offset_deg"] == pytest.approx(12, abs=0.5)
+    assert found["max_us"] == pytest.approx(1500 + 1000 / 90 * 12, abs=5)  # the ends turn with the sign
+    assert found["min_us"] == pytest.approx(1500 + 1000 / 90 * -8, abs=5)
+    section.pop("leg1_coxa")
+    assert kept == section
+
+
+def test_a_driver_is_not_calibrated_as_another(tmp_path: Path) -> None:
+    file = edited_file(tmp_path, put("servos", {"driver": "feetech", "port": "/dev/x"}), base="phantomx")
+    with pytest.raises(InputError, match=r"got mavlink for a file whose servos\.driver is feetech"):
+        calibrate(file, Hands(lambda _: None), backend="mavlink")
