@@ -14,11 +14,11 @@ from typing import Any, BinaryIO
 from hexctl.control.log import TickLog
 from hexctl.errors import InputError
 from hexctl.record.blueprint import make_blueprint
-from hexctl.record.columns import Subject
 from hexctl.record.recording import APPLICATION_ID
 from hexctl.record.rrd import load_rerun
 from hexctl.record.scene import LEVEL, send_scene
-from hexctl.record.tracks import BlockWriter
+from hexctl.record.tracks.block_writer import BlockWriter
+from hexctl.record.tracks.columns import Subject
 from hexctl.record.viewer import LOCAL
 from hexctl.robot.loader import load_meshes
 from hexctl.robot.meshes import Meshes

@@ -14,11 +14,13 @@ from hexctl.control.plan import TrialPlan
 from hexctl.control.result import TrialResult
 from hexctl.record import paths
 from hexctl.record.blueprint import make_blueprint
-from hexctl.record.columns import Block, Subject
 from hexctl.record.rrd import check_name, check_whole, create_file, disconnect, flush, load_rerun
 from hexctl.record.scene import LEVEL, send_scene
 from hexctl.record.summary import make_markdown, make_properties
-from hexctl.record.tracks import BlockWriter, Tally, send_outcome
+from hexctl.record.tracks.balance import Tally
+from hexctl.record.tracks.block_writer import BlockWriter
+from hexctl.record.tracks.columns import Block, Subject
+from hexctl.record.tracks.events import send_outcome
 from hexctl.robot.meshes import Meshes
 from hexctl.robot.model import Robot
 

@@ -17,7 +17,7 @@ from hexctl.backends import mock
 from hexctl.cli.main import exit_code
 from hexctl.record import recording
 from hexctl.record.rrd import ROOM_BYTES
-from hexctl.record.tracks import BlockWriter
+from hexctl.record.tracks.block_writer import BlockWriter
 from tests.backends.fake_time import FakeTime
 from tests.cli.kits import Kit
 

@@ -1,10 +1,10 @@
-"""Tracks of single servos: temperatures, voltages, currents, and how old the angles of their joints are."""
+"""Tracks of joints and their servos: torques; temperatures, voltages, currents and ages of the angles."""
 
 import numpy as np
 
 from hexctl.record import paths
-from hexctl.record.columns import TORQUE_BITS, Block, rounded
 from hexctl.record.rrd import load_rerun
+from hexctl.record.tracks.columns import TORQUE_BITS, Block, rounded
 from hexctl.types import N_JOINTS
 
 #: Entity of each reading, by attribute of `ServoReadings`.
@@ -26,3 +26,12 @@ def send_servos(block: Block) -> None:
             values = np.stack([np.where(np.isfinite(values), values, np.nan) for _, values in known])
             scalars = load_rerun().Scalars.columns(scalars=rounded(values, TORQUE_BITS).ravel())
             block.send_at(path, [row for row, _ in known], scalars.partition(np.full(len(known), N_JOINTS)))
+
+
+def send_torques(block: Block) -> None:
+    """Send the torques of all joints now and then, where they are known: at every tick they fill the file."""
+    torques_nm, rows = block.column("joint_torques_nm"), block.sparse()
+    rows = rows[np.isfinite(torques_nm[rows]).all(axis=-1)]
+    if rows.size:
+        scalars = load_rerun().Scalars.columns(scalars=rounded(torques_nm[rows], TORQUE_BITS).ravel())
+        block.send(paths.TORQUES, rows, scalars.partition(np.full(rows.size, N_JOINTS)))

@@ -7,8 +7,8 @@ import numpy as np
 
 from hexctl.control.log import LegChange
 from hexctl.record import paths, style
-from hexctl.record.columns import TORQUE_BITS, Block, rounded
 from hexctl.record.rrd import load_rerun
+from hexctl.record.tracks.columns import TORQUE_BITS, Block, rounded
 from hexctl.robot.failure import Failure
 from hexctl.robot.failure_event import in_words, in_words_with_share
 from hexctl.robot.meshes import PartMesh

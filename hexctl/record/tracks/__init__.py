@@ -1,0 +1,1 @@
+"""Tracks of a recording over time, one module for each kind."""
