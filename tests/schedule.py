@@ -35,6 +35,8 @@ LANES = {
         "tests/control/calibration/test_calibration.py",
         "tests/backends/pwm/test_servo2040.py",
         "tests/backends/pwm/test_pca9685.py",
+        "tests/backends/pwm/test_i2c_socket.py",
+        "tests/serve/test_pca9685_board.py",
         "tests/docs/test_commands.py::test_the_commands_of_a_page",
     ),
     "links": (

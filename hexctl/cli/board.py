@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from hexctl.serve.service import BusBoardService, ServiceStarted
 
 BoardBackend = Literal["sim", "mock"]
-BusDriver = Literal["dynamixel", "feetech", "lx16a", "servo2040"]
+BusDriver = Literal["dynamixel", "feetech", "lx16a", "servo2040", "pca9685"]
 BAUD = Range(low=9600, high=4_500_000, whole=True, unit="baud")
 EXPIRY_S = Range(low=0.05, high=1, unit="s")
 RELEASE_S = Range(low=1, high=3600, unit="s")
@@ -85,7 +85,7 @@ def board(
             "--bus",
             BusDriver,
             "Be servos on a serial bus instead, on a pseudo-terminal: dynamixel, feetech, lx16a, or the "
-            "board servo2040 with hobby servos. "
+            "board servo2040 with hobby servos; or two boards pca9685, on a socket. "
             "(default: a MAVLink board)",
         ),
     ] = None,
@@ -102,7 +102,8 @@ def board(
         number(
             "--baud",
             BAUD,
-            "With --bus, bits per second: how long packets take, {}. (default: 1000000, with lx16a 115200)",
+            "With --bus, bits per second: how long packets take, {}. (default: 1000000, with lx16a 115200, "
+            "with pca9685 400000)",
         ),
     ] = None,
     fault: Annotated[
@@ -112,7 +113,8 @@ def board(
             help="With --bus, what goes wrong, repeatable: mute:5:coxa@10, hot:2:femur:72@5, "
             "overload:4:femur@6, lost-id:3:tibia@8, bad-cable:3:femur:0.2, brown-out@12, unplug@15, "
             "replug@18, garble:0.01, wild:0.01, echo; with servo2040 "
-            "mute@10, trip:12@10, unplug@15, replug@18, garble:0.01. (default: nothing)",
+            "mute@10, trip:12@10, unplug@15, replug@18, garble:0.01; with pca9685 nack:0.01, reset@10, "
+            "unplug@15, replug@18. (default: nothing)",
         ),
     ] = None,
     as_json: JsonOption = False,

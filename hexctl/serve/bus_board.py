@@ -1,25 +1,17 @@
 """A bus of servos on a pseudo-terminal, with a simulated robot behind them: byte by byte, in real time."""
 
-import os
-import random
-import select
 import termios
 import time
-import tty
-from collections.abc import Callable
-from dataclasses import asdict
-from typing import Any
 
 import numpy as np
 
 from hexctl.backends.base import LegServos
-from hexctl.control.guard import StepLimits
-from hexctl.errors import RobotFaultError
 from hexctl.robot.bus_map import BusMap
 from hexctl.serve.bus_faults import FACTORY_ID, BusFault, BusFaults
 from hexctl.serve.bus_servos import BusBoardCounters, RegisterServos, SimulatedServos
 from hexctl.serve.lx16a_servos import Lx16aServos
-from hexctl.types import N_JOINTS, BoolArray, FloatArray, JointTargets, RobotState
+from hexctl.serve.simulated_board import PseudoTerminal, SimulatedBoard
+from hexctl.types import N_JOINTS, BoolArray, FloatArray, RobotState
 
 #: How long a servo hesitates before it answers, with its return delay at 0.
 HESITATES_S = 0.00005
@@ -43,7 +35,7 @@ FAMILIES: dict[str, type[SimulatedServos]] = {
 }
 
 
-class BusBoard:
+class BusBoard(SimulatedBoard):
     """Eighteen servos on a pseudo-terminal that move simulated joints.
 
     Args:
@@ -57,6 +49,8 @@ class BusBoard:
         path: the device to open.
     """
 
+    what = "bus"
+
     def __init__(
         self,
         servos: LegServos,
@@ -66,62 +60,24 @@ class BusBoard:
         faults: tuple[BusFault, ...] = (),
         seed: int = 0,
     ) -> None:
-        self._robot, self._map, self._baud = servos, bus_map, baud
-        self._master, self._slave = os.openpty()
-        tty.setraw(self._slave)
-        os.set_blocking(self._master, False)
-        self.path = os.ttyname(self._slave)
+        self._line, self._counters = PseudoTerminal(), BusBoardCounters()
+        super().__init__(servos, self._line, self._counters, seed)
+        self._map, self._baud = bus_map, baud
         stance = bus_map.raw(servos.robot.stance_angles_rad)
-        self._limits = StepLimits.of(servos.robot, servos.clock.period_s)
         self._faults = BusFaults(faults, bus_map)
-        self._random = random.Random(seed)  # noqa: S311  garbled bytes are no secret
-        self._counters = BusBoardCounters()
         self._family = FAMILIES[bus_map.driver](bus_map, stance, self._faults, self._counters)
         self._servos = self._family.servos
         self._free_s = 0.0  # when the line has carried what came so far
         self._data = b""
-        self._limp = True
-        self._sent_rad: FloatArray | None = None
-
-    def run(self, until: Callable[[], bool], *, ready: Callable[[], None] = lambda: None) -> None:
-        """Serve until `until` returns True; `ready` is called once controllers may open `path`.
-
-        Raises RobotFaultError when the simulated robot fails.
-        """
-        try:
-            with self._robot:
-                self._robot.clock.tick()
-                self._suffer()
-                self._show(self._robot.read())
-                ready()
-                while not until():
-                    self._listen()
-                    self._tick()
-        except OSError as error:
-            raise RobotFaultError(f"the bus has gone: {error.strerror or error}") from error
-        finally:
-            os.close(self._master)
-            os.close(self._slave)
-
-    def report(self) -> dict[str, Any]:
-        """Counts so far, as JSON values."""
-        return asdict(self._counters)
-
-    def _listen(self) -> None:
-        """Answer what comes until the next tick is due."""
-        while (timeout_s := self._robot.clock.due_in_s - SPARE_S) > 0:
-            self._serve(timeout_s)
-        self._serve(0.0)
 
     def _serve(self, timeout_s: float) -> None:
-        if not select.select([self._master], [], [], timeout_s)[0]:
+        if not (data := self._line.receive(timeout_s)):
             return
-        data = os.read(self._master, 4096)
         self._occupy(len(data))
         if self._faults.unplugged or not self._understands():
             return
         if self._faults.echoes:
-            self._send(data)
+            self._line.send(data)
         self._data += data
         while True:
             packet, done = self._family.packets.take(self._data)
@@ -132,8 +88,7 @@ class BusBoard:
 
     def _understands(self) -> bool:
         """Whether the controller has opened the line at the servos' baud, where that can be told."""
-        opened = termios.tcgetattr(self._slave)[5]
-        return _BAUDS.get(opened) in (None, self._baud)
+        return _BAUDS.get(self._line.speed) in (None, self._baud)
 
     def _answer(self, answers: list[bytes]) -> None:
         """Send answers no sooner than the line could carry them, garbled as the faults say."""
@@ -144,7 +99,7 @@ class BusBoard:
         data = b"".join(self._faults.damaged(each, packets, rng, self._sender(each)) for each in answers)
         self._occupy(len(data))
         time.sleep(max(0.0, self._free_s - time.monotonic()) + HESITATES_S * len(answers))
-        self._send(data)
+        self._line.send(data)
 
     def _sender(self, answer: bytes) -> int | None:
         """Joint whose servo gives an answer, where that matters."""
@@ -156,24 +111,8 @@ class BusBoard:
         """Let bytes, of ten bits each, pass on the line behind those before them."""
         self._free_s = max(self._free_s, time.monotonic()) + 10.0 * count / self._baud
 
-    def _send(self, data: bytes) -> None:
-        try:
-            os.write(self._master, data)
-        except BlockingIOError:  # nobody reads: as on a line that is not listened to
-            return
-
-    def _tick(self) -> None:
-        """One control period: move the joints, and show in the memories where they are."""
-        self._robot.clock.tick()
-        self._counters.ticks += 1
-        self._faults.advance(self._robot.clock.now_s)
-        self._suffer()
-        state = self._robot.read()
-        self._move(state)
-        self._show(state)
-
     def _suffer(self) -> None:
-        """Let what has just begun happen to the servos."""
+        self._faults.advance(self._robot.clock.now_s)
         while self._faults.sudden:
             fault = self._faults.sudden.pop(0)
             if fault.joint is None:
@@ -183,19 +122,10 @@ class BusBoard:
             else:
                 self._family.lose_id(fault.joint, FACTORY_ID)
 
-    def _move(self, state: RobotState) -> None:
+    def _told(self) -> tuple[BoolArray, FloatArray]:
         holds: BoolArray = self._family.holds() & ~self._faults.dead
-        if not holds.any():
-            if not self._limp:
-                self._robot.disable_torque()
-            self._limp, self._sent_rad = True, None
-            return
-        goals = self._family.goals(self._robot.clock.now_s)
-        wanted = np.where(holds, self._map.angles_rad(goals), state.joint_positions_rad)
-        before = state.joint_positions_rad if self._sent_rad is None else self._sent_rad
-        self._sent_rad = self._limits.apply(wanted, before)
-        self._robot.write(JointTargets(self._sent_rad, self._robot.clock.now_s))
-        self._limp = False
+        goals = self._family.goals(self._robot.clock.now_s) if holds.any() else self._map.centre
+        return holds, self._map.angles_rad(goals)
 
     def _show(self, state: RobotState) -> None:
         """Let the servos know where their joints are, and their loads."""

@@ -24,9 +24,8 @@ from hexctl.wire.links import Link, load_link
 if TYPE_CHECKING:
     from hexctl.backends.mavlink.transport import Port, PortAddress
     from hexctl.backends.sim.world import World
-    from hexctl.serve.bus_board import BusBoard
     from hexctl.serve.keeper import Keeper
-    from hexctl.serve.servo2040_board import Servo2040Board
+    from hexctl.serve.simulated_board import SimulatedBoard
 
 DEFAULT_WORLD = "flat"
 MIN_SIT_AFTER_S, MAX_SIT_AFTER_S = 1.0, 3600.0
@@ -356,11 +355,11 @@ class BusBoardService:
     """Servos on a simulated bus: options of a `BusBoard`, checked when they are given.
 
     Attributes:
-        driver: whose protocol they speak, of `BUS_DRIVERS`, or `servo2040`, which is a board.
+        driver: whose protocol they speak, of `BUS_DRIVERS`, or of `PWM_DRIVERS`, whose boards are simulated.
         servos: what they move, `sim` or `mock`.
         model: of all servos, in place of those of the robot file; of a servo2040 the firmware.
         baud: bits per second of the line; usual for the driver unless given.
-        faults: what goes wrong, in the words of `parse_bus_fault` or `parse_servo2040_fault`.
+        faults: what goes wrong, in the words of `parse_bus_fault`, or of the board's own function.
     """
 
     driver: str
@@ -379,7 +378,7 @@ class BusBoardService:
     @property
     def bits_per_s(self) -> int:
         """Speed of the line."""
-        return self.baud or DEFAULT_BAUDS.get(self.driver, 115_200)
+        return self.baud or {"servo2040": 115_200, "pca9685": 400_000, **DEFAULT_BAUDS}[self.driver]
 
     def run(
         self,
@@ -394,7 +393,8 @@ class BusBoardService:
         options = self.servos.options()
         section = ServosSection() if options.robot_file is None else options.robot_file.content.servos
         servos = make_servos(self.servos.backend, options)
-        board = self._servo2040(servos, section) if self.driver == "servo2040" else self._bus(servos, section)
+        make = {"servo2040": self._servo2040, "pca9685": self._pca9685}.get(self.driver, self._bus)
+        board = make(servos, section)
         realtime = request_realtime_priority()
         started = ServiceStarted(
             robot=servos.robot.name, backend=self.servos.backend, place=board.path, realtime=realtime
@@ -402,7 +402,7 @@ class BusBoardService:
         board.run(stop_requested, ready=lambda: on_started(started))
         return board.report()
 
-    def _bus(self, servos: LegServos, section: ServosSection) -> "BusBoard":
+    def _bus(self, servos: LegServos, section: ServosSection) -> "SimulatedBoard":
         from hexctl.serve.bus_board import BusBoard
         from hexctl.serve.bus_faults import parse_bus_fault
 
@@ -412,13 +412,26 @@ class BusBoardService:
         faults = tuple(parse_bus_fault(text) for text in self.faults)
         return BusBoard(servos, bus_map, baud=self.bits_per_s, faults=faults, seed=self.servos.seed)
 
-    def _servo2040(self, servos: LegServos, section: ServosSection) -> "Servo2040Board":
+    def _servo2040(self, servos: LegServos, section: ServosSection) -> "SimulatedBoard":
         from hexctl.serve.servo2040_board import Servo2040Board, parse_servo2040_fault
 
         pwm_map = pwm_map_of(section, self.driver)
         faults = tuple(parse_servo2040_fault(text) for text in self.faults)
         firmware = self.model or "stock"
         return Servo2040Board(servos, pwm_map, firmware=firmware, faults=faults, seed=self.servos.seed)
+
+    def _pca9685(self, servos: LegServos, section: ServosSection) -> "SimulatedBoard":
+        from hexctl.serve.pca9685_board import Pca9685Board, parse_pca9685_fault
+
+        if self.model is not None:
+            raise InputError(f"{argument('model')}: got {self.model} with pca9685; allowed: without")
+        return Pca9685Board(
+            servos,
+            pwm_map_of(section, self.driver),
+            bits_per_s=self.bits_per_s,
+            faults=tuple(parse_pca9685_fault(text) for text in self.faults),
+            seed=self.servos.seed,
+        )
 
 
 def _with_goodbye(stop_requested: Callable[[], bool], keeper: "Keeper") -> Callable[[], bool]:

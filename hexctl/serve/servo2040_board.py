@@ -1,13 +1,6 @@
 """A servo2040 with the Chica firmware, or its fork, on a pseudo-terminal; it moves a simulated robot."""
 
-import os
-import random
-import re
-import select
-import tty
-from collections.abc import Callable
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -29,10 +22,16 @@ from hexctl.backends.pwm.servo2040 import (
     decoded,
     encoded,
 )
-from hexctl.control.guard import StepLimits
-from hexctl.errors import InputError, RobotFaultError
+from hexctl.errors import InputError
 from hexctl.robot.pwm_map import SERVO2040_US, PwmMap
-from hexctl.types import N_JOINTS, N_LEGS, BoolArray, FloatArray, JointTargets, RobotState
+from hexctl.serve.simulated_board import (
+    BoardFault,
+    DueFaults,
+    PseudoTerminal,
+    SimulatedBoard,
+    parse_board_fault,
+)
+from hexctl.types import N_JOINTS, N_LEGS, BoolArray, FloatArray, RobotState
 
 #: The firmwares.
 FIRMWARES = ("stock", "fork")
@@ -46,42 +45,16 @@ MIDDLE_US = 1500.0
 #: A byte of a frame that comes later than this is none; the firmware waits 0.1 ms, but for a USB frame.
 BYTE_S = 0.005
 
-#: Time that is kept free before a tick.
-SPARE_S = 0.0003
-
 #: Counts of a touch input: of a foot on the floor, and of one in the air.
 PRESSED, FREE = 1020, 3
 
-#: Faults by their words, with a number or none.
-FAULTS = ("mute", "unplug", "replug", "garble:SHARE", "trip:AMPERES")
+#: Faults by their words, and their numbers.
+FAULTS = {"mute": "", "unplug": "", "replug": "", "garble": "SHARE", "trip": "AMPERES"}
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Servo2040Fault:
-    """One fault.
-
-    Attributes:
-        kind: the word.
-        at_s: when it begins, on the clock of the simulated robot.
-        value: share of the replies that are garbled, or current of the trip in A.
-    """
-
-    kind: str
-    at_s: float = 0.0
-    value: float = 0.0
-
-
-def parse_servo2040_fault(text: str) -> Servo2040Fault:
+def parse_servo2040_fault(text: str) -> BoardFault:
     """Fault of a text such as `mute@10` or `garble:0.01`; raises InputError for anything else."""
-    found = re.fullmatch(
-        r"(mute|unplug|replug|garble|trip)(:[0-9]+(?:\.[0-9]+)?)?(@[0-9]+(?:\.[0-9]+)?)?", text
-    )
-    if found is None or (found[1] in ("garble", "trip")) != (found[2] is not None):
-        raise InputError(f"fault: got {text!r}; allowed: {', '.join(FAULTS)}, each with @SECONDS")
-    value = float(found[2][1:]) if found[2] else 0.0
-    if found[1] == "garble" and value > 1:
-        raise InputError(f"fault: got {text!r}; allowed: a share up to 1")
-    return Servo2040Fault(kind=found[1], at_s=float(found[3][1:]) if found[3] else 0.0, value=value)
+    return parse_board_fault(text, FAULTS)
 
 
 @dataclass(slots=True)
@@ -103,7 +76,7 @@ class Servo2040Counters:
     ticks: int = 0
 
 
-class Servo2040Board:
+class Servo2040Board(SimulatedBoard):
     """A servo2040 on a pseudo-terminal, which moves simulated joints.
 
     Args:
@@ -126,56 +99,24 @@ class Servo2040Board:
         pwm_map: PwmMap,
         *,
         firmware: str = "stock",
-        faults: tuple[Servo2040Fault, ...] = (),
+        faults: tuple[BoardFault, ...] = (),
         seed: int = 0,
     ) -> None:
         if firmware not in FIRMWARES:
             raise InputError(f"servos.model: got {firmware}; allowed: {', '.join(FIRMWARES)} with servo2040")
-        self._robot, self._map, self._fork = servos, pwm_map, firmware == "fork"
-        self._master, self._slave = os.openpty()
-        tty.setraw(self._slave)
-        os.set_blocking(self._master, False)
-        self.path = os.ttyname(self._slave)
+        self._line, self._counters = PseudoTerminal(), Servo2040Counters()
+        super().__init__(servos, self._line, self._counters, seed)
+        self._map, self._fork = pwm_map, firmware == "fork"
         self.pulses_us: FloatArray = np.zeros(N_JOINTS)
         self.enabled: BoolArray = np.zeros(N_JOINTS, dtype=bool)
         self.relay = False
         self._staged = False
         self._status = 0
         self._sensors = [FREE] * N_LEGS + [0, 0]
-        self._limits = StepLimits.of(servos.robot, servos.clock.period_s)
-        self._to_come = sorted(faults, key=lambda fault: fault.at_s)
+        self._faults = DueFaults(faults)
         self._mute = self._unplugged = False
         self._garbles = 0.0
-        self._random = random.Random(seed)  # noqa: S311  garbled bytes are no secret
-        self._counters = Servo2040Counters()
         self._data = bytearray()
-        self._sent_rad: FloatArray | None = None
-
-    def run(self, until: Callable[[], bool], *, ready: Callable[[], None] = lambda: None) -> None:
-        """Serve until `until` returns True; `ready` is called once controllers may open `path`.
-
-        Raises RobotFaultError when the simulated robot fails.
-        """
-        try:
-            with self._robot:
-                self._robot.clock.tick()
-                self._sense(self._robot.read())
-                self._begin_faults()
-                ready()
-                while not until():
-                    while (timeout_s := self._robot.clock.due_in_s - SPARE_S) > 0:
-                        self._serve(timeout_s)
-                    self._serve(0.0)
-                    self._tick()
-        except OSError as error:
-            raise RobotFaultError(f"the board has gone: {error.strerror or error}") from error
-        finally:
-            os.close(self._master)
-            os.close(self._slave)
-
-    def report(self) -> dict[str, Any]:
-        """Counts so far, as JSON values."""
-        return asdict(self._counters)
 
     def _serve(self, timeout_s: float) -> None:
         """Obey the commands that come within a time."""
@@ -195,9 +136,7 @@ class Servo2040Board:
                 self._set(start, decoded(payload))
 
     def _receive(self, timeout_s: float) -> bool:
-        if not select.select([self._master], [], [], timeout_s)[0]:
-            return False
-        data = os.read(self._master, 4096)
+        data = self._line.receive(timeout_s)
         if not self._unplugged:
             self._data += data
         return bool(data)
@@ -251,44 +190,26 @@ class Servo2040Board:
             reply = reply[:place] + bytes([self._random.randrange(256)] * self._random.randrange(3))
         self._counters.answers += 1
         if not self._unplugged:
-            os.write(self._master, reply)
+            self._line.send(reply)
 
-    def _tick(self) -> None:
-        """One control period: move the joints, and measure."""
-        self._robot.clock.tick()
-        self._counters.ticks += 1
-        self._begin_faults()
-        state = self._robot.read()
-        self._move(state)
-        self._sense(state)
-
-    def _begin_faults(self) -> None:
-        while self._to_come and self._to_come[0].at_s <= self._robot.clock.now_s:
-            fault = self._to_come.pop(0)
+    def _suffer(self) -> None:
+        for fault in self._faults.begun(self._robot.clock.now_s):
+            value = fault.value or 0.0
             if fault.kind == "mute":
                 self._mute = True
             elif fault.kind == "garble":
-                self._garbles = fault.value
+                self._garbles = value
             elif fault.kind == "trip":
                 self.relay = self._staged = False
-                self._status = 1 | min(0x3FF, round(10 * fault.value)) << 1
+                self._status = 1 | min(0x3FF, round(10 * value)) << 1
             else:
                 self._unplugged = fault.kind == "unplug"
 
-    def _move(self, state: RobotState) -> None:
-        pulses = self.pulses_us[self._map.outputs]
+    def _told(self) -> tuple[BoolArray, FloatArray]:
         powered: BoolArray = self.enabled[self._map.outputs] & self.relay
-        if not powered.any():
-            if self._sent_rad is not None:
-                self._robot.disable_torque()
-            self._sent_rad = None
-            return
-        wanted = np.where(powered, self._map.angles_rad(pulses), state.joint_positions_rad)
-        before = state.joint_positions_rad if self._sent_rad is None else self._sent_rad
-        self._sent_rad = self._limits.apply(wanted, before)
-        self._robot.write(JointTargets(self._sent_rad, self._robot.clock.now_s))
+        return powered, self._map.angles_rad(self.pulses_us[self._map.outputs])
 
-    def _sense(self, state: RobotState) -> None:
+    def _show(self, state: RobotState) -> None:
         """Put contacts, current and voltage where they are asked for."""
         if state.foot_contacts is not None:
             for leg, touch in enumerate(self._map.touches.tolist()):

@@ -31,13 +31,18 @@ from tests.backends.mavlink.boards import PATIENCE_S, board, free_port
         (["--failure", "limp"], "--failure: got limp without a leg"),
         (["--keys", "no-such-folder"], "no-such-folder/mavlink.key: cannot be read"),
         (["--robot", "elephant"], "unknown robot 'elephant'"),
-        (["--bus", "hitec"], "got hitec; allowed: dynamixel, feetech, lx16a, servo2040"),
+        (["--bus", "hitec"], "got hitec; allowed: dynamixel, feetech, lx16a, servo2040, pca9685"),
         (["--bus", "feetech", "--port", "udpin:127.0.0.1:1"], "--port: got it with --bus feetech"),
         (["--fault", "echo"], "--fault: got it without --bus; allowed: with --bus"),
         (["--bus", "feetech", "--fault", "noise"], "fault: got 'noise'; allowed: mute:LEG:JOINT"),
         (["--bus", "feetech", "--model", "ax12a"], "got ax12a with feetech; allowed: models of feetech"),
         (["--bus", "servo2040", "--model", "ax12a"], "got ax12a; allowed: stock, fork with servo2040"),
         (["--bus", "servo2040", "--fault", "echo"], "fault: got 'echo'; allowed: mute, unplug, replug, "),
+        (
+            ["--bus", "pca9685", "--fault", "mute"],
+            "got 'mute'; allowed: nack[:SHARE], unplug, ",
+        ),
+        (["--bus", "pca9685", "--model", "stock"], "--model: got stock with pca9685; allowed: without"),
     ],
 )
 def test_bad_input_is_one_line(
@@ -127,3 +132,34 @@ def test_hobby_servos_are_walked_over_a_pseudo_terminal(capsys: pytest.CaptureFi
         report = running.end()
         assert report["goals"] > 50
         assert report["torn"] == 0
+
+
+@pytest.mark.parametrize("backend", ["mock", "sim"])
+def test_boards_on_an_i2c_bus_are_walked_over_a_socket(
+    backend: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with board("--bus", "pca9685", "--backend", backend, "--robot", "ant") as running:
+        words = ["--robot", "ant", "--duration", "1", "--no-record", "--json"]
+        assert exit_code(["run", "--backend", "pca9685", "--connect", running.port, *words]) == 0
+        assert json.loads(capsys.readouterr().out)["status"] == "ok"
+        report = running.end()
+    assert report["goals"] > 100
+    assert report["refused"] == 0
+    assert not Path(running.port).parent.exists(), "its folder is gone"
+
+
+@pytest.mark.parametrize(
+    ("fault", "message"),
+    [
+        ("reset@4", "the PCA9685 at 0x40 has lost its settings (MODE1 11, prescaler 1e)"),
+        ("unplug@4", "do not answer (Remote I/O error, board at 0x40)"),
+    ],
+)
+def test_what_happens_to_boards_on_an_i2c_bus_is_said(
+    fault: str, message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with board("--bus", "pca9685", "--backend", "mock", "--robot", "ant", "--fault", fault) as running:
+        words = ["--robot", "ant", "--duration", "60", "--no-record", "--json"]
+        assert exit_code(["run", "--backend", "pca9685", "--connect", running.port, *words]) == 3
+        assert message in json.loads(capsys.readouterr().out)["stopped"]
+        running.end()

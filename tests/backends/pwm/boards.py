@@ -1,17 +1,22 @@
-"""A simulated servo2040, in a thread of the test."""
+"""Simulated boards of hobby servos, in a thread of the test."""
 
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, TypeVar
 
 from hexctl.backends.base import LegServos
 from hexctl.backends.mock import MockServos
+from hexctl.backends.pwm.pca9685 import Pca9685Servos
 from hexctl.backends.pwm.servo2040 import Servo2040Servos
 from hexctl.robot.pwm_map import PwmMap, pwm_map_of
 from hexctl.robot.schema import ServosSection
+from hexctl.serve.pca9685_board import Pca9685Board, parse_pca9685_fault
 from hexctl.serve.servo2040_board import Servo2040Board, parse_servo2040_fault
+from hexctl.serve.simulated_board import SimulatedBoard
 from tests.robots import shipped
+
+Board = TypeVar("Board", bound=SimulatedBoard)
 
 
 def a_map(driver: str = "servo2040", **section: Any) -> PwmMap:
@@ -21,16 +26,8 @@ def a_map(driver: str = "servo2040", **section: Any) -> PwmMap:
 
 
 @contextmanager
-def servo2040_board(
-    *faults: str, firmware: str = "stock", servos: LegServos | None = None, pwm_map: PwmMap | None = None
-) -> Iterator[Servo2040Board]:
-    """A board that runs meanwhile, of servos without a robot unless others are given."""
-    board = Servo2040Board(
-        MockServos(shipped()) if servos is None else servos,
-        a_map() if pwm_map is None else pwm_map,
-        firmware=firmware,
-        faults=tuple(map(parse_servo2040_fault, faults)),
-    )
+def running(board: Board) -> Iterator[Board]:
+    """A board that runs meanwhile."""
     stop, ready = threading.Event(), threading.Event()
     thread = threading.Thread(target=board.run, args=(stop.is_set,), kwargs={"ready": ready.set})
     thread.start()
@@ -42,6 +39,41 @@ def servo2040_board(
         thread.join()
 
 
+@contextmanager
+def servo2040_board(
+    *faults: str, firmware: str = "stock", servos: LegServos | None = None, pwm_map: PwmMap | None = None
+) -> Iterator[Servo2040Board]:
+    """A servo2040 that runs meanwhile, of servos without a robot unless others are given."""
+    board = Servo2040Board(
+        MockServos(shipped()) if servos is None else servos,
+        a_map() if pwm_map is None else pwm_map,
+        firmware=firmware,
+        faults=tuple(map(parse_servo2040_fault, faults)),
+    )
+    with running(board):
+        yield board
+
+
+@contextmanager
+def pca9685_board(
+    *faults: str, servos: LegServos | None = None, bits_per_s: int = 400_000
+) -> Iterator[Pca9685Board]:
+    """Boards PCA9685 that run meanwhile, of servos without a robot unless others are given."""
+    board = Pca9685Board(
+        MockServos(shipped()) if servos is None else servos,
+        a_map("pca9685"),
+        bits_per_s=bits_per_s,
+        faults=tuple(map(parse_pca9685_fault, faults)),
+    )
+    with running(board):
+        yield board
+
+
 def servos_on(board: Servo2040Board, pwm_map: PwmMap | None = None) -> Servo2040Servos:
     """Servos of the controller's end, not connected."""
     return Servo2040Servos(shipped(), pwm_map=a_map() if pwm_map is None else pwm_map, port=board.path)
+
+
+def i2c_servos_on(board: Pca9685Board) -> Pca9685Servos:
+    """Servos of the controller's end, not connected."""
+    return Pca9685Servos(shipped(), pwm_map=a_map("pca9685"), place=board.path)

@@ -1,0 +1,140 @@
+"""Two PCA9685 boards on a simulated I2C bus, which move a simulated robot."""
+
+import contextlib
+import errno
+import socket
+import time
+from dataclasses import dataclass
+
+import numpy as np
+
+from hexctl.backends.base import LegServos
+from hexctl.backends.pwm.i2c_socket import I2cMessage, take_transaction
+from hexctl.robot.pwm_map import PwmMap
+from hexctl.serve.pca9685_chips import SimulatedI2c, SimulatedPca9685
+from hexctl.serve.simulated_board import (
+    BoardFault,
+    DueFaults,
+    SimulatedBoard,
+    SocketLine,
+    parse_board_fault,
+)
+from hexctl.types import BoolArray, FloatArray, RobotState
+
+#: Speed of the bus in bits per second, unless told otherwise.
+BITS_PER_S = 400_000
+
+#: Bits on the wire of a byte, with its acknowledge.
+BITS = 9
+
+#: Faults by their words, and their numbers.
+FAULTS = {"nack": "[:SHARE]", "unplug": "", "replug": "", "reset": ""}
+
+
+def parse_pca9685_fault(text: str) -> BoardFault:
+    """Fault of a text such as `reset@10` or `nack:0.01`; raises InputError for anything else."""
+    return parse_board_fault(text, FAULTS)
+
+
+@dataclass(slots=True)
+class Pca9685Counters:
+    """Counts of the boards since they began.
+
+    Attributes:
+        transfers: that were understood.
+        goals: messages with pulses.
+        refused: transfers that were not acknowledged.
+        ticks: control periods.
+    """
+
+    transfers: int = 0
+    goals: int = 0
+    refused: int = 0
+    ticks: int = 0
+
+
+class Pca9685Board(SimulatedBoard):
+    """Boards on a Unix socket, as there are no pseudo-devices for I2C.
+
+    Args:
+        servos: of the simulated robot, in real time, not connected.
+        pwm_map: outputs of the joints, addresses and oscillators.
+        bits_per_s: speed of the bus: transfers take no less than their bits.
+        faults: what goes wrong, and when.
+        seed: of transfers that are not acknowledged.
+
+    Attributes:
+        chips: the boards, by address.
+    """
+
+    what = "bus"
+
+    def __init__(
+        self,
+        servos: LegServos,
+        pwm_map: PwmMap,
+        *,
+        bits_per_s: int = BITS_PER_S,
+        faults: tuple[BoardFault, ...] = (),
+        seed: int = 0,
+    ) -> None:
+        self._line, self._counters = SocketLine("i2c"), Pca9685Counters()
+        super().__init__(servos, self._line, self._counters, seed)
+        self._map, self._bits_per_s = pwm_map, bits_per_s
+        self.chips = {
+            address: SimulatedPca9685(oscillator_mhz)
+            for address, oscillator_mhz in zip(pwm_map.addresses, pwm_map.oscillators_mhz, strict=True)
+        }
+        self._bus, self._faults = SimulatedI2c(self.chips), DueFaults(faults)
+        self._nacks, self._unplugged = 0.0, False
+        self._data: dict[socket.socket, bytes] = {}
+
+    def pulses_us(self) -> FloatArray:
+        """Pulses of the joints, (18,); 0 for servos without."""
+        outputs = np.concatenate([self.chips[address].pulses_us() for address in self._map.addresses])
+        pulses: FloatArray = np.nan_to_num(outputs)[self._map.outputs]
+        return pulses
+
+    def _serve(self, timeout_s: float) -> None:
+        for client, data in self._line.receive(timeout_s):
+            whole = self._data.pop(client, b"") + data
+            while (taken := take_transaction(whole))[0] is not None:
+                messages, size = taken
+                whole = whole[size:]
+                with contextlib.suppress(OSError):  # a client that has gone misses its answer
+                    client.sendall(self._answer(messages or []))
+            self._data[client] = whole
+        self._data = {client: data for client, data in self._data.items() if client.fileno() >= 0}
+
+    def _answer(self, messages: list[I2cMessage]) -> bytes:
+        """Answer to a transaction: 0 and what was read, or an error number."""
+        count = sum(1 + len(message.data) + message.reads for message in messages)
+        time.sleep(BITS * count / self._bits_per_s)
+        self._counters.transfers += 1
+        if self._unplugged or self._random.random() < self._nacks:
+            self._counters.refused += 1
+            return bytes([errno.EREMOTEIO])
+        try:
+            answer = self._bus.transfer(messages)
+        except OSError as error:
+            self._counters.refused += 1
+            return bytes([error.errno or errno.EIO])
+        self._counters.goals += any(len(message.data) > 2 for message in messages)
+        return b"\0" + answer
+
+    def _suffer(self) -> None:
+        for fault in self._faults.begun(self._robot.clock.now_s):
+            if fault.kind == "nack":
+                self._nacks = 1.0 if fault.value is None else fault.value
+            elif fault.kind == "reset":
+                for chip in self.chips.values():
+                    chip.reset()
+            else:
+                self._unplugged = fault.kind == "unplug"
+
+    def _told(self) -> tuple[BoolArray, FloatArray]:
+        pulses = self.pulses_us()
+        return pulses > 0, self._map.angles_rad(pulses)
+
+    def _show(self, state: RobotState) -> None:
+        """Nothing is measured."""

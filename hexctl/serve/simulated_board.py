@@ -1,0 +1,263 @@
+"""A simulated robot behind a board or a bus: what such boards have in common."""
+
+import contextlib
+import os
+import random
+import re
+import select
+import shutil
+import socket
+import tempfile
+import termios
+import tty
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+
+from hexctl.backends.base import LegServos
+from hexctl.control.guard import StepLimits
+from hexctl.errors import InputError, RobotFaultError
+from hexctl.types import BoolArray, FloatArray, JointTargets, RobotState
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+#: Time that is kept free before a tick.
+SPARE_S = 0.0003
+
+#: Bytes of a read: more than a controller sends between two of them.
+CHUNK = 4096
+
+
+class Line(Protocol):
+    """Where controllers reach a board.
+
+    Attributes:
+        path: to open.
+    """
+
+    path: str
+
+    def close(self) -> None:
+        """End it."""
+        ...
+
+
+class PseudoTerminal:
+    """A serial device without a wire.
+
+    Attributes:
+        path: the device to open.
+    """
+
+    def __init__(self) -> None:
+        self._master, self._slave = os.openpty()
+        tty.setraw(self._slave)
+        os.set_blocking(self._master, False)
+        self.path = os.ttyname(self._slave)
+
+    def receive(self, timeout_s: float) -> bytes:
+        """What comes within a time, or nothing."""
+        if not select.select([self._master], [], [], timeout_s)[0]:
+            return b""
+        return os.read(self._master, CHUNK)
+
+    def send(self, data: bytes) -> None:
+        """Send; a reader that does not read misses it, as on a line that is not listened to."""
+        with contextlib.suppress(BlockingIOError):
+            os.write(self._master, data)
+
+    @property
+    def speed(self) -> int:
+        """Speed at which the controller has opened it, as termios has it."""
+        speed: int = termios.tcgetattr(self._slave)[5]
+        return speed
+
+    def close(self) -> None:
+        """End the device."""
+        os.close(self._master)
+        os.close(self._slave)
+
+
+class SocketLine:
+    """A Unix socket in a folder of its own.
+
+    Attributes:
+        path: of the socket.
+    """
+
+    def __init__(self, name: str) -> None:
+        self._folder = Path(tempfile.mkdtemp(prefix="hexctl-"))
+        self.path = str(self._folder / name)
+        self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        self._listener.bind(self.path)
+        self._listener.listen()
+        self._clients: list[socket.socket] = []
+
+    def receive(self, timeout_s: float) -> list[tuple[socket.socket, bytes]]:
+        """What comes within a time, by client; a client that has gone sends nothing more."""
+        ready = select.select([self._listener, *self._clients], [], [], timeout_s)[0]
+        came = []
+        for each in ready:
+            if each is self._listener:
+                self._clients.append(self._listener.accept()[0])
+                continue
+            try:
+                data = each.recv(CHUNK)
+            except OSError:
+                data = b""
+            if data:
+                came.append((each, data))
+            else:
+                self._clients.remove(each)
+                each.close()
+        return came
+
+    def close(self) -> None:
+        """End the socket and remove its folder."""
+        for each in (self._listener, *self._clients):
+            each.close()
+        shutil.rmtree(self._folder, ignore_errors=True)
+
+
+class SimulatedBoard(ABC):
+    """Runs a simulated robot in real time, and serves a line between its ticks.
+
+    Args:
+        servos: of the simulated robot, in real time, not connected.
+        line: open; closed at the end of `run`.
+        counters: of the board, with `ticks`.
+        seed: of what goes wrong at random.
+
+    Attributes:
+        path: what controllers open.
+    """
+
+    #: What it is, as messages have it.
+    what = "board"
+
+    def __init__(self, servos: LegServos, line: Line, counters: "DataclassInstance", seed: int) -> None:
+        self._robot, self._counted, self.path = servos, counters, line.path
+        self._closed_at_end = line
+        self._limits = StepLimits.of(servos.robot, servos.clock.period_s)
+        self._random = random.Random(seed)  # noqa: S311  faults are no secret
+        self._sent_rad: FloatArray | None = None
+
+    def run(self, until: Callable[[], bool], *, ready: Callable[[], None] = lambda: None) -> None:
+        """Serve until `until` returns True; `ready` is called once controllers may open `path`.
+
+        Raises RobotFaultError when the simulated robot fails.
+        """
+        try:
+            with self._robot:
+                self._robot.clock.tick()
+                self._suffer()
+                self._show(self._robot.read())
+                ready()
+                while not until():
+                    while (timeout_s := self._robot.clock.due_in_s - SPARE_S) > 0:
+                        self._serve(timeout_s)
+                    self._serve(0.0)
+                    self._tick()
+        except OSError as error:
+            raise RobotFaultError(f"the {self.what} has gone: {error.strerror or error}") from error
+        finally:
+            self._closed_at_end.close()
+
+    def report(self) -> dict[str, Any]:
+        """Counts so far, as JSON values."""
+        return asdict(self._counted)
+
+    @abstractmethod
+    def _serve(self, timeout_s: float) -> None:
+        """Obey what comes within a time."""
+
+    @abstractmethod
+    def _suffer(self) -> None:
+        """Let faults begin that are due."""
+
+    @abstractmethod
+    def _told(self) -> tuple[BoolArray, FloatArray]:
+        """Which servos hold, (18,), and the angles that they steer for, (18,), of any value for others."""
+
+    @abstractmethod
+    def _show(self, state: RobotState) -> None:
+        """Let the board know how its robot is."""
+
+    def _tick(self) -> None:
+        """One control period: move the joints, and show what became of it."""
+        self._robot.clock.tick()
+        self._counted.ticks += 1  # type: ignore[attr-defined]
+        self._suffer()
+        state = self._robot.read()
+        self._move(state)
+        self._show(state)
+
+    def _move(self, state: RobotState) -> None:
+        holds, angles_rad = self._told()
+        if not holds.any():
+            if self._sent_rad is not None:
+                self._robot.disable_torque()
+            self._sent_rad = None
+            return
+        wanted = np.where(holds, angles_rad, state.joint_positions_rad)
+        before = state.joint_positions_rad if self._sent_rad is None else self._sent_rad
+        self._sent_rad = self._limits.apply(wanted, before)
+        self._robot.write(JointTargets(self._sent_rad, self._robot.clock.now_s))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BoardFault:
+    """One fault of a board of hobby servos.
+
+    Attributes:
+        kind: its word.
+        at_s: when it begins, on the clock of the simulated robot.
+        value: of the word's number, or None without one.
+    """
+
+    kind: str
+    at_s: float = 0.0
+    value: float | None = None
+
+
+def parse_board_fault(text: str, kinds: Mapping[str, str]) -> BoardFault:
+    """Fault of a text such as `mute@10` or `garble:0.01`.
+
+    Args:
+        text: the word, `:` and a number where it has one, `@` and seconds where it does not begin at once.
+        kinds: name of the number by word, in brackets where it may be left out, empty for words without one;
+            a number called `SHARE` is up to 1.
+
+    Raises InputError for anything else.
+    """
+    found = re.fullmatch(r"([a-z]+)(?::([0-9]+(?:\.[0-9]+)?))?(?:@([0-9]+(?:\.[0-9]+)?))?", text)
+    number = None if found is None else kinds.get(found[1])
+    if found is None or number is None or (not number and found[2]) or (number.isalpha() and not found[2]):
+        words = [f"{kind}:{name}" if name.isalpha() else f"{kind}{name}" for kind, name in kinds.items()]
+        raise InputError(f"fault: got {text!r}; allowed: {', '.join(words)}, each with @SECONDS")
+    value = float(found[2]) if found[2] else None
+    if value is not None and "SHARE" in number.upper() and value > 1:
+        raise InputError(f"fault: got {text!r}; allowed: a share up to 1")
+    return BoardFault(kind=found[1], at_s=float(found[3] or 0), value=value)
+
+
+class DueFaults:
+    """Faults that are still to come, in their order.
+
+    Args:
+        faults: all that will.
+    """
+
+    def __init__(self, faults: tuple[BoardFault, ...]) -> None:
+        self._to_come = sorted(faults, key=lambda fault: fault.at_s)
+
+    def begun(self, now_s: float) -> list[BoardFault]:
+        """Those that have become due since the last time."""
+        due = [fault for fault in self._to_come if fault.at_s <= now_s]
+        self._to_come = self._to_come[len(due) :]
+        return due

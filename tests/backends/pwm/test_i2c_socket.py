@@ -1,0 +1,96 @@
+"""Transactions over a socket: they come back as they were, in whatever pieces."""
+
+import os
+import socket
+import threading
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from smbus2 import i2c_msg
+
+from hexctl.backends.pwm.i2c_socket import I2cMessage, I2cSocket, encode_transaction, take_transaction
+from hexctl.serve.pca9685_chips import SimulatedPca9685
+from hexctl.waiting import wait_for
+from tests.backends.pwm.boards import pca9685_board
+
+MESSAGES = st.lists(
+    st.one_of(
+        st.builds(I2cMessage, st.integers(0, 0x7F), st.integers(1, 300)),
+        st.builds(I2cMessage, st.integers(0, 0x7F), st.just(0), st.binary(max_size=80)),
+    ),
+    max_size=5,
+)
+
+
+@given(MESSAGES, st.binary(max_size=10))
+def test_a_transaction_comes_back(messages: list[I2cMessage], behind: bytes) -> None:
+    data = encode_transaction(messages)
+    assert take_transaction(data + behind) == (messages, len(data))
+    for size in range(len(data)):
+        assert take_transaction(data[:size]) == (None, 0)
+
+
+def test_registers_are_written_and_read() -> None:
+    with pca9685_board() as board:
+        bus = I2cSocket(board.path)
+        assert bus.read_byte_data(0x40, 0xFE) == 0x1E
+        bus.write_byte_data(0x41, 0xFE, 121)
+        assert bus.read_byte_data(0x41, 0xFE) == 121
+        assert bus.read_byte_data(0x40, 0xFE) == 0x1E
+        bus.write_byte_data(0x40, 0x00, 0x30)
+        answer = i2c_msg.read(0x40, 5)
+        bus.i2c_rdwr(i2c_msg.write(0x40, [0x02]), answer)
+        assert bytes(answer) == bytes([0xE2, 0xE4, 0xE8, 0xE0, 0x00])
+        with pytest.raises(OSError, match="Remote I/O error"):
+            bus.read_byte_data(0x42, 0)
+        assert bus.read_byte_data(0x40, 0) == 0x30, "the next transfer is as good as any"
+        bus.close()
+        with pytest.raises(OSError, match=r"."):
+            bus.read_byte_data(0x40, 0)
+
+
+def test_boards_outlive_clients_that_leave_in_the_middle_or_talk_nonsense() -> None:
+    with pca9685_board() as board:
+        whole = encode_transaction([I2cMessage(0x40, data=bytes([0x00, 0x30]))])
+        for data in (whole[:4], os.urandom(50), b"\xff" * 300, whole * 3):
+            client = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+            client.connect(board.path)
+            client.sendall(data)
+            client.close()
+        in_pieces = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        in_pieces.connect(board.path)
+        for byte in whole:
+            in_pieces.sendall(bytes([byte]))
+        assert in_pieces.recv(10) == b"\0"
+        in_pieces.close()
+        assert isinstance(board.chips[0x40], SimulatedPca9685)
+        assert board.chips[0x40].registers[0] == 0x30
+
+
+def test_an_answer_that_does_not_come_ends_the_connection(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("hexctl.backends.pwm.i2c_socket.PATIENCE_S", 0.05)
+    listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+    listener.bind(str(tmp_path / "i2c"))
+    listener.listen()
+    over = threading.Event()
+
+    def serve() -> None:
+        client = listener.accept()[0]
+        over.wait(5)
+        client.close()
+
+    thread = threading.Thread(target=serve)
+    thread.start()
+    bus = I2cSocket(str(tmp_path / "i2c"))
+    with pytest.raises(TimeoutError):
+        bus.read_byte_data(0x40, 0)
+    with pytest.raises(OSError, match=r"."):
+        bus.write_byte_data(0x40, 0, 0)
+    over.set()
+    thread.join()
+    wait_for(lambda: not thread.is_alive(), 5.0, "its end")
+    listener.close()
