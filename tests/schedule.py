@@ -32,6 +32,7 @@ LANES = {
         "tests/control/test_servo_trial.py",
         "tests/control/test_servo_identification.py",
         "tests/backends/bus/test_lost_id.py",
+        "tests/backends/bus/test_line_condition.py::test_on_a_bus",
         "tests/control/calibration/test_calibration.py",
         "tests/backends/pwm/test_servo2040.py",
         "tests/backends/pwm/test_pca9685.py",

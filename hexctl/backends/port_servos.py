@@ -1,7 +1,7 @@
 """Leg servos on a port that a thread owns, as `LegServos`."""
 
 from abc import abstractmethod
-from dataclasses import asdict
+from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
@@ -83,7 +83,8 @@ class PortServos(LegServos, Generic[Map, Thread, Counters]):
     def link_counts(self) -> dict[str, int]:
         """Counts of the port by name."""
         counters: DataclassInstance = self.counters  # type: ignore[assignment]
-        return asdict(counters)
+        values = ((each.name, getattr(counters, each.name)) for each in fields(counters))
+        return {name: value for name, value in values if isinstance(value, int)}
 
     def connect(self) -> None:
         """Open the port and find what is on it; nothing moves.

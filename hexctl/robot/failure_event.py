@@ -173,6 +173,9 @@ def _coming(leg: int, kind: str, refused: str) -> Failure:
     Failure(leg=leg)  # refuses a leg that no robot has
     if kind.startswith("stuck") and kind.count(":") > 1:
         raise InputError(f"{refused}stuck:JOINT, it sticks where it is")
+    if kind == "stuck":
+        joints = ", ".join(JOINT_KINDS)
+        raise InputError(f"{refused}stuck:JOINT with {joints}; a whole leg that keeps its pose is locked")
     try:
         failure = parse_failure(leg, kind)
     except InputError as error:

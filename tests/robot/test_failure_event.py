@@ -41,7 +41,7 @@ def test_a_leg_heals() -> None:
     "text",
     [
         *("5", "5:locked", "locked@8", "7:locked@8", "5:locked@-1", "5:locked@nan", "5:locked@soon"),
-        *("5:asleep@8", "5:stuck:femur:30@8", "5:unknown@8", "5:limp:foot@8", "5:weak:2@8"),
+        *("5:asleep@8", "5:stuck:femur:30@8", "5:stuck@8", "5:unknown@8", "5:limp:foot@8", "5:weak:2@8"),
         *("5:locked:femur@8", "@", ":@", ""),
     ],
 )

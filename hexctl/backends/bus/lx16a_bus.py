@@ -206,6 +206,7 @@ class Lx16aBus(ServoBus):
     def _report(self, joint: int, *, tries: int) -> list[Report]:
         """Report of a joint, or none where its servo does not answer."""
         answer = self._ask(joint, lx.READ_POSITION, tries=tries)
+        self._counters.shares.take([joint], () if answer is None else (joint,))
         if answer is None:
             self._counters.missed += 1
             return []

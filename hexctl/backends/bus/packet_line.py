@@ -92,6 +92,13 @@ class PacketLine:
             self._patience_s = min(self._patience_s, self._most_patience_s)
         return list(answers.values())
 
+    def outwait(self) -> None:
+        """Drop an answer that is late: it does not say to which question it belongs."""
+        deadline_s = time.monotonic() + self._most_patience_s
+        while time.monotonic() < deadline_s:
+            self.line.read(deadline_s)
+        self._stream.finish()
+
     def learn_echo(self, instruction: int = PING) -> None:
         """Ping an id that no servo has, or ask it something else, and see whether that comes back.
 

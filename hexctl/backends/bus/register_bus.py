@@ -196,7 +196,7 @@ class RegisterBus(ServoBus):
         wire_s = self._line.wire_s(len(request) + len(joints) * packets.status_size(size))
         answers = self._packets.transact(request, ids, wire_s)
         reports = [each for answer in answers if (each := self._report(answer)) is not None]
-        self._count(missed=len(joints) - len(reports))
+        self._count(joints, reports)
         return reports
 
     def _poll_each(self, joints: list[int]) -> list[Report]:
@@ -207,11 +207,12 @@ class RegisterBus(ServoBus):
             report = None if answer is None else self._report(answer)
             if report is not None:
                 reports.append(report)
-        self._count(missed=len(joints) - len(reports))
+        self._count(joints, reports)
         return reports
 
-    def _count(self, *, missed: int) -> None:
-        self._counters.missed += missed
+    def _count(self, asked: Sequence[int], reports: Sequence[Report]) -> None:
+        self._counters.missed += len(asked) - len(reports)
+        self._counters.shares.take(asked, {report.joint for report in reports})
         self._counters.garbled = self._packets.garbled
 
     def _report(self, answer: StatusPacket) -> Report | None:

@@ -39,11 +39,34 @@ class RegisterServo:
             answer = self._packets.ask(self.servo_id, READ, asked)
             if answer is not None and len(answer.parameters) == register.size:
                 return int.from_bytes(answer.parameters, self.table.byte_order)
+            if tries > 1:
+                self._packets.outwait()
+        return None
+
+    def sure(self, register: Register | None) -> int | None:
+        """Raw number that was read twice in a row, for what is decided by it; None where that does not come.
+
+        An answer says neither its address nor its question: one that is late passes for another.
+        """
+        before = self.raw(register)
+        for _ in range(TRIES):
+            if before is None:
+                return None
+            again = self.raw(register)
+            if again == before:
+                return again
+            self._packets.outwait()
+            before = again
         return None
 
     def value(self, register: Register | None, *, tries: int = TRIES) -> float | None:
         """Number in a register in its unit; None without an answer, and for no register."""
         raw = self.raw(register, tries=tries)
+        return None if raw is None or register is None else register.value(raw)
+
+    def sure_value(self, register: Register | None) -> float | None:
+        """Number in its unit that was read twice in a row, as `sure`."""
+        raw = self.sure(register)
         return None if raw is None or register is None else register.value(raw)
 
     def report(self) -> tuple[bytes, str] | None:
@@ -65,6 +88,8 @@ class RegisterServo:
         for _ in range(tries):
             answer = self._packets.ask(self.servo_id, WRITE, data)
             said = SILENT if answer is None else self.table.refusal(answer.error)
+            if answer is None:
+                self._packets.outwait()
             if said not in (SILENT, "CRC", "checksum"):
                 break
         return said
@@ -74,11 +99,10 @@ class RegisterServo:
 
         Some servos drop what they do not take without a word, and some answers are lost.
         """
-        before = self.raw(register)
-        if before == register.raw(value):
+        if self.sure(register) == register.raw(value):
             return ""
         said = self.write(register, value)
-        after = self.raw(register)
+        after = self.sure(register)
         if after == register.raw(value):
             return ""
         return said or (SILENT if after is None else f"it keeps {after}")

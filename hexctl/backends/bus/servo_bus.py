@@ -2,11 +2,12 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import ClassVar
 
 import numpy as np
 
+from hexctl.backends.bus.line_condition import AnswerShares
 from hexctl.robot.bus_map import BusMap
 from hexctl.robot.model import Robot
 from hexctl.robot.servo_models import ServoType
@@ -55,6 +56,7 @@ class BusCounters:
         garbled: bytes that belonged to no packet.
         implausible: positions that were not believed.
         reopened: times that the port came back.
+        shares: of damaged answers, by joint.
     """
 
     writes: int = 0
@@ -63,6 +65,7 @@ class BusCounters:
     garbled: int = 0
     implausible: int = 0
     reopened: int = 0
+    shares: AnswerShares = field(default_factory=AnswerShares)
 
 
 class ServoBus(ABC):

@@ -36,15 +36,15 @@ def set_up(servo: RegisterServo) -> list[str]:
     Where settings can be kept from being saved, they are.
     """
     table, notes = servo.table, []
-    if table.unlock is not None and servo.raw(table.unlock) == 0:
+    if table.unlock is not None and servo.sure(table.unlock) == 0:
         servo.write(table.unlock, 1)
     if said := servo.change(table.return_delay, 0):
         notes.append(f"its return delay cannot be set to 0 ({said})")
-    mode = servo.raw(table.mode)
+    mode = servo.sure(table.mode)
     if table.mode is not None and mode not in (None, table.position_mode):
         said = servo.change(table.mode, table.position_mode)
         notes.append(_changed(f"its operating mode from {mode} to {table.position_mode}", said))
-    flags = servo.raw(table.flags)
+    flags = servo.sure(table.flags)
     if table.flags is not None and flags is not None and (words := bit_words(table.cleared, flags)):
         said = servo.change(table.flags, flags & ~sum(1 << bit for bit in table.cleared))
         notes.append(_changed(f"its flag for {words} off", said))
@@ -58,8 +58,8 @@ def _changed(what: str, said: str) -> str:
 def settings_of(servo: RegisterServo) -> ServoSettings:
     """Settings of a servo, as far as it says them."""
     table = servo.table
-    least, most = servo.value(table.least), servo.value(table.most)
-    mode, flags = servo.raw(table.mode), servo.raw(table.flags)
+    least, most = servo.sure_value(table.least), servo.sure_value(table.most)
+    mode, flags = servo.sure(table.mode), servo.sure(table.flags)
     refusal = ""
     if table.mode is not None and mode not in (None, table.position_mode):
         refusal = f"its operating mode is {mode}, not {table.position_mode} (position); {_LATER}"
@@ -81,10 +81,10 @@ def settings_of(servo: RegisterServo) -> ServoSettings:
 
 def _notes(servo: RegisterServo) -> list[str]:
     table, notes = servo.table, []
-    shutdown = servo.raw(table.shutdown)
+    shutdown = servo.sure(table.shutdown)
     if shutdown is not None and (missing := bit_words(table.protections, ~shutdown)):
         notes.append(f"it does not protect itself from {missing}")
-    if servo.raw(table.max_torque) == 0:
+    if servo.sure(table.max_torque) == 0:
         notes.append("its greatest torque is set to 0")
     if alert := hardware_error(servo):
         notes.append(f"it has let go ({alert}); switch its power off and on")
@@ -93,15 +93,15 @@ def _notes(servo: RegisterServo) -> list[str]:
 
 def hardware_error(servo: RegisterServo) -> str:
     """Why a servo has let go, in words; empty for none and where it does not say."""
-    bits = servo.raw(servo.table.hardware_error)
+    bits = servo.sure(servo.table.hardware_error)
     return "" if bits is None else bit_words(servo.table.hardware_errors, bits)
 
 
 def renew_torque_limit(servo: RegisterServo) -> None:
     """Give a servo whose torque limit is 0, as AX servos have it after an overload, its greatest torque."""
     table = servo.table
-    if table.torque_limit is None or table.max_torque is None or servo.raw(table.torque_limit) != 0:
+    if table.torque_limit is None or table.max_torque is None or servo.sure(table.torque_limit) != 0:
         return
-    greatest = servo.value(table.max_torque)
+    greatest = servo.sure_value(table.max_torque)
     if greatest:
         servo.change(table.torque_limit, greatest)

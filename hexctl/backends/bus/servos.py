@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from hexctl.backends.bus.bus_thread import BusThread
+from hexctl.backends.bus.line_condition import LineCondition
 from hexctl.backends.bus.lost_id import lost_id_notes
 from hexctl.backends.bus.lx16a_bus import Lx16aBus
 from hexctl.backends.bus.readings import BelievedReadings, polls
@@ -100,6 +101,7 @@ class BusServos(PortServos[BusMap, BusThread, BusCounters]):
         self._baud = baud or DEFAULT_BAUDS[bus_map.driver]
         self._held = False
         self._notes: tuple[str, ...] = ()
+        self._condition = LineCondition(bus_map, self.counters.shares)
 
     @property
     def holds(self) -> bool:
@@ -212,13 +214,15 @@ class BusServos(PortServos[BusMap, BusThread, BusCounters]):
         warnings = [*self._notes]
         if limp.any():
             warnings.append(f"no torque: {self._map.names(limp)}")
-        if (mute := servos.ages_s > BUSES[self._map.driver].mute_s).any():
+        mute = servos.ages_s > BUSES[self._map.driver].mute_s
+        warnings += self._condition.warnings(servos, limp, mute)
+        if mute.any():
             warnings.append(f"mute: {self._map.names(mute)}")
         if (hot := servos.temperatures_c > HOT_C).any():
             warnings.append(f"hot, {np.nanmax(servos.temperatures_c):.0f} degrees C: {self._map.names(hot)}")
-        for joint, error in enumerate(servos.errors):
-            if error:
-                warnings.append(f"{error}: {self._map.names(np.arange(N_JOINTS) == joint)}")
+        for error in dict.fromkeys(filter(None, servos.errors)):
+            which = np.array([each == error for each in servos.errors])
+            warnings.append(f"{error}: {self._map.names(which)}")
         return tuple(warnings)
 
 

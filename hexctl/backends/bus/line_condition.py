@@ -1,0 +1,172 @@
+"""Why servos on a bus are not heard or lose their torque: too little voltage, or a bad cable.
+
+A brown-out is many servos with little voltage at once, which restart without torque, some without their id. A
+bad cable or noise is answers that are damaged or missing while the voltage is good, often those of one leg.
+"""
+
+import time
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from hexctl.robot.bus_map import BusMap
+from hexctl.types import N_JOINTS, BoolArray, FloatArray, ServoReadings
+
+#: Questions over which shares are taken, and bad answers among them with which a share is no accident.
+WINDOW, LEAST_BAD = 200, 10
+
+#: With more unanswered questions in a row a servo is silent, which says nothing of its answers.
+MOST_IN_A_ROW = 10
+
+#: Share of answers that are damaged or missing from which it is said, and below which it is said no more.
+DAMAGED, GOOD = 0.05, 0.03
+
+#: Servos that are several: with as many the supply is meant, not one servo.
+SEVERAL = 3
+
+#: With as many damaged lines it is the bus, not the cable of a leg.
+MOST_LINES = 6
+
+#: Share of their voltage at connect, below which servos have a brown-out.
+SAGGED = 0.8
+
+#: What servos complain of that have restarted; others have lost their torque for what they say.
+_OF_A_RESTART = ("", "limp", "voltage", "hardware alert", "hardware alert (voltage)")
+
+#: How long a brown-out explains what servos do, and how fast the usual voltage follows a battery's.
+REMEMBERS_S, DRAINS_S = 10.0, 60.0
+
+#: A figure that was said is said anew when it differs by more than this factor.
+ANEW = 1.5
+
+#: Lowest voltages at which models work (data sheets), by the beginning of their names; the STS3215 is sold
+#: for 7.4 V and for 12 V.
+_LEAST_V = {"ax": 9.0, "xl320": 6.0, "xl330": 3.7, "xl430": 6.5, "xm430": 10.0, "sts": 4.0, "scs": 4.8}
+_LEAST_OTHER_V = 6.0
+
+
+@dataclass(slots=True)
+class AnswerShares:
+    """Share of the questions to each joint's servo that bring no whole answer, of late.
+
+    Attributes:
+        damaged: shares, (18,).
+        asked: questions that counted, (18,).
+    """
+
+    damaged: FloatArray = field(default_factory=lambda: np.zeros(N_JOINTS))
+    asked: FloatArray = field(default_factory=lambda: np.zeros(N_JOINTS))
+    _in_a_row: FloatArray = field(default_factory=lambda: np.zeros(N_JOINTS))
+
+    def take(self, asked: Sequence[int], heard: Collection[int]) -> None:
+        """Take which joints were asked, and which of them were heard.
+
+        Questions without an answer count once an answer comes: a servo that is silent has no bad answers.
+        """
+        for joint in asked:
+            if joint not in heard:
+                self._in_a_row[joint] += 1
+                continue
+            missed = self._in_a_row[joint]
+            for bad in (1.0,) * int(missed if missed <= MOST_IN_A_ROW else 0) + (0.0,):
+                self.asked[joint] += 1
+                weight = max(1 / self.asked[joint], 1 / WINDOW)
+                self.damaged[joint] += weight * (bad - self.damaged[joint])
+            self._in_a_row[joint] = 0
+
+
+class LineCondition:
+    """What can be said of the line and the supply of servos on a bus.
+
+    Args:
+        servos: which servo moves which joint.
+        shares: of damaged answers.
+        now_s: clock.
+    """
+
+    def __init__(
+        self, servos: BusMap, shares: AnswerShares, *, now_s: Callable[[], float] = time.monotonic
+    ) -> None:
+        self._map, self._shares, self._now_s = servos, shares, now_s
+        self._least_v = np.array([_least_v(model.name) for model in servos.models])
+        self._usual_v: float | None = None
+        self._at_s = self._sagged_at_s = -np.inf
+        self._low_v = np.inf  # lowest of a brown-out
+        self._said: dict[int, float] = {}  # shares that were said, by joint; -1 for all
+
+    def warnings(self, servos: ServoReadings, limp: BoolArray, mute: BoolArray) -> list[str]:
+        """What is wrong with line and supply, in words that stay the same while nothing new is known.
+
+        Args:
+            servos: newest readings.
+            limp: joints whose servos have lost their torque, (18,).
+            mute: joints whose servos are silent, (18,).
+        """
+        now_s = self._now_s()
+        low = self._low(servos.voltages_v, now_s)
+        if np.count_nonzero(low) >= SEVERAL:
+            self._low_v = min(self._low_v, float(np.median(servos.voltages_v[low])))
+            self._sagged_at_s = now_s
+        elif now_s - self._sagged_at_s > REMEMBERS_S:
+            self._low_v = np.inf
+        sags = bool(np.isfinite(self._low_v))
+        unloaded = np.array(["limp" in error for error in servos.errors])
+        restarted = (limp | unloaded) & np.array([error in _OF_A_RESTART for error in servos.errors])
+        if sags or np.count_nonzero(restarted) >= SEVERAL:
+            return [self._brown_out(restarted, mute & sags)]
+        return self._damaged(mute)
+
+    def _low(self, voltages_v: FloatArray, now_s: float) -> BoolArray:
+        """Which servos have too little voltage, (18,); learns what is usual."""
+        known = np.isfinite(voltages_v)
+        if not known.any():
+            return known
+        low: BoolArray = known & (voltages_v < np.maximum(self._least_v, SAGGED * (self._usual_v or 0.0)))
+        if np.count_nonzero(known) > N_JOINTS // 2 and np.count_nonzero(low) < SEVERAL:
+            median_v = float(np.median(voltages_v[known]))
+            passed = min(1.0, (now_s - self._at_s) / DRAINS_S)
+            before = median_v if self._usual_v is None else self._usual_v
+            self._usual_v, self._at_s = before + passed * (median_v - before), now_s
+        return low
+
+    def _brown_out(self, restarted: BoolArray, lost: BoolArray) -> str:
+        words = []
+        if np.isfinite(self._low_v):
+            usual = "" if self._usual_v is None else f", where they had {round(self._usual_v)} V"
+            words.append(f"several servos have {np.floor(2 * self._low_v) / 2:g} V{usual}")
+        if np.count_nonzero(restarted) >= SEVERAL:
+            words.append("several have restarted without torque")
+        if lost.any():
+            words.append(f"some have lost their ids ({self._map.names(lost)})")
+        return f"brown-out: {'; '.join(words)}; is the supply strong enough, and the battery full?"
+
+    def _damaged(self, mute: BoolArray) -> list[str]:
+        """Joints with damaged answers, or all."""
+        shares = np.where(mute, 0.0, self._shares.damaged)
+        bad_answers = shares * np.minimum(self._shares.asked, WINDOW)
+        begins = (shares >= DAMAGED) & (bad_answers >= LEAST_BAD)
+        before = np.array([joint in self._said or -1 in self._said for joint in range(N_JOINTS)])
+        bad = np.flatnonzero(begins | (before & (shares >= GOOD))).tolist()
+        if len(bad) > MOST_LINES:
+            self._said = {-1: self._figure(-1, float(np.median(shares[bad])))}
+            return [f"bad cable or noise: {_percent(self._said[-1])} of all answers are damaged or missing"]
+        self._said = {joint: self._figure(joint, float(shares[joint])) for joint in bad}
+        return [
+            f"bad cable or noise: {_percent(self._said[joint])} of the answers of "
+            f"{self._map.names(np.arange(N_JOINTS) == joint)} are damaged or missing"
+            for joint in bad
+        ]
+
+    def _figure(self, joint: int, share: float) -> float:
+        """The share that is said: the one before, as long as it is about right."""
+        said = self._said.get(joint)
+        return share if said is None or not said / ANEW <= share <= said * ANEW else said
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.0f} %"
+
+
+def _least_v(model: str) -> float:
+    return next((volts for begin, volts in _LEAST_V.items() if model.startswith(begin)), _LEAST_OTHER_V)
