@@ -20,12 +20,17 @@ import numpy as np
 
 from hexctl.backends.base import LegServos
 from hexctl.backends.bus.servos import BusServos
+from hexctl.backends.pwm.pca9685 import Pca9685Servos
 from hexctl.backends.registry import BackendOptions, make_servos
 from hexctl.control.controllers import SITTING_S, sitting_angles_rad
 from hexctl.control.guard import MAX_EXPIRY_S, Guard
 from hexctl.errors import CommandRefusedError, EStopError, HexctlError
 from hexctl.robot.loader import load_robot_file
+from hexctl.robot.schema import BUS_DRIVERS
 from hexctl.types import FloatArray, JointTargets, RobotState
+
+#: Backends that it can reach after the server: they tell whether their servos hold.
+KEPT_BACKENDS = (*BUS_DRIVERS, "pca9685")
 
 #: A server that is silent for this long hangs.
 SILENT_S = 1.0
@@ -135,7 +140,7 @@ def take_over(spec: KeeperSpec) -> str:
     """
     servos = _connected(spec)
     with Guard(servos, expiry_s=MAX_EXPIRY_S) as guard:
-        if isinstance(servos, BusServos) and not servos.holds:
+        if isinstance(servos, BusServos | Pca9685Servos) and not servos.holds:
             return "had no torque"
         here = guard.read().joint_positions_rad.copy()
         end = sitting_angles_rad(guard.robot) if spec.sits else here

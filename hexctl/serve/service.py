@@ -16,7 +16,7 @@ from hexctl.robot.bus_map import bus_map_of
 from hexctl.robot.failure import Failure, failure_text
 from hexctl.robot.loader import load_robot_file
 from hexctl.robot.pwm_map import pwm_map_of
-from hexctl.robot.schema import BUS_DRIVERS, PWM_DRIVERS, ServosSection
+from hexctl.robot.schema import PWM_DRIVERS, ServosSection
 from hexctl.robot.servo_models import DEFAULT_BAUDS
 from hexctl.serve.server import RobotServer
 from hexctl.wire.links import Link, load_link
@@ -239,9 +239,9 @@ class RobotService:
 
     def _keeper(self, options: BackendOptions) -> "Keeper | None":
         """Process that looks after servos on a bus, which hold for ever, when this one has gone."""
-        from hexctl.serve.keeper import Keeper, KeeperSpec
+        from hexctl.serve.keeper import KEPT_BACKENDS, Keeper, KeeperSpec
 
-        if self.servos.backend not in BUS_DRIVERS or options.robot_file is None:
+        if self.servos.backend not in KEPT_BACKENDS or options.robot_file is None:
             return None
         return Keeper(
             KeeperSpec(

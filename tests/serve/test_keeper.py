@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from hexctl.backends.bus.scan import scan_bus
+from hexctl.backends.pwm.i2c_socket import I2cSocket
 from hexctl.control.controllers import sitting_angles_rad
 from hexctl.robot.bus_map import bus_map_of
 from hexctl.robot.loader import load_robot_file
@@ -16,6 +17,7 @@ from hexctl.serve.keeper import KeeperSpec, take_over, wait_for_the_end
 from hexctl.types import FloatArray
 from tests.backends.bus.boards import a_map, bus_board
 from tests.backends.mavlink.boards import board
+from tests.backends.pwm.boards import pca9685_board
 from tests.robots import edited_file, put
 from tests.serve.processes import program, served, wait_until
 
@@ -67,6 +69,34 @@ def test_a_robot_whose_server_ends_in_mid_motion_sits_down(
             wait_until(lambda: f"{how}: the robot sat down, and its torque is off" in server.said(), how)
         end = sitting_angles_rad(load_robot_file(tmp_path / "robot.yaml").robot)
         assert _goals(tmp_path, bus.port) == pytest.approx(end, abs=0.01)
+
+
+@pytest.mark.parametrize(("number", "how"), [(signal.SIGKILL, "serve gone"), (signal.SIGSTOP, "serve hangs")])
+def test_hobby_servos_on_an_i2c_bus_are_let_down_too(
+    number: signal.Signals, how: str, tmp_path: Path
+) -> None:
+    file = edited_file(tmp_path, put("servos", {"tibia": {"offset_deg": 40}}), base="ant")
+    robot = ("--robot", str(file))
+    with board("--bus", "pca9685", "--backend", "mock", *robot) as boards:
+        with (
+            served(tmp_path, *robot, "--device", boards.port, backend="pca9685") as server,
+            program(tmp_path, "walk", *WALK, "--connect", server.endpoint, *robot),
+        ):
+            assert "warning: pca9685 has no watchdog" in server.said()
+            wait_until(lambda: server.status()["commands"]["accepted"] > 20, "commands")
+            server.signal(number)
+            wait_until(lambda: f"{how}: the robot sat down, and its torque is off" in server.said(), how)
+        bus = I2cSocket(boards.port)
+        off = [bus.read_byte_data(0x40 + n // 16, 0x09 + 4 * (n % 16)) for n in range(18)]
+        bus.close()
+    assert off == [0x10] * 18
+
+
+def test_hobby_servos_without_pulses_are_left_alone() -> None:
+    with pca9685_board() as boards:
+        spec = KeeperSpec(backend="pca9685", robot="ant", connect=boards.path, sits=True)
+        assert take_over(spec) == "had no torque"
+        assert not boards.pulses_us().any()
 
 
 def test_a_server_that_ends_as_it_should_leaves_the_robot_to_nobody(tmp_path: Path) -> None:
