@@ -200,7 +200,7 @@ def try_(
     It goes limp first, and ends with its torque as it was. Hold the robot so that its legs hang free.
     """
     from hexctl.backends.bus.scan import opened_line, the_servo
-    from hexctl.cli.console import DONE, FAULT, print_result
+    from hexctl.cli.console import DONE, FAULT, print_note, print_result
     from hexctl.control.servo_trial import try_servo
 
     driver, path, speed = _bus(robot, driver, port, baud)
@@ -212,6 +212,8 @@ def try_(
         trial = try_servo(servo)
     rows = asdict(trial)
     print_result(json.dumps(rows) if as_json else _column(rows))
+    if not trial.followed:
+        print_note("it did not follow: is its leg free, its horn fixed, and its supply strong enough?")
     raise typer.Exit(DONE if trial.followed else FAULT)
 
 

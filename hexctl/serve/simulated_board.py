@@ -20,7 +20,7 @@ import numpy as np
 
 from hexctl.backends.base import LegServos
 from hexctl.control.guard import StepLimits
-from hexctl.errors import InputError, RobotFaultError
+from hexctl.errors import InputError, RobotFaultError, argument
 from hexctl.types import BoolArray, FloatArray, JointTargets, RobotState
 
 if TYPE_CHECKING:
@@ -239,10 +239,12 @@ def parse_board_fault(text: str, kinds: Mapping[str, str]) -> BoardFault:
     number = None if found is None else kinds.get(found[1])
     if found is None or number is None or (not number and found[2]) or (number.isalpha() and not found[2]):
         words = [f"{kind}:{name}" if name.isalpha() else f"{kind}{name}" for kind, name in kinds.items()]
-        raise InputError(f"fault: got {text!r}; allowed: {', '.join(words)}, each with @SECONDS")
+        raise InputError(
+            f"{argument('fault')}: got {text!r}; allowed: {', '.join(words)}, each with @SECONDS"
+        )
     value = float(found[2]) if found[2] else None
     if value is not None and "SHARE" in number.upper() and value > 1:
-        raise InputError(f"fault: got {text!r}; allowed: a share up to 1")
+        raise InputError(f"{argument('fault')}: got {text!r}; allowed: a share up to 1")
     return BoardFault(kind=found[1], at_s=float(found[3] or 0), value=value)
 
 

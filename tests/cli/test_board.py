@@ -34,10 +34,10 @@ from tests.backends.mavlink.boards import PATIENCE_S, board, free_port
         (["--bus", "hitec"], "got hitec; allowed: dynamixel, feetech, lx16a, servo2040, pca9685"),
         (["--bus", "feetech", "--port", "udpin:127.0.0.1:1"], "--port: got it with --bus feetech"),
         (["--fault", "echo"], "--fault: got it without --bus; allowed: with --bus"),
-        (["--bus", "feetech", "--fault", "noise"], "fault: got 'noise'; allowed: mute:LEG:JOINT"),
+        (["--bus", "feetech", "--fault", "noise"], "--fault: got 'noise'; allowed: mute:LEG:JOINT"),
         (["--bus", "feetech", "--model", "ax12a"], "got ax12a with feetech; allowed: models of feetech"),
         (["--bus", "servo2040", "--model", "ax12a"], "got ax12a; allowed: stock, fork with servo2040"),
-        (["--bus", "servo2040", "--fault", "echo"], "fault: got 'echo'; allowed: mute, unplug, replug, "),
+        (["--bus", "servo2040", "--fault", "echo"], "--fault: got 'echo'; allowed: mute, unplug, replug, "),
         (
             ["--bus", "pca9685", "--fault", "mute"],
             "got 'mute'; allowed: nack[:SHARE], unplug, ",

@@ -94,7 +94,9 @@ def test_a_servo_that_is_stuck_is_an_exit_code(capsys: pytest.CaptureFixture[str
         board._robot.write = lambda targets: targets  # type: ignore[method-assign]  # nothing moves
         words = ["servos", "test", "8", "--driver", "feetech", "--port", board.path, "--yes"]
         assert exit_code(words) == 3
-        assert "followed" in capsys.readouterr().out
+        printed = capsys.readouterr()
+        assert "followed" in printed.out
+        assert "it did not follow: is its leg free" in printed.err
 
 
 def test_joints_are_identified_and_no_robot_file_is_written(

@@ -1,10 +1,13 @@
 """The serial line of a bus: one adapter, half duplex, of which one thread writes and reads."""
 
 import contextlib
+import errno
 import os
 import select
 import termios
 import time
+from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 from hexctl.errors import RobotFaultError
@@ -41,6 +44,12 @@ class SerialLine:
             self._device: Any = serial.Serial(path, baud, timeout=0, write_timeout=0, exclusive=True)
         except (OSError, ValueError, OverflowError, termios.error) as error:
             reason = getattr(error, "strerror", None) or str(error)
+            if getattr(error, "errno", None) == errno.EAGAIN:  # locked: somebody else has it exclusively
+                program = holder_of(path) or "another program"
+                raise RobotFaultError(
+                    f"the port {path} is in use by {program}; `hexctl serve` and its keeper hold their port, "
+                    "and a keeper lets the robot down before it ends"
+                ) from error
             raise RobotFaultError(
                 f"the port {path} cannot be opened ({reason}); is the cable in, the name right, and no other "
                 "program using it?"
@@ -121,3 +130,27 @@ class SerialLine:
             return data
         self._echo = self._echo[count:]
         return data[count:]
+
+
+def holder_of(path: str) -> str | None:
+    """Program that has a device open, with its process number, as far as this user may see it; else None."""
+    device = os.path.realpath(path)
+    for process in Path("/proc").glob("[0-9]*"):
+        if int(process.name) == os.getpid():
+            continue
+        with contextlib.suppress(OSError):
+            if any(os.path.realpath(link) == device for link in (process / "fd").iterdir()):
+                words = (process / "cmdline").read_bytes().decode(errors="replace").split("\0")
+                return f"{_program(words)} (process {process.name})"
+    return None
+
+
+def _program(words: list[str]) -> str:
+    """Name of a program by the words that began it: `hexctl serve` where it is that."""
+    if any("hexctl.serve.keeper" in word for word in words):
+        return "the keeper of a `hexctl serve`"
+    names = [Path(word).name for word in words if word]
+    for name, after in pairwise(names):
+        if name == "hexctl" and not after.startswith("-"):
+            return f"`hexctl {after}`"
+    return f"`{names[0]}`" if names else "a program"
