@@ -20,6 +20,7 @@ LANES = {
         "tests/serve/test_servo_board.py",
         "tests/serve/test_remote.py",
         "tests/backends/test_port_thread.py",
+        "tests/backends/bus/test_packet_line.py",
         "tests/backends/bus/test_register_bus.py",
         "tests/backends/bus/test_lx16a_bus.py",
         "tests/backends/bus/test_lx16a_servos.py",

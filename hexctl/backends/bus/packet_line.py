@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Collection
+from dataclasses import dataclass
 
 from hexctl.backends.bus.packets import PING, PacketFormat, PacketStream, StatusPacket
 from hexctl.backends.bus.serial_line import NOBODY, SerialLine
@@ -15,6 +16,15 @@ PATIENCE_TIMES, PATIENCE_SHARE = 4.0, 0.1
 
 #: Parameters of most answers at the most.
 ANSWER_BYTES = 24
+
+
+@dataclass(frozen=True, slots=True)
+class _Missed:
+    """A request whose answer did not come in time: parameters of that, and until when it may still come."""
+
+    request: bytes
+    size: int | None
+    until_s: float
 
 
 class PacketLine:
@@ -39,6 +49,7 @@ class PacketLine:
         self._stream = PacketStream(self.packets)
         self._patience_s = self._most_patience_s = patience_s
         self._adapts = adapts
+        self._missed: dict[int, _Missed] = {}
 
     @property
     def garbled(self) -> int:
@@ -52,13 +63,32 @@ class PacketLine:
     def ask(
         self, servo_id: int, instruction: int, parameters: bytes = b"", *, tries: int = 1
     ) -> StatusPacket | None:
-        """Answer of one servo, or None where it gives none in some tries."""
+        """Answer of one servo, or None where it gives none in some tries.
+
+        Answers do not say what they answer: one that is as long as another that was missed, and may still
+        come, is waited for until that cannot come any more.
+        """
         request = self.packets.instruction(servo_id, instruction, parameters)
+        size = self.packets.answer_size(instruction, parameters)
         wire_s = self.line.wire_s(len(request) + self.packets.status_size(ANSWER_BYTES))
+        self._wait_for_late(servo_id, request, size)
         for _ in range(tries):
             for answer in self.transact(request, (servo_id,), wire_s):
-                return answer
+                if size in (None, len(answer.parameters)) or answer.error:
+                    return answer
+            self._missed[servo_id] = _Missed(request, size, time.monotonic() + self._most_patience_s)
         return None
+
+    def _wait_for_late(self, servo_id: int, request: bytes, size: int | None) -> None:
+        """Let an answer pass that might be taken for the one to another request."""
+        missed = self._missed.get(servo_id)
+        if missed is None or missed.request == request:
+            return
+        if None not in (size, missed.size) and size != missed.size:
+            return
+        while time.monotonic() < missed.until_s:
+            self.line.read(missed.until_s)
+        del self._missed[servo_id]
 
     def transact(self, request: bytes, asked: Collection[int], wire_s: float) -> list[StatusPacket]:
         """Answers to a packet.

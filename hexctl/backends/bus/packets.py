@@ -49,6 +49,10 @@ class PacketFormat(ABC):
     def status_size(self, parameters: int) -> int:
         """Bytes of an answer with so many parameters, without stuffing."""
 
+    def answer_size(self, instruction: int, parameters: bytes) -> int | None:
+        """Parameters of the answer to an instruction for one servo; None where it is not known."""
+        return None
+
     @abstractmethod
     def take(self, data: bytes) -> tuple[tuple[int, int, bytes] | None, int]:
         """First packet in bytes: id, instruction or error, parameters; and how many bytes are done with.
@@ -73,6 +77,10 @@ class Protocol1(PacketFormat):
     def status_size(self, parameters: int) -> int:
         """Bytes of an answer."""
         return 6 + parameters
+
+    def answer_size(self, instruction: int, parameters: bytes) -> int | None:
+        """Parameters of the answer to an instruction for one servo; None where it is not known."""
+        return _answer_size(instruction, parameters, width=1, ping=0)
 
     def take(self, data: bytes) -> tuple[tuple[int, int, bytes] | None, int]:
         """First packet in bytes."""
@@ -111,6 +119,10 @@ class Protocol2(PacketFormat):
     def status_size(self, parameters: int) -> int:
         """Bytes of an answer, without stuffing."""
         return 11 + parameters
+
+    def answer_size(self, instruction: int, parameters: bytes) -> int | None:
+        """Parameters of the answer to an instruction for one servo; None where it is not known."""
+        return _answer_size(instruction, parameters, width=2, ping=3)
 
     def take(self, data: bytes) -> tuple[tuple[int, int, bytes] | None, int]:
         """First packet in bytes; of an answer the error comes first of its parameters."""
@@ -176,6 +188,13 @@ class PacketStream:
 
     def _size(self, before: bytes, packet: tuple[int, int, bytes]) -> int:
         return min(len(before), len(self._packets.instruction(*packet)))
+
+
+def _answer_size(instruction: int, parameters: bytes, *, width: int, ping: int) -> int | None:
+    """Parameters of an answer, where numbers such as an address have a width in bytes."""
+    if instruction == READ and len(parameters) == 2 * width:
+        return int.from_bytes(parameters[width:], "little")
+    return {PING: ping, WRITE: 0, REBOOT: 0}.get(instruction)
 
 
 def _sum(body: bytes) -> int:
