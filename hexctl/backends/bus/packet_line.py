@@ -14,6 +14,9 @@ LEAST_PATIENCE_S, FIRST_PATIENCE_S = 0.004, 0.034
 #: How many times the delay of the answers so far is waited for, and the share of each answer in that.
 PATIENCE_TIMES, PATIENCE_SHARE = 4.0, 0.1
 
+#: How many times the longest patience an answer may take that was given up.
+LATEST_TIMES = 2.0
+
 #: Parameters of most answers at the most.
 ANSWER_BYTES = 24
 
@@ -72,11 +75,14 @@ class PacketLine:
         size = self.packets.answer_size(instruction, parameters)
         wire_s = self.line.wire_s(len(request) + self.packets.status_size(ANSWER_BYTES))
         self._wait_for_late(servo_id, request, size)
-        for _ in range(tries):
-            for answer in self.transact(request, (servo_id,), wire_s):
-                if size in (None, len(answer.parameters)) or answer.error:
-                    return answer
-            self._missed[servo_id] = _Missed(request, size, time.monotonic() + self._most_patience_s)
+        for attempt in range(tries):
+            late_until_s = time.monotonic() + wire_s + LATEST_TIMES * self._most_patience_s
+            answers = self.transact(request, (servo_id,), wire_s)
+            fitting = [each for each in answers if size in (None, len(each.parameters)) or each.error]
+            if attempt or not fitting:
+                self._missed[servo_id] = _Missed(request, size, late_until_s)
+            if fitting:
+                return fitting[0]
         return None
 
     def _wait_for_late(self, servo_id: int, request: bytes, size: int | None) -> None:
