@@ -45,6 +45,11 @@ BACKGROUND: Color = (24, 28, 36)
 TEXT_COLOR: Color = (170, 180, 194)
 AXIS_COLOR: Color = (46, 53, 65)
 
+#: A robot's trunk and links by joint kind, and the floor: in recordings, robot descriptions and pictures.
+BODY_COLOR: Color = (58, 110, 165)
+LINK_COLORS: dict[str, Color] = {"coxa": (126, 144, 164), "femur": (186, 198, 212), "tibia": (226, 232, 240)}
+GROUND_COLOR: Color = (52, 60, 70)
+
 #: Target bands: half width in m, colour on the dark background, and name; the widest is drawn first.
 TARGET_BANDS: tuple[tuple[float, Color, str], ...] = (
     (0.10, (38, 58, 62), "±10 cm"),

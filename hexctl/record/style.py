@@ -2,17 +2,17 @@
 
 from itertools import combinations
 
+from hexctl.palette import BODY_COLOR as BODY_COLOR
+from hexctl.palette import GROUND_COLOR as GROUND_COLOR
 from hexctl.palette import LINE_COLOR
+from hexctl.palette import LINK_COLORS as LINK_COLORS
 from hexctl.robot.failure import FAILURE_KINDS
 from hexctl.types import JOINT_KINDS, N_LEGS
 
 Color = tuple[int, ...]
 
-GROUND_COLOR = (52, 60, 70)
 GRID_COLOR = (255, 255, 255, 26)
-BODY_COLOR = (58, 110, 165)
 NOSE_COLOR = (240, 240, 240)
-LINK_COLORS = {"coxa": (126, 144, 164), "femur": (186, 198, 212), "tibia": (226, 232, 240)}
 FAILED_COLORS = {"coxa": (190, 44, 30), "femur": (226, 66, 42), "tibia": (246, 98, 66)}
 WHITE = (255, 255, 255)
 #: A leg that was noticed to have failed.

@@ -1,0 +1,97 @@
+"""Masses of a robot's parts as rigid bodies: what the simulation has, in the form of URDF and MJCF."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from hexctl.robot.model import Body, Robot
+from hexctl.types import JOINT_KINDS
+
+Vector3 = tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class PartMass:
+    """Mass of a rigid part in the frame of its link.
+
+    Attributes:
+        mass_kg: its mass.
+        com_m: centre of mass.
+        moments_kg_m2: moments of inertia about the principal axes through the centre of mass.
+        tilt_rad: turn about y that takes the axes of the link to the principal axes.
+    """
+
+    mass_kg: float
+    com_m: Vector3
+    moments_kg_m2: Vector3
+    tilt_rad: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Capsule:
+    """A cylinder with half spheres at its ends, from the origin of a link along the plane of its leg.
+
+    Attributes:
+        end_m: the other end of its axis, as (outward, up).
+        radius_m: of cylinder and spheres.
+    """
+
+    end_m: tuple[float, float]
+    radius_m: float
+
+    @property
+    def length_m(self) -> float:
+        """Length of its axis."""
+        return math.hypot(*self.end_m)
+
+    @property
+    def tilt_rad(self) -> float:
+        """Turn about y that takes z to its axis."""
+        return math.atan2(*self.end_m)
+
+
+def link_capsule(robot: Robot, index: int) -> Capsule:
+    """Solid of coxa, femur or tibia, 0..2; the tibia ends before the foot, so that the foot touches first."""
+    outward_m, up_m = robot.link_vectors_m[index].tolist()
+    share = 1.0
+    if JOINT_KINDS[index] == "tibia":
+        share = max(0.5, 1 - robot.foot_radius_m / math.hypot(outward_m, up_m))
+    return Capsule((share * outward_m, share * up_m), float(robot.link_radii_m[index]))
+
+
+def link_mass(robot: Robot, index: int) -> PartMass:
+    """Mass of coxa, femur or tibia, 0..2, spread evenly in its capsule.
+
+    With m shared by volume between cylinder (m_c) and spheres (m_s), length h and radius r,
+
+        I_across = m_c (3 r^2 + h^2) / 12 + m_s (2 r^2 / 5 + h (3 r + 2 h) / 8)
+        I_along  = m_c r^2 / 2 + m_s 2 r^2 / 5
+    """
+    mass_kg, capsule = float(robot.link_masses_kg[index]), link_capsule(robot, index)
+    if robot.link_coms_m is None:
+        com_m, height_m = np.array(capsule.end_m) / 2, capsule.length_m
+    else:
+        com_m, height_m = robot.link_coms_m[index], float(robot.link_lengths_m[index])
+    radius_m = capsule.radius_m
+    spheres_kg = mass_kg * 4 * radius_m / (4 * radius_m + 3 * height_m)
+    cylinder_kg, ball = mass_kg - spheres_kg, 2 * radius_m**2 / 5
+    across = cylinder_kg * (3 * radius_m**2 + height_m**2) / 12
+    across += spheres_kg * (ball + height_m * (3 * radius_m + 2 * height_m) / 8)
+    along = cylinder_kg * radius_m**2 / 2 + spheres_kg * ball
+    com = (float(com_m[0]), 0.0, float(com_m[1]))
+    return PartMass(mass_kg, com, (across, across, along), capsule.tilt_rad)
+
+
+def trunk_mass(body: Body) -> PartMass:
+    """Mass of the trunk: its own moments of inertia, or those of its shape filled evenly."""
+    return PartMass(body.mass_kg, body.com_m, body.inertia_kg_m2 or _even_moments(body))
+
+
+def _even_moments(body: Body) -> Vector3:
+    length, width, height = body.size_m
+    if body.shape == "cylinder":
+        across = body.mass_kg * (3 * (length / 2) ** 2 + height**2) / 12
+        return across, across, body.mass_kg * (length / 2) ** 2 / 2
+    x, y, z = length**2, width**2, height**2
+    return body.mass_kg * (y + z) / 12, body.mass_kg * (x + z) / 12, body.mass_kg * (x + y) / 12

@@ -1,0 +1,135 @@
+"""URDF of robots, read by programs of others: MuJoCo, yourdfpy and Rerun."""
+
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import mujoco
+import numpy as np
+import pytest
+import yourdfpy
+
+from hexctl.ik.legs import foot_positions_body
+from hexctl.robot.formats.link_frames import FOOT_LINKS, JOINT_LINKS, fixed_transforms, link_transforms
+from hexctl.robot.formats.urdf import COMMAND_TOPIC, TOPIC_SYSTEM, urdf_of
+from hexctl.robot.model import Robot
+from hexctl.types import JOINT_NAMES, N_JOINTS, FloatArray
+from tests.robots import ROBOT_NAMES, shipped
+
+
+def poses(robot: Robot, count: int = 100) -> FloatArray:
+    """Joint angles within their ranges, (count, 18) in rad."""
+    shares = np.random.default_rng(17).uniform(size=(count, N_JOINTS))
+    return robot.joint_lower_rad + shares * (robot.joint_upper_rad - robot.joint_lower_rad)
+
+
+def compiled(text: str, *, free: bool = False) -> Any:
+    """A URDF in MuJoCo, with its frames kept and its base free if wanted."""
+    spec = mujoco.MjSpec.from_string(text)
+    spec.compiler.fusestatic = False
+    if free:
+        spec.body("base_link").add_freejoint()
+    return spec.compile()
+
+
+@pytest.mark.parametrize("name", ROBOT_NAMES)
+def test_mujoco_finds_the_feet_where_our_kinematics_do(name: str) -> None:
+    robot = shipped(name)
+    model = compiled(urdf_of(robot))
+    data = mujoco.MjData(model)
+    joints = [model.joint(joint).qposadr[0] for joint in JOINT_NAMES]
+    feet = [model.body(foot).id for foot in FOOT_LINKS]
+    for pose_rad in poses(robot):
+        data.qpos[joints] = pose_rad
+        mujoco.mj_kinematics(model, data)
+        off_m = data.xpos[feet] - foot_positions_body(robot, pose_rad)
+        assert np.abs(off_m).max() < 1e-9
+
+
+@pytest.mark.parametrize("name", ROBOT_NAMES)
+def test_yourdfpy_finds_the_feet_where_our_kinematics_do(name: str, tmp_path: Path) -> None:
+    robot = shipped(name)
+    file = tmp_path / "robot.urdf"
+    file.write_text(urdf_of(robot), encoding="utf-8")
+    urdf = yourdfpy.URDF.load(str(file))
+    assert urdf.validate()
+    for pose_rad in poses(robot):
+        urdf.update_cfg(dict(zip(JOINT_NAMES, pose_rad.tolist(), strict=True)))
+        found_m = [urdf.get_transform(foot, "base_link")[:3, 3] for foot in FOOT_LINKS]
+        assert np.abs(found_m - foot_positions_body(robot, pose_rad)).max() < 1e-9
+
+
+@pytest.mark.parametrize("name", ROBOT_NAMES)
+def test_transforms_of_links_are_those_of_the_urdf(name: str) -> None:
+    robot = shipped(name)
+    model = compiled(urdf_of(robot))
+    data = mujoco.MjData(model)
+    pose_rad = poses(robot, 1)[0]
+    data.qpos[[model.joint(joint).qposadr[0] for joint in JOINT_NAMES]] = pose_rad
+    mujoco.mj_kinematics(model, data)
+    for transforms in (link_transforms(robot, pose_rad), fixed_transforms(robot)):
+        for index, (parent, child) in enumerate(zip(transforms.parents, transforms.children, strict=True)):
+            above, below = model.body(parent).id, model.body(child).id
+            turn = data.xmat[above].reshape(3, 3).T
+            found_m = turn @ (data.xpos[below] - data.xpos[above])
+            matrix = np.empty(9)
+            mujoco.mju_quat2Mat(matrix, transforms.quaternions[index])
+            assert found_m == pytest.approx(transforms.translations_m[index], abs=1e-9)
+            assert turn @ data.xmat[below].reshape(3, 3) == pytest.approx(matrix.reshape(3, 3), abs=1e-9)
+
+
+def test_transforms_of_many_ticks_are_those_of_each() -> None:
+    robot = shipped()
+    many = link_transforms(robot, poses(robot, 4).reshape(2, 2, N_JOINTS))
+    one = link_transforms(robot, poses(robot, 4)[3])
+    assert many.quaternions.shape == (2, 2, N_JOINTS, 4)
+    assert np.array_equal(many.quaternions[1, 1], one.quaternions)
+    assert many.children == JOINT_LINKS
+
+
+@pytest.mark.parametrize("name", ROBOT_NAMES)
+def test_limits_masses_and_the_massless_root(name: str) -> None:
+    robot = shipped(name)
+    model = compiled(urdf_of(robot), free=True)
+    assert model.body_mass.sum() == pytest.approx(robot.mass_kg)
+    assert model.body_mass[model.body("base_link").id] == 0
+    for index, joint in enumerate(JOINT_NAMES):
+        limits = [robot.joint_lower_rad[index], robot.joint_upper_rad[index]]
+        assert model.joint(joint).range == pytest.approx(limits)
+    root = ElementTree.fromstring(urdf_of(robot))  # noqa: S314  our own text
+    limit = next(one.find("limit") for one in root.iter("joint") if one.get("name") == "leg1_femur")
+    assert limit is not None
+    assert float(limit.get("effort", "")) == robot.joint_max_torque_nm[1]
+    assert float(limit.get("velocity", "")) == robot.joint_max_speed_rad_s[1]
+
+
+def test_rerun_reads_it(tmp_path: Path) -> None:
+    rerun_urdf = pytest.importorskip("rerun.urdf", reason="this Rerun has no URDF reader")
+    robot = shipped("phantomx")
+    file = tmp_path / "robot.urdf"
+    file.write_text(urdf_of(robot), encoding="utf-8")
+    tree = rerun_urdf.UrdfTree.from_file_path(str(file))
+    assert {joint.name for joint in tree.joints()} >= set(JOINT_NAMES)
+    pose_rad = poses(robot, 1)[0]
+    transforms = link_transforms(robot, pose_rad)
+    for index, name in enumerate(JOINT_NAMES):
+        joint = tree.get_joint_by_name(name)
+        found = joint.compute_transform(float(pose_rad[index]))
+        at_m = np.array(found.translation.as_arrow_array().to_pylist()[0])
+        xyzw = np.array(found.quaternion.as_arrow_array().to_pylist()[0])
+        assert at_m == pytest.approx(transforms.translations_m[index], abs=1e-6)
+        wxyz = np.roll(xyzw, 1)
+        assert abs(float(wxyz @ transforms.quaternions[index])) == pytest.approx(1, abs=1e-6)
+
+
+def test_the_block_of_ros2_control_commands_every_joint_and_is_never_silent() -> None:
+    plain, whole = (urdf_of(shipped(), ros2_control=wanted) for wanted in (False, True))
+    assert "ros2_control" not in plain
+    block = ElementTree.fromstring(whole).find("ros2_control")  # noqa: S314  our own text
+    assert block is not None
+    assert block.findtext("hardware/plugin") == TOPIC_SYSTEM
+    parameters = {one.get("name"): one.text for one in block.findall("hardware/param")}
+    assert parameters["joint_commands_topic"] == COMMAND_TOPIC
+    assert parameters["trigger_joint_command_threshold"] == "-1"
+    assert [joint.get("name") for joint in block.findall("joint")] == list(JOINT_NAMES)
+    assert {one.get("name") for one in block.iter("command_interface")} == {"position"}
