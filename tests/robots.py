@@ -13,7 +13,11 @@ from hexctl.robot.configs import config_root
 from hexctl.robot.loader import load_robot
 from hexctl.robot.model import Robot
 
+#: Shipped robots with priors and measured uncertainty.
 ROBOT_NAMES = ("ant", "phantomx", "pexod")
+
+#: Shipped robots as kits and builds are sold and published, with their servos.
+VENDORS_ROBOTS = ("phantomx-ax", "makeyourpet", "freenove-big", "jethexa", "lukas")
 
 Content = dict[str, Any]
 Edit = Callable[[Content], None]

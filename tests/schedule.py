@@ -67,6 +67,7 @@ EARLY = (
 #: Commands, programs, viewers and studies from end to end, and searches over many walks: `make test-all` and
 #: `.ci/run` run them, `make test` and `make check` do not.
 SLOW = (
+    "tests/robot/test_configs_sources.py::test_each_walks_without_any_of_its_legs",
     "tests/adapt/prior/test_prior.py::test_no_byte_can_be_changed_unnoticed",
     "tests/adapt/prior/test_samples.py",
     "tests/adapt/test_kill.py",

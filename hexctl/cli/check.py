@@ -268,7 +268,7 @@ def _verdict(report: dict[str, Any]) -> list[str]:
         f"speed: kept{upto}" if report["speed_holds"] else f"speed: too fast, the guard will clip it{upto}",
         f"feet: {spacing:g} m apart or more" + ("" if report["feet_stay_apart"] else ": they touch"),
         *_load_verdicts(report),
-        _pulse_verdict(report),
+        *_servo_verdicts(report),
         *(f"warning: {warning}" for warning in report["warnings"]),
         _conclusion(report),
     ]
@@ -312,12 +312,39 @@ def _physics(report: dict[str, Any]) -> list[str]:
     ]
 
 
-def _pulse_verdict(report: dict[str, Any]) -> str:
-    beyond = report["joints_beyond_pulses"]
-    if not beyond:
-        return "servos: every range fits into the pulse limits"
-    gait = "this gait is not" if report["gait_fits_pulses"] else "this gait too"
-    return f"servos: range beyond the pulse limits for {', '.join(beyond)}; a board clips it, {gait}"
+def _servo_verdicts(report: dict[str, Any]) -> list[str]:
+    """Whether ranges and gait fit into the servos, and what an owner has to measure, a line each."""
+    unit, limits = (
+        ("pulses", "min_us, max_us") if "pulses_us" in report else ("counts", "min_count, max_count")
+    )
+    beyond, travel = report[f"joints_beyond_{unit}"], report.get("joints_beyond_travel", [])
+    lines = []
+    if travel:
+        lines.append(f"servos: range beyond all counts that the servo has for {_joints(travel)}")
+    if narrow := [name for name in beyond if name not in travel]:
+        what = "pulse limits" if unit == "pulses" else limits
+        lines.append(f"servos: range beyond the {what} for {_joints(narrow)}")
+    if lines:
+        gait = "this gait is not" if report[f"gait_fits_{unit}"] else "this gait too"
+        lines[-1] += f"; {'a board' if unit == 'pulses' else 'the bus'} clips it, {gait}"
+    else:
+        what = "pulse limits" if unit == "pulses" else f"counts of its servo ({limits})"
+        lines = [f"servos: every range fits into the {what}"]
+    if unknown := report["to_measure"]:
+        lines.append(f"to measure: {', '.join(unknown)}; the values in the file are plausible, not known")
+    return lines
+
+
+def _joints(names: list[str]) -> str:
+    """Names of joints, all of one kind as `all coxae`."""
+    from hexctl.types import N_LEGS
+
+    kinds = {"coxa": "all coxae", "femur": "all femurs", "tibia": "all tibiae"}
+    texts = []
+    for kind, text in kinds.items():
+        own = [name for name in names if name.endswith(kind)]
+        texts += [text] if len(own) == N_LEGS else own
+    return ", ".join(texts)
 
 
 def _conclusion(report: dict[str, Any]) -> str:

@@ -156,9 +156,10 @@ SELF_ROTATION_HELP = (
     "Turn before the walk until the failed leg points to the rear or the front of the way, or none: no turn."
 )
 SEED_HELP = f"Seed of everything random, a whole number, {SEED}: the same seed gives the same result."
-ROBOT_HELP = "Robot: ant, phantomx, pexod, or a path to a YAML file."
-
-# What moves, and where.
+ROBOT_HELP = (
+    "Robot: ant, phantomx, pexod, phantomx-ax, makeyourpet, freenove-big, jethexa, lukas, or a path to a "
+    "YAML file."
+)  # What moves, and where.
 
 BackendOption = Annotated[
     str,

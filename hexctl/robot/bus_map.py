@@ -9,7 +9,15 @@ from hexctl.errors import InputError
 from hexctl.robot.raw_map import IntArray, RawMap, calibration_of, check_once, joint_value
 from hexctl.robot.schema import BUS_DRIVERS, ServosSection
 from hexctl.robot.servo_models import DEFAULT_MODELS, ServoType, servo_type
-from hexctl.types import JOINT_KINDS, JOINT_NAMES, JOINTS_PER_LEG, N_JOINTS, BoolArray, check_finite
+from hexctl.types import (
+    JOINT_KINDS,
+    JOINT_NAMES,
+    JOINTS_PER_LEG,
+    N_JOINTS,
+    BoolArray,
+    FloatArray,
+    check_finite,
+)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -41,6 +49,12 @@ class BusMap(RawMap):
     def protocol(self) -> int:
         """Version of the driver's protocol that the servos speak."""
         return self.models[0].protocol
+
+    @property
+    def travel(self) -> tuple[FloatArray, FloatArray]:
+        """Lowest and highest count of each servo's model."""
+        least, most = zip(*((float(model.least), float(model.most)) for model in self.models), strict=True)
+        return np.array(least), np.array(most)
 
     def names(self, joints: BoolArray) -> str:
         """Names and ids of some joints, (18,), as messages give them."""

@@ -11,10 +11,13 @@ from pathlib import Path
 import numpy as np
 
 from hexctl.errors import InputError
+from hexctl.robot.bus_map import bus_map_of
 from hexctl.robot.configs import find_config, read_mapping, validate
 from hexctl.robot.meshes import Meshes, read_meshes
 from hexctl.robot.model import Body, GaitDefaults, Robot, ServoModel, stance_angles
-from hexctl.robot.schema import JointSection, LinkSection, MountSection, RobotSchema
+from hexctl.robot.pwm_map import pwm_map_of
+from hexctl.robot.raw_map import RawMap
+from hexctl.robot.schema import BUS_DRIVERS, JointSection, LinkSection, MountSection, RobotSchema
 from hexctl.robot.servo_map import ServoMap, servo_map_of
 from hexctl.types import JOINT_KINDS, JOINT_NAMES, N_LEGS, FloatArray
 
@@ -48,6 +51,21 @@ class RobotFile:
             raise InputError(f"{self.path}: {error}") from error
 
     @cached_property
+    def raw_map(self) -> RawMap:
+        """What raw positions of its servos mean: the map of the driver, else the servo map.
+
+        Raises InputError for ids, channels or limits that no servos can have.
+        """
+        section = self.content.servos
+        made = bus_map_of if section.driver in BUS_DRIVERS else pwm_map_of
+        if section.driver is None:
+            return self.servo_map
+        try:
+            return made(section, section.driver)
+        except InputError as error:
+            raise InputError(f"{self.path}: {error}") from error
+
+    @cached_property
     def meshes(self) -> Meshes:
         """The meshes of the section `meshes`, read from files whose names are relative to the robot file.
 
@@ -57,7 +75,7 @@ class RobotFile:
 
 
 def load_robot_file(name_or_path: str | Path = "ant") -> RobotFile:
-    """Robot file of a shipped name (`ant`, `phantomx`, `pexod`) or of a path.
+    """Robot file of a shipped name (`ant`, `phantomx`, `jethexa` ...) or of a path.
 
     Raises InputError that says file, key, value and what is allowed.
     """

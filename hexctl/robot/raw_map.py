@@ -75,6 +75,11 @@ class RawMap(ArrayFields, ABC):
     def servo_name(self, joint: int) -> str:
         """Which servo moves a joint, 0..17, such as `id 7`."""
 
+    @property
+    def travel(self) -> tuple[FloatArray, FloatArray]:
+        """Lowest and highest raw position that each servo can reach, where its model is known."""
+        return self.least, self.most
+
     def raw(self, positions_rad: FloatArray) -> FloatArray:
         """Raw positions of angles (18,) in rad, without limits and not rounded."""
         degrees = self.signs * np.degrees(positions_rad) + self.offsets_deg
@@ -147,6 +152,12 @@ def joints_beyond(raw_map: RawMap, robot: Robot) -> tuple[str, ...]:
     """Names of the joints whose range in the robot file is wider than the travel of their servo."""
     outside = raw_map.outside(robot.joint_lower_rad) | raw_map.outside(robot.joint_upper_rad)
     return tuple(name for name, beyond in zip(JOINT_NAMES, outside, strict=True) if beyond)
+
+
+def joints_beyond_travel(raw_map: RawMap, robot: Robot) -> tuple[str, ...]:
+    """Names of the joints whose range no servo of their model can reach, whatever its limits in the file."""
+    least, most = raw_map.travel
+    return joints_beyond(replace(raw_map, least=least, most=most), robot)
 
 
 def reference_deg(lower_deg: float, upper_deg: float) -> float:

@@ -1,6 +1,6 @@
 """Schema of robot files. Lengths are in metres and angles in degrees, as the keys say."""
 
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self, get_args
 
 from pydantic import (
     AfterValidator,
@@ -286,8 +286,30 @@ class MeshesSection(Section):
     tibia: MeshSection | None = None
 
 
+def _check_key(schema: type[BaseModel], path: str) -> None:
+    """Refuse a path such as `links.tibia.end_m` that leads to no key of a schema."""
+    place: type[BaseModel] | None = schema
+    for name in path.split("."):
+        fields = {} if place is None else place.model_fields
+        if name not in fields:
+            keys = f"one of {', '.join(sorted(fields))}" if fields else "nothing after it"
+            raise ValueError(f"got {path}; allowed: keys of a robot file; in place of {name!r}, {keys}")
+        place = _section_in(fields[name].annotation)
+
+
+def _section_in(annotation: Any) -> type[BaseModel] | None:
+    """The section that a type is, or may hold; None for a plain value."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return annotation
+    return next((found for part in get_args(annotation) if (found := _section_in(part))), None)
+
+
 class RobotSchema(Section):
-    """A whole robot file."""
+    """A whole robot file.
+
+    `unknown` names keys whose values are plausible but were not measured, such as `body.mass_kg`; a key of
+    `mounts` is that of all six.
+    """
 
     name: Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9_-]{0,39}$")]
     description: str = ""
@@ -302,6 +324,14 @@ class RobotSchema(Section):
     gait: GaitSection
     servos: ServosSection = ServosSection()
     meshes: MeshesSection = MeshesSection()
+    unknown: tuple[str, ...] = ()
+
+    @field_validator("unknown")
+    @classmethod
+    def _are_keys(cls, unknown: tuple[str, ...]) -> tuple[str, ...]:
+        for path in unknown:
+            _check_key(cls, path)
+        return unknown
 
     @field_validator("mounts")
     @classmethod

@@ -12,7 +12,7 @@ from hexctl.cli.main import exit_code
 from hexctl.control.assessment.uncertainty_store import keep_uncertainty, known_uncertainty
 from hexctl.robot.configs import config_root
 from tests.backends.mavlink.boards import fitting_file
-from tests.robots import shipped
+from tests.robots import edited_file, put, shipped
 
 
 def check_json(capsys: pytest.CaptureFixture[str], *arguments: str, code: int = 0) -> dict[str, Any]:
@@ -88,6 +88,54 @@ def test_whether_ranges_and_gait_fit_into_the_pulses(
     assert len(report["pulses_us"]) == 18
     assert exit_code(["check", path]) == 0
     assert words in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("servos", "beyond", "travel", "words"),
+    [
+        ({}, 0, 0, "servos: every range fits into the counts of its servo (min_count, max_count)"),
+        (
+            {"tibia": {"min_count": 1900}, "leg2_coxa": {"max_count": 2100}},
+            7,
+            0,
+            "servos: range beyond the min_count, max_count for leg2_coxa, all tibiae; the bus clips it",
+        ),
+        (
+            {"femur": {"offset_deg": 100}},
+            6,
+            6,
+            "servos: range beyond all counts that the servo has for all femurs; the bus clips it",
+        ),
+    ],
+)
+def test_whether_ranges_fit_into_the_counts(
+    servos: dict[str, Any],
+    beyond: int,
+    travel: int,
+    words: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    path = str(edited_file(tmp_path, put("servos", {"driver": "feetech", **servos}), base="phantomx"))
+    assert exit_code(["check", path, "--json"]) == 0
+    report = json.loads(capsys.readouterr().out)
+    assert len(report["joints_beyond_counts"]) == beyond
+    assert len(report["joints_beyond_travel"]) == travel
+    assert len(report["counts"]) == 18
+    assert "pulses_us" not in report
+    assert (report["driver"], report["to_measure"]) == ("feetech", [])
+    assert exit_code(["check", path]) == 0
+    printed = capsys.readouterr().out
+    assert words in printed
+    assert "to measure" not in printed
+
+
+def test_what_is_unknown_is_to_be_measured(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = str(edited_file(tmp_path, put("unknown", ["body.mass_kg", "joints.tibia"])))
+    assert exit_code(["check", path, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["to_measure"] == ["body.mass_kg", "joints.tibia"]
+    assert exit_code(["check", path]) == 0
+    assert "to measure: body.mass_kg, joints.tibia; the values in the file" in capsys.readouterr().out
 
 
 def test_a_bad_servo_map_is_bad_input(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -58,7 +58,7 @@ def asked(shell: str, line: str, folder: Path) -> list[str]:
     [
         ("hexctl ru", ["run"]),
         ("hexctl run --robot ", config_names("robots")),
-        ("hexctl run --robot p", ["pexod", "phantomx"]),
+        ("hexctl run --robot p", ["pexod", "phantomx", "phantomx-ax"]),
         ("hexctl run --world s", ["slippery", "slope"]),
         ("hexctl run --world t", ["transfer:0"]),
         ("hexctl prior build --family ", ["randomised", "real", "transfer"]),
@@ -79,7 +79,7 @@ def test_values_are_offered(line: str, offered: list[str], tmp_path: Path) -> No
 
 @pytest.mark.parametrize("shell", SHELLS)
 def test_all_shells_are_answered(shell: str, tmp_path: Path) -> None:
-    assert asked(shell, "hexctl run --robot ph", tmp_path) == ["phantomx"]
+    assert asked(shell, "hexctl run --robot ph", tmp_path) == ["phantomx", "phantomx-ax"]
 
 
 @pytest.mark.parametrize("line", ["hexctl adapt --resume ", "hexctl sessions show ", "hexctl view "])

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from hexctl.cli.main import exit_code
+from hexctl.robot.configs import config_names
 
 HEAVY = ("mujoco", "dm_control", "rerun", "numpy", "pydantic", "yaml", "scipy")
 
@@ -78,8 +79,8 @@ def test_version() -> None:
 
 
 REFUSED = [
-    (["run", "--robot", "bob"], ["robot", "'bob'", "ant, pexod, phantomx"]),
-    (["run", "--robot", "/nowhere/bob.yaml"], ["/nowhere/bob.yaml", "ant, pexod, phantomx"]),
+    (["run", "--robot", "bob"], ["robot", "'bob'", ", ".join(config_names("robots"))]),
+    (["run", "--robot", "/nowhere/bob.yaml"], ["/nowhere/bob.yaml", ", ".join(config_names("robots"))]),
     (["run", "--world", "mars"], ["world", "'mars'", "rough, slippery, slope"]),
     (["run", "--gait", "0"], ["--gait", "0", "1..720"]),
     (["run", "--gait", "721"], ["--gait", "721", "1..720"]),

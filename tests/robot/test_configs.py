@@ -8,6 +8,7 @@ from hexctl.backends.sim.world import load_world
 from hexctl.errors import InputError
 from hexctl.robot.configs import config_names, find_config, read_mapping
 from hexctl.robot.loader import load_robot
+from tests.robots import ROBOT_NAMES, VENDORS_ROBOTS
 
 
 @pytest.mark.parametrize("name", config_names("robots"))
@@ -22,7 +23,7 @@ def test_every_shipped_world_loads(name: str) -> None:
 
 
 def test_the_promised_files_are_shipped() -> None:
-    assert set(config_names("robots")) >= {"ant", "phantomx", "pexod"}
+    assert set(config_names("robots")) >= {*ROBOT_NAMES, *VENDORS_ROBOTS}
     assert set(config_names("worlds")) >= {"flat", "rough", "slippery", "slope"}
 
 

@@ -9,6 +9,7 @@ import pytest
 
 from hexctl.errors import InputError, WrongTypeError
 from hexctl.ik.legs import solve_legs
+from hexctl.robot.configs import config_names
 from hexctl.robot.loader import load_robot, load_robot_file
 from tests.robot.meshmaking import stl_box
 from tests.robots import ROBOT_NAMES, Content, Edit, drop, edited_file, put, shipped
@@ -349,14 +350,14 @@ def test_a_path_without_a_file_is_refused_with_the_path(where: str, tmp_path: Pa
     (tmp_path / "folder.yaml").mkdir()
     message = _refusal(f"{tmp_path}/{where}")
     assert str(tmp_path) in message
-    assert "ant, pexod, phantomx" in message
+    assert ", ".join(config_names("robots")) in message
 
 
 @pytest.mark.parametrize("name", ["spider", "", "Ant", "ant "])
 def test_an_unknown_name_lists_the_known_ones(name: str) -> None:
     message = _refusal(name)
     assert repr(name) in message
-    assert "ant, pexod, phantomx" in message
+    assert ", ".join(config_names("robots")) in message
 
 
 @pytest.mark.parametrize("value", [3, None, ["ant"], shipped()])
@@ -371,3 +372,43 @@ def _refusal(name_or_path: str | Path) -> str:
     message = str(refused.value)
     assert "\n" not in message
     return message
+
+
+@pytest.mark.parametrize(
+    ("unknown", "message"),
+    [
+        (
+            "body.mas_kg",
+            "got body.mas_kg; allowed: keys of a robot file; in place of 'mas_kg', one of com_m, ",
+        ),
+        ("legs", "in place of 'legs', one of body, description"),
+        ("size_m.x", "in place of 'x', nothing after it"),
+        ("mounts.yaw", "in place of 'yaw', one of azimuth_deg, position_m"),
+    ],
+)
+def test_only_keys_can_be_unknown(unknown: str, message: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError) as refused:
+        load_robot(edited_file(tmp_path, put("unknown", ["joints.coxa", "mounts.yaw_deg", unknown])))
+    assert message in str(refused.value)
+
+
+def test_what_is_unknown_is_no_part_of_the_robot(tmp_path: Path) -> None:
+    unknown = ["joints.coxa", "mounts.yaw_deg", "servos.leg6_tibia.min_count", "body.inertia_kg_m2"]
+    path = edited_file(tmp_path, put("unknown", unknown))
+    assert load_robot_file(path).content.unknown == tuple(unknown)
+    assert load_robot(path).fingerprint == shipped().fingerprint
+
+
+@pytest.mark.parametrize(
+    ("driver", "unit"),
+    [(None, "us"), ("servo2040", "us"), ("pca9685", "us"), ("dynamixel", "counts"), ("lx16a", "counts")],
+)
+def test_the_raw_map_is_that_of_the_driver(driver: str | None, unit: str, tmp_path: Path) -> None:
+    section = {"tibia": {"offset_deg": 30}} | ({} if driver is None else {"driver": driver})
+    file = load_robot_file(edited_file(tmp_path, put("servos", section)))
+    assert file.raw_map.unit == unit
+    assert file.raw_map.offsets_deg[2] == 30
+    wrong = edited_file(tmp_path, put("servos", section | {"leg1_coxa": {"id": 2}, "leg1_femur": {"id": 2}}))
+    if driver is not None:
+        with pytest.raises(InputError, match=r"robot\.yaml: servos: got id 2 for leg1_coxa and leg1_femur"):
+            _ = load_robot_file(wrong).raw_map

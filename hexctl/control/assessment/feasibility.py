@@ -16,8 +16,7 @@ from hexctl.gait.gait import AUTO, Gait, Motion, ideal_speed_m_s, make_gait
 from hexctl.ik.legs import TOLERANCE_RAD, range_excess_rad, solve_legs
 from hexctl.robot.loader import load_robot_file
 from hexctl.robot.model import Robot
-from hexctl.robot.raw_map import joints_beyond
-from hexctl.robot.servo_map import ServoMap
+from hexctl.robot.raw_map import RawMap, joints_beyond, joints_beyond_travel
 from hexctl.types import JOINT_NAMES, ArrayFields, FloatArray
 
 #: Points of one gait cycle that are evaluated.
@@ -93,7 +92,9 @@ class RobotCheck:
         gait: the gait that is checked.
         demand: what the gait demands of the joints.
         load: what the robot's weight demands of its servos, and how near its legs come.
-        servo_map: how joint angles become pulses.
+        servo_map: how joint angles become pulses or counts.
+        driver: of the servos, or None for a servo board.
+        to_measure: keys of the robot file whose values are not known.
         mesh_parts: parts of the robot that are drawn with a mesh.
     """
 
@@ -101,7 +102,9 @@ class RobotCheck:
     gait: Gait
     demand: GaitDemand
     load: GaitLoad
-    servo_map: ServoMap
+    servo_map: RawMap
+    driver: str | None = None
+    to_measure: tuple[str, ...] = ()
     mesh_parts: tuple[str, ...] = ()
 
     @property
@@ -120,8 +123,8 @@ class RobotCheck:
         return (*self.verdict.obstacles, *self.verdict.warnings)
 
     @property
-    def gait_fits_pulses(self) -> bool:
-        """Whether no angle of the gait needs a pulse beyond its servo's limits."""
+    def gait_fits_servos(self) -> bool:
+        """Whether no angle of the gait needs a pulse or a count beyond its servo's limits."""
         ends = (self.demand.lowest_rad, self.demand.highest_rad)
         return not any(bool(self.servo_map.outside(end).any()) for end in ends)
 
@@ -142,9 +145,9 @@ class RobotCheck:
             "feet_stay_apart": demand.least_foot_spacing_m > 2 * robot.foot_radius_m,
             "possible": self.possible,
             "joints": self._joints(),
-            "pulses_us": self._pulses_us(),
-            "joints_beyond_pulses": list(joints_beyond(self.servo_map, robot)),
-            "gait_fits_pulses": self.gait_fits_pulses,
+            "driver": self.driver,
+            **self._servos(),
+            "to_measure": list(self.to_measure),
             "meshes": list(self.mesh_parts),
             **self.load.to_dict(),
             "doubtful": self.verdict.doubtful,
@@ -174,8 +177,24 @@ class RobotCheck:
             for joint, name in enumerate(JOINT_NAMES)
         }
 
-    def _pulses_us(self) -> dict[str, list[int]]:
-        """Pulses at both ends of each joint's range, the shorter one first."""
+    def _servos(self) -> dict[str, Any]:
+        """How the ranges of the joints and of the gait fit into the servos, in their unit."""
+        beyond, fits = list(joints_beyond(self.servo_map, self.robot)), self.gait_fits_servos
+        if self.servo_map.unit == "us":
+            return {
+                "pulses_us": self._range_raw(),
+                "joints_beyond_pulses": beyond,
+                "gait_fits_pulses": fits,
+            }
+        return {
+            "counts": self._range_raw(),
+            "joints_beyond_counts": beyond,
+            "joints_beyond_travel": list(joints_beyond_travel(self.servo_map, self.robot)),
+            "gait_fits_counts": fits,
+        }
+
+    def _range_raw(self) -> dict[str, list[int]]:
+        """Pulses or counts at both ends of each joint's range, the lower one first."""
         limits = (self.robot.joint_lower_rad, self.robot.joint_upper_rad)
         ends = [self.servo_map.raw(limit) for limit in limits]
         return {
@@ -217,7 +236,9 @@ def check_robot(
         gait=checked,
         demand=gait_demand(file.robot, checked, motions),
         load=gait_load(file.robot, checked, motions),
-        servo_map=file.servo_map,
+        servo_map=file.raw_map,
+        driver=file.content.servos.driver,
+        to_measure=file.content.unknown,
         mesh_parts=tuple(file.meshes),
     )
 

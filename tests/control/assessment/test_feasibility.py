@@ -30,7 +30,7 @@ def test_the_report_is_plain_and_says_what_the_object_says() -> None:
     assert report["robot"] == "pexod"
     assert report["gait"]["pace_hz"] == 0.5
     assert report["possible"] == checked.possible
-    assert report["gait_fits_pulses"] == checked.gait_fits_pulses
+    assert report["gait_fits_pulses"] == checked.gait_fits_servos
     assert len(report["joints"]) == len(report["pulses_us"]) == 18
 
 

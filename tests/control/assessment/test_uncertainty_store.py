@@ -17,8 +17,7 @@ from hexctl.control.assessment.uncertainty_store import (
     known_uncertainty,
 )
 from hexctl.errors import InputError
-from hexctl.robot.configs import config_names
-from tests.robots import shipped
+from tests.robots import ROBOT_NAMES, VENDORS_ROBOTS, shipped
 
 FOUND = SimulationUncertainty(step_m=0.03, solver_m=0.04, contact_m=0.1, walks=7, duration_s=12.0)
 
@@ -125,7 +124,12 @@ def test_looking_up_loads_no_simulation() -> None:
     assert done.stdout == "False\n"
 
 
-@pytest.mark.parametrize("name", config_names("robots"))
+@pytest.mark.parametrize("name", VENDORS_ROBOTS)
+def test_robots_of_vendors_have_none_yet(name: str, tmp_path: Path) -> None:
+    assert known_uncertainty(name, folder=tmp_path) is None
+
+
+@pytest.mark.parametrize("name", ROBOT_NAMES)
 def test_the_shipped_robots_have_one(name: str, tmp_path: Path) -> None:
     """Of each robot file as it is now: another description of the robot needs another measurement."""
     found = known_uncertainty(name, folder=tmp_path)
