@@ -57,8 +57,12 @@ class PwmMap(RawMap):
             self._check_pulses(*SERVO2040_US)
 
     def servo_name(self, joint: int) -> str:
-        """Which servo moves a joint, 0..17: its output."""
-        return f"output {self.outputs[joint]}"
+        """Which servo moves a joint, 0..17: its output, with a PCA9685 also by what is printed there."""
+        output = int(self.outputs[joint])
+        if self.driver != "pca9685":
+            return f"output {output}"
+        board, channel = divmod(output, PCA9685_CHANNELS)
+        return f"output {output}, channel {channel} at {self.addresses[board]:#x}"
 
     def _check_pulses(self, least_us: float, most_us: float) -> None:
         for name, low, high in zip(JOINT_NAMES, self.least, self.most, strict=True):

@@ -10,7 +10,7 @@ from hexctl.types import FloatArray
 
 MODE1, MODE2, ALL_CALL, CHANNELS, ALL_CHANNELS, PRESCALE = 0x00, 0x01, 0x05, 0x06, 0xFA, 0xFE
 
-#: Bits of MODE1: a restart is possible, external clock, auto-increment, sleep, answers to all-call.
+#: Bits of MODE1: channels wait for a restart, external clock, auto-increment, sleep, answers to all-call.
 RESTART, EXTERNAL, INCREMENT, SLEEP, ANSWERS_ALL = 0x80, 0x40, 0x20, 0x10, 0x01
 
 #: Registers of channels end here; auto-increment then goes on with the first register.
@@ -74,7 +74,7 @@ class SimulatedPca9685:
     def pulses_us(self) -> FloatArray:
         """Pulses that come out, (16,) in us; 0 for channels that are off, NaN for those always on."""
         pulses = np.zeros(N_CHANNELS)
-        if self.registers[MODE1] & SLEEP:
+        if self.registers[MODE1] & (SLEEP | RESTART):
             return pulses
         count_us = (self.registers[PRESCALE] + 1) / self._oscillator_mhz
         for channel in range(N_CHANNELS):
@@ -96,6 +96,8 @@ class SimulatedPca9685:
                 self.registers[CHANNELS + 4 * channel + register - ALL_CHANNELS] = value
         elif register <= LAST_CHANNEL:
             self.registers[register] = value
+            if register >= CHANNELS and not self.registers[MODE1] & SLEEP:
+                self.registers[MODE1] &= ~RESTART & 0xFF
 
     def _set_mode(self, value: int) -> None:
         before = self.registers[MODE1]

@@ -25,6 +25,8 @@ def test_ids_are_outputs_from_0_on_and_touch_inputs_are_those_of_feet() -> None:
     )
     assert made.outputs.tolist() == [0, 1, 2, 3, 5, 4, *range(6, 18)]
     assert made.touches.tolist() == [5, 1, 2, 0, 4, 3]
+    assert made.servo_name(4) == "output 5"
+    assert _map("pca9685", leg1_coxa={"id": 18}).servo_name(0) == "output 18, channel 2 at 0x41"
     assert _map(femur={"sign": -1}).raw(np.full(18, np.radians(9)))[:3] == pytest.approx([1600, 1400, 1600])
 
 

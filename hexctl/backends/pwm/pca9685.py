@@ -27,8 +27,9 @@ from hexctl.types import N_JOINTS, BoolArray, FloatArray
 
 MODE1, MODE2, CHANNELS, PRESCALE = 0x00, 0x01, 0x06, 0xFE
 
-#: Bits of MODE1: external clock, auto-increment, sleep. Of MODE2: outputs drive both ways.
-EXTERNAL, INCREMENT, SLEEP = 0x40, 0x20, 0x10
+#: Bits of MODE1: channels wait for a restart, external clock, auto-increment, sleep. Of MODE2: outputs drive
+#: both ways.
+RESTART, EXTERNAL, INCREMENT, SLEEP = 0x80, 0x40, 0x20, 0x10
 DRIVEN = 0x04
 
 #: Bits of MODE1 and MODE2 that must be as they were set; others are of no concern, as the flag of a restart.
@@ -123,7 +124,7 @@ class Pca9685Chip:
         They stay as they are with the next `write`.
         """
         pulses = np.full(PCA9685_CHANNELS, np.nan)
-        if self._read_surely(MODE1) & SLEEP:
+        if self._read_surely(MODE1) & (SLEEP | RESTART):
             return pulses
         count_us = (self._read_surely(PRESCALE) + 1) / self._oscillator_mhz
         for channel in range(self._first, self._last + 1):
@@ -149,6 +150,9 @@ class Pca9685Chip:
         self.send()
         self._write(MODE1, INCREMENT)
         time.sleep(STARTS_S)
+        if self._read(MODE1) & RESTART:  # channels that had pulses when it fell asleep
+            self._write(MODE1, INCREMENT | RESTART)
+        self.send()
         if (lost := self.lost()) is not None:
             raise RobotFaultError(f"{lost}; is it a PCA9685, and does nothing else use it?")
 

@@ -197,6 +197,8 @@ def test_the_pose_of_an_earlier_program_is_kept_whatever_its_frequency(prescale:
         chip.write(bytes([0x00, 0x10]))
         chip.write(bytes([0xFE, prescale]))
         chip.write(bytes([0x00, 0x00]))
+        assert not chip.pulses_us().any(), "they wait for a restart"
+        chip.write(bytes([0x00, 0x80]))
     before = bus.pulses_us()
     bus.log.clear()
     with _servos(bus) as servos:
