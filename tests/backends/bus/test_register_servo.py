@@ -112,3 +112,44 @@ def test_the_sdk_reads_the_same_refusals(
         assert sdk.getRxPacketError(error) == (refused if protocol == 2 else "")
         assert sdk.read1ByteTxRx(port, 5, setting)[0] != 1
         port.closePort()
+
+
+def test_the_feetech_sdk_unlocks_renames_and_reads_an_overload() -> None:
+    import scservo_sdk
+
+    with bus_board(a_map(), "overload:2:coxa") as board:
+        port = scservo_sdk.PortHandler(board.path)
+        assert port.openPort()
+        assert port.setBaudRate(1_000_000)
+        sdk = scservo_sdk.sms_sts(port)
+        number, result, error = sdk.ping(4)
+        assert (number, result, error) == (777, 0, 1 << 5)
+        sdk.write1ByteTxRx(5, 5, 50)  # behind the lock: not kept
+        real = board._servos[4]
+        assert isinstance(real, BusServo)
+        assert sdk.ping(50)[1] == 0
+        real.restart()
+        assert sdk.ping(5)[1] == 0
+        sdk.unLockEprom(5)
+        sdk.write1ByteTxRx(5, 5, 50)
+        sdk.LockEprom(50)
+        real.restart()
+        assert sdk.ping(50)[:2] == (777, 0)
+        port.closePort()
+
+
+def test_the_dynamixel_sdk_reads_an_alert_and_ends_it_by_a_reboot() -> None:
+    import dynamixel_sdk
+
+    with bus_board(a_map("dynamixel", "xl430-w250"), "overload:2:femur") as board:
+        port, sdk = dynamixel_sdk.PortHandler(board.path), dynamixel_sdk.PacketHandler(2.0)
+        assert port.openPort()
+        errors, result, error = sdk.read1ByteTxRx(port, 5, 70)
+        assert (errors, result, error) == (1 << 5, 0, 1 << 7)
+        sdk.write1ByteTxRx(port, 5, 64, 1)
+        assert sdk.read1ByteTxRx(port, 5, 64)[0] == 0, "only a restart helps"
+        assert sdk.reboot(port, 5)[0] == 0
+        assert sdk.read1ByteTxRx(port, 5, 70) == (0, 0, 0)
+        sdk.write1ByteTxRx(port, 5, 64, 1)
+        assert sdk.read1ByteTxRx(port, 5, 64) == (1, 0, 0)
+        port.closePort()
