@@ -1,6 +1,7 @@
 """`hexctl servos` and `hexctl ports`: servos on a bus, one by one, and serial ports."""
 
 import json
+import sys
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -315,10 +316,10 @@ def _ask_consent(text: str, *, yes: bool) -> None:
         raise InputError("--yes: got none, and no answer can come on stdin; allowed: --yes, or a terminal")
     typer.echo(f"{text} Hold the robot so that its legs hang free. Go on? yes or no: ", err=True, nl=False)
     lines = StdinLines()
-    while (said := lines.poll(LOOK_S)) is None:
-        if lines.ended:
-            print_note("")
-            break
+    while (said := lines.poll(LOOK_S)) is None and not lines.ended:
+        pass
+    if said is None or not sys.stdin.isatty():
+        print_note("")  # no key ended the line on the screen
     if said is None or said.strip().lower() not in ("y", "yes"):
         raise InputError(f"consent: got {said or 'no answer'}; allowed: yes; nothing was moved")
 

@@ -154,7 +154,10 @@ def identify_servos(
                 servo = the_servo(line, known.driver, servo_id)
                 found = servo.look()
                 what = f"id {servo_id} ({found.model or 'unknown model'}), {place} of {len(left)}"
-                if not consent and _answer(operator, f"{what}: Enter moves it, skip:", stop_requested) != "":
+                if (
+                    not consent
+                    and _answer(operator, f"{what}: Enter moves it, skip, quit:", stop_requested) != ""
+                ):
                     continue
                 joint = None
                 while joint is None:
@@ -172,7 +175,7 @@ def _joint(
     known: Identification, operator: Operator, what: str, stop_requested: Callable[[], bool]
 ) -> str | None:
     """Joint that moved as the operator says, None to see it again, or empty for a servo of none."""
-    question = f"{what}: which joint moved? leg3_femur or 3f, again, none:"
+    question = f"{what}: which joint moved? leg3_femur or 3f, again, none, quit:"
     while True:
         said = _answer(operator, question, stop_requested)
         if said == "again":

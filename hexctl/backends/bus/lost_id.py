@@ -107,4 +107,4 @@ def _angle_deg(robot: Robot, servos: BusMap, joint: int, seen: FoundServo) -> fl
             f"the servo with id {FACTORY_ID} stands at {angle_deg:.0f} degrees, where {name} cannot "
             f"({ends[0]:.0f} to {ends[1]:.0f}): it may be another one; `hexctl servos identify` tells"
         )
-    return angle_deg
+    return round(angle_deg, 1)
