@@ -1,6 +1,6 @@
 """The memory of one servo: what it takes, and what is said of what it refuses. The SDK says the same."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 import pytest
@@ -114,6 +114,15 @@ def test_the_sdk_reads_the_same_refusals(
         port.closePort()
 
 
+def _answer(ask: Callable[[], tuple[int, int, int]]) -> tuple[int, int, int]:
+    """Value, result and error of a question to an SDK, which gives up early: asked again."""
+    for _ in range(10):
+        answer = ask()
+        if answer[1] == 0:
+            return answer
+    raise AssertionError(answer)
+
+
 def test_the_feetech_sdk_unlocks_renames_and_reads_an_overload() -> None:
     import scservo_sdk
 
@@ -122,19 +131,18 @@ def test_the_feetech_sdk_unlocks_renames_and_reads_an_overload() -> None:
         assert port.openPort()
         assert port.setBaudRate(1_000_000)
         sdk = scservo_sdk.sms_sts(port)
-        number, result, error = sdk.ping(4)
-        assert (number, result, error) == (777, 0, 1 << 5)
+        assert _answer(lambda: sdk.ping(4)) == (777, 0, 1 << 5)
         sdk.write1ByteTxRx(5, 5, 50)  # behind the lock: not kept
         real = board._servos[4]
         assert isinstance(real, BusServo)
-        assert sdk.ping(50)[1] == 0
+        assert _answer(lambda: sdk.ping(50))[1] == 0
         real.restart()
-        assert sdk.ping(5)[1] == 0
+        assert _answer(lambda: sdk.ping(5))[1] == 0
         sdk.unLockEprom(5)
         sdk.write1ByteTxRx(5, 5, 50)
         sdk.LockEprom(50)
         real.restart()
-        assert sdk.ping(50)[:2] == (777, 0)
+        assert _answer(lambda: sdk.ping(50))[:2] == (777, 0)
         port.closePort()
 
 
@@ -144,12 +152,15 @@ def test_the_dynamixel_sdk_reads_an_alert_and_ends_it_by_a_reboot() -> None:
     with bus_board(a_map("dynamixel", "xl430-w250"), "overload:2:femur") as board:
         port, sdk = dynamixel_sdk.PortHandler(board.path), dynamixel_sdk.PacketHandler(2.0)
         assert port.openPort()
-        errors, result, error = sdk.read1ByteTxRx(port, 5, 70)
-        assert (errors, result, error) == (1 << 5, 0, 1 << 7)
+
+        def read(address: int) -> tuple[int, int, int]:
+            return _answer(lambda: sdk.read1ByteTxRx(port, 5, address))
+
+        assert read(70) == (1 << 5, 0, 1 << 7)
         sdk.write1ByteTxRx(port, 5, 64, 1)
-        assert sdk.read1ByteTxRx(port, 5, 64)[0] == 0, "only a restart helps"
-        assert sdk.reboot(port, 5)[0] == 0
-        assert sdk.read1ByteTxRx(port, 5, 70) == (0, 0, 0)
+        assert read(64)[0] == 0, "only a restart helps"
+        sdk.reboot(port, 5)
+        assert read(70) == (0, 0, 0)
         sdk.write1ByteTxRx(port, 5, 64, 1)
-        assert sdk.read1ByteTxRx(port, 5, 64) == (1, 0, 0)
+        assert read(64) == (1, 0, 0)
         port.closePort()
