@@ -31,6 +31,8 @@ if TYPE_CHECKING:
     from hexctl.control.batch import SimTrial, run_sim_trial, run_sim_trials
     from hexctl.control.controllers import Controller, Stand, Walk
     from hexctl.control.diagnosis.findings import Diagnosis, LegFinding
+    from hexctl.control.drive.arbiter import Arbiter, Velocity, VelocitySource
+    from hexctl.control.drive.drive import Drive
     from hexctl.control.guard import Guard
     from hexctl.control.log import Recorder, Recorders, TickLog
     from hexctl.control.plan import TrialPlan
@@ -78,6 +80,8 @@ __all__ = [
     "TrialPlan", "WalkStart", "planned_walk", "run_trial", "SimTrial", "run_sim_trial",
     "run_sim_trials", "Deviation", "TrialResult", "Controller", "Stand", "Walk", "Recorder",
     "Recorders", "TickLog", "Recording",
+    # driving
+    "Drive", "Velocity", "VelocitySource", "Arbiter",
     # search
     "GaitSpace", "Observation", "Optimizer", "Prediction", "make_optimizer", "Objective",
     "as_objective", "make_objective",
@@ -124,6 +128,9 @@ _MODULES = {
     "control.controllers": "Controller Stand Walk",
     "control.log": "Recorder Recorders TickLog",
     "record.recording": "Recording",
+    # driving
+    "control.drive.drive": "Drive",
+    "control.drive.arbiter": "Velocity VelocitySource Arbiter",
     # search
     "adapt.space": "GaitSpace",
     "adapt.optimizer": "Observation Optimizer Prediction",

@@ -109,17 +109,26 @@ class Stand(Controller):
         start_rad: where the joints are, (18,).
         steps: how long the motion takes.
         rest_steps: how long the robot then rests before the controller is done.
+        end_rad: another pose than the stance, (18,).
     """
 
-    def __init__(self, robot: Robot, start_rad: FloatArray, steps: int, rest_steps: int = 0) -> None:
+    def __init__(
+        self,
+        robot: Robot,
+        start_rad: FloatArray,
+        steps: int,
+        rest_steps: int = 0,
+        *,
+        end_rad: FloatArray | None = None,
+    ) -> None:
         check_type(robot, Robot, "robot", "a Robot, as load_robot('ant') gives")
         self._start_rad = start_rad
-        self._end_rad = robot.stance_angles_rad
+        self._end_rad = robot.stance_angles_rad if end_rad is None else end_rad
         self._steps = max(1, steps)
         self._last_step = steps + rest_steps - 1
 
     def targets_rad(self, step: int, state: RobotState) -> FloatArray:
-        """Pose on the way from the start to the stance, then the stance."""
+        """Pose on the way from the start to the end, then the end."""
         if step >= self._steps:
             return self._end_rad
         share = step / self._steps

@@ -47,16 +47,27 @@ def run_controller(
     tick = servos.clock.tick()
     zero_index = tick.index - first_step
     while True:
-        began_s = time.perf_counter()
         step = tick.index - zero_index
-        state = servos.read()
-        wanted_rad = controller.targets_rad(step, state)
-        sent = servos.write(JointTargets(wanted_rad, tick.time_s))
-        for observer in observers:
-            observer.record(tick, state, wanted_rad, sent)
-        work_s = time.perf_counter() - began_s
-        for observer in observers:
-            observer.took(work_s)
+        state = run_step(servos, controller, tick, step, observers)
         if controller.done(step, state) or (until is not None and until(step, state)):
             return step, state
         tick = servos.clock.tick()
+
+
+def run_step(
+    servos: Guard, controller: Controller, tick: Tick, step: int, observers: Sequence[TickObserver] = ()
+) -> RobotState:
+    """One step of a controller at a tick that has begun; the state that it was given.
+
+    Raises what `run_controller` raises.
+    """
+    began_s = time.perf_counter()
+    state = servos.read()
+    wanted_rad = controller.targets_rad(step, state)
+    sent = servos.write(JointTargets(wanted_rad, tick.time_s))
+    for observer in observers:
+        observer.record(tick, state, wanted_rad, sent)
+    work_s = time.perf_counter() - began_s
+    for observer in observers:
+        observer.took(work_s)
+    return state

@@ -64,23 +64,45 @@ def speed_envelope(
 
     A planned motion, as `hexctl run --turn`, has no bound on its strokes but the reach of the legs.
     """
-    way = [_possible(robot, gait, Motion(heading_rad=heading_rad)) for heading_rad in directions_rad]
-    turn_rate_rad_s = 2 * half_amplitude_turn_rate_rad_s(robot, gait)
-    turn = _possible(robot, gait, Motion(travel=0.0, turn_rate_rad_s=turn_rate_rad_s))
-    speed_m_s = ideal_speed_m_s(robot, gait, Motion())
+    speeds_m_s, turn_rates_rad_s = speed_limits(robot, gait, directions_rad)
     failures = [None, *(Failure(leg=leg, kind="missing") for leg in range(1, N_LEGS + 1))]
     margins_m = np.array([[_margin_m(robot, one, heading) for heading in directions_rad] for one in failures])
     return SpeedEnvelope(
         directions_rad=np.array(directions_rad),
-        speeds_m_s=OVERDRIVE * speed_m_s * np.array([_greatest(one) for one in way]).T,
-        turn_rates_rad_s=OVERDRIVE * turn_rate_rad_s * _greatest(turn),
+        speeds_m_s=speeds_m_s,
+        turn_rates_rad_s=turn_rates_rad_s,
         margins_m=margins_m,
     )
 
 
-def _possible(robot: Robot, gait: Gait, motion: Motion) -> BoolArray:
+def speed_limits(
+    robot: Robot,
+    gait: Gait,
+    directions_rad: Sequence[float] = DIRECTIONS_RAD,
+    *,
+    points: int = POINTS,
+) -> tuple[FloatArray, FloatArray]:
+    """Greatest speeds in m/s, (7, D), and turn rates in rad/s, (7,), as in `SpeedEnvelope`.
+
+    The order of the legs does not matter for them.
+
+    Args:
+        robot: who walks.
+        gait: how.
+        directions_rad: of travel in the body frame, D of them.
+        points: of a cycle at which strokes are tried.
+    """
+    way = [_possible(robot, gait, Motion(heading_rad=one), points) for one in directions_rad]
+    turn_rate_rad_s = 2 * half_amplitude_turn_rate_rad_s(robot, gait)
+    turn = _possible(robot, gait, Motion(travel=0.0, turn_rate_rad_s=turn_rate_rad_s), points)
+    speed_m_s = ideal_speed_m_s(robot, gait, Motion())
+    speeds_m_s = OVERDRIVE * speed_m_s * np.array([_greatest(one) for one in way]).T
+    return speeds_m_s, OVERDRIVE * turn_rate_rad_s * _greatest(turn)
+
+
+def _possible(robot: Robot, gait: Gait, motion: Motion, points: int) -> BoolArray:
     """Whether each leg can make its stroke at each of the `SHARES`, (shares, 6)."""
-    time_s = RAMP_DURATION_S + np.arange(POINTS) / (POINTS * gait.pace_hz)
+    time_s = RAMP_DURATION_S + np.arange(points) / (points * gait.pace_hz)
     feet = []
     for share in (OVERDRIVE * SHARES).tolist():
         longer = replace(gait, amplitude=min(1.0, share * gait.amplitude))

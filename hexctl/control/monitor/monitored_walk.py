@@ -161,6 +161,11 @@ class MonitoredWalk(Controller):
         """The failure for which its policy has stopped a walk; None where it has not."""
         return self._stopped.get(index)
 
+    def walk_on(self) -> None:
+        """Walk on, although the policy has stopped walks; legs that have failed stay known."""
+        self._stopped.clear()
+        self._unsettled.clear()  # how a leg fails is not told anew: that would stop it again
+
     def stop(self, step: int) -> None:
         """Begin the soft stop, in which nothing is watched."""
         self._stopping = True

@@ -1,0 +1,1 @@
+"""Driving: velocity commands from several sources, and the walk that follows them."""

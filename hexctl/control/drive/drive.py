@@ -1,0 +1,336 @@
+"""A robot that is driven by velocity commands: `hexctl.Drive`."""
+
+from collections.abc import Sequence
+from contextlib import ExitStack
+from dataclasses import replace
+from pathlib import Path
+from types import NoneType, TracebackType
+from typing import Any, Self
+
+from hexctl.backends.base import LegServos, as_robot, connection_notes
+from hexctl.backends.registry import BackendOptions, check_options, make_servos
+from hexctl.backends.sim.world import World, load_world
+from hexctl.control.controllers import Controller
+from hexctl.control.drive.arbiter import Arbiter, Decision, Velocity
+from hexctl.control.drive.drive_controller import DriveController
+from hexctl.control.guard import Guard
+from hexctl.control.log import Recorders
+from hexctl.control.loop import TickObserver, run_step
+from hexctl.control.monitor.recovery import RecoveryPolicy, make_policy
+from hexctl.errors import InputError, check_type
+from hexctl.gait.gait import Gait, make_gait
+from hexctl.robot.failure import Failure, Failures, each_failure
+from hexctl.robot.failure_event import NoticedFailure
+from hexctl.robot.loader import RobotFile, load_robot_file
+from hexctl.robot.model import Robot
+from hexctl.types import RobotState
+
+#: What drives on its own ticks: a robot that has not been told to stand yet.
+NOT_CONNECTED = "drive: got it before the robot is connected; allowed: inside `with Drive(...)`"
+
+
+class Drive:
+    """A robot that follows velocity commands, on any backend, tick by tick.
+
+        with Drive("ant") as drive:
+            drive.command(forward_m_s=0.1)
+            for _ in range(500):
+                state = drive.step()
+
+    Each `step` is one control period, of a simulation as fast as it can, of a robot in real time. Velocities
+    are limited to what the gait can walk, and approached without a jump. A leg that fails is noticed and
+    answered by the policy, while the command stays what it was. On a real robot the steps must go on: after
+    0.2 s without one its guard stops it.
+
+    Args:
+        robot: a shipped name, a robot file, or a robot; not given with servos.
+        backend: as for `hexctl.run`; not given with servos.
+        servos: your own, not connected; a `Guard` is used as it is, others are put behind one.
+        gait: a name, a code, slots or a gait.
+        body_raise: how much higher the body is than in the stance, -0.2 to 0.2 of the robot's size; None for
+            that of the gait.
+        policy: of a leg that fails: `glide`, `stop`, `walk-on`, `package.module:Class` or a policy; None
+            glides to a gait for the other legs in a simulation and stops elsewhere.
+        failure: a leg that has failed: a simulation breaks it, and the walk is told.
+        further_failures: those of other legs besides.
+        told: False leaves it to the walk to notice the failures of a simulation.
+        arbiter: decides between several sources of commands; one of its own unless given.
+        recorders: take every tick, as in `run_trial`.
+        options: of the backend, fields of `BackendOptions`: `world`, `seed`, `realtime`, `events`, `connect`,
+            `credentials`, `insecure`, `link`.
+
+    Attributes:
+        robot: who is driven.
+        arbiter: whose command is followed; `command` is its source `motion`.
+        notes: once connected, what an operator should know about the robot that answered.
+
+    Raises InputError for what is not allowed, before anything is opened or moves.
+    """
+
+    def __init__(
+        self,
+        robot: str | Path | Robot | None = None,
+        *,
+        backend: str | None = None,
+        servos: LegServos | None = None,
+        gait: str | int | Sequence[int] | Gait = "tripod",
+        body_raise: float | None = None,
+        policy: str | RecoveryPolicy | None = None,
+        failure: Failure | None = None,
+        further_failures: Failures = (),
+        told: bool = True,
+        arbiter: Arbiter | None = None,
+        recorders: Recorders | None = None,
+        **options: Any,
+    ) -> None:
+        self._failures = each_failure((*each_failure(failure), *each_failure(further_failures)))
+        self._told = told
+        self._robot_file: RobotFile | None = None
+        check_type(servos, (LegServos, NoneType), "servos", "LegServos, as SimServos('ant') gives, or None")
+        if servos is None:
+            servos = self._made_servos(robot or "ant", backend or "sim", options)
+        elif robot is not None or backend is not None or options:
+            given = ", ".join(
+                [*(["robot"] if robot is not None else []), *(["backend"] if backend else []), *options]
+            )
+            raise InputError(f"drive: got servos and {given} too; allowed: one or the other")
+        self._guard = servos if isinstance(servos, Guard) else Guard(servos)
+        self.robot = self._guard.robot
+        self.arbiter = Arbiter() if arbiter is None else arbiter
+        check_type(self.arbiter, Arbiter, "arbiter", "an Arbiter")
+        usual = "glide" if self._guard.injects_failure else "stop"
+        policy = usual if policy is None else policy
+        self._policy = make_policy(policy) if isinstance(policy, str) else policy
+        self._gait = self._gait_of(gait)
+        if body_raise is not None:
+            self._gait = _raised(self._gait, body_raise)
+        self._recorders = recorders
+        self._observers: list[TickObserver] = [] if recorders is None else [_News(self), recorders]
+        self._controller: DriveController | None = None
+        self._stack = ExitStack()
+        self._zero_index: int | None = None
+        self.notes: tuple[str, ...] = ()
+
+    def __enter__(self) -> Self:
+        """Connect the robot; it begins to stand up with the first step.
+
+        Raises RobotFaultError for a robot that cannot be reached.
+        """
+        with ExitStack() as stack:
+            stack.enter_context(self._guard)
+            self.notes = tuple(connection_notes(self._guard.unwrapped, self._known))
+            self._begin()
+            self._stack = stack.pop_all()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._controller = None
+        if self._recorders is not None:
+            self._recorders.flush()
+        self._stack.__exit__(kind, error, trace)
+
+    def reset(self) -> RobotState:
+        """Stand up and come to rest in the stance, without a command; the state then.
+
+        A simulation begins anew where it was put down. A stop is cleared. Raises what `step` raises.
+        """
+        self._connected  # noqa: B018  raises
+        guard = self._guard
+        if guard.injects_failure:
+            guard.close()
+            guard.connect()
+        guard.clear()
+        self.arbiter.clear()
+        self._begin()
+        state = self.step()
+        while not self.at_rest:
+            state = self.step()
+        return state
+
+    def step(self) -> RobotState:
+        """Wait for the next control period, follow the command in it, and return the state it began with.
+
+        Raises EStopError when the guard has stopped the robot, RobotFaultError when it or its link fails.
+        """
+        controller = self._connected
+        tick = self._guard.clock.tick()
+        if self._zero_index is None:
+            self._zero_index = tick.index
+        return run_step(self._guard, controller, tick, tick.index - self._zero_index, self._observers)
+
+    def pause(self) -> None:
+        """Expect no step until the next one: the robot holds its pose, and its guard does not mind."""
+        self._guard.pause_watchdog()
+
+    def command(self, forward_m_s: float = 0.0, left_m_s: float = 0.0, turn_rad_s: float = 0.0) -> None:
+        """Walk with a velocity from the next step on, until another is commanded.
+
+        Other sources of the arbiter outweigh it.
+
+        Args:
+            forward_m_s: in the body frame.
+            left_m_s: in the body frame.
+            turn_rad_s: counter-clockwise.
+
+        Raises InputError for numbers that are not finite.
+        """
+        self.arbiter.source("motion").command(Velocity(forward_m_s, left_m_s, turn_rad_s))
+
+    def stand(self) -> None:
+        """Stand up, or step the feet to their places; a stop, and one for a leg that failed, is cleared."""
+        self.arbiter.clear()
+        self._connected.stand()
+
+    def sit(self) -> None:
+        """Come to a stand, lower the body and stay down until `stand`."""
+        self.arbiter.source("motion").release()
+        self._connected.sit()
+
+    def stop(self, reason: str = "stop") -> None:
+        """Come to a stand now, and follow no command until `stand`. May be called from any thread."""
+        self.arbiter.stop(reason)
+
+    @property
+    def gait(self) -> Gait:
+        """The gait that was asked for; set a name, a code, slots or a gait to change it in stride."""
+        return self._gait
+
+    @gait.setter
+    def gait(self, gait: str | int | Sequence[int] | Gait) -> None:
+        new = self._gait_of(gait)
+        if not isinstance(gait, Gait):
+            new = replace(new, posture=self._gait.posture)
+        self._use(new)
+
+    @property
+    def body_raise(self) -> float:
+        """How much higher the body is than in the stance, -0.2 to 0.2 of the robot's size; may be set."""
+        return self._gait.posture.body_raise
+
+    @body_raise.setter
+    def body_raise(self, share: float) -> None:
+        self._use(_raised(self._gait, share))
+
+    @property
+    def mode(self) -> str:
+        """What the robot does: `standing up`, `driving`, `sitting down` or `sitting`."""
+        return self._connected.mode
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether it stands or sits, and no target moves."""
+        return self._connected.at_rest
+
+    @property
+    def decision(self) -> Decision:
+        """Whose command was followed in the last step, and which."""
+        return self._connected.decision
+
+    @property
+    def velocity(self) -> Velocity:
+        """The velocity that the legs are commanded to walk now: within limits, and without jumps."""
+        return Velocity(*self._connected.velocity_body.tolist())
+
+    @property
+    def stopped(self) -> str | None:
+        """Why the robot follows no command: what the guard or the arbiter says, or None."""
+        return self._guard.stopped or self.arbiter.stopped
+
+    @property
+    def failures(self) -> tuple[Failure, ...]:
+        """Legs that it was told or has noticed to have failed."""
+        return self._connected.believed_failures()
+
+    @property
+    def noticed(self) -> tuple[NoticedFailure, ...]:
+        """Failures that it has noticed so far, and what it did about them."""
+        return self._connected.noticed_failures()
+
+    @property
+    def controller(self) -> Controller:
+        """What gives the joint targets."""
+        return self._connected
+
+    @property
+    def guard(self) -> Guard:
+        """The guarded servos."""
+        return self._guard
+
+    @property
+    def _known(self) -> tuple[Failure, ...]:
+        return self._failures if self._told else ()
+
+    @property
+    def _connected(self) -> DriveController:
+        if self._controller is None:
+            raise InputError(NOT_CONNECTED)
+        return self._controller
+
+    def _begin(self) -> None:
+        """A new controller, from where the joints are."""
+        self._zero_index = None
+        self._controller = DriveController(
+            self.robot,
+            self._gait,
+            self._guard.accepted_rad(),
+            period_s=self._guard.clock.period_s,
+            arbiter=self.arbiter,
+            policy=self._policy,
+            failures=self._known,
+        )
+        if self._recorders is not None:
+            self._recorders.log.controller = self._controller
+
+    def _use(self, gait: Gait) -> None:
+        if self._controller is not None:
+            self._controller.change_gait(gait)
+        self._gait = gait
+
+    def _gait_of(self, gait: str | int | Sequence[int] | Gait) -> Gait:
+        return gait if isinstance(gait, Gait) else make_gait(self.robot, gait)
+
+    def _made_servos(self, robot: str | Path | Robot, backend: str, options: dict[str, Any]) -> LegServos:
+        """Servos of a backend; raises InputError for options that it would ignore."""
+        check_type(backend, str, "backend", "a name or package.module:Class; own servos go to `servos`")
+        if not isinstance(robot, Robot):
+            self._robot_file = load_robot_file(robot)
+            robot = self._robot_file.robot
+        check_options(backend, **options)
+        if not isinstance(world := options.pop("world", None), World):
+            world = load_world("flat" if world is None else world)
+        return make_servos(
+            backend,
+            BackendOptions(
+                robot=as_robot(robot),
+                robot_file=self._robot_file,
+                world=world,
+                failure=next(iter(self._failures), None),
+                further_failures=self._failures[1:],
+                **options,
+            ),
+        )
+
+
+class _News:
+    """Notes in the log what happens to the robot's legs and what its controller notices."""
+
+    def __init__(self, drive: Drive) -> None:
+        self._drive = drive
+
+    def record(self, tick: Any, state: RobotState, wanted_rad: Any, sent: Any) -> None:
+        drive, recorders = self._drive, self._drive._recorders  # noqa: SLF001  its own
+        if recorders is None:
+            return
+        recorders.log.note_failures("world", drive.guard.unwrapped.failures)
+        recorders.log.note_failures("belief", drive.failures)
+        if texts := drive.controller.news():
+            recorders.log.note(texts)
+
+    def took(self, work_s: float) -> None:
+        """Nothing: notes keep no durations."""
+
+
+def _raised(gait: Gait, share: float) -> Gait:
+    return replace(gait, posture=replace(gait.posture, body_raise=share))

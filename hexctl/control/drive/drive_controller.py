@@ -1,0 +1,200 @@
+"""Standing up, driving and sitting down: the controller behind `Drive`."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hexctl.control.controllers import SITTING_S, Controller, Stand, sitting_angles_rad
+from hexctl.control.drive.arbiter import Arbiter, Decision
+from hexctl.control.drive.drive_walk import DriveWalk
+from hexctl.control.drive.velocity_limits import VelocityLimits
+from hexctl.control.monitor.monitored_walk import MonitoredWalk
+from hexctl.control.monitor.recovery import RecoveryPolicy
+from hexctl.control.plan import TrialPlan
+from hexctl.control.preparation import WalkStart
+from hexctl.errors import check_type
+from hexctl.gait.gait import Gait
+from hexctl.gait.posture import STANCE
+from hexctl.robot.failure import Failure
+from hexctl.robot.failure_event import NoticedFailure
+from hexctl.robot.model import Robot
+from hexctl.types import FloatArray, RobotState
+
+#: What a robot that is driven does.
+MODES = ("standing up", "driving", "sitting down", "sitting")
+
+
+class DriveController(Controller):
+    """Follows an arbiter's velocity within the limits of the gait; stands up first, and sits when told to.
+
+    The legs are watched, and a policy says what is done about one that fails. Where it stops the robot, the
+    arbiter is stopped, until it is cleared.
+
+    Args:
+        robot: who is driven.
+        gait: to walk with.
+        start_rad: where the joints are, (18,).
+        period_s: control period.
+        arbiter: says which velocity is asked for.
+        policy: of the recovery.
+        failures: that are known, by leg.
+
+    Attributes:
+        mode: one of `MODES`.
+        decision: what the arbiter said last.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        gait: Gait,
+        start_rad: FloatArray,
+        *,
+        period_s: float,
+        arbiter: Arbiter,
+        policy: RecoveryPolicy,
+        failures: Sequence[Failure] = (),
+    ) -> None:
+        check_type(arbiter, Arbiter, "arbiter", "an Arbiter")
+        self._robot, self._gait, self._period_s = robot, gait, period_s
+        self._arbiter, self._policy = arbiter, policy
+        self._known = tuple(failures)
+        self._news: tuple[str, ...] = ()
+        self._moving_steps = max(1, round(SITTING_S / period_s))
+        self._sit_asked = False
+        self.decision = Decision()
+        self._limits = VelocityLimits.of(robot, gait)
+        self._step = self._began = 0
+        self.mode = MODES[0]
+        self._sent_rad = start_rad
+        self._be("standing up", Stand(robot, start_rad, self._moving_steps))
+        self._new_walk()
+
+    @property
+    def gait(self) -> Gait:
+        """The gait that was asked for; a leg that has failed may have changed it."""
+        return self._gait
+
+    @property
+    def gait_now(self) -> Gait:
+        """The gait that it walks with, or changes to."""
+        return self._walk.gaits[0]
+
+    @property
+    def velocity_body(self) -> FloatArray:  # type: ignore[override]  # of the walk
+        """The velocity commanded to the legs now: forward, left in m/s, turn in rad/s, (3,)."""
+        return self._walk.velocity_body if self.mode == "driving" else np.zeros(3)
+
+    @property
+    def leg_phases(self) -> FloatArray | None:  # type: ignore[override]  # of the walk
+        """Normalised times of the legs in the last step, (6,); None while they do not step."""
+        return self._walk.leg_phases if self.mode == "driving" else None
+
+    @property
+    def leg_suspicion(self) -> FloatArray | None:  # type: ignore[override]  # of the monitor
+        """Evidence against each leg, an alarm at 1, (6,)."""
+        return self._monitored.leg_suspicion
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether it stands or sits, and no target moves."""
+        return self.mode == "sitting" or (self.mode == "driving" and self._walk.at_rest)
+
+    def believed_failures(self, index: int = 0) -> tuple[Failure, ...]:
+        """Failures that it was told of or has noticed, by leg."""
+        return self._monitored.believed_failures(index)
+
+    @property
+    def limited_steps(self) -> NDArray[np.int64] | int:  # type: ignore[override]  # of the walk
+        """Steps in which the velocity was held back, as feet would have got too far from their places."""
+        return self._walk.limited_steps
+
+    def noticed_failures(self, index: int = 0) -> tuple[NoticedFailure, ...]:
+        """Failures that it noticed since it stood up last."""
+        return self._monitored.noticed_failures(index)
+
+    def news(self) -> Sequence[str]:
+        """What happened since this was asked last."""
+        news, self._news = (*self._news, *self._monitored.news()), ()
+        return news
+
+    def change_gait(self, gait: Gait) -> None:
+        """Walk with another gait from now on; the change is in stride."""
+        check_type(gait, Gait, "gait", "a Gait, as make_gait(robot, 'tripod') gives")
+        if gait == self._gait:
+            return
+        self._limits = VelocityLimits.of(self._robot, gait)
+        self._gait = gait
+        self._walk.change_gait(gait)
+
+    def stand(self) -> None:
+        """Stand up, or step all feet to their places; a stop for a leg that failed is over."""
+        self._sit_asked = False
+        self._monitored.walk_on()
+        if self.mode in ("sitting", "sitting down"):
+            self._be("standing up", Stand(self._robot, self._sent_rad, self._moving_steps))
+            self._known = self.believed_failures()
+            self._new_walk()
+        elif self.mode == "driving":
+            self._walk.go_home()
+
+    def sit(self) -> None:
+        """Come to a stand, step the feet to their places and lower the body; it then stays down."""
+        self._sit_asked = True
+        self._walk.go_home()
+
+    def targets_rad(self, step: int, state: RobotState) -> FloatArray:
+        """Joint angles at this step, (18,)."""
+        self._step = step
+        self.decision = self._arbiter.decide()
+        if self.mode == "driving":
+            targets_rad = self._monitored.targets_rad(step - self._began, state)
+            if (why := self._monitored.why_stopped()) is not None:
+                self._arbiter.stop(why)
+            if self._sit_asked and self._walk.at_rest and self._walk.home:
+                end_rad = sitting_angles_rad(self._robot)
+                self._be("sitting down", Stand(self._robot, targets_rad, self._moving_steps, end_rad=end_rad))
+        else:
+            targets_rad = self._motion.targets_rad(step - self._began, state)
+            if step - self._began >= self._moving_steps:
+                self._arrive()
+        self._sent_rad = targets_rad
+        return targets_rad
+
+    def _wanted(self) -> FloatArray:
+        """The velocity that the walk shall have, (3,)."""
+        if self._sit_asked or self.decision.stopped is not None:
+            return np.zeros(3)
+        legs = [one.leg for one in self.believed_failures()]
+        return self._limits.limited(self.decision.velocity.array, legs)
+
+    def _arrive(self) -> None:
+        """Go on from a motion that has ended."""
+        if self.mode == "standing up":
+            self.mode, self._began = "driving", self._step
+        elif self.mode == "sitting down":
+            self.mode = "sitting"
+
+    def _be(self, mode: str, motion: Controller) -> None:
+        """Begin a motion with the next step."""
+        self.mode, self._motion, self._began = mode, motion, self._step + 1
+
+    def _new_walk(self) -> None:
+        """A walk that begins at rest in the stance; postures are gone to once it stands."""
+        plain = replace(self._gait, posture=STANCE)
+        first = next(iter(self._known), None)
+        plan = TrialPlan(gait=plain, belief=first, further_failures=self._known[1:])
+        start = WalkStart(
+            robot=self._robot,
+            plans=(plan,),
+            batch_shape=(),
+            period_s=self._period_s,
+            turned_rad=0.0,
+            frame=None,
+        )
+        self._walk = DriveWalk(start, self._wanted)
+        self._monitored = MonitoredWalk(start, self._walk, self._policy)
+        if self._gait != plain:
+            self._walk.change_gait(self._gait)

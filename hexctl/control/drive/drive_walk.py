@@ -1,0 +1,215 @@
+"""A walk for driving: it stands while nothing is asked of it, and comes to a stand from any moment of a step.
+
+A walk of a trial begins and ends with all feet at their places of the stance, over two seconds. One that is
+driven starts and stops all the time, so each foot remembers where it is, an offset d from its place of the
+stance in the body frame. With the velocity v and the turn rate omega of the body, its place p and the time
+T_s of a stance,
+
+    stance  d' = -(v + omega x p)
+    swing   d goes to -T_s/2 of that for the velocity that is asked for, evenly, in what is left of the swing
+
+At a constant velocity these are the strokes of `VelocityWalk`. The velocity is held back so that no foot on
+the floor gets further than half the longest stroke from its place before it swings. Let go of, the robot
+slows down, puts the feet that are in the air down where they are, and stands on all six.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from hexctl.control.controllers import joints_of_feet
+from hexctl.control.preparation import WalkStart
+from hexctl.control.velocity_walk import FULL_SPEED_S, OVERDRIVE, VelocityWalk
+from hexctl.errors import InputError, check_type
+from hexctl.gait.foot_trajectory import SWING_END, SWING_START, lift_offset, part_of_cycle
+from hexctl.gait.gait import Gait
+from hexctl.types import FloatArray, RobotState
+
+#: From full speed, and with feet in the air, to a stand on all feet; and how long feet take to be lifted.
+HALT_S = 0.2
+
+#: A foot in the air moves no faster than this times as it does in the longest stroke.
+FASTEST_SWING = 1.25
+
+#: Feet nearer than this to their places, in strokes, need no step to get there.
+AT_HOME = 0.02
+
+#: What a drive asks of its walk: forward and left in m/s, turn in rad/s, (3,).
+Wanted = Callable[[], FloatArray]
+
+
+class DriveWalk(VelocityWalk):
+    """Walks with the velocity asked for at each step, and stands while that is zero.
+
+    Args:
+        start: a robot, alone, that stands in its stance.
+        wanted: velocity that is asked for, within the limits of the gait.
+
+    Attributes:
+        offsets_m: of the feet from their places, (6, 2).
+    """
+
+    def __init__(self, start: WalkStart, wanted: Wanted) -> None:
+        check_type(start, WalkStart, "start", "a WalkStart")
+        if start.batch_shape:
+            raise InputError(f"drive: got a batch of {len(start.plans)} robots; allowed: one robot")
+        super().__init__(start)
+        self.leave_plain()
+        self._wanted = wanted
+        self.offsets_m: FloatArray = np.zeros_like(self._turning_m)
+        self._lifted = 0.0
+        self._phases_then = self._u()
+        self._going_home = self._halted = False
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether it stands on all feet, and none moves."""
+        return self._lifted == 0 and not self.velocity_body.any()
+
+    @property
+    def home(self) -> bool:
+        """Whether all stepping feet are at their places of the stance."""
+        away_m = np.hypot(*self.offsets_m.T) * self._steps
+        return bool(away_m.max() <= AT_HOME * self._pattern.amplitude_m)
+
+    @property
+    def leg_phases(self) -> FloatArray | None:  # type: ignore[override]  # None while legs do not step
+        """Normalised time of each leg in the last step, (6,); None unless the feet step at their height."""
+        return self._u() if self._lifted == 1 else None
+
+    def go_home(self) -> None:
+        """Step on the spot until all feet are at their places of the stance, once nothing is asked for."""
+        self._going_home = not self.home
+
+    def change_gait(self, gait: Gait) -> None:
+        """Glide to a gait, or what suits the legs that have failed meanwhile; phases, heights and posture."""
+        self.glide_to(self.suited([gait]))
+
+    def stop(self, step: int) -> None:
+        """Come to a stand, whatever is asked for."""
+        self._halted = True
+
+    def resume(self) -> None:
+        """Follow what is asked for again."""
+        self._halted = False
+
+    def done(self, step: int, state: RobotState) -> bool:
+        """Whether it was stopped and stands."""
+        return self._halted and self.at_rest
+
+    def targets_rad(self, step: int, state: RobotState) -> FloatArray:
+        """Joint angles at this step, (18,)."""
+        dt_s = (step - self._last_step) * self._period_s
+        self._last_step = step
+        wanted = np.zeros(3) if self._halted else np.asarray(self._wanted(), dtype=float)
+        stepping = bool(wanted.any()) or (self._going_home and not self._halted)
+        if dt_s > 0:
+            self._accelerate(dt_s, wanted, stepping)
+            self._advance(step, dt_s, wanted, stepping)
+        return joints_of_feet(self._robot, self._feet(), self._held)
+
+    def _feet(self) -> FloatArray:
+        """Feet in the body frame now, (6, 3)."""
+        pattern = self._pattern
+        feet = self._robot.stance_feet_body.copy()
+        if pattern.posture_m is not None:
+            feet += pattern.posture_m
+        feet[:, :2] += self.offsets_m * self._steps[:, np.newaxis]
+        feet[:, 2] += (
+            self._lifted * self._steps * lift_offset(self._u(), pattern.swing_share) * pattern.height_m
+        )
+        return feet if self.foot_offsets_m is None else feet + self.foot_offsets_m
+
+    @property
+    def _steps(self) -> FloatArray:
+        """1 for legs that step and 0 for tucked ones, (6,)."""
+        return np.ones(len(self._turning_m)) if self._pattern.stepping is None else self._pattern.stepping
+
+    def _u(self) -> FloatArray:
+        """Normalised times of the legs, (6,)."""
+        return part_of_cycle(self._cycles + self._pattern.phases)
+
+    def _swing(self) -> tuple[float, float]:
+        """Normalised times at which a swing begins and ends."""
+        share = self._pattern.swing_share
+        if share is None:
+            return SWING_START, SWING_END
+        half = float(share[0]) / 2
+        return 0.5 - half, 0.5 + half
+
+    def _most_stroke(self) -> float:
+        """The longest stroke, in m."""
+        return OVERDRIVE * float(self._pattern.amplitude_m)
+
+    def _over_floor(self, velocity: FloatArray) -> FloatArray:
+        """Velocities of feet on the floor in the body frame, (6, 2) in m/s."""
+        return np.asarray(velocity[2] * self._turning_m - velocity[:2])
+
+    def _accelerate(self, dt_s: float, wanted: FloatArray, stepping: bool) -> None:
+        """Bring the velocity nearer to the one asked for, as far as feet allow, and lift or lower them."""
+        self._lifted = float(np.clip(self._lifted + (1 if stepping else -1) * dt_s / HALT_S, 0.0, 1.0))
+        full_m_s = self._most_change * FULL_SPEED_S
+        change = wanted - self.velocity_body
+        size_m_s = float(np.linalg.norm(change * (1.0, 1.0, self._robot.stance_radius_m)))
+        most_m_s = float(full_m_s) * OVERDRIVE * dt_s / (FULL_SPEED_S if wanted.any() else HALT_S)
+        if size_m_s > most_m_s:
+            change = change * (most_m_s / size_m_s)
+        velocity = self.velocity_body + change
+        share = self._allowed(velocity)
+        if stepping and share < 1:
+            self.limited_steps = self.limited_steps + 1
+        self.velocity_body = velocity * share
+
+    def _allowed(self, velocity: FloatArray) -> float:
+        """Share of a velocity at which each foot on the floor swings before it is too far from its place."""
+        begins, ends = self._swing()
+        u, pace_hz = self._u(), float(self._pattern.pace_hz)
+        on_floor = (u < begins) | (u >= ends)
+        left_s = np.where(on_floor, (begins - u) % 1.0, 0.0) / pace_hz
+        way_m = self._over_floor(velocity) * left_s[:, np.newaxis] * self._steps[:, np.newaxis]
+        most_m = self._most_stroke() / 2
+        # The greatest s of 0..1 with |d + s way| <= most, for each foot.
+        a = (way_m * way_m).sum(axis=1)
+        b = (self.offsets_m * way_m).sum(axis=1)
+        c = np.minimum((self.offsets_m * self.offsets_m).sum(axis=1) - most_m**2, 0.0)
+        moving = a > 0
+        root = np.sqrt(np.maximum(b * b - a * c, 0.0))
+        shares = (root - b)[moving] / a[moving]
+        return float(np.clip(shares.min(initial=1.0) + 1e-9, 0.0, 1.0))
+
+    def _advance(self, step: int, dt_s: float, wanted: FloatArray, stepping: bool) -> None:
+        """Move the feet through a control period."""
+        cycles = dt_s * float(self._pattern.pace_hz) * self._lifted
+        self._cycles = self._cycles + cycles
+        # A posture changes while the robot stands, too.
+        self._change(step, np.asarray(cycles if stepping else dt_s * self._pattern.pace_hz))
+        then, self._phases_then = self._phases_then, self._u()
+        gone = (self._phases_then - then) % 1.0
+        # Phases that glide go back a little, or on while the robot stands: no foot moves for that.
+        gone = np.where(gone > 0.5, 0.0, gone) if cycles else np.zeros_like(gone)
+        begins, ends = self._swing()
+        before, after = _progress(then, begins, ends), _progress(then + gone, begins, ends)
+        in_air_s = dt_s * np.where(
+            gone > 0, (after - before) * (ends - begins) / np.maximum(gone, 1e-12), 0.0
+        )
+        in_air_s = np.where((before > 0) & (before < 1) & (gone == 0), dt_s, np.minimum(in_air_s, dt_s))
+        floor_m = self._over_floor(self.velocity_body) * (dt_s - in_air_s)[:, np.newaxis]
+        standing_s = (1 - (ends - begins)) / float(self._pattern.pace_hz)
+        landing_m = -self._over_floor(wanted) * standing_s / 2
+        left = 1 - before
+        share = np.where(left > 0, (after - before) / np.maximum(left, 1e-12), 0.0)[:, np.newaxis]
+        landed = (after >= 1)[:, np.newaxis]
+        lifting_off = np.where(landed, self.offsets_m, self.offsets_m + floor_m)
+        way_m = share * (landing_m - lifting_off)
+        # Where the velocity changes late in a swing, the foot lands where it gets to.
+        most_m = FASTEST_SWING * self._most_stroke() * float(self._pattern.pace_hz) / (ends - begins)
+        far = np.hypot(*way_m.T) / np.maximum(most_m * in_air_s, 1e-12)
+        moved = lifting_off + way_m / np.maximum(1.0, far)[:, np.newaxis]
+        self.offsets_m = np.where(landed, moved + floor_m, moved)
+        if self._going_home and not wanted.any() and self.home:
+            self._going_home = False
+
+
+def _progress(u: FloatArray, begins: float, ends: float) -> FloatArray:
+    """How much of a swing is done at normalised times: 0 before it, 1 after it, (6,)."""
+    return np.clip((u - begins) / (ends - begins), 0.0, 1.0)

@@ -1,0 +1,64 @@
+"""Velocities that a gait can walk: what `hexctl check` calls the envelope, for every direction and turn."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+
+from hexctl.control.assessment.speed_envelope import DIRECTIONS_RAD, speed_limits
+from hexctl.gait.gait import Gait
+from hexctl.robot.model import Robot
+from hexctl.types import N_LEGS, ArrayFields, FloatArray
+
+#: Points of a cycle at which strokes are tried: a third of those of `hexctl check`, as a robot waits for it.
+POINTS = 40
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class VelocityLimits(ArrayFields):
+    """Greatest velocities of a gait, all legs walking in row 0 and without leg k in row k.
+
+    Attributes:
+        speeds_m_s: of travel along `DIRECTIONS_RAD`, (7, 8).
+        turn_rates_rad_s: of a turn in place, (7,).
+    """
+
+    speeds_m_s: FloatArray
+    turn_rates_rad_s: FloatArray
+
+    @classmethod
+    def of(cls, robot: Robot, gait: Gait) -> "VelocityLimits":
+        """Limits of a gait; the second time for the same strides without calculating."""
+        plain = replace(gait, slots=(1,) * N_LEGS, phases=None)  # the order of the legs changes nothing
+        return _limits(robot, plain)
+
+    def limited(self, velocity: FloatArray, failed_legs: Sequence[int] = ()) -> FloatArray:
+        """The velocity, (3,), scaled down to what is possible, its direction kept.
+
+        Travel and turn share the strokes: their parts of the greatest speed and of the greatest turn rate
+        add up to 1 at most.
+
+        Args:
+            velocity: forward and left in m/s, turn in rad/s.
+            failed_legs: that do not walk.
+        """
+        rows = list(failed_legs) or [0]
+        speed_m_s = math.hypot(velocity[0], velocity[1])
+        most_m_s = self._speed_m_s(math.atan2(velocity[1], velocity[0]), rows)
+        most_rad_s = float(self.turn_rates_rad_s[rows].min())
+        if min(most_m_s, most_rad_s) <= 0:
+            return np.zeros(3)
+        share = speed_m_s / most_m_s + abs(velocity[2]) / most_rad_s
+        return np.asarray(velocity / max(1.0, share))
+
+    def _speed_m_s(self, heading_rad: float, rows: Sequence[int]) -> float:
+        """Greatest speed along a direction, between those of its neighbours."""
+        speeds = self.speeds_m_s[rows].min(axis=0)
+        return float(np.interp(heading_rad % math.tau, [*DIRECTIONS_RAD, math.tau], [*speeds, speeds[0]]))
+
+
+@lru_cache(maxsize=64)
+def _limits(robot: Robot, gait: Gait) -> VelocityLimits:
+    return VelocityLimits(*speed_limits(robot, gait, points=POINTS))

@@ -1,0 +1,129 @@
+"""Whose command the robot follows, whatever order commands, releases, silences and stops come in."""
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hexctl.control.drive.arbiter import COMMAND_EXPIRY_S, SOURCES, ZERO, Arbiter, Decision, Velocity
+from hexctl.errors import InputError, WrongTypeError
+
+
+class Time:
+    """A clock that the test sets, in whole milliseconds so that sums are exact."""
+
+    def __init__(self) -> None:
+        self.ms = 0
+
+    def __call__(self) -> float:
+        return self.ms / 1000
+
+
+FORWARD = Velocity(forward_m_s=0.1)
+
+#: What happens: a source commands or lets go, or time passes, or the stop is pressed or cleared.
+EVENTS = st.lists(
+    st.one_of(
+        st.tuples(st.just("command"), st.sampled_from(SOURCES), st.integers(1, 9)),
+        st.tuples(st.just("release"), st.sampled_from(SOURCES), st.just(0)),
+        st.tuples(st.just("wait"), st.just(""), st.integers(1, 700)),
+        st.tuples(st.sampled_from(["stop", "clear"]), st.just(""), st.just(0)),
+    ),
+    max_size=30,
+)
+
+
+@given(EVENTS)
+def test_the_highest_source_that_spoke_lately_is_followed_and_a_stop_outweighs_all(
+    events: list[tuple[str, str, int]],
+) -> None:
+    time = Time()
+    arbiter = Arbiter(time)
+    said: dict[str, tuple[int, Velocity]] = {}
+    stopped = False
+    for kind, name, value in events:
+        if kind == "command":
+            said[name] = time.ms, Velocity(forward_m_s=float(value))
+            arbiter.source(name).command(said[name][1])
+        elif kind == "release":
+            if name in said:
+                said[name] = time.ms, ZERO
+            arbiter.source(name).release()
+        elif kind == "wait":
+            time.ms += value
+        elif kind == "stop":
+            arbiter.stop()
+            stopped = True
+        else:
+            arbiter.clear()
+            said, stopped = {}, False
+        fresh = [one for one in SOURCES if one in said and (one == "motion" or time.ms - said[one][0] <= 500)]
+        decision = arbiter.decide()
+        if stopped:
+            assert decision == Decision(stopped="stop")
+        elif fresh:
+            assert decision == Decision(said[fresh[-1]][1], fresh[-1])
+        else:
+            assert decision == Decision()
+
+
+def test_a_release_comes_to_a_stand_before_a_lower_source_moves_the_robot_again() -> None:
+    time = Time()
+    arbiter = Arbiter(time)
+    lower, stick = arbiter.source("cmd_vel"), arbiter.source("gamepad")
+    stick.command(FORWARD)
+    stick.release()
+    lower.command(Velocity(turn_rad_s=1.0))
+    assert arbiter.decide() == Decision(ZERO, "gamepad")
+    time.ms += 501
+    lower.command(Velocity(turn_rad_s=1.0))
+    assert arbiter.decide().source == "cmd_vel"
+
+
+def test_silence_ends_a_command_and_the_motion_of_a_program_stays() -> None:
+    time = Time()
+    arbiter = Arbiter(time)
+    arbiter.source("page").command(FORWARD)
+    time.ms = 500
+    assert arbiter.decide().velocity == FORWARD
+    time.ms = 501
+    assert arbiter.decide() == Decision()
+    arbiter.source("motion").command(FORWARD)
+    time.ms = 10_000_000
+    assert arbiter.decide() == Decision(FORWARD, "motion")
+
+
+def test_what_was_asked_for_before_a_stop_is_cleared_does_not_move_the_robot() -> None:
+    arbiter = Arbiter(Time())
+    arbiter.source("motion").command(FORWARD)
+    arbiter.stop("leg 3 limp")
+    arbiter.stop("later")
+    assert arbiter.stopped == "leg 3 limp"
+    arbiter.clear()
+    assert arbiter.decide() == Decision()
+
+
+def test_a_clock_that_went_back_makes_no_command_young() -> None:
+    time = Time()
+    time.ms = 1000
+    arbiter = Arbiter(time)
+    arbiter.source("page").command(FORWARD)
+    time.ms = 900
+    assert arbiter.decide() == Decision()
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
+def test_a_velocity_that_is_not_finite_is_refused(value: float) -> None:
+    with pytest.raises(InputError, match=r"turn_rad_s: got .*; allowed: a finite number"):
+        Velocity(turn_rad_s=value)
+
+
+def test_what_is_not_allowed_is_named() -> None:
+    with pytest.raises(InputError, match="source: got mouse; allowed: motion, cmd_vel, keyboard"):
+        Arbiter().source("mouse")
+    with pytest.raises(InputError, match=r"expiry_s: got 0.6; allowed: above 0 up to 0.5"):
+        Arbiter(expiry_s=0.6)
+    with pytest.raises(WrongTypeError, match="page: velocity: got 1"):
+        Arbiter().source("page").command(1)  # type: ignore[arg-type]
+    assert COMMAND_EXPIRY_S == 0.5

@@ -1,0 +1,193 @@
+"""`hexctl.Drive` in simulation, on simulated time."""
+
+import numpy as np
+import pytest
+
+from hexctl import Drive, Failure, Guard, MockServos, SimServos, Velocity
+from hexctl.control.drive.drive_controller import DriveController
+from hexctl.control.log import Recorders
+from hexctl.errors import EStopError, InputError
+from hexctl.robot.rotations import yaw_rad
+from hexctl.types import FloatArray
+from tests.robots import shipped
+
+
+def walked(drive: Drive, seconds: float) -> FloatArray:
+    """How far it gets in a time: forward and left in the frame of the body at the start in m, turn in rad."""
+    before = drive.guard.true_pose
+    assert before is not None
+    for _ in range(round(seconds / 0.02)):
+        drive.step()
+    after = drive.guard.true_pose
+    assert after is not None
+    yaw = float(yaw_rad(before[1]))
+    moved = (after[0] - before[0])[:2]
+    turned = (float(yaw_rad(after[1])) - yaw + np.pi) % (2 * np.pi) - np.pi
+    return np.array(
+        [
+            np.cos(yaw) * moved[0] + np.sin(yaw) * moved[1],
+            np.cos(yaw) * moved[1] - np.sin(yaw) * moved[0],
+            turned,
+        ]
+    )
+
+
+def test_it_walks_where_it_is_told_and_stands_when_it_is_not() -> None:
+    with Drive("ant") as drive:
+        drive.reset()
+        drive.command(forward_m_s=0.1)
+        forward = walked(drive, 5.0)
+        assert forward[0] > 0.4
+        drive.command(left_m_s=0.1)
+        assert walked(drive, 5.0)[1] > 0.4
+        drive.command(turn_rad_s=0.4)
+        assert walked(drive, 4.0)[2] > 1.2
+        drive.command()
+        walked(drive, 0.3)
+        assert drive.at_rest
+        assert np.abs(walked(drive, 2.0)).max() < 0.005
+
+
+def test_reset_brings_a_simulation_back_to_where_it_was_put_down() -> None:
+    with Drive("ant") as drive:
+        first = drive.reset()
+        drive.command(forward_m_s=0.1)
+        walked(drive, 2.0)
+        again = drive.reset()
+        assert drive.mode == "driving"
+        np.testing.assert_array_equal(first.joint_positions_rad, again.joint_positions_rad)
+        np.testing.assert_array_equal(first.base_position_world, again.base_position_world)
+        assert np.abs(walked(drive, 1.0)).max() < 0.005
+
+
+def test_a_leg_dies_and_the_command_still_means_forward() -> None:
+    with Drive("ant") as drive:
+        drive.reset()
+        drive.command(forward_m_s=0.1)
+        walked(drive, 4.0)
+        assert not drive.noticed
+        drive.guard.change_leg(3, Failure(leg=3, kind="limp"))
+        walked(drive, 4.0)
+        assert [one.failure.leg for one in drive.noticed] == [3]
+        assert 3 in drive.controller.gait_now.posture.tucked_legs  # type: ignore[attr-defined]
+        forward, left, _ = walked(drive, 5.0)
+        assert forward > 0.35
+        assert abs(left) < 0.15
+
+
+def test_where_the_policy_stops_the_robot_it_stands_until_told_to_stand() -> None:
+    with Drive("ant", policy="stop") as drive:
+        drive.reset()
+        drive.command(forward_m_s=0.1)
+        walked(drive, 4.0)
+        drive.guard.change_leg(3, Failure(leg=3, kind="limp"))
+        walked(drive, 4.0)
+        assert drive.stopped == "leg 3 limp"
+        assert drive.at_rest
+        drive.stand()
+        walked(drive, 3.0)
+        drive.command(forward_m_s=0.1)
+        walked(drive, 3.0)
+        assert drive.stopped is None
+        assert drive.velocity.forward_m_s > 0.05
+
+
+def test_it_sits_down_and_stands_up_again() -> None:
+    with Drive("ant") as drive:
+        drive.reset()
+        drive.command(forward_m_s=0.1)
+        walked(drive, 1.5)
+        height = drive.step().base_position_world
+        assert height is not None
+        drive.sit()
+        walked(drive, 5.0)
+        assert drive.mode == "sitting"
+        low = drive.step().base_position_world
+        assert low is not None
+        assert low[2] < 0.75 * height[2]
+        drive.command(forward_m_s=0.1)
+        assert np.abs(walked(drive, 2.0)).max() < 0.01
+        drive.stand()
+        drive.command(forward_m_s=0.1)
+        walked(drive, 2.1)
+        assert drive.mode == "driving"
+        assert walked(drive, 3.0)[0] > 0.2
+
+
+def test_gait_and_height_change_in_stride() -> None:
+    with Drive("ant", body_raise=0.05) as drive:
+        drive.reset()
+        walked(drive, 2.5)
+        raised = drive.step().base_position_world
+        drive.body_raise = 0.0
+        walked(drive, 2.5)
+        lowered = drive.step().base_position_world
+        assert raised is not None
+        assert lowered is not None
+        assert raised[2] - lowered[2] > 0.03
+        drive.command(forward_m_s=0.08)
+        drive.gait = "wave"
+        walked(drive, 4.0)
+        assert drive.gait.slots == (4, 5, 6, 3, 2, 1)
+        assert walked(drive, 3.0)[0] > 0.15
+        with pytest.raises(InputError, match="gait: got 'trot'"):
+            drive.gait = "trot"
+
+
+def test_sources_outweigh_the_program_and_a_stop_outweighs_them() -> None:
+    with Drive("ant") as drive:
+        drive.reset()
+        drive.command(forward_m_s=0.1)
+        drive.arbiter.source("page").command(Velocity(left_m_s=0.1))
+        walked(drive, 0.1)
+        assert drive.decision.source == "page"
+        drive.stop("button")
+        walked(drive, 0.5)
+        assert drive.at_rest
+        assert drive.stopped == "button"
+
+
+def test_a_stop_of_the_guard_ends_the_steps_until_reset() -> None:
+    with Drive("ant") as drive:
+        drive.reset()
+        drive.guard.stop("pulled")
+        with pytest.raises(EStopError, match="stopped: pulled"):
+            drive.step()
+        assert drive.stopped == "pulled"
+        drive.reset()
+        drive.step()
+
+
+def test_ticks_are_recorded_with_the_velocity_commanded() -> None:
+    recorders = Recorders()
+    with Drive("ant", recorders=recorders) as drive:
+        drive.reset()
+        drive.command(forward_m_s=0.1)
+        walked(drive, 2.0)
+    assert recorders.log["velocity_body"][-1].tolist() == pytest.approx([0.1, 0, 0])
+
+
+def test_servos_of_ones_own_are_driven_behind_their_guard() -> None:
+    guard = Guard(SimServos("ant"))
+    with Drive(servos=guard) as drive:
+        assert drive.guard is guard
+        drive.reset()
+        assert isinstance(drive.controller, DriveController)
+    with pytest.raises(InputError, match="drive: got servos and robot too"):
+        Drive("ant", servos=guard)
+
+
+def test_a_real_robot_stops_when_a_leg_fails_unless_told_otherwise() -> None:
+    from hexctl.control.monitor.recovery import StopWalking
+
+    drive = Drive(servos=MockServos(shipped()))
+    assert isinstance(drive._policy, StopWalking)
+
+
+def test_what_is_not_allowed_is_refused_before_anything_is_opened() -> None:
+    with pytest.raises(InputError, match="world: got rough with backend mock"):
+        Drive("ant", backend="mock", world="rough")
+    with pytest.raises(InputError, match="drive: got it before the robot is connected"):
+        Drive("ant").step()
+    with pytest.raises(InputError, match="policy"):
+        Drive("ant", policy="pray")
