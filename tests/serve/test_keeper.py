@@ -89,6 +89,7 @@ def test_hobby_servos_on_an_i2c_bus_are_let_down_too(
         bus = I2cSocket(boards.port)
         off = [bus.read_byte_data(0x40 + n // 16, 0x09 + 4 * (n % 16)) for n in range(18)]
         bus.close()
+        assert boards.end()["refused"] == 0
     assert off == [0x10] * 18
 
 
