@@ -6,7 +6,8 @@ from typing import Self
 import numpy as np
 
 from hexctl.backends.sim.failure import FIRST_SPEED
-from hexctl.backends.sim.model import GEAR_DAMPING, Simulation
+from hexctl.backends.sim.model import Simulation
+from hexctl.robot.formats.mjcf import GEAR_DAMPING
 from hexctl.types import N_JOINTS, ArrayFields, BoolArray, FloatArray
 
 #: A back-EMF below this is the rounding of one that is not there.

@@ -14,6 +14,7 @@ from hexctl.backends.sim.terrain import ROUGH_CELLS, ROUGH_HALF_SIZE_M, Floor, m
 from hexctl.backends.sim.world import World, per_joint, per_leg
 from hexctl.errors import InputError
 from hexctl.robot.failure import Failures, each_failure
+from hexctl.robot.formats.mjcf import GEAR_DAMPING, STICTION
 from hexctl.robot.model import Body, Robot
 from hexctl.types import (
     JOINT_KINDS,
@@ -29,19 +30,12 @@ FIRST_JOINT = 7
 #: Place of the touch sensors of the feet in sensordata, behind the forces of the actuators.
 TOUCH = slice(N_JOINTS, N_JOINTS + N_LEGS)
 
-#: Passive damping of a gearbox without power, in N m s/rad.
-GEAR_DAMPING = 0.02
-
 #: Friction of a contact against spinning and rolling; contacts of three dimensions have none.
 TURNING_FRICTION = (0.005, 0.0001)
 
 #: A geom collides with the floor only; legs pass through one another.
 ROBOT_CONTACT = {"contype": 0, "conaffinity": 1}
 NO_CONTACT = {"contype": 0, "conaffinity": 0}
-
-#: Impedance of dry friction. With MuJoCo's 0.9 a joint creeps at degrees per second under half the torque
-#: that would break it loose; with this, at hundredths.
-STICTION = [0.999, 0.999, 0.001]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -395,7 +389,7 @@ def _add_servo(leg: Any, link: Any, robot: Robot, index: int) -> None:
         # The servo is a motor at a share of its voltage, limited to 1, of which its back-EMF takes a part.
         damping=GEAR_DAMPING + float(robot.back_emf_nm_s_per_rad[index]),
         frictionloss=friction_nm,
-        solimpfriction=STICTION,
+        solimpfriction=list(STICTION),
     )
     torque = robot.joint_max_torque_nm[index]
     leg.actuator.add(

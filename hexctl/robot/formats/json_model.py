@@ -1,0 +1,55 @@
+"""A robot as JSON: every number of its model with all digits, as recordings keep it."""
+
+import json
+from dataclasses import fields
+from typing import Any
+
+import numpy as np
+
+from hexctl.errors import HexctlError, InputError
+from hexctl.robot.model import Body, GaitDefaults, Robot, ServoModel, told_fields
+
+#: Version of the format.
+VERSION = 1
+
+
+def robot_to_json(robot: Robot) -> str:
+    """JSON of a robot, from which `robot_from_json` makes an equal one."""
+    return json.dumps({"version": VERSION, **_content(robot)})
+
+
+def robot_from_json(text: str) -> Robot:
+    """Robot of `robot_to_json`; raises InputError for anything else."""
+    try:
+        values = json.loads(text)
+        if values.pop("version") != VERSION:
+            raise ValueError("another version")
+        kinds = {"body": Body, "servo": ServoModel, "gait": GaitDefaults}
+        parts = [(name, kind, values.pop(name)) for name, kind in kinds.items()]
+        names = {field.name for field in fields(Robot)}
+        if not set(values) <= names:
+            raise ValueError(f"unknown {', '.join(sorted(set(values) - names))}")
+        arrays: dict[str, Any] = {
+            name: np.array(value) if isinstance(value, list) else value for name, value in values.items()
+        }
+        made: dict[str, Any] = {name: part(**_tuples(content)) for name, part, content in parts}
+        return Robot(**arrays, **made)
+    except (HexctlError, ValueError, TypeError, KeyError, AttributeError) as error:
+        raise InputError(f"robot description: {error}; allowed: JSON of this version of hexctl") from error
+
+
+def _content(part: Any) -> dict[str, Any]:
+    """Fields of a robot or a part of it that are not at their defaults."""
+    content: dict[str, Any] = {}
+    for name, value in told_fields(part):
+        if isinstance(value, np.ndarray):
+            content[name] = value.tolist()
+        elif isinstance(value, (Body, ServoModel, GaitDefaults)):
+            content[name] = _content(value)
+        else:
+            content[name] = value
+    return content
+
+
+def _tuples(values: dict[str, Any]) -> dict[str, Any]:
+    return {name: tuple(value) if isinstance(value, list) else value for name, value in values.items()}

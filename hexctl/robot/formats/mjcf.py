@@ -1,0 +1,188 @@
+"""A robot as MJCF, the model format of MuJoCo: the body of hexctl's simulation in a file of its own."""
+
+import math
+from xml.etree.ElementTree import Element
+
+from hexctl.palette import BODY_COLOR, GROUND_COLOR, LINK_COLORS
+from hexctl.robot.formats.link_frames import BASE_LINK, FOOT_LINKS, JOINT_LINKS
+from hexctl.robot.formats.link_masses import PartMass, link_capsule, link_mass, trunk_mass
+from hexctl.robot.formats.xml_text import add, color_text, number, numbers, text_of
+from hexctl.robot.model import Robot
+from hexctl.types import JOINT_KINDS, JOINT_NAMES, JOINTS_PER_LEG, N_LEGS
+
+#: Passive damping of a gearbox without power, in N m s/rad.
+GEAR_DAMPING = 0.02
+
+#: Impedance of dry friction. With MuJoCo's 0.9 a joint creeps at degrees per second under half the torque
+#: that would break it loose; with this, at hundredths.
+STICTION = (0.999, 0.999, 0.001)
+
+#: The robot collides with the floor only; legs pass through one another.
+_TOUCHES = {"contype": "0", "conaffinity": "1"}
+_PASSES = {"contype": "0", "conaffinity": "0"}
+
+#: Directions from which the cameras look, as azimuth and elevation, and names.
+CAMERAS = {"side": (-90.0, 12.0), "top": (-90.0, 89.0), "follow": (-145.0, 25.0)}
+#: Vertical angle of view of the cameras.
+FOVY_DEG = 35.0
+
+
+def mjcf_of(robot: Robot) -> str:
+    """MJCF of a robot on an even floor, as text: masses, limits, servos and friction of the simulation.
+
+    Joints and actuators are called as everywhere in hexctl (`leg1_coxa`), bodies as the links of
+    `hexctl.robot.formats.link_frames`. The keyframe `stance` is the nominal stance; `side`, `top` and
+    `follow` are cameras that go along with the robot.
+    """
+    root = Element("mujoco", model=robot.name)
+    add(root, "compiler", angle="radian")
+    add(root, "option", timestep="0.002", integrator="implicitfast", cone="elliptic")
+    _add_looks(root)
+    world = add(root, "worldbody")
+    add(world, "light", pos="0 0 3", dir="0 0 -1", directional="true", castshadow="false")
+    add(
+        world,
+        "geom",
+        name="floor",
+        type="plane",
+        size="0 0 0.05",
+        material="floor",
+        contype="1",
+        conaffinity="0",
+        friction="1 0.005 0.0001",
+        priority="1",
+    )
+    _add_robot(world, robot)
+    actuators = add(root, "actuator")
+    for joint, name in enumerate(JOINT_NAMES):
+        torque_nm = number(robot.joint_max_torque_nm[joint])
+        add(
+            actuators,
+            "position",
+            name=name,
+            joint=name,
+            kp=number(robot.stiffness_nm_per_rad[joint]),
+            kv=number(robot.servo.damping_nm_s_per_rad),
+            forcerange=f"-{torque_nm} {torque_nm}",
+            ctrlrange=numbers(robot.joint_lower_rad[joint], robot.joint_upper_rad[joint]),
+        )
+    stance = numbers(*robot.stance_angles_rad)
+    keyframes = add(root, "keyframe")
+    qpos = f"0 0 {number(robot.standing_height_m)} 1 0 0 0 {stance}"
+    add(keyframes, "key", name="stance", qpos=qpos, ctrl=stance)
+    return text_of(root)
+
+
+def _add_looks(root: Element) -> None:
+    """Add colours, a chequered floor and light that casts no shadow, which would take most of the time."""
+    visual = add(root, "visual")
+    add(visual, "headlight", ambient="0.45 0.45 0.45", diffuse="0.45 0.45 0.45", specular="0 0 0")
+    # Larger pictures than MuJoCo's 640 x 480 need a larger buffer.
+    add(visual, "global", offwidth="1920", offheight="1920")
+    add(visual, "quality", shadowsize="0")
+    assets = add(root, "asset")
+    ground = color_text(GROUND_COLOR)
+    lighter = numbers(*(round((part + 14) / 255, 4) for part in GROUND_COLOR))
+    checks = {"type": "2d", "builtin": "checker", "width": "256", "height": "256"}
+    add(assets, "texture", name="floor", rgb1=ground, rgb2=lighter, **checks)
+    add(assets, "texture", type="skybox", builtin="flat", rgb1="1 1 1", width="32", height="32")
+    add(assets, "material", name="floor", texture="floor", texrepeat="5 5", texuniform="true")
+    for name, color in {"body": BODY_COLOR, **LINK_COLORS}.items():
+        add(assets, "material", name=name, rgba=f"{color_text(color)} 1")
+
+
+def _add_robot(world: Element, robot: Robot) -> None:
+    base = add(world, "body", name=BASE_LINK, pos=f"0 0 {number(robot.standing_height_m)}")
+    add(base, "freejoint", name="base")
+    _add_cameras(base, robot)
+    length, width, height = robot.body.size_m
+    sizes = {"box": (length / 2, width / 2, height / 2), "cylinder": (length / 2, height / 2)}
+    shape = robot.body.shape
+    size = numbers(*sizes[shape])
+    add(base, "geom", name="trunk", type=shape, size=size, material="body", mass="0", **_TOUCHES)
+    _add_inertial(base, trunk_mass(robot.body))
+    for leg in range(N_LEGS):
+        parent = base
+        for index in range(JOINTS_PER_LEG):
+            parent = _add_link(parent, robot, JOINTS_PER_LEG * leg + index)
+        outward_m, up_m = robot.link_vectors_m[-1].tolist()
+        foot = {"name": FOOT_LINKS[leg], "pos": numbers(outward_m, 0.0, up_m), "type": "sphere"}
+        radius = number(robot.foot_radius_m)
+        add(parent, "geom", **foot, size=radius, material="tibia", mass="0", **_TOUCHES)
+        add(parent, "site", **foot, size=number(1.5 * robot.foot_radius_m), rgba="0 0 0 0")
+
+
+def _add_cameras(base: Element, robot: Robot) -> None:
+    """Add cameras that look in one direction and go along with the robot, all of it in the picture."""
+    reach_m = 1.15 * robot.stance_radius_m
+    away_m = reach_m / math.tan(math.radians(FOVY_DEG / 2))
+    for name, (azimuth_deg, elevation_deg) in CAMERAS.items():
+        azimuth, elevation = math.radians(azimuth_deg), math.radians(elevation_deg)
+        toward = (
+            math.cos(elevation) * math.cos(azimuth),
+            math.cos(elevation) * math.sin(azimuth),
+            math.sin(elevation),
+        )
+        right = (-math.sin(azimuth), math.cos(azimuth), 0.0)
+        up = (
+            -math.sin(elevation) * math.cos(azimuth),
+            -math.sin(elevation) * math.sin(azimuth),
+            math.cos(elevation),
+        )
+        at = numbers(*(away_m * part for part in toward))
+        looks = {"fovy": number(FOVY_DEG), "xyaxes": numbers(*right, *up)}
+        add(base, "camera", name=name, mode="trackcom", pos=at, **looks)
+
+
+def _add_link(parent: Element, robot: Robot, joint: int) -> Element:
+    """Add a link with its joint; the joint has the friction and back-EMF of its servo."""
+    leg, index = divmod(joint, JOINTS_PER_LEG)
+    kind, capsule = JOINT_KINDS[index], link_capsule(robot, index)
+    if kind == "coxa":
+        place = {"pos": numbers(*robot.mount_positions_body[leg])}
+        place["quat"] = _turn((0.0, 0.0, 1.0), float(robot.mount_yaws_rad[leg]))
+    else:
+        outward_m, up_m = robot.link_vectors_m[index - 1].tolist()
+        place = {"pos": numbers(outward_m, 0.0, up_m)}
+    link = add(parent, "body", name=JOINT_LINKS[joint], **place)
+    _add_inertial(link, link_mass(robot, index))
+    add(
+        link,
+        "joint",
+        name=JOINT_NAMES[joint],
+        axis="0 0 1" if kind == "coxa" else "0 -1 0",
+        range=numbers(robot.joint_lower_rad[joint], robot.joint_upper_rad[joint]),
+        armature=number(robot.servo.rotor_inertia_kg_m2),
+        damping=number(GEAR_DAMPING + float(robot.back_emf_nm_s_per_rad[joint])),
+        frictionloss=number(robot.dry_friction_nm[joint]),
+        solimpfriction=numbers(*STICTION),
+    )
+    add(
+        link,
+        "geom",
+        name=f"{JOINT_LINKS[joint]}_solid",
+        type="capsule",
+        fromto=f"0 0 0 {numbers(capsule.end_m[0], 0.0, capsule.end_m[1])}",
+        size=number(capsule.radius_m),
+        material=kind,
+        mass="0",
+        **(_PASSES if kind == "coxa" else _TOUCHES),
+    )
+    return link
+
+
+def _add_inertial(body: Element, mass: PartMass) -> None:
+    add(
+        body,
+        "inertial",
+        pos=numbers(*mass.com_m),
+        mass=number(mass.mass_kg),
+        quat=_turn((0.0, 1.0, 0.0), mass.tilt_rad),
+        diaginertia=numbers(*mass.moments_kg_m2),
+    )
+
+
+def _turn(axis: tuple[float, float, float], angle_rad: float) -> str:
+    """Quaternion (w, x, y, z) of a turn about a unit axis."""
+    sin = math.sin(angle_rad / 2)
+    return numbers(math.cos(angle_rad / 2), *(sin * part for part in axis))
