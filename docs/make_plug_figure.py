@@ -40,7 +40,9 @@ PLUGS = (
 SCALE = 0.36
 
 
-def draw_plug(panel: "Axes", title: str, name: str, pitch_mm: float, pins: tuple[tuple[str, str], ...]) -> None:
+def draw_plug(
+    panel: "Axes", title: str, name: str, pitch_mm: float, pins: tuple[tuple[str, str], ...]
+) -> None:
     """Draw the face of a plug with its pins, at their distance, and the wires that leave it."""
     pitch = SCALE * pitch_mm
     width = pitch * (len(pins) + 0.4)

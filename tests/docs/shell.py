@@ -131,7 +131,7 @@ class Shell:
 
     def __init__(self, folder: Path, page: Path | None = None) -> None:
         self._folder, self._page = folder, page
-        self._programs = ExitStack()
+        self._boards, self._programs = ExitStack(), ExitStack()
         self._robot: list[str] = []  # where clients find the robot that is served
         self._board = ""  # where clients find the servo board
 
@@ -140,6 +140,7 @@ class Shell:
 
     def __exit__(self, *_: object) -> None:
         self._programs.close()
+        self._boards.close()
 
     def do(self, words: Sequence[str]) -> None:
         """Run a command, or what stands for it."""
@@ -164,7 +165,7 @@ class Shell:
         if any(set(words) <= set(arguments) for words in PARSED):
             return
         name, owner = name_of(arguments), page_of().get(kept(arguments))
-        if name in RUN_ONCE and owner != (self._page or owner):
+        if name in RUN_ONCE and owner != (self._page or owner) and not self._board:
             return
         self._make_robot_file(arguments)
         arguments = list(kept(arguments))
@@ -200,7 +201,9 @@ class Shell:
         """Serve a robot on loopback until the page serves another; a simulated one stands for a real one."""
         self._programs.close()
         real = ({"mavlink"} | ON_A_PORT) & set(arguments)
-        if real:
+        if real & ON_A_PORT and self._board:
+            arguments[arguments.index("--device") + 1] = self._board
+        elif real:
             arguments[arguments.index(real.pop())] = "sim"
             at = arguments.index("--device")
             del arguments[at : at + 2]
@@ -212,13 +215,15 @@ class Shell:
         self._start([*arguments, "--listen", endpoint], "serving ")
 
     def _start_board(self, arguments: list[str]) -> None:
-        said = self._start(arguments, "bus of " if "--bus" in arguments else "board of ")
+        self._boards.close()
+        said = self._start(arguments, "bus of " if "--bus" in arguments else "board of ", self._boards)
         found = re.search(r" at (\S+),", said)
         assert found, said
         self._board = found[1]
 
-    def _start(self, arguments: list[str], ready: str) -> str:
+    def _start(self, arguments: list[str], ready: str, programs: ExitStack | None = None) -> str:
         """Start a program that is ended with the shell, by its id, and return what it said once ready."""
+        programs = self._programs if programs is None else programs
         output = self._folder / f"program-{free_port()}.out"
         with output.open("w", encoding="utf-8") as file:
             process = subprocess.Popen(
@@ -228,8 +233,8 @@ class Shell:
                 stdout=file,
                 stderr=subprocess.STDOUT,
             )
-        self._programs.callback(process.wait, 30)
-        self._programs.callback(process.terminate)
+        programs.callback(process.wait, 30)
+        programs.callback(process.terminate)
         until_s = time.monotonic() + PATIENCE_S
         while ready not in (said := output.read_text(encoding="utf-8")):
             assert process.poll() is None, said
@@ -279,7 +284,10 @@ def _git(words: list[str]) -> None:
 
 
 def _sudo(words: list[str]) -> None:
-    """Need root, so only look that the service file is there and would be where the next command looks."""
+    """Need root, so only look that the files are there and would be where the next command looks."""
+    if words[0] == "cp" and "udev" in words[1]:
+        assert (ROOT / words[1]).is_file()
+        return
     service = "hexctl-serve"
     assert (ROOT / "configs" / "systemd" / f"{service}.service").is_file()
     assert service in words[-1] or words[:2] == ["cp", f"configs/systemd/{service}.service"]
