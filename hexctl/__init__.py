@@ -61,6 +61,7 @@ if TYPE_CHECKING:
     from hexctl.robot.failure import Failure, parse_failure
     from hexctl.robot.loader import RobotFile, load_robot, load_robot_file
     from hexctl.robot.model import Robot
+    from hexctl.serve.ros.options import RosOptions
     from hexctl.serve.service import RobotService, ServosSpec, serve
     from hexctl.study.plan import StudyPlan
     from hexctl.study.prior import PriorPlan, build_prior
@@ -92,7 +93,7 @@ __all__ = [
     "PriorPlan", "build_prior",
     # one call for each command
     "RunResult", "RunSpec", "run", "Diagnosis", "DiagnosisResult", "LegFinding", "diagnose",
-    "StudyPlan", "StudyResult", "study", "RobotService", "ServosSpec",
+    "StudyPlan", "StudyResult", "study", "RobotService", "RosOptions", "ServosSpec",
     "serve",
     # errors
     "HexctlError", "InputError", "WrongTypeError", "MissingExtraError", "ReachError", "LimitError",
@@ -154,6 +155,7 @@ _MODULES = {
     "study.plan": "StudyPlan",
     "study.study": "StudyResult study",
     "serve.service": "RobotService ServosSpec serve",
+    "serve.ros.options": "RosOptions",
     # errors
     "errors": (
         "HexctlError InputError WrongTypeError MissingExtraError ReachError LimitError "

@@ -18,7 +18,7 @@ from hexctl.cli.estop import estop
 from hexctl.cli.keys import keys
 from hexctl.cli.prior import prior
 from hexctl.cli.run import run
-from hexctl.cli.serve import serve
+from hexctl.cli.serve import ServeCommand, serve
 from hexctl.cli.servos import ports, servos
 from hexctl.cli.sessions import sessions
 from hexctl.cli.status import status
@@ -71,7 +71,7 @@ app.command(rich_help_panel=ROBOT)(calibrate)
 app.command(rich_help_panel=ROBOT)(board)
 app.command(rich_help_panel=ROBOT)(ports)
 app.add_typer(servos, name="servos", rich_help_panel=ROBOT)
-app.command(rich_help_panel=NETWORK)(serve)
+app.command(rich_help_panel=NETWORK, cls=ServeCommand)(serve)
 app.command(rich_help_panel=NETWORK)(status)
 app.command(rich_help_panel=NETWORK)(estop)
 app.add_typer(twin, name="twin", rich_help_panel=NETWORK)

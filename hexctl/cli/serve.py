@@ -5,9 +5,10 @@ import sys
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer.core import TyperCommand
 
 from hexctl.cli import completion
 from hexctl.cli.options import (
@@ -22,12 +23,29 @@ from hexctl.cli.options import (
     WorldOption,
     number,
 )
+from hexctl.errors import InputError
 
 if TYPE_CHECKING:
+    from hexctl.serve.ros.options import RosOptions
     from hexctl.serve.service import ServiceStarted
     from hexctl.wire.links import Link
 
 SIT_AFTER_S = Range(low=1, high=3600, unit="s")
+ROS_DOMAIN = Range(low=0, high=232, whole=True)
+
+#: What --ros stands for without an address.
+ROS_ROUTER = "tcp/localhost:7447"
+
+
+class ServeCommand(TyperCommand):
+    """The command whose option --ros may be given without a value."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Parse arguments, with the router's default address behind a bare --ros."""
+        full: list[str] = []
+        for word, following in zip(args, [*args[1:], "-"], strict=True):
+            full += [word, ROS_ROUTER] if word == "--ros" and following.startswith("-") else [word]
+        return super().parse_args(ctx, full)
 
 
 def serve(
@@ -83,6 +101,32 @@ def serve(
     keys: KeysOption = None,
     insecure: InsecureOption = False,
     link: LinkOption = None,
+    ros: Annotated[
+        str | None,
+        typer.Option(
+            "--ros",
+            metavar="[ROUTER]",
+            help="Be a node of ROS 2 over Zenoh (rmw_zenoh), by the ROS router at tcp/HOST:PORT; alone, at "
+            "tcp/localhost:7447. (default: no ROS)",
+        ),
+    ] = None,
+    ros_domain: Annotated[
+        int,
+        number(
+            "--ros-domain", ROS_DOMAIN, "With --ros, the ROS domain, a whole number, {}: ROS_DOMAIN_ID there."
+        ),
+    ] = 0,
+    ros_namespace: Annotated[
+        str,
+        typer.Option(
+            "--ros-namespace",
+            help="With --ros, namespace of node and topics, such as lab/ant. (default: none)",
+        ),
+    ] = "",
+    ros_humble: Annotated[
+        bool,
+        typer.Option("--ros-humble", help="With --ros, keys as ROS 2 Humble has them, without type hashes."),
+    ] = False,
 ) -> None:
     """Put a robot, real or simulated, on the network, with a guard and a stop of its own.
 
@@ -104,6 +148,7 @@ def serve(
         credentials=keys,
         insecure=insecure,
         link=link,
+        ros=_ros_options(ros, domain=ros_domain, namespace=ros_namespace, humble=ros_humble),
     )
     settings = service.resolved_link()
     if view and settings.credentials is not None:
@@ -120,6 +165,18 @@ def serve(
                 stack.enter_context(_viewer(settings, link))
 
         service.run(interrupt.requested, on_started=on_started, on_event=print_note)
+
+
+def _ros_options(router: str | None, **given: Any) -> "RosOptions | None":
+    """Options of ROS, None without; raises InputError for some without a router."""
+    if router is not None:
+        from hexctl.serve.ros.options import RosOptions
+
+        return RosOptions(router=router, **given)
+    for name, value in given.items():
+        if value:
+            raise InputError(f"--ros-{name}: got {value} without --ros; allowed: with --ros")
+    return None
 
 
 @contextmanager

@@ -3,8 +3,9 @@
 import math
 import time
 from collections.abc import Callable, Mapping
+from contextlib import nullcontext
 from dataclasses import asdict, replace
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from hexctl.backends.base import LegServos, ServosWrapper
 from hexctl.control.guard import EXPIRY_S, Guard
@@ -15,12 +16,16 @@ from hexctl.serve.event_log import EventLog
 from hexctl.serve.idle import SIT_AFTER_S, IdleSupervisor
 from hexctl.serve.inbox import CAPACITY, Arrival, Inbox
 from hexctl.serve.leases import LeaseManager, RequestHandler
+from hexctl.serve.ros.snapshot import RobotSnapshot
 from hexctl.serve.transport import Transport, attachment_of, payload_of
 from hexctl.types import FloatArray, JointTargets, RobotState
 from hexctl.wire.description import RobotIdentity, describe, encode_json
 from hexctl.wire.links import Link
 from hexctl.wire.messages import encode_battery, encode_positions, tag_of
 from hexctl.wire.pose import decode_pose, encode_pose
+
+if TYPE_CHECKING:
+    from hexctl.serve.ros.bridge import RosBridge, RosCommand
 
 Answer = TypeVar("Answer")
 
@@ -47,6 +52,11 @@ class ServedServos(ServosWrapper):
     def posed_from_outside(self) -> bool:
         """Whether a pose from outside has replaced the robot's own."""
         return self._pose is not None
+
+    @property
+    def own_orientation(self) -> FloatArray | None:
+        """Orientation (4,) that the robot itself measured in the state that was read last, or None."""
+        return self._own_quaternion
 
     def tilt_of(self, state: RobotState) -> FloatArray | None:
         """Orientation (4,) by which falls are judged in the state that was read last, or None.
@@ -138,6 +148,7 @@ class RobotServer:
         sit_after_s: float = SIT_AFTER_S,
         on_event: Callable[[str], None] = lambda _: None,
         on_tick: Callable[[], None] = lambda: None,
+        ros: "RosBridge | None" = None,
     ) -> None:
         """Prepare to serve; nothing is opened yet.
 
@@ -150,6 +161,7 @@ class RobotServer:
             on_event: called with one line for each change of controller, stop and posture, on a thread of
                 the event log.
             on_tick: called in every control period; must not take long.
+            ros: its node in ROS 2, not begun yet; None for none.
         """
         self._servos = ServedServos(servos)
         self._guard = Guard(self._servos, tilt_of=self._servos.tilt_of)
@@ -169,6 +181,7 @@ class RobotServer:
         self._sequence = self._ticks = 0
         self._good_until_s: float | None = None
         self._malformed_poses = 0
+        self._ros = None if ros is None else ros.connect(self._inbox, lambda: self._requests.urgent(b""))
 
     def run(self, until: Callable[[], bool], *, ready: Callable[[], None] = lambda: None) -> None:
         """Serve until `until` returns True; `ready` is called once clients can connect.
@@ -177,7 +190,7 @@ class RobotServer:
         the address cannot be listened at, or the servos fail.
         """
         try:
-            with self._guard, self._transport:
+            with self._guard, self._transport, self._ros or nullcontext():
                 self._guard.clock.tick()
                 ready()
                 while not until():
@@ -203,6 +216,8 @@ class RobotServer:
         item = arrival.item
         if arrival.kind == "command":
             self._execute(payload_of(item), attachment_of(item), arrival.at_s)
+        elif arrival.kind == "ros":
+            self._obey_ros(item, arrival.at_s)
         elif arrival.kind == "pose":
             self._set_pose(payload_of(item), arrival.at_s)
         elif arrival.kind == "lease":
@@ -243,6 +258,10 @@ class RobotServer:
         self._idle.commanded(servo_s)
         self._publish(self._guard.peek())
 
+    def _obey_ros(self, command: "RosCommand", at_s: float) -> None:
+        if command.stopped:
+            self._requests.estop(b"", at_s)
+
     def _set_pose(self, payload: bytes, at_s: float) -> None:
         try:
             position, quaternion = decode_pose(payload)
@@ -264,6 +283,7 @@ class RobotServer:
         self._check_expiry()
         self._idle.tick(self._guard.clock.now_s)
         self._publish(state)
+        self._offer(state)
         self._log_changes()
         if self._ticks % STATUS_TICKS == 0:
             self._publish_status()
@@ -307,6 +327,21 @@ class RobotServer:
         joints = encode_positions(state.joint_positions_rad, torques_nm=state.joint_torques_nm)
         self._transport.publish("joint_states", joints, tag)
 
+    def _offer(self, state: RobotState) -> None:
+        """Hand a state to ROS."""
+        if self._ros is None:
+            return
+        lease = self._leases.holder(time.monotonic())
+        self._ros.offer(
+            RobotSnapshot(
+                state,
+                orientation=self._servos.own_orientation,
+                stopped=self._guard.stopped,
+                posture=self._idle.name,
+                controller=None if lease is None else lease.owner,
+            )
+        )
+
     def _publish_status(self) -> None:
         self._transport.publish("status", encode_json(self.status()))
 
@@ -338,6 +373,7 @@ class RobotServer:
             "servos": None if state is None or state.servos is None else state.servos.to_json(),
             "battery_v": None if state is None else _number(state.battery_v),
             "battery_share": None if state is None else _number(state.battery_share),
+            "ros": None if self._ros is None else self._ros.status(),
             "endpoint": self._link.endpoint,
             "secured": self._link.credentials is not None,
             "insecure": self._link.insecure,

@@ -18,6 +18,7 @@ from hexctl.robot.loader import load_robot_file
 from hexctl.robot.pwm_map import pwm_map_of
 from hexctl.robot.schema import PWM_DRIVERS, ServosSection
 from hexctl.robot.servo_models import DEFAULT_BAUDS
+from hexctl.serve.ros.options import RosOptions
 from hexctl.serve.server import RobotServer
 from hexctl.wire.links import Link, load_link
 
@@ -149,6 +150,7 @@ class RobotService:
         credentials: folder of certificates, or None.
         insecure: whether a link beyond this computer may do without certificates.
         link: name or path of a link file, or None.
+        ros: how it takes part in ROS 2, or None.
     """
 
     servos: ServosSpec = field(default_factory=ServosSpec)
@@ -159,8 +161,10 @@ class RobotService:
     credentials: Path | None = None
     insecure: bool = False
     link: str | None = None
+    ros: RosOptions | None = None
 
     def __post_init__(self) -> None:
+        check_type(self.ros, (RosOptions, type(None)), "ros", "RosOptions, as RosOptions(domain=1), or None")
         check_type(self.servos, ServosSpec, "servos", "a ServosSpec, as ServosSpec(robot='ant') gives")
         check_type(self.sit_after_s, float, "sit_after_s")
         backend = self.servos.backend
@@ -180,10 +184,14 @@ class RobotService:
         _check_between(argument("sit_after_s"), self.sit_after_s, MIN_SIT_AFTER_S, MAX_SIT_AFTER_S)
 
     def resolved_link(self) -> Link:
-        """Link that the options describe; raises InputError for a bad link file."""
-        return load_link(
+        """Link that the options describe; raises InputError for a bad link file.
+
+        With ROS, the port of the ROS router is left to it (`RosOptions.link_beside`).
+        """
+        link = load_link(
             self.link, endpoint=self.listen, credentials=self.credentials, insecure=self.insecure
         )
+        return link if self.ros is None else self.ros.link_beside(link)
 
     def run(
         self,
@@ -216,6 +224,7 @@ class RobotService:
             sit_after_s=self.sit_after_s,
             on_event=on_event,
             on_tick=_ticks_of(keeper, on_event),
+            ros=None if self.ros is None else self.ros.bridge(servos.robot, insecure=self.insecure),
         )
         realtime = request_realtime_priority()
         started = ServiceStarted(
@@ -493,7 +502,7 @@ def serve(
         on_started: called once, when clients can connect.
         on_event: called with a line for each change of controller, stop and posture.
         options: further fields of `RobotService`: `listen`, `device`, `device_keys`, `sit_after_s`,
-            `credentials`, `insecure`, `link`.
+            `credentials`, `insecure`, `link`, `ros`.
 
     Raises what `RobotService.run` raises.
     """

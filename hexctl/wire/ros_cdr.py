@@ -38,6 +38,12 @@ def header(stamp_ns: int, frame: str = "") -> Any:
     return make("std_msgs/msg/Header", stamp=stamp, frame_id=frame)
 
 
+@cache
+def type_hash(kind: str) -> str:
+    """Hash of a message type (REP 2016), `RIHS01_` and 64 digits: types of one name are told apart by it."""
+    return str(_store().hash_rihs01(kind))
+
+
 def encode(message: Any) -> bytes:
     """Message as little-endian CDR with its encapsulation header."""
     return bytes(_store().serialize_cdr(message, message.__msgtype__))

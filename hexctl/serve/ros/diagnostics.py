@@ -1,0 +1,75 @@
+"""Diagnostics of a robot for ROS: one status of the robot, one of each servo that reports anything."""
+
+import math
+
+from hexctl.control.guard import TOO_HOT_C
+from hexctl.serve.ros.snapshot import RobotSnapshot
+from hexctl.types import JOINT_NAMES, RobotState, ServoReadings
+from hexctl.wire.ros.telemetry import DiagnosticStatus, Level
+
+#: A servo this hot is near to where the guard stops the robot.
+WARM_C = TOO_HOT_C - 8
+
+#: A servo that has been silent for so long is stale.
+STALE_S = 1.0
+
+
+def statuses(snapshot: RobotSnapshot) -> list[DiagnosticStatus]:
+    """Statuses of a robot and of its servos."""
+    state = snapshot.state
+    servos = state.servos
+    singles = [] if servos is None else [_servo(joint, state, servos) for joint in range(len(JOINT_NAMES))]
+    return [_robot(snapshot), *singles]
+
+
+def silent() -> list[DiagnosticStatus]:
+    """Status of a robot of which nothing has been heard for a while."""
+    return [DiagnosticStatus(Level.STALE, "hexctl: robot", "its control loop says nothing")]
+
+
+def _robot(snapshot: RobotSnapshot) -> DiagnosticStatus:
+    state = snapshot.state
+    level, message = Level.OK, snapshot.posture
+    if state.warnings:
+        level, message = Level.WARN, "; ".join(state.warnings)
+    if not state.age_s <= STALE_S:
+        level, message = Level.STALE, state.fault or "nothing new was measured"
+    if snapshot.stopped is not None:
+        level, message = Level.ERROR, f"stopped: {snapshot.stopped}"
+    if not state.healthy:
+        level, message = Level.ERROR, state.fault or "fault"
+    values = {
+        "posture": snapshot.posture,
+        "controller": snapshot.controller or "none",
+        "joints": "measured" if state.measured else "echoed",
+        **_known("battery", state.battery_v, "V"),
+        **_known("charge", None if state.battery_share is None else 100 * state.battery_share, "%"),
+        **_known("current", state.current_a, "A"),
+    }
+    return DiagnosticStatus(level, "hexctl: robot", message, values)
+
+
+def _servo(joint: int, state: RobotState, servos: ServoReadings) -> DiagnosticStatus:
+    temperature_c, error = float(servos.temperatures_c[joint]), servos.errors[joint]
+    level, message = Level.OK, "ok"
+    if temperature_c >= WARM_C:
+        level, message = Level.WARN, f"warm: {temperature_c:.0f} C"
+    stale = state.stale_joints is not None and bool(state.stale_joints[joint])
+    if stale or not servos.ages_s[joint] <= STALE_S:
+        level, message = Level.STALE, "silent"
+    if temperature_c >= TOO_HOT_C:
+        level, message = Level.ERROR, f"hot: {temperature_c:.0f} C"
+    if error:
+        level, message = Level.ERROR, error
+    values = {
+        **_known("temperature", temperature_c, "C"),
+        **_known("voltage", float(servos.voltages_v[joint]), "V"),
+        **_known("current", float(servos.currents_a[joint]), "A"),
+        **_known("effort", 100 * float(servos.efforts[joint]), "%"),
+    }
+    return DiagnosticStatus(level, f"hexctl: {JOINT_NAMES[joint]}", message, values)
+
+
+def _known(name: str, value: float | None, unit: str) -> dict[str, str]:
+    """A value with its unit; empty where it is not known."""
+    return {} if value is None or not math.isfinite(value) else {f"{name} ({unit})": f"{value:.4g}"}

@@ -1,0 +1,195 @@
+"""Names of ROS 2 nodes, topics and services as rmw_zenoh writes them into Zenoh's keys and liveliness tokens.
+
+The form is that of rmw_zenoh's design document: data of a topic travel under
+
+    DOMAIN/topic/pkg::msg::dds_::Type_/HASH
+
+and what `ros2 node list` and `ros2 topic list` show are liveliness tokens, of a node
+
+    @ros2_lv/DOMAIN/SESSION/NODE/NODE/NN/ENCLAVE/NAMESPACE/node
+
+and of an endpoint of it
+
+    @ros2_lv/DOMAIN/SESSION/NODE/ENTITY/KIND/ENCLAVE/NAMESPACE/node/TOPIC/type/HASH/QOS
+
+in which a slash within a name is written as `%`.
+"""
+
+import re
+from dataclasses import dataclass
+from enum import Enum
+from functools import cache
+
+import xxhash
+
+from hexctl.errors import InputError, argument, check_type
+from hexctl.wire import ros_cdr
+
+#: ROS's own ports are computed from the domain, which bounds it on Linux.
+MAX_DOMAIN = 232
+
+#: Humble knows no type hashes; this stands in their place in its keys.
+NO_HASH = "TypeHashNotSupported"
+
+#: Hashes of service types (REP 2016), whose descriptions ros_cdr's store does not have.
+SERVICE_HASHES = {
+    "std_srvs/srv/Trigger": "RIHS01_eeff2cd6fa5ad9d27cdf4dec64818317839b62f212a91e6b5304b634b2062c5f"
+}
+
+GID_BYTES = 16
+
+_ROOT = "@ros2_lv"
+_NODE_ID = 0
+#: Enclave (a folder of certificates) that is not set.
+_NO_ENCLAVE = "%"
+_PART = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
+
+
+class Kind(Enum):
+    """Kind of an endpoint, as in its token: what it publishes, subscribes to, or serves."""
+
+    PUBLISHER = "MP"
+    SUBSCRIPTION = "MS"
+    SERVICE = "SS"
+
+
+@dataclass(frozen=True, slots=True)
+class Qos:
+    """Quality of service of an endpoint that is reliable and keeps its last messages.
+
+    Attributes:
+        depth: how many messages are kept.
+        latched: transient local, in ROS's words: who subscribes later still gets what was kept.
+    """
+
+    depth: int = 10
+    latched: bool = False
+
+    def __str__(self) -> str:
+        """Text of a token: reliability, durability, history and depth, deadline, lifespan, liveliness."""
+        return f":{'1' if self.latched else ''}:,{self.depth}:,:,:,,"
+
+
+@cache
+def type_hash(kind: str) -> str:
+    """Hash of a type (REP 2016), such as that of `std_msgs/msg/String`: `RIHS01_` and 64 digits."""
+    return SERVICE_HASHES.get(kind) or ros_cdr.type_hash(kind)
+
+
+def dds_type(kind: str) -> str:
+    """Name of a type in keys: `std_msgs::msg::dds_::String_` for `std_msgs/msg/String`."""
+    package, group, name = kind.split("/")
+    return f"{package}::{group}::dds_::{name}_"
+
+
+def mangled(name: str) -> str:
+    """Name with its slashes as `%`; the root namespace is `%`."""
+    return name.replace("/", "%") or "%"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RosNode:
+    """A node in a domain.
+
+    Attributes:
+        name: of the node.
+        domain: number of the ROS domain.
+        namespace: `/` and names joined by slashes, such as `/lab/ant`; empty for the root.
+        humble: whether keys are those of Humble, without type hashes.
+    """
+
+    name: str = "hexctl"
+    domain: int = 0
+    namespace: str = ""
+    humble: bool = False
+
+    def __post_init__(self) -> None:
+        check_type(self.domain, int, "ros_domain")
+        check_type(self.namespace, str, "ros_namespace", "names joined by slashes")
+        if not 0 <= self.domain <= MAX_DOMAIN:
+            raise InputError(f"{argument('ros_domain')}: got {self.domain}; allowed: 0 to {MAX_DOMAIN}")
+        object.__setattr__(self, "namespace", _namespace(self.namespace))
+
+    def resolved(self, topic: str) -> str:
+        """Full name of a topic: `/scan` as it is, `~/stop` under the node, others in the namespace."""
+        if topic.startswith("/"):
+            return topic
+        if topic.startswith("~/"):
+            return f"{self.namespace}/{self.name}/{topic[2:]}"
+        return f"{self.namespace}/{topic}"
+
+    def token(self, session_id: str) -> str:
+        """Liveliness token of the node.
+
+        Args:
+            session_id: of the Zenoh session.
+        """
+        return f"{self._begin(session_id, _NODE_ID)}/NN/{self._end}"
+
+    def _begin(self, session_id: str, entity_id: int) -> str:
+        return f"{_ROOT}/{self.domain}/{session_id}/{_NODE_ID}/{entity_id}"
+
+    @property
+    def _end(self) -> str:
+        return f"{_NO_ENCLAVE}/{mangled(self.namespace)}/{self.name}"
+
+
+def _namespace(given: str) -> str:
+    """Namespace with a slash before it, from one with or without slashes around it."""
+    parts = given.strip("/").split("/") if given.strip("/") else []
+    if not all(_PART.fullmatch(part) for part in parts):
+        raise InputError(
+            f"{argument('ros_namespace')}: got {given!r}; allowed: names of letters, digits and _ that begin "
+            "with no digit, joined by slashes"
+        )
+    return "".join(f"/{part}" for part in parts)
+
+
+@dataclass(frozen=True, slots=True)
+class RosEndpoint:
+    """A publisher, a subscription or a service of a node.
+
+    Attributes:
+        node: whose.
+        kind: which of the three.
+        topic: as ROS users write it: `joint_states`, `/diagnostics` or `~/estop`.
+        message: type, such as `sensor_msgs/msg/JointState`.
+        entity_id: number within the node, one for each endpoint.
+        qos: quality of service.
+    """
+
+    node: RosNode
+    kind: Kind
+    topic: str
+    message: str
+    entity_id: int
+    qos: Qos = Qos()
+
+    @property
+    def name(self) -> str:
+        """Full name of the topic or service."""
+        return self.node.resolved(self.topic)
+
+    @property
+    def hash(self) -> str:
+        """Hash of the type, or what Humble has in its place."""
+        return NO_HASH if self.node.humble else type_hash(self.message)
+
+    @property
+    def key(self) -> str:
+        """Key under which its data travel."""
+        return f"{self.node.domain}{self.name}/{dds_type(self.message)}/{self.hash}"
+
+    def token(self, session_id: str) -> str:
+        """Liveliness token, by which others see it.
+
+        Args:
+            session_id: of the Zenoh session.
+        """
+        begin, end = self.node._begin(session_id, self.entity_id), self.node._end  # noqa: SLF001  its own node
+        names = f"{mangled(self.name)}/{dds_type(self.message)}/{self.hash}"
+        return f"{begin}/{self.kind.value}/{end}/{names}/{self.qos}"
+
+    def gid(self, session_id: str) -> bytes:
+        """Identifier in the attachments of what it sends, 16 bytes: XXH3-128 of its token, low half first."""
+        return xxhash.xxh3_128_intdigest(self.token(session_id).encode()).to_bytes(GID_BYTES, "little")

@@ -1,0 +1,182 @@
+"""ROS 2 messages that a robot sends: odometry, transforms, orientation, diagnostics, texts and answers."""
+
+import struct
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from enum import IntEnum
+from typing import Any
+
+import numpy as np
+
+from hexctl.types import FloatArray
+from hexctl.wire import ros_cdr
+from hexctl.wire.pose import BODY_FRAME, WORLD_FRAME
+from hexctl.wire.ros.fixed_message import FixedMessage
+
+STRING = "std_msgs/msg/String"
+IMU = "sensor_msgs/msg/Imu"
+TRANSFORMS = "tf2_msgs/msg/TFMessage"
+DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
+
+#: Numbers of a transform: x, y, z in m and a quaternion (x, y, z, w), as ROS orders it.
+TRANSFORM_NUMBERS = 7
+
+#: Numbers of an odometry: those of a transform, then velocity (3,) in m/s and angular velocity (3,) in rad/s.
+ODOMETRY_NUMBERS = TRANSFORM_NUMBERS + 6
+
+_NOT_MEASURED = np.array([-1.0] + 8 * [0.0])
+_UNKNOWN = np.zeros(9)
+
+
+def odometry() -> FixedMessage:
+    """Encoder of a nav_msgs/Odometry: a pose in `odom`, and a twist in `base_link`.
+
+    Its numbers are `ODOMETRY_NUMBERS`; variances are zero, which stands for unknown.
+    """
+
+    def make(stamp_ns: int, numbers: FloatArray) -> Any:
+        pose = ros_cdr.make(
+            "geometry_msgs/msg/Pose", position=_point(numbers[:3]), orientation=_quaternion(numbers[3:7])
+        )
+        twist = ros_cdr.make(
+            "geometry_msgs/msg/Twist", linear=_vector(numbers[7:10]), angular=_vector(numbers[10:13])
+        )
+        none = np.zeros(36)
+        return ros_cdr.make(
+            ros_cdr.ODOMETRY,
+            header=ros_cdr.header(stamp_ns, WORLD_FRAME),
+            child_frame_id=BODY_FRAME,
+            pose=ros_cdr.make("geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=none),
+            twist=ros_cdr.make("geometry_msgs/msg/TwistWithCovariance", twist=twist, covariance=none),
+        )
+
+    return FixedMessage(make, ODOMETRY_NUMBERS)
+
+
+def transforms(frames: Sequence[tuple[str, str]]) -> FixedMessage:
+    """Encoder of a tf2_msgs/TFMessage; its numbers are those of each transform after another.
+
+    Args:
+        frames: parent and child of each.
+    """
+
+    def make(stamp_ns: int, numbers: FloatArray) -> Any:
+        rows = numbers.reshape(-1, TRANSFORM_NUMBERS)
+        return ros_cdr.make(
+            TRANSFORMS,
+            transforms=[
+                ros_cdr.make(
+                    "geometry_msgs/msg/TransformStamped",
+                    header=ros_cdr.header(stamp_ns, parent),
+                    child_frame_id=child,
+                    transform=ros_cdr.make(
+                        "geometry_msgs/msg/Transform",
+                        translation=_vector(row[:3]),
+                        rotation=_quaternion(row[3:]),
+                    ),
+                )
+                for (parent, child), row in zip(frames, rows, strict=True)
+            ],
+        )
+
+    return FixedMessage(make, TRANSFORM_NUMBERS * len(frames))
+
+
+def imu() -> FixedMessage:
+    """Encoder of a sensor_msgs/Imu that knows its orientation only; its numbers are the quaternion.
+
+    As REP 145 has it, the first covariance of what is not measured is -1.
+    """
+
+    def make(stamp_ns: int, numbers: FloatArray) -> Any:
+        return ros_cdr.make(
+            IMU,
+            header=ros_cdr.header(stamp_ns, BODY_FRAME),
+            orientation=_quaternion(numbers),
+            orientation_covariance=_UNKNOWN,
+            angular_velocity=_vector(np.zeros(3)),
+            angular_velocity_covariance=_NOT_MEASURED,
+            linear_acceleration=_vector(np.zeros(3)),
+            linear_acceleration_covariance=_NOT_MEASURED,
+        )
+
+    return FixedMessage(make, 4)
+
+
+def encode_string(text: str) -> bytes:
+    """Text as std_msgs/String."""
+    return ros_cdr.encode(ros_cdr.make(STRING, data=text))
+
+
+class Level(IntEnum):
+    """Levels of a diagnostic status."""
+
+    OK = 0
+    WARN = 1
+    ERROR = 2
+    STALE = 3
+
+
+@dataclass(frozen=True, slots=True)
+class DiagnosticStatus:
+    """What is said of one part of a robot.
+
+    Attributes:
+        level: how it is.
+        name: of the part.
+        message: one line on its state.
+        values: measured values, as text.
+    """
+
+    level: Level
+    name: str
+    message: str
+    values: Mapping[str, str] = field(default_factory=dict)
+
+
+def encode_diagnostics(statuses: Sequence[DiagnosticStatus], hardware: str, stamp_ns: int) -> bytes:
+    """Statuses as diagnostic_msgs/DiagnosticArray.
+
+    Args:
+        statuses: of all parts.
+        hardware: name of the robot.
+        stamp_ns: nanoseconds since 1970.
+    """
+    return ros_cdr.encode(
+        ros_cdr.make(
+            DIAGNOSTICS,
+            header=ros_cdr.header(stamp_ns),
+            status=[
+                ros_cdr.make(
+                    "diagnostic_msgs/msg/DiagnosticStatus",
+                    level=int(one.level),
+                    name=one.name,
+                    message=one.message,
+                    hardware_id=hardware,
+                    values=[
+                        ros_cdr.make("diagnostic_msgs/msg/KeyValue", key=key, value=value)
+                        for key, value in one.values.items()
+                    ],
+                )
+                for one in statuses
+            ],
+        )
+    )
+
+
+def encode_trigger_answer(success: bool, message: str) -> bytes:
+    """Answer of a std_srvs/Trigger: encapsulation, a flag, and a text that is aligned to 4 bytes."""
+    text = message.encode() + b"\0"
+    return b"\0\1\0\0" + struct.pack("<B3xI", success, len(text)) + text
+
+
+def _point(numbers: FloatArray) -> Any:
+    return ros_cdr.make("geometry_msgs/msg/Point", **dict(zip("xyz", numbers.tolist(), strict=True)))
+
+
+def _vector(numbers: FloatArray) -> Any:
+    return ros_cdr.make("geometry_msgs/msg/Vector3", **dict(zip("xyz", numbers.tolist(), strict=True)))
+
+
+def _quaternion(numbers: FloatArray) -> Any:
+    return ros_cdr.make("geometry_msgs/msg/Quaternion", **dict(zip("xyzw", numbers.tolist(), strict=True)))

@@ -1,0 +1,78 @@
+"""Messages that a robot sends, read by a decoder of others."""
+
+import numpy as np
+from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys.msg import get_types_from_msg
+
+from hexctl.wire import ros_cdr
+from hexctl.wire.ros import telemetry
+from hexctl.wire.ros.telemetry import DiagnosticStatus, Level
+from tests.wire.ros.decoding import decoded
+
+STAMP_NS = 1_700_000_001_000_000_002
+
+
+def test_odometry() -> None:
+    numbers = np.linspace(0.5, 12.5, 13)
+    message = decoded(ros_cdr.ODOMETRY, telemetry.odometry().encode(STAMP_NS, numbers))
+    assert (message.header.frame_id, message.child_frame_id) == ("odom", "base_link")
+    assert (message.header.stamp.sec, message.header.stamp.nanosec) == (1_700_000_001, 2)
+    place, turned = message.pose.pose.position, message.pose.pose.orientation
+    assert [place.x, place.y, place.z, turned.x, turned.y, turned.z, turned.w] == numbers[:7].tolist()
+    linear, angular = message.twist.twist.linear, message.twist.twist.angular
+    assert [linear.x, linear.y, linear.z, angular.x, angular.y, angular.z] == numbers[7:].tolist()
+    assert list(message.pose.covariance) == list(message.twist.covariance) == [0.0] * 36
+
+
+def test_transforms_have_all_one_stamp() -> None:
+    frames = [("odom", "base_link"), ("base_link", "a"), ("a", "tip")]
+    numbers = np.random.default_rng(1).normal(size=21)
+    message = decoded(telemetry.TRANSFORMS, telemetry.transforms(frames).encode(STAMP_NS, numbers))
+    got = message.transforms
+    assert [(one.header.frame_id, one.child_frame_id) for one in got] == frames
+    assert {(one.header.stamp.sec, one.header.stamp.nanosec) for one in got} == {(1_700_000_001, 2)}
+    for one, row in zip(got, numbers.reshape(3, 7), strict=True):
+        place, turned = one.transform.translation, one.transform.rotation
+        assert [place.x, place.y, place.z, turned.x, turned.y, turned.z, turned.w] == row.tolist()
+
+
+def test_an_encoder_forgets_the_message_before() -> None:
+    encoder = telemetry.odometry()
+    first = encoder.encode(1, np.zeros(13))
+    encoder.encode(STAMP_NS, np.ones(13))
+    assert encoder.encode(1, np.zeros(13)) == first
+
+
+def test_what_an_imu_does_not_measure_is_marked() -> None:
+    message = decoded(telemetry.IMU, telemetry.imu().encode(STAMP_NS, np.array([0.1, 0.2, 0.3, 0.9])))
+    turned = message.orientation
+    assert [turned.x, turned.y, turned.z, turned.w] == [0.1, 0.2, 0.3, 0.9]
+    assert message.orientation_covariance[0] == 0
+    assert message.angular_velocity_covariance[0] == -1
+    assert message.linear_acceleration_covariance[0] == -1
+
+
+def test_diagnostics() -> None:
+    found = [DiagnosticStatus(Level.WARN, "hexctl: robot", "warm", {"battery (V)": "11.1"})]
+    payload = telemetry.encode_diagnostics(found, "ant", STAMP_NS)
+    (status,) = decoded(telemetry.DIAGNOSTICS, payload).status
+    assert (status.level, status.name, status.message, status.hardware_id) == (
+        1,
+        "hexctl: robot",
+        "warm",
+        "ant",
+    )
+    assert [(one.key, one.value) for one in status.values] == [("battery (V)", "11.1")]
+
+
+def test_a_text() -> None:
+    assert decoded(telemetry.STRING, telemetry.encode_string("<robot/>")).data == "<robot/>"
+
+
+def test_an_answer_of_a_trigger() -> None:
+    store = get_typestore(Stores.EMPTY)
+    store.register(get_types_from_msg("bool success\nstring message", "a/msg/Answer"))
+    for success, text in ((True, ""), (False, "stopped: estop"), (True, "é")):
+        message = store.types["a/msg/Answer"](success, text)
+        payload = telemetry.encode_trigger_answer(success, text)
+        assert payload == bytes(store.serialize_cdr(message, "a/msg/Answer"))
