@@ -65,6 +65,22 @@ class RobotFile:
         except InputError as error:
             raise InputError(f"{self.path}: {error}") from error
 
+    @property
+    def to_measure(self) -> tuple[str, ...]:
+        """Keys of the file that its owner has to measure: those under `unknown`.
+
+        A key of a joint kind, such as `servos.coxa.sign`, is known once all six joints have their own, as
+        after a calibration.
+        """
+        return tuple(path for path in self.content.unknown if not self._calibrated(path.split(".")))
+
+    def _calibrated(self, path: list[str]) -> bool:
+        """Whether a path leads to a key of a joint kind's servos that each of its joints has."""
+        if len(path) != 3 or path[0] != "servos" or path[1] not in JOINT_KINDS:
+            return False
+        joints = [getattr(self.content.servos, name) for name in JOINT_NAMES if name.endswith(path[1])]
+        return all(getattr(joint, path[2]) is not None for joint in joints)
+
     @cached_property
     def meshes(self) -> Meshes:
         """The meshes of the section `meshes`, read from files whose names are relative to the robot file.

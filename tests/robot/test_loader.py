@@ -399,6 +399,15 @@ def test_what_is_unknown_is_no_part_of_the_robot(tmp_path: Path) -> None:
     assert load_robot(path).fingerprint == shipped().fingerprint
 
 
+def test_what_all_joints_of_a_kind_have_is_known(tmp_path: Path) -> None:
+    legs = {f"leg{leg}_coxa": {"sign": -1} for leg in range(1, 6)}
+    unknown = put("unknown", ["servos.coxa.sign", "servos.coxa.min_count", "body.mass_kg"])
+    five = load_robot_file(edited_file(tmp_path, unknown, put("servos", legs)))
+    assert five.to_measure == ("servos.coxa.sign", "servos.coxa.min_count", "body.mass_kg")
+    six = load_robot_file(edited_file(tmp_path, unknown, put("servos", legs | {"leg6_coxa": {"sign": 1}})))
+    assert six.to_measure == ("servos.coxa.min_count", "body.mass_kg")
+
+
 @pytest.mark.parametrize(
     ("driver", "unit"),
     [(None, "us"), ("servo2040", "us"), ("pca9685", "us"), ("dynamixel", "counts"), ("lx16a", "counts")],

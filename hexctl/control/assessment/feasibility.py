@@ -238,7 +238,7 @@ def check_robot(
         load=gait_load(file.robot, checked, motions),
         servo_map=file.raw_map,
         driver=file.content.servos.driver,
-        to_measure=file.content.unknown,
+        to_measure=file.to_measure,
         mesh_parts=tuple(file.meshes),
     )
 

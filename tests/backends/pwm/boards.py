@@ -56,12 +56,15 @@ def servo2040_board(
 
 @contextmanager
 def pca9685_board(
-    *faults: str, servos: LegServos | None = None, bits_per_s: int = 400_000
+    *faults: str,
+    servos: LegServos | None = None,
+    bits_per_s: int = 400_000,
+    pwm_map: PwmMap | None = None,
 ) -> Iterator[Pca9685Board]:
     """Boards PCA9685 that run meanwhile, of servos without a robot unless others are given."""
     board = Pca9685Board(
         MockServos(shipped()) if servos is None else servos,
-        a_map("pca9685"),
+        a_map("pca9685") if pwm_map is None else pwm_map,
         bits_per_s=bits_per_s,
         faults=tuple(map(parse_pca9685_fault, faults)),
     )

@@ -1,5 +1,6 @@
 """Calibration over the real drivers, on simulated buses and boards: by hand with feedback, jogged without."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,10 +17,9 @@ from hexctl.robot.loader import load_robot_file
 from hexctl.robot.pwm_map import PwmMap, pwm_map_of
 from hexctl.robot.schema import ServosSection
 from hexctl.serve.bus_board import BusBoard
-from hexctl.serve.servo2040_board import Servo2040Board
 from hexctl.types import FloatArray, JointTargets, RobotState
 from tests.backends.bus.boards import bus_board
-from tests.backends.pwm.boards import servo2040_board
+from tests.backends.pwm.boards import pca9685_board, servo2040_board
 from tests.control.calibration.hands import ENDS_DEG, Hands
 from tests.robots import edited_file, put, shipped
 
@@ -79,10 +79,15 @@ def _holding(board: BusBoard) -> bool:
 
 
 class Watcher:
-    """Sees the true angle of leg 1's coxa on a board, and judges direction and angle."""
+    """Sees the true angle of leg 1's coxa on a board, and judges direction and angle.
 
-    def __init__(self, board: Servo2040Board, true: PwmMap) -> None:
-        self._board, self._true, self._before_deg, self._question = board, true, 0.0, ""
+    Args:
+        pulses_us: of the board's joints at this moment, (18,).
+        true: how the servos are really mounted.
+    """
+
+    def __init__(self, pulses_us: Callable[[], FloatArray], true: PwmMap) -> None:
+        self._pulses_us, self._true, self._before_deg, self._question = pulses_us, true, 0.0, ""
         self.screen: list[str] = []
 
     def tell(self, text: str) -> None:
@@ -96,36 +101,43 @@ class Watcher:
         self._polls += 1
         if self._polls < 10:  # the last step is on its way
             return None
-        pulses = self._board.pulses_us[self._true.outputs]
-        seen_deg = float(np.degrees(self._true.angles_rad(pulses))[0])
+        seen_deg = float(np.degrees(self._true.angles_rad(self._pulses_us()))[0])
         if "Enter to move" in self._question:
             self._before_deg = seen_deg
         if "did it move" in self._question:
             return "yes" if (seen_deg > self._before_deg) == ("counter-clockwise" in self._question) else "no"
         if "if you measured" in self._question:
-            return "ok" if abs(seen_deg) < 0.2 else f"{np.clip(-seen_deg, -40, 40):.2f}"
+            # A PCA9685 makes pulses in steps of half a degree.
+            return "ok" if abs(seen_deg) < 0.5 else f"{np.clip(-seen_deg, -40, 40):.2f}"
         if "upper end" in self._question and "(0.0 deg" in self._question.replace("-0.0", "0.0"):
             return "20"
         return "ok" if "end of its travel" in self._question else ""
 
 
-def test_a_servo2040_is_calibrated_by_its_motors(tmp_path: Path) -> None:
+@pytest.mark.parametrize("driver", ["servo2040", "pca9685"])
+def test_a_board_of_hobby_servos_is_calibrated_by_their_motors(driver: str, tmp_path: Path) -> None:
     mounted: dict[str, Any] = {"tibia": {"offset_deg": 40}, "leg1_coxa": {"id": 7}, "leg3_femur": {"id": 0}}
     true = {**mounted, "leg1_coxa": {"id": 7, "sign": -1, "offset_deg": 12}}
-    true_map = pwm_map_of(ServosSection.model_validate(true), "servo2040")
-    with servo2040_board(pwm_map=true_map) as board:
-        section = {**mounted, "driver": "servo2040", "port": board.path, "leg1_tibia": {"touch": 0}}
+    true_map = pwm_map_of(ServosSection.model_validate(true), driver)
+    make: Any = servo2040_board if driver == "servo2040" else pca9685_board
+    with make(pwm_map=true_map) as board:
+        section = {**mounted, "driver": driver, "port": board.path, "if_computer_dies": "hold"}
         file = edited_file(tmp_path, put("servos", section))
-        watcher = Watcher(board, true_map)
+
+        def pulses_us() -> FloatArray:
+            by_output = board.pulses_us if driver == "servo2040" else board.pulses_us()
+            return np.asarray(by_output[true_map.outputs] if driver == "servo2040" else by_output)
+
+        watcher = Watcher(pulses_us, true_map)
         result = calibrate(file, watcher, joints="leg1_coxa")
     assert result.saved == ["leg1_coxa"]
     assert any("output 7" in line for line in watcher.screen)
     kept = read_mapping(file)["servos"]
     found = kept.pop("leg1_coxa")
     assert (found["id"], found["sign"]) == (7, -1)
-    assert found["offset_deg"] == pytest.approx(12, abs=0.5)
-    assert found["max_us"] == pytest.approx(1500 + 1000 / 90 * 12, abs=5)  # the ends turn with the sign
-    assert found["min_us"] == pytest.approx(1500 + 1000 / 90 * -8, abs=5)
+    assert found["offset_deg"] == pytest.approx(12, abs=0.8)
+    assert found["max_us"] == pytest.approx(1500 + 1000 / 90 * 12, abs=8)  # the ends turn with the sign
+    assert found["min_us"] == pytest.approx(1500 + 1000 / 90 * -8, abs=8)
     section.pop("leg1_coxa")
     assert kept == section
 
