@@ -14,6 +14,11 @@ from hexctl.cli.options import JsonOption, Range, choice
 if TYPE_CHECKING:
     from rich.table import Table
 
+    from hexctl.backends.serial_ports import SerialPort
+
+#: How long the cable of an adapter may take to be pulled.
+FIND_TIMEOUT_S = 60.0
+
 servos = typer.Typer(
     help="Look at servos on a serial bus, one by one, before there is a robot file and after.",
     no_args_is_help=True,
@@ -251,26 +256,37 @@ def adopt(
     print_result(json.dumps(rows) if as_json else _column(rows))
 
 
-def ports(as_json: JsonOption = False) -> None:
+def ports(
+    find: Annotated[
+        bool, typer.Option("--find", help="Find the port of an adapter: pull its cable when asked to.")
+    ] = False,
+    as_json: JsonOption = False,
+) -> None:
     """List serial ports, with the adapters behind them."""
-    from serial.tools.list_ports import comports
-
+    from hexctl.backends.serial_ports import serial_ports
     from hexctl.cli.console import print_result
 
-    found: list[dict[str, Any]] = [
-        {
-            "port": each.device,
-            "adapter": each.description,
-            "vendor": None if each.vid is None else f"{each.vid:04x}:{each.pid:04x}",
-            "serial_number": each.serial_number,
-        }
-        for each in sorted(comports())
-        if each.vid is not None or "tty" in each.device
-    ]
+    found = [_found_port()] if find else serial_ports()
+    rows = [asdict(each) for each in found if each is not None]
     if as_json:
-        print_result(json.dumps(found))
+        print_result(json.dumps(rows))
         return
-    print_result(_table(found, "no serial ports; is the adapter plugged in?"))
+    print_result(_table(rows, "no serial ports; is the adapter plugged in?"))
+
+
+def _found_port() -> "SerialPort | None":
+    """The port whose cable an operator pulls; raises Exit where it is interrupted."""
+    from hexctl.backends.serial_ports import serial_ports, unplugged_port
+    from hexctl.cli.console import INTERRUPTED, StopOnInterrupt, print_note
+
+    before = serial_ports()
+    print_note(f"{len(before)} ports; now pull the cable of the adapter (Ctrl-C ends it)")
+    with StopOnInterrupt() as interrupt:
+        found = unplugged_port(before, timeout_s=FIND_TIMEOUT_S, stop_requested=interrupt.requested)
+        if interrupt.requested():
+            raise typer.Exit(INTERRUPTED)
+    print_note("that is it; plug it in again")
+    return found
 
 
 def _bus(robot: str | None, driver: str | None, port: str | None, baud: int | None) -> tuple[str, str, int]:

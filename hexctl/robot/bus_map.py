@@ -58,6 +58,8 @@ class BusMap(RawMap):
 
     def names(self, joints: BoolArray) -> str:
         """Names and ids of some joints, (18,), as messages give them."""
+        if joints.all():
+            return "all servos"
         return ", ".join(
             f"leg {joint // JOINTS_PER_LEG + 1} {JOINT_KINDS[joint % JOINTS_PER_LEG]} (id {self.ids[joint]})"
             for joint in np.flatnonzero(joints).tolist()

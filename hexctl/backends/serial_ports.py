@@ -1,0 +1,81 @@
+"""Serial ports of this computer: which there are, and which one a cable belongs to."""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from hexctl.errors import RobotFaultError
+
+#: Folder with names of ports that stay, whichever socket an adapter is plugged into.
+BY_ID = Path("/dev/serial/by-id")
+
+#: How often ports are listed while a cable is pulled, in s.
+POLL_S = 0.2
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SerialPort:
+    """A serial port.
+
+    Attributes:
+        port: its device, such as `/dev/ttyUSB0`.
+        stays: a name of it that stays when it is plugged in again, or None.
+        adapter: what its adapter calls itself.
+        vendor: USB vendor and product, such as `0403:6014`, or None.
+        serial_number: of the adapter, or None.
+    """
+
+    port: str
+    stays: str | None
+    adapter: str
+    vendor: str | None
+    serial_number: str | None
+
+
+def serial_ports() -> list[SerialPort]:
+    """Ports with an adapter, and those of the computer itself that are called tty."""
+    from serial.tools.list_ports import comports
+
+    names = {link.resolve(): str(link) for link in BY_ID.glob("*")} if BY_ID.is_dir() else {}
+    return [
+        SerialPort(
+            port=each.device,
+            stays=names.get(Path(each.device).resolve()),
+            adapter=each.description,
+            vendor=None if each.vid is None else f"{each.vid:04x}:{each.pid:04x}",
+            serial_number=each.serial_number,
+        )
+        for each in sorted(comports())
+        if each.vid is not None or "tty" in each.device
+    ]
+
+
+def unplugged_port(
+    before: list[SerialPort], *, timeout_s: float, stop_requested: Callable[[], bool] = lambda: False
+) -> SerialPort | None:
+    """The port that goes while a cable is pulled; None where a stop is requested first.
+
+    Args:
+        before: ports with the cable in.
+        timeout_s: how long the cable may take.
+        stop_requested: polled.
+
+    Raises RobotFaultError where none goes in time, or more than one.
+    """
+    until_s = time.monotonic() + timeout_s
+    while not stop_requested():
+        left = {each.port for each in serial_ports()}
+        gone = [each for each in before if each.port not in left]
+        if len(gone) > 1:
+            raise RobotFaultError(
+                f"more than one port has gone: {', '.join(each.port for each in gone)}; pull one cable"
+            )
+        if gone:
+            return gone[0]
+        if time.monotonic() > until_s:
+            raise RobotFaultError(
+                f"no port has gone in {timeout_s:g} s; is it the cable of a serial adapter?"
+            )
+        time.sleep(POLL_S)
+    return None

@@ -1,0 +1,67 @@
+"""Serial ports: which there are, and which one goes when a cable is pulled."""
+
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from hexctl.backends import serial_ports as module
+from hexctl.backends.serial_ports import serial_ports, unplugged_port
+from hexctl.errors import RobotFaultError
+
+
+class _Port(SimpleNamespace):
+    def __lt__(self, other: Any) -> bool:
+        return bool(self.device < other.device)
+
+
+def _port(device: str, vid: int | None = 0x0403) -> _Port:
+    return _Port(device=device, description="USB serial", vid=vid, pid=0x6014, serial_number="A1")
+
+
+@pytest.fixture
+def plugged(monkeypatch: pytest.MonkeyPatch) -> list[_Port]:
+    """Ports that a test plugs and pulls."""
+    ports = [_port("/dev/ttyUSB1"), _port("/dev/ttyUSB0"), _port("/dev/ttyS0", None), _port("/dev/x", None)]
+    monkeypatch.setattr("serial.tools.list_ports.comports", lambda: list(ports))
+    monkeypatch.setattr(module, "POLL_S", 0.0)
+    return ports
+
+
+def test_ports_have_their_adapter_and_a_name_that_stays(
+    plugged: list[_Port], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    link = tmp_path / "usb-FTDI_U2D2_A1-if00"
+    link.symlink_to("/dev/ttyUSB0")
+    monkeypatch.setattr(module, "BY_ID", tmp_path)
+    first, second, third = serial_ports()[:3]
+    assert (first.port, first.vendor, first.stays) == ("/dev/ttyS0", None, None)
+    assert (second.port, second.vendor, second.stays) == ("/dev/ttyUSB0", "0403:6014", str(link))
+    assert (third.port, third.stays) == ("/dev/ttyUSB1", None)
+    assert len(serial_ports()) == 3, "what is no tty and has no adapter is left out"
+
+
+def test_the_port_whose_cable_is_pulled_is_found(plugged: list[_Port]) -> None:
+    before, polls = serial_ports(), 0
+
+    def pulls_after_three_polls() -> bool:
+        nonlocal polls
+        polls += 1
+        if polls == 3:
+            del plugged[1]
+        return False
+
+    found = unplugged_port(before, timeout_s=10.0, stop_requested=pulls_after_three_polls)
+    assert found is not None
+    assert found.port == "/dev/ttyUSB0"
+
+
+def test_no_cable_two_cables_and_an_interruption(plugged: list[_Port]) -> None:
+    before = serial_ports()
+    with pytest.raises(RobotFaultError, match=r"no port has gone in 0 s"):
+        unplugged_port(before, timeout_s=0.0)
+    assert unplugged_port(before, timeout_s=10.0, stop_requested=lambda: True) is None
+    del plugged[:2]
+    with pytest.raises(RobotFaultError, match=r"more than one port has gone: /dev/ttyUSB0, /dev/ttyUSB1"):
+        unplugged_port(before, timeout_s=10.0)
