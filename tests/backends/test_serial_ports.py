@@ -29,8 +29,9 @@ def plugged(monkeypatch: pytest.MonkeyPatch) -> list[_Port]:
     return ports
 
 
+@pytest.mark.usefixtures("plugged")
 def test_ports_have_their_adapter_and_a_name_that_stays(
-    plugged: list[_Port], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     link = tmp_path / "usb-FTDI_U2D2_A1-if00"
     link.symlink_to("/dev/ttyUSB0")

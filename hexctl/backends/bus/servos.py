@@ -216,7 +216,9 @@ class BusServos(PortServos[BusMap, BusThread, BusCounters]):
             warnings.append(f"no torque: {self._map.names(limp)}")
         mute = servos.ages_s > BUSES[self._map.driver].mute_s
         warnings += self._condition.warnings(servos, limp, mute)
-        if mute.any():
+        if np.count_nonzero(mute) > MOST_MUTE:
+            warnings.append("mute: servos of more than two legs")  # the same words while they come and go
+        elif mute.any():
             warnings.append(f"mute: {self._map.names(mute)}")
         if (hot := servos.temperatures_c > HOT_C).any():
             warnings.append(f"hot, {np.nanmax(servos.temperatures_c):.0f} degrees C: {self._map.names(hot)}")
