@@ -65,6 +65,7 @@ EXTRAS = {
     "distributed": "study",
     "jinja2": "study",
     "smbus2": "i2c",
+    "websockets": "page",
 }
 
 

@@ -47,6 +47,8 @@ LANES = {
         "tests/backends/mavlink/test_client_faults.py",
         "tests/cli/test_serve.py",
         "tests/serve/ros/test_bridge.py",
+        "tests/cli/test_drive.py",
+        "tests/teleop/test_page.py",
         "tests/cli/test_status.py",
         "tests/cli/test_view.py",
         "tests/wire/test_session.py",

@@ -14,6 +14,7 @@ from hexctl.cli.calibrate import calibrate
 from hexctl.cli.check import check
 from hexctl.cli.console import BAD_INPUT, FAULT, INTERRUPTED, in_flags
 from hexctl.cli.diagnose import diagnose
+from hexctl.cli.drive import drive
 from hexctl.cli.estop import estop
 from hexctl.cli.keys import keys
 from hexctl.cli.prior import prior
@@ -63,6 +64,7 @@ WALK, ROBOT, NETWORK, STUDY = "Walk and adapt", "Your robot", "Over the network"
 
 app.command(rich_help_panel=WALK)(run)
 app.command(rich_help_panel=WALK)(adapt)
+app.command(rich_help_panel=WALK)(drive)
 app.command(rich_help_panel=WALK)(view)
 app.add_typer(sessions, name="sessions", rich_help_panel=WALK)
 app.command(rich_help_panel=ROBOT)(check)

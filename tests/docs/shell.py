@@ -40,6 +40,7 @@ DROPPED = ("--view", "--realtime")
 #: Only parsed, as the program itself would: commands with all of these words, and why.
 PARSED = {
     ("view",): "opens a window, until it is closed",
+    ("drive",): "drives until a person ends it; tests/cli/test_drive.py does",
     ("calibrate",): "asks a person what each servo did",
     ("adapt", "--ask"): "asks a person where the robot is",
     ("adapt", "tls/robot.local:7447"): "needs a robot on another computer",

@@ -7,6 +7,8 @@ from pathlib import Path
 from types import NoneType, TracebackType
 from typing import Any, Self
 
+import numpy as np
+
 from hexctl.backends.base import LegServos, as_robot, connection_notes
 from hexctl.backends.registry import BackendOptions, check_options, make_servos
 from hexctl.backends.sim.world import World, load_world
@@ -17,12 +19,14 @@ from hexctl.control.guard import Guard
 from hexctl.control.log import Recorders
 from hexctl.control.loop import TickObserver, run_step
 from hexctl.control.monitor.recovery import RecoveryPolicy, make_policy
+from hexctl.control.trace import TrialFrame
 from hexctl.errors import InputError, check_type
 from hexctl.gait.gait import Gait, make_gait
 from hexctl.robot.failure import Failure, Failures, each_failure
 from hexctl.robot.failure_event import NoticedFailure
 from hexctl.robot.loader import RobotFile, load_robot_file
 from hexctl.robot.model import Robot
+from hexctl.robot.rotations import yaw_rad
 from hexctl.types import RobotState
 
 #: What drives on its own ticks: a robot that has not been told to stand yet.
@@ -178,6 +182,14 @@ class Drive:
         """
         self.arbiter.source("motion").command(Velocity(forward_m_s, left_m_s, turn_rad_s))
 
+    def share(self, forward: float = 0.0, left: float = 0.0, turn: float = 0.0) -> Velocity:
+        """The velocity of shares of the greatest, each -1 to 1, as a stick gives them.
+
+        The greatest speeds are those of the gait and of the legs that are left. From any thread.
+        """
+        shares = (forward, left, turn)
+        return Velocity(*(share * most for share, most in zip(shares, self._connected.most, strict=True)))
+
     def stand(self) -> None:
         """Stand up, or step the feet to their places; a stop, and one for a leg that failed, is cleared."""
         self.arbiter.clear()
@@ -323,6 +335,8 @@ class _News:
         drive, recorders = self._drive, self._drive._recorders  # noqa: SLF001  its own
         if recorders is None:
             return
+        if recorders.log.frame is None and drive.mode == "driving":
+            recorders.begin_phase("walk", _frame_of(state))
         recorders.log.note_failures("world", drive.guard.unwrapped.failures)
         recorders.log.note_failures("belief", drive.failures)
         if texts := drive.controller.news():
@@ -330,6 +344,13 @@ class _News:
 
     def took(self, work_s: float) -> None:
         """Nothing: notes keep no durations."""
+
+
+def _frame_of(state: RobotState) -> TrialFrame:
+    """Frame of recordings: where the robot stands and faces when it can be driven."""
+    position, quaternion = state.base_position_world, state.base_quaternion_world
+    yaw = 0.0 if quaternion is None else float(yaw_rad(quaternion))
+    return TrialFrame(np.full(3, np.nan) if position is None else position, yaw, yaw)
 
 
 def _raised(gait: Gait, share: float) -> Gait:

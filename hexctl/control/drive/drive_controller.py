@@ -98,6 +98,14 @@ class DriveController(Controller):
         return self._monitored.leg_suspicion
 
     @property
+    def most(self) -> tuple[float, float, float]:
+        """Greatest speeds forward and left in m/s and turn rate in rad/s, each alone, with the legs left."""
+        rows = [one.leg for one in self.believed_failures()] or [0]
+        speeds = self._limits.speeds_m_s[rows].min(axis=0)
+        turn_rad_s = float(self._limits.turn_rates_rad_s[rows].min())
+        return float(min(speeds[0], speeds[4])), float(min(speeds[2], speeds[6])), turn_rad_s
+
+    @property
     def at_rest(self) -> bool:
         """Whether it stands or sits, and no target moves."""
         return self.mode == "sitting" or (self.mode == "driving" and self._walk.at_rest)

@@ -1,0 +1,302 @@
+"""`hexctl drive`: a robot driven by hand."""
+
+import signal
+import sys
+from contextlib import ExitStack, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from types import FrameType
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from hexctl.cli import completion
+from hexctl.cli.console import (
+    ABORTED,
+    DONE,
+    FAULT,
+    FAULTS,
+    INTERRUPTED,
+    StopOnInterrupt,
+    note_no_window,
+    print_note,
+)
+from hexctl.cli.options import (
+    POSTURE_FRACTION,
+    BackendOption,
+    ConnectOption,
+    InsecureOption,
+    KeysOption,
+    LinkOption,
+    RobotOption,
+    SeedOption,
+    SimFailedLegOption,
+    SimFailureOption,
+    WorldOption,
+    number,
+)
+from hexctl.errors import EStopError, InputError
+
+if TYPE_CHECKING:
+    from hexctl.control.drive.drive import Drive
+    from hexctl.control.log import Recorder
+    from hexctl.teleop.page import DrivePage
+    from hexctl.teleop.session import Device, DriveSession
+
+#: `--page` without an address.
+DEFAULT_PAGE = "127.0.0.1:8017"
+
+DriveGaitOption = Annotated[
+    str,
+    typer.Option(
+        "--gait",
+        autocompletion=completion.gaits,
+        help="Gait: demo, tripod, wave, ripple; a code, 1..720; or when in the cycle legs 1..6 step, six "
+        "slots such as 5,1,2,4,3,6.",
+    ),
+]
+
+
+@dataclass(frozen=True, slots=True)
+class _Wanted:
+    """What to drive with: keys, a gamepad's file or `none`, a page's address and certificates."""
+
+    keyboard: bool
+    gamepad: str | None
+    page: str | None
+    page_keys: Path | None
+
+    def check(self) -> None:
+        """Raise InputError where there is nothing to drive with."""
+        if self.page_keys is not None and self.page is None:
+            raise InputError("--page-keys: got it without --page; allowed: with --page HOST:PORT")
+        if self.page is not None:
+            from hexctl.teleop.page import PageAddress
+
+            PageAddress.parse(self.page).check(secured=self.page_keys is not None)
+        if not (self.keyboard or self.page or self.gamepad not in (None, "none")):
+            raise InputError(
+                "--keyboard: got no terminal to read keys from; allowed: a terminal, --page HOST:PORT, or "
+                "--gamepad auto"
+            )
+
+
+def drive(
+    backend: BackendOption = "sim",
+    robot: RobotOption = "ant",
+    world: WorldOption = None,
+    gait: DriveGaitOption = "tripod",
+    body_raise: Annotated[
+        float,
+        number(
+            "--body-raise",
+            POSTURE_FRACTION,
+            "How much higher the body stands, as a fraction of the robot's size, {}.",
+        ),
+    ] = 0.0,
+    failed_leg: SimFailedLegOption = None,
+    failure: SimFailureOption = None,
+    policy: Annotated[
+        str | None,
+        typer.Option(
+            "--policy",
+            help="What to do about a leg that is noticed to have failed: walk-on, stop, glide, or "
+            "package.module:Class. (default: glide with sim, else stop)",
+        ),
+    ] = None,
+    keyboard: Annotated[
+        bool, typer.Option("--keyboard/--no-keyboard", help="Drive with the keys of this terminal.")
+    ] = True,
+    gamepad: Annotated[
+        str | None,
+        typer.Option(
+            "--gamepad",
+            metavar="auto|none|FILE",
+            help="Drive with a gamepad while a shoulder button is held: auto takes the first that is plugged "
+            "in, at any time; or its event file. (default: auto)",
+        ),
+    ] = None,
+    page: Annotated[
+        str | None,
+        typer.Option(
+            "--page",
+            metavar="HOST:PORT",
+            help=f"Serve a page to drive with, such as {DEFAULT_PAGE} for this computer alone; beyond it "
+            "--page-keys are needed, and the token that is printed. (default: none)",
+        ),
+    ] = None,
+    page_keys: Annotated[
+        Path | None,
+        typer.Option(
+            "--page-keys",
+            help="Folder of certificates that hexctl keys new made, for a page beyond this computer. "
+            "(default: none)",
+        ),
+    ] = None,
+    view: Annotated[bool, typer.Option("--view", help="Show the drive in the Rerun viewer.")] = False,
+    record: Annotated[
+        Path | None,
+        typer.Option("--record", help="Recording to write, a new .rrd file. (default: none)"),
+    ] = None,
+    seed: SeedOption = 0,
+    connect: ConnectOption = None,
+    keys: KeysOption = None,
+    insecure: InsecureOption = False,
+    link: LinkOption = None,
+) -> None:
+    """Drive a robot by hand: keyboard, gamepad, or a page for a phone.
+
+    It stands up first. q, Ctrl-C and a terminal that has gone end it with the robot at a stand. Exit codes:
+    0 done, 2 bad input, 3 fault of robot or link, 4 fell or was stopped, 130 interrupted.
+    """
+    from hexctl.backends.registry import check_options
+    from hexctl.control.drive.drive import Drive
+    from hexctl.control.log import PACED_BLOCK_TICKS, Recorders
+    from hexctl.robot.failure import failure_of
+    from hexctl.teleop.keyboard import has_keys
+
+    wanted = _Wanted(keyboard and has_keys(), gamepad, page, page_keys)
+    wanted.check()
+
+    options: dict[str, Any] = {
+        name: value
+        for name, value in {
+            "world": world,
+            "seed": seed,
+            "connect": connect,
+            "credentials": keys,
+            "insecure": insecure,
+            "link": link,
+        }.items()
+        if value
+    }
+    check_options(backend, **options)
+    if backend == "sim":
+        options["realtime"] = True
+    with ExitStack() as stack:
+        shown = _recorders(stack, backend, robot, world, seed, view=view, record=record)
+        made = Drive(
+            robot,
+            backend=backend,
+            gait=gait,
+            body_raise=body_raise or None,
+            policy=policy,
+            failure=failure_of(failed_leg, failure),
+            recorders=Recorders(*shown, block_ticks=PACED_BLOCK_TICKS) if shown else None,
+            **options,
+        )
+        raise typer.Exit(_drive(stack, made, wanted))
+
+
+def _drive(stack: ExitStack, drive: "Drive", wanted: _Wanted) -> int:
+    """Connect, drive, and say how it ended; the exit code."""
+    from hexctl.backends.clock import request_realtime_priority
+    from hexctl.teleop.session import DriveSession
+
+    session = DriveSession(drive)
+    interrupt = stack.enter_context(StopOnInterrupt())
+    _end_on_hangup(session)
+    stack.enter_context(drive)
+    for note in drive.notes:
+        print_note(f"hexctl: {note}")
+    devices = _devices(stack, session, wanted)
+    request_realtime_priority()
+    try:
+        why = session.run(devices, interrupt.requested)
+    except EStopError:
+        why = drive.guard.stopped or "stopped"
+        _say(f"\nhexctl: the robot has stopped: {why}")
+        return FAULT if why.partition(":")[0] in FAULTS else ABORTED
+    _say(f"\nhexctl: {'ended' if why == 'q' else why}; the robot stands")
+    return INTERRUPTED if why == "interrupted" else DONE
+
+
+def _say(text: str) -> None:
+    """Print a note, on a terminal that may have gone."""
+    with suppress(OSError):
+        print_note(text)
+
+
+def _end_on_hangup(session: "DriveSession") -> None:
+    """Come to a stand when the terminal goes, instead of dying in mid-step."""
+
+    def end(_number: int, _frame: FrameType | None) -> None:
+        session.ask("quit", "the terminal has gone")
+
+    signal.signal(signal.SIGHUP, end)
+
+
+def _devices(stack: ExitStack, session: "DriveSession", wanted: _Wanted) -> "list[Device]":
+    """What to drive with."""
+    from hexctl.teleop.gamepad import Gamepad
+    from hexctl.teleop.keyboard import HELP, Keyboard, KeyTerminal
+
+    drive, devices = session.drive, list["Device"]()
+    if wanted.page is not None:
+        page = stack.enter_context(_page(session, wanted.page, wanted.page_keys))
+        devices.append(page)
+        token = "" if page.token is None else f" with the token {page.token}"
+        print_note(f"hexctl: drive on {page.url}{token}")
+    if wanted.gamepad != "none":
+        path = None if wanted.gamepad in (None, "auto") else Path(str(wanted.gamepad))
+        pad = Gamepad(drive.arbiter.source("gamepad"), drive.share, session.ask, path=path)
+        stack.callback(pad.close)
+        devices.append(pad)
+    if wanted.keyboard:
+        print_note(HELP)
+        terminal = stack.enter_context(KeyTerminal(sys.stdin.fileno(), sys.stderr.fileno()))
+        source = drive.arbiter.source("keyboard")
+        devices.append(Keyboard(source, drive.share, session.ask, terminal.keys, terminal.show))
+    return devices
+
+
+def _page(session: "DriveSession", address: str, folder: Path | None) -> "DrivePage":
+    from hexctl.teleop.page import DrivePage, PageAddress
+    from hexctl.wire.certificates import find_credentials
+    from hexctl.wire.links import Role
+
+    return DrivePage(
+        PageAddress.parse(address),
+        session.drive.arbiter.source("page"),
+        session.drive.share,
+        session.ask,
+        credentials=None if folder is None else find_credentials(folder, Role.ROBOT),
+    )
+
+
+def _recorders(
+    stack: ExitStack,
+    backend: str,
+    robot: str,
+    world: str | None,
+    seed: int,
+    *,
+    view: bool,
+    record: Path | None,
+) -> "list[Recorder]":
+    """Live view and recording of a drive."""
+    if not view and record is None:
+        return []
+    from hexctl.backends.sim.terrain import make_floor
+    from hexctl.backends.sim.world import load_world
+    from hexctl.control.plan import TrialPlan
+    from hexctl.gait.gait import make_gait
+    from hexctl.record.live import open_window
+    from hexctl.record.recording import Recording
+    from hexctl.robot.loader import load_robot_file
+
+    loaded = load_robot_file(robot)
+    floor = make_floor(load_world("flat" if world is None else world), seed) if backend == "sim" else None
+    plan = TrialPlan(gait=make_gait(loaded.robot, "tripod"), travel=0.0)
+    title, servos = f"{loaded.robot.name} driven", backend != "sim"
+    common: dict[str, Any] = {"title": title, "floor": floor, "watched": True, "servos": servos}
+    found: list[Recorder] = []
+    if record is not None:
+        found.append(
+            stack.enter_context(Recording(record, loaded.robot, plan, meshes=loaded.meshes, **common))
+        )
+    if view and (live := open_window(note_no_window)) is not None:
+        stack.enter_context(live)
+        live.begin(loaded.robot, plan, looks=str(loaded.path), **common)
+        found.append(live)
+    return found

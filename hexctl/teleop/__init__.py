@@ -1,0 +1,1 @@
+"""Driving by hand: keyboard, gamepad and page, and the session that follows them."""

@@ -1,0 +1,238 @@
+"""Gamepads by the kernel's event files, `/dev/input/event*`: plugged in and out at any time.
+
+An event is 24 bytes, `struct input_event` of 64-bit Linux: two longs of time, type and code of 16 bits each,
+and a value of 32 bits. Codes are those of linux/input-event-codes.h, which the drivers of Xbox, PlayStation
+and Nintendo pads keep to.
+"""
+
+import fcntl
+import os
+import struct
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from hexctl.control.drive.arbiter import VelocitySource
+from hexctl.teleop.keyboard import Share
+
+EVENT = struct.Struct("llHHi")
+
+EV_SYN, EV_KEY, EV_ABS = 0, 1, 3
+SYN_DROPPED = 3
+
+#: Axes: left stick, right stick, the cross.
+ABS_X, ABS_Y, ABS_RX, ABS_HAT_Y = 0, 1, 3, 17
+
+BTN_SOUTH, BTN_EAST, BTN_NORTH, BTN_WEST = 304, 305, 307, 308
+BTN_TL, BTN_TR, BTN_SELECT, BTN_START = 310, 311, 314, 315
+
+#: Either shoulder button has to be held to drive.
+HOLD = (BTN_TL, BTN_TR)
+
+#: What the other buttons ask for.
+BUTTONS = {BTN_EAST: "stop", BTN_START: "stand", BTN_SELECT: "sit", BTN_NORTH: "gait", BTN_WEST: "gait"}
+
+#: Part of an axis around its middle that counts as the middle.
+DEAD = 0.1
+
+#: Range of an axis whose driver does not tell it.
+USUAL_RANGE = (-32768, 32767)
+
+#: How often is looked for a gamepad while there is none.
+LOOK_S = 1.0
+
+#: Bytes that are read at once.
+MOST_BYTES = 64 * EVENT.size
+
+
+def find_gamepads(devices: Path = Path("/dev/input"), known: Path = Path("/sys/class/input")) -> list[Path]:
+    """Event files of gamepads, as far as the kernel says what devices have: a south button and a left stick.
+
+    Args:
+        devices: folder of the event files.
+        known: folder in which the kernel describes them.
+    """
+    found = []
+    for place in sorted(known.glob("event*")):
+        folder = place / "device" / "capabilities"
+        try:
+            keys, axes = _bits((folder / "key").read_text()), _bits((folder / "abs").read_text())
+        except (OSError, ValueError):
+            continue
+        if keys >> BTN_SOUTH & 1 and axes >> ABS_X & 1 and axes >> ABS_Y & 1:
+            found.append(devices / place.name)
+    return found
+
+
+def _bits(text: str) -> int:
+    """A bitmap as sysfs has it: words of 64 bits in hexadecimal, the highest first."""
+    bits = 0
+    for word in text.split():
+        bits = bits << 64 | int(word, 16)
+    return bits
+
+
+def axis_range(descriptor: int, axis: int) -> tuple[int, int]:
+    """Lowest and highest value of an axis, as its driver tells (EVIOCGABS)."""
+    try:
+        answer = fcntl.ioctl(descriptor, 0x80184540 + axis, bytes(24))
+    except OSError:
+        return USUAL_RANGE
+    _, low, high, *_ = struct.unpack("6i", answer)
+    return (low, high) if high > low else USUAL_RANGE
+
+
+class GamepadEvents:
+    """What is held on a gamepad, from the bytes of its events.
+
+    Args:
+        descriptor: of its open event file, which tells the ranges of its axes; None for the usual ones.
+
+    Attributes:
+        held: whether a hold button is pressed.
+        pressed: requests of buttons since this was emptied last.
+    """
+
+    def __init__(self, descriptor: int | None = None) -> None:
+        axes = (ABS_X, ABS_Y, ABS_RX)
+        self._ranges = {
+            axis: USUAL_RANGE if descriptor is None else axis_range(descriptor, axis) for axis in axes
+        }
+        self._shares = dict.fromkeys(self._ranges, 0.0)
+        self._holds: set[int] = set()
+        self._rest = b""
+        self.pressed: list[str] = []
+
+    @property
+    def held(self) -> bool:
+        """Whether a hold button is pressed."""
+        return bool(self._holds)
+
+    @property
+    def shares(self) -> tuple[float, float, float]:
+        """Forward, left and turn, -1 to 1."""
+        # Sticks count right and down as positive.
+        return -self._shares[ABS_Y], -self._shares[ABS_X], -self._shares[ABS_RX]
+
+    def feed(self, data: bytes) -> None:
+        """Take bytes of events; the beginning of one waits for its end."""
+        data = self._rest + data
+        whole = len(data) - len(data) % EVENT.size
+        self._rest = data[whole:]
+        for _, _, kind, code, value in EVENT.iter_unpack(data[:whole]):
+            self._take(kind, code, value)
+
+    def _take(self, kind: int, code: int, value: int) -> None:
+        if kind == EV_SYN and code == SYN_DROPPED:
+            # Events were lost: what is held is not known until it is pressed again.
+            self._holds.clear()
+            self._shares = dict.fromkeys(self._shares, 0.0)
+        elif kind == EV_ABS and code in self._shares:
+            self._shares[code] = self._share(code, value)
+        elif kind == EV_ABS and code == ABS_HAT_Y and value:
+            self.pressed.append("up" if value < 0 else "down")
+        elif kind == EV_KEY and code in HOLD and value != 2:  # 2 is a repetition
+            (self._holds.add if value else self._holds.discard)(code)
+        elif kind == EV_KEY and code in BUTTONS and value == 1:
+            self.pressed.append(BUTTONS[code])
+
+    def _share(self, axis: int, value: int) -> float:
+        low, high = self._ranges[axis]
+        share = max(-1.0, min(1.0, (2 * value - low - high) / (high - low)))
+        if abs(share) <= DEAD:
+            return 0.0
+        return (abs(share) - DEAD) / (1 - DEAD) * (1 if share > 0 else -1)
+
+
+class Gamepad:
+    """The first gamepad that is plugged in, as a source of velocities.
+
+    A shoulder button has to be held to drive. Letting it go, and pulling the pad out, is a release.
+
+    Args:
+        source: of the arbiter.
+        share: makes velocities.
+        ask: takes requests.
+        path: event file; None looks for one, again and again.
+        find: finds event files of gamepads.
+        now_s: monotonic time.
+    """
+
+    def __init__(
+        self,
+        source: VelocitySource,
+        share: Share,
+        ask: Callable[[str], None],
+        *,
+        path: Path | None = None,
+        find: Callable[[], list[Path]] = find_gamepads,
+        now_s: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._source, self._share, self._ask = source, share, ask
+        self._find = find if path is None else lambda: [path]
+        self._now_s, self._look_at_s = now_s, -LOOK_S
+        self._descriptor: int | None = None
+        self._events = GamepadEvents()
+        self._driving = False
+
+    @property
+    def connected(self) -> bool:
+        """Whether there is a gamepad now."""
+        return self._descriptor is not None
+
+    def poll(self) -> None:
+        """Take the events since the last tick."""
+        if self._descriptor is None and not self._look():
+            return
+        self._read()
+        for request in self._events.pressed:
+            self._ask(request)
+        self._events.pressed.clear()
+        if self._events.held:
+            self._driving = True
+            self._source.command(self._share(*self._events.shares))
+        elif self._driving:
+            self._driving = False
+            self._source.release()
+
+    def report(self, status: dict[str, Any]) -> None:
+        """Nothing: a gamepad has no display."""
+
+    def close(self) -> None:
+        """Let go of the gamepad."""
+        if self._descriptor is not None:
+            os.close(self._descriptor)
+            self._descriptor = None
+        self._events = GamepadEvents()
+
+    def _look(self) -> bool:
+        """Open a gamepad if there is one; whether there is."""
+        now_s = self._now_s()
+        if now_s - self._look_at_s < LOOK_S:
+            return False
+        self._look_at_s = now_s
+        for path in self._find():
+            try:
+                descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
+            except OSError:
+                continue
+            self._descriptor = descriptor
+            self._events = GamepadEvents(descriptor)
+            return True
+        return False
+
+    def _read(self) -> None:
+        while self._descriptor is not None:
+            try:
+                data = os.read(self._descriptor, MOST_BYTES)
+            except BlockingIOError:
+                return
+            except OSError:
+                data = b""
+            if not data:
+                self.close()
+                return
+            self._events.feed(data)
+            if len(data) < MOST_BYTES:
+                return

@@ -1,0 +1,337 @@
+"""A page to drive with, for a phone or a browser: one file over HTTP and a WebSocket on the same port.
+
+Messages to the robot are JSON: `{"v": [forward, left, turn]}` with shares of the greatest speeds, -1 to 1,
+20 to 50 times a second while a finger is down; `{"release": true}` when it goes; `{"do": "stop"}` for the
+other requests. The robot sends its status ten times a second.
+
+Whoever may open the page may drive. So it is served to this computer alone unless a token and TLS are asked
+for; requests for a name that is not this computer's, and sockets of pages from elsewhere, are refused.
+"""
+
+import asyncio
+import hmac
+import ipaddress
+import json
+import math
+import secrets
+import ssl
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from http import HTTPStatus
+from importlib.resources import files
+from types import TracebackType
+from typing import Any, Self
+
+from websockets.asyncio.server import Server, ServerConnection, broadcast, serve
+from websockets.datastructures import Headers
+from websockets.exceptions import ConnectionClosed
+from websockets.http11 import Request, Response
+from websockets.typing import Subprotocol
+
+from hexctl.control.drive.arbiter import COMMAND_EXPIRY_S, VelocitySource
+from hexctl.errors import HexctlError, InputError, RobotFaultError, argument
+from hexctl.teleop.keyboard import Share
+from hexctl.wire.certificates import Credentials, hosts_of_this_computer
+
+DEFAULT_ADDRESS = "127.0.0.1:8017"
+
+#: Path of the socket, and how the protocol on it is called. A token travels beside it, in a header that
+#: logs do not have.
+SOCKET_PATH, PROTOCOL, TOKEN_PREFIX = "/drive", "hexctl.drive.1", "token."
+
+#: Time between two reports.
+REPORT_S = 0.1
+
+#: Bytes of the longest message, and people who may look on.
+MOST_BYTES, MOST_CLIENTS = 256, 16
+
+#: How long the server may take to start and to end.
+START_S = 5.0
+
+#: What the page may load: nothing from elsewhere.
+POLICY = (
+    "default-src 'none'; style-src 'unsafe-inline'; script-src 'unsafe-inline'; connect-src 'self' ws: wss:; "
+    "frame-ancestors 'none'; base-uri 'none'; form-action 'none'"
+)
+
+
+@dataclass(frozen=True, slots=True)
+class PageAddress:
+    """Where a page is served.
+
+    Attributes:
+        host: name or address to listen on.
+        port: 0 for any free one.
+    """
+
+    host: str
+    port: int
+
+    @classmethod
+    def parse(cls, text: str) -> "PageAddress":
+        """Address of a text such as `127.0.0.1:8017`, `0.0.0.0:8017`, `[::1]:8017` or `8017`.
+
+        Raises InputError for anything else.
+        """
+        host, colon, port = text.rpartition(":")
+        host = (host if colon else "127.0.0.1").removeprefix("[").removesuffix("]")
+        if not host or not port.isdecimal() or int(port) > 65535:
+            raise InputError(
+                f"{argument('page')}: got {text!r}; allowed: HOST:PORT such as {DEFAULT_ADDRESS}"
+            )
+        return cls(host, int(port))
+
+    @property
+    def loopback(self) -> bool:
+        """Whether only this computer reaches it."""
+        return is_loopback(self.host)
+
+    def check(self, *, secured: bool) -> None:
+        """Raise InputError for an address that other computers reach and that has no certificates."""
+        if not secured and not self.loopback:
+            raise InputError(
+                f"{argument('page')}: got {self.host}, which other computers reach, without certificates; "
+                "allowed: 127.0.0.1, or with certificates that hexctl keys new made (--page-keys)"
+            )
+
+
+def is_loopback(host: str) -> bool:
+    """Whether a host is this computer and nothing else."""
+    if host == "localhost":
+        return True
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return False
+
+
+def new_token() -> str:
+    """A token that nobody guesses: 60 random bits in letters that are easy to type."""
+    return "".join(secrets.choice("abcdefghjkmnpqrstuvwxyz23456789") for _ in range(12))
+
+
+class DrivePage:
+    """Serves the page from a thread of its own while it is open.
+
+    One client drives at a time: the first that touches the stick, until it lets go or falls silent. Any may
+    stop the robot.
+
+    Args:
+        address: where to listen.
+        source: of the arbiter.
+        share: makes velocities.
+        ask: takes requests.
+        credentials: certificate and key for TLS; needed beyond loopback.
+        token: that clients have to know; None makes one beyond loopback and asks for none on it.
+        now_s: monotonic time.
+
+    Attributes:
+        token: that clients have to know, or None.
+        port: it listens on, once open.
+
+    Raises InputError for an address beyond loopback without credentials.
+    """
+
+    def __init__(
+        self,
+        address: PageAddress,
+        source: VelocitySource,
+        share: Share,
+        ask: Callable[[str], None],
+        *,
+        credentials: Credentials | None = None,
+        token: str | None = None,
+        now_s: Callable[[], float] = time.monotonic,
+    ) -> None:
+        address.check(secured=credentials is not None)
+        self.token = new_token() if token is None and not address.loopback else token
+        self._address, self._credentials = address, credentials
+        self._source, self._share, self._ask, self._now_s = source, share, ask, now_s
+        self.port = address.port
+        self._names = {name.lower() for name in (*hosts_of_this_computer([]), "localhost", address.host)}
+        self._page = files("hexctl.teleop").joinpath("page.html").read_bytes()
+        self._status = "{}"
+        self._driver: ServerConnection | None = None
+        self._driver_at_s = -math.inf
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._begun = threading.Event()
+        self._failed: Exception | None = None
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._end: asyncio.Event | None = None
+
+    @property
+    def url(self) -> str:
+        """Address of the page, without the token."""
+        scheme = "http" if self._credentials is None else "https"
+        host = self._address.host
+        if host in ("0.0.0.0", "::"):  # noqa: S104  compared, not listened on
+            host = hosts_of_this_computer([])[0]
+        return f"{scheme}://{f'[{host}]' if ':' in host else host}:{self.port}/"
+
+    def __enter__(self) -> Self:
+        """Begin to listen.
+
+        Raises InputError where that is impossible.
+        """
+        self._thread.start()
+        if not self._begun.wait(START_S):
+            raise RobotFaultError("page: does not start")
+        if self._failed is not None:
+            place = f"{self._address.host}:{self._address.port}"
+            raise InputError(
+                f"{argument('page')}: cannot listen on {place} ({self._failed}); "
+                "allowed: an address of this computer and a free port"
+            ) from self._failed
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._loop is not None and self._end is not None and self._thread.is_alive():
+            self._loop.call_soon_threadsafe(self._end.set)
+            self._thread.join(START_S)
+
+    def poll(self) -> None:
+        """Nothing: the page comes by itself."""
+
+    def report(self, status: dict[str, Any]) -> None:
+        """Tell clients what the robot does."""
+        self._status = json.dumps(status)
+
+    def _run(self) -> None:
+        try:
+            asyncio.run(self._serve())
+        except (OSError, ssl.SSLError, OverflowError) as error:
+            self._failed = error
+        finally:
+            self._begun.set()
+            self._source.release()
+
+    async def _serve(self) -> None:
+        self._loop, self._end = asyncio.get_running_loop(), asyncio.Event()
+        context = None
+        if self._credentials is not None:
+            context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+            context.load_cert_chain(self._credentials.certificate, self._credentials.key)
+        async with serve(
+            self._talk,
+            self._address.host,
+            self._address.port,
+            ssl=context,
+            process_request=self._answer,
+            subprotocols=[Subprotocol(PROTOCOL)],
+            max_size=MOST_BYTES,
+            compression=None,
+            open_timeout=START_S,
+            close_timeout=1.0,
+            server_header=None,
+        ) as server:
+            self.port = next(iter(server.sockets)).getsockname()[1]
+            self._begun.set()
+            reports = asyncio.create_task(self._send_reports(server))
+            await self._end.wait()
+            reports.cancel()
+
+    async def _send_reports(self, server: Server) -> None:
+        while True:
+            # A client that takes nothing does not hold up the others.
+            broadcast(server.connections, self._status)
+            await asyncio.sleep(REPORT_S)
+
+    def _answer(self, connection: ServerConnection, request: Request) -> Response | None:
+        """What a request gets: the page, a refusal, or None for the socket."""
+        host = request.headers.get("Host", "")
+        if not self._is_ours(host):
+            return _response(HTTPStatus.FORBIDDEN, b"another host\n")
+        if request.path != SOCKET_PATH:
+            found = request.path == "/"
+            body = self._page if found else b"not found\n"
+            return _response(HTTPStatus.OK if found else HTTPStatus.NOT_FOUND, body, html=found)
+        scheme = "http" if self._credentials is None else "https"
+        if request.headers.get("Origin", "").lower() != f"{scheme}://{host}".lower():
+            return _response(HTTPStatus.FORBIDDEN, b"another origin\n")
+        if not self._knows_token(request.headers):
+            return _response(HTTPStatus.FORBIDDEN, b"wrong token\n")
+        if connection.server is not None and len(connection.server.connections) >= MOST_CLIENTS:
+            return _response(HTTPStatus.SERVICE_UNAVAILABLE, b"too many clients\n")
+        return None
+
+    def _is_ours(self, host: str) -> bool:
+        """Whether a Host header names this computer: by a name of its own, or by an address.
+
+        The name of another site that points here, as after DNS rebinding, is neither.
+        """
+        name = host.lower()
+        if name.startswith("["):
+            name = name[1:].partition("]")[0]
+        elif name.count(":") <= 1:
+            name = name.partition(":")[0]
+        if name in self._names or name.removesuffix(".local") in self._names:
+            return True
+        try:
+            ipaddress.ip_address(name)
+        except ValueError:
+            return False
+        return True
+
+    def _knows_token(self, headers: Headers) -> bool:
+        if self.token is None:
+            return True
+        said = ",".join(headers.get_all("Sec-WebSocket-Protocol"))
+        words = [word.strip() for word in said.split(",")]
+        given = [word.removeprefix(TOKEN_PREFIX) for word in words if word.startswith(TOKEN_PREFIX)]
+        return any(hmac.compare_digest(word.encode(), self.token.encode()) for word in given)
+
+    async def _talk(self, connection: ServerConnection) -> None:
+        try:
+            async for message in connection:
+                self._take(connection, message)
+        except ConnectionClosed:
+            pass
+        finally:
+            self._let_go(connection)
+
+    def _take(self, connection: ServerConnection, message: str | bytes) -> None:
+        """Take a message; one that is not allowed changes nothing."""
+        try:
+            said = json.loads(message)
+            if "do" in said:
+                self._ask(str(said["do"]))
+            elif "release" in said:
+                self._let_go(connection)
+            elif self._drives(connection):
+                shares = [float(value) for value in said["v"]]
+                if len(shares) == 3 and all(-1 <= value <= 1 for value in shares):
+                    self._source.command(self._share(*shares))
+        except (ValueError, TypeError, KeyError, HexctlError, RecursionError):
+            return
+
+    def _drives(self, connection: ServerConnection) -> bool:
+        """Whether a client drives, now that it touches the stick."""
+        now_s = self._now_s()
+        if self._driver is not connection and now_s - self._driver_at_s <= COMMAND_EXPIRY_S:
+            return False
+        self._driver, self._driver_at_s = connection, now_s
+        return True
+
+    def _let_go(self, connection: ServerConnection) -> None:
+        if self._driver is connection:
+            self._driver, self._driver_at_s = None, -math.inf
+            self._source.release()
+
+
+def _response(status: HTTPStatus, body: bytes, *, html: bool = False) -> Response:
+    headers = Headers(
+        {
+            "Content-Type": "text/html; charset=utf-8" if html else "text/plain",
+            "Content-Length": str(len(body)),
+            "Connection": "close",
+            "Cache-Control": "no-store",
+            "Content-Security-Policy": POLICY,
+            "X-Content-Type-Options": "nosniff",
+            "Referrer-Policy": "no-referrer",
+        }
+    )
+    return Response(status.value, status.phrase, headers, body)

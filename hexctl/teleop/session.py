@@ -1,0 +1,146 @@
+"""A session of driving by hand: devices are polled every tick, and what they ask for is done."""
+
+from collections.abc import Callable, Sequence
+from queue import Empty, SimpleQueue
+from typing import Any, Protocol
+
+from hexctl.control.drive.drive import Drive
+from hexctl.errors import HexctlError, InputError
+from hexctl.gait.gait import NAMED_SLOTS
+
+#: What devices ask for beside velocities.
+REQUESTS = ("stop", "stand", "sit", "gait", "up", "down", "quit")
+
+#: How much higher or lower the body gets with one request, and how far, of the robot's size.
+RAISE_STEP, MOST_RAISE = 0.01, 0.1
+
+#: Ticks between two reports to devices and people.
+REPORT_TICKS = 5
+
+#: Ticks in which a robot comes to a stand before the session ends, at most.
+LAST_TICKS = 50
+
+
+class Device(Protocol):
+    """What a person drives with. It must not wait."""
+
+    def poll(self) -> None:
+        """Take what the person did since the last tick."""
+
+    def report(self, status: dict[str, Any]) -> None:
+        """Show what the robot does, plain values as `DriveSession.status` has them."""
+
+
+class DriveSession:
+    """Drives a robot by hand until it is told to quit.
+
+    Args:
+        drive: connected.
+
+    Attributes:
+        ended: why the session has ended, or None.
+        said: what the robot said last.
+    """
+
+    def __init__(self, drive: Drive) -> None:
+        self.drive = drive
+        self.ended: str | None = None
+        self.said = ""
+        self._asked: SimpleQueue[tuple[str, str]] = SimpleQueue()
+        self._noticed = 0
+
+    def ask(self, request: str, why: str = "") -> None:
+        """Ask for one of `REQUESTS`, from any thread; it is done in the next tick.
+
+        Raises InputError for another.
+        """
+        if request not in REQUESTS:
+            raise InputError(f"request: got {request!r}; allowed: {', '.join(REQUESTS)}")
+        if request == "stop":
+            self.drive.stop("stop button")  # in force for this tick already
+        self._asked.put((request, why or request))
+
+    def run(self, devices: Sequence[Device] = (), stop_requested: Callable[[], bool] = lambda: False) -> str:
+        """Drive until someone quits; why it has ended. The robot stands then.
+
+        Raises EStopError when the guard has stopped the robot, RobotFaultError when it or its link fails.
+        """
+        ticks = 0
+        while self.ended is None:
+            for device in devices:
+                device.poll()
+            self._do_requests()
+            if stop_requested():
+                self.ended = "interrupted"
+            state = self.drive.step()
+            self._listen()
+            if ticks % REPORT_TICKS == 0:
+                status = self.status(state)
+                for device in devices:
+                    device.report(status)
+            ticks += 1
+        self.drive.stop(self.ended)
+        for _ in range(LAST_TICKS):
+            if self.drive.at_rest:
+                break
+            self.drive.step()
+        self.drive.pause()
+        return self.ended
+
+    def status(self, state: Any) -> dict[str, Any]:
+        """What the robot does, in plain values."""
+        drive = self.drive
+        velocity, decision = drive.velocity, drive.decision
+        return {
+            "robot": drive.robot.name,
+            "mode": drive.mode,
+            "stopped": drive.stopped,
+            "source": decision.source,
+            "velocity": [velocity.forward_m_s, velocity.left_m_s, velocity.turn_rad_s],
+            "gait": name_of(drive.gait.slots),
+            "body_raise": round(drive.body_raise, 3),
+            "battery_v": state.battery_v,
+            "battery_share": state.battery_share,
+            "failures": [str(one) for one in drive.failures],
+            "said": state.fault or self.said,
+        }
+
+    def _listen(self) -> None:
+        """Take what the robot has noticed since the last tick."""
+        noticed = self.drive.noticed
+        if len(noticed) > self._noticed:
+            self.said = str(noticed[-1])
+        self._noticed = len(noticed)
+
+    def _do_requests(self) -> None:
+        while True:
+            try:
+                request, why = self._asked.get_nowait()
+            except Empty:
+                return
+            try:
+                self._do(request, why)
+            except HexctlError as error:
+                self.said = str(error)
+
+    def _do(self, request: str, why: str) -> None:
+        drive = self.drive
+        if request == "stand":
+            drive.stand()
+        elif request == "sit":
+            drive.sit()
+        elif request == "gait":
+            names = list(NAMED_SLOTS)
+            now = name_of(drive.gait.slots)
+            drive.gait = names[(names.index(now) + 1) % len(names)] if now in names else names[0]
+        elif request in ("up", "down"):
+            higher = drive.body_raise + (RAISE_STEP if request == "up" else -RAISE_STEP)
+            drive.body_raise = round(min(MOST_RAISE, max(-MOST_RAISE, higher)), 6)
+        elif request == "quit":
+            self.ended = why
+
+
+def name_of(slots: Sequence[int]) -> str:
+    """Name of the slots of a gait, or the slots themselves."""
+    names = {named: name for name, named in NAMED_SLOTS.items()}
+    return names.get(tuple(slots), ",".join(map(str, slots)))

@@ -1,0 +1,158 @@
+"""`hexctl drive` as a process on a pseudo-terminal: keys, Ctrl-C, a terminal that goes, and the page."""
+
+import json
+import os
+import pty
+import re
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+from websockets.sync.client import connect
+from websockets.typing import Origin, Subprotocol
+
+from hexctl.cli.main import exit_code
+from hexctl.waiting import wait_for
+
+WAIT_S = 60.0
+
+
+class OnTerminal:
+    """A process whose terminal the test holds the other end of."""
+
+    def __init__(self, arguments: Sequence[str], folder: Path) -> None:
+        self.master, slave = pty.openpty()
+        self.process = subprocess.Popen(
+            [sys.executable, "-c", "from hexctl.cli.entry import main; main()", "drive", *arguments],
+            stdin=slave,
+            stdout=slave,
+            stderr=slave,
+            start_new_session=True,
+            cwd=folder,
+        )
+        os.close(slave)
+        self.shown = ""
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._reader.start()
+
+    def _read(self) -> None:
+        while True:
+            try:
+                data = os.read(self.master, 4096)
+            except OSError:
+                return
+            if not data:
+                return
+            self.shown += data.decode(errors="replace")
+
+    def wait(self, pattern: str) -> str:
+        """What the terminal shows, once a pattern is in it."""
+        wait_for(
+            lambda: re.search(pattern, self.shown) is not None or self.process.poll() is not None,
+            WAIT_S,
+            f"{pattern!r} is not shown",
+        )
+        assert re.search(pattern, self.shown), self.shown[-600:]
+        return self.shown
+
+    def type(self, keys: str) -> None:
+        os.write(self.master, keys.encode())
+
+    def code(self) -> int:
+        return self.process.wait(WAIT_S)
+
+
+@contextmanager
+def on_terminal(folder: Path, *arguments: str) -> Iterator[OnTerminal]:
+    made = OnTerminal(arguments, folder)
+    try:
+        yield made
+    finally:
+        made.process.kill()
+        made.process.wait()
+
+
+def test_keys_drive_until_q_and_the_drive_is_recorded(tmp_path: Path) -> None:
+    with on_terminal(tmp_path, "--record", "drive.rrd", "--gamepad", "none") as terminal:
+        terminal.wait("w s or arrows")
+        terminal.wait("tripod · driving")
+        terminal.type("ww")
+        terminal.wait(r"forward \+0\.071 .* keyboard")
+        terminal.type("g")
+        terminal.wait("wave · driving")
+        terminal.type(" ")
+        terminal.wait(r"forward \+0\.000.*wave · driving")
+        terminal.type("q")
+        terminal.wait("ended; the robot stands")
+        assert terminal.code() == 0
+    assert (tmp_path / "drive.rrd").stat().st_size > 10_000
+
+
+def test_ctrl_c_ends_at_a_stand(tmp_path: Path) -> None:
+    with on_terminal(tmp_path) as terminal:
+        terminal.wait("tripod · driving")
+        terminal.type("www")
+        terminal.wait(r"forward \+0\.1")
+        terminal.process.send_signal(signal.SIGINT)
+        terminal.wait("interrupted; the robot stands")
+        assert terminal.code() == 130
+
+
+@pytest.mark.parametrize("how", ["closed", "hangup"])
+def test_a_terminal_that_goes_ends_at_a_stand(how: str, tmp_path: Path) -> None:
+    record = tmp_path / "drive.rrd"
+    with on_terminal(tmp_path, "--record", str(record)) as terminal:
+        terminal.wait("tripod · driving")
+        terminal.type("www")
+        terminal.wait(r"forward \+0\.1")
+        if how == "closed":
+            os.close(terminal.master)
+        else:
+            terminal.process.send_signal(signal.SIGHUP)
+        assert terminal.code() == 0
+    assert record.stat().st_size > 10_000  # closed, not cut off
+
+
+def test_the_page_drives_and_stops(tmp_path: Path) -> None:
+    with on_terminal(tmp_path, "--page", "127.0.0.1:0", "--no-keyboard") as terminal:
+        url = terminal.wait(r"drive on http://127\.0\.0\.1:\d+/\s")
+        port = re.search(r"127\.0\.0\.1:(\d+)", url)
+        assert port is not None
+        own = f"127.0.0.1:{port[1]}"
+        with connect(
+            f"ws://{own}/drive", origin=Origin(f"http://{own}"), subprotocols=[Subprotocol("hexctl.drive.1")]
+        ) as page:
+
+            def told(**wanted: object) -> bool:
+                status = json.loads(page.recv(timeout=WAIT_S))
+                page.send(json.dumps({"v": [0.5, 0, 0]}))
+                return all(status.get(name) == value for name, value in wanted.items())
+
+            wait_for(lambda: told(mode="driving", source="page"), WAIT_S, "the page does not drive")
+            page.send(json.dumps({"do": "stop"}))
+            wait_for(lambda: told(stopped="stop button", velocity=[0, 0, 0]), WAIT_S, "it does not stop")
+            page.send(json.dumps({"do": "quit"}))
+        assert terminal.code() == 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "answer"),
+    [
+        (["--page-keys", "keys"], "--page-keys: got it without --page; allowed: with --page HOST:PORT"),
+        ([], "--keyboard: got no terminal to read keys from; allowed: a terminal, --page HOST:PORT"),
+        (["--page", "0.0.0.0:0"], "--page: got 0.0.0.0, which other computers reach, without certificates"),
+        (["--page", "here"], "--page: got 'here'; allowed: HOST:PORT such as 127.0.0.1:8017"),
+        (["--page", "127.0.0.1:0", "--gait", "trot"], "--gait: got 'trot'; allowed: demo, tripod"),
+        (["--page", "127.0.0.1:0", "--backend", "mock", "--world", "rough"], "--world: got rough with"),
+    ],
+)  # fmt: skip
+def test_what_is_not_allowed_is_said(
+    arguments: list[str], answer: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert exit_code(["drive", *arguments]) == 2
+    assert answer in capsys.readouterr().err

@@ -1,0 +1,130 @@
+"""Gamepads: packed events through a pipe, the kernel's descriptions in a folder of the test."""
+
+import os
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hexctl.control.drive.arbiter import Arbiter, Decision, Velocity
+from hexctl.teleop.gamepad import EVENT, Gamepad, GamepadEvents, find_gamepads
+
+HOLD, STICK_Y, STICK_X, TURN = (1, 310), (3, 1), (3, 0), (3, 3)
+
+
+def event(kind_and_code: tuple[int, int], value: int) -> bytes:
+    return EVENT.pack(12, 345, *kind_and_code, value)
+
+
+class Pad:
+    """A pad whose event file is a named pipe that the test writes."""
+
+    def __init__(self, folder: Path) -> None:
+        self.now_s = 0.0
+        self.path = folder / "event7"
+        self.arbiter = Arbiter(lambda: self.now_s)
+        self.asked: list[str] = []
+        self.found: list[Path] = []
+        self.pad = Gamepad(
+            self.arbiter.source("gamepad"),
+            Velocity,
+            self.asked.append,
+            find=lambda: self.found,
+            now_s=lambda: self.now_s,
+        )
+
+    def plug_in(self) -> None:
+        if not self.path.exists():
+            os.mkfifo(self.path)
+        self.found = [self.path]
+        self.now_s += 1.0
+        # Both ends at once: a pipe that nobody writes to reads as ended.
+        both = os.open(self.path, os.O_RDWR)
+        self.writing = os.open(self.path, os.O_WRONLY)
+        self.pad._look()
+        os.close(both)
+
+    def plug_out(self) -> None:
+        self.found = []
+        os.close(self.writing)
+        self.pad.poll()
+
+    def send(self, *events: bytes) -> Decision:
+        for one in events:
+            os.write(self.writing, one)
+        self.pad.poll()
+        return self.arbiter.decide()
+
+
+@pytest.fixture
+def pad(tmp_path: Path) -> Pad:
+    return Pad(tmp_path)
+
+
+def test_the_sticks_drive_while_a_shoulder_button_is_held(pad: Pad) -> None:
+    pad.plug_in()
+    assert pad.send(event(STICK_Y, -32768)) == Decision()
+    assert pad.send(event(HOLD, 1)).velocity == Velocity(1.0, 0.0, 0.0)
+    for _ in range(50):
+        pad.now_s += 0.1  # nothing moves: a stick that is held sends no events
+        pad.pad.poll()
+        assert pad.arbiter.decide().velocity == Velocity(1.0, 0.0, 0.0)
+    assert pad.send(event(STICK_X, -32768), event(TURN, 32767)).velocity == Velocity(1.0, 1.0, -1.0)
+    assert pad.send(event(HOLD, 0)) == Decision(Velocity(), "gamepad")
+
+
+def test_the_middle_of_a_stick_is_wide_and_half_of_it_is_half(pad: Pad) -> None:
+    pad.plug_in()
+    assert pad.send(event(HOLD, 1), event(STICK_Y, 3000)).velocity == Velocity()
+    half = pad.send(event(STICK_Y, -18022)).velocity.forward_m_s
+    assert half == pytest.approx(0.5, abs=0.01)
+
+
+def test_a_pad_that_is_pulled_out_is_a_release_and_may_come_back(pad: Pad) -> None:
+    pad.plug_in()
+    assert pad.send(event(HOLD, 1), event(STICK_Y, -32768)).velocity == Velocity(1.0)
+    pad.plug_out()
+    assert pad.arbiter.decide() == Decision(Velocity(), "gamepad")
+    assert not pad.pad.connected
+    pad.plug_in()
+    assert pad.send(event(STICK_Y, -32768)).velocity == Velocity()  # it has to be held anew
+    assert pad.send(event(HOLD, 1), event(STICK_Y, -32768)).velocity == Velocity(1.0)
+
+
+def test_lost_events_are_a_release(pad: Pad) -> None:
+    pad.plug_in()
+    pad.send(event(HOLD, 1), event(STICK_Y, -32768))
+    assert pad.send(event((0, 3), 0)) == Decision(Velocity(), "gamepad")
+    assert pad.send(event(HOLD, 1)).velocity == Velocity()
+
+
+def test_events_may_come_in_parts_and_buttons_ask(pad: Pad) -> None:
+    pad.plug_in()
+    whole = event(HOLD, 1) + event((1, 305), 1) + event((1, 315), 1) + event((3, 17), -1) + event((1, 305), 0)
+    for start in range(0, len(whole), 7):
+        pad.send(whole[start : start + 7])
+    assert pad.asked == ["stop", "stand", "up"]
+    assert pad.arbiter.decide().source == "gamepad"
+
+
+@given(st.binary(max_size=400))
+def test_whatever_bytes_come_shares_stay_shares(data: bytes) -> None:
+    events = GamepadEvents()
+    events.feed(data)
+    assert all(-1 <= share <= 1 for share in events.shares)
+
+
+def test_gamepads_are_told_from_keyboards_and_mice(tmp_path: Path) -> None:
+    def device(name: str, key: str, absolute: str) -> None:
+        folder = tmp_path / "sys" / name / "device" / "capabilities"
+        folder.mkdir(parents=True)
+        (folder / "key").write_text(key + "\n")
+        (folder / "abs").write_text(absolute + "\n")
+
+    # As the kernel shows a pad of the driver xpad, a keyboard, and a touchpad.
+    device("event5", "7cdb000000000000 0 0 0 0", "3003f")
+    device("event0", "402000000 3803078f800d001 feffffdfffefffff fffffffffffffffe", "0")
+    device("event1", "e520 10000 0 0 0 0", "663800011000003")
+    (tmp_path / "sys" / "event9").mkdir()
+    assert find_gamepads(Path("/dev/input"), tmp_path / "sys") == [Path("/dev/input/event5")]

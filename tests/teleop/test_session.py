@@ -1,0 +1,123 @@
+"""A session in simulation: what devices ask for is done, and release and silence end in a stand in time."""
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hexctl.backends.sim.servos import SimServos
+from hexctl.control.drive.arbiter import Arbiter
+from hexctl.control.drive.drive import Drive
+from hexctl.control.guard import Guard
+from hexctl.errors import InputError
+from hexctl.gait.gait import make_gait
+from hexctl.teleop.session import DriveSession, name_of
+from tests.robots import ROBOT_NAMES
+
+#: A body slower than this is at rest: a thousandth of what `ant` walks.
+REST_M_S = 0.01
+
+
+@pytest.fixture(scope="module", params=ROBOT_NAMES)
+def session(request: pytest.FixtureRequest) -> Iterator[DriveSession]:
+    guard = Guard(SimServos(request.param))
+    with Drive(servos=guard, arbiter=Arbiter(lambda: guard.clock.now_s)) as drive:
+        drive.reset()
+        yield DriveSession(drive)
+
+
+def rest_after_s(drive: Drive) -> float:
+    """Time until no target moves and the body rests."""
+    ticks = 0
+    while True:
+        before = drive.guard.true_pose
+        drive.step()
+        after = drive.guard.true_pose
+        ticks += 1
+        assert before is not None
+        assert after is not None
+        speed = float(np.linalg.norm((after[0] - before[0])[:2])) / 0.02
+        if drive.at_rest and speed < REST_M_S:
+            return ticks * 0.02
+
+
+def test_a_release_at_any_moment_and_a_silence_end_in_a_stand(session: DriveSession) -> None:
+    drive, random = session.drive, np.random.default_rng(1)
+    stick = drive.arbiter.source("gamepad")
+    released, silent = [], []
+    for number in range(30):
+        shares = random.uniform(-0.7, 0.7, 3)
+        for _ in range(60 + int(random.integers(0, 60))):
+            stick.command(drive.share(*shares))
+            drive.step()
+        if number % 2:
+            stick.release()
+            released.append(rest_after_s(drive))
+        else:
+            silent.append(rest_after_s(drive))
+    assert max(released) <= 0.4
+    assert max(silent) <= 0.9
+    assert float(np.median(released)) <= 0.3
+    assert float(np.median(silent)) <= 0.8
+
+
+class Script:
+    """A device that asks for something at ticks, and keeps what it is told."""
+
+    def __init__(self, session: DriveSession, requests: dict[int, str]) -> None:
+        self._session, self._requests = session, requests
+        self.tick, self.told = 0, dict[str, Any]()
+
+    def poll(self) -> None:
+        if (request := self._requests.get(self.tick)) is not None:
+            self._session.ask(request)
+        self.tick += 1
+
+    def report(self, status: dict[str, Any]) -> None:
+        self.told = status
+
+
+def test_what_is_asked_for_is_done() -> None:
+    with Drive("ant") as drive:
+        session = DriveSession(drive)
+        drive.command(forward_m_s=0.1)
+        script = Script(session, {110: "gait", 115: "up", 120: "up", 125: "down", 300: "quit"})
+        assert session.run([script]) == "quit"
+        assert name_of(drive.gait.slots) == "wave"
+        assert drive.body_raise == pytest.approx(0.01)
+        assert script.told["gait"] == "wave"
+        assert script.told["source"] == "motion"
+        assert script.told["velocity"][0] > 0.05
+        assert drive.at_rest
+        assert drive.stopped == "quit"
+
+
+def test_a_stop_holds_until_it_is_told_to_stand() -> None:
+    with Drive("ant") as drive:
+        session = DriveSession(drive)
+        drive.command(forward_m_s=0.1)
+        script = Script(session, {150: "stop", 200: "quit"})
+        session.run([script])
+        assert script.told["stopped"] == "stop button"
+        assert drive.at_rest
+
+
+def test_an_interrupt_ends_at_a_stand() -> None:
+    with Drive("ant") as drive:
+        drive.command(forward_m_s=0.1)
+        session = DriveSession(drive)
+        script = Script(session, {})
+        assert session.run([script], lambda: script.tick > 200) == "interrupted"
+        assert drive.at_rest
+
+
+def test_a_request_that_is_none_is_refused() -> None:
+    with Drive("ant") as drive, pytest.raises(InputError, match="request: got 'jump'"):
+        DriveSession(drive).ask("jump")
+
+
+def test_gaits_have_names_or_slots() -> None:
+    with Drive("ant") as drive:
+        assert name_of(make_gait(drive.robot, "wave").slots) == "wave"
+        assert name_of((5, 1, 2, 4, 3, 6)) == "5,1,2,4,3,6"
