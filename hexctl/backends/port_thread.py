@@ -168,7 +168,8 @@ class PortThread(ABC, Generic[Device]):
         self.on = True
         if (self._sent != targets).any():
             with self._lock:
-                self._targets = targets if self._targets is None else self._targets
+                if self._targets is None and not self._release:
+                    self._targets = targets
         return True
 
     def _reopen(self, error: Exception) -> None:
@@ -179,7 +180,8 @@ class PortThread(ABC, Generic[Device]):
         while not self._stopping.wait(REOPEN_PERIOD_S):
             if self._is_back():
                 self._reopened.reopened += 1
-                self.gone = None
+                with self._lock:  # those that came while it was opened were meant for a robot that had gone
+                    self._targets, self.gone = None, None
                 return
 
     def _is_back(self) -> bool:
@@ -188,9 +190,7 @@ class PortThread(ABC, Generic[Device]):
             self._device = self._open()
         except Exception:  # noqa: BLE001  it is as gone as before
             return False
-        with self._lock:
-            self._targets = self._sent = None
-        self.on = False
+        self.on, self._sent = False, None
         try:
             self._meet()
         except Exception:  # noqa: BLE001
@@ -207,7 +207,7 @@ class PortThread(ABC, Generic[Device]):
             if self._release:
                 self._let_go()
             self._finish()
-        except Exception as error:  # noqa: BLE001  there is nobody left who could do anything about it
+        except Exception as error:  # noqa: BLE001  no caller is left to be told
             self.gone = reason_of(error)
         with contextlib.suppress(Exception):
             self._device.close()

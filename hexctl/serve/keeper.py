@@ -27,7 +27,7 @@ from hexctl.control.guard import MAX_EXPIRY_S, Guard
 from hexctl.errors import CommandRefusedError, EStopError, HexctlError
 from hexctl.robot.loader import load_robot_file
 from hexctl.robot.schema import BUS_DRIVERS
-from hexctl.types import FloatArray, JointTargets, RobotState
+from hexctl.types import JOINT_NAMES, FloatArray, JointTargets, RobotState
 
 #: Backends that it can reach after the server: they tell whether their servos hold.
 KEPT_BACKENDS = (*BUS_DRIVERS, "pca9685")
@@ -40,6 +40,9 @@ TICK, GOODBYE = b".", b"q"
 
 #: How long joints are given to settle, and how near their goals they are then.
 SETTLES_S, ARRIVED_RAD = 0.4, 0.35
+
+#: With more joints that do not follow, those of two legs, it is not known that the robot has sat down.
+MOST_LEFT = 6
 
 #: How often it is tried to open the port, and for how long: its lock goes with the server's process.
 TRY_S, TRIES_S = 0.1, 5.0
@@ -142,17 +145,32 @@ def take_over(spec: KeeperSpec) -> str:
     with Guard(servos, expiry_s=MAX_EXPIRY_S) as guard:
         if isinstance(servos, BusServos | Pca9685Servos) and not servos.holds:
             return "had no torque"
+        if isinstance(servos, Pca9685Servos) and not servos.powered.all():
+            return _without_some_pulses(guard, sits=spec.sits)
         here = guard.read().joint_positions_rad.copy()
         end = sitting_angles_rad(guard.robot) if spec.sits else here
         state = _move(guard, here, end)
         if not spec.sits:
             return "holds"
-        arrived = np.abs(state.joint_positions_rad - end) < ARRIVED_RAD
-        if not arrived.all():
-            return f"did not sit down: {np.count_nonzero(~arrived)} joints do not follow; it holds"
+        left = np.flatnonzero(np.abs(state.joint_positions_rad - end) >= ARRIVED_RAD).tolist()
+        names = ", ".join(JOINT_NAMES[joint].replace("_", " ") for joint in left)
+        if len(left) > MOST_LEFT:
+            return f"did not sit down: {names} do not follow; it holds"
         guard.disable_torque()
         time.sleep(TRY_S)
-    return "sat down, and its torque is off"
+    return f"sat down{f' without {names}, which did not follow' if left else ''}, and its torque is off"
+
+
+def _without_some_pulses(guard: Guard, *, sits: bool) -> str:
+    """Leave a robot some of whose hobby servos have no pulses as it is, or let go of the others too.
+
+    It stands on less than six legs, and limp servos would turn to any pose at full speed.
+    """
+    if not sits:
+        return "holds, where its servos still have pulses"
+    guard.disable_torque()
+    time.sleep(TRY_S)
+    return "had lost the pulses of some servos, and its torque is off"
 
 
 def _move(guard: Guard, here: FloatArray, end: FloatArray) -> RobotState:

@@ -170,3 +170,56 @@ def test_an_end_that_fails_is_an_end() -> None:
     with _running(board, lambda: board) as thread:
         board.fails = {"begin": RuntimeError("no"), "close": ValueError("no")}
     assert not thread._thread.is_alive()
+
+
+def test_torque_that_is_to_be_off_stays_off_when_that_is_asked_for_in_the_midst_of_a_write() -> None:
+    """What was left of a step that was under way is not sent behind it."""
+    writing, released = threading.Event(), threading.Event()
+
+    class Slow(_Board):
+        def write(self, pulses_us: FloatArray, on: BoolArray) -> None:
+            super().write(pulses_us, on)
+            writing.set()
+            assert released.wait(10)
+
+    board = Slow()
+    thread = BoardThread(
+        lambda: board,
+        board,
+        BoardReport(at_s=time.monotonic()),
+        PwmCounters(),
+        np.full(18, 100.0),  # slow joints: far targets take many steps
+        np.full(18, 1000.0),
+    )
+    thread.start(on=True)
+    try:
+        thread.send(POSE)
+        _wait(writing.is_set)
+        thread.release()
+        released.set()
+        _wait(lambda: "end" in board.said)
+        time.sleep(0.3)
+        assert board.said[-1] == "end", board.said
+    finally:
+        released.set()
+        thread.stop()
+
+
+def test_targets_that_come_while_a_port_is_opened_are_dropped() -> None:
+    opening, sent = threading.Event(), threading.Event()
+
+    class Met(_Board):
+        def commanded_us(self) -> FloatArray:
+            opening.set()
+            assert sent.wait(10)
+            return super().commanded_us()
+
+    board, mended = _Board(), Met()
+    with _running(board, lambda: mended) as thread:
+        board.fails["poll"] = OSError(5, "Input/output error")
+        _wait(opening.is_set)
+        thread.send(POSE)
+        sent.set()
+        _wait(lambda: thread.gone is None)
+        time.sleep(0.2)
+        assert "begin" not in mended.said

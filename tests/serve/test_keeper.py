@@ -8,16 +8,17 @@ import numpy as np
 import pytest
 
 from hexctl.backends.bus.scan import scan_bus
+from hexctl.backends.mock import MockServos
 from hexctl.backends.pwm.i2c_socket import I2cSocket
 from hexctl.control.controllers import sitting_angles_rad
 from hexctl.robot.bus_map import bus_map_of
 from hexctl.robot.loader import load_robot_file
 from hexctl.serve.bus_servos import BusServo
 from hexctl.serve.keeper import KeeperSpec, take_over, wait_for_the_end
-from hexctl.types import FloatArray
+from hexctl.types import JOINT_NAMES, FloatArray, JointTargets
 from tests.backends.bus.boards import a_map, bus_board
 from tests.backends.mavlink.boards import board
-from tests.backends.pwm.boards import pca9685_board
+from tests.backends.pwm.boards import i2c_servos_on, pca9685_board
 from tests.robots import edited_file, put
 from tests.serve.processes import program, served, wait_until
 
@@ -100,7 +101,7 @@ def test_hobby_servos_without_pulses_are_left_alone() -> None:
         assert not boards.pulses_us().any()
 
 
-def test_a_server_that_ends_as_it_should_leaves_the_robot_to_nobody(tmp_path: Path) -> None:
+def test_a_server_that_ends_as_it_should_ends_its_keeper(tmp_path: Path) -> None:
     with board("--bus", "feetech", "--backend", "mock", "--robot", "phantomx") as bus:
         options = ("--robot", "phantomx", "--device", bus.port)
         with served(tmp_path, *options, backend="feetech") as server:
@@ -132,6 +133,52 @@ def test_it_lets_down_what_it_finds(driver: str, model: str, fault: str | None, 
         done = take_over(KeeperSpec(backend=driver, robot=str(file), connect=bus.path, sits=True))
         assert done == "sat down, and its torque is off"
         assert not any(servo.holds for servo in bus._servos)
+
+
+@pytest.mark.parametrize(
+    ("tripped", "done"),
+    [
+        ((7,), "sat down without leg3 femur, which did not follow, and its torque is off"),
+        (tuple(range(7)), "did not sit down: {}; it holds"),
+    ],
+)
+def test_joints_that_do_not_follow_keep_it_from_sitting_only_where_they_are_many(
+    tripped: tuple[int, ...], done: str, tmp_path: Path
+) -> None:
+    """Servos that have tripped stay limp until they restart; the others sit, and are limp afterwards."""
+    file = edited_file(tmp_path, put("servos", {**FITTING, "model": "xl430-w250"}), base="phantomx")
+    bus_map = bus_map_of(load_robot_file(file).content.servos, "dynamixel")
+    raised = MockServos(load_robot_file(file).robot)
+    with bus_board(bus_map, servos=raised) as bus:
+        for joint, servo in enumerate(bus._servos):
+            assert isinstance(servo, BusServo)
+            servo.write(servo._table.torque.address, b"\1")
+            if joint in tripped:
+                servo.trip()
+        raised._positions_rad += np.isin(np.arange(18), tripped) * 0.6  # far from where they sit
+        said = take_over(KeeperSpec(backend="dynamixel", robot=str(file), connect=bus.path, sits=True))
+        names = ", ".join(JOINT_NAMES[joint].replace("_", " ") for joint in tripped)
+        assert said == done.format(f"{names} do not follow")
+        assert sum(servo.holds for servo in bus._servos) == (0 if len(tripped) == 1 else 18 - len(tripped))
+
+
+@pytest.mark.parametrize("sits", [True, False])
+def test_hobby_servos_of_a_board_that_was_reset_are_not_powered_again(sits: bool) -> None:
+    with pca9685_board() as boards:
+        with i2c_servos_on(boards) as servos:
+            while not servos.powered.all():
+                servos.clock.tick()
+                servos.write(JointTargets(servos.robot.stance_angles_rad, servos.clock.now_s))
+        boards.chips[0x41].reset()
+        before = boards.pulses_us()
+        assert 0 < np.count_nonzero(before) < 18
+        done = take_over(KeeperSpec(backend="pca9685", robot="ant", connect=boards.path, sits=sits))
+        if sits:
+            assert done == "had lost the pulses of some servos, and its torque is off"
+            assert not boards.pulses_us().any()
+        else:
+            assert done == "holds, where its servos still have pulses"
+            assert boards.pulses_us() == pytest.approx(before)
 
 
 def test_a_robot_without_torque_is_left_alone() -> None:

@@ -42,6 +42,11 @@ class BusThread(PortThread[ServoBus]):
         self._active_at_s = -np.inf
         self.limp: BoolArray = np.zeros(len(speeds), dtype=bool)
 
+    def start(self, *, on: bool = False) -> None:
+        """Begin; servos that hold already, `on`, approach the first targets from where they are."""
+        self._sent = self._readings.positions.copy() if on else None
+        super().start(on=on)
+
     def newest(self) -> tuple[FloatArray, ServoReadings, float]:
         """Newest positions in counts, what the servos report, and the age of the newest report in s."""
         with self._lock:

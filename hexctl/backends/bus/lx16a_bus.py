@@ -83,14 +83,19 @@ class Lx16aBus(ServoBus):
         self._line.learn_echo(lx.LX16A.instruction(NOBODY, lx.READ_POSITION), FIRST_PATIENCE_S)
         found: BoolArray = np.zeros(N_JOINTS, dtype=bool)
         for joint in ALL:
-            limits = self._ask(joint, lx.READ_LIMITS, tries=TRIES)
-            if limits is None:
+            if self._ask(joint, lx.READ_POSITION, tries=TRIES) is None:
                 continue
             found[joint] = True
-            self._lowest[joint], self._highest[joint] = lx.number(limits[:2]), lx.number(limits[2:])
+            self._lowest[joint], self._highest[joint] = self._stored_limits(joint)
             for command in (lx.READ_VOLTAGE, lx.READ_TEMPERATURE):
                 self._read_other(joint, command)
         return found
+
+    def _stored_limits(self, joint: int) -> tuple[float, float]:
+        """Lowest and highest goal that the servo of a joint takes; those of the family where it has none."""
+        stored = self._sure(joint, lx.READ_LIMITS)
+        least, most = (LOWEST, HIGHEST) if stored is None else (lx.number(stored[:2]), lx.number(stored[2:]))
+        return (least, most) if LOWEST <= least < most <= HIGHEST else (LOWEST, HIGHEST)
 
     def model_number(self, joint: int) -> int | None:
         """None: these servos report no model number."""
@@ -254,6 +259,16 @@ class Lx16aBus(ServoBus):
     def _ask(self, joint: int, command: int, *, tries: int = 1) -> bytes | None:
         """Parameters that the servo of a joint answers to a command, or None where it does not."""
         return self._ask_id(self._ids[joint], command, tries=tries)
+
+    def _sure(self, joint: int, command: int) -> bytes | None:
+        """Answer that came twice in a row, for what is decided by it; None where that does not come."""
+        before = self._ask(joint, command, tries=TRIES)
+        for _ in range(TRIES):
+            again = self._ask(joint, command, tries=TRIES)
+            if again == before:
+                return again
+            before = again
+        return None
 
     def _ask_id(self, servo_id: int, command: int, *, tries: int = 1) -> bytes | None:
         size = lx.ANSWER_BYTES[command]

@@ -104,12 +104,22 @@ class RegisterBus(ServoBus):
         return None if value is None else value == 1
 
     def set_torque(self, on: bool, joints: Sequence[int] = ALL) -> None:
-        """Switch the torque of some joints, and the watchdog of their servos where they have one."""
+        """Switch the torque of some joints, and the watchdog of their servos where they have one.
+
+        No servo answers the packet for all: torque that is off is read back, and sent again where it did not
+        arrive. Torque that is on is read back by `hold`.
+        """
         self._sync_write(self.table.torque, np.full(N_JOINTS, float(on)), joints)
         if on:
             self.renew_watchdog(joints)
-        else:
-            self.end_watchdog(joints)
+            return
+        self.end_watchdog(joints)
+        left = list(joints)
+        for _ in range(TRIES - 1):
+            left = [joint for joint in left if self._servos[joint].raw(self.table.torque, tries=1) != 0]
+            if not left:
+                return
+            self._sync_write(self.table.torque, np.zeros(N_JOINTS), left)
 
     def hold(self, counts: FloatArray, joints: BoolArray) -> BoolArray:
         """Switch the torque of some joints on, (18,), each with its goal where it is, counts (18,).
@@ -130,7 +140,8 @@ class RegisterBus(ServoBus):
             self.end_watchdog(left)  # an expired one refuses goals
             self._sync_write(self.table.goal, goals, left)
             there = [joint for joint in left if self._servos[joint].value(self.table.goal) == goals[joint]]
-            self.set_torque(True, there)
+            if there:
+                self.set_torque(True, there)
             for joint in there:
                 holds[joint] = self.torque(joint) is True
         return holds

@@ -118,7 +118,7 @@ class ServoBus(ABC):
 
     @abstractmethod
     def set_torque(self, on: bool, joints: Sequence[int] = ALL) -> None:
-        """Switch the torque of some joints."""
+        """Switch the torque of some joints; torque off is sent until they say so, up to `TRIES` times."""
 
     @abstractmethod
     def hold(self, counts: FloatArray, joints: BoolArray) -> BoolArray:

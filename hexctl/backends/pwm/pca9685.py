@@ -319,7 +319,13 @@ class Pca9685Servos(PwmServos):
     @property
     def holds(self) -> bool:
         """Whether any servo has pulses."""
-        return self._thread is not None and bool(self._thread.powered.any())
+        return bool(self.powered.any())
+
+    @property
+    def powered(self) -> BoolArray:
+        """Which servos have pulses, (18,)."""
+        none: BoolArray = np.zeros(N_JOINTS, dtype=bool)
+        return none if self._thread is None else self._thread.powered.copy()
 
     def _started(self) -> BoardThread:
         self._known = False

@@ -31,14 +31,17 @@ class TestFeetech(LegServosConformance):
         return servos_on(self.running, a_map())
 
 
-def _until(servos: LegServos, condition: Callable[[RobotState], Any], seconds: float = 5.0) -> RobotState:
-    """State of the first tick in which a condition holds, while the stance is commanded."""
+def _until(
+    servos: LegServos, condition: Callable[[RobotState], Any], seconds: float = 5.0, *, write: bool = True
+) -> RobotState:
+    """State of the first tick in which a condition holds, while the stance is commanded, or nothing is."""
     for _ in range(round(seconds / 0.02)):
         servos.clock.tick()
         state = servos.read()
         if condition(state):
             return state
-        servos.write(JointTargets(servos.robot.stance_angles_rad, servos.clock.now_s))
+        if write:
+            servos.write(JointTargets(servos.robot.stance_angles_rad, servos.clock.now_s))
     raise AssertionError(state)
 
 
@@ -114,6 +117,41 @@ def test_torque_that_was_to_be_off_is_off_after_closing() -> None:
                 servos.disable_torque()
             # The last packet may still be on the line.
             wait_for(lambda: not any(servo.holds for servo in board._servos), 5.0, "servos still hold")
+
+
+def test_torque_off_is_sent_until_every_servo_has_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No servo answers the packet for all, so that one that is lost is noticed by reading."""
+    with bus_board(a_map()) as board, servos_on(board, a_map()) as servos:
+        _walks(servos, 0.3)
+        obey = board._family._sync_write  # type: ignore[attr-defined]
+        lost: list[bytes] = []
+
+        def lossy(parameters: bytes) -> None:
+            if parameters[0] == 40 and len(lost) < 2:
+                lost.append(parameters)
+            else:
+                obey(parameters)
+
+        monkeypatch.setattr(board._family, "_sync_write", lossy)
+        servos.disable_torque()
+        _until(servos, lambda _: not any(servo.holds for servo in board._servos), write=False)
+        assert len(lost) == 2
+
+
+def test_servos_that_hold_at_connect_are_led_to_the_first_targets() -> None:
+    bus_map, seen = a_map(), []
+    with bus_board(bus_map) as board:
+        with servos_on(board, bus_map) as servos:
+            _walks(servos, 0.5)
+        with servos_on(board, bus_map) as servos:
+            assert servos._thread is not None
+            before = bus_map.raw(servos.read().joint_positions_rad)
+            write = servos._thread._device.write_goals
+            servos._thread._device.write_goals = lambda counts: (seen.append(counts.copy()), write(counts))[1]  # type: ignore
+            _walks(servos, 0.3, 0.5)
+        speeds = np.degrees(servos.robot.joint_max_speed_rad_s) * bus_map.per_deg
+        assert (np.abs(seen[0] - before) <= 0.03 * speeds + 1).all()
+        assert np.abs(seen[-1] - before).max() > 0.03 * speeds.max()
 
 
 def test_goals_that_were_held_up_come_in_steps() -> None:
