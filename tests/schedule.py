@@ -49,6 +49,7 @@ LANES = {
         "tests/serve/ros/test_bridge.py",
         "tests/cli/test_drive.py",
         "tests/teleop/test_page.py",
+        "tests/serve/ros/test_bridge_drive.py",
         "tests/cli/test_status.py",
         "tests/cli/test_view.py",
         "tests/wire/test_session.py",

@@ -123,6 +123,14 @@ def serve(
             help="With --ros, namespace of node and topics, such as lab/ant. (default: none)",
         ),
     ] = "",
+    ros_drive: Annotated[
+        bool,
+        typer.Option(
+            "--ros-drive",
+            help="With --ros, let ROS move the robot: cmd_vel, robot_joint_command, ~/stand, ~/sit and "
+            "~/clear_stop. Whoever reaches the ROS router may then drive it.",
+        ),
+    ] = False,
     ros_humble: Annotated[
         bool,
         typer.Option("--ros-humble", help="With --ros, keys as ROS 2 Humble has them, without type hashes."),
@@ -148,7 +156,7 @@ def serve(
         credentials=keys,
         insecure=insecure,
         link=link,
-        ros=_ros_options(ros, domain=ros_domain, namespace=ros_namespace, humble=ros_humble),
+        ros=_ros_options(ros, domain=ros_domain, namespace=ros_namespace, humble=ros_humble, drive=ros_drive),
     )
     settings = service.resolved_link()
     if view and settings.credentials is not None:

@@ -35,11 +35,21 @@ class EventLog:
         self._writer: threading.Thread | None = None
         self._dropped = 0
         self._warnings: tuple[str, ...] = ()
+        self._ros: str | None = None
 
     def note(
-        self, *, controller: str | None, stopped: str | None, posture: str, warnings: tuple[str, ...] = ()
+        self,
+        *,
+        controller: str | None,
+        stopped: str | None,
+        posture: str,
+        warnings: tuple[str, ...] = (),
+        ros: str | None = None,
     ) -> None:
-        """Report what differs from the last call."""
+        """Report what differs from the last call; `ros` is a line on the ROS router."""
+        if ros is not None and ros != self._ros:
+            self._put(ros)
+        self._ros = ros
         for warning in warnings:
             if warning not in self._warnings:
                 self._put(f"servos: {warning}")

@@ -51,6 +51,17 @@ class IdleSupervisor:
         elif self._guard.stopped is not None:
             self.name = "holding"
 
+    def sit(self, now_s: float) -> None:
+        """Sit down now, at a time on the clock of the servos, from wherever the joints are."""
+        self._held = False
+        self._begin_to_sit(now_s)
+
+    def go_limp(self) -> None:
+        """Disable the torque of a robot that sits."""
+        self.name = "limp"
+        self._guard.disable_torque()
+        self._guard.pause_watchdog()
+
     def _begin_to_sit(self, now_s: float) -> None:
         try:
             self._start_rad = self._guard.accepted_rad()
@@ -63,9 +74,7 @@ class IdleSupervisor:
         """One step of sitting down; at its end the torque is disabled."""
         share = (now_s - self._sitting_since_s) / SITTING_S
         if share > 1:
-            self.name = "limp"
-            self._guard.disable_torque()
-            self._guard.pause_watchdog()
+            self.go_limp()
             return
         pose = (1 - share) * self._start_rad + share * self._end_rad
         try:

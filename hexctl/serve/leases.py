@@ -69,8 +69,8 @@ class LeaseManager:
         held = self._held
         return held if held is not None and now_s <= held.deadline_s else None
 
-    def acquire(self, owner: str, now_s: float) -> Lease:
-        """Grant a new lease.
+    def acquire(self, owner: str, now_s: float, duration_s: float | None = None) -> Lease:
+        """Grant a new lease, which lasts as usual unless a duration is given.
 
         Raises LeaseRefusedError that names the client that holds the robot.
         """
@@ -87,17 +87,18 @@ class LeaseManager:
             sequence=self._given,
             owner=owner[:MAX_OWNER],
             since_s=now_s,
-            deadline_s=now_s + self.duration_s,
+            deadline_s=now_s + (self.duration_s if duration_s is None else duration_s),
         )
         return self._held
 
-    def renew(self, lease_id: bytes, now_s: float) -> Lease:
-        """Renew a lease.
+    def renew(self, lease_id: bytes, now_s: float, duration_s: float | None = None) -> Lease:
+        """Renew a lease, for the usual duration unless one is given.
 
         Raises LeaseRefusedError for one that has expired or been replaced.
         """
         held = self._require(lease_id, now_s)
-        self._held = replace(held, deadline_s=now_s + self.duration_s)
+        duration_s = self.duration_s if duration_s is None else duration_s
+        self._held = replace(held, deadline_s=now_s + duration_s)
         return self._held
 
     def release(self, lease_id: bytes, now_s: float) -> None:
@@ -132,11 +133,12 @@ class RequestHandler:
     """Answers requests about the lease and the stop of one robot.
 
     Attributes:
+        leases: of the robot.
         malformed: requests so far that could not be decoded.
     """
 
     def __init__(self, guard: Guard, leases: LeaseManager) -> None:
-        self._guard, self._leases = guard, leases
+        self._guard, self.leases = guard, leases
         self.malformed = 0
         self._stopped_at_s = -math.inf
         self._changed_at_s: deque[float] = deque(maxlen=MOST_CHANGES)
@@ -167,7 +169,7 @@ class RequestHandler:
                 self._guard.clear()
         else:
             self._guard.stop(ESTOP)
-        self._leases.revoke()
+        self.leases.revoke()
         return {"stopped": self._guard.stopped}
 
     def failure(self, payload: bytes, at_s: float) -> dict[str, Any]:
@@ -216,28 +218,47 @@ class RequestHandler:
         except HexctlError as error:
             return {"error": str(error)}
 
-    def _acquire(self, owner: str, now_s: float) -> dict[str, Any]:
+    def acquire(self, owner: str, now_s: float, duration_s: float | None = None) -> Lease:
+        """Grant a lease, for the usual duration unless one is given; a stop for silence is lifted.
+
+        Raises LeaseRefusedError while another client holds the robot, and while it is stopped.
+        """
         stopped = self._guard.stopped
         if stopped not in (None, LIFTED_BY_LEASE):
-            self._leases.refused += 1
-            return {"error": f"the robot is stopped: {stopped}; see to it, then hexctl estop --clear"}
-        lease = self._leases.acquire(owner, now_s)
+            self.leases.refused += 1
+            raise LeaseRefusedError(f"the robot is stopped: {stopped}; see to it, then hexctl estop --clear")
+        lease = self.leases.acquire(owner, now_s, duration_s)
         if not self._guard.lift_silence():
-            self._leases.revoke()
-            return {"error": f"the robot has just been stopped: {self._guard.stopped}"}
+            self.leases.revoke()
+            raise LeaseRefusedError(f"the robot has just been stopped: {self._guard.stopped}")
         self._guard.pause_watchdog()
+        return lease
+
+    def holds(self, lease: Lease, now_s: float) -> bool:
+        """Whether a lease is in force."""
+        holder = self.leases.holder(now_s)
+        return holder is not None and holder.lease_id == lease.lease_id
+
+    def release(self, lease: Lease, now_s: float) -> None:
+        """Give a lease back; no command is expected until the next lease. One that has ended is let be."""
+        if self.holds(lease, now_s):
+            self.leases.release(lease.lease_id, now_s)
+            self._guard.pause_watchdog()
+
+    def _acquire(self, owner: str, now_s: float) -> dict[str, Any]:
+        lease = self.acquire(owner, now_s)
         return {
             "lease": lease.lease_id.hex(),
             "sequence": lease.sequence,
-            "duration_s": self._leases.duration_s,
+            "duration_s": self.leases.duration_s,
         }
 
     def _keep(self, wanted: str, lease_id: bytes, now_s: float) -> dict[str, Any]:
         if wanted == "release":
-            self._leases.release(lease_id, now_s)
+            self.leases.release(lease_id, now_s)
             self._guard.pause_watchdog()
             return {"released": True}
-        lease = self._leases.renew(lease_id, now_s)
+        lease = self.leases.renew(lease_id, now_s)
         if wanted == "rest":
             self._guard.pause_watchdog()
         return {"sequence": lease.sequence}

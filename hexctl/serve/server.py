@@ -25,7 +25,8 @@ from hexctl.wire.messages import encode_battery, encode_positions, tag_of
 from hexctl.wire.pose import decode_pose, encode_pose
 
 if TYPE_CHECKING:
-    from hexctl.serve.ros.bridge import RosBridge, RosCommand
+    from hexctl.serve.ros.bridge import RosBridge
+    from hexctl.serve.ros.driver import RosDriver
 
 Answer = TypeVar("Answer")
 
@@ -182,6 +183,7 @@ class RobotServer:
         self._good_until_s: float | None = None
         self._malformed_poses = 0
         self._ros = None if ros is None else ros.connect(self._inbox, lambda: self._requests.urgent(b""))
+        self._driver = None if ros is None or not ros.drive else self._made_driver()
 
     def run(self, until: Callable[[], bool], *, ready: Callable[[], None] = lambda: None) -> None:
         """Serve until `until` returns True; `ready` is called once clients can connect.
@@ -216,8 +218,10 @@ class RobotServer:
         item = arrival.item
         if arrival.kind == "command":
             self._execute(payload_of(item), attachment_of(item), arrival.at_s)
-        elif arrival.kind == "ros":
-            self._obey_ros(item, arrival.at_s)
+        elif arrival.kind == "ros" and self._driver is not None:
+            self._driver.obey(item, arrival.at_s)
+        elif arrival.kind == "ros":  # nothing but a stop comes where ROS may not drive
+            self._requests.estop(b"", arrival.at_s)
         elif arrival.kind == "pose":
             self._set_pose(payload_of(item), arrival.at_s)
         elif arrival.kind == "lease":
@@ -245,22 +249,30 @@ class RobotServer:
         if now_s - at_s > checked.good_for_s:  # it waited in the inbox while this thread was busy
             self._commands.counters.late += 1
             return
-        servo_s = self._guard.clock.now_s
-        stamp_s = servo_s - max(0.0, checked.delay_s + now_s - at_s)
+        late_s = max(0.0, checked.delay_s + now_s - at_s)
         try:
-            self._guard.write(JointTargets(checked.command.positions_rad, stamp_s))
+            self._write(checked.command.positions_rad, late_s, at_s + checked.good_for_s)
         except (CommandRefusedError, EStopError, RobotFaultError):
             # Servos that failed are noticed at the next read.
             self._commands.counters.refused += 1
             return
         self._commands.counters.accepted += 1
-        self._good_until_s = at_s + checked.good_for_s
-        self._idle.commanded(servo_s)
         self._publish(self._guard.peek())
 
-    def _obey_ros(self, command: "RosCommand", at_s: float) -> None:
-        if command.stopped:
-            self._requests.estop(b"", at_s)
+    def _write(self, positions_rad: FloatArray, late_s: float, good_until_s: float) -> None:
+        """Write targets that were late by a time and hold until another; raises what the guard raises."""
+        servo_s = self._guard.clock.now_s
+        self._guard.write(JointTargets(positions_rad, servo_s - late_s))
+        self._good_until_s = good_until_s
+        self._idle.commanded(servo_s)
+
+    def _made_driver(self) -> "RosDriver":
+        from hexctl.serve.ros.driver import RosDriver
+
+        def write(positions_rad: FloatArray, at_s: float) -> None:
+            self._write(positions_rad, max(0.0, time.monotonic() - at_s), at_s + EXPIRY_S)
+
+        return RosDriver(self._guard, self._requests, self._idle, write)
 
     def _set_pose(self, payload: bytes, at_s: float) -> None:
         try:
@@ -276,11 +288,13 @@ class RobotServer:
 
     def _tick(self) -> None:
         """One control period: read, check for expired commands, publish."""
-        self._guard.clock.tick()
+        index = self._guard.clock.tick().index
         self._ticks += 1
         self._on_tick()
         state = self._guard.read()
         self._check_expiry()
+        if self._driver is not None:
+            self._driver.tick(index, state)
         self._idle.tick(self._guard.clock.now_s)
         self._publish(state)
         self._offer(state)
@@ -309,6 +323,7 @@ class RobotServer:
             stopped=self._guard.stopped,
             posture=self._idle.name,
             warnings=() if self._state is None else self._state.warnings,
+            ros=None if self._ros is None else self._ros.condition,
         )
 
     def _publish(self, state: RobotState) -> None:
@@ -373,11 +388,16 @@ class RobotServer:
             "servos": None if state is None or state.servos is None else state.servos.to_json(),
             "battery_v": None if state is None else _number(state.battery_v),
             "battery_share": None if state is None else _number(state.battery_share),
-            "ros": None if self._ros is None else self._ros.status(),
+            "ros": None if self._ros is None else {**self._ros.status(), **self._driving()},
             "endpoint": self._link.endpoint,
             "secured": self._link.credentials is not None,
             "insecure": self._link.insecure,
         }
+
+    def _driving(self) -> dict[str, Any]:
+        """What ROS lets the robot do."""
+        driver = self._driver
+        return {} if driver is None else {"motion": driver.motion, "refused": driver.refused}
 
 
 def _number(value: float | None) -> float | None:

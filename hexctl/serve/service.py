@@ -232,9 +232,7 @@ class RobotService:
             backend=self.servos.backend,
             place=link.endpoint,
             realtime=realtime,
-            warnings=(NO_WATCHDOG.format(backend=self.servos.backend),)
-            if self.servos.backend in PWM_DRIVERS
-            else (),
+            warnings=self._warnings(link),
         )
         if keeper is None:
             server.run(stop_requested, ready=lambda: on_started(started))
@@ -245,6 +243,12 @@ class RobotService:
             keeper.abandon()
             raise
         keeper.dismiss()
+
+    def _warnings(self, link: Link) -> tuple[str, ...]:
+        """What the operator must know before anything moves."""
+        pwm = self.servos.backend in PWM_DRIVERS
+        board = (NO_WATCHDOG.format(backend=self.servos.backend),) if pwm else ()
+        return board + (() if self.ros is None else self.ros.warnings(link))
 
     def _keeper(self, options: BackendOptions) -> "Keeper | None":
         """Process that looks after servos on a bus, which hold for ever, when this one has gone."""

@@ -8,7 +8,6 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
-from enum import Enum
 from types import TracebackType
 from typing import Any, Self
 
@@ -18,15 +17,15 @@ from hexctl.errors import MessageError
 from hexctl.robot.formats.urdf import COMMAND_TOPIC, STATE_TOPIC, urdf_of
 from hexctl.robot.model import Robot
 from hexctl.serve.inbox import Inbox
+from hexctl.serve.ros.commands import Called, RosCommand, Service, Stopped, WantedJoints, WantedVelocity
 from hexctl.serve.ros.snapshot import RobotSnapshot
 from hexctl.serve.ros.topics import RobotMessages, RobotTopics
-from hexctl.types import FloatArray
 from hexctl.wire import MAX_PAYLOAD_BYTES, ros_cdr
 from hexctl.wire.links import Endpoint
 from hexctl.wire.messages import decode_positions
 from hexctl.wire.ros.endpoints import RosRequest, RosService, RosSubscription
 from hexctl.wire.ros.names import Kind, RosEndpoint, RosNode
-from hexctl.wire.ros.session import check_router, open_ros_session
+from hexctl.wire.ros.session import check_router, open_ros_session, why_no_router
 from hexctl.wire.ros.telemetry import encode_trigger_answer
 from hexctl.wire.ros.velocity import TWIST, TWIST_STAMPED, decode_velocity
 
@@ -50,31 +49,6 @@ _FIRST_SUBSCRIPTION, _FIRST_SERVICE = 30, 40
 
 #: Answer of a service while driving is off.
 OFF = "commands from ROS are off; start hexctl serve with --ros-drive"
-
-
-class Service(Enum):
-    """Services of the node."""
-
-    STAND = "stand"
-    SIT = "sit"
-    CLEAR_STOP = "clear_stop"
-
-
-@dataclass(frozen=True, slots=True)
-class RosCommand:
-    """What ROS asks of the robot; exactly one of the four is set.
-
-    Attributes:
-        velocity: (3,) forward and left in m/s, turn in rad/s.
-        positions_rad: joint angles, (18,).
-        service: that is called, with its request.
-        stopped: True after a stop, which has already taken effect.
-    """
-
-    velocity: FloatArray | None = None
-    positions_rad: FloatArray | None = None
-    service: "tuple[Service, ServiceRequest] | None" = None
-    stopped: bool = False
 
 
 class ServiceRequest:
@@ -200,8 +174,18 @@ class RosBridge:
                 topics.publish_silence(now_s)
             if now_s - looked_at_s > REOPEN_S:
                 looked_at_s = now_s
-                self._connected, self._trouble = bool(session.info.routers_zid()), None
+                self._look(session)
         token.undeclare()  # type: ignore[no-untyped-call]
+
+    def _look(self, session: zenoh.Session) -> None:
+        """See whether the router is there, and why not."""
+        self._connected = bool(session.info.routers_zid())
+        self._trouble = None if self._connected else why_no_router(self._router)
+
+    @property
+    def condition(self) -> str | None:
+        """One line on the router: found, or why not; None at the start."""
+        return f"ROS router at {self._router} found" if self._connected else self._trouble
 
     def put(self, command: RosCommand) -> None:
         """Hand a command to the robot's thread."""
@@ -212,7 +196,7 @@ class RosBridge:
         """Stop the robot now, and tell its thread."""
         self.counters.stops += 1
         self._stop()
-        self.put(RosCommand(stopped=True))
+        self.put(Stopped())
 
 
 class _Commands:
@@ -258,9 +242,9 @@ class _Commands:
             if len(payload) > MAX_PAYLOAD_BYTES:
                 raise MessageError(f"{topic}: got {len(payload)} bytes; allowed: {MAX_PAYLOAD_BYTES}")
             if topic == JOINTS_TOPIC:
-                command = RosCommand(positions_rad=decode_positions(payload))
+                command: RosCommand = WantedJoints(decode_positions(payload))
             else:
-                command = RosCommand(velocity=decode_velocity(kind, payload))
+                command = WantedVelocity(decode_velocity(kind, payload))
         except MessageError:
             self._counters.malformed += 1
             return
@@ -269,7 +253,7 @@ class _Commands:
 
     def _call(self, service: Service, request: ServiceRequest) -> None:
         if self._bridge.drive:
-            self._bridge.put(RosCommand(service=(service, request)))
+            self._bridge.put(Called(service, request))
         else:
             request.answer(False, OFF)
 

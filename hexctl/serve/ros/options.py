@@ -27,6 +27,7 @@ class RosOptions:
         domain: number of the ROS domain.
         namespace: of the node and its topics; empty for the root.
         humble: whether keys are those of ROS 2 Humble.
+        drive: whether ROS may move the robot; it may always stop it.
 
     Raises InputError for what is not allowed.
     """
@@ -35,11 +36,13 @@ class RosOptions:
     domain: int = 0
     namespace: str = ""
     humble: bool = False
+    drive: bool = False
 
     def __post_init__(self) -> None:
         check_type(self.router, str, "ros", "the address of a ROS router, as tcp/localhost:7447")
         Endpoint.parse(self.router)
         check_type(self.humble, bool, "ros_humble")
+        check_type(self.drive, bool, "ros_drive")
         self.node  # noqa: B018  raises
 
     @property
@@ -73,4 +76,19 @@ class RosOptions:
         """
         from hexctl.serve.ros.bridge import RosBridge
 
-        return RosBridge(robot, self.node, router=self.router, insecure=insecure)
+        return RosBridge(robot, self.node, router=self.router, drive=self.drive, insecure=insecure)
+
+    def warnings(self, link: Link) -> tuple[str, ...]:
+        """What an operator must know before anything moves.
+
+        Args:
+            link: where the robot listens.
+        """
+        beside = f"its usual port is left to the ROS router: clients need --connect {link.endpoint}"
+        return (*((beside,) if link.endpoint == ENDPOINT_BESIDE_ROUTER else ()), *self._who_may())
+
+    def _who_may(self) -> tuple[str, ...]:
+        who = f"whoever reaches the ROS router at {self.router}"
+        if self.drive:
+            return (f"{who} may drive this robot (--ros-drive): ROS asks for no password",)
+        return (f"{who} may stop this robot; what would move it is not taken without --ros-drive",)

@@ -1,6 +1,7 @@
 """Zenoh session of a ROS 2 node: as rmw_zenoh configures it, a peer of the nodes that a router knows."""
 
 import json
+import socket
 from typing import Any
 
 import zenoh
@@ -8,6 +9,9 @@ import zenoh
 from hexctl.errors import InputError, argument
 from hexctl.wire.links import Endpoint
 from hexctl.wire.session import MAX_MESSAGE_BYTES, RETRY_MS
+
+#: How long a look at a router takes at most.
+PROBE_TIMEOUT_S = 0.2
 
 
 def check_router(text: str, *, insecure: bool) -> Endpoint:
@@ -28,6 +32,18 @@ def check_router(text: str, *, insecure: bool) -> Endpoint:
             f"run a router here that connects to it, or give {argument('insecure')} deliberately"
         )
     return endpoint
+
+
+def why_no_router(router: Endpoint) -> str:
+    """Reason why a router is not reached, and what to do about it."""
+    try:
+        with socket.create_connection((router.host, router.port), timeout=PROBE_TIMEOUT_S):
+            return (
+                f"what listens at {router} is no ROS router; if it is hexctl serve, give that another port "
+                f"with {argument('listen')}"
+            )
+    except OSError:
+        return f"no ROS router at {router} yet; ros2 run rmw_zenoh_cpp rmw_zenohd starts one"
 
 
 def open_ros_session(router: Endpoint) -> zenoh.Session:

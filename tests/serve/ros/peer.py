@@ -56,9 +56,15 @@ class Peer:
         return {name: list(types) for name, types in found}
 
     def info(self, topic: str) -> discovery.TopicInfo:
-        """Endpoints of a topic, as `ros2 topic info -v` shows them."""
-        found = discovery.get_topic_info(topic, 0, router_port=self._port, timeout=1.0, verbose=True)
-        assert found is not None, f"{topic} is not there"
+        """Endpoints of a topic, as `ros2 topic info -v` shows them, once there are any.
+
+        For a moment after it has connected, a peer may see no token.
+        """
+
+        def asked() -> discovery.TopicInfo | None:
+            return discovery.get_topic_info(topic, 0, router_port=self._port, timeout=1.0, verbose=True)
+
+        found: discovery.TopicInfo = wait_until(asked, topic)
         return found
 
     def make(self, kind: str, **fields: Any) -> Any:

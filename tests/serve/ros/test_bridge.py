@@ -44,7 +44,6 @@ def network(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Served, 
     folder = tmp_path_factory.mktemp("ros")
     options = ("--ros", f"tcp/127.0.0.1:{port}")
     with served(folder, *options, backend="sim") as robot, router(port), peer(port) as node:
-        wait_until(lambda: "/imu/data" in node.topics(), "the IMU")
         yield robot, node
 
 
@@ -53,7 +52,7 @@ def data_key(topic: str, kind: str) -> str:
 
 
 def test_topics_are_listed_with_their_types(network: tuple[Served, Peer]) -> None:
-    assert network[1].topics() == TOPICS
+    wait_until(lambda: network[1].topics() == TOPICS, "the list")
 
 
 def test_the_info_of_a_topic_says_who_and_how(network: tuple[Served, Peer]) -> None:
@@ -212,8 +211,10 @@ def hear_joints(session: zenoh.Session) -> None:
 def test_a_router_that_goes_and_returns_is_found_again(tmp_path: Path) -> None:
     port = free_port()
     with served(tmp_path, "--ros", f"tcp/127.0.0.1:{port}", backend="mock") as robot:
-        for _ in range(2):
+        for times in (1, 2):
             with router(port) as session:
                 hear_joints(session)
+                wait_until(lambda: robot.said().count("found") >= times, "the line on the router")  # noqa: B023
             wait_until(lambda: not robot.status()["ros"]["connected"], "the loss of the router")
+        robot.wait_for("no ROS router at")
         assert robot.status()["overruns"] <= robot.status()["ticks"] // 10

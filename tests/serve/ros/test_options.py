@@ -28,3 +28,12 @@ def test_options_are_checked_when_they_are_given() -> None:
         RosOptions(domain=999)
     with pytest.raises(InputError, match="endpoint"):
         RosOptions(router="7447")
+
+
+def test_an_operator_is_told_who_may_drive_and_where_the_robot_listens() -> None:
+    moved = RosOptions().link_beside(load_link())
+    beside, may = RosOptions().warnings(moved)
+    assert "--connect tcp/127.0.0.1:7448" in beside
+    assert "may stop" in may
+    (may,) = RosOptions(drive=True).warnings(load_link(endpoint="tcp/127.0.0.1:7500"))
+    assert "may drive" in may

@@ -1,9 +1,12 @@
 """Which ROS routers are allowed."""
 
+import socket
+
 import pytest
 
 from hexctl.errors import InputError
-from hexctl.wire.ros.session import check_router
+from hexctl.wire.links import Endpoint
+from hexctl.wire.ros.session import check_router, why_no_router
 
 
 @pytest.mark.parametrize(
@@ -19,3 +22,10 @@ def test_a_router_beyond_this_computer_is_allowed_deliberately() -> None:
         check_router("tcp/192.168.1.5:7447", insecure=False)
     assert check_router("tcp/192.168.1.5:7447", insecure=True).port == 7447
     assert check_router("tcp/localhost:7447", insecure=False).is_loopback
+
+
+def test_a_router_that_is_not_there_and_one_that_is_none_are_told_apart() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        endpoint = Endpoint.parse(f"tcp/127.0.0.1:{other.getsockname()[1]}")
+        assert "is no ROS router" in why_no_router(endpoint)
+    assert "rmw_zenohd" in why_no_router(endpoint)

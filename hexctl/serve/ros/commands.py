@@ -1,0 +1,65 @@
+"""What ROS asks of a robot, on its way from the node's thread to the robot's."""
+
+from dataclasses import dataclass
+from enum import Enum
+from typing import Protocol
+
+from hexctl.types import FloatArray
+
+
+class Service(Enum):
+    """Services of the node."""
+
+    STAND = "stand"
+    SIT = "sit"
+    CLEAR_STOP = "clear_stop"
+
+
+class Call(Protocol):
+    """A call of a service that waits for its answer."""
+
+    def answer(self, success: bool, message: str) -> None:
+        """Answer it, once."""
+
+
+@dataclass(frozen=True, slots=True)
+class Stopped:
+    """A stop, which has already taken effect."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WantedVelocity:
+    """A velocity.
+
+    Attributes:
+        velocity: (3,) forward and left in m/s, turn in rad/s.
+    """
+
+    velocity: FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WantedJoints:
+    """Joint angles.
+
+    Attributes:
+        positions_rad: (18,), leg-major order.
+    """
+
+    positions_rad: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class Called:
+    """A service that was called.
+
+    Attributes:
+        service: which.
+        call: to be answered.
+    """
+
+    service: Service
+    call: Call
+
+
+RosCommand = Stopped | WantedVelocity | WantedJoints | Called
