@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from hexctl.adapt.result import AdaptationResult
     from hexctl.adapt.search import new_spec
     from hexctl.adapt.session import BaselineRecord, Session, SessionSpec, TrialRecord, WalkRecord
+    from hexctl.adapt.session_table import sessions
     from hexctl.adapt.space import GaitSpace
     from hexctl.adapt.store import delete_session, export_session, list_sessions, load_session
     from hexctl.backends.base import LegServos, ServosWrapper
@@ -52,13 +53,17 @@ if TYPE_CHECKING:
         SimulationDivergedError,
         WrongTypeError,
     )
+    from hexctl.export.export import export
     from hexctl.gait.encoding import code_from_slots, slots_from_code
     from hexctl.gait.gait import Gait, Motion, make_gait
     from hexctl.record.diagnosis import DiagnosisResult, diagnose
+    from hexctl.record.recorded_trial import RecordedTrial, read_trial
     from hexctl.record.recording import Recording
     from hexctl.record.run import RunResult, run
     from hexctl.record.run_spec import RunSpec
     from hexctl.robot.failure import Failure, parse_failure
+    from hexctl.robot.formats.mjcf import mjcf_of
+    from hexctl.robot.formats.urdf import urdf_of
     from hexctl.robot.loader import RobotFile, load_robot, load_robot_file
     from hexctl.robot.model import Robot
     from hexctl.serve.ros.options import RosOptions
@@ -73,7 +78,7 @@ __all__ = [
     # robots, worlds and gaits
     "Robot", "RobotFile", "load_robot", "load_robot_file", "Failure", "parse_failure",
     "DomainRandomization", "World", "load_randomization", "load_world", "Gait", "Motion", "make_gait",
-    "code_from_slots", "slots_from_code", "check_robot",
+    "code_from_slots", "slots_from_code", "check_robot", "urdf_of", "mjcf_of",
     # servos and clocks
     "JointTargets", "RobotState", "LegServos", "ServosWrapper", "Guard", "SimServos", "MockServos",
     "BackendOptions", "make_servos", "Clock", "Tick", "WallClock",
@@ -89,12 +94,13 @@ __all__ = [
     # adaptation, sessions and priors
     "Adaptation", "AdaptationResult", "adapt", "new_spec", "Session", "SessionSpec", "TrialRecord",
     "BaselineRecord", "WalkRecord", "delete_session", "export_session", "list_sessions", "load_session",
+    "sessions",
     "BestGait", "best_gait", "Prior", "ScorePrior", "load_prior", "load_score_prior", "list_priors",
     "PriorPlan", "build_prior",
     # one call for each command
     "RunResult", "RunSpec", "run", "Diagnosis", "DiagnosisResult", "LegFinding", "diagnose",
     "StudyPlan", "StudyResult", "study", "RobotService", "RosOptions", "ServosSpec",
-    "serve",
+    "serve", "export", "RecordedTrial", "read_trial",
     # errors
     "HexctlError", "InputError", "WrongTypeError", "MissingExtraError", "ReachError", "LimitError",
     "CommandRefusedError", "EStopError", "RobotFaultError", "SimulationDivergedError", "RecordingError",
@@ -109,6 +115,8 @@ _MODULES = {
     "robot.model": "Robot",
     "robot.loader": "RobotFile load_robot load_robot_file",
     "robot.failure": "Failure parse_failure",
+    "robot.formats.mjcf": "mjcf_of",
+    "robot.formats.urdf": "urdf_of",
     "backends.sim.world": "DomainRandomization World load_randomization load_world",
     "gait.gait": "Gait Motion make_gait",
     "gait.encoding": "code_from_slots slots_from_code",
@@ -143,6 +151,7 @@ _MODULES = {
     "adapt.search": "new_spec",
     "adapt.best": "BestGait best_gait",
     "adapt.session": "Session SessionSpec TrialRecord BaselineRecord WalkRecord",
+    "adapt.session_table": "sessions",
     "adapt.store": "delete_session export_session list_sessions load_session",
     "adapt.prior.prior": "Prior ScorePrior load_prior load_score_prior",
     "adapt.prior.find": "list_priors",
@@ -156,6 +165,7 @@ _MODULES = {
     "study.study": "StudyResult study",
     "serve.service": "RobotService ServosSpec serve",
     "serve.ros.options": "RosOptions",
+    "record.recorded_trial": "RecordedTrial read_trial",
     # errors
     "errors": (
         "HexctlError InputError WrongTypeError MissingExtraError ReachError LimitError "
@@ -167,7 +177,7 @@ _MODULE_OF = {name: module for module, names in _MODULES.items() for name in nam
 
 def __getattr__(name: str) -> Any:
     """Import a public name from where it lives."""
-    if name in ("adapt", "serve", "study", "testing"):
+    if name in ("adapt", "export", "serve", "study", "testing"):
         return import_module(f"hexctl.{name}")
     if name not in _MODULE_OF:
         raise AttributeError(f"module 'hexctl' has no attribute {name!r}; it has {', '.join(__all__)}")

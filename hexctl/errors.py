@@ -10,7 +10,7 @@ from numbers import Integral, Real
 from reprlib import Repr
 
 #: The name of an argument as a message holds it, between marks that no text has.
-_ARGUMENT = re.compile("\0([a-z_.]+)\0")
+_ARGUMENT = re.compile("\0([a-z0-9_.]+)\0")
 
 
 def argument(name: str) -> str:
@@ -66,6 +66,9 @@ EXTRAS = {
     "jinja2": "study",
     "smbus2": "i2c",
     "websockets": "page",
+    "pandas": "data",
+    "av": "pictures",
+    "PIL": "pictures",
 }
 
 

@@ -78,7 +78,14 @@ def _discard_stdout() -> None:
 
 
 #: Flags that are not named as the library's argument is.
-FLAGS = {"credentials": "--keys", "failure.leg": "--failed-leg", "tucked_legs": "--tuck", "new_id": "ID"}
+FLAGS = {
+    "credentials": "--keys",
+    "failure.leg": "--failed-leg",
+    "tucked_legs": "--tuck",
+    "new_id": "ID",
+    "width_px": "--width",
+    "captions": "--caption",
+}
 
 #: Units at the end of an argument's name, which its flag leaves out.
 _UNITS = ("_m", "_s", "_deg")

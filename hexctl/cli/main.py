@@ -16,6 +16,7 @@ from hexctl.cli.console import BAD_INPUT, FAULT, INTERRUPTED, in_flags
 from hexctl.cli.diagnose import diagnose
 from hexctl.cli.drive import drive
 from hexctl.cli.estop import estop
+from hexctl.cli.export import export
 from hexctl.cli.keys import keys
 from hexctl.cli.prior import prior
 from hexctl.cli.run import run
@@ -67,6 +68,7 @@ app.command(rich_help_panel=WALK)(adapt)
 app.command(rich_help_panel=WALK)(drive)
 app.command(rich_help_panel=WALK)(view)
 app.add_typer(sessions, name="sessions", rich_help_panel=WALK)
+app.command(rich_help_panel=WALK)(export)
 app.command(rich_help_panel=ROBOT)(check)
 app.command(rich_help_panel=ROBOT)(diagnose)
 app.command(rich_help_panel=ROBOT)(calibrate)

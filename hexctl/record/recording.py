@@ -21,6 +21,7 @@ from hexctl.record.tracks.balance import Tally
 from hexctl.record.tracks.block_writer import BlockWriter
 from hexctl.record.tracks.columns import Block, Subject
 from hexctl.record.tracks.events import send_outcome
+from hexctl.robot.formats.json_model import robot_to_json
 from hexctl.robot.meshes import Meshes
 from hexctl.robot.model import Robot
 
@@ -92,6 +93,8 @@ class Recording:
         blueprint = make_blueprint(robot, plan, floor, watched=watched, servos=servos)
         self._stream.save(str(path), default_blueprint=blueprint)
         self._stream.send_recording_name(title)
+        # With it a recording can be exported without the robot's file, as it was then.
+        self._stream.send_property("robot", rr.AnyValues(name=robot.name, model=robot_to_json(robot)))
         send_scene(self._stream, robot, plan, floor, meshes or {})
         self._send_summary(None, {})
 

@@ -3,6 +3,7 @@
 from itertools import combinations
 
 from hexctl.palette import BODY_COLOR as BODY_COLOR
+from hexctl.palette import FAILED_COLORS as FAILED_COLORS
 from hexctl.palette import GROUND_COLOR as GROUND_COLOR
 from hexctl.palette import LINE_COLOR
 from hexctl.palette import LINK_COLORS as LINK_COLORS
@@ -13,7 +14,6 @@ Color = tuple[int, ...]
 
 GRID_COLOR = (255, 255, 255, 26)
 NOSE_COLOR = (240, 240, 240)
-FAILED_COLORS = {"coxa": (190, 44, 30), "femur": (226, 66, 42), "tibia": (246, 98, 66)}
 WHITE = (255, 255, 255)
 #: A leg that was noticed to have failed.
 NOTICED_COLOR = (255, 176, 0)

@@ -1,0 +1,8 @@
+"""Recordings, sessions and robots in the formats of other programs: `hexctl.export("walk.rrd", to="mcap")`.
+
+Its parameters: `help(hexctl.export.__call__)`.
+"""
+
+from hexctl.callable_package import make_callable
+
+make_callable(__name__, "export")

@@ -1,0 +1,186 @@
+"""One call for every export: what is given, to which format, where to."""
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from hexctl.adapt.store import RUNS, export_session
+from hexctl.errors import InputError, argument
+from hexctl.export.pictures import PictureOptions
+from hexctl.export.recordings import OnProgress, Recordings, Trials, is_session, recordings_of
+from hexctl.record.recorded_trial import RecordedTrial, read_trial
+from hexctl.robot.configs import config_names
+from hexctl.robot.formats.mjcf import mjcf_of
+from hexctl.robot.formats.urdf import urdf_of
+from hexctl.robot.loader import load_robot
+from hexctl.robot.model import Robot
+
+#: Formats of robots and of recordings.
+ROBOT_FORMATS, TRIAL_FORMATS = ("urdf", "mjcf"), ("mcap", "csv", "parquet", "lerobot", "gif", "mp4")
+FORMATS = (*ROBOT_FORMATS, *TRIAL_FORMATS)
+
+#: Endings by which a format is recognised.
+SUFFIXES = {".xml": "mjcf", **{f".{name}": name for name in FORMATS if name not in ("mjcf", "lerobot")}}
+#: What the names of outputs end with where none is given; datasets and bags are folders.
+ENDINGS = {"mjcf": ".xml", "mcap": "-mcap", "lerobot": "-lerobot"}
+
+
+def export(
+    *sources: str | Path | Robot,
+    to: str | None = None,
+    output: str | Path | None = None,
+    robot: Robot | None = None,
+    ros2_control: bool = False,
+    folder: str | Path = RUNS,
+    on_progress: OnProgress | None = None,
+    **picture: Any,
+) -> Path:
+    """Write a robot, a recording or a session in a format of other programs; give where it lies.
+
+    Args:
+        sources: a robot (name, file or `Robot`), recordings (.rrd), or the name of a session. Several
+            recordings make one LeRobot dataset, or stand side by side in a GIF or MP4.
+        to: one of `FORMATS`; None goes by the ending of `output`.
+        output: the new file or folder; None gives it the name of the source.
+        robot: of recordings that do not hold theirs.
+        ros2_control: add a block for ros2_control to a URDF.
+        folder: where sessions lie.
+        on_progress: told how much is done, and how much there is; None for nobody.
+        picture: fields of `PictureOptions`.
+
+    Raises InputError for what cannot be exported, an output that exists, or a disk that refuses;
+    MissingExtraError for a format whose library is not installed.
+    """
+    if not sources:
+        raise InputError("export: got nothing; allowed: a robot, recordings, or a session")
+    kind = _format(to, output)
+    path = _free(_output(sources[0], kind, output))
+    if kind not in ("gif", "mp4") and picture:
+        names = ", ".join(map(argument, picture))
+        raise InputError(f"{names}: got it for {kind}; allowed: for gif and mp4")
+    if ros2_control and kind != "urdf":
+        raise InputError(f"{argument('ros2_control')}: got it for {kind}; allowed: for urdf")
+    if kind in TRIAL_FORMATS:
+        _refuse_robots(sources, kind)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        if kind in ROBOT_FORMATS:
+            _write_robot(sources, kind, path, ros2_control=ros2_control)
+        elif kind in ("csv", "parquet") and len(sources) == 1 and is_session(sources[0]):
+            export_session(str(sources[0]), path, folder)
+        else:
+            trials = Recordings(recordings_of(sources, Path(folder)), robot)
+            _write_trials(trials, kind, path, PictureOptions(**picture), on_progress or _silent)
+    except OSError as error:
+        raise InputError(
+            f"export: {path} cannot be written ({error.strerror}); allowed: a new file"
+        ) from error
+    return path
+
+
+def _refuse_robots(sources: Sequence[str | Path | Robot], kind: str) -> None:
+    """Raise InputError for a robot where a recording or a session is needed."""
+    for source in sources:
+        name = source.name if isinstance(source, Robot) else str(source)
+        if isinstance(source, Robot) or name in config_names("robots") or name.endswith((".yaml", ".yml")):
+            allowed = f"{', '.join(ROBOT_FORMATS)}, or a recording"
+            raise InputError(f"export: got the robot {name} for {kind}; allowed: {allowed}")
+
+
+def _silent(done: int, total: int) -> None:
+    pass
+
+
+def _format(to: str | None, output: str | Path | None) -> str:
+    by_name = None if output is None else SUFFIXES.get(Path(output).suffix)
+    if to is None and by_name is None:
+        endings = ", ".join(SUFFIXES)
+        raise InputError(
+            f"to: got none, and no output that tells; allowed: {', '.join(FORMATS)}, or {endings}"
+        )
+    if to is not None and to not in FORMATS:
+        raise InputError(f"{argument('to')}: got {to}; allowed: {', '.join(FORMATS)}")
+    if to is not None and by_name not in (None, to):
+        raise InputError(f"{argument('output')}: got {output} for {to}; allowed: a name of another ending")
+    return to or str(by_name)
+
+
+def _output(source: str | Path | Robot, kind: str, output: str | Path | None) -> Path:
+    if output is not None:
+        return Path(output)
+    ending = ENDINGS.get(kind, f".{kind}")
+    if isinstance(source, Robot):
+        return Path(f"{source.name}{ending}")
+    path = Path(source)
+    stem = path.with_suffix("") if path.suffix == ".rrd" else Path(path.stem)
+    return stem.with_name(f"{stem.name}{ending}")
+
+
+def _free(path: Path) -> Path:
+    """The path; raises InputError where something is there."""
+    if path.exists() or path.is_symlink():
+        raise InputError(f"export: {path} exists; allowed: a new name, nothing is replaced")
+    return path
+
+
+def _write_robot(sources: Sequence[str | Path | Robot], kind: str, path: Path, *, ros2_control: bool) -> None:
+    (source, *more) = sources
+    if more:
+        raise InputError(f"export: got {len(sources)} robots; allowed: one")
+    if not isinstance(source, Robot) and Path(source).suffix == ".rrd":
+        robot = read_trial(source).robot
+    else:
+        robot = source if isinstance(source, Robot) else load_robot(source)
+    text = urdf_of(robot, ros2_control=ros2_control) if kind == "urdf" else mjcf_of(robot)
+    path.write_text(text, encoding="utf-8")
+
+
+def _write_trials(
+    trials: Trials, kind: str, path: Path, picture: PictureOptions, on_progress: OnProgress
+) -> None:
+    """Write recordings; formats that hold only one of them get a folder with a part for each."""
+    if kind == "lerobot":
+        from hexctl.export.lerobot import write_lerobot
+
+        with _draft(path) as draft:
+            write_lerobot(trials, draft, on_progress)
+    elif kind in ("gif", "mp4"):
+        from hexctl.export.pictures import write_pictures
+
+        with _draft(path) as draft:
+            write_pictures(trials, draft, picture, on_progress)
+    else:
+        write = _writer(kind)
+        if len(trials) == 1:
+            with _draft(path) as draft:
+                write(trials[0], draft)
+            return
+        if path.suffix:
+            raise InputError(
+                f"output: got {path} for {len(trials)} recordings; allowed: the name of a folder"
+            )
+        with _draft(path) as draft:
+            draft.mkdir()
+            ending = "" if kind == "mcap" else f".{kind}"
+            for index in range(len(trials)):
+                trial = trials[index]
+                write(trial, draft / f"{trial.path.stem}{ending}")
+                on_progress(index + 1, len(trials))
+
+
+def _writer(kind: str) -> Callable[[RecordedTrial, Path], None]:
+    from hexctl.export.mcap import write_mcap
+    from hexctl.export.table import write_csv, write_parquet
+
+    return {"mcap": write_mcap, "csv": write_csv, "parquet": write_parquet}[kind]
+
+
+@contextmanager
+def _draft(path: Path) -> Iterator[Path]:
+    """Path of the same name in a hidden folder beside it, from where it is moved when it is whole."""
+    with TemporaryDirectory(dir=path.parent, prefix=f".{path.stem}-") as folder:
+        draft = Path(folder) / path.name
+        yield draft
+        draft.rename(_free(path))

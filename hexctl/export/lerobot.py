@@ -1,0 +1,247 @@
+"""Recorded trials as a LeRobot dataset (v3), one episode each: what imitation learning reads."""
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hexctl.backends.clock import PERIOD_S
+from hexctl.errors import InputError, MissingExtraError
+from hexctl.export.recordings import OnProgress, Trials
+from hexctl.record.recorded_trial import RecordedTrial
+from hexctl.types import JOINT_NAMES, N_LEGS, FloatArray
+
+#: Frames per second: one for each tick.
+FPS = round(1 / PERIOD_S)
+
+#: Where the frames lie, and where what is said of the episodes.
+DATA = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
+EPISODES = "meta/episodes/chunk-000/file-000.parquet"
+
+POSE_NAMES = ("x", "y", "z", "qw", "qx", "qy", "qz")
+#: Vectors of a frame, and the names of their components.
+VECTORS: dict[str, tuple[str, ...]] = {
+    "action": JOINT_NAMES,
+    "observation.state": JOINT_NAMES,
+    "observation.pose": POSE_NAMES,
+    "observation.contacts": tuple(f"leg{leg}" for leg in range(1, N_LEGS + 1)),
+}
+#: Numbers of a frame.
+SCALARS = {
+    "timestamp": "float32",
+    "frame_index": "int64",
+    "episode_index": "int64",
+    "index": "int64",
+    "task_index": "int64",
+}
+
+
+def write_lerobot(trials: Trials, folder: Path, on_progress: OnProgress) -> None:
+    """Write trials of one robot as a LeRobot dataset into a new folder.
+
+    `action` are the joint angles that were sent, `observation.state` those that came back, both in rad.
+    Pose and contacts are part of it where all trials have them. Frames are evenly spaced: where ticks were
+    late, values are interpolated.
+
+    Args:
+        trials: the episodes.
+        folder: the new folder.
+        on_progress: told how many episodes are done, and how many there are.
+
+    Raises InputError for trials of several robots, and MissingExtraError without pandas and pyarrow.
+    """
+    pa, pq, pandas = _libraries()
+    facts = [_Facts.of(trial) for trial in trials]
+    robots = {one.robot for one in facts}
+    if len(robots) != 1:
+        raise InputError(f"lerobot: got {len(robots)} robots, {', '.join(sorted(robots))}; allowed: one")
+    names, texts = _vectors(facts), [one.task for one in facts]
+    tasks = list(dict.fromkeys(texts))
+    (folder / "meta").mkdir(parents=True)
+    schema = pa.schema(
+        [pa.field(name, pa.list_(pa.float32(), len(VECTORS[name]))) for name in names]
+        + [pa.field(name, pa.type_for_alias(kind)) for name, kind in SCALARS.items()]
+    )
+    data = folder / DATA.format(chunk_index=0, file_index=0)
+    data.parent.mkdir(parents=True)
+    episodes, done = [], 0
+    with pq.ParquetWriter(data, schema, compression="zstd") as writer:
+        for number, text in enumerate(texts):
+            trial = trials[number]
+            columns = _frames(trial, names, number, done, tasks.index(text))
+            length = len(columns["index"])
+            arrays = [_arrow(pa, columns[field.name], field.type) for field in schema]
+            writer.write_table(pa.Table.from_arrays(arrays, schema=schema), row_group_size=length)
+            episodes.append(_episode(number, text, done, length, columns))
+            done += length
+            on_progress(number + 1, len(trials))
+    _write_episodes(pa, pq, folder / EPISODES, episodes)
+    index = pandas.Index(tasks, name="task")
+    pandas.DataFrame({"task_index": range(len(tasks))}, index=index).to_parquet(folder / "meta/tasks.parquet")
+    _write_json(folder / "meta/stats.json", _together([episode["stats"] for episode in episodes]))
+    _write_json(folder / "meta/info.json", _info(robots.pop(), names, len(trials), done, len(tasks)))
+
+
+def task_of(trial: RecordedTrial) -> str:
+    """What a trial was to do, in words."""
+    said = trial.properties
+    failed = f", leg {said['failed_leg']} {said.get('failure', 'failed')}" if "failed_leg" in said else ""
+    heading = float(said.get("heading_deg", 0.0))
+    way = "walk ahead" if heading == 0 else f"walk at {heading:g} degrees"
+    return f"{way} with {said.get('title', trial.robot.name)}{failed}"
+
+
+def _libraries() -> tuple[Any, Any, Any]:
+    try:
+        import pandas
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+    except ModuleNotFoundError as error:
+        raise MissingExtraError("LeRobot export", "data") from error
+    return pa, pq, pandas
+
+
+@dataclass(frozen=True, slots=True)
+class _Facts:
+    """What must be known of all episodes before the first is written."""
+
+    robot: str
+    task: str
+    posed: bool
+    felt: bool
+
+    @classmethod
+    def of(cls, trial: RecordedTrial) -> "_Facts":
+        posed = bool(trial.posed.all())
+        return cls(trial.robot.name, task_of(trial), posed, trial.foot_contacts is not None)
+
+
+def _vectors(facts: Sequence[_Facts]) -> list[str]:
+    """Vectors that all trials have."""
+    missing = set()
+    if not all(one.posed for one in facts):
+        missing.add("observation.pose")
+    if not all(one.felt for one in facts):
+        missing.add("observation.contacts")
+    return [name for name in VECTORS if name not in missing]
+
+
+def _frames(trial: RecordedTrial, names: list[str], number: int, before: int, task: int) -> dict[str, Any]:
+    """Columns of an episode, evenly spaced."""
+    length = round(float(trial.time_s[-1]) * FPS) + 1
+    times_s = np.arange(length) / FPS
+    pose = np.column_stack([trial.base_position_world, trial.base_quaternion_world])
+    contacts = np.zeros((len(trial), N_LEGS)) if trial.foot_contacts is None else trial.foot_contacts
+    values = {
+        "action": trial.commanded_rad,
+        "observation.state": trial.measured_rad,
+        "observation.pose": pose,
+        "observation.contacts": contacts.astype(float),
+    }
+    even = len(trial) == length and bool(np.allclose(trial.time_s, times_s, atol=1e-6))
+    vectors = {name: values[name] if even else _resampled(trial, values[name], times_s) for name in names}
+    if "observation.contacts" in vectors:
+        vectors["observation.contacts"] = np.round(vectors["observation.contacts"])
+    return {
+        **{name: value.astype(np.float32) for name, value in vectors.items()},
+        "timestamp": times_s.astype(np.float32),
+        "frame_index": np.arange(length),
+        "episode_index": np.full(length, number),
+        "index": before + np.arange(length),
+        "task_index": np.full(length, task),
+    }
+
+
+def _resampled(trial: RecordedTrial, values: FloatArray, times_s: FloatArray) -> FloatArray:
+    return np.column_stack([np.interp(times_s, trial.time_s, column) for column in values.T])
+
+
+def _arrow(pa: Any, values: Any, kind: Any) -> Any:
+    if values.ndim == 1:
+        return pa.array(values, type=kind)
+    return pa.FixedSizeListArray.from_arrays(pa.array(values.ravel()), type=kind)
+
+
+def _episode(number: int, text: str, before: int, length: int, columns: dict[str, Any]) -> dict[str, Any]:
+    return {
+        "episode_index": number,
+        "tasks": [text],
+        "length": length,
+        "data/chunk_index": 0,
+        "data/file_index": 0,
+        "dataset_from_index": before,
+        "dataset_to_index": before + length,
+        "stats": {name: _stats(np.atleast_2d(column.T).T) for name, column in columns.items()},
+    }
+
+
+def _stats(values: FloatArray) -> dict[str, list[float]]:
+    """Least, greatest, mean, standard deviation and number of frames, by component."""
+    exact = values.astype(float)
+    return {
+        "min": exact.min(axis=0).tolist(),
+        "max": exact.max(axis=0).tolist(),
+        "mean": exact.mean(axis=0).tolist(),
+        "std": exact.std(axis=0).tolist(),
+        "count": [len(values)],
+    }
+
+
+def _together(parts: list[dict[str, dict[str, list[float]]]]) -> dict[str, dict[str, list[float]]]:
+    """Statistics of all episodes, from those of each: the variance is E[x^2] - E[x]^2."""
+    found = {}
+    for name in parts[0]:
+        each = {key: np.array([part[name][key] for part in parts]) for key in parts[0][name]}
+        share = each["count"] / each["count"].sum()
+        mean = (share * each["mean"]).sum(axis=0)
+        square = (share * (each["std"] ** 2 + each["mean"] ** 2)).sum(axis=0)
+        found[name] = {
+            "min": each["min"].min(axis=0).tolist(),
+            "max": each["max"].max(axis=0).tolist(),
+            "mean": mean.tolist(),
+            "std": np.sqrt(np.maximum(square - mean**2, 0)).tolist(),
+            "count": [int(each["count"].sum())],
+        }
+    return found
+
+
+def _write_episodes(pa: Any, pq: Any, path: Path, episodes: list[dict[str, Any]]) -> None:
+    path.parent.mkdir(parents=True)
+    rows = []
+    for episode in episodes:
+        stats = episode.pop("stats")
+        flat = {f"stats/{name}/{key}": value for name, each in stats.items() for key, value in each.items()}
+        place = {"meta/episodes/chunk_index": 0, "meta/episodes/file_index": 0}
+        rows.append({**episode, **flat, **place})
+        episode["stats"] = stats
+    pq.write_table(pa.Table.from_pylist(rows), path)
+
+
+def _info(robot: str, names: list[str], episodes: int, frames: int, tasks: int) -> dict[str, Any]:
+    vectors = {
+        name: {"dtype": "float32", "shape": [len(VECTORS[name])], "names": list(VECTORS[name])}
+        for name in names
+    }
+    scalars = {name: {"dtype": kind, "shape": [1], "names": None} for name, kind in SCALARS.items()}
+    return {
+        "codebase_version": "v3.0",
+        "robot_type": robot,
+        "total_episodes": episodes,
+        "total_frames": frames,
+        "total_tasks": tasks,
+        "chunks_size": 1000,
+        "data_files_size_in_mb": 100,
+        "video_files_size_in_mb": 200,
+        "fps": FPS,
+        "splits": {"train": f"0:{episodes}"},
+        "data_path": DATA,
+        "video_path": None,
+        "features": {**vectors, **scalars},
+    }
+
+
+def _write_json(path: Path, content: Any) -> None:
+    path.write_text(json.dumps(content, indent=2), encoding="utf-8")

@@ -1,0 +1,136 @@
+"""Pictures of a recorded trial by MuJoCo, without a screen: EGL, and where that does not work OSMesa."""
+
+import os
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hexctl.errors import HexctlError, MissingExtraError
+from hexctl.palette import FAILED_COLORS
+from hexctl.record.recorded_trial import RecordedTrial
+from hexctl.robot.formats.link_frames import JOINT_LINKS
+from hexctl.robot.formats.mjcf import CAMERAS as _CAMERAS
+from hexctl.robot.formats.mjcf import mjcf_of
+from hexctl.types import JOINT_KINDS, JOINTS_PER_LEG, FloatArray
+
+#: Cameras, all of which go along with the robot.
+CAMERAS = tuple(_CAMERAS)
+
+#: What draws without a screen, in the order in which they are tried, and the Debian packages of each.
+RENDERERS = {"egl": "libegl1 libgl1 libgl1-mesa-dri", "osmesa": "libosmesa6"}
+
+#: Geoms of a scene: more than the robot has.
+MOST_GEOMS = 200
+
+
+class NoRendererError(HexctlError, RuntimeError):
+    """The machine has nothing that draws without a screen."""
+
+
+def open_context(width_px: int, height_px: int) -> Any:
+    """A current OpenGL context without a screen.
+
+    The environment variable `MUJOCO_GL`, where it is `egl` or `osmesa`, allows only that one.
+
+    Raises NoRendererError that says what to install, and MissingExtraError without MuJoCo.
+    """
+    try:
+        import mujoco  # noqa: F401
+    except ImportError as error:
+        raise MissingExtraError("drawing", "pictures") from error
+    wanted = os.environ.get("MUJOCO_GL", "").lower()
+    reasons = []
+    for name in (wanted,) if wanted in RENDERERS else RENDERERS:
+        try:
+            context = import_module(f"mujoco.{name}").GLContext(width_px, height_px)
+            context.make_current()
+        except Exception as error:  # noqa: BLE001  libraries that are missing or broken raise anything
+            reasons.append(f"{name}: {' '.join(str(error).split())[:80]}")
+        else:
+            return context
+    packages = ", or ".join(f"apt-get install {packages}" for packages in RENDERERS.values())
+    raise NoRendererError(
+        f"nothing here draws without a screen ({'; '.join(reasons)}); on Debian: {packages}"
+    )
+
+
+class RunRenderer:
+    """Draws ticks of a trial. Close it: the context belongs to the thread that made it."""
+
+    def __init__(self, trial: RecordedTrial, camera: str, width_px: int, height_px: int) -> None:
+        """Make the model of the robot, a scene, and a context of that size.
+
+        Raises what `open_context` raises.
+        """
+        self._context = open_context(width_px, height_px)
+        import mujoco
+
+        self._mujoco, self._trial = mujoco, trial
+        spec = mujoco.MjSpec.from_string(mjcf_of(trial.robot))
+        spec.geom("floor").quat = trial.floor_quaternion
+        self.model = spec.compile()
+        self.data = mujoco.MjData(self.model)
+        _paint_failed(self.model, trial)
+        self._positions_m = _positions_m(trial)
+        self._scene = mujoco.MjvScene(self.model, MOST_GEOMS)
+        self._scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = 0
+        self._scene.flags[mujoco.mjtRndFlag.mjRND_REFLECTION] = 0
+        self._look, self._camera = mujoco.MjvOption(), mujoco.MjvCamera()
+        self._camera.type = mujoco.mjtCamera.mjCAMERA_FIXED
+        self._camera.fixedcamid = self.model.camera(camera).id
+        self._opengl = mujoco.MjrContext(self.model, mujoco.mjtFontScale.mjFONTSCALE_100)
+        mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, self._opengl)
+        self._view = mujoco.MjrRect(0, 0, width_px, height_px)
+        self._pixels = np.empty((height_px, width_px, 3), dtype=np.uint8)
+
+    def place(self, row: int) -> None:
+        """Put the robot where it was at a tick."""
+        mujoco, trial, qpos = self._mujoco, self._trial, self.data.qpos
+        qpos[:3], qpos[7:] = self._positions_m[row], trial.measured_rad[row]
+        quaternion = trial.base_quaternion_world[row]
+        qpos[3:7] = quaternion if np.isfinite(quaternion).all() else (1.0, 0.0, 0.0, 0.0)
+        mujoco.mj_kinematics(self.model, self.data)
+        mujoco.mj_comPos(self.model, self.data)
+        mujoco.mj_camlight(self.model, self.data)
+
+    def draw(self, row: int) -> NDArray[np.uint8]:
+        """Picture of a tick, (height, width, 3)."""
+        mujoco = self._mujoco
+        self._context.make_current()
+        self.place(row)
+        everything = mujoco.mjtCatBit.mjCAT_ALL
+        mujoco.mjv_updateScene(self.model, self.data, self._look, None, self._camera, everything, self._scene)
+        mujoco.mjr_render(self._view, self._scene, self._opengl)
+        mujoco.mjr_readPixels(self._pixels, None, self._view, self._opengl)
+        return np.flipud(self._pixels).copy()
+
+    def close(self) -> None:
+        """Free the context."""
+        self._opengl.free()
+        self._context.free()
+
+
+def _paint_failed(model: Any, trial: RecordedTrial) -> None:
+    """Draw a failed leg in red, and a missing one almost not at all."""
+    leg, how = trial.properties.get("failed_leg"), str(trial.properties.get("failure", ""))
+    if leg is None:
+        return
+    for index, kind in enumerate(JOINT_KINDS):
+        link = model.body(JOINT_LINKS[JOINTS_PER_LEG * (int(leg) - 1) + index]).id
+        geoms = np.flatnonzero(model.geom_bodyid == link)
+        model.geom_matid[geoms] = -1
+        color = [part / 255 for part in FAILED_COLORS[kind]]
+        model.geom_rgba[geoms] = [*color, 0.15 if how.startswith("missing") else 1.0]
+
+
+def _positions_m(trial: RecordedTrial) -> FloatArray:
+    """Positions of the base, (T, 3): where they are unknown, above the origin, or the last known one."""
+    positions_m = trial.base_position_world.copy()
+    known = trial.posed
+    if not known.any():
+        positions_m[:] = (0.0, 0.0, trial.robot.standing_height_m)
+        return positions_m
+    last = np.maximum.accumulate(np.where(known, np.arange(len(known)), int(known.argmax())))
+    return np.asarray(positions_m[last])

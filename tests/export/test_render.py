@@ -1,0 +1,74 @@
+"""Drawing without a screen, where this machine can."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hexctl.export.render import CAMERAS, NoRendererError, RunRenderer, open_context
+from hexctl.record.recorded_trial import RecordedTrial
+
+
+@pytest.fixture
+def _renderer(monkeypatch: Any) -> None:
+    """Skip where nothing draws without a screen."""
+    monkeypatch.delenv("MUJOCO_GL", raising=False)
+    try:
+        open_context(16, 16).free()
+    except NoRendererError as error:
+        pytest.skip(str(error))
+
+
+def test_without_a_renderer_one_line_says_what_to_install(walk: RecordedTrial, monkeypatch: Any) -> None:
+    def missing(name: str) -> Any:
+        raise ImportError(f"no {name}\nat all")
+
+    monkeypatch.setattr("hexctl.export.render.import_module", missing)
+    with pytest.raises(NoRendererError, match=r"apt-get install libegl1 .*osmesa") as refused:
+        RunRenderer(walk, "side", 64, 48)
+    assert "\n" not in str(refused.value)
+
+
+@pytest.mark.usefixtures("_renderer")
+def test_every_camera_sees_the_robot_from_its_side(walk: RecordedTrial) -> None:
+    pictures = {}
+    for camera in CAMERAS:
+        renderer = RunRenderer(walk, camera, 96, 72)
+        pictures[camera] = renderer.draw(0)
+        later = renderer.draw(len(walk) - 1)
+        renderer.close()
+        assert pictures[camera].shape == (72, 96, 3)
+        blue = pictures[camera].astype(int)
+        body = (blue[..., 2] - blue[..., 0] > 60).sum()
+        assert 20 < body < 96 * 72 / 2, camera
+        assert (later != pictures[camera]).any()
+    assert len({picture.tobytes() for picture in pictures.values()}) == len(CAMERAS)
+
+
+@pytest.mark.usefixtures("_renderer")
+def test_the_failed_leg_is_red_and_a_sloping_floor_slopes(walk: RecordedTrial) -> None:
+    def red(trial: RecordedTrial) -> int:
+        renderer = RunRenderer(trial, "top", 160, 120)
+        picture = renderer.draw(0).astype(int)
+        renderer.close()
+        return int((picture[..., 0] - picture[..., 2] > 60).sum())
+
+    whole = replace(walk, properties={})
+    assert red(walk) > 30
+    assert red(whole) == 0
+    tilted = np.array([np.cos(0.1), 0.0, np.sin(0.1), 0.0])
+    renderer = RunRenderer(replace(walk, floor_quaternion=tilted), "side", 64, 48)
+    renderer.place(0)
+    normal = renderer.data.geom("floor").xmat.reshape(3, 3)[:, 2]
+    renderer.close()
+    assert normal == pytest.approx([np.sin(0.2), 0.0, np.cos(0.2)], abs=1e-6)
+
+
+@pytest.mark.usefixtures("_renderer")
+def test_a_robot_that_knows_no_place_is_drawn_above_the_origin(walk: RecordedTrial) -> None:
+    nowhere = replace(walk, base_position_world=np.full_like(walk.base_position_world, np.nan))
+    renderer = RunRenderer(nowhere, "side", 64, 48)
+    renderer.place(10)
+    assert renderer.data.qpos[:3] == pytest.approx([0, 0, walk.robot.standing_height_m])
+    renderer.close()

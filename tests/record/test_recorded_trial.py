@@ -1,0 +1,121 @@
+"""Recordings read back: the arrays are those of the walk."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import rerun as rr
+
+from hexctl.control.log import TickLog
+from hexctl.errors import InputError
+from hexctl.record.recorded_trial import RecordedTrial, read_trial
+from hexctl.robot.loader import load_robot
+from hexctl.types import N_JOINTS, ServoReadings
+from tests.record.conftest import Trial, write
+
+
+@pytest.fixture(scope="module")
+def read(tmp_path_factory: Any, trial: Trial) -> RecordedTrial:
+    return read_trial(write(tmp_path_factory.mktemp("read") / "a.rrd", trial, block_ticks=40))
+
+
+def changed(trial: Trial, **columns: Any) -> Trial:
+    """The trial with other columns in its log."""
+    log = TickLog()
+    log.extend({name: trial.log[name] for name in trial.log._chunks[0]} | columns)
+    return replace(trial, log=log)
+
+
+def test_it_is_what_was_walked(read: RecordedTrial, trial: Trial) -> None:
+    log = trial.log
+    assert len(read) == len(log)
+    assert read.time_s == pytest.approx(log["time_s"] - log["time_s"][0], abs=1e-9)
+    assert read.walk_s[-1] == pytest.approx(log["time_s"][-1] - log["time_s"][log.walk_from], abs=1e-9)
+    assert np.array_equal(read.phases, log["phase"])
+    assert read.commanded_rad == pytest.approx(log["sent_rad"], abs=8e-6)
+    assert read.measured_rad == pytest.approx(log["measured_rad"], abs=8e-6)
+    assert read.base_position_world == pytest.approx(log["base_position_world"], abs=1e-6)
+    assert read.base_quaternion_world == pytest.approx(log["base_quaternion_world"], abs=1e-6)
+    assert read.foot_contacts is not None
+    assert np.array_equal(read.foot_contacts, log["foot_contacts"])
+    sparse = read.torques_nm
+    assert sparse.values == pytest.approx(log["joint_torques_nm"][sparse.rows], abs=2e-3)
+    assert np.diff(sparse.rows).max() == 5
+    assert np.isnan(sparse.at_every_tick(len(log))[1]).all()
+    assert not read.servos
+
+
+def test_it_holds_the_robot_the_outcome_and_what_happened(read: RecordedTrial, trial: Trial) -> None:
+    assert read.robot == trial.robot
+    assert read.properties["status"] == trial.result.status
+    assert read.properties["failed_leg"] == 5
+    assert read.events[0].text == "settle begins"
+    assert read.events[-1].text.startswith("trial over")
+    assert read.events[-1].row == len(trial.log) - 1
+
+
+def test_the_robot_need_not_be_one_that_ships(trial: Trial, tmp_path: Path) -> None:
+    mine = replace(trial.robot, name="mine", foot_radius_m=0.009)
+    assert read_trial(write(tmp_path / "mine.rrd", replace(trial, robot=mine))).robot == mine
+
+
+def test_a_place_that_is_not_known_yet_is_none(trial: Trial, tmp_path: Path) -> None:
+    position_m = trial.log["base_position_world"].copy()
+    position_m[:70] = np.nan
+    read = read_trial(write(tmp_path / "later.rrd", changed(trial, base_position_world=position_m)))
+    assert np.array_equal(read.posed, np.arange(len(read)) >= 70)
+    never = changed(trial, base_position_world=np.full_like(position_m, np.nan))
+    assert not read_trial(write(tmp_path / "never.rrd", never)).posed.any()
+
+
+def test_feet_that_are_not_felt(trial: Trial, tmp_path: Path) -> None:
+    unfelt = changed(trial)
+    unfelt.log.contacts_known = False
+    assert read_trial(write(tmp_path / "unfelt.rrd", unfelt)).foot_contacts is None
+
+
+def test_what_servos_reported(trial: Trial, tmp_path: Path) -> None:
+    told = changed(trial)
+    values = np.linspace(20, 40, N_JOINTS)
+    unknown = np.full(N_JOINTS, np.nan)
+    readings = ServoReadings(
+        ages_s=np.zeros(N_JOINTS),
+        efforts=unknown,
+        currents_a=unknown,
+        voltages_v=unknown,
+        temperatures_c=values,
+    )
+    told.log.servo_rows = [(0, readings), (50, readings)]
+    servos = read_trial(write(tmp_path / "servos.rrd", told)).servos
+    assert set(servos) == {"ages_s", "temperatures_c"}
+    assert servos["temperatures_c"].rows.tolist() == [0, 50]
+    assert servos["temperatures_c"].values == pytest.approx(np.tile(values, (2, 1)), abs=0.01)
+
+
+def test_what_is_no_recording_of_a_trial_is_refused_in_one_line(tmp_path: Path) -> None:
+    damaged, empty, other = (tmp_path / f"{name}.rrd" for name in ("damaged", "empty", "other"))
+    damaged.write_bytes(b"nonsense")
+    empty.write_bytes(b"")
+    with rr.RecordingStream("other") as stream:
+        stream.save(str(other))
+        stream.log("x", rr.Scalars([1.0]))
+    for path in (damaged, empty, other, tmp_path / "missing.rrd", tmp_path / "a.txt"):
+        with pytest.raises(InputError, match="recording: ") as refused:
+            read_trial(path)
+        assert str(path) in str(refused.value)
+        assert "\n" not in str(refused.value)
+
+
+def test_a_recording_without_its_robot_is_read_with_one(
+    trial: Trial, tmp_path: Path, monkeypatch: Any
+) -> None:
+    monkeypatch.setattr("hexctl.record.recording.robot_to_json", lambda _: None)
+    known = write(tmp_path / "known.rrd", trial)
+    assert read_trial(known).robot == trial.robot
+    mine = replace(trial.robot, name="mine")
+    unknown = write(tmp_path / "unknown.rrd", replace(trial, robot=mine))
+    with pytest.raises(InputError, match="does not hold its robot"):
+        read_trial(unknown)
+    assert read_trial(unknown, robot=load_robot("ant")).robot == trial.robot
