@@ -18,12 +18,12 @@ from hexctl.cli.options import (
     given,
     number,
 )
+from hexctl.robot.drivers import Driver
 
 if TYPE_CHECKING:
     from hexctl.serve.service import BusBoardService, ServiceStarted
 
 BoardBackend = Literal["sim", "mock"]
-BusDriver = Literal["dynamixel", "feetech", "lx16a", "servo2040", "pca9685"]
 BAUD = Range(low=9600, high=4_500_000, whole=True, unit="baud")
 EXPIRY_S = Range(low=0.05, high=1, unit="s")
 RELEASE_S = Range(low=1, high=3600, unit="s")
@@ -80,10 +80,10 @@ def board(
         bool, typer.Option("--insecure", help="Let others than this computer command without that secret.")
     ] = False,
     bus: Annotated[
-        BusDriver | None,
+        Driver | None,
         choice(
             "--bus",
-            BusDriver,
+            Driver,
             "Be servos on a serial bus instead, on a pseudo-terminal: dynamixel, feetech, lx16a, or the "
             "board servo2040 with hobby servos; or two boards pca9685, on a socket. "
             "(default: a MAVLink board)",

@@ -4,12 +4,13 @@ import json
 import sys
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from hexctl.cli.board import BAUD
 from hexctl.cli.options import JsonOption, Range, choice
+from hexctl.robot.drivers import BUS_DRIVERS, BusDriver
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -24,7 +25,6 @@ servos = typer.Typer(
     no_args_is_help=True,
 )
 
-BusDriver = Literal["dynamixel", "feetech", "lx16a"]
 SERVO_ID = Range(low=0, high=252, whole=True)
 
 #: What asks at every usual baud.
@@ -296,13 +296,12 @@ def _bus(robot: str | None, driver: str | None, port: str | None, baud: int | No
     from hexctl.robot.loader import load_robot_file
 
     section = None if robot is None else load_robot_file(robot).content.servos
-    allowed = ("dynamixel", "feetech", "lx16a")
     if driver is None:
         driver = None if section is None else section.driver
     elif section is not None and section.driver not in (None, driver):
         raise InputError(f"--driver: got {driver}; allowed: {section.driver}, with this robot file")
-    if driver not in allowed:
-        raise InputError(f"--driver: got {driver or 'none'}; allowed: {', '.join(allowed)}")
+    if driver not in BUS_DRIVERS:
+        raise InputError(f"--driver: got {driver or 'none'}; allowed: {', '.join(BUS_DRIVERS)}")
     text = port or (None if section is None else section.port)
     if not text:
         raise InputError("--port: got none; allowed: the port of the bus, such as /dev/ttyUSB0")

@@ -6,8 +6,9 @@ from typing import ClassVar
 import numpy as np
 
 from hexctl.errors import InputError
+from hexctl.robot.drivers import BUS_DRIVERS
 from hexctl.robot.raw_map import IntArray, RawMap, calibration_of, check_once, joint_value
-from hexctl.robot.schema import BUS_DRIVERS, ServosSection
+from hexctl.robot.schema import ServosSection
 from hexctl.robot.servo_models import DEFAULT_MODELS, ServoType, servo_type
 from hexctl.types import (
     JOINT_KINDS,

@@ -6,8 +6,9 @@ from typing import ClassVar
 import numpy as np
 
 from hexctl.errors import InputError
+from hexctl.robot.drivers import PWM_DRIVERS
 from hexctl.robot.raw_map import IntArray, RawMap, check_once, joint_value
-from hexctl.robot.schema import PWM_DRIVERS, ServosSection
+from hexctl.robot.schema import ServosSection
 from hexctl.robot.servo_map import pulses_of
 from hexctl.types import JOINT_NAMES, JOINTS_PER_LEG, N_JOINTS, N_LEGS, check_finite
 

@@ -13,6 +13,7 @@ from pydantic import (
 )
 
 from hexctl.robot.configs import Number
+from hexctl.robot.drivers import Driver
 from hexctl.types import N_JOINTS, N_LEGS
 
 Length = Annotated[Number, Field(gt=0, le=10, allow_inf_nan=False)]
@@ -61,10 +62,6 @@ PulseUs = Annotated[Number, Field(ge=100, le=5000, allow_inf_nan=False), AfterVa
 Channel = Annotated[Number, Field(ge=1, le=N_JOINTS, allow_inf_nan=False), AfterValidator(_whole)]
 Direction = Annotated[Number, AfterValidator(_direction)]
 
-#: Drivers of servos on a bus, whose positions are counts.
-BUS_DRIVERS = ("dynamixel", "feetech", "lx16a")
-#: Drivers of boards that make the pulses of hobby servos.
-PWM_DRIVERS = ("servo2040", "pca9685")
 ServoId = Annotated[Number, Field(ge=0, le=252, allow_inf_nan=False), AfterValidator(_whole)]
 Count = Annotated[Number, Field(ge=0, le=65535, allow_inf_nan=False), AfterValidator(_whole)]
 TouchInput = Annotated[Number, Field(ge=0, lt=N_LEGS, allow_inf_nan=False), AfterValidator(_whole)]
@@ -235,7 +232,7 @@ class ServosSection(Section):
     servos have pulses, a `driver` and as `id` the output of each joint.
     """
 
-    driver: Literal["dynamixel", "feetech", "lx16a", "servo2040", "pca9685"] | None = None
+    driver: Driver | None = None
     port: Port | None = None
     baud: Baud | None = None
     model: str | None = None

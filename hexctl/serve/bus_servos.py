@@ -37,9 +37,6 @@ MOST_ID, _MODES = 252, (0, 1, 2, 3, 4, 5, 16)
 #: Marks a write that is dropped without a word.
 _SILENTLY = 1 << 8
 
-#: Share of its torque that an STS servo gives after an overload.
-OVERLOADED_SHARE = 0.2
-
 #: Lowest voltage of servos that do not complain of it, as a share of the usual one.
 LOW_SHARE = 0.7
 
@@ -162,6 +159,7 @@ class BusServo(SimulatedServo):
             (table.mode, table.position_mode),
             (table.shutdown, sum(1 << bit for bit in table.protections)),
             (table.max_torque, 1.0),
+            *_overload_settings(table),
             (table.position, counts),
             (table.voltage, USUAL_V),
             (table.temperature, USUAL_C),
@@ -228,6 +226,12 @@ class BusServo(SimulatedServo):
         return float(np.clip(goal, least, most)) if least < most else goal
 
     @property
+    def _overloaded_share(self) -> float:
+        """Share of its torque that an STS servo gives after an overload."""
+        overload = self._table.overload
+        return 0.0 if overload is None else self.number(overload.torque)
+
+    @property
     def _expired(self) -> bool:
         watchdog = self._table.watchdog
         return watchdog is not None and self.memory[watchdog.address] == EXPIRED
@@ -257,7 +261,7 @@ class BusServo(SimulatedServo):
         elif hot:
             self.memory[table.torque.address] = 0
         elif table.torque_limit is not None:
-            self.set(table.torque_limit, OVERLOADED_SHARE)  # STS holds on with that
+            self.set(table.torque_limit, self._overloaded_share)  # STS holds on with that
 
     def write(self, address: int, data: bytes) -> int:
         """Write bytes, as a controller does; what its answer says of that, as the error byte has it.
@@ -273,7 +277,7 @@ class BusServo(SimulatedServo):
             self.memory[table.torque.address] = 0  # only a restart helps
         if self.memory[table.torque.address] and not held and not _covers(table, address, data):
             self.set(table.goal, self.number(table.position))  # it holds where it is
-        if table.torque_limit is not None and self.number(table.torque_limit) > OVERLOADED_SHARE:
+        if table.torque_limit is not None and self.number(table.torque_limit) > self._overloaded_share:
             self.overloaded = False
         if address < table.ram and (table.unlock is None or not self.memory[table.unlock.address]):
             self._keep()
@@ -427,6 +431,14 @@ class RegisterServos(SimulatedServos):
         elif hot or low or servo.memory[table.hardware_error.address]:
             error |= 1 << 7
         return self.packets.status(servo.servo_id if servo_id is None else servo_id, error, data)
+
+
+def _overload_settings(table: RegisterTable) -> tuple[tuple[Register, float], ...]:
+    """Registers of what a servo does after an overload, with their values from the factory."""
+    overload = table.overload
+    if overload is None:
+        return ()
+    return tuple(zip((overload.load, overload.time_s, overload.torque), overload.factory, strict=True))
 
 
 def _covers(table: RegisterTable, address: int, data: bytes) -> bool:

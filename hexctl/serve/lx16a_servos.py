@@ -20,11 +20,14 @@ class Lx16aServo(SimulatedServo):
         servo_id: that it answers to.
         loaded: whether it holds its goal.
         limits: lowest and highest count, beyond which it unloads.
+        voltages_mv: lowest and highest supply with which it does not complain.
+        most_c: temperature at which it unloads, in degrees Celsius.
         position: count.
     """
 
     def __init__(self, servo_id: int, count: float) -> None:
         self.servo_id, self.loaded, self.limits = servo_id, False, (0, 1000)
+        self.voltages_mv, self.most_c = (4500, 12000), 85
         self.position = self._goal = self._from = count
         self._began_s, self._time_s = 0.0, 0.0
 
@@ -116,13 +119,15 @@ class Lx16aServos(SimulatedServos):
         servo = self.servos[joint]
         values = {
             lx.READ_ID: servo.servo_id,
+            lx.READ_MOST_TEMPERATURE: servo.most_c,
             lx.READ_TEMPERATURE: round(self._faults.temperatures.get(joint, USUAL_C)),
             lx.READ_VOLTAGE: round(1000 * self._faults.voltage(USUAL_V)),
             lx.READ_POSITION: round(servo.position),
             lx.READ_LOAD: int(servo.loaded),
         }
-        if command == lx.READ_LIMITS:
-            data = b"".join(limit.to_bytes(2, "little") for limit in servo.limits)
+        pairs = {lx.READ_LIMITS: servo.limits, lx.READ_VOLTAGE_LIMITS: servo.voltages_mv}
+        if command in pairs:
+            data = b"".join(limit.to_bytes(2, "little") for limit in pairs[command])
         else:
             data = values[command].to_bytes(lx.ANSWER_BYTES[command], "little", signed=values[command] < 0)
         return self.packets.status(servo.servo_id, command, data)

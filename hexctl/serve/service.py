@@ -13,10 +13,11 @@ from hexctl.backends.clock import request_realtime_priority
 from hexctl.backends.registry import BackendOptions, check_options, make_servos
 from hexctl.errors import InputError, argument, check_type
 from hexctl.robot.bus_map import bus_map_of
+from hexctl.robot.drivers import BUS_DRIVERS, PWM_DRIVERS
 from hexctl.robot.failure import Failure, failure_text
 from hexctl.robot.loader import load_robot_file
 from hexctl.robot.pwm_map import pwm_map_of
-from hexctl.robot.schema import PWM_DRIVERS, ServosSection
+from hexctl.robot.schema import ServosSection
 from hexctl.robot.servo_models import DEFAULT_BAUDS
 from hexctl.serve.ros.options import RosOptions
 from hexctl.serve.server import RobotServer
@@ -32,7 +33,7 @@ DEFAULT_WORLD = "flat"
 MIN_SIT_AFTER_S, MAX_SIT_AFTER_S = 1.0, 3600.0
 MIN_EXPIRY_S, MAX_EXPIRY_S = 0.05, 1.0
 MIN_RELEASE_S, MAX_RELEASE_S = 1.0, 3600.0
-SERVED_BACKENDS = ("sim", "mavlink", "dynamixel", "feetech", "lx16a", "servo2040", "pca9685", "mock")
+SERVED_BACKENDS = ("sim", "mavlink", *BUS_DRIVERS, *PWM_DRIVERS, "mock")
 BOARD_BACKENDS = ("sim", "mock")
 
 #: What is said at every start with a board that cannot be let down when its computer dies.

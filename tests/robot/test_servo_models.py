@@ -3,7 +3,7 @@
 import pytest
 
 from hexctl.errors import InputError
-from hexctl.robot.schema import BUS_DRIVERS
+from hexctl.robot.drivers import BUS_DRIVERS
 from hexctl.robot.servo_models import DEFAULT_BAUDS, DEFAULT_MODELS, SERVO_TYPES, servo_type
 
 

@@ -45,6 +45,9 @@ OTHERS = (lx.READ_VOLTAGE, lx.READ_TEMPERATURE, lx.READ_LOAD)
 
 LOWEST, HIGHEST = 0, 1000
 
+#: Temperature in degrees Celsius at which servos let go, from the factory.
+FACTORY_MOST_C = 85
+
 
 class Lx16aBus(ServoBus):
     """LX-16A, LX-224 and HTS-35H servos on one line.
@@ -109,8 +112,30 @@ class Lx16aBus(ServoBus):
         """Nothing: these servos answer at once, and their limits are the owner's."""
 
     def check(self, joints: BoolArray, least: FloatArray, most: FloatArray) -> tuple[str, ...]:
-        """Notes on the limits stored in the servos; goals end there."""
-        return tuple(beyond_stored_limits(self._map, self._lowest, self._highest, least, most))
+        """Notes on what is stored in the servos: limits, at which goals end, and when they let go."""
+        notes = [
+            f"{note}: {self._map.names(np.arange(N_JOINTS) == joint)}"
+            for joint in np.flatnonzero(joints).tolist()
+            for note in self._protection(joint)
+        ]
+        return (*notes, *beyond_stored_limits(self._map, self._lowest, self._highest, least, most))
+
+    def _protection(self, joint: int) -> list[str]:
+        """What is worth knowing of the temperature and the voltages at which a servo lets go."""
+        notes = []
+        hottest = self._sure(joint, lx.READ_MOST_TEMPERATURE)
+        most_c = FACTORY_MOST_C if hottest is None else lx.number(hottest)
+        if most_c > FACTORY_MOST_C:
+            notes.append(f"it lets go at {most_c} degrees C, from the factory at {FACTORY_MOST_C}")
+        stored, now_mv = self._sure(joint, lx.READ_VOLTAGE_LIMITS), self._others.get((joint, lx.READ_VOLTAGE))
+        if stored is not None and now_mv is not None:
+            least_mv, most_mv = lx.number(stored[:2]), lx.number(stored[2:])
+            if not least_mv <= now_mv <= most_mv:
+                notes.append(
+                    f"it has {now_mv / 1000:.1f} V, and lets go outside {least_mv / 1000:.1f} to "
+                    f"{most_mv / 1000:.1f} V"
+                )
+        return notes
 
     def torque(self, joint: int, *, tries: int = TRIES) -> bool | None:
         """Whether the servo of a joint holds its goal, or None without an answer."""
@@ -264,6 +289,8 @@ class Lx16aBus(ServoBus):
         """Answer that came twice in a row, for what is decided by it; None where that does not come."""
         before = self._ask(joint, command, tries=TRIES)
         for _ in range(TRIES):
+            if before is None:
+                return None
             again = self._ask(joint, command, tries=TRIES)
             if again == before:
                 return again

@@ -44,6 +44,23 @@ class Register:
         return number
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OverloadRegisters:
+    """Registers of what a servo does after an overload, and their values from the factory.
+
+    Attributes:
+        load: share of its greatest effort that is an overload.
+        time_s: how long that may last, in s.
+        torque: share of its torque that it gives then.
+        factory: of the three, in that order.
+    """
+
+    load: Register
+    time_s: Register
+    torque: Register
+    factory: tuple[float, float, float]
+
+
 @dataclass(frozen=True, kw_only=True)
 class RegisterTable:
     """Registers of servos that one program can treat alike.
@@ -74,6 +91,7 @@ class RegisterTable:
         cleared: flags by bit that are cleared while the torque is off, in words.
         shutdown: register of the conditions under which the servo lets go, or None.
         protections: bits of `shutdown` that protect it, in words.
+        overload: what it does after an overload, where it says so, or None.
         max_torque: greatest torque at power-up, or None.
         torque_limit: greatest torque now, or None; some servos set it to 0 after an overload.
         soft_torque: register that limits the torque of single servos while they are tried, or None.
@@ -109,6 +127,7 @@ class RegisterTable:
     cleared: Mapping[int, str] = field(default_factory=dict)
     shutdown: Register | None = None
     protections: Mapping[int, str] = field(default_factory=dict)
+    overload: OverloadRegisters | None = None
     max_torque: Register | None = None
     torque_limit: Register | None = None
     soft_torque: Register | None = None
@@ -286,6 +305,12 @@ STS = RegisterTable(
     cleared={4: "positions beyond one turn"},
     shutdown=Register(19),
     protections={2: "heat", 5: "overload"},
+    overload=OverloadRegisters(
+        load=Register(36, scale=0.01),
+        time_s=Register(35, scale=0.01),
+        torque=Register(34, scale=0.01),
+        factory=(0.8, 2.0, 0.2),
+    ),
     max_torque=Register(16, 2, scale=0.001),
     torque_limit=Register(48, 2, scale=0.001),
     soft_torque=Register(48, 2, scale=0.001),

@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from itertools import count
 
 from hexctl.backends.bus import lx16a_packets as lx
 from hexctl.backends.bus.packet_line import PacketLine
@@ -78,29 +79,30 @@ def scan_bus(
     Raises InputError for another driver, RobotFaultError for a port that cannot be opened or goes.
     """
     check_driver(driver)
-    found: dict[tuple[int, int], FoundServo] = {}
-    asked, all_ids = 0, len(bauds) * len(PROTOCOLS_OF[driver]) * len(ids)
-
-    def known(servo_id: int, baud: int) -> bool:
-        return (servo_id, baud) in found
-
+    protocols = PROTOCOLS_OF[driver]
+    asked, of = count(), len(bauds) * len(protocols) * len(ids)
+    found: list[FoundServo] = []
     for baud in bauds:
         with opened_line(path, baud) as line:
-            for protocol in PROTOCOLS_OF[driver]:
+            at_baud: dict[int, FoundServo] = {}
+            for protocol in protocols:
                 packets = packet_line(line, driver, protocol)
                 for servo_id in ids:
-                    progress(asked, all_ids)
-                    asked += 1
-                    if not known(servo_id, baud) and _answers(packets, driver, servo_id):
-                        servo = single_servo(packets, driver, protocol, servo_id)
-                        found[servo_id, baud] = servo.look()
+                    progress(next(asked), of)
+                    _look_at(packets, driver, protocol, servo_id, at_baud)
                 # Those that gave no answer among others that did are asked once more.
-                last = max((each for each, of in found if of == baud and each in ids), default=-1)
-                for servo_id in (each for each in ids if each <= last + 1 and not known(each, baud)):
-                    if _answers(packets, driver, servo_id):
-                        servo = single_servo(packets, driver, protocol, servo_id)
-                        found[servo_id, baud] = servo.look()
-    return [found[key] for key in sorted(found)]
+                for servo_id in [each for each in ids if each <= max(at_baud, default=-1) + 1]:
+                    _look_at(packets, driver, protocol, servo_id, at_baud)
+            found += at_baud.values()
+    return sorted(found, key=lambda servo: (servo.servo_id, servo.baud))
+
+
+def _look_at(
+    packets: PacketLine, driver: str, protocol: int, servo_id: int, found: dict[int, FoundServo]
+) -> None:
+    """Put the servo of an id that answers among those found, unless it is."""
+    if servo_id not in found and _answers(packets, driver, servo_id):
+        found[servo_id] = single_servo(packets, driver, protocol, servo_id).look()
 
 
 def check_driver(driver: str) -> None:

@@ -13,6 +13,10 @@ from hexctl.backends.bus.registers import bit_words
 _LATER = "switch its power off and on, and it is set"
 
 
+#: Shares of a torque that differ by no more are the same: a count of any servo is less.
+TORQUE_SHARE = 0.005
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ServoSettings:
     """Settings of one servo.
@@ -84,11 +88,35 @@ def _notes(servo: RegisterServo) -> list[str]:
     shutdown = servo.sure(table.shutdown)
     if shutdown is not None and (missing := bit_words(table.protections, ~shutdown)):
         notes.append(f"it does not protect itself from {missing}")
-    if servo.sure(table.max_torque) == 0:
+    notes += _overload_notes(servo)
+    greatest, now = servo.sure_value(table.max_torque), servo.sure_value(table.soft_torque)
+    if greatest == 0:
         notes.append("its greatest torque is set to 0")
+    elif greatest is not None and now is not None and 0 < now < greatest - TORQUE_SHARE:
+        notes.append(f"its torque is limited to {100 * now:.0f} % until it restarts")
+    if speed := servo.sure_value(table.speed):
+        notes.append(f"its speed is limited to {speed:.0f} degrees/s")
     if alert := hardware_error(servo):
         notes.append(f"it has let go ({alert}); switch its power off and on")
     return notes
+
+
+def _overload_notes(servo: RegisterServo) -> list[str]:
+    """What is said of a servo that protects itself less from an overload than from the factory."""
+    overload = servo.table.overload
+    if overload is None:
+        return []
+    registers = (overload.load, overload.time_s, overload.torque)
+    values = [servo.sure_value(register) for register in registers]
+    known = [(own, usual) for own, usual in zip(values, overload.factory, strict=True) if own is not None]
+    if len(known) < len(registers) or all(own <= usual + TORQUE_SHARE for own, usual in known):
+        return []
+
+    def words(load: float, time_s: float, torque: float) -> str:
+        return f"{100 * torque:.0f} % of its torque after {time_s:g} s above {100 * load:.0f} %"
+
+    own, usual = words(*(own for own, _ in known)), words(*overload.factory)
+    return [f"after an overload it gives {own}, from the factory {usual}"]
 
 
 def hardware_error(servo: RegisterServo) -> str:

@@ -144,6 +144,26 @@ def test_goals_end_at_the_limits_stored_in_a_servo_which_is_said() -> None:
         assert _servo(board, 4).holds
 
 
+def test_stored_limits_that_no_servo_has_are_not_believed() -> None:
+    """As what a servo answers whose memory is damaged: they would end every goal at one count."""
+    with _bus() as (bus, board, _):
+        for limits in ((700, 300), (400, 400), (0, 5000)):
+            _servo(board, 4).limits = limits
+            bus.find()
+            assert (bus._lowest[4], bus._highest[4]) == (0, 1000)
+
+
+def test_protections_that_were_changed_are_said() -> None:
+    with _bus() as (bus, board, _):
+        _servo(board, 4).most_c = 95
+        _servo(board, 5).voltages_mv = (9000, 12600)
+        found = bus.find()
+        assert bus.check(found, np.zeros(18), np.full(18, 1000.0)) == (
+            "it lets go at 95 degrees C, from the factory at 85: leg 2 femur (id 5)",
+            "it has 7.4 V, and lets go outside 9.0 to 12.6 V: leg 2 tibia (id 6)",
+        )
+
+
 def test_a_servo_that_unloads_is_limp_and_gets_no_goals() -> None:
     with _bus() as (bus, board, _):
         bus.find()

@@ -162,6 +162,46 @@ def test_conditions_under_which_a_servo_does_not_let_go_are_said() -> None:
             assert "it does not protect itself from heat: leg 3 femur (id 8)" in servos.read().warnings
 
 
+@pytest.mark.parametrize(
+    ("address", "value", "said"),
+    [
+        (34, 60, "after an overload it gives 60 % of its torque after 2 s above 80 %"),
+        (35, 254, "after an overload it gives 20 % of its torque after 2.54 s above 80 %"),
+        (36, 100, "after an overload it gives 20 % of its torque after 2 s above 100 %"),
+    ],
+)
+def test_a_servo_that_protects_itself_less_from_an_overload_is_said(
+    address: int, value: int, said: str
+) -> None:
+    """Registers of the vendor's memory table, by their addresses."""
+    with bus_board(a_map()) as board:
+        servo = _odd(board)
+        servo.memory[address] = value
+        usual = "from the factory 20 % of its torque after 2 s above 80 %"
+        with servos_on(board, a_map()) as servos:
+            assert f"{said}, {usual}: leg 3 femur (id 8)" in servos.read().warnings
+        servo.memory[address] = 1  # sooner, or less
+        with servos_on(board, a_map()) as servos:
+            assert not any("overload" in each for each in servos.read().warnings)
+
+
+@pytest.mark.parametrize(
+    ("driver", "model"), [("dynamixel", "xl430-w250"), ("dynamixel", "ax12a"), ("feetech", "sts3215")]
+)
+def test_limits_that_an_earlier_program_left_are_said(driver: str, model: str) -> None:
+    """As `hexctl servos test` leaves them when it is killed."""
+    table, bus_map = _table(model), a_map(driver, model)
+    assert table.soft_torque is not None
+    assert table.speed is not None
+    with bus_board(bus_map) as board:
+        _odd(board).set(table.soft_torque, 0.4)
+        _odd(board).set(table.speed, 60.0)
+        with servos_on(board, bus_map) as servos:
+            warnings = servos.read().warnings
+    assert "its torque is limited to 40 % until it restarts: leg 3 femur (id 8)" in warnings
+    assert "its speed is limited to 60 degrees/s: leg 3 femur (id 8)" in warnings
+
+
 def test_an_overload_of_an_x_servo_is_told_with_its_reason_and_needs_a_restart() -> None:
     bus_map = a_map("dynamixel", "xl430-w250")
     with bus_board(bus_map, "overload:3:femur@1") as board, servos_on(board, bus_map) as servos:
