@@ -6,7 +6,7 @@ from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -22,17 +22,19 @@ from hexctl.cli.console import (
     print_note,
 )
 from hexctl.cli.options import (
+    FAILED_LEG_HELP,
+    LEG,
     POSTURE_FRACTION,
     BackendOption,
     ConnectOption,
+    FailureOption,
     InsecureOption,
     KeysOption,
     LinkOption,
     RobotOption,
     SeedOption,
-    SimFailedLegOption,
-    SimFailureOption,
     WorldOption,
+    choice,
     number,
 )
 from hexctl.errors import EStopError, InputError
@@ -45,6 +47,8 @@ if TYPE_CHECKING:
 
 #: `--page` without an address.
 DEFAULT_PAGE = "127.0.0.1:8017"
+
+DriveHold = Literal["auto", "none"]
 
 DriveGaitOption = Annotated[
     str,
@@ -94,8 +98,24 @@ def drive(
             "How much higher the body stands, as a fraction of the robot's size, {}.",
         ),
     ] = 0.0,
-    failed_leg: SimFailedLegOption = None,
-    failure: SimFailureOption = None,
+    failed_leg: Annotated[
+        int | None,
+        number(
+            "--failed-leg",
+            LEG,
+            f"{FAILED_LEG_HELP} A simulation breaks it, and the drive knows of it. (default: none)",
+        ),
+    ] = None,
+    failure: FailureOption = None,
+    hold: Annotated[
+        DriveHold,
+        choice(
+            "--hold",
+            DriveHold,
+            "Make good what feet lose to slip, by the pose or the yaw that the robot measures (auto), or "
+            "walk in open loop (none).",
+        ),
+    ] = "auto",
     policy: Annotated[
         str | None,
         typer.Option(
@@ -181,6 +201,7 @@ def drive(
             gait=gait,
             body_raise=body_raise or None,
             policy=policy,
+            hold=hold,
             failure=failure_of(failed_leg, failure),
             recorders=Recorders(*shown, block_ticks=PACED_BLOCK_TICKS) if shown else None,
             **options,

@@ -7,6 +7,7 @@ from typing import Any, Protocol
 from hexctl.control.drive.drive import Drive
 from hexctl.errors import HexctlError, InputError
 from hexctl.gait.gait import NAMED_SLOTS
+from hexctl.robot.failure_event import in_words
 
 #: What devices ask for beside velocities.
 REQUESTS = ("stop", "stand", "sit", "gait", "up", "down", "quit")
@@ -101,7 +102,7 @@ class DriveSession:
             "body_raise": round(drive.body_raise, 3),
             "battery_v": state.battery_v,
             "battery_share": state.battery_share,
-            "failures": [str(one) for one in drive.failures],
+            "failures": [f"leg {one.leg} {in_words(one)}" for one in drive.failures],
             "said": state.fault or self.said,
         }
 

@@ -29,6 +29,9 @@ from hexctl.robot.model import Robot
 from hexctl.robot.rotations import yaw_rad
 from hexctl.types import RobotState
 
+#: Whether slip is made good.
+DRIVE_HOLDS = ("auto", "none")
+
 #: What drives on its own ticks: a robot that has not been told to stand yet.
 NOT_CONNECTED = "drive: got it before the robot is connected; allowed: inside `with Drive(...)`"
 
@@ -55,6 +58,8 @@ class Drive:
             that of the gait.
         policy: of a leg that fails: `glide`, `stop`, `walk-on`, `package.module:Class` or a policy; None
             glides to a gait for the other legs in a simulation and stops elsewhere.
+        hold: `auto` makes good what feet lose to slip, by the pose or the yaw that the robot measures; `none`
+            does not.
         failure: a leg that has failed: a simulation breaks it, and the walk is told.
         further_failures: those of other legs besides.
         told: False leaves it to the walk to notice the failures of a simulation.
@@ -80,6 +85,7 @@ class Drive:
         gait: str | int | Sequence[int] | Gait = "tripod",
         body_raise: float | None = None,
         policy: str | RecoveryPolicy | None = None,
+        hold: str = "auto",
         failure: Failure | None = None,
         further_failures: Failures = (),
         told: bool = True,
@@ -89,6 +95,9 @@ class Drive:
     ) -> None:
         self._failures = each_failure((*each_failure(failure), *each_failure(further_failures)))
         self._told = told
+        if hold not in DRIVE_HOLDS:
+            raise InputError(f"hold: got {hold}; allowed: {', '.join(DRIVE_HOLDS)}")
+        self._hold = hold
         self._robot_file: RobotFile | None = None
         check_type(servos, (LegServos, NoneType), "servos", "LegServos, as SimServos('ant') gives, or None")
         if servos is None:
@@ -290,6 +299,7 @@ class Drive:
             period_s=self._guard.clock.period_s,
             arbiter=self.arbiter,
             policy=self._policy,
+            hold=self._hold == "auto",
             failures=self._known,
         )
         if self._recorders is not None:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from hexctl.control.controllers import SITTING_S, Controller, Stand, sitting_angles_rad
 from hexctl.control.drive.arbiter import Arbiter, Decision
 from hexctl.control.drive.drive_walk import DriveWalk
+from hexctl.control.drive.velocity_hold import VelocityHold
 from hexctl.control.drive.velocity_limits import VelocityLimits
 from hexctl.control.monitor.monitored_walk import MonitoredWalk
 from hexctl.control.monitor.recovery import RecoveryPolicy
@@ -39,6 +40,7 @@ class DriveController(Controller):
         period_s: control period.
         arbiter: says which velocity is asked for.
         policy: of the recovery.
+        hold: whether slip is made good by what the robot measures.
         failures: that are known, by leg.
 
     Attributes:
@@ -55,18 +57,21 @@ class DriveController(Controller):
         period_s: float,
         arbiter: Arbiter,
         policy: RecoveryPolicy,
+        hold: bool = True,
         failures: Sequence[Failure] = (),
     ) -> None:
         check_type(arbiter, Arbiter, "arbiter", "an Arbiter")
         self._robot, self._gait, self._period_s = robot, gait, period_s
         self._arbiter, self._policy = arbiter, policy
         self._known = tuple(failures)
+        self._hold = VelocityHold() if hold else None
+        self._asked: FloatArray = np.zeros(3)
         self._news: tuple[str, ...] = ()
         self._moving_steps = max(1, round(SITTING_S / period_s))
         self._sit_asked = False
         self.decision = Decision()
         self._limits = VelocityLimits.of(robot, gait)
-        self._step = self._began = 0
+        self._step = self._began = self._held_step = 0
         self.mode = MODES[0]
         self._sent_rad = start_rad
         self._be("standing up", Stand(robot, start_rad, self._moving_steps))
@@ -135,7 +140,7 @@ class DriveController(Controller):
             return
         self._limits = VelocityLimits.of(self._robot, gait)
         self._gait = gait
-        self._walk.change_gait(gait)
+        self._walk.change_gait(self._suited(gait))
 
     def stand(self) -> None:
         """Stand up, or step all feet to their places; a stop for a leg that failed is over."""
@@ -158,6 +163,7 @@ class DriveController(Controller):
         self._step = step
         self.decision = self._arbiter.decide()
         if self.mode == "driving":
+            self._asked = self._corrected(step, state)
             targets_rad = self._monitored.targets_rad(step - self._began, state)
             if (why := self._monitored.why_stopped()) is not None:
                 self._arbiter.stop(why)
@@ -171,8 +177,17 @@ class DriveController(Controller):
         self._sent_rad = targets_rad
         return targets_rad
 
+    def _corrected(self, step: int, state: RobotState) -> FloatArray:
+        """The velocity that the walk shall have at a step, (3,): what is asked for, slip made good."""
+        wanted = self._wanted()
+        dt_s = (step - self._held_step) * self._period_s
+        self._held_step = step
+        if self._hold is None:
+            return wanted
+        return self._hold.update(dt_s, state, wanted, self._walk.velocity_body, np.array(self.most))
+
     def _wanted(self) -> FloatArray:
-        """The velocity that the walk shall have, (3,)."""
+        """The velocity that is asked for, within the limits, (3,)."""
         if self._sit_asked or self.decision.stopped is not None:
             return np.zeros(3)
         legs = [one.leg for one in self.believed_failures()]
@@ -191,7 +206,8 @@ class DriveController(Controller):
 
     def _new_walk(self) -> None:
         """A walk that begins at rest in the stance; postures are gone to once it stands."""
-        plain = replace(self._gait, posture=STANCE)
+        gait = self._suited(self._gait)
+        plain = replace(gait, posture=STANCE)
         first = next(iter(self._known), None)
         plan = TrialPlan(gait=plain, belief=first, further_failures=self._known[1:])
         start = WalkStart(
@@ -202,7 +218,14 @@ class DriveController(Controller):
             turned_rad=0.0,
             frame=None,
         )
-        self._walk = DriveWalk(start, self._wanted)
+        self._walk = DriveWalk(start, lambda: self._asked)
         self._monitored = MonitoredWalk(start, self._walk, self._policy)
-        if self._gait != plain:
-            self._walk.change_gait(self._gait)
+        if gait != plain:
+            self._walk.change_gait(gait)
+
+    def _suited(self, gait: Gait) -> Gait:
+        """The gait for the legs that are known to be left, as the policy has it."""
+        if not self._known:
+            return gait
+        response = self._policy.respond(self._robot, TrialPlan(gait=gait), 0.0, self._known)
+        return gait if response.gait is None else response.gait

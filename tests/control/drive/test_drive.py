@@ -164,7 +164,7 @@ def test_ticks_are_recorded_with_the_velocity_commanded() -> None:
         drive.reset()
         drive.command(forward_m_s=0.1)
         walked(drive, 2.0)
-    assert recorders.log["velocity_body"][-1].tolist() == pytest.approx([0.1, 0, 0])
+    assert recorders.log["velocity_body"][-1].tolist() == pytest.approx([0.1, 0, 0], abs=0.005)
 
 
 def test_servos_of_ones_own_are_driven_behind_their_guard() -> None:
@@ -191,3 +191,30 @@ def test_what_is_not_allowed_is_refused_before_anything_is_opened() -> None:
         Drive("ant").step()
     with pytest.raises(InputError, match="policy"):
         Drive("ant", policy="pray")
+
+
+def test_slip_is_made_good_by_the_pose_unless_told_otherwise() -> None:
+    reached = {}
+    for hold in ("auto", "none"):
+        with Drive("phantomx", hold=hold) as drive:
+            drive.reset()
+            command = drive.share(turn=0.6)
+            drive.command(turn_rad_s=command.turn_rad_s)
+            walked(drive, 6.0)
+            reached[hold] = walked(drive, 5.0)[2] / (5.0 * command.turn_rad_s)
+    assert reached["auto"] == pytest.approx(1.0, abs=0.05)
+    assert reached["none"] < 0.9  # its feet slip
+    with pytest.raises(InputError, match="hold: got line; allowed: auto, none"):
+        Drive("ant", hold="line")
+
+
+def test_a_leg_that_is_known_to_have_failed_is_not_walked_on() -> None:
+    with Drive("ant", failure=Failure(leg=1)) as drive:
+        drive.reset()
+        assert 1 in drive.controller.gait_now.posture.tucked_legs  # type: ignore[attr-defined]
+        drive.command(forward_m_s=0.08)
+        walked(drive, 4.0)
+        assert walked(drive, 5.0)[0] == pytest.approx(0.4, rel=0.1)
+        drive.gait = "wave"
+        assert 1 in drive.controller.gait_now.posture.tucked_legs  # type: ignore[attr-defined]
+        assert not drive.noticed
