@@ -17,7 +17,7 @@ LANES = {
         "tests/serve/test_link_faults.py",
         "tests/serve/test_steered_link.py",
         "tests/serve/test_failing_link.py",
-        "tests/serve/test_servo_board.py",
+        "tests/serve/boards/test_servo_board.py",
         "tests/serve/test_remote.py",
         "tests/backends/test_port_thread.py",
         "tests/backends/bus/test_packet_line.py",
@@ -38,7 +38,7 @@ LANES = {
         "tests/backends/pwm/test_servo2040.py",
         "tests/backends/pwm/test_pca9685.py",
         "tests/backends/pwm/test_i2c_socket.py",
-        "tests/serve/test_pca9685_board.py",
+        "tests/serve/boards/test_pca9685_board.py",
         "tests/docs/test_commands.py::test_the_commands_of_a_page",
     ),
     "links": (

@@ -21,7 +21,8 @@ from hexctl.cli.options import (
 from hexctl.robot.drivers import Driver
 
 if TYPE_CHECKING:
-    from hexctl.serve.service import BusBoardService, ServiceStarted
+    from hexctl.serve.boards.service import BusBoardService
+    from hexctl.serve.service import ServiceStarted
 
 BoardBackend = Literal["sim", "mock"]
 BAUD = Range(low=9600, high=4_500_000, whole=True, unit="baud")
@@ -126,7 +127,8 @@ def board(
     """
     from hexctl.cli.console import StopOnInterrupt, print_note, print_result
     from hexctl.robot.failure import failure_of
-    from hexctl.serve.service import BoardService, BusBoardService, ServiceStarted, ServosSpec
+    from hexctl.serve.boards.service import BoardService, BusBoardService
+    from hexctl.serve.service import ServiceStarted, ServosSpec
 
     servos = ServosSpec(
         backend=backend, robot=robot, world=world, failure=failure_of(failed_leg, failure), seed=seed

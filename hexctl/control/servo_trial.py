@@ -28,7 +28,7 @@ NEAR_DEG, SETTLES_S = 2.0, 0.8
 #: A servo beyond its limits by no more than this holds at the limit.
 BEYOND_DEG = 1.0
 
-#: Every so many control periods it is asked how it is.
+#: It is asked how it is once in this many control periods.
 LOOK_EVERY = 10
 
 

@@ -1,6 +1,7 @@
 """The keeper: a process that looks after a robot on a bus when the one that serves it has gone.
 
-Most servos hold their last goal for ever, also when their computer's program was killed or hangs. The keeper
+Most servos hold their last goal until told otherwise, also when their computer's program was killed or
+hangs. The keeper
 waits on a pipe for the ticks of the server. When the pipe closes, or no tick comes for a second, it ends what
 is left of the server, opens the port, and lets the robot sit down softly, or hold, as the robot file says.
 """

@@ -4,7 +4,7 @@ import pytest
 
 from hexctl.errors import InputError
 from hexctl.robot.failure import Failure
-from hexctl.serve.service import BoardService, RobotService, ServiceStarted, ServosSpec
+from hexctl.serve.service import RobotService, ServiceStarted, ServosSpec
 from tests.backends.pwm.boards import servo2040_board
 from tests.serve.processes import free_port
 
@@ -27,9 +27,6 @@ from tests.serve.processes import free_port
             lambda: RobotService(servos=ServosSpec(backend="mock", world="rough")),
             "world: got rough with backend mock; allowed: with sim$",
         ),
-        (lambda: BoardService(servos=ServosSpec(backend="mavlink")), "allowed: sim, mock"),
-        (lambda: BoardService(expiry_s=2.0), "got 2; allowed: 0.05 to 1 s"),
-        (lambda: BoardService(port="udpin:127.0.0.1:1", pty=True), "one or the other"),
     ],
 )
 def test_what_cannot_be_served_is_refused_when_it_is_described(make: object, message: str) -> None:
@@ -59,11 +56,3 @@ def test_a_board_without_a_watchdog_is_said_to_be_one_at_every_start() -> None:
         "servo2040 has no watchdog and its servos no feedback: if this computer dies, they keep their last "
         "pulses; have a switch in their supply within reach",
     )
-
-
-def test_a_board_reports_its_counts() -> None:
-    started: list[ServiceStarted] = []
-    service = BoardService(servos=ServosSpec(backend="mock"), pty=True)
-    report = service.run(lambda: bool(started), on_started=started.append)
-    assert started[0].place.startswith("/dev/")
-    assert report["overrides"] == 0

@@ -37,8 +37,8 @@ _OF_A_RESTART = ("", "limp", "voltage", "hardware alert", "hardware alert (volta
 #: How long a brown-out explains what servos do, and how fast the usual voltage follows a battery's.
 REMEMBERS_S, DRAINS_S = 10.0, 60.0
 
-#: A figure that was said is said anew when it differs by more than this factor.
-ANEW = 1.5
+#: A figure in a warning is replaced when it differs by more than this factor.
+CHANGED = 1.5
 
 #: Lowest voltages at which models work (data sheets), by the beginning of their names; the STS3215 is sold
 #: for 7.4 V and for 12 V.
@@ -161,7 +161,7 @@ class LineCondition:
     def _figure(self, joint: int, share: float) -> float:
         """The share that is said: the one before, as long as it is about right."""
         said = self._said.get(joint)
-        return share if said is None or not said / ANEW <= share <= said * ANEW else said
+        return share if said is None or not said / CHANGED <= share <= said * CHANGED else said
 
 
 def _percent(share: float) -> str:

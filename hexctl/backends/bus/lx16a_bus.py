@@ -1,8 +1,8 @@
 """A bus of LX-16A servos and their kin: slow, so that not all is sent and asked in each control period.
 
 At 115200 baud a move is 0.9 ms and a reading 1.2 ms, so that not all fits into 20 ms. Moves go to joints
-whose goals changed, at most `MOST_MOVES` at once and those first that wait longest; positions are asked one
-by one in the time that is left.
+whose goals changed, at most `MOST_MOVES` in a period and those first that wait longest; positions are asked
+one by one in the time that is left.
 """
 
 import time
@@ -19,7 +19,7 @@ from hexctl.backends.bus.packet_line import (
     PATIENCE_TIMES,
 )
 from hexctl.backends.bus.packets import PacketStream
-from hexctl.backends.bus.serial_line import NOBODY, SerialLine
+from hexctl.backends.bus.serial_line import UNUSED_ID, SerialLine
 from hexctl.backends.bus.servo_bus import ALL, TRIES, BusCounters, Report, ServoBus, beyond_stored_limits
 from hexctl.robot.bus_map import BusMap
 from hexctl.robot.servo_models import ServoType
@@ -37,7 +37,7 @@ REPEAT_S = 0.25
 #: Time since the goals of a control period in which positions are asked.
 SPAN_S = 0.0175
 
-#: Every so many readings, one is of something else than a position.
+#: One of this many readings is of something else than a position.
 OTHERS_EVERY = 8
 
 #: What is read besides positions, in turn.
@@ -83,7 +83,7 @@ class Lx16aBus(ServoBus):
 
     def find(self) -> BoolArray:
         """Which joints have a servo that answers, (18,); learns whether the adapter echoes."""
-        self._line.learn_echo(lx.LX16A.instruction(NOBODY, lx.READ_POSITION), FIRST_PATIENCE_S)
+        self._line.learn_echo(lx.LX16A.instruction(UNUSED_ID, lx.READ_POSITION), FIRST_PATIENCE_S)
         found: BoolArray = np.zeros(N_JOINTS, dtype=bool)
         for joint in ALL:
             if self._ask(joint, lx.READ_POSITION, tries=TRIES) is None:
@@ -109,7 +109,7 @@ class Lx16aBus(ServoBus):
         return self._ask_id(servo_id, lx.READ_POSITION, tries=TRIES) is not None
 
     def prepare(self, joints: BoolArray) -> None:
-        """Nothing: these servos answer at once, and their limits are the owner's."""
+        """Nothing: these servos answer without delay, and their limits are the owner's."""
 
     def check(self, joints: BoolArray, least: FloatArray, most: FloatArray) -> tuple[str, ...]:
         """Notes on what is stored in the servos: limits, at which goals end, and when they let go."""

@@ -5,7 +5,7 @@ from collections.abc import Collection
 from dataclasses import dataclass
 
 from hexctl.backends.bus.packets import PING, PacketFormat, PacketStream, StatusPacket
-from hexctl.backends.bus.serial_line import NOBODY, SerialLine
+from hexctl.backends.bus.serial_line import UNUSED_ID, SerialLine
 
 #: How long an answer may take beside its time on the wire: least, and at first. Adapters deliver late, FTDI's
 #: by 16 ms where their timer cannot be set.
@@ -140,4 +140,4 @@ class PacketLine:
 
         The answer of a servo may be the same bytes as its ping, with an error in place of the instruction.
         """
-        self.line.learn_echo(self.packets.instruction(NOBODY, instruction), FIRST_PATIENCE_S)
+        self.line.learn_echo(self.packets.instruction(UNUSED_ID, instruction), FIRST_PATIENCE_S)

@@ -47,7 +47,7 @@ class PacketFormat(ABC):
 
     @abstractmethod
     def status_size(self, parameters: int) -> int:
-        """Bytes of an answer with so many parameters, without stuffing."""
+        """Bytes of an answer with a number of parameters, without stuffing."""
 
     def answer_size(self, instruction: int, parameters: bytes) -> int | None:
         """Parameters of the answer to an instruction for one servo; None where it is not known."""

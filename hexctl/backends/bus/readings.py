@@ -19,7 +19,7 @@ MOST_POLLS = 6
 #: How many times its greatest speed a joint may seem to have, and how far it may seem to jump besides.
 SPEED_TIMES, JUMP_DEG = 2.0, 10.0
 
-#: Readings of other quantities that agree: within so many V and degrees Celsius.
+#: How far readings of other quantities that agree may differ, in V and degrees Celsius.
 VOLTAGE_V, TEMPERATURE_C = 1.5, 5.0
 
 
@@ -79,7 +79,7 @@ class BelievedReadings:
             self._errors[joint] = report.error
 
     def distrust(self) -> None:
-        """Begin anew with the position of each joint, wherever it is: joints were moved by hand meanwhile."""
+        """Accept any first position of each joint again: joints were moved by hand meanwhile."""
         self.trusted[:] = False
         self._doubts.clear()
 

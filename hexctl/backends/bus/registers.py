@@ -77,7 +77,7 @@ class RegisterTable:
         temperature: in degrees Celsius.
         model: model number.
         servo_id: id that the servo answers to.
-        return_delay: time before an answer, 0 is at once.
+        return_delay: time before an answer, 0 for none.
         sync_read: whether many servos answer one packet.
         ram: first address of the memory that is not kept without power; settings below it are changed while
             the torque is off.

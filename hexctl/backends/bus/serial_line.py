@@ -15,12 +15,14 @@ from hexctl.errors import RobotFaultError
 #: Bytes per read: more than a bus delivers between two reads.
 CHUNK = 4096
 
-#: How long an answer goes on after its first bytes.
+#: How long the bytes of an answer may follow its first ones.
 ANSWERED_S = 0.004
 
+#: Tries to see an echo: one that is damaged is none.
+ECHO_TRIES = 2
 
 #: An id that servos cannot have, in any protocol.
-NOBODY = 253
+UNUSED_ID = 253
 
 
 class SerialLine:
@@ -44,7 +46,7 @@ class SerialLine:
             self._device: Any = serial.Serial(path, baud, timeout=0, write_timeout=0, exclusive=True)
         except (OSError, ValueError, OverflowError, termios.error) as error:
             reason = getattr(error, "strerror", None) or str(error)
-            if getattr(error, "errno", None) == errno.EAGAIN:  # locked: somebody else has it exclusively
+            if getattr(error, "errno", None) == errno.EAGAIN:  # locked: another program has it exclusively
                 program = holder_of(path) or "another program"
                 raise RobotFaultError(
                     f"the port {path} is in use by {program}; `hexctl serve` and its keeper hold their port, "
@@ -58,13 +60,19 @@ class SerialLine:
         with contextlib.suppress(ValueError, NotImplementedError, OSError):
             self._device.set_low_latency_mode(True)
         self._descriptor: int = self._device.fileno()
-        self._echo = b""
+        self._echo = b""  # of what was sent and has not come back
+        self._last = b""  # packet, by whose echo the line is found again once an echo was damaged
+        self._damaged: bytes | None = None  # what has come since, or None
         self.discard()
 
     def write(self, packet: bytes, *, timeout_s: float = 0.02) -> None:
         """Send a packet whole; raises OSError when the device has gone or takes nothing."""
         if self.echoes:
-            self._echo += packet
+            self._last = packet
+            if self._damaged is None:
+                self._echo += packet
+            else:
+                self._damaged = b""
         deadline_s = time.monotonic() + timeout_s
         while packet:
             try:
@@ -103,14 +111,17 @@ class SerialLine:
             patience_s: how late it may come back.
         """
         self.echoes = False
-        self.discard()
-        self.write(ping)
-        deadline_s, seen = time.monotonic() + self.wire_s(2 * len(ping)) + patience_s, b""
-        while time.monotonic() < deadline_s and len(seen) < len(ping):
-            seen += self.read(deadline_s)
-        self.echoes = seen.startswith(ping)
-        time.sleep(ANSWERED_S)
-        self.discard()
+        for _ in range(ECHO_TRIES):
+            self.discard()
+            self.write(ping)
+            deadline_s, seen = time.monotonic() + self.wire_s(2 * len(ping)) + patience_s, b""
+            while time.monotonic() < deadline_s and len(seen) < len(ping):
+                seen += self.read(deadline_s)
+            time.sleep(ANSWERED_S)
+            self.discard()
+            if seen.startswith(ping):
+                self.echoes = True
+                return
 
     def close(self) -> None:
         """Close the device."""
@@ -121,13 +132,22 @@ class SerialLine:
         return 10.0 * count / self.baud
 
     def _without_echo(self, data: bytes) -> bytes:
-        """Cut what was sent from what has come; an echo that differs is no echo any more."""
+        """Cut what was sent from what has come.
+
+        An echo that differs was damaged on the line. What counts then begins behind the echo of the last
+        packet: a request that passes for its own answer would be believed.
+        """
+        if self._damaged is not None:
+            self._damaged += data
+            _, found, behind = self._damaged.partition(self._last)
+            self._damaged = None if found else self._damaged
+            return behind
         count = 0
         while count < len(data) and count < len(self._echo) and data[count] == self._echo[count]:
             count += 1
         if count < len(data) and count < len(self._echo):
-            self._echo = b""
-            return data
+            self._echo, self._damaged = b"", b""
+            return self._without_echo(data)
         self._echo = self._echo[count:]
         return data[count:]
 

@@ -276,7 +276,7 @@ class Pca9685:
         return BoardReport(at_s=time.monotonic(), fault=fault)
 
     def close(self) -> None:
-        """Close the bus, unless it is another's; the boards go on with the last pulses."""
+        """Close the bus, unless it is another's; the boards repeat the last pulses."""
         if self._owned:
             close: Callable[[], None] = getattr(self._bus, "close", lambda: None)
             close()

@@ -175,7 +175,7 @@ class Servo2040:
         )
 
     def close(self) -> None:
-        """Close the line; the board goes on with the last pulses."""
+        """Close the line; the board repeats the last pulses."""
         self._line.close()
 
     def _tripped(self) -> str | None:

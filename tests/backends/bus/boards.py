@@ -12,8 +12,8 @@ from hexctl.backends.mock import MockServos
 from hexctl.robot.bus_map import BusMap, bus_map_of
 from hexctl.robot.schema import ServosSection
 from hexctl.robot.servo_models import DEFAULT_BAUDS
-from hexctl.serve.bus_board import BusBoard
-from hexctl.serve.bus_faults import parse_bus_fault
+from hexctl.serve.boards.bus_board import BusBoard
+from hexctl.serve.boards.bus_faults import parse_bus_fault
 from tests.robots import shipped
 
 #: Models of every kind of registers.

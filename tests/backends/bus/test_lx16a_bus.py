@@ -10,8 +10,8 @@ import pytest
 from hexctl.backends.bus.lx16a_bus import MOST_MOVES, Lx16aBus
 from hexctl.backends.bus.serial_line import SerialLine
 from hexctl.backends.bus.servo_bus import BusCounters
-from hexctl.serve.bus_board import BusBoard
-from hexctl.serve.lx16a_servos import Lx16aServo
+from hexctl.serve.boards.bus_board import BusBoard
+from hexctl.serve.boards.lx16a_servos import Lx16aServo
 from hexctl.types import FloatArray
 from tests.backends.bus.boards import a_map, bus_board, stance_counts
 

@@ -100,10 +100,9 @@ def test_the_feetech_sdk_reads_and_moves_the_simulated_servos() -> None:
         assert port.openPort()
         assert port.setBaudRate(1_000_000)
         sdk = scservo_sdk.sms_sts(port)
-        number, result, error = sdk.ping(5)
-        assert (number, result, error) == (777, 0, 0)
-        position, _, result, _ = sdk.ReadPosSpeed(5)
-        assert (position, result) == (stance_counts(bus_map)[4], 0)
+        # Asked again: the SDK waits 34 ms, which a busy machine exceeds now and then.
+        assert _within(lambda: sdk.ping(5) == (777, 0, 0))
+        assert _within(lambda: sdk.ReadPosSpeed(5)[::2] == (stance_counts(bus_map)[4], 0))
         sdk.write1ByteTxRx(5, 40, 1)
         sdk.SyncWritePosEx(5, 2200, 0, 0)
         group = scservo_sdk.GroupSyncWrite(sdk, 42, 2)
@@ -122,11 +121,10 @@ def test_the_dynamixel_sdk_reads_and_moves_the_simulated_servos(model: str, prot
     with bus_board(bus_map) as board:
         port, sdk = dynamixel_sdk.PortHandler(board.path), dynamixel_sdk.PacketHandler(protocol)
         assert port.openPort()
-        number, result, error = sdk.ping(port, 5)
-        assert (number, result, error) == (bus_map.models[4].number, 0, 0)
+        assert _within(lambda: sdk.ping(port, 5) == (bus_map.models[4].number, 0, 0))
         read = sdk.read2ByteTxRx if size == 2 else sdk.read4ByteTxRx
-        assert read(port, 5, position)[0] == stance_counts(bus_map)[4]
-        assert sdk.write1ByteTxRx(port, 5, torque, 1) == (0, 0)
+        assert _within(lambda: read(port, 5, position)[0] == stance_counts(bus_map)[4])
+        assert _within(lambda: sdk.write1ByteTxRx(port, 5, torque, 1) == (0, 0))
         group = dynamixel_sdk.GroupSyncWrite(port, sdk, goal, size)
         wanted = int(stance_counts(bus_map)[4]) + 20
         assert group.addParam(5, wanted.to_bytes(size, "little"))

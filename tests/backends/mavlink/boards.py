@@ -22,7 +22,7 @@ from hexctl.backends.mavlink import messages
 from hexctl.backends.mavlink.codec import Codec, Frame
 from hexctl.robot.loader import load_servo_map
 from hexctl.robot.servo_map import ServoMap
-from hexctl.serve import board_telemetry
+from hexctl.serve.boards import board_telemetry
 from hexctl.types import FloatArray
 from hexctl.waiting import wait_for
 from tests.robots import edited_file, put, shipped

@@ -11,9 +11,9 @@ from hexctl.backends.pwm.pca9685 import Pca9685Servos
 from hexctl.backends.pwm.servo2040 import Servo2040Servos
 from hexctl.robot.pwm_map import PwmMap, pwm_map_of
 from hexctl.robot.schema import ServosSection
-from hexctl.serve.pca9685_board import Pca9685Board, parse_pca9685_fault
-from hexctl.serve.servo2040_board import Servo2040Board, parse_servo2040_fault
-from hexctl.serve.simulated_board import SimulatedBoard
+from hexctl.serve.boards.pca9685_board import Pca9685Board, parse_pca9685_fault
+from hexctl.serve.boards.servo2040_board import Servo2040Board, parse_servo2040_fault
+from hexctl.serve.boards.simulated_board import SimulatedBoard
 from tests.robots import shipped
 
 Board = TypeVar("Board", bound=SimulatedBoard)

@@ -24,7 +24,7 @@ from hexctl.backends.pwm.pca9685 import (
 )
 from hexctl.errors import InputError, MissingExtraError, RobotFaultError
 from hexctl.robot.pwm_map import PwmMap
-from hexctl.serve.pca9685_chips import SimulatedI2c, SimulatedPca9685
+from hexctl.serve.boards.pca9685_chips import SimulatedI2c, SimulatedPca9685
 from hexctl.testing.servos import LegServosConformance
 from hexctl.types import FloatArray, JointTargets, RobotState
 from hexctl.waiting import wait_for

@@ -28,7 +28,7 @@ from hexctl.backends.pwm.servo2040 import (
 )
 from hexctl.control.guard import Guard
 from hexctl.errors import InputError, RobotFaultError
-from hexctl.serve.servo2040_board import Servo2040Board, parse_servo2040_fault
+from hexctl.serve.boards.servo2040_board import Servo2040Board, parse_servo2040_fault
 from hexctl.testing.servos import LegServosConformance
 from hexctl.types import JointTargets, RobotState
 from hexctl.waiting import wait_for

@@ -84,7 +84,7 @@ class PseudoTerminal:
 
 
 class SocketLine:
-    """A Unix socket in a folder of its own.
+    """A Unix socket in a folder of its own, which stays when the process is killed.
 
     Attributes:
         path: of the socket.
@@ -189,7 +189,7 @@ class SimulatedBoard(ABC):
         """Let the board know how its robot is."""
 
     def _tick(self) -> None:
-        """One control period: move the joints, and show what became of it."""
+        """One control period: move the joints, and show the board how they are."""
         self._robot.clock.tick()
         self._counted.ticks += 1  # type: ignore[attr-defined]
         self._suffer()
@@ -229,7 +229,7 @@ def parse_board_fault(text: str, kinds: Mapping[str, str]) -> BoardFault:
     """Fault of a text such as `mute@10` or `garble:0.01`.
 
     Args:
-        text: the word, `:` and a number where it has one, `@` and seconds where it does not begin at once.
+        text: the word, `:` and a number where it has one, `@` and seconds where it begins later.
         kinds: name of the number by word, in brackets where it may be left out, empty for words without one;
             a number called `SHARE` is up to 1.
 

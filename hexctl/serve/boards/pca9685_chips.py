@@ -13,7 +13,7 @@ MODE1, MODE2, ALL_CALL, CHANNELS, ALL_CHANNELS, PRESCALE = 0x00, 0x01, 0x05, 0x0
 #: Bits of MODE1: channels wait for a restart, external clock, auto-increment, sleep, answers to all-call.
 RESTART, EXTERNAL, INCREMENT, SLEEP, ANSWERS_ALL = 0x80, 0x40, 0x20, 0x10, 0x01
 
-#: Registers of channels end here; auto-increment then goes on with the first register.
+#: Registers of channels end here; auto-increment continues with the first register.
 LAST_CHANNEL = 0x45
 
 #: Channels, and the bit of a channel's second and last byte that means on, or off, all the time.

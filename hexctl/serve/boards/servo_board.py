@@ -22,7 +22,7 @@ from hexctl.backends.mavlink.transport import Address, Arrival, MavlinkLink, Por
 from hexctl.control.guard import EXPIRY_S, Guard
 from hexctl.errors import CommandRefusedError, EStopError, RobotFaultError
 from hexctl.robot.servo_map import ServoMap
-from hexctl.serve import board_telemetry
+from hexctl.serve.boards import board_telemetry
 from hexctl.types import N_JOINTS, BoolArray, FloatArray, JointTargets, RobotState
 
 

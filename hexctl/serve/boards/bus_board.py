@@ -7,10 +7,10 @@ import numpy as np
 
 from hexctl.backends.base import LegServos
 from hexctl.robot.bus_map import BusMap
-from hexctl.serve.bus_faults import FACTORY_ID, BusFault, BusFaults
-from hexctl.serve.bus_servos import BusBoardCounters, RegisterServos, SimulatedServos
-from hexctl.serve.lx16a_servos import Lx16aServos
-from hexctl.serve.simulated_board import PseudoTerminal, SimulatedBoard
+from hexctl.serve.boards.bus_faults import FACTORY_ID, BusFault, BusFaults
+from hexctl.serve.boards.bus_servos import BusBoardCounters, RegisterServos, SimulatedServos
+from hexctl.serve.boards.lx16a_servos import Lx16aServos
+from hexctl.serve.boards.simulated_board import PseudoTerminal, SimulatedBoard
 from hexctl.types import N_JOINTS, BoolArray, FloatArray, RobotState
 
 #: How long a servo hesitates before it answers, with its return delay at 0.

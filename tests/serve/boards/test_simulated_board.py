@@ -3,7 +3,7 @@
 import pytest
 
 from hexctl.errors import InputError
-from hexctl.serve.simulated_board import BoardFault, DueFaults, parse_board_fault
+from hexctl.serve.boards.simulated_board import BoardFault, DueFaults, parse_board_fault
 
 KINDS = {"mute": "", "trip": "AMPERES", "garble": "SHARE", "nack": "[:SHARE]"}
 

@@ -8,7 +8,7 @@ import pytest
 from hexctl.backends.bus.lx16a_packets import LX16A
 from hexctl.backends.bus.packets import PROTOCOLS, PacketFormat, PacketStream
 from hexctl.errors import InputError
-from hexctl.serve.bus_faults import BusFault, BusFaults, parse_bus_fault
+from hexctl.serve.boards.bus_faults import BusFault, BusFaults, parse_bus_fault
 from tests.backends.bus.boards import a_map
 
 

@@ -21,7 +21,7 @@ from hexctl.backends.bus.packets import (
 from hexctl.backends.bus.registers import Register, RegisterTable, table_of
 from hexctl.robot.bus_map import BusMap
 from hexctl.robot.servo_models import ServoType
-from hexctl.serve.bus_faults import BusFaults
+from hexctl.serve.boards.bus_faults import BusFaults
 from hexctl.types import BoolArray, FloatArray
 
 #: Bytes of a servo's memory.
@@ -192,7 +192,7 @@ class BusServo(SimulatedServo):
                 self.set(register, value)
 
     def lose_id(self, servo_id: int) -> None:
-        """Answer to another id, for ever."""
+        """Answer to another id, also after a restart."""
         self.set(self._table.servo_id, servo_id)
         self._keep()
 

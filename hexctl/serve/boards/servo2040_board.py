@@ -24,7 +24,7 @@ from hexctl.backends.pwm.servo2040 import (
 )
 from hexctl.errors import InputError
 from hexctl.robot.pwm_map import SERVO2040_US, PwmMap
-from hexctl.serve.simulated_board import (
+from hexctl.serve.boards.simulated_board import (
     BoardFault,
     DueFaults,
     PseudoTerminal,

@@ -1,0 +1,1 @@
+"""Simulated boards and buses of servos, which move a simulated robot."""
