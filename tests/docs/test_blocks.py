@@ -73,6 +73,7 @@ FILES: dict[str, Callable[[Any, Path], object]] = {
     "recordings.md": meshes,
     "firmware.md": servos,
     "bus-servos.md": bus_servos,
+    "dynamixel.md": bus_servos,
     "pwm-servos.md": pwm_servos,
     "protocol.md": a_link,
 }
