@@ -77,6 +77,9 @@ def test_an_adaptation_over_the_link_finds_the_gait_that_one_in_process_finds(tm
 
 KILLS = 50
 
+#: How long the walk may take to begin; on a busy machine some do not.
+MOVES_WITHIN_S = 20.0
+
 #: How long a robot may go on moving, and how far its joints may be from where they stay, in rad.
 LAST_MOTION_S, STILL_RAD = 0.25, 0.02
 
@@ -94,8 +97,10 @@ def test_a_server_that_goes_in_mid_walk_leaves_the_robot_at_rest(
     content = {"model": model, "femur": {"offset_deg": -10}, "tibia": {"offset_deg": 40}}
     file = edited_file(tmp_path, put("servos", {**content, "if_computer_dies": "hold"}), base="phantomx")
     bus_map = bus_map_of(load_robot_file(file).content.servos, driver)
-    last_motions_s = []
-    for kill in range(KILLS):
+    last_motions_s: list[float] = []
+    for kill in range(2 * KILLS):
+        if len(last_motions_s) == KILLS:
+            break
         robot = MockServos(load_robot_file(file).robot)
         with (
             bus_board(bus_map, servos=robot) as bus,
@@ -106,7 +111,10 @@ def test_a_server_that_goes_in_mid_walk_leaves_the_robot_at_rest(
             moved = threading.Event()
             walking = threading.Thread(target=_walk_until_it_fails, args=(server.endpoint, str(file), moved))
             walking.start()
-            assert moved.wait(TIMEOUT_S)
+            if not moved.wait(MOVES_WITHIN_S):  # a machine so busy that the guard stopped the walk
+                server.signal(signal.SIGKILL)
+                walking.join(TIMEOUT_S)
+                continue
             _, before_rad = _watched(robot, 0.3)
             assert np.ptp(before_rad, axis=0).min() > STILL_RAD, "all joints move"
             server.signal(number)
@@ -116,6 +124,7 @@ def test_a_server_that_goes_in_mid_walk_leaves_the_robot_at_rest(
             wait_until(lambda: "the robot holds" in server.said(), "the keeper")
             server.signal(signal.SIGKILL)
             walking.join(TIMEOUT_S)
+    assert len(last_motions_s) == KILLS
     assert max(last_motions_s) <= LAST_MOTION_S, sorted(last_motions_s)[-5:]
 
 
