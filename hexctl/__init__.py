@@ -64,6 +64,7 @@ if TYPE_CHECKING:
     from hexctl.robot.failure import Failure, parse_failure
     from hexctl.robot.formats.mjcf import mjcf_of
     from hexctl.robot.formats.urdf import urdf_of
+    from hexctl.robot.formats.urdf_import import ImportedRobot, import_urdf
     from hexctl.robot.loader import RobotFile, load_robot, load_robot_file
     from hexctl.robot.model import Robot
     from hexctl.serve.ros.options import RosOptions
@@ -79,6 +80,7 @@ __all__ = [
     "Robot", "RobotFile", "load_robot", "load_robot_file", "Failure", "parse_failure",
     "DomainRandomization", "World", "load_randomization", "load_world", "Gait", "Motion", "make_gait",
     "code_from_slots", "slots_from_code", "check_robot", "urdf_of", "mjcf_of",
+    "import_urdf", "ImportedRobot",
     # servos and clocks
     "JointTargets", "RobotState", "LegServos", "ServosWrapper", "Guard", "SimServos", "MockServos",
     "BackendOptions", "make_servos", "Clock", "Tick", "WallClock",
@@ -117,6 +119,7 @@ _MODULES = {
     "robot.failure": "Failure parse_failure",
     "robot.formats.mjcf": "mjcf_of",
     "robot.formats.urdf": "urdf_of",
+    "robot.formats.urdf_import": "ImportedRobot import_urdf",
     "backends.sim.world": "DomainRandomization World load_randomization load_world",
     "gait.gait": "Gait Motion make_gait",
     "gait.encoding": "code_from_slots slots_from_code",

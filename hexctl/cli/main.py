@@ -19,6 +19,7 @@ from hexctl.cli.estop import estop
 from hexctl.cli.export import export
 from hexctl.cli.keys import keys
 from hexctl.cli.prior import prior
+from hexctl.cli.robot import robot
 from hexctl.cli.run import run
 from hexctl.cli.serve import ServeCommand, serve
 from hexctl.cli.servos import ports, servos
@@ -70,6 +71,7 @@ app.command(rich_help_panel=WALK)(view)
 app.add_typer(sessions, name="sessions", rich_help_panel=WALK)
 app.command(rich_help_panel=WALK)(export)
 app.command(rich_help_panel=ROBOT)(check)
+app.add_typer(robot, name="robot", rich_help_panel=ROBOT)
 app.command(rich_help_panel=ROBOT)(diagnose)
 app.command(rich_help_panel=ROBOT)(calibrate)
 app.command(rich_help_panel=ROBOT)(board)

@@ -96,10 +96,8 @@ def _silent(done: int, total: int) -> None:
 def _format(to: str | None, output: str | Path | None) -> str:
     by_name = None if output is None else SUFFIXES.get(Path(output).suffix)
     if to is None and by_name is None:
-        endings = ", ".join(SUFFIXES)
-        raise InputError(
-            f"to: got none, and no output that tells; allowed: {', '.join(FORMATS)}, or {endings}"
-        )
+        allowed = ", ".join(FORMATS)
+        raise InputError(f"{argument('to')}: got none, and no output whose name tells; allowed: {allowed}")
     if to is not None and to not in FORMATS:
         raise InputError(f"{argument('to')}: got {to}; allowed: {', '.join(FORMATS)}")
     if to is not None and by_name not in (None, to):

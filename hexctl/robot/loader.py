@@ -7,6 +7,7 @@ import math
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -102,6 +103,15 @@ def load_robot_file(name_or_path: str | Path = "ant") -> RobotFile:
         return RobotFile(path, _build(content), content)
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
+
+
+def robot_of_content(content: dict[str, Any], path: Path) -> Robot:
+    """Robot of what a robot file says, key by key; raises what `load_robot_file` raises of that file."""
+    try:
+        return _build(validate(RobotSchema, content, path))
+    except InputError as error:
+        text = str(error)
+        raise InputError(text if text.startswith(str(path)) else f"{path}: {text}") from error
 
 
 def load_robot(name_or_path: str | Path = "ant") -> Robot:

@@ -1,0 +1,70 @@
+"""`hexctl export`: what is typed, what is told."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from hexctl.cli.export import Camera, Format
+from hexctl.cli.main import exit_code
+from hexctl.export.export import FORMATS
+from hexctl.export.pictures import RATES_HZ, WIDTHS_PX
+from hexctl.export.render import CAMERAS
+from hexctl.record.run import run
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: Any) -> Path:
+    path: Path = tmp_path_factory.mktemp("walk") / "walk.rrd"
+    run(duration_s=1.0, record=path)
+    return path
+
+
+def test_it_prints_where_the_output_lies(
+    recording: Path, tmp_path: Path, capsys: Any, monkeypatch: Any
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for arguments, path in (
+        (["ant", "--to", "urdf"], "ant.urdf"),
+        (["ant", "--ros2-control", "-o", "a.urdf"], "a.urdf"),
+        ([str(recording), "-o", "table.csv"], "table.csv"),
+        ([str(recording), "-o", "walk.mcap"], "walk.mcap"),
+    ):
+        assert exit_code(["export", *arguments]) == 0
+        assert capsys.readouterr().out == f"{path}\n"
+        assert Path(path).stat().st_size > 1000
+    assert "ros2_control" in Path("a.urdf").read_text()
+
+
+def test_what_is_wrong_is_told_in_one_line_with_flags(
+    recording: Path, tmp_path: Path, capsys: Any, monkeypatch: Any
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    walk = str(recording)
+    for arguments, told in (
+        ([walk], "--to: got none, and no output whose name tells; allowed: urdf, mjcf, mcap"),
+        ([walk, "--to", "xlsx"], "--to: got xlsx; allowed: urdf"),
+        ([walk, "--to", "csv", "--camera", "top"], "--camera: got it for csv; allowed: for gif and mp4"),
+        ([walk, "--to", "csv", "--width", "100"], "--width: got it for csv"),
+        ([walk, "--to", "gif", "--width", "7"], "--width: got 7; allowed: 64 to 1920 pixels"),
+        ([walk, "--to", "gif", "--caption", "a", "--caption", "b"], "--caption: got 2 for 1 recordings"),
+        ([walk, "--to", "gif", "--from", "99"], "--from: got 99; allowed: below"),
+        (["ant", "--to", "csv"], "export: got the robot ant for csv"),
+        ([walk, "--to", "csv", "--robot", "nobody"], "unknown robot 'nobody'"),
+    ):
+        assert exit_code(["export", *arguments]) == 2
+        captured = capsys.readouterr()
+        assert captured.err.startswith(f"hexctl: {told}"), captured.err
+        assert captured.err.count("\n") == 1
+    assert not list(tmp_path.iterdir())
+
+
+def test_words_and_ranges_are_those_of_the_library() -> None:
+    from typing import get_args
+
+    from hexctl.cli.export import FPS, WIDTH_PX
+
+    assert get_args(Format) == FORMATS
+    assert get_args(Camera) == CAMERAS
+    assert (WIDTH_PX.low, WIDTH_PX.high) == WIDTHS_PX
+    assert (FPS.low, FPS.high) == RATES_HZ

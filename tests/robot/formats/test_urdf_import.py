@@ -1,0 +1,211 @@
+"""Robot files from URDF: of our own robots, of others, and what is no such robot.
+
+`phantomx_humarobotics.urdf` is from phantomx_description by HumaRobotics (Generation Robots), under the
+Simplified BSD License beside it.
+"""
+
+import math
+import re
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+
+from hexctl.errors import InputError
+from hexctl.ik.legs import foot_positions_body
+from hexctl.record.run import run
+from hexctl.robot.configs import config_names
+from hexctl.robot.formats.urdf import urdf_of
+from hexctl.robot.formats.urdf_import import ImportedRobot, import_urdf
+from hexctl.robot.loader import load_robot, load_robot_file
+from hexctl.robot.model import Robot
+from hexctl.types import N_JOINTS
+from tests.robots import shipped
+
+PHANTOMX = Path(__file__).parents[2] / "data" / "phantomx_humarobotics.urdf"
+PHANTOMX_FOOT_M = (0.0, 0.13, 0.0)
+
+
+def imported(folder: Path, text: str, **options: Any) -> tuple[ImportedRobot, Robot]:
+    """What is made of a URDF, and the robot in it."""
+    (folder / "some.urdf").write_text(text, encoding="utf-8")
+    made = import_urdf(folder / "some.urdf", **options)
+    (folder / "made.yaml").write_text(made.text, encoding="utf-8")
+    return made, load_robot(folder / "made.yaml")
+
+
+def poses(robot: Robot, count: int) -> Any:
+    shares = np.random.default_rng(17).uniform(size=(count, N_JOINTS))
+    return robot.joint_lower_rad + shares * (robot.joint_upper_rad - robot.joint_lower_rad)
+
+
+@pytest.mark.parametrize("name", config_names("robots"))
+def test_our_own_robots_come_back(name: str, tmp_path: Path) -> None:
+    robot = shipped(name)
+    made, back = imported(tmp_path, urdf_of(robot))
+    assert made.unknown == ()
+    for pose_rad in poses(robot, 20):
+        assert foot_positions_body(back, pose_rad) == pytest.approx(
+            foot_positions_body(robot, pose_rad), abs=1e-4
+        )
+    assert back.joint_lower_rad == pytest.approx(robot.joint_lower_rad, abs=1e-4)
+    assert back.joint_max_torque_nm == pytest.approx(robot.joint_max_torque_nm, abs=1e-3)
+    assert back.mass_kg == pytest.approx(robot.mass_kg, rel=1e-3)
+    assert back.body.size_m == pytest.approx(robot.body.size_m, abs=1e-3)
+
+
+def test_names_frames_and_directions_of_turning_do_not_matter(tmp_path: Path) -> None:
+    """The same legs with other names, in another order, and with the tibiae turning the other way."""
+    robot = shipped("phantomx")
+    text = urdf_of(robot)
+    for leg in range(1, 7):
+        text = text.replace(f"leg{leg}_", f"bein{(leg * 5) % 7}_")
+    text = text.replace("_coxa", "_a").replace("_femur", "_b").replace("_tibia", "_c")
+    head, tail = text.split('<joint name="bein1_c"', 1)
+    tail = tail.replace('xyz="0 -1 0"', 'xyz="0 1 0"', 1)
+    tail = re.sub(
+        r'lower="(\S+)" upper="(\S+)"',
+        lambda m: f'lower="{-float(m[2])}" upper="{-float(m[1])}"',
+        tail,
+        count=1,
+    )
+    made, back = imported(tmp_path, head + '<joint name="bein1_c"' + tail)
+    assert back.link_vectors_m == pytest.approx(robot.link_vectors_m, abs=1e-4)
+    assert back.mount_positions_body == pytest.approx(robot.mount_positions_body, abs=1e-4)
+    assert back.joint_lower_rad == pytest.approx(robot.joint_lower_rad, abs=1e-4)
+    assert "(bein1_c)" in made.text
+    assert "(bein2_c)" not in made.text
+
+
+def test_a_robot_that_looks_elsewhere_is_turned(tmp_path: Path) -> None:
+    robot = shipped("phantomx")
+    text = urdf_of(robot).replace(
+        '<link name="base_link" />', '<link name="root" /><link name="base_link" />'
+    )
+    turned = '<joint name="turn" type="fixed"><parent link="root" /><child link="base_link" />'
+    turned += f'<origin xyz="0 0 0.2" rpy="0 0 {math.pi / 2}" /></joint></robot>'
+    text = text.replace("</robot>", turned)
+    _, back = imported(tmp_path, text, forward="y")
+    assert back.mount_positions_body == pytest.approx(robot.mount_positions_body, abs=1e-4)
+    _, sideways = imported(tmp_path, text)
+    assert abs(sideways.mount_positions_body[:, 0]).max() == pytest.approx(0.1, abs=1e-4)
+
+
+def test_a_urdf_that_others_wrote_agrees_with_mujoco_and_walks(tmp_path: Path) -> None:
+    made = import_urdf(PHANTOMX, foot_m=PHANTOMX_FOOT_M)
+    assert set(made.unknown) == {"body.size_m", "foot_radius_m"}
+    file = tmp_path / "mine.yaml"
+    file.write_text(made.text, encoding="utf-8")
+    robot = load_robot(file)
+    assert load_robot_file(file).to_measure == made.unknown
+    # MuJoCo reads the file itself, without its meshes; joints and signs are those of the comments.
+    text = re.sub(r"<(visual|collision)>.*?</\1>", "", PHANTOMX.read_text(encoding="utf-8"), flags=re.DOTALL)
+    spec = mujoco.MjSpec.from_string(text)
+    spec.compiler.fusestatic = False
+    spec.compiler.balanceinertia = True
+    for body in spec.bodies:
+        if body.name.startswith("tibia"):
+            body.add_site(name=f"foot_{body.name[6:]}", pos=PHANTOMX_FOOT_M)
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    legs = re.findall(r"# +leg \d: (.*)", made.text)
+    assert [leg.split(",")[0] for leg in legs] == [
+        f"j_c1_{side}" for side in ("lf", "lm", "lr", "rr", "rm", "rf")
+    ]
+    for pose_rad in poses(robot, 20):
+        for leg, names in enumerate(legs):
+            for index, name in enumerate(names.split(", ")):
+                sign = -1 if name.startswith("(") else 1
+                joint = model.joint(name.strip("()")).qposadr[0]
+                data.qpos[joint] = sign * pose_rad[3 * leg + index]
+        mujoco.mj_kinematics(model, data)
+        feet_m = np.array([data.site(f"foot_{leg.split(',')[0][5:]}").xpos for leg in legs])
+        # Its author wrote 1.5707 and 4.7123 for quarter turns.
+        assert feet_m == pytest.approx(foot_positions_body(robot, pose_rad), abs=5e-4)
+    walked = run(robot=str(file), gait="tripod", duration_s=6, record=False).trial
+    assert walked.status == "ok"
+    assert walked.distance_m is not None
+    assert walked.ideal_distance_m is not None
+    assert walked.distance_m > 0.7 * walked.ideal_distance_m
+
+
+def test_what_cannot_be_meant_is_to_be_measured(tmp_path: Path) -> None:
+    text = urdf_of(shipped())
+    text = re.sub(r'<mass value="[^"]*"', '<mass value="0.00001"', text)
+    text = re.sub(r'effort="[^"]*" velocity="[^"]*"', 'effort="1000" velocity="0"', text)
+    text = text.replace('type="revolute"', 'type="continuous"')
+    made, robot = imported(tmp_path, text)
+    for key in ("body.mass_kg", "links.tibia.mass_kg", "joints.femur.max_torque_nm", "joints.coxa.min_deg"):
+        assert key in made.unknown
+    assert 0.5 < robot.mass_kg < 5
+
+
+def drop_leg(text: str) -> str:
+    return re.sub(r'<joint name="leg6_coxa" type="revolute">', '<joint name="leg6_coxa" type="fixed">', text)
+
+
+CASES = {
+    "five legs": (drop_leg, "got 5 chains of 3 hinges; allowed: 6 legs"),
+    "four hinges": (
+        lambda text: text.replace(
+            '<joint name="leg3_foot_joint" type="fixed">', '<joint name="leg3_foot_joint" type="revolute">'
+        ),
+        "got a chain of 4 hinges from leg3_coxa to leg3_foot_joint",
+    ),
+    "a leaning hip": (
+        lambda text: text.replace('<axis xyz="0 0 1" />', '<axis xyz="0 0.5 1" />', 1),
+        "the first hinge of a leg, leg1_coxa, turns about",
+    ),
+    "a femur about x": (
+        lambda text: text.replace('<axis xyz="0 -1 0" />', '<axis xyz="1 0 0" />', 1),
+        "leg1_femur and leg1_tibia turn about",
+    ),
+    "a long leg": (
+        lambda text: text.replace('xyz="0.0724 0.0 0.0"', 'xyz="0.1724 0.0 0.0"', 1),
+        "the femur links of the legs differ by",
+    ),
+    "a foot beside its leg": (
+        lambda text: text.replace('xyz="0.1165 0.0 0.0" rpy="0 0 0"', 'xyz="0.1165 0.03 0.0" rpy="0 0 0"', 1),
+        "mm beside the plane of its leg",
+    ),
+    "xacro": (lambda text: text.replace("<mass ", '<mass a="${m}" ', 1), "has xacro in it"),
+    "no XML": (lambda text: text[: len(text) // 2], "is not XML"),
+    "another XML": (lambda _: "<sdf/>", "got XML of a 'sdf'"),
+    "entities": (lambda _: '<!DOCTYPE a [<!ENTITY b "c">]><robot/>', "entities"),
+    "two roots": (
+        lambda text: text.replace("</robot>", '<link name="loose" /></robot>'),
+        "got 2 links that nothing",
+    ),
+    "a link that is not there": (
+        lambda text: text.replace('<parent link="base_link" />', '<parent link="nowhere" />', 1),
+        "names the link 'nowhere'",
+    ),
+    "a number that is none": (
+        lambda text: text.replace('xyz="0.0503 0.0 -0.0112"', 'xyz="0.0503 nan -0.0112"', 1),
+        "xyz: got '0.0503 nan -0.0112'",
+    ),
+    "an axis of length 0": (lambda text: text.replace('xyz="0 0 1"', 'xyz="0 0 0"', 1), "axis of length 0"),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_what_is_no_such_robot_is_refused_in_one_line(case: str, tmp_path: Path) -> None:
+    change, told = CASES[case]
+    text = urdf_of(shipped())
+    changed = change(text)
+    assert changed != text
+    (tmp_path / "some.urdf").write_text(changed, encoding="utf-8")
+    with pytest.raises(InputError, match=re.escape(told)) as refused:
+        import_urdf(tmp_path / "some.urdf")
+    assert "\n" not in str(refused.value)
+
+
+def test_where_nothing_tells_the_foot_it_is_asked_for() -> None:
+    with pytest.raises(InputError, match=r"where the foot of the leg of j_c1_.. is; allowed: foot_m with"):
+        import_urdf(PHANTOMX)
+    with pytest.raises(InputError, match="forward: got up; allowed: x, y, -x, -y"):
+        import_urdf(PHANTOMX, forward="up")
+    with pytest.raises(InputError, match="cannot be read"):
+        import_urdf("missing.urdf")
