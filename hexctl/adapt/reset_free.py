@@ -175,7 +175,7 @@ def cool_down(servos: Guard, below_c: float, stop_requested: StopRequested, note
 
 
 def _sit_down(servos: Guard, stop_requested: StopRequested) -> None:
-    """Sit down softly and let the joints go limp, where the servos can."""
+    """Sit down softly and go limp, where the servos can; a robot that is told to stop meanwhile holds."""
     check_not_stopped(servos)
     here_rad, end_rad = servos.accepted_rad().copy(), sitting_angles_rad(servos.robot)
     began_s, share = servos.clock.tick().time_s, 0.0
@@ -186,7 +186,8 @@ def _sit_down(servos: Guard, stop_requested: StopRequested) -> None:
         servos.write(JointTargets((1 - share) * here_rad + share * end_rad, servos.clock.now_s))
         servos.clock.tick()
     servos.pause_watchdog()
-    servos.disable_torque()
+    if share == 1:  # limp legs would drop a body that is still up
+        servos.disable_torque()
 
 
 def _temperatures(state: RobotState) -> ServoReadings:

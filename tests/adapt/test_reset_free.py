@@ -297,6 +297,15 @@ def test_a_hot_robot_sits_limp_until_it_has_cooled_down() -> None:
         assert guard.stopped is None
 
 
+def test_a_stop_while_a_hot_robot_sits_down_does_not_drop_it() -> None:
+    servos, ticks = HeatedMock(), iter(range(100))
+    with Guard(servos, expiry_s=1.0) as guard:
+        cool_down(guard, 50.0, lambda: next(ticks) >= 20, lambda _: None)
+        assert not servos.limp
+        reached = servos.read().joint_positions_rad
+        assert np.abs(reached - sitting_angles_rad(ROBOT)).max() > 0.1, "it was still up"
+
+
 def test_a_cool_robot_does_not_sit_and_one_that_stays_hot_is_reported(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
