@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from hexctl.backends.serial_ports import SerialPort
+    from hexctl.robot.bus_map import BusMap
 
 #: How long the cable of an adapter may take to be pulled.
 FIND_TIMEOUT_S = 60.0
@@ -98,8 +99,12 @@ def scan(
     robot: RobotFileOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Ask all ids which servos answer: model, position, voltage, temperature. Nothing moves."""
+    """Ask all ids which servos answer: model, position, voltage, temperature. Nothing moves.
+
+    With --robot also which joint each is, and what differs from the file.
+    """
     from hexctl.backends.bus.scan import USUAL_BAUDS, nothing_answers, scan_bus
+    from hexctl.backends.bus.unexpected_ids import id_differences, joint_of
     from hexctl.cli.console import print_note, print_result
 
     every = baud == ALL_BAUDS
@@ -111,10 +116,16 @@ def scan(
         print_note(f"{len(unknown)} servos are of a model that is not known: is {driver} the right driver?")
     if not found:
         print_note(nothing_answers(path, driver, bauds))
+    rows = [each.to_json() for each in found]
+    if robot is not None and found:
+        servo_map = _map_of(robot, driver)
+        rows = [{"joint": joint_of(servo_map, each.servo_id), **each.to_json()} for each in found]
+        for note in id_differences(servo_map, [each.servo_id for each in found]):
+            print_note(note)
     if as_json:
-        print_result(json.dumps([each.to_json() for each in found]))
+        print_result(json.dumps(rows))
     elif found:
-        print_result(_table([each.to_json() for each in found], ""))
+        print_result(_table(rows, ""))
 
 
 @servos.command("set-id")
@@ -244,14 +255,13 @@ def adopt(
     """
     from hexctl.backends.bus.lost_id import adopt as adopt_servo
     from hexctl.cli.console import print_result
-    from hexctl.robot.bus_map import bus_map_of
     from hexctl.robot.loader import load_robot_file
     from hexctl.types import JOINT_NAMES
 
     driver, path, speed = _bus(robot, None, port, baud)
-    file = load_robot_file(robot)
+    servo_map = _map_of(robot, driver)
     _ask_consent("The servo that has lost its id goes limp.", yes=yes)
-    adoption = adopt_servo(file.robot, bus_map_of(file.content.servos, driver), path, speed)
+    adoption = adopt_servo(load_robot_file(robot).robot, servo_map, path, speed)
     rows = {"joint": JOINT_NAMES[adoption.joint], "angle_deg": adoption.angle_deg, **adoption.servo.to_json()}
     print_result(json.dumps(rows) if as_json else _column(rows))
 
@@ -308,6 +318,14 @@ def _bus(robot: str | None, driver: str | None, port: str | None, baud: int | No
     of_file = None if section is None or port is not None or section.baud is None else int(section.baud)
     path, speed = parse_bus_port(text, of_file if baud is None else int(baud), driver=driver)
     return driver, path, speed
+
+
+def _map_of(robot: str, driver: str) -> "BusMap":
+    """Bus map of a robot file."""
+    from hexctl.robot.bus_map import bus_map_of
+    from hexctl.robot.loader import load_robot_file
+
+    return bus_map_of(load_robot_file(robot).content.servos, driver)
 
 
 def _check_answerable() -> None:

@@ -160,3 +160,20 @@ def test_bad_input_is_one_line(words: list[str], message: str, capsys: pytest.Ca
 def test_ports_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
     assert exit_code(["ports", "--json"]) == 0
     assert all({"port", "adapter", "vendor"} <= each.keys() for each in json.loads(capsys.readouterr().out))
+
+
+def test_a_scan_with_a_robot_file_says_which_joints_servos_are(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with bus_board(a_map()) as board:
+        ids = {name: {"id": place + 2} for place, name in enumerate(JOINT_NAMES)}
+        section = {"driver": "feetech", "port": board.path, "model": "sts3215", **ids}
+        file = edited_file(tmp_path, put("servos", section), base="phantomx")
+        assert exit_code(["servos", "scan", "--robot", str(file), "--json"]) == 0
+        printed = capsys.readouterr()
+        assert exit_code(["servos", "scan", "--robot", str(file)]) == 0
+        assert "leg1_femur" in capsys.readouterr().out
+    joints = {each["id"]: each["joint"] for each in json.loads(printed.out)}
+    assert joints[1] is None
+    assert [joints[servo_id] for servo_id in range(2, 19)] == list(JOINT_NAMES[:-1])
+    assert "no answer: leg 6 tibia (id 19)\nin no joint of the robot file: id 1\n" in printed.err

@@ -160,6 +160,12 @@ def give_id(servo: SingleServo, new_id: int) -> FoundServo:
     return servo.look()
 
 
+def answering_ids(line: SerialLine, driver: str, protocol: int, ids: Sequence[int]) -> list[int]:
+    """Those of some ids to which servos answer on an open line, each asked twice at the most."""
+    packets = packet_line(line, driver, protocol)
+    return [each for each in ids if any(_answers(packets, driver, each) for _ in range(2))]
+
+
 def _answers(packets: PacketLine, driver: str, servo_id: int) -> bool:
     """Whether a servo answers to an id."""
     command = harmless_instruction(driver)

@@ -13,6 +13,7 @@ from hexctl.backends.bus.readings import BelievedReadings, polls
 from hexctl.backends.bus.register_bus import RegisterBus
 from hexctl.backends.bus.serial_line import SerialLine
 from hexctl.backends.bus.servo_bus import BusCounters, ServoBus, needed_counts
+from hexctl.backends.bus.unexpected_ids import check_no_unexpected_ids
 from hexctl.backends.clock import Clock
 from hexctl.backends.port_servos import PortServos
 from hexctl.errors import InputError, RobotFaultError, argument
@@ -119,7 +120,7 @@ class BusServos(PortServos[BusMap, BusThread, BusCounters]):
         Raises RobotFaultError that says what to check: no port, no servo, or servos of more than two legs
         missing; OSError when the port has gone.
         """
-        bus = self._open()
+        bus = self._open(first=True)
         speeds = np.degrees(self._robot.joint_max_speed_rad_s) * self._map.per_deg
         readings = BelievedReadings(speeds, self._map.per_deg)
         try:
@@ -135,13 +136,15 @@ class BusServos(PortServos[BusMap, BusThread, BusCounters]):
         thread.start(on=bool(heard.any() and on[heard].all()))
         return thread
 
-    def _open(self) -> ServoBus:
-        """Bus on the opened port, on which enough servos have answered."""
+    def _open(self, *, first: bool = False) -> ServoBus:
+        """Bus on the opened port, on which enough servos have answered; first, with no unexpected ids."""
         line = SerialLine(self._place, self._baud)
         try:
             bus = BUSES[self._map.driver](line, self._map, self.counters)
             found = bus.find()
             self._check_found(found)
+            if first:
+                check_no_unexpected_ids(line, self._map, found)
             self._check_models(bus, found)
             bus.prepare(found & ~self._on(bus, found))
             notes = bus.check(found, *needed_counts(self._map, self._robot))
