@@ -197,8 +197,9 @@ def identify(
     if known.finish():
         print_note(f"written to {output}")
     elif output is not None:
-        missing = f"{len(known.ids)} of 18 joints are known"
-        print_note(f"{missing}, in {known.draft}; the same command continues")
+        there = known.draft is not None and known.draft.exists()
+        kept = f", in {known.draft}; the same command continues" if there else "; nothing is written"
+        print_note(f"{len(known.ids)} of 18 joints are known{kept}")
     raise typer.Exit(INTERRUPTED if stopped else DONE)
 
 

@@ -154,10 +154,7 @@ def identify_servos(
                 servo = the_servo(line, known.driver, servo_id)
                 found = servo.look()
                 what = f"id {servo_id} ({found.model or 'unknown model'}), {place} of {len(left)}"
-                if (
-                    not consent
-                    and _answer(operator, f"{what}: Enter moves it, skip, quit:", stop_requested) != ""
-                ):
+                if not consent and not _may_move(operator, what, stop_requested):
                     continue
                 joint = None
                 while joint is None:
@@ -169,6 +166,19 @@ def identify_servos(
                 return
             except RobotFaultError as error:
                 operator.tell(f"id {servo_id}: {error}; it is left out")
+
+
+def _may_move(operator: Operator, what: str, stop_requested: Callable[[], bool]) -> bool:
+    """Whether a servo may be moved, as the operator says, or is left out."""
+    question = f"{what}: Enter moves it, skip, quit:"
+    while True:
+        said = _answer(operator, question, stop_requested)
+        if said in ("", "y", "yes", "enter"):
+            return True
+        if said in ("s", "skip"):
+            operator.tell(f"{what}: skipped")
+            return False
+        question = f"got {said!r}; allowed: Enter or yes, which moves {what}; skip, quit:"
 
 
 def _joint(

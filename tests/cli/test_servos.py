@@ -117,6 +117,17 @@ def test_joints_are_identified_and_no_robot_file_is_written(
         assert "--output: got it with --robot" in capsys.readouterr().err
 
 
+def test_a_file_that_there_is_not_is_not_named(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    with bus_board(a_map()) as board:
+        _says(monkeypatch, "skip\n")
+        words = ["servos", "identify", "5", "--driver", "feetech", "--port", board.path]
+        assert exit_code([*words, "--output", str(tmp_path / "new.yaml")]) == 0
+    assert capsys.readouterr().err.endswith("0 of 18 joints are known; nothing is written\n")
+    assert not list(tmp_path.iterdir())
+
+
 def test_a_lost_id_is_given_back(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     joints = {name: {"id": 21 + place} for place, name in enumerate(JOINT_NAMES)}
     file = edited_file(tmp_path, put("servos", {"driver": "feetech", **joints}), base="phantomx")

@@ -97,6 +97,30 @@ def test_a_joint_has_one_servo_and_a_servo_may_belong_to_none() -> None:
     assert known.section().splitlines()[-1] == "  leg1_coxa: {id: 1}"
 
 
+def test_a_servo_moves_by_a_yes_and_is_left_out_by_a_skip_alone() -> None:
+    class Hesitant(Watcher):
+        """Answers the question before a servo moves in words."""
+
+        words = ("n", "y", "S", "jes", "yes")
+
+        def prompt(self, text: str) -> None:
+            super().prompt(text)
+            if "Enter" in text:
+                self._answer, self.words = self.words[0], self.words[1:]
+
+    moved = SeenServos(shipped("phantomx"))
+    with bus_board(a_map(), servos=moved) as board:
+        known = Identification(driver="feetech", port=board.path, baud=1_000_000)
+        watcher = Hesitant(moved)
+        identify_servos(known, [1, 5, 9], watcher)
+    assert known.ids == {"leg1_coxa": 1, "leg3_tibia": 9}
+    assert [each for each in watcher.asked if each.startswith("got")] == [
+        "got 'n'; allowed: Enter or yes, which moves id 1 (sts3215), 1 of 3; skip, quit:",
+        "got 'jes'; allowed: Enter or yes, which moves id 9 (sts3215), 3 of 3; skip, quit:",
+    ]
+    assert "id 5 (sts3215), 2 of 3: skipped" in watcher.told
+
+
 def test_with_consent_nothing_is_asked_before_a_servo_moves() -> None:
     moved = SeenServos(shipped("phantomx"))
     with bus_board(a_map(), servos=moved) as board:
