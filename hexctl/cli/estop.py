@@ -20,9 +20,10 @@ def estop(
 ) -> None:
     """Stop a robot on the network from anywhere, whichever client commands it.
 
-    It holds its pose until the stop is cleared and a client commands it again.
+    It holds its pose until the stop is cleared and a client commands it again. A fault that is still there
+    is not cleared: exit code 3.
     """
-    from hexctl.cli.console import print_note, print_result
+    from hexctl.cli.console import FAULT, print_note, print_result
     from hexctl.serve.remote import remote_robots
     from hexctl.wire.description import RobotIdentity
     from hexctl.wire.links import Role
@@ -34,6 +35,8 @@ def estop(
     stopped = next((str(answer["stopped"]) for answer in answers if answer["stopped"] is not None), None)
     if as_json:
         print_result(json.dumps({"stopped": stopped, "robots": answers}))
+    elif clear and stopped is not None:
+        print_result(f"not cleared, it is still stopped ({stopped}); see to it, then hexctl estop --clear")
     elif stopped is None:
         print_result("cleared; the robot moves when a client commands it")
     else:
@@ -41,4 +44,4 @@ def estop(
     for answer in answers:
         print_note(f"hexctl: the robot is {RobotIdentity.of_answer(answer)}")
     if clear and stopped is not None:
-        print_note(f"hexctl: the robot stopped again: {stopped}")
+        raise typer.Exit(FAULT)

@@ -110,7 +110,7 @@ def status_rows(status: Status) -> list[tuple[str, str]]:
     rows = [
         ("robot", _robot(status)),
         ("served by", _served_by(status)),
-        ("stopped", _stopped(status.get("stopped"))),
+        ("stopped", _stopped(status)),
         ("posture", POSTURES.get(status.get("posture", ""), "")),
         ("controller", _controller(status)),
         ("fault", status.get("fault") or ""),
@@ -142,10 +142,14 @@ def _served_by(status: Status) -> str:
     return RobotIdentity.of_answer(status).started_by
 
 
-def _stopped(reason: str | None) -> str:
+def _stopped(status: Status) -> str:
+    reason = status.get("stopped")
     if reason is None:
         return "no"
     kind, colon, detail = reason.partition(":")
+    if kind == "fault" and detail and status.get("fault") is None:
+        over = "that is over" if status.get("servos") is None else "they answer again"
+        return f"FAULT:{detail}; {over}: hexctl estop --clear"
     return f"{kind.upper()}{colon}{detail}; {CLEARED_BY.get(kind, CLEARED)}"
 
 

@@ -32,6 +32,7 @@ class EventLog:
         self._controller: str | None = None
         self._stopped: str | None = None
         self._posture = "idle"
+        self._fault: str | None = None
         self._writer: threading.Thread | None = None
         self._dropped = 0
         self._warnings: tuple[str, ...] = ()
@@ -43,10 +44,14 @@ class EventLog:
         controller: str | None,
         stopped: str | None,
         posture: str,
+        fault: str | None = None,
         warnings: tuple[str, ...] = (),
         ros: str | None = None,
     ) -> None:
-        """Report what differs from the last call; `ros` is a line on the ROS router."""
+        """Report what differs from the last call, and a fault that is over while its stop is latched.
+
+        `ros` is a line on the ROS router.
+        """
         if ros is not None and ros != self._ros:
             self._put(ros)
         self._ros = ros
@@ -61,6 +66,9 @@ class EventLog:
             self._put(f"commanded by {controller}" if controller else f"{self._controller} has left")
         if stopped != self._stopped:
             self._put(f"STOPPED: {stopped}" if stopped else f"no longer stopped ({self._stopped})")
+        if stopped is not None and stopped.startswith("fault:") and self._fault and fault is None:
+            self._put(f"over, and still stopped ({self._fault}): hexctl estop --clear lets the robot move")
+        self._fault = fault
         if posture != self._posture and posture in POSTURES:
             self._put(POSTURES[posture])
         self._controller, self._stopped, self._posture = controller, stopped, posture

@@ -4,11 +4,12 @@ import math
 import secrets
 import time
 from collections import deque
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
 from hexctl.control.guard import Guard
-from hexctl.errors import HexctlError, MessageError
+from hexctl.errors import HexctlError, MessageError, RobotFaultError
 from hexctl.robot.failure_event import in_words_with_share, parse_failure_now, parse_healing
 from hexctl.wire.description import decode_json
 from hexctl.wire.messages import LEASE_ID_BYTES
@@ -166,11 +167,17 @@ class RequestHandler:
             return self._misunderstood(error)
         if wanted == "clear":
             if at_s >= self._stopped_at_s:
-                self._guard.clear()
+                self._clear()
         else:
             self._guard.stop(ESTOP)
         self.leases.revoke()
         return {"stopped": self._guard.stopped}
+
+    def _clear(self) -> None:
+        """Clear the stop; what still stops the robot, such as a fault, stops it again before the answer."""
+        self._guard.clear()
+        with suppress(RobotFaultError):  # of a robot that has gone: the next control period says so
+            self._guard.read()
 
     def failure(self, payload: bytes, at_s: float) -> dict[str, Any]:
         """Answer to a request at `failure`: the legs of a simulation that have failed now, or an error.

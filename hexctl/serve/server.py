@@ -322,6 +322,7 @@ class RobotServer:
             controller=None if lease is None else lease.owner,
             stopped=self._guard.stopped,
             posture=self._idle.name,
+            fault=None if self._state is None else self._state.fault,
             warnings=() if self._state is None else self._state.warnings,
             ros=None if self._ros is None else self._ros.condition,
         )

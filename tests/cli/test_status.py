@@ -66,7 +66,7 @@ def test_a_calm_robot() -> None:
     [
         ({"stopped": "fell"}, "stopped", "FELL; hexctl estop --clear clears it"),
         (
-            {"stopped": "fault: low battery 9.5 V"},
+            {"stopped": "fault: low battery 9.5 V", "fault": "low battery 9.5 V"},
             "stopped",
             "FAULT: low battery 9.5 V; see to it, then hexctl estop --clear",
         ),
@@ -74,6 +74,16 @@ def test_a_calm_robot() -> None:
             {"host": "lab-pc", "user": "alice", "pid": 4711},
             "served by",
             "alice on lab-pc, process 4711",
+        ),
+        (
+            {"stopped": "fault: the port has gone", "servos": SERVOS},
+            "stopped",
+            "FAULT: the port has gone; they answer again: hexctl estop --clear",
+        ),
+        (
+            {"stopped": "fault: low battery 9.5 V"},
+            "stopped",
+            "FAULT: low battery 9.5 V; that is over: hexctl estop --clear",
         ),
         ({"stopped": "expired"}, "stopped", "EXPIRED; the next controller clears it"),
         ({"controller": "lab", "controller_since_s": 3.5}, "controller", "lab, for 3.5 s"),

@@ -46,6 +46,21 @@ def test_changes_are_told_once_and_in_order() -> None:
     ]
 
 
+def test_a_fault_that_is_over_is_told_while_its_stop_is_latched() -> None:
+    told: list[str] = []
+    log = EventLog(told.append)
+    for stopped, fault in (("fault: it fell silent", "it fell silent"), ("fault: it fell silent", None)):
+        for _ in range(2):
+            log.note(controller=None, stopped=stopped, posture="idle", fault=fault)
+    log.note(controller=None, stopped=None, posture="idle")
+    log.close()
+    assert [line[9:] for line in told] == [
+        "STOPPED: fault: it fell silent",
+        "over, and still stopped (it fell silent): hexctl estop --clear lets the robot move",
+        "no longer stopped (fault: it fell silent)",
+    ]
+
+
 def test_warnings_are_told_when_they_come_and_go() -> None:
     told: list[str] = []
     log = EventLog(told.append)

@@ -146,6 +146,9 @@ def test_a_fault_stops_the_robot_and_is_said_in_words(bench: Bench, fault: str |
     assert bench.last_state()[1].fault == fault
     bench.ask("lease", {"op": "release", "lease": bench.lease["lease"]})
     assert reason in bench.acquire()["error"]
+    assert bench.ask("estop", {"op": "clear"})["stopped"] == reason, "it is still there"
+    bench.servos.healthy, bench.servos.fault = True, None
+    assert bench.ask("estop", {"op": "clear"})["stopped"] is None
 
 
 def test_a_command_that_waited_while_the_robot_was_held_up_is_late(bench: Bench) -> None:
