@@ -30,6 +30,9 @@ _MEASURED, _HEALTHY, _CONTACTS_KNOWN, _STALE_JOINTS = 1, 2, 4, 8
 #: Longest text of a fault or a stop.
 MAX_TEXT_BYTES = 120
 
+#: End of a text that was cut.
+CUT = "..."
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CommandTag:
@@ -169,8 +172,12 @@ def _check(magic: bytes, expected: bytes, version: int) -> None:
 
 
 def _text(text: str | None) -> bytes:
-    """Text of at most 120 bytes, preceded by its length; None is an empty one."""
-    data = (text or "").encode()[:MAX_TEXT_BYTES].decode(errors="ignore").encode()
+    """Text of at most 120 bytes, preceded by its length; a longer one ends at a word, with `...`."""
+    data = (text or "").encode()
+    if len(data) > MAX_TEXT_BYTES:
+        cut = data[: MAX_TEXT_BYTES - len(CUT)].decode(errors="ignore")
+        whole = cut if data[len(cut.encode()) :].startswith(b" ") else cut.rpartition(" ")[0]
+        data = ((whole or cut).rstrip(" ,;:(") + CUT).encode()
     return bytes([len(data)]) + data
 
 

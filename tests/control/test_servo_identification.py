@@ -101,7 +101,7 @@ def test_a_servo_moves_by_a_yes_and_is_left_out_by_a_skip_alone() -> None:
     class Hesitant(Watcher):
         """Answers the question before a servo moves in words."""
 
-        words = ("n", "y", "S", "jes", "yes")
+        words: tuple[str, ...] = ("n", "y", "S", "jes", "yes")
 
         def prompt(self, text: str) -> None:
             super().prompt(text)

@@ -117,7 +117,16 @@ def test_a_states_tag_comes_back_as_it_was(
     assert StateTag.unpacked(tag.packed()) == tag
 
 
-def test_a_text_that_is_too_long_is_cut_between_characters() -> None:
+@pytest.mark.parametrize(
+    ("fault", "told"),
+    [
+        ("ä" * 200, "ä" * 58 + "..."),
+        ("a" * 100 + " " + "b" * 19, "a" * 100 + " " + "b" * 19),
+        ("a" * 100 + ", " + "b" * 19, "a" * 100 + "..."),
+        ("a" * 110 + " " + "b" * 6 + " " + "c" * 9, "a" * 110 + " " + "b" * 6 + "..."),
+    ],
+)
+def test_a_text_that_is_too_long_is_cut_at_a_word(fault: str, told: str) -> None:
     tag = StateTag(
         sequence=1,
         stamp_ns=0,
@@ -126,9 +135,9 @@ def test_a_text_that_is_too_long_is_cut_between_characters() -> None:
         measured=True,
         healthy=True,
         contacts=None,
-        fault="ä" * 200,
+        fault=fault,
     )
-    assert StateTag.unpacked(tag.packed()).fault == "ä" * 60
+    assert StateTag.unpacked(tag.packed()).fault == told
 
 
 @pytest.mark.parametrize("kind", [CommandTag, StateTag])

@@ -209,7 +209,10 @@ class BusServos(PortServos[BusMap, BusThread, BusCounters]):
         if gone is not None:
             return self._gone(gone)
         if age_s > SILENT_S:
-            return f"no servo answers on {self._place} any more; is the cable in, and have they power?"
+            return (
+                f"no servo answers on {self._place} any more; is the cable in, have they power, or is this "
+                "computer too busy?"
+            )
         return None
 
     def _warnings(self, servos: ServoReadings, limp: BoolArray) -> tuple[str, ...]:

@@ -163,8 +163,8 @@ class Pca9685Chip:
             if mode & MODE1_MASK == INCREMENT and prescale == self._prescale:
                 return None
         return (
-            f"the PCA9685 at {self.address:#x} has lost its settings (MODE1 {mode:02x}, prescaler "
-            f"{prescale:02x}), as after a loss of power"
+            f"the PCA9685 at {self.address:#x} has lost its settings, as after a loss of power (MODE1 "
+            f"{mode:02x}, prescaler {prescale:02x})"
         )
 
     def set_pulse(self, channel: int, pulse_us: float) -> None:
@@ -272,7 +272,7 @@ class Pca9685:
     def poll(self) -> BoardReport:
         """Whether the boards run as they were set up."""
         lost = [text for chip in self._chips.values() if (text := chip.lost()) is not None]
-        fault = f"{'; '.join(lost)}: its servos are limp" if lost else None
+        fault = f"servos limp: {'; '.join(lost)}" if lost else None
         return BoardReport(at_s=time.monotonic(), fault=fault)
 
     def close(self) -> None:

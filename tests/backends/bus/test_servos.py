@@ -222,7 +222,8 @@ def test_a_port_that_goes_stops_the_robot_and_is_found_again() -> None:
             else:
                 stopped_at = guard.stopped
         assert stopped_at == (
-            f"fault: no servo answers on {board.path} any more; is the cable in, and have they power?"
+            f"fault: no servo answers on {board.path} any more; is the cable in, have they power, or is this "
+            "computer too busy?"
         )
         for _ in range(400):
             guard.clock.tick()

@@ -28,6 +28,7 @@ from hexctl.serve.boards.pca9685_chips import SimulatedI2c, SimulatedPca9685
 from hexctl.testing.servos import LegServosConformance
 from hexctl.types import FloatArray, JointTargets, RobotState
 from hexctl.waiting import wait_for
+from hexctl.wire.messages import MAX_TEXT_BYTES
 from tests.backends.pwm.boards import a_map
 from tests.backends.pwm.i2c import ChipBus, FlatBus
 from tests.robots import shipped
@@ -220,9 +221,10 @@ def test_a_board_that_lost_its_power_is_a_fault_until_the_torque_was_off(address
             bus.chips[address].reset()
         state = _until(servos, lambda state: not state.healthy)
         assert state.fault == (
-            f"the PCA9685 at {address:#x} has lost its settings (MODE1 11, prescaler 1e), as after a loss of "
-            "power: its servos are limp"
+            f"servos limp: the PCA9685 at {address:#x} has lost its settings, as after a loss of power "
+            "(MODE1 11, prescaler 1e)"
         )
+        assert len(f"fault: {state.fault}") <= MAX_TEXT_BYTES, "it is told whole over the link"
         _until(servos, lambda _: servos.clock.now_s > 1.5)
         assert not bus.chips[address].pulses_us().any(), "nothing is powered again by itself"
         servos.disable_torque()
