@@ -80,7 +80,8 @@ def held(servo: SingleServo) -> Iterator[float]:
     if before is None or not servo.set_torque(on=False):
         raise RobotFaultError(f"{name} does not say whether it holds, or does not let go; is its cable good?")
     try:
-        servo.soften()
+        if said := servo.soften():
+            raise RobotFaultError(f"{name} does not take a limit of its torque and speed ({said})")
         here = servo.position()
         if here is None:
             raise RobotFaultError(f"{name} does not say where it is; is its cable good?")

@@ -123,6 +123,20 @@ def test_a_servo_that_must_not_be_moved_is_not() -> None:
         assert not moved.seen
 
 
+def test_a_servo_that_takes_no_limit_of_its_speed_is_not_moved(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Moving softly is what the operator was told."""
+    with _servo("dynamixel", "xl430-w250") as (servo, board, moved):
+        odd = board._servos[JOINT]
+        assert isinstance(odd, BusServo)
+        refuses, access = odd._refuses, 7
+        monkeypatch.setattr(odd, "_refuses", lambda at, data: access if at == 112 else refuses(at, data))
+        with pytest.raises(RobotFaultError, match=r"servo with id 8 does not take a limit .* \(access\)"):
+            wiggle(servo)
+        assert not odd.holds
+        assert odd.number(odd._table.soft_torque) == 1.0  # type: ignore[arg-type]
+        assert moved.seen == []
+
+
 def test_a_servo_beyond_its_limits_or_without_room_is_not_moved() -> None:
     for least, most, message in ((3000, 3500, "beyond the limits 3000 to 3500"), (-9, 9, "no room to move")):
         with _servo("feetech", "sts3215") as (servo, board, _):

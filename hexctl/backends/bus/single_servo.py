@@ -116,8 +116,8 @@ class SingleServo(ABC):
         """Why it should not be moved; empty where it may be."""
 
     @abstractmethod
-    def soften(self) -> None:
-        """Limit its torque and its speed, where it can, until `restore`."""
+    def soften(self) -> str:
+        """Limit its torque and its speed, where it can, until `restore`; empty where it did, else why not."""
 
     @abstractmethod
     def restore(self) -> None:
@@ -226,8 +226,9 @@ class SingleRegisterServo(SingleServo):
             return f"its model number {self.number} is not known"
         return settings_of(self._servo).refusal
 
-    def soften(self) -> None:
+    def soften(self) -> str:
         """Limit its torque and its speed."""
+        refusals = []
         for register, value in self._soft.items():
             before = self._servo.value(register)
             if register is None or before is None:
@@ -235,7 +236,8 @@ class SingleRegisterServo(SingleServo):
             self._before.setdefault(register, before)
             # A speed of 0 is no limit.
             limit = min(before, value) if before or register != self._table.speed else value
-            self._servo.change(register, limit)
+            refusals.append(self._servo.change(register, limit))
+        return ", ".join(filter(None, refusals))
 
     def restore(self) -> None:
         """Give it back the torque and the speed that it had."""
@@ -335,8 +337,9 @@ class SingleLx16aServo(SingleServo):
         """Nothing: these servos have no settings that would make a move dangerous."""
         return ""
 
-    def soften(self) -> None:
+    def soften(self) -> str:
         """Nothing: their torque cannot be limited, and each move has its time."""
+        return ""
 
     def restore(self) -> None:
         """Nothing."""
