@@ -3,7 +3,7 @@
 #: The packages of Debian, and of systems made from it.
 PACKAGES = (
     "xvfb mesa-vulkan-drivers libvulkan1 libxkbcommon-x11-0 libxcursor1 libxi6 libxrandr2 "
-    "chromium fonts-dejavu-core"
+    "chromium fonts-dejavu-core libegl1 libgl1 libgl1-mesa-dri"
 )
 
 

@@ -3,7 +3,7 @@
 import math
 from xml.etree.ElementTree import Element
 
-from hexctl.palette import BODY_COLOR, GROUND_COLOR, LINK_COLORS
+from hexctl.palette import BACKGROUND, BODY_COLOR, GROUND_COLOR, LINK_COLORS
 from hexctl.robot.formats.link_frames import BASE_LINK, FOOT_LINKS, JOINT_LINKS
 from hexctl.robot.formats.link_masses import PartMass, link_capsule, link_mass, trunk_mass
 from hexctl.robot.formats.xml_text import add, color_text, number, numbers, text_of
@@ -39,7 +39,16 @@ def mjcf_of(robot: Robot) -> str:
     add(root, "option", timestep="0.002", integrator="implicitfast", cone="elliptic")
     _add_looks(root)
     world = add(root, "worldbody")
-    add(world, "light", pos="0 0 3", dir="0 0 -1", directional="true", castshadow="false")
+    add(
+        world,
+        "light",
+        pos="0 0 3",
+        dir="0 0 -1",
+        directional="true",
+        castshadow="false",
+        diffuse="0.35 0.35 0.35",
+        specular="0 0 0",
+    )
     add(
         world,
         "geom",
@@ -76,7 +85,7 @@ def mjcf_of(robot: Robot) -> str:
 def _add_looks(root: Element) -> None:
     """Add colours, a chequered floor and light that casts no shadow, which would take most of the time."""
     visual = add(root, "visual")
-    add(visual, "headlight", ambient="0.45 0.45 0.45", diffuse="0.45 0.45 0.45", specular="0 0 0")
+    add(visual, "headlight", ambient="0.4 0.4 0.4", diffuse="0.35 0.35 0.35", specular="0 0 0")
     # Larger pictures than MuJoCo's 640 x 480 need a larger buffer.
     add(visual, "global", offwidth="1920", offheight="1920")
     add(visual, "quality", shadowsize="0")
@@ -85,7 +94,9 @@ def _add_looks(root: Element) -> None:
     lighter = numbers(*(round((part + 14) / 255, 4) for part in GROUND_COLOR))
     checks = {"type": "2d", "builtin": "checker", "width": "256", "height": "256"}
     add(assets, "texture", name="floor", rgb1=ground, rgb2=lighter, **checks)
-    add(assets, "texture", type="skybox", builtin="flat", rgb1="1 1 1", width="32", height="32")
+    add(
+        assets, "texture", type="skybox", builtin="flat", rgb1=color_text(BACKGROUND), width="32", height="32"
+    )
     add(assets, "material", name="floor", texture="floor", texrepeat="5 5", texuniform="true")
     for name, color in {"body": BODY_COLOR, **LINK_COLORS}.items():
         add(assets, "material", name=name, rgba=f"{color_text(color)} 1")
@@ -114,7 +125,7 @@ def _add_robot(world: Element, robot: Robot) -> None:
 
 def _add_cameras(base: Element, robot: Robot) -> None:
     """Add cameras that look in one direction and go along with the robot, all of it in the picture."""
-    reach_m = 1.15 * robot.stance_radius_m
+    reach_m = 1.3 * robot.stance_radius_m
     away_m = reach_m / math.tan(math.radians(FOVY_DEG / 2))
     for name, (azimuth_deg, elevation_deg) in CAMERAS.items():
         azimuth, elevation = math.radians(azimuth_deg), math.radians(elevation_deg)
