@@ -244,6 +244,12 @@ class Shell:
         return said
 
     def _python(self, words: list[str]) -> None:
+        """Run a program that the page has saved, or hexctl as a module."""
+        if len(words) == 1 and (self._folder / words[0]).is_file():
+            program = [sys.executable, words[0]]
+            done = subprocess.run(program, cwd=self._folder, capture_output=True, text=True, check=False)
+            assert done.returncode == 0, done.stderr
+            return
         _require(words[:2] == ["-m", "hexctl"])
         self.hexctl(words[2:])
 
