@@ -155,6 +155,9 @@ class Shell:
             "sudo": _sudo,
             "sudoedit": _sudo,
             "dask": _dask,
+            "ros2": _ros2,
+            "rviz2": _ros2,
+            "export": _export,
             "cd": lambda _: None,  # into what git cloned: the page's folder stands for it
             "source": lambda words: _require(words == [".venv/bin/activate"]),
         }
@@ -298,6 +301,27 @@ def _sudo(words: list[str]) -> None:
     service = "hexctl-serve"
     assert (ROOT / "configs" / "systemd" / f"{service}.service").is_file()
     assert service in words[-1] or words[:2] == ["cp", f"configs/systemd/{service}.service"]
+
+
+def _ros2(words: list[str]) -> None:
+    """Check that the topics, services and types of a command of ROS are those of a served robot."""
+    from hexctl.serve.ros.bridge import JOINTS_TOPIC, STOP_MESSAGE, STOP_TOPIC, TRIGGER, VELOCITIES, Service
+    from hexctl.serve.ros.topics import TOPICS
+    from hexctl.wire.ros.names import RosNode
+
+    names = (*TOPICS, "cmd_vel", JOINTS_TOPIC, STOP_TOPIC, *(f"~/{service.value}" for service in Service))
+    nodes = (RosNode(), RosNode(namespace="lab/ant"))
+    known = {node.resolved(name) for node in nodes for name in names} | {"/tf", "/tf_static"}
+    types = {STOP_MESSAGE, TRIGGER, *VELOCITIES, *(kind for kind, _ in TOPICS.values())}
+    for word in words:
+        for part in word.split(":="):
+            _require(not part.startswith("/") or part in known)
+        _require(("/msg/" not in word and "/srv/" not in word) or word in types)
+
+
+def _export(words: list[str]) -> None:
+    """Variables of the ROS side."""
+    _require(words[0].partition("=")[0] in ("RMW_IMPLEMENTATION", "ZENOH_CONFIG_OVERRIDE"))
 
 
 def _dask(words: list[str]) -> None:

@@ -16,6 +16,7 @@ from hexctl.robot.bus_map import bus_map_of
 from hexctl.robot.loader import load_meshes, load_robot_file
 from hexctl.robot.pwm_map import pwm_map_of
 from hexctl.robot.schema import MountSection, RobotSchema
+from hexctl.types import JOINT_NAMES
 from hexctl.wire.certificates import make_certificates
 from hexctl.wire.links import load_link
 from tests.docs.pages import PAGES, ROOT, blocks, save_programs
@@ -66,6 +67,11 @@ def pwm_servos(content: dict[str, Any], folder: Path) -> object:
     return pwm_map_of(file.content.servos, content["servos"]["driver"])
 
 
+def controllers(content: dict[str, Any], _folder: Path) -> None:
+    """Parameters of ros2_control: its controller has the robot's joints."""
+    assert content["joint_trajectory_controller"]["ros__parameters"]["joints"] == list(JOINT_NAMES)
+
+
 #: What a page's YAML is.
 FILES: dict[str, Callable[[Any, Path], object]] = {
     "walking.md": worlds,
@@ -76,6 +82,7 @@ FILES: dict[str, Callable[[Any, Path], object]] = {
     "dynamixel.md": bus_servos,
     "pwm-servos.md": pwm_servos,
     "protocol.md": a_link,
+    "ros2.md": controllers,
 }
 
 

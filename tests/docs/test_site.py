@@ -75,7 +75,7 @@ def test_the_names_of_modules_and_files_exist(page: Path) -> None:
     text = re.sub(r"<this repository>|\]\([^)]*\)", "", page.read_text(encoding="utf-8"))
     for name in re.findall(r"\bhexctl(?:\.\w+)+", text):
         assert exists(name.split(".")) or name.endswith(TO_BE_WRITTEN), name
-    for path in re.findall(r"\b(?:hexctl|tests|benchmarks|configs|examples)/[\w/.-]*\w", text):
+    for path in re.findall(r"(?<![/\w])(?:hexctl|tests|benchmarks|configs|examples)/[\w/.-]*\w", text):
         there = any((ROOT / path).parent.glob(f"{Path(path).name}*"))
         assert there or Path(path).stem.endswith(TO_BE_WRITTEN), path
 
