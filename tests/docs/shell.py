@@ -305,7 +305,8 @@ def _sudo(words: list[str]) -> None:
 
 def _ros2(words: list[str]) -> None:
     """Check that the topics, services and types of a command of ROS are those of a served robot."""
-    from hexctl.serve.ros.bridge import JOINTS_TOPIC, STOP_MESSAGE, STOP_TOPIC, TRIGGER, VELOCITIES, Service
+    from hexctl.serve.ros.bridge import JOINTS_TOPIC, STOP_MESSAGE, STOP_TOPIC, TRIGGER, VELOCITIES
+    from hexctl.serve.ros.commands import Service
     from hexctl.serve.ros.topics import TOPICS
     from hexctl.wire.ros.names import RosNode
 
