@@ -10,6 +10,7 @@ from benchmarks.clock import clock_rows
 from benchmarks.landscape import landscape_benchmarks
 from benchmarks.link import link_rows
 from benchmarks.recording import recording_rows
+from benchmarks.ros import ros_rows
 from benchmarks.rows import Row
 from benchmarks.scale import Scale
 from benchmarks.single import single_rows
@@ -27,6 +28,7 @@ BENCHMARKS: dict[str, Benchmark] = {
     "clock": clock_rows,
     "view": view_rows,
     "link": link_rows,
+    "ros": ros_rows,
     "bus": bus_rows,
     "single": single_rows,
     "recording": recording_rows,

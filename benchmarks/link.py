@@ -43,7 +43,7 @@ def link_rows(scale: Scale) -> Iterator[Row]:
         f"median over windows of {WINDOW}"
     )
     for percent, bar in ((50, None), (99, Bar(high=1.5))):
-        ratios = _by_window(ours, percent) / _by_window(bare, percent)
+        ratios = by_window(ours, percent) / by_window(bare, percent)
         yield Row(f"link.latency.p{percent}.ratio", float(np.median(ratios)), "ratio", bar, note)
         yield Row(f"link.latency.p{percent}", float(np.percentile(ours, percent)), "us")
     yield from _walk_rows(scale.twin_s)
@@ -51,7 +51,7 @@ def link_rows(scale: Scale) -> Iterator[Row]:
 
 def _round_trips_us(times: int) -> tuple[FloatArray, FloatArray]:
     """Return round trips through a served mock robot and through a bare echo, each (times,) in us."""
-    robot, echo = _free_port(), _free_port()
+    robot, echo = free_port(), free_port()
     with ExitStack() as stack:
         stack.enter_context(_robot(robot, "mock"))
         stack.enter_context(_process([sys.executable, "-m", "benchmarks.echo", str(echo)], "ready"))
@@ -92,7 +92,7 @@ def _alternate(
         )
         publisher.put(encode_positions(stance), attachment=tag.packed())
     time.sleep(PATIENCE_S)
-    return _since_us(states.first_s, sent["ours"]), _since_us(echoes.first_s, sent["bare"])
+    return since_us(states.first_s, sent["ours"]), since_us(echoes.first_s, sent["bare"])
 
 
 class StateArrivals(LatestValues):
@@ -131,13 +131,13 @@ class EchoArrivals:
             self.first_s[CommandTag.unpacked(bytes(sample.attachment)).sequence] = now_s
 
 
-def _since_us(first_s: dict[int, float], sent_s: list[float]) -> FloatArray:
+def since_us(first_s: dict[int, float], sent_s: list[float]) -> FloatArray:
     """Return how long each of the numbers 1, 2 ... took; one that never came took for ever."""
     took_s = [first_s.get(index, np.inf) - at_s for index, at_s in enumerate(sent_s, start=1)]
     return 1e6 * np.array(took_s)
 
 
-def _by_window(times_us: FloatArray, percent: float) -> FloatArray:
+def by_window(times_us: FloatArray, percent: float) -> FloatArray:
     """Return a percentile of each window of round trips; of all of them where they are fewer."""
     size = min(WINDOW, len(times_us))
     windows = times_us[: len(times_us) // size * size].reshape(-1, size)
@@ -146,7 +146,7 @@ def _by_window(times_us: FloatArray, percent: float) -> FloatArray:
 
 def _walk_rows(duration_s: float) -> Iterator[Row]:
     """Walk on a simulated robot at the other end of the link; count ticks, and commands that got lost."""
-    port = _free_port()
+    port = free_port()
     link = Link(endpoint=f"tcp/127.0.0.1:{port}")
     with _robot(port, "sim"):
         plan = TrialPlan(gait=make_gait(ant(), "tripod"), duration_s=duration_s)
@@ -199,7 +199,8 @@ def _process(command: list[str], ready: str) -> Iterator[None]:
         process.wait(10)
 
 
-def _free_port() -> int:
+def free_port() -> int:
+    """Return a TCP port that is free now."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return int(probe.getsockname()[1])
