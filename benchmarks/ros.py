@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import zenoh
 
-from benchmarks.link import StateArrivals, by_window, free_port, since_us
+from benchmarks.link import WINDOW, StateArrivals, by_window, free_port, since_us
 from benchmarks.plans import ant
 from benchmarks.rows import Bar, Row
 from benchmarks.scale import Scale
@@ -24,6 +24,10 @@ from hexctl.wire.ros.session import open_ros_session
 
 #: In seconds: what has not come back after this counts as this late.
 PATIENCE_S = 0.5
+
+#: Commands drift through the robots' control periods, one in a window: a round trip depends on how near to a
+#: tick its command arrives.
+DRIFTING_S = PERIOD_S * (1 + 1 / WINDOW)
 
 
 def ros_rows(scale: Scale) -> Iterator[Row]:
@@ -53,7 +57,7 @@ def _measured(times: int) -> tuple[list[FloatArray], list[float], int]:
         robots = [stack.enter_context(_Served.opened(options)) for options in ([], ["--ros", router])]
         time.sleep(2 * PATIENCE_S)
         began = [(robot.cpu_s(), time.monotonic()) for robot in robots]
-        clock, stance = WallClock(PERIOD_S / len(robots)), ant().stance_angles_rad
+        clock, stance = WallClock(DRIFTING_S / len(robots)), ant().stance_angles_rad
         for _ in range(times):
             for robot in robots:
                 clock.tick()
