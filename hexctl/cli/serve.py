@@ -183,7 +183,8 @@ def _ros_options(router: str | None, **given: Any) -> "RosOptions | None":
         return RosOptions(router=router, **given)
     for name, value in given.items():
         if value:
-            raise InputError(f"--ros-{name}: got {value} without --ros; allowed: with --ros")
+            told = "it" if value is True else value
+            raise InputError(f"--ros-{name}: got {told} without --ros; allowed: with --ros")
     return None
 
 
