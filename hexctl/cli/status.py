@@ -124,6 +124,7 @@ def status_rows(status: Status) -> list[tuple[str, str]]:
         ("servo link", link_in_words(status.get("servo_link"))),
         ("loop", f"{status.get('ticks', 0)} ticks of 20 ms, {status.get('overruns', 0)} skipped"),
         ("link", _link(status)),
+        ("ROS", _ros(status.get("ros"))),
     ]
     return [(name, text) for name, text in rows if text]
 
@@ -156,6 +157,17 @@ def _stopped(status: Status) -> str:
 def _controller(status: Status) -> str:
     owner, since_s = status.get("controller"), status.get("controller_since_s")
     return "none" if owner is None else f"{owner}, for {since_s} s"
+
+
+def _ros(ros: Mapping[str, Any] | None) -> str:
+    """What is going on with ROS; empty for a robot without."""
+    if not ros:
+        return ""
+    router = (
+        f"router {ros.get('router')}" if ros.get("connected") else ros.get("trouble") or "not connected yet"
+    )
+    counts = f"{ros.get('commands', 0)} commands, {ros.get('malformed', 0)} malformed"
+    return f"{router}, {counts if ros.get('drive') else 'may stop it only'}"
 
 
 def _battery(status: Status) -> str:
