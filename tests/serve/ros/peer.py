@@ -55,6 +55,19 @@ class Peer:
         found = discovery.get_topic_names_and_types(0, router_port=self._port, timeout=1.0)
         return {name: list(types) for name, types in found}
 
+    def tokens(self, pattern: str) -> list[str]:
+        """Liveliness tokens that a pattern matches, once there are any.
+
+        For a moment after it has connected, a peer may see none.
+        """
+
+        def asked() -> list[str]:
+            replies = self.session.liveliness().get(pattern, timeout=1.0)
+            return [str(reply.ok.key_expr) for reply in replies if reply.ok is not None]
+
+        found: list[str] = wait_until(asked, pattern)
+        return found
+
     def info(self, topic: str) -> discovery.TopicInfo:
         """Endpoints of a topic, as `ros2 topic info -v` shows them, once there are any.
 

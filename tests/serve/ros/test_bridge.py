@@ -66,9 +66,7 @@ def test_the_info_of_a_topic_says_who_and_how(network: tuple[Served, Peer]) -> N
 
 
 def test_the_node_is_listed(network: tuple[Served, Peer]) -> None:
-    replies = network[1].session.liveliness().get("@ros2_lv/0/*/*/*/NN/**")
-    nodes = [str(reply.ok.key_expr).split("/")[-1] for reply in replies if reply.ok is not None]
-    assert "hexctl" in nodes
+    assert len(network[1].tokens("@ros2_lv/0/*/0/0/NN/%/%/hexctl")) == 1
 
 
 def test_joints_and_odometry_are_echoed(network: tuple[Served, Peer]) -> None:
@@ -119,12 +117,7 @@ def test_every_byte_of_an_attachment(network: tuple[Served, Peer]) -> None:
     subscriber = session.declare_subscriber(data_key("joint_states", ros_cdr.JOINT_STATE), samples.append)
     wait_until(lambda: len(samples) > 5, "joint states")
     subscriber.undeclare()  # type: ignore[no-untyped-call]
-    tokens = [
-        str(reply.ok.key_expr)
-        for reply in session.liveliness().get("@ros2_lv/0/*/0/*/MP/%/%/hexctl/%joint_states/**")
-        if reply.ok is not None
-    ]
-    (token,) = tokens
+    (token,) = network[1].tokens("@ros2_lv/0/*/0/*/MP/%/%/hexctl/%joint_states/**")
     data = [bytes(sample.attachment) for sample in samples]
     numbers = [int.from_bytes(one[:8], "little") for one in data]
     assert numbers == list(range(numbers[0], numbers[0] + len(numbers)))
