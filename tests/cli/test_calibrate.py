@@ -97,7 +97,7 @@ class Person:
 
     def begins(self) -> None:
         """Hold the robot up."""
-        self.reads(r"when ready: ")
+        self.reads(r"to their places: ")
         self.types("")
 
     def judges_sign(self, joint: int) -> None:

@@ -242,7 +242,7 @@ def leg_pose_deg(robot: Robot, leg: int) -> tuple[float, ...]:
     """Joint angles of a leg, 0..5, in its reference pose."""
     joints = range(JOINTS_PER_LEG * leg, JOINTS_PER_LEG * (leg + 1))
     lower, upper = np.degrees(robot.joint_lower_rad), np.degrees(robot.joint_upper_rad)
-    return tuple(reference_deg(float(lower[joint]), float(upper[joint])) for joint in joints)
+    return tuple(reference_deg(float(lower[joint]), float(upper[joint])) + 0.0 for joint in joints)  # no -0
 
 
 def described_pose(robot: Robot, pose_deg: tuple[float, ...]) -> tuple[str, str, str]:

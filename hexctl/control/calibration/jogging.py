@@ -6,6 +6,7 @@ from collections.abc import Callable
 import numpy as np
 
 from hexctl.backends.base import CalibratedServos
+from hexctl.control.calibration.backdriving import described_pose
 from hexctl.control.calibration.operator import (
     SEEN,
     CalibrationResult,
@@ -29,22 +30,15 @@ NEAR_DEG = 0.05
 #: How far a joint is moved to see in which direction it turns.
 NUDGE_DEG = 8.0
 
-#: What a joint looks like at angle zero.
-AT_ZERO = {
-    "coxa": "the leg points straight away from its mount",
-    "femur": "the femur lies as in the robot file",
-    "tibia": "the tibia lies as in the robot file",
-}
-
 #: Answers that move a joint, and by how much.
 STEPS_DEG = {"+": 1.0, "-": -1.0, "++": 5.0, "--": -5.0}
 FARTHEST_DEG = 45.0
 
 READY = (
-    "Hold the robot up so that its legs hang free. Servos without power jump to their places now. "
-    "Enter when ready:"
+    "Hold the robot up so that its legs hang free. Switch the servos' supply on, then press Enter: they jump "
+    "to their places:"
 )
-STEP_HELP = "+ or - 1 deg, ++ or -- 5, a number of degrees"
+STEP_HELP = f"+ or - 1 deg, ++ or -- 5, a number of degrees up to {FARTHEST_DEG:g}"
 
 
 class JointJogger:
@@ -171,13 +165,15 @@ class JoggedCalibration:
                 return
 
     def _find_offset(self, joint: int) -> None:
-        jogger, kind = self._jogger, JOINT_KINDS[joint % JOINTS_PER_LEG]
+        jogger = self._jogger
         lower, upper = (
             math.degrees(limit[joint]) for limit in (self._robot.joint_lower_rad, self._robot.joint_upper_rad)
         )
-        true_deg = reference_deg(lower, upper)
+        true_deg = reference_deg(lower, upper) + 0.0  # no -0
         jogger.move(joint, true_deg)
-        self._operator.tell(f"  turn it to {true_deg:g} deg; at 0 {AT_ZERO[kind]}")
+        self._operator.tell(
+            f"  turn it to {true_deg:g} deg; with the body level {self._seen(joint, true_deg)}"
+        )
         while True:
             answer = self._ask(f"  {STEP_HELP}, at DEGREES if you measured, ok, skip:")
             told_deg = measured_deg(answer)
@@ -191,7 +187,15 @@ class JoggedCalibration:
                 believed_deg = jogger.angle_deg(joint)
                 jogger.remap(jogger.servo_map.referenced(joint, believed_deg, true_deg))
                 return
-            self._step(joint, answer)
+            self._step(joint, answer, f"{STEP_HELP}, at DEGREES, ok, skip, quit")
+
+    def _seen(self, joint: int, angle_deg: float) -> str:
+        """What a joint looks like at an angle, the others of its leg as they are."""
+        leg, kind = divmod(joint, JOINTS_PER_LEG)
+        pose_deg = [self._jogger.angle_deg(JOINTS_PER_LEG * leg + each) for each in range(JOINTS_PER_LEG)]
+        pose_deg[kind] = angle_deg
+        coxa_deg, femur_deg, tibia_deg = pose_deg
+        return described_pose(self._robot, (coxa_deg, femur_deg, tibia_deg))[kind].partition(": ")[2]
 
     def _find_limits(self, joint: int) -> None:
         """Take the raw positions of both ends of the travel; an end that is skipped keeps its limit."""
@@ -208,19 +212,20 @@ class JoggedCalibration:
     def _find_end(self, joint: int, which: str, limit: float) -> float:
         jogger = self._jogger
         while True:
-            place = f"{jogger.angle_deg(joint):.1f} deg, {jogger.raw(joint):.0f} {jogger.servo_map.unit}"
+            angle_deg = round(jogger.angle_deg(joint), 1) + 0.0  # no -0
+            place = f"{angle_deg:.1f} deg, {jogger.raw(joint):.0f} {jogger.servo_map.unit}"
             answer = self._ask(f"  {which} end of its travel ({place}): {STEP_HELP}, ok, skip:")
             if answer == "skip":
                 return limit
             if answer == "ok":
                 return jogger.raw(joint)
-            self._step(joint, answer)
+            self._step(joint, answer, f"{STEP_HELP}, ok, skip, quit")
 
-    def _step(self, joint: int, answer: str) -> None:
-        """Move a joint as an answer says."""
+    def _step(self, joint: int, answer: str, allowed: str) -> None:
+        """Move a joint as an answer says, or tell which answers are allowed."""
         by_deg = _by_deg(answer)
         if by_deg is None:
-            self._operator.tell(f"  got {answer!r}; allowed: {STEP_HELP}, up to {FARTHEST_DEG:g}")
+            self._operator.tell(f"  got {answer!r}; allowed: {allowed}")
         elif not self._jogger.move(joint, self._jogger.angle_deg(joint) + by_deg):
             self._operator.tell("  it is at the end of its range in the robot file, or of its servo")
 

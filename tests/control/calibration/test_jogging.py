@@ -163,6 +163,23 @@ def test_an_operator_who_quits_changes_nothing(file: Path, made: list[Bench]) ->
     assert (result.saved, result.backup) == ([], None)
     assert file.read_text() == before
     assert sum("allowed" in text for text in watcher.screen) == 4
+    steps = "+ or - 1 deg, ++ or -- 5, a number of degrees up to 45"
+    assert f"  got 'up'; allowed: {steps}, at DEGREES, ok, skip, quit" in watcher.screen
+
+
+@pytest.mark.parametrize(
+    ("joint", "seen"),
+    [
+        ("leg1_coxa", "turn it to 0 deg; with the body level the leg points straight away from its mount"),
+        ("leg3_femur", "with the body level the line from its axis to the tibia's axis "),
+        ("leg2_tibia", "with the body level the line from its axis to the tip of the foot "),
+    ],
+)
+def test_the_supply_and_the_pose_are_described(joint: str, seen: str, file: Path, made: list[Bench]) -> None:
+    _, watcher = run(file, made, joint)
+    assert "Switch the servos' supply on, then press Enter: they jump to their places:" in watcher.screen[1]
+    assert any(seen in text for text in watcher.screen), watcher.screen
+    assert not any("-0.0 deg" in text or "-0 deg" in text for text in watcher.screen)
 
 
 def test_a_requested_stop_ends_it(file: Path, made: list[Bench]) -> None:
