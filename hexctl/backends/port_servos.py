@@ -119,6 +119,11 @@ class PortServos(LegServos, Generic[Map, Thread, Counters]):
         self._sent_rad = sent.positions_rad.copy()
         return sent
 
+    @property
+    def holds(self) -> bool:
+        """Whether the servos hold, as far as is known."""
+        return self._thread is not None and self._thread.on
+
     def disable_torque(self) -> bool:
         """Let all joints go limp until the next targets."""
         self._connected().release()

@@ -49,6 +49,7 @@ class ServeCommand(TyperCommand):
 
 
 def serve(
+    context: typer.Context,
     backend: Annotated[
         str,
         typer.Option(
@@ -167,12 +168,23 @@ def serve(
 
         def on_started(started: ServiceStarted) -> None:
             print_note(_greeting(started, settings))
+            typed = context.get_parameter_source("backend")
+            if typed is not None and typed.name == "DEFAULT" and (note := _simulated_note(robot)):
+                print_note(note)
             for warning in started.warnings:
                 print_note(f"warning: {warning}")
             if view:
                 stack.enter_context(_viewer(settings, link))
 
         service.run(interrupt.requested, on_started=on_started, on_event=print_note)
+
+
+def _simulated_note(robot: str) -> str | None:
+    """What is said where the servos that a robot file names are simulated."""
+    from hexctl.robot.loader import load_robot_file
+
+    driver = load_robot_file(robot).content.servos.driver
+    return None if driver is None else f"simulated; its servos are served with --backend {driver}"
 
 
 def _ros_options(router: str | None, **given: Any) -> "RosOptions | None":

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hexctl.backends.clock import request_realtime_priority
+from hexctl.backends.port_servos import PortServos
 from hexctl.backends.registry import BackendOptions, check_options, make_servos
 from hexctl.errors import InputError, argument, check_type
 from hexctl.robot.drivers import BUS_DRIVERS, PWM_DRIVERS
@@ -31,6 +32,10 @@ NO_WATCHDOG = (
     "{backend} has no watchdog and its servos no feedback: if this computer dies, they keep their last "
     "pulses; have a switch in their supply within reach"
 )
+
+
+#: What is said at the end where servos go on by themselves.
+STILL_HOLDS = "the robot holds its pose; its servos keep their torque"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -225,15 +230,18 @@ class RobotService:
             realtime=realtime,
             warnings=self._warnings(link),
         )
-        if keeper is None:
-            server.run(stop_requested, ready=lambda: on_started(started))
-            return
-        try:
-            server.run(_with_goodbye(stop_requested, keeper), ready=lambda: on_started(started))
-        except BaseException:
-            keeper.abandon()
-            raise
-        keeper.dismiss()
+        held = False
+
+        def stop() -> bool:
+            nonlocal held
+            if not stop_requested():
+                return False
+            held = isinstance(servos, PortServos) and servos.holds
+            return True
+
+        _run_kept(server, stop, keeper, ready=lambda: on_started(started))
+        if held:
+            on_event(STILL_HOLDS)
 
     def _warnings(self, link: Link) -> tuple[str, ...]:
         """What the operator must know before anything moves."""
@@ -255,6 +263,21 @@ class RobotService:
                 sits=options.robot_file.content.servos.if_computer_dies == "sit",
             )
         )
+
+
+def _run_kept(
+    server: RobotServer, stop: Callable[[], bool], keeper: "Keeper | None", *, ready: Callable[[], None]
+) -> None:
+    """Serve until told to stop, looked after by a keeper where there is one."""
+    if keeper is None:
+        server.run(stop, ready=ready)
+        return
+    try:
+        server.run(_with_goodbye(stop, keeper), ready=ready)
+    except BaseException:
+        keeper.abandon()
+        raise
+    keeper.dismiss()
 
 
 def _with_goodbye(stop_requested: Callable[[], bool], keeper: "Keeper") -> Callable[[], bool]:

@@ -95,6 +95,14 @@ def test_own_servos_that_raise_end_it_as_a_fault_in_one_line(
     assert line == f"hexctl: the servos failed: Driver.{method} raised ZeroDivisionError: no such register"
 
 
+def test_servos_of_a_robot_file_that_are_only_simulated_are_mentioned(tmp_path: Path) -> None:
+    listen = f"tcp/127.0.0.1:{free_port()}"
+    with program(tmp_path, "robot", "hexctl", "serve", "--robot", "lukas", "--listen", listen) as robot:
+        robot.wait_for("simulated; its servos are served with --backend feetech")
+    with served(tmp_path, "--robot", "lukas", backend="sim") as asked:
+        assert "its servos are served with" not in asked.said()
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_it_ends_softly_when_asked(tmp_path: Path, number: signal.Signals) -> None:
     with served(tmp_path, backend="mock") as robot:

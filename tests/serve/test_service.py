@@ -2,9 +2,12 @@
 
 import pytest
 
+from hexctl.backends.bus.registers import table_of
 from hexctl.errors import InputError
 from hexctl.robot.failure import Failure
+from hexctl.serve.boards.bus_servos import BusServo
 from hexctl.serve.service import RobotService, ServiceStarted, ServosSpec
+from tests.backends.bus.boards import a_map, bus_board
 from tests.backends.pwm.boards import servo2040_board
 from tests.serve.processes import free_port
 
@@ -56,3 +59,20 @@ def test_a_board_without_a_watchdog_is_said_to_be_one_at_every_start() -> None:
         "servo2040 has no watchdog and its servos no feedback: if this computer dies, they keep their last "
         "pulses; have a switch in their supply within reach",
     )
+
+
+@pytest.mark.parametrize("holds", [True, False])
+def test_servos_that_keep_their_torque_are_mentioned_at_the_end(holds: bool) -> None:
+    with bus_board(a_map()) as board:
+        for servo in board._servos:
+            assert isinstance(servo, BusServo)
+            servo.memory[table_of("sts3215").torque.address] = holds
+        started: list[ServiceStarted] = []
+        said: list[str] = []
+        service = RobotService(
+            servos=ServosSpec(backend="feetech", robot="phantomx"),
+            listen=f"tcp/127.0.0.1:{free_port()}",
+            device=board.path,
+        )
+        service.run(lambda: bool(started), on_started=started.append, on_event=said.append)
+    assert (said[-1:] == ["the robot holds its pose; its servos keep their torque"]) is holds

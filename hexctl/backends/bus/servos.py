@@ -19,7 +19,7 @@ from hexctl.backends.port_servos import PortServos
 from hexctl.errors import InputError, RobotFaultError, argument
 from hexctl.robot.bus_map import BusMap
 from hexctl.robot.model import Robot
-from hexctl.robot.servo_models import DEFAULT_BAUDS
+from hexctl.robot.servo_models import DEFAULT_BAUDS, SERVO_TYPES
 from hexctl.types import N_JOINTS, BoolArray, FloatArray, RobotState, ServoReadings
 
 MOST_BAUD = 4_500_000
@@ -173,8 +173,20 @@ class BusServos(PortServos[BusMap, BusThread, BusCounters]):
                 which = self._map.names(np.arange(N_JOINTS) == joint)
                 raise RobotFaultError(
                     f"{which} reports model number {number}, not {model.number} ({model.name}); "
-                    "check `model` in the robot file"
+                    f"{self._model_advice(number)}"
                 )
+
+    def _model_advice(self, number: int | None) -> str:
+        """What the robot file should say where a servo reports a model number."""
+        names = [
+            each.name
+            for each in SERVO_TYPES.values()
+            if (each.driver, each.number) == (self._map.driver, number) and number
+        ]
+        if not names:
+            return "check `model` in the robot file; or do the servos need another driver?"
+        which = " or ".join(names)
+        return f"it is of the model {which}: `model: {names[0]}` in the robot file"
 
     @staticmethod
     def _on(bus: ServoBus, found: BoolArray) -> BoolArray:

@@ -276,6 +276,27 @@ def test_another_model_than_the_robot_file_says_is_refused() -> None:
         servos_on(board, a_map("dynamixel", "xl330-m288")).connect()
 
 
+@pytest.mark.parametrize(
+    ("number", "advice"),
+    [
+        (1060, "it is of the model xl430-w250: `model: xl430-w250` in the robot file"),
+        (0, "check `model` in the robot file; or do the servos need another driver?"),
+        (4711, "check `model` in the robot file; or do the servos need another driver?"),
+    ],
+)
+def test_the_model_that_a_servo_is_of_is_named(number: int, advice: str) -> None:
+    bus_map = a_map("dynamixel", "xl330-m288")
+    with bus_board(bus_map) as board:
+        servo = board._servos[0]
+        assert isinstance(servo, BusServo)
+        servo.memory[0:2] = number.to_bytes(2, "little")
+        with pytest.raises(RobotFaultError) as refused:
+            servos_on(board, bus_map).connect()
+    assert str(refused.value) == (
+        f"leg 1 coxa (id 1) reports model number {number}, not 1200 (xl330-m288); {advice}"
+    )
+
+
 def test_nothing_answers_at_another_protocol() -> None:
     with bus_board(a_map()) as board, pytest.raises(RobotFaultError, match="no servo answers on /dev/pts/"):
         servos_on(board, a_map("dynamixel", "xl430-w250")).connect()
