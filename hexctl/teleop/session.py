@@ -68,12 +68,9 @@ class DriveSession:
         """
         ticks = 0
         while self.ended is None:
-            for device in devices:
-                device.poll()
-            self._do_requests()
             if stop_requested():
                 self.ended = "interrupted"
-            state = self.drive.step()
+            state = self.drive.step(lambda: self._poll(devices))
             self._listen()
             if ticks % REPORT_TICKS == 0:
                 status = self.status(state)
@@ -105,6 +102,12 @@ class DriveSession:
             "failures": [f"leg {one.leg} {in_words(one)}" for one in drive.failures],
             "said": state.fault or self.said,
         }
+
+    def _poll(self, devices: Sequence[Device]) -> None:
+        """Take what devices ask for."""
+        for device in devices:
+            device.poll()
+        self._do_requests()
 
     def _listen(self) -> None:
         """Take what the robot has noticed since the last tick."""

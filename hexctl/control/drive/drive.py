@@ -1,6 +1,6 @@
 """A robot that is driven by velocity commands: `hexctl.Drive`."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
@@ -162,8 +162,11 @@ class Drive:
             state = self.step()
         return state
 
-    def step(self) -> RobotState:
+    def step(self, poll: Callable[[], None] | None = None) -> RobotState:
         """Wait for the next control period, follow the command in it, and return the state it began with.
+
+        Args:
+            poll: called once the period has begun, for commands that are to count in it.
 
         Raises EStopError when the guard has stopped the robot, RobotFaultError when it or its link fails.
         """
@@ -171,6 +174,8 @@ class Drive:
         tick = self._guard.clock.tick()
         if self._zero_index is None:
             self._zero_index = tick.index
+        if poll is not None:
+            poll()
         return run_step(self._guard, controller, tick, tick.index - self._zero_index, self._observers)
 
     def pause(self) -> None:

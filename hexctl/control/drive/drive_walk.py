@@ -26,7 +26,7 @@ from hexctl.gait.gait import Gait
 from hexctl.types import FloatArray, RobotState
 
 #: From full speed, and with feet in the air, to a stand on all feet; and how long feet take to be lifted.
-HALT_S = 0.2
+HALT_S = 0.15
 
 #: A foot in the air moves no faster than this times as it does in the longest stroke.
 FASTEST_SWING = 1.25
