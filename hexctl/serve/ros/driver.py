@@ -25,6 +25,10 @@ EXPIRY_OF_ROS_S = 0.5
 #: Poses that differ by no more than this, in rad, are the same one.
 SAME_RAD = 1e-6
 
+#: Velocities beyond these, in m/s and rad/s, mean as fast as possible, and a stand: squares of what lies
+#: further out are no finite numbers any more, or zero.
+FASTEST, SLOWEST = 100.0, 1e-6
+
 #: The gait that follows velocities.
 GAIT = "tripod"
 
@@ -128,6 +132,7 @@ class RosDriver:
     def _follow(self, velocity: FloatArray, at_s: float) -> None:
         if at_s <= self._joints_until_s:
             raise CommandRefusedError("cmd_vel: got it while joint commands come; allowed: one of both")
+        velocity = np.where(np.abs(velocity) < SLOWEST, 0.0, np.clip(velocity, -FASTEST, FASTEST))
         if self._lease is None and not velocity.any():
             return  # nothing to stop: a planner that says zero all the time does not hold the robot
         self._hold(at_s)
