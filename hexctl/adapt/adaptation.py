@@ -194,11 +194,12 @@ class Adaptation:
         spec = self.spec if session is None else session.spec
         setting = checked or self._checked(spec)
         begins = session is None or not session.trials
-        self._tell(start_note(spec, setting), budget_note(spec), baseline_note(spec) if begins else None)
         servos = stack.enter_context(connected_robot(spec, setting, self._servos, self._note))
+        if session is None:
+            spec = at_home(spec, servos)  # a robot that cannot be scored is refused before any advice
+        self._tell(start_note(spec, setting), budget_note(spec), baseline_note(spec) if begins else None)
         self._tell(yaw_note(spec, servos))
         if session is None:
-            spec = at_home(spec, servos)
             spec = self._with_stance(spec, setting, servos, stop_requested)
             check_not_interrupted(stop_requested)
             session = store.create(spec)

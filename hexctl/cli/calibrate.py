@@ -53,7 +53,7 @@ def calibrate(
     from hexctl.cli.prompts import CalibrationPrompt
     from hexctl.control.calibration import calibrate as calibrate_servos
 
-    with StopOnInterrupt() as interrupt:
+    with StopOnInterrupt(plain=True) as interrupt:
         result = calibrate_servos(
             robot,
             CalibrationPrompt(),

@@ -159,10 +159,15 @@ def print_above(bar: "Progress", text: str, *, err: bool) -> None:
 
 
 class StopOnInterrupt:
-    """While open, SIGINT and SIGTERM only set `requested`; a second one raises KeyboardInterrupt."""
+    """While open, SIGINT and SIGTERM only set `requested`; a second one raises KeyboardInterrupt.
 
-    def __init__(self) -> None:
+    Args:
+        plain: whether there is no soft stop that a second one would leave out.
+    """
+
+    def __init__(self, *, plain: bool = False) -> None:
         self._requested = False
+        self._again = "quit at once" if plain else "quit without a soft stop"
         self._before: dict[signal.Signals, Any] = {}
 
     def requested(self) -> bool:
@@ -185,4 +190,5 @@ class StopOnInterrupt:
             raise KeyboardInterrupt
         self._requested = True
         if sys.stderr.isatty():
-            os.write(sys.stderr.fileno(), b"\nstopping; press Ctrl-C again to quit without a soft stop\n")
+            text = f"\nstopping; press Ctrl-C again to {self._again}\n"
+            os.write(sys.stderr.fileno(), text.encode())

@@ -4,13 +4,13 @@ import json
 import sys
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
 from hexctl.cli.board import BAUD
 from hexctl.cli.options import JsonOption, Range, choice
-from hexctl.robot.drivers import BUS_DRIVERS, BusDriver
+from hexctl.robot.drivers import BUS_DRIVERS, PWM_DRIVERS, BusDriver
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -101,18 +101,21 @@ def scan(
 ) -> None:
     """Ask all ids which servos answer: model, position, voltage, temperature. Nothing moves.
 
-    With --robot also which joint each is, and what differs from the file.
+    With --robot also which joint each is, and what differs from the file. Exit code 3 where none answers.
     """
     from hexctl.backends.bus.scan import USUAL_BAUDS, nothing_answers, scan_bus
     from hexctl.backends.bus.unexpected_ids import id_differences, joint_of
-    from hexctl.cli.console import print_note, print_result
+    from hexctl.cli.console import DONE, FAULT, print_note, print_result
 
     every = baud == ALL_BAUDS
     driver, path, speed = _bus(robot, driver, port, None if every or baud is None else int(baud))
     bauds = USUAL_BAUDS[driver] if every else (speed,)
     with _Bar("asking ids") as bar:
         found = scan_bus(path, driver, *bauds, progress=bar.told)
-    if unknown := [each.servo_id for each in found if each.model is None]:
+    unknown = [each.servo_id for each in found if each.model is None]
+    if unknown and driver == "lx16a":
+        print_note("these servos tell no model")
+    elif unknown:
         print_note(f"{len(unknown)} servos are of a model that is not known: is {driver} the right driver?")
     if not found:
         print_note(nothing_answers(path, driver, bauds))
@@ -126,6 +129,7 @@ def scan(
         print_result(json.dumps(rows))
     elif found:
         print_result(_table(rows, ""))
+    raise typer.Exit(DONE if found else FAULT)
 
 
 @servos.command("set-id")
@@ -163,6 +167,14 @@ def identify(
             "beside it, which the same command continues. (default: none, it is printed)",
         ),
     ] = None,
+    model: Annotated[
+        str | None,
+        choice(
+            "--model",
+            Literal["lx16a", "lx224", "hts35h"],
+            "Model of servos that do not tell it, those of lx16a. (default: that of --robot, else lx16a)",
+        ),
+    ] = None,
     yes: YesOption = False,
     as_json: JsonOption = False,
 ) -> None:
@@ -182,15 +194,16 @@ def identify(
             "--output: got it with --robot; allowed: without --robot, to which nothing is written"
         )
     driver, path, speed = _bus(robot, driver, port, baud)
+    untold = _untold_model(driver, robot, model)
     _check_answerable()
-    known = Identification(driver=driver, port=path, baud=speed, output=output)
+    known = Identification(driver=driver, port=path, baud=speed, output=output, model=untold)
     known.resume()
     if servo_id is None:
         with _Bar("asking ids") as bar:
             ids = [each.servo_id for each in scan_bus(path, driver, speed, progress=bar.told)]
     else:
         ids = [int(servo_id)]
-    with StopOnInterrupt() as interrupt:
+    with StopOnInterrupt(plain=True) as interrupt:
         identify_servos(known, ids, CalibrationPrompt(), consent=yes, stop_requested=interrupt.requested)
         stopped = interrupt.requested()
     print_result(json.dumps(known.ids) if as_json else known.section().rstrip())
@@ -292,7 +305,7 @@ def _found_port() -> "SerialPort | None":
 
     before = serial_ports()
     print_note(f"{len(before)} ports; now pull the cable of the adapter (Ctrl-C ends it)")
-    with StopOnInterrupt() as interrupt:
+    with StopOnInterrupt(plain=True) as interrupt:
         found = unplugged_port(before, timeout_s=FIND_TIMEOUT_S, stop_requested=interrupt.requested)
         if interrupt.requested():
             raise typer.Exit(INTERRUPTED)
@@ -307,6 +320,11 @@ def _bus(robot: str | None, driver: str | None, port: str | None, baud: int | No
     from hexctl.robot.loader import load_robot_file
 
     section = None if robot is None else load_robot_file(robot).content.servos
+    if section is not None and section.driver in PWM_DRIVERS:
+        raise InputError(
+            f"--robot: got {robot}, whose servos are hobby servos ({section.driver}), which cannot be asked; "
+            f"allowed: with {', '.join(BUS_DRIVERS)}"
+        )
     if driver is None:
         driver = None if section is None else section.driver
     elif section is not None and section.driver not in (None, driver):
@@ -319,6 +337,25 @@ def _bus(robot: str | None, driver: str | None, port: str | None, baud: int | No
     of_file = None if section is None or port is not None or section.baud is None else int(section.baud)
     path, speed = parse_bus_port(text, of_file if baud is None else int(baud), driver=driver)
     return driver, path, speed
+
+
+def _untold_model(driver: str, robot: str | None, model: str | None) -> str | None:
+    """Model of servos that do not tell theirs: as typed, else of the robot file, else the usual one, told."""
+    from hexctl.cli.console import print_note
+    from hexctl.errors import InputError
+    from hexctl.robot.loader import load_robot_file
+    from hexctl.robot.servo_models import DEFAULT_MODELS
+
+    if driver != "lx16a":
+        if model is not None:
+            raise InputError(
+                f"--model: got {model} with {driver}; allowed: with lx16a; others tell their model"
+            )
+        return None
+    of_file = None if robot is None else load_robot_file(robot).content.servos.model
+    if model is None and of_file is None:
+        print_note(f"these servos tell no model: {DEFAULT_MODELS[driver]} is written; --model says another")
+    return model or of_file or DEFAULT_MODELS[driver]
 
 
 def _map_of(robot: str, driver: str) -> "BusMap":

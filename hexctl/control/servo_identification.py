@@ -40,6 +40,7 @@ class Identification:
         ids: by the name of the joint.
         models: by the name of the joint; None where the servo does not say.
         output: file for the section `servos`, or None; what is known meanwhile is in a file beside it.
+        model: of servos that do not say it, or None.
     """
 
     driver: str
@@ -48,6 +49,7 @@ class Identification:
     output: Path | None = None
     ids: dict[str, int] = field(default_factory=dict)
     models: dict[str, str | None] = field(default_factory=dict)
+    model: str | None = None
 
     @property
     def draft(self) -> Path | None:
@@ -90,7 +92,7 @@ class Identification:
 
     def know(self, joint: str, servo: FoundServo) -> None:
         """Note which servo moves a joint, and keep it on the disk."""
-        self.ids[joint], self.models[joint] = servo.servo_id, servo.model
+        self.ids[joint], self.models[joint] = servo.servo_id, servo.model or self.model
         if self.draft is not None:
             atomic_write(self.draft, self.section())
 
@@ -153,7 +155,9 @@ def identify_servos(
             try:
                 servo = the_servo(line, known.driver, servo_id)
                 found = servo.look()
-                what = f"id {servo_id} ({found.model or 'unknown model'}), {place} of {len(left)}"
+                what = (
+                    f"id {servo_id} ({found.model or known.model or 'unknown model'}), {place} of {len(left)}"
+                )
                 if not consent and not _may_move(operator, what, stop_requested):
                     continue
                 joint = None

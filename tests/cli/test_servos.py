@@ -31,10 +31,13 @@ def test_a_scan_is_an_array_or_a_table(driver: str, model: str, capsys: pytest.C
         printed = capsys.readouterr()
         found = json.loads(printed.out)
         assert [each["id"] for each in found] == list(range(1, 19))
+        tells = driver != "lx16a"
+        assert {each["model"] for each in found} == ({model} if tells else {None})
         assert {"id", "model", "position", "voltage", "temperature"} <= found[0].keys()
-        assert printed.err == "asking ids: 253, some seconds\n"
+        untold = "" if tells else "these servos tell no model\n"
+        assert printed.err == f"asking ids: 253, some seconds\n{untold}"
         assert exit_code(words) == 0
-        assert model in capsys.readouterr().out
+        assert (model in capsys.readouterr().out) is tells
 
 
 def test_a_driver_that_knows_no_model_is_doubted(capsys: pytest.CaptureFixture[str]) -> None:
@@ -49,7 +52,7 @@ def test_a_driver_that_knows_no_model_is_doubted(capsys: pytest.CaptureFixture[s
 def test_servos_at_another_baud_are_hinted_at_and_found_with_all(capsys: pytest.CaptureFixture[str]) -> None:
     with bus_board(a_map(), *ONLY_ONE, baud=115_200) as board:
         words = ["servos", "scan", "--driver", "feetech", "--port", board.path, "--json"]
-        assert exit_code(words) == 0
+        assert exit_code(words) == 3
         printed = capsys.readouterr()
         assert json.loads(printed.out) == []
         assert "no servo answers on" in printed.err
@@ -117,6 +120,24 @@ def test_joints_are_identified_and_no_robot_file_is_written(
         assert "--output: got it with --robot" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(("words", "model"), [((), "lx16a"), (("--model", "lx224"), "lx224")])
+def test_a_model_that_servos_do_not_tell_is_written(
+    words: tuple[str, ...],
+    model: str,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    with bus_board(a_map("lx16a", "lx16a")) as board:
+        _says(monkeypatch, "\n2f\n")
+        assert exit_code(["servos", "identify", "5", "--driver", "lx16a", "--port", board.path, *words]) == 0
+    printed = capsys.readouterr()
+    assert f"  model: {model}\n" in printed.out
+    assert f"id 5 ({model}), 1 of 1: Enter moves it" in printed.err
+    assert ("these servos tell no model: lx16a is written; --model says another" in printed.err) is not bool(
+        words
+    )
+
+
 def test_a_file_that_there_is_not_is_not_named(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
@@ -153,6 +174,14 @@ def _says(monkeypatch: pytest.MonkeyPatch, text: str) -> None:
     ("words", "message"),
     [
         (["scan", "--driver", "hitec", "--port", "x"], "got hitec; allowed: dynamixel, feetech, lx16a"),
+        (
+            ["scan", "--robot", "freenove-big"],
+            "hobby servos (pca9685), which cannot be asked; allowed: with dyn",
+        ),
+        (
+            ["identify", "--model", "lx224", "--driver", "feetech", "--port", "x"],
+            "allowed: with lx16a; others",
+        ),
         (["scan", "--port", "x"], "--driver: got none; allowed: dynamixel, feetech, lx16a"),
         (["scan", "--driver", "feetech"], "--port: got none; allowed: the port of the bus"),
         (["scan", "--driver", "feetech", "--port", "x", "--baud", "9"], "9600 to 4500000 baud, or all"),

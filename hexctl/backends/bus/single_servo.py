@@ -296,7 +296,7 @@ class SingleLx16aServo(SingleServo):
         return FoundServo(
             servo_id=self.servo_id,
             baud=self._packets.line.baud,
-            model=self.type.name,
+            model=None,
             model_number=None,
             protocol=1,
             position=None if position is None else int(position),

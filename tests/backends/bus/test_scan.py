@@ -62,7 +62,7 @@ def test_servos_of_lx16a_are_found() -> None:
     with bus_board(bus_map, "mute:1:femur", "hot:1:tibia:72", "echo") as board:
         found = scan_bus(board.path, "lx16a", 115_200, ids=range(6))
     assert [each.servo_id for each in found] == [1, 3, 4, 5]
-    assert {(each.model, each.baud, each.voltage_v) for each in found} == {("lx16a", 115_200, 7.4)}
+    assert {(each.model, each.baud, each.voltage_v) for each in found} == {(None, 115_200, 7.4)}
     assert found[0].position == stance_counts(bus_map)[0]
     assert [each.temperature_c for each in found[:2]] == [35.0, 72.0]
 
