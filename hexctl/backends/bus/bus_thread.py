@@ -41,10 +41,12 @@ class BusThread(PortThread[ServoBus]):
         self._asked = 0  # joint whose torque was read last
         self._active_at_s = -np.inf
         self.limp: BoolArray = np.zeros(len(speeds), dtype=bool)
+        self._held: BoolArray = np.zeros(len(speeds), dtype=bool)
 
     def start(self, *, on: bool = False) -> None:
         """Begin; servos that hold already, `on`, approach the first targets from where they are."""
         self._sent = self._readings.positions.copy() if on else None
+        self._held = np.isfinite(self._readings.positions)
         super().start(on=on)
 
     def newest(self) -> tuple[FloatArray, ServoReadings, float]:
@@ -60,7 +62,8 @@ class BusThread(PortThread[ServoBus]):
         elif time.monotonic() - self._active_at_s > GAP_S:
             self._device.renew_watchdog()
         near = self._stepped(targets)
-        self._device.write_goals(near)
+        # Some servos switch their torque on with a goal: one that has let go would jump to it.
+        self._device.write_goals(np.where(self._held, near, np.nan))
         return near
 
     def _let_go(self) -> None:
@@ -90,7 +93,8 @@ class BusThread(PortThread[ServoBus]):
             here = self._readings.positions.copy()
         heard: BoolArray = self._readings.heard_at_s >= begun_s
         known: BoolArray = self._readings.trusted & heard
-        self.limp = heard & ~self._device.hold(np.where(known, here, 0.0), known)
+        self._held = self._device.hold(np.where(known, here, 0.0), known)
+        self.limp = heard & ~self._held
         self._sent = np.where(known, here, np.nan)
 
     def _check_torque(self) -> None:
@@ -101,8 +105,8 @@ class BusThread(PortThread[ServoBus]):
         torque = self._device.torque(self._asked, tries=1)
         if torque is False:  # a wrong answer is rare, two of them never come
             torque = self._device.torque(self._asked, tries=1)
-        if torque is not None:
-            self.limp[self._asked] = not torque
+        if torque is False:
+            self.limp[self._asked], self._held[self._asked] = True, False
 
     def _take(self, reports: Sequence[Report]) -> None:
         with self._lock:

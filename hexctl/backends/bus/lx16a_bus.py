@@ -173,7 +173,10 @@ class Lx16aBus(ServoBus):
         return np.array([bool(joints[joint] and self.torque(joint)) for joint in ALL])
 
     def write_goals(self, counts: FloatArray) -> None:
-        """Take goals in counts, (18,): those that changed are sent now, or half of them a period later."""
+        """Take goals in counts, (18,): those that changed are sent now, or half of them a period later.
+
+        A servo whose goal is NaN gets none.
+        """
         self._goals = self._within_limits(counts)
         self._clipped = np.abs(np.rint(counts) - self._goals) > 0
         self._counters.writes += 1
@@ -222,7 +225,11 @@ class Lx16aBus(ServoBus):
         self._began_s = now_s = time.monotonic()
         if self._goals is None:
             return
-        order = [joint for joint in np.argsort(self._sent_at_s, kind="stable").tolist() if self._on[joint]]
+        order = [
+            joint
+            for joint in np.argsort(self._sent_at_s, kind="stable").tolist()
+            if self._on[joint] and np.isfinite(self._goals[joint])
+        ]
         due = [joint for joint in order if self._goals[joint] != self._sent[joint]]
         chosen = due[:MOST_MOVES]
         old = [joint for joint in order[:1] if self._sent_at_s[joint] < now_s - REPEAT_S]

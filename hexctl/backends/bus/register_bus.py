@@ -162,10 +162,10 @@ class RegisterBus(ServoBus):
             self._sync_write(self.table.watchdog, np.zeros(N_JOINTS), joints)
 
     def write_goals(self, counts: FloatArray) -> None:
-        """Send goals in counts, (18,), in one packet, clipped to the limits stored in the servos."""
+        """Send goals in counts, (18,), in one packet, clipped to the stored limits; none where it is NaN."""
         goals = np.rint(np.clip(counts, self._lowest, self._highest))
         self._clipped = np.abs(np.rint(counts) - goals) > 0
-        self._sync_write(self.table.goal, goals)
+        self._sync_write(self.table.goal, goals, np.flatnonzero(np.isfinite(goals)).tolist())
         self._counters.writes += 1
 
     def poll(self, until: Callable[[], bool] = lambda: False) -> list[Report]:

@@ -129,7 +129,7 @@ class ServoBus(ABC):
 
     @abstractmethod
     def write_goals(self, counts: FloatArray) -> None:
-        """Send goals in counts, (18,), as many at once as the line carries in a control period."""
+        """Send goals in counts, (18,), as many as a control period carries; none where it is NaN."""
 
     @abstractmethod
     def poll(self, until: Callable[[], bool] = lambda: False) -> list[Report]:

@@ -204,7 +204,7 @@ def test_limits_that_an_earlier_program_left_are_said(driver: str, model: str) -
 
 def test_an_overload_of_an_x_servo_is_told_with_its_reason_and_needs_a_restart() -> None:
     bus_map = a_map("dynamixel", "xl430-w250")
-    with bus_board(bus_map, "overload:3:femur@1") as board, servos_on(board, bus_map) as servos:
+    with bus_board(bus_map, "overload:3:femur@2") as board, servos_on(board, bus_map) as servos:
         _walks(servos, 0.5)
         words = "hardware alert (overload): leg 3 femur (id 8)"
         assert _within(lambda: words in servos.read().warnings, servos)
@@ -218,7 +218,7 @@ def test_an_overload_of_an_ax_servo_is_told_and_ends_with_the_next_walk() -> Non
     """It sets its torque limit to 0, and leaves its torque on."""
     bus_map, table = a_map("dynamixel", "ax12a"), _table("ax12a")
     assert table.torque_limit is not None
-    with bus_board(bus_map, "overload:3:femur@1") as board, servos_on(board, bus_map) as servos:
+    with bus_board(bus_map, "overload:3:femur@2") as board, servos_on(board, bus_map) as servos:
         limp = "no torque: leg 3 femur (id 8)"
         assert _within(lambda: limp in servos.read().warnings, servos)
         assert _odd(board).number(table.torque) == 1

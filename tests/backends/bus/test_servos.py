@@ -109,6 +109,30 @@ def test_a_servo_that_loses_its_torque_is_named_and_not_switched_on_by_itself() 
         assert not board._servos[7].holds
 
 
+def test_a_servo_that_has_let_go_gets_no_goals_until_the_torque_was_off() -> None:
+    """Some switch their torque on with a goal, and would jump to it."""
+    with bus_board(a_map()) as board, servos_on(board, a_map()) as servos:
+        _walks(servos, 0.3)
+        servo = board._servos[7]
+        assert isinstance(servo, BusServo)
+        servo.memory[40] = 0
+        _until(servos, lambda state: state.warnings)
+        before = bytes(servo.memory[42:44])
+        for tick in range(30):
+            servos.clock.tick()
+            servos.read()
+            moved = servos.robot.stance_angles_rad + 0.004 * tick
+            servos.write(JointTargets(moved, servos.clock.now_s))
+        assert bytes(servo.memory[42:44]) == before
+        other = board._servos[8]
+        assert isinstance(other, BusServo)
+        assert other.holds
+        servos.disable_torque()
+        _until(servos, lambda state: not state.warnings)
+        _walks(servos, 0.3)
+        wait_for(lambda: servo.holds, 5.0, "the servo does not hold again")
+
+
 def test_torque_that_was_to_be_off_is_off_after_closing() -> None:
     with bus_board(a_map()) as board:
         for _ in range(5):
