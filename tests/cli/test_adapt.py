@@ -173,8 +173,10 @@ def test_bad_input_is_refused_in_one_line(
 
 def test_a_robot_without_a_position_cannot_be_scored(capsys: pytest.CaptureFixture[str]) -> None:
     arguments = ["adapt", "--failed-leg", "5", "--backend", "mock", "--duration", "0.1", "--no-record"]
-    assert exit_code(arguments) == 3
-    assert "knows no position" in capsys.readouterr().err
+    assert exit_code([*arguments, "--prior", "none"]) == 3
+    err = capsys.readouterr().err
+    assert "knows no position" in err
+    assert len(err.splitlines()) == 1, "without advice on a session that there will not be"
 
 
 def test_a_session_cut_off_goes_on_to_the_same_end(
