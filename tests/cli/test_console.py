@@ -91,3 +91,17 @@ def test_the_first_ctrl_c_asks_for_a_stop_and_the_second_ends() -> None:
 )
 def test_a_message_about_a_noun_of_the_library_begins_with_the_option(message: str, text: str) -> None:
     assert in_flags(InputError(message)) == text
+
+
+@pytest.mark.parametrize(("plain", "again"), [(True, "at once"), (False, "without a soft stop")])
+def test_a_soft_stop_is_mentioned_where_there_is_one(plain: bool, again: str) -> None:
+    program = f"""
+import os, signal, sys
+from hexctl.cli.console import StopOnInterrupt
+sys.stderr.isatty = lambda: True
+with StopOnInterrupt(plain={plain}) as interrupt:
+    os.kill(os.getpid(), signal.SIGINT)
+    assert interrupt.requested()
+"""
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60)
+    assert (done.returncode, done.stderr) == (0, f"\nstopping; press Ctrl-C again to quit {again}\n")
