@@ -113,6 +113,7 @@ def test_a_server_that_goes_in_mid_walk_leaves_the_robot_at_rest(
             walking.start()
             if not moved.wait(MOVES_WITHIN_S):  # a machine so busy that the guard stopped the walk
                 server.signal(signal.SIGKILL)
+                wait_until(lambda: "serve gone" in server.said(), "the keeper")
                 walking.join(TIMEOUT_S)
                 continue
             _, before_rad = _watched(robot, 0.3)
