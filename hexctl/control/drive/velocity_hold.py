@@ -19,6 +19,9 @@ from hexctl.control.steering import JUMP_M, JUMP_RAD, FrozenSensor
 from hexctl.robot.rotations import wrapped_rad, yaw_rad
 from hexctl.types import FloatArray, RobotState
 
+#: Velocities are looked at up to this many times the greatest.
+MOST_SHARE = 1e6
+
 #: Time in which a deviation is made good, and the time constant that smooths it.
 TIME_S, MEAN_S = 1.0, 0.2
 
@@ -64,7 +67,9 @@ class VelocityHold:
             self.forget()
             self._yaw_rad, self._position = yaw, position
             return wanted
-        going = wanted * _share(wanted, commanded - self.correction, most)
+        # Squares of what is very great are not numbers.
+        bounded = np.clip(wanted, -MOST_SHARE * most, MOST_SHARE * most)
+        going = bounded * _share(bounded, commanded - self.correction, most)
         self._turn(dt_s, yaw, float(going[2]))
         self._travel(dt_s, position, yaw, going[:2])
         cos, sin = math.cos(yaw), math.sin(yaw)
@@ -114,4 +119,5 @@ def _share(wanted: FloatArray, commanded: FloatArray, most: FloatArray) -> float
     """Share of the wanted velocity that is commanded now, 0 to 1."""
     scale = np.maximum(most, 1e-9)
     asked, now = wanted / scale, commanded / scale
-    return float(np.clip(asked @ now / (asked @ asked), 0.0, 1.0))
+    squared = float(asked @ asked)
+    return float(np.clip(asked @ now / squared, 0.0, 1.0)) if squared > 0 else 0.0

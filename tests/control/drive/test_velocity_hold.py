@@ -114,3 +114,14 @@ def test_the_correction_has_a_bound() -> None:
     robot = Slipping(np.zeros(3))
     robot.walk(np.array([0.1, 0.0, 0.5]), 3.0)
     assert (np.abs(robot.hold.correction) <= MOST * MOST_BODY + 1e-12).all()
+
+
+@pytest.mark.parametrize("size", [0.0, 5e-324, 1e-200, 1e-9, 1e3, 1e200, 1e308])
+def test_velocities_of_any_size_give_finite_ones(size: float) -> None:
+    robot = Slipping(np.array([0.1, 0.1, 0.1]))
+    for _ in range(5):
+        wanted = np.array([size, -size, size])
+        commanded = np.clip(wanted, -MOST_BODY, MOST_BODY)
+        with np.errstate(all="raise", under="ignore", over="ignore"):
+            robot.hold.update(PERIOD_S, robot.state(), wanted, commanded, MOST_BODY)
+        assert np.isfinite(robot.hold.correction).all()
