@@ -9,6 +9,15 @@ from hexctl.adapt.store import RUNS, flat_rows, list_sessions
 #: What is told of the session in each row: fields of `SessionSpec`.
 SPEC_COLUMNS = ("robot", "world", "failure", "objective", "duration_s", "backend")
 
+#: Columns that an empty table has, so that a question about it has an answer.
+USUAL_COLUMNS = (
+    "session",
+    "created",
+    *SPEC_COLUMNS,
+    *("optimizer", "failed_leg", "seed", "index", "code", "slots", "score", "status", "walked_s"),
+    *("distance_m", "deviation_signed_m", "energy_j", "cost_of_transport"),
+)
+
 
 def sessions(folder: Path | str = RUNS) -> Any:
     """All trials of all sessions of a folder, a row each, for questions across sessions.
@@ -21,14 +30,14 @@ def sessions(folder: Path | str = RUNS) -> Any:
         folder: where the sessions lie.
 
     Gives a `pandas.DataFrame` where pandas is installed (extra `data`), with `created` as times, else a list
-    of dicts; both are empty where there are no trials.
+    of dicts; both are empty where there are no trials, the first with its usual columns.
     """
     rows = [row for session in list_sessions(folder) for row in _rows(session)]
     try:
         import pandas
     except ModuleNotFoundError:
         return rows
-    table = pandas.DataFrame(rows)
+    table = pandas.DataFrame(rows, columns=None if rows else list(USUAL_COLUMNS))
     if rows:
         table["created"] = pandas.to_datetime(table["created"], utc=True)
     return table

@@ -9,6 +9,7 @@ import pytest
 
 import hexctl
 from hexctl.adapt.adaptation import adapt
+from hexctl.adapt.session_table import USUAL_COLUMNS
 
 
 @pytest.fixture(scope="module")
@@ -54,9 +55,12 @@ def test_without_pandas_it_is_a_list(folder: Path, monkeypatch: pytest.MonkeyPat
     rows = hexctl.sessions(folder)
     assert isinstance(rows, list)
     assert list(rows[0]) == list(table.columns)
+    assert set(USUAL_COLUMNS) <= set(table.columns)
     assert [row["session"] for row in rows] == table["session"].tolist()
 
 
 def test_without_sessions_it_is_empty(tmp_path: Path) -> None:
-    assert len(hexctl.sessions(tmp_path)) == 0
+    table = hexctl.sessions(tmp_path)
+    assert len(table) == 0
+    assert len(table[table["status"] == "ok"].sort_values("score")) == 0
     assert not list(tmp_path.iterdir())
