@@ -84,7 +84,8 @@ def test_hobby_servos_on_an_i2c_bus_are_let_down_too(
             program(tmp_path, "walk", *WALK, "--connect", server.endpoint, *robot),
         ):
             assert "warning: pca9685 has no watchdog" in server.said()
-            wait_until(lambda: server.status()["commands"]["accepted"] > 20, "commands")
+            # Legs get their pulses one after the other, which takes a second.
+            wait_until(lambda: server.status()["commands"]["accepted"] > 100, "commands")
             server.signal(number)
             wait_until(lambda: f"{how}: the robot sat down, and its torque is off" in server.said(), how)
         bus = I2cSocket(boards.port)
