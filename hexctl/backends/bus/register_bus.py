@@ -61,7 +61,7 @@ class RegisterBus(ServoBus):
 
     def model_number(self, joint: int) -> int | None:
         """Model number that the servo of a joint reports, or None without an answer."""
-        return self._servos[joint].raw(self.table.model)
+        return self._servos[joint].sure(self.table.model)
 
     def answers(self, servo_id: int, model: ServoType) -> bool:
         """Whether a servo of a model answers to an id that no joint has."""

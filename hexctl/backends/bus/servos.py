@@ -167,8 +167,6 @@ class BusServos(PortServos[BusMap, BusThread, BusCounters]):
         """Raise RobotFaultError for a servo that is another model than the robot file says."""
         for joint in np.flatnonzero(found).tolist():
             model, number = self._map.models[joint], bus.model_number(joint)
-            if number != model.number:  # a wrong answer is rare, two that are equal never come
-                number = number if bus.model_number(joint) == number else None
             if None not in (model.number, number) and number != model.number:
                 which = self._map.names(np.arange(N_JOINTS) == joint)
                 raise RobotFaultError(
