@@ -48,8 +48,9 @@ AXIS_COLOR: Color = (46, 53, 65)
 #: A robot's trunk and links by joint kind, and the floor: in recordings, robot descriptions and pictures.
 BODY_COLOR: Color = (58, 110, 165)
 LINK_COLORS: dict[str, Color] = {"coxa": (126, 144, 164), "femur": (186, 198, 212), "tibia": (226, 232, 240)}
-#: Links of a failed leg.
+#: Links of a failed leg, and of one that only the walk takes for failed.
 FAILED_COLORS: dict[str, Color] = {"coxa": (190, 44, 30), "femur": (226, 66, 42), "tibia": (246, 98, 66)}
+NOTICED_COLORS: dict[str, Color] = {"coxa": (204, 138, 0), "femur": (255, 176, 0), "tibia": (255, 204, 90)}
 GROUND_COLOR: Color = (52, 60, 70)
 
 #: Target bands: half width in m, colour on the dark background, and name; the widest is drawn first.

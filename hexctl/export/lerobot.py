@@ -10,7 +10,7 @@ import numpy as np
 
 from hexctl.backends.clock import PERIOD_S
 from hexctl.errors import InputError, MissingExtraError
-from hexctl.export.recordings import OnProgress, Trials
+from hexctl.export.recordings import OnProgress, Trials, title_of
 from hexctl.record.recorded_trial import RecordedTrial
 from hexctl.types import JOINT_NAMES, N_LEGS, FloatArray
 
@@ -87,11 +87,9 @@ def write_lerobot(trials: Trials, folder: Path, on_progress: OnProgress) -> None
 
 def task_of(trial: RecordedTrial) -> str:
     """What a trial was to do, in words."""
-    said = trial.properties
-    failed = f", leg {said['failed_leg']} {said.get('failure', 'failed')}" if "failed_leg" in said else ""
-    heading = float(said.get("heading_deg", 0.0))
+    heading = float(trial.properties.get("heading_deg", 0.0))
     way = "walk ahead" if heading == 0 else f"walk at {heading:g} degrees"
-    return f"{way} with {said.get('title', trial.robot.name)}{failed}"
+    return f"{way} with {title_of(trial)}"
 
 
 def _libraries() -> tuple[Any, Any, Any]:

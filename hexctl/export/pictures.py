@@ -1,16 +1,15 @@
 """Pictures that move, drawn by MuJoCo itself without a screen: GIF and MP4 of one walk, or of two abreast."""
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hexctl.errors import InputError, MissingExtraError, argument
-from hexctl.export.recordings import OnProgress, Trials
+from hexctl.export.recordings import OnProgress, Trials, title_of
 from hexctl.export.render import CAMERAS, RunRenderer
 from hexctl.palette import BACKGROUND, TEXT_COLOR
 from hexctl.record.recorded_trial import RecordedTrial
@@ -85,7 +84,7 @@ def write_pictures(trials: Trials, path: Path, options: PictureOptions, on_progr
         fps = 100 / round(100 / fps)  # a GIF counts in hundredths of a second
     times_s = _times_s(runs, options, fps)
     with _Panes(runs, captions, options) as panes:
-        (_write_gif if gif else _write_mp4)(path, panes.picture, times_s, fps, on_progress)
+        (_write_gif if gif else _write_mp4)(path, _Film(panes, times_s, fps, on_progress))
 
 
 class _Panes:
@@ -113,11 +112,43 @@ class _Panes:
     def picture(self, time_s: float) -> Picture:
         """The picture at a time, (height, width, 3)."""
         panes = []
-        for index, (run, renderer) in enumerate(zip(self._runs, self._renderers, strict=True)):
-            row = int(np.searchsorted(run.time_s, time_s + self._starts_s[index] + 1e-6, side="right")) - 1
-            pane = renderer.draw(min(max(row, 0), len(run) - 1))
+        for index, renderer in enumerate(self._renderers):
+            pane = renderer.draw(int(self._rows(index, [time_s])[0]))
             panes.append(pane if self._bars is None else np.vstack([pane, self._bars[index]]))
         return np.hstack(panes)
+
+    def first_of_each_look(self, times_s: Sequence[float]) -> NDArray[np.intp]:
+        """Indices of the first times at which legs are drawn in the colours of other conditions."""
+        conditions = [run.leg_conditions[self._rows(index, times_s)] for index, run in enumerate(self._runs)]
+        return np.asarray(np.unique(np.hstack(conditions), axis=0, return_index=True)[1])
+
+    def _rows(self, index: int, times_s: Sequence[float]) -> NDArray[np.intp]:
+        """Ticks of a run that are shown at times."""
+        run = self._runs[index]
+        shown_s = np.asarray(times_s) + self._starts_s[index] + 1e-6
+        return np.asarray(np.clip(np.searchsorted(run.time_s, shown_s, side="right") - 1, 0, len(run) - 1))
+
+
+@dataclass(frozen=True, slots=True)
+class _Film:
+    """A film that is to be written: what draws it, the times of its pictures, and their number per second."""
+
+    panes: _Panes
+    times_s: Sequence[float]
+    fps: float
+    on_progress: OnProgress
+
+    def pictures(self) -> Iterator[Picture]:
+        """All pictures in order; each counts as done when the next one is asked for."""
+        for done, time_s in enumerate(self.times_s, start=1):
+            yield self.panes.picture(time_s)
+            self.on_progress(done, len(self.times_s))
+
+    def sample(self) -> Picture:
+        """A few pictures, one below another, with all colours of the film."""
+        evenly = np.linspace(0, len(self.times_s) - 1, PALETTE_FRAMES).astype(int)
+        missed = np.setdiff1d(self.panes.first_of_each_look(self.times_s), evenly)
+        return np.vstack([self.panes.picture(self.times_s[index]) for index in (*evenly, *missed)])
 
 
 def _starts_s(runs: Sequence[RecordedTrial]) -> list[float]:
@@ -147,14 +178,7 @@ def _captions(runs: Sequence[RecordedTrial], given: tuple[str, ...] | None) -> S
                 f"{argument('captions')}: got {len(given)} for {len(runs)} recordings; allowed: one for each"
             )
         return given
-    return None if len(runs) == 1 else [caption_of(run) for run in runs]
-
-
-def caption_of(trial: RecordedTrial) -> str:
-    """Robot, gait and failed leg in a line."""
-    said = trial.properties
-    failed = f", leg {said['failed_leg']} {said.get('failure', 'failed')}" if "failed_leg" in said else ""
-    return f"{said.get('title', trial.robot.name)}{failed}"
+    return None if len(runs) == 1 else [title_of(run) for run in runs]
 
 
 def _caption(text: str, width_px: int) -> Picture:
@@ -170,38 +194,22 @@ def _caption(text: str, width_px: int) -> Picture:
     return np.asarray(bar)
 
 
-def _write_gif(
-    path: Path,
-    picture: Callable[[float], Picture],
-    times_s: Sequence[float],
-    fps: float,
-    on_progress: OnProgress,
-) -> None:
+def _write_gif(path: Path, film: _Film) -> None:
     """Write a GIF whose pictures share one set of colours, undithered: what does not move costs nothing."""
     try:
         from PIL import Image
     except ModuleNotFoundError as error:
         raise MissingExtraError("a GIF", "pictures") from error
-    few = [times_s[index] for index in np.linspace(0, len(times_s) - 1, PALETTE_FRAMES).astype(int)]
-    sample = Image.fromarray(np.vstack([picture(time_s) for time_s in few]))
-    palette = sample.quantize(GIF_COLORS, method=Image.Quantize.FASTOCTREE)
-
-    def frames() -> Iterator[Any]:
-        for done, time_s in enumerate(times_s, start=1):
-            yield Image.fromarray(picture(time_s)).quantize(palette=palette, dither=Image.Dither.NONE)
-            on_progress(done, len(times_s))
-
-    (first, *more) = frames()
-    first.save(path, save_all=True, append_images=more, duration=round(1000 / fps), loop=0, optimize=False)
+    palette = Image.fromarray(film.sample()).quantize(GIF_COLORS, method=Image.Quantize.FASTOCTREE)
+    (first, *more) = (
+        Image.fromarray(picture).quantize(palette=palette, dither=Image.Dither.NONE)
+        for picture in film.pictures()
+    )
+    duration_ms = round(1000 / film.fps)
+    first.save(path, save_all=True, append_images=more, duration=duration_ms, loop=0, optimize=False)
 
 
-def _write_mp4(
-    path: Path,
-    picture: Callable[[float], Picture],
-    times_s: Sequence[float],
-    fps: float,
-    on_progress: OnProgress,
-) -> None:
+def _write_mp4(path: Path, film: _Film) -> None:
     """Write an MP4 (H.264) that browsers and slides play."""
     try:
         import av
@@ -209,16 +217,14 @@ def _write_mp4(
         raise MissingExtraError("an MP4", "pictures") from error
     from fractions import Fraction
 
-    first = picture(times_s[0])
-    height_px, width_px = first.shape[:2]
+    height_px, width_px = film.panes.picture(film.times_s[0]).shape[:2]
     with av.open(str(path), "w", options={"movflags": "faststart"}) as file:
-        stream = file.add_stream("libx264", rate=Fraction(fps).limit_denominator(1000))
+        stream = file.add_stream("libx264", rate=Fraction(film.fps).limit_denominator(1000))
         stream.width, stream.height, stream.pix_fmt = width_px, height_px, "yuv420p"
         stream.options = {"crf": "20", "preset": "medium"}
-        for done, time_s in enumerate(times_s, start=1):
-            frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(picture(time_s)), format="rgb24")
+        for picture in film.pictures():
+            frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(picture), format="rgb24")
             file.mux(stream.encode(frame))
-            on_progress(done, len(times_s))
         file.mux(stream.encode())
 
 

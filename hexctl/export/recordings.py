@@ -1,5 +1,6 @@
 """Recordings to export: those that are given, or those of a session, read when they are needed."""
 
+import json
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -64,6 +65,15 @@ def recordings_of(sources: Sequence[str | Path | Robot], runs: Path) -> tuple[Pa
         check_type(source, (str, Path), "export", "recordings (.rrd) or the name of a session")
         found += _of_session(str(source), runs) if is_session(source) else [Path(str(source))]
     return tuple(found)
+
+
+def title_of(trial: RecordedTrial) -> str:
+    """Robot, gait and the failed legs that the walk was told of, in a line."""
+    told = trial.properties
+    failed = {str(told["failed_leg"]): told.get("failure", "failed")} if "failed_leg" in told else {}
+    failed |= json.loads(told.get("further_failures", "{}"))
+    legs = [f"leg {leg} {how}" for leg, how in failed.items()]
+    return ", ".join([str(told.get("title", trial.robot.name)), *legs])
 
 
 def _of_session(name: str, runs: Path) -> list[Path]:

@@ -8,18 +8,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hexctl.errors import HexctlError, MissingExtraError
-from hexctl.palette import FAILED_COLORS
-from hexctl.record.recorded_trial import RecordedTrial
+from hexctl.palette import FAILED_COLORS, NOTICED_COLORS
+from hexctl.record.recorded_trial import LEG_CONDITIONS, RecordedTrial
 from hexctl.robot.formats.link_frames import JOINT_LINKS
 from hexctl.robot.formats.mjcf import CAMERAS as _CAMERAS
 from hexctl.robot.formats.mjcf import mjcf_of
-from hexctl.types import JOINT_KINDS, JOINTS_PER_LEG, FloatArray
+from hexctl.types import JOINT_KINDS, JOINTS_PER_LEG, N_LEGS, FloatArray
 
 #: Cameras, all of which go along with the robot.
 CAMERAS = tuple(_CAMERAS)
 
 #: What draws without a screen, in the order in which they are tried, and the Debian packages of each.
 RENDERERS = {"egl": "libegl1 libgl1 libgl1-mesa-dri", "osmesa": "libosmesa6"}
+
+#: Colours and opacity of a leg's links by its condition; those of a whole leg are the robot's own.
+LEG_LOOKS = {
+    "noticed": (NOTICED_COLORS, 1.0),
+    "failed": (FAILED_COLORS, 1.0),
+    "missing": (FAILED_COLORS, 0.15),
+}
 
 #: Geoms of a scene: more than the robot has.
 MOST_GEOMS = 200
@@ -72,7 +79,7 @@ class RunRenderer:
         spec.geom("floor").quat = trial.floor_quaternion
         self.model = spec.compile()
         self.data = mujoco.MjData(self.model)
-        _paint_failed(self.model, trial)
+        self._legs = _Legs(self.model)
         self._positions_m = _positions_m(trial)
         self._scene = mujoco.MjvScene(self.model, MOST_GEOMS)
         self._scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = 0
@@ -86,7 +93,7 @@ class RunRenderer:
         self._pixels = np.empty((height_px, width_px, 3), dtype=np.uint8)
 
     def place(self, row: int) -> None:
-        """Put the robot where it was at a tick."""
+        """Put the robot where it was at a tick, its legs in the colours of their conditions."""
         mujoco, trial, qpos = self._mujoco, self._trial, self.data.qpos
         qpos[:3], qpos[7:] = self._positions_m[row], trial.measured_rad[row]
         quaternion = trial.base_quaternion_world[row]
@@ -94,6 +101,7 @@ class RunRenderer:
         mujoco.mj_kinematics(self.model, self.data)
         mujoco.mj_comPos(self.model, self.data)
         mujoco.mj_camlight(self.model, self.data)
+        self._legs.paint(trial.leg_conditions[row])
 
     def draw(self, row: int) -> NDArray[np.uint8]:
         """Picture of a tick, (height, width, 3)."""
@@ -112,17 +120,28 @@ class RunRenderer:
         self._context.free()
 
 
-def _paint_failed(model: Any, trial: RecordedTrial) -> None:
-    """Draw a failed leg in red, and a missing one almost not at all."""
-    leg, how = trial.properties.get("failed_leg"), str(trial.properties.get("failure", ""))
-    if leg is None:
-        return
-    for index, kind in enumerate(JOINT_KINDS):
-        link = model.body(JOINT_LINKS[JOINTS_PER_LEG * (int(leg) - 1) + index]).id
-        geoms = np.flatnonzero(model.geom_bodyid == link)
-        model.geom_matid[geoms] = -1
-        color = [part / 255 for part in FAILED_COLORS[kind]]
-        model.geom_rgba[geoms] = [*color, 0.15 if how.startswith("missing") else 1.0]
+class _Legs:
+    """Colours of the legs of a model."""
+
+    def __init__(self, model: Any) -> None:
+        self._model = model
+        self._materials, self._colors = model.geom_matid.copy(), model.geom_rgba.copy()
+        links = [model.body(name).id for name in JOINT_LINKS]
+        self._geoms = [np.flatnonzero(model.geom_bodyid == link) for link in links]
+
+    def paint(self, conditions: NDArray[np.int64]) -> None:
+        """Give legs the looks of their conditions, indices in `LEG_CONDITIONS`, (6,)."""
+        model = self._model
+        model.geom_matid[:], model.geom_rgba[:] = self._materials, self._colors
+        for leg in range(N_LEGS):
+            look = LEG_LOOKS.get(LEG_CONDITIONS[conditions[leg]])
+            if look is None:
+                continue
+            colors, opacity = look
+            for index, kind in enumerate(JOINT_KINDS):
+                geoms = self._geoms[JOINTS_PER_LEG * leg + index]
+                model.geom_matid[geoms] = -1
+                model.geom_rgba[geoms] = [*(part / 255 for part in colors[kind]), opacity]
 
 
 def _positions_m(trial: RecordedTrial) -> FloatArray:

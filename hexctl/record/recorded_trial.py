@@ -22,6 +22,9 @@ from hexctl.types import JOINT_KINDS, N_JOINTS, N_LEGS, ArrayFields, BoolArray, 
 
 Rows = NDArray[np.int64]
 
+#: What a recording shows of a leg: whole, taken for failed by the walk alone, failed, or failed and gone.
+LEG_CONDITIONS = ("whole", "noticed", "failed", "missing")
+
 #: A body without a known position is drawn at its start, less often than every tick.
 UNPOSED_GAP_NS = round(2.5 * PERIOD_S * 1e9)
 
@@ -74,6 +77,8 @@ class RecordedTrial(ArrayFields):
         foot_contacts: which feet touch the floor, (T, 6), or None where they are not felt.
         torques_nm: of the joints, 18 wide, ten times a second.
         velocity_body: commanded, forward and left in m/s, turn in rad/s, ten times a second.
+        leg_conditions: index of the condition of each leg in `LEG_CONDITIONS`, (T, 6). A leg has failed where
+            the walk was told so or a simulation broke it.
         leg_suspicion: the evidence against each leg, an alarm at 1, 6 wide, ten times a second.
         servos: what single servos report, 18 wide, once a second, by attribute of `ServoReadings`.
         events: what happened, in order.
@@ -94,6 +99,7 @@ class RecordedTrial(ArrayFields):
     foot_contacts: BoolArray | None
     torques_nm: Samples
     velocity_body: Samples
+    leg_conditions: Rows
     leg_suspicion: Samples
     servos: dict[str, Samples] = field(default_factory=dict)
     events: tuple[RecordedEvent, ...] = ()
@@ -153,6 +159,7 @@ def read_trial(path: Path | str, robot: Robot | None = None) -> RecordedTrial:
         foot_contacts=_contacts(columns, at),
         torques_nm=at.samples(columns, paths.TORQUES, N_JOINTS),
         velocity_body=at.samples(columns, paths.VELOCITY, 3),
+        leg_conditions=_leg_conditions(columns, at),
         leg_suspicion=_without_alarm(at.samples(columns, paths.SUSPICION, N_LEGS + 1)),
         servos={name: samples for name, samples in servos.items() if samples.rows.size},
         events=tuple(_events(columns, at)),
@@ -187,11 +194,11 @@ class _Columns:
         return _joined(parts, np.empty((0, width)))
 
     def texts(self, entity: str, component: str) -> tuple[Rows, list[str]]:
-        """Times in ns, (N,), and texts of a component that holds one per row."""
+        """Times in ns, (N,), and texts of a component that holds one per row, or none, which is empty."""
         rows = [
-            (int(time), text)
+            (int(time), next(iter(texts), ""))
             for times, values in self._rows(entity, component)
-            for time, (text, *_) in zip(times, values.to_pylist(), strict=True)
+            for time, texts in zip(times, values.to_pylist(), strict=True)
         ]
         rows.sort(key=lambda row: row[0])
         return np.array([time for time, _ in rows], dtype=np.int64), [text for _, text in rows]
@@ -316,6 +323,30 @@ def _contacts(columns: _Columns, at: _Ticks) -> BoolArray | None:
         felt |= bool((colors != style.packed(style.UNFELT_COLOR)).any())
         contacts[:, leg - 1] = at.last(times_ns, (colors[:, 0] == touching).astype(np.int64), 0)
     return contacts if felt else None
+
+
+def _leg_conditions(columns: _Columns, at: _Ticks) -> Rows:
+    """Index of the condition of each leg, (T, 6), by the labels at its foot and at its hip."""
+    indices = np.zeros((len(at.times_ns), N_LEGS), dtype=np.int64)
+    for leg in paths.LEGS:
+        for entity, condition in (
+            (paths.noticed_path(leg), _noticed_condition),
+            (paths.foot_path(leg), _failed_condition),
+        ):
+            times_ns, labels = columns.texts(entity, "Points3D:labels")
+            shown = at.held(times_ns, [condition(label) for label in labels], LEG_CONDITIONS)
+            indices[:, leg - 1] = np.maximum(indices[:, leg - 1], shown)
+    return indices
+
+
+def _noticed_condition(label: str) -> str:
+    return "noticed" if label else "whole"
+
+
+def _failed_condition(label: str) -> str:
+    if not label:
+        return "whole"
+    return "missing" if label.endswith(" missing") else "failed"
 
 
 def _without_alarm(samples: Samples) -> Samples:

@@ -205,6 +205,8 @@ def spec_of(options: Mapping[str, Any]) -> RunSpec:
     if given.get("record") is False:
         given["record"] = given["record_folder"] = None
     if failed_leg is not None:
+        if given.get("further_failures"):
+            raise InputError("further_failures: got them with failed_leg; allowed: failed_leg=(2, 5)")
         legs = (failed_leg,) if isinstance(failed_leg, int) else failed_leg
         check_type(legs, (tuple, list), "failed_leg", "1..6, the leg that fails, or several, as (2, 5)")
         for leg in legs:

@@ -5,7 +5,7 @@ from itertools import combinations
 from hexctl.palette import BODY_COLOR as BODY_COLOR
 from hexctl.palette import FAILED_COLORS as FAILED_COLORS
 from hexctl.palette import GROUND_COLOR as GROUND_COLOR
-from hexctl.palette import LINE_COLOR
+from hexctl.palette import LINE_COLOR, NOTICED_COLORS
 from hexctl.palette import LINK_COLORS as LINK_COLORS
 from hexctl.robot.failure import FAILURE_KINDS
 from hexctl.types import JOINT_KINDS, N_LEGS
@@ -16,7 +16,7 @@ GRID_COLOR = (255, 255, 255, 26)
 NOSE_COLOR = (240, 240, 240)
 WHITE = (255, 255, 255)
 #: A leg that was noticed to have failed.
-NOTICED_COLOR = (255, 176, 0)
+NOTICED_COLOR = NOTICED_COLORS["femur"]
 #: One hue per leg, from leg 1 on, and the alarm.
 LEG_COLORS = (
     (90, 170, 255),

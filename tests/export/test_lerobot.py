@@ -32,7 +32,9 @@ def dataset(tmp_path_factory: Any, walk: RecordedTrial) -> Path:
 def cut(walk: RecordedTrial, ticks: int) -> RecordedTrial:
     names = ("stamps_ns", "time_s", "walk_s", "phases", "commanded_rad", "measured_rad")
     more = ("base_position_world", "base_quaternion_world", "foot_contacts")
-    changes: dict[str, Any] = {name: getattr(walk, name)[:ticks] for name in (*names, *more)}
+    changes: dict[str, Any] = {
+        name: getattr(walk, name)[:ticks] for name in (*names, *more, "leg_conditions")
+    }
     return replace(walk, **changes)
 
 

@@ -1,5 +1,6 @@
 """GIF and MP4: times, captions and files. A stand-in draws, but where real pictures are the matter."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -9,9 +10,9 @@ import pytest
 from PIL import Image, ImageSequence
 
 from hexctl.errors import InputError
-from hexctl.export.pictures import PictureOptions, caption_of, write_pictures
+from hexctl.export.pictures import PictureOptions, write_pictures
 from hexctl.export.render import NoRendererError, open_context
-from hexctl.record.recorded_trial import RecordedTrial
+from hexctl.record.recorded_trial import LEG_CONDITIONS, RecordedTrial
 from tests.export.test_lerobot import cut
 
 
@@ -90,7 +91,6 @@ def test_two_walks_begin_together_and_the_shorter_one_waits(
 
 @pytest.mark.usefixtures("drawn")
 def test_captions(walk: RecordedTrial, tmp_path: Path) -> None:
-    assert caption_of(walk) == "phantomx demo, leg 5 locked"
     write(tmp_path / "a.gif", walk, duration_s=0.2, captions=("a caption",), width_px=100)
     with Image.open(tmp_path / "a.gif") as gif:
         picture = np.asarray(gif.convert("L"))
@@ -111,6 +111,26 @@ def test_what_is_out_of_range_is_refused(walk: RecordedTrial, tmp_path: Path) ->
             PictureOptions(**options)
     with pytest.raises(InputError, match="got 3 recordings; allowed: one, or two abreast"):
         write(tmp_path / "a.gif", walk, walk, walk)
+
+
+def test_a_leg_that_fails_for_a_moment_has_its_colour_in_a_gif(
+    walk: RecordedTrial, tmp_path: Path, monkeypatch: Any
+) -> None:
+    conditions = np.zeros_like(walk.leg_conditions)
+    conditions[65:75, 4] = LEG_CONDITIONS.index("failed")
+
+    class Blushing(Drawn):
+        def draw(self, row: int) -> Any:
+            red = 250 if conditions[row, 4] else 0
+            return np.full((48, 64, 3), (red, 20, 30), dtype=np.uint8)
+
+    Drawn.rows = []
+    monkeypatch.setattr("hexctl.export.pictures.RunRenderer", Blushing)
+    write(tmp_path / "a.gif", replace(walk, leg_conditions=conditions), width_px=64, fps=10)
+    with Image.open(tmp_path / "a.gif") as gif:
+        red = {frame.convert("RGB").getpixel((5, 5))[0] for frame in ImageSequence.Iterator(gif)}
+    assert min(red) < 20
+    assert max(red) > 230
 
 
 def test_a_real_gif_is_small(walk: RecordedTrial, tmp_path: Path, monkeypatch: Any) -> None:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from hexctl.export.render import CAMERAS, NoRendererError, RunRenderer, open_context
-from hexctl.record.recorded_trial import RecordedTrial
+from hexctl.record.recorded_trial import LEG_CONDITIONS, RecordedTrial
 
 
 @pytest.fixture
@@ -46,17 +46,41 @@ def test_every_camera_sees_the_robot_from_its_side(walk: RecordedTrial) -> None:
     assert len({picture.tobytes() for picture in pictures.values()}) == len(CAMERAS)
 
 
-@pytest.mark.usefixtures("_renderer")
-def test_the_failed_leg_is_red_and_a_sloping_floor_slopes(walk: RecordedTrial) -> None:
-    def red(trial: RecordedTrial) -> int:
-        renderer = RunRenderer(trial, "top", 160, 120)
-        picture = renderer.draw(0).astype(int)
-        renderer.close()
-        return int((picture[..., 0] - picture[..., 2] > 60).sum())
+def tinted(trial: RecordedTrial) -> tuple[list[int], list[int]]:
+    """Numbers of red and of amber pixels in the first ticks, seen from above."""
+    renderer = RunRenderer(trial, "top", 160, 120)
+    red, amber = [], []
+    for row in range(5):
+        picture = renderer.draw(row).astype(int)
+        warm = picture[..., 0] - picture[..., 2] > 60
+        yellow = picture[..., 1] - picture[..., 2] > 60
+        red.append(int((warm & ~yellow).sum()))
+        amber.append(int((warm & yellow).sum()))
+    renderer.close()
+    return red, amber
 
-    whole = replace(walk, properties={})
-    assert red(walk) > 30
-    assert red(whole) == 0
+
+@pytest.mark.usefixtures("_renderer")
+def test_the_failed_leg_is_red(walk: RecordedTrial) -> None:
+    red, amber = tinted(walk)
+    assert min(red) > 30
+    assert max(amber) == 0
+
+
+@pytest.mark.usefixtures("_renderer")
+def test_legs_have_the_colours_of_their_conditions_while_they_last(walk: RecordedTrial) -> None:
+    conditions = np.zeros_like(walk.leg_conditions)
+    for row, condition in enumerate(("whole", "noticed", "failed", "missing", "whole")):
+        conditions[row, 4] = LEG_CONDITIONS.index(condition)
+    red, amber = tinted(replace(walk, leg_conditions=conditions))
+    assert [count > 30 for count in red] == [False, False, True, False, False]
+    assert [count > 30 for count in amber] == [False, True, False, False, False]
+    assert red[3] < red[2] / 2  # almost transparent
+    assert [red[0], amber[0]] == [red[4], amber[4]] == [0, 0]
+
+
+@pytest.mark.usefixtures("_renderer")
+def test_a_sloping_floor_slopes(walk: RecordedTrial) -> None:
     tilted = np.array([np.cos(0.1), 0.0, np.sin(0.1), 0.0])
     renderer = RunRenderer(replace(walk, floor_quaternion=tilted), "side", 64, 48)
     renderer.place(0)

@@ -10,7 +10,9 @@ import rerun as rr
 
 from hexctl.control.log import TickLog
 from hexctl.errors import InputError
-from hexctl.record.recorded_trial import RecordedTrial, read_trial
+from hexctl.record.recorded_trial import LEG_CONDITIONS, RecordedTrial, read_trial
+from hexctl.record.run import run
+from hexctl.robot.failure_event import parse_failure_event, parse_healing
 from hexctl.robot.loader import load_robot
 from hexctl.types import N_JOINTS, ServoReadings
 from tests.record.conftest import Trial, write
@@ -54,6 +56,35 @@ def test_it_holds_the_robot_the_outcome_and_what_happened(read: RecordedTrial, t
     assert read.events[0].text == "settle begins"
     assert read.events[-1].text.startswith("trial over")
     assert read.events[-1].row == len(trial.log) - 1
+
+
+def conditions(trial: RecordedTrial, leg: int) -> list[tuple[int, str]]:
+    """Conditions of a leg, each with the tick from which on it is so."""
+    indices = trial.leg_conditions[:, leg - 1]
+    starts = [0, *(np.flatnonzero(np.diff(indices)) + 1).tolist()]
+    return [(row, LEG_CONDITIONS[indices[row]]) for row in starts]
+
+
+def test_legs_that_failed_before_the_walk(read: RecordedTrial, tmp_path: Path) -> None:
+    assert [conditions(read, leg) for leg in (4, 5)] == [[(0, "whole")], [(0, "failed")]]
+    path = tmp_path / "two.rrd"
+    run(failed_leg=(3, 6), failure="missing,limp", gait="auto", duration_s=1.0, record=path)
+    two = read_trial(path)
+    assert [conditions(two, leg) for leg in (2, 3, 6)] == [[(0, "whole")], [(0, "missing")], [(0, "failed")]]
+
+
+def test_legs_that_fail_are_noticed_and_heal_in_a_walk(tmp_path: Path) -> None:
+    path = tmp_path / "healed.rrd"
+    events = [parse_failure_event("5:locked@1"), parse_healing("5@2.5")]
+    result = run(gait="tripod", events=events, policy="walk-on", duration_s=3.5, record=path)
+    (noticed,) = result.trial.noticed
+    assert noticed.at_s < 2.5
+    read = read_trial(path)
+    begun = int(np.flatnonzero(read.walk_s > 0)[0]) - 1
+    found = conditions(read, 5)
+    assert [name for _, name in found] == ["whole", "failed", "noticed"]
+    assert [row - begun for row, _ in found[1:]] == pytest.approx([50, 125], abs=1)
+    assert conditions(read, 1) == [(0, "whole")]
 
 
 def test_the_robot_need_not_be_one_that_ships(trial: Trial, tmp_path: Path) -> None:

@@ -339,6 +339,11 @@ def test_several_legs_fail_from_the_start() -> None:
     assert done.trial.distance_m > 0.5 * done.trial.ideal_distance_m
 
 
+def test_further_legs_beside_one_by_its_number_are_refused() -> None:
+    with pytest.raises(InputError, match=r"further_failures: got them with failed_leg; allowed: .*\(2, 5\)"):
+        spec_of({"failed_leg": 2, "further_failures": (Failure(leg=5),)})
+
+
 def test_a_code_counts_among_the_arrangements_of_the_legs_that_are_left() -> None:
     plan = plan_of(spec_of({"failed_leg": (2, 5), "gait": "24"}), shipped("ant"))
     assert plan.gait.slots == (6, 2, 4, 3, 5, 1)
