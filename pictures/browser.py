@@ -53,8 +53,17 @@ class Browser:
         self._asked = 0
         self._received = b""
         self._session: str | None = None
+        self.open()
+
+    def open(self) -> None:
+        """Open another page, and turn to it."""
+        self._session = None
         target = self._ask("Target.createTarget", url="about:blank")["targetId"]
         self._session = self._ask("Target.attachToTarget", targetId=target, flatten=True)["sessionId"]
+
+    def leave(self) -> None:
+        """Close the page; `open` opens another."""
+        self._ask("Page.close")
 
     def go(self, url: str) -> None:
         """Go to an address; returns before its page is loaded."""
@@ -67,6 +76,21 @@ class Browser:
         except BrowserError:
             return None
         return Picture.from_png(base64.b64decode(taken["data"]))
+
+    def value(self, expression: str) -> Any:
+        """Value of an expression in the page; raises BrowserError where it throws."""
+        answer = self._ask("Runtime.evaluate", expression=expression, returnByValue=True)
+        if "exceptionDetails" in answer:
+            raise BrowserError(f"{expression}: {answer['exceptionDetails'].get('text')}")
+        return answer["result"].get("value")
+
+    def touch(self, x: float, y: float) -> None:
+        """Put a finger down, in points from the upper left."""
+        self._ask("Input.dispatchTouchEvent", type="touchStart", touchPoints=[{"x": x, "y": y}])
+
+    def lift(self) -> None:
+        """Lift the finger."""
+        self._ask("Input.dispatchTouchEvent", type="touchEnd", touchPoints=[])
 
     def close(self) -> None:
         """Ask the browser to end."""

@@ -71,6 +71,8 @@ def asked(shell: str, line: str, folder: Path) -> list[str]:
         ("hexctl adapt --optimizer de", ["debest", "derand"]),
         ("hexctl adapt --objective m", ["mean", "max"]),
         ("hexctl check a", ["ant"]),
+        ("hexctl drive --hold ", ["auto", "none"]),
+        ("hexctl drive --gamepad n", ["none"]),
     ],
 )
 def test_values_are_offered(line: str, offered: list[str], tmp_path: Path) -> None:
@@ -98,6 +100,13 @@ def test_recordings_are_offered_to_view(tmp_path: Path) -> None:
 @pytest.mark.parametrize("line", ["hexctl run --robot ./m", "hexctl run --record ", "hexctl view mine"])
 def test_where_no_word_fits_the_shell_offers_files(line: str, tmp_path: Path) -> None:
     assert asked("bash", line, tmp_path) == []
+
+
+def test_gamepads_are_offered(monkeypatch: pytest.MonkeyPatch) -> None:
+    pad = Path("/dev/input/event5")
+    monkeypatch.setattr("hexctl.teleop.gamepad.find_gamepads", lambda: [pad])
+    assert completion.gamepads("") == ["auto", "none", str(pad)]
+    assert completion.gamepads("/dev/") == [str(pad)]
 
 
 def test_nothing_is_made_and_nothing_complains(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,15 +1,8 @@
 """`hexctl drive` as a process on a pseudo-terminal: keys, Ctrl-C, a terminal that goes, and the page."""
 
 import json
-import os
-import pty
 import re
 import signal
-import subprocess
-import sys
-import threading
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -18,63 +11,7 @@ from websockets.typing import Origin, Subprotocol
 
 from hexctl.cli.main import exit_code
 from hexctl.waiting import wait_for
-
-WAIT_S = 60.0
-
-
-class OnTerminal:
-    """A process whose terminal the test holds the other end of."""
-
-    def __init__(self, arguments: Sequence[str], folder: Path) -> None:
-        self.master, slave = pty.openpty()
-        self.process = subprocess.Popen(
-            [sys.executable, "-c", "from hexctl.cli.entry import main; main()", "drive", *arguments],
-            stdin=slave,
-            stdout=slave,
-            stderr=slave,
-            start_new_session=True,
-            cwd=folder,
-        )
-        os.close(slave)
-        self.shown = ""
-        self._reader = threading.Thread(target=self._read, daemon=True)
-        self._reader.start()
-
-    def _read(self) -> None:
-        while True:
-            try:
-                data = os.read(self.master, 4096)
-            except OSError:
-                return
-            if not data:
-                return
-            self.shown += data.decode(errors="replace")
-
-    def wait(self, pattern: str) -> str:
-        """What the terminal shows, once a pattern is in it."""
-        wait_for(
-            lambda: re.search(pattern, self.shown) is not None or self.process.poll() is not None,
-            WAIT_S,
-            f"{pattern!r} is not shown",
-        )
-        assert re.search(pattern, self.shown), self.shown[-600:]
-        return self.shown
-
-    def type(self, keys: str) -> None:
-        os.write(self.master, keys.encode())
-
-    def code(self) -> int:
-        return self.process.wait(WAIT_S)
-
-
-@contextmanager
-def on_terminal(folder: Path, *arguments: str) -> Iterator[OnTerminal]:
-    made = OnTerminal(arguments, folder)
-    try:
-        yield made
-    finally:
-        made.process.kill()
-        made.process.wait()
+from tests.cli.terminals import WAIT_S, on_terminal
 
 
 def test_keys_drive_until_q_and_the_drive_is_recorded(tmp_path: Path) -> None:
@@ -111,7 +48,7 @@ def test_a_terminal_that_goes_ends_at_a_stand(how: str, tmp_path: Path) -> None:
         terminal.type("www")
         terminal.wait(r"forward \+0\.1")
         if how == "closed":
-            os.close(terminal.master)
+            terminal.close()
         else:
             terminal.process.send_signal(signal.SIGHUP)
         assert terminal.code() == 0

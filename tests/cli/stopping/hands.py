@@ -1,0 +1,332 @@
+"""Hands that are lifted, and hands that go: gamepads, pages and terminals of a robot that walks."""
+
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from contextlib import ExitStack, suppress
+from pathlib import Path
+
+from hexctl.waiting import wait_for
+from pictures.browser import BrowserError, browser
+from tests.cli.stopping.drives import PATIENCE_S, Driven, LostDriveError, Pad, local
+from tests.cli.terminals import COMMAND, WITH_TERMINAL, OnTerminal
+from tests.serve.processes import RECORDED
+from tests.serve.recorded import VARIABLE
+
+#: Keys to each heading, at full speed.
+HEADINGS = ("w" * 5, "s" * 5, "a" * 5, "d" * 5, "\x1b[D" * 5, "\x1b[C" * 5, "wwwaa", "wwww\x1b[D")
+
+
+class PadDriven(Driven):
+    """Driven with a gamepad: its button let go, or pulled out.
+
+    Args:
+        how: `released`, `ended` (its event file reads as ended) or `gone` (reading it is an error).
+    """
+
+    def __init__(self, folder: Path, chance: random.Random, how: str) -> None:
+        super().__init__(folder, chance)
+        self._how = how
+
+    def begin(self) -> None:
+        """Start the drive, and plug in."""
+        self._pad = Pad(self.folder / "pad", pipe=self._how != "gone")
+        self._pad.plug_in()
+        self._drive = local(self.folder, self.servos, "--gamepad", str(self._pad.path))
+
+    def end(self) -> None:
+        """End the drive."""
+        self._drive.end()
+        self._pad.plug_out()
+
+    def alive(self) -> bool:
+        """Whether the drive goes on."""
+        return self._drive.alive()
+
+    def said(self) -> str:
+        """What the drive has printed."""
+        return self._drive.said()
+
+    def command(self) -> None:
+        """Hold the button, and push the sticks."""
+        self._pad.press(*self.shares())
+
+    def cause(self) -> float:
+        """Let go, or pull out."""
+        return self._pad.release() if self._how == "released" else self._pad.plug_out()
+
+    def again(self) -> None:
+        """Plug in."""
+        if self._how != "released":
+            self._pad.plug_in()
+
+
+class PageDriven(Driven):
+    """Driven with the page, by a client of its own process.
+
+    Args:
+        how: `released`; `closed`, by the closing handshake; `killed`, its process with SIGKILL; or `silent`,
+            with SIGSTOP: its socket stays open.
+    """
+
+    def __init__(self, folder: Path, chance: random.Random, how: str) -> None:
+        super().__init__(folder, chance)
+        self._how = how
+        self._finger: subprocess.Popen[str] | None = None
+
+    def begin(self) -> None:
+        """Start the drive, and a client."""
+        self._drive = local(self.folder, self.servos, "--page", "127.0.0.1:0", "--gamepad", "none")
+        self.port = self._drive.wait_for(r"127\.0\.0\.1:(\d+)/")[1]
+        self.again()
+
+    def end(self) -> None:
+        """End the drive."""
+        self._drive.end()
+        self._leave()
+
+    def alive(self) -> bool:
+        """Whether the drive goes on."""
+        return self._drive.alive()
+
+    def said(self) -> str:
+        """What the drive has printed."""
+        return self._drive.said()
+
+    def command(self) -> None:
+        """Put a finger down."""
+        self._tell("v {:.3f} {:.3f} {:.3f}".format(*self.shares()))
+
+    def cause(self) -> float:
+        """Lift it, or let the client go."""
+        assert self._finger is not None
+        now_s = time.monotonic()
+        if self._how == "released":
+            self._tell("release")
+        elif self._how == "closed":
+            self._tell("close")
+        else:
+            self._finger.send_signal(signal.SIGKILL if self._how == "killed" else signal.SIGSTOP)
+        return now_s
+
+    def again(self) -> None:
+        """Open another client where this one has gone."""
+        if self._how == "released" and self._finger is not None:
+            return
+        self._leave()
+        self._finger = subprocess.Popen(
+            [sys.executable, "-m", "tests.cli.stopping.finger", self.port],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        assert self._finger.stdout is not None
+        if self._finger.stdout.readline() != "open\n":
+            raise LostDriveError("the page's client does not open")
+
+    def _tell(self, line: str) -> None:
+        assert self._finger is not None
+        assert self._finger.stdin is not None
+        self._finger.stdin.write(line + "\n")
+        self._finger.stdin.flush()
+
+    def _leave(self) -> None:
+        if self._finger is not None:
+            self._finger.kill()
+            self._finger.wait()
+            for end in (self._finger.stdin, self._finger.stdout):
+                if end is not None:
+                    with suppress(BrokenPipeError):
+                        end.close()
+
+
+class BrowserDriven(Driven):
+    """Driven with the page in a browser: its finger lifted, or its tab closed.
+
+    Args:
+        how: `lifted` or `left`.
+    """
+
+    def __init__(self, folder: Path, chance: random.Random, how: str) -> None:
+        super().__init__(folder, chance)
+        self._how = how
+        self._stack = ExitStack()
+
+    def begin(self) -> None:
+        """Start the drive and a browser; raises MissingProgramError where there is none."""
+        self._drive = local(self.folder, self.servos, "--page", "127.0.0.1:0", "--gamepad", "none")
+        self._url = self._drive.wait_for(r"http://127\.0\.0\.1:\d+/")[0]
+        self._page = self._stack.enter_context(browser((800, 900), self.folder))
+        self._show()
+
+    def end(self) -> None:
+        """End both."""
+        self._drive.end()
+        with suppress(BrowserError):
+            self._stack.close()
+
+    def alive(self) -> bool:
+        """Whether the drive goes on."""
+        return self._drive.alive()
+
+    def said(self) -> str:
+        """What the drive has printed."""
+        return self._drive.said()
+
+    def command(self) -> None:
+        """Put a finger on the left pad."""
+        x, y, width = self._page.value(
+            "(() => { const b = document.getElementById('walk').getBoundingClientRect();"
+            " return [b.x + b.width / 2, b.y + b.height / 2, b.width]; })()"
+        )
+        forward, left, _ = self.shares()
+        self._page.touch(x - 0.45 * left * width, y - 0.45 * forward * width)
+
+    def cause(self) -> float:
+        """Lift the finger, or close the tab."""
+        now_s = time.monotonic()
+        if self._how == "lifted":
+            self._page.lift()
+        else:
+            self._page.leave()
+        return now_s
+
+    def again(self) -> None:
+        """Open the page where it was closed."""
+        if self._how == "left":
+            self._page.open()
+            self._show()
+
+    def _show(self) -> None:
+        self._page.go(self._url)
+        ready = "document.getElementById('walk')?.classList.contains('off') === false"
+        wait_for(lambda: self._page.value(ready), PATIENCE_S, "the page does not connect")
+
+
+class KeysDriven(Driven):
+    """Driven with the keys of a terminal: the space bar, or a terminal that goes.
+
+    Args:
+        how: `space`; `closed`, its own terminal, as that of a shell's window; `hangup`, SIGHUP; or `killed`,
+            the process with the terminal by SIGKILL.
+    """
+
+    def __init__(self, folder: Path, chance: random.Random, how: str) -> None:
+        super().__init__(folder, chance)
+        self._how = how
+        self._terminal: OnTerminal | Emulated | None = None
+
+    def begin(self) -> None:
+        """Start the drive, on a terminal."""
+        arguments = ["--backend", RECORDED, "--gamepad", "none"]
+        variables = {VARIABLE: str(self.servos.path)}
+        if self._how == "killed":
+            self._terminal = Emulated(arguments, self.folder, variables)
+            self._terminal.wait("tripod · driving")
+            return
+        program = WITH_TERMINAL if self._how == "closed" else COMMAND
+        self._terminal = OnTerminal(arguments, self.folder, program=program, variables=variables)
+        self._terminal.wait("tripod · driving")
+
+    def end(self) -> None:
+        """End the drive."""
+        if self._terminal is not None:
+            self._terminal.end()
+
+    def alive(self) -> bool:
+        """Whether the terminal's process goes on."""
+        return self._terminal is not None and self._terminal.process.poll() is None
+
+    def command(self) -> None:
+        """Press keys."""
+        if self._terminal is None:
+            self.begin()
+        assert self._terminal is not None
+        self._terminal.type(self.chance.choice(HEADINGS))
+
+    def cause(self) -> float:
+        """Press space, or let the terminal go."""
+        assert self._terminal is not None
+        now_s = time.monotonic()
+        if self._how == "space":
+            self._terminal.type(" ")
+        elif isinstance(self._terminal, OnTerminal) and self._how == "closed":
+            return self._terminal.close()
+        else:
+            number = signal.SIGHUP if self._how == "hangup" else signal.SIGKILL
+            self._terminal.process.send_signal(number)
+        return now_s
+
+    def again(self) -> None:
+        """See that it ends by itself; the next command starts another."""
+        if self._how == "space":
+            return
+        assert self._terminal is not None
+        code = self._terminal.code()
+        assert code == 0, code
+        self._terminal.end()
+        self._terminal = None
+
+
+#: A terminal's process, and what it starts: `hexctl drive`, which says who it is, and how it ended.
+EMULATOR = "import pty, sys; pty.spawn(sys.argv[1:])"
+TOLD = (
+    "import atexit, os, pathlib\n"
+    "pathlib.Path('begun').write_text(str(os.getpid()))\n"
+    "atexit.register(pathlib.Path('ended').touch)\n"
+    f"{COMMAND}"
+)
+
+
+class Emulated:
+    """`hexctl drive` on a terminal that belongs to another process, which may be killed."""
+
+    def __init__(self, arguments: list[str], folder: Path, variables: dict[str, str]) -> None:
+        self._folder = folder
+        for name in ("begun", "ended"):
+            (folder / name).unlink(missing_ok=True)
+        self._output = (folder / "terminal.out").open("wb")
+        self.process = subprocess.Popen(
+            [sys.executable, "-c", EMULATOR, sys.executable, "-c", TOLD, "drive", *arguments],
+            cwd=folder,
+            env={**os.environ, **variables},
+            stdin=subprocess.PIPE,
+            stdout=self._output,
+            stderr=subprocess.STDOUT,
+        )
+
+    def wait(self, text: str) -> None:
+        """Wait until the terminal shows a text."""
+        shown = self._folder / "terminal.out"
+        wait_for(
+            lambda: text in shown.read_text(encoding="utf-8", errors="replace"),
+            PATIENCE_S,
+            f"{text} is not shown",
+        )
+
+    def type(self, keys: str) -> None:
+        """Press keys."""
+        assert self.process.stdin is not None
+        self.process.stdin.write(keys.encode())
+        self.process.stdin.flush()
+
+    def code(self) -> int:
+        """0, once the drive has ended by itself."""
+        wait_for(lambda: (self._folder / "ended").exists(), PATIENCE_S, "the drive does not end")
+        return 0
+
+    def end(self) -> None:
+        """End both, however they are."""
+        self.process.kill()
+        self.process.wait()
+        self._output.close()
+        if self.process.stdin is not None:
+            with suppress(BrokenPipeError):
+                self.process.stdin.close()
+        begun = self._folder / "begun"
+        if begun.exists() and not (self._folder / "ended").exists():
+            with suppress(ProcessLookupError):
+                os.kill(int(begun.read_text()), signal.SIGKILL)

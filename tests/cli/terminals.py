@@ -1,0 +1,119 @@
+"""`hexctl drive` on a pseudo-terminal whose other end the test holds."""
+
+import os
+import pty
+import re
+import select
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+from hexctl.waiting import wait_for
+from tests.serve.processes import ROOT
+
+WAIT_S = 60.0
+
+#: How long the test's end waits for output at a time.
+READ_S = 0.05
+
+#: Programs for `python -c`: the command, as it is; and as a shell starts it, with the terminal its own, which
+#: then sends it SIGHUP when it goes.
+COMMAND = f"import sys; sys.path.insert(0, {str(ROOT)!r}); from hexctl.cli.entry import main; main()"
+WITH_TERMINAL = f"import fcntl, termios; fcntl.ioctl(0, termios.TIOCSCTTY, 0); {COMMAND}"
+
+
+class OnTerminal:
+    """A process whose terminal the test holds the other end of.
+
+    Args:
+        arguments: of `hexctl drive`.
+        folder: it works in.
+        program: for `python -c`.
+        variables: added to the environment.
+    """
+
+    def __init__(
+        self,
+        arguments: Sequence[str],
+        folder: Path,
+        *,
+        program: str = COMMAND,
+        variables: Mapping[str, str] | None = None,
+    ) -> None:
+        self.master, slave = pty.openpty()
+        self.process = subprocess.Popen(
+            [sys.executable, "-c", program, "drive", *arguments],
+            stdin=slave,
+            stdout=slave,
+            stderr=slave,
+            start_new_session=True,
+            cwd=folder,
+            env={**os.environ, **(variables or {})},
+        )
+        os.close(slave)
+        self.shown = ""
+        self._closing = False
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._reader.start()
+
+    def _read(self) -> None:
+        while not self._closing:
+            # A read that waits would keep the terminal open after its close.
+            ready, _, _ = select.select([self.master], [], [], READ_S)
+            if not ready:
+                continue
+            try:
+                data = os.read(self.master, 4096)
+            except OSError:
+                return
+            if not data:
+                return
+            self.shown += data.decode(errors="replace")
+
+    def wait(self, pattern: str) -> str:
+        """What the terminal shows, once a pattern is in it."""
+        wait_for(
+            lambda: re.search(pattern, self.shown) is not None or self.process.poll() is not None,
+            WAIT_S,
+            f"{pattern!r} is not shown",
+        )
+        assert re.search(pattern, self.shown), self.shown[-600:]
+        return self.shown
+
+    def type(self, keys: str) -> None:
+        """Press keys."""
+        os.write(self.master, keys.encode())
+
+    def close(self) -> float:
+        """Close the terminal; when, on time.monotonic."""
+        self._closing = True
+        self._reader.join()
+        now_s = time.monotonic()
+        if self.master >= 0:
+            os.close(self.master)
+            self.master = -1
+        return now_s
+
+    def end(self) -> None:
+        """End the process, however it is, and close the terminal."""
+        self.process.kill()
+        self.process.wait()
+        self.close()
+
+    def code(self) -> int:
+        """Exit code, once it has ended."""
+        return self.process.wait(WAIT_S)
+
+
+@contextmanager
+def on_terminal(folder: Path, *arguments: str) -> Iterator[OnTerminal]:
+    """Run `hexctl drive` on a terminal until the block ends."""
+    made = OnTerminal(arguments, folder)
+    try:
+        yield made
+    finally:
+        made.end()
