@@ -77,6 +77,12 @@ def _objectives() -> Iterable[str]:
     return OBJECTIVES
 
 
+def _gamepads() -> Iterable[str]:
+    from hexctl.teleop.gamepad import find_gamepads
+
+    return ("auto", "none", *map(str, find_gamepads()))
+
+
 def _sessions() -> Iterable[str]:
     from hexctl.adapt.store import stored_names
 
@@ -95,6 +101,7 @@ backends = _offered(_backends)
 served_backends = _offered(lambda: [name for name in _backends() if name != "zenoh"])
 optimizers = _offered(_optimizers)
 objectives = _offered(_objectives)
+gamepads = _offered(_gamepads)
 priors = _offered(lambda: ("auto", "none"))
 families = _offered(_families)
 sessions = _offered(_sessions)

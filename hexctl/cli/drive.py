@@ -132,6 +132,7 @@ def drive(
         typer.Option(
             "--gamepad",
             metavar="auto|none|FILE",
+            autocompletion=completion.gamepads,
             help="Drive with a gamepad while a shoulder button is held: auto takes the first that is plugged "
             "in, at any time; or its event file. (default: auto)",
         ),
