@@ -69,6 +69,9 @@ EXTRAS = {
     "pandas": "data",
     "av": "pictures",
     "PIL": "pictures",
+    "cv2": "see",
+    "pyapriltags": "see",
+    "reportlab": "see",
 }
 
 

@@ -1,0 +1,1 @@
+"""A camera over the floor, and tags on robot and floor: where the robot is."""

@@ -1,0 +1,181 @@
+"""The lens of a camera: which ray each pixel sees.
+
+Its file is the camera calibration of ROS (`camera_info`), which `camera_calibration`, `usb_cam` and others
+write and read.
+"""
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+import cv2
+import numpy as np
+import yaml
+from pydantic import BaseModel, ConfigDict, Field
+
+from hexctl.errors import InputError, argument
+from hexctl.files import atomic_write
+from hexctl.robot.configs import read_mapping, validate
+from hexctl.types import ArrayFields, FloatArray
+
+#: Models of distortion by ROS's names: five or eight numbers of Brown and Conrady, and four of a fisheye
+#: (Kannala and Brandt 2006), in OpenCV's order.
+DistortionModel = Literal["plumb_bob", "rational_polynomial", "equidistant"]
+
+#: How many numbers each model has.
+COEFFICIENTS = {"plumb_bob": 5, "rational_polynomial": 8, "equidistant": 4}
+
+#: Rays farther than this from the axis are of no lens here.
+MOST_ANGLE_DEG = 85.0
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Lens(ArrayFields):
+    """A camera without its place. In its frame z looks out, x to the right and y down, as in OpenCV.
+
+    Attributes:
+        width_px: of its pictures.
+        height_px: of its pictures.
+        matrix: (3, 3), focal lengths and principal point in px; the middle of the first pixel is (0, 0).
+        model: of the distortion.
+        distortion: its coefficients, `COEFFICIENTS` of them.
+        calibrated: False for a lens that was only assumed.
+    """
+
+    width_px: int
+    height_px: int
+    matrix: FloatArray
+    model: DistortionModel = "plumb_bob"
+    distortion: FloatArray
+    calibrated: bool = True
+
+    @classmethod
+    def assumed(cls, width_px: int, height_px: int, fov_deg: float) -> "Lens":
+        """Lens without distortion that sees an angle from the left to the right edge.
+
+        Raises InputError for an angle outside of 10 to 150 deg.
+        """
+        if not 10 <= fov_deg <= 150:
+            raise InputError(f"{argument('fov_deg')}: got {fov_deg:g}; allowed: 10 to 150 deg")
+        focal_px = width_px / 2 / math.tan(math.radians(fov_deg) / 2)
+        matrix = np.array(
+            [[focal_px, 0.0, (width_px - 1) / 2], [0.0, focal_px, (height_px - 1) / 2], [0.0, 0.0, 1.0]]
+        )
+        return cls(
+            width_px=width_px, height_px=height_px, matrix=matrix, distortion=np.zeros(5), calibrated=False
+        )
+
+    def scaled(self, width_px: int, height_px: int) -> "Lens":
+        """The same lens with pictures of another size, if their shape is the same.
+
+        Raises InputError where it is not: the camera cuts its pictures, and which part is not known.
+        """
+        if (width_px, height_px) == (self.width_px, self.height_px):
+            return self
+        scale = width_px / self.width_px
+        if abs(height_px - scale * self.height_px) > 1:
+            raise InputError(
+                f"the lens was calibrated with {self.width_px}x{self.height_px} px and the pictures have "
+                f"{width_px}x{height_px}; allowed: pictures of the same shape"
+            )
+        # The first pixel's middle is half a pixel from the corner, at any size.
+        shift = np.array([[scale, 0.0, (scale - 1) / 2], [0.0, scale, (scale - 1) / 2], [0.0, 0.0, 1.0]])
+        return Lens(
+            width_px=width_px, height_px=height_px, matrix=shift @ self.matrix,
+            model=self.model, distortion=self.distortion, calibrated=self.calibrated,
+        )  # fmt: skip
+
+    def rays(self, points_px: FloatArray) -> FloatArray:
+        """Directions (N, 3) that pixels see, in the camera's frame with z = 1, or NaN (`MOST_ANGLE_DEG`)."""
+        points = np.asarray(points_px, dtype=float).reshape(-1, 1, 2)
+        if self.model == "equidistant":
+            even = cv2.fisheye.undistortPoints(points, self.matrix, self.distortion)
+        else:
+            criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 40, 1e-10)
+            even = cv2.undistortPoints(points, self.matrix, self.distortion, criteria=criteria)
+        flat = np.asarray(even, dtype=float).reshape(-1, 2)
+        beyond = np.hypot(*flat.T) > math.tan(math.radians(MOST_ANGLE_DEG))
+        flat[beyond] = math.nan
+        return np.column_stack([flat, np.ones(len(flat))])
+
+    def pixels(self, points_camera: FloatArray) -> FloatArray:
+        """Where points (N, 3) in m in the camera's frame are seen, (N, 2); NaN for what is behind it."""
+        points = np.asarray(points_camera, dtype=float).reshape(-1, 3)
+        visible = points[:, 2] > 0
+        seen = np.full((len(points), 2), math.nan)
+        if visible.any():
+            chosen = np.ascontiguousarray(points[visible]).reshape(-1, 1, 3)
+            none = np.zeros(3)
+            project = cv2.fisheye.projectPoints if self.model == "equidistant" else cv2.projectPoints
+            projected = project(chosen, none, none, self.matrix, self.distortion)[0]
+            seen[visible] = np.asarray(projected).reshape(-1, 2)
+        return seen
+
+
+class _Matrix(BaseModel):
+    """A matrix as ROS writes it."""
+
+    model_config = ConfigDict(allow_inf_nan=False)
+
+    rows: Annotated[int, Field(ge=1, le=14)]
+    cols: Annotated[int, Field(ge=1, le=14)]
+    data: list[float]
+
+
+class _LensFile(BaseModel):
+    """A camera calibration of ROS: what is needed of it."""
+
+    model_config = ConfigDict(allow_inf_nan=False)
+
+    image_width: Annotated[int, Field(ge=16, le=20000)]
+    image_height: Annotated[int, Field(ge=16, le=20000)]
+    camera_name: str = "camera"
+    camera_matrix: _Matrix
+    distortion_model: DistortionModel = "plumb_bob"
+    distortion_coefficients: _Matrix
+
+
+def load_lens(path: str | Path) -> Lens:
+    """Lens of a camera calibration in ROS's format. Raises InputError for anything else."""
+    path = Path(path)
+    content = validate(_LensFile, read_mapping(path), path)
+    matrix, coefficients = content.camera_matrix.data, content.distortion_coefficients.data
+    count = COEFFICIENTS[content.distortion_model]
+    if len(matrix) != 9 or matrix[0] <= 0 or matrix[4] <= 0:
+        raise InputError(
+            f"{path}: camera_matrix.data: got {matrix}; allowed: 9 numbers, focal lengths above 0"
+        )
+    if len(coefficients) != count:
+        raise InputError(
+            f"{path}: distortion_coefficients.data: got {len(coefficients)} numbers; "
+            f"allowed: {count} for {content.distortion_model}"
+        )
+    return Lens(
+        width_px=content.image_width,
+        height_px=content.image_height,
+        matrix=np.array(matrix).reshape(3, 3),
+        model=content.distortion_model,
+        distortion=np.array(coefficients),
+    )
+
+
+def save_lens(lens: Lens, path: Path, *, camera_name: str = "camera") -> None:
+    """Write a lens as a camera calibration in ROS's format. Raises OSError."""
+    no_rotation = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]
+    projection = np.column_stack([lens.matrix, np.zeros(3)])
+    content = {
+        "image_width": lens.width_px,
+        "image_height": lens.height_px,
+        "camera_name": camera_name,
+        "camera_matrix": _matrix(3, 3, lens.matrix),
+        "distortion_model": lens.model,
+        "distortion_coefficients": _matrix(1, len(lens.distortion), lens.distortion),
+        "rectification_matrix": {"rows": 3, "cols": 3, "data": no_rotation},
+        "projection_matrix": _matrix(3, 4, projection),
+    }
+    atomic_write(path, yaml.safe_dump(content, sort_keys=False, default_flow_style=None))
+
+
+def _matrix(rows: int, cols: int, values: FloatArray) -> dict[str, object]:
+    return {"rows": rows, "cols": cols, "data": [float(value) for value in np.ravel(values)]}
