@@ -47,7 +47,7 @@ def export(
         robot: of recordings that do not hold theirs.
         ros2_control: add a block for ros2_control to a URDF.
         folder: where sessions lie.
-        on_progress: told how much is done, and how much there is; None for nobody.
+        on_progress: told how much is done, and how much there is.
         picture: fields of `PictureOptions`.
 
     Raises InputError for what cannot be exported, an output that exists, or a disk that refuses;

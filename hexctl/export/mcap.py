@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from hexctl.record.recorded_trial import RecordedTrial, Samples
+from hexctl.robot.body_twist import body_twists
 from hexctl.robot.formats.link_frames import BASE_LINK, LinkTransforms, fixed_transforms, link_transforms
 from hexctl.robot.formats.urdf import urdf_of
 from hexctl.types import JOINT_NAMES, N_LEGS, FloatArray
@@ -231,16 +232,7 @@ def _transforms(transforms: list[Any]) -> Any:
 def _joints(trial: RecordedTrial, topic: str, angles_rad: FloatArray) -> Iterator[Stamped]:
     names, none = list(JOINT_NAMES), np.empty(0)
     for stamp_ns, angles in zip(trial.stamps_ns.tolist(), angles_rad, strict=True):
-        header = _header(_stamp(stamp_ns))
-        message = _make(
-            "sensor_msgs/msg/JointState",
-            header=header,
-            name=names,
-            position=angles,
-            velocity=none,
-            effort=none,
-        )
-        yield stamp_ns, topic, message
+        yield stamp_ns, topic, _joint_state(stamp_ns, names, angles, none)
 
 
 def _joint_state(stamp_ns: int, names: list[str], angles_rad: FloatArray, torques_nm: FloatArray) -> Any:
@@ -265,7 +257,8 @@ def _odometry(trial: RecordedTrial) -> Iterator[Stamped]:
     rows = np.flatnonzero(trial.posed)
     if rows.size < 2:
         return
-    linear, angular = body_twist(trial, rows)
+    times_s, positions_world = trial.time_s[rows], trial.base_position_world[rows]
+    linear, angular = map(_short, body_twists(times_s, positions_world, trial.base_quaternion_world[rows]))
     unknown = np.zeros(36)
     for index, row in enumerate(rows.tolist()):
         stamp_ns = int(trial.stamps_ns[row])
@@ -288,24 +281,6 @@ def _odometry(trial: RecordedTrial) -> Iterator[Stamped]:
             twist=_make("geometry_msgs/msg/TwistWithCovariance", twist=twist, covariance=unknown),
         )
         yield stamp_ns, "/odom", message
-
-
-def body_twist(trial: RecordedTrial, rows: Any) -> tuple[FloatArray, FloatArray]:
-    """Linear (N, 3) in m/s and angular velocity (N, 3) in rad/s in the body frame, by central differences.
-
-    With the orientation q, the angular velocity is the vector part of 2 q* dq/dt.
-    """
-    times_s, q = trial.time_s[rows], trial.base_quaternion_world[rows].copy()
-    flips = np.cumprod(np.where((q[1:] * q[:-1]).sum(axis=-1) < 0, -1.0, 1.0))
-    q[1:] *= flips[:, np.newaxis]
-    rate = np.gradient(q, times_s, axis=0)
-    w, v, rate_w, rate_v = q[:, :1], q[:, 1:], rate[:, :1], rate[:, 1:]
-    angular = 2 * (w * rate_v - rate_w * v - np.cross(v, rate_v))
-    world = np.gradient(trial.base_position_world[rows], times_s, axis=0)
-    # The inverse turn of a vector u: u - 2 w (v x u) + 2 v x (v x u).
-    across = np.cross(v, world)
-    linear = world - 2 * w * across + 2 * np.cross(v, across)
-    return _short(linear), _short(angular)
 
 
 def _imu(trial: RecordedTrial) -> Iterator[Stamped]:

@@ -39,10 +39,10 @@ DEAD = 0.1
 #: Range of an axis whose driver does not tell it.
 USUAL_RANGE = (-32768, 32767)
 
-#: How often is looked for a gamepad while there is none.
+#: How often a gamepad is looked for while there is none.
 LOOK_S = 1.0
 
-#: Bytes that are read at once.
+#: Bytes of one read.
 MOST_BYTES = 64 * EVENT.size
 
 

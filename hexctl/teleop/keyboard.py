@@ -3,7 +3,9 @@
 Terminals tell no release of a key, and repeat one that is held only after half a second, so keys latch.
 """
 
+import math
 import os
+import select
 import sys
 import termios
 import threading
@@ -54,7 +56,7 @@ class Keyboard:
         share: makes velocities.
         ask: takes requests and why.
         keys: file descriptor to read keys from; it may block.
-        show: takes a line that says what the robot does; None for nobody.
+        show: takes a line that says what the robot does; None shows nothing.
     """
 
     def __init__(
@@ -74,8 +76,6 @@ class Keyboard:
         """Take the keys since the last tick."""
         if self._gone:
             return
-        import select
-
         try:
             ready, _, _ = select.select([self._keys], [], [], 0)
             data = os.read(self._keys, MOST_BYTES) if ready else None
@@ -134,7 +134,7 @@ def line_of(status: dict[str, Any]) -> str:
     forward, left, turn = status["velocity"]
     battery = status["battery_v"]
     parts = [
-        f"forward {forward:+.3f} left {left:+.3f} m/s turn {57.2957795 * turn:+.0f} deg/s",
+        f"forward {forward:+.3f} left {left:+.3f} m/s turn {math.degrees(turn):+.0f} deg/s",
         status["gait"],
         status["mode"] if status["stopped"] is None else f"STOPPED: {status['stopped']} (1 goes on)",
         *([] if status["source"] is None else [status["source"]]),

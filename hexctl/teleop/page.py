@@ -4,8 +4,8 @@ Messages to the robot are JSON: `{"v": [forward, left, turn]}` with shares of th
 20 to 50 times a second while a finger is down; `{"release": true}` when it goes; `{"do": "stop"}` for the
 other requests. The robot sends its status ten times a second.
 
-Whoever may open the page may drive. So it is served to this computer alone unless a token and TLS are asked
-for; requests for a name that is not this computer's, and sockets of pages from elsewhere, are refused.
+Every client that opens the page may drive. So it is served to this computer alone unless a token and TLS are
+asked for; requests for a name that is not this computer's, and sockets of pages from elsewhere, are refused.
 """
 
 import asyncio
@@ -108,7 +108,7 @@ def is_loopback(host: str) -> bool:
 
 
 def new_token() -> str:
-    """A token that nobody guesses: 60 random bits in letters that are easy to type."""
+    """A token that cannot be guessed: 60 random bits in letters that are easy to type."""
     return "".join(secrets.choice("abcdefghjkmnpqrstuvwxyz23456789") for _ in range(12))
 
 

@@ -62,7 +62,7 @@ class DriveSession:
         self._asked.put((request, why or request))
 
     def run(self, devices: Sequence[Device] = (), stop_requested: Callable[[], bool] = lambda: False) -> str:
-        """Drive until someone quits; why it has ended. The robot stands then.
+        """Drive until a device asks to quit; why it has ended. The robot stands then.
 
         Raises EStopError when the guard has stopped the robot, RobotFaultError when it or its link fails.
         """

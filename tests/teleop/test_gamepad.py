@@ -39,7 +39,7 @@ class Pad:
             os.mkfifo(self.path)
         self.found = [self.path]
         self.now_s += 1.0
-        # Both ends at once: a pipe that nobody writes to reads as ended.
+        # Both ends: a pipe without a writer reads as ended.
         both = os.open(self.path, os.O_RDWR)
         self.writing = os.open(self.path, os.O_WRONLY)
         self.pad._look()
@@ -88,7 +88,7 @@ def test_a_pad_that_is_pulled_out_is_a_release_and_may_come_back(pad: Pad) -> No
     assert pad.arbiter.decide() == Decision(Velocity(), "gamepad")
     assert not pad.pad.connected
     pad.plug_in()
-    assert pad.send(event(STICK_Y, -32768)).velocity == Velocity()  # it has to be held anew
+    assert pad.send(event(STICK_Y, -32768)).velocity == Velocity()  # it has to be pressed again
     assert pad.send(event(HOLD, 1), event(STICK_Y, -32768)).velocity == Velocity(1.0)
 
 

@@ -26,7 +26,7 @@ from hexctl.errors import InputError, check_type
 from hexctl.types import FloatArray
 
 #: Sources, the lowest priority first; a stop outweighs them all. `motion` is what a program or a trial wants
-#: while nobody else does.
+#: while no other source has spoken lately.
 SOURCES = ("motion", "cmd_vel", "keyboard", "gamepad", "page")
 
 #: A command that is not repeated for so long is followed no more.
@@ -69,7 +69,7 @@ ZERO = Velocity()
 
 @dataclass(frozen=True, slots=True)
 class Decision:
-    """What the robot shall do now.
+    """What the robot is to do now.
 
     Attributes:
         velocity: the one to walk with.
@@ -169,7 +169,7 @@ class Arbiter:
             self._stopped = None
 
     def decide(self) -> Decision:
-        """What the robot shall do now: the command of the highest source that has spoken lately."""
+        """What the robot is to do now: the command of the highest source that has spoken lately."""
         if self._stopped is not None:
             return Decision(stopped=self._stopped)
         now_s = self._now_s()

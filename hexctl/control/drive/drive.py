@@ -118,7 +118,7 @@ class Drive:
         if body_raise is not None:
             self._gait = _raised(self._gait, body_raise)
         self._recorders = recorders
-        self._observers: list[TickObserver] = [] if recorders is None else [_News(self), recorders]
+        self._observers: list[TickObserver] = [] if recorders is None else [_EventNotes(self), recorders]
         self._controller: DriveController | None = None
         self._stack = ExitStack()
         self._zero_index: int | None = None
@@ -147,7 +147,7 @@ class Drive:
     def reset(self) -> RobotState:
         """Stand up and come to rest in the stance, without a command; the state then.
 
-        A simulation begins anew where it was put down. A stop is cleared. Raises what `step` raises.
+        A simulation starts again where it was put down. A stop is cleared. Raises what `step` raises.
         """
         self._connected  # noqa: B018  raises
         guard = self._guard
@@ -166,7 +166,7 @@ class Drive:
         """Wait for the next control period, follow the command in it, and return the state it began with.
 
         Args:
-            poll: called once the period has begun, for commands that are to count in it.
+            poll: called after the period has begun, for commands that count in it.
 
         Raises EStopError when the guard has stopped the robot, RobotFaultError when it or its link fails.
         """
@@ -225,6 +225,10 @@ class Drive:
 
     @gait.setter
     def gait(self, gait: str | int | Sequence[int] | Gait) -> None:
+        """Change the gait in stride to a name, a code, slots or a gait; all but the last keep the posture.
+
+        Raises InputError for what is no gait of the robot.
+        """
         new = self._gait_of(gait)
         if not isinstance(gait, Gait):
             new = replace(new, posture=self._gait.posture)
@@ -237,6 +241,10 @@ class Drive:
 
     @body_raise.setter
     def body_raise(self, share: float) -> None:
+        """Change the height of the body in stride, -0.2 to 0.2 of the robot's size above the stance.
+
+        Raises InputError for anything beyond.
+        """
         self._use(_raised(self._gait, share))
 
     @property
@@ -340,14 +348,14 @@ class Drive:
         )
 
 
-class _News:
+class _EventNotes:
     """Notes in the log what happens to the robot's legs and what its controller notices."""
 
     def __init__(self, drive: Drive) -> None:
         self._drive = drive
 
     def record(self, tick: Any, state: RobotState, wanted_rad: Any, sent: Any) -> None:
-        drive, recorders = self._drive, self._drive._recorders  # noqa: SLF001  its own
+        drive, recorders = self._drive, self._drive._recorders  # noqa: SLF001  it belongs to the drive
         if recorders is None:
             return
         if recorders.log.frame is None and drive.mode == "driving":
@@ -358,7 +366,7 @@ class _News:
             recorders.log.note(texts)
 
     def took(self, work_s: float) -> None:
-        """Nothing: notes keep no durations."""
+        """Ignore the duration: notes keep none."""
 
 
 def _frame_of(state: RobotState) -> TrialFrame:

@@ -178,7 +178,7 @@ class DriveController(Controller):
         return targets_rad
 
     def _corrected(self, step: int, state: RobotState) -> FloatArray:
-        """The velocity that the walk shall have at a step, (3,): what is asked for, slip made good."""
+        """The velocity that the walk is to have at a step, (3,): what is asked for, slip made good."""
         wanted = self._wanted()
         dt_s = (step - self._held_step) * self._period_s
         self._held_step = step

@@ -7,8 +7,7 @@ frame of the body and smoothed over `MEAN_S`, the robot is commanded the velocit
 
 A slip that stays, as a share of v, then leaves a deviation and no error of the velocity. The reference moves
 with the part of v that the legs are commanded now, less the correction, so that it does not run ahead of a
-start. At rest it is
-where the robot is: nothing creeps.
+start. At rest it is where the robot is: nothing creeps.
 """
 
 import math
@@ -42,7 +41,7 @@ class VelocityHold:
         self.forget()
 
     def forget(self) -> None:
-        """Begin anew from where the robot is."""
+        """Put the reference where the robot is."""
         self._yaw_rad: float | None = None
         self._position: FloatArray | None = None
         self._turned_rad = 0.0  # by how much the reference is turned from the last yaw measured
@@ -58,7 +57,7 @@ class VelocityHold:
         Args:
             dt_s: since the last update.
             state: measured now.
-            wanted: what is asked for, (3,); zero begins anew.
+            wanted: what is asked for, (3,); zero puts the reference where the robot is.
             commanded: what the legs walk now, (3,).
             most: greatest velocities, (3,).
         """

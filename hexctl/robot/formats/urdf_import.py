@@ -211,7 +211,7 @@ class _Import:
         length_m = float(np.linalg.norm(end_m))
         if coms_m:
             com_m = np.mean(coms_m, axis=0)
-            # A centre of mass in the joint is a number that nobody filled in.
+            # A centre of mass in the joint is a number that was not filled in.
             if 1e-4 < np.linalg.norm(com_m) < 1.5 * length_m:
                 link["com_m"] = [_short(part, 4) for part in com_m]
         return link
@@ -317,7 +317,7 @@ def _short_name(text: str) -> str:
 
 
 def _short(value: float, digits: int = 4) -> float:
-    """A number to so many places behind the point, without a negative zero."""
+    """A number rounded to decimal places, without a negative zero."""
     return round(float(value), digits) + 0.0
 
 

@@ -104,9 +104,8 @@ def _leg(
     level = axes[1] * [1, 1, 0] / np.linalg.norm(axes[1][:2])
     outward = np.cross(level, [0.0, 0.0, 1.0])
     along_m = float((origins_m[1] - origins_m[0]) @ outward)
-    if (
-        abs(along_m) < SHORTEST_COXA_M
-    ):  # femur joints above the coxa axis: the foot tells where the leg points
+    if abs(along_m) < SHORTEST_COXA_M:
+        # Femur joints above the coxa axis: the foot tells where the leg points.
         along_m = float((foot - origins_m[0]) @ outward)
     outward *= math.copysign(1.0, along_m)
     beside_m = float((foot - origins_m[0]) @ np.cross([0.0, 0.0, 1.0], outward))

@@ -6,10 +6,10 @@ from collections.abc import Callable
 import numpy as np
 import zenoh
 
+from hexctl.robot.body_twist import BodyTwist
 from hexctl.robot.formats.link_frames import LinkTransforms, fixed_transforms, link_transforms
 from hexctl.robot.model import Robot
 from hexctl.serve.ros import diagnostics
-from hexctl.serve.ros.body_twist import BodyTwist
 from hexctl.serve.ros.snapshot import RobotSnapshot
 from hexctl.types import FloatArray, RobotState
 from hexctl.wire import ros_cdr

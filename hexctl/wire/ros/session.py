@@ -18,7 +18,7 @@ def check_router(text: str, *, insecure: bool) -> Endpoint:
     """Endpoint of a ROS router.
 
     Raises InputError for one that is malformed or of another protocol than tcp, and for one beyond this
-    computer unless that is allowed: whoever reaches that network may stop the robot, and drive it where
+    computer unless that is allowed: every client on that network may stop the robot, and drive it where
     driving is on.
     """
     endpoint = Endpoint.parse(text)

@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from hexctl.serve.ros.body_twist import BodyTwist
+from hexctl.robot.body_twist import BodyTwist, body_twists
 
 
 def quaternion(rotation: Rotation) -> np.ndarray:
@@ -37,4 +37,26 @@ def test_the_first_pose_and_one_after_a_gap_have_no_velocity() -> None:
     assert not twist.of(0.0, np.zeros(3), one).any()
     assert not twist.of(9.0, np.ones(3), one).any()
     assert twist.of(9.02, 1.01 * np.ones(3), one).any()
-    assert not twist.of(1.0, np.zeros(3), one).any()  # a clock that began anew
+    assert not twist.of(1.0, np.zeros(3), one).any()  # a clock that was set back
+
+
+def test_a_recorded_body_that_turns_about_its_vertical_while_it_moves_ahead_in_the_world() -> None:
+    times_s = np.linspace(0, 0.98, 50)
+    turn = np.column_stack([np.cos(times_s / 4), np.zeros(50), np.zeros(50), np.sin(times_s / 4)])
+    turn[20:] *= -1  # the same orientations
+    ahead = np.column_stack([0.2 * times_s, np.zeros(50), np.zeros(50)])
+    linear, angular = body_twists(times_s, ahead, turn)
+    np.testing.assert_allclose(angular, np.tile([0, 0, 0.5], (50, 1)), atol=1e-3)
+    expected = 0.2 * np.column_stack([np.cos(times_s / 2), -np.sin(times_s / 2), np.zeros(50)])
+    np.testing.assert_allclose(linear, expected, atol=1e-3)
+
+
+def test_poses_as_they_come_have_the_velocities_of_their_recording() -> None:
+    times_s = np.linspace(0, 0.78, 40)
+    places = np.column_stack([0.1 * times_s, 0.05 * np.sin(times_s), np.zeros(40)])
+    turns = np.array([quaternion(Rotation.from_euler("z", 0.4 * time_s)) for time_s in times_s])
+    linear, angular = body_twists(times_s, places, turns)
+    twist = BodyTwist()
+    came = np.array([twist.of(*pose) for pose in zip(times_s, places, turns, strict=True)])
+    np.testing.assert_allclose(came[10:, :3], linear[10:], atol=5e-3)
+    np.testing.assert_allclose(came[10:, 3:], angular[10:], atol=1e-4)

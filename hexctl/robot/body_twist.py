@@ -1,4 +1,11 @@
-"""Velocity of a body from its poses, in its own frame."""
+"""Velocity of a body in its own frame, from its poses as they come, and from all of a recording.
+
+With the position p and the orientation q, R(q)^T turns a vector of the world into the frame of the body:
+
+    v = R(q)^T dp/dt,    omega = 2 vec(q* dq/dt)
+
+Both are means between two poses while they come, and central differences of a recording.
+"""
 
 import math
 from collections import deque
@@ -43,6 +50,28 @@ class BodyTwist:
             return np.zeros(6)
         moved = _turned_back(quaternion_world, (position_world - before_m) / took_s)
         return np.array([*moved, *(one / took_s for one in _turn_between(before, quaternion_world))])
+
+
+def body_twists(
+    times_s: FloatArray, positions_world: FloatArray, quaternions_world: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Velocities (N, 3) in m/s and angular velocities (N, 3) in rad/s, by central differences.
+
+    Args:
+        times_s: of the poses, ascending, (N,) with N of 2 or more.
+        positions_world: (N, 3) in m.
+        quaternions_world: (w, x, y, z), (N, 4); their signs may change.
+    """
+    q = quaternions_world.copy()
+    flips = np.cumprod(np.where((q[1:] * q[:-1]).sum(axis=-1) < 0, -1.0, 1.0))
+    q[1:] *= flips[:, np.newaxis]
+    rate = np.gradient(q, times_s, axis=0)
+    w, v, rate_w, rate_v = q[:, :1], q[:, 1:], rate[:, :1], rate[:, 1:]
+    angular = 2 * (w * rate_v - rate_w * v - np.cross(v, rate_v))
+    world = np.gradient(positions_world, times_s, axis=0)
+    # The inverse turn of a vector u: u - 2 w (v x u) + 2 v x (v x u).
+    across = np.cross(v, world)
+    return np.asarray(world - 2 * w * across + 2 * np.cross(v, across)), np.asarray(angular)
 
 
 def _turned_back(quaternion: FloatArray, vector: FloatArray) -> tuple[float, float, float]:
