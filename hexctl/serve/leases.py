@@ -157,6 +157,8 @@ class RequestHandler:
     def estop(self, payload: bytes, at_s: float) -> dict[str, Any]:
         """Answer to a request at `estop`: why the robot is stopped now, after a stop or a clear.
 
+        Both end the lease; a clear of a robot that is not stopped changes nothing.
+
         Args:
             payload: of the request.
             at_s: time of arrival, on time.monotonic; a later stop is not cleared.
@@ -166,6 +168,8 @@ class RequestHandler:
         except MessageError as error:
             return self._misunderstood(error)
         if wanted == "clear":
+            if self._guard.stopped is None:
+                return {"stopped": None}
             if at_s >= self._stopped_at_s:
                 self._clear()
         else:

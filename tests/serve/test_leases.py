@@ -125,6 +125,16 @@ def test_a_stop_works_at_once_and_is_cleared_explicitly(guard: Guard, desk: Requ
     send(guard, guard.robot.stance_angles_rad)
 
 
+def test_a_clear_of_what_is_not_stopped_leaves_the_lease(guard: Guard, desk: RequestHandler) -> None:
+    now_s = time.monotonic()
+    lease = str(ask(desk, now_s, op="acquire", owner="alice")["lease"])
+    assert desk.estop(encode_json({"op": "clear"}), now_s) == {"stopped": None}
+    assert "sequence" in ask(desk, now_s + 0.1, op="renew", lease=lease)
+    guard.stop("fell")
+    assert desk.estop(encode_json({"op": "clear"}), now_s + 0.2) == {"stopped": None}
+    assert "error" in ask(desk, now_s + 0.3, op="renew", lease=lease)
+
+
 @pytest.mark.parametrize("payload", [b"x", b"[]", b"{}", b'{"op": "go"}', b'{"op": 1}'])
 def test_what_is_no_request_changes_nothing_and_is_counted(
     guard: Guard, desk: RequestHandler, payload: bytes

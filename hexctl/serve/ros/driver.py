@@ -154,9 +154,7 @@ class RosDriver:
     def _answer(self, service: Service, at_s: float) -> tuple[bool, str]:
         """Do what a service is there for: whether it is done or begun, and a line on it."""
         if service is Service.CLEAR_STOP:
-            stopped = self._requests.estop(b'{"op": "clear"}', at_s)["stopped"]
-            self._drop()
-            return stopped is None, "no longer stopped" if stopped is None else f"stopped: {stopped}"
+            return self._clear_stop(at_s)
         try:
             if at_s <= self._joints_until_s:
                 raise CommandRefusedError("joint commands come, and have the robot")
@@ -165,6 +163,13 @@ class RosDriver:
         except HexctlError as error:
             self.refused += 1
             return False, str(error)
+
+    def _clear_stop(self, at_s: float) -> tuple[bool, str]:
+        if self._guard.stopped is None:
+            return True, "it was not stopped"
+        stopped = self._requests.estop(b'{"op": "clear"}', at_s)["stopped"]
+        self._drop()
+        return stopped is None, "no longer stopped" if stopped is None else f"stopped: {stopped}"
 
     def _stand(self) -> str:
         pilot = self._drive()

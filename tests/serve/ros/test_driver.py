@@ -151,6 +151,18 @@ def test_another_controller_keeps_the_robot(bench: Bench) -> None:
     assert not bench.servos.sent
 
 
+def test_clearing_what_is_not_stopped_disturbs_nobody(bench: Bench) -> None:
+    item: Any = Item(b'{"op": "acquire", "owner": "me"}', None)
+    bench.server._handle(Arrival("lease", item, bench.servos.time.now_s))
+    assert bench.call(Service.CLEAR_STOP) == (True, "it was not stopped")
+    assert bench.status()["controller"] == "me"
+    bench.server._leases.revoke()
+    bench.ticks(STANDING_UP_TICKS, FORWARD)
+    assert bench.call(Service.CLEAR_STOP)[0]
+    assert bench.status()["ros"]["motion"] == "driving"
+    assert bench.moved(20) > 0.05
+
+
 def test_a_stop_ends_everything_until_it_is_cleared(bench: Bench) -> None:
     bench.ticks(STANDING_UP_TICKS + 20, FORWARD)
     bench.server._requests.urgent(b"")
