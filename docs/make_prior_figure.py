@@ -17,7 +17,7 @@ from hexctl.adapt.prior.find import shipped_priors
 from hexctl.adapt.prior.prior import load_prior
 from hexctl.adapt.prior.samples import samples_of
 from hexctl.backends.sim.world import load_world
-from hexctl.control.result import progress_floor_m
+from hexctl.control.assessment.score import progress_floor_m
 from hexctl.robot.loader import load_robot
 from hexctl.study.cache import LandscapeCache
 from hexctl.study.drawing import LINE_COLOR, label_axes, new_figure

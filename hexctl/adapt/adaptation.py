@@ -7,11 +7,9 @@
 own, a session that is resumed. Neither prints nor asks: progress goes to callbacks, notes to a function.
 """
 
-import math
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -20,7 +18,6 @@ from hexctl.adapt.loop import AdaptLoop, OnBaseline, OnTrial
 from hexctl.adapt.measurement import Operator
 from hexctl.adapt.objectives import ObjectiveChoice, as_objective
 from hexctl.adapt.optimizer import OptimizerChoice
-from hexctl.adapt.prior.prior import Prior
 from hexctl.adapt.reset_free import ResetFreeRunner, arena_of, at_home, connected_robot, yaw_note
 from hexctl.adapt.result import AdaptationResult
 from hexctl.adapt.runner import TrialRunner, check_not_interrupted
@@ -36,7 +33,7 @@ from hexctl.adapt.setting import (
     start_note,
     trimmed_plan,
 )
-from hexctl.adapt.stance import connected_deflection_rad, simulated_deflection_rad
+from hexctl.adapt.stance import with_stance
 from hexctl.adapt.store import RUNS, SessionStore, load_session
 from hexctl.backends.base import LegServos
 from hexctl.control.assessment.static_stability import stable_slots_of
@@ -200,7 +197,7 @@ class Adaptation:
         self._tell(start_note(spec, setting), budget_note(spec), baseline_note(spec) if begins else None)
         self._tell(yaw_note(spec, servos))
         if session is None:
-            spec = self._with_stance(spec, setting, servos, stop_requested)
+            spec = with_stance(spec, setting, servos, stop_requested, self._note)
             check_not_interrupted(stop_requested)
             session = store.create(spec)
             stack.enter_context(store.held(session.name))
@@ -227,28 +224,6 @@ class Adaptation:
         if self._budget is not None:
             session.spec = extended(session, self._budget)
         return session
-
-    def _with_stance(
-        self, spec: SessionSpec, setting: Setting, servos: Guard | None, stop_requested: StopRequested
-    ) -> SessionSpec:
-        """Spec that holds the static deflection of the stance, where that tells the optimizer anything.
-
-        A connected robot stands up for that, unless an operator puts it down: it then moves only when the
-        operator says so, and by then the first gait is chosen.
-        """
-        if spec.ask or not isinstance(setting.prior, Prior) or setting.prior.sag_rad is None:
-            return spec
-        if servos is None:
-            sag_rad = simulated_deflection_rad(
-                setting.robot, setting.world, setting.plan, spec.seed, spec.broken
-            )
-        else:
-            sag_rad = connected_deflection_rad(servos, setting.plan, stop_requested)
-        if sag_rad is None:
-            if not stop_requested():
-                self._note("how the robot stands is not known (joints not measured, or not at rest)")
-            return spec
-        return replace(spec, sag_rad=[None if math.isnan(angle) else angle for angle in sag_rad.tolist()])
 
     def _search(
         self,

@@ -7,9 +7,10 @@ from typing import Literal, Protocol
 import numpy as np
 
 from hexctl.backends.clock import PERIOD_S
+from hexctl.control.assessment.score import progress_floor_m, score
 from hexctl.control.assessment.walk_quality import cost_of_transport
 from hexctl.control.plan import TrialPlan
-from hexctl.control.result import Deviation, TrialResult, progress_floor_m, score
+from hexctl.control.result import Deviation, TrialResult
 from hexctl.gait.foot_trajectory import RAMP_DURATION_S
 from hexctl.robot.model import Robot
 from hexctl.types import FloatArray

@@ -28,11 +28,11 @@ from hexctl.adapt.space import GaitSpace
 from hexctl.adapt.store import RUNS
 from hexctl.backends.base import LegServos
 from hexctl.backends.registry import check_options, option_values
+from hexctl.control.assessment.score import progress_floor_m
 from hexctl.control.assessment.static_stability import slots_by_stability, usual_posture
 from hexctl.control.guard import TOO_HOT_C
 from hexctl.control.monitor.recovery import make_policy
 from hexctl.control.plan import AUTO_ROTATION, HOLDS, TrialPlan, suited_rotation
-from hexctl.control.result import progress_floor_m
 from hexctl.errors import InputError, argument, check_type
 from hexctl.gait.foot_trajectory import RAMP_DURATION_S
 from hexctl.robot.failure import parse_failure

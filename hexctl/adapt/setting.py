@@ -15,10 +15,10 @@ from hexctl.adapt.prior.samples import covering
 from hexctl.adapt.session import Session, SessionSpec
 from hexctl.adapt.space import GaitSpace
 from hexctl.backends.sim.world import World, load_world
+from hexctl.control.assessment.score import progress_floor_m
 from hexctl.control.assessment.static_stability import in_posture
 from hexctl.control.assessment.uncertainty_store import COMPUTATION, known_uncertainty
 from hexctl.control.plan import TrialPlan
-from hexctl.control.result import progress_floor_m
 from hexctl.control.turning import check_plan
 from hexctl.errors import InputError
 from hexctl.gait.encoding import Slots

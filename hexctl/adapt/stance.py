@@ -6,7 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from hexctl.adapt.prior.prior import Prior
 from hexctl.adapt.runner import check_not_stopped
+from hexctl.adapt.session import SessionSpec
+from hexctl.adapt.setting import Note, Setting
 from hexctl.backends.registry import BackendOptions, make_servos
 from hexctl.backends.sim.world import World
 from hexctl.control.guard import Guard
@@ -26,6 +29,36 @@ MOVING_RAD = math.radians(0.5)
 
 #: Attempts to stand up until the robot is at rest and every command was accepted.
 ATTEMPTS = 2
+
+
+def with_stance(
+    spec: SessionSpec, setting: Setting, servos: Guard | None, stop_requested: StopRequested, note: Note
+) -> SessionSpec:
+    """Spec that holds the static deflection of the stance, where that tells the optimizer anything.
+
+    A connected robot stands up for that, unless an operator puts it down: it then moves only when the
+    operator says so, and by then the first gait is chosen.
+
+    Args:
+        spec: of a new session.
+        setting: what the spec names, loaded.
+        servos: the connected robot; None for a simulation.
+        stop_requested: asked every tick; True stops the robot softly.
+        note: is told where the deflection cannot be measured.
+
+    Raises what `connected_deflection_rad` raises.
+    """
+    if spec.ask or not isinstance(setting.prior, Prior) or setting.prior.sag_rad is None:
+        return spec
+    if servos is None:
+        sag_rad = simulated_deflection_rad(setting.robot, setting.world, setting.plan, spec.seed, spec.broken)
+    else:
+        sag_rad = connected_deflection_rad(servos, setting.plan, stop_requested)
+    if sag_rad is None:
+        if not stop_requested():
+            note("how the robot stands is not known (joints not measured, or not at rest)")
+        return spec
+    return replace(spec, sag_rad=[None if math.isnan(angle) else angle for angle in sag_rad.tolist()])
 
 
 def stance_deflection_rad(

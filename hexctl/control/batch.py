@@ -13,11 +13,12 @@ from hexctl.backends.sim.batch import SimBatch, batch_layout
 from hexctl.backends.sim.servos import SimServos
 from hexctl.backends.sim.world import World, as_world
 from hexctl.control.assessment.cause import WalkSamples
+from hexctl.control.assessment.score import score
 from hexctl.control.assessment.walk_quality import WalkEffort
 from hexctl.control.guard import FALL_TICKS, Guard, StepLimits, leaning
 from hexctl.control.plan import TrialPlan
 from hexctl.control.preparation import WalkStart, prepare, ticks_of
-from hexctl.control.result import TrialResult, score
+from hexctl.control.result import TrialResult
 from hexctl.control.steering import held
 from hexctl.control.trace import TrialFrame
 from hexctl.control.trial import CONTROLLERS, MakeController, made_controller, planned_walk, run_trial

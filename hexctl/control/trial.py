@@ -6,6 +6,7 @@ from contextlib import suppress
 
 from hexctl.backends.base import LegServos
 from hexctl.control.assessment.cause import WalkSamples
+from hexctl.control.assessment.score import score
 from hexctl.control.assessment.walk_quality import WalkEffort
 from hexctl.control.controllers import Controller, Stand, Walk, soft_stop_steps
 from hexctl.control.guard import Guard
@@ -20,7 +21,7 @@ from hexctl.control.preparation import (
     never,
     ticks_of,
 )
-from hexctl.control.result import TrialResult, score
+from hexctl.control.result import TrialResult
 from hexctl.control.steered_walk import SteeredWalk
 from hexctl.control.steering import held
 from hexctl.control.trace import Trace

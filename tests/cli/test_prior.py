@@ -376,7 +376,7 @@ def test_how_the_robot_stood_is_kept_with_the_session_and_told_again(
         assert exit_code([*words, "--json"]) == 130
     cut = json.loads(capsys.readouterr().out)
     assert (cut["trials"], cut["sag_rad"]) == ([], whole["sag_rad"])
-    monkeypatch.setattr("hexctl.adapt.adaptation.simulated_deflection_rad", None)
+    monkeypatch.setattr("hexctl.adapt.stance.simulated_deflection_rad", None)
     resumed, _ = run(capsys, "adapt", "--resume", cut["session"], "--no-record")
     assert resumed["trials"] == whole["trials"]
 
@@ -386,7 +386,7 @@ def test_a_robot_that_stands_otherwise_is_believed_otherwise(
 ) -> None:
     words = [*ADAPT, "--prior", prior, "--target", "0.001", "--budget", "1"]
     seen = run(capsys, *words)[0]["trials"][0]["expected"]
-    monkeypatch.setattr("hexctl.adapt.adaptation.simulated_deflection_rad", lambda *_: None)
+    monkeypatch.setattr("hexctl.adapt.stance.simulated_deflection_rad", lambda *_: None)
     blind, err = run(capsys, *words)
     assert blind["sag_rad"] is None
     assert "how the robot stands is not known" in err
@@ -397,7 +397,7 @@ def test_a_prior_that_knows_no_stances_does_not_look(
     prior: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     save_prior(replace(load_prior(Path(prior)), sag_rad=None), Path(prior))
-    monkeypatch.setattr("hexctl.adapt.adaptation.simulated_deflection_rad", None)
+    monkeypatch.setattr("hexctl.adapt.stance.simulated_deflection_rad", None)
     outcome, err = run(capsys, *ADAPT, "--prior", prior, "--budget", "1")
     assert (outcome["optimizer"], outcome["sag_rad"], err) == ("bayes", None, "")
 

@@ -28,8 +28,9 @@ import numpy as np
 from hexctl.adapt.objectives import INVALID_SCORE
 from hexctl.adapt.optimizer import Optimizer
 from hexctl.adapt.space import GaitSpace
+from hexctl.control.assessment.score import END_TICKS
 from hexctl.control.plan import MAX_TRIM_RAD, MAX_TURN_TRIM_RAD_S
-from hexctl.control.result import END_TICKS, TrialResult
+from hexctl.control.result import TrialResult
 from hexctl.control.steering import trimmed_rad
 from hexctl.errors import InputError
 

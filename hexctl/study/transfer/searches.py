@@ -13,7 +13,7 @@ from hexctl.adapt.optimizers.deduplication import Deduplication
 from hexctl.adapt.optimizers.registry import make_optimizer
 from hexctl.adapt.prior.samples import Samples, samples_of
 from hexctl.backends.clock import PERIOD_S
-from hexctl.control.result import progress_floor_m
+from hexctl.control.assessment.score import progress_floor_m
 from hexctl.control.trial import LOOK_TICKS, Enough
 from hexctl.errors import RobotFaultError
 from hexctl.study.evidence import clustered_error

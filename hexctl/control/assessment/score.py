@@ -1,0 +1,217 @@
+"""The score of a walk: its result, from the poses that were measured on the way."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from hexctl.control.assessment.cause import Samples, symptoms
+from hexctl.control.assessment.walk_quality import cost_of_transport, lean_deg, unsteadiness_m_s
+from hexctl.control.plan import TrialPlan
+from hexctl.control.result import Deviation, TrialResult
+from hexctl.control.steering import LOST_AFTER_S, frozen_rows, plane, why_less
+from hexctl.control.trace import TrialFrame
+from hexctl.control.turning import TURN_WITHIN_RAD, turn_needed_rad
+from hexctl.gait.foot_trajectory import RAMP_DURATION_S
+from hexctl.gait.gait import ideal_speed_m_s
+from hexctl.robot.failure_event import NoticedFailure
+from hexctl.robot.model import Robot
+from hexctl.robot.rotations import wrapped_rad, yaw_rad
+from hexctl.types import BoolArray, FloatArray
+
+#: A walk with less than this share of the ideal distance made no progress; one that is over before the soft
+#: start is says nothing about it.
+PROGRESS_FLOOR = 0.5
+
+#: A walk has an end where the robot knew its position in one of this many last ticks.
+END_TICKS = 50
+
+
+def score(
+    robot: Robot,
+    plan: TrialPlan,
+    *,
+    status: str,
+    stopped: str | None = None,
+    duration_s: float,
+    turned_rad: float,
+    clipped_ticks: int,
+    frame: TrialFrame | None,
+    positions_world: FloatArray,
+    quaternions_world: FloatArray,
+    samples: Samples | None = None,
+    hold: str = "none",
+    limited_ticks: int = 0,
+    true_positions_world: FloatArray | None = None,
+    energy_j: float | None = None,
+    noticed: tuple[NoticedFailure, ...] = (),
+) -> TrialResult:
+    """Result of a walk.
+
+    Args:
+        robot: the robot that walked.
+        plan: the plan.
+        status: how the walk ended; a walk that is `ok` so far may still have made no progress.
+        stopped: why it was aborted, if it was.
+        duration_s: how long it walked.
+        turned_rad: how far the self-rotation turned.
+        clipped_ticks: ticks in which the guard changed the targets.
+        frame: the trial frame, None where the robot knows no pose or never set out.
+        positions_world: base positions of the walk, (T, 3).
+        quaternions_world: base orientations of the walk, (T, 4).
+        samples: of its joints and feet, from which the cause of a walk without progress is told; None where
+            they are not known.
+        hold: what the walk held by feedback.
+        limited_ticks: ticks in which it was slower than asked for.
+        true_positions_world: of a simulated robot, likewise; NaN or None where they are not known.
+        energy_j: mechanical work of its actuators; None where it is not known.
+        noticed: failures that its controller noticed.
+    """
+    shown = int(np.isfinite(positions_world[:, 0]).sum())
+    positions_world = _without_frozen(positions_world, np.stack(plane(positions_world), axis=-1), duration_s)
+    quaternions_world = _without_frozen(quaternions_world, quaternions_world, duration_s)
+    # All that the robot showed of its position is one that froze: it stands, or its sensor is dead.
+    never_moved = frame is not None and shown > 1 and int(np.isfinite(positions_world[:, 0]).sum()) == 1
+    path = frame.path(positions_world) if frame is not None else np.zeros((0, 2))
+    known = path[np.isfinite(path[:, 0])]
+    path = path if len(known) else path[:0]
+    walked = bool(np.isfinite(path[-END_TICKS:, 0]).any())
+    distance_m = float(known[-1, 0]) if walked else None
+    yaw_change_rad = None if frame is None else _yaw_change_rad(frame.yaw_rad, quaternions_world)
+    long_enough = duration_s >= RAMP_DURATION_S
+    if status == "ok" and long_enough and _goes_straight(plan):
+        too_short = distance_m is not None and distance_m < progress_floor_m(robot, plan, duration_s)
+        status = "no_progress" if too_short or never_moved else "ok"
+    true_path_m = _true_path_m(frame, true_positions_world)
+    cause = None
+    if status == "no_progress" and samples is not None:
+        poses = (_briefly_filled(rows, duration_s) for rows in (positions_world, quaternions_world))
+        seen = symptoms(robot, plan, samples, *poses)
+        cause = None if seen is None else seen.cause
+    return TrialResult(
+        status=status,
+        stopped=stopped,
+        duration_s=duration_s,
+        turned_rad=turned_rad,
+        distance_m=distance_m,
+        ideal_distance_m=ideal_distance_m(robot, plan, duration_s),
+        deviation=_deviation(known[:, 1]) if walked else None,
+        yaw_change_rad=yaw_change_rad,
+        clipped_ticks=clipped_ticks,
+        path_m=path,
+        cause=cause,
+        turn_miss_rad=_turn_miss_rad(robot, plan, turned_rad) if yaw_change_rad is not None else None,
+        hold=hold,
+        hold_caveat=why_less(plan, frame) if len(positions_world) else None,
+        hold_lost_s=_hold_lost_s(hold, duration_s, positions_world, quaternions_world),
+        limited_ticks=limited_ticks,
+        true_deviation=None if true_path_m is None else _deviation(true_path_m[:, 1]),
+        true_path_m=true_path_m,
+        energy_j=energy_j,
+        cost_of_transport=cost_of_transport(robot, energy_j, distance_m if _goes_straight(plan) else None),
+        tilt_deg=lean_deg(quaternions_world),
+        steadiness=unsteadiness_m_s(positions_world),
+        trim_rad=plan.trim_rad if hold == "heading" else None,
+        turn_trim_rad_s=plan.turn_trim_rad_s,
+        noticed=noticed,
+    )
+
+
+def _without_frozen(rows: FloatArray, compared: FloatArray, duration_s: float) -> FloatArray:
+    """Rows (T, n) with NaN where what is compared of them, (T, m), repeats a value that froze."""
+    frozen = frozen_rows(compared, duration_s / max(1, len(rows)))
+    return np.where(frozen[:, np.newaxis], np.nan, rows) if frozen.any() else rows
+
+
+def _hold_lost_s(
+    hold: str, duration_s: float, positions_world: FloatArray, quaternions_world: FloatArray
+) -> float:
+    """Time of the gaps in which what a walk holds by was not measured, those longer than `LOST_AFTER_S`."""
+    by = {"line": positions_world, "heading": quaternions_world}.get(hold)
+    if by is None or not len(by):
+        return 0.0
+    return float(_lost(by, duration_s).sum() * (duration_s / len(by)))
+
+
+def _lost(rows: FloatArray, duration_s: float) -> BoolArray:
+    """Which rows (T, n) of a duration are in a gap of more than `LOST_AFTER_S`, (T,)."""
+    ends = np.flatnonzero(np.concatenate([[True], np.isfinite(rows[:, 0]), [True]])) - 1
+    lost = np.zeros(len(rows), dtype=bool)
+    for before, after in zip(ends[:-1].tolist(), ends[1:].tolist(), strict=True):
+        if (after - before - 1) * (duration_s / len(rows)) > LOST_AFTER_S:
+            lost[before + 1 : after] = True
+    return lost
+
+
+def _briefly_filled(rows: FloatArray, duration_s: float) -> FloatArray:
+    """Rows (T, n) in which short dropouts have the value before; NaN in longer gaps."""
+    return np.where(_lost(rows, duration_s)[:, np.newaxis], np.nan, filled(rows))
+
+
+def _true_path_m(frame: TrialFrame | None, positions_world: FloatArray | None) -> FloatArray | None:
+    """Path by true positions, (T, 3); None where there are none."""
+    if frame is None or positions_world is None or not len(positions_world):
+        return None
+    if not np.isfinite(positions_world).all():
+        return None
+    if not np.isfinite(frame.origin_world).all():
+        frame = replace(frame, origin_world=positions_world[0])
+    return frame.path(positions_world)
+
+
+def filled(rows: FloatArray) -> FloatArray:
+    """Rows (T, n) in which each unknown one is that before it, or the first known one."""
+    known = np.isfinite(rows[:, 0])
+    if known.all() or not known.any():
+        return rows
+    last = np.maximum.accumulate(np.where(known, np.arange(len(rows)), -1))
+    return np.asarray(rows[np.where(last < 0, np.argmax(known), last)])
+
+
+def _turn_miss_rad(robot: Robot, plan: TrialPlan, turned_rad: float) -> float | None:
+    """How much further than its goal a self-rotation turned; None for a plan without one."""
+    wanted_rad = turn_needed_rad(robot, plan)
+    return wrapped_rad(turned_rad - wanted_rad) if abs(wanted_rad) > TURN_WITHIN_RAD else None
+
+
+def ideal_distance_m(robot: Robot, plan: TrialPlan, duration_s: float) -> float:
+    """Distance without slip in a duration, at the speed of each gait in its time."""
+    distance_m, gait, since_s = 0.0, plan.gait, 0.0
+    for change in plan.changes:
+        until_s = min(change.at_s, duration_s)
+        distance_m += ideal_speed_m_s(robot, gait, plan.motion(0.0)) * (until_s - since_s)
+        gait, since_s = change.gait, until_s
+    return distance_m + ideal_speed_m_s(robot, gait, plan.motion(0.0)) * (duration_s - since_s)
+
+
+def progress_floor_m(robot: Robot, plan: TrialPlan, duration_s: float) -> float:
+    """Distance below which a walk of a duration made no progress."""
+    if plan.changes:
+        lost_m = ideal_speed_m_s(robot, plan.gait, plan.motion(0.0)) * RAMP_DURATION_S / 2
+        return PROGRESS_FLOOR * (ideal_distance_m(robot, plan, duration_s) - lost_m)
+    ideal_speed = ideal_speed_m_s(robot, plan.gait, plan.motion(0.0))
+    return PROGRESS_FLOOR * ideal_speed * _ramped_duration_s(duration_s)
+
+
+def _deviation(signed_m: FloatArray) -> Deviation:
+    """The four deviations of a walk, from its signed deviation at each tick."""
+    off_m = np.abs(signed_m)
+    return Deviation(float(off_m[-1]), float(off_m.mean()), float(off_m.max()), float(signed_m[-1]))
+
+
+def _yaw_change_rad(first_yaw_rad: float, quaternions_world: FloatArray) -> float | None:
+    """How far the body turned, whole turns counted; None where no orientation is known."""
+    known = quaternions_world[np.isfinite(quaternions_world[:, 0])]
+    if not len(known):
+        return None
+    yaws = np.unwrap(np.concatenate([[first_yaw_rad], yaw_rad(known)]))
+    return float(yaws[-1] - yaws[0])
+
+
+def _goes_straight(plan: TrialPlan) -> bool:
+    """Whether a plan's distance along the heading says how well it went."""
+    return plan.travel > 0 and plan.turn_rate_rad_s == 0
+
+
+def _ramped_duration_s(duration_s: float) -> float:
+    """Time at full stride that the soft start leaves of a duration of a ramp or more."""
+    return duration_s - RAMP_DURATION_S / 2
