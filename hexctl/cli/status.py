@@ -167,7 +167,7 @@ def _ros(ros: Mapping[str, Any] | None) -> str:
         f"router {ros.get('router')}" if ros.get("connected") else ros.get("trouble") or "not connected yet"
     )
     counts = f"{ros.get('commands', 0)} commands, {ros.get('malformed', 0)} malformed"
-    return f"{router}, {counts if ros.get('drive') else 'may stop it only'}"
+    return f"{router}; {counts if ros.get('drive') else 'ROS may stop the robot, and not move it'}"
 
 
 def _battery(status: Status) -> str:

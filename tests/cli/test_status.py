@@ -172,7 +172,7 @@ def test_a_served_simulation_says_what_it_is(tmp_path: Path) -> None:
 
 def test_a_line_on_ros_where_the_robot_is_a_node() -> None:
     ros = {"router": "tcp/localhost:7447", "connected": True, "drive": True, "commands": 7, "malformed": 2}
-    assert ("ROS", "router tcp/localhost:7447, 7 commands, 2 malformed") in status_rows({"ros": ros})
+    assert ("ROS", "router tcp/localhost:7447; 7 commands, 2 malformed") in status_rows({"ros": ros})
     lost = {**ros, "connected": False, "trouble": "no ROS router", "drive": False}
-    assert ("ROS", "no ROS router, may stop it only") in status_rows({"ros": lost})
+    assert ("ROS", "no ROS router; ROS may stop the robot, and not move it") in status_rows({"ros": lost})
     assert not [name for name, _ in status_rows({"ros": None}) if name == "ROS"]

@@ -25,7 +25,7 @@ from hexctl.wire.links import Endpoint
 from hexctl.wire.messages import decode_positions
 from hexctl.wire.ros.endpoints import RosRequest, RosService, RosSubscription
 from hexctl.wire.ros.names import Kind, RosEndpoint, RosNode
-from hexctl.wire.ros.session import check_router, open_ros_session, why_no_router
+from hexctl.wire.ros.session import RouterWatch, check_router, open_ros_session
 from hexctl.wire.ros.telemetry import encode_trigger_answer
 from hexctl.wire.ros.velocity import TWIST, TWIST_STAMPED, decode_velocity
 
@@ -103,6 +103,7 @@ class RosBridge:
         self.node, self.drive = node, drive
         self.counters = RosCounters()
         self._router: Endpoint = check_router(router, insecure=insecure)
+        self._watch = RouterWatch(self._router)
         self._messages = RobotMessages(robot, _described(robot, node, ros2_control=drive))
         self._states = Inbox(capacity=1)
         self._inbox: Inbox | None = None
@@ -174,17 +175,17 @@ class RosBridge:
                 topics.publish_silence(now_s)
             if now_s - looked_at_s > REOPEN_S:
                 looked_at_s = now_s
-                self._look(session)
+                self._look(session, now_s)
         token.undeclare()  # type: ignore[no-untyped-call]
 
-    def _look(self, session: zenoh.Session) -> None:
+    def _look(self, session: zenoh.Session, now_s: float) -> None:
         """See whether the router is there, and why not."""
         self._connected = bool(session.info.routers_zid())
-        self._trouble = None if self._connected else why_no_router(self._router)
+        self._trouble = self._watch.trouble(self._connected, now_s)
 
     @property
     def condition(self) -> str | None:
-        """One line on the router: found, or why not; None at the start."""
+        """One line on the router: found, or why not; None while that is not known."""
         return f"ROS router at {self._router} found" if self._connected else self._trouble
 
     def put(self, command: RosCommand) -> None:

@@ -13,6 +13,9 @@ from hexctl.wire.session import MAX_MESSAGE_BYTES, RETRY_MS
 #: How long a look at a router takes at most.
 PROBE_TIMEOUT_S = 0.2
 
+#: A router that has begun to listen is reached within this: a session tries again every second.
+GREETING_S = 5.0
+
 
 def check_router(text: str, *, insecure: bool) -> Endpoint:
     """Endpoint of a ROS router.
@@ -34,16 +37,50 @@ def check_router(text: str, *, insecure: bool) -> Endpoint:
     return endpoint
 
 
-def why_no_router(router: Endpoint) -> str:
-    """Reason why a router is not reached, and what to do about it."""
+class RouterWatch:
+    """Says why a router is not reached, and what to do about it.
+
+    Args:
+        router: its address.
+    """
+
+    def __init__(self, router: Endpoint) -> None:
+        self._router = router
+        self._lost = False
+        self._listens_since_s: float | None = None
+
+    def trouble(self, found: bool, now_s: float) -> str | None:
+        """Why there is no router; None where there is one, and while what listens there may become it.
+
+        Args:
+            found: whether the session has reached a router.
+            now_s: on any monotonic clock.
+        """
+        if found or not _listens(self._router):
+            self._listens_since_s = None
+            self._lost |= found
+            return None if found else self._absent
+        if self._listens_since_s is None:
+            self._listens_since_s = now_s
+        if now_s - self._listens_since_s < GREETING_S:
+            return None
+        return (
+            f"what listens at {self._router} is no ROS router; if it is hexctl serve, give that another port "
+            "with --listen"
+        )
+
+    @property
+    def _absent(self) -> str:
+        since = "any more" if self._lost else "yet"
+        return f"no ROS router at {self._router} {since}; ros2 run rmw_zenoh_cpp rmw_zenohd starts one"
+
+
+def _listens(endpoint: Endpoint) -> bool:
     try:
-        with socket.create_connection((router.host, router.port), timeout=PROBE_TIMEOUT_S):
-            return (
-                f"what listens at {router} is no ROS router; if it is hexctl serve, give that another port "
-                f"with {argument('listen')}"
-            )
+        with socket.create_connection((endpoint.host, endpoint.port), timeout=PROBE_TIMEOUT_S):
+            return True
     except OSError:
-        return f"no ROS router at {router} yet; ros2 run rmw_zenoh_cpp rmw_zenohd starts one"
+        return False
 
 
 def open_ros_session(router: Endpoint) -> zenoh.Session:

@@ -6,7 +6,7 @@ import pytest
 
 from hexctl.errors import InputError
 from hexctl.wire.links import Endpoint
-from hexctl.wire.ros.session import check_router, why_no_router
+from hexctl.wire.ros.session import GREETING_S, RouterWatch, check_router
 
 
 @pytest.mark.parametrize(
@@ -27,5 +27,12 @@ def test_a_router_beyond_this_computer_is_allowed_deliberately() -> None:
 def test_a_router_that_is_not_there_and_one_that_is_none_are_told_apart() -> None:
     with socket.create_server(("127.0.0.1", 0)) as other:
         endpoint = Endpoint.parse(f"tcp/127.0.0.1:{other.getsockname()[1]}")
-        assert "is no ROS router" in why_no_router(endpoint)
-    assert "rmw_zenohd" in why_no_router(endpoint)
+        watch = RouterWatch(endpoint)
+        assert watch.trouble(False, 10.0) is None, "it may be a router that has just begun to listen"
+        assert watch.trouble(False, 10.0 + GREETING_S) == (
+            f"what listens at {endpoint} is no ROS router; if it is hexctl serve, give that another port "
+            "with --listen"
+        )
+    assert "yet; ros2 run rmw_zenoh_cpp rmw_zenohd" in str(watch.trouble(False, 30.0))
+    assert watch.trouble(True, 40.0) is None
+    assert "any more" in str(watch.trouble(False, 50.0))
