@@ -17,7 +17,7 @@ AGREEING, AGREEING_AT_FIRST = 3, 2
 MOST_POLLS = 6
 
 #: How many times its greatest speed a joint may seem to have, and how far it may seem to jump besides.
-SPEED_TIMES, JUMP_DEG = 2.0, 10.0
+SPEED_TIMES, JUMP_DEG = 2.0, 4.0
 
 #: How far readings of other quantities that agree may differ, in V and degrees Celsius.
 VOLTAGE_V, TEMPERATURE_C = 1.5, 5.0

@@ -59,6 +59,14 @@ def test_one_wild_position_is_not_believed_and_three_in_a_row_are() -> None:
     assert np.isnan(np.delete(readings.positions, 4)).all()
 
 
+def test_a_position_is_believed_within_twice_the_speed_of_the_joint_and_four_degrees() -> None:
+    reach = round(2 * 2000 * 0.02 + 4 * 11.4)
+    for step, believed in ((reach - 1, True), (reach + 1, False)):
+        readings = _readings(2000)
+        readings.take([_report(0.0, 2000 + step)])
+        assert (readings.positions[4] != 2000) == believed
+
+
 def test_wild_positions_that_differ_are_never_believed() -> None:
     readings = _readings(100)
     for tick in range(1, 50):
