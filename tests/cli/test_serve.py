@@ -3,7 +3,7 @@
 import json
 import signal
 import socket
-from contextlib import nullcontext
+from contextlib import ExitStack, nullcontext, suppress
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -75,6 +75,15 @@ def test_an_address_that_is_taken_is_said_in_one_line() -> None:
     assert answer.returncode == 3
     assert len(answer.stderr.splitlines()) == 1
     assert endpoint in answer.stderr
+
+
+def test_without_options_it_would_serve_at_the_usual_port() -> None:
+    with ExitStack() as stack:
+        with suppress(OSError):  # another program has it already
+            stack.enter_context(socket.create_server(("127.0.0.1", 7447)))
+        answer = hexctl("serve")
+    assert answer.returncode == 3
+    assert "cannot listen at tcp/127.0.0.1:7447: already in use" in answer.stderr
 
 
 @pytest.mark.parametrize("method", ["connect", "read"])
