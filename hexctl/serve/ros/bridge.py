@@ -104,7 +104,8 @@ class RosBridge:
         self.counters = RosCounters()
         self._router: Endpoint = check_router(router, insecure=insecure)
         self._watch = RouterWatch(self._router)
-        self._messages = RobotMessages(robot, _described(robot, node, ros2_control=drive))
+        described = _described(robot, node, ros2_control=drive)
+        self._messages = RobotMessages(robot, described, node.full_name)
         self._states = Inbox(capacity=1)
         self._inbox: Inbox | None = None
         self._stop: Callable[[], None] = lambda: None

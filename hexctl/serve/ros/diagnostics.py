@@ -7,6 +7,9 @@ from hexctl.serve.ros.snapshot import RobotSnapshot
 from hexctl.types import JOINT_NAMES, RobotState, ServoReadings
 from hexctl.wire.ros.telemetry import DiagnosticStatus, Level
 
+#: Name of the node of a robot without a namespace.
+NODE = "hexctl"
+
 #: A servo this hot is near to where the guard stops the robot.
 WARM_C = TOO_HOT_C - 8
 
@@ -14,20 +17,26 @@ WARM_C = TOO_HOT_C - 8
 STALE_S = 1.0
 
 
-def statuses(snapshot: RobotSnapshot) -> list[DiagnosticStatus]:
-    """Statuses of a robot and of its servos."""
+def statuses(snapshot: RobotSnapshot, node: str = NODE) -> list[DiagnosticStatus]:
+    """Statuses of a robot and of its servos.
+
+    Args:
+        snapshot: of the robot.
+        node: who tells, with its namespace: `/diagnostics` is the topic of all robots.
+    """
     state = snapshot.state
     servos = state.servos
-    singles = [] if servos is None else [_servo(joint, state, servos) for joint in range(len(JOINT_NAMES))]
-    return [_robot(snapshot), *singles]
+    joints = range(len(JOINT_NAMES))
+    singles = [] if servos is None else [_servo(joint, state, servos, node) for joint in joints]
+    return [_robot(snapshot, node), *singles]
 
 
-def silent() -> list[DiagnosticStatus]:
+def silent(node: str = NODE) -> list[DiagnosticStatus]:
     """Status of a robot of which nothing has been heard for a while."""
-    return [DiagnosticStatus(Level.STALE, "hexctl: robot", "its control loop says nothing")]
+    return [DiagnosticStatus(Level.STALE, f"{node}: robot", "its control loop says nothing")]
 
 
-def _robot(snapshot: RobotSnapshot) -> DiagnosticStatus:
+def _robot(snapshot: RobotSnapshot, node: str) -> DiagnosticStatus:
     state = snapshot.state
     level, message = Level.OK, snapshot.posture
     if state.warnings:
@@ -46,10 +55,10 @@ def _robot(snapshot: RobotSnapshot) -> DiagnosticStatus:
         **_known("charge", None if state.battery_share is None else 100 * state.battery_share, "%"),
         **_known("current", state.current_a, "A"),
     }
-    return DiagnosticStatus(level, "hexctl: robot", message, values)
+    return DiagnosticStatus(level, f"{node}: robot", message, values)
 
 
-def _servo(joint: int, state: RobotState, servos: ServoReadings) -> DiagnosticStatus:
+def _servo(joint: int, state: RobotState, servos: ServoReadings, node: str) -> DiagnosticStatus:
     temperature_c, error = float(servos.temperatures_c[joint]), servos.errors[joint]
     level, message = Level.OK, "ok"
     if temperature_c >= WARM_C:
@@ -67,7 +76,7 @@ def _servo(joint: int, state: RobotState, servos: ServoReadings) -> DiagnosticSt
         **_known("current", float(servos.currents_a[joint]), "A"),
         **_known("effort", 100 * float(servos.efforts[joint]), "%"),
     }
-    return DiagnosticStatus(level, f"hexctl: {JOINT_NAMES[joint]}", message, values)
+    return DiagnosticStatus(level, f"{node}: {JOINT_NAMES[joint]}", message, values)
 
 
 def _known(name: str, value: float | None, unit: str) -> dict[str, str]:

@@ -55,10 +55,11 @@ class RobotMessages:
     Args:
         robot: who publishes.
         urdf: its description.
+        node: name of the node in diagnostics, with its namespace.
     """
 
-    def __init__(self, robot: Robot, urdf: str) -> None:
-        self._robot, self._urdf = robot, urdf
+    def __init__(self, robot: Robot, urdf: str, node: str = diagnostics.NODE) -> None:
+        self._robot, self._urdf, self._node = robot, urdf, node
         fixed, moving = fixed_transforms(robot), link_transforms(robot, robot.stance_angles_rad)
         links = tuple(zip(moving.parents, moving.children, strict=True))
         self._fixed_rows = _rows(fixed)
@@ -110,12 +111,13 @@ class RobotMessages:
 
     def diagnostics(self, snapshot: RobotSnapshot) -> bytes:
         """Statuses of the robot and its servos."""
-        found = diagnostics.statuses(snapshot)
+        found = diagnostics.statuses(snapshot, self._node)
         return telemetry.encode_diagnostics(found, self._robot.name, snapshot.stamp_ns)
 
     def silence(self) -> bytes:
         """Diagnostics of a robot whose control loop says nothing."""
-        return telemetry.encode_diagnostics(diagnostics.silent(), self._robot.name, time.time_ns())
+        found = diagnostics.silent(self._node)
+        return telemetry.encode_diagnostics(found, self._robot.name, time.time_ns())
 
 
 def measured_ns(snapshot: RobotSnapshot) -> int:

@@ -110,6 +110,11 @@ class RosNode:
             raise InputError(f"{argument('ros_domain')}: got {self.domain}; allowed: 0 to {MAX_DOMAIN}")
         object.__setattr__(self, "namespace", _namespace(self.namespace))
 
+    @property
+    def full_name(self) -> str:
+        """Name with its namespace, without a leading slash: `lab/ant/hexctl`."""
+        return f"{self.namespace}/{self.name}".removeprefix("/")
+
     def resolved(self, topic: str) -> str:
         """Full name of a topic: `/scan` as it is, `~/stop` under the node, others in the namespace."""
         if topic.startswith("/"):

@@ -101,3 +101,12 @@ def test_an_orientation_that_is_not_known_is_not_sent(messages: RobotMessages) -
 def test_endpoints_have_numbers_of_their_own() -> None:
     endpoints = [publisher_endpoint(RosNode(), topic) for topic in TOPICS]
     assert len({one.entity_id for one in endpoints}) == len(TOPICS)
+
+
+def test_robots_of_two_namespaces_are_told_apart_in_the_diagnostics() -> None:
+    messages = RobotMessages(ROBOT, "", RosNode(namespace="lab/ant").full_name)
+    told = messages.diagnostics(snapshot(walking(ROBOT.stance_angles_rad)))
+    for payload in (told, messages.silence()):
+        assert decoded(telemetry.DIAGNOSTICS, payload).status[0].name == "lab/ant/hexctl: robot"
+    alone = RobotMessages(ROBOT, "", RosNode().full_name).silence()
+    assert decoded(telemetry.DIAGNOSTICS, alone).status[0].name == "hexctl: robot"
