@@ -7,18 +7,23 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import yaml
 
 from hexctl.backends.sim.world import DomainRandomization, World
 from hexctl.cli.main import exit_code
+from hexctl.control.drive.velocity_limits import VelocityLimits
+from hexctl.gait.gait import make_gait
 from hexctl.robot.bus_map import bus_map_of
-from hexctl.robot.loader import load_meshes, load_robot_file
+from hexctl.robot.loader import load_meshes, load_robot, load_robot_file
 from hexctl.robot.pwm_map import pwm_map_of
 from hexctl.robot.schema import MountSection, RobotSchema
+from hexctl.serve.ros.driver import GAIT
 from hexctl.types import JOINT_NAMES
 from hexctl.wire.certificates import make_certificates
 from hexctl.wire.links import load_link
+from hexctl.wire.pose import BODY_FRAME
 from tests.docs.pages import PAGES, ROOT, blocks, save_programs
 from tests.robot.meshmaking import MAKERS
 from tests.robots import edited_file, put
@@ -67,9 +72,21 @@ def pwm_servos(content: dict[str, Any], folder: Path) -> object:
     return pwm_map_of(file.content.servos, content["servos"]["driver"])
 
 
-def controllers(content: dict[str, Any], _folder: Path) -> None:
-    """Parameters of ros2_control: its controller has the robot's joints."""
-    assert content["joint_trajectory_controller"]["ros__parameters"]["joints"] == list(JOINT_NAMES)
+def ros_parameters(content: dict[str, Any], _folder: Path) -> None:
+    """Parameters of ros2_control, whose controller has the robot's joints, or of Nav2."""
+    nodes = {node: values["ros__parameters"] for node, values in content.items()}
+    if "controller_manager" in nodes:
+        assert nodes["joint_trajectory_controller"]["joints"] == list(JOINT_NAMES)
+        return
+    assert {nodes[node]["base_frame_id"] for node in ("amcl", "collision_monitor")} == {BODY_FRAME}
+    robot = load_robot("ant")
+    limits, pace = VelocityLimits.of(robot, make_gait(robot, GAIT)), nodes["controller_server"]["FollowPath"]
+    for greatest in ([pace["vx_max"], 0, 0], [0, pace["vy_max"], 0], [0, 0, pace["wz_max"]]):
+        assert limits.limited(np.array(greatest)).tolist() == greatest
+    smoother = nodes["velocity_smoother"]
+    assert smoother["max_velocity"] == [pace["vx_max"], pace["vy_max"], pace["wz_max"]]
+    assert smoother["min_velocity"] == [-limit for limit in smoother["max_velocity"]]
+    assert nodes["behavior_server"]["max_rotational_vel"] == pace["wz_max"]
 
 
 #: What a page's YAML is.
@@ -82,7 +99,7 @@ FILES: dict[str, Callable[[Any, Path], object]] = {
     "dynamixel.md": bus_servos,
     "pwm-servos.md": pwm_servos,
     "protocol.md": a_link,
-    "ros2.md": controllers,
+    "ros2.md": ros_parameters,
 }
 
 
