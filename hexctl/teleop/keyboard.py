@@ -1,14 +1,19 @@
 """The keyboard of a terminal: each key changes the speed that is set, which holds until another changes it.
 
-Terminals tell no release of a key, and repeat one that is held only after half a second, so keys latch.
+Terminals tell no release of a key, and repeat one that is held only after half a second, so keys latch. What
+a terminal does tell is that it is there: with each line that it shows it is asked for its status, and answers
+(DSR and its report, ECMA-48 8.3.35). One that has answered and falls silent, as at the far end of a network
+that is lost, has its speed taken back.
 """
 
 import math
 import os
+import re
 import select
 import sys
 import termios
 import threading
+import time
 import tty
 from collections.abc import Callable
 from contextlib import suppress
@@ -31,12 +36,32 @@ SPEED_KEYS = {
     "\x1b[D": (0, 0, 1),
     "\x1b[C": (0, 0, -1),
 }
+REST_KEYS = (" ", "\x1b", "x")
 REQUEST_KEYS = {"q": "quit", "g": "gait", "u": "up", "j": "down", "1": "stand", "0": "sit", "x": "stop"}
+
+#: Keys that count whatever the terminal does.
+LAST_KEYS = (*REST_KEYS, "0", "q")
 
 HELP = (
     "w s or arrows: faster, slower · a d: sideways · left right arrows: turn · space: stand still\n"
     "g: gait · u j: body up, down · 1: stand up · 0: sit down · x: stop (1 goes on) · q: quit"
 )
+
+#: A question for the status of a terminal, which ends with `n` where it is answered.
+ASK_STATUS, STATUS = "\x1b[5n", re.compile(r"\x1b\[[03]n")
+
+#: A terminal that has answered before and does not for so long is silent.
+SILENCE_S = 0.5
+
+#: Keys of more than one character, and the beginning of one; a space ends it, so that it always counts.
+_SEQUENCE = re.compile(r"\x1b(?:\[[0-9:;<=>?]*|O)[@-~]")
+_BEGUN = re.compile(r"\x1b(?:\[[0-9:;<=>?]*|O)?")
+
+#: Ticks without a key after which the beginning of one is the key Esc.
+ESCAPE_TICKS = 2
+
+#: How long is waited for the last answer of a terminal, and at most while more comes.
+LAST_ANSWER_S, LAST_ANSWERS_S = 0.1, 0.5
 
 #: Bytes of keys that are read in one tick.
 MOST_BYTES = 256
@@ -49,7 +74,7 @@ class Keyboard:
     """Keys of a terminal as a source of velocities.
 
     While a speed is set it is repeated every tick, as long as the terminal is there; a terminal that has gone
-    ends the session.
+    ends the session, and one that has told its status and tells it no more has its speed taken back.
 
     Args:
         source: of the arbiter.
@@ -57,6 +82,7 @@ class Keyboard:
         ask: takes requests and why.
         keys: file descriptor to read keys from; it may block.
         show: takes a line that says what the robot does; None shows nothing.
+        now_s: monotonic time.
     """
 
     def __init__(
@@ -66,11 +92,15 @@ class Keyboard:
         ask: Callable[[str, str], None],
         keys: int,
         show: Callable[[str], None] | None = None,
+        *,
+        now_s: Callable[[], float] = time.monotonic,
     ) -> None:
         self._source, self._share, self._ask, self._keys, self._show = source, share, ask, keys, show
+        self._now_s = now_s
         self._set = (0.0, 0.0, 0.0)
-        self._pending = ""
-        self._gone = False
+        self._pending, self._pending_ticks = "", 0
+        self._answered_at_s: float | None = None
+        self._stood = self._gone = False
 
     def poll(self) -> None:
         """Take the keys since the last tick."""
@@ -84,20 +114,30 @@ class Keyboard:
         if data == b"":
             self._leave()
             return
+        silent = self._silent()
         for key in self._keys_of((data or b"").decode(errors="replace")):
-            self.press(key)
+            # What was typed into a lost network arrives late: it may only stop.
+            if not silent or key in LAST_KEYS or STATUS.fullmatch(key):
+                self.press(key)
+        if any(self._set) and self._silent():
+            self._set, self._stood = (0.0, 0.0, 0.0), True
+            self._source.release()
         if any(self._set):
             self._source.command(self._share(*self._set))
 
     def press(self, key: str) -> None:
-        """Do what a key says."""
+        """Do what a key says, or note that the terminal has answered."""
+        if STATUS.fullmatch(key):
+            self._answered_at_s = self._now_s()
+            return
         if key in SPEED_KEYS:
+            self._stood = False
             changed = zip(self._set, SPEED_KEYS[key], strict=True)
             forward, left, turn = (max(-1.0, min(1.0, round(a + STEP * b, 6))) for a, b in changed)
             self._set = forward, left, turn
             if not any(self._set):
                 self._source.release()
-        elif key in (" ", "\x1b") or key == "x":
+        elif key in REST_KEYS:
             self._set = 0.0, 0.0, 0.0
             self._source.release()
         if key in REQUEST_KEYS:
@@ -106,21 +146,32 @@ class Keyboard:
     def report(self, status: dict[str, Any]) -> None:
         """Show a line."""
         if self._show is not None and not self._gone:
-            self._show(line_of(status))
+            stood = f" · stood still: the terminal was silent for {SILENCE_S:g} s" if self._stood else ""
+            self._show(line_of(status) + stood)
+
+    def _silent(self) -> bool:
+        """Whether the terminal has answered before, and does not any more."""
+        return self._answered_at_s is not None and self._now_s() - self._answered_at_s > SILENCE_S
 
     def _keys_of(self, text: str) -> list[str]:
-        """Keys of a text; the beginning of an arrow key waits for its end until the next tick."""
+        """Keys of a text; the beginning of one waits for its end."""
+        self._pending_ticks = 0 if text else self._pending_ticks + 1
         text, self._pending = self._pending + text, ""
         keys = []
         while text:
-            if text[0] == "\x1b" and text[:2] in ("\x1b[", "\x1bO") and len(text) >= 3:
-                keys.append("\x1b[" + text[2])
-                text = text[3:]
-            elif text in ("\x1b[", "\x1bO"):
-                self._pending, text = text, ""
-            else:
+            begun, whole = _BEGUN.match(text), _SEQUENCE.match(text)
+            if whole is not None:
+                key = whole[0]
+                keys.append("\x1b[" + key[2:] if key[1] == "O" else key)
+            elif begun is None:
                 keys.append(text[0])
-                text = text[1:]
+            elif begun.end() == len(text) and self._pending_ticks < ESCAPE_TICKS:
+                self._pending = text
+                break
+            else:
+                keys.append("\x1b")
+            found = whole or begun
+            text = text[1 if found is None else found.end() :]
         return keys
 
     def _leave(self) -> None:
@@ -176,13 +227,21 @@ class KeyTerminal:
     ) -> None:
         self._ended = True
         self._due.set()
-        with suppress(termios.error):  # the terminal may have gone
+        with suppress(termios.error, OSError):  # the terminal may have gone
+            self._take_last_answers()
             termios.tcsetattr(self.keys, termios.TCSANOW, self._before)
 
     def show(self, line: str) -> None:
         """Show a line instead of the last one, as soon as the terminal takes it."""
         self._newest = line
         self._due.set()
+
+    def _take_last_answers(self) -> None:
+        """Read what the terminal answers late: it would be typed into the shell."""
+        until_s = time.monotonic() + LAST_ANSWERS_S
+        while time.monotonic() < until_s and select.select([self.keys], [], [], LAST_ANSWER_S)[0]:
+            if not os.read(self.keys, MOST_BYTES):
+                return
 
     def _show_lines(self) -> None:
         while True:
@@ -192,7 +251,8 @@ class KeyTerminal:
                 return
             try:
                 width = os.get_terminal_size(self._lines).columns or 80
-                os.write(self._lines, f"\r\x1b[K{self._newest[: width - 1]}".encode())
+                shown = f"\r\x1b[K{self._newest[: width - 1]}{ASK_STATUS}"
+                os.write(self._lines, shown.encode())
             except OSError:
                 return
 

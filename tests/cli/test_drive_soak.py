@@ -15,7 +15,15 @@ from tests.viewer.conftest import give_up
 TIMES = 100
 
 #: Those that no other test has, one of each kind.
-FEW = ("pad-gone", "page-silent", "page-killed", "terminal-closed", "terminal-killed", "link-held")
+FEW = (
+    "pad-gone",
+    "page-silent",
+    "page-killed",
+    "terminal-closed",
+    "terminal-killed",
+    "terminal-frozen",
+    "link-held",
+)
 
 
 def measured(name: str, times: int, folder: Path) -> Stops:

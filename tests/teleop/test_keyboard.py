@@ -2,13 +2,14 @@
 
 import os
 import pty
+import select
 import termios
 from typing import Any
 
 import pytest
 
 from hexctl.control.drive.arbiter import Arbiter, Decision, Velocity
-from hexctl.teleop.keyboard import Keyboard, KeyTerminal, line_of
+from hexctl.teleop.keyboard import ASK_STATUS, ESCAPE_TICKS, Keyboard, KeyTerminal, line_of
 
 
 class Typist:
@@ -26,6 +27,7 @@ class Typist:
             lambda request, why: self.asked.append((request, why)),
             reading,
             self.lines.append,
+            now_s=lambda: self.now_s,
         )
 
     def type(self, keys: str) -> Decision:
@@ -54,11 +56,74 @@ def test_an_arrow_that_comes_in_parts_is_one_key() -> None:
     assert typist.type("\x1bOB").velocity == Velocity()
 
 
+@pytest.mark.parametrize(
+    "parts",
+    [["\x1b[20~"], ["\x1b[1", "0~"], ["\x1b", "[11~"], ["\x1b[1;5A"], ["\x1b[0n"], ["\x1b", "[", "0", "n"]],
+)
+def test_other_keys_and_answers_are_no_digits(parts: list[str]) -> None:
+    typist = Typist()
+    typist.type("ww")
+    for part in parts:
+        assert typist.type(part).velocity == Velocity(0.4, 0, 0)
+    assert typist.asked == []
+
+
+@pytest.mark.parametrize("begun", ["\x1b", "\x1b[", "\x1b[1", "\x1bO"])
+def test_a_space_counts_whatever_was_begun(begun: str) -> None:
+    typist = Typist()
+    typist.type("ww")
+    assert typist.type(begun + " ").velocity == Velocity()
+    typist.type("ww")
+    typist.type(begun)
+    assert typist.type(" ").velocity == Velocity()
+    assert typist.asked == []
+
+
+def test_a_terminal_that_answers_no_more_has_its_speed_taken_back() -> None:
+    typist = Typist()
+    typist.type("www")
+    typist.type("\x1b[0n")
+    for _ in range(20):
+        typist.now_s += 0.4
+        assert typist.type("\x1b[0n").velocity == Velocity(0.6, 0, 0)
+    typist.now_s += 0.49
+    typist.keyboard.poll()
+    assert typist.arbiter.decide().velocity == Velocity(0.6, 0, 0)
+    typist.now_s += 0.02
+    typist.keyboard.poll()
+    assert typist.arbiter.decide() == Decision(Velocity(), "keyboard")
+    typist.keyboard.report(status())
+    assert typist.lines[-1].endswith("the terminal was silent for 0.5 s")
+
+
+def test_what_was_typed_in_the_silence_moves_nothing_and_still_stops() -> None:
+    typist = Typist()
+    typist.type("\x1b[0nw")
+    typist.now_s += 10.0
+    typist.type("wwg1x\x1b[0n\x1b[0n")
+    assert typist.arbiter.decide().velocity == Velocity()
+    assert typist.asked == [("stop", "")]
+    assert typist.type("w\x1b[0n").velocity == Velocity(0.2, 0, 0)
+    typist.keyboard.report(status())
+    assert "silent" not in typist.lines[-1]
+
+
+def test_a_terminal_that_never_answers_is_not_asked_to() -> None:
+    typist = Typist()
+    typist.type("www")
+    typist.now_s += 60.0
+    typist.keyboard.poll()
+    assert typist.arbiter.decide().velocity == Velocity(0.6, 0, 0)
+
+
 @pytest.mark.parametrize("key", [" ", "\x1b", "x"])
 def test_space_stands_still_and_lets_others_drive_after_it(key: str) -> None:
     typist = Typist()
     typist.type("www")
-    assert typist.type(key) == Decision(Velocity(), "keyboard")
+    typist.type(key)
+    for _ in range(ESCAPE_TICKS):  # Esc may be the beginning of another key
+        typist.keyboard.poll()
+    assert typist.arbiter.decide() == Decision(Velocity(), "keyboard")
     assert (("stop", "") in typist.asked) == (key == "x")
     typist.now_s += 1.0
     typist.keyboard.poll()
@@ -108,5 +173,8 @@ def test_keys_come_one_by_one_without_echo_and_the_terminal_is_as_before_afterwa
         shown = os.read(master, 100)
         assert b"forward" in shown
         assert b"w" not in shown.replace(b"forward", b"")
+        assert ASK_STATUS.encode() in shown
+        os.write(master, b"\x1b[0n")  # after the last tick
         assert termios.tcgetattr(slave)[6][termios.VSUSP] == b"\0"
+    assert select.select([slave], [], [], 0)[0] == []
     assert termios.tcgetattr(slave) == before

@@ -181,7 +181,7 @@ class Process:
 class Pad:
     """A gamepad: an event file that comes and goes, either a pipe, or a terminal whose driver leaves it.
 
-    A pipe reads as ended once nobody writes to it; the file of a device that has gone is an error to read.
+    A pipe without a writer reads as ended; the file of a device that has gone is an error to read.
     """
 
     def __init__(self, path: Path, *, pipe: bool) -> None:

@@ -16,6 +16,15 @@ from tests.cli.terminals import COMMAND, WITH_TERMINAL, OnTerminal
 from tests.serve.processes import RECORDED
 from tests.serve.recorded import VARIABLE
 
+#: How long a browser that has just begun may hang, for up to 0.7 s at a time.
+BROWSER_S = 3.0
+
+#: How terminals go.
+SIGNALS = {"hangup": signal.SIGHUP, "killed": signal.SIGKILL, "frozen": signal.SIGSTOP}
+
+#: Time in which a terminal that was frozen answers what it was asked meanwhile.
+AWAKE_S = 0.4
+
 #: Keys to each heading, at full speed.
 HEADINGS = ("w" * 5, "s" * 5, "a" * 5, "d" * 5, "\x1b[D" * 5, "\x1b[C" * 5, "wwwaa", "wwww\x1b[D")
 
@@ -161,6 +170,7 @@ class BrowserDriven(Driven):
         self._url = self._drive.wait_for(r"http://127\.0\.0\.1:\d+/")[0]
         self._page = self._stack.enter_context(browser((800, 900), self.folder))
         self._show()
+        time.sleep(BROWSER_S)
 
     def end(self) -> None:
         """End both."""
@@ -210,8 +220,8 @@ class KeysDriven(Driven):
     """Driven with the keys of a terminal: the space bar, or a terminal that goes.
 
     Args:
-        how: `space`; `closed`, its own terminal, as that of a shell's window; `hangup`, SIGHUP; or `killed`,
-            the process with the terminal by SIGKILL.
+        how: `space`; `closed`, its own terminal, as that of a shell's window; `hangup`, SIGHUP; `killed` or
+            `frozen`, the process with the terminal by SIGKILL or SIGSTOP.
     """
 
     def __init__(self, folder: Path, chance: random.Random, how: str) -> None:
@@ -223,7 +233,7 @@ class KeysDriven(Driven):
         """Start the drive, on a terminal."""
         arguments = ["--backend", RECORDED, "--gamepad", "none"]
         variables = {VARIABLE: str(self.servos.path)}
-        if self._how == "killed":
+        if self._how in ("killed", "frozen"):
             self._terminal = Emulated(arguments, self.folder, variables)
             self._terminal.wait("tripod · driving")
             return
@@ -256,8 +266,7 @@ class KeysDriven(Driven):
         elif isinstance(self._terminal, OnTerminal) and self._how == "closed":
             return self._terminal.close()
         else:
-            number = signal.SIGHUP if self._how == "hangup" else signal.SIGKILL
-            self._terminal.process.send_signal(number)
+            self._terminal.process.send_signal(SIGNALS[self._how])
         return now_s
 
     def again(self) -> None:
@@ -265,14 +274,28 @@ class KeysDriven(Driven):
         if self._how == "space":
             return
         assert self._terminal is not None
+        if self._how == "frozen":
+            self._terminal.process.send_signal(signal.SIGCONT)
+            time.sleep(AWAKE_S)
+            return
         code = self._terminal.code()
         assert code == 0, code
         self._terminal.end()
         self._terminal = None
 
 
-#: A terminal's process, and what it starts: `hexctl drive`, which says who it is, and how it ended.
-EMULATOR = "import pty, sys; pty.spawn(sys.argv[1:])"
+#: A terminal's process, which tells its status when it is asked, and what it starts: `hexctl drive`, which
+#: says who it is, and when it has ended.
+EMULATOR = """
+import os, pty, sys
+
+def shown(terminal):
+    data = os.read(terminal, 1024)
+    os.write(terminal, b"\\x1b[0n" * data.count(b"\\x1b[5n"))
+    return data
+
+pty.spawn(sys.argv[1:], shown)
+"""
 TOLD = (
     "import atexit, os, pathlib\n"
     "pathlib.Path('begun').write_text(str(os.getpid()))\n"

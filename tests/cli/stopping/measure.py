@@ -19,8 +19,8 @@ RELEASE_S, SILENCE_S = 0.3, 0.8
 #: How long a robot walks before, at random, once it does.
 WALK_S = (0.0, 0.6)
 
-#: Robots at a time where each stop costs a start.
-LANES = 3
+#: Robots at a time, with a browser each, and where each stop costs a start.
+LANES, BROWSERS, RESTARTED_LANES = 2, 1, 5
 
 #: Drives that may be lost on the way, as on a machine that was too busy, for each stop that is wanted.
 LOST_SHARE = 0.5
@@ -37,38 +37,39 @@ class Cause:
         what: happens, in words.
         bar_s: within what the robot has to be at rest.
         driven: makes a robot to which it happens.
-        restarts: whether another drive has to start after each.
+        lanes: how many such robots at a time.
     """
 
     what: str
     bar_s: float
     driven: Callable[[Path, random.Random], Driven]
-    restarts: bool = False
+    lanes: int = LANES
 
 
-def _cause(what: str, bar_s: float, kind: type, how: str, *, restarts: bool = False) -> Cause:
-    return Cause(what, bar_s, lambda folder, chance: kind(folder, chance, how), restarts)
+def _cause(what: str, bar_s: float, kind: type, how: str, lanes: int = LANES) -> Cause:
+    return Cause(what, bar_s, lambda folder, chance: kind(folder, chance, how), lanes)
 
 
 CAUSES = {
     "pad-released": _cause("hold button of a gamepad let go", RELEASE_S, PadDriven, "released"),
-    "finger-lifted": _cause("finger lifted, in a browser", RELEASE_S, BrowserDriven, "lifted"),
+    "finger-lifted": _cause("finger lifted, in a browser", RELEASE_S, BrowserDriven, "lifted", BROWSERS),
     "page-released": _cause("release of a page's client", RELEASE_S, PageDriven, "released"),
     "space": _cause("space bar", RELEASE_S, KeysDriven, "space"),
     "link-released": _cause("hold button let go, over the link", RELEASE_S, LinkDriven, "released"),
     "pad-ended": _cause("gamepad pulled out, its file ends", SILENCE_S, PadDriven, "ended"),
     "pad-gone": _cause("gamepad pulled out, its device hangs up", SILENCE_S, PadDriven, "gone"),
-    "tab-closed": _cause("tab closed, in a browser", SILENCE_S, BrowserDriven, "left"),
+    "tab-closed": _cause("tab closed, in a browser", SILENCE_S, BrowserDriven, "left", BROWSERS),
     "page-closed": _cause("page's socket closed", SILENCE_S, PageDriven, "closed"),
     "page-killed": _cause("page's client killed", SILENCE_S, PageDriven, "killed"),
     "page-silent": _cause("page's client silent, socket open", SILENCE_S, PageDriven, "silent"),
-    "terminal-closed": _cause("terminal closed", SILENCE_S, KeysDriven, "closed", restarts=True),
-    "terminal-hangup": _cause("SIGHUP", SILENCE_S, KeysDriven, "hangup", restarts=True),
-    "terminal-killed": _cause("terminal's process killed", SILENCE_S, KeysDriven, "killed", restarts=True),
-    "drive-killed": _cause("drive killed, over the link", SILENCE_S, LinkDriven, "killed", restarts=True),
-    "drive-stopped": _cause("drive frozen, over the link", SILENCE_S, LinkDriven, "stopped", restarts=True),
-    "link-held": _cause("link passes nothing on", SILENCE_S, LinkDriven, "held", restarts=True),
-    "link-cut": _cause("link's connections closed", SILENCE_S, LinkDriven, "cut", restarts=True),
+    "terminal-closed": _cause("terminal closed", SILENCE_S, KeysDriven, "closed", RESTARTED_LANES),
+    "terminal-hangup": _cause("SIGHUP", SILENCE_S, KeysDriven, "hangup", RESTARTED_LANES),
+    "terminal-killed": _cause("terminal's process killed", SILENCE_S, KeysDriven, "killed", RESTARTED_LANES),
+    "terminal-frozen": _cause("terminal silent, as over a lost network", SILENCE_S, KeysDriven, "frozen"),
+    "drive-killed": _cause("drive killed, over the link", SILENCE_S, LinkDriven, "killed", RESTARTED_LANES),
+    "drive-stopped": _cause("drive frozen, over the link", SILENCE_S, LinkDriven, "stopped", RESTARTED_LANES),
+    "link-held": _cause("link passes nothing on", SILENCE_S, LinkDriven, "held", RESTARTED_LANES),
+    "link-cut": _cause("link's connections closed", SILENCE_S, LinkDriven, "cut", RESTARTED_LANES),
 }
 
 
@@ -140,7 +141,7 @@ class Measurement:
 
     def run(self) -> Stops:
         """Measure; raises what a robot raises that does not walk, does not rest, or is lost too often."""
-        lanes = range(min(self._times, LANES) if self._cause.restarts else 1)
+        lanes = range(min(self._times, self._cause.lanes))
         threads = [threading.Thread(target=self._lane, args=(lane,)) for lane in lanes]
         for thread in threads:
             thread.start()
