@@ -16,6 +16,7 @@ from hexctl.serve.event_log import EventLog
 from hexctl.serve.idle import SIT_AFTER_S, IdleSupervisor
 from hexctl.serve.inbox import CAPACITY, Arrival, Inbox
 from hexctl.serve.leases import LeaseManager, RequestHandler
+from hexctl.serve.own_poses import OwnPoses
 from hexctl.serve.ros.snapshot import RobotSnapshot
 from hexctl.serve.transport import Transport, attachment_of, payload_of
 from hexctl.types import FloatArray, JointTargets, RobotState
@@ -177,6 +178,7 @@ class RobotServer:
         self._inbox = Inbox()
         self._transport = Transport(link, servos.robot.name, self._inbox, self._requests.urgent)
         self._description = describe(servos.robot)
+        self._own_poses = OwnPoses()
         self._who = RobotIdentity.of_this_process(servos.robot.name, backend).to_json()
         self._state: RobotState | None = None
         self._sequence = self._ticks = 0
@@ -296,6 +298,7 @@ class RobotServer:
         if self._driver is not None:
             self._driver.tick(index, state)
         self._idle.tick(self._guard.clock.now_s)
+        self._publish_own_poses()
         self._publish(state)
         self._offer(state)
         self._log_changes()
@@ -342,6 +345,12 @@ class RobotServer:
             self._transport.publish("odom", pose, tag)
         joints = encode_positions(state.joint_positions_rad, torques_nm=state.joint_torques_nm)
         self._transport.publish("joint_states", joints, tag)
+
+    def _publish_own_poses(self) -> None:
+        """Publish what no pose from outside replaces."""
+        servos = self._servos
+        for kind, payload in self._own_poses.messages(servos.own_orientation, servos.true_pose):
+            self._transport.publish(kind, payload)
 
     def _offer(self, state: RobotState) -> None:
         """Hand a state to ROS."""

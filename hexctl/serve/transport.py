@@ -18,6 +18,8 @@ PRIORITIES = {
     "odom": zenoh.Priority.REAL_TIME,
     "battery": zenoh.Priority.DATA_LOW,
     "status": zenoh.Priority.DATA,
+    "imu": zenoh.Priority.REAL_TIME,
+    "truth": zenoh.Priority.DATA,
 }
 
 

@@ -39,6 +39,8 @@ class KeyMap:
         odom: pose from the robot, nav_msgs/Odometry.
         battery: sensor_msgs/BatteryState.
         status: state of the server, JSON.
+        imu: orientation that the robot itself measures, sensor_msgs/Imu.
+        truth: where a simulated robot truly is, nav_msgs/Odometry.
         pose: to the robot, a pose from motion capture where it has none of its own, nav_msgs/Odometry.
         describe: queryable: robot description, protocol version, joint order, JSON.
         lease: queryable: the right to command, JSON.
@@ -51,6 +53,8 @@ class KeyMap:
     odom: str
     battery: str
     status: str
+    imu: str
+    truth: str
     pose: str
     describe: str
     lease: str

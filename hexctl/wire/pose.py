@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from hexctl.errors import MessageError
+from hexctl.errors import InputError, MessageError, argument
 from hexctl.types import FloatArray
 from hexctl.wire import ros_cdr
 
@@ -29,7 +29,14 @@ MOST_VARIANCE = 1e3
 _JUDGED_POSITION, _JUDGED_ORIENTATION = [0, 7], [35]
 
 
-def encode_pose(position_world: FloatArray | None, quaternion_world: FloatArray | None) -> bytes:
+def encode_pose(
+    position_world: FloatArray | None,
+    quaternion_world: FloatArray | None,
+    *,
+    position_variance_m2: float = 0.0,
+    yaw_variance_rad2: float | None = None,
+    stamp_ns: int | None = None,
+) -> bytes:
     """Pose as nav_msgs/Odometry without a twist.
 
     What is not known is the origin, or no rotation, with a variance of `UNKNOWN_VARIANCE`.
@@ -37,14 +44,18 @@ def encode_pose(position_world: FloatArray | None, quaternion_world: FloatArray 
     Args:
         position_world: (3,) in m, or None where unknown.
         quaternion_world: (w, x, y, z), or None where unknown.
+        position_variance_m2: of each coordinate; 0 does not say.
+        yaw_variance_rad2: of an orientation that is a yaw, with roll and pitch not measured; None for an
+            orientation with all three.
+        stamp_ns: of the header, nanoseconds since 1970; now unless given.
+
+    Raises InputError for a variance by which the half would not count as measured (`MOST_VARIANCE`).
     """
+    variances = _variances(
+        position_world is not None, quaternion_world is not None, position_variance_m2, yaw_variance_rad2
+    )
     x, y, z = (0.0, 0.0, 0.0) if position_world is None else position_world.tolist()
     w, i, j, k = (1.0, 0.0, 0.0, 0.0) if quaternion_world is None else quaternion_world.tolist()
-    covariance = _NO_COVARIANCE
-    if position_world is None or quaternion_world is None:
-        covariance = np.zeros(36)
-        covariance[[*_OF_POSITION]] = UNKNOWN_VARIANCE if position_world is None else 0.0
-        covariance[[*_OF_ORIENTATION]] = UNKNOWN_VARIANCE if quaternion_world is None else 0.0
     none = ros_cdr.make("geometry_msgs/msg/Vector3", x=0.0, y=0.0, z=0.0)
     pose = ros_cdr.make(
         "geometry_msgs/msg/Pose",
@@ -55,14 +66,28 @@ def encode_pose(position_world: FloatArray | None, quaternion_world: FloatArray 
     return ros_cdr.encode(
         ros_cdr.make(
             ros_cdr.ODOMETRY,
-            header=ros_cdr.header(time.time_ns(), WORLD_FRAME),
+            header=ros_cdr.header(time.time_ns() if stamp_ns is None else stamp_ns, WORLD_FRAME),
             child_frame_id=BODY_FRAME,
-            pose=ros_cdr.make("geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=covariance),
+            pose=ros_cdr.make("geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=variances),
             twist=ros_cdr.make(
                 "geometry_msgs/msg/TwistWithCovariance", twist=twist, covariance=_NO_COVARIANCE
             ),
         )
     )
+
+
+def _variances(positioned: bool, oriented: bool, position_m2: float, yaw_rad2: float | None) -> FloatArray:
+    """Covariance (36,) of a pose, row by row."""
+    for name, variance in (("position_variance_m2", position_m2), ("yaw_variance_rad2", yaw_rad2 or 0.0)):
+        if not 0 <= variance <= MOST_VARIANCE:  # true for nan too
+            raise InputError(f"{argument(name)}: got {variance:g}; allowed: 0 to {MOST_VARIANCE:g}")
+    covariance = np.zeros(36)
+    covariance[[*_OF_POSITION]] = position_m2 if positioned else UNKNOWN_VARIANCE
+    if yaw_rad2 is not None or not oriented:
+        covariance[[*_OF_ORIENTATION]] = UNKNOWN_VARIANCE
+    if yaw_rad2 is not None and oriented:
+        covariance[_JUDGED_ORIENTATION] = yaw_rad2
+    return covariance
 
 
 def decode_pose(payload: bytes) -> tuple[FloatArray | None, FloatArray | None]:
@@ -78,7 +103,7 @@ def decode_pose(payload: bytes) -> tuple[FloatArray | None, FloatArray | None]:
     if not (variances[_JUDGED_POSITION] > MOST_VARIANCE).any():
         position = _checked_position(pose.position)
     if not (variances[_JUDGED_ORIENTATION] > MOST_VARIANCE).any():
-        quaternion = _checked_quaternion(pose.orientation)
+        quaternion = checked_quaternion(pose.orientation)
     return position, quaternion
 
 
@@ -90,8 +115,11 @@ def _checked_position(point: Any) -> FloatArray:
     return position
 
 
-def _checked_quaternion(turned: Any) -> FloatArray:
-    """Unit quaternion (w, x, y, z) of a geometry_msgs/Quaternion, which may be off by its rounding."""
+def checked_quaternion(turned: Any) -> FloatArray:
+    """Unit quaternion (w, x, y, z) of a geometry_msgs/Quaternion, which may be off by its rounding.
+
+    Raises MessageError for anything else.
+    """
     quaternion = np.array([turned.w, turned.x, turned.y, turned.z])
     norm = math.hypot(*quaternion.tolist())
     if not abs(norm - 1) < 0.01:  # true for nan too

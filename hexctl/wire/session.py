@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from hexctl.wire.certificates import Credentials
 
 #: Kinds of messages that a robot publishes, subscribes to and answers queries of.
-PUBLISHED = ("joint_states", "odom", "battery", "status")
+PUBLISHED = ("joint_states", "odom", "battery", "status", "imu", "truth")
 SUBSCRIBED = ("command", "pose")
 QUERYABLE = ("describe", "lease", "estop", "failure")
 

@@ -23,6 +23,7 @@ from hexctl.wire.messages import (
     decode_positions,
     encode_positions,
 )
+from hexctl.wire.orientation import decode_orientation
 from hexctl.wire.pose import decode_pose, encode_pose
 from tests.control.posed import PosedMock
 from tests.serve.test_hostile_input import Item
@@ -293,6 +294,30 @@ def test_a_pose_from_outside_that_knows_nothing_yet_leaves_the_robots_own(bench:
     pose_from_outside(bench, None, None, for_s=POSE_EXPIRY_S + 1.0)
     assert bench.server.status()["stopped"] is None
     assert bench.server.status()["pose"]
+
+
+def test_the_own_orientation_goes_out_beside_a_pose_from_outside(bench: Bench) -> None:
+    bench.servos.lean(10)
+    own = bench.servos.quaternion_world
+    pose_from_outside(bench, HERE, UPRIGHT, for_s=0.1)
+    said = [payload for kind, payload, _ in bench.said if kind == "imu"]
+    assert len(said) == 5
+    assert decode_orientation(said[-1]) == pytest.approx(own)
+    _, outside = decode_pose([payload for kind, payload, _ in bench.said if kind == "odom"][-1])
+    assert outside == pytest.approx(UPRIGHT)
+    bench.servos.quaternion_world = None
+    bench.ticks(1)
+    assert [kind for kind, _, _ in bench.said].count("imu") == 5
+
+
+def test_only_a_simulated_robot_tells_the_truth(bench: Bench) -> None:
+    bench.ticks(1)
+    assert "truth" not in [kind for kind, _, _ in bench.said]
+    bench.servos.true_pose = (HERE, UPRIGHT)
+    bench.ticks(1)
+    position, quaternion = decode_pose([payload for kind, payload, _ in bench.said if kind == "truth"][-1])
+    assert position == pytest.approx(HERE)
+    assert quaternion == pytest.approx(UPRIGHT)
 
 
 def test_status_and_battery_go_out_now_and_then(bench: Bench) -> None:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hexctl.errors import MessageError
+from hexctl.errors import InputError, MessageError
 from hexctl.wire import ros_cdr
 from hexctl.wire.pose import decode_pose, encode_pose
 
@@ -90,3 +90,21 @@ def test_what_is_declared_unknown_may_hold_anything() -> None:
     position, quaternion = decode_pose(sent_with({0: 1e6, 7: 1e6}, position=[np.nan, 0, 0]))
     assert position is None
     assert quaternion is not None
+
+
+def test_a_camera_says_how_sure_it_is_and_that_it_sees_no_tilt() -> None:
+    sent = encode_pose(POSITION, QUATERNION, position_variance_m2=4e-6, yaw_variance_rad2=1e-4, stamp_ns=5)
+    message = ros_cdr.decode(ros_cdr.ODOMETRY, sent)
+    variances = np.diag(np.reshape(message.pose.covariance, (6, 6))).tolist()
+    assert variances == [4e-6, 4e-6, 4e-6, 1e6, 1e6, 1e-4]
+    assert (message.header.stamp.sec, message.header.stamp.nanosec) == (0, 5)
+    position, quaternion = decode_pose(sent)
+    np.testing.assert_array_equal(position, POSITION)
+    assert quaternion is not None
+
+
+@pytest.mark.parametrize("variance", [-1.0, np.nan, 1001.0])
+@pytest.mark.parametrize("name", ["position_variance_m2", "yaw_variance_rad2"])
+def test_a_variance_that_is_none_is_refused(name: str, variance: float) -> None:
+    with pytest.raises(InputError, match="0 to 1000"):
+        encode_pose(POSITION, QUATERNION, **{name: variance})  # type: ignore[arg-type]

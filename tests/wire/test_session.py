@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -204,7 +205,10 @@ def test_all_addresses_are_for_listening_only() -> None:
 GRACE_S = 0.5
 
 #: Key expressions under which an impostor could speak for a robot, to it, or to all peers.
-ALL_SAID = (KEYS.joint_states, KEYS.status, KEYS.command, KEYS.pose, "hexctl/ant/*", "hexctl/**", "**")
+ALL_SAID = (
+    *(KEYS.joint_states, KEYS.status, KEYS.imu, KEYS.truth, KEYS.command, KEYS.pose),
+    *("hexctl/ant/*", "hexctl/**", "**"),
+)
 
 
 @pytest.fixture
@@ -228,12 +232,28 @@ def client(accessed_robot: ListeningRobot, role: Role) -> Iterator[zenoh.Session
         yield session
 
 
+def hearing(session: zenoh.Session, key: str) -> list[bytes]:
+    """What is heard at a key from now on."""
+    heard: list[bytes] = []
+    session.declare_subscriber(key, lambda sample: heard.append(bytes(sample.payload)))
+    return heard
+
+
+def said_and_heard(robot: ListeningRobot, key: str, heard: list[bytes]) -> list[bytes]:
+    """What was heard at a key after the robot has spoken there."""
+    robot.session.put(key, b"own")
+    return heard
+
+
 @pytest.mark.parametrize("protocol", ["tls", "quic"])
 def test_a_controller_commands_and_a_viewer_only_reads(accessed_robot: ListeningRobot) -> None:
     states: list[bytes] = []
     with client(accessed_robot, Role.CONTROLLER) as controller, client(accessed_robot, Role.VIEWER) as viewer:
         viewer.declare_subscriber(KEYS.joint_states, lambda sample: states.append(bytes(sample.payload)))
         wait_until(lambda: accessed_robot.publisher.put(b"state") or states, "a state")
+        for key in (KEYS.imu, KEYS.truth):
+            heard = hearing(viewer, key)
+            wait_until(partial(said_and_heard, accessed_robot, key, heard), key)
         for kind in ("lease", "estop", "describe"):
             assert answers(controller, getattr(KEYS, kind), b"controller") == [b"robot"]
         assert answers(controller, "hexctl/*/estop") == answers(controller, "hexctl/*/describe") == [b"robot"]
@@ -275,7 +295,7 @@ def test_no_other_peer_publishes_answers_or_listens_in_the_robots_name(
         client(accessed_robot, Role.CONTROLLER) as victim,
         knocking(accessed_robot.link.endpoint, settings, mode) as impostor,
     ):
-        for key in (KEYS.joint_states, KEYS.status):
+        for key in (KEYS.joint_states, KEYS.status, KEYS.imu, KEYS.truth):
             victim.declare_subscriber(key, lambda sample: heard.append(bytes(sample.payload)))
         impostor.declare_subscriber("**", lambda sample: listened.append(bytes(sample.payload)))
         impostor.declare_subscriber(KEYS.command, lambda sample: listened.append(bytes(sample.payload)))

@@ -1,0 +1,39 @@
+"""What a served robot says of its pose whatever comes from outside: its own orientation, and the truth."""
+
+import time
+from collections.abc import Iterator
+
+import numpy as np
+
+from hexctl.backends.base import TruePose
+from hexctl.types import FloatArray
+from hexctl.wire.ros import telemetry
+
+_NO_TWIST = np.zeros(6)
+
+
+class OwnPoses:
+    """Encodes the messages of the kinds `imu` and `truth`."""
+
+    def __init__(self) -> None:
+        self._imu, self._truth = telemetry.imu(), telemetry.odometry()
+
+    def messages(self, orientation: FloatArray | None, truth: TruePose | None) -> Iterator[tuple[str, bytes]]:
+        """Kind and payload of each message that there is.
+
+        Args:
+            orientation: (4,) as (w, x, y, z), as the robot itself measures it; None where it does not.
+            truth: position (3,) in m and orientation of a simulated robot; None for a real one.
+        """
+        stamp_ns = time.time_ns()
+        if orientation is not None:
+            yield "imu", self._imu.encode(stamp_ns, _as_ros(orientation))
+        if truth is not None:
+            position, quaternion = truth
+            numbers = np.concatenate([position, _as_ros(quaternion), _NO_TWIST])
+            yield "truth", self._truth.encode(stamp_ns, numbers)
+
+
+def _as_ros(quaternion: FloatArray) -> FloatArray:
+    """Quaternion in the order of ROS, (x, y, z, w)."""
+    return np.roll(quaternion, -1)
