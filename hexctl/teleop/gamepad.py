@@ -148,7 +148,8 @@ class GamepadEvents:
 class Gamepad:
     """The first gamepad that is plugged in, as a source of velocities.
 
-    A shoulder button has to be held to drive. Letting it go, and pulling the pad out, is a release.
+    A shoulder button has to be held to drive. Letting it go, and pulling the pad out, is a release. A stick
+    that is held while a stop is cleared moves nothing until it was in the middle, or the button let go of.
 
     Args:
         source: of the arbiter.
@@ -174,7 +175,7 @@ class Gamepad:
         self._now_s, self._look_at_s = now_s, -LOOK_S
         self._descriptor: int | None = None
         self._events = GamepadEvents()
-        self._driving = False
+        self._driving, self._forgets = False, source.forgets
 
     @property
     def connected(self) -> bool:
@@ -190,8 +191,11 @@ class Gamepad:
             self._ask(request)
         self._events.pressed.clear()
         if self._events.held:
-            self._driving = True
-            self._source.command(self._share(*self._events.shares))
+            shares = self._events.shares
+            if not self._driving or not any(shares):
+                self._driving, self._forgets = True, self._source.forgets
+            if self._forgets == self._source.forgets:
+                self._source.command(self._share(*shares))
         elif self._driving:
             self._driving = False
             self._source.release()

@@ -74,7 +74,8 @@ class Keyboard:
     """Keys of a terminal as a source of velocities.
 
     While a speed is set it is repeated every tick, as long as the terminal is there; a terminal that has gone
-    ends the session, and one that has told its status and tells it no more has its speed taken back.
+    ends the session, and one that has told its status and tells it no more has its speed taken back. A speed
+    that was set before the robot is told to stand, after a stop or from sitting, is forgotten then.
 
     Args:
         source: of the arbiter.
@@ -97,7 +98,7 @@ class Keyboard:
     ) -> None:
         self._source, self._share, self._ask, self._keys, self._show = source, share, ask, keys, show
         self._now_s = now_s
-        self._set = (0.0, 0.0, 0.0)
+        self._set, self._forgets = (0.0, 0.0, 0.0), source.forgets
         self._pending, self._pending_ticks = "", 0
         self._answered_at_s: float | None = None
         self._stood = self._gone = False
@@ -106,6 +107,8 @@ class Keyboard:
         """Take the keys since the last tick."""
         if self._gone:
             return
+        if self._forgets != self._source.forgets:
+            self._set, self._forgets = (0.0, 0.0, 0.0), self._source.forgets
         try:
             ready, _, _ = select.select([self._keys], [], [], 0)
             data = os.read(self._keys, MOST_BYTES) if ready else None

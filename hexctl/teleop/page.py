@@ -116,7 +116,7 @@ class DrivePage:
     """Serves the page from a thread of its own while it is open.
 
     One client drives at a time: the first that touches the stick, until it lets go or falls silent. Any may
-    stop the robot.
+    stop the robot. A stick that is held while a stop is cleared moves nothing until it was let go of.
 
     Args:
         address: where to listen.
@@ -154,7 +154,7 @@ class DrivePage:
         self._page = files("hexctl.teleop").joinpath("page.html").read_bytes()
         self._status = "{}"
         self._driver: ServerConnection | None = None
-        self._driver_at_s = -math.inf
+        self._driver_at_s, self._forgets = -math.inf, source.forgets
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._begun = threading.Event()
         self._failed: Exception | None = None
@@ -303,7 +303,8 @@ class DrivePage:
                 self._let_go(connection)
             elif self._drives(connection):
                 shares = [float(value) for value in said["v"]]
-                if len(shares) == 3 and all(-1 <= value <= 1 for value in shares):
+                allowed = len(shares) == 3 and all(-1 <= value <= 1 for value in shares)
+                if allowed and self._forgets == self._source.forgets:
                     self._source.command(self._share(*shares))
         except (ValueError, TypeError, KeyError, HexctlError, RecursionError):
             return
@@ -313,6 +314,8 @@ class DrivePage:
         now_s = self._now_s()
         if self._driver is not connection and now_s - self._driver_at_s <= COMMAND_EXPIRY_S:
             return False
+        if self._driver is not connection:
+            self._forgets = self._source.forgets
         self._driver, self._driver_at_s = connection, now_s
         return True
 

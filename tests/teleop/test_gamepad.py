@@ -92,6 +92,20 @@ def test_a_pad_that_is_pulled_out_is_a_release_and_may_come_back(pad: Pad) -> No
     assert pad.send(event(HOLD, 1), event(STICK_Y, -32768)).velocity == Velocity(1.0)
 
 
+def test_a_stick_that_is_held_while_a_stop_is_cleared_has_to_be_let_go_first(pad: Pad) -> None:
+    pad.plug_in()
+    full, middle = event(STICK_Y, -32768), event(STICK_Y, 0)
+    assert pad.send(event(HOLD, 1), full).velocity == Velocity(1, 0, 0)
+    pad.arbiter.clear()
+    assert pad.send() == Decision()
+    assert pad.send(middle) == Decision(Velocity(), "gamepad")
+    assert pad.send(full).velocity == Velocity(1, 0, 0)
+    pad.arbiter.clear()
+    assert pad.send(full) == Decision()
+    pad.send(event(HOLD, 0))
+    assert pad.send(event(HOLD, 1)).velocity == Velocity(1, 0, 0)
+
+
 def test_lost_events_are_a_release(pad: Pad) -> None:
     pad.plug_in()
     pad.send(event(HOLD, 1), event(STICK_Y, -32768))

@@ -130,6 +130,17 @@ def test_space_stands_still_and_lets_others_drive_after_it(key: str) -> None:
     assert typist.arbiter.decide().source is None
 
 
+@pytest.mark.parametrize("keys", ["ww", "xw", "0ww"])
+def test_a_speed_from_before_a_stand_is_forgotten(keys: str) -> None:
+    typist = Typist()
+    typist.type(keys)
+    typist.arbiter.clear()  # as `Drive.stand` does
+    for _ in range(3):
+        typist.keyboard.poll()
+        assert typist.arbiter.decide() == Decision()
+    assert typist.type("w").velocity == Velocity(0.2, 0, 0)
+
+
 def test_keys_ask_for_what_they_say() -> None:
     typist = Typist()
     typist.type("guj10q")

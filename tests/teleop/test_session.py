@@ -1,5 +1,6 @@
 """A session in simulation: what devices ask for is done, and release and silence end in a stand in time."""
 
+import os
 from collections.abc import Iterator
 from typing import Any
 
@@ -12,6 +13,7 @@ from hexctl.control.drive.drive import Drive
 from hexctl.control.guard import Guard
 from hexctl.errors import InputError
 from hexctl.gait.gait import make_gait
+from hexctl.teleop.keyboard import Keyboard
 from hexctl.teleop.session import DriveSession, name_of
 from tests.robots import ROBOT_NAMES
 
@@ -101,6 +103,40 @@ def test_a_stop_holds_until_it_is_told_to_stand() -> None:
         session.run([script])
         assert script.told["stopped"] == "stop button"
         assert drive.at_rest
+
+
+class Typed(Keyboard):
+    """A keyboard on which keys are pressed at ticks; the greatest speed after each."""
+
+    def __init__(self, session: DriveSession, keys: dict[int, str]) -> None:
+        self._reading, self.writing = os.pipe()
+        drive = session.drive
+        super().__init__(drive.arbiter.source("keyboard"), drive.share, session.ask, self._reading)
+        self._drive, self._typed = drive, keys
+        self._tick, self._last = 0, ""
+        self.speeds_m_s = dict.fromkeys(keys.values(), 0.0)
+
+    def poll(self) -> None:
+        if keys := self._typed.get(self._tick, ""):
+            os.write(self.writing, keys.encode())
+            self._last = keys
+        super().poll()
+        self._tick += 1
+        if self._last:
+            now_m_s = abs(self._drive.velocity.forward_m_s)
+            self.speeds_m_s[self._last] = max(now_m_s, self.speeds_m_s[self._last])
+
+
+@pytest.mark.parametrize("down", ["x", "0"])
+def test_a_robot_that_is_told_to_stand_does_not_walk_off_at_the_speed_of_before(down: str) -> None:
+    with Drive("ant") as drive:
+        session = DriveSession(drive)
+        # The key after the stop, or after sitting down, moves nothing either.
+        typed = Typed(session, {150: "ww", 250: down, 450: "w", 460: "1", 700: "www", 800: "q"})
+        session.run([typed])
+        assert typed.speeds_m_s["ww"] > 0.05
+        assert typed.speeds_m_s["1"] == 0.0
+        assert typed.speeds_m_s["www"] > 0.08
 
 
 def test_an_interrupt_ends_at_a_stand() -> None:

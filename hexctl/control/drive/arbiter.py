@@ -89,12 +89,16 @@ class VelocitySource:
         name: one of `SOURCES`.
         now_s: time, on the arbiter's clock.
         expiry_s: for how long a command holds; None for as long as no other comes.
+
+    Attributes:
+        forgets: how often it was told to forget. What is held or latched from before does not count after it.
     """
 
     def __init__(self, name: str, now_s: Callable[[], float], expiry_s: float | None) -> None:
         self.name = name
         self._now_s, self._expiry_s = now_s, expiry_s
         self._said: tuple[float, Velocity] | None = None  # replaced as a whole: no reader sees half of it
+        self.forgets = 0
 
     def command(self, velocity: Velocity) -> None:
         """Ask for a velocity, from now until the command expires."""
@@ -108,6 +112,7 @@ class VelocitySource:
 
     def forget(self) -> None:
         """Ask for nothing any more: lower sources follow now."""
+        self.forgets += 1
         self._said = None
 
     def wanted(self, now_s: float) -> Velocity | None:
