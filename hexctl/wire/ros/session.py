@@ -24,9 +24,9 @@ def check_router(text: str, *, insecure: bool) -> Endpoint:
     computer unless that is allowed: every client on that network may stop the robot, and drive it where
     driving is on.
     """
-    endpoint = Endpoint.parse(text)
-    if endpoint.protocol != "tcp":
+    if not text.startswith("tcp/"):
         raise InputError(f"{argument('ros')}: got {text}; allowed: tcp/HOST:PORT, as rmw_zenoh's router has")
+    endpoint = Endpoint.parse(text)
     if endpoint.is_everywhere:
         raise InputError(f"{argument('ros')}: got {text}; allowed: the router's own address")
     if not (endpoint.is_loopback or insecure):

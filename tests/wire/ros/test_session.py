@@ -13,7 +13,7 @@ from hexctl.wire.ros.session import GREETING_S, RouterWatch, check_router
     "text", ["tls/localhost:7447", "tcp/0.0.0.0:7447", "tcp/[::]:7447", "localhost:7447"]
 )
 def test_what_is_no_routers_address_is_refused(text: str) -> None:
-    with pytest.raises(InputError):
+    with pytest.raises(InputError, match="ros: got"):
         check_router(text, insecure=True)
 
 
