@@ -11,11 +11,10 @@ from hexctl.cli import completion
 from hexctl.cli.console import (
     ABORTED,
     DONE,
-    FAULT,
-    FAULTS,
     INTERRUPTED,
     RUNS,
     StopOnInterrupt,
+    code_of_stop,
     in_flags,
     note_no_window,
     print_note,
@@ -27,7 +26,6 @@ from hexctl.cli.options import (
     AUTO_LEG_HELP,
     DURATION_S,
     HEADING_DEG,
-    ROBOT_HELP,
     SEED,
     SEED_HELP,
     SELF_ROTATION_HELP,
@@ -38,17 +36,15 @@ from hexctl.cli.options import (
     JsonOption,
     KeysOption,
     LinkOption,
-    Range,
     RecoverOption,
     SelfRotation,
     WorldOption,
-    choice,
     complete_leg,
-    given,
     leg_or_auto,
-    number,
     recovery_policy,
+    robot_option,
 )
+from hexctl.cli.values import Range, choice, given, number, with_values
 from hexctl.errors import HexctlError, InputError, RecordingError
 
 if TYPE_CHECKING:
@@ -200,14 +196,7 @@ def adapt(
             "board), or package.module:Class for servos of your own. (default: sim)",
         ),
     ] = None,
-    robot: Annotated[
-        str | None,
-        typer.Option(
-            "--robot",
-            autocompletion=completion.robots,
-            help=f"{ROBOT_HELP} (default: ant)",
-        ),
-    ] = None,
+    robot: Annotated[str | None, robot_option("ant")] = None,
     world: WorldOption = None,
     connect: ConnectOption = None,
     credentials: KeysOption = None,
@@ -278,12 +267,12 @@ def adapt(
     if failed_leg == AUTO_LEG:
         from hexctl.record.run_spec import RunSpec
 
-        where = _given(backend=backend, robot=robot, world=world, seed=seed, connect=connect, link=link)
+        where = with_values(backend=backend, robot=robot, world=world, seed=seed, connect=connect, link=link)
         found = found_failure(RunSpec(credentials=credentials, insecure=bool(insecure), **where), failure)
         if found.failure is None:
             raise InputError("--failed-leg: got auto, and no leg has failed; allowed: 1..6")
         failed_leg, failure = found.failure.leg, str(found.failure)
-    asked = _given(
+    asked = with_values(
         failed_leg=failed_leg,
         failure=failure,
         budget=budget,
@@ -314,11 +303,6 @@ def adapt(
         seed=seed,
     )
     raise typer.Exit(_begin(asked, record=not no_record, view=view, as_json=as_json))
-
-
-def _given(**options: Any) -> dict[str, Any]:
-    """The options that have a value; for the others the library's own defaults hold."""
-    return {name: value for name, value in options.items() if value is not None}
 
 
 def _check_resumed_alone(resume: str, typed: Mapping[str, Any]) -> None:
@@ -370,7 +354,7 @@ def _search(
     """Run an adaptation; its result, or the exit code where there is none."""
     from hexctl.adapt.runner import NotBegunError, RobotStoppedError
     from hexctl.cli.prompts import TrialPrompt
-    from hexctl.cli.render_adapt import SessionTable
+    from hexctl.cli.render_adapt import SessionTable, after_stop
 
     begun: list[str] = []
     with SessionTable(quiet=as_json) as table:
@@ -394,7 +378,7 @@ def _search(
                 stop_requested=interrupt.requested,
             )
         except RobotStoppedError as error:
-            _note(f"{in_flags(error)}; {_clearing(spec, error)}begin again")
+            _note(f"{in_flags(error)}; {after_stop(spec, error)}begin again")
             return _code_of_stop(error)
         except NotBegunError as error:
             _note(str(error))
@@ -411,10 +395,14 @@ def _what_is_left(begun: Sequence[str]) -> str:
 
 def _end(result: "AdaptationResult", *, view: bool, as_json: bool, resumed: bool = False) -> int:
     """Print how a search ended, and return the exit code."""
+    from hexctl.cli.render_adapt import after_stop
+
     session = result.session
     _print_end(result, as_json=as_json, resumed=resumed)
     if result.trouble is not None:
-        then = f"{_clearing(session.spec, result.trouble)}continue with: hexctl adapt --resume {session.name}"
+        then = (
+            f"{after_stop(session.spec, result.trouble)}continue with: hexctl adapt --resume {session.name}"
+        )
         _note(f"{in_flags(result.trouble)}; nothing is lost: {then}")
         return _code_of_stop(result.trouble)
     if result.ended == "interrupted":
@@ -426,13 +414,11 @@ def _end(result: "AdaptationResult", *, view: bool, as_json: bool, resumed: bool
 
 def _print_end(result: "AdaptationResult", *, as_json: bool, resumed: bool) -> None:
     """Print how a search ended; a session that was resumed may have been finished before."""
-    from hexctl.cli.render_adapt import ENDS, closing_lines
+    from hexctl.cli.render_adapt import closing_lines, finished_line
 
     print_result(json.dumps(result.to_dict()) if as_json else closing_lines(result.session, result.ended))
-    if resumed and result.ended in ENDS and not result.walked:
-        more = {"budget": "; a greater --budget walks more", "exhausted": ""}
-        then = more.get(result.ended, "; another target takes a new session")
-        _note(f"the session is finished, {ENDS[result.ended]}: nothing to walk{then}")
+    if resumed and not result.walked and (finished := finished_line(result.ended)) is not None:
+        _note(finished)
 
 
 def _note(text: str) -> None:
@@ -458,20 +444,4 @@ def _show(name: str) -> None:
 
 def _code_of_stop(error: HexctlError) -> int:
     """Exit code of a session that its robot, or a full disk, ended."""
-    reason = str(getattr(error, "reason", "fault"))
-    return FAULT if reason.partition(":")[0] in FAULTS else ABORTED
-
-
-def _clearing(spec: "SessionSpec", error: HexctlError) -> str:
-    """What a stop wants done first, as the begin of a list; this end's own guard starts afresh by itself."""
-    from hexctl.adapt.runner import LegFailedError
-
-    reason = getattr(error, "reason", None)
-    if reason is None or _code_of_stop(error) == FAULT:
-        return ""
-    if isinstance(error, LegFailedError):
-        legs = ",".join(map(str, sorted({spec.failed_leg, *error.legs})))
-        return f"mend the leg, or walk without it (hexctl run --failed-leg {legs}), "
-    at = f" --connect {spec.connect}" if spec.connect else ""
-    clear = f"clear the stop (hexctl estop --clear{at}), " if spec.backend == "zenoh" else ""
-    return f"stand it up, {clear}" if reason == "fell" else clear
+    return code_of_stop(str(getattr(error, "reason", "fault")))

@@ -8,16 +8,13 @@ import typer
 
 from hexctl.cli.options import (
     JsonOption,
-    Range,
     RobotOption,
     SeedOption,
     SimFailedLegOption,
     SimFailureOption,
     WorldOption,
-    choice,
-    given,
-    number,
 )
+from hexctl.cli.values import Range, choice, given, number
 from hexctl.robot.drivers import Driver
 
 if TYPE_CHECKING:

@@ -19,9 +19,8 @@ from hexctl.cli.options import (
     JsonOption,
     PaceOption,
     TurnOption,
-    number,
-    refuse_given,
 )
+from hexctl.cli.values import number, refuse_given
 from hexctl.errors import InputError
 
 if TYPE_CHECKING:

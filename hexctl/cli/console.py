@@ -38,9 +38,14 @@ SIGNALS = (signal.SIGINT, signal.SIGTERM)
 PIPE_COLUMNS = 400
 
 
+def code_of_stop(reason: str) -> int:
+    """Exit code of what was stopped for a reason: a fault, or anything else."""
+    return FAULT if reason.partition(":")[0] in FAULTS else ABORTED
+
+
 def code_of(result: "TrialResult") -> int:
     """Exit code of a trial that was not interrupted."""
-    if result.status == "diverged" or (result.stopped or "").partition(":")[0] in FAULTS:
+    if result.status == "diverged" or code_of_stop(result.stopped or "") == FAULT:
         return FAULT
     return ABORTED if result.status in ("fell", "aborted") else DONE
 

@@ -12,12 +12,10 @@ import typer
 
 from hexctl.cli import completion
 from hexctl.cli.console import (
-    ABORTED,
     DONE,
-    FAULT,
-    FAULTS,
     INTERRUPTED,
     StopOnInterrupt,
+    code_of_stop,
     note_no_window,
     print_note,
 )
@@ -34,9 +32,8 @@ from hexctl.cli.options import (
     RobotOption,
     SeedOption,
     WorldOption,
-    choice,
-    number,
 )
+from hexctl.cli.values import choice, number
 from hexctl.errors import EStopError, InputError
 
 if TYPE_CHECKING:
@@ -228,7 +225,7 @@ def _drive(stack: ExitStack, drive: "Drive", wanted: _Wanted) -> int:
     except EStopError:
         why = drive.guard.stopped or "stopped"
         _say(f"\nhexctl: the robot has stopped: {why}")
-        return FAULT if why.partition(":")[0] in FAULTS else ABORTED
+        return code_of_stop(why)
     _say(f"\nhexctl: {'ended' if why == 'q' else why}; the robot stands")
     return INTERRUPTED if why == "interrupted" else DONE
 

@@ -7,8 +7,9 @@ import typer
 
 from hexctl.cli import completion
 from hexctl.cli.console import RUNS, make_bar, print_result
-from hexctl.cli.options import ROBOT_HELP, Range, choice, number
+from hexctl.cli.options import robot_option
 from hexctl.cli.progress import WithBar
+from hexctl.cli.values import Range, choice, number, with_values
 
 if TYPE_CHECKING:
     from hexctl.robot.model import Robot
@@ -51,12 +52,7 @@ def export(
         ),
     ] = None,
     robot: Annotated[
-        str | None,
-        typer.Option(
-            "--robot",
-            autocompletion=completion.robots,
-            help=f"{ROBOT_HELP} For recordings without one. (default: that of the recording)",
-        ),
+        str | None, robot_option("that of the recording", use="For recordings without one.")
     ] = None,
     ros2_control: Annotated[
         bool,
@@ -95,15 +91,14 @@ def export(
     """Write a robot, recordings or a session in a format of other programs."""
     from hexctl.export.export import export as write
 
-    asked = {
-        "camera": camera,
-        "width_px": width,
-        "fps": fps,
-        "from_s": begin,
-        "duration_s": duration,
-        "captions": None if caption is None else tuple(caption),
-    }
-    picture = {name: value for name, value in asked.items() if value is not None}
+    picture = with_values(
+        camera=camera,
+        width_px=width,
+        fps=fps,
+        from_s=begin,
+        duration_s=duration,
+        captions=None if caption is None else tuple(caption),
+    )
     with _Progress() as progress:
         path = write(
             *sources,

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from hexctl.cli.options import Range, number
+from hexctl.cli.values import Range, number
 
 keys = typer.Typer(help="Make and show certificates for robots beyond this computer.", no_args_is_help=True)
 

@@ -17,17 +17,12 @@ from hexctl.cli.options import (
     JobsOption,
     JsonOption,
     LegsOption,
-    Range,
     RobotOption,
     SelfRotation,
-    choice,
-    given,
-    listed,
     listed_legs,
-    number,
-    refuse_given,
 )
 from hexctl.cli.progress import StudyProgress, interruptible
+from hexctl.cli.values import Range, choice, given, listed, number, refuse_given, with_values
 from hexctl.errors import InputError
 
 if TYPE_CHECKING:
@@ -205,7 +200,7 @@ def _repertoire(
     plan = RepertoirePlan(
         robot=load_robot(robot),
         families={name: load_randomization(name) for name in listed(family or "transfer,real")},
-        **{name: value for name, value in asked.items() if value is not None},
+        **with_values(**asked),
     )
     plan.check()
     path = out or RUNS / REPERTOIRES / repertoire_file_name(plan)

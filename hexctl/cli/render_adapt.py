@@ -13,6 +13,7 @@ from hexctl.adapt.loop import NOT_WORTH
 from hexctl.adapt.objectives import INVALID_SCORE, Objective
 from hexctl.adapt.optimizers.bayes import SURE
 from hexctl.adapt.optimizers.shipped import BAYES, TRIM
+from hexctl.adapt.runner import LegFailedError
 from hexctl.adapt.session import (
     BASELINE_INDEX,
     MILESTONES_M,
@@ -23,10 +24,10 @@ from hexctl.adapt.session import (
     WalkRecord,
     trials_text,
 )
-from hexctl.cli.console import make_bar, print_above
+from hexctl.cli.console import FAULT, code_of_stop, make_bar, print_above
 from hexctl.cli.progress import WithBar
 from hexctl.control.assessment.cause import CAUSES
-from hexctl.errors import InputError
+from hexctl.errors import HexctlError, InputError
 from hexctl.record.run_spec import RunSpec
 from hexctl.robot.loader import load_robot
 
@@ -243,6 +244,31 @@ def end_of(session: Session) -> str:
     if session.ended is None:
         return "unfinished"
     return f"ended: {ENDS.get(session.ended, session.ended)}"
+
+
+def finished_line(ended: str) -> str | None:
+    """What a session that is resumed after its end says, and how it walks more; None without an end."""
+    if ended not in ENDS:
+        return None
+    more = {"budget": "; a greater --budget walks more", "exhausted": ""}
+    then = more.get(ended, "; another target takes a new session")
+    return f"the session is finished, {ENDS[ended]}: nothing to walk{then}"
+
+
+def after_stop(spec: SessionSpec, error: HexctlError) -> str:
+    """What is to be done about a stop before the search continues, as the beginning of a list.
+
+    Nothing about a fault. This end's own guard starts afresh by itself.
+    """
+    reason = getattr(error, "reason", None)
+    if reason is None or code_of_stop(reason) == FAULT:
+        return ""
+    if isinstance(error, LegFailedError):
+        legs = ",".join(map(str, sorted({spec.failed_leg, *error.legs})))
+        return f"mend the leg, or walk without it (hexctl run --failed-leg {legs}), "
+    at = f" --connect {spec.connect}" if spec.connect else ""
+    clear = f"clear the stop (hexctl estop --clear{at}), " if spec.backend == "zenoh" else ""
+    return f"stand it up, {clear}" if reason == "fell" else clear
 
 
 def closing_lines(session: Session, ended: str | None) -> str:

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 import typer
 
 from hexctl.cli.console import print_note, print_result
-from hexctl.cli.options import choice, listed
+from hexctl.cli.values import choice, listed
 from hexctl.errors import InputError
 
 robot = typer.Typer(help="Make robot files.", no_args_is_help=True)

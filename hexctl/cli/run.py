@@ -53,10 +53,10 @@ from hexctl.cli.options import (
     WalkRotationOption,
     WorldOption,
     listed_legs,
-    number,
     recovery_policy,
 )
 from hexctl.cli.progress import WithBar
+from hexctl.cli.values import number
 from hexctl.errors import InputError, LimitError, ReachError, RecordingError, RobotFaultError
 
 if TYPE_CHECKING:

@@ -16,14 +16,13 @@ from hexctl.cli.options import (
     InsecureOption,
     KeysOption,
     LinkOption,
-    Range,
     RobotOption,
     SeedOption,
     SimFailedLegOption,
     SimFailureOption,
     WorldOption,
-    number,
 )
+from hexctl.cli.values import Range, number
 from hexctl.errors import InputError
 
 if TYPE_CHECKING:

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from hexctl.cli.board import BAUD
-from hexctl.cli.options import JsonOption, Range, choice
+from hexctl.cli.options import JsonOption
+from hexctl.cli.values import Range, choice
 from hexctl.robot.drivers import BUS_DRIVERS, PWM_DRIVERS, BusDriver
 
 if TYPE_CHECKING:

@@ -8,7 +8,8 @@ import typer
 
 from hexctl.cli import completion
 from hexctl.cli.console import RUNS, print_result
-from hexctl.cli.options import JsonOption, listed
+from hexctl.cli.options import JsonOption
+from hexctl.cli.values import listed
 from hexctl.errors import InputError
 
 if TYPE_CHECKING:

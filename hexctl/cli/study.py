@@ -1,7 +1,7 @@
 """`hexctl study`: the paper's experiments, and the benchmarks of transfer, holds and recovery."""
 
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -13,24 +13,21 @@ from hexctl.cli.console import RUNS, print_result
 from hexctl.cli.options import (
     ALL_LEGS,
     FAILURE_HELP,
-    ROBOT_HELP,
     SELF_ROTATION_HELP,
     WORLD_HELP,
     DaskOption,
     JobsOption,
     JsonOption,
     LegsOption,
-    Range,
     SeedOption,
     SelfRotation,
     TrialDurationOption,
-    choice,
-    listed,
     listed_legs,
-    number,
-    refuse_given,
+    robot_option,
 )
 from hexctl.cli.progress import StudyProgress, interruptible
+from hexctl.cli.render_study import bar_lines, study_lines
+from hexctl.cli.values import Range, choice, listed, number, refuse_given, with_values
 from hexctl.errors import InputError
 
 if TYPE_CHECKING:
@@ -113,14 +110,7 @@ StudyWorldOption = Annotated[
         "transfer or real. (default: flat; transfer; with --recovery both)",
     ),
 ]
-StudyRobotOption = Annotated[
-    str | None,
-    typer.Option(
-        "--robot",
-        autocompletion=completion.robots,
-        help=f"{ROBOT_HELP} (default: ant; with --matrix ant,phantomx,pexod)",
-    ),
-]
+StudyRobotOption = Annotated[str | None, robot_option("ant; with --matrix ant,phantomx,pexod")]
 MatrixOption = Annotated[
     bool,
     typer.Option(
@@ -252,37 +242,37 @@ def study(
     if not (hold or recovery):
         refuse_given({"--exact-sensors": exact_sensors or None}, "with --hold or --recovery")
     folder = out or RUNS / f"study-{datetime.now():%Y%m%d-%H%M%S}"
-    options: dict[str, Any] = {"legs": listed_legs(legs), "duration_s": duration} | _given(worlds=worlds)
+    options: dict[str, Any] = {"legs": listed_legs(legs), "duration_s": duration} | with_values(worlds=worlds)
     result: StudyResult | TransferResult | MatrixResult | HoldResult | RecoveryResult
     if hold or recovery:
         flag = "--hold" if hold else "--recovery"
         refused = {"--optimizers": optimizers, "--budget": budget, "--dask": dask}
         refuse_given(refused, f"without {flag}, which searches nothing")
-        options |= _given(exact_sensors=exact_sensors or None)
-        settings = _given(robots=robot, families=world, failures=failure)
+        options |= with_values(exact_sensors=exact_sensors or None)
+        settings = with_values(robots=robot, families=world, failures=failure)
     else:
         searches = None if optimizers is None else listed(optimizers)
-        options |= {"seed": seed} | _given(optimizers=searches, runs=runs, budget=budget)
+        options |= {"seed": seed} | with_values(optimizers=searches, runs=runs, budget=budget)
     if hold:
         refused = {"--runs": runs, "--seed": seed or None}
         refuse_given(refused, "without --hold, which searches nothing")
-        options |= _given(self_rotation=self_rotation)
-        result, lines = _hold(settings | _given(holds=holds), options, folder, jobs)
+        options |= with_values(self_rotation=self_rotation)
+        result, lines = _hold(settings | with_values(holds=holds), options, folder, jobs)
     elif recovery:
         refuse_given({"--self-rotation": self_rotation}, "without --recovery, which does not turn")
-        options |= {"seed": seed} | _given(runs=runs)
-        settings |= _given(gaits=gaits, methods=methods, protocols=protocols)
+        options |= {"seed": seed} | with_values(runs=runs)
+        settings |= with_values(gaits=gaits, methods=methods, protocols=protocols)
         result, lines = _recovery(settings, options, folder, jobs)
     elif transfer:
         refuse_given({"--self-rotation": self_rotation}, "without --transfer, which turns to the rear")
-        options |= _given(failure=failure) | {"one_leg": one_leg}
+        options |= with_values(failure=failure) | {"one_leg": one_leg}
         result, lines = _transfer(robot or "ant", world, prior, options, folder, jobs, dask)
     elif matrix:
-        options |= _given(self_rotation=self_rotation)
-        settings = _given(robots=robot, worlds=world, failures=failure, steps=time_steps)
+        options |= with_values(self_rotation=self_rotation)
+        settings = with_values(robots=robot, worlds=world, failures=failure, steps=time_steps)
         result, lines = _matrix(settings, options, folder, jobs, dask)
     else:
-        options |= _given(failure=failure, self_rotation=self_rotation)
+        options |= with_values(failure=failure, self_rotation=self_rotation)
         result, lines = _study(robot or "ant", world or "flat", options, folder, jobs, dask)
     print_result(json.dumps(result.to_json()) if as_json else "\n".join([*lines, f"report: {result.report}"]))
 
@@ -319,7 +309,7 @@ def _study(
     plan = StudyPlan(robot=load_robot(robot), world=load_world(world), **options)
     with interruptible(lambda cache: cache.count(plan.specs())), StudyProgress() as progress:
         result = run_study(plan, folder=folder, jobs=jobs, dask=dask, progress=progress)
-    return result, _study_lines(result)
+    return result, study_lines(result)
 
 
 def _transfer(
@@ -351,8 +341,7 @@ def _transfer(
     plan = TransferPlan(robot=model, family=_family(family or UNSEEN), prior=believed, **options)
     with interruptible(lambda cache: cache.count(plan.specs())), StudyProgress() as progress:
         result = run_transfer(plan, folder=folder, jobs=jobs, dask=dask, progress=progress)
-    bars = transfer_bars(result.findings)
-    return result, _verdict_lines((bar.verdict, f"{bar.asked}: {bar.measured}") for bar in bars)
+    return result, bar_lines(transfer_bars(result.findings))
 
 
 def _matrix(
@@ -400,10 +389,7 @@ def _hold(
         StudyProgress() as progress,
     ):
         result = run_holds(plan, folder=folder, jobs=jobs, progress=progress)
-    verdicts = _verdict_lines(
-        (bar.verdict, f"{bar.asked}: {bar.measured}") for bar in hold_bars(result.findings)
-    )
-    return result, [*holds_lines(result.findings), *verdicts]
+    return result, [*holds_lines(result.findings), *bar_lines(hold_bars(result.findings))]
 
 
 def _recovery(
@@ -426,10 +412,7 @@ def _recovery(
         StudyProgress() as progress,
     ):
         result = run_recovery(plan, folder=folder, jobs=jobs, progress=progress)
-    verdicts = _verdict_lines(
-        (bar.verdict, f"{bar.asked}: {bar.measured}") for bar in recovery_bars(result.findings)
-    )
-    return result, [*recovery_lines(result.findings), *verdicts]
+    return result, [*recovery_lines(result.findings), *bar_lines(recovery_bars(result.findings))]
 
 
 #: Length of a tick in ms, and steps of the physics, of which it is a whole number.
@@ -446,36 +429,3 @@ def _step_s(text: str) -> float:
     if abs(round(TICK_MS / step_ms) * step_ms - TICK_MS) > 1e-6:
         raise InputError(f"--time-steps: got {text}; allowed: {TICK_MS} ms divided by a whole number")
     return step_ms / 1000
-
-
-def _given(**options: Any) -> dict[str, Any]:
-    """Options that were given; the plan has the defaults of the others."""
-    return {name: value for name, value in options.items() if value is not None}
-
-
-def _verdict_lines(verdicts: Iterable[tuple[str, str]]) -> list[str]:
-    """Verdicts in a column before their statements; reasons why there is none in lines of their own below."""
-    pairs = [(verdict.partition(": "), statement) for verdict, statement in verdicts]
-    lines = [f"{verdict:<15} {statement}" for (verdict, _, _), statement in pairs]
-    reasons = dict.fromkeys(f"{verdict}: {reason}" for (verdict, _, reason), _ in pairs if reason)
-    return [*lines, *reasons]
-
-
-def _study_lines(result: "StudyResult") -> list[str]:
-    """Claims, bars that are missed, and the time spent."""
-    from hexctl.study.bars import bar_rows
-    from hexctl.study.evidence import cm
-
-    findings = result.findings
-    lines = _verdict_lines((claim.verdict, claim.claim) for claim in result.claims)
-    rows = [row for row in bar_rows(findings, paper_count=False) if row.leg is None and row.holds is not None]
-    missed = [row for row in rows if not row.holds]
-    lines += [
-        f"bar missed: {row.optimizer} {cm(row.mean_m)} after {row.evaluations} evaluations, "
-        f"{cm(row.over_m)} over"
-        for row in missed
-    ]
-    if rows and not missed:
-        lines.append("bar held by all optimizers, each gait paid for once")
-    lines += result.uncertainty.lines
-    return [*lines, ", ".join(f"{name} {spent_s:.0f} s" for name, spent_s in result.times_s.items())]
