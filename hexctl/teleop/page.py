@@ -50,6 +50,9 @@ MOST_BYTES, MOST_CLIENTS = 256, 16
 #: How long the server may take to start and to end.
 START_S = 5.0
 
+#: What a browser gets that asks by a name of another computer. It does not tell the names that are right.
+OTHER_HOST = b"not a name of this computer; allowed: its address, such as 192.168.1.7, or its host name\n"
+
 #: What the page may load: nothing from elsewhere.
 POLICY = (
     "default-src 'none'; style-src 'unsafe-inline'; script-src 'unsafe-inline'; connect-src 'self' ws: wss:; "
@@ -244,7 +247,7 @@ class DrivePage:
         """What a request gets: the page, a refusal, or None for the socket."""
         host = request.headers.get("Host", "")
         if not self._is_ours(host):
-            return _response(HTTPStatus.FORBIDDEN, b"another host\n")
+            return _response(HTTPStatus.FORBIDDEN, OTHER_HOST)
         if request.path != SOCKET_PATH:
             found = request.path == "/"
             body = self._page if found else b"not found\n"
