@@ -132,4 +132,7 @@ def test_the_block_of_ros2_control_commands_every_joint_and_is_never_silent() ->
     assert parameters["joint_commands_topic"] == COMMAND_TOPIC
     assert parameters["trigger_joint_command_threshold"] == "-1"
     assert [joint.get("name") for joint in block.findall("joint")] == list(JOINT_NAMES)
-    assert {one.get("name") for one in block.iter("command_interface")} == {"position"}
+    commands = list(block.iter("command_interface"))
+    assert {one.get("name") for one in commands} == {"position"}
+    # A first value would be sent before any controller is active: the robot would go there.
+    assert {param.get("name") for one in commands for param in one} == {"min", "max"}
