@@ -1,7 +1,7 @@
 """Which worker runs which tests, and in which order: what takes long begins early.
 
-Tests in real time mostly wait, and would hold one another up: they go down two lanes, of one worker each. A
-file whose tests share something expensive stays on one worker; a file of long tests is spread over all.
+Tests in real time mostly wait: more of them run at a time than there are cores, and nothing else beside them.
+A file whose tests share something expensive stays on one worker; a file of long tests is spread over all.
 """
 
 from typing import TYPE_CHECKING, Any
@@ -11,54 +11,50 @@ from xdist.scheduler import LoadScopeScheduling
 if TYPE_CHECKING:
     import pytest
 
-#: Files and tests in real time, by lane.
-LANES = {
-    "robots": (
-        "tests/serve/test_link_faults.py",
-        "tests/serve/test_steered_link.py",
-        "tests/serve/test_failing_link.py",
-        "tests/serve/boards/test_servo_board.py",
-        "tests/serve/test_remote.py",
-        "tests/backends/test_port_thread.py",
-        "tests/backends/bus/test_packet_line.py",
-        "tests/backends/bus/test_register_bus.py",
-        "tests/backends/bus/test_lx16a_bus.py",
-        "tests/backends/bus/test_lx16a_servos.py",
-        "tests/backends/bus/test_servos.py",
-        "tests/backends/bus/test_scan.py",
-        "tests/backends/bus/test_servo_settings.py",
-        "tests/backends/bus/test_register_servo.py",
-        "tests/serve/test_keeper.py",
-        "tests/cli/test_servos.py",
-        "tests/control/test_servo_trial.py",
-        "tests/control/test_servo_identification.py",
-        "tests/backends/bus/test_lost_id.py",
-        "tests/backends/bus/test_line_condition.py::test_on_a_bus",
-        "tests/control/calibration/test_calibration.py",
-        "tests/backends/pwm/test_servo2040.py",
-        "tests/backends/pwm/test_pca9685.py",
-        "tests/backends/pwm/test_i2c_socket.py",
-        "tests/serve/boards/test_pca9685_board.py",
-        "tests/docs/test_commands.py::test_the_commands_of_a_page",
-    ),
-    "links": (
-        "tests/backends/zenoh/test_client.py",
-        "tests/backends/mavlink/test_client.py",
-        "tests/backends/mavlink/test_client_faults.py",
-        "tests/cli/test_serve.py",
-        "tests/serve/ros/test_bridge.py",
-        "tests/cli/test_drive.py",
-        "tests/cli/test_drive_soak.py",
-        "tests/teleop/test_page.py",
-        "tests/serve/ros/test_bridge_drive.py",
-        "tests/cli/test_status.py",
-        "tests/cli/test_view.py",
-        "tests/wire/test_session.py",
-        "tests/cli/test_calibrate.py",
-        "tests/cli/test_run.py::test_ctrl_c",
-        "tests/record/test_live.py",
-    ),
-}
+#: Files and tests in real time, in the order in which they begin.
+REALTIME = (
+    "tests/docs/test_commands.py::test_the_commands_of_a_page",
+    "tests/cli/test_servos.py",
+    "tests/serve/test_keeper.py",
+    "tests/serve/test_link_faults.py",
+    "tests/serve/test_steered_link.py",
+    "tests/serve/test_failing_link.py",
+    "tests/serve/boards/test_servo_board.py",
+    "tests/serve/test_remote.py",
+    "tests/backends/test_port_thread.py",
+    "tests/backends/bus/test_packet_line.py",
+    "tests/backends/bus/test_register_bus.py",
+    "tests/backends/bus/test_lx16a_bus.py",
+    "tests/backends/bus/test_lx16a_servos.py",
+    "tests/backends/bus/test_servos.py",
+    "tests/backends/bus/test_scan.py",
+    "tests/backends/bus/test_servo_settings.py",
+    "tests/backends/bus/test_register_servo.py",
+    "tests/control/test_servo_trial.py",
+    "tests/control/test_servo_identification.py",
+    "tests/backends/bus/test_lost_id.py",
+    "tests/backends/bus/test_line_condition.py::test_on_a_bus",
+    "tests/control/calibration/test_calibration.py",
+    "tests/backends/pwm/test_servo2040.py",
+    "tests/backends/pwm/test_pca9685.py",
+    "tests/backends/pwm/test_i2c_socket.py",
+    "tests/serve/boards/test_pca9685_board.py",
+    "tests/backends/zenoh/test_client.py",
+    "tests/backends/mavlink/test_client.py",
+    "tests/backends/mavlink/test_client_faults.py",
+    "tests/cli/test_serve.py",
+    "tests/serve/ros/test_bridge.py",
+    "tests/cli/test_drive.py",
+    "tests/cli/test_drive_soak.py",
+    "tests/teleop/test_page.py",
+    "tests/serve/ros/test_bridge_drive.py",
+    "tests/cli/test_status.py",
+    "tests/cli/test_view.py",
+    "tests/wire/test_session.py",
+    "tests/cli/test_calibrate.py",
+    "tests/cli/test_run.py::test_ctrl_c",
+    "tests/record/test_live.py",
+)
 
 #: Files that take long on the one worker they stay on.
 EARLY = (
@@ -136,6 +132,7 @@ SLOW = (
 
 #: Files whose tests are spread one by one.
 SPREAD = (
+    "tests/docs/test_commands.py::test_the_commands_of_a_page",
     "tests/adapt/test_reset_free.py",
     "tests/adapt/test_kill.py",
     "tests/benchmarks/test_command.py",
@@ -151,24 +148,23 @@ SPREAD = (
 
 
 def scope_of(nodeid: str) -> str:
-    """What stays together with a test: its lane, itself alone, or its file."""
-    for lane, prefixes in LANES.items():
-        if nodeid.startswith(prefixes):
-            return lane
+    """What stays together with a test: nothing, or its file."""
     return nodeid if nodeid.startswith(SPREAD) else nodeid.partition("::")[0]
 
 
 def markers_of(nodeid: str) -> list[str]:
     """Markers of a test by its place: `realtime`, `slow`, both or neither."""
-    realtime = ["realtime"] if scope_of(nodeid) in LANES else []
+    realtime = ["realtime"] if nodeid.startswith(REALTIME) else []
     return realtime + (["slow"] if nodeid.startswith(SLOW) else [])
 
 
 def rank(nodeid: str) -> int:
-    """When a test begins: lanes first, then what takes long."""
-    if scope_of(nodeid) in LANES:
-        return 0
-    return 1 if nodeid.startswith(EARLY) else 2 if nodeid.startswith(SPREAD) else 3
+    """When a test begins: those in real time in their order, then what takes long."""
+    for place, prefix in enumerate(REALTIME):
+        if nodeid.startswith(prefix):
+            return place
+    later = 1 if nodeid.startswith(EARLY) else 2 if nodeid.startswith(SPREAD) else 3
+    return len(REALTIME) + later
 
 
 class Schedule(LoadScopeScheduling):  # type: ignore[misc]

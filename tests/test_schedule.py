@@ -3,7 +3,7 @@
 import re
 from pathlib import Path
 
-from tests.schedule import EARLY, LANES, SLOW, SPREAD, markers_of, rank, scope_of
+from tests.schedule import EARLY, REALTIME, SLOW, SPREAD, markers_of, rank, scope_of
 
 TESTS = Path(__file__).parent
 #: What a file would mark its tests with by itself.
@@ -16,16 +16,18 @@ def test_no_file_marks_its_own_tests() -> None:
 
 
 def test_what_is_named_exists() -> None:
-    for name in (*EARLY, *SLOW, *SPREAD, *(prefix for lane in LANES.values() for prefix in lane)):
+    for name in (*EARLY, *SLOW, *SPREAD, *REALTIME):
         assert (TESTS.parent / name.partition("::")[0]).exists(), name
 
 
 def test_scopes_and_ranks() -> None:
     link, walk = "tests/serve/test_link_faults.py::test_a", "tests/control/test_guard.py::test_b"
-    assert (scope_of(link), rank(link)) == ("robots", 0)
-    assert (scope_of(walk), rank(walk)) == ("tests/control/test_guard.py", 3)
     alone = "tests/adapt/test_kill.py::test_c[dps]"
-    assert (scope_of(alone), rank(alone)) == (alone, 2)
+    page = f"{REALTIME[0]}[README.md]"
+    assert scope_of(link) == "tests/serve/test_link_faults.py"
+    assert scope_of(walk) == "tests/control/test_guard.py"
+    assert (scope_of(alone), scope_of(page)) == (alone, page)
+    assert rank(page) < rank(link) < rank(f"{EARLY[0]}::test_d") < rank(alone) < rank(walk)
 
 
 def test_markers_follow_from_the_place() -> None:
