@@ -21,6 +21,7 @@ from hexctl.cli.keys import keys
 from hexctl.cli.prior import prior
 from hexctl.cli.robot import robot
 from hexctl.cli.run import run
+from hexctl.cli.see import see
 from hexctl.cli.serve import ServeCommand, serve
 from hexctl.cli.servos import ports, servos
 from hexctl.cli.sessions import sessions
@@ -73,6 +74,7 @@ app.command(rich_help_panel=WALK)(export)
 app.command(rich_help_panel=ROBOT)(check)
 app.add_typer(robot, name="robot", rich_help_panel=ROBOT)
 app.command(rich_help_panel=ROBOT)(diagnose)
+app.add_typer(see, name="see", rich_help_panel=ROBOT)
 app.command(rich_help_panel=ROBOT)(calibrate)
 app.command(rich_help_panel=ROBOT)(board)
 app.command(rich_help_panel=ROBOT)(ports)
