@@ -188,14 +188,21 @@ def line_of(status: dict[str, Any]) -> str:
     forward, left, turn = status["velocity"]
     battery = status["battery_v"]
     parts = [
-        f"forward {forward:+.3f} left {left:+.3f} m/s turn {math.degrees(turn):+.0f} deg/s",
+        f"forward {_signed(forward, 3)} left {_signed(left, 3)} m/s "
+        f"turn {_signed(math.degrees(turn), 0)} deg/s",
         status["gait"],
+        *([f"body {status['body_raise']:+.2f}"] if status["body_raise"] else []),
         status["mode"] if status["stopped"] is None else f"STOPPED: {status['stopped']} (1 goes on)",
         *([] if status["source"] is None else [status["source"]]),
         *([] if battery is None else [f"{battery:.1f} V"]),
         *([status["said"]] if status["said"] else []),
     ]
     return " · ".join(parts)
+
+
+def _signed(value: float, places: int) -> str:
+    """A number with its sign, and no -0."""
+    return f"{round(value, places) + 0.0:+.{places}f}"
 
 
 class KeyTerminal:

@@ -1,13 +1,17 @@
 """A session of driving by hand: devices are polled every tick, and what they ask for is done."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
+from itertools import takewhile
 from queue import Empty, SimpleQueue
 from typing import Any, Protocol
 
 from hexctl.control.drive.drive import Drive
+from hexctl.control.drive.velocity_limits import VelocityLimits
 from hexctl.errors import HexctlError, InputError
-from hexctl.gait.gait import NAMED_SLOTS
+from hexctl.gait.gait import NAMED_SLOTS, Gait
 from hexctl.robot.failure_event import in_words
+from hexctl.robot.model import Robot
 
 #: What devices ask for beside velocities.
 REQUESTS = ("stop", "stand", "sit", "gait", "up", "down", "quit")
@@ -35,8 +39,11 @@ class Device(Protocol):
 class DriveSession:
     """Drives a robot by hand until it is told to quit.
 
+    The heights at which the gait can walk are calculated before anything moves: a robot that walks cannot
+    wait for them.
+
     Args:
-        drive: connected.
+        drive: connected before `run`.
 
     Attributes:
         ended: why the session has ended, or None.
@@ -49,6 +56,7 @@ class DriveSession:
         self.said = ""
         self._asked: SimpleQueue[tuple[str, str]] = SimpleQueue()
         self._noticed = 0
+        self._raises = walkable_raises(drive.robot, drive.gait)
 
     def ask(self, request: str, why: str = "") -> None:
         """Ask for one of `REQUESTS`, from any thread; it is done in the next tick.
@@ -95,13 +103,20 @@ class DriveSession:
             "stopped": drive.stopped,
             "source": decision.source,
             "velocity": [velocity.forward_m_s, velocity.left_m_s, velocity.turn_rad_s],
-            "gait": name_of(drive.gait.slots),
+            "gait": name_of(drive.gait_now.slots),
             "body_raise": round(drive.body_raise, 3),
             "battery_v": state.battery_v,
             "battery_share": state.battery_share,
             "failures": [f"leg {one.leg} {in_words(one)}" for one in drive.failures],
-            "said": state.fault or self.said,
+            "said": state.fault or self._no_walk() or self.said,
         }
+
+    def _no_walk(self) -> str:
+        """Why no speed that is asked for moves the robot, or nothing."""
+        drive = self.drive
+        if drive.mode != "driving" or drive.share(1, 1, 1).array.min() > 0:
+            return ""
+        return f"no speed is possible with the body at {drive.body_raise:+.2f}"
 
     def _poll(self, devices: Sequence[Device]) -> None:
         """Take what devices ask for."""
@@ -138,10 +153,41 @@ class DriveSession:
             now = name_of(drive.gait.slots)
             drive.gait = names[(names.index(now) + 1) % len(names)] if now in names else names[0]
         elif request in ("up", "down"):
-            higher = drive.body_raise + (RAISE_STEP if request == "up" else -RAISE_STEP)
-            drive.body_raise = round(min(MOST_RAISE, max(-MOST_RAISE, higher)), 6)
+            self._raise_body(upward=request == "up")
         elif request == "quit":
             self.ended = why
+
+    def _raise_body(self, *, upward: bool) -> None:
+        """The next height at which the gait can walk."""
+        now = self.drive.body_raise
+        others = [one for one in self._raises if (one > now if upward else one < now)]
+        if others:
+            self.drive.body_raise = min(others) if upward else max(others)
+            self.said = ""
+        else:
+            self.said = f"the body is as {'high' if upward else 'low'} as the gait can walk"
+
+
+def walkable_raises(robot: Robot, gait: Gait) -> tuple[float, ...]:
+    """Heights of the body at which a gait can walk, ascending, in steps around that of the stance.
+
+    Limits of velocity are kept from then on, so that a change to one of the heights takes no time.
+
+    Args:
+        robot: who walks.
+        gait: with any height.
+    """
+
+    def can_walk(share: float) -> bool:
+        posture = replace(gait.posture, body_raise=share)
+        limits = VelocityLimits.of(robot, replace(gait, posture=posture))
+        return bool(limits.speeds_m_s[0].min() > 0 and limits.turn_rates_rad_s[0] > 0)
+
+    most = round(MOST_RAISE / RAISE_STEP)
+    steps = [round(RAISE_STEP * number, 6) for number in range(most + 1)]
+    higher = list(takewhile(can_walk, steps))
+    lower = list(takewhile(can_walk, [-step for step in steps[1:]])) if higher else []
+    return (*reversed(lower), *higher)
 
 
 def name_of(slots: Sequence[int]) -> str:

@@ -162,7 +162,7 @@ def test_a_terminal_that_has_gone_is_a_release_and_the_end() -> None:
 def status(**others: Any) -> dict[str, Any]:
     usual = {
         "velocity": [0.1, 0.0, -0.5], "gait": "tripod", "mode": "driving", "stopped": None,
-        "source": "keyboard", "battery_v": 7.42, "said": "",
+        "source": "keyboard", "battery_v": 7.42, "said": "", "body_raise": 0.0,
     }  # fmt: skip
     return {**usual, **others}
 
@@ -171,6 +171,8 @@ def test_what_the_robot_does_is_a_line() -> None:
     assert line_of(status()) == (
         "forward +0.100 left +0.000 m/s turn -29 deg/s · tripod · driving · keyboard · 7.4 V"
     )
+    still = line_of(status(velocity=[-1e-5, -0.0, -1e-4], body_raise=-0.02))
+    assert still.startswith("forward +0.000 left +0.000 m/s turn +0 deg/s · tripod · body -0.02 · driving")
     assert "STOPPED: leg 3 limp (1 goes on)" in line_of(status(stopped="leg 3 limp"))
 
 

@@ -13,6 +13,7 @@ from hexctl.control.drive.drive import Drive
 from hexctl.control.guard import Guard
 from hexctl.errors import InputError
 from hexctl.gait.gait import make_gait
+from hexctl.robot.failure import Failure
 from hexctl.teleop.keyboard import Keyboard
 from hexctl.teleop.session import DriveSession, name_of
 from tests.robots import ROBOT_NAMES
@@ -93,6 +94,48 @@ def test_what_is_asked_for_is_done() -> None:
         assert script.told["velocity"][0] > 0.05
         assert drive.at_rest
         assert drive.stopped == "quit"
+
+
+@pytest.mark.parametrize("name", ["ant", "lukas"])
+def test_the_body_goes_no_higher_and_no_lower_than_the_gait_can_walk(name: str) -> None:
+    with Drive(name) as drive:
+        session = DriveSession(drive)
+        requests = dict.fromkeys(range(150, 170), "up") | dict.fromkeys(range(400, 430), "down")
+        script = Script(session, requests | {800: "quit"})
+        stick, seen = drive.arbiter.source("motion"), list[tuple[float, float, str]]()
+
+        class Watch:
+            def poll(self) -> None:
+                stick.command(drive.share(0.5))
+                seen.append((drive.body_raise, drive.velocity.forward_m_s, session.said))
+
+            def report(self, status: dict[str, Any]) -> None:
+                pass
+
+        session.run([script, Watch()])
+    highest, lowest = seen[395], seen[795]
+    assert highest[0] > 0 > lowest[0]
+    assert min(highest[1], lowest[1]) > 0
+    assert highest[2] == "the body is as high as the gait can walk"
+    assert lowest[2] == "the body is as low as the gait can walk"
+
+
+def test_a_height_at_which_nothing_walks_is_said() -> None:
+    with Drive("ant", body_raise=0.1) as drive:
+        session = DriveSession(drive)
+        drive.command(forward_m_s=0.1)
+        script = Script(session, {250: "quit"})
+        session.run([script])
+        assert script.told["said"] == "no speed is possible with the body at +0.10"
+        assert script.told["velocity"] == [0, 0, 0]
+
+
+def test_a_gait_that_was_glided_to_is_the_one_that_is_told() -> None:
+    with Drive("ant", failure=Failure(leg=5, kind="locked")) as drive:
+        session = DriveSession(drive)
+        script = Script(session, {150: "quit"})
+        session.run([script])
+        assert script.told["gait"] == name_of(drive.gait_now.slots) != "tripod"
 
 
 def test_a_stop_holds_until_it_is_told_to_stand() -> None:

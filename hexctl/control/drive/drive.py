@@ -248,6 +248,11 @@ class Drive:
         self._use(_raised(self._gait, share))
 
     @property
+    def gait_now(self) -> Gait:
+        """The gait that it walks with or changes to: another than `gait` once a leg has failed."""
+        return self._connected.gait_now
+
+    @property
     def mode(self) -> str:
         """What the robot does: `standing up`, `driving`, `sitting down` or `sitting`."""
         return self._connected.mode
