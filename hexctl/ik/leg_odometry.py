@@ -1,0 +1,248 @@
+"""Leg odometry: how a body moves over the floor, and how it stands, by the angles of its joints alone.
+
+A robot rests on three feet or more, which stay where they are. Which ones follows from geometry: of the
+planes through three feet that have no foot below them, the robot stands on the one whose three feet are
+around its centre of mass. Feet near that plane before and after a step tell how the body moved meanwhile,
+
+    a_i = R(yaw) b_i + shift
+
+with a_i and b_i the places of foot i before and after, in the levelled frame of the body: the planar least
+squares of Umeyama (1991), with weights that leave out a foot that disagrees with the others.
+
+A foot is a sphere that rolls. While its shin tilts outward by an angle, its centre moves inward by the radius
+times that angle, so what stays in place is not the centre.
+"""
+
+from collections.abc import Collection
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hexctl.errors import InputError
+from hexctl.ik.legs import link_points_body
+from hexctl.ik.support_polygon import centre_of_mass_of
+from hexctl.robot.model import Robot
+from hexctl.types import JOINTS_PER_LEG, N_LEGS, ArrayFields, BoolArray, FloatArray
+
+#: A foot this far over the plane that the robot stands on has e^-1 of the weight of one on it, as a share of
+#: the stance's radius: 2.5 mm of `ant`.
+NEAR_FLOOR = 0.01
+
+#: A foot that moves over the floor this fast has half its weight, as a share of the stance's radius per s.
+SLIPPING_PER_S = 0.15
+
+#: Rounds in which feet that disagree lose their weight.
+ROUNDS = 4
+
+#: Feet of legs that are gone are taken to be this high, in m.
+GONE_M = 1e3
+
+#: Feet that count for nothing keep this weight, so that the sum is never 0.
+LEAST_WEIGHT = 1e-9
+
+#: Points of the floor as complex numbers: forward + i left, in m.
+ComplexArray = NDArray[np.complex128]
+
+_TRIPLES = np.array(list(combinations(range(N_LEGS), 3)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Standing(ArrayFields):
+    """How a robot stands on its feet, by joint angles of any leading shape.
+
+    Attributes:
+        feet: places of the feet along the floor, as complex numbers forward + i left, in m: in the body frame
+            tilted until its z axis is upright, leading shape + (6,).
+        above_m: of the feet over the plane that the robot stands on, leading shape + (6,).
+        height_m: of the body frame's origin above the floor, leading shape.
+        up_body: which way is up, a unit vector in the body frame, leading shape + (3,).
+    """
+
+    feet: ComplexArray
+    above_m: FloatArray
+    height_m: FloatArray
+    up_body: FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LegMotions(ArrayFields):
+    """How a body moved between T moments, by its legs.
+
+    Attributes:
+        motions: from each moment to the next in the frame of the first of the two, (T - 1, 3): forward and
+            left in m, counter-clockwise in rad.
+        slip_m: root mean square of how far the feet that stood moved over the floor meanwhile, (T - 1,).
+        height_m: of the body frame's origin above the floor, (T,).
+        up_body: which way is up, in the body frame, (T, 3).
+    """
+
+    motions: FloatArray
+    slip_m: FloatArray
+    height_m: FloatArray
+    up_body: FloatArray
+
+
+def standing(robot: Robot, joint_positions_rad: FloatArray, lost_legs: Collection[int] = ()) -> Standing:
+    """How a robot stands.
+
+    Args:
+        robot: geometry and masses.
+        joint_positions_rad: leading shape + (18,), measured or commanded.
+        lost_legs: legs 1..6 that are missing: nothing stands on them.
+    """
+    points = link_points_body(robot, joint_positions_rad)
+    feet = points[..., -1, :].copy()
+    feet[..., [leg - 1 for leg in lost_legs], 2] += GONE_M
+    up, below = _floor_plane(feet, centre_of_mass_of(robot, points))
+    above = np.einsum("...ij,...j->...i", feet, up) - below[..., np.newaxis]
+    return Standing(_levelled(feet, up), above, robot.foot_radius_m - below, up)
+
+
+def leg_motions(
+    robot: Robot,
+    times_s: FloatArray,
+    joint_positions_rad: FloatArray,
+    foot_contacts: BoolArray | None = None,
+    lost_legs: Collection[int] = (),
+) -> LegMotions:
+    """How the body moved, by joint angles over time.
+
+    Args:
+        robot: geometry and masses.
+        times_s: ascending, (T,) with T of 2 or more.
+        joint_positions_rad: (T, 18), measured or commanded.
+        foot_contacts: which feet touch the floor, (T, 6), where it is known; otherwise geometry tells.
+        lost_legs: legs 1..6 that are missing.
+
+    Raises InputError for shapes that do not fit, or times that do not ascend.
+    """
+    times_s = np.asarray(times_s, dtype=float)
+    if times_s.ndim != 1 or len(times_s) < 2 or not (np.diff(times_s) > 0).all():
+        raise InputError(f"times: got {times_s.shape}; allowed: 2 or more that ascend")
+    if len(joint_positions_rad) != len(times_s):
+        raise InputError(f"joint angles: got {len(joint_positions_rad)}; allowed: one for each time")
+    return _motions(robot, np.diff(times_s), joint_positions_rad, foot_contacts, lost_legs)
+
+
+class LegOdometer:
+    """Leg odometry as joint angles come, with the same result as `leg_motions`.
+
+    Args:
+        robot: geometry and masses.
+
+    Attributes:
+        lost_legs: legs 1..6 that are missing; may change at any time.
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        self._robot = robot
+        self.lost_legs: Collection[int] = ()
+        self._last: tuple[float, FloatArray, BoolArray | None] | None = None
+
+    def update(
+        self, at_s: float, joint_positions_rad: FloatArray, foot_contacts: BoolArray | None = None
+    ) -> LegMotions | None:
+        """How the body moved since the angles before; None for the first ones, and for times no later.
+
+        Args:
+            at_s: of the measurement.
+            joint_positions_rad: (18,).
+            foot_contacts: (6,), where they are known.
+        """
+        last = self._last
+        if last is not None and at_s <= last[0]:
+            return None
+        self._last = (at_s, joint_positions_rad.copy(), foot_contacts)
+        if last is None:
+            return None
+        before_s, before_rad, touched = last
+        contacts = None if touched is None or foot_contacts is None else np.stack([touched, foot_contacts])
+        took_s, joints = np.array([at_s - before_s]), np.stack([before_rad, joint_positions_rad])
+        return _motions(self._robot, took_s, joints, contacts, self.lost_legs)
+
+
+def _motions(
+    robot: Robot,
+    took_s: FloatArray,
+    joints_rad: FloatArray,
+    contacts: BoolArray | None,
+    lost_legs: Collection[int],
+) -> LegMotions:
+    stands = standing(robot, joints_rad, lost_legs)
+    near = np.exp(-np.square(np.maximum(stands.above_m, 0) / (NEAR_FLOOR * robot.stance_radius_m)))
+    if contacts is not None:
+        near = np.where(stands.above_m < GONE_M / 2, contacts, 0.0)
+    weights = near[:-1] * near[1:] + LEAST_WEIGHT
+    before, after = stands.feet[:-1], stands.feet[1:] + _rolled(robot, joints_rad)
+    slipping_m = SLIPPING_PER_S * robot.stance_radius_m * took_s[:, np.newaxis]
+    motions, slip_m = _fit(before, after, weights, slipping_m)
+    return LegMotions(motions, slip_m, stands.height_m, stands.up_body)
+
+
+def _fit(
+    before: ComplexArray,
+    after: ComplexArray,
+    standing_weights: FloatArray,
+    slipping_m: FloatArray,
+) -> tuple[FloatArray, FloatArray]:
+    """Motions (N, 3) that bring feet (N, 6) back to where they were, and what is left, (N,).
+
+    The weights are those of Cauchy: a foot that is off by `slipping_m` has half of its own.
+    """
+    weights = standing_weights
+    for _ in range(ROUNDS):
+        total = weights.sum(axis=-1)
+        middle_before = (weights * before).sum(axis=-1) / total
+        middle_after = (weights * after).sum(axis=-1) / total
+        from_before = before - middle_before[:, np.newaxis]
+        from_after = after - middle_after[:, np.newaxis]
+        yaw_rad = np.angle((weights * from_before * from_after.conj()).sum(axis=-1))
+        turn = np.exp(1j * yaw_rad)
+        off_m = np.abs(from_before - turn[:, np.newaxis] * from_after)
+        slip_m = np.sqrt((weights * np.square(off_m)).sum(axis=-1) / total)
+        weights = standing_weights / (1 + np.square(off_m / slipping_m))
+    shift = middle_before - turn * middle_after
+    return np.stack([shift.real, shift.imag, yaw_rad], axis=-1), slip_m
+
+
+def _rolled(robot: Robot, joints_rad: FloatArray) -> ComplexArray:
+    """What feet roll outward between moments in the body frame, (T - 1, 6)."""
+    angles = joints_rad.reshape(-1, N_LEGS, JOINTS_PER_LEG)
+    tilted_rad = np.diff(angles[..., 1] + angles[..., 2], axis=0)
+    outward = np.exp(1j * (robot.mount_yaws_rad + angles[1:, :, 0]))
+    return np.asarray(robot.foot_radius_m * tilted_rad * outward)
+
+
+def _floor_plane(feet: FloatArray, centre: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Normal of the plane that feet (..., 6, 3) carry a centre of mass on, and its distance along that.
+
+    Where no three feet are around the centre, as in a robot that falls, it is the plane that comes nearest.
+    """
+    a, b, c = (feet[..., _TRIPLES[:, corner], :] for corner in range(3))
+    across = np.cross(b - a, c - a)
+    sense = np.where(across[..., 2] < 0, -1.0, 1.0)
+    normals = across * (sense / (np.linalg.norm(across, axis=-1) + 1e-12))[..., np.newaxis]
+    offsets = (normals * a).sum(axis=-1)
+    lowest = (np.einsum("...ij,...tj->...ti", feet, normals) - offsets[..., np.newaxis]).min(axis=-1)
+    to_centre = centre[..., np.newaxis, :]
+    inside = np.stack(
+        [
+            (normals * np.cross(q - p, to_centre - p)).sum(axis=-1) / np.linalg.norm(q - p, axis=-1)
+            for p, q in ((a, b), (b, c), (c, a))
+        ]
+    )
+    outside = -np.minimum((sense * inside).min(axis=0), 0)
+    steep = normals[..., 2] < np.cos(np.pi / 4)
+    best = (outside - 3 * lowest + 10 * steep).argmin(axis=-1)[..., np.newaxis]
+    normal = np.take_along_axis(normals, best[..., np.newaxis], axis=-2)[..., 0, :]
+    return normal, np.take_along_axis(offsets, best, axis=-1)[..., 0]
+
+
+def _levelled(feet: FloatArray, up: FloatArray) -> ComplexArray:
+    """Feet (..., 6, 3) along the floor, after the shortest turn that brings `up` upright."""
+    x, y, z = (up[..., axis, np.newaxis] for axis in range(3))
+    # Rodrigues' formula for the turn from `up` to the z axis: what is left of a point p along x and y.
+    along = (x * feet[..., 0] + y * feet[..., 1]) / (1 + z) + feet[..., 2]
+    return np.asarray((feet[..., 0] - x * along) + 1j * (feet[..., 1] - y * along))
