@@ -54,6 +54,8 @@ REALTIME = (
     "tests/cli/test_calibrate.py",
     "tests/cli/test_run.py::test_ctrl_c",
     "tests/record/test_live.py",
+    "tests/see/test_video.py",
+    "tests/see/test_mjpeg.py",
 )
 
 #: Files that take long on the one worker they stay on.
