@@ -62,13 +62,16 @@ def export(
         raise InputError(f"{names}: got it for {kind}; allowed: for gif and mp4")
     if ros2_control and kind != "urdf":
         raise InputError(f"{argument('ros2_control')}: got it for {kind}; allowed: for urdf")
+    table = kind in ("csv", "parquet") and len(sources) == 1 and is_session(sources[0])
     if kind in TRIAL_FORMATS:
         _refuse_robots(sources, kind)
+    if robot is not None and (kind in ROBOT_FORMATS or table):
+        raise InputError(f"{argument('robot')}: got it for {kind}; allowed: for recordings")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         if kind in ROBOT_FORMATS:
             _write_robot(sources, kind, path, ros2_control=ros2_control)
-        elif kind in ("csv", "parquet") and len(sources) == 1 and is_session(sources[0]):
+        elif table:
             export_session(str(sources[0]), path, folder)
         else:
             trials = Recordings(recordings_of(sources, Path(folder)), robot)
@@ -132,7 +135,8 @@ def _write_robot(sources: Sequence[str | Path | Robot], kind: str, path: Path, *
     else:
         robot = source if isinstance(source, Robot) else load_robot(source)
     text = urdf_of(robot, ros2_control=ros2_control) if kind == "urdf" else mjcf_of(robot)
-    path.write_text(text, encoding="utf-8")
+    with _draft(path) as draft:
+        draft.write_text(text, encoding="utf-8")
 
 
 def _write_trials(
@@ -156,8 +160,9 @@ def _write_trials(
                 write(trials[0], draft)
             return
         if path.suffix:
+            name = argument("output")
             raise InputError(
-                f"output: got {path} for {len(trials)} recordings; allowed: the name of a folder"
+                f"{name}: got {path} for {len(trials)} recordings; allowed: the name of a folder"
             )
         with _draft(path) as draft:
             draft.mkdir()

@@ -12,6 +12,7 @@ from hexctl.errors import HexctlError, InputError
 from hexctl.gait.gait import NAMED_SLOTS, Gait
 from hexctl.robot.failure_event import in_words
 from hexctl.robot.model import Robot
+from hexctl.types import RobotState
 
 #: What devices ask for beside velocities.
 REQUESTS = ("stop", "stand", "sit", "gait", "up", "down", "quit")
@@ -93,7 +94,7 @@ class DriveSession:
         self.drive.pause()
         return self.ended
 
-    def status(self, state: Any) -> dict[str, Any]:
+    def status(self, state: RobotState) -> dict[str, Any]:
         """What the robot does, in plain values."""
         drive = self.drive
         velocity, decision = drive.velocity, drive.decision

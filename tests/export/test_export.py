@@ -78,6 +78,12 @@ def test_what_is_refused_is_told_in_one_line_and_leaves_nothing(
         ((recording,), {"output": "file/a.csv"}, "cannot be written"),
         ((recording,), {"to": "csv", "output": "a.csv", "camera": "top"}, "camera: got it for csv"),
         ((recording,), {"output": "a.csv", "ros2_control": True}, "ros2_control: got it for csv"),
+        (("ant",), {"to": "urdf", "robot": shipped("pexod")}, "robot: got it for urdf; allowed: for"),
+        (
+            ("s",),
+            {"output": "s.csv", "robot": shipped("pexod")},
+            "robot: got it for csv; allowed: for",
+        ),
         (("ant",), {"to": "csv"}, "got the robot ant for csv; allowed: urdf, mjcf"),
         (("robot.yaml",), {"to": "gif"}, "got the robot robot.yaml for gif"),
         (("ant", "pexod"), {"to": "urdf"}, "got 2 robots"),

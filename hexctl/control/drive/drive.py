@@ -1,6 +1,6 @@
 """A robot that is driven by velocity commands: `hexctl.Drive`."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
@@ -10,6 +10,7 @@ from typing import Any, Self
 import numpy as np
 
 from hexctl.backends.base import LegServos, as_robot, connection_notes
+from hexctl.backends.clock import Tick
 from hexctl.backends.registry import BackendOptions, check_options, make_servos
 from hexctl.backends.sim.world import World, load_world
 from hexctl.control.controllers import Controller
@@ -27,7 +28,7 @@ from hexctl.robot.failure_event import NoticedFailure
 from hexctl.robot.loader import RobotFile, load_robot_file
 from hexctl.robot.model import Robot
 from hexctl.robot.rotations import yaw_rad
-from hexctl.types import RobotState
+from hexctl.types import FloatArray, JointTargets, RobotState
 
 #: Whether slip is made good.
 DRIVE_HOLDS = ("auto", "none")
@@ -102,11 +103,8 @@ class Drive:
         check_type(servos, (LegServos, NoneType), "servos", "LegServos, as SimServos('ant') gives, or None")
         if servos is None:
             servos = self._made_servos(robot or "ant", backend or "sim", options)
-        elif robot is not None or backend is not None or options:
-            given = ", ".join(
-                [*(["robot"] if robot is not None else []), *(["backend"] if backend else []), *options]
-            )
-            raise InputError(f"drive: got servos and {given} too; allowed: one or the other")
+        else:
+            _check_alone(robot, backend, options)
         self._guard = servos if isinstance(servos, Guard) else Guard(servos)
         self.robot = self._guard.robot
         self.arbiter = Arbiter() if arbiter is None else arbiter
@@ -353,13 +351,22 @@ class Drive:
         )
 
 
+def _check_alone(robot: object, backend: str | None, options: Mapping[str, Any]) -> None:
+    """Raise InputError for a robot, a backend or its options that were given with servos."""
+    given = [name for name, value in {"robot": robot, "backend": backend}.items() if value is not None]
+    if given or options:
+        raise InputError(
+            f"drive: got servos and {', '.join([*given, *options])} too; allowed: one or the other"
+        )
+
+
 class _EventNotes:
     """Notes in the log what happens to the robot's legs and what its controller notices."""
 
     def __init__(self, drive: Drive) -> None:
         self._drive = drive
 
-    def record(self, tick: Any, state: RobotState, wanted_rad: Any, sent: Any) -> None:
+    def record(self, tick: Tick, state: RobotState, wanted_rad: FloatArray, sent: JointTargets) -> None:
         drive, recorders = self._drive, self._drive._recorders  # noqa: SLF001  it belongs to the drive
         if recorders is None:
             return

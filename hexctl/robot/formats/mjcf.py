@@ -39,42 +39,9 @@ def mjcf_of(robot: Robot) -> str:
     add(root, "option", timestep="0.002", integrator="implicitfast", cone="elliptic")
     _add_looks(root)
     world = add(root, "worldbody")
-    add(
-        world,
-        "light",
-        pos="0 0 3",
-        dir="0 0 -1",
-        directional="true",
-        castshadow="false",
-        diffuse="0.35 0.35 0.35",
-        specular="0 0 0",
-    )
-    add(
-        world,
-        "geom",
-        name="floor",
-        type="plane",
-        size="0 0 0.05",
-        material="floor",
-        contype="1",
-        conaffinity="0",
-        friction="1 0.005 0.0001",
-        priority="1",
-    )
+    _add_surroundings(world)
     _add_robot(world, robot)
-    actuators = add(root, "actuator")
-    for joint, name in enumerate(JOINT_NAMES):
-        torque_nm = number(robot.joint_max_torque_nm[joint])
-        add(
-            actuators,
-            "position",
-            name=name,
-            joint=name,
-            kp=number(robot.stiffness_nm_per_rad[joint]),
-            kv=number(robot.servo.damping_nm_s_per_rad),
-            forcerange=f"-{torque_nm} {torque_nm}",
-            ctrlrange=numbers(robot.joint_lower_rad[joint], robot.joint_upper_rad[joint]),
-        )
+    _add_servos(root, robot)
     stance = numbers(*robot.stance_angles_rad)
     keyframes = add(root, "keyframe")
     qpos = f"0 0 {number(robot.standing_height_m)} 1 0 0 0 {stance}"
@@ -100,6 +67,48 @@ def _add_looks(root: Element) -> None:
     add(assets, "material", name="floor", texture="floor", texrepeat="5 5", texuniform="true")
     for name, color in {"body": BODY_COLOR, **LINK_COLORS}.items():
         add(assets, "material", name=name, rgba=f"{color_text(color)} 1")
+
+
+def _add_surroundings(world: Element) -> None:
+    """Add a light from above and an even floor."""
+    add(
+        world,
+        "light",
+        pos="0 0 3",
+        dir="0 0 -1",
+        directional="true",
+        castshadow="false",
+        diffuse="0.35 0.35 0.35",
+        specular="0 0 0",
+    )
+    add(
+        world,
+        "geom",
+        name="floor",
+        type="plane",
+        size="0 0 0.05",
+        material="floor",
+        contype="1",
+        conaffinity="0",
+        friction="1 0.005 0.0001",
+        priority="1",
+    )
+
+
+def _add_servos(root: Element, robot: Robot) -> None:
+    actuators = add(root, "actuator")
+    for joint, name in enumerate(JOINT_NAMES):
+        torque_nm = number(robot.joint_max_torque_nm[joint])
+        add(
+            actuators,
+            "position",
+            name=name,
+            joint=name,
+            kp=number(robot.stiffness_nm_per_rad[joint]),
+            kv=number(robot.servo.damping_nm_s_per_rad),
+            forcerange=f"-{torque_nm} {torque_nm}",
+            ctrlrange=numbers(robot.joint_lower_rad[joint], robot.joint_upper_rad[joint]),
+        )
 
 
 def _add_robot(world: Element, robot: Robot) -> None:

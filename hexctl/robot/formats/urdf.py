@@ -24,7 +24,13 @@ TOPIC_SYSTEM = "joint_state_topic_hardware_interface/JointStateTopicSystem"
 COMMAND_TOPIC, STATE_TOPIC = "/robot_joint_command", "/joint_states"
 
 
-def urdf_of(robot: Robot, *, ros2_control: bool = False) -> str:
+def urdf_of(
+    robot: Robot,
+    *,
+    ros2_control: bool = False,
+    command_topic: str = COMMAND_TOPIC,
+    state_topic: str = STATE_TOPIC,
+) -> str:
     """URDF of a robot, as text.
 
     Joints are called as everywhere in hexctl (`leg1_coxa`), with its signs and zeros; links are those of
@@ -34,6 +40,8 @@ def urdf_of(robot: Robot, *, ros2_control: bool = False) -> str:
     Args:
         robot: the robot.
         ros2_control: add a block with which ros2_control commands the joints over topics.
+        command_topic: full name of the topic on which ros2_control commands.
+        state_topic: full name of the topic of the robot's joints.
     """
     root = Element("robot", name=robot.name)
     for name, color in {"body": BODY_COLOR, **LINK_COLORS}.items():
@@ -48,7 +56,7 @@ def urdf_of(robot: Robot, *, ros2_control: bool = False) -> str:
         add(root, "link", name=foot)
     _add_fixed_joints(root, robot)
     if ros2_control:
-        _add_ros2_control(root, robot)
+        _add_ros2_control(root, robot, command_topic, state_topic)
     return text_of(root)
 
 
@@ -131,7 +139,7 @@ def _add_fixed_joints(root: Element, robot: Robot) -> None:
         add(element, "child", link=child)
 
 
-def _add_ros2_control(root: Element, robot: Robot) -> None:
+def _add_ros2_control(root: Element, robot: Robot, command_topic: str, state_topic: str) -> None:
     """Add the hardware that commands joints over topics.
 
     Its threshold is -1: with the usual one nothing is sent while the robot is to hold still, and the robot
@@ -141,8 +149,8 @@ def _add_ros2_control(root: Element, robot: Robot) -> None:
     hardware = add(system, "hardware")
     add(hardware, "plugin").text = TOPIC_SYSTEM
     parameters = {
-        "joint_commands_topic": COMMAND_TOPIC,
-        "joint_states_topic": STATE_TOPIC,
+        "joint_commands_topic": command_topic,
+        "joint_states_topic": state_topic,
         "trigger_joint_command_threshold": "-1",
     }
     for name, value in parameters.items():

@@ -14,7 +14,7 @@ from typing import Any, Self
 import zenoh
 
 from hexctl.errors import MessageError
-from hexctl.robot.formats.urdf import COMMAND_TOPIC, STATE_TOPIC, urdf_of
+from hexctl.robot.formats.urdf import urdf_of
 from hexctl.robot.model import Robot
 from hexctl.serve.inbox import Inbox
 from hexctl.serve.ros.commands import Called, RosCommand, Service, Stopped, WantedJoints, WantedVelocity
@@ -262,7 +262,9 @@ class _Commands:
 
 def _described(robot: Robot, node: RosNode, *, ros2_control: bool) -> str:
     """URDF of a robot, with the topics of its ros2_control block in the node's namespace."""
-    text = urdf_of(robot, ros2_control=ros2_control)
-    for topic in (COMMAND_TOPIC, STATE_TOPIC):
-        text = text.replace(f">{topic}<", f">{node.resolved(topic.removeprefix('/'))}<")
-    return text
+    return urdf_of(
+        robot,
+        ros2_control=ros2_control,
+        command_topic=node.resolved(JOINTS_TOPIC),
+        state_topic=node.resolved("joint_states"),
+    )

@@ -136,3 +136,10 @@ def test_the_block_of_ros2_control_commands_every_joint_and_is_never_silent() ->
     assert {one.get("name") for one in commands} == {"position"}
     # A first value would be sent before any controller is active: the robot would go there.
     assert {param.get("name") for one in commands for param in one} == {"min", "max"}
+
+
+def test_ros2_control_speaks_on_the_topics_that_it_is_given() -> None:
+    text = urdf_of(shipped(), ros2_control=True, command_topic="/lab/command", state_topic="/lab/states")
+    assert '<param name="joint_commands_topic">/lab/command</param>' in text
+    assert '<param name="joint_states_topic">/lab/states</param>' in text
+    assert COMMAND_TOPIC not in text
