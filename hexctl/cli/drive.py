@@ -1,8 +1,10 @@
 """`hexctl drive`: a robot driven by hand."""
 
+import shlex
 import signal
 import sys
-from contextlib import ExitStack, suppress
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
@@ -16,6 +18,7 @@ from hexctl.cli.console import (
     INTERRUPTED,
     StopOnInterrupt,
     code_of_stop,
+    flag_of,
     note_no_window,
     print_note,
 )
@@ -41,6 +44,7 @@ if TYPE_CHECKING:
     from hexctl.control.log import Recorder
     from hexctl.teleop.page import DrivePage
     from hexctl.teleop.session import Device, DriveSession
+    from hexctl.wire.certificates import Credentials
 
 #: `--page` without an address.
 DEFAULT_PAGE = "127.0.0.1:8017"
@@ -60,9 +64,13 @@ DriveGaitOption = Annotated[
 
 @dataclass(frozen=True, slots=True)
 class _Wanted:
-    """What to drive with: keys, a gamepad's file or `none`, a page's address and certificates."""
+    """What to drive with: keys, a gamepad's file or `none`, a page's address and certificates.
+
+    `terminal` is whether there are keys.
+    """
 
     keyboard: bool
+    terminal: bool
     gamepad: str | None
     page: str | None
     page_keys: Path | None
@@ -75,11 +83,26 @@ class _Wanted:
             from hexctl.teleop.page import PageAddress
 
             PageAddress.parse(self.page).check(secured=self.page_keys is not None)
-        if not (self.keyboard or self.page or self.gamepad not in (None, "none")):
-            raise InputError(
-                "--keyboard: got no terminal to read keys from; allowed: a terminal, --page HOST:PORT, or "
-                "--gamepad auto"
-            )
+        if self.pad is not None:
+            from hexctl.teleop.gamepad import check_gamepad
+
+            check_gamepad(self.pad)
+        if self.keys or self.page or self.gamepad not in (None, "none"):
+            return
+        others = "--page HOST:PORT, or --gamepad auto"
+        if not self.keyboard:
+            raise InputError(f"--no-keyboard: got it with nothing else to drive with; allowed: {others}")
+        raise InputError(f"--keyboard: got no terminal to read keys from; allowed: a terminal, {others}")
+
+    @property
+    def keys(self) -> bool:
+        """Whether to drive with keys."""
+        return self.keyboard and self.terminal
+
+    @property
+    def pad(self) -> Path | None:
+        """The event file that is named."""
+        return None if self.gamepad in (None, "auto", "none") else Path(str(self.gamepad))
 
 
 def drive(
@@ -173,7 +196,7 @@ def drive(
     from hexctl.robot.failure import failure_of
     from hexctl.teleop.keyboard import has_keys
 
-    wanted = _Wanted(keyboard and has_keys(), gamepad, page, page_keys)
+    wanted = _Wanted(keyboard, has_keys(), gamepad, page, page_keys)
     wanted.check()
 
     options: dict[str, Any] = {
@@ -192,6 +215,7 @@ def drive(
     if backend == "sim":
         options["realtime"] = True
     with ExitStack() as stack:
+        keep = stack.enter_context(_kept_once_driven(record))
         shown = _recorders(stack, backend, robot, world, seed, view=view, record=record)
         made = Drive(
             robot,
@@ -204,12 +228,28 @@ def drive(
             recorders=Recorders(*shown, block_ticks=PACED_BLOCK_TICKS) if shown else None,
             **options,
         )
-        raise typer.Exit(_drive(stack, made, wanted))
+        code = _drive(stack, made, wanted, keep)
+        if record is not None:
+            _say(f"hexctl: recorded in {record}; look at it with: hexctl view {shlex.quote(str(record))}")
+        raise typer.Exit(code)
 
 
-def _drive(stack: ExitStack, drive: "Drive", wanted: _Wanted) -> int:
+@contextmanager
+def _kept_once_driven(record: Path | None) -> Iterator[Callable[[], None]]:
+    """Removes a new recording at the end, unless what this gives was called: nothing was driven then."""
+    before = record is None or record.exists()
+    driven: list[bool] = []
+    try:
+        yield lambda: driven.append(True)
+    finally:
+        if record is not None and not before and not driven:
+            record.unlink(missing_ok=True)
+
+
+def _drive(stack: ExitStack, drive: "Drive", wanted: _Wanted, keep: Callable[[], None]) -> int:
     """Connect, drive, and say how it ended; the exit code."""
     from hexctl.backends.clock import request_realtime_priority
+    from hexctl.cli.render import why_in_words
     from hexctl.teleop.session import DriveSession
 
     session = DriveSession(drive)
@@ -218,13 +258,15 @@ def _drive(stack: ExitStack, drive: "Drive", wanted: _Wanted) -> int:
     stack.enter_context(drive)
     for note in drive.notes:
         print_note(f"hexctl: {note}")
-    devices = _devices(stack, session, wanted)
-    request_realtime_priority()
     try:
-        why = session.run(devices, interrupt.requested)
+        with ExitStack() as open_devices:
+            devices = _devices(open_devices, session, wanted)
+            request_realtime_priority()
+            keep()
+            why = session.run(devices, interrupt.requested)
     except EStopError:
         why = drive.guard.stopped or "stopped"
-        _say(f"\nhexctl: the robot has stopped: {why}")
+        _say(f"\nhexctl: the robot has stopped{why_in_words(why)}")
         return code_of_stop(why)
     _say(f"\nhexctl: {'ended' if why == 'q' else why}; the robot stands")
     return INTERRUPTED if why == "interrupted" else DONE
@@ -257,11 +299,12 @@ def _devices(stack: ExitStack, session: "DriveSession", wanted: _Wanted) -> "lis
         token = "" if page.token is None else f" with the token {page.token}"
         print_note(f"hexctl: drive on {page.url}{token}")
     if wanted.gamepad != "none":
-        path = None if wanted.gamepad in (None, "auto") else Path(str(wanted.gamepad))
-        pad = Gamepad(drive.arbiter.source("gamepad"), drive.share, session.ask, path=path)
+        if wanted.pad is not None and not wanted.pad.exists():
+            print_note(f"hexctl: no gamepad at {wanted.pad} yet; it may be plugged in at any time")
+        pad = Gamepad(drive.arbiter.source("gamepad"), drive.share, session.ask, path=wanted.pad)
         stack.callback(pad.close)
         devices.append(pad)
-    if wanted.keyboard:
+    if wanted.keys:
         print_note(HELP)
         terminal = stack.enter_context(KeyTerminal(sys.stdin.fileno(), sys.stderr.fileno()))
         source = drive.arbiter.source("keyboard")
@@ -271,16 +314,25 @@ def _devices(stack: ExitStack, session: "DriveSession", wanted: _Wanted) -> "lis
 
 def _page(session: "DriveSession", address: str, folder: Path | None) -> "DrivePage":
     from hexctl.teleop.page import DrivePage, PageAddress
-    from hexctl.wire.certificates import find_credentials
-    from hexctl.wire.links import Role
 
     return DrivePage(
         PageAddress.parse(address),
         session.drive.arbiter.source("page"),
         session.drive.share,
         session.ask,
-        credentials=None if folder is None else find_credentials(folder, Role.ROBOT),
+        credentials=None if folder is None else _credentials(folder),
     )
+
+
+def _credentials(folder: Path) -> "Credentials":
+    """Certificate and key of a page; what is wrong with them is said of `--page-keys`."""
+    from hexctl.wire.certificates import find_credentials
+    from hexctl.wire.links import Role
+
+    try:
+        return find_credentials(folder, Role.ROBOT)
+    except InputError as error:
+        raise InputError(error.worded(lambda name: f"--page-{flag_of(name).removeprefix('--')}")) from error
 
 
 def _recorders(

@@ -51,7 +51,7 @@ def summary(outcome: dict[str, Any]) -> list[RenderableType]:
         *_posture_rows(outcome["gait"]),
         *_distance_rows(outcome),
         *_failure_rows(outcome),
-        ("status", outcome["status"] + _why(outcome["stopped"]) + _cause(outcome.get("cause"))),
+        ("status", outcome["status"] + why_in_words(outcome["stopped"]) + _cause(outcome.get("cause"))),
         ("guard", _clipped(outcome["clipped_ticks"])),
         *([("link", link)] if link else []),
         (
@@ -82,8 +82,8 @@ def _failure_rows(outcome: dict[str, Any]) -> list[tuple[str, str]]:
     return rows
 
 
-def _why(stopped: str | None) -> str:
-    """Why a walk was stopped, and where to look."""
+def why_in_words(stopped: str | None) -> str:
+    """Why a robot was stopped, and where to look, behind what it is told of; nothing for None."""
     if stopped is None:
         return ""
     hint = HINTS.get(stopped.partition(":")[0])

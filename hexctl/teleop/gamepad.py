@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from hexctl.control.drive.arbiter import VelocitySource
+from hexctl.errors import InputError, argument
 from hexctl.teleop.keyboard import Share
 
 EVENT = struct.Struct("llHHi")
@@ -63,6 +64,15 @@ def find_gamepads(devices: Path = Path("/dev/input"), known: Path = Path("/sys/c
         if keys >> BTN_SOUTH & 1 and axes >> ABS_X & 1 and axes >> ABS_Y & 1:
             found.append(devices / place.name)
     return found
+
+
+def check_gamepad(path: Path) -> None:
+    """Raise InputError for an event file that is none or may not be read; a missing one may come yet."""
+    name = argument("gamepad")
+    if path.is_file() or path.is_dir():
+        raise InputError(f"{name}: got {path}, which is no event file; allowed: such as /dev/input/event5")
+    if path.exists() and not os.access(path, os.R_OK):
+        raise InputError(f"{name}: {path} may not be read; allowed: for members of its group, often `input`")
 
 
 def _bits(text: str) -> int:

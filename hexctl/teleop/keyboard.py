@@ -63,6 +63,9 @@ ESCAPE_TICKS = 2
 #: How long is waited for the last answer of a terminal, and at most while more comes.
 LAST_ANSWER_S, LAST_ANSWERS_S = 0.1, 0.5
 
+#: How long the last line may take to be shown.
+LAST_LINE_S = 0.2
+
 #: Bytes of keys that are read in one tick.
 MOST_BYTES = 256
 
@@ -237,6 +240,7 @@ class KeyTerminal:
     ) -> None:
         self._ended = True
         self._due.set()
+        self._shower.join(LAST_LINE_S)  # what is printed after this stays the last line
         with suppress(termios.error, OSError):  # the terminal may have gone
             self._take_last_answers()
             termios.tcsetattr(self.keys, termios.TCSANOW, self._before)

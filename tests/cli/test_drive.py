@@ -25,7 +25,8 @@ def test_keys_drive_until_q_and_the_drive_is_recorded(tmp_path: Path) -> None:
         terminal.type(" ")
         terminal.wait(r"forward \+0\.000.*wave · driving")
         terminal.type("q")
-        terminal.wait("ended; the robot stands")
+        shown = terminal.wait("recorded in drive.rrd; look at it with: hexctl view drive.rrd")
+        assert re.search(r"ended; the robot stands\s+hexctl: recorded in", shown)  # no status behind it
         assert terminal.code() == 0
     assert (tmp_path / "drive.rrd").stat().st_size > 10_000
 
@@ -83,6 +84,9 @@ def test_the_page_drives_and_stops(tmp_path: Path) -> None:
         (["--page-keys", "keys"], "--page-keys: got it without --page; allowed: with --page HOST:PORT"),
         ([], "--keyboard: got no terminal to read keys from; allowed: a terminal, --page HOST:PORT"),
         (["--page", "0.0.0.0:0"], "--page: got 0.0.0.0, which other computers reach, without certificates"),
+        (["--no-keyboard"], "--no-keyboard: got it with nothing else to drive with; allowed: --page HOST"),
+        (["--gamepad", __file__], "test_drive.py, which is no event file; allowed: such as"),
+        (["--page", "127.0.0.1:0", "--page-keys", "no"], "--page-keys: got no, which has no robot/certif"),
         (["--page", "here"], "--page: got 'here'; allowed: HOST:PORT such as 127.0.0.1:8017"),
         (["--page", "127.0.0.1:0", "--gait", "trot"], "--gait: got 'trot'; allowed: demo, tripod"),
         (["--page", "127.0.0.1:0", "--backend", "mock", "--world", "rough"], "--world: got rough with"),
@@ -93,3 +97,19 @@ def test_what_is_not_allowed_is_said(
 ) -> None:
     assert exit_code(["drive", *arguments]) == 2
     assert answer in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "trouble", [["--gait", "trot"], ["--backend", "zenoh", "--connect", "tcp/127.0.0.1:1"]]
+)
+def test_where_nothing_was_driven_there_is_no_recording(trouble: list[str], tmp_path: Path) -> None:
+    record = tmp_path / "drive.rrd"
+    assert exit_code(["drive", "--page", "127.0.0.1:0", "--record", str(record), *trouble]) != 0
+    assert not record.exists()
+
+
+def test_a_recording_that_was_there_stays(tmp_path: Path) -> None:
+    record = tmp_path / "drive.rrd"
+    record.write_bytes(b"walked before")
+    assert exit_code(["drive", "--page", "127.0.0.1:0", "--record", str(record)]) == 2
+    assert record.read_bytes() == b"walked before"

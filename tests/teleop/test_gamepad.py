@@ -8,7 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hexctl.control.drive.arbiter import Arbiter, Decision, Velocity
-from hexctl.teleop.gamepad import EVENT, Gamepad, GamepadEvents, find_gamepads
+from hexctl.errors import InputError
+from hexctl.teleop.gamepad import EVENT, Gamepad, GamepadEvents, check_gamepad, find_gamepads
 
 HOLD, STICK_Y, STICK_X, TURN = (1, 310), (3, 1), (3, 0), (3, 3)
 
@@ -127,6 +128,19 @@ def test_whatever_bytes_come_shares_stay_shares(data: bytes) -> None:
     events = GamepadEvents()
     events.feed(data)
     assert all(-1 <= share <= 1 for share in events.shares)
+
+
+def test_a_file_that_may_not_be_read_is_refused_and_one_that_is_missing_may_come(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    check_gamepad(tmp_path / "event7")
+    os.mkfifo(tmp_path / "event7")
+    check_gamepad(tmp_path / "event7")
+    monkeypatch.setattr(os, "access", lambda *_: False)  # whoever runs the tests may read everything
+    with pytest.raises(
+        InputError, match=r"gamepad: .*event7 may not be read; allowed: for members of its group"
+    ):
+        check_gamepad(tmp_path / "event7")
 
 
 def test_gamepads_are_told_from_keyboards_and_mice(tmp_path: Path) -> None:
