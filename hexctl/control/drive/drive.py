@@ -67,7 +67,7 @@ class Drive:
         arbiter: decides between several sources of commands; one of its own unless given.
         recorders: take every tick, as in `run_trial`.
         options: of the backend, fields of `BackendOptions`: `world`, `seed`, `realtime`, `events`, `connect`,
-            `credentials`, `insecure`, `link`.
+            `credentials`, `insecure`, `link`. Times of events count from when the robot first stands.
 
     Attributes:
         robot: who is driven.
@@ -120,6 +120,7 @@ class Drive:
         self._controller: DriveController | None = None
         self._stack = ExitStack()
         self._zero_index: int | None = None
+        self._stood = False  # since the robot was connected or reset
         self.notes: tuple[str, ...] = ()
 
     def __enter__(self) -> Self:
@@ -174,7 +175,11 @@ class Drive:
             self._zero_index = tick.index
         if poll is not None:
             poll()
-        return run_step(self._guard, controller, tick, tick.index - self._zero_index, self._observers)
+        state = run_step(self._guard, controller, tick, tick.index - self._zero_index, self._observers)
+        if not self._stood and controller.mode == "driving":
+            self._stood = True
+            self._guard.walk_begins()
+        return state
 
     def pause(self) -> None:
         """Expect no step until the next one: the robot holds its pose, and its guard does not mind."""
@@ -307,7 +312,7 @@ class Drive:
 
     def _begin(self) -> None:
         """A new controller, from where the joints are."""
-        self._zero_index = None
+        self._zero_index, self._stood = None, False
         self._controller = DriveController(
             self.robot,
             self._gait,

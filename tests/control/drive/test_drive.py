@@ -7,6 +7,7 @@ from hexctl import Drive, Failure, Guard, MockServos, SimServos, Velocity
 from hexctl.control.drive.drive_controller import DriveController
 from hexctl.control.log import Recorders
 from hexctl.errors import EStopError, InputError
+from hexctl.robot.failure_event import parse_failure_event, parse_healing
 from hexctl.robot.rotations import yaw_rad
 from hexctl.types import FloatArray
 from tests.robots import shipped
@@ -73,6 +74,28 @@ def test_a_leg_dies_and_the_command_still_means_forward() -> None:
         forward, left, _ = walked(drive, 5.0)
         assert forward > 0.35
         assert abs(left) < 0.15
+
+
+def test_events_of_a_simulation_count_from_when_the_robot_first_stands() -> None:
+    events = (parse_failure_event("3:limp@0.5"), parse_healing("3@1"))
+    with Drive("ant", events=events, policy="walk-on") as drive:
+        for _ in range(2):  # and again after a reset
+            drive.reset()
+            broken = []
+            for _ in range(75):
+                drive.step()
+                broken.append(bool(drive.guard.unwrapped.failures))
+            changes = np.flatnonzero(np.diff(broken)).tolist()
+            assert changes[1] - changes[0] == 25
+            assert changes[0] == pytest.approx(25, abs=2)
+            drive.sit()
+            while drive.mode != "sitting":
+                drive.step()
+            drive.stand()
+            while drive.mode != "driving":
+                drive.step()
+            drive.step()
+            assert not drive.guard.unwrapped.failures
 
 
 def test_where_the_policy_stops_the_robot_it_stands_until_told_to_stand() -> None:
