@@ -1,8 +1,9 @@
 """A lens calibrated by pictures of the board: which of them count, what is missing, how good it is."""
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -29,8 +30,11 @@ EDGE_SHARE = 0.15
 #: A lens that misses the corners by more does not fit, in px of a picture of 1280 px.
 MOST_RMS_PX = 2.0
 
-#: Error of the rays above which more pictures help.
-DOUBT_PX = 1.0
+#: A board whose corners move by more than this share of the width from frame to frame is smeared.
+STEADY_SHARE = 0.004
+
+#: Error of the rays above which more pictures help, and above which there is no lens, in px of 1280.
+DOUBT_PX, MOST_DOUBT_PX = 1.0, 8.0
 
 #: Pictures that the lens misses by more than this many times what is usual are left out: they are smeared.
 OUTLIER = 3.0
@@ -75,6 +79,7 @@ class LensCalibration:
         self._size_px: tuple[int, int] | None = None
         self._views: list[SeenBoard] = []
         self._refused: Counter[str] = Counter()
+        self._last: SeenBoard | None = None
 
     @property
     def pictures(self) -> int:
@@ -100,6 +105,17 @@ class LensCalibration:
             return refused
         self._views.append(view)
         return None
+
+    def add_steady(self, gray: Picture) -> bool:
+        """Keep a frame of a video (H, W) if the board is where it was in the one before; whether it is kept.
+
+        Raises InputError as `add` does.
+        """
+        last, self._last = self._last, self._finder.find(gray)
+        if last is None or self._last is None:
+            return False
+        still_px = STEADY_SHARE * gray.shape[1]
+        return _apart_px(last, self._last) < still_px and self.add(gray) is None
 
     def _refusal(self, view: SeenBoard | None) -> str | None:
         if view is None:
@@ -147,34 +163,63 @@ class LensCalibration:
                 f"calibrate: got {len(self._views)} pictures of the board that differ"
                 f"{f' ({others})' if others else ''}; allowed: {LEAST_PICTURES} or more, from all sides"
             )
-        lens, errors_px = self._fit(self._views)
-        usual_px = float(np.median(errors_px))
-        kept = [
-            view
-            for view, error in zip(self._views, errors_px, strict=True)
-            if error < OUTLIER * usual_px + 0.3
-        ]
-        if LEAST_PICTURES <= len(kept) < len(self._views):
-            lens, errors_px = self._fit(kept)
+        kept, lens, errors_px = self._fit_without_outliers()
         rms_px = float(np.sqrt(np.mean(np.square(errors_px))))
-        most_px = MOST_RMS_PX * self._size()[0] / 1280
-        if not rms_px < most_px:
+        scale = self._size()[0] / 1280
+        if not rms_px < MOST_RMS_PX * scale:
             raise InputError(
                 f"calibrate: the lens misses the board's corners by {rms_px:.1f} px; allowed: below "
-                f"{most_px:.1f}: is the board flat, are the pictures sharp, and is the lens a fisheye?"
+                f"{MOST_RMS_PX * scale:.1f}: is the board flat, are pictures sharp, is the lens a fisheye?"
             )
         doubt_px = _difference_px(self._fit(kept[::2])[0], self._fit(kept[1::2])[0]) / 2
+        if not doubt_px < MOST_DOUBT_PX * scale:
+            raise InputError(
+                f"calibrate: two halves of the pictures give lenses that differ by {2 * doubt_px:.0f} px; "
+                "allowed: a board that is seen at all edges, tilted; is the lens a fisheye?"
+            )
         missing = self.missing()
-        if not doubt_px < DOUBT_PX and not missing:
+        if not doubt_px < DOUBT_PX * scale and not missing:
             missing = ("more pictures, nearer, at the edges and tilted",)
         return CalibratedLens(
             lens=lens, rms_px=rms_px, doubt_px=doubt_px, pictures=len(kept),
             coverage=self.coverage(), missing=missing,
         )  # fmt: skip
 
+    def _fit_without_outliers(self) -> tuple[list[SeenBoard], Lens, FloatArray]:
+        """The pictures that fit to one lens, that lens, and the RMS in px by which it misses each."""
+        lens, errors_px = self._fit(self._views)
+        most_px = OUTLIER * float(np.median(errors_px)) + 0.3
+        kept = [view for view, error in zip(self._views, errors_px, strict=True) if error < most_px]
+        if LEAST_PICTURES <= len(kept) < len(self._views):
+            return kept, *self._fit(kept)
+        return self._views, lens, errors_px
+
     def _fit(self, views: Sequence[SeenBoard]) -> tuple[Lens, FloatArray]:
         """Lens of some views, and the RMS in px by which it misses the corners of each."""
         return (_fit_fisheye if self._fisheye else _fit_plumb_bob)(views, self._size())
+
+
+def read_picture(path: Path) -> Picture:
+    """A grey picture (H, W) of a file. Raises InputError for what is none."""
+    data = np.frombuffer(path.read_bytes(), dtype=np.uint8) if path.is_file() else np.empty(0, np.uint8)
+    picture = cv2.imdecode(data, cv2.IMREAD_GRAYSCALE) if len(data) else None
+    if picture is None:
+        raise InputError(f"{path}: is no picture that can be read; allowed: PNG, JPEG and others")
+    return np.asarray(picture, dtype=np.uint8)
+
+
+def add_video(
+    calibration: LensCalibration,
+    frames: Iterable[Picture],
+    *,
+    on_kept: Callable[[LensCalibration], None] = lambda _: None,
+) -> None:
+    """Keep grey frames in which the board is held still, until they end or nothing is missing any more."""
+    for gray in frames:
+        if calibration.add_steady(gray):
+            on_kept(calibration)
+            if not calibration.missing():
+                return
 
 
 def _apart_px(view: SeenBoard, other: SeenBoard) -> float:
@@ -228,8 +273,8 @@ def _fit_fisheye_from(
     focal_px = size_px[0] / np.radians(fov_deg)
     matrix = Lens.assumed(*size_px, 90.0).matrix.copy()
     matrix[0, 0] = matrix[1, 1] = focal_px
-    points_m = [view.corners_m.reshape(-1, 1, 3) for view in views]
-    points_px = [view.corners_px.reshape(-1, 1, 2) for view in views]
+    points_m = [view.corners_m.reshape(1, -1, 3) for view in views]
+    points_px = [view.corners_px.reshape(1, -1, 2) for view in views]
     flags = cv2.CALIB_RECOMPUTE_EXTRINSIC | cv2.CALIB_FIX_SKEW
     flags |= cv2.CALIB_USE_INTRINSIC_GUESS
     criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-8)

@@ -47,11 +47,11 @@ class BoardPictures:
             ].astype(np.float32)
         half_m = np.array(SQUARES) * SQUARE_M / 2 + _EDGE_M
         where = np.nan_to_num((on_board + half_m) * _PX_PER_M - 0.5, nan=-1e4).astype(np.float32)
-        maps = (where[:, index].reshape(self._shape) for index in (0, 1))
-        drawn = cv2.remap(_board(), *maps, cv2.INTER_LINEAR, borderValue=(150,)).astype(np.float32)
+        across, down = (where[:, index].reshape(self._shape) for index in (0, 1))
+        drawn = cv2.remap(_board(), across, down, cv2.INTER_LINEAR, borderValue=(150,)).astype(np.float32)
         picture = cv2.GaussianBlur(drawn, (0, 0), self._blur_px)
         noisy = picture + self._noise * self._random.standard_normal(picture.shape)
-        return np.clip(np.round(noisy), 0, 255).astype(np.uint8)
+        return np.asarray(np.clip(np.round(noisy), 0, 255), dtype=np.uint8)
 
     def around(self, count: int, *, reach: float = 0.75, tilt_deg: float = 35.0) -> Iterator[Picture]:
         """Pictures with the board all over the picture, near and far, tilted to all sides."""
