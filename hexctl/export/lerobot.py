@@ -87,7 +87,9 @@ def write_lerobot(trials: Trials, folder: Path, on_progress: OnProgress) -> None
 
 def task_of(trial: RecordedTrial) -> str:
     """What a trial was to do, in words."""
-    heading = float(trial.properties.get("heading_deg", 0.0))
+    if "heading_deg" not in trial.properties:  # driven, or cut off: nobody knows what was to be done
+        return title_of(trial)
+    heading = float(trial.properties["heading_deg"])
     way = "walk ahead" if heading == 0 else f"walk at {heading:g} degrees"
     return f"{way} with {title_of(trial)}"
 

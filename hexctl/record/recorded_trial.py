@@ -1,5 +1,6 @@
 """A recorded trial, read back from its .rrd file as arrays."""
 
+import warnings
 from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -64,8 +65,8 @@ class RecordedTrial(ArrayFields):
     Attributes:
         path: its file.
         robot: the robot that walked.
-        properties: what was asked for and what came of it, as `hexctl run --json` names it; empty for a
-            trial that was cut off.
+        properties: what was asked for and what came of it, as `hexctl run --json` names it; the `title`
+            alone for a drive and for a trial that was cut off.
         stamps_ns: time of each tick since 1970, (T,); their start is exact to half a second.
         time_s: the same since the first tick, (T,).
         walk_s: since the walk began, (T,); 0 before it.
@@ -130,17 +131,8 @@ def read_trial(path: Path | str, robot: Robot | None = None) -> RecordedTrial:
     if not path.is_file():
         raise InputError(f"recording: {path} is not there; allowed: a recording that hexctl run made")
     columns = _Columns(path)
-    times_ns, both_rad = columns.numbers(paths.link_path(1, JOINT_KINDS[0]), "Scalars:scalars", 2)
-    if not len(times_ns):
-        raise InputError(f"recording: {path} holds no trial; allowed: a recording of a walk")
-    properties = columns.properties("trial")
-    joints_rad = np.empty((len(times_ns), 2, N_JOINTS))
-    for leg in paths.LEGS:
-        for index, kind in enumerate(JOINT_KINDS):
-            _, both_rad = columns.numbers(paths.link_path(leg, kind), "Scalars:scalars", 2)
-            if len(both_rad) != len(times_ns):
-                raise InputError(f"recording: {path} is damaged: leg {leg} has another number of ticks")
-            joints_rad[:, :, 3 * (leg - 1) + index] = both_rad
+    times_ns, joints_rad = _joints(columns, path)
+    properties = columns.properties("trial") or {"title": columns.name()}
     at = _Ticks(times_ns)
     position_m, quaternion = _pose(columns, at)
     servos = {name: at.samples(columns, entity, N_JOINTS) for name, entity in READINGS.items()}
@@ -167,23 +159,50 @@ def read_trial(path: Path | str, robot: Robot | None = None) -> RecordedTrial:
     )
 
 
+def _joints(columns: "_Columns", path: Path) -> tuple[Rows, FloatArray]:
+    """Times of the ticks in ns, (T,), and commanded and measured angles of the joints, (T, 2, 18).
+
+    A program that was killed may have written more ticks of some joints than of others: what not all of them
+    have is left out, here and of all other columns.
+    """
+    links = [paths.link_path(leg, kind) for leg in paths.LEGS for kind in JOINT_KINDS]
+    series = [columns.numbers(link, "Scalars:scalars", 2) for link in links]
+    ticks = min(len(times_ns) for times_ns, _ in series)
+    if not ticks:
+        raise InputError(f"recording: {path} holds no trial; allowed: a recording of a walk")
+    times_ns = series[0][0][:ticks]
+    if not all(np.array_equal(others_ns[:ticks], times_ns) for others_ns, _ in series):
+        raise InputError(f"recording: {path} is damaged: its joints have different ticks")
+    if any(len(others_ns) > ticks for others_ns, _ in series):
+        columns.cut(int(times_ns[-1]))
+    return times_ns, np.stack([both_rad[:ticks] for _, both_rad in series], axis=-1)
+
+
 class _Columns:
     """The chunks of a recording by entity, and their components as arrays in the order of time."""
 
     def __init__(self, path: Path) -> None:
         self._chunks: dict[str, list[Any]] = defaultdict(list)
+        self._end_ns: int | None = None
         try:
             from rerun.chunk import RrdReader
         except ImportError as error:
             raise MissingExtraError("reading a recording", "view") from error
         try:
-            for chunk in RrdReader(path).stream().to_chunks():
-                self._chunks[chunk.entity_path].append(chunk.to_record_batch())
+            with warnings.catch_warnings():
+                # Recordings of a program that was killed lack their index.
+                warnings.filterwarnings("ignore", message="RRD file has no footer")
+                for chunk in RrdReader(path).stream().to_chunks():
+                    self._chunks[chunk.entity_path].append(chunk.to_record_batch())
         except (OSError, RuntimeError, ValueError) as error:
             reason = " ".join(str(error).split())
             raise InputError(
                 f"recording: {path} cannot be read ({reason}); allowed: a recording that hexctl run made"
             ) from error
+
+    def cut(self, end_ns: int) -> None:
+        """Leave out what is later than a time."""
+        self._end_ns = end_ns
 
     def numbers(self, entity: str, component: str, width: int) -> tuple[Rows, FloatArray]:
         """Times in ns, (N,), and values, (N, width), of a component that holds numbers."""
@@ -212,6 +231,13 @@ class _Columns:
                     found[column] = value[0] if len(value) == 1 else value
         return dict(sorted(found.items()))
 
+    def name(self) -> str:
+        """Name of the recording, empty without one."""
+        for batch in self._chunks.get("/__properties", ()):
+            if "RecordingInfo:name" in batch.schema.names:
+                return str(batch.column("RecordingInfo:name").to_pylist()[0][0])
+        return ""
+
     def static_quaternion(self, entity: str) -> FloatArray:
         """Orientation of an entity that does not move, (4,) as w, x, y, z."""
         for batch in self._chunks.get(f"/{entity}", ()):
@@ -231,7 +257,8 @@ class _Columns:
             (_times(batch, paths.TIMELINE), _times(batch, paths.WALK_TIMELINE))
             for batch in self._batches(entity, "Scalars:scalars")
         ]
-        return np.asarray(_joined(parts, np.empty(0, dtype=np.int64))[1])
+        times_ns, walk_ns = _joined(parts, np.empty(0, dtype=np.int64))
+        return np.asarray(walk_ns if self._end_ns is None else walk_ns[times_ns <= self._end_ns])
 
     def _first_link(self) -> dict[str, Rows]:
         batches = self._batches(paths.link_path(1, JOINT_KINDS[0]), "Scalars:scalars")
@@ -249,8 +276,11 @@ class _Columns:
         """Times and values of the rows that have a component, chunk by chunk."""
         for batch in self._batches(entity, component):
             values = batch.column(component)
-            there = values.is_valid()
-            yield _times(batch, paths.TIMELINE)[np.asarray(there)], values.filter(there)
+            times_ns = _times(batch, paths.TIMELINE)
+            there = np.asarray(values.is_valid())
+            if self._end_ns is not None:
+                there &= times_ns <= self._end_ns
+            yield times_ns[there], values.filter(there)
 
 
 class _Ticks:

@@ -54,6 +54,11 @@ def test_frames_are_those_of_the_walks(dataset: Path, walk: RecordedTrial) -> No
     assert parts.metadata.num_row_groups == 2
 
 
+def test_a_drive_is_told_by_its_title(walk: RecordedTrial) -> None:
+    assert task_of(walk).startswith("walk ahead with ")
+    assert task_of(replace(walk, properties={"title": "ant driven"})) == "ant driven"
+
+
 def test_what_is_said_of_the_dataset_is_so(dataset: Path, walk: RecordedTrial) -> None:
     info = json.loads((dataset / "meta/info.json").read_text())
     assert info["codebase_version"] == "v3.0"

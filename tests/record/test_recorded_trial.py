@@ -1,5 +1,6 @@
 """Recordings read back: the arrays are those of the walk."""
 
+import warnings
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ import rerun as rr
 from hexctl.control.log import TickLog
 from hexctl.errors import InputError
 from hexctl.record.recorded_trial import LEG_CONDITIONS, RecordedTrial, read_trial
+from hexctl.record.recording import Recording
 from hexctl.record.run import run
 from hexctl.robot.failure_event import parse_failure_event, parse_healing
 from hexctl.robot.loader import load_robot
@@ -123,6 +125,36 @@ def test_what_servos_reported(trial: Trial, tmp_path: Path) -> None:
     assert set(servos) == {"ages_s", "temperatures_c"}
     assert servos["temperatures_c"].rows.tolist() == [0, 50]
     assert servos["temperatures_c"].values == pytest.approx(np.tile(values, (2, 1)), abs=0.01)
+
+
+@pytest.mark.parametrize("parts", [1, 2, 3])
+def test_of_a_program_that_was_killed_while_it_wrote_all_is_read_but_the_last_block(
+    parts: int, trial: Trial, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("hexctl.record.recording.BLOCK_TICKS", 60)
+    path = tmp_path / "killed.rrd"
+    recording = Recording(path, trial.robot, trial.plan, title="killed")
+    written = 0
+    for stop in range(60, 10_000, 10):
+        recording.write_block(trial.log, written, min(stop, len(trial.log)))
+        written = min(stop, len(trial.log))
+        if recording._written >= 180:
+            break
+    for _ in range(parts):
+        recording._write_part()
+    recording._writer = recording._pending = None  # nothing more gets to the disk
+    recording.close()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        read = read_trial(path)
+    assert 60 <= len(read) <= len(trial.log)
+    assert read.properties == {"title": "killed"}
+    times_s = trial.log["time_s"]
+    assert read.time_s == pytest.approx(times_s[: len(read)] - times_s[0], abs=1e-9)
+    assert len(read.walk_s) == len(read.phases) == len(read.base_position_world) == len(read)
+    assert read.measured_rad == pytest.approx(trial.log["measured_rad"][: len(read)], abs=8e-6)
+    positions = trial.log["base_position_world"][: len(read)]
+    assert read.base_position_world == pytest.approx(positions, abs=1e-6, nan_ok=True)
 
 
 def test_what_is_no_recording_of_a_trial_is_refused_in_one_line(tmp_path: Path) -> None:
