@@ -3,7 +3,9 @@
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Literal
 
+import cv2
 import numpy as np
 
 from hexctl.see.camera import Camera, place_camera, reprojection_px
@@ -13,14 +15,17 @@ from hexctl.types import ArrayFields, FloatArray
 #: A tag seen farther than this from where it should be was moved, or the camera was: in px, and in edges.
 MOVED_PX, MOVED_EDGES = 2.0, 0.06
 
-#: Looks in a row at which a tag has to be elsewhere.
+#: Pictures in a row in which a tag has to be elsewhere.
 MOVED_LOOKS = 3
 
 #: Looks at each tag of which the mean is taken.
 AVERAGED = 30
 
-#: Looks at a tag without seeing it after which it is searched for in the whole picture.
-LOST_LOOKS = 10
+#: Pictures without any of the tags between two searches of the whole picture.
+SEARCH_EVERY = 10
+
+#: `moved`: tags are not where they should be; `blind`: none of them is seen.
+Doubt = Literal["moved", "blind"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -31,38 +36,45 @@ class CameraChange(ArrayFields):
         tag_id: the tag, or None for the camera.
         camera: as it stands now.
         shift_m: by which the camera moved; NaN for a tag.
+        turned_rad: by which the camera turned; NaN for a tag.
     """
 
     tag_id: int | None
     camera: Camera
     shift_m: float
+    turned_rad: float = float("nan")
 
 
 class CameraWatch:
     """Looks at one tag on the floor in each picture, and knows where the camera is.
 
-    A camera that stays gets better known: the mean of many looks counts. If most of the tags are seen
-    elsewhere, the camera has moved, and is placed anew by all tags that are seen; if a minority is, those
-    tags have, and are no longer used.
+    A camera that stays gets better known: the mean of many looks counts. Where a tag is not where it should
+    be, all are looked at. If most of them are elsewhere, the camera has moved, and is placed anew by all tags
+    that are seen; if a minority is, those tags have, and are no longer used.
 
     Args:
         camera: as believed at first.
         floor_corners: corners (4, 2) of the tags on the floor in m, by number.
         finder: of the tags.
+
+    Attributes:
+        camera: as it stands.
+        doubt: why the camera may stand elsewhere than believed in the picture looked at last, or None.
     """
 
     def __init__(self, camera: Camera, floor_corners: Mapping[int, FloatArray], finder: TagFinder) -> None:
         self.camera = camera
+        self.doubt: Doubt | None = None
         self._floor, self._finder = dict(floor_corners), finder
         self._looks: dict[int, deque[FloatArray]] = {tag_id: deque(maxlen=AVERAGED) for tag_id in self._floor}
         self._elsewhere = dict.fromkeys(self._floor, 0)
-        self._unseen = dict.fromkeys(self._floor, 0)
-        self._turn = 0
+        self._seen = dict.fromkeys(self._floor, True)
+        self._turn = self._blind = 0
 
     @property
     def visible(self) -> list[int]:
-        """Numbers of the tags that were seen lately, or not yet looked at."""
-        return [tag_id for tag_id, looks in self._unseen.items() if looks < LOST_LOOKS]
+        """Numbers of the tags that were seen when they were looked at last, or not yet looked at."""
+        return [tag_id for tag_id, seen in self._seen.items() if seen]
 
     def look(self, gray: Picture) -> CameraChange | None:
         """Look at the next tag in a picture; what was found to have moved, or None."""
@@ -70,42 +82,52 @@ class CameraWatch:
             return None
         tag_id = sorted(self._floor)[self._turn % len(self._floor)]
         self._turn += 1
-        expected_px = self._expected_px(tag_id)
-        sighted = self._finder.near(gray, {tag_id: expected_px}).get(tag_id)
-        if sighted is None:
-            self._unseen[tag_id] += 1
-            # A camera that has moved far sees none of them where it looks for them.
-            nothing = all(looks >= LOST_LOOKS for looks in self._unseen.values())
-            return self._replaced(gray) if nothing and self._turn % LOST_LOOKS == 0 else None
-        self._unseen[tag_id] = 0
-        if _is_elsewhere(sighted, expected_px):
-            self._elsewhere[tag_id] += 1
+        as_expected = self._look_at(gray, tag_id)
+        if self.doubt is not None or not as_expected:
+            for other in self._floor:
+                if other != tag_id:
+                    self._look_at(gray, other)
+        if not self.visible:
+            return self._blinded(gray)
+        self._blind = 0
+        self.doubt = "moved" if any(self._elsewhere.values()) else None
+        if self.doubt is not None:
             return self._judged(gray)
-        self._elsewhere[tag_id] = 0
-        self._looks[tag_id].append(sighted.corners_px)
         self._refine()
         return None
 
-    def _expected_px(self, tag_id: int) -> FloatArray:
-        return self.camera.pixels(np.column_stack([self._floor[tag_id], np.zeros(4)]))
+    def _look_at(self, gray: Picture, tag_id: int) -> bool:
+        """Look at a tag; whether it is where it should be."""
+        expected_px = self.camera.pixels(np.column_stack([self._floor[tag_id], np.zeros(4)]))
+        sighted = self._finder.near(gray, {tag_id: expected_px}).get(tag_id)
+        self._seen[tag_id] = sighted is not None
+        if sighted is None:
+            self._elsewhere[tag_id] = 0
+            return False
+        if _is_elsewhere(sighted, expected_px):
+            self._elsewhere[tag_id] += 1
+            return False
+        self._elsewhere[tag_id] = 0
+        self._looks[tag_id].append(sighted.corners_px)
+        return True
+
+    def _blinded(self, gray: Picture) -> CameraChange | None:
+        """A camera that has moved far sees no tag where it looks for it, and nor does a covered one."""
+        self.doubt = "blind"
+        self._blind += 1
+        return self._replaced(gray) if self._blind % SEARCH_EVERY == 2 else None
 
     def _judged(self, gray: Picture) -> CameraChange | None:
         """What moved, once enough looks agree."""
-        seen = [tag_id for tag_id in self._floor if tag_id in self.visible]
-        moved = [tag_id for tag_id in seen if self._elsewhere[tag_id] >= MOVED_LOOKS]
+        moved = [tag_id for tag_id in self.visible if self._elsewhere[tag_id] >= MOVED_LOOKS]
         if not moved:
             return None
-        if 2 * len(moved) > len(seen):
+        if 2 * len(moved) > len(self.visible):
             return self._replaced(gray)
-        if any(self._elsewhere[tag_id] for tag_id in set(seen) - set(moved)):
-            return None  # the others are about to be judged
-        dropped = moved[0]
-        self._forget(dropped)
-        return CameraChange(dropped, self.camera, float("nan"))
-
-    def _forget(self, tag_id: int) -> None:
-        for known in (self._floor, self._looks, self._elsewhere, self._unseen):
-            known.pop(tag_id)
+        for known in (self._floor, self._looks, self._elsewhere, self._seen):
+            known.pop(moved[0])
+        self.doubt = "moved" if any(self._elsewhere.values()) else None
+        return CameraChange(moved[0], self.camera, float("nan"))
 
     def _replaced(self, gray: Picture) -> CameraChange | None:
         """The camera placed anew by all tags in a picture, if they agree with one another."""
@@ -118,12 +140,13 @@ class CameraWatch:
         if max(errors_px.values()) > MOVED_PX:
             return None
         shift_m = float(np.linalg.norm(camera.position_floor - self.camera.position_floor))
-        self.camera = camera
+        turned_rad = np.linalg.norm(cv2.Rodrigues(camera.rotation.T @ self.camera.rotation)[0])
         for tag_id in self._floor:
             self._looks[tag_id].clear()
             self._elsewhere[tag_id] = 0
-            self._unseen[tag_id] = 0
-        return CameraChange(None, camera, shift_m)
+            self._seen[tag_id] = True
+        self.camera, self.doubt, self._blind = camera, None, 0
+        return CameraChange(None, camera, shift_m, float(turned_rad))
 
     def _refine(self) -> None:
         """Place the camera by the mean of many looks at each tag, once a round."""

@@ -8,7 +8,7 @@ import numpy as np
 
 from hexctl.see.camera import Camera
 from hexctl.see.planar_pose import PlanarPose
-from hexctl.see.robot_tracker import Sighting
+from hexctl.see.robot_tracker import SeenRobot
 from hexctl.see.tags import Picture
 from hexctl.types import FloatArray
 
@@ -37,7 +37,7 @@ class Overlay:
         camera: Camera,
         floor_corners: Mapping[int, FloatArray],
         *,
-        sighting: Sighting | None,
+        sighting: SeenRobot | None,
         pose_floor: PlanarPose | None,
         height_m: float,
         lines: Sequence[str],

@@ -41,7 +41,7 @@ class RobotTag:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Sighting(ArrayFields):
+class SeenRobot(ArrayFields):
     """A robot as seen in one picture.
 
     Attributes:
@@ -72,7 +72,7 @@ class RobotTracker:
 
     def find(
         self, gray: Picture, camera: Camera, base_height_m: float, expected: PlanarPose | None = None
-    ) -> Sighting | None:
+    ) -> SeenRobot | None:
         """The robot in a picture, or None.
 
         Args:
@@ -93,7 +93,7 @@ class RobotTracker:
         self._missed, self._last_px = 0, sighted.corners_px
         pose = seen.pose.after(self.tag.mount.inverse())
         covariance = _covariance(camera, sighted, height_m)
-        return Sighting(pose, covariance, sighted, _quality(sighted, seen.residual_m / self.tag.edge_m))
+        return SeenRobot(pose, covariance, sighted, _quality(sighted, seen.residual_m / self.tag.edge_m))
 
     def _sighted(
         self, gray: Picture, camera: Camera, height_m: float, expected: PlanarPose | None

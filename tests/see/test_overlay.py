@@ -2,7 +2,7 @@ import numpy as np
 
 from hexctl.see.overlay import Overlay
 from hexctl.see.planar_pose import PlanarPose
-from hexctl.see.robot_tracker import Sighting
+from hexctl.see.robot_tracker import SeenRobot
 from hexctl.see.tags import UNIT_CORNERS, Picture, Sighted
 from tests.see.scenes import CAMERA, FLOOR_CORNERS
 
@@ -10,12 +10,12 @@ EMPTY = np.full((720, 1280, 3), 90, dtype=np.uint8)
 HERE = PlanarPose(0.1, 0.1, 0.5)
 
 
-def sighting() -> Sighting:
+def sighting() -> SeenRobot:
     corners = np.column_stack([HERE.of_points(0.1 * UNIT_CORNERS), np.full(4, 0.2)])
-    return Sighting(HERE, np.eye(3) * 1e-6, Sighted(10, CAMERA.pixels(corners), 80.0), 0.9)
+    return SeenRobot(HERE, np.eye(3) * 1e-6, Sighted(10, CAMERA.pixels(corners), 80.0), 0.9)
 
 
-def drawn(overlay: Overlay, seen: Sighting | None, pose: PlanarPose | None, gray: bool = False) -> Picture:
+def drawn(overlay: Overlay, seen: SeenRobot | None, pose: PlanarPose | None, gray: bool = False) -> Picture:
     picture = EMPTY[..., 0] if gray else EMPTY
     return overlay.draw(
         picture, CAMERA, FLOOR_CORNERS, sighting=seen, pose_floor=pose, height_m=0.2, lines=["one", "two"]

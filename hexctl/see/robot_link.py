@@ -1,0 +1,139 @@
+"""The robot at the other end of a link, as a camera needs it: how its legs move, and who is told its pose."""
+
+import math
+import time
+from collections import deque
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+import zenoh
+
+from hexctl.backends.zenoh.client import DESCRIBE_TIMEOUT_S, ask_until
+from hexctl.errors import InputError, MessageError, argument
+from hexctl.robot.model import Robot
+from hexctl.robot.rotations import yaw_rad
+from hexctl.see.planar_pose import PlanarPose
+from hexctl.types import ArrayFields, BoolArray, FloatArray
+from hexctl.wire.description import robot_of
+from hexctl.wire.links import KeyMap, Link, Role
+from hexctl.wire.messages import StateTag, contacts_of, decode_joints
+from hexctl.wire.orientation import decode_orientation
+from hexctl.wire.pose import encode_pose
+from hexctl.wire.session import open_session
+
+#: States that are kept until they are taken: ten seconds; of more the older ones are lost.
+MOST_STATES = 500
+
+#: An orientation older than this does not belong to a state any more.
+STALE_YAW_S = 0.1
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LegState(ArrayFields):
+    """What a robot told at one moment.
+
+    Attributes:
+        at_s: when it was measured, on time.monotonic of this computer, but for the time on the way.
+        joint_positions_rad: (18,).
+        foot_contacts: (6,), or None where the robot does not feel them.
+        yaw_rad: of the robot's own sensor, in a frame of its own; None without one.
+    """
+
+    at_s: float
+    joint_positions_rad: FloatArray
+    foot_contacts: BoolArray | None
+    yaw_rad: float | None
+
+
+class RobotLink:
+    """A robot on a link: its states as they come, and its pose as it is seen.
+
+    Attributes:
+        robot: as it describes itself.
+        malformed: messages that could not be read.
+    """
+
+    def __init__(self, robot: Robot, session: zenoh.Session, keys: KeyMap, *, plain: bool) -> None:
+        self.robot, self._plain = robot, plain
+        self.malformed = 0
+        self._states: deque[LegState] = deque(maxlen=MOST_STATES)
+        self._yaw: tuple[float, float] | None = None
+        for kind, take in (("imu", self._take_yaw), ("joint_states", self._take_state)):
+            session.declare_subscriber(getattr(keys, kind), partial(self._guarded, take))
+        self._publisher = session.declare_publisher(
+            keys.pose, congestion_control=zenoh.CongestionControl.DROP, express=True
+        )
+
+    def states(self) -> list[LegState]:
+        """States that have come since the last call, the oldest first."""
+        taken = []
+        while self._states:
+            taken.append(self._states.popleft())
+        return taken
+
+    def publish(
+        self, pose: PlanarPose, height_m: float, *, position_variance_m2: float, yaw_variance_rad2: float
+    ) -> None:
+        """Tell the robot where it is now.
+
+        Args:
+            pose: of its base on the floor.
+            height_m: of its base above the floor.
+            position_variance_m2: of x and of y.
+            yaw_variance_rad2: of the heading.
+        """
+        half = pose.yaw_rad / 2
+        payload = encode_pose(
+            np.array([pose.x_m, pose.y_m, height_m]),
+            np.array([math.cos(half), 0.0, 0.0, math.sin(half)]),
+            position_variance_m2=position_variance_m2,
+            yaw_variance_rad2=yaw_variance_rad2,
+        )
+        self._publisher.put(payload)
+
+    def _guarded(self, take: Any, sample: Any) -> None:
+        """Take a sample; one that cannot be read is counted, and never ends the thread of Zenoh."""
+        try:
+            take(sample, time.monotonic())
+        except MessageError:
+            self.malformed += 1
+
+    def _take_yaw(self, sample: Any, now_s: float) -> None:
+        quaternion = decode_orientation(bytes(sample.payload))
+        self._yaw = None if quaternion is None else (now_s, float(yaw_rad(quaternion)))
+
+    def _take_state(self, sample: Any, now_s: float) -> None:
+        positions_rad, _ = decode_joints(bytes(sample.payload))
+        contacts, age_s = None, 0.0
+        if not self._plain:
+            tag = StateTag.unpacked(b"" if sample.attachment is None else bytes(sample.attachment))
+            contacts, age_s = contacts_of(tag), tag.age_us / 1e6
+        known = self._yaw is not None and now_s - self._yaw[0] <= STALE_YAW_S
+        yaw = self._yaw[1] if known and self._yaw is not None else None
+        self._states.append(LegState(now_s - age_s, positions_rad, contacts, yaw))
+
+
+@contextmanager
+def robot_link(link: Link, name: str | None = None) -> Iterator[RobotLink]:
+    """A robot on a link, until the block ends.
+
+    Args:
+        link: where it is.
+        name: of the robot; the only one there unless given.
+
+    Raises RobotFaultError when no robot answers, and InputError when several do.
+    """
+    asked = KeyMap.of("*" if name is None else name).renamed(dict(link.names))
+    with open_session(link, Role.CONTROLLER, asked) as session:
+        silence = f"no robot answers at {link.endpoint}; is hexctl serve running there?"
+        answers = ask_until(session, asked.describe, timeout_s=DESCRIBE_TIMEOUT_S, silence=silence)
+        robots = [robot_of(answer) for answer in answers]
+        if len(robots) > 1:
+            names = ", ".join(sorted(robot.name for robot in robots))
+            raise InputError(f"{argument('robot')}: got none for the robots {names}; allowed: one of them")
+        robot = robots[0]
+        yield RobotLink(robot, session, link.keys(robot.name), plain=link.plain)
