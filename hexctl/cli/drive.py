@@ -42,6 +42,7 @@ from hexctl.errors import EStopError, InputError
 if TYPE_CHECKING:
     from hexctl.control.drive.drive import Drive
     from hexctl.control.log import Recorder
+    from hexctl.robot.failure import Failure
     from hexctl.teleop.page import DrivePage
     from hexctl.teleop.session import Device, DriveSession
     from hexctl.wire.certificates import Credentials
@@ -216,7 +217,8 @@ def drive(
         options["realtime"] = True
     with ExitStack() as stack:
         keep = stack.enter_context(_kept_once_driven(record))
-        shown = _recorders(stack, backend, robot, world, seed, view=view, record=record)
+        failed = failure_of(failed_leg, failure)
+        shown = _recorders(stack, backend, robot, world, seed, gait, failed, view=view, record=record)
         made = Drive(
             robot,
             backend=backend,
@@ -224,7 +226,7 @@ def drive(
             body_raise=body_raise or None,
             policy=policy,
             hold=hold,
-            failure=failure_of(failed_leg, failure),
+            failure=failed,
             recorders=Recorders(*shown, block_ticks=PACED_BLOCK_TICKS) if shown else None,
             **options,
         )
@@ -341,6 +343,8 @@ def _recorders(
     robot: str,
     world: str | None,
     seed: int,
+    gait: str,
+    failed: "Failure | None",
     *,
     view: bool,
     record: Path | None,
@@ -358,7 +362,7 @@ def _recorders(
 
     loaded = load_robot_file(robot)
     floor = make_floor(load_world("flat" if world is None else world), seed) if backend == "sim" else None
-    plan = TrialPlan(gait=make_gait(loaded.robot, "tripod"), travel=0.0)
+    plan = TrialPlan(gait=make_gait(loaded.robot, gait), belief=failed, self_rotation="none", travel=0.0)
     title, servos = f"{loaded.robot.name} driven", backend != "sim"
     common: dict[str, Any] = {"title": title, "floor": floor, "watched": True, "servos": servos}
     found: list[Recorder] = []

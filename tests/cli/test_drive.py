@@ -10,8 +10,11 @@ from websockets.sync.client import connect
 from websockets.typing import Origin, Subprotocol
 
 from hexctl.cli.main import exit_code
+from hexctl.gait.gait import NAMED_SLOTS
+from hexctl.record.recorded_trial import LEG_CONDITIONS, read_trial
 from hexctl.waiting import wait_for
 from tests.cli.terminals import WAIT_S, on_terminal
+from tests.record.conftest import ReadBack
 
 
 def test_keys_drive_until_q_and_the_drive_is_recorded(tmp_path: Path) -> None:
@@ -29,6 +32,20 @@ def test_keys_drive_until_q_and_the_drive_is_recorded(tmp_path: Path) -> None:
         assert re.search(r"ended; the robot stands\s+hexctl: recorded in", shown)  # no status behind it
         assert terminal.code() == 0
     assert (tmp_path / "drive.rrd").stat().st_size > 10_000
+
+
+def test_a_recording_tells_the_gait_and_the_leg_that_had_failed(tmp_path: Path) -> None:
+    options = ("--gait", "wave", "--failed-leg", "4", "--gamepad", "none")
+    with on_terminal(tmp_path, "--record", "drive.rrd", *options) as terminal:
+        terminal.wait("· driving")
+        terminal.type("q")
+        terminal.wait("ended; the robot stands")
+        assert terminal.code() == 0
+    (panel,) = ReadBack(tmp_path / "drive.rrd").values("/summary", "TextDocument:text")[-1]
+    assert "| failed leg | 4 (locked), turned to: none |" in panel
+    assert f"| gait | {' '.join(map(str, NAMED_SLOTS['wave']))} " in panel
+    failed = LEG_CONDITIONS.index("failed")
+    assert (read_trial(tmp_path / "drive.rrd").leg_conditions == [0, 0, 0, failed, 0, 0]).all()
 
 
 def test_ctrl_c_ends_at_a_stand(tmp_path: Path) -> None:
