@@ -56,6 +56,9 @@ REALTIME = (
     "tests/record/test_live.py",
     "tests/see/test_video.py",
     "tests/see/test_mjpeg.py",
+    "tests/see/twin/test_posture_history.py",
+    "tests/see/twin/test_twin_camera.py",
+    "tests/cli/test_see_twin.py",
 )
 
 #: Files that take long on the one worker they stay on.

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from hexctl.cli.options import JsonOption
+from hexctl.cli.see_twin import twin
 from hexctl.cli.values import Range, choice, number
 
 if TYPE_CHECKING:
@@ -165,3 +166,6 @@ def _lens_text(result: "CalibratedLens", output: Path) -> str:
         f"{output}: {result.pictures} pictures, which cover {result.coverage:.0%} of the picture; it misses "
         f"the board by {result.rms_px:.2f} px, rays by about {result.doubt_px:.1f} px"
     )
+
+
+see.command()(twin)

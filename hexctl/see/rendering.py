@@ -121,18 +121,33 @@ class SceneRenderer:
         self._noise = (self.flaws.noise * self._random.standard_normal(size)).astype(np.float32)
         self._last: RobotPosture | None = None
 
+    def move_camera(self, camera: Camera) -> None:
+        """Draw from another place from now on, through the same lens."""
+        self.camera = camera
+        seen = self.model.camera("see")
+        seen.pos = camera.position_floor
+        seen.quat = _camera_quaternion(self._mujoco, camera)
+
     def draw(self, posture: RobotPosture, at_s: float = 0.0) -> Picture:
         """Grey picture (H, W) at a time."""
         return np.asarray(cv2.cvtColor(self.draw_color(posture, at_s), cv2.COLOR_RGB2GRAY))
 
     def draw_color(self, posture: RobotPosture, at_s: float = 0.0) -> Picture:
         """Picture (H, W, 3), red first, at a time."""
+        return self.develop(self.expose(posture), at_s)
+
+    def expose(self, posture: RobotPosture) -> Picture:
+        """What a lens without distortion sees, a little more than the picture."""
         self._context.make_current()
-        picture = self._exposed(posture)
-        if self._maps is not None:
-            picture = cv2.remap(picture, *self._maps, cv2.INTER_LINEAR)
+        exposed = self._exposed(posture)
         self._last = posture
-        return self._flawed(picture, at_s)
+        return exposed
+
+    def develop(self, exposed: Picture, at_s: float = 0.0) -> Picture:
+        """Picture (H, W, 3), red first, of what `expose` gave; on any thread, one picture after the other."""
+        columns_rows, rests = self._maps
+        bent = cv2.remap(exposed, columns_rows, rests, cv2.INTER_LINEAR)
+        return self._flawed(np.asarray(bent, dtype=np.uint8), at_s)
 
     def _exposed(self, posture: RobotPosture) -> NDArray[np.uint8]:
         """What falls onto the sensor: a robot that moved is smeared by the mean of two moments."""
@@ -203,7 +218,7 @@ class _Drawer:
         self._opengl.free()
 
 
-def _drawn_lens(lens: Lens) -> tuple[Lens, tuple[FloatArray, FloatArray] | None]:
+def _drawn_lens(lens: Lens) -> tuple[Lens, tuple[Any, Any]]:
     """Lens without distortion that sees all that a lens sees, and where its picture has each pixel of it."""
     rows, columns = np.mgrid[: lens.height_px, : lens.width_px].astype(float)
     rays = lens.rays(np.column_stack([columns.ravel(), rows.ravel()]))
@@ -220,10 +235,9 @@ def _drawn_lens(lens: Lens) -> tuple[Lens, tuple[FloatArray, FloatArray] | None]
     drawn = Lens.assumed(width_px, height_px, math.degrees(2 * math.atan(width_px / 2 / focal_px)))
     where = rays[:, :2] * focal_px + ((width_px - 1) / 2, (height_px - 1) / 2)
     shape = (lens.height_px, lens.width_px)
-    return drawn, (
-        where[:, 0].reshape(shape).astype(np.float32),
-        where[:, 1].reshape(shape).astype(np.float32),
-    )
+    columns, rows = (where[:, axis].reshape(shape).astype(np.float32) for axis in (0, 1))
+    # OpenCV itself rounds places to 1/32 px, each time anew if this is not done once.
+    return drawn, cv2.convertMaps(columns, rows, cv2.CV_16SC2)
 
 
 def _scene(
@@ -237,15 +251,20 @@ def _scene(
     spec.visual.global_.offwidth, spec.visual.global_.offheight = lens.width_px, lens.height_px
     floor = spec.geom("floor")
     floor.material, floor.rgba = "", _FLOOR_RGBA
-    turned = np.empty(4)
-    # MuJoCo's cameras look along -z, with y up.
-    mujoco.mju_mat2Quat(turned, np.ravel(camera.rotation * (1.0, -1.0, -1.0)))
+    turned = _camera_quaternion(mujoco, camera)
     fovy_deg = math.degrees(2 * math.atan(lens.height_px / 2 / lens.matrix[1, 1]))
     spec.worldbody.add_camera(name="see", pos=camera.position_floor, quat=turned, fovy=fovy_deg)
     for tag in floor_tags.values():
         _add_sheet(mujoco, spec, spec.worldbody, tag)
     _add_sheet(mujoco, spec, spec.body(BASE_LINK), robot_tag)
     return spec.compile()
+
+
+def _camera_quaternion(mujoco: Any, camera: Camera) -> FloatArray:
+    """Orientation (4,) of a camera as MuJoCo has it, which looks along -z, with y up."""
+    turned = np.empty(4)
+    mujoco.mju_mat2Quat(turned, np.ravel(camera.rotation * (1.0, -1.0, -1.0)))
+    return turned
 
 
 def _add_sheet(mujoco: Any, spec: Any, body: Any, tag: PlacedTag) -> None:

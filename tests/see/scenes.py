@@ -9,33 +9,15 @@ import numpy as np
 from hexctl.robot.loader import load_robot
 from hexctl.robot.model import Robot
 from hexctl.see.camera import Camera
-from hexctl.see.lens import Lens
 from hexctl.see.planar_pose import PlanarPose
-from hexctl.see.rendering import CameraFlaws, PlacedTag, RobotPosture, SceneRenderer
+from hexctl.see.rendering import CameraFlaws, RobotPosture, SceneRenderer
 from hexctl.see.tags import UNIT_CORNERS
+from hexctl.see.twin.scene import CAMERA, FLOOR_TAGS, ROBOT_TAG, WEBCAM, tag_on
 from hexctl.types import FloatArray
 
-ROBOT_TAG = 10
+__all__ = ["CAMERA", "FLOOR_CORNERS", "FLOOR_TAGS", "ROBOT_TAG", "WEBCAM", "scene", "standing", "tag_on"]
 
-#: A webcam whose lens bends lines at the edge by 20 px.
-WEBCAM = Lens(
-    width_px=1280,
-    height_px=720,
-    matrix=np.array([[960.0, 0, 652], [0, 955, 349], [0, 0, 1]]),
-    distortion=np.array([-0.28, 0.09, 5e-4, -3e-4, -0.01]),
-)
-CAMERA = Camera.looking(WEBCAM, np.array([-1.63, 0.0, 1.63]), np.zeros(3))
-
-FLOOR_TAGS = {
-    number: PlacedTag(number, 0.12, PlanarPose(*place))
-    for number, place in enumerate([(0.0, 0.9, 0.3), (0.2, -0.95, 1.0), (0.9, 0.1, 2.0), (-0.6, 0.0, 0.0)])
-}
 FLOOR_CORNERS = {number: tag.pose.of_points(UNIT_CORNERS * tag.edge_m) for number, tag in FLOOR_TAGS.items()}
-
-
-def tag_on(robot: Robot, edge_m: float = 0.1) -> PlacedTag:
-    """Tag in the middle of a robot's trunk."""
-    return PlacedTag(ROBOT_TAG, edge_m, PlanarPose(0, 0, 0), robot.body.size_m[2] / 2 + 0.001)
 
 
 def standing(robot: Robot, pose: PlanarPose, joints_rad: FloatArray | None = None) -> RobotPosture:

@@ -1,0 +1,165 @@
+"""`hexctl see twin`: a rendered camera over a simulated robot."""
+
+import json
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from hexctl.cli.options import (
+    InsecureOption,
+    JsonOption,
+    KeysOption,
+    LinkOption,
+    SeedOption,
+    ZenohConnectOption,
+)
+from hexctl.cli.values import Range, number
+
+FPS = Range(low=1, high=60, unit="Hz")
+PORT = Range(low=0, high=65535, whole=True)
+LATENCY_MS = Range(low=0, high=2000, unit="ms")
+NOISE = Range(low=0, high=50)
+BLUR_PX = Range(low=0, high=10, unit="px")
+SHARE = Range(low=0, high=1)
+
+
+def size_of(text: str | tuple[int, int]) -> tuple[int, int]:
+    """Width and height of a text such as `1280x720`; raises BadParameter for anything else."""
+    if isinstance(text, tuple):
+        return text
+    width, cross, height = text.partition("x")
+    if not (cross and width.isdecimal() and height.isdecimal()):
+        raise typer.BadParameter(f"got {text}; allowed: WIDTHxHEIGHT in px, such as 1280x720")
+    return int(width), int(height)
+
+
+def point_of(text: str | tuple[float, ...]) -> tuple[float, ...]:
+    """Coordinates of a text such as `-1.63,0,1.63`, in m; raises BadParameter for anything else."""
+    if isinstance(text, tuple):
+        return text
+    try:
+        numbers = tuple(float(part) for part in text.split(","))
+    except ValueError:
+        numbers = ()
+    if len(numbers) != 3 or not all(abs(one) <= 100 for one in numbers):  # false for nan too
+        raise typer.BadParameter(f"got {text}; allowed: X,Y,Z in m, such as -1.63,0,1.63")
+    return numbers
+
+
+def twin(
+    connect: ZenohConnectOption = None,
+    robot: Annotated[
+        str | None,
+        typer.Option("--robot", help="Name of the robot to look at. (default: the only one there)"),
+    ] = None,
+    http_port: Annotated[
+        int,
+        number(
+            "--http-port", PORT, "Port of this computer for the pictures, a whole number, {}; 0: any free."
+        ),
+    ] = 0,
+    fps: Annotated[
+        float,
+        number("--fps", FPS, "Pictures that the camera takes each second, {}; fewer if drawing is slow."),
+    ] = 30.0,
+    latency_ms: Annotated[
+        float,
+        number(
+            "--latency-ms",
+            LATENCY_MS,
+            "Milliseconds from what it sees to its picture's arrival, {}.",
+        ),
+    ] = 80.0,
+    lens: Annotated[
+        Path | None,
+        typer.Option("--lens", help="Calibration of its lens, a file of ROS. (default: that of a webcam)"),
+    ] = None,
+    size: Annotated[
+        Any,
+        typer.Option(
+            "--size",
+            parser=size_of,
+            metavar="WIDTHxHEIGHT",
+            help="Size of the pictures in px, such as 640x480. (default: that of the lens, 1280x720)",
+        ),
+    ] = None,
+    position: Annotated[
+        Any,
+        typer.Option("--position", parser=point_of, metavar="X,Y,Z", help="Where it stands, in metres."),
+    ] = "-1.63,0,1.63",
+    look_at: Annotated[
+        Any,
+        typer.Option("--look-at", parser=point_of, metavar="X,Y,Z", help="Where it looks, in metres."),
+    ] = "0,0,0",
+    noise: Annotated[
+        float,
+        number("--noise", NOISE, "Standard deviation of each pixel of 0..255, a whole number or not, {}."),
+    ] = 4.0,
+    blur: Annotated[
+        float,
+        number("--blur", BLUR_PX, "Standard deviation of the blur in px, a whole number or not, {}."),
+    ] = 0.7,
+    drop: Annotated[float, number("--drop", SHARE, "Fraction of pictures that are lost, {}.")] = 0.0,
+    shadow: Annotated[
+        float, number("--shadow", SHARE, "Fraction by which a shadow that wanders darkens the floor, {}.")
+    ] = 0.0,
+    fault: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--fault",
+            help="What happens to it, repeatable: moved:0.05,0,0@10 (m, after 10 s), turned:2@10 (degrees to "
+            "the left), covered:2@10 (a hand is over the robot's tag for 2 s). (default: nothing)",
+        ),
+    ] = None,
+    seed: SeedOption = 0,
+    keys: KeysOption = None,
+    insecure: InsecureOption = False,
+    link: LinkOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Be a network camera that looks at the robot of hexctl serve --backend sim, until Ctrl-C.
+
+    Its pictures are drawn by MuJoCo, with tag 10 on the robot (edge 10 cm) and tags 0 to 3 on the floor, and
+    have the flaws of a real camera. hexctl see --camera URL takes them like those of any other.
+    """
+    from hexctl.cli.console import StopOnInterrupt, print_note, print_result
+    from hexctl.see.twin.twin_camera import TwinCamera, TwinStarted
+
+    camera = TwinCamera(
+        connect=connect,
+        credentials=keys,
+        insecure=insecure,
+        link=link,
+        robot=robot,
+        http_port=int(http_port),
+        fps=fps,
+        latency_ms=latency_ms,
+        lens=lens,
+        size_px=size,
+        position_m=position,
+        look_at_m=look_at,
+        noise=noise,
+        blur_px=blur,
+        drop=drop,
+        shadow=shadow,
+        faults=tuple(fault or ()),
+        seed=int(seed),
+    )
+
+    def on_started(started: TwinStarted) -> None:
+        print_note(
+            f"camera over {started.robot} at {started.url} (in a browser {started.page_url}); Ctrl-C ends it"
+        )
+
+    with StopOnInterrupt(plain=True) as interrupt:
+        report = camera.run(
+            interrupt.requested, on_started=on_started, on_event=lambda text: print_note(f"hexctl: {text}")
+        )
+    if as_json:
+        print_result(json.dumps(report))
+    else:
+        print_result(
+            f"{report['fps']:g} pictures a second, {report['latency_ms']} ms old at their arrival; "
+            f"{report['skipped']} not drawn, {report['late']} late"
+        )

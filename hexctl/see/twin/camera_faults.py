@@ -1,0 +1,103 @@
+"""What happens to a camera on request: it is knocked over, turned, or a hand covers the robot's tag."""
+
+import re
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from hexctl.errors import InputError, argument
+from hexctl.see.camera import Camera
+from hexctl.see.rendering import PlacedTag, RobotPosture
+from hexctl.see.tags import Picture
+from hexctl.types import FloatArray
+
+ALLOWED = "moved:X,Y,Z (m), turned:DEGREES or covered:SECONDS, each with @SECONDS or from the start"
+
+#: How many numbers each kind has.
+_NUMBERS = {"moved": 3, "turned": 1, "covered": 1}
+
+_NUMBER = r"-?[0-9]+(?:\.[0-9]+)?"
+_FORM = re.compile(rf"([a-z]+):({_NUMBER}(?:,{_NUMBER})*)(?:@([0-9]+(?:\.[0-9]+)?))?")
+
+#: A hand is so much wider than the tag that it covers, and of this colour, red first.
+_HAND_SHARE, _HAND_COLOR = 1.0, (196, 150, 122)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CameraFault:
+    """One fault.
+
+    Attributes:
+        kind: `moved`, `turned` or `covered`.
+        at_s: when it begins, in s since the camera was switched on.
+        values: by which the camera is moved, (x, y, z) in m on the floor; its turn to the left in degrees;
+            or how long the tag is covered, in s.
+    """
+
+    kind: str
+    at_s: float = 0.0
+    values: tuple[float, ...]
+
+
+def parse_camera_fault(text: str) -> CameraFault:
+    """Fault of a text such as `moved:0.05,0,0@10`; raises InputError for anything else."""
+    found = _FORM.fullmatch(text)
+    values = () if found is None else tuple(float(number) for number in found[2].split(","))
+    if found is None or _NUMBERS.get(found[1]) != len(values) or (found[1] == "covered" and values[0] <= 0):
+        raise InputError(f"{argument('fault')}: got {text!r}; allowed: {ALLOWED}")
+    return CameraFault(kind=found[1], at_s=float(found[3] or 0), values=values)
+
+
+@dataclass(frozen=True, slots=True)
+class CameraFaults:
+    """All faults of a camera.
+
+    Attributes:
+        faults: in any order.
+    """
+
+    faults: tuple[CameraFault, ...] = ()
+
+    def camera(self, still: Camera, at_s: float) -> Camera:
+        """Where a camera stands and looks at a time, if it stood still before."""
+        position, rotation = still.position_floor.copy(), still.rotation
+        for fault in self.faults:
+            if fault.at_s <= at_s and fault.kind == "moved":
+                position += fault.values
+            elif fault.at_s <= at_s and fault.kind == "turned":
+                rotation = _about_the_vertical(np.radians(fault.values[0])) @ rotation
+        return Camera(still.lens, rotation, position)
+
+    def cover(self, at_s: float) -> bool:
+        """Whether a hand is over the robot's tag at a time."""
+        return any(
+            fault.kind == "covered" and fault.at_s <= at_s < fault.at_s + fault.values[0]
+            for fault in self.faults
+        )
+
+
+def _about_the_vertical(angle_rad: float) -> FloatArray:
+    cos, sin = np.cos(angle_rad), np.sin(angle_rad)
+    return np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+
+
+def with_hand(picture: Picture, camera: Camera, posture: RobotPosture, tag: PlacedTag) -> Picture:
+    """A picture (H, W, 3), red first, in which a hand covers the tag on a robot."""
+    on_body = np.array([tag.pose.x_m, tag.pose.y_m, tag.height_m])
+    middle = posture.position_floor + _turned(on_body, posture.quaternion_floor)
+    edge = middle + camera.rotation[:, 0] * tag.edge_m * _HAND_SHARE
+    seen_px = camera.pixels(np.array([middle, edge]))
+    if not np.isfinite(seen_px).all():
+        return picture
+    covered = picture.copy()
+    radius_px = int(np.hypot(*(seen_px[1] - seen_px[0]))) + 1
+    cv2.circle(covered, tuple(int(place) for place in seen_px[0]), radius_px, _HAND_COLOR, cv2.FILLED)
+    return covered
+
+
+def _turned(vector: FloatArray, quaternion: FloatArray) -> FloatArray:
+    """A vector (3,) turned by a unit quaternion (w, x, y, z)."""
+    real, axis = quaternion[0], quaternion[1:]
+    twice = 2 * np.cross(axis, vector)
+    return np.asarray(vector + real * twice + np.cross(axis, twice))
