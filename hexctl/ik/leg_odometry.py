@@ -53,14 +53,13 @@ class Standing(ArrayFields):
     """How a robot stands on its feet, by joint angles of any leading shape.
 
     Attributes:
-        feet: places of the feet along the floor, as complex numbers forward + i left, in m: in the body frame
-            tilted until its z axis is upright, leading shape + (6,).
+        feet_body: centres of the feet in the body frame, leading shape + (6, 3) in m.
         above_m: of the feet over the plane that the robot stands on, leading shape + (6,).
         height_m: of the body frame's origin above the floor, leading shape.
         up_body: which way is up, a unit vector in the body frame, leading shape + (3,).
     """
 
-    feet: ComplexArray
+    feet_body: FloatArray
     above_m: FloatArray
     height_m: FloatArray
     up_body: FloatArray
@@ -97,7 +96,7 @@ def standing(robot: Robot, joint_positions_rad: FloatArray, lost_legs: Collectio
     feet[..., [leg - 1 for leg in lost_legs], 2] += GONE_M
     up, below = _floor_plane(feet, centre_of_mass_of(robot, points))
     above = np.einsum("...ij,...j->...i", feet, up) - below[..., np.newaxis]
-    return Standing(_levelled(feet, up), above, robot.foot_radius_m - below, up)
+    return Standing(feet, above, robot.foot_radius_m - below, up)
 
 
 def leg_motions(
@@ -175,7 +174,9 @@ def _motions(
     if contacts is not None:
         near = np.where(stands.above_m < GONE_M / 2, contacts, 0.0)
     weights = near[:-1] * near[1:] + LEAST_WEIGHT
-    before, after = stands.feet[:-1], stands.feet[1:] + _rolled(robot, joints_rad)
+    # One lean for both: where the feet that carry change, the plane tilts at once, and no body does.
+    up, feet = stands.up_body[1:] + stands.up_body[:-1], stands.feet_body
+    before, after = _levelled(feet[:-1], up), _levelled(feet[1:], up) + _rolled(robot, joints_rad)
     slipping_m = SLIPPING_PER_S * robot.stance_radius_m * took_s[:, np.newaxis]
     motions, slip_m = _fit(before, after, weights, slipping_m)
     return LegMotions(motions, slip_m, stands.height_m, stands.up_body)
@@ -241,7 +242,8 @@ def _floor_plane(feet: FloatArray, centre: FloatArray) -> tuple[FloatArray, Floa
 
 
 def _levelled(feet: FloatArray, up: FloatArray) -> ComplexArray:
-    """Feet (..., 6, 3) along the floor, after the shortest turn that brings `up` upright."""
+    """Feet (..., 6, 3) along the floor, after the shortest turn that brings `up`, of any length, upright."""
+    up = up / np.linalg.norm(up, axis=-1, keepdims=True)
     x, y, z = (up[..., axis, np.newaxis] for axis in range(3))
     # Rodrigues' formula for the turn from `up` to the z axis: what is left of a point p along x and y.
     along = (x * feet[..., 0] + y * feet[..., 1]) / (1 + z) + feet[..., 2]
