@@ -27,8 +27,10 @@ class GoalEnv:
         self.goal_world = np.array(goal_m)
         self.drive.__enter__()
 
-    def reset(self) -> tuple[NDArray[np.float64], dict[str, object]]:
-        """Stand where the simulation began; the first observation."""
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, object] | None = None
+    ) -> tuple[NDArray[np.float64], dict[str, object]]:
+        """Stand where the simulation began; the first observation. Nothing in it is random."""
         return self._seen(self.drive.reset()), {}
 
     def step(

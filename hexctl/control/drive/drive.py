@@ -366,10 +366,11 @@ def _check_alone(robot: object, backend: str | None, options: Mapping[str, Any])
 
 
 class _EventNotes:
-    """Notes in the log what happens to the robot's legs and what its controller notices."""
+    """Notes in the log what the robot is told, what happens to its legs and what its controller notices."""
 
     def __init__(self, drive: Drive) -> None:
         self._drive = drive
+        self._told: dict[str, str] = {}
 
     def record(self, tick: Tick, state: RobotState, wanted_rad: FloatArray, sent: JointTargets) -> None:
         drive, recorders = self._drive, self._drive._recorders  # noqa: SLF001  it belongs to the drive
@@ -379,8 +380,19 @@ class _EventNotes:
             recorders.begin_phase("walk", _frame_of(state))
         recorders.log.note_failures("world", drive.guard.unwrapped.failures)
         recorders.log.note_failures("belief", drive.failures)
-        if texts := drive.controller.news():
+        if texts := (*self._changed(), *drive.controller.news()):
             recorders.log.note(texts)
+
+    def _changed(self) -> list[str]:
+        """What it is told or does otherwise than in the tick before."""
+        drive, before = self._drive, self._told
+        gait = ",".join(map(str, drive.gait.slots))
+        self._told = {
+            "stop": "stop cleared" if drive.stopped is None else f"stopped: {drive.stopped}",
+            "mode": drive.mode,
+            "gait": f"told: slots {gait}, body at {drive.body_raise:+.3f}",
+        }
+        return [text for name, text in self._told.items() if before.get(name, text) != text]
 
     def took(self, work_s: float) -> None:
         """Ignore the duration: notes keep none."""

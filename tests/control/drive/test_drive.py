@@ -1,5 +1,7 @@
 """`hexctl.Drive` in simulation, on simulated time."""
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
@@ -188,6 +190,33 @@ def test_ticks_are_recorded_with_the_velocity_commanded() -> None:
         drive.command(forward_m_s=0.1)
         walked(drive, 2.0)
     assert recorders.log["velocity_body"][-1].tolist() == pytest.approx([0.1, 0, 0], abs=0.005)
+
+
+def test_what_the_robot_is_told_is_recorded_as_events() -> None:
+    recorders = Recorders()
+    with Drive("ant", recorders=recorders) as drive:
+        drive.reset()
+        acts: list[Callable[[], None]] = [
+            lambda: drive.stop("enough"),
+            drive.stand,
+            lambda: setattr(drive, "gait", "wave"),
+            lambda: setattr(drive, "body_raise", 0.02),
+            drive.sit,
+        ]
+        for act in acts:
+            act()
+            walked(drive, 3.0)
+    texts = [text for _, text in recorders.log.notes]
+    wave = ",".join(map(str, drive.gait.slots))
+    assert texts == [
+        "driving",
+        "stopped: enough",
+        "stop cleared",
+        f"told: slots {wave}, body at +0.000",
+        f"told: slots {wave}, body at +0.020",
+        "sitting down",
+        "sitting",
+    ]
 
 
 def test_servos_of_ones_own_are_driven_behind_their_guard() -> None:
