@@ -135,6 +135,7 @@ class Shell:
         self._boards, self._programs = ExitStack(), ExitStack()
         self._robot: list[str] = []  # where clients find the robot that is served
         self._board = ""  # where clients find the servo board
+        self._camera = ""  # address of the rendered camera's pictures
 
     def __enter__(self) -> "Shell":
         return self
@@ -175,6 +176,9 @@ class Shell:
         arguments = list(kept(arguments))
         if name in ("serve", "board"):
             {"serve": self._serve, "board": self._start_board}[name](arguments)
+            return
+        if arguments[:2] == ["see", "twin"]:
+            self._start_camera(arguments)
             return
         served = name in ("status", "estop") or "zenoh" in arguments
         if served:
@@ -224,6 +228,16 @@ class Shell:
         found = re.search(r" at (\S+),", said)
         assert found, said
         self._board = found[1]
+
+    def _start_camera(self, arguments: list[str]) -> None:
+        """Draw the robot that is served, at a free port."""
+        if "--http-port" in arguments:
+            at = arguments.index("--http-port")
+            del arguments[at : at + 2]
+        said = self._start([*arguments, *self._robot], "camera over ")
+        found = re.search(r" at (http://\S+)", said)
+        assert found, said
+        self._camera = found[1]
 
     def _start(self, arguments: list[str], ready: str, programs: ExitStack | None = None) -> str:
         """Start a program that is ended with the shell, by its id, and return what it said once ready."""
