@@ -104,6 +104,7 @@ def test_bodies_rest_in_time_a_hundred_times_of_a_hundred(
             if number % 2:
                 stick.release()
             after_s["release" if number % 2 else "silence"].append(stopped_after_s(drive))
+        assert drive.noticed == ()  # no leg is accused for a hard halt
     with capsys.disabled():
         for why, times_s in after_s.items():
             sys.stdout.write(f"\n{robot} {gait} {why}: {np.median(times_s):.2f}, {max(times_s):.2f} s\n")
