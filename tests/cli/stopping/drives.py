@@ -52,6 +52,11 @@ class Servos:
         new = (np.diff(log.positions_rad, axis=0) != 0).any(axis=1)
         return bool(new.all()) and float(np.ptp(log.positions_rad, axis=0).max()) > WALK_RAD
 
+    def told_after(self, at_s: float) -> bool:
+        """Whether targets have come since a moment."""
+        log = ServoLog.read(self.path, 1)
+        return bool((log.times_s > at_s).any())
+
     def rest_after_s(self, at_s: float) -> float:
         """Wait until the targets rest; how long after a moment they changed last."""
 

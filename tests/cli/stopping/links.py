@@ -2,12 +2,18 @@
 
 import random
 import signal
+import time
 from contextlib import ExitStack
 from pathlib import Path
 
-from tests.cli.stopping.drives import Driven, Pad, Process
+from hexctl.control.controllers import SITTING_S
+from hexctl.waiting import wait_for
+from tests.cli.stopping.drives import PATIENCE_S, Driven, Pad, Process
 from tests.serve.cable import Cable
 from tests.serve.processes import served
+
+#: How long after a robot has stood up it walks for certain.
+STOOD_S = 0.3
 
 
 class LinkDriven(Driven):
@@ -26,7 +32,8 @@ class LinkDriven(Driven):
 
     def begin(self) -> None:
         """Serve the robot."""
-        self._robot = self._stack.enter_context(served(self.folder, name="served"))
+        # It does not sit down while it waits for the next drive.
+        self._robot = self._stack.enter_context(served(self.folder, "--sit-after", "3600", name="served"))
         self.servos = type(self.servos)(self._robot.log_path)
         self._pad = Pad(self.folder / "pad", pipe=True)
         self._pad.plug_in()
@@ -53,6 +60,17 @@ class LinkDriven(Driven):
             self._drive = Process(self.folder, self.servos.path, *link, "--gamepad", str(self._pad.path))
             self._drives.callback(self._drive.end)
         self._pad.press(*self.shares())
+
+    def walk(self) -> None:
+        """Command, and wait until it walks: a drive that has just begun stands the robot up first."""
+        if self._drive is None:
+            began_s = time.monotonic()
+            self.command()
+            wait_for(
+                lambda: self.servos.told_after(began_s) or not self.alive(), PATIENCE_S, "no targets come"
+            )
+            time.sleep(SITTING_S + STOOD_S)
+        super().walk()
 
     def cause(self) -> float:
         """Let go, or let the link go."""
