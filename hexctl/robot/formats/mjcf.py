@@ -55,6 +55,8 @@ def _add_looks(root: Element) -> None:
     add(visual, "headlight", ambient="0.4 0.4 0.4", diffuse="0.35 0.35 0.35", specular="0 0 0")
     # Larger pictures than MuJoCo's 640 x 480 need a larger buffer.
     add(visual, "global", offwidth="1920", offheight="1920")
+    # The usual haze is white: a bright line at the horizon of the dark background.
+    add(visual, "rgba", haze=f"{color_text(BACKGROUND)} 1")
     add(visual, "quality", shadowsize="0")
     assets = add(root, "asset")
     ground = color_text(GROUND_COLOR)

@@ -8,6 +8,7 @@ import pytest
 
 from hexctl.backends.sim.servos import SimServos
 from hexctl.ik.legs import foot_positions_body
+from hexctl.palette import BACKGROUND
 from hexctl.robot.formats.link_frames import FOOT_LINKS
 from hexctl.robot.formats.mjcf import CAMERAS, mjcf_of
 from hexctl.types import JOINT_NAMES, N_JOINTS
@@ -61,3 +62,8 @@ def test_it_stands_in_its_stance_and_the_cameras_go_with_it(name: str) -> None:
     data.qpos[0] += 1
     mujoco.mj_forward(model, data)
     assert data.cam_xpos - before_m == pytest.approx(np.tile([1.0, 0.0, 0.0], (3, 1)), abs=1e-6)
+
+
+def test_the_floor_ends_in_the_background_without_a_bright_line() -> None:
+    model = mujoco.MjModel.from_xml_string(mjcf_of(shipped()))
+    assert 255 * model.vis.rgba.haze[:3] == pytest.approx(BACKGROUND, abs=1)
