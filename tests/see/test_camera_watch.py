@@ -70,7 +70,7 @@ def test_a_camera_that_was_knocked_is_placed_anew(usual: Picture, moved: Camera)
 def test_one_tag_that_was_kicked_is_used_no_more(usual: Picture) -> None:
     watching = watch()
     list(changes(watching, usual, 8))
-    kicked = FLOOR_TAGS | {3: PlacedTag(3, 0.12, PlanarPose(-0.6, 0.03, 0.05))}
+    kicked = FLOOR_TAGS | {3: PlacedTag(3, FLOOR_TAGS[3].edge_m, PlanarPose(-0.6, 0.03, 0.05))}
     told = list(changes(watching, picture_of(CAMERA, kicked), 60))
     assert [change.tag_id for change in told] == [3]
     assert set(watching.visible) == {0, 1, 2}

@@ -27,9 +27,12 @@ POSITION_M, LOOK_AT_M = (-1.63, 0.0, 1.63), (0.0, 0.0, 0.0)
 
 CAMERA = Camera.looking(WEBCAM, np.array(POSITION_M), np.array(LOOK_AT_M))
 
+#: Tags on the floor by number, as large as `hexctl see print` makes them.
 FLOOR_TAGS = {
-    number: PlacedTag(number, 0.12, PlanarPose(*place))
-    for number, place in enumerate([(0.0, 0.9, 0.3), (0.2, -0.95, 1.0), (0.9, 0.1, 2.0), (-0.6, 0.0, 0.0)])
+    number: PlacedTag(number, edge_m, PlanarPose(*place))
+    for number, (edge_m, *place) in enumerate(
+        [(0.11, 0.0, 0.9, 0.3), (0.16, 0.2, -0.95, 1.0), (0.16, 0.9, 0.1, 2.0), (0.16, -0.6, 0.0, 0.0)]
+    )
 }
 
 
