@@ -70,21 +70,34 @@ def place_camera(
     shared = sorted(set(corners_px) & set(corners_floor))
     if not shared:
         return None
-    rays = lens.rays(np.concatenate([corners_px[tag_id] for tag_id in shared]))
+    found = camera_candidates(
+        lens,
+        np.concatenate([corners_px[tag_id] for tag_id in shared]),
+        np.concatenate([corners_floor[tag_id] for tag_id in shared]),
+    )
+    return found[0] if found else None
+
+
+def camera_candidates(lens: Lens, points_px: FloatArray, points_floor: FloatArray) -> list[Camera]:
+    """Cameras over the floor that see points of it (N, 2) at pixels (N, 2), the best first.
+
+    Points in a plane have two solutions, which for a small tag far away fit nearly as well.
+    """
+    rays = lens.rays(points_px)
+    if not np.isfinite(rays).all():
+        return []
     seen = np.ascontiguousarray(rays[:, :2])
-    flat = np.concatenate([corners_floor[tag_id] for tag_id in shared])
-    if not np.isfinite(seen).all():
-        return None
-    points = np.column_stack([flat, np.zeros(len(flat))])
+    points = np.column_stack([points_floor, np.zeros(len(points_floor))])
     none, unit = np.zeros(5), np.eye(3)
-    # Planar points have two solutions; the one with the smaller error comes first.
     count, turns, shifts, _ = cv2.solvePnPGeneric(points, seen, unit, none, flags=cv2.SOLVEPNP_IPPE)
-    if not count:
-        return None
-    turn, shift = cv2.solvePnPRefineLM(points, seen, unit, none, turns[0], shifts[0])
-    to_camera = cv2.Rodrigues(turn)[0]
-    position = -to_camera.T @ np.ravel(shift)
-    return Camera(lens, to_camera.T, position) if position[2] > 0 else None
+    cameras = []
+    for turn, shift in zip(turns[:count], shifts[:count], strict=True):
+        turn, shift = cv2.solvePnPRefineLM(points, seen, unit, none, turn, shift)
+        to_camera = cv2.Rodrigues(turn)[0]
+        camera = Camera(lens, to_camera.T, -to_camera.T @ np.ravel(shift))
+        if camera.position_floor[2] > 0:
+            cameras.append(camera)
+    return cameras
 
 
 def reprojection_px(

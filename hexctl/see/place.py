@@ -1,0 +1,209 @@
+"""A place where a camera looks at a floor, as a file: lens, tags, where the camera stands."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import yaml
+from pydantic import BaseModel, ConfigDict, Field
+from scipy.spatial.transform import Rotation
+
+from hexctl.errors import InputError
+from hexctl.files import atomic_write
+from hexctl.robot.configs import Number, read_mapping, validate
+from hexctl.see.camera import Camera
+from hexctl.see.floor import FloorTag
+from hexctl.see.lens import Lens, load_lens
+from hexctl.see.planar_pose import PlanarPose
+from hexctl.see.robot_tracker import RobotTag
+from hexctl.see.sheet import BAR_MM, HOME_TAG
+from hexctl.see.tags import TAG_IDS
+from hexctl.types import ArrayFields
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Place(ArrayFields):
+    """A camera over a floor with tags, and the tag of the robot there. Its edges are true ones, in m.
+
+    Attributes:
+        camera: where it stands, with its lens.
+        floor_tags: by number.
+        robot_tag: on the robot.
+        bar_mm: as the 100 mm bar of the sheet was measured; edges were scaled by it.
+        lens_file: of the lens; None for one that is only assumed.
+        latency_s: from a motion to the time stamp of its picture, None where it was not measured.
+    """
+
+    camera: Camera
+    floor_tags: Mapping[int, FloorTag]
+    robot_tag: RobotTag
+    bar_mm: float = BAR_MM
+    lens_file: Path | None = None
+    latency_s: float | None = None
+
+
+_Tag = Annotated[int, Field(ge=TAG_IDS[0], le=TAG_IDS[-1])]
+_EdgeMm = Annotated[Number, Field(ge=5, le=2000)]
+_Metres = Annotated[Number, Field(ge=-100, le=100)]
+_Degrees = Annotated[Number, Field(ge=-360, le=360)]
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
+
+
+class _FloorTagFile(_Strict):
+    edge_mm: _EdgeMm
+    x_m: _Metres
+    y_m: _Metres
+    yaw_deg: _Degrees
+
+
+class _RobotTagFile(_Strict):
+    id: _Tag
+    edge_mm: _EdgeMm
+    x_m: _Metres = 0.0
+    y_m: _Metres = 0.0
+    yaw_deg: _Degrees = 0.0
+    height_m: _Metres
+
+
+class _AssumedLensFile(_Strict):
+    width_px: Annotated[int, Field(ge=16, le=20000)]
+    height_px: Annotated[int, Field(ge=16, le=20000)]
+    fov_deg: Annotated[Number, Field(ge=10, le=150)]
+
+
+class _CameraFile(_Strict):
+    position_m: Annotated[list[_Metres], Field(min_length=3, max_length=3)]
+    #: w, x, y, z, from the camera's frame to the floor's.
+    orientation: Annotated[list[Annotated[Number, Field(ge=-1, le=1)]], Field(min_length=4, max_length=4)]
+
+
+class _PlaceFile(_Strict):
+    """Edges are those written on the sheet; where the bar is not 100 mm long, all of them are scaled."""
+
+    lens: str | None = None
+    assumed_lens: _AssumedLensFile | None = None
+    bar_mm: Annotated[Number, Field(ge=50, le=200)] = BAR_MM
+    floor_tags: dict[_Tag, _FloorTagFile]
+    robot_tag: _RobotTagFile
+    camera: _CameraFile
+    latency_s: Annotated[Number, Field(ge=0, le=2)] | None = None
+
+
+def print_scale(bar_mm: float) -> float:
+    """Factor of all edges, by the measured length of the bar. Raises InputError outside of 50 to 200 mm."""
+    if not 50 <= bar_mm <= 200:
+        raise InputError(f"bar_mm: got {bar_mm:g}; allowed: 50 to 200 mm")
+    return bar_mm / BAR_MM
+
+
+def save_place(place: Place, path: Path) -> None:
+    """Write a place as YAML, in place of an earlier file.
+
+    Raises InputError for a lens that is neither of a file nor only assumed, and OSError.
+    """
+    lens = place.camera.lens
+    if place.lens_file is None and lens.calibrated:
+        raise InputError(
+            "place: got a calibrated lens without its file; allowed: a lens_file, or an assumed lens"
+        )
+    scale = print_scale(place.bar_mm)
+    content: dict[str, object] = {}
+    if place.lens_file is None:
+        fov_deg = 2 * math.degrees(math.atan(lens.width_px / 2 / float(lens.matrix[0, 0])))
+        content["assumed_lens"] = {
+            "width_px": lens.width_px, "height_px": lens.height_px, "fov_deg": round(fov_deg, 6)
+        }  # fmt: skip
+    else:
+        content["lens"] = str(_relative(place.lens_file, path.parent))
+    tag = place.robot_tag
+    content |= {
+        "bar_mm": place.bar_mm,
+        "floor_tags": {
+            number: {"edge_mm": _rounded(1000 * each.edge_m / scale), **_pose(each.pose)}
+            for number, each in sorted(place.floor_tags.items())
+        },
+        "robot_tag": {
+            "id": tag.tag_id, "edge_mm": _rounded(1000 * tag.edge_m / scale), **_pose(tag.mount),
+            "height_m": tag.height_m,
+        },
+        "camera": {
+            "position_m": [_rounded(value) for value in place.camera.position_floor],
+            "orientation": [
+                _rounded(value)
+                for value in Rotation.from_matrix(place.camera.rotation).as_quat(scalar_first=True)
+            ],
+        },
+    }  # fmt: skip
+    if place.latency_s is not None:
+        content["latency_s"] = place.latency_s
+    atomic_write(path, yaml.safe_dump(content, sort_keys=False, default_flow_style=None))
+
+
+def load_place(path: str | Path) -> Place:
+    """Place of a file. Raises InputError, by key, for anything else."""
+    path = Path(path)
+    content = validate(_PlaceFile, read_mapping(path), path)
+    scale = print_scale(content.bar_mm)
+    if HOME_TAG not in content.floor_tags:
+        raise InputError(f"{path}: floor_tags: got {sorted(content.floor_tags)}; allowed: with {HOME_TAG}")
+    if content.robot_tag.id in content.floor_tags:
+        raise InputError(f"{path}: robot_tag.id: got {content.robot_tag.id}; allowed: no tag of the floor")
+    norm = float(np.linalg.norm(content.camera.orientation))
+    if abs(norm - 1) > 0.01:
+        raise InputError(f"{path}: camera.orientation: got a length of {norm:.3g}; allowed: 1")
+    if content.camera.position_m[2] <= 0:
+        raise InputError(
+            f"{path}: camera.position_m: got a height of {content.camera.position_m[2]:g} m; allowed: above 0"
+        )
+    rotation = Rotation.from_quat(content.camera.orientation, scalar_first=True).as_matrix()
+    lens_file = None if content.lens is None else path.parent / content.lens
+    tag = content.robot_tag
+    return Place(
+        camera=Camera(_lens(content, path), rotation, np.array(content.camera.position_m)),
+        floor_tags={
+            number: FloorTag(each.edge_mm / 1000 * scale, _planar(each))
+            for number, each in content.floor_tags.items()
+        },
+        robot_tag=RobotTag(tag.id, tag.edge_mm / 1000 * scale, _planar(tag), tag.height_m),
+        bar_mm=content.bar_mm,
+        lens_file=lens_file,
+        latency_s=content.latency_s,
+    )
+
+
+def _lens(content: _PlaceFile, path: Path) -> Lens:
+    """The lens of the file that is named, or the assumed one."""
+    if (content.lens is None) == (content.assumed_lens is None):
+        raise InputError(f"{path}: got lens and assumed_lens, or none; allowed: one of them")
+    if content.lens is not None:
+        return load_lens(path.parent / content.lens)
+    assumed = content.assumed_lens
+    assert assumed is not None  # noqa: S101  one of them is there
+    return Lens.assumed(assumed.width_px, assumed.height_px, assumed.fov_deg)
+
+
+def _relative(file: Path, folder: Path) -> Path:
+    """Path of a file from a folder, if it lies below; else its whole path."""
+    file, folder = file.resolve(), folder.resolve()
+    return file.relative_to(folder) if file.is_relative_to(folder) else file
+
+
+def _planar(values: _FloorTagFile | _RobotTagFile) -> PlanarPose:
+    return PlanarPose(values.x_m, values.y_m, math.radians(values.yaw_deg))
+
+
+def _pose(pose: PlanarPose) -> dict[str, float]:
+    return {
+        "x_m": _rounded(pose.x_m), "y_m": _rounded(pose.y_m), "yaw_deg": _rounded(math.degrees(pose.yaw_rad))
+    }  # fmt: skip
+
+
+def _rounded(value: float) -> float:
+    """As many digits as are worth reading: micrometres."""
+    return round(float(value), 6)

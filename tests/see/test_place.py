@@ -1,0 +1,107 @@
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from hexctl.errors import InputError
+from hexctl.see.camera import Camera
+from hexctl.see.floor import FloorTag
+from hexctl.see.lens import Lens, save_lens
+from hexctl.see.place import Place, load_place, save_place
+from hexctl.see.planar_pose import PlanarPose
+from hexctl.see.robot_tracker import RobotTag
+from tests.see.scenes import CAMERA, WEBCAM
+
+PLACE = Place(
+    camera=CAMERA,
+    floor_tags={
+        0: FloorTag(0.11, PlanarPose(0.0, 0.0, 0.0)),
+        3: FloorTag(0.16, PlanarPose(0.9, -0.8, -2.0)),
+    },
+    robot_tag=RobotTag(10, 0.1, PlanarPose(0.01, 0.0, 0.1), 0.03),
+    latency_s=0.08,
+)
+
+
+def saved(folder: Path, place: Place = PLACE) -> Path:
+    """The file of a place, with its lens beside it."""
+    save_lens(WEBCAM, folder / "lens.yaml")
+    save_place(replace(place, lens_file=folder / "lens.yaml"), folder / "place.yaml")
+    return folder / "place.yaml"
+
+
+def test_a_file_brings_the_place_back(tmp_path: Path) -> None:
+    found = load_place(saved(tmp_path))
+    assert found.camera.lens == WEBCAM
+    assert np.allclose(found.camera.rotation, CAMERA.rotation, atol=1e-5)
+    assert np.allclose(found.camera.position_floor, CAMERA.position_floor, atol=1e-5)
+    assert found.latency_s == 0.08
+    assert found.robot_tag.mount.yaw_rad == pytest.approx(0.1)
+    assert (found.robot_tag.tag_id, found.robot_tag.edge_m, found.robot_tag.height_m) == (10, 0.1, 0.03)
+    for number, tag in PLACE.floor_tags.items():
+        assert np.allclose(found.floor_tags[number].corners, tag.corners, atol=1e-5)
+    assert yaml.safe_load((tmp_path / "place.yaml").read_text())["lens"] == "lens.yaml"
+
+
+def test_an_assumed_lens_needs_no_file(tmp_path: Path) -> None:
+    lens = Lens.assumed(1280, 720, 67.0)
+    place = replace(PLACE, camera=Camera(lens, CAMERA.rotation, CAMERA.position_floor), latency_s=None)
+    save_place(place, tmp_path / "place.yaml")
+    found = load_place(tmp_path / "place.yaml")
+    assert np.allclose(found.camera.lens.matrix, lens.matrix, atol=1e-3)
+    assert not found.camera.lens.calibrated
+    assert found.latency_s is None
+    with pytest.raises(InputError, match="without its file"):
+        save_place(PLACE, tmp_path / "other.yaml")
+
+
+def test_a_print_of_98_percent_scales_all_edges(tmp_path: Path) -> None:
+    path = saved(tmp_path)
+    path.write_text(path.read_text().replace("bar_mm: 100.0", "bar_mm: 98.0"))
+    found = load_place(path)
+    assert found.robot_tag.edge_m == pytest.approx(0.098)
+    assert found.floor_tags[3].edge_m == pytest.approx(0.1568)
+    assert found.floor_tags[3].pose.x_m == pytest.approx(0.9)
+    save_place(found, path)
+    written = yaml.safe_load(path.read_text())
+    assert written["floor_tags"][3]["edge_mm"] == pytest.approx(160)
+    assert written["bar_mm"] == 98
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"bar_mm": 10}, "bar_mm: got 10"),
+        ({"bar": 98}, "unknown key bar"),
+        ({"floor_tags": {3: {"edge_mm": 160, "x_m": 0, "y_m": 0, "yaw_deg": 0}}}, "floor_tags: got .*with 0"),
+        ({"floor_tags": {0: {"edge_mm": 160, "x_m": 0, "y_m": 0}}}, "yaw_deg is missing"),
+        ({"floor_tags": {999: {"edge_mm": 160, "x_m": 0, "y_m": 0, "yaw_deg": 0}}}, "floor_tags"),
+        ({"robot_tag": {"id": 3, "edge_mm": 100, "height_m": 0.1}}, "robot_tag.id: got 3"),
+        ({"robot_tag": {"id": 10, "edge_mm": "wide", "height_m": 0.1}}, "robot_tag.edge_mm: got 'wide'"),
+        (
+            {"camera": {"position_m": [0, 0, 1], "orientation": [1, 1, 0, 0]}},
+            "camera.orientation: got a length",
+        ),
+        (
+            {"camera": {"position_m": [0, 0, -1], "orientation": [1, 0, 0, 0]}},
+            "camera.position_m: got a height",
+        ),
+        ({"camera": {"position_m": [0, 0], "orientation": [1, 0, 0, 0]}}, "camera.position_m"),
+        ({"latency_s": float("nan")}, "latency_s: got nan"),
+        ({"lens": "none.yaml"}, "none.yaml"),
+        ({"lens": None}, "lens and assumed_lens"),
+    ],
+)
+def test_a_damaged_file_is_refused_by_key(tmp_path: Path, changes: dict[str, Any], said: str) -> None:
+    path = saved(tmp_path)
+    path.write_text(yaml.safe_dump(yaml.safe_load(path.read_text()) | changes))
+    with pytest.raises(InputError, match=said):
+        load_place(path)
+
+
+def test_a_bar_that_nobody_can_have_measured_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="bar_mm: got 980"):
+        saved(tmp_path, replace(PLACE, bar_mm=980))
