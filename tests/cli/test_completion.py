@@ -18,7 +18,7 @@ from tests.adapt.walking import SPEC
 HEXCTL = """
 import atexit, sys
 sys.argv[0] = "hexctl"
-loaded = ("mujoco", "dm_control", "rerun", "scipy", "zenoh", "pymavlink", "matplotlib", "distributed")
+loaded = ("mujoco", "dm_control", "rerun", "scipy", "zenoh", "pymavlink", "matplotlib", "distributed", "cv2")
 atexit.register(lambda: print([name for name in loaded if name in sys.modules], file=sys.stderr))
 from hexctl.cli.entry import main
 main()
@@ -73,6 +73,7 @@ def asked(shell: str, line: str, folder: Path) -> list[str]:
         ("hexctl check a", ["ant"]),
         ("hexctl drive --hold ", ["auto", "none"]),
         ("hexctl drive --gamepad n", ["none"]),
+        ("hexctl see print --paper ", ["a4", "letter"]),
     ],
 )
 def test_values_are_offered(line: str, offered: list[str], tmp_path: Path) -> None:
