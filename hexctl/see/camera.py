@@ -36,8 +36,8 @@ class Camera(ArrayFields):
         rotation = np.column_stack([right, np.cross(ahead, right), ahead])
         return cls(lens, rotation, np.asarray(position_floor, dtype=float))
 
-    def floor_points(self, points_px: FloatArray, height_m: float = 0.0) -> FloatArray:
-        """Where the rays of pixels (N, 2) meet the level plane at a height, (N, 2) in m.
+    def floor_points(self, points_px: FloatArray, height_m: float | FloatArray = 0.0) -> FloatArray:
+        """Where the rays of pixels (N, 2) meet the level plane at a height, or at one each, (N, 2) in m.
 
         NaN for rays that do not meet it in front of the camera.
         """

@@ -58,18 +58,42 @@ class TagPose:
     residual_m: float
 
 
+@dataclass(frozen=True, slots=True)
+class PlanarFit:
+    """Pose, and size, by which points come nearest to where they are seen.
+
+    Attributes:
+        pose: of the frame in which the points were given.
+        scale: by which they are seen larger.
+        residual_m: RMS distance from where they are seen.
+    """
+
+    pose: PlanarPose
+    scale: float
+    residual_m: float
+
+
+def fitted_pose(points: FloatArray, seen: FloatArray) -> PlanarFit:
+    """Pose at which points (N, 2) are seen at other places (N, 2), both in m, by least squares.
+
+    Rotation, scale and shift are those of Umeyama (1991) in the plane.
+    """
+    middle, seen_middle = points.mean(axis=0), seen.mean(axis=0)
+    own, other = (points - middle) @ [1, 1j], (seen - seen_middle) @ [1, 1j]
+    factor = complex(np.vdot(own, other) / np.vdot(own, own))
+    residual_m = float(np.sqrt(np.mean(np.abs(other - factor * own) ** 2)))
+    yaw_rad = math.atan2(factor.imag, factor.real)
+    x_m, y_m = seen_middle - PlanarPose(0.0, 0.0, yaw_rad).of_points(middle[np.newaxis])[0]
+    return PlanarFit(PlanarPose(float(x_m), float(y_m), yaw_rad), abs(factor), residual_m)
+
+
 def tag_pose(camera: Camera, sighted: Sighted, height_m: float) -> TagPose | None:
     """Pose of a tag that lies level at a height, or None where its rays do not meet the plane.
 
     Rays are intersected with the plane, so there is nothing to flip, as the free pose of a single tag does.
-    The fit is that of Umeyama (1991) in the plane: rotation, scale and shift.
     """
     corners = camera.floor_points(sighted.corners_px, height_m)
     if not np.isfinite(corners).all():
         return None
-    middle = corners.mean(axis=0)
-    seen, printed = (corners - middle) @ [1, 1j], UNIT_CORNERS @ [1, 1j]
-    factor = complex(np.vdot(printed, seen) / np.vdot(printed, printed))
-    residual_m = float(np.sqrt(np.mean(np.abs(seen - factor * printed) ** 2)))
-    pose = PlanarPose(float(middle[0]), float(middle[1]), math.atan2(factor.imag, factor.real))
-    return TagPose(pose, abs(factor), residual_m)
+    fit = fitted_pose(UNIT_CORNERS, corners)
+    return TagPose(fit.pose, fit.scale, fit.residual_m)

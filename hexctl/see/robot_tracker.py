@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hexctl.see.camera import Camera
-from hexctl.see.planar_pose import PlanarPose, tag_pose
+from hexctl.see.planar_pose import PlanarFit, PlanarPose, fitted_pose
 from hexctl.see.tags import UNIT_CORNERS, Picture, Sighted, TagFinder
 from hexctl.types import ArrayFields, FloatArray
 
@@ -18,6 +18,9 @@ CORNER_PX = 0.25
 
 #: Standard deviation of the position that no number of pixels improves: of height and camera, in m.
 FLOOR_M = 0.002
+
+#: A body that does not lean.
+LEVEL = np.array([0.0, 0.0, 1.0])
 
 #: Pictures without the tag between two searches of the whole picture, of which every third is thorough.
 SEARCH_EVERY, THOROUGH_EVERY = 3, 3
@@ -38,6 +41,11 @@ class RobotTag:
     edge_m: float
     mount: PlanarPose
     height_m: float
+
+    @property
+    def corners_body(self) -> FloatArray:
+        """Its corners in the frame of the robot's base, (4, 3) in m."""
+        return np.column_stack([self.mount.of_points(self.edge_m * UNIT_CORNERS), np.full(4, self.height_m)])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -71,7 +79,12 @@ class RobotTracker:
         self._missed = 0
 
     def find(
-        self, gray: Picture, camera: Camera, base_height_m: float, expected: PlanarPose | None = None
+        self,
+        gray: Picture,
+        camera: Camera,
+        base_height_m: float,
+        expected: PlanarPose | None = None,
+        up_body: FloatArray = LEVEL,
     ) -> SeenRobot | None:
         """The robot in a picture, or None.
 
@@ -80,26 +93,23 @@ class RobotTracker:
             camera: as it stands.
             base_height_m: of the robot's base above the floor.
             expected: where the robot should be, if anything tells.
+            up_body: which way is up, a unit vector in the body frame: where the robot leans, so does its tag.
         """
-        height_m = base_height_m + self.tag.height_m
-        sighted = self._sighted(gray, camera, height_m, expected)
-        if sighted is None:
-            self._missed += 1
-            return None
-        seen = tag_pose(camera, sighted, height_m)
-        if seen is None or abs(seen.edge_m / self.tag.edge_m - 1) > EDGE_SHARE:
+        corners = levelled(self.tag.corners_body, up_body) + np.array([0.0, 0.0, base_height_m])
+        sighted = self._sighted(gray, camera, corners, expected)
+        fit = None if sighted is None else _fitted(camera, sighted, corners)
+        if sighted is None or fit is None or abs(fit.scale - 1) > EDGE_SHARE:
             self._missed += 1
             return None
         self._missed, self._last_px = 0, sighted.corners_px
-        pose = seen.pose.after(self.tag.mount.inverse())
-        covariance = _covariance(camera, sighted, height_m)
-        return SeenRobot(pose, covariance, sighted, _quality(sighted, seen.residual_m / self.tag.edge_m))
+        covariance = _covariance(camera, sighted, float(corners[:, 2].mean()))
+        return SeenRobot(fit.pose, covariance, sighted, _quality(sighted, fit.residual_m / self.tag.edge_m))
 
     def _sighted(
-        self, gray: Picture, camera: Camera, height_m: float, expected: PlanarPose | None
+        self, gray: Picture, camera: Camera, corners: FloatArray, expected: PlanarPose | None
     ) -> Sighted | None:
         tag_id = self.tag.tag_id
-        for corners_px in (self._expected_px(camera, height_m, expected), self._last_px):
+        for corners_px in (_expected_px(camera, corners, expected), self._last_px):
             if corners_px is not None:
                 found = self._finder.near(gray, {tag_id: corners_px})
                 if found:
@@ -109,11 +119,27 @@ class RobotTracker:
         thorough = (self._missed // SEARCH_EVERY) % THOROUGH_EVERY == 0
         return self._finder.search(gray, thorough=thorough).get(tag_id)
 
-    def _expected_px(self, camera: Camera, height_m: float, expected: PlanarPose | None) -> FloatArray | None:
-        if expected is None:
-            return None
-        corners = expected.after(self.tag.mount).of_points(self.tag.edge_m * UNIT_CORNERS)
-        return camera.pixels(np.column_stack([corners, np.full(4, height_m)]))
+
+def levelled(points_body: FloatArray, up_body: FloatArray) -> FloatArray:
+    """Points (N, 3) of a body after the shortest turn that brings `up_body` upright."""
+    x, y, z = up_body
+    # Rodrigues' formula for the turn from `up_body` to the z axis.
+    across = np.array([[0.0, 0.0, -x], [0.0, 0.0, -y], [x, y, 0.0]])
+    turn = np.eye(3) + across + across @ across / (1 + z)
+    return np.asarray(points_body @ turn.T)
+
+
+def _expected_px(camera: Camera, corners: FloatArray, expected: PlanarPose | None) -> FloatArray | None:
+    """Where corners (4, 3), given in the levelled frame below the robot's base, should be seen."""
+    if expected is None:
+        return None
+    return camera.pixels(np.column_stack([expected.of_points(corners[:, :2]), corners[:, 2]]))
+
+
+def _fitted(camera: Camera, sighted: Sighted, corners: FloatArray) -> PlanarFit | None:
+    """Pose of the robot by where rays meet the heights of the corners (4, 3)."""
+    seen = camera.floor_points(sighted.corners_px, corners[:, 2])
+    return fitted_pose(corners[:, :2], seen) if np.isfinite(seen).all() else None
 
 
 def _covariance(camera: Camera, sighted: Sighted, height_m: float) -> FloatArray:

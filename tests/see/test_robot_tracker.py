@@ -1,7 +1,9 @@
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from hexctl.robot.loader import load_robot
 from hexctl.robot.rotations import wrapped_rad
@@ -89,3 +91,20 @@ def test_blur_lowers_the_quality() -> None:
             seen = tracker.find(renderer.draw(standing(ROBOT, HERE)), CAMERA, ROBOT.standing_height_m)
             qualities.append(0.0 if seen is None else seen.quality)
     assert qualities[1] < 0.7 * qualities[0]
+
+
+@pytest.mark.parametrize("lean_deg", [(4.0, 0.0), (-3.0, 3.0)])
+def test_a_robot_that_leans_is_where_its_base_is(usual: SceneRenderer, lean_deg: tuple[float, float]) -> None:
+    roll, pitch = np.radians(lean_deg)
+    turned = Rotation.from_euler("ZYX", [HERE.yaw_rad, pitch, roll])
+    x, y, z, w = turned.as_quat()
+    posture = replace(standing(ROBOT, HERE), quaternion_floor=np.array([w, x, y, z]))
+    picture = usual.draw(posture)
+    up_body = turned.inv().apply([0.0, 0.0, 1.0])
+    offs = []
+    for up in (up_body, np.array([0.0, 0.0, 1.0])):
+        seen = RobotTracker(TAG, TagFinder()).find(picture, CAMERA, ROBOT.standing_height_m, up_body=up)
+        assert seen is not None
+        offs.append(np.hypot(seen.pose_floor.x_m - HERE.x_m, seen.pose_floor.y_m - HERE.y_m))
+    assert offs[0] < 0.002
+    assert offs[0] < 0.6 * offs[1]

@@ -1,0 +1,114 @@
+"""Pictures of a camera and the robot's own motion become one pose: where the robot is now."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from hexctl.ik.leg_odometry import LegOdometer
+from hexctl.robot.model import Robot
+from hexctl.see.camera import Camera
+from hexctl.see.camera_watch import CameraChange, CameraWatch
+from hexctl.see.pose_belief import Sighting
+from hexctl.see.pose_filter import PoseEstimate, PoseFilter
+from hexctl.see.robot_link import LegState
+from hexctl.see.robot_tracker import LEVEL, RobotTag, RobotTracker, SeenRobot
+from hexctl.see.tags import Picture, TagFinder
+from hexctl.types import ArrayFields, FloatArray
+
+#: While no tag on the floor is seen, the robot is believed within this distance of where it should be: its
+#: body may cover the tags, but the camera may also have been turned away.
+NEAR_M = 0.05
+
+#: States of the legs farther apart than this tell no motion.
+LEG_GAP_S = 0.5
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Observation(ArrayFields):
+    """What came of one picture.
+
+    Attributes:
+        robot: as it was seen in it, or None.
+        believed: whether that was taken for true.
+        change: what was found to have moved, or None.
+    """
+
+    robot: SeenRobot | None
+    believed: bool
+    change: CameraChange | None
+
+
+class Observer:
+    """Looks at pictures, listens to the legs, and knows where the robot is. All times are on one clock.
+
+    Args:
+        robot: whose tag it is.
+        camera: as it stands.
+        floor_corners: corners (4, 2) of the tags on the floor in m, by number.
+        tag: on the robot.
+        latency_s: age of a picture when it comes.
+        lost_after_s: how long a robot that is not seen is followed by its legs.
+        finder: of the tags; a new one unless given.
+
+    Attributes:
+        latency_s: age of a picture when it comes.
+        watch: of the camera.
+        height_m: of the robot's base above the floor, by its legs.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        camera: Camera,
+        floor_corners: Mapping[int, FloatArray],
+        tag: RobotTag,
+        *,
+        latency_s: float = 0.0,
+        lost_after_s: float = 3.0,
+        finder: TagFinder | None = None,
+    ) -> None:
+        finder = TagFinder() if finder is None else finder
+        self.latency_s = latency_s
+        self.watch = CameraWatch(camera, floor_corners, finder)
+        self.height_m = robot.standing_height_m
+        self._tracker = RobotTracker(tag, finder)
+        self._filter = PoseFilter(lost_after_s=lost_after_s)
+        self._odometer, self._legs_at_s = LegOdometer(robot), -math.inf
+        self._up_body = LEVEL
+        self._newest: PoseEstimate | None = None
+
+    def listen(self, state: LegState) -> None:
+        """Take in a state of the legs; one that is no later than the one before is left out."""
+        if state.at_s <= self._legs_at_s:
+            return
+        moved = self._odometer.update(state.at_s, state.joint_positions_rad, state.foot_contacts)
+        if moved is not None:
+            self.height_m, self._up_body = float(moved.height_m[-1]), moved.up_body[-1]
+            if state.at_s - self._legs_at_s < LEG_GAP_S:
+                self._filter.move(self._legs_at_s, state.at_s, moved.motions[0], state.yaw_rad)
+        self._legs_at_s = state.at_s
+
+    def look(self, gray: Picture, came_s: float) -> Observation:
+        """Look at a picture that came at a time."""
+        change = self.watch.look(gray)
+        expected = None if self._newest is None else self._newest.pose
+        robot = self._tracker.find(gray, self.watch.camera, self.height_m, expected, self._up_body)
+        believed = robot is not None and self._may_be_believed(robot)
+        if robot is not None and believed:
+            taken_s = came_s - self.latency_s
+            believed = self._filter.see(Sighting(taken_s, robot.pose_floor, robot.covariance))
+        return Observation(robot, believed, change)
+
+    def estimate(self, now_s: float) -> PoseEstimate:
+        """Where the robot is at a time; to be asked at a steady rate, with times that ascend."""
+        self._newest = self._filter.estimate(now_s)
+        return self._newest
+
+    def _may_be_believed(self, robot: SeenRobot) -> bool:
+        if self.watch.doubt is None:
+            return True
+        known = None if self._newest is None else self._newest.pose
+        if self.watch.doubt == "moved" or known is None:
+            return False
+        away_m = math.hypot(robot.pose_floor.x_m - known.x_m, robot.pose_floor.y_m - known.y_m)
+        return away_m < NEAR_M
