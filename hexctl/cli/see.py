@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from hexctl.cli.options import JsonOption
+from hexctl.cli.see_look import look
 from hexctl.cli.see_twin import twin
 from hexctl.cli.values import Range, choice, number
 
@@ -22,7 +23,8 @@ TAG = Range(low=0, high=586, whole=True)
 EDGE_MM = Range(low=20, high=200, unit="mm")
 FLOOR_TAGS = Range(low=0, high=20, whole=True)
 
-see = typer.Typer(help="Find a robot on the floor with a camera and printed tags.", no_args_is_help=True)
+see = typer.Typer(no_args_is_help=True, invoke_without_command=True)
+see.callback()(look)
 
 
 @see.command("print")

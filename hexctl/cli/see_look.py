@@ -1,0 +1,200 @@
+"""`hexctl see --camera`: a camera tells a robot where it is."""
+
+import json
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from hexctl.cli.options import InsecureOption, JsonOption, KeysOption, LinkOption, ZenohConnectOption
+from hexctl.cli.see_twin import FPS, LATENCY_MS, PORT, size_of
+from hexctl.cli.values import Range, number
+
+if TYPE_CHECKING:
+    from hexctl.see.pose_stream import CameraStatus
+    from hexctl.see.robot_camera import CameraStarted
+
+FOV_DEG = Range(low=10, high=150, unit="deg")
+BAR_MM = Range(low=50, high=200, unit="mm")
+HEIGHT_MM = Range(low=-500, high=1000, unit="mm")
+
+
+def look(
+    context: typer.Context,
+    camera: Annotated[
+        str | None,
+        typer.Option(
+            "--camera",
+            help="Number of a camera such as 0, its device, address of a stream (http:// or rtsp://), or a "
+            "video file. (default: none, it has to be given)",
+        ),
+    ] = None,
+    place: Annotated[
+        Path,
+        typer.Option(
+            "--place",
+            help="YAML file with the floor's tags and the camera; made by looking where it is not there.",
+        ),
+    ] = Path("place.yaml"),
+    relearn: Annotated[
+        bool, typer.Option("--relearn", help="Learn the tags on the floor anew, in place of the file's.")
+    ] = False,
+    lens: Annotated[
+        Path | None,
+        typer.Option(
+            "--lens",
+            help="Calibration of the lens, for a new place. (default: one without distortion, of --fov-deg)",
+        ),
+    ] = None,
+    fov_deg: Annotated[
+        float,
+        number("--fov-deg", FOV_DEG, "Degrees from the left to the right edge, without a calibration, {}."),
+    ] = 67.0,
+    bar_mm: Annotated[
+        float,
+        number("--bar-mm", BAR_MM, "Millimetres that the bar of the sheet measures, for a new place, {}."),
+    ] = 100.0,
+    tag_height_mm: Annotated[
+        float | None,
+        number(
+            "--tag-height-mm",
+            HEIGHT_MM,
+            "Millimetres of the robot's tag above the origin of its body, for a new place, {}. (default: the "
+            "top of its trunk)",
+        ),
+    ] = None,
+    latency_ms: Annotated[
+        float | None,
+        number(
+            "--latency-ms",
+            LATENCY_MS,
+            "Milliseconds from what the camera sees to its picture's arrival, {}. (default: those of the "
+            "place, else 80)",
+        ),
+    ] = None,
+    size: Annotated[
+        Any,
+        typer.Option(
+            "--size",
+            parser=size_of,
+            metavar="WIDTHxHEIGHT",
+            help="Size of pictures in px that a camera is asked for. (default: the camera's own)",
+        ),
+    ] = None,
+    fps: Annotated[
+        float | None,
+        number("--fps", FPS, "Pictures a second that a camera is asked for, {}. (default: its own)"),
+    ] = None,
+    connect: ZenohConnectOption = None,
+    robot: Annotated[
+        str | None,
+        typer.Option(
+            "--robot",
+            help="Name of the robot on the link, with --no-link a robot or its file. (default: the only one "
+            "on the link, or ant)",
+        ),
+    ] = None,
+    no_link: Annotated[
+        bool, typer.Option("--no-link", help="Tell no robot where it is, only page, video and table.")
+    ] = False,
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", help="New video of what is seen, .mp4 or .avi. (default: none)"),
+    ] = None,
+    poses: Annotated[
+        Path | None,
+        typer.Option("--poses", help="New CSV file with the pose of each picture. (default: none)"),
+    ] = None,
+    page: Annotated[
+        float | None,
+        number(
+            "--page",
+            PORT,
+            "Port of this computer for a page that shows what is seen, a whole number, {}; 0: any free. "
+            "(default: no page)",
+        ),
+    ] = None,
+    keys: KeysOption = None,
+    insecure: InsecureOption = False,
+    link: LinkOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Find a robot on the floor with a camera and printed tags, and tell it where it is, until Ctrl-C."""
+    if context.invoked_subcommand is not None:
+        return
+    from hexctl.cli.console import StopOnInterrupt, print_note, print_result
+    from hexctl.errors import InputError
+    from hexctl.see.robot_camera import RobotCamera
+
+    if camera is None:
+        raise InputError("--camera: got none; allowed: a number such as 0, an address, or a video file")
+    looking = RobotCamera(
+        camera=camera,
+        place=place,
+        relearn=relearn,
+        lens=lens,
+        fov_deg=fov_deg,
+        bar_mm=bar_mm,
+        tag_height_mm=tag_height_mm,
+        latency_ms=latency_ms,
+        size_px=size,
+        fps=fps,
+        linked=not no_link,
+        connect=connect,
+        credentials=keys,
+        insecure=insecure,
+        link=link,
+        robot=robot,
+        output=output,
+        poses=poses,
+        page_port=None if page is None else int(page),
+    )
+    with StopOnInterrupt(plain=True) as interrupt:
+        report = looking.run(
+            interrupt.requested,
+            on_started=lambda started: _print_started(started, place),
+            on_status=lambda status: print_note(_status_line(status)),
+            on_event=lambda text: print_note(f"hexctl: {text}"),
+        )
+    print_result(json.dumps(report) if as_json else _report_line(report))
+
+
+def _print_started(started: "CameraStarted", path: Path) -> None:
+    from hexctl.cli.console import print_note
+
+    tags = ", ".join(map(str, sorted(started.place.floor_tags)))
+    learned = "learned by looking" if started.learned else "as the file says"
+    x_m, y_m, z_m = started.place.camera.position_floor
+    print_note(
+        f"{path}: tags {tags} on the floor, {learned}; "
+        f"the camera stands at {x_m:.2f}, {y_m:.2f} m, {z_m:.2f} m high"
+    )
+    for doubt in started.doubts:
+        print_note(f"hexctl: {doubt}")
+    if started.arena is not None:
+        (x_m, y_m), radius_m = started.arena
+        print_note(
+            f"{started.robot} is seen within {radius_m:.2f} m of {x_m:.2f}, {y_m:.2f} m: adapt --arena "
+            f"{math.floor(100 * radius_m) / 100:g}, begun there"
+        )
+    page = "" if started.page_url is None else f"; shown at {started.page_url}"
+    print_note(f"looking for {started.robot}{page}; Ctrl-C ends it")
+
+
+def _status_line(status: "CameraStatus") -> str:
+    pose = status.estimate.pose
+    if pose is None:
+        return f"not seen; {status.fps:.0f} pictures a second"
+    return (
+        f"{pose.x_m:+.3f}, {pose.y_m:+.3f} m, {math.degrees(pose.yaw_rad):+.1f} deg; "
+        f"{status.estimate.sight}; {status.fps:.0f} pictures a second, "
+        f"tag in {status.seen:.0%}, {status.tag_px:.0f} px, quality {status.quality:.2f}"
+    )
+
+
+def _report_line(report: dict[str, Any]) -> str:
+    return (
+        f"{report['pictures']} pictures in {report['duration_s']:g} s, the robot in {report['seen']:.0%} of "
+        f"them; {report['look_ms']} ms of processor time each"
+    )

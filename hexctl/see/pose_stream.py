@@ -1,0 +1,215 @@
+"""Video in, poses out: what is seen of a robot, to the robot, to a page, a video and a table."""
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+
+from hexctl.robot.model import Robot
+from hexctl.see.camera_watch import CameraChange
+from hexctl.see.mjpeg import MjpegServer
+from hexctl.see.observer import Observation, Observer
+from hexctl.see.overlay import Overlay
+from hexctl.see.place import Place
+from hexctl.see.pose_filter import PoseEstimate, Sight
+from hexctl.see.pose_table import PoseTable
+from hexctl.see.robot_link import RobotLink
+from hexctl.see.tags import TagFinder
+from hexctl.see.video import Frame, VideoSource
+from hexctl.see.video_writer import VideoWriter
+
+#: Without pictures the pose is told this often.
+TELL_S = 0.03
+
+#: Period of the status.
+STATUS_S = 1.0
+
+#: Variances below these say less than is known of tags, paper and legs.
+LEAST_POSITION_M2, LEAST_YAW_RAD2 = 0.002**2, 0.003**2
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CameraStatus:
+    """What a camera sees, once a second.
+
+    Attributes:
+        estimate: of the robot's pose.
+        fps: pictures per second since the last status.
+        seen: share of them in which the robot's tag was found.
+        quality: of the last sighting, 0 to 1; 0 without one.
+        tag_px: edge of the tag in it.
+    """
+
+    estimate: PoseEstimate
+    fps: float
+    seen: float
+    quality: float
+    tag_px: float
+
+
+@dataclass(frozen=True, slots=True)
+class PoseOutputs:
+    """Where poses and pictures go; None for nowhere.
+
+    Attributes:
+        robot: that is told where it is, and tells how its legs move.
+        page: that shows what is seen.
+        video: of what is seen.
+        table: of the poses.
+    """
+
+    robot: RobotLink | None
+    page: MjpegServer | None
+    video: VideoWriter | None
+    table: PoseTable | None
+
+
+class PoseStream:
+    """The loop: a picture, the states that came meanwhile, the pose to the robot.
+
+    Args:
+        place: of tags and camera.
+        robot: whose tag is looked for.
+        latency_s: age of a picture when it comes.
+        outputs: where poses and pictures go.
+        finder: of the tags.
+    """
+
+    def __init__(
+        self, place: Place, robot: Robot, latency_s: float, outputs: PoseOutputs, finder: TagFinder
+    ) -> None:
+        self._place, self._outputs = place, outputs
+        self._corners = {number: tag.corners for number, tag in place.floor_tags.items()}
+        self._observer = Observer(
+            robot, place.camera, self._corners, place.robot_tag, latency_s=latency_s, finder=finder
+        )
+        self._overlay = Overlay()
+        self._pictures = self._seen = self._restarts = 0
+        self._look_s = 0.0
+        self._last = Observation(None, False, None)
+        self._sight: Sight = "lost"
+
+    def run(
+        self,
+        video: VideoSource,
+        stop_requested: Callable[[], bool],
+        on_status: Callable[[CameraStatus], None],
+        on_event: Callable[[str], None],
+    ) -> dict[str, Any]:
+        """Look until `stop_requested` returns True or the video ends; what was managed, as JSON values."""
+        began_s = told_s = time.monotonic()
+        told_pictures = told_seen = 0
+        file_s = 0.0
+        while not stop_requested() and not video.ended:
+            frame = video.read(TELL_S)
+            for state in () if self._outputs.robot is None else self._outputs.robot.states():
+                self._observer.listen(state)
+            if frame is not None:
+                self._look(frame, on_event)
+                file_s = frame.at_s
+            estimate = self._observer.estimate(time.monotonic() if video.live else file_s)
+            self._tell(estimate, on_event)
+            if frame is not None:
+                self._show(frame, estimate)
+            now_s = time.monotonic()
+            if now_s - told_s >= STATUS_S:
+                pictures, seen = self._pictures - told_pictures, self._seen - told_seen
+                on_status(self._status(estimate, pictures / (now_s - told_s), seen / max(1, pictures)))
+                told_s, told_pictures, told_seen = now_s, self._pictures, self._seen
+        return self._report(time.monotonic() - began_s, video)
+
+    def _look(self, frame: Frame, on_event: Callable[[str], None]) -> None:
+        began_s = time.process_time()
+        self._last = self._observer.look(frame.gray(), frame.at_s)
+        self._look_s += time.process_time() - began_s
+        self._pictures += 1
+        self._seen += self._last.robot is not None
+        if self._last.change is not None:
+            on_event(_told_change(self._last.change))
+
+    def _tell(self, estimate: PoseEstimate, on_event: Callable[[str], None]) -> None:
+        """Send the pose to the robot, and tell when it is lost, found or elsewhere."""
+        if estimate.sight != self._sight and "lost" in (estimate.sight, self._sight):
+            on_event(
+                "the robot is lost: its tag is not seen" if estimate.pose is None else "the robot is seen"
+            )
+        if estimate.restarts != self._restarts:
+            on_event("the robot is somewhere else than its legs say: was it carried, or did it slip?")
+        self._sight, self._restarts = estimate.sight, estimate.restarts
+        robot = self._outputs.robot
+        if robot is None or estimate.pose is None or estimate.covariance is None:
+            return
+        robot.publish(
+            estimate.pose,
+            self._observer.height_m,
+            position_variance_m2=max(LEAST_POSITION_M2, float(np.trace(estimate.covariance[:2, :2])) / 2),
+            yaw_variance_rad2=max(LEAST_YAW_RAD2, float(estimate.covariance[2, 2])),
+        )
+
+    def _show(self, frame: Frame, estimate: PoseEstimate) -> None:
+        if self._outputs.table is not None:
+            self._outputs.table.write(frame.at_s, estimate, self._last)
+        looked_at = self._outputs.page is not None and self._outputs.page.clients > 0
+        if self._outputs.video is None and not looked_at:
+            return
+        drawn = self._overlay.draw(
+            frame.picture,
+            self._observer.watch.camera,
+            self._corners,
+            sighting=self._last.robot,
+            pose_floor=estimate.pose,
+            height_m=self._observer.height_m + self._place.robot_tag.height_m,
+            lines=_lines(estimate, self._last),
+        )
+        if self._outputs.video is not None:
+            self._outputs.video.write(drawn, frame.at_s)
+        if self._outputs.page is not None and looked_at:
+            good, jpeg = cv2.imencode(".jpg", drawn, [cv2.IMWRITE_JPEG_QUALITY, 80])
+            if good:
+                self._outputs.page.publish(jpeg.tobytes())
+
+    def _status(self, estimate: PoseEstimate, fps: float, seen: float) -> CameraStatus:
+        robot = self._last.robot
+        return CameraStatus(
+            estimate=estimate,
+            fps=fps,
+            seen=seen,
+            quality=0.0 if robot is None else robot.quality,
+            tag_px=0.0 if robot is None else robot.tag.edge_px,
+        )
+
+    def _report(self, duration_s: float, video: VideoSource) -> dict[str, Any]:
+        return {
+            "duration_s": round(duration_s, 1),
+            "pictures": self._pictures,
+            "fps": round(self._pictures / duration_s, 1),
+            "seen": round(self._seen / self._pictures, 3) if self._pictures else 0.0,
+            "dropped": video.dropped,
+            "restarts": self._restarts,
+            "look_ms": round(1000 * self._look_s / self._pictures, 1) if self._pictures else None,
+        }
+
+
+def _told_change(change: CameraChange) -> str:
+    if change.tag_id is not None:
+        return f"tag {change.tag_id} on the floor was moved; it is no longer used"
+    turned_deg = math.degrees(change.turned_rad)
+    return f"the camera moved by {100 * change.shift_m:.1f} cm, {turned_deg:.1f} deg; it is placed anew"
+
+
+def _lines(estimate: PoseEstimate, observation: Observation) -> list[str]:
+    """Text for the picture."""
+    if estimate.pose is None:
+        return ["robot not seen"]
+    pose = estimate.pose
+    lines = [f"{pose.x_m:+.3f} {pose.y_m:+.3f} m  {math.degrees(pose.yaw_rad):+.1f} deg"]
+    if observation.robot is not None:
+        tag = observation.robot.tag
+        lines.append(f"tag {tag.edge_px:.0f} px, quality {observation.robot.quality:.2f}")
+    if estimate.sight == "bridging":
+        lines.append(f"not seen for {estimate.age_s:.1f} s: by its legs")
+    return lines

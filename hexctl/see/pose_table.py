@@ -1,0 +1,50 @@
+"""Poses of a video, one row for each picture, as CSV."""
+
+import csv
+import math
+from pathlib import Path
+from typing import Self
+
+from hexctl.errors import InputError
+from hexctl.see.observer import Observation
+from hexctl.see.pose_filter import PoseEstimate
+
+#: Names of the columns. `seen_` is what this picture alone says, the others what is believed after it.
+COLUMNS = (
+    "at_s", "sight", "x_m", "y_m", "yaw_rad", "age_s", "seen_x_m", "seen_y_m", "seen_yaw_rad", "quality"
+)  # fmt: skip
+
+
+class PoseTable:
+    """Writes rows as they come; what is not known is empty."""
+
+    def __init__(self, path: Path) -> None:
+        """Begin a new file. Raises InputError where that is not possible."""
+        try:
+            self._file = path.open("x", encoding="utf-8", newline="")
+        except OSError as error:
+            raise InputError(f"--poses: {path} cannot be written: {error.strerror}") from error
+        self._rows = csv.writer(self._file)
+        self._rows.writerow(COLUMNS)
+
+    def write(self, at_s: float, estimate: PoseEstimate, observation: Observation) -> None:
+        """Write a row for a picture that came at a time."""
+        believed = estimate.pose
+        seen = None if observation.robot is None else observation.robot.pose_floor
+        row: list[object] = [f"{at_s:.4f}", estimate.sight]
+        for pose in (believed, seen):
+            row += ["", "", ""] if pose is None else [f"{v:.5f}" for v in (pose.x_m, pose.y_m, pose.yaw_rad)]
+            if pose is believed:
+                row.append(f"{estimate.age_s:.3f}" if math.isfinite(estimate.age_s) else "")
+        row.append("" if observation.robot is None else f"{observation.robot.quality:.3f}")
+        self._rows.writerow(row)
+
+    def close(self) -> None:
+        """End the file."""
+        self._file.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
