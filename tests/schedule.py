@@ -54,10 +54,12 @@ REALTIME = (
     "tests/cli/test_calibrate.py",
     "tests/cli/test_run.py::test_ctrl_c",
     "tests/record/test_live.py",
-    "tests/see/test_video.py",
-    "tests/see/test_mjpeg.py",
+    "tests/see/video/test_video_source.py",
+    "tests/see/video/test_mjpeg.py",
     "tests/see/twin/test_posture_history.py",
     "tests/see/twin/test_twin_camera.py",
+    "tests/see/test_robot_link.py",
+    "tests/cli/test_see_look.py",
     "tests/cli/test_see_twin.py",
 )
 

@@ -14,8 +14,8 @@ from hexctl.cli.see_twin import twin
 from hexctl.cli.values import Range, choice, number
 
 if TYPE_CHECKING:
-    from hexctl.see.calibration import CalibratedLens, LensCalibration
-    from hexctl.see.tags import Picture
+    from hexctl.see.vision.calibration import CalibratedLens, LensCalibration
+    from hexctl.see.vision.tags import Picture
 
 Paper = Literal["a4", "letter"]
 
@@ -104,8 +104,8 @@ def calibrate(
     """
     from hexctl.cli.console import print_note, print_result
     from hexctl.errors import InputError
-    from hexctl.see.calibration import LensCalibration, add_video, read_picture
-    from hexctl.see.lens import save_lens
+    from hexctl.see.vision.calibration import LensCalibration, add_video, read_picture
+    from hexctl.see.vision.lens import save_lens
 
     if bool(pictures) == (camera is not None):
         raise InputError("calibrate: got pictures and a camera, or none; allowed: pictures, or --camera")
@@ -133,7 +133,7 @@ def calibrate(
 def _frames(camera: str) -> "Iterator[Iterator[Picture]]":
     """Grey frames of a video, until it ends or Ctrl-C."""
     from hexctl.cli.console import StopOnInterrupt, print_note
-    from hexctl.see.video import open_video
+    from hexctl.see.video.video_source import open_video
 
     with open_video(camera, on_event=print_note) as video, StopOnInterrupt(plain=True) as interrupt:
 

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from hexctl.see.tags import Picture
+from hexctl.see.vision.tags import Picture
 from hexctl.types import ArrayFields, FloatArray
 
 #: Squares from left to right and from top to bottom; fits on A4 and on Letter.

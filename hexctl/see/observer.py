@@ -6,13 +6,13 @@ from dataclasses import dataclass
 
 from hexctl.ik.leg_odometry import LegOdometer
 from hexctl.robot.model import Robot
-from hexctl.see.camera import Camera
-from hexctl.see.camera_watch import CameraChange, CameraWatch
-from hexctl.see.pose_belief import Sighting
-from hexctl.see.pose_filter import PoseEstimate, PoseFilter
+from hexctl.see.estimation.pose_belief import Sighting
+from hexctl.see.estimation.pose_filter import PoseEstimate, PoseFilter
 from hexctl.see.robot_link import LegState
-from hexctl.see.robot_tracker import LEVEL, RobotTag, RobotTracker, SeenRobot
-from hexctl.see.tags import Picture, TagFinder
+from hexctl.see.vision.camera import Camera
+from hexctl.see.vision.camera_watch import CameraChange, CameraWatch
+from hexctl.see.vision.robot_tracker import LEVEL, RobotTag, RobotTracker, SeenRobot
+from hexctl.see.vision.tags import Picture, TagFinder
 from hexctl.types import ArrayFields, FloatArray
 
 #: While no tag on the floor is seen, the robot is believed within this distance of where it should be: its

@@ -14,13 +14,13 @@ from scipy.spatial.transform import Rotation
 from hexctl.errors import InputError
 from hexctl.files import atomic_write
 from hexctl.robot.configs import Number, read_mapping, validate
-from hexctl.see.camera import Camera
-from hexctl.see.floor import FloorTag
-from hexctl.see.lens import Lens, load_lens
-from hexctl.see.planar_pose import PlanarPose
-from hexctl.see.robot_tracker import RobotTag
 from hexctl.see.sheet import BAR_MM, HOME_TAG
-from hexctl.see.tags import TAG_IDS
+from hexctl.see.vision.camera import Camera
+from hexctl.see.vision.floor import FloorTag
+from hexctl.see.vision.lens import Lens, load_lens
+from hexctl.see.vision.planar_pose import PlanarPose
+from hexctl.see.vision.robot_tracker import RobotTag
+from hexctl.see.vision.tags import TAG_IDS
 from hexctl.types import ArrayFields
 
 

@@ -10,17 +10,17 @@ import cv2
 import numpy as np
 
 from hexctl.robot.model import Robot
-from hexctl.see.camera_watch import CameraChange
-from hexctl.see.mjpeg import MjpegServer
+from hexctl.see.estimation.pose_filter import PoseEstimate, Sight
 from hexctl.see.observer import Observation, Observer
-from hexctl.see.overlay import Overlay
 from hexctl.see.place import Place
-from hexctl.see.pose_filter import PoseEstimate, Sight
 from hexctl.see.pose_table import PoseTable
 from hexctl.see.robot_link import RobotLink
-from hexctl.see.tags import TagFinder
-from hexctl.see.video import Frame, VideoSource
-from hexctl.see.video_writer import VideoWriter
+from hexctl.see.video.mjpeg import MjpegServer
+from hexctl.see.video.video_source import Frame, VideoSource
+from hexctl.see.video.video_writer import VideoWriter
+from hexctl.see.vision.camera_watch import CameraChange
+from hexctl.see.vision.overlay import Overlay
+from hexctl.see.vision.tags import TagFinder
 
 #: Without pictures the pose is told this often.
 TELL_S = 0.03

@@ -6,8 +6,9 @@ from pathlib import Path
 from typing import Self
 
 from hexctl.errors import InputError
+from hexctl.see.estimation.pose_filter import PoseEstimate
 from hexctl.see.observer import Observation
-from hexctl.see.pose_filter import PoseEstimate
+from hexctl.see.vision.planar_pose import PlanarPose
 
 #: Names of the columns. `seen_` is what this picture alone says, the others what is believed after it.
 COLUMNS = (
@@ -29,14 +30,11 @@ class PoseTable:
 
     def write(self, at_s: float, estimate: PoseEstimate, observation: Observation) -> None:
         """Write a row for a picture that came at a time."""
-        believed = estimate.pose
-        seen = None if observation.robot is None else observation.robot.pose_floor
-        row: list[object] = [f"{at_s:.4f}", estimate.sight]
-        for pose in (believed, seen):
-            row += ["", "", ""] if pose is None else [f"{v:.5f}" for v in (pose.x_m, pose.y_m, pose.yaw_rad)]
-            if pose is believed:
-                row.append(f"{estimate.age_s:.3f}" if math.isfinite(estimate.age_s) else "")
-        row.append("" if observation.robot is None else f"{observation.robot.quality:.3f}")
+        robot = observation.robot
+        age = f"{estimate.age_s:.3f}" if math.isfinite(estimate.age_s) else ""
+        row = [f"{at_s:.4f}", estimate.sight, *_numbers(estimate.pose), age]
+        row += _numbers(None if robot is None else robot.pose_floor)
+        row.append("" if robot is None else f"{robot.quality:.3f}")
         self._rows.writerow(row)
 
     def close(self) -> None:
@@ -48,3 +46,7 @@ class PoseTable:
 
     def __exit__(self, *error: object) -> None:
         self.close()
+
+
+def _numbers(pose: PlanarPose | None) -> list[str]:
+    return ["", "", ""] if pose is None else [f"{one:.5f}" for one in (pose.x_m, pose.y_m, pose.yaw_rad)]

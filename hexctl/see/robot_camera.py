@@ -10,21 +10,21 @@ from typing import Any
 from hexctl.errors import InputError, RobotFaultError, argument
 from hexctl.robot.loader import load_robot
 from hexctl.robot.model import Robot
-from hexctl.see.camera import place_camera
-from hexctl.see.floor import averaged_corners, learn_floor
-from hexctl.see.lens import Lens, load_lens
-from hexctl.see.mjpeg import MjpegServer
 from hexctl.see.place import Place, load_place, print_scale, save_place
-from hexctl.see.planar_pose import PlanarPose
 from hexctl.see.pose_stream import CameraStatus, PoseOutputs, PoseStream
 from hexctl.see.pose_table import PoseTable
 from hexctl.see.robot_link import RobotLink, robot_link
-from hexctl.see.robot_tracker import RobotTag
 from hexctl.see.sheet import BAR_MM, Sheet
-from hexctl.see.tags import Picture, Sighted, TagFinder
-from hexctl.see.video import VideoSource, open_video
-from hexctl.see.video_writer import VideoWriter
-from hexctl.see.view import visible_circle
+from hexctl.see.video.mjpeg import MjpegServer
+from hexctl.see.video.video_source import VideoSource, open_video
+from hexctl.see.video.video_writer import VideoWriter
+from hexctl.see.vision.camera import place_camera
+from hexctl.see.vision.floor import averaged_corners, learn_floor
+from hexctl.see.vision.lens import Lens, load_lens
+from hexctl.see.vision.planar_pose import PlanarPose
+from hexctl.see.vision.robot_tracker import RobotTag
+from hexctl.see.vision.tags import Picture, Sighted, TagFinder
+from hexctl.see.vision.view import visible_circle
 from hexctl.wire.links import load_link
 
 #: Age of a picture of which nothing is known: of webcams 50 to 120 ms.
@@ -144,6 +144,8 @@ class RobotCamera:
             robot = load_robot(self.robot or "ant") if linked is None else linked.robot
             finder = TagFinder()
             place, learned, doubts = self._place(video, robot, finder, stop_requested)
+            if not video.live:  # its first pictures count, too
+                video = opened.enter_context(open_video(self.camera))
             shown = None
             if self.page_port is not None:
                 shown = opened.enter_context(MjpegServer(self.page_port))

@@ -16,7 +16,7 @@ from hexctl.backends.zenoh.client import DESCRIBE_TIMEOUT_S, ask_until
 from hexctl.errors import InputError, MessageError, argument
 from hexctl.robot.model import Robot
 from hexctl.robot.rotations import yaw_rad
-from hexctl.see.planar_pose import PlanarPose
+from hexctl.see.vision.planar_pose import PlanarPose
 from hexctl.types import ArrayFields, BoolArray, FloatArray
 from hexctl.wire.description import robot_of
 from hexctl.wire.links import KeyMap, Link, Role

@@ -11,7 +11,7 @@ import numpy as np
 from hexctl.errors import InputError, argument
 from hexctl.files import atomic_write
 from hexctl.see.board import SQUARE_M, SQUARES, black_squares
-from hexctl.see.tags import FAMILY, MODULES, TAG_IDS, tag_modules
+from hexctl.see.vision.tags import FAMILY, MODULES, TAG_IDS, tag_modules
 
 Paper = Literal["a4", "letter"]
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from hexctl.cli.main import exit_code
-from hexctl.see.video import open_video
+from hexctl.see.video.video_source import open_video
 from hexctl.waiting import wait_for
 from tests.serve.processes import free_port, program, served
 

@@ -7,8 +7,8 @@ import cv2
 import numpy as np
 
 from hexctl.see.board import SQUARE_M, SQUARES, black_squares
-from hexctl.see.lens import Lens
-from hexctl.see.tags import Picture
+from hexctl.see.vision.lens import Lens
+from hexctl.see.vision.tags import Picture
 from hexctl.types import FloatArray
 
 #: Resolution of the board that is drawn, and its white edge in m.

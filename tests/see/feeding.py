@@ -7,8 +7,8 @@ from contextlib import contextmanager
 import cv2
 import numpy as np
 
-from hexctl.see.mjpeg import MjpegServer
-from hexctl.see.video import Frame, VideoSource
+from hexctl.see.video.mjpeg import MjpegServer
+from hexctl.see.video.video_source import Frame, VideoSource
 from hexctl.waiting import wait_for
 
 

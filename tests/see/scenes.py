@@ -8,11 +8,11 @@ import numpy as np
 
 from hexctl.robot.loader import load_robot
 from hexctl.robot.model import Robot
-from hexctl.see.camera import Camera
-from hexctl.see.planar_pose import PlanarPose
-from hexctl.see.rendering import CameraFlaws, RobotPosture, SceneRenderer
-from hexctl.see.tags import UNIT_CORNERS
+from hexctl.see.twin.rendering import CameraFlaws, RobotPosture, SceneRenderer
 from hexctl.see.twin.scene import CAMERA, FLOOR_TAGS, ROBOT_TAG, WEBCAM, tag_on
+from hexctl.see.vision.camera import Camera
+from hexctl.see.vision.planar_pose import PlanarPose
+from hexctl.see.vision.tags import UNIT_CORNERS
 from hexctl.types import FloatArray
 
 __all__ = ["CAMERA", "FLOOR_CORNERS", "FLOOR_TAGS", "ROBOT_TAG", "WEBCAM", "scene", "standing", "tag_on"]

@@ -9,9 +9,9 @@ import numpy as np
 
 from hexctl.ik.leg_odometry import leg_motions
 from hexctl.robot.rotations import wrapped_rad
-from hexctl.see.planar_pose import PlanarPose
-from hexctl.see.pose_belief import Sighting
-from hexctl.see.pose_filter import PoseEstimate, PoseFilter
+from hexctl.see.estimation.pose_belief import Sighting
+from hexctl.see.estimation.pose_filter import PoseEstimate, PoseFilter
+from hexctl.see.vision.planar_pose import PlanarPose
 from hexctl.types import BoolArray, FloatArray
 from tests.driven import Driven
 from tests.robots import shipped

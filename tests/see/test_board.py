@@ -1,7 +1,7 @@
 import numpy as np
 
 from hexctl.see.board import N_CORNERS, SQUARE_M, BoardFinder, black_squares, charuco_board
-from hexctl.see.tags import TagFinder
+from hexctl.see.vision.tags import TagFinder
 
 PX_PER_M = 4000
 

@@ -4,15 +4,15 @@ import numpy as np
 import pytest
 
 from hexctl.robot.loader import load_robot
-from hexctl.see.camera import Camera
+from hexctl.see.estimation.pose_filter import PoseEstimate
 from hexctl.see.observer import Observation, Observer
-from hexctl.see.planar_pose import PlanarPose
-from hexctl.see.pose_filter import PoseEstimate
-from hexctl.see.rendering import SceneRenderer
 from hexctl.see.robot_link import LegState
-from hexctl.see.robot_tracker import RobotTag
-from hexctl.see.tags import Picture
+from hexctl.see.twin.rendering import SceneRenderer
 from hexctl.see.twin.scene import CAMERA, FLOOR_TAGS, ROBOT_TAG, WEBCAM, tag_on
+from hexctl.see.vision.camera import Camera
+from hexctl.see.vision.planar_pose import PlanarPose
+from hexctl.see.vision.robot_tracker import RobotTag
+from hexctl.see.vision.tags import Picture
 from tests.see.scenes import FLOOR_CORNERS, standing
 
 ROBOT = load_robot("ant")

@@ -7,12 +7,12 @@ import pytest
 import yaml
 
 from hexctl.errors import InputError
-from hexctl.see.camera import Camera
-from hexctl.see.floor import FloorTag
-from hexctl.see.lens import Lens, save_lens
 from hexctl.see.place import Place, load_place, save_place
-from hexctl.see.planar_pose import PlanarPose
-from hexctl.see.robot_tracker import RobotTag
+from hexctl.see.vision.camera import Camera
+from hexctl.see.vision.floor import FloorTag
+from hexctl.see.vision.lens import Lens, save_lens
+from hexctl.see.vision.planar_pose import PlanarPose
+from hexctl.see.vision.robot_tracker import RobotTag
 from tests.see.scenes import CAMERA, WEBCAM
 
 PLACE = Place(

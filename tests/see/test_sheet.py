@@ -9,7 +9,7 @@ from hexctl.cli.main import exit_code
 from hexctl.errors import InputError
 from hexctl.see.board import N_CORNERS, SQUARE_M, BoardFinder
 from hexctl.see.sheet import PAPERS_MM, Sheet
-from hexctl.see.tags import Picture, Sighted, TagFinder
+from hexctl.see.vision.tags import Picture, Sighted, TagFinder
 
 PX_PER_MM = 4.0
 

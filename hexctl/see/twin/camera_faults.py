@@ -7,9 +7,9 @@ import cv2
 import numpy as np
 
 from hexctl.errors import InputError, argument
-from hexctl.see.camera import Camera
-from hexctl.see.rendering import PlacedTag, RobotPosture
-from hexctl.see.tags import Picture
+from hexctl.see.twin.rendering import PlacedTag, RobotPosture
+from hexctl.see.vision.camera import Camera
+from hexctl.see.vision.tags import Picture
 from hexctl.types import FloatArray
 
 ALLOWED = "moved:X,Y,Z (m), turned:DEGREES or covered:SECONDS, each with @SECONDS or from the start"

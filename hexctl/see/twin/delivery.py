@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import cv2
 
-from hexctl.see.tags import Picture
+from hexctl.see.vision.tags import Picture
 
 #: Pictures that are on their way at a time; a faster camera waits.
 MOST_WAITING = 8

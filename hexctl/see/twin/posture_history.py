@@ -14,7 +14,7 @@ import numpy as np
 from hexctl.backends.zenoh.client import DESCRIBE_TIMEOUT_S, ask_until
 from hexctl.errors import InputError, MessageError, RobotFaultError, argument
 from hexctl.robot.model import Robot
-from hexctl.see.rendering import RobotPosture
+from hexctl.see.twin.rendering import RobotPosture
 from hexctl.types import FloatArray
 from hexctl.waiting import comes_true
 from hexctl.wire.description import robot_of

@@ -3,10 +3,10 @@
 import numpy as np
 
 from hexctl.robot.model import Robot
-from hexctl.see.camera import Camera
-from hexctl.see.lens import Lens
-from hexctl.see.planar_pose import PlanarPose
-from hexctl.see.rendering import PlacedTag
+from hexctl.see.twin.rendering import PlacedTag
+from hexctl.see.vision.camera import Camera
+from hexctl.see.vision.lens import Lens
+from hexctl.see.vision.planar_pose import PlanarPose
 
 #: Number of the robot's tag, and length of its edge.
 ROBOT_TAG, ROBOT_EDGE_M = 10, 0.1

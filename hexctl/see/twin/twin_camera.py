@@ -11,15 +11,15 @@ import numpy as np
 
 from hexctl.errors import InputError, argument
 from hexctl.robot.model import Robot
-from hexctl.see.camera import Camera
-from hexctl.see.lens import Lens, load_lens
-from hexctl.see.mjpeg import MjpegServer
-from hexctl.see.rendering import CameraFlaws, PlacedTag, RobotPosture, SceneRenderer
-from hexctl.see.tags import Picture
 from hexctl.see.twin.camera_faults import CameraFaults, parse_camera_fault, with_hand
 from hexctl.see.twin.delivery import Delivery, TakenPicture
 from hexctl.see.twin.posture_history import PostureHistory, followed_robot
+from hexctl.see.twin.rendering import CameraFlaws, PlacedTag, RobotPosture, SceneRenderer
 from hexctl.see.twin.scene import FLOOR_TAGS, FOV_DEG, LOOK_AT_M, POSITION_M, WEBCAM, tag_on
+from hexctl.see.video.mjpeg import MjpegServer
+from hexctl.see.vision.camera import Camera
+from hexctl.see.vision.lens import Lens, load_lens
+from hexctl.see.vision.tags import Picture
 from hexctl.wire.links import load_link
 
 #: The posture at a moment is known once the next state has come: a control period and what the link takes.

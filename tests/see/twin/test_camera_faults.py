@@ -5,10 +5,10 @@ import pytest
 
 from hexctl.errors import InputError
 from hexctl.robot.loader import load_robot
-from hexctl.see.planar_pose import PlanarPose
-from hexctl.see.rendering import CameraFlaws
-from hexctl.see.tags import TagFinder
 from hexctl.see.twin.camera_faults import CameraFault, CameraFaults, parse_camera_fault, with_hand
+from hexctl.see.twin.rendering import CameraFlaws
+from hexctl.see.vision.planar_pose import PlanarPose
+from hexctl.see.vision.tags import TagFinder
 from tests.see.scenes import CAMERA, FLOOR_TAGS, ROBOT_TAG, scene, standing, tag_on
 
 

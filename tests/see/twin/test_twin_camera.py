@@ -11,13 +11,13 @@ import pytest
 
 from hexctl.errors import InputError, RobotFaultError
 from hexctl.robot.rotations import wrapped_rad, yaw_rad
-from hexctl.see.lens import save_lens
-from hexctl.see.planar_pose import tag_pose
-from hexctl.see.tags import Sighted, TagFinder
 from hexctl.see.twin.posture_history import followed_robot
 from hexctl.see.twin.scene import CAMERA, FLOOR_TAGS, ROBOT_TAG, WEBCAM, tag_on
 from hexctl.see.twin.twin_camera import TwinCamera, TwinStarted
-from hexctl.see.video import VideoSource, open_video
+from hexctl.see.video.video_source import VideoSource, open_video
+from hexctl.see.vision.lens import save_lens
+from hexctl.see.vision.planar_pose import tag_pose
+from hexctl.see.vision.tags import Sighted, TagFinder
 from hexctl.waiting import wait_for
 from hexctl.wire.links import Link
 from tests.serve.processes import Served, free_port, served

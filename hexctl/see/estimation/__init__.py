@@ -1,0 +1,1 @@
+"""Where the robot is now, from sightings that come late and from its own motion."""

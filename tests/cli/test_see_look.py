@@ -1,0 +1,99 @@
+"""`hexctl see --camera` as a user calls it: a served robot, a rendered camera, and the pose to the robot."""
+
+import json
+import signal
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hexctl.cli.main import exit_code
+from hexctl.robot.rotations import wrapped_rad, yaw_rad
+from hexctl.see.twin.posture_history import followed_robot
+from hexctl.see.twin.scene import FLOOR_TAGS, WEBCAM
+from hexctl.see.vision.lens import save_lens
+from hexctl.see.vision.planar_pose import PlanarPose
+from hexctl.waiting import wait_for
+from hexctl.wire.links import KeyMap, Link, Role
+from hexctl.wire.pose import decode_pose
+from hexctl.wire.session import open_session
+from tests.serve.processes import free_port, hexctl_process, program, served
+
+HOME = FLOOR_TAGS[0].pose
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ([], "--camera: got none; allowed: a number such as 0, an address, or a video file"),
+        (["--camera", "no-such.mp4", "--no-link"], "--camera: got 'no-such.mp4', which is not there"),
+        (["--camera", "ftp://x", "--no-link"], "--camera: got 'ftp://x'; allowed: a number such as 0"),
+        (["--camera", "0", "--latency-ms", "-1"], "--latency-ms: got -1; allowed: 0 to 2000 ms"),
+        (["--camera", "0", "--bar-mm", "10"], "--bar-mm: got 10; allowed: 50 to 200 mm"),
+        (["--camera", "0", "--fov-deg", "x"], "--fov-deg: got 'x'; allowed: a number, 10 to 150 deg"),
+        (["--camera", "0", "--size", "8"], "--size: got 8; allowed: WIDTHxHEIGHT in px"),
+    ],
+)
+def test_bad_input_is_one_line(
+    arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert exit_code(["see", *(arguments or ["--no-link"])]) == 2
+    err = capsys.readouterr().err
+    assert message in err
+    assert err.count("\n") == 1
+
+
+def test_a_camera_that_is_not_there_is_a_fault(capsys: pytest.CaptureFixture[str]) -> None:
+    assert exit_code(["see", "--camera", f"http://127.0.0.1:{free_port()}/", "--no-link"]) == 3
+    assert "no video comes from" in capsys.readouterr().err
+    assert exit_code(["see", "--camera", "63", "--no-link"]) == 3
+    assert "there is no camera /dev/video63" in capsys.readouterr().err
+
+
+def test_a_robot_walks_by_the_pose_that_a_camera_sees(tmp_path: Path) -> None:
+    """In the frame of the home tag, within centimetres of the truth that only the camera is told."""
+    save_lens(WEBCAM, tmp_path / "lens.yaml")
+    with served(tmp_path, backend="sim") as robot:
+        link = ("--connect", robot.endpoint)
+        twin = ("hexctl", "see", "twin", *link, "--fps", "12", "--size", "960x540", "--latency-ms", "120")
+        with program(tmp_path, "twin", *twin) as camera:
+            camera.wait_for("Ctrl-C ends it")
+            url = camera.said().partition(" at ")[2].split()[0]
+            look = (
+                "hexctl", "see", "--camera", url, *link, "--latency-ms", "120",
+                "--lens", str(tmp_path / "lens.yaml"), "--place", str(tmp_path / "place.yaml"),
+            )  # fmt: skip
+            with program(tmp_path, "look", *look, "--json") as looking:
+                looking.wait_for("seeing")
+                walked = hexctl_process(
+                    "run", "--backend", "zenoh", *link, "--gait", "tripod", "--duration", "6", "--no-record",
+                    "--json",
+                )  # fmt: skip
+                assert walked.returncode == 0, walked.stderr
+                _compare(robot.endpoint)
+                looking.signal(signal.SIGINT)
+                assert looking.wait() == 0
+                report = json.loads(looking.said().strip().splitlines()[-1])
+    result = json.loads(walked.stdout)
+    assert result["hold"] == "line"
+    assert result["distance_m"] > 0.2
+    assert report["seen"] > 0.5
+    assert (tmp_path / "place.yaml").exists()
+
+
+def _compare(endpoint: str) -> None:
+    """The robot's own pose, which is the camera's, is where it truly is on the floor of the home tag."""
+    link = Link(endpoint=endpoint)
+    keys, poses = KeyMap.of("ant"), []
+    with followed_robot(link) as (_, history), open_session(link, Role.VIEWER, keys) as session:
+        session.declare_subscriber(keys.odom, lambda sample: poses.append(bytes(sample.payload)))
+        wait_for(lambda: len(poses) > 50, 30, "no poses came")
+        truth = history.at(history.newest_at_s or 0.0)
+    position, quaternion = decode_pose(poses[-1])
+    assert truth is not None
+    assert position is not None
+    assert quaternion is not None
+    x_m, y_m = truth.position_floor[:2].tolist()
+    true = HOME.inverse().after(PlanarPose(x_m, y_m, float(yaw_rad(truth.quaternion_floor))))
+    assert np.hypot(position[0] - true.x_m, position[1] - true.y_m) < 0.03
+    assert abs(wrapped_rad(float(yaw_rad(quaternion)) - true.yaw_rad)) < 0.05

@@ -1,0 +1,136 @@
+import csv
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from hexctl.errors import InputError
+from hexctl.robot.loader import load_robot
+from hexctl.robot.rotations import wrapped_rad
+from hexctl.see.place import load_place
+from hexctl.see.pose_stream import CameraStatus
+from hexctl.see.robot_camera import CameraStarted, RobotCamera
+from hexctl.see.twin.rendering import SceneRenderer
+from hexctl.see.twin.scene import CAMERA, FLOOR_TAGS, WEBCAM, tag_on
+from hexctl.see.video.video_source import open_video
+from hexctl.see.video.video_writer import VideoWriter
+from hexctl.see.vision.lens import save_lens
+from hexctl.see.vision.planar_pose import PlanarPose
+from tests.see.scenes import standing
+
+ROBOT = load_robot("ant")
+FPS, PICTURES = 10.0, 50
+
+#: Frame of the floor: the home tag's.
+HOME = FLOOR_TAGS[0].pose
+
+
+def pose_at(number: int) -> PlanarPose:
+    """Where the robot is in a picture: it stands for a second, then goes along an arc."""
+    walked = max(0, number - 10) / FPS
+    return PlanarPose(0.1 * walked, 0.05 * walked, 0.1 * walked)
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a video of a walk and the calibration of its lens."""
+    folder = tmp_path_factory.mktemp("camera")
+    save_lens(WEBCAM, folder / "lens.yaml")
+    with (
+        SceneRenderer(ROBOT, CAMERA, FLOOR_TAGS, tag_on(ROBOT)) as renderer,
+        VideoWriter(folder / "walk.mp4", FPS) as writer,
+    ):
+        for number in range(PICTURES):
+            color = renderer.draw_color(standing(ROBOT, pose_at(number)))
+            writer.write(np.asarray(cv2.cvtColor(color, cv2.COLOR_RGB2BGR)), number / FPS)
+    return folder
+
+
+def looked(folder: Path, recorded: Path, **options: Any) -> tuple[dict[str, Any], CameraStarted]:
+    """Report, and what was said at the start."""
+    started: list[CameraStarted] = []
+    camera = RobotCamera(
+        camera=str(recorded / "walk.mp4"), place=folder / "place.yaml", lens=recorded / "lens.yaml",
+        latency_ms=0.0, linked=False, **options,
+    )  # fmt: skip
+    report = camera.run(lambda: False, on_started=started.append)
+    return report, started[0]
+
+
+def test_a_video_of_a_walk_becomes_poses_on_the_floor_of_the_home_tag(tmp_path: Path, recorded: Path) -> None:
+    report, started = looked(tmp_path, recorded, poses=tmp_path / "poses.csv", output=tmp_path / "seen.mp4")
+    assert started.learned
+    assert set(started.place.floor_tags) == set(FLOOR_TAGS)
+    assert started.doubts == ()
+    assert report["seen"] == 1.0
+    with (tmp_path / "poses.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == report["pictures"] == PICTURES
+    believed = [row for row in rows if row["sight"] == "seeing"]
+    assert len(believed) > PICTURES - 10
+    for row in believed:
+        true = HOME.inverse().after(pose_at(round(float(row["at_s"]) * FPS)))
+        assert np.hypot(float(row["seen_x_m"]) - true.x_m, float(row["seen_y_m"]) - true.y_m) < 0.01
+        assert abs(wrapped_rad(float(row["seen_yaw_rad"]) - true.yaw_rad)) < 0.03
+    with open_video(str(tmp_path / "seen.mp4")) as seen:
+        assert next(iter(seen)).picture.shape == (720, 1280, 3)
+
+
+def test_a_known_place_is_used_and_the_camera_placed_by_what_it_sees(tmp_path: Path, recorded: Path) -> None:
+    looked(tmp_path, recorded)
+    known = load_place(tmp_path / "place.yaml")
+    text = (tmp_path / "place.yaml").read_text(encoding="utf-8")
+    _, started = looked(tmp_path, recorded)
+    assert not started.learned
+    assert (tmp_path / "place.yaml").read_text(encoding="utf-8") == text
+    assert started.place.floor_tags == known.floor_tags
+    assert np.allclose(started.place.camera.position_floor, known.camera.position_floor, atol=0.01)
+    assert started.arena is not None
+    (x_m, y_m), radius_m = started.arena
+    assert radius_m > 0.5
+    assert (x_m, y_m) != (0.0, 0.0)
+
+
+def test_without_a_calibration_the_lens_is_assumed_and_that_is_said(tmp_path: Path, recorded: Path) -> None:
+    started: list[CameraStarted] = []
+    statuses: list[CameraStatus] = []
+    camera = RobotCamera(
+        camera=str(recorded / "walk.mp4"), place=tmp_path / "place.yaml", latency_ms=0.0, linked=False
+    )
+    camera.run(lambda: False, on_started=started.append, on_status=statuses.append)
+    assert any("assumed" in doubt for doubt in started[0].doubts)
+    assert load_place(tmp_path / "place.yaml").lens_file is None
+
+
+def test_a_bar_that_is_shorter_makes_the_floor_smaller(tmp_path: Path, recorded: Path) -> None:
+    (tmp_path / "full").mkdir()
+    _, full = looked(tmp_path / "full", recorded)
+    _, small = looked(tmp_path, recorded, bar_mm=98.0)
+    ratio = small.place.floor_tags[3].pose.x_m / full.place.floor_tags[3].pose.x_m
+    assert ratio == pytest.approx(0.98, abs=1e-3)
+
+
+def test_files_that_exist_are_not_replaced(tmp_path: Path) -> None:
+    (tmp_path / "seen.mp4").touch()
+    for options in ({"output": tmp_path / "seen.mp4"}, {"poses": tmp_path / "seen.mp4"}):
+        given: dict[str, Any] = dict(options)
+        with pytest.raises(InputError, match="exists"):
+            RobotCamera(camera="0", **given)
+
+
+@pytest.mark.parametrize("latency_ms", [-1.0, 2001.0, float("nan")])
+def test_an_impossible_latency_is_refused(latency_ms: float) -> None:
+    with pytest.raises(InputError, match="0 to 2000"):
+        RobotCamera(camera="0", latency_ms=latency_ms)
+
+
+def test_a_floor_without_the_home_tag_is_refused(tmp_path: Path) -> None:
+    with VideoWriter(tmp_path / "empty.mp4", FPS) as writer:
+        for number in range(5):
+            writer.write(np.full((480, 640, 3), 120, dtype=np.uint8), number / FPS)
+    camera = RobotCamera(camera=str(tmp_path / "empty.mp4"), place=tmp_path / "place.yaml", linked=False)
+    with pytest.raises(InputError, match="home tag"):
+        camera.run(lambda: False)
+    assert not (tmp_path / "place.yaml").exists()

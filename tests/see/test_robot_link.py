@@ -1,0 +1,55 @@
+"""The robot at the other end of a link, served in real time."""
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from hexctl.errors import RobotFaultError
+from hexctl.see.robot_link import LegState, robot_link
+from hexctl.see.vision.planar_pose import PlanarPose
+from hexctl.waiting import wait_for
+from hexctl.wire.links import Link
+from tests.serve.processes import Served, free_port, served
+
+
+@pytest.fixture(scope="module")
+def robot(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
+    with served(tmp_path_factory.mktemp("robot"), backend="sim") as running:
+        yield running
+
+
+def test_states_come_once_in_their_order(robot: Served) -> None:
+    states: list[LegState] = []
+    with robot_link(Link(endpoint=robot.endpoint), "ant") as end:
+
+        def many() -> bool:
+            states.extend(end.states())
+            return len(states) > 100
+
+        wait_for(many, 30, "no states came")
+        assert end.malformed == 0
+    times_s = np.array([state.at_s for state in states])
+    assert (np.diff(times_s) > 0).mean() > 0.95
+    assert np.median(np.diff(times_s)) == pytest.approx(0.02, abs=0.004)
+    assert states[-1].joint_positions_rad.shape == (18,)
+    assert states[-1].yaw_rad is not None  # a simulated robot has an orientation of its own
+
+
+def test_the_robot_takes_the_pose_for_its_own(robot: Served) -> None:
+    with robot_link(Link(endpoint=robot.endpoint)) as end:
+
+        def taken() -> bool:
+            end.publish(PlanarPose(1.5, -0.5, 0.7), 0.12, position_variance_m2=1e-4, yaw_variance_rad2=1e-4)
+            status = robot.status()
+            return bool(status["pose"] and status["malformed"]["poses"] == 0)
+
+        wait_for(taken, 30, "the pose was never taken")
+
+
+def test_without_a_robot_it_is_a_fault() -> None:
+    with (
+        pytest.raises(RobotFaultError),
+        robot_link(Link(endpoint=f"tcp/127.0.0.1:{free_port()}")),
+    ):
+        pass

@@ -1,0 +1,52 @@
+import numpy as np
+
+from hexctl.see.vision.overlay import Overlay
+from hexctl.see.vision.planar_pose import PlanarPose
+from hexctl.see.vision.robot_tracker import SeenRobot
+from hexctl.see.vision.tags import UNIT_CORNERS, Picture, Sighted
+from tests.see.scenes import CAMERA, FLOOR_CORNERS
+
+EMPTY = np.full((720, 1280, 3), 90, dtype=np.uint8)
+HERE = PlanarPose(0.1, 0.1, 0.5)
+
+
+def sighting() -> SeenRobot:
+    corners = np.column_stack([HERE.of_points(0.1 * UNIT_CORNERS), np.full(4, 0.2)])
+    return SeenRobot(HERE, np.eye(3) * 1e-6, Sighted(10, CAMERA.pixels(corners), 80.0), 0.9)
+
+
+def drawn(overlay: Overlay, seen: SeenRobot | None, pose: PlanarPose | None, gray: bool = False) -> Picture:
+    picture = EMPTY[..., 0] if gray else EMPTY
+    return overlay.draw(
+        picture, CAMERA, FLOOR_CORNERS, sighting=seen, pose_floor=pose, height_m=0.2, lines=["one", "two"]
+    )
+
+
+def test_a_tag_that_was_seen_has_a_green_edge_and_the_picture_is_left_as_it_was() -> None:
+    seen = sighting()
+    with_tag, without = (drawn(Overlay(), tag, None) for tag in (seen, None))
+    column, row = np.rint(seen.tag.corners_px[0]).astype(int)
+    assert with_tag[row, column].tolist() == [80, 220, 80]
+    assert without[row, column].tolist() != [80, 220, 80]
+    assert (EMPTY == 90).all()
+
+
+def test_the_way_is_remembered() -> None:
+    overlay = Overlay()
+    first = drawn(overlay, None, HERE)
+    again = drawn(overlay, None, PlanarPose(0.6, 0.4, 0.5))
+    middle = CAMERA.pixels(np.array([[0.35, 0.25, 0.2]]))[0]
+    column, row = np.rint(middle).astype(int)
+    patch = (slice(row - 3, row + 4), slice(column - 3, column + 4))
+    orange = (np.abs(again[patch].astype(int) - (60, 160, 255)).sum(axis=2) < 60).any()
+    assert orange
+    assert not (np.abs(first[patch].astype(int) - (60, 160, 255)).sum(axis=2) < 60).any()
+
+
+def test_a_robot_behind_the_camera_is_not_drawn() -> None:
+    behind = drawn(Overlay(), None, PlanarPose(-30.0, 0.0, 0.0))
+    assert (behind == drawn(Overlay(), None, None)).all()
+
+
+def test_a_grey_picture_becomes_one_in_colour() -> None:
+    assert drawn(Overlay(), sighting(), HERE, gray=True).shape == (720, 1280, 3)
