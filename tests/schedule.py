@@ -59,6 +59,9 @@ REALTIME = (
     "tests/see/twin/test_posture_history.py",
     "tests/see/twin/test_twin_camera.py",
     "tests/see/test_robot_link.py",
+    "tests/see/test_latency_trial.py::test_a_twist",
+    "tests/see/test_latency_trial.py::test_ctrl_c",
+    "tests/see/test_latency_trial.py::test_a_robot",
     "tests/cli/test_see_look.py",
     "tests/cli/test_see_twin.py",
 )

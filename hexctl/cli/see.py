@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from hexctl.cli.options import JsonOption
+from hexctl.cli.see_latency import latency
 from hexctl.cli.see_look import look
 from hexctl.cli.see_twin import twin
 from hexctl.cli.values import Range, choice, number
@@ -170,4 +171,5 @@ def _lens_text(result: "CalibratedLens", output: Path) -> str:
     )
 
 
+see.command()(latency)
 see.command()(twin)

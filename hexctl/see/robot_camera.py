@@ -154,7 +154,7 @@ class RobotCamera:
             on_started(
                 CameraStarted(
                     robot=robot.name, place=place, learned=learned, doubts=doubts,
-                    arena=_arena(place, robot), page_url=None if shown is None else shown.page_url,
+                    arena=_arena_or_none(place, robot), page_url=None if shown is None else shown.page_url,
                 )
             )  # fmt: skip
             outputs = PoseOutputs(linked, shown, writer, table)
@@ -179,7 +179,7 @@ class RobotCamera:
     ) -> tuple[Place, bool, tuple[str, ...]]:
         """The place of the file, with the camera where it stands now, or a new one; whether it is new."""
         if self.place.exists() and not self.relearn:
-            return self._known_place(video, finder, stop_requested), False, ()
+            return known_place(self.place, video, finder, stop_requested), False, ()
         pictures = list(_searched(video, finder, LEARNING_PICTURES, stop_requested))
         size = pictures[0][0].shape[1], pictures[0][0].shape[0]
         lens = Lens.assumed(*size, self.fov_deg) if self.lens is None else load_lens(self.lens).scaled(*size)
@@ -195,25 +195,30 @@ class RobotCamera:
             bar_mm=self.bar_mm,
             lens_file=self.lens,
         )
-        _write(place, self.place)
+        write_place(place, self.place)
         return place, True, floor.doubts
 
-    def _known_place(
-        self, video: VideoSource, finder: TagFinder, stop_requested: Callable[[], bool]
-    ) -> Place:
-        """Place of the file, the camera placed anew by the tags that it sees now."""
-        place = load_place(self.place)
-        pictures = list(_searched(video, finder, PLACING_PICTURES, stop_requested))
-        height_px, width_px = pictures[0][0].shape
-        lens = place.camera.lens.scaled(width_px, height_px)
-        corners = {number: tag.corners for number, tag in place.floor_tags.items()}
-        camera = place_camera(lens, averaged_corners([found for _, found in pictures]), corners)
-        if camera is None:
-            camera = replace(place.camera, lens=lens)
-        return replace(place, camera=camera)
+
+def known_place(
+    path: Path, video: VideoSource, finder: TagFinder, stop_requested: Callable[[], bool]
+) -> Place:
+    """Place of a file, with the camera placed anew by the tags that it sees now.
+
+    Raises InputError for files that are not allowed, and RobotFaultError for a video without pictures.
+    """
+    place = load_place(path)
+    pictures = list(_searched(video, finder, PLACING_PICTURES, stop_requested))
+    height_px, width_px = pictures[0][0].shape
+    lens = place.camera.lens.scaled(width_px, height_px)
+    corners = {number: tag.corners for number, tag in place.floor_tags.items()}
+    camera = place_camera(lens, averaged_corners([found for _, found in pictures]), corners)
+    if camera is None:
+        camera = replace(place.camera, lens=lens)
+    return replace(place, camera=camera)
 
 
-def _write(place: Place, path: Path) -> None:
+def write_place(place: Place, path: Path) -> None:
+    """Write a place; raises InputError, by argument, for a file that cannot be written."""
     try:
         save_place(place, path)
     except OSError as error:
@@ -235,9 +240,17 @@ def _searched(
         raise RobotFaultError(f"camera {video.name} sends no pictures")
 
 
-def _arena(place: Place, robot: Robot) -> tuple[tuple[float, float], float] | None:
+def arena_of(place: Place, robot: Robot) -> tuple[tuple[float, float], float]:
+    """Middle (x, y) and radius in m of the largest circle on the floor in which a robot is seen standing.
+
+    Raises InputError for a camera that sees its tag nowhere.
+    """
     height_m = robot.standing_height_m + place.robot_tag.height_m
+    return visible_circle(place.camera, height_m, place.robot_tag.edge_m)
+
+
+def _arena_or_none(place: Place, robot: Robot) -> tuple[tuple[float, float], float] | None:
     try:
-        return visible_circle(place.camera, height_m, place.robot_tag.edge_m)
+        return arena_of(place, robot)
     except InputError:
         return None

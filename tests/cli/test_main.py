@@ -49,6 +49,7 @@ def test_importing_hexctl_loads_nothing() -> None:
         ("pyarrow", ["study"], 'pip install "hexctl[study]"'),
         ("reportlab", ["see", "print"], 'pip install "hexctl[see]"'),
         ("cv2", ["see", "calibrate", "board.png"], 'pip install "hexctl[see]"'),
+        ("cv2", ["see", "latency", "--camera", "0"], 'pip install "hexctl[see]"'),
     ],
 )
 def test_a_missing_extra_is_named(blocked: str, arguments: list[str], extra: str) -> None:

@@ -9,7 +9,7 @@ from urllib.parse import urlsplit
 import pytest
 
 from hexctl.errors import RobotFaultError
-from hexctl.see import mjpeg
+from hexctl.see.video import mjpeg
 from hexctl.see.video.mjpeg import PICTURE_PATH, STREAM_PATH, MjpegServer
 from hexctl.see.video.video_source import open_video
 from hexctl.waiting import wait_for

@@ -1,0 +1,110 @@
+"""`hexctl see latency`: how late a camera's pictures come, by a twist of the robot."""
+
+import json
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from hexctl.cli.options import InsecureOption, JsonOption, KeysOption, LinkOption, ZenohConnectOption
+from hexctl.cli.see_twin import FPS, size_of
+from hexctl.cli.values import number
+
+if TYPE_CHECKING:
+    from hexctl.see.latency_trial import LatencyTrial, TwistAhead
+
+
+def latency(
+    camera: Annotated[
+        str | None,
+        typer.Option(
+            "--camera",
+            help="Number of a camera such as 0, its device, or the address of a stream (http:// or rtsp://). "
+            "(default: none, it has to be given)",
+        ),
+    ] = None,
+    place: Annotated[
+        Path,
+        typer.Option("--place", help="YAML file that hexctl see --camera made; it keeps the latency."),
+    ] = Path("place.yaml"),
+    size: Annotated[
+        Any,
+        typer.Option(
+            "--size",
+            parser=size_of,
+            metavar="WIDTHxHEIGHT",
+            help="Size of pictures in px that a camera is asked for. (default: the camera's own)",
+        ),
+    ] = None,
+    fps: Annotated[
+        float | None,
+        number("--fps", FPS, "Pictures a second that a camera is asked for, {}. (default: its own)"),
+    ] = None,
+    connect: ZenohConnectOption = None,
+    robot: Annotated[
+        str | None,
+        typer.Option("--robot", help="Name of the robot on the link. (default: the only one there)"),
+    ] = None,
+    keys: KeysOption = None,
+    insecure: InsecureOption = False,
+    link: LinkOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Measure how late a camera's pictures come: the standing robot twists once and is watched.
+
+    Its feet stay in place, and nobody else may drive it meanwhile. Ctrl-C takes the twist back. Exit codes:
+    0 done, 2 bad input, a tag that is not seen or too little motion, 3 fault of robot, link or camera, 130
+    interrupted.
+    """
+    from hexctl.cli.console import INTERRUPTED, StopOnInterrupt, print_note, print_result
+    from hexctl.errors import InputError, RobotFaultError
+    from hexctl.see.latency_trial import CameraLatency
+
+    if camera is None:
+        raise InputError("--camera: got none; allowed: a number such as 0, or an address")
+    measuring = CameraLatency(
+        camera=camera, place=place, size_px=size, fps=fps, connect=connect, credentials=keys,
+        insecure=insecure, link=link, robot=robot,
+    )  # fmt: skip
+    with StopOnInterrupt() as interrupt:
+        try:
+            done = measuring.run(
+                interrupt.requested,
+                on_moving=lambda ahead: print_note(_warning(ahead)),
+                on_event=lambda text: print_note(f"hexctl: {text}"),
+            )
+        except RobotFaultError:
+            if not interrupt.requested():
+                raise
+            done = None
+    if done is None:
+        print_note("hexctl: interrupted; nothing is stored")
+        raise typer.Exit(INTERRUPTED)
+    print_result(json.dumps(_json(done, place)) if as_json else _text(done, place))
+
+
+def _warning(ahead: "TwistAhead") -> str:
+    return (
+        f"{ahead.robot} moves now: it stands up where it is and turns its body to and fro by "
+        f"{math.degrees(ahead.amplitude_rad):.0f} degrees, its feet in place, for {ahead.duration_s:.0f} s; "
+        "Ctrl-C ends it"
+    )
+
+
+def _json(done: "LatencyTrial", place: Path) -> dict[str, Any]:
+    return {
+        "latency_ms": round(1000 * done.latency.latency_s, 1),
+        "sigma_ms": round(1000 * done.latency.sigma_s, 1),
+        "factor": round(done.latency.factor, 3),
+        "pictures": done.pictures,
+        "seen": done.seen,
+        "place": str(place),
+    }
+
+
+def _text(done: "LatencyTrial", place: Path) -> str:
+    return (
+        f"{place}: pictures come {1000 * done.latency.latency_s:.0f} ± {1000 * done.latency.sigma_s:.0f} ms "
+        f"late, by {done.seen} of {done.pictures} pictures; it is stored"
+    )
