@@ -1,4 +1,4 @@
-"""Yaw and tilt of an orientation quaternion (w, x, y, z), z up."""
+"""Orientation quaternions (w, x, y, z), z up: their yaw and tilt, and turns after one another."""
 
 import math
 from typing import TypeVar
@@ -33,3 +33,33 @@ def cos_tilt(x: ComponentT, y: ComponentT) -> ComponentT:
 def wrapped_rad(angle_rad: float) -> float:
     """Equal angle in [-pi, pi]."""
     return math.remainder(angle_rad, math.tau)
+
+
+def about_z(angle_rad: float) -> FloatArray:
+    """Quaternion (4,) of a turn about the vertical, counter-clockwise."""
+    return np.array([math.cos(angle_rad / 2), 0.0, 0.0, math.sin(angle_rad / 2)])
+
+
+def product(first: FloatArray, second: FloatArray) -> FloatArray:
+    """Quaternion (4,) of the turn `second` followed by the turn `first`, both (4,)."""
+    a, i, j, k = first.tolist()
+    b, x, y, z = second.tolist()
+    return np.array(
+        [
+            a * b - i * x - j * y - k * z,
+            a * x + i * b + j * z - k * y,
+            a * y - i * z + j * b + k * x,
+            a * z + i * y - j * x + k * b,
+        ]
+    )
+
+
+def inverse(quaternion: FloatArray) -> FloatArray:
+    """Unit quaternion (4,) of the opposite turn."""
+    return np.asarray(quaternion * np.array([1.0, -1.0, -1.0, -1.0]))
+
+
+def turned(quaternion: FloatArray, vector: FloatArray) -> FloatArray:
+    """Vector (3,) turned by a unit quaternion (4,)."""
+    pure = np.concatenate([[0.0], vector])
+    return product(product(quaternion, pure), inverse(quaternion))[1:]

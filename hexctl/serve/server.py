@@ -56,6 +56,11 @@ class ServedServos(ServosWrapper):
         return self._pose is not None
 
     @property
+    def posed_at_s(self) -> float | None:
+        """When the newest pose from outside came, on time.monotonic; None while there was none."""
+        return None if self._pose is None else self._pose_at_s
+
+    @property
     def own_orientation(self) -> FloatArray | None:
         """Orientation (4,) that the robot itself measured in the state that was read last, or None."""
         return self._own_quaternion
@@ -364,6 +369,7 @@ class RobotServer:
                 stopped=self._guard.stopped,
                 posture=self._idle.name,
                 controller=None if lease is None else lease.owner,
+                posed_at_s=self._servos.posed_at_s,
             )
         )
 

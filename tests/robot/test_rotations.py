@@ -1,4 +1,4 @@
-"""Yaw and tilt against MuJoCo's own rotations."""
+"""Orientation quaternions against MuJoCo's own rotations."""
 
 import math
 
@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hexctl.robot.rotations import cos_tilt, wrapped_rad, yaw_rad
+from hexctl.robot.rotations import about_z, cos_tilt, inverse, product, turned, wrapped_rad, yaw_rad
 
 angles = st.floats(-math.pi, math.pi)
 
@@ -40,3 +40,15 @@ def test_a_wrapped_angle_is_the_same_direction_within_half_a_turn(angle: float) 
     assert -math.pi <= wrapped <= math.pi
     assert math.cos(wrapped) == pytest.approx(math.cos(angle), abs=1e-9)
     assert math.sin(wrapped) == pytest.approx(math.sin(angle), abs=1e-9)
+
+
+@given(yaw=angles, pitch=st.floats(-1.5, 1.5), roll=angles, other=angles)
+def test_turns_after_one_another(yaw: float, pitch: float, roll: float, other: float) -> None:
+    quaternion, second = _quaternion(yaw, pitch, roll), _quaternion(other, -0.3, yaw)
+    both, vector = np.zeros(4), np.zeros(3)
+    mujoco.mju_mulQuat(both, quaternion, second)
+    mujoco.mju_rotVecQuat(vector, np.array([1.0, -2.0, 3.0]), quaternion)
+    np.testing.assert_allclose(product(quaternion, second), both, atol=1e-12)
+    np.testing.assert_allclose(turned(quaternion, np.array([1.0, -2.0, 3.0])), vector, atol=1e-12)
+    np.testing.assert_allclose(product(inverse(quaternion), quaternion), [1, 0, 0, 0], atol=1e-12)
+    np.testing.assert_allclose(about_z(yaw), _quaternion(yaw, 0.0, 0.0), atol=1e-12)

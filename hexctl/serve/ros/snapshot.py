@@ -16,6 +16,8 @@ class RobotSnapshot:
         stopped: why the robot is stopped, or None.
         posture: name of the idle supervisor's state.
         controller: who holds the robot, or None.
+        posed_at_s: when the newest pose from outside came, on time.monotonic; None where the pose is the
+            robot's own.
         stamp_ns: nanoseconds since 1970.
     """
 
@@ -24,4 +26,5 @@ class RobotSnapshot:
     stopped: str | None
     posture: str
     controller: str | None
+    posed_at_s: float | None = None
     stamp_ns: int = field(default_factory=time.time_ns)

@@ -10,8 +10,9 @@ from hexctl.robot.body_twist import BodyTwist
 from hexctl.robot.formats.link_frames import LinkTransforms, fixed_transforms, link_transforms
 from hexctl.robot.model import Robot
 from hexctl.serve.ros import diagnostics
+from hexctl.serve.ros.frames import MAP_FRAME, Frames
 from hexctl.serve.ros.snapshot import RobotSnapshot
-from hexctl.types import FloatArray, RobotState
+from hexctl.types import FloatArray
 from hexctl.wire import ros_cdr
 from hexctl.wire.messages import encode_battery, encode_positions
 from hexctl.wire.pose import BODY_FRAME, WORLD_FRAME
@@ -66,8 +67,18 @@ class RobotMessages:
         self._fixed = telemetry.transforms(tuple(zip(fixed.parents, fixed.children, strict=True)))
         self._links = telemetry.transforms(links)
         self._all_links = telemetry.transforms(((WORLD_FRAME, BODY_FRAME), *links))
+        self._on_map = telemetry.transforms(((MAP_FRAME, WORLD_FRAME), (WORLD_FRAME, BODY_FRAME), *links))
         self._odometry, self._imu = telemetry.odometry(), telemetry.imu()
-        self._twist = BodyTwist()
+        self._twist, self._frames = BodyTwist(), Frames(robot)
+
+    def follow(self, snapshot: RobotSnapshot, *, wanted: bool) -> None:
+        """Take in a state, each of them and before it is encoded.
+
+        Args:
+            snapshot: of the robot.
+            wanted: whether anything subscribes to where the robot is.
+        """
+        self._frames.follow(snapshot, wanted=wanted)
 
     def description(self) -> bytes:
         """The URDF."""
@@ -83,21 +94,26 @@ class RobotMessages:
         return encode_positions(state.joint_positions_rad, measured_ns(snapshot), state.joint_torques_nm)
 
     def moving_frames(self, snapshot: RobotSnapshot) -> bytes:
-        """Frames of the moving links, and of the body in the world where its pose is known."""
+        """Frames of the moving links, of the body in `odom` where its pose is known, and of `odom` in `map`.
+
+        `map` is there with a pose from outside only.
+        """
         rows = _rows(link_transforms(self._robot, snapshot.state.joint_positions_rad))
-        pose = _pose(snapshot.state)
+        pose, odom = self._frames.body_in_odom(snapshot), self._frames.odom_in_map(snapshot)
         stamp_ns = measured_ns(snapshot)
         if pose is None:
             return self._links.encode(stamp_ns, rows)
-        return self._all_links.encode(stamp_ns, np.concatenate([pose, rows]))
+        if odom is None:
+            return self._all_links.encode(stamp_ns, np.concatenate([pose.numbers, rows]))
+        return self._on_map.encode(stamp_ns, np.concatenate([odom.numbers, pose.numbers, rows]))
 
     def odometry(self, snapshot: RobotSnapshot) -> bytes | None:
         """Pose in `odom` and velocity in `base_link`, or None where the pose is not known."""
-        state, pose = snapshot.state, _pose(snapshot.state)
-        if pose is None or state.base_position_world is None or state.base_quaternion_world is None:
+        pose = self._frames.body_in_odom(snapshot)
+        if pose is None:
             return None
-        twist = self._twist.of(state.stamp_s, state.base_position_world, state.base_quaternion_world)
-        return self._odometry.encode(measured_ns(snapshot), np.concatenate([pose, twist]))
+        twist = self._twist.of(snapshot.state.stamp_s, pose.position_m, pose.quaternion)
+        return self._odometry.encode(measured_ns(snapshot), np.concatenate([pose.numbers, twist]))
 
     def imu(self, snapshot: RobotSnapshot) -> bytes | None:
         """Orientation, or None where it is not known."""
@@ -131,15 +147,6 @@ def _rows(found: LinkTransforms) -> FloatArray:
     return np.concatenate([found.translations_m, found.quaternions[:, [1, 2, 3, 0]]], axis=1).ravel()
 
 
-def _pose(state: RobotState) -> FloatArray | None:
-    """x, y, z and quaternion (x, y, z, w) of the body, (7,); None unless all of it is known and finite."""
-    position, quaternion = state.base_position_world, state.base_quaternion_world
-    if position is None or quaternion is None:
-        return None
-    pose = np.concatenate([position, quaternion[1:], quaternion[:1]])
-    return pose if np.isfinite(pose).all() else None
-
-
 class RobotTopics:
     """Publishes the topics of a robot on a session; only what is subscribed to is encoded.
 
@@ -166,6 +173,7 @@ class RobotTopics:
         if snapshot.orientation is not None and "imu/data" not in self._publishers:
             self._publishers["imu/data"] = self._declared("imu/data")
         messages = self._messages
+        messages.follow(snapshot, wanted=any(self._publishers[topic].wanted for topic in ("tf", "odom")))
         self._put("joint_states", messages.joint_states, snapshot)
         self._put("tf", messages.moving_frames, snapshot)
         self._put("odom", messages.odometry, snapshot)
