@@ -47,6 +47,7 @@ REALTIME = (
     "tests/cli/test_drive.py",
     "tests/cli/test_drive_soak.py",
     "tests/teleop/test_page.py",
+    "tests/teleop/test_picture_relay.py",
     "tests/serve/ros/test_bridge_drive.py",
     "tests/cli/test_status.py",
     "tests/cli/test_view.py",

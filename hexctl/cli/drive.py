@@ -65,7 +65,7 @@ DriveGaitOption = Annotated[
 
 @dataclass(frozen=True, slots=True)
 class _Wanted:
-    """What to drive with: keys, a gamepad's file or `none`, a page's address and certificates.
+    """What to drive with: keys, a gamepad's file or `none`, a page's address, certificates and camera.
 
     `terminal` is whether there are keys.
     """
@@ -75,11 +75,18 @@ class _Wanted:
     gamepad: str | None
     page: str | None
     page_keys: Path | None
+    page_view: str | None
 
     def check(self) -> None:
         """Raise InputError where there is nothing to drive with."""
         if self.page_keys is not None and self.page is None:
             raise InputError("--page-keys: got it without --page; allowed: with --page HOST:PORT")
+        if self.page_view is not None:
+            from hexctl.teleop.picture_relay import PictureRelay
+
+            if self.page is None:
+                raise InputError("--page-view: got it without --page; allowed: with --page HOST:PORT")
+            PictureRelay(self.page_view)
         if self.page is not None:
             from hexctl.teleop.page import PageAddress
 
@@ -175,6 +182,15 @@ def drive(
             "(default: none)",
         ),
     ] = None,
+    page_view: Annotated[
+        str | None,
+        typer.Option(
+            "--page-view",
+            metavar="URL",
+            help="Show on the page what a camera sees: the http or https URL of its stream or picture, such "
+            "as http://127.0.0.1:8018/stream.mjpg of hexctl see. (default: none)",
+        ),
+    ] = None,
     view: Annotated[bool, typer.Option("--view", help="Show the drive in the Rerun viewer.")] = False,
     record: Annotated[
         Path | None,
@@ -197,7 +213,7 @@ def drive(
     from hexctl.robot.failure import failure_of
     from hexctl.teleop.keyboard import has_keys
 
-    wanted = _Wanted(keyboard, has_keys(), gamepad, page, page_keys)
+    wanted = _Wanted(keyboard, has_keys(), gamepad, page, page_keys, page_view)
     wanted.check()
 
     options: dict[str, Any] = {
@@ -296,7 +312,7 @@ def _devices(stack: ExitStack, session: "DriveSession", wanted: _Wanted) -> "lis
 
     drive, devices = session.drive, list["Device"]()
     if wanted.page is not None:
-        page = stack.enter_context(_page(session, wanted.page, wanted.page_keys))
+        page = stack.enter_context(_page(stack, session, wanted.page, wanted))
         devices.append(page)
         token = "" if page.token is None else f" with the token {page.token}"
         print_note(f"hexctl: drive on {page.url}{token}")
@@ -314,15 +330,18 @@ def _devices(stack: ExitStack, session: "DriveSession", wanted: _Wanted) -> "lis
     return devices
 
 
-def _page(session: "DriveSession", address: str, folder: Path | None) -> "DrivePage":
+def _page(stack: ExitStack, session: "DriveSession", address: str, wanted: _Wanted) -> "DrivePage":
     from hexctl.teleop.page import DrivePage, PageAddress
+    from hexctl.teleop.picture_relay import PictureRelay
 
+    view, folder = wanted.page_view, wanted.page_keys
     return DrivePage(
         PageAddress.parse(address),
         session.drive.arbiter.source("page"),
         session.drive.share,
         session.ask,
         credentials=None if folder is None else _credentials(folder),
+        pictures=None if view is None else stack.enter_context(PictureRelay(view)),
     )
 
 

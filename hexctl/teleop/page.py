@@ -2,7 +2,9 @@
 
 Messages to the robot are JSON: `{"v": [forward, left, turn]}` with shares of the greatest speeds, -1 to 1,
 20 to 50 times a second while a finger is down; `{"release": true}` when it goes; `{"do": "stop"}` for the
-other requests. The robot sends its status ten times a second.
+other requests. The robot sends its status ten times a second. What a camera sees comes on a second socket, so
+that a large picture holds up no status: any message asks for the next picture, which is one message, or JSON
+`{"trouble": why}` where none comes.
 
 Every client that opens the page may drive. So it is served to this computer alone unless a token and TLS are
 asked for; requests for a name that is not this computer's, and sockets of pages from elsewhere, are refused.
@@ -33,6 +35,7 @@ from websockets.typing import Subprotocol
 from hexctl.control.drive.arbiter import COMMAND_EXPIRY_S, VelocitySource
 from hexctl.errors import HexctlError, InputError, RobotFaultError, argument
 from hexctl.teleop.keyboard import Share
+from hexctl.teleop.picture_relay import PERIOD_S, Picture, PictureRelay
 from hexctl.wire.certificates import Credentials, hosts_of_this_computer
 
 DEFAULT_ADDRESS = "127.0.0.1:8017"
@@ -40,6 +43,12 @@ DEFAULT_ADDRESS = "127.0.0.1:8017"
 #: Path of the socket, and how the protocol on it is called. A token travels beside it, in a header that
 #: logs do not have.
 SOCKET_PATH, PROTOCOL, TOKEN_PREFIX = "/drive", "hexctl.drive.1", "token."
+
+#: Path of the socket on which pictures come, and how many may look at them.
+VIEW_PATH, MOST_VIEWERS = "/view", 4
+
+#: How long a client waits for a picture until it is told that there is none.
+PICTURE_WAIT_S = 1.0
 
 #: Time between two reports.
 REPORT_S = 0.1
@@ -128,6 +137,7 @@ class DrivePage:
         ask: takes requests.
         credentials: certificate and key for TLS; needed beyond loopback.
         token: that clients have to know; None makes one beyond loopback and asks for none on it.
+        pictures: what a camera sees, opened and closed elsewhere; None shows none.
         now_s: monotonic time.
 
     Attributes:
@@ -146,6 +156,7 @@ class DrivePage:
         *,
         credentials: Credentials | None = None,
         token: str | None = None,
+        pictures: PictureRelay | None = None,
         now_s: Callable[[], float] = time.monotonic,
     ) -> None:
         address.check(secured=credentials is not None)
@@ -155,6 +166,9 @@ class DrivePage:
         self.port = address.port
         self._names = {name.lower() for name in (*hosts_of_this_computer([]), "localhost", address.host)}
         self._page = files("hexctl.teleop").joinpath("page.html").read_bytes()
+        self._pictures = pictures
+        if pictures is not None:
+            self._page = self._page.replace(b"<html ", b"<html data-view ", 1)
         self._status = "{}"
         self._driver: ServerConnection | None = None
         self._driver_at_s, self._forgets = -math.inf, source.forgets
@@ -240,7 +254,7 @@ class DrivePage:
     async def _send_reports(self, server: Server) -> None:
         while True:
             # A client that takes nothing does not hold up the others.
-            broadcast(server.connections, self._status)
+            broadcast(_on(server, SOCKET_PATH), self._status)
             await asyncio.sleep(REPORT_S)
 
     def _answer(self, connection: ServerConnection, request: Request) -> Response | None:
@@ -248,7 +262,7 @@ class DrivePage:
         host = request.headers.get("Host", "")
         if not self._is_ours(host):
             return _response(HTTPStatus.FORBIDDEN, OTHER_HOST)
-        if request.path != SOCKET_PATH:
+        if request.path != SOCKET_PATH and (self._pictures is None or request.path != VIEW_PATH):
             found = request.path == "/"
             body = self._page if found else b"not found\n"
             return _response(HTTPStatus.OK if found else HTTPStatus.NOT_FOUND, body, html=found)
@@ -257,7 +271,8 @@ class DrivePage:
             return _response(HTTPStatus.FORBIDDEN, b"another origin\n")
         if not self._knows_token(request.headers):
             return _response(HTTPStatus.FORBIDDEN, b"wrong token\n")
-        if connection.server is not None and len(connection.server.connections) >= MOST_CLIENTS:
+        most = MOST_CLIENTS if request.path == SOCKET_PATH else MOST_VIEWERS
+        if len(_on(connection.server, request.path)) >= most:
             return _response(HTTPStatus.SERVICE_UNAVAILABLE, b"too many clients\n")
         return None
 
@@ -289,12 +304,35 @@ class DrivePage:
 
     async def _talk(self, connection: ServerConnection) -> None:
         try:
+            if connection.request is not None and connection.request.path == VIEW_PATH:
+                await self._show(connection)
             async for message in connection:
                 self._take(connection, message)
         except ConnectionClosed:
             pass
         finally:
             self._let_go(connection)
+
+    async def _show(self, connection: ServerConnection) -> None:
+        """Send one picture for each message, until the client goes."""
+        shown = 0
+        async for _ in connection:
+            picture = await self._picture_after(shown)
+            if picture is None:
+                why = None if self._pictures is None else self._pictures.trouble
+                await connection.send(json.dumps({"trouble": why or "none comes"}))
+            else:
+                shown = picture.number
+                await connection.send(picture.jpeg)
+
+    async def _picture_after(self, number: int) -> Picture | None:
+        """The newest picture once it is another one; None where none comes for a while."""
+        for _ in range(round(PICTURE_WAIT_S / PERIOD_S)):
+            newest = None if self._pictures is None else self._pictures.newest
+            if newest is not None and newest.number != number:
+                return newest
+            await asyncio.sleep(PERIOD_S)
+        return None
 
     def _take(self, connection: ServerConnection, message: str | bytes) -> None:
         """Take a message; one that is not allowed changes nothing."""
@@ -326,6 +364,12 @@ class DrivePage:
         if self._driver is connection:
             self._driver, self._driver_at_s = None, -math.inf
             self._source.release()
+
+
+def _on(server: Server | None, path: str) -> list[ServerConnection]:
+    """Open sockets at a path."""
+    connections = () if server is None else server.connections
+    return [one for one in connections if one.request is not None and one.request.path == path]
 
 
 def _response(status: HTTPStatus, body: bytes, *, html: bool = False) -> Response:

@@ -104,6 +104,8 @@ def test_the_page_drives_and_stops(tmp_path: Path) -> None:
         (["--no-keyboard"], "--no-keyboard: got it with nothing else to drive with; allowed: --page HOST"),
         (["--gamepad", __file__], "test_drive.py, which is no event file; allowed: such as"),
         (["--page", "127.0.0.1:0", "--page-keys", "no"], "--page-keys: got no, which has no robot/certif"),
+        (["--page-view", "http://camera/"], "--page-view: got it without --page; allowed: with --page HOST"),
+        (["--page", "127.0.0.1:0", "--page-view", "camera"], "--page-view: got 'camera'; allowed: the URL"),
         (["--page", "here"], "--page: got 'here'; allowed: HOST:PORT such as 127.0.0.1:8017"),
         (["--page", "127.0.0.1:0", "--gait", "trot"], "--gait: got 'trot'; allowed: demo, tripod"),
         (["--page", "127.0.0.1:0", "--backend", "mock", "--world", "rough"], "--world: got rough with"),

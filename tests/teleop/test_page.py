@@ -4,7 +4,7 @@ import http.client
 import json
 import socket
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +15,8 @@ from websockets.typing import Origin, Subprotocol
 
 from hexctl.control.drive.arbiter import Arbiter, Decision, Velocity
 from hexctl.errors import InputError
-from hexctl.teleop.page import PROTOCOL, DrivePage, PageAddress, new_token
+from hexctl.teleop.page import MOST_VIEWERS, PROTOCOL, DrivePage, PageAddress, new_token
+from hexctl.teleop.picture_relay import Picture, PictureRelay
 from hexctl.waiting import wait_for
 from hexctl.wire.certificates import find_credentials, make_certificates
 from hexctl.wire.links import Role
@@ -41,11 +42,13 @@ class Served:
             **options,
         )
 
-    def client(self, *, origin: str | None = None, token: str | None = None) -> ClientConnection:
+    def client(
+        self, *, origin: str | None = None, token: str | None = None, path: str = "/drive"
+    ) -> ClientConnection:
         words = [Subprotocol(PROTOCOL), *([] if token is None else [Subprotocol(f"token.{token}")])]
         own = f"http://127.0.0.1:{self.page.port}"
         return connect(
-            f"ws://127.0.0.1:{self.page.port}/drive", origin=Origin(origin or own), subprotocols=words
+            f"ws://127.0.0.1:{self.page.port}{path}", origin=Origin(origin or own), subprotocols=words
         )
 
     def wait(self, decision: Decision) -> None:
@@ -244,3 +247,87 @@ def test_an_address_that_is_none_is_refused(text: str) -> None:
 def test_addresses_are_parsed(text: str, host: str, loopback: bool) -> None:
     address = PageAddress.parse(text)
     assert (address.host, address.loopback) == (host, loopback)
+
+
+@pytest.fixture
+def pictures() -> PictureRelay:
+    """A relay that fetches nothing: what it has comes from the test."""
+    made = PictureRelay("http://127.0.0.1:9/picture.jpg")
+    made.newest = Picture(1, b"first")
+    return made
+
+
+def test_a_camera_is_seen_picture_by_picture(pictures: PictureRelay) -> None:
+    with served(pictures=pictures) as robot, robot.client(path="/view") as viewer:
+        viewer.send("next")
+        assert viewer.recv(timeout=5) == b"first"
+        viewer.send("next")
+        pictures.newest = Picture(2, b"second")
+        assert viewer.recv(timeout=5) == b"second"
+        pictures.newest, pictures.trouble = None, "the camera answers 404"
+        viewer.send("next")
+        assert json.loads(viewer.recv(timeout=5)) == {"trouble": "the camera answers 404"}
+        pictures.newest = Picture(3, b"third")
+        viewer.send("next")
+        assert viewer.recv(timeout=5) == b"third"
+
+
+def test_who_looks_does_not_drive_and_hears_no_status(pictures: PictureRelay) -> None:
+    with served(pictures=pictures) as robot, robot.client(path="/view") as viewer, robot.client() as client:
+        robot.page.report({"robot": "ant"})
+        viewer.send(json.dumps({"v": [1, 0, 0]}))
+        viewer.send(json.dumps({"do": "stop"}))
+        assert viewer.recv(timeout=5) == b"first"
+        assert viewer.recv(timeout=5) == '{"trouble": "none comes"}'
+        assert client.recv(timeout=5)
+        assert (robot.asked, robot.arbiter.decide()) == ([], Decision())
+
+
+def test_a_viewer_that_takes_nothing_holds_nobody_up(pictures: PictureRelay) -> None:
+    pictures.newest = Picture(1, bytes(50_000_000))
+    with served(pictures=pictures) as robot, robot.client(path="/view") as viewer, robot.client() as client:
+        viewer.send("next")
+        for index in range(5):
+            robot.page.report({"robot": str(index)})
+            wait_for(lambda: json.loads(client.recv(timeout=5)) == {"robot": str(index)}, 5.0, "no status")  # noqa: B023
+        client.send(json.dumps({"do": "stop"}))
+        wait_for(lambda: robot.asked == ["stop"], 5.0, "the stop does not come")
+
+
+@pytest.mark.parametrize("path", ["/drive", "/view"])
+def test_what_a_camera_sees_needs_the_token_and_a_page_of_ours(path: str, pictures: PictureRelay) -> None:
+    with served(pictures=pictures, token=TOKEN) as robot:
+        for wrong in ({"token": None}, {"token": "wrong"}, {"token": TOKEN, "origin": "http://elsewhere"}):
+            with pytest.raises(InvalidStatus, match="403"):
+                robot.client(path=path, **wrong)
+        with robot.client(path=path, token=TOKEN):
+            pass
+
+
+def test_those_who_look_do_not_keep_out_who_drives(pictures: PictureRelay) -> None:
+    with served(pictures=pictures) as robot, ExitStack() as stack:
+        for _ in range(MOST_VIEWERS):
+            stack.enter_context(robot.client(path="/view"))
+        with pytest.raises(InvalidStatus, match="503"):
+            robot.client(path="/view")
+        client = stack.enter_context(robot.client())
+        client.send(json.dumps({"v": [1, 0, 0]}))
+        robot.wait(Decision(Velocity(1, 0, 0), "page"))
+
+
+def test_without_a_camera_there_is_no_place_for_its_picture(pictures: PictureRelay) -> None:
+    with served() as robot:
+        assert b"<html data-view" not in got(robot)
+        with pytest.raises(InvalidStatus, match="404"):
+            robot.client(path="/view")
+    with served(pictures=pictures) as robot:
+        assert b"<html data-view" in got(robot)
+
+
+def got(robot: Served) -> bytes:
+    """The page."""
+    connection = http.client.HTTPConnection("127.0.0.1", robot.page.port, timeout=5)
+    connection.request("GET", "/")
+    body = connection.getresponse().read()
+    connection.close()
+    return body
