@@ -308,6 +308,7 @@ def adapt(
     insecure: bool = False,
     link: str | None = None,
     arena_m: float | None = None,
+    home_m: tuple[float, float] | None = None,
     cool_down_c: float | None = None,
     operator: Operator | None = None,
     record: bool = True,
@@ -360,6 +361,7 @@ def adapt(
         insecure: let a link beyond this computer do without.
         link: name or path of a link file.
         arena_m: keep a robot that stays where a walk ends within this radius of its first place.
+        home_m: middle (x, y) of the arena in the world, in place of the robot's first place.
         cool_down_c: before each trial, sit and wait until all servos are cooler, in degrees Celsius.
         operator: places the robot before each trial and measures after it.
         record: whether to record each trial.
@@ -409,6 +411,7 @@ def adapt(
         insecure=insecure,
         link=link,
         arena_m=arena_m,
+        home_m=None if home_m is None else [float(value) for value in home_m],
         cool_down_c=cool_down_c,
         ask=operator is not None,
     )

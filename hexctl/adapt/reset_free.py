@@ -234,7 +234,7 @@ def await_ready(servos: Guard, *, needs_pose: bool = True) -> RobotState:
 
 
 def at_home(spec: SessionSpec, servos: Guard | None) -> SessionSpec:
-    """Spec of a session that begins where the robot is now.
+    """Spec of a session that begins where the robot is now; of an arena with a home of its own, that stays.
 
     Raises RobotStoppedError for a robot that is stopped, RobotFaultError for one that does not know its
     position and must, InputError for one without the joint torques that the objective needs.
@@ -250,7 +250,7 @@ def at_home(spec: SessionSpec, servos: Guard | None) -> SessionSpec:
             f"torques; allowed: {', '.join(usable)}"
         )
     position = state.base_position_world
-    if spec.arena_m is None or position is None:
+    if spec.arena_m is None or spec.home_m is not None or position is None:
         return spec
     return replace(spec, home_m=[float(position[0]), float(position[1])])
 

@@ -300,6 +300,7 @@ def _check_options(spec: SessionSpec, objective: Objective) -> None:
             "each trial begins at the "
             "same place; allowed: with a robot that stays where a walk ends"
         )
+    _check_home(spec)
     if spec.cool_down_c is not None:
         _check_cooling(spec, spec.cool_down_c)
     if (spec.arena_m is not None or spec.ask) and spec.heading_deg and spec.self_rotation != "none":
@@ -310,6 +311,16 @@ def _check_options(spec: SessionSpec, objective: Objective) -> None:
         )
     if spec.ask:
         _check_asking(spec, objective)
+
+
+def _check_home(spec: SessionSpec) -> None:
+    """Raise InputError for a middle without an arena around it, and for one that is no place."""
+    if spec.home_m is None:
+        return
+    if spec.arena_m is None:
+        raise InputError(f"home_m: got {spec.home_m} without arena_m; allowed: with it, whose middle it is")
+    if len(spec.home_m) != 2 or not all(map(math.isfinite, spec.home_m)):
+        raise InputError(f"home_m: got {spec.home_m}; allowed: x and y in m")
 
 
 def _check_cooling(spec: SessionSpec, cool_down_c: float) -> None:

@@ -66,7 +66,8 @@ class SessionSpec:
         link: name or path of a link file, or None.
         arena_m: radius around `home_m` in which a robot that stays between trials is kept, or None.
         cool_down_c: temperature in degrees Celsius below which all servos are before each trial, or None.
-        home_m: where it stood when the session began, x and y in the world; None without an arena.
+        home_m: middle of the arena, x and y in the world: where the robot stood when the session began, or
+            what was asked for; None without an arena.
         ask: True where an operator places the robot before each trial and measures after it.
         baseline_gaits: named gaits that are walked before the first trial, to compare with.
         policy: what a trial does about another leg that it notices to have failed, as in `hexctl run`; with

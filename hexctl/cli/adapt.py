@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from hexctl.cli import completion
+from hexctl.cli.arena import ArenaOption, arena_fields
 from hexctl.cli.console import (
     ABORTED,
     DONE,
@@ -55,7 +56,6 @@ if TYPE_CHECKING:
 
 BUDGET = Range(low=1, high=100_000, whole=True)
 REPEATS = Range(low=0, whole=True)
-METRES = Range(low=0, above=True, unit="m")
 COOL_C = Range(low=25, high=68, unit="degrees Celsius")
 GAIN_M = Range(low=0, unit="m")
 
@@ -202,15 +202,7 @@ def adapt(
     credentials: KeysOption = None,
     insecure: InsecureOption = False,
     link: LinkOption = None,
-    arena_m: Annotated[
-        float | None,
-        number(
-            "--arena",
-            METRES,
-            "On a robot that stays where a walk ends: the radius in metres, {}, around its place "
-            "at the session's start that it is kept in. (default: none, it wanders)",
-        ),
-    ] = None,
+    arena: ArenaOption = None,
     cool_down_c: Annotated[
         float | None,
         number(
@@ -297,7 +289,7 @@ def adapt(
         credentials=None if credentials is None else str(credentials),
         insecure=insecure,
         link=link,
-        arena_m=arena_m,
+        **arena_fields(arena, robot),
         cool_down_c=cool_down_c,
         ask=ask,
         seed=seed,

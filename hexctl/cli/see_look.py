@@ -175,8 +175,7 @@ def _print_started(started: "CameraStarted", path: Path) -> None:
     if started.arena is not None:
         (x_m, y_m), radius_m = started.arena
         print_note(
-            f"{started.robot} is seen within {radius_m:.2f} m of {x_m:.2f}, {y_m:.2f} m: adapt --arena "
-            f"{math.floor(100 * radius_m) / 100:g}, begun there"
+            f"{started.robot} is seen within {radius_m:.2f} m of {x_m:.2f}, {y_m:.2f} m: adapt --arena {path}"
         )
     page = "" if started.page_url is None else f"; shown at {started.page_url}"
     print_note(f"looking for {started.robot}{page}; Ctrl-C ends it")

@@ -1,5 +1,6 @@
 """`hexctl.adapt` and `Adaptation`: what the command line does, in Python, without a word printed."""
 
+import math
 import subprocess
 import sys
 from pathlib import Path
@@ -347,6 +348,11 @@ def test_a_search_without_a_belief_does_not_know_what_a_trial_is_worth(options: 
         ({"objective": "haste"}, "haste"),
         ({"objective": 3}, "allowed: a name, an Objective, or a function"),
         ({"arena_m": 3.0}, "arena_m: got it with backend sim"),
+        ({"backend": "mock", "home_m": (0.0, 1.0)}, "without arena_m; allowed: with it"),
+        (
+            {"backend": "mock", "arena_m": 9.0, "home_m": (0.0, math.nan)},
+            r"home_m: got \[0.0, nan\]; allowed: x and y in m",
+        ),
         ({"backend": "mock", "world": "flat"}, "world: got flat with backend mock"),
     ],
 )

@@ -16,10 +16,14 @@ import pytest
 from hexctl.adapt.prior.prior import Prior, save_prior
 from hexctl.adapt.store import SessionStore
 from hexctl.cli.main import exit_code
+from hexctl.see.vision.camera import Camera
 from tests.adapt.priors import MadeUpModel, key_of, made_up_prior
 from tests.adapt.staying import PLACE, StayingSim
 from tests.cli.adaptkits import SAG_RAD
 from tests.cli.kits import Kit
+from tests.see.scenes import WEBCAM
+from tests.see.test_place import PLACE as SEEN
+from tests.see.test_place import saved
 
 KITS = "tests.cli.adaptkits"
 ROOT = Path(__file__).parents[2]
@@ -63,6 +67,8 @@ REFUSED = [
     (["--ask"], ["--ask", "--backend sim"]),
     ([*STAYING, "--arena", "0"], ["--arena", "0", "above 0"]),
     ([*STAYING, "--arena", "nan"], ["--arena", "nan", "above 0"]),
+    ([*STAYING, "--arena", "wide"], ["--arena", "'wide'", "a number", "place.yaml"]),
+    ([*STAYING, "--arena", "no.yaml"], ["no.yaml"]),
     ([*STAYING, "--arena", "1"], ["--arena", "1 m", "2.15 m", "2.23 m or more", "--duration"]),
     ([*STAYING, "--ask", "--arena", "5"], ["--arena", "--ask"]),
     ([*STAYING, "--ask", "--objective", "mean"], ["--objective", "mean", "final or progress"]),
@@ -266,6 +272,19 @@ def test_a_twin_goes_back_and_forth_in_its_arena(
     rows = [line for line in printed.out.splitlines() if line[:5].strip().isdigit()]
     assert len(rows) == 5
     assert 0.3 < StayingSim.farthest_m < 0.75
+
+
+def test_a_twin_is_led_to_the_circle_that_a_camera_sees(capsys: pytest.CaptureFixture[str]) -> None:
+    """It begins outside, and ends within."""
+    middle = np.array([1.0, 0.8])
+    camera = Camera.looking(WEBCAM, np.array([-0.2, 0.8, 1.3]), np.array([*middle, 0.0]))
+    place = saved(Path.cwd(), replace(SEEN, camera=camera))
+    outcome, err = json_and_err(capsys, *TWIN, "--duration", "6", "--arena", str(place), "--budget", "5")
+    home, radius_m = np.array(outcome["home_m"]), outcome["arena_m"]
+    assert f"is kept within {radius_m:g} m" in err
+    assert 0.4 < radius_m < np.hypot(*home), "it began outside"
+    assert len(outcome["trials"]) == 5
+    assert np.hypot(*(np.load(PLACE)["qpos"][:2] - home)) < radius_m + 0.15
 
 
 @pytest.mark.parametrize(("backend", "knows"), [
