@@ -13,6 +13,7 @@ from benchmarks.recording import recording_rows
 from benchmarks.ros import ros_rows
 from benchmarks.rows import Row
 from benchmarks.scale import Scale
+from benchmarks.see import see_rows
 from benchmarks.single import single_rows
 from benchmarks.startup import startup_rows
 from benchmarks.study import study_rows
@@ -30,6 +31,7 @@ BENCHMARKS: dict[str, Benchmark] = {
     "link": link_rows,
     "ros": ros_rows,
     "bus": bus_rows,
+    "see": see_rows,
     "single": single_rows,
     "recording": recording_rows,
     "batch": batch_rows,

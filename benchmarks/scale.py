@@ -20,6 +20,9 @@ class Scale:
         bus_s: how long each of the robots on a bus walks.
         starts: how often a process is started.
         robots: random robots of each verdict of `hexctl check`.
+        see_step_m: grid of the floor on which a camera looks for the robot.
+        see_walks: walks that hold their line by a camera.
+        see_walk_s: how long each of them is.
     """
 
     rounds: int
@@ -34,6 +37,9 @@ class Scale:
     bus_s: float
     starts: int
     robots: int
+    see_step_m: float
+    see_walks: int
+    see_walk_s: float
 
 
 FULL = Scale(
@@ -49,6 +55,9 @@ FULL = Scale(
     bus_s=600.0,
     starts=7,
     robots=20,
+    see_step_m=0.25,
+    see_walks=12,
+    see_walk_s=15.0,
 )
 
 #: A smoke test: every number comes out, none of them means much.
@@ -65,4 +74,7 @@ QUICK = Scale(
     bus_s=2.0,
     starts=2,
     robots=1,
+    see_step_m=1.0,
+    see_walks=1,
+    see_walk_s=3.0,
 )

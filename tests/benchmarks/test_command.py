@@ -25,6 +25,9 @@ TINY = Scale(
     bus_s=1.0,
     starts=1,
     robots=1,
+    see_step_m=2.0,
+    see_walks=1,
+    see_walk_s=0.5,
 )
 
 SOME_LANDSCAPES = ("landscape.straight.leg1", "landscape.rotated.leg4")
