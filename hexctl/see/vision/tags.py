@@ -28,7 +28,7 @@ _OUR_ORDER = [2, 3, 0, 1]
 LEAST_MARGIN = 20.0
 
 #: A crop around a tag is this much wider than the tag at each side, in edges of it.
-CROP_MARGIN = 0.5
+CROP_MARGIN = 0.35
 
 #: A tag below this edge, in px, is not decoded reliably.
 LEAST_EDGE_PX = 12.0

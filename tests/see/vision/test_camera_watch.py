@@ -40,7 +40,7 @@ def watch() -> CameraWatch:
 
 def test_a_camera_that_stays_is_not_said_to_have_moved(usual: Picture) -> None:
     watching = watch()
-    assert list(changes(watching, usual, 60)) == []
+    assert list(changes(watching, usual, 100)) == []
     assert set(watching.visible) == set(FLOOR_TAGS)
 
 
@@ -49,7 +49,7 @@ def test_many_looks_make_the_place_of_the_camera_better() -> None:
     watching = CameraWatch(believed, FLOOR_CORNERS, TagFinder())
     with SceneRenderer(ROBOT, CAMERA, FLOOR_TAGS, tag_on(ROBOT)) as renderer:
         pictures = [renderer.draw(AWAY) for _ in range(5)]
-    for look in range(130):
+    for look in range(300):
         watching.look(pictures[look % 5])
     assert np.linalg.norm(watching.camera.position_floor - CAMERA.position_floor) < 0.002
 
@@ -57,7 +57,7 @@ def test_many_looks_make_the_place_of_the_camera_better() -> None:
 @pytest.mark.parametrize("moved", [SHIFTED, TURNED_AWAY], ids=["shifted", "turned away"])
 def test_a_camera_that_was_knocked_is_placed_anew(usual: Picture, moved: Camera) -> None:
     watching = watch()
-    assert list(changes(watching, usual, 8)) == []
+    assert list(changes(watching, usual, 20)) == []
     told = list(changes(watching, picture_of(moved), 60))
     assert [change.tag_id for change in told] == [None]
     true_shift_m = np.linalg.norm(moved.position_floor - CAMERA.position_floor)
@@ -69,7 +69,7 @@ def test_a_camera_that_was_knocked_is_placed_anew(usual: Picture, moved: Camera)
 
 def test_one_tag_that_was_kicked_is_used_no_more(usual: Picture) -> None:
     watching = watch()
-    list(changes(watching, usual, 8))
+    list(changes(watching, usual, 20))
     kicked = FLOOR_TAGS | {3: PlacedTag(3, FLOOR_TAGS[3].edge_m, PlanarPose(-0.6, 0.03, 0.05))}
     told = list(changes(watching, picture_of(CAMERA, kicked), 60))
     assert [change.tag_id for change in told] == [3]
@@ -79,10 +79,10 @@ def test_one_tag_that_was_kicked_is_used_no_more(usual: Picture) -> None:
 
 def test_a_covered_lens_moves_nothing(usual: Picture) -> None:
     watching = watch()
-    list(changes(watching, usual, 8))
+    list(changes(watching, usual, 20))
     assert list(changes(watching, np.zeros_like(usual), 60)) == []
     assert watching.visible == []
-    assert list(changes(watching, usual, 60)) == []
+    assert list(changes(watching, usual, 100)) == []
     assert set(watching.visible) == set(FLOOR_TAGS)
 
 
