@@ -34,6 +34,8 @@ SHORTER_SERVED = {
     "run": "--duration 0.5 --self-rotation none",
     "adapt": "--budget 1 --duration 1 --self-rotation none",
 }
+#: Appended to the rendered camera, which draws without a graphics card.
+SMALLER_PICTURES = "--size 640x360 --fps 12"
 #: Left out: a window, and the speed of a real robot.
 DROPPED = ("--view", "--realtime")
 
@@ -74,7 +76,7 @@ def parse(arguments: Sequence[str]) -> None:
     """Parse a command as hexctl does, without running it; unknown options and values raise."""
     command: Any = typer.main.get_command(app)
     words = list(arguments)
-    while hasattr(command, "commands"):
+    while hasattr(command, "commands") and not words[0].startswith("-"):  # `hexctl see` takes options too
         command = command.commands[words.pop(0)]
     command.make_context("hexctl", words)
 
@@ -180,7 +182,12 @@ class Shell:
         if arguments[:2] == ["see", "twin"]:
             self._start_camera(arguments)
             return
-        served = name in ("status", "estop") or "zenoh" in arguments
+        if arguments[0] == "see" and "--camera" in arguments:
+            arguments[arguments.index("--camera") + 1] = self._camera
+            if arguments[1] == "--camera":
+                self._look(arguments)
+                return
+        served = name in ("status", "estop") or "zenoh" in arguments or arguments[:2] == ["see", "latency"]
         if served:
             arguments += [*SHORTER_SERVED.get(name, "").split(), *self._robot]
         else:
@@ -234,10 +241,16 @@ class Shell:
         if "--http-port" in arguments:
             at = arguments.index("--http-port")
             del arguments[at : at + 2]
-        said = self._start([*arguments, *self._robot], "camera over ")
+        said = self._start([*arguments, *SMALLER_PICTURES.split(), *self._robot], "camera over ")
         found = re.search(r" at (http://\S+)", said)
         assert found, said
         self._camera = found[1]
+
+    def _look(self, arguments: list[str]) -> None:
+        """Look with the rendered camera from now on, at a free port."""
+        if "--page" in arguments:
+            arguments[arguments.index("--page") + 1] = "0"
+        self._start([*arguments, *self._robot], "tag in ")
 
     def _start(self, arguments: list[str], ready: str, programs: ExitStack | None = None) -> str:
         """Start a program that is ended with the shell, by its id, and return what it said once ready."""
@@ -288,7 +301,7 @@ def _stay_here(arguments: list[str]) -> None:
     ends = [after for word, after in pairwise(arguments) if word == "--connect"]
     here = [end.startswith("/dev/pts/") or "/127.0.0.1:" in end or Path(end).is_socket() for end in ends]
     assert all(here[-1:]), ends
-    assert not any("://" in word for word in arguments), arguments
+    assert not any("://" in word and "://127.0.0.1:" not in word for word in arguments), arguments
 
 
 def _require(holds: bool) -> None:
