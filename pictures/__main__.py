@@ -11,7 +11,7 @@ from pathlib import Path
 
 os.environ.setdefault("MUJOCO_GL", "disable")
 
-from pictures import failure_strip, figures, step_response
+from pictures import camera_map, failure_strip, figures, step_response
 from pictures.needed import MissingProgramError
 from pictures.picture import Picture
 
@@ -33,6 +33,7 @@ PICTURES: dict[str, Callable[[Path], Picture]] = {
     "convergence": figures.draw_convergence,
     "step_response": step_response.draw_step_response,
     "failure": failure_strip.draw_failure_strip,
+    "camera_map": camera_map.draw_camera_map,
 }
 
 
