@@ -11,8 +11,15 @@ import typer
 from hexctl.cli.options import JsonOption
 from hexctl.cli.see_latency import latency
 from hexctl.cli.see_look import look
+from hexctl.cli.see_options import (
+    FloorEdgeOption,
+    FloorTagsOption,
+    HomeEdgeOption,
+    RobotEdgeOption,
+    RobotTagOption,
+)
 from hexctl.cli.see_twin import twin
-from hexctl.cli.values import Range, choice, number
+from hexctl.cli.values import choice
 
 if TYPE_CHECKING:
     from hexctl.see.vision.calibration import CalibratedLens, LensCalibration
@@ -20,9 +27,6 @@ if TYPE_CHECKING:
 
 Paper = Literal["a4", "letter"]
 
-TAG = Range(low=0, high=586, whole=True)
-EDGE_MM = Range(low=20, high=200, unit="mm")
-FLOOR_TAGS = Range(low=0, high=20, whole=True)
 
 see = typer.Typer(no_args_is_help=True, invoke_without_command=True)
 see.callback()(look)
@@ -35,25 +39,11 @@ def print_(
         typer.Option("--output", "-o", help="New PDF file; nothing is replaced."),
     ] = Path("sheet.pdf"),
     paper: Annotated[Paper, choice("--paper", Paper, "Paper: a4 or letter.")] = "a4",
-    robot_tag: Annotated[
-        int,
-        number("--robot-tag", TAG, "Number of the robot's tag, a whole number, {}, and none of the floor's."),
-    ] = 10,
-    robot_edge_mm: Annotated[
-        float, number("--robot-edge-mm", EDGE_MM, "Edge of the robot's tag in millimetres, {}.")
-    ] = 100.0,
-    home_edge_mm: Annotated[
-        float, number("--home-edge-mm", EDGE_MM, "Edge of the floor's tag 0 in millimetres, {}.")
-    ] = 110.0,
-    floor_tags: Annotated[
-        int,
-        number(
-            "--floor-tags", FLOOR_TAGS, "Further tags for the floor, one on each page, a whole number, {}."
-        ),
-    ] = 3,
-    floor_edge_mm: Annotated[
-        float, number("--floor-edge-mm", EDGE_MM, "Edge of these in millimetres, {}.")
-    ] = 160.0,
+    robot_tag: RobotTagOption = 10,
+    robot_edge_mm: RobotEdgeOption = 100.0,
+    home_edge_mm: HomeEdgeOption = 110.0,
+    floor_tags: FloorTagsOption = 3,
+    floor_edge_mm: FloorEdgeOption = 160.0,
 ) -> None:
     """Make a PDF with the tags of robot and floor, and a board to calibrate the lens with."""
     from hexctl.cli.console import print_result

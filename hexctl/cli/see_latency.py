@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from hexctl.cli.options import InsecureOption, JsonOption, KeysOption, LinkOption, ZenohConnectOption
-from hexctl.cli.see_twin import FPS, size_of
-from hexctl.cli.values import number
+from hexctl.cli.see_options import FpsOption, OneRobotOption, SizeOption
 
 if TYPE_CHECKING:
     from hexctl.see.latency_trial import LatencyTrial, TwistAhead
@@ -28,24 +27,10 @@ def latency(
         Path,
         typer.Option("--place", help="YAML file that hexctl see --camera made; it keeps the latency."),
     ] = Path("place.yaml"),
-    size: Annotated[
-        Any,
-        typer.Option(
-            "--size",
-            parser=size_of,
-            metavar="WIDTHxHEIGHT",
-            help="Size of pictures in px that a camera is asked for. (default: the camera's own)",
-        ),
-    ] = None,
-    fps: Annotated[
-        float | None,
-        number("--fps", FPS, "Pictures a second that a camera is asked for, {}. (default: its own)"),
-    ] = None,
+    size: SizeOption = None,
+    fps: FpsOption = None,
     connect: ZenohConnectOption = None,
-    robot: Annotated[
-        str | None,
-        typer.Option("--robot", help="Name of the robot on the link. (default: the only one there)"),
-    ] = None,
+    robot: OneRobotOption = None,
     keys: KeysOption = None,
     insecure: InsecureOption = False,
     link: LinkOption = None,

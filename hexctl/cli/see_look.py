@@ -8,7 +8,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from hexctl.cli.options import InsecureOption, JsonOption, KeysOption, LinkOption, ZenohConnectOption
-from hexctl.cli.see_twin import FPS, LATENCY_MS, PORT, size_of
+from hexctl.cli.see_options import (
+    LATENCY_MS,
+    PORT,
+    FloorEdgeOption,
+    FloorTagsOption,
+    FpsOption,
+    HomeEdgeOption,
+    RobotEdgeOption,
+    RobotTagOption,
+    SizeOption,
+)
 from hexctl.cli.values import Range, number
 
 if TYPE_CHECKING:
@@ -55,6 +65,11 @@ def look(
         float,
         number("--bar-mm", BAR_MM, "Millimetres that the bar of the sheet measures, for a new place, {}."),
     ] = 100.0,
+    robot_tag: RobotTagOption = 10,
+    robot_edge_mm: RobotEdgeOption = 100.0,
+    home_edge_mm: HomeEdgeOption = 110.0,
+    floor_tags: FloorTagsOption = 3,
+    floor_edge_mm: FloorEdgeOption = 160.0,
     tag_height_mm: Annotated[
         float | None,
         number(
@@ -73,19 +88,8 @@ def look(
             "place, else 80)",
         ),
     ] = None,
-    size: Annotated[
-        Any,
-        typer.Option(
-            "--size",
-            parser=size_of,
-            metavar="WIDTHxHEIGHT",
-            help="Size of pictures in px that a camera is asked for. (default: the camera's own)",
-        ),
-    ] = None,
-    fps: Annotated[
-        float | None,
-        number("--fps", FPS, "Pictures a second that a camera is asked for, {}. (default: its own)"),
-    ] = None,
+    size: SizeOption = None,
+    fps: FpsOption = None,
     connect: ZenohConnectOption = None,
     robot: Annotated[
         str | None,
@@ -126,6 +130,7 @@ def look(
     from hexctl.cli.console import StopOnInterrupt, print_note, print_result
     from hexctl.errors import InputError
     from hexctl.see.robot_camera import RobotCamera
+    from hexctl.see.sheet import Sheet
 
     if camera is None:
         raise InputError("--camera: got none; allowed: a number such as 0, an address, or a video file")
@@ -136,6 +141,13 @@ def look(
         lens=lens,
         fov_deg=fov_deg,
         bar_mm=bar_mm,
+        sheet=Sheet(
+            robot_tag=int(robot_tag),
+            robot_edge_mm=robot_edge_mm,
+            home_edge_mm=home_edge_mm,
+            floor_tags=int(floor_tags),
+            floor_edge_mm=floor_edge_mm,
+        ),
         tag_height_mm=tag_height_mm,
         latency_ms=latency_ms,
         size_px=size,

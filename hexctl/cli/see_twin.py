@@ -14,24 +14,12 @@ from hexctl.cli.options import (
     SeedOption,
     ZenohConnectOption,
 )
+from hexctl.cli.see_options import FPS, LATENCY_MS, PORT, OneRobotOption, size_of
 from hexctl.cli.values import Range, number
 
-FPS = Range(low=1, high=60, unit="Hz")
-PORT = Range(low=0, high=65535, whole=True)
-LATENCY_MS = Range(low=0, high=2000, unit="ms")
 NOISE = Range(low=0, high=50)
 BLUR_PX = Range(low=0, high=10, unit="px")
 SHARE = Range(low=0, high=1)
-
-
-def size_of(text: str | tuple[int, int]) -> tuple[int, int]:
-    """Width and height of a text such as `1280x720`; raises BadParameter for anything else."""
-    if isinstance(text, tuple):
-        return text
-    width, cross, height = text.partition("x")
-    if not (cross and width.isdecimal() and height.isdecimal()):
-        raise typer.BadParameter(f"got {text}; allowed: WIDTHxHEIGHT in px, such as 1280x720")
-    return int(width), int(height)
 
 
 def point_of(text: str | tuple[float, ...]) -> tuple[float, ...]:
@@ -49,10 +37,7 @@ def point_of(text: str | tuple[float, ...]) -> tuple[float, ...]:
 
 def twin(
     connect: ZenohConnectOption = None,
-    robot: Annotated[
-        str | None,
-        typer.Option("--robot", help="Name of the robot to look at. (default: the only one there)"),
-    ] = None,
+    robot: OneRobotOption = None,
     http_port: Annotated[
         int,
         number(

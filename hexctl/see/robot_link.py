@@ -118,22 +118,29 @@ class RobotLink:
 
 
 @contextmanager
-def robot_link(link: Link, name: str | None = None) -> Iterator[RobotLink]:
-    """A robot on a link, until the block ends.
+def linked_robot(link: Link, role: Role, name: str | None = None) -> Iterator[tuple[zenoh.Session, Robot]]:
+    """Session on a link and a robot there, until the block ends.
 
     Args:
         link: where it is.
+        role: in which the session is opened.
         name: of the robot; the only one there unless given.
 
     Raises RobotFaultError when no robot answers, and InputError when several do.
     """
     asked = KeyMap.of("*" if name is None else name).renamed(dict(link.names))
-    with open_session(link, Role.CONTROLLER, asked) as session:
+    with open_session(link, role, asked) as session:
         silence = f"no robot answers at {link.endpoint}; is hexctl serve running there?"
         answers = ask_until(session, asked.describe, timeout_s=DESCRIBE_TIMEOUT_S, silence=silence)
         robots = [robot_of(answer) for answer in answers]
         if len(robots) > 1:
             names = ", ".join(sorted(robot.name for robot in robots))
-            raise InputError(f"{argument('robot')}: got none for the robots {names}; allowed: one of them")
-        robot = robots[0]
+            raise InputError(f"{argument('robot')}: got none, and there are {names}; allowed: one of them")
+        yield session, robots[0]
+
+
+@contextmanager
+def robot_link(link: Link, name: str | None = None) -> Iterator[RobotLink]:
+    """End of a link for a camera, until the block ends; for arguments and errors see `linked_robot`."""
+    with linked_robot(link, Role.CONTROLLER, name) as (session, robot):
         yield RobotLink(robot, session, link.keys(robot.name), plain=link.plain)

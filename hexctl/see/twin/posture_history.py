@@ -11,17 +11,15 @@ from typing import Any
 
 import numpy as np
 
-from hexctl.backends.zenoh.client import DESCRIBE_TIMEOUT_S, ask_until
-from hexctl.errors import InputError, MessageError, RobotFaultError, argument
+from hexctl.errors import MessageError, RobotFaultError
 from hexctl.robot.model import Robot
+from hexctl.see.robot_link import linked_robot
 from hexctl.see.twin.rendering import RobotPosture
 from hexctl.types import FloatArray
 from hexctl.waiting import comes_true
-from hexctl.wire.description import robot_of
-from hexctl.wire.links import KeyMap, Link, Role
+from hexctl.wire.links import Link, Role
 from hexctl.wire.messages import decode_positions
 from hexctl.wire.pose import decode_pose
-from hexctl.wire.session import open_session
 
 #: Samples that are kept of each kind: a second of a robot's states.
 KEPT = 100
@@ -101,23 +99,16 @@ def followed_robot(link: Link, name: str | None = None) -> Iterator[tuple[Robot,
     Raises RobotFaultError where no robot answers, or one that does not tell where it truly is, and InputError
     where several answer.
     """
-    asked = KeyMap.of("*" if name is None else name).renamed(dict(link.names))
-    with open_session(link, Role.VIEWER, asked) as session:
-        silence = f"no robot answers at {link.endpoint}; is hexctl serve running there?"
-        answers = ask_until(session, asked.describe, timeout_s=DESCRIBE_TIMEOUT_S, silence=silence)
-        robots = [robot_of(answer) for answer in answers]
-        if len(robots) > 1:
-            names = ", ".join(sorted(robot.name for robot in robots))
-            raise InputError(f"{argument('robot')}: got none, and there are {names}; allowed: one of them")
-        keys, history = link.keys(robots[0].name), PostureHistory()
+    with linked_robot(link, Role.VIEWER, name) as (session, robot):
+        keys, history = link.keys(robot.name), PostureHistory()
         for kind, take in (("truth", _take_truth), ("joint_states", _take_joints)):
             session.declare_subscriber(getattr(keys, kind), partial(take, history))
         if not comes_true(lambda: history.newest_at_s is not None, FIRST_TRUTH_S):
             raise RobotFaultError(
-                f"{robots[0].name} at {link.endpoint} does not tell where it truly is; "
+                f"{robot.name} at {link.endpoint} does not tell where it truly is; "
                 "only a robot of hexctl serve --backend sim does"
             )
-        yield robots[0], history
+        yield robot, history
 
 
 def _take_truth(history: PostureHistory, sample: Any) -> None:
