@@ -33,6 +33,9 @@ NEAR_FLOOR = 0.01
 #: A foot that moves over the floor this fast has half its weight, as a share of the stance's radius per s.
 SLIPPING_PER_S = 0.15
 
+#: States are taken to be this far apart at least: times that jitter must not let every foot slip.
+LEAST_S = 0.01
+
 #: Rounds in which feet that disagree lose their weight.
 ROUNDS = 4
 
@@ -177,7 +180,7 @@ def _motions(
     # One lean for both: where the feet that carry change, the plane tilts at once, and no body does.
     up, feet = stands.up_body[1:] + stands.up_body[:-1], stands.feet_body
     before, after = _levelled(feet[:-1], up), _levelled(feet[1:], up) + _rolled(robot, joints_rad)
-    slipping_m = SLIPPING_PER_S * robot.stance_radius_m * took_s[:, np.newaxis]
+    slipping_m = SLIPPING_PER_S * robot.stance_radius_m * np.maximum(took_s, LEAST_S)[:, np.newaxis]
     motions, slip_m = _fit(before, after, weights, slipping_m)
     return LegMotions(motions, slip_m, stands.height_m, stands.up_body)
 

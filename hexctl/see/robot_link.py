@@ -32,12 +32,35 @@ MOST_STATES = 500
 STALE_YAW_S = 0.1
 
 
+#: Messages whose delay is compared; a delay that differs by more is that of another clock.
+COMPARED, OTHER_CLOCK_S = 500, 1.0
+
+
+class SenderClock:
+    """When messages were sent, on the clock of this computer: as if all came as fast as the fastest of late.
+
+    On a busy computer messages wait and come in bursts; by their times of arrival a robot would stand still
+    and leap.
+    """
+
+    def __init__(self) -> None:
+        self._offsets_s: deque[float] = deque(maxlen=COMPARED)
+
+    def sent_s(self, stamp_s: float, arrived_s: float) -> float:
+        """Time of sending by the sender's stamp, on its own clock, and the time of arrival here."""
+        offset_s = arrived_s - stamp_s
+        if self._offsets_s and abs(offset_s - min(self._offsets_s)) > OTHER_CLOCK_S:
+            self._offsets_s.clear()  # the sender was started again
+        self._offsets_s.append(offset_s)
+        return stamp_s + min(self._offsets_s)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class LegState(ArrayFields):
     """What a robot told at one moment.
 
     Attributes:
-        at_s: when it was measured, on time.monotonic of this computer, but for the time on the way.
+        at_s: when it was measured, on time.monotonic of this computer, but for the shortest time on the way.
         joint_positions_rad: (18,).
         foot_contacts: (6,), or None where the robot does not feel them.
         yaw_rad: of the robot's own sensor, in a frame of its own; None without one.
@@ -62,6 +85,7 @@ class RobotLink:
         self.malformed = 0
         self._states: deque[LegState] = deque(maxlen=MOST_STATES)
         self._yaw: tuple[float, float] | None = None
+        self._clock = SenderClock()
         for kind, take in (("imu", self._take_yaw), ("joint_states", self._take_state)):
             session.declare_subscriber(getattr(keys, kind), partial(self._guarded, take))
         self._publisher = session.declare_publisher(
@@ -108,13 +132,14 @@ class RobotLink:
 
     def _take_state(self, sample: Any, now_s: float) -> None:
         positions_rad, _ = decode_joints(bytes(sample.payload))
-        contacts, age_s = None, 0.0
+        contacts, at_s = None, now_s
         if not self._plain:
             tag = StateTag.unpacked(b"" if sample.attachment is None else bytes(sample.attachment))
-            contacts, age_s = contacts_of(tag), tag.age_us / 1e6
+            contacts = contacts_of(tag)
+            at_s = self._clock.sent_s(tag.stamp_ns / 1e9, now_s) - tag.age_us / 1e6
         known = self._yaw is not None and now_s - self._yaw[0] <= STALE_YAW_S
         yaw = self._yaw[1] if known and self._yaw is not None else None
-        self._states.append(LegState(now_s - age_s, positions_rad, contacts, yaw))
+        self._states.append(LegState(at_s, positions_rad, contacts, yaw))
 
 
 @contextmanager

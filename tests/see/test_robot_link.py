@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hexctl.errors import RobotFaultError
-from hexctl.see.robot_link import LegState, robot_link
+from hexctl.see.robot_link import LegState, SenderClock, robot_link
 from hexctl.see.vision.planar_pose import PlanarPose
 from hexctl.waiting import wait_for
 from hexctl.wire.links import Link
@@ -53,3 +53,24 @@ def test_without_a_robot_it_is_a_fault() -> None:
         robot_link(Link(endpoint=f"tcp/127.0.0.1:{free_port()}")),
     ):
         pass
+
+
+def test_messages_that_come_in_bursts_were_sent_evenly() -> None:
+    clock, arrived_s = SenderClock(), 0.0
+    sent_s = []
+    for number in range(100):
+        stamp_s = 5000.0 + 0.02 * number
+        earliest_s = 70.0 + 0.02 * number
+        # Every tenth is 0.15 s late, and those behind it wait.
+        arrived_s = max(arrived_s, earliest_s + (0.15 if number % 10 == 9 else 0.0)) + 1e-4
+        sent_s.append(clock.sent_s(stamp_s, arrived_s))
+    steps_s = np.diff(sent_s)
+    assert np.allclose(steps_s, 0.02, atol=0.001)
+    assert sent_s[-1] == pytest.approx(70.0 + 0.02 * 99, abs=0.001)
+
+
+def test_a_sender_that_was_started_again_has_another_clock() -> None:
+    clock = SenderClock()
+    clock.sent_s(5000.0, 70.0)
+    assert clock.sent_s(3.0, 75.0) == 75.0
+    assert clock.sent_s(3.02, 75.03) == pytest.approx(75.02)

@@ -45,6 +45,10 @@ SLIP_PER_RAD = np.array([0.0, 0.0, 0.15, 0.0])
 #: How the velocity of a coasting body changes, for each root of a second.
 VELOCITY_PER_SECOND = np.array([0.3, 0.3, 1.5])
 
+#: Steps of odometry are taken to last this long at least: divided by what is left between two that came at
+#: once, a step of millimetres would be a leap.
+LEAST_S = 0.02
+
 #: Sightings are never believed to be better than this: a body that sways carries its tag along.
 LEAST_SIGMA = np.array([0.003, 0.003, math.radians(0.2)])
 
@@ -143,7 +147,7 @@ class PoseBelief(ArrayFields):
         # The velocity is that of the step: what it was before is of no more use.
         mean[VELOCITY] = way.real, way.imag, turned_rad
         mean[7:9] = (facing.conjugate() * way).real, (facing.conjugate() * way).imag
-        mean[VELOCITY] /= took_s
+        mean[VELOCITY] /= max(took_s, LEAST_S)
         step[VELOCITY, VELOCITY] = 0.0
         covariance = step @ self.covariance @ step.T
         noise = np.zeros(STATES)

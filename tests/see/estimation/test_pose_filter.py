@@ -230,3 +230,21 @@ def test_a_pose_may_be_asked_for_twice_at_one_time() -> None:
     first, again = pose_filter.estimate(0.5), pose_filter.estimate(0.5)
     assert first.pose is not None
     assert first.pose == again.pose
+
+
+def test_motions_that_come_in_bursts_make_no_leap() -> None:
+    """On a busy computer ten steps of 3 mm come within a millisecond, and then none for 0.2 s."""
+    pose_filter, x_m, last_s = PoseFilter(), 0.0, 0.0
+    offs_m = []
+    for burst in range(40):
+        for step in range(10):
+            at_s = 0.2 * (burst + 1) + 1e-4 * step
+            pose_filter.move(max(last_s, at_s - 1e-4), at_s, np.array([0.003, 0.0, 0.0]))
+            x_m, last_s = x_m + 0.003, at_s
+        for picture in range(4):
+            now_s = last_s + 0.05 * picture
+            pose_filter.see(Sighting(now_s, PlanarPose(x_m, 0.0, 0.0), np.eye(3) * 1e-5))
+            estimate = pose_filter.estimate(now_s + 0.04)
+            if estimate.pose is not None and burst > 5:
+                offs_m.append(abs(estimate.pose.x_m - x_m))
+    assert max(offs_m) < 0.05
