@@ -152,7 +152,7 @@ def test_boards_on_an_i2c_bus_are_walked_over_a_socket(
     ("fault", "message"),
     [
         ("reset@4", "the PCA9685 at 0x40 has lost its settings, as after a loss of power"),
-        ("unplug@4", "do not answer (Remote I/O error, board at 0x40)"),
+        ("unplug@4", "do not answer (Remote I/O error, board at 0x4"),
     ],
 )
 def test_what_happens_to_boards_on_an_i2c_bus_is_said(
