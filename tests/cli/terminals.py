@@ -20,6 +20,9 @@ WAIT_S = 60.0
 #: How long the test's end waits for output at a time.
 READ_S = 0.05
 
+#: How long the output of a process that has ended may take to be read.
+READ_END_S = 2.0
+
 #: Programs for `python -c`: the command, as it is; and as a shell starts it, with the terminal its own, which
 #: then sends it SIGHUP when it goes.
 COMMAND = f"import sys; sys.path.insert(0, {str(ROOT)!r}); from hexctl.cli.entry import main; main()"
@@ -81,6 +84,8 @@ class OnTerminal:
             WAIT_S,
             f"{pattern!r} is not shown",
         )
+        if self.process.poll() is not None:
+            self._reader.join(READ_END_S)  # what it said last may not be read yet
         assert re.search(pattern, self.shown), self.shown[-600:]
         return self.shown
 

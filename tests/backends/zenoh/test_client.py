@@ -165,7 +165,8 @@ def test_a_stop_by_another_client_is_reported_to_the_controller_as_a_stop(tmp_pa
 def test_a_lease_that_is_lost_ends_the_controller(tmp_path: Path) -> None:
     """As when another client clears a stop, and so revokes the lease, before this end has received it."""
     with served(tmp_path, backend="mock") as robot, servos_of(robot) as servos:
-        assert hexctl("estop", "--clear", "--connect", robot.endpoint).returncode == 0
+        assert servos._lease is not None
+        servos._lease._request("release")
         with pytest.raises(RobotFaultError, match="no longer ours"):
             read_for(servos, seconds=10)
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hexctl.errors import InputError, RobotFaultError
-from hexctl.see import video
+from hexctl.see.video import video_source
 from hexctl.see.video.video_source import LiveVideo, open_video
 from hexctl.see.video.video_writer import VideoWriter
 from hexctl.waiting import wait_for
@@ -63,7 +63,7 @@ def test_of_a_camera_only_the_newest_frame_is_kept() -> None:
 
 
 def test_a_camera_that_is_lost_is_told_and_found_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(video, "REOPEN_S", 0.01)
+    monkeypatch.setattr(video_source, "REOPEN_S", 0.01)
     first, second = Camera([10]), Camera([20])
     openings: list[Camera | None] = [first, None, second]
     said: list[str] = []
@@ -86,7 +86,7 @@ def test_a_camera_that_is_lost_is_told_and_found_again(monkeypatch: pytest.Monke
 
 
 def test_a_stream_is_read_and_read_again_after_its_server_was_gone(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(video, "REOPEN_S", 0.05)
+    monkeypatch.setattr(video_source, "REOPEN_S", 0.05)
     said: list[str] = []
     port = free_port()
     with feeding(100, port) as feed:
