@@ -17,10 +17,10 @@ export MUJOCO_GL ?= disable
 help:
 	@echo "make demo   find a gait for a hexapod whose leg 5 has failed, in simulation"
 	@echo "make check  style, types and the quick tests of what changed (under a minute)"
-	@echo "make test   style, types and tests (2 to 4 minutes on two cores)"
-	@echo "make test-all  the same, whole commands and studies, and what runs in real time (10 to 12 minutes)"
+	@echo "make test   style, types and tests (about 5 minutes on two cores)"
+	@echo "make test-all  the same, whole commands and studies, and what runs in real time (about 20 minutes)"
 	@echo "make smoke  the built wheel, installed alone"
-	@echo "make bench  the numbers hexctl promises, measured (about 20 minutes)"
+	@echo "make bench  the numbers hexctl promises, measured (two hours, most of them on simulated buses)"
 	@echo "make pictures  the pictures of the documentation, made anew (about 7 minutes)"
 	@echo "make soak   the long tests: a hundred stops, hostile input without end"
 	@echo "make docs   the documentation as a site, in build/site"
