@@ -59,7 +59,7 @@ test-all: test test-slow
 # What computes fills the cores; what keeps time comes afterwards, and mostly waits.
 test-slow: $(INSTALLED)
 	$(BIN)/pytest -n $(WORKERS) -m "slow and not realtime and not soak"
-	$(BIN)/pytest -n 4 -m "realtime and not soak"
+	$(BIN)/pytest -n 3 -m "realtime and not soak"
 
 # The built wheel, alone in a fresh environment: what a robot's own computer gets.
 smoke: $(INSTALLED)
