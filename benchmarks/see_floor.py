@@ -8,7 +8,7 @@ import numpy as np
 
 from hexctl.robot.loader import load_robot
 from hexctl.robot.model import Robot
-from hexctl.robot.rotations import wrapped_rad
+from hexctl.robot.rotations import about_z, wrapped_rad
 from hexctl.see.observer import Observer
 from hexctl.see.robot_camera import LEARNING_PICTURES
 from hexctl.see.robot_link import LegState
@@ -142,11 +142,8 @@ def floor_errors(
 
 
 def _standing(robot: Robot, pose: PlanarPose) -> RobotPosture:
-    half = pose.yaw_rad / 2
-    turned = np.array([np.cos(half), 0.0, 0.0, np.sin(half)])
-    return RobotPosture(
-        np.array([pose.x_m, pose.y_m, robot.standing_height_m]), turned, robot.stance_angles_rad
-    )
+    position = np.array([pose.x_m, pose.y_m, robot.standing_height_m])
+    return RobotPosture(position, about_z(pose.yaw_rad), robot.stance_angles_rad)
 
 
 def _looked(

@@ -1,6 +1,5 @@
 """A simulated robot that knows its place by a rendered camera alone, not in real time."""
 
-import math
 from collections import deque
 from dataclasses import dataclass, field, replace
 
@@ -14,7 +13,7 @@ from hexctl.control.guard import Guard
 from hexctl.control.result import TrialResult
 from hexctl.control.trial import run_trial
 from hexctl.robot.loader import load_robot
-from hexctl.robot.rotations import wrapped_rad, yaw_rad
+from hexctl.robot.rotations import about_z, wrapped_rad, yaw_rad
 from hexctl.see.observer import Observer
 from hexctl.see.robot_link import LegState
 from hexctl.see.twin.rendering import CameraFlaws, PlacedTag, RobotPosture, SceneRenderer
@@ -124,11 +123,10 @@ class SeenServos(ServosWrapper):
         x_m, y_m = posture.position_floor[:2]
         self.errors.off_m.append((pose.x_m - x_m, pose.y_m - y_m))
         self.errors.off_rad.append(wrapped_rad(pose.yaw_rad - float(yaw_rad(posture.quaternion_floor))))
-        half = pose.yaw_rad / 2
         return replace(
             state,
             base_position_world=np.array([pose.x_m, pose.y_m, self._observer.height_m]),
-            base_quaternion_world=np.array([math.cos(half), 0.0, 0.0, math.sin(half)]),
+            base_quaternion_world=about_z(pose.yaw_rad),
         )
 
     def close(self) -> None:

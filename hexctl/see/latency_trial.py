@@ -154,9 +154,13 @@ class _Watch:
 
     def __init__(self, video: VideoSource, linked: RobotLink, place: Place, finder: TagFinder) -> None:
         self._video, self._linked = video, linked
-        corners = {number: tag.corners for number, tag in place.floor_tags.items()}
         self._observer = Observer(
-            linked.robot, place.camera, corners, place.robot_tag, latency_s=USUAL_LATENCY_S, finder=finder
+            linked.robot,
+            place.camera,
+            place.floor_corners,
+            place.robot_tag,
+            latency_s=USUAL_LATENCY_S,
+            finder=finder,
         )
         self.pictures = 0
         self.seen: list[tuple[float, PlanarPose]] = []

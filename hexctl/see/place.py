@@ -21,7 +21,7 @@ from hexctl.see.vision.lens import Lens, load_lens
 from hexctl.see.vision.planar_pose import PlanarPose
 from hexctl.see.vision.robot_tracker import RobotTag
 from hexctl.see.vision.tags import TAG_IDS
-from hexctl.types import ArrayFields
+from hexctl.types import ArrayFields, FloatArray
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -43,6 +43,11 @@ class Place(ArrayFields):
     bar_mm: float = BAR_MM
     lens_file: Path | None = None
     latency_s: float | None = None
+
+    @property
+    def floor_corners(self) -> dict[int, FloatArray]:
+        """Corners (4, 2) of the tags on the floor in m, by number."""
+        return {number: tag.corners for number, tag in self.floor_tags.items()}
 
 
 _Tag = Annotated[int, Field(ge=TAG_IDS[0], le=TAG_IDS[-1])]

@@ -83,7 +83,7 @@ class PoseStream:
         self, place: Place, robot: Robot, latency_s: float, outputs: PoseOutputs, finder: TagFinder
     ) -> None:
         self._place, self._outputs = place, outputs
-        self._corners = {number: tag.corners for number, tag in place.floor_tags.items()}
+        self._corners = place.floor_corners
         self._observer = Observer(
             robot, place.camera, self._corners, place.robot_tag, latency_s=latency_s, finder=finder
         )

@@ -213,8 +213,7 @@ def known_place(
     pictures = list(_searched(video, finder, PLACING_PICTURES, stop_requested))
     height_px, width_px = pictures[0][0].shape
     lens = place.camera.lens.scaled(width_px, height_px)
-    corners = {number: tag.corners for number, tag in place.floor_tags.items()}
-    camera = place_camera(lens, averaged_corners([found for _, found in pictures]), corners)
+    camera = place_camera(lens, averaged_corners([found for _, found in pictures]), place.floor_corners)
     if camera is None:
         camera = replace(place.camera, lens=lens)
     return replace(place, camera=camera)

@@ -1,6 +1,5 @@
 """The robot at the other end of a link, as a camera needs it: how its legs move, and who is told its pose."""
 
-import math
 import time
 from collections import deque
 from collections.abc import Iterator
@@ -15,7 +14,7 @@ import zenoh
 from hexctl.backends.zenoh.client import DESCRIBE_TIMEOUT_S, ask_until
 from hexctl.errors import InputError, MessageError, argument
 from hexctl.robot.model import Robot
-from hexctl.robot.rotations import yaw_rad
+from hexctl.robot.rotations import about_z, yaw_rad
 from hexctl.see.vision.planar_pose import PlanarPose
 from hexctl.types import ArrayFields, BoolArray, FloatArray
 from hexctl.wire.description import robot_of
@@ -110,10 +109,9 @@ class RobotLink:
             position_variance_m2: of x and of y.
             yaw_variance_rad2: of the heading.
         """
-        half = pose.yaw_rad / 2
         payload = encode_pose(
             np.array([pose.x_m, pose.y_m, height_m]),
-            np.array([math.cos(half), 0.0, 0.0, math.sin(half)]),
+            about_z(pose.yaw_rad),
             position_variance_m2=position_variance_m2,
             yaw_variance_rad2=yaw_variance_rad2,
         )

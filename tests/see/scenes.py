@@ -8,6 +8,7 @@ import numpy as np
 
 from hexctl.robot.loader import load_robot
 from hexctl.robot.model import Robot
+from hexctl.robot.rotations import about_z
 from hexctl.see.twin.rendering import CameraFlaws, RobotPosture, SceneRenderer
 from hexctl.see.twin.scene import CAMERA, FLOOR_TAGS, ROBOT_TAG, WEBCAM, tag_on
 from hexctl.see.vision.camera import Camera
@@ -22,10 +23,9 @@ FLOOR_CORNERS = {number: tag.pose.of_points(UNIT_CORNERS * tag.edge_m) for numbe
 
 def standing(robot: Robot, pose: PlanarPose, joints_rad: FloatArray | None = None) -> RobotPosture:
     """Robot that stands level at a place."""
-    half = pose.yaw_rad / 2
     return RobotPosture(
         np.array([pose.x_m, pose.y_m, robot.standing_height_m]),
-        np.array([np.cos(half), 0.0, 0.0, np.sin(half)]),
+        about_z(pose.yaw_rad),
         robot.stance_angles_rad if joints_rad is None else joints_rad,
     )
 

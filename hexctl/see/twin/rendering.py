@@ -14,6 +14,7 @@ from hexctl.export.render import open_context
 from hexctl.robot.formats.link_frames import BASE_LINK
 from hexctl.robot.formats.mjcf import mjcf_of
 from hexctl.robot.model import Robot
+from hexctl.robot.rotations import about_z
 from hexctl.see.vision.camera import Camera
 from hexctl.see.vision.lens import Lens
 from hexctl.see.vision.planar_pose import PlanarPose
@@ -283,7 +284,6 @@ def _add_sheet(mujoco: Any, spec: Any, body: Any, tag: PlacedTag) -> None:
     material = spec.add_material(name=name)
     material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = name
     half_m = tag.edge_m * _EDGED / MODULES / 2
-    half_yaw = tag.pose.yaw_rad / 2
     body.add_geom(
         name=name,
         type=mujoco.mjtGeom.mjGEOM_BOX,
@@ -293,7 +293,7 @@ def _add_sheet(mujoco: Any, spec: Any, body: Any, tag: PlacedTag) -> None:
             tag.pose.y_m,
             tag.height_m - _SHEET_M / 2 + (_SHEET_M if tag.height_m == 0 else 0),
         ],
-        quat=[math.cos(half_yaw), 0.0, 0.0, math.sin(half_yaw)],
+        quat=about_z(tag.pose.yaw_rad),
         material=name,
         contype=0,
         conaffinity=0,
