@@ -63,8 +63,8 @@ REALTIME = (
     "tests/see/test_latency_trial.py::test_a_twist",
     "tests/see/test_latency_trial.py::test_ctrl_c",
     "tests/see/test_latency_trial.py::test_a_robot",
-    "tests/cli/test_see_look.py",
-    "tests/cli/test_see_twin.py",
+    "tests/cli/see/test_look.py",
+    "tests/cli/see/test_twin.py",
 )
 
 #: Files that take long on the one worker they stay on.

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from hexctl.cli import completion
-from hexctl.cli.arena import ArenaOption, arena_fields
 from hexctl.cli.console import (
     ABORTED,
     DONE,
@@ -45,6 +44,7 @@ from hexctl.cli.options import (
     recovery_policy,
     robot_option,
 )
+from hexctl.cli.see.arena import ArenaOption, arena_fields
 from hexctl.cli.values import Range, choice, given, number, with_values
 from hexctl.errors import HexctlError, InputError, RecordingError
 
@@ -346,7 +346,7 @@ def _search(
     """Run an adaptation; its result, or the exit code where there is none."""
     from hexctl.adapt.runner import NotBegunError, RobotStoppedError
     from hexctl.cli.prompts import TrialPrompt
-    from hexctl.cli.render_adapt import SessionTable, after_stop
+    from hexctl.cli.render.adapt import SessionTable, after_stop
 
     begun: list[str] = []
     with SessionTable(quiet=as_json) as table:
@@ -387,7 +387,7 @@ def _what_is_left(begun: Sequence[str]) -> str:
 
 def _end(result: "AdaptationResult", *, view: bool, as_json: bool, resumed: bool = False) -> int:
     """Print how a search ended, and return the exit code."""
-    from hexctl.cli.render_adapt import after_stop
+    from hexctl.cli.render.adapt import after_stop
 
     session = result.session
     _print_end(result, as_json=as_json, resumed=resumed)
@@ -406,7 +406,7 @@ def _end(result: "AdaptationResult", *, view: bool, as_json: bool, resumed: bool
 
 def _print_end(result: "AdaptationResult", *, as_json: bool, resumed: bool) -> None:
     """Print how a search ended; a session that was resumed may have been finished before."""
-    from hexctl.cli.render_adapt import closing_lines, finished_line
+    from hexctl.cli.render.adapt import closing_lines, finished_line
 
     print_result(json.dumps(result.to_dict()) if as_json else closing_lines(result.session, result.ended))
     if resumed and not result.walked and (finished := finished_line(result.ended)) is not None:

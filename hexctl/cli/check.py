@@ -175,7 +175,7 @@ ENVELOPE = (
 
 def _envelope_table(envelope: dict[str, Any]) -> "Table":
     """Speeds by direction, and static margins of the most stable gait, intact and without each leg."""
-    from hexctl.cli.render import plain_table
+    from hexctl.cli.render.tables import plain_table
 
     directions = envelope["directions_deg"]
     table = plain_table("without leg", "turn deg/s", *(f"{direction:g} deg" for direction in directions))
@@ -206,7 +206,7 @@ VERDICTS = {
 
 def _leg_set_table(sets: list[dict[str, Any]]) -> "Table":
     """Sets of lost legs by number and verdict, with the range of their margins."""
-    from hexctl.cli.render import label_table
+    from hexctl.cli.render.tables import label_table
 
     groups: dict[tuple[int, str], list[dict[str, Any]]] = {}
     for one in sets:
@@ -231,7 +231,7 @@ def _best(sets: list[dict[str, Any]]) -> float:
 
 def _joint_table(report: dict[str, Any]) -> "Table":
     """Angles, speeds and static torques of each joint, needed and allowed."""
-    from hexctl.cli.render import plain_table
+    from hexctl.cli.render.tables import plain_table
 
     table = plain_table(
         "joint", "needs (deg)", "range (deg)", "peak deg/s", "limit", "holds N m", "limit", ""

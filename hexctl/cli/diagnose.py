@@ -181,7 +181,7 @@ def _operator() -> "AskOperator | None":
 
 def summary(outcome: dict[str, Any]) -> list[Any]:
     """Outcome of a diagnosis, the object of `hexctl diagnose --json`, as text and a table."""
-    from hexctl.cli.render import label_table
+    from hexctl.cli.render.tables import label_table
 
     where = f"in world {outcome['world']}" if outcome["world"] else f"on {outcome['backend']}"
     stopped = f" ({outcome['stopped']})" if outcome["stopped"] else ""
@@ -196,7 +196,7 @@ def summary(outcome: dict[str, Any]) -> list[Any]:
 
 def _leg_table(outcome: dict[str, Any]) -> "Table":
     """Gains, load, torque and verdict of each leg."""
-    from hexctl.cli.render import plain_table
+    from hexctl.cli.render.tables import plain_table
     from hexctl.types import JOINT_KINDS
 
     table = plain_table("leg", *JOINT_KINDS, "load", "verdict", "")

@@ -267,7 +267,7 @@ def _kept_once_driven(record: Path | None) -> Iterator[Callable[[], None]]:
 def _drive(stack: ExitStack, drive: "Drive", wanted: _Wanted, keep: Callable[[], None]) -> int:
     """Connect, drive, and say how it ended; the exit code."""
     from hexctl.backends.clock import request_realtime_priority
-    from hexctl.cli.render import why_in_words
+    from hexctl.cli.render.words import why_in_words
     from hexctl.teleop.session import DriveSession
 
     session = DriveSession(drive)

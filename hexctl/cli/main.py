@@ -21,7 +21,7 @@ from hexctl.cli.keys import keys
 from hexctl.cli.prior import prior
 from hexctl.cli.robot import robot
 from hexctl.cli.run import run
-from hexctl.cli.see import see
+from hexctl.cli.see.group import see
 from hexctl.cli.serve import ServeCommand, serve
 from hexctl.cli.servos import ports, servos
 from hexctl.cli.sessions import sessions

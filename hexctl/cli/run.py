@@ -305,7 +305,7 @@ def _show(live: "LiveView | None", recording: Path | None) -> None:
 
 
 def _summary(done: "RunResult") -> list[Any]:
-    from hexctl.cli.render import summary
+    from hexctl.cli.render.run import summary
 
     return summary(done.outcome)
 

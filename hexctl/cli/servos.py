@@ -425,7 +425,7 @@ class _Bar:
 
 def _column(rows: dict[str, Any]) -> "Table":
     """Names and values below one another."""
-    from hexctl.cli.render import plain_table
+    from hexctl.cli.render.tables import plain_table
 
     table = plain_table("what", "value")
     for name, value in rows.items():
@@ -436,7 +436,7 @@ def _column(rows: dict[str, Any]) -> "Table":
 
 def _table(rows: list[dict[str, Any]], empty: str) -> "Table | str":
     """Rows as a table, or what is said of none."""
-    from hexctl.cli.render import plain_table
+    from hexctl.cli.render.tables import plain_table
 
     if not rows:
         return empty

@@ -31,7 +31,7 @@ NameArgument = Annotated[
 def list_sessions(as_json: JsonOption = False) -> None:
     """List all sessions under runs/, newest last."""
     from hexctl.adapt.store import list_sessions as all_sessions
-    from hexctl.cli.render_adapt import session_line
+    from hexctl.cli.render.adapt import session_line
 
     found = all_sessions(RUNS)
     if as_json:
@@ -58,7 +58,7 @@ def show(
 ) -> None:
     """Show a session's trials."""
     from hexctl.adapt.store import load_session
-    from hexctl.cli.render_adapt import session_lines
+    from hexctl.cli.render.adapt import session_lines
 
     session = load_session(name, RUNS)
     if pareto is not None:
@@ -70,7 +70,7 @@ def show(
 def _pareto_text(session: "Session", wanted: str, *, as_json: bool) -> str:
     """The Pareto table of a session, as lines or as JSON."""
     from hexctl.adapt.objectives import OBJECTIVES, make_objective
-    from hexctl.cli.render_adapt import pareto_lines
+    from hexctl.cli.render.adapt import pareto_lines
 
     names = list(dict.fromkeys(listed(wanted)))
     if len(names) < 2:

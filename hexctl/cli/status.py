@@ -105,7 +105,7 @@ def status_table(statuses: list[dict[str, Any]]) -> "Table":
 
 def status_rows(status: Status) -> list[tuple[str, str]]:
     """Lines about one robot, the most urgent first; what a robot does not say is left out."""
-    from hexctl.cli.render import link_in_words
+    from hexctl.cli.render.words import link_in_words
 
     rows = [
         ("robot", _robot(status)),
@@ -202,14 +202,14 @@ def _joints(status: Status) -> str:
 
 
 def _commands(counts: Mapping[str, int]) -> str:
-    from hexctl.cli.render import in_words
+    from hexctl.cli.render.words import in_words
 
     dropped = in_words({name: n for name, n in counts.items() if name != "accepted"})
     return f"{counts.get('accepted', 0)} executed; {dropped or 'none dropped'}"
 
 
 def _dropped(status: Status) -> str:
-    from hexctl.cli.render import in_words
+    from hexctl.cli.render.words import in_words
 
     return in_words({**status.get("malformed", {}), "leases_refused": status.get("leases_refused", 0)})
 

@@ -26,7 +26,7 @@ from hexctl.cli.options import (
     robot_option,
 )
 from hexctl.cli.progress import StudyProgress, interruptible
-from hexctl.cli.render_study import bar_lines, study_lines
+from hexctl.cli.render.study import bar_lines, study_lines
 from hexctl.cli.values import Range, choice, listed, number, refuse_given, with_values
 from hexctl.errors import InputError
 

@@ -8,7 +8,7 @@ import sys
 import pytest
 
 from hexctl.cli.console import StopOnInterrupt, flag_of, in_flags, print_result
-from hexctl.cli.render import label_table, plain_table
+from hexctl.cli.render.tables import label_table, plain_table
 from hexctl.errors import InputError
 
 

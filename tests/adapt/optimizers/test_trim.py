@@ -27,7 +27,7 @@ from hexctl.adapt.setting import load_setting
 from hexctl.adapt.store import flat_rows, load_session
 from hexctl.backends.sim.servos import SimServos
 from hexctl.cli.main import exit_code
-from hexctl.cli.render_adapt import closing_lines
+from hexctl.cli.render.adapt import closing_lines
 from hexctl.control.assessment.static_stability import STAND_UP
 from hexctl.control.plan import MAX_TRIM_RAD, MAX_TURN_TRIM_RAD_S
 from hexctl.control.result import TrialResult

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from hexctl.cli.options import InsecureOption, JsonOption, KeysOption, LinkOption, ZenohConnectOption
-from hexctl.cli.see_options import FpsOption, OneRobotOption, SizeOption
+from hexctl.cli.see.options import FpsOption, OneRobotOption, SizeOption
 
 if TYPE_CHECKING:
     from hexctl.see.latency_trial import LatencyTrial, TwistAhead

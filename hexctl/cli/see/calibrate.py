@@ -1,67 +1,20 @@
-"""`hexctl see`: a camera over the floor; the sheets it needs, and its lens."""
+"""`hexctl see calibrate`: the lens of a camera, by pictures of the printed board."""
 
 import json
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from hexctl.cli.options import JsonOption
-from hexctl.cli.see_latency import latency
-from hexctl.cli.see_look import look
-from hexctl.cli.see_options import (
-    FloorEdgeOption,
-    FloorTagsOption,
-    HomeEdgeOption,
-    RobotEdgeOption,
-    RobotTagOption,
-)
-from hexctl.cli.see_twin import twin
-from hexctl.cli.values import choice
 
 if TYPE_CHECKING:
     from hexctl.see.vision.calibration import CalibratedLens, LensCalibration
     from hexctl.see.vision.tags import Picture
 
-Paper = Literal["a4", "letter"]
 
-
-see = typer.Typer(no_args_is_help=True, invoke_without_command=True)
-see.callback()(look)
-
-
-@see.command("print")
-def print_(
-    output: Annotated[
-        Path,
-        typer.Option("--output", "-o", help="New PDF file; nothing is replaced."),
-    ] = Path("sheet.pdf"),
-    paper: Annotated[Paper, choice("--paper", Paper, "Paper: a4 or letter.")] = "a4",
-    robot_tag: RobotTagOption = 10,
-    robot_edge_mm: RobotEdgeOption = 100.0,
-    home_edge_mm: HomeEdgeOption = 110.0,
-    floor_tags: FloorTagsOption = 3,
-    floor_edge_mm: FloorEdgeOption = 160.0,
-) -> None:
-    """Make a PDF with the tags of robot and floor, and a board to calibrate the lens with."""
-    from hexctl.cli.console import print_result
-    from hexctl.see.sheet import Sheet, save_sheet
-
-    sheet = Sheet(
-        paper=paper,
-        robot_tag=int(robot_tag),
-        robot_edge_mm=robot_edge_mm,
-        home_edge_mm=home_edge_mm,
-        floor_tags=int(floor_tags),
-        floor_edge_mm=floor_edge_mm,
-    )
-    save_sheet(sheet, output)
-    print_result(f"{output}")
-
-
-@see.command()
 def calibrate(
     pictures: Annotated[
         list[Path] | None,
@@ -159,7 +112,3 @@ def _lens_text(result: "CalibratedLens", output: Path) -> str:
         f"{output}: {result.pictures} pictures, which cover {result.coverage:.0%} of the picture; it misses "
         f"the board by {result.rms_px:.2f} px, rays by about {result.doubt_px:.1f} px"
     )
-
-
-see.command()(latency)
-see.command()(twin)

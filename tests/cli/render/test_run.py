@@ -5,7 +5,8 @@ from typing import Any
 import pytest
 
 from hexctl.cli.console import print_result
-from hexctl.cli.render import in_words, link_in_words, summary
+from hexctl.cli.render.run import summary
+from hexctl.cli.render.words import in_words, link_in_words
 
 OUTCOME: dict[str, Any] = {
     "gait": {"name": "57", "slots": [4, 2, 3, 5, 1, 6], "code": 57},

@@ -14,7 +14,7 @@ from hexctl.cli.options import (
     SeedOption,
     ZenohConnectOption,
 )
-from hexctl.cli.see_options import FPS, LATENCY_MS, PORT, OneRobotOption, size_of
+from hexctl.cli.see.options import FPS, LATENCY_MS, PORT, OneRobotOption, size_of
 from hexctl.cli.values import Range, number
 
 NOISE = Range(low=0, high=50)

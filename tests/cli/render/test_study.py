@@ -1,6 +1,6 @@
 """Studies in the terminal."""
 
-from hexctl.cli.render_study import bar_lines
+from hexctl.cli.render.study import bar_lines
 from hexctl.study.evidence import Bar
 
 

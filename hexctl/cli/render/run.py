@@ -1,43 +1,18 @@
-"""Results as text and tables."""
+"""The outcome of a run as text and a table."""
 
 import shlex
-from collections.abc import Iterable, Mapping
 from typing import Any
 
 from rich.console import RenderableType
-from rich.table import Table
-from rich.text import Text
 
-#: Width of the labels of a summary.
-LABEL_WIDTH = 9
+from hexctl.cli.render.tables import label_table
+from hexctl.cli.render.words import link_in_words, why_in_words
 
-#: Where to look after a stop that the user did not request.
-HINTS = {
-    "state": "the robot's state did not come, or not in time; is the robot still there?",
-    "expired": "commands did not reach the robot in time; a busy computer, or a bad link",
-    "pose lost": "the robot no longer says where it is",
-    "estop": "hexctl estop --clear when it may move again",
-    "fault": "see to it, then hexctl estop --clear",
-}
+#: Misses of a self-rotation up to this are usual.
+NOTED_MISS_DEG = 0.15
 
-
-def plain_table(*columns: str) -> Table:
-    """Table without lines; the first column and one without a name are to the left, the others right."""
-    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), show_header=any(columns))
-    for number, column in enumerate(columns):
-        left = number == 0 or not column
-        table.add_column(Text(column, style="bold"), justify="left" if left else "right", no_wrap=True)
-    return table
-
-
-def label_table(rows: Iterable[tuple[str, str]]) -> Table:
-    """Two columns, labels and texts; a long text is wrapped beside its label."""
-    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), show_header=False)
-    table.add_column(no_wrap=True, min_width=LABEL_WIDTH)
-    table.add_column(overflow="fold")
-    for label, text in rows:
-        table.add_row(Text(label), Text(text))
-    return table
+#: The true deviation of a simulation is told where the measured one is further off than this.
+NOTED_ERROR_M = 0.02
 
 
 def summary(outcome: dict[str, Any]) -> list[RenderableType]:
@@ -80,18 +55,6 @@ def _failure_rows(outcome: dict[str, Any]) -> list[tuple[str, str]]:
     if events or noticed:
         rows.append(("noticed", "; ".join(noticed) or "nothing"))
     return rows
-
-
-def why_in_words(stopped: str | None) -> str:
-    """Why a robot was stopped, and where to look, behind what it is told of; nothing for None."""
-    if stopped is None:
-        return ""
-    hint = HINTS.get(stopped.partition(":")[0])
-    return f" ({stopped})" if hint is None else f" ({stopped}): {hint}"
-
-
-#: Misses of a self-rotation up to this are usual.
-NOTED_MISS_DEG = 0.15
 
 
 def _cause(cause: str | None) -> str:
@@ -152,10 +115,6 @@ def _why_no_distance(outcome: dict[str, Any]) -> str:
     return "its position is not known"
 
 
-#: The true deviation of a simulation is told where the measured one is further off than this.
-NOTED_ERROR_M = 0.02
-
-
 def _true_rows(outcome: dict[str, Any]) -> list[tuple[str, str]]:
     """A row for where a simulated robot truly was, if its sensors told otherwise or nothing."""
     true, measured = outcome.get("true_deviation_m"), outcome["deviation_m"]
@@ -200,18 +159,3 @@ def _clipped(clipped: int) -> str:
     if not clipped:
         return "let every command pass"
     return f"clipped {clipped} commands of the walk: too fast for the joints, see hexctl check"
-
-
-def in_words(counts: Mapping[str, int]) -> str:
-    """Counts above zero: `2 late, 1 stale owner`."""
-    return ", ".join(f"{n} {name.replace('_', ' ')}" for name, n in counts.items() if n)
-
-
-def link_in_words(counts: Mapping[str, int] | None) -> str:
-    """Messages to and from a servo board, received and lost; empty without a board."""
-    if not counts:
-        return ""
-    troubles = in_words({name: n for name, n in counts.items() if name != "received"})
-    if "received" not in counts:  # a bus counts what it asks for
-        return troubles or "nothing yet"
-    return f"{counts['received']} messages came; {troubles or 'none lost'}"

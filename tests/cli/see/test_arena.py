@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import typer
 
-from hexctl.cli.arena import arena_fields, arena_of
+from hexctl.cli.see.arena import arena_fields, arena_of
 from hexctl.errors import InputError
 from hexctl.robot.loader import load_robot
 from hexctl.see.place import load_place

@@ -1,0 +1,35 @@
+"""Why a robot was stopped, and counts of what went wrong, in words."""
+
+from collections.abc import Mapping
+
+#: Where to look after a stop that the user did not request.
+HINTS = {
+    "state": "the robot's state did not come, or not in time; is the robot still there?",
+    "expired": "commands did not reach the robot in time; a busy computer, or a bad link",
+    "pose lost": "the robot no longer says where it is",
+    "estop": "hexctl estop --clear when it may move again",
+    "fault": "see to it, then hexctl estop --clear",
+}
+
+
+def why_in_words(stopped: str | None) -> str:
+    """Why a robot was stopped, and where to look, behind what it is told of; nothing for None."""
+    if stopped is None:
+        return ""
+    hint = HINTS.get(stopped.partition(":")[0])
+    return f" ({stopped})" if hint is None else f" ({stopped}): {hint}"
+
+
+def in_words(counts: Mapping[str, int]) -> str:
+    """Counts above zero: `2 late, 1 stale owner`."""
+    return ", ".join(f"{n} {name.replace('_', ' ')}" for name, n in counts.items() if n)
+
+
+def link_in_words(counts: Mapping[str, int] | None) -> str:
+    """Messages to and from a servo board, received and lost; empty without a board."""
+    if not counts:
+        return ""
+    troubles = in_words({name: n for name, n in counts.items() if name != "received"})
+    if "received" not in counts:  # a bus counts what it asks for
+        return troubles or "nothing yet"
+    return f"{counts['received']} messages came; {troubles or 'none lost'}"

@@ -1,0 +1,1 @@
+"""`hexctl see`: one file per command, and the options that several of them have."""
