@@ -12,7 +12,7 @@ WORKERS ?= $(shell $(PYTHON) -c 'import os; print((os.cpu_count() or 2) + 1)')
 # No display is needed or looked for; set MUJOCO_GL yourself to render.
 export MUJOCO_GL ?= disable
 
-.PHONY: help setup demo docs check test test-all test-slow lint smoke bench pictures soak clean
+.PHONY: help setup demo docs check test test-all test-slow lint smoke bench pictures soak fuzz clean
 
 help:
 	@echo "make demo   find a gait for a hexapod whose leg 5 has failed, in simulation"
@@ -23,6 +23,7 @@ help:
 	@echo "make bench  the numbers hexctl promises, measured (two hours, most of them on simulated buses)"
 	@echo "make pictures  the pictures of the documentation, made anew (about 7 minutes)"
 	@echo "make soak   the long tests: a hundred stops, hostile input without end"
+	@echo "make fuzz   every decoder under a million mutated inputs each, led by coverage; INPUTS=1000 for less"
 	@echo "make docs   the documentation as a site, in build/site"
 	@echo "make clean  remove what the others made, recordings excepted"
 
@@ -79,6 +80,11 @@ pictures: $(INSTALLED)
 
 soak: $(INSTALLED)
 	$(BIN)/pytest -m soak
+
+INPUTS ?= 1000000
+fuzz: $(INSTALLED)
+	$(PIP) -e ".[fuzz]"
+	$(BIN)/python -m tests.fuzz --inputs $(INPUTS)
 
 docs: $(INSTALLED)
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict

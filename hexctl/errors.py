@@ -12,6 +12,9 @@ from reprlib import Repr
 #: The name of an argument as a message holds it, between marks that no text has.
 _ARGUMENT = re.compile("\0([a-z0-9_.]+)\0")
 
+#: An argument, or what no line of text has: ends of lines, control codes, bytes that are no UTF-8.
+_UNPRINTABLE = re.compile(_ARGUMENT.pattern + "|[\0-\x1f\x7f-\x9f\u2028\u2029\ud800-\udfff]")
+
 
 def argument(name: str) -> str:
     """Name of an argument in the message of a `HexctlError`: in Python itself, on the command line its flag.
@@ -23,12 +26,19 @@ def argument(name: str) -> str:
     return f"\0{name}\0"
 
 
+def printable(text: str) -> str:
+    """Text as one line that every terminal and encoding takes: what is unprintable in it is escaped."""
+    return _UNPRINTABLE.sub(
+        lambda found: found[0] if found[1] else found[0].encode("unicode_escape").decode("ascii"), text
+    )
+
+
 class HexctlError(Exception):
-    """Base class of hexctl's errors; the text is one line for the user."""
+    """Base class of hexctl's errors; the text is one line, in which what is unprintable is escaped."""
 
     def __init__(self, message: str = "") -> None:
-        super().__init__(_ARGUMENT.sub(r"\1", str(message)))
-        self._message = str(message)
+        self._message = printable(str(message))
+        super().__init__(_ARGUMENT.sub(r"\1", self._message))
 
     def worded(self, name: Callable[[str], str]) -> str:
         """The text, with `name(argument)` in place of each argument that it names."""

@@ -93,3 +93,10 @@ def test_what_must_be_called_can_be() -> None:
     check_callable(None, "on_trial", "a function")
     with pytest.raises(WrongTypeError, match=r"^on_trial: got 3 \(int\); allowed: a function$"):
         check_callable(3, "on_trial", "a function")
+
+
+def test_a_message_is_one_printable_line_whatever_its_values_hold() -> None:
+    error = InputError(f"{argument('robot')}: got a\nb\x1b[31m\udcff\x00é; allowed: none")
+    assert str(error) == "robot: got a\\nb\\x1b[31m\\udcff\\x00é; allowed: none"
+    assert error.worded(str.upper).startswith("ROBOT: got a")
+    str(error).encode("utf-8")
