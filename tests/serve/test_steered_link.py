@@ -21,8 +21,8 @@ WALK_S = 12.0
 #: The latest that a walk may begin, by the robot's ticks: its line must be laid before the faults.
 LATEST_START = 75
 
-#: How often a machine may be too busy for a walk in real time; the robot then stops for the silence, or one of
-#: both skips ticks.
+#: How often a machine may be too busy for a walk in real time; the robot then stops for the silence, or one
+#: of both skips ticks.
 ATTEMPTS = 4
 
 #: Ticks that controller and robot together may skip: 0.06 s of the walk's 12.
