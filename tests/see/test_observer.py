@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from hexctl.robot.loader import load_robot
+from hexctl.robot.rotations import wrapped_rad
 from hexctl.see.estimation.pose_filter import PoseEstimate
 from hexctl.see.observer import Observation, Observer
 from hexctl.see.robot_link import LegState
@@ -14,6 +15,7 @@ from hexctl.see.vision.planar_pose import PlanarPose
 from hexctl.see.vision.robot_tracker import RobotTag
 from hexctl.see.vision.tags import Picture
 from tests.see.scenes import FLOOR_CORNERS, standing
+from tests.see.synthetic import NO_PICTURE, CornerFinder
 
 ROBOT = load_robot("ant")
 TAG = RobotTag(ROBOT_TAG, 0.1, PlanarPose(0, 0, 0), tag_on(ROBOT).height_m)
@@ -125,3 +127,30 @@ def test_a_state_of_the_legs_that_is_late_or_doubled_is_left_out() -> None:
     for at_s in (0.0, 0.02, 0.02, 0.01, 0.04, 5.0):
         observing.listen(LegState(at_s, ROBOT.stance_angles_rad, None, None))
     assert observing.height_m == pytest.approx(ROBOT.standing_height_m, abs=0.002)
+
+
+def heading_errors_deg(noise_px: float, pictures: int) -> tuple[float, float]:
+    """RMS of the heading by one picture and by the filter after several, over places on the floor."""
+    finder, alone_deg, fused_deg = CornerFinder(noise_px), [], []
+    for place in np.random.default_rng(1).uniform([-0.5, -0.8, -np.pi], [0.8, 0.8, np.pi], (30, 3)):
+        finder.pose = PlanarPose(*place.tolist())
+        observing = Observer(ROBOT, CAMERA, FLOOR_CORNERS, TAG, finder=finder)
+        seen, estimate = watched(observing, iter([NO_PICTURE] * pictures))[-1]
+        assert seen is not None
+        assert seen.robot is not None
+        assert estimate.pose is not None
+        alone_deg.append(np.degrees(wrapped_rad(seen.robot.pose_floor.yaw_rad - finder.pose.yaw_rad)))
+        fused_deg.append(np.degrees(wrapped_rad(estimate.pose.yaw_rad - finder.pose.yaw_rad)))
+    return float(np.sqrt(np.mean(np.square(alone_deg)))), float(np.sqrt(np.mean(np.square(fused_deg))))
+
+
+def test_a_second_of_noisy_pictures_gives_the_heading() -> None:
+    """With the noise that corners have, and not the one that good pictures have, each picture counts."""
+    alone_deg, fused_deg = heading_errors_deg(1.0, 31)
+    assert alone_deg > 1.0
+    assert fused_deg < 0.3 * alone_deg
+    assert fused_deg < 0.35
+
+
+def test_without_noise_the_heading_is_what_is_seen() -> None:
+    assert max(heading_errors_deg(0.0, 31)) < 0.01

@@ -19,6 +19,9 @@ from hexctl.types import ArrayFields, FloatArray
 #: A tag that is seen in fewer of the pictures of one camera place, as a share, is not used.
 LEAST_SEEN = 0.3
 
+#: Share of the greatest and of the smallest coordinates of a corner that does not count.
+TRIMMED = 0.25
+
 #: Standard deviation of a corner in the mean of many pictures, in px: what noise, paper and lens leave.
 CORNER_PX = 0.2
 
@@ -75,7 +78,12 @@ class LearnedFloor(ArrayFields):
 
 
 def averaged_corners(pictures: Sequence[Mapping[int, Sighted]]) -> dict[int, FloatArray]:
-    """Corners (4, 2) of the tags in many pictures of a camera that stands still, by number: medians."""
+    """Corners (4, 2) of the tags in many pictures of a camera that stands still, by number.
+
+    Means without the outer quarters: nearly as sure as a mean, and single bad pictures do no harm.
+    """
+    from scipy.stats import trim_mean
+
     tag_ids = {tag_id for found in pictures for tag_id in found}
     stacks = {
         tag_id: np.stack([found[tag_id].corners_px for found in pictures if tag_id in found])
@@ -83,7 +91,9 @@ def averaged_corners(pictures: Sequence[Mapping[int, Sighted]]) -> dict[int, Flo
     }
     least = max(1.0, LEAST_SEEN * len(pictures))
     return {
-        tag_id: np.median(stack, axis=0) for tag_id, stack in sorted(stacks.items()) if len(stack) >= least
+        tag_id: trim_mean(stack, TRIMMED, axis=0)
+        for tag_id, stack in sorted(stacks.items())
+        if len(stack) >= least
     }
 
 

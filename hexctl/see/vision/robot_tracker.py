@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hexctl.see.vision.camera import Camera
+from hexctl.see.vision.corner_noise import CornerNoise
 from hexctl.see.vision.planar_pose import PlanarFit, PlanarPose, fitted_pose
 from hexctl.see.vision.tags import UNIT_CORNERS, Picture, Sighted, TagFinder
 from hexctl.types import ArrayFields, FloatArray
@@ -12,9 +13,6 @@ from hexctl.types import ArrayFields, FloatArray
 #: A tag whose edge looks longer or shorter than printed by more than this share is at another height, or is
 #: another tag.
 EDGE_SHARE = 0.15
-
-#: Standard deviation of a corner, in px: noise, blur, and what is left of the lens's distortion.
-CORNER_PX = 0.25
 
 #: Standard deviation of the position that no number of pixels improves: of height and camera, in m.
 FLOOR_M = 0.002
@@ -77,6 +75,7 @@ class RobotTracker:
         self.tag, self._finder = tag, finder
         self._last_px: FloatArray | None = None
         self._missed = 0
+        self._noise = CornerNoise()
 
     def find(
         self,
@@ -102,7 +101,8 @@ class RobotTracker:
             self._missed += 1
             return None
         self._missed, self._last_px = 0, sighted.corners_px
-        covariance = _covariance(camera, sighted, float(corners[:, 2].mean()))
+        self._noise.learn(_misses_px(camera, sighted, corners, fit))
+        covariance = _covariance(camera, sighted, float(corners[:, 2].mean()), self._noise.sigma_px)
         return SeenRobot(fit.pose, covariance, sighted, _quality(sighted, fit.residual_m / self.tag.edge_m))
 
     def _sighted(
@@ -142,15 +142,22 @@ def _fitted(camera: Camera, sighted: Sighted, corners: FloatArray) -> PlanarFit 
     return fitted_pose(corners[:, :2], seen) if np.isfinite(seen).all() else None
 
 
-def _covariance(camera: Camera, sighted: Sighted, height_m: float) -> FloatArray:
+def _misses_px(camera: Camera, sighted: Sighted, corners: FloatArray, fit: PlanarFit) -> FloatArray:
+    """By how much the corners are seen elsewhere than a square of any size has them, (4, 2)."""
+    middle = corners[:, :2].mean(axis=0)
+    scaled = middle + fit.scale * (corners[:, :2] - middle)
+    return camera.pixels(np.column_stack([fit.pose.of_points(scaled), corners[:, 2]])) - sighted.corners_px
+
+
+def _covariance(camera: Camera, sighted: Sighted, height_m: float, corner_px: float) -> FloatArray:
     """Covariance (3, 3) of x, y and yaw: what the noise of the corners does to them, and what is left."""
     around = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]) + sighted.corners_px.mean(axis=0)
     middle, right, down = camera.floor_points(around, height_m)
     per_px = np.column_stack([right - middle, down - middle])
     covariance = np.zeros((3, 3))
     # Means of four corners, which are half a diagonal away from the middle.
-    covariance[:2, :2] = per_px @ per_px.T * CORNER_PX**2 / 4 + np.eye(2) * FLOOR_M**2
-    covariance[2, 2] = (CORNER_PX / sighted.edge_px) ** 2 / 2
+    covariance[:2, :2] = per_px @ per_px.T * corner_px**2 / 4 + np.eye(2) * FLOOR_M**2
+    covariance[2, 2] = (corner_px / sighted.edge_px) ** 2 / 2
     return covariance
 
 
