@@ -14,6 +14,7 @@ from benchmarks.ros import ros_rows
 from benchmarks.rows import Row
 from benchmarks.scale import Scale
 from benchmarks.see import see_rows
+from benchmarks.see_cameras import camera_rows
 from benchmarks.single import single_rows
 from benchmarks.startup import startup_rows
 from benchmarks.study import study_rows
@@ -32,6 +33,7 @@ BENCHMARKS: dict[str, Benchmark] = {
     "ros": ros_rows,
     "bus": bus_rows,
     "see": see_rows,
+    "see_cameras": camera_rows,
     "single": single_rows,
     "recording": recording_rows,
     "batch": batch_rows,
