@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
 
@@ -48,6 +48,26 @@ class Place(ArrayFields):
     def floor_corners(self) -> dict[int, FloatArray]:
         """Corners (4, 2) of the tags on the floor in m, by number."""
         return {number: tag.corners for number, tag in self.floor_tags.items()}
+
+    def printed(self, bar_mm: float) -> "Place":
+        """The same place by another length of the bar: all that was learned by the edges is scaled.
+
+        Where the tag is on the robot was not learned, and stays. Raises InputError as `print_scale` does.
+        """
+        scale = print_scale(bar_mm) / print_scale(self.bar_mm)
+        return replace(
+            self,
+            camera=replace(self.camera, position_floor=scale * self.camera.position_floor),
+            floor_tags={
+                number: FloorTag(
+                    scale * tag.edge_m,
+                    PlanarPose(scale * tag.pose.x_m, scale * tag.pose.y_m, tag.pose.yaw_rad),
+                )
+                for number, tag in self.floor_tags.items()
+            },
+            robot_tag=replace(self.robot_tag, edge_m=scale * self.robot_tag.edge_m),
+            bar_mm=bar_mm,
+        )
 
 
 _Tag = Annotated[int, Field(ge=TAG_IDS[0], le=TAG_IDS[-1])]

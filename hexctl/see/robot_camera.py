@@ -36,6 +36,12 @@ LEARNING_PICTURES, LEARNING_S = 90, 20.0
 #: One in so many of them is searched for tags, in the others they are looked for where they were.
 SEARCHED_EVERY = 15
 
+#: What is said where nobody has told how large the sheet was printed: no picture shows it.
+BAR_DOUBT = (
+    "the bar of the sheet is taken for 100 mm long: measure it; --bar-mm with another length corrects this "
+    "place at any time"
+)
+
 #: Pictures by which the camera is placed anew at a known floor.
 PLACING_PICTURES = 8
 
@@ -73,7 +79,8 @@ class RobotCamera:
         relearn: whether the tags on the floor are learned anew, in place of those of the file.
         lens: calibration of the lens (`load_lens`), for a new place; None for one that is assumed.
         fov_deg: from the left to the right edge, of a lens that is assumed.
-        bar_mm: length of the sheet's bar as printed, for a new place.
+        bar_mm: length of the sheet's bar as printed; None for that of the place, or 100 mm. A known place
+            becomes larger or smaller by it.
         sheet: as it was printed, for a new place: numbers and edges of the tags.
         tag_height_mm: of the robot's tag above the origin of its base; None for the top of its trunk.
         latency_ms: age of a picture when it comes; None for that of the place, or the usual one.
@@ -95,7 +102,7 @@ class RobotCamera:
     relearn: bool = False
     lens: Path | None = None
     fov_deg: float = 67.0
-    bar_mm: float = BAR_MM
+    bar_mm: float | None = None
     sheet: Sheet = field(default_factory=Sheet)
     tag_height_mm: float | None = None
     latency_ms: float | None = None
@@ -112,7 +119,7 @@ class RobotCamera:
     page_port: int | None = None
 
     def __post_init__(self) -> None:
-        print_scale(self.bar_mm)
+        print_scale(BAR_MM if self.bar_mm is None else self.bar_mm)
         if self.latency_ms is not None and not 0 <= self.latency_ms <= 2000:
             raise InputError(f"{argument('latency_ms')}: got {self.latency_ms:g}; allowed: 0 to 2000 ms")
         for name in ("output", "poses"):
@@ -182,11 +189,13 @@ class RobotCamera:
     ) -> tuple[Place, bool, tuple[str, ...]]:
         """The place of the file, with the camera where it stands now, or a new one; whether it is new."""
         if self.place.exists() and not self.relearn:
-            return known_place(self.place, video, finder, stop_requested), False, ()
+            doubts = _measured_bar(self.place, self.bar_mm)
+            return known_place(self.place, video, finder, stop_requested), False, doubts
         pictures = list(_searched(video, finder, LEARNING_PICTURES, stop_requested))
         size = pictures[0][0].shape[1], pictures[0][0].shape[0]
         lens = Lens.assumed(*size, self.fov_deg) if self.lens is None else load_lens(self.lens).scaled(*size)
-        scale = print_scale(self.bar_mm)
+        bar_mm = BAR_MM if self.bar_mm is None else self.bar_mm
+        scale = print_scale(bar_mm)
         edges_m = {number: edge_m * scale for number, edge_m in self.sheet.floor_edges_m.items()}
         floor = learn_floor(lens, [averaged_corners([found for _, found in pictures])], edges_m)
         top_m = robot.body.size_m[2] / 2 if self.tag_height_mm is None else self.tag_height_mm / 1000
@@ -195,11 +204,27 @@ class RobotCamera:
             camera=floor.cameras[0],
             floor_tags=floor.tags,
             robot_tag=RobotTag(self.sheet.robot_tag, edge_m, PlanarPose(0.0, 0.0, 0.0), top_m),
-            bar_mm=self.bar_mm,
+            bar_mm=bar_mm,
             lens_file=self.lens,
         )
         write_place(place, self.place)
-        return place, True, floor.doubts
+        return place, True, (*floor.doubts, *(BAR_DOUBT,) * (self.bar_mm is None))
+
+
+def _measured_bar(path: Path, bar_mm: float | None) -> tuple[str, ...]:
+    """Store the length of the bar, where it was measured; what has changed by it, a sentence.
+
+    Raises InputError for files that are not allowed.
+    """
+    before = load_place(path) if bar_mm is not None else None
+    if before is None or bar_mm is None or bar_mm == before.bar_mm:
+        return ()
+    write_place(before.printed(bar_mm), path)
+    percent = 100 * (bar_mm / before.bar_mm - 1)
+    return (
+        f"the bar of the sheet is {bar_mm:g} mm long, not {before.bar_mm:g}: "
+        f"all distances change by {percent:+.1f} %",
+    )
 
 
 def known_place(

@@ -102,6 +102,20 @@ def test_a_damaged_file_is_refused_by_key(tmp_path: Path, changes: dict[str, Any
         load_place(path)
 
 
+def test_a_bar_measured_later_scales_what_was_learned_by_it_and_nothing_else() -> None:
+    small = PLACE.printed(98.0)
+    assert np.allclose(small.camera.position_floor, 0.98 * CAMERA.position_floor)
+    assert (small.camera.rotation == CAMERA.rotation).all()
+    assert np.allclose(small.floor_corners[3], 0.98 * PLACE.floor_corners[3])
+    assert small.robot_tag.edge_m == pytest.approx(0.098)
+    assert (small.robot_tag.mount, small.robot_tag.height_m) == (PLACE.robot_tag.mount, 0.03)
+    again = small.printed(100.0)
+    assert np.allclose(again.floor_corners[3], PLACE.floor_corners[3])
+    assert again.bar_mm == 100
+    with pytest.raises(InputError, match="bar_mm: got 49"):
+        PLACE.printed(49)
+
+
 def test_a_bar_that_nobody_can_have_measured_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="bar_mm: got 980"):
         saved(tmp_path, replace(PLACE, bar_mm=980))

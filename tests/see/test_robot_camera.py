@@ -60,7 +60,8 @@ def looked(folder: Path, recorded: Path, **options: Any) -> tuple[dict[str, Any]
 
 
 def test_a_video_of_a_walk_becomes_poses_on_the_floor_of_the_home_tag(tmp_path: Path, recorded: Path) -> None:
-    report, started = looked(tmp_path, recorded, poses=tmp_path / "poses.csv", output=tmp_path / "seen.mp4")
+    outputs = {"poses": tmp_path / "poses.csv", "output": tmp_path / "seen.mp4"}
+    report, started = looked(tmp_path, recorded, bar_mm=100.0, **outputs)
     assert started.learned
     assert set(started.place.floor_tags) == set(FLOOR_TAGS)
     assert started.doubts == ()
@@ -110,6 +111,24 @@ def test_a_bar_that_is_shorter_makes_the_floor_smaller(tmp_path: Path, recorded:
     _, small = looked(tmp_path, recorded, bar_mm=98.0)
     ratio = small.place.floor_tags[3].pose.x_m / full.place.floor_tags[3].pose.x_m
     assert ratio == pytest.approx(0.98, abs=1e-3)
+    assert any("measure it" in doubt for doubt in full.doubts)
+    assert small.doubts == ()
+
+
+def test_a_bar_measured_later_corrects_the_place_and_that_is_said(tmp_path: Path, recorded: Path) -> None:
+    _, first = looked(tmp_path, recorded)
+    _, later = looked(tmp_path, recorded, bar_mm=98.0)
+    assert not later.learned
+    assert later.doubts == ("the bar of the sheet is 98 mm long, not 100: all distances change by -2.0 %",)
+    known = load_place(tmp_path / "place.yaml")
+    assert known.bar_mm == 98
+    for number, tag in first.place.floor_tags.items():
+        assert np.allclose(known.floor_tags[number].corners, 0.98 * tag.corners, atol=1e-5)
+    high_m = later.place.camera.position_floor[2]
+    assert high_m == pytest.approx(0.98 * first.place.camera.position_floor[2], rel=2e-3)
+    _, again = looked(tmp_path, recorded)
+    assert again.doubts == ()
+    assert again.place.bar_mm == 98
 
 
 def test_files_that_exist_are_not_replaced(tmp_path: Path) -> None:

@@ -62,9 +62,14 @@ def look(
         number("--fov-deg", FOV_DEG, "Degrees from the left to the right edge, without a calibration, {}."),
     ] = 67.0,
     bar_mm: Annotated[
-        float,
-        number("--bar-mm", BAR_MM, "Millimetres that the bar of the sheet measures, for a new place, {}."),
-    ] = 100.0,
+        float | None,
+        number(
+            "--bar-mm",
+            BAR_MM,
+            "Millimetres that the bar of the sheet measures, {}; the place becomes larger or smaller by it. "
+            "(default: what the place says, else 100)",
+        ),
+    ] = None,
     robot_tag: RobotTagOption = 10,
     robot_edge_mm: RobotEdgeOption = 100.0,
     home_edge_mm: HomeEdgeOption = 110.0,

@@ -165,13 +165,9 @@ class RosDriver:
             return False, str(error)
 
     def _clear_stop(self, at_s: float) -> tuple[bool, str]:
-        stop = self._requests.latch.current()
-        if stop is None:
+        if self._guard.stopped is None:
             return True, "it was not stopped"
-        answer = self._requests.clear(stop.stop_id, at_s)
-        if "error" in answer:
-            return False, answer["error"]
-        stopped = answer["stopped"]
+        stopped = self._requests.estop(b'{"op": "clear"}', at_s)["stopped"]
         self._drop()
         return stopped is None, "no longer stopped" if stopped is None else f"stopped: {stopped}"
 
