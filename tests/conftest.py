@@ -35,6 +35,13 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 
 @pytest.fixture(autouse=True)
+def _own_state(monkeypatch: pytest.MonkeyPatch, tmp_path_factory: pytest.TempPathFactory) -> None:
+    """Keep stops of served robots apart from those of other tests and of this computer."""
+    monkeypatch.delenv("STATE_DIRECTORY", raising=False)
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path_factory.getbasetemp() / f"state-{os.urandom(6).hex()}"))
+
+
+@pytest.fixture(autouse=True)
 def _ordinary_priority(monkeypatch: pytest.MonkeyPatch) -> None:
     """Refuse realtime priority: a walk in the tests' own process must not keep it for all that follows."""
 

@@ -32,9 +32,12 @@ def estop(
         Role.CONTROLLER, connect=connect, credentials=keys, insecure=insecure, link=link
     ) as robots:
         answers = robots.clear() if clear else robots.stop()
+    refused = next((str(answer["error"]) for answer in answers if clear and "error" in answer), None)
     stopped = next((str(answer["stopped"]) for answer in answers if answer["stopped"] is not None), None)
     if as_json:
         print_result(json.dumps({"stopped": stopped, "robots": answers}))
+    elif refused is not None:
+        print_result(f"not cleared, it is still stopped ({stopped}): {refused}")
     elif clear and stopped is not None:
         print_result(f"not cleared, it is still stopped ({stopped}); see to it, then hexctl estop --clear")
     elif stopped is None:
@@ -42,6 +45,8 @@ def estop(
     else:
         print_result(f"stopped ({stopped}); hexctl estop --clear when it may move again")
     for answer in answers:
+        if isinstance(meant := answer.get("cleared"), dict):
+            print_note(f"hexctl: the stop was {meant.get('id')}, {meant.get('since_s')} s before")
         print_note(f"hexctl: the robot is {RobotIdentity.of_answer(answer)}")
     if clear and stopped is not None:
         raise typer.Exit(FAULT)

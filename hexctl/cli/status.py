@@ -151,7 +151,16 @@ def _stopped(status: Status) -> str:
     if kind == "fault" and detail and status.get("fault") is None:
         over = "that is over" if status.get("servos") is None else "they answer again"
         return f"FAULT:{detail}; {over}: hexctl estop --clear"
-    return f"{kind.upper()}{colon}{detail}; {CLEARED_BY.get(kind, CLEARED)}"
+    which = _stop_in_words(status.get("stop"))
+    return f"{kind.upper()}{colon}{detail}{which}; {CLEARED_BY.get(kind, CLEARED)}"
+
+
+def _stop_in_words(stop: object) -> str:
+    """Which stop it is, and since when; nothing of a server that does not say."""
+    if not isinstance(stop, Mapping):
+        return ""
+    kept = "" if stop.get("kept") else ", not kept"
+    return f" ({stop.get('id')}, {stop.get('since_s')} s ago{kept})"
 
 
 def _controller(status: Status) -> str:

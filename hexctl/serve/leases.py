@@ -1,8 +1,6 @@
 """Leases and stops of a robot: one controller at a time, and any client may stop the robot."""
 
-import math
 import secrets
-import time
 from collections import deque
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -11,6 +9,8 @@ from typing import Any
 from hexctl.control.guard import Guard
 from hexctl.errors import HexctlError, MessageError, RobotFaultError
 from hexctl.robot.failure_event import in_words_with_share, parse_failure_now, parse_healing
+from hexctl.serve.stops.latch import StopLatch
+from hexctl.serve.stops.stop import LIFTED_BY_LEASE, Stop
 from hexctl.wire.description import decode_json
 from hexctl.wire.messages import LEASE_ID_BYTES
 
@@ -123,65 +123,108 @@ class LeaseManager:
         return holder
 
 
-#: Reason of a stop that a client requested.
-ESTOP = "estop"
+#: Longest name of a request for a stop, and longest id of a stop, that is read.
+MAX_NAME = 64
 
-#: Reason of the stop that a new lease clears; every other one is cleared explicitly.
-LIFTED_BY_LEASE = "expired"
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StopRequest:
+    """What a message at `estop` asks for.
+
+    Attributes:
+        op: `stop` or `clear`.
+        request: name that the client gave its stop, or None.
+        stop_id: of the stop that is to be cleared, or None.
+    """
+
+    op: str
+    request: str | None = None
+    stop_id: str | None = None
+
+    @classmethod
+    def of(cls, payload: bytes) -> "StopRequest":
+        """Request of a payload; an empty one is a stop.
+
+        Raises MessageError for one that is not understood.
+        """
+        if not payload:
+            return cls(op="stop")
+        content = decode_json(payload)
+        return cls(
+            op=_one_of(content, "op", ("stop", "clear")),
+            request=_name(content, "request"),
+            stop_id=_name(content, "id"),
+        )
 
 
 class RequestHandler:
     """Answers requests about the lease and the stop of one robot.
 
+    Args:
+        guard: around the servos.
+        leases: of the robot.
+        latch: of its stops; one of its own unless given.
+
     Attributes:
         leases: of the robot.
+        latch: of its stops.
         malformed: requests so far that could not be decoded.
     """
 
-    def __init__(self, guard: Guard, leases: LeaseManager) -> None:
+    def __init__(self, guard: Guard, leases: LeaseManager, latch: StopLatch | None = None) -> None:
         self._guard, self.leases = guard, leases
+        self.latch = StopLatch(guard) if latch is None else latch
         self.malformed = 0
-        self._stopped_at_s = -math.inf
         self._changed_at_s: deque[float] = deque(maxlen=MOST_CHANGES)
 
     def urgent(self, payload: bytes) -> None:
-        """Stop the robot if a payload at `estop` asks for it, as an empty one does. Safe on any thread."""
+        """Stop the robot unless a payload at `estop` asks for a clear. Safe on any thread.
+
+        One that is not understood stops too: whoever wrote there wanted something of the stop.
+        """
         try:
-            wanted = _stop_or_clear(payload)
+            wanted = StopRequest.of(payload)
         except MessageError:
-            return
-        if wanted == "stop":
-            self._stopped_at_s = time.monotonic()
-            self._guard.stop(ESTOP)
+            wanted = StopRequest(op="stop")
+        if wanted.op == "stop":
+            self.latch.stop(wanted.request)
 
     def estop(self, payload: bytes, at_s: float) -> dict[str, Any]:
         """Answer to a request at `estop`: why the robot is stopped now, after a stop or a clear.
 
-        Both end the lease; a clear of a robot that is not stopped changes nothing.
+        Both end the lease; a clear of a robot that is not stopped changes nothing, and neither does one that
+        is refused: `error` says why.
 
         Args:
-            payload: of the request.
-            at_s: time of arrival, on time.monotonic; a later stop is not cleared.
+            payload: of the request, which `urgent` has seen already.
+            at_s: time of arrival, on time.monotonic.
         """
         try:
-            wanted = _stop_or_clear(payload)
+            wanted = StopRequest.of(payload)
         except MessageError as error:
-            return self._misunderstood(error)
-        if wanted == "clear":
-            if self._guard.stopped is None:
-                return {"stopped": None}
-            if at_s >= self._stopped_at_s:
-                self._clear()
-        else:
-            self._guard.stop(ESTOP)
+            self.leases.revoke()
+            return {**_told(self.latch.ensure()), **self._misunderstood(error)}
+        if wanted.op == "clear":
+            return self.clear(wanted.stop_id, at_s)
         self.leases.revoke()
-        return {"stopped": self._guard.stopped}
+        return _told(self.latch.ensure())
 
-    def _clear(self) -> None:
-        """Clear the stop; what still stops the robot, such as a fault, stops it again before the answer."""
-        self._guard.clear()
+    def clear(self, stop_id: str | None, at_s: float) -> dict[str, Any]:
+        """Clear a stop; what still stops the robot, such as a fault, stops it again before the answer.
+
+        Args:
+            stop_id: of the stop.
+            at_s: when it was asked for, on time.monotonic.
+        """
+        if self._guard.stopped is None:
+            return {"stopped": None}
+        refusal = self.latch.clear(stop_id, at_s)
+        if refusal is not None:
+            return {"stopped": self._guard.stopped, "error": refusal}
+        self.leases.revoke()
         with suppress(RobotFaultError):  # of a robot that has gone: the next control period says so
             self._guard.read()
+        return {"stopped": self._guard.stopped}
 
     def failure(self, payload: bytes, at_s: float) -> dict[str, Any]:
         """Answer to a request at `failure`: the legs of a simulation that have failed now, or an error.
@@ -279,8 +322,16 @@ class RequestHandler:
         return {"error": str(error)}
 
 
-def _stop_or_clear(payload: bytes) -> str:
-    return "stop" if not payload else _one_of(decode_json(payload), "op", ("stop", "clear"))
+def _told(stop: Stop) -> dict[str, Any]:
+    """A stop in the answer to a request for it."""
+    return {"stopped": stop.reason, "stop_id": stop.stop_id}
+
+
+def _name(content: dict[str, Any], key: str) -> str | None:
+    value = content.get(key)
+    if value is not None and not (isinstance(value, str) and len(value) <= MAX_NAME):
+        raise MessageError(f"{key}: got {str(value)[:40]!r}; allowed: text of at most {MAX_NAME} characters")
+    return value
 
 
 def _one_of(content: dict[str, Any], key: str, allowed: tuple[str, ...]) -> str:

@@ -1,5 +1,6 @@
 """Robots on a link, seen from outside: their status, and a stop for all of them."""
 
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -10,6 +11,7 @@ import zenoh
 from hexctl.backends.zenoh.client import ask, ask_until
 from hexctl.errors import RobotFaultError
 from hexctl.robot.failure_event import parse_failure_now, parse_healing
+from hexctl.serve.stops.stop import HOLD_S
 from hexctl.wire.description import RobotIdentity, check_may_command
 from hexctl.wire.links import KeyMap, Link, Role, load_link
 from hexctl.wire.session import open_session
@@ -52,18 +54,31 @@ class RemoteRobots:
         return answers
 
     def clear(self) -> list[dict[str, Any]]:
-        """Clear the stop of every robot; `stopped` of each answer is None, or why it stopped again.
+        """Clear the stop that each robot has now; `stopped` of each answer is None, or why it is stopped.
+
+        A stop of less than a second ago is cleared once it may be. `cleared` of each answer is the stop that
+        was meant, as the status has it, and `error` says why it was refused.
 
         Raises InputError for a robot of another user on a link that was not named, and RobotFaultError unless
         each robot that answers has done it, and one has answered.
         """
-        for status in self.await_statuses():
+        statuses = self.await_statuses()
+        for status in statuses:
             check_may_command(RobotIdentity.of_answer(status), self._link)
-        answers = self._ask(self._keys.estop, {"op": "clear"})
+        return [answer for status in statuses for answer in self._clear(status)]
+
+    def _clear(self, status: dict[str, Any]) -> list[dict[str, Any]]:
+        """Clear the stop that a status tells of."""
+        stop, asked = status.get("stop"), {"op": "clear"}
+        if isinstance(stop, dict):  # servers of earlier versions know no ids
+            asked["id"] = str(stop.get("id"))
+            time.sleep(min(HOLD_S, max(0.0, stop.get("clear_in_s", 0.0))))
+        key = self._link.keys(str(status["robot"])).estop if "robot" in status else self._keys.estop
+        answers = self._ask(key, asked)
         for answer in answers:
             if "stopped" not in answer:
                 raise RobotFaultError(f"a robot did not clear its stop: {answer.get('error', answer)}")
-        return answers
+        return [{**answer, "cleared": stop} for answer in answers]
 
     def fail(self, text: str) -> list[dict[str, Any]]:
         """Let a leg of every simulated robot fail, as `5:limp` says; `failures` of each answer has them all.

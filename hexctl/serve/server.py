@@ -18,6 +18,10 @@ from hexctl.serve.inbox import CAPACITY, Arrival, Inbox
 from hexctl.serve.leases import LeaseManager, RequestHandler
 from hexctl.serve.own_poses import OwnPoses
 from hexctl.serve.ros.snapshot import RobotSnapshot
+from hexctl.serve.stops.at_rest import RestWatch
+from hexctl.serve.stops.latch import StopLatch
+from hexctl.serve.stops.stop import ESTOP
+from hexctl.serve.stops.stop_file import StopFile
 from hexctl.serve.transport import Transport, attachment_of, payload_of
 from hexctl.types import FloatArray, JointTargets, RobotState
 from hexctl.wire.description import RobotIdentity, describe, encode_json
@@ -156,8 +160,9 @@ class RobotServer:
         on_event: Callable[[str], None] = lambda _: None,
         on_tick: Callable[[], None] = lambda: None,
         ros: "RosBridge | None" = None,
+        stop_file: StopFile | None = None,
     ) -> None:
-        """Prepare to serve; nothing is opened yet.
+        """Prepare to serve; nothing is opened yet. A robot whose stop was kept is stopped.
 
         Args:
             servos: not yet connected.
@@ -169,6 +174,7 @@ class RobotServer:
                 the event log.
             on_tick: called in every control period; must not take long.
             ros: its node in ROS 2, not begun yet; None for none.
+            stop_file: keeps its stop; None keeps none.
         """
         self._servos = ServedServos(servos)
         self._guard = Guard(self._servos, tilt_of=self._servos.tilt_of)
@@ -176,7 +182,9 @@ class RobotServer:
         self._simulated = None if simulated is None else dict(simulated)
         self._leases = LeaseManager()
         self._commands = CommandHandler()
-        self._requests = RequestHandler(self._guard, self._leases)
+        self._latch = StopLatch(self._guard, stop_file)
+        self._rest = RestWatch()
+        self._requests = RequestHandler(self._guard, self._leases, self._latch)
         self._on_tick = on_tick
         self._idle = IdleSupervisor(self._guard, sit_after_s=sit_after_s)
         self._event_log = EventLog(on_event)
@@ -207,6 +215,7 @@ class RobotServer:
                     self._tick()
         finally:
             self._event_log.close()
+            self._latch.close()
 
     def _listen(self) -> None:
         """Handle what arrives until the next tick is due."""
@@ -300,6 +309,9 @@ class RobotServer:
         self._on_tick()
         state = self._guard.read()
         self._check_expiry()
+        if (stop := self._latch.current()) is not None and stop.reason == ESTOP:
+            self._leases.revoke()  # a stop by datagram comes past the requests
+        self._rest.note(state.joint_positions_rad, time.monotonic())
         if self._driver is not None:
             self._driver.tick(index, state)
         self._idle.tick(self._guard.clock.now_s)
@@ -386,6 +398,8 @@ class RobotServer:
             "simulated": self._simulated,
             "failures": None if guard.failures is None else [f"{one.leg}:{one}" for one in guard.failures],
             "stopped": guard.stopped,
+            "stop": self._latch.status(),
+            "at_rest": self._rest.at_rest,
             "posture": self._idle.name,
             "controller": None if lease is None else lease.owner,
             "controller_since_s": None if lease is None else round(now_s - lease.since_s, 1),

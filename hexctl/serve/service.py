@@ -17,6 +17,7 @@ from hexctl.robot.failure import Failure, failure_text
 from hexctl.robot.loader import load_robot_file
 from hexctl.serve.ros.options import RosOptions
 from hexctl.serve.server import RobotServer
+from hexctl.serve.stops.stop_file import StopFile
 from hexctl.wire.links import Link, load_link
 
 if TYPE_CHECKING:
@@ -212,6 +213,9 @@ class RobotService:
         )
         servos = make_servos(self.servos.backend, options)
         keeper = self._keeper(options)
+        simulated = self.servos.simulated is not None
+        place = f"{self.servos.backend} {self.device or link.endpoint}"
+        stop_file = StopFile(servos.robot.name, place, asked_only=simulated)
         server = RobotServer(
             servos,
             link,
@@ -221,6 +225,7 @@ class RobotService:
             on_event=on_event,
             on_tick=_ticks_of(keeper, on_event),
             ros=None if self.ros is None else self.ros.bridge(servos.robot, insecure=self.insecure),
+            stop_file=stop_file,
         )
         realtime = request_realtime_priority()
         started = ServiceStarted(
@@ -228,7 +233,7 @@ class RobotService:
             backend=self.servos.backend,
             place=link.endpoint,
             realtime=realtime,
-            warnings=self._warnings(link),
+            warnings=self._warnings(link) + stop_file.warnings,
         )
         held = False
 

@@ -8,6 +8,7 @@ from hexctl.backends.sim.servos import SimServos
 from hexctl.control.guard import Guard
 from hexctl.errors import EStopError
 from hexctl.serve.leases import LEASE_S, MOST_CHANGES, LeaseManager, LeaseRefusedError, RequestHandler
+from hexctl.serve.stops.stop import HOLD_S
 from hexctl.wire.description import encode_json
 from tests.control.posed import connected, send
 from tests.robots import shipped
@@ -108,9 +109,16 @@ def test_silence_is_lifted_by_a_new_lease_and_every_other_stop_is_not(
 def test_a_stop_outweighs_silence_and_takes_the_lease_away(guard: Guard, desk: RequestHandler) -> None:
     lease = str(ask(desk, op="acquire", owner="alice")["lease"])
     guard.stop("expired")
-    assert desk.estop(b"", 0.1) == {"stopped": "estop"}
+    assert desk.estop(b"", 0.1)["stopped"] == "estop"
     assert "error" in ask(desk, 0.1, op="renew", lease=lease)
     assert "estop" in str(ask(desk, 0.1, op="acquire", owner="alice")["error"])
+
+
+def clear(desk: RequestHandler, *, after_s: float = HOLD_S) -> dict[str, object]:
+    """Clear the stop in force by its id, a time after it was asked for."""
+    stop = desk.latch.current()
+    assert stop is not None
+    return desk.estop(encode_json({"op": "clear", "id": stop.stop_id}), stop.since_s + after_s)
 
 
 def test_a_stop_works_at_once_and_is_cleared_explicitly(guard: Guard, desk: RequestHandler) -> None:
@@ -119,10 +127,21 @@ def test_a_stop_works_at_once_and_is_cleared_explicitly(guard: Guard, desk: Requ
         send(guard, guard.robot.stance_angles_rad)
     desk.urgent(encode_json({"op": "clear"}))
     assert guard.stopped == "estop"
-    stop_s = time.monotonic()
-    assert desk.estop(encode_json({"op": "clear"}), stop_s - 100) == {"stopped": "estop"}
-    assert desk.estop(encode_json({"op": "clear"}), stop_s) == {"stopped": None}
+    assert "got no id" in str(desk.estop(encode_json({"op": "clear"}), time.monotonic() + 2)["error"])
+    assert "0.5 s after the stop" in str(clear(desk, after_s=0.5)["error"])
+    assert guard.stopped == "estop"
+    assert clear(desk) == {"stopped": None}
     send(guard, guard.robot.stance_angles_rad)
+
+
+def test_a_stop_after_a_clear_was_sent_is_not_cleared_by_it(desk: RequestHandler) -> None:
+    desk.urgent(b"")
+    first = desk.latch.current()
+    assert first is not None
+    desk.urgent(b"")  # somebody else has seen something, too
+    answer = desk.estop(encode_json({"op": "clear", "id": first.stop_id}), first.since_s + 2 * HOLD_S)
+    assert answer["stopped"] == "estop"
+    assert "of another stop" in str(answer["error"])
 
 
 def test_a_clear_of_what_is_not_stopped_leaves_the_lease(guard: Guard, desk: RequestHandler) -> None:
@@ -131,20 +150,36 @@ def test_a_clear_of_what_is_not_stopped_leaves_the_lease(guard: Guard, desk: Req
     assert desk.estop(encode_json({"op": "clear"}), now_s) == {"stopped": None}
     assert "sequence" in ask(desk, now_s + 0.1, op="renew", lease=lease)
     guard.stop("fell")
-    assert desk.estop(encode_json({"op": "clear"}), now_s + 0.2) == {"stopped": None}
+    assert "error" in desk.estop(encode_json({"op": "clear"}), now_s + 0.1)
+    assert "sequence" in ask(desk, now_s + 0.2, op="renew", lease=lease), "nothing has changed"
+    assert clear(desk) == {"stopped": None}
     assert "error" in ask(desk, now_s + 0.3, op="renew", lease=lease)
 
 
-@pytest.mark.parametrize("payload", [b"x", b"[]", b"{}", b'{"op": "go"}', b'{"op": 1}'])
-def test_what_is_no_request_changes_nothing_and_is_counted(
+UNREADABLE = [b"x", b"[]", b"{}", b'{"op": "go"}', b'{"op": 1}', b'{"op": "clear", "id": 5}']
+
+
+@pytest.mark.parametrize("payload", UNREADABLE)
+def test_what_is_no_request_for_a_lease_changes_nothing_and_is_counted(
     guard: Guard, desk: RequestHandler, payload: bytes
 ) -> None:
-    guard.stop("fell")
-    desk.urgent(payload)
-    assert "error" in desk.estop(payload, 0.0)
     assert "error" in desk.lease(payload, 0.0)
-    assert guard.stopped == "fell"
-    assert desk.malformed == 2
+    assert guard.stopped is None
+    assert desk.malformed == 1
+
+
+@pytest.mark.parametrize("payload", UNREADABLE)
+def test_what_cannot_be_read_at_the_stop_stops_and_is_counted(
+    guard: Guard, desk: RequestHandler, payload: bytes
+) -> None:
+    lease = str(ask(desk, op="acquire", owner="alice")["lease"])
+    desk.urgent(payload)
+    assert guard.stopped == "estop"
+    answer = desk.estop(payload, 0.0)
+    assert answer["stopped"] == "estop"
+    assert "error" in answer
+    assert desk.malformed == 1
+    assert "error" in ask(desk, 0.1, op="renew", lease=lease)
 
 
 @pytest.mark.parametrize(

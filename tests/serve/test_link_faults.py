@@ -11,6 +11,7 @@ import pytest
 
 from hexctl.backends.clock import PERIOD_S
 from hexctl.backends.zenoh.client import ask
+from hexctl.serve.stops.stop import HOLD_S
 from hexctl.wire.links import KeyMap, Link, Role
 from hexctl.wire.session import open_session
 from tests.robots import shipped
@@ -234,12 +235,37 @@ def stop_often(folder: Path, times: int, *, still_after_s: float) -> None:
             assert [answer["stopped"] for answer in ask(session, key, {"op": "stop"})] == ["estop"]
             time.sleep(still_after_s + 0.1)
             assert robot.log().moved_after(at_s) <= still_after_s
-            assert [answer["stopped"] for answer in ask(session, key, {"op": "clear"})] == [None]
+            time.sleep(max(0.0, HOLD_S + 0.05 - (time.monotonic() - at_s)))
+            (described,) = ask(session, KeyMap.of("ant").describe)
+            clear = {"op": "clear", "id": described["status"]["stop"]["id"]}
+            assert [answer["stopped"] for answer in ask(session, key, clear)] == [None]
         check_limits(robot.log())
 
 
 def test_an_estop_while_moving_ends_the_motion_every_time(tmp_path: Path) -> None:
     stop_often(tmp_path, times=3, still_after_s=STILL_ON_A_BUSY_MACHINE_S)
+
+
+def test_a_stop_is_there_after_the_server_was_killed_and_started_again(tmp_path: Path) -> None:
+    with served(tmp_path) as robot:
+        with controlling(tmp_path, robot.endpoint) as controller:
+            controller.wait_for("moving")
+            assert hexctl("estop", "--connect", robot.endpoint).returncode == 0
+            wait_until(lambda: robot.status()["stop"]["kept"], "the stop on the disk")
+            robot.signal(signal.SIGKILL)
+        port = int(robot.endpoint.rpartition(":")[2])
+    with served(tmp_path, port=port, name="back") as back:
+        assert "still stopped (estop" in back.said()
+        with controlling(tmp_path, back.endpoint, name="barred") as barred:
+            barred.wait()
+            assert "the robot is stopped: estop" in barred.said()
+        assert back.log().times_s.size == 0
+        assert hexctl("estop", "--clear", "--connect", back.endpoint).returncode == 0
+        with controlling(tmp_path, back.endpoint, "again=1", name="next") as following:
+            following.wait_for("moving")
+        back.end()
+    with served(tmp_path, port=port, name="third") as third:
+        assert stopped(third) is None
 
 
 @pytest.mark.soak

@@ -51,6 +51,11 @@ class Bench:
         answer: dict[str, Any] = json.loads(item.answers[0])
         return answer
 
+    def clear(self) -> dict[str, Any]:
+        """Clear the stop by its id, once it may be cleared."""
+        self.ticks(51)
+        return self.ask("estop", {"op": "clear", "id": self.server.status()["stop"]["id"]})
+
     def acquire(self) -> dict[str, Any]:
         self.lease, self.sequence = self.ask("lease", {"op": "acquire", "owner": "test"}), 0
         return self.lease
@@ -115,6 +120,29 @@ def test_silence_takes_the_lease_away_and_a_new_one_lifts_the_stop(bench: Bench)
     assert len(bench.servos.sent) == n_before + 1
 
 
+def test_the_status_has_the_id_of_a_stop_and_says_whether_the_robot_is_at_rest(bench: Bench) -> None:
+    assert bench.server.status()["stop"] is None
+    bench.acquire()
+    stance_rad = bench.servos.robot.stance_angles_rad
+    for tick in range(20):
+        bench.command(stance_rad + 0.01 * (tick % 2) + 0.005 * tick)
+        bench.ticks(1)
+    assert bench.server.status()["at_rest"] is False
+    answer = bench.ask("estop", {"op": "stop"})
+    stop = bench.server.status()["stop"]
+    assert stop == {"id": answer["stop_id"], "since_s": 0.0, "clear_in_s": 1.0, "kept": False}
+    bench.ticks(12)
+    status = bench.server.status()
+    assert status["at_rest"] is True
+    assert 0.7 < status["stop"]["clear_in_s"] < 0.8
+    for wrong in ({}, {"id": "0" * 16}, {"id": stop["id"]}):  # the last one too early
+        answer = bench.ask("estop", {"op": "clear", **wrong})
+        assert answer["stopped"] == "estop"
+        assert "clear: got" in answer["error"]
+        assert stop["id"] not in str(answer)
+    assert bench.clear()["stopped"] is None
+
+
 def test_a_controller_that_rests_is_not_silent(bench: Bench) -> None:
     bench.acquire()
     bench.command(bench.servos.robot.stance_angles_rad)
@@ -132,7 +160,7 @@ def test_a_stop_reaches_a_robot_in_the_middle_of_commands(bench: Bench) -> None:
     bench.ticks(1000)
     assert len(bench.servos.sent) == n_before
     assert "error" in bench.acquire()
-    assert bench.ask("estop", {"op": "clear"})["stopped"] is None
+    assert bench.clear()["stopped"] is None
     assert "lease" in bench.acquire()
 
 
@@ -147,9 +175,9 @@ def test_a_fault_stops_the_robot_and_is_said_in_words(bench: Bench, fault: str |
     assert bench.last_state()[1].fault == fault
     bench.ask("lease", {"op": "release", "lease": bench.lease["lease"]})
     assert reason in bench.acquire()["error"]
-    assert bench.ask("estop", {"op": "clear"})["stopped"] == reason, "it is still there"
+    assert bench.clear()["stopped"] == reason, "it is still there"
     bench.servos.healthy, bench.servos.fault = True, None
-    assert bench.ask("estop", {"op": "clear"})["stopped"] is None
+    assert bench.clear()["stopped"] is None
 
 
 def test_a_command_that_waited_while_the_robot_was_held_up_is_late(bench: Bench) -> None:
@@ -197,7 +225,7 @@ def test_a_fall_is_latched_until_it_is_cleared(bench: Bench) -> None:
     bench.servos.lean(0)
     bench.ticks(20)
     assert bench.server.status()["stopped"] == "fell"
-    assert bench.ask("estop", {"op": "clear"})["stopped"] is None
+    assert bench.clear()["stopped"] is None
 
 
 def test_a_pose_from_outside_wins_and_one_that_stops_coming_is_a_fault(bench: Bench) -> None:

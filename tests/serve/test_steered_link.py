@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from hexctl.control.result import TrialResult
-from hexctl.record.run import run
+from hexctl.record.run import RunResult, run
 from hexctl.record.run_spec import RunSpec
 from hexctl.robot.failure import Failure
 from tests.serve.processes import served
@@ -21,15 +21,19 @@ WALK_S = 12.0
 #: The latest that a walk may begin, by the robot's ticks: its line must be laid before the faults.
 LATEST_START = 75
 
-#: How often a machine may be too busy for a walk in real time; the robot then stops for the silence.
+#: How often a machine may be too busy for a walk in real time; the robot then stops for the silence, or one
+#: of both skips ticks.
 ATTEMPTS = 4
+
+#: Ticks that controller and robot together may skip: 0.06 s of the walk's 12.
+MOST_SKIPPED = 3
 
 #: Where the walk may end. It ends 0.9 cm off, 0.8 cm without faults: the integral has not taken up all of the
 #: pull by then. In open loop it ends 66 cm off.
 NEAR_M = 0.03
 
 
-def walked(world: Path, backend: str, connect: str | None = None) -> TrialResult:
+def walked(world: Path, backend: str, connect: str | None = None) -> RunResult:
     """The walk, in this process or over the link."""
     spec = RunSpec(
         backend=backend,
@@ -40,7 +44,7 @@ def walked(world: Path, backend: str, connect: str | None = None) -> TrialResult
         self_rotation="none",
         duration_s=WALK_S,
     )
-    return run(spec).trial
+    return run(spec)
 
 
 def walked_over_the_link(folder: Path, world: Path) -> TrialResult:
@@ -51,15 +55,16 @@ def walked_over_the_link(folder: Path, world: Path) -> TrialResult:
             if robot.status()["ticks"] > LATEST_START:
                 continue
             result = walked(world, "zenoh", robot.endpoint)
-        if result.stopped not in ("expired", "state"):
-            return result
+            skipped = result.outcome["overruns"] + robot.status()["overruns"]
+        if result.trial.stopped not in ("expired", "state") and skipped <= MOST_SKIPPED:
+            return result.trial
     pytest.fail("this machine is too busy for a walk in real time")
 
 
 def test_a_walk_over_the_link_keeps_its_line_as_one_in_this_process_does(tmp_path: Path) -> None:
     world = tmp_path / "world.yaml"
     world.write_text(f"sensor_faults: {{{FAULTS}}}\n", encoding="utf-8")
-    alone, linked = walked(world, "sim"), walked_over_the_link(tmp_path, world)
+    alone, linked = walked(world, "sim").trial, walked_over_the_link(tmp_path, world)
     for result in (alone, linked):
         assert (result.status, result.hold, result.hold_caveat) == ("ok", "line", None)
         assert result.deviation is not None

@@ -37,8 +37,8 @@ REPEAT_S = 0.25
 #: Time since the goals of a control period in which positions are asked.
 SPAN_S = 0.0175
 
-#: One of this many readings is of something else than a position.
-OTHERS_EVERY = 8
+#: One of this many readings is of something else than a position: one for each round of all joints.
+OTHERS_EVERY = N_JOINTS + 1
 
 #: What is read besides positions, in turn.
 OTHERS = (lx.READ_VOLTAGE, lx.READ_TEMPERATURE, lx.READ_LOAD)

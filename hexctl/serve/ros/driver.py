@@ -165,9 +165,13 @@ class RosDriver:
             return False, str(error)
 
     def _clear_stop(self, at_s: float) -> tuple[bool, str]:
-        if self._guard.stopped is None:
+        stop = self._requests.latch.current()
+        if stop is None:
             return True, "it was not stopped"
-        stopped = self._requests.estop(b'{"op": "clear"}', at_s)["stopped"]
+        answer = self._requests.clear(stop.stop_id, at_s)
+        if "error" in answer:
+            return False, answer["error"]
+        stopped = answer["stopped"]
         self._drop()
         return stopped is None, "no longer stopped" if stopped is None else f"stopped: {stopped}"
 

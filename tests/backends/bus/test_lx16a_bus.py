@@ -124,11 +124,13 @@ def test_one_mute_servo_does_not_silence_the_others() -> None:
 def test_garbled_answers_are_counted_and_never_believed() -> None:
     with _bus("garble:0.2") as (bus, _, counters):
         bus.find()
-        for _ in range(60):
+
+        def many() -> bool:
             for report in bus.poll():
                 assert report.position == stance_counts(MAP)[report.joint]
-        assert counters.missed > 20
-        assert counters.garbled > 20
+            return min(counters.missed, counters.garbled) > 20
+
+        assert _within(many)
 
 
 def test_goals_end_at_the_limits_stored_in_a_servo_which_is_said() -> None:

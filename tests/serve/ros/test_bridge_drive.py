@@ -115,7 +115,7 @@ def test_stop_clear_stand_and_sit(network: tuple[Served, Peer]) -> None:
     node.publisher("/hexctl/estop", "std_msgs/msg/Empty").publish()
     wait_until(lambda: robot.status()["stopped"] == "estop", "the stop")
     assert not call(node, "stand")[0]
-    assert call(node, "clear_stop") == (True, "no longer stopped")
+    wait_until(lambda: call(node, "clear_stop") == (True, "no longer stopped"), "the end of its hold")
     assert call(node, "sit")[0]
     wait_until(lambda: robot.status()["posture"] == "limp", "a robot that sits")
 

@@ -1,0 +1,1 @@
+"""Stops of a robot that stay: each has an id, is kept on the disk, and comes by session or by datagram."""

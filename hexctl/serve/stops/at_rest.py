@@ -1,0 +1,36 @@
+"""Whether a robot is at rest: its joints have stayed where they are for a while."""
+
+from collections import deque
+
+import numpy as np
+
+from hexctl.types import FloatArray
+
+#: A robot whose joints have moved by less than this, over this time, is at rest: 0.1 rad/s, above the noise
+#: of servos that measure in steps of 0.005 rad.
+STILL_RAD, STILL_S = 0.02, 0.2
+
+
+class RestWatch:
+    """Looks at the joint angles of each control period.
+
+    Attributes:
+        at_rest: whether no joint has moved of late; False while too little was seen, and for unknown angles.
+    """
+
+    def __init__(self) -> None:
+        self.at_rest = False
+        self._seen: deque[tuple[float, FloatArray]] = deque()
+
+    def note(self, positions_rad: FloatArray, at_s: float) -> None:
+        """Take joint angles, (18,), read at a time on any monotonic clock."""
+        self._seen.append((at_s, positions_rad))
+        while len(self._seen) > 1 and self._seen[1][0] <= at_s - STILL_S:
+            self._seen.popleft()
+        self.at_rest = self._still()
+
+    def _still(self) -> bool:
+        if self._seen[-1][0] - self._seen[0][0] < STILL_S:
+            return False
+        angles = np.stack([positions for _, positions in self._seen])
+        return bool(np.ptp(angles, axis=0).max() < STILL_RAD)  # false for nan too

@@ -1,0 +1,135 @@
+"""The latch of a robot's stop: stops get ids, are kept on the disk, and end by a clear that means them."""
+
+import secrets
+import time
+from collections import deque
+from dataclasses import replace
+from threading import Lock
+from typing import Any
+
+from hexctl.control.guard import Guard
+from hexctl.serve.stops.stop import ESTOP, Stop, new_stop_id
+from hexctl.serve.stops.stop_file import StopFile
+
+#: Bytes of an epoch.
+EPOCH_BYTES = 16
+
+#: Requests that are known again when they are repeated.
+MOST_REQUESTS = 64
+
+
+class StopLatch:
+    """Stops a guard and lets it go again; its methods may be called from any thread.
+
+    The guard itself latches the reason; this adds what the reason lacks: an id by which a stop is cleared, so
+    that nobody clears one that they have not seen, and an epoch, which ends when a stop is cleared: what was
+    valid in one is worth nothing in the next.
+
+    Args:
+        guard: around the servos.
+        file: keeps the stop; one that is kept already is in force at once. None keeps none.
+    """
+
+    def __init__(self, guard: Guard, file: StopFile | None = None) -> None:
+        self._guard, self._file = guard, file
+        self._lock = Lock()
+        self._stop: Stop | None = None
+        self._requests: deque[str] = deque(maxlen=MOST_REQUESTS)
+        self._epoch = secrets.token_bytes(EPOCH_BYTES)
+        if file is not None and (kept := file.load()) is not None:
+            guard.stop(kept.reason)
+            self._stop = Stop(stop_id=kept.stop_id, reason=kept.reason, since_s=time.monotonic())
+
+    @property
+    def epoch(self) -> bytes:
+        """Random bytes, others after each clear."""
+        return self._epoch
+
+    def current(self) -> Stop | None:
+        """The stop in force, one of the guard's own included."""
+        with self._lock:
+            return self._noticed()
+
+    def status(self) -> dict[str, Any] | None:
+        """The stop in force, as the status of a robot has it."""
+        stop = self.current()
+        kept = stop is not None and self._file is not None and self._file.keeps(stop)
+        return None if stop is None else stop.to_json(time.monotonic(), kept=kept)
+
+    def close(self) -> None:
+        """Wait for the last stop to be on the disk, as long as the disk takes no longer than usual."""
+        if self._file is not None:
+            self._file.close()
+
+    def stop(self, request: str | None = None) -> Stop:
+        """Stop the robot now, on request of a client.
+
+        A stop that is in force already gets a new id and a new time: whoever asks again has seen something.
+
+        Args:
+            request: name that the client gave its request; one that is repeated renews nothing.
+        """
+        with self._lock:
+            return self._stopped_by(request)
+
+    def stop_in(self, epoch: bytes, request: str) -> bool:
+        """Stop the robot now, as `stop` does, if the epoch is the one of now; whether it was."""
+        with self._lock:
+            if epoch != self._epoch:
+                return False
+            self._stopped_by(request)
+            return True
+
+    def ensure(self) -> Stop:
+        """The stop in force, or a new one."""
+        with self._lock:
+            stop = self._noticed()
+            return stop if stop is not None and stop.stays else self._stopped_by(None)
+
+    def clear(self, stop_id: str | None, at_s: float) -> str | None:
+        """Let the robot move again; None, or why it does not: nothing has changed then.
+
+        A robot that is not stopped is let be. Silence (`expired`) needs no id.
+
+        Args:
+            stop_id: of the stop that is meant.
+            at_s: when it was asked for, on time.monotonic.
+        """
+        with self._lock:
+            stop = self._noticed()
+            if stop is None:
+                return None
+            refusal = stop.refusal(stop_id, at_s)
+            if refusal is None:
+                self._guard.clear()
+                self._epoch = secrets.token_bytes(EPOCH_BYTES)
+                self._noticed()
+            return refusal
+
+    def _stopped_by(self, request: str | None) -> Stop:
+        before = self._noticed()
+        repeated = request is not None and request in self._requests
+        if request is not None and not repeated:
+            self._requests.append(request)
+        self._guard.stop(ESTOP)
+        stop = self._noticed()
+        assert stop is not None  # noqa: S101  only `clear` ends a stop, and it waits for the lock
+        if stop is before and not repeated:
+            stop = self._stop = replace(stop, stop_id=new_stop_id(), since_s=time.monotonic())
+            self._keep(stop)
+        return stop
+
+    def _noticed(self) -> Stop | None:
+        """The stop that the guard has latched, with an id of its own where the reason is another."""
+        reason, before = self._guard.stopped, self._stop
+        if reason is None:
+            self._stop = None
+        elif before is None or before.reason != reason:
+            self._stop = Stop(stop_id=new_stop_id(), reason=reason, since_s=time.monotonic())
+        if self._stop is not before:
+            self._keep(self._stop)
+        return self._stop
+
+    def _keep(self, stop: Stop | None) -> None:
+        if self._file is not None:
+            self._file.keep(stop if stop is not None and stop.stays else None)

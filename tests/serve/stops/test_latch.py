@@ -1,0 +1,85 @@
+"""The latch: every stop has an id, a stop that is repeated is one, and a clear ends what was valid before."""
+
+import time
+
+import pytest
+
+from hexctl.control.guard import Guard
+from hexctl.serve.stops.latch import MOST_REQUESTS, StopLatch
+from hexctl.serve.stops.stop import HOLD_S, Stop
+from tests.control.posed import connected
+
+
+@pytest.fixture
+def guard() -> Guard:
+    return connected()[0]
+
+
+@pytest.fixture
+def latch(guard: Guard) -> StopLatch:
+    return StopLatch(guard)
+
+
+def now(latch: StopLatch) -> Stop:
+    stop = latch.current()
+    assert stop is not None
+    return stop
+
+
+def test_each_stop_has_an_id_of_its_own_those_of_the_guard_too(guard: Guard, latch: StopLatch) -> None:
+    assert latch.current() is None
+    assert latch.status() is None
+    guard.stop("expired")
+    ids = [now(latch).stop_id]
+    guard.stop("fell")
+    ids.append(now(latch).stop_id)
+    assert now(latch).stop_id == ids[-1], "it is the same stop as before"
+    ids.append(latch.stop().stop_id)
+    assert now(latch).reason == "fell", "what was wrong first is said"
+    ids.append(latch.stop("request 1").stop_id)
+    assert latch.stop("request 1").stop_id == ids[-1]
+    assert len(set(ids)) == 4
+    assert all(len(bytes.fromhex(one)) == 8 for one in ids)
+
+
+def test_a_request_that_is_repeated_does_not_put_off_the_clear(latch: StopLatch) -> None:
+    stop = latch.stop("mine")
+    for _ in range(100):
+        latch.stop("mine")
+    assert now(latch) == stop
+    assert latch.clear(stop.stop_id, stop.since_s + HOLD_S) is None
+    assert latch.current() is None
+
+
+def test_a_flood_of_requests_is_forgotten_and_stops_all_the_same(guard: Guard, latch: StopLatch) -> None:
+    for number in range(3 * MOST_REQUESTS):
+        latch.stop(f"request {number}")
+    assert guard.stopped == "estop"
+
+
+def test_what_was_valid_before_a_clear_stops_nothing_after_it(guard: Guard, latch: StopLatch) -> None:
+    epoch = latch.epoch
+    assert latch.stop_in(epoch, "mine")
+    assert latch.epoch == epoch
+    assert "allowed" in str(latch.clear(None, time.monotonic()))
+    assert latch.epoch == epoch, "a clear that is refused changes nothing"
+    assert latch.clear(now(latch).stop_id, time.monotonic() + HOLD_S) is None
+    assert latch.epoch != epoch
+    assert not latch.stop_in(epoch, "mine")
+    assert guard.stopped is None
+    assert latch.stop_in(latch.epoch, "mine")
+    assert guard.stopped == "estop"
+
+
+def test_silence_needs_no_id_and_no_time(guard: Guard, latch: StopLatch) -> None:
+    guard.stop("expired")
+    assert not now(latch).stays
+    assert latch.clear(None, time.monotonic()) is None
+    assert guard.stopped is None
+
+
+def test_a_stop_is_there_or_made(guard: Guard, latch: StopLatch) -> None:
+    guard.stop("expired")
+    stop = latch.ensure()
+    assert stop.reason == guard.stopped == "estop"
+    assert latch.ensure() == stop
