@@ -2,14 +2,16 @@
 
 import os
 from importlib import import_module
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hexctl.errors import HexctlError, MissingExtraError
-from hexctl.palette import FAILED_COLORS, NOTICED_COLORS
+from hexctl.palette import FAILED_COLORS, LINE_COLOR, NOTICED_COLORS
 from hexctl.record.recorded_trial import LEG_CONDITIONS, RecordedTrial
+from hexctl.record.style import TRAIL_COLOR, Color
 from hexctl.robot.formats.link_frames import JOINT_LINKS
 from hexctl.robot.formats.mjcf import CAMERAS as _CAMERAS
 from hexctl.robot.formats.mjcf import mjcf_of
@@ -28,8 +30,11 @@ LEG_LOOKS = {
     "missing": (FAILED_COLORS, 0.15),
 }
 
-#: Geoms of a scene: more than the robot has.
-MOST_GEOMS = 200
+#: Geoms of a scene: more than the robot and its way have.
+MOST_GEOMS = 1000
+
+#: The way of the body is drawn in pieces of this many ticks, the last so many of them.
+PIECE_TICKS, MOST_PIECES = 10, 600
 
 
 class NoRendererError(HexctlError, RuntimeError):
@@ -81,6 +86,7 @@ class RunRenderer:
         self.data = mujoco.MjData(self.model)
         self._legs = _Legs(self.model)
         self._positions_m = _positions_m(trial)
+        self._way_world = _way_world(trial)
         self._scene = mujoco.MjvScene(self.model, MOST_GEOMS)
         self._scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = 0
         self._scene.flags[mujoco.mjtRndFlag.mjRND_REFLECTION] = 0
@@ -110,9 +116,31 @@ class RunRenderer:
         self.place(row)
         everything = mujoco.mjtCatBit.mjCAT_ALL
         mujoco.mjv_updateScene(self.model, self.data, self._look, None, self._camera, everything, self._scene)
+        self._draw_way(row)
         mujoco.mjr_render(self._view, self._scene, self._opengl)
         mujoco.mjr_readPixels(self._pixels, None, self._view, self._opengl)
         return np.flipud(self._pixels).copy()
+
+    def _draw_way(self, row: int) -> None:
+        """Add the line of travel and the way of the body until a tick, both on the floor."""
+        foot_m = self._trial.robot.foot_radius_m
+        if (course := self._trial.course_world) is not None:
+            self._add_line(course[0], course[1], foot_m / 2, LINE_COLOR)
+        walked = self._way_world[: row // PIECE_TICKS + 1][-MOST_PIECES:]
+        for begin, end in pairwise(walked):
+            if np.isfinite([begin, end]).all():
+                self._add_line(begin, end, foot_m / 2, TRAIL_COLOR)
+
+    def _add_line(self, begin: FloatArray, end: FloatArray, radius_m: float, color: Color) -> None:
+        """Add a line between two points of the world to the scene, as long as there is room for it."""
+        mujoco, scene = self._mujoco, self._scene
+        if scene.ngeom >= scene.maxgeom:
+            return
+        geom, line = scene.geoms[scene.ngeom], mujoco.mjtGeom.mjGEOM_CAPSULE
+        rgba = np.array([*(part / 255 for part in color), 1.0], dtype=np.float32)
+        mujoco.mjv_initGeom(geom, line, np.zeros(3), np.zeros(3), np.zeros(9), rgba)
+        mujoco.mjv_connector(geom, line, radius_m, begin, end)
+        scene.ngeom += 1
 
     def close(self) -> None:
         """Free the context."""
@@ -142,6 +170,23 @@ class _Legs:
                 geoms = self._geoms[JOINTS_PER_LEG * leg + index]
                 model.geom_matid[geoms] = -1
                 model.geom_rgba[geoms] = [*(part / 255 for part in colors[kind]), opacity]
+
+
+def _way_world(trial: RecordedTrial) -> FloatArray:
+    """Where the body was above the floor at every `PIECE_TICKS`-th tick, (N, 3), NaN before its walk began.
+
+    It lies a little higher above the floor's plane than the line of travel, which it covers.
+    """
+    at = np.arange(0, len(trial), PIECE_TICKS)
+    way = trial.base_position_world[at]
+    way[trial.walk_s[at] <= 0] = np.nan
+    if trial.course_world is None:
+        return np.full_like(way, np.nan)
+    w, x, y, z = trial.floor_quaternion
+    normal_world = np.array([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x**2 + y**2)])
+    way[:, 2] -= (way - trial.course_world[0]) @ normal_world / normal_world[2]
+    way[:, 2] += trial.robot.foot_radius_m / 4
+    return way
 
 
 def _positions_m(trial: RecordedTrial) -> FloatArray:

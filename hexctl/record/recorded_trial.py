@@ -84,6 +84,7 @@ class RecordedTrial(ArrayFields):
         servos: what single servos report, 18 wide, once a second, by attribute of `ServoReadings`.
         events: what happened, in order.
         floor_quaternion: orientation of the floor, (4,) as w, x, y, z.
+        course_world: both ends of the line of travel, just above the floor, (2, 3) in m; None without one.
     """
 
     path: Path
@@ -105,6 +106,7 @@ class RecordedTrial(ArrayFields):
     servos: dict[str, Samples] = field(default_factory=dict)
     events: tuple[RecordedEvent, ...] = ()
     floor_quaternion: FloatArray = field(default_factory=lambda: np.array([1.0, 0.0, 0.0, 0.0]))
+    course_world: FloatArray | None = None
 
     def __len__(self) -> int:
         return len(self.time_s)
@@ -156,6 +158,7 @@ def read_trial(path: Path | str, robot: Robot | None = None) -> RecordedTrial:
         servos={name: samples for name, samples in servos.items() if samples.rows.size},
         events=tuple(_events(columns, at)),
         floor_quaternion=columns.static_quaternion(paths.GROUND),
+        course_world=_course(columns),
     )
 
 
@@ -342,6 +345,12 @@ def _posed(times_ns: Rows, places_m: FloatArray) -> BoolArray:
     rare[-1] = rare[-2] if len(rare) > 1 else True
     at_start = (places_m[:, 0] == 0) & (places_m[:, 1] == 0)
     return np.asarray(~np.logical_and.accumulate(rare & at_start))
+
+
+def _course(columns: _Columns) -> FloatArray | None:
+    """Both ends of the line of travel, (2, 3); None for a trial that had none or did not begin to walk."""
+    _, lines = columns.numbers(paths.COURSE, "LineStrips3D:strips", 6)
+    return lines[-1].reshape(2, 3) if len(lines) else None
 
 
 def _contacts(columns: _Columns, at: _Ticks) -> BoolArray | None:

@@ -79,6 +79,26 @@ def test_legs_have_the_colours_of_their_conditions_while_they_last(walk: Recorde
     assert [red[0], amber[0]] == [red[4], amber[4]] == [0, 0]
 
 
+def yellow(picture: Any) -> int:
+    """Number of the yellow pixels."""
+    red, green, blue = np.moveaxis(picture.astype(int), -1, 0)
+    return int(((red - blue > 60) & (green - blue > 60)).sum())
+
+
+@pytest.mark.usefixtures("_renderer")
+def test_the_way_until_then_is_drawn_where_the_line_is_known(walk: RecordedTrial) -> None:
+    assert walk.course_world is not None
+    walk = replace(walk, base_position_world=walk.base_position_world * [8, 1, 1])  # beyond its own body
+    renderer = RunRenderer(walk, "top", 320, 240)
+    way = [yellow(renderer.draw(row)) for row in (0, len(walk) // 2, len(walk) - 1)]
+    renderer.close()
+    without = RunRenderer(replace(walk, course_world=None), "top", 320, 240)
+    assert yellow(without.draw(len(walk) - 1)) == 0
+    without.close()
+    assert way[0] == 0
+    assert way[2] > max(20, way[1])
+
+
 @pytest.mark.usefixtures("_renderer")
 def test_a_sloping_floor_slopes(walk: RecordedTrial) -> None:
     tilted = np.array([np.cos(0.1), 0.0, np.sin(0.1), 0.0])

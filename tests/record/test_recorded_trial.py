@@ -60,6 +60,18 @@ def test_it_holds_the_robot_the_outcome_and_what_happened(read: RecordedTrial, t
     assert read.events[-1].row == len(trial.log) - 1
 
 
+def test_the_line_of_travel_begins_where_the_walk_does_and_leads_along_it(
+    read: RecordedTrial, trial: Trial
+) -> None:
+    frame = trial.log.frame
+    assert frame is not None
+    assert read.course_world is not None
+    start_m, end_m = read.course_world
+    assert start_m[:2] == pytest.approx(frame.origin_world[:2], abs=1e-6)
+    along = (end_m - start_m)[:2]
+    assert np.arctan2(along[1], along[0]) == pytest.approx(frame.heading_rad, abs=1e-6)
+
+
 def conditions(trial: RecordedTrial, leg: int) -> list[tuple[int, str]]:
     """Conditions of a leg, each with the tick from which on it is so."""
     indices = trial.leg_conditions[:, leg - 1]
