@@ -15,7 +15,7 @@ export MUJOCO_GL ?= disable
 .PHONY: help setup demo docs check test test-all test-slow lint smoke bench pictures soak fuzz clean
 
 help:
-	@echo "make demo   find a gait for a hexapod whose leg 5 has failed, in simulation"
+	@echo "make demo   a hexapod loses a leg in mid-walk and recovers, in simulation"
 	@echo "make check  style, types and the quick tests of what changed (under a minute)"
 	@echo "make test   style, types and tests (about 5 minutes on two cores)"
 	@echo "make test-all  the same, whole commands and studies, and what runs in real time (about 20 minutes)"
@@ -32,7 +32,7 @@ setup: $(INSTALLED)
 $(RUNNABLE): pyproject.toml constraints.txt
 	@echo "setting up $(VENV), which takes a minute or two"
 	$(PYTHON) -m venv $(VENV)
-	$(PIP) -e ".[sim,view]"
+	$(PIP) -e ".[demo]"
 	touch $@
 
 $(INSTALLED): $(RUNNABLE)
@@ -41,7 +41,7 @@ $(INSTALLED): $(RUNNABLE)
 	touch $@
 
 demo: $(RUNNABLE)
-	$(BIN)/hexctl adapt --failed-leg 5 --budget 20 --view
+	$(BIN)/hexctl demo
 
 lint: $(INSTALLED)
 	$(BIN)/ruff check .

@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from hexctl.control.preparation import WalkStart
     from hexctl.control.result import Deviation, TrialResult
     from hexctl.control.trial import planned_walk, run_trial
+    from hexctl.demo.rescue import DemoResult, demo
     from hexctl.errors import (
         CommandRefusedError,
         EStopError,
@@ -102,7 +103,7 @@ __all__ = [
     # one call for each command
     "RunResult", "RunSpec", "run", "Diagnosis", "DiagnosisResult", "LegFinding", "diagnose",
     "StudyPlan", "StudyResult", "study", "RobotService", "RosOptions", "ServosSpec",
-    "serve", "export", "RecordedTrial", "read_trial",
+    "serve", "export", "RecordedTrial", "read_trial", "demo", "DemoResult",
     # errors
     "HexctlError", "InputError", "WrongTypeError", "MissingExtraError", "ReachError", "LimitError",
     "CommandRefusedError", "EStopError", "RobotFaultError", "SimulationDivergedError", "RecordingError",
@@ -169,6 +170,7 @@ _MODULES = {
     "serve.service": "RobotService ServosSpec serve",
     "serve.ros.options": "RosOptions",
     "record.recorded_trial": "RecordedTrial read_trial",
+    "demo.rescue": "DemoResult",
     # errors
     "errors": (
         "HexctlError InputError WrongTypeError MissingExtraError ReachError LimitError "
@@ -180,7 +182,7 @@ _MODULE_OF = {name: module for module, names in _MODULES.items() for name in nam
 
 def __getattr__(name: str) -> Any:
     """Import a public name from where it lives."""
-    if name in ("adapt", "export", "serve", "study", "testing"):
+    if name in ("adapt", "demo", "export", "serve", "study", "testing"):
         return import_module(f"hexctl.{name}")
     if name not in _MODULE_OF:
         raise AttributeError(f"module 'hexctl' has no attribute {name!r}; it has {', '.join(__all__)}")

@@ -4,6 +4,7 @@ import contextlib
 import io
 import os
 import runpy
+import shutil
 import sys
 import tempfile
 from collections.abc import Callable, Sequence
@@ -11,7 +12,7 @@ from pathlib import Path
 
 os.environ.setdefault("MUJOCO_GL", "disable")
 
-from pictures import camera_map, failure_strip, figures, step_response
+from pictures import camera_map, failure_strip, figures, rescue, step_response
 from pictures.needed import MissingProgramError
 from pictures.picture import Picture
 
@@ -25,8 +26,9 @@ def _prior(folder: Path) -> Picture:
     return Picture.from_png(path.read_bytes())
 
 
-#: Each picture by the name of its file; what it draws goes into an empty folder.
-PICTURES: dict[str, Callable[[Path], Picture]] = {
+#: Each picture by the name of its file; what it draws goes into an empty folder. A path is a GIF.
+PICTURES: dict[str, Callable[[Path], Picture | Path]] = {
+    "rescue": rescue.draw_rescue,
     "walking": figures.draw_walking,
     "session": figures.draw_session,
     "prior": _prior,
@@ -44,15 +46,22 @@ def main(names: Sequence[str]) -> int:
         sys.stderr.write(f"pictures: got {', '.join(unknown)}; allowed: {', '.join(PICTURES)}\n")
         return 2
     for name in names or PICTURES:
-        path = DOCS / "images" / f"{name}.png"
-        sys.stderr.write(f"{path.name} …\n")
+        sys.stderr.write(f"{name} …\n")
         try:
             with tempfile.TemporaryDirectory() as folder, contextlib.redirect_stdout(io.StringIO()):
-                PICTURES[name](Path(folder)).save(path)
+                _save(PICTURES[name](Path(folder)), DOCS / "images" / name)
         except MissingProgramError as error:
             sys.stderr.write(f"pictures: {error}\n")
             return 1
     return 0
+
+
+def _save(drawn: Picture | Path, path: Path) -> None:
+    """Write a picture as PNG, or a GIF, beside the others."""
+    if isinstance(drawn, Path):
+        shutil.copyfile(drawn, path.with_suffix(".gif"))
+    else:
+        drawn.save(path.with_suffix(".png"))
 
 
 if __name__ == "__main__":

@@ -13,6 +13,7 @@ from hexctl.cli.board import board
 from hexctl.cli.calibrate import calibrate
 from hexctl.cli.check import check
 from hexctl.cli.console import BAD_INPUT, FAULT, INTERRUPTED, in_flags
+from hexctl.cli.demo import demo
 from hexctl.cli.diagnose import diagnose
 from hexctl.cli.drive import drive
 from hexctl.cli.estop import estop
@@ -69,6 +70,7 @@ app.command(rich_help_panel=WALK)(run)
 app.command(rich_help_panel=WALK)(adapt)
 app.command(rich_help_panel=WALK)(drive)
 app.command(rich_help_panel=WALK)(view)
+app.command(rich_help_panel=WALK)(demo)
 app.add_typer(sessions, name="sessions", rich_help_panel=WALK)
 app.command(rich_help_panel=WALK)(export)
 app.command(rich_help_panel=ROBOT)(check)

@@ -27,6 +27,7 @@ from tests.serve.processes import free_port
 SHORTER = {
     "run": "--duration 0.5",
     "adapt": "--budget 2",
+    "demo": "--budget 1 --no-view",
     "study": "--legs 5 --duration 0.5 --runs 2 --budget 5",
 }
 #: Appended to walks on a robot that is served, which take as long as they say.
@@ -69,7 +70,7 @@ PATIENCE_S = 60.0
 
 
 #: Commands of which each distinct one is run on one page only: what they leave behind, no other needs.
-RUN_ONCE = ("run", "adapt", "study", "check", "prior show")
+RUN_ONCE = ("run", "adapt", "demo", "study", "check", "prior show")
 
 
 def parse(arguments: Sequence[str]) -> None:
@@ -154,14 +155,14 @@ class Shell:
             "make": self._make,
             "cp": self._copy,
             "pip": _pip,
-            "git": _git,
+            "uvx": self._from_a_file,
+            "pipx": lambda words: self._from_a_file(words[1:]),
             "sudo": _sudo,
             "sudoedit": _sudo,
             "dask": _dask,
             "ros2": _ros2,
             "rviz2": _ros2,
             "export": _export,
-            "cd": lambda _: None,  # into what git cloned: the page's folder stands for it
             "source": lambda words: _require(words == [".venv/bin/activate"]),
         }
         handlers[words[0]](list(words[1:]))
@@ -290,6 +291,16 @@ class Shell:
         for arguments in ours:
             self.hexctl(arguments)
 
+    @staticmethod
+    def _from_a_file(words: list[str]) -> None:
+        """Parse a command of a checkout, or of a wheel of this version, with extras that exist."""
+        option, source, program, *arguments = words
+        _require(option in ("--from", "--spec") and program == "hexctl")
+        name, _, extras = source.partition("[")
+        _require(name in (".", f"./dist/hexctl-{_project()['version']}-py3-none-any.whl"))
+        _pip(["install", f".[{extras}"])
+        parse(arguments)  # what it does is run by the first command of the page
+
     def _copy(self, words: list[str]) -> None:
         """Copy a file of the repository into the folder."""
         source, target = words
@@ -308,16 +319,18 @@ def _require(holds: bool) -> None:
     assert holds, "no rule for this command"
 
 
+def _project() -> dict[str, Any]:
+    """Section `project` of pyproject.toml."""
+    project: dict[str, Any] = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    return project
+
+
 def _pip(words: list[str]) -> None:
     """Check that the extras exist."""
     _require(words[0] == "install" and words[1].startswith("."))
-    extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
+    extras = _project()["optional-dependencies"]
     wanted = [extra for extra in words[1][1:].strip("[]").split(",") if extra]
     assert set(wanted) <= set(extras), wanted
-
-
-def _git(words: list[str]) -> None:
-    _require(words == ["clone", "<this", "repository>", "hexctl"])
 
 
 def _sudo(words: list[str]) -> None:

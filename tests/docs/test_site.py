@@ -72,7 +72,7 @@ TO_BE_WRITTEN = ("echo", "backwards", "mass", "NAME", "NAME-locked-rear-30s")
 
 @pytest.mark.parametrize("page", [*PAGES, *REFERENCE], ids=lambda page: page.name)
 def test_the_names_of_modules_and_files_exist(page: Path) -> None:
-    text = re.sub(r"<this repository>|\]\([^)]*\)", "", page.read_text(encoding="utf-8"))
+    text = re.sub(r"\]\([^)]*\)", "", page.read_text(encoding="utf-8"))
     for name in re.findall(r"\bhexctl(?:\.\w+)+", text):
         assert exists(name.split(".")) or name.endswith(TO_BE_WRITTEN), name
     for path in re.findall(r"(?<![/\w])(?:hexctl|tests|benchmarks|configs|examples)/[\w/.-]*\w", text):

@@ -1,0 +1,166 @@
+"""`hexctl demo`: a leg fails in mid-walk, the robot recovers, and a gait for the other legs is searched."""
+
+import json
+import os
+import shlex
+import shutil
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from hexctl.cli.console import (
+    DONE,
+    FAULT,
+    INTERRUPTED,
+    RUNS,
+    StopOnInterrupt,
+    in_flags,
+    print_note,
+    print_result,
+)
+from hexctl.cli.options import JsonOption
+from hexctl.cli.values import Range, number
+
+if TYPE_CHECKING:
+    from hexctl.demo.rescue import DemoResult
+    from hexctl.record.run import RunResult
+
+BUDGET = Range(low=1, high=100_000, whole=True)
+
+
+def demo(
+    budget: Annotated[int, number("--budget", BUDGET, "Most trials of the search, {}.")] = 20,
+    no_view: Annotated[
+        bool, typer.Option("--no-view", help="Open no window; it is opened only where there is a screen.")
+    ] = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Break a leg of a simulated robot in mid-walk, and see it recover.
+
+    The robot walks twice in one world, without recovery and with it; then hexctl adapt searches the gait
+    that goes straight without that leg. Ctrl-C stops it. Exit codes: 0 done, 3 fault, 130 interrupted.
+    """
+    with StopOnInterrupt(plain=True) as interrupt:
+        try:
+            result = _run(budget, interrupt, as_json=as_json)
+        except KeyboardInterrupt:
+            print_note(f"hexctl: interrupted; what was walked until then is under {RUNS}/")
+            raise typer.Exit(INTERRUPTED) from None
+    if result is None or result.interrupted:
+        raise typer.Exit(INTERRUPTED)
+    if as_json:
+        print_result(json.dumps(result.to_dict()))
+    else:
+        print_result(*_ending(result))
+    if result.adaptation is not None and result.adaptation.trouble is not None:
+        print_note(f"hexctl: {in_flags(result.adaptation.trouble)}")
+        raise typer.Exit(FAULT)
+    raise typer.Exit(DONE if no_view or as_json else _show(result))
+
+
+def _run(budget: int, interrupt: StopOnInterrupt, *, as_json: bool) -> "DemoResult | None":
+    """Run the demo, and print what happens while it does; None where it was stopped before the search."""
+    from hexctl.adapt.runner import NotBegunError
+    from hexctl.cli.render_adapt import SessionTable
+    from hexctl.demo import rescue
+
+    said: list[str] = []
+
+    def walked(walk: "RunResult") -> None:
+        said.append(_walk_line(walk, recovered=bool(said)))
+        if not as_json:
+            print_result(said[-1])
+            if len(said) == 2:
+                print_result("", SEARCH.format(leg=rescue.EVENT.leg, budget=budget, world=rescue.WORLD))
+
+    if not as_json:
+        event = rescue.EVENT
+        print_result(
+            f"Leg {event.leg} of {rescue.ROBOT} is {event.failure} {event.at_s:g} s into a walk of "
+            f"{rescue.WALK_S:g} s, and nothing tells it (world {rescue.WORLD}):"
+        )
+    with SessionTable(quiet=as_json) as table:
+        try:
+            return rescue.demo(
+                budget=budget,
+                folder=RUNS,
+                note=lambda text: print_note(f"hexctl: {text}"),
+                on_walk=walked,
+                on_begin=table.begin,
+                on_trial=table.add,
+                on_baseline=table.add_baseline,
+                stop_requested=interrupt.requested,
+            )
+        except NotBegunError as error:
+            print_note(f"hexctl: {error}")
+            return None
+
+
+SEARCH = (
+    "By feedback it is on its line again. Which gait of the other legs goes straight without any?\n"
+    "hexctl adapt --failed-leg {leg} --budget {budget} --world {world}"
+)
+
+
+def _walk_line(walk: "RunResult", *, recovered: bool) -> str:
+    """One line about a walk: how far, how fast after the failure, how far off the line, what it did."""
+    from hexctl.demo.rescue import speed_kept
+    from hexctl.robot.failure_event import NoticedFailure
+
+    name = "with recovery" if recovered else "without recovery"
+    outcome = walk.outcome
+    off_m = outcome["deviation_m"]["final"]
+    done = "; ".join(str(NoticedFailure.from_dict(one)) for one in outcome["noticed"]) or "nothing noticed"
+    return (
+        f"  {name:<16}  {outcome['distance_m']:.2f} m, {100 * speed_kept(walk):.0f} % of its speed in the "
+        f"end, {100 * off_m:.1f} cm off its line; {done}"
+    )
+
+
+def _ending(result: "DemoResult") -> list[str]:
+    """How the search ended, where everything lies, and what to do next."""
+    from hexctl.cli.render_adapt import closing_lines
+
+    search = result.adaptation
+    assert search is not None  # noqa: S101  it was not interrupted
+    picture = f"{result.picture}" if result.picture is not None else f"none: {result.no_picture}"
+    walks = " ".join(shlex.quote(str(path)) for path in result.recordings)
+    return [
+        closing_lines(search.session, search.ended),
+        "",
+        f"side by side  {picture}",
+        f"walks         {walks}",
+        f"session       {search.session.name}",
+        "",
+        "next:",
+        *([f"  source {_activate()}"] if _activate() else []),
+        f"  hexctl view --web {walks} {shlex.quote(search.session.name)}",
+        "  hexctl run --fail 2:limp@4 --recover --realtime --view",
+        "  hexctl check phantomx --gait wave",
+    ]
+
+
+def _activate() -> str | None:
+    """Script that puts the command on the path, where it is not there yet; None where it is."""
+    script = Path(sys.executable).with_name("activate")
+    if shutil.which("hexctl") is not None or not script.is_file():
+        return None
+    return os.path.relpath(script) if script.is_relative_to(Path.cwd()) else str(script)
+
+
+def _show(result: "DemoResult") -> int:
+    """Open walks and session where there is a screen; a missing one does not make the demo a failure."""
+    from hexctl.adapt.overview import view_runs
+    from hexctl.errors import RecordingError
+    from hexctl.record.viewer import check_display
+
+    search = result.adaptation
+    assert search is not None  # noqa: S101  it was not interrupted
+    try:
+        check_display()
+        return view_runs([*map(str, result.recordings), search.session.name], RUNS)
+    except RecordingError as error:
+        print_note(f"hexctl: {error}")
+        return DONE

@@ -1,0 +1,201 @@
+"""The demo: a leg fails in mid-walk, the robot recovers by itself, and a gait for the other legs is searched.
+
+    result = hexctl.demo()
+    print(result.recovered.trial.distance_m, result.adaptation.best, result.picture)
+
+The walk is made twice, once without recovery, and the search is `hexctl.adapt(failed_leg=5, budget=20)`, all
+of it in one simulated world that no prior and no threshold of hexctl was made with.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+from hexctl.adapt.adaptation import Adaptation, OnBegin
+from hexctl.adapt.loop import OnBaseline, OnTrial
+from hexctl.adapt.result import AdaptationResult
+from hexctl.adapt.search import new_spec
+from hexctl.adapt.setting import Note, log_note
+from hexctl.adapt.store import RUNS
+from hexctl.backends.clock import PERIOD_S
+from hexctl.control.preparation import StopRequested, never
+from hexctl.errors import HexctlError, InputError
+from hexctl.export.export import export
+from hexctl.record.run import RunResult, run
+from hexctl.robot.failure_event import FailureEvent, parse_failure_event
+
+#: The robot, its gait on six legs, and the world: a member of the family that priors are never built from.
+ROBOT, GAIT, WORLD = "ant", "tripod", "transfer:501"
+
+#: What fails, and when; the length of the walk.
+EVENT, WALK_S = parse_failure_event("5:locked@6.3"), 15.0
+
+#: Policies of the walk without recovery and of the one with it.
+WALK_ON, RECOVER = "walk-on", "glide"
+
+#: Time over which the speeds before the failure and at the end of the walk are taken: three gait cycles.
+SPEED_S = 10 / 3
+
+#: The picture begins a little before the failure, and is small enough to be sent around.
+PICTURE: dict[str, Any] = {
+    "captions": ("without recovery", "with recovery"),
+    "from_s": 6.5,
+    "duration_s": 10.0,
+    "width_px": 640,
+    "fps": 12.5,
+}
+
+OnWalk = Callable[[RunResult], object]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DemoResult:
+    """Result of the demo; what did not take place, because a stop was requested, is None.
+
+    Attributes:
+        event: what failed, and when.
+        world: world of the walks and of the search.
+        folder: folder of the recordings of both walks, and of the picture.
+        walked_on: the walk without recovery.
+        recovered: the walk with recovery.
+        adaptation: the search for a gait that goes straight without the leg and without feedback.
+        picture: GIF of both walks side by side.
+        no_picture: why there is none.
+    """
+
+    event: FailureEvent
+    world: str
+    folder: Path
+    walked_on: RunResult | None = None
+    recovered: RunResult | None = None
+    adaptation: AdaptationResult | None = None
+    picture: Path | None = None
+    no_picture: str | None = None
+
+    @property
+    def interrupted(self) -> bool:
+        """Whether a stop was requested before the demo was over."""
+        return self.adaptation is None or self.adaptation.ended == "interrupted"
+
+    @property
+    def recordings(self) -> tuple[Path, ...]:
+        """Recordings of the walks, first the one without recovery."""
+        walks = (self.walked_on, self.recovered)
+        return tuple(walk.recording for walk in walks if walk is not None and walk.recording is not None)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The result as `hexctl demo --json` prints it."""
+        walks = {"walked_on": self.walked_on, "recovered": self.recovered}
+        return {
+            "event": str(self.event),
+            "world": self.world,
+            **{
+                name: None if walk is None else {**walk.to_dict(), "speed_kept": speed_kept(walk)}
+                for name, walk in walks.items()
+            },
+            "adaptation": None if self.adaptation is None else self.adaptation.to_dict(),
+            "picture": None if self.picture is None else str(self.picture),
+            "no_picture": self.no_picture,
+        }
+
+
+def demo(
+    *,
+    budget: int = 20,
+    folder: Path | str = RUNS,
+    note: Note = log_note,
+    on_walk: OnWalk | None = None,
+    on_begin: OnBegin | None = None,
+    on_trial: OnTrial | None = None,
+    on_baseline: OnBaseline | None = None,
+    stop_requested: StopRequested = never,
+) -> DemoResult:
+    """Let a leg fail in mid-walk, recover, search a gait for the other legs, and draw the walks side by side.
+
+    Args:
+        budget: most trials of the search.
+        folder: where the session goes, and a folder for the walks.
+        note: is told what a person should know; by default it is logged.
+        on_walk: called with each of the two walks, first the one without recovery.
+        on_begin: called with the session before its first trial.
+        on_trial: called with the session and each trial, once it is stored.
+        on_baseline: called with the session and each walk of the baseline, once it is stored.
+        stop_requested: asked every tick; True ends the demo softly.
+
+    Raises InputError for a budget or a folder that is not allowed, MissingExtraError without MuJoCo or Rerun.
+    """
+    folder = Path(folder)
+    spec = new_spec(
+        failed_leg=EVENT.leg, failure=str(EVENT.failure), budget=budget, world=WORLD, folder=folder, note=note
+    )
+    into = _new_folder(folder)
+    walks: list[RunResult] = []
+    for name, policy in (("walked-on", WALK_ON), ("recovered", RECOVER)):
+        walks.append(walk_and_fail(policy, into / f"{name}.rrd", stop_requested=stop_requested))
+        if stop_requested():
+            return DemoResult(event=EVENT, world=WORLD, folder=into, **_named(walks))
+        if on_walk is not None:
+            on_walk(walks[-1])
+    adaptation = Adaptation(spec, folder=folder, note=note).run(
+        on_begin=on_begin, on_trial=on_trial, on_baseline=on_baseline, stop_requested=stop_requested
+    )
+    drawn: dict[str, Any] = {} if stop_requested() else _draw(walks, into)
+    return DemoResult(event=EVENT, world=WORLD, folder=into, adaptation=adaptation, **_named(walks), **drawn)
+
+
+def speed_kept(walk: RunResult) -> float:
+    """Mean speed along the line at the end of a walk, over that before the failure."""
+    rows = walk.log.rows_of("walk")
+    way_m = walk.log["base_position_world"][rows][:, 0]  # the line is the x axis
+    ticks, fails = round(SPEED_S / PERIOD_S), round(EVENT.at_s / PERIOD_S)
+    before_m = way_m[fails] - way_m[max(0, fails - ticks)]
+    return float((way_m[-1] - way_m[-1 - ticks]) / before_m) if len(way_m) > fails + ticks else float("nan")
+
+
+def walk_and_fail(
+    policy: str, recording: Path | None, *, world: str = WORLD, stop_requested: StopRequested = never
+) -> RunResult:
+    """Walk on the line until the leg of the demo fails, and go on by a policy; recorded, or None: not."""
+    return run(
+        robot=ROBOT,
+        gait=GAIT,
+        world=world,
+        hold="line",
+        events=(EVENT,),
+        policy=policy,
+        duration_s=WALK_S,
+        record=False if recording is None else recording,
+        stop_requested=stop_requested,
+    )
+
+
+def _named(walks: list[RunResult]) -> dict[str, Any]:
+    """The walks that were made, by field of the result."""
+    return dict(zip(("walked_on", "recovered"), walks, strict=False))
+
+
+def _draw(walks: list[RunResult], into: Path) -> dict[str, Any]:
+    """Draw both walks side by side; the picture, or why there is none."""
+    path = into / "rescue.gif"
+    try:
+        recordings = [walk.recording for walk in walks if walk.recording is not None]
+        return {"picture": export(*recordings, output=path, **PICTURE)}
+    except HexctlError as error:
+        return {"no_picture": str(error)}
+
+
+def _new_folder(folder: Path) -> Path:
+    """A new folder for the walks; raises InputError where it cannot be made."""
+    stem, number = f"demo-{datetime.now():%Y%m%d-%H%M%S}", 1
+    while True:
+        path = folder / (stem if number == 1 else f"{stem}_{number}")
+        try:
+            path.mkdir(parents=True)
+        except FileExistsError:
+            number += 1
+        except OSError as error:
+            raise InputError(f"{folder}/: cannot be used ({error.strerror}); allowed: a folder") from error
+        else:
+            return path

@@ -1,0 +1,92 @@
+"""The demo: a walk without recovery, one with it, a search, and the picture of both walks."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import hexctl
+from hexctl.demo import rescue
+from hexctl.errors import InputError
+from hexctl.record.recorded_trial import LEG_CONDITIONS, read_trial
+from hexctl.record.run import RunResult
+
+
+@pytest.fixture(scope="module")
+def told() -> list[Any]:
+    return []
+
+
+@pytest.fixture(scope="module")
+def result(tmp_path_factory: Any, told: list[Any]) -> hexctl.DemoResult:
+    return hexctl.demo(budget=1, folder=tmp_path_factory.mktemp("demo") / "runs", on_walk=told.append)
+
+
+def test_with_recovery_the_robot_keeps_its_speed_and_its_line(result: hexctl.DemoResult) -> None:
+    walked_on, recovered = result.walked_on, result.recovered
+    assert walked_on is not None
+    assert recovered is not None
+    assert rescue.speed_kept(walked_on) < 0.85
+    assert rescue.speed_kept(recovered) > 0.95
+    assert recovered.trial.deviation is not None
+    assert recovered.trial.deviation.final < 0.04
+    (noticed,) = recovered.trial.noticed
+    assert noticed.failure.leg == rescue.EVENT.leg
+    assert rescue.EVENT.at_s < noticed.at_s < rescue.EVENT.at_s + 2
+
+
+def test_both_walks_are_recorded_and_told(result: hexctl.DemoResult, told: list[RunResult]) -> None:
+    assert told == [result.walked_on, result.recovered]
+    assert [path.name for path in result.recordings] == ["walked-on.rrd", "recovered.rrd"]
+    for path in result.recordings:
+        conditions = read_trial(path).leg_conditions[:, rescue.EVENT.leg - 1]
+        assert LEG_CONDITIONS[conditions[0]] == "whole"
+        assert LEG_CONDITIONS[conditions[-1]] == "failed"
+
+
+def test_the_search_is_that_of_the_leg_in_the_same_world(result: hexctl.DemoResult) -> None:
+    assert result.adaptation is not None
+    spec = result.adaptation.session.spec
+    assert (spec.failed_leg, spec.failure, spec.world, spec.budget) == (5, "locked", result.world, 1)
+    assert len(result.adaptation.trials) == 1
+    assert not result.interrupted
+
+
+def test_the_picture_is_there_or_the_reason_is_said(result: hexctl.DemoResult) -> None:
+    assert (result.picture is None) is (result.no_picture is not None)
+    if result.picture is not None:
+        assert result.picture.parent == result.folder
+        assert result.picture.stat().st_size < 3_000_000
+
+
+def test_the_result_is_plain_json(result: hexctl.DemoResult) -> None:
+    told = json.loads(json.dumps(result.to_dict()))
+    assert told["event"] == "5:locked@6.3"
+    assert told["recovered"]["speed_kept"] > told["walked_on"]["speed_kept"]
+    assert told["adaptation"]["failed_leg"] == 5
+
+
+def test_a_stop_ends_it_after_the_walk(tmp_path: Path, monkeypatch: Any) -> None:
+    monkeypatch.setattr(rescue, "WALK_S", 7.0)
+    asked = iter(range(10_000))
+    result = hexctl.demo(folder=tmp_path, stop_requested=lambda: next(asked) > 30)
+    assert result.interrupted
+    assert result.walked_on is not None
+    assert (result.recovered, result.adaptation, result.picture) == (None, None, None)
+    assert len(result.recordings) == 1
+
+
+def test_a_second_demo_replaces_nothing(tmp_path: Path) -> None:
+    results = [hexctl.demo(folder=tmp_path, stop_requested=lambda: True) for _ in range(2)]
+    assert results[0].folder != results[1].folder
+
+
+def test_what_cannot_be_is_refused_before_anything_walks(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="budget: got 0"):
+        hexctl.demo(budget=0, folder=tmp_path)
+    assert not list(tmp_path.iterdir())
+    taken = tmp_path / "taken"
+    taken.touch()
+    with pytest.raises(InputError, match="cannot be used"):
+        hexctl.demo(folder=taken)
