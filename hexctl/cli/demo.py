@@ -63,7 +63,7 @@ def demo(
 def _run(budget: int, interrupt: StopOnInterrupt, *, as_json: bool) -> "DemoResult | None":
     """Run the demo, and print what happens while it does; None where it was stopped before the search."""
     from hexctl.adapt.runner import NotBegunError
-    from hexctl.cli.render_adapt import SessionTable
+    from hexctl.cli.render.adapt import SessionTable
     from hexctl.demo import rescue
 
     said: list[str] = []
@@ -121,7 +121,7 @@ def _walk_line(walk: "RunResult", *, recovered: bool) -> str:
 
 def _ending(result: "DemoResult") -> list[str]:
     """How the search ended, where everything lies, and what to do next."""
-    from hexctl.cli.render_adapt import closing_lines
+    from hexctl.cli.render.adapt import closing_lines
 
     search = result.adaptation
     assert search is not None  # noqa: S101  it was not interrupted
