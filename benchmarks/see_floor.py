@@ -97,13 +97,13 @@ class FloorErrors:
 
     @property
     def position_rms_m(self) -> float:
-        """RMS distance from the true place, where it was seen."""
-        return float(np.sqrt(np.nanmean(np.square(self.off_m).sum(axis=1))))
+        """RMS distance from the true place, where it was seen; NaN where it was not seen at all."""
+        return _rms(np.hypot(*self.off_m.T))
 
     @property
     def yaw_rms_rad(self) -> float:
-        """RMS error of the heading, where it was seen."""
-        return float(np.sqrt(np.nanmean(np.square(self.off_rad))))
+        """RMS error of the heading, where it was seen; NaN where it was not seen at all."""
+        return _rms(self.off_rad)
 
 
 def floor_errors(
@@ -139,6 +139,12 @@ def floor_errors(
             if pose is not None:
                 off[row] = pose.x_m - true.x_m, pose.y_m - true.y_m, wrapped_rad(pose.yaw_rad - true.yaw_rad)
     return FloorErrors(places, off[:, :2], off[:, 2], frame_s, floor)
+
+
+def _rms(values: FloatArray) -> float:
+    """RMS of the values (N,) that are not NaN; NaN where there are none."""
+    known = values[np.isfinite(values)]
+    return float(np.sqrt(np.mean(np.square(known)))) if known.size else float("nan")
 
 
 def _standing(robot: Robot, pose: PlanarPose) -> RobotPosture:

@@ -1,14 +1,16 @@
 """hexctl walks a simulated or a real six-legged robot at 50 Hz.
 
-This is the whole public interface; everything else may change. Names are imported when first used, so that
-`import hexctl` costs nothing and needs neither MuJoCo nor Rerun.
+This is the whole public interface, with the names of `hexctl.see`; everything else may change. Names are
+imported when first used, so that `import hexctl` costs nothing and needs neither MuJoCo nor Rerun.
 """
 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from hexctl.lazy_names import lazy_names
+
 if TYPE_CHECKING:
-    from hexctl import testing
+    from hexctl import see, testing
     from hexctl.adapt.adaptation import Adaptation, adapt
     from hexctl.adapt.best import BestGait, best_gait
     from hexctl.adapt.objectives import Objective, as_objective, make_objective
@@ -107,6 +109,8 @@ __all__ = [
     # errors
     "HexctlError", "InputError", "WrongTypeError", "MissingExtraError", "ReachError", "LimitError",
     "CommandRefusedError", "EStopError", "RobotFaultError", "SimulationDivergedError", "RecordingError",
+    # a camera over the floor, with names of its own
+    "see",
     # conformance suites for servos and optimizers of your own; they need pytest
     "testing",
 ]
@@ -177,24 +181,14 @@ _MODULES = {
         "CommandRefusedError EStopError RobotFaultError SimulationDivergedError RecordingError"
     ),
 }
-_MODULE_OF = {name: module for module, names in _MODULES.items() for name in names.split()}
+_load = lazy_names("hexctl", _MODULES)
 
 
 def __getattr__(name: str) -> Any:
     """Import a public name from where it lives."""
-    if name in ("adapt", "demo", "export", "serve", "study", "testing"):
+    if name in ("adapt", "demo", "export", "see", "serve", "study", "testing"):
         return import_module(f"hexctl.{name}")
-    if name not in _MODULE_OF:
-        raise AttributeError(f"module 'hexctl' has no attribute {name!r}; it has {', '.join(__all__)}")
-    try:
-        return getattr(import_module(f"hexctl.{_MODULE_OF[name]}"), name)
-    except ModuleNotFoundError as error:
-        from hexctl.errors import EXTRAS, MissingExtraError
-
-        extra = EXTRAS.get((error.name or "").partition(".")[0])
-        if extra is None:
-            raise
-        raise MissingExtraError(f"hexctl.{name}", extra) from error
+    return _load(name)
 
 
 def __dir__() -> list[str]:

@@ -14,6 +14,7 @@ from typing import Any
 import pytest
 
 import hexctl
+import hexctl.see
 
 ROOT = Path(__file__).parents[1]
 
@@ -25,11 +26,19 @@ def python(code: str) -> str:
     return done.stdout.strip()
 
 
-@pytest.mark.parametrize("name", hexctl.__all__)
-def test_a_public_name_is_there_and_described(name: str) -> None:
-    found = getattr(hexctl, name)
+#: Packages with public names.
+PUBLIC: tuple[Any, ...] = (hexctl, hexctl.see)
+
+
+@pytest.mark.parametrize(
+    ("package", "name"),
+    [(package, name) for package in PUBLIC for name in package.__all__],
+    ids=lambda value: value if isinstance(value, str) else value.__name__,
+)
+def test_a_public_name_is_there_and_described(package: Any, name: str) -> None:
+    found = getattr(package, name)
     assert inspect.getdoc(found)
-    assert name in dir(hexctl)
+    assert name in dir(package)
     if inspect.isclass(found):
         for attribute, value in vars(found).items():
             function = getattr(value, "fget", value) or value
@@ -37,35 +46,41 @@ def test_a_public_name_is_there_and_described(name: str) -> None:
                 assert inspect.getdoc(getattr(found, attribute)), f"{name}.{attribute}"
 
 
-def test_the_names_for_type_checkers_are_those_that_are_imported() -> None:
+@pytest.mark.parametrize("package", PUBLIC, ids=lambda package: str(package.__name__))
+def test_the_names_for_type_checkers_are_those_that_are_imported(package: Any) -> None:
     (block,) = [
-        node for node in ast.parse(Path(hexctl.__file__).read_text()).body if isinstance(node, ast.If)
+        node for node in ast.parse(Path(package.__file__).read_text()).body if isinstance(node, ast.If)
     ]
     imported = {alias.name for node in block.body if isinstance(node, ast.ImportFrom) for alias in node.names}
-    assert imported == set(hexctl.__all__)
-    assert len(hexctl.__all__) == len(imported)
+    assert imported == set(package.__all__)
+    assert len(package.__all__) == len(imported)
     for node in block.body:
         assert isinstance(node, ast.ImportFrom)
         for alias in node.names:
-            found = getattr(hexctl, alias.name)
+            found = getattr(package, alias.name)
             if inspect.isclass(found):
                 assert found.__module__ == node.module
 
 
 def test_an_import_loads_nothing_heavy() -> None:
-    loaded = python("import hexctl, sys; print(*sys.modules)").split()
-    assert not {"numpy", "mujoco", "rerun", "typer", "pydantic", "zenoh", "pytest"} & set(loaded)
+    loaded = python("import hexctl, hexctl.see, sys; print(*sys.modules)").split()
+    assert not {"numpy", "mujoco", "rerun", "typer", "pydantic", "zenoh", "pytest", "cv2"} & set(loaded)
 
 
-def test_a_missing_extra_is_named() -> None:
-    code = "import sys; sys.modules['dm_control'] = None\nimport hexctl\ntry: hexctl.SimServos\n"
+@pytest.mark.parametrize(
+    ("module", "name", "extra"), [("dm_control", "SimServos", "sim"), ("cv2", "see.RobotCamera", "see")]
+)
+def test_a_missing_extra_is_named(module: str, name: str, extra: str) -> None:
+    code = f"import sys; sys.modules[{module!r}] = None\nimport hexctl\ntry: hexctl.{name}\n"
     said = python(f"{code}except ImportError as error: print(error)")
-    assert said == 'hexctl.SimServos needs the "sim" extra: pip install "hexctl[sim]"'
+    assert said == f'hexctl.{name} needs the "{extra}" extra: pip install "hexctl[{extra}]"'
 
 
 def test_an_unknown_name_is_answered_with_the_known_ones() -> None:
     with pytest.raises(AttributeError, match="no attribute 'Robott'; it has Robot, RobotFile"):
         _ = api.Robott
+    with pytest.raises(AttributeError, match=r"'hexctl.see' has no attribute 'Camara'; it has RobotCamera"):
+        _ = api.see.Camara
 
 
 @pytest.mark.parametrize("name", ["adapt", "study", "serve"])

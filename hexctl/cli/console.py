@@ -89,6 +89,8 @@ FLAGS = {
     "tucked_legs": "--tuck",
     "new_id": "ID",
     "width_px": "--width",
+    "fov_deg": "--fov-deg",
+    "page_port": "--page",
     "captions": "--caption",
 }
 

@@ -19,6 +19,7 @@ from hexctl.record.tracks.servos import READINGS
 from hexctl.robot.formats.json_model import robot_from_json
 from hexctl.robot.loader import load_robot
 from hexctl.robot.model import Robot
+from hexctl.robot.rotations import wxyz
 from hexctl.types import JOINT_KINDS, N_JOINTS, N_LEGS, ArrayFields, BoolArray, FloatArray
 
 Rows = NDArray[np.int64]
@@ -245,8 +246,7 @@ class _Columns:
         """Orientation of an entity that does not move, (4,) as w, x, y, z."""
         for batch in self._chunks.get(f"/{entity}", ()):
             if "Transform3D:quaternion" in batch.schema.names:
-                xyzw = np.asarray(_flat(batch.column("Transform3D:quaternion")), dtype=float)
-                return np.roll(xyzw[:4], 1)
+                return wxyz(np.asarray(_flat(batch.column("Transform3D:quaternion")), dtype=float)[:4])
         return np.array([1.0, 0.0, 0.0, 0.0])
 
     def wall_start_ns(self) -> int:
@@ -329,9 +329,9 @@ def _pose(columns: _Columns, at: _Ticks) -> tuple[FloatArray, FloatArray]:
     ticks = len(at.times_ns)
     position_m, quaternion = np.full((ticks, 3), np.nan), np.full((ticks, 4), np.nan)
     times_ns, places_m = columns.numbers(paths.ROBOT, "Transform3D:translation", 3)
-    _, xyzw = columns.numbers(paths.ROBOT, "Transform3D:quaternion", 4)
+    _, quaternions = columns.numbers(paths.ROBOT, "Transform3D:quaternion", 4)
     rows = at.rows(times_ns)
-    quaternion[rows] = np.roll(xyzw, 1, axis=-1)
+    quaternion[rows] = wxyz(quaternions)
     known = _posed(times_ns, places_m)
     position_m[rows[known]] = places_m[known]
     return position_m, quaternion

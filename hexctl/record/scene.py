@@ -17,6 +17,7 @@ from hexctl.record.style import GROUND_COLOR
 from hexctl.robot.failure import Failure
 from hexctl.robot.meshes import Meshes, PartMesh
 from hexctl.robot.model import Robot
+from hexctl.robot.rotations import xyzw
 from hexctl.types import JOINT_KINDS, JOINT_NAMES, N_LEGS, ArrayFields, FloatArray
 
 #: Radius of the mark at a leg that was noticed, in radii of its coxa.
@@ -27,11 +28,6 @@ MARK_SIZE = 1.8
 FRAME_SHARE = 1.3
 
 LEVEL = Floor(np.array([1.0, 0.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0]), None)
-
-
-def xyzw(quaternion: FloatArray) -> FloatArray:
-    """Quaternions (w, x, y, z) in Rerun's order (x, y, z, w), any leading shape + (4,)."""
-    return np.roll(quaternion, -1, axis=-1)
 
 
 def course_world(frame: TrialFrame, length_m: float, floor: Floor) -> FloatArray:

@@ -88,6 +88,14 @@ def read_mapping(path: Path) -> dict[str, Any]:
     return content
 
 
+def file_says(path: Path, wanted: dict[str, Any]) -> bool:
+    """Whether a file is a YAML mapping with the wanted content."""
+    try:
+        return read_mapping(path) == wanted
+    except InputError:
+        return False
+
+
 def validate(schema: type[SchemaT], content: dict[str, Any], path: Path) -> SchemaT:
     """Content of a file as an instance of its schema.
 

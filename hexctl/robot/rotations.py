@@ -40,6 +40,16 @@ def about_z(angle_rad: float) -> FloatArray:
     return np.array([math.cos(angle_rad / 2), 0.0, 0.0, math.sin(angle_rad / 2)])
 
 
+def xyzw(quaternion: FloatArray) -> FloatArray:
+    """Quaternions in the order of ROS, Rerun and SciPy (x, y, z, w), any leading shape + (4,)."""
+    return quaternion[..., [1, 2, 3, 0]]
+
+
+def wxyz(quaternion: FloatArray) -> FloatArray:
+    """Quaternions (w, x, y, z) of those in the order of ROS, Rerun and SciPy, any leading shape + (4,)."""
+    return quaternion[..., [3, 0, 1, 2]]
+
+
 def product(first: FloatArray, second: FloatArray) -> FloatArray:
     """Quaternion (4,) of the turn `second` followed by the turn `first`, both (4,)."""
     a, i, j, k = first.tolist()

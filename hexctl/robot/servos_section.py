@@ -9,7 +9,7 @@ import yaml
 
 from hexctl.errors import InputError
 from hexctl.files import replacing
-from hexctl.robot.configs import config_root, read_mapping, validate
+from hexctl.robot.configs import config_root, file_says, read_mapping, validate
 from hexctl.robot.raw_map import LIMIT_KEYS, RawMap
 from hexctl.robot.schema import RobotSchema
 from hexctl.types import JOINT_NAMES
@@ -68,7 +68,7 @@ def write_joint(path: Path, raw_map: RawMap, joint: int) -> None:
     section[name] = {**section.get(name, {}), **keys}
     with replacing(place) as draft:
         draft.write_text(with_joint(text, name, keys), encoding="utf-8")
-        if not _says(draft, wanted):
+        if not file_says(draft, wanted):
             draft.write_text(with_section(text, section), encoding="utf-8")
         validate(RobotSchema, read_mapping(draft), path)
 
@@ -111,14 +111,6 @@ class _Dumper(yaml.SafeDumper):
 
     def ignore_aliases(self, data: Any) -> bool:
         return True
-
-
-def _says(path: Path, wanted: dict[str, Any]) -> bool:
-    """Whether a file says what is wanted."""
-    try:
-        return read_mapping(path) == wanted
-    except InputError:
-        return False
 
 
 def _value(node: yaml.Node | None, name: str) -> yaml.Node | None:

@@ -4,7 +4,7 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Self
 
@@ -15,19 +15,20 @@ from hexctl.control.body_wiggle import AMPLITUDE_RAD, DURATION_S, BodyWiggle
 from hexctl.control.controllers import Controller, Stand
 from hexctl.control.guard import Guard
 from hexctl.control.loop import run_controller
-from hexctl.errors import InputError, argument
+from hexctl.errors import InputError, RobotFaultError, argument
 from hexctl.ik.leg_odometry import leg_motions
 from hexctl.robot.model import Robot
 from hexctl.see.estimation.latency import MOST_S, Latency, measure_latency
 from hexctl.see.observer import Observer
-from hexctl.see.place import Place, load_place
-from hexctl.see.robot_camera import USUAL_LATENCY_S, known_place, write_place
+from hexctl.see.options import CameraOptions, never
+from hexctl.see.place import Place, load_place, store_latency
+from hexctl.see.robot_camera import USUAL_LATENCY_S, seen_place
 from hexctl.see.robot_link import LegState, RobotLink, robot_link
-from hexctl.see.video.video_source import VideoSource, open_video
+from hexctl.see.video.video_source import VideoSource
 from hexctl.see.vision.planar_pose import PlanarPose
 from hexctl.see.vision.tags import TagFinder
 from hexctl.types import FloatArray
-from hexctl.wire.links import Link, load_link
+from hexctl.wire.links import Link
 
 #: How long the robot takes to its stance, and how long it rests there before the twist.
 STANDING_S, RESTING_S = 1.0, 0.5
@@ -41,7 +42,7 @@ READ_S = 0.1
 
 @dataclass(frozen=True, slots=True)
 class LatencyTrial:
-    """What a trial came to.
+    """The result of a trial.
 
     Attributes:
         latency: of the camera.
@@ -72,36 +73,18 @@ class TwistAhead:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class CameraLatency:
+class CameraLatency(CameraOptions):
     """A measurement of how late the pictures of a camera come; the robot stands and twists its body once.
 
         CameraLatency(camera="0", connect="tcp/127.0.0.1:7447").run(stop_requested)
 
-    Attributes:
-        camera: number of a camera, its device, or an address of a stream (`open_video`).
-        place: file of the place, which has been learned; `latency_s` is stored in it.
-        size_px: width and height that a camera is asked for; None leaves it as it is.
-        fps: pictures per second that a camera is asked for; None leaves it as it is.
-        connect: Zenoh endpoint of the robot; None is that of the link, or the default.
-        credentials: folder of certificates, or None.
-        insecure: whether a link beyond this computer may do without certificates.
-        link: name or path of a link file, or None.
-        robot: name of the robot on the link, None for the only one.
+    Camera and place are those of `CameraOptions`, the robot that of `LinkOptions`. The place has been learned
+    before; `latency_s` is stored in its file. A video file is refused.
     """
-
-    camera: str
-    place: Path = Path("place.yaml")
-    size_px: tuple[int, int] | None = None
-    fps: float | None = None
-    connect: str | None = None
-    credentials: Path | None = None
-    insecure: bool = False
-    link: str | None = None
-    robot: str | None = None
 
     def run(
         self,
-        stop_requested: Callable[[], bool],
+        stop_requested: Callable[[], bool] = never,
         *,
         on_moving: Callable[[TwistAhead], None] = lambda _: None,
         on_event: Callable[[str], None] = lambda _: None,
@@ -116,22 +99,22 @@ class CameraLatency:
         Raises InputError for files that are not allowed, a tag that is not seen and too little motion, then
         nothing is stored; RobotFaultError and EStopError for a robot or camera that fails.
         """
-        if not self.place.exists():
+        path = Path(self.place)
+        if not path.exists():
             raise InputError(
                 f"{argument('place')}: {self.place} is not there; allowed: a place that hexctl see --camera "
                 "has learned"
             )
-        link = load_link(
-            self.link, endpoint=self.connect, credentials=self.credentials, insecure=self.insecure
-        )
+        link, known = self.load_link(), load_place(path)
         with ExitStack() as opened:
-            size_px, fps = self.size_px, self.fps
-            video = opened.enter_context(open_video(self.camera, size_px=size_px, fps=fps, on_event=on_event))
+            video = opened.enter_context(self.open_video(on_event))
             if not video.live:
                 raise InputError(f"{argument('camera')}: got a file; allowed: a camera or a stream")
             linked = opened.enter_context(robot_link(link, self.robot))
             finder = TagFinder()
-            place = known_place(self.place, video, finder, stop_requested)
+            place = seen_place(known, video, finder, stop_requested)
+            if place is None:
+                return None
             watch = opened.enter_context(_Watch(video, linked, place, finder))
             if not _waited(stop_requested):
                 return None
@@ -140,12 +123,9 @@ class CameraLatency:
             if not _twisted(linked.robot, link, stop_requested):
                 return None
         watch.check()
-        return self._stored(watch.measured(linked.robot), watch)
-
-    def _stored(self, latency: Latency, watch: "_Watch") -> LatencyTrial:
-        """Write the latency into the place file, of which all else stays."""
+        latency = watch.measured(linked.robot)
         stored_s = round(max(0.0, latency.latency_s), 4)
-        write_place(replace(load_place(self.place), latency_s=stored_s), self.place)
+        store_latency(path, stored_s)
         return LatencyTrial(latency, stored_s, watch.pictures, len(watch.seen))
 
 
@@ -241,8 +221,13 @@ def _waited(stop_requested: Callable[[], bool]) -> bool:
 
 
 def _check_seen(watch: _Watch, place: Place, robot: Robot) -> None:
+    """Raise RobotFaultError for a camera without pictures, and InputError where the tag is not in them."""
     watch.check()
-    if not watch.pictures or len(watch.seen) < LEAST_SEEN * watch.pictures:
+    if not watch.pictures:
+        raise RobotFaultError(
+            f"the camera sent no picture within {LOOKING_S:g} s; is this computer too busy?"
+        )
+    if len(watch.seen) < LEAST_SEEN * watch.pictures:
         raise InputError(
             f"{argument('camera')}: tag {place.robot_tag.tag_id} on {robot.name} is seen in "
             f"{len(watch.seen)} of {watch.pictures} pictures; allowed: half of them or more"

@@ -25,7 +25,7 @@ LEG_GAP_S = 0.5
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Observation(ArrayFields):
-    """What came of one picture.
+    """What one picture showed.
 
     Attributes:
         robot: as it was seen in it, or None.

@@ -1,6 +1,7 @@
 """A place where a camera looks at a floor, as a file: lens, tags, where the camera stands."""
 
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -11,9 +12,10 @@ import yaml
 from pydantic import BaseModel, ConfigDict, Field
 from scipy.spatial.transform import Rotation
 
-from hexctl.errors import InputError
-from hexctl.files import atomic_write
-from hexctl.robot.configs import Number, read_mapping, validate
+from hexctl.errors import InputError, argument
+from hexctl.files import atomic_write, replacing
+from hexctl.robot.configs import Number, file_says, read_mapping, validate
+from hexctl.robot.model import Robot
 from hexctl.see.sheet import BAR_MM, HOME_TAG
 from hexctl.see.vision.camera import Camera
 from hexctl.see.vision.floor import FloorTag
@@ -21,6 +23,7 @@ from hexctl.see.vision.lens import Lens, load_lens
 from hexctl.see.vision.planar_pose import PlanarPose
 from hexctl.see.vision.robot_tracker import RobotTag
 from hexctl.see.vision.tags import TAG_IDS
+from hexctl.see.vision.view import visible_circle
 from hexctl.types import ArrayFields, FloatArray
 
 
@@ -69,6 +72,25 @@ class Place(ArrayFields):
             bar_mm=bar_mm,
         )
 
+    @property
+    def fov_deg(self) -> float:
+        """From the left to the right edge of the picture, of a lens without distortion."""
+        lens = self.camera.lens
+        return 2 * math.degrees(math.atan(lens.width_px / 2 / float(lens.matrix[0, 0])))
+
+
+def arena_of(place: Place, robot: Robot) -> tuple[tuple[float, float], float]:
+    """Middle (x, y) and radius in m of the largest circle on the floor in which a robot is seen standing.
+
+    `hexctl.adapt` takes them as `home_m` and `arena_m`. Raises InputError for a camera that sees its tag
+    nowhere.
+    """
+    height_m = robot.standing_height_m + place.robot_tag.height_m
+    return visible_circle(place.camera, height_m, place.robot_tag.edge_m)
+
+
+#: Lengths that the 100 mm bar may be measured as, in mm.
+BARS_MM = (50.0, 200.0)
 
 _Tag = Annotated[int, Field(ge=TAG_IDS[0], le=TAG_IDS[-1])]
 _EdgeMm = Annotated[Number, Field(ge=5, le=2000)]
@@ -113,7 +135,7 @@ class _PlaceFile(_Strict):
 
     lens: str | None = None
     assumed_lens: _AssumedLensFile | None = None
-    bar_mm: Annotated[Number, Field(ge=50, le=200)] = BAR_MM
+    bar_mm: Annotated[Number, Field(ge=BARS_MM[0], le=BARS_MM[1])] = BAR_MM
     floor_tags: dict[_Tag, _FloorTagFile]
     robot_tag: _RobotTagFile
     camera: _CameraFile
@@ -121,17 +143,20 @@ class _PlaceFile(_Strict):
 
 
 def print_scale(bar_mm: float) -> float:
-    """Factor of all edges, by the measured length of the bar. Raises InputError outside of 50 to 200 mm."""
-    if not 50 <= bar_mm <= 200:
-        raise InputError(f"bar_mm: got {bar_mm:g}; allowed: 50 to 200 mm")
+    """Factor of all edges, by the measured length of the bar. Raises InputError outside of `BARS_MM`."""
+    low_mm, high_mm = BARS_MM
+    if not low_mm <= bar_mm <= high_mm:
+        raise InputError(f"{argument('bar_mm')}: got {bar_mm:g}; allowed: {low_mm:g} to {high_mm:g} mm")
     return bar_mm / BAR_MM
 
 
-def save_place(place: Place, path: Path) -> None:
-    """Write a place as YAML, in place of an earlier file.
+def save_place(place: Place, path: str | Path) -> None:
+    """Write a place as YAML, in place of an earlier file, whose comments are lost.
 
-    Raises InputError for a lens that is neither of a file nor only assumed, and OSError.
+    Raises InputError for a lens that is neither of a file nor only assumed, and for a file that cannot be
+    written.
     """
+    path = Path(path)
     lens = place.camera.lens
     if place.lens_file is None and lens.calibrated:
         raise InputError(
@@ -140,9 +165,8 @@ def save_place(place: Place, path: Path) -> None:
     scale = print_scale(place.bar_mm)
     content: dict[str, object] = {}
     if place.lens_file is None:
-        fov_deg = 2 * math.degrees(math.atan(lens.width_px / 2 / float(lens.matrix[0, 0])))
         content["assumed_lens"] = {
-            "width_px": lens.width_px, "height_px": lens.height_px, "fov_deg": round(fov_deg, 6)
+            "width_px": lens.width_px, "height_px": lens.height_px, "fov_deg": round(place.fov_deg, 6)
         }  # fmt: skip
     else:
         content["lens"] = str(_relative(place.lens_file, path.parent))
@@ -167,7 +191,46 @@ def save_place(place: Place, path: Path) -> None:
     }  # fmt: skip
     if place.latency_s is not None:
         content["latency_s"] = place.latency_s
-    atomic_write(path, yaml.safe_dump(content, sort_keys=False, default_flow_style=None))
+    try:
+        atomic_write(path, _yaml(content))
+    except OSError as error:
+        raise _not_written(path, error) from error
+
+
+def store_latency(path: Path, latency_s: float) -> None:
+    """Write a camera's latency into the file of its place; all its other lines, and its comments, stay.
+
+    A file in braces is written again as a whole, without its comments. Raises InputError for a file that
+    cannot be read or written.
+    """
+    wanted = {**read_mapping(path), "latency_s": latency_s}
+    text = _with_latency(path.read_text(encoding="utf-8"), latency_s)
+    try:
+        with replacing(path) as draft:
+            draft.write_text(text, encoding="utf-8")
+            if not file_says(draft, wanted):
+                draft.write_text(_yaml(wanted), encoding="utf-8")
+    except OSError as error:
+        raise _not_written(path, error) from error
+
+
+def _with_latency(text: str, latency_s: float) -> str:
+    """Text of a file with another latency, on its own line, whose comment stays; else on a new last line."""
+    line = f"latency_s: {latency_s}"
+    changed, count = _LATENCY.subn(lambda found: f"{line}{found[1]}", text)
+    return changed if count else f"{text.rstrip()}\n{line}\n"
+
+
+#: The line of the latency; what is kept of it is its comment.
+_LATENCY = re.compile(r"^latency_s[ \t]*:[^#\n]*?([ \t]*(?:#.*)?)$", re.MULTILINE)
+
+
+def _yaml(content: dict[str, object]) -> str:
+    return yaml.safe_dump(content, sort_keys=False, default_flow_style=None)
+
+
+def _not_written(path: Path, error: OSError) -> InputError:
+    return InputError(f"{argument('place')}: {path} cannot be written: {error.strerror}")
 
 
 def load_place(path: str | Path) -> Place:

@@ -51,6 +51,44 @@ class CameraStatus:
     tag_px: float
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CameraReport:
+    """What a camera managed.
+
+    Attributes:
+        duration_s: how long it looked.
+        pictures: looked at.
+        seen: share of them in which the robot's tag was found.
+        dropped: pictures of a live camera that came while others were looked at.
+        restarts: how often the robot was somewhere else than its legs said.
+        look_s: processor time of each picture; None without pictures.
+    """
+
+    duration_s: float = 0.0
+    pictures: int = 0
+    seen: float = 0.0
+    dropped: int = 0
+    restarts: int = 0
+    look_s: float | None = None
+
+    @property
+    def fps(self) -> float:
+        """Pictures per second."""
+        return self.pictures / self.duration_s if self.duration_s > 0 else 0.0
+
+    def to_dict(self) -> dict[str, Any]:
+        """JSON values, rounded."""
+        return {
+            "duration_s": round(self.duration_s, 1),
+            "pictures": self.pictures,
+            "fps": round(self.fps, 1),
+            "seen": round(self.seen, 3),
+            "dropped": self.dropped,
+            "restarts": self.restarts,
+            "look_ms": None if self.look_s is None else round(1000 * self.look_s, 1),
+        }
+
+
 @dataclass(frozen=True, slots=True)
 class PoseOutputs:
     """Where poses and pictures go; None for nowhere.
@@ -97,10 +135,12 @@ class PoseStream:
         self,
         video: VideoSource,
         stop_requested: Callable[[], bool],
+        *,
+        on_pose: Callable[[PoseEstimate], None],
         on_status: Callable[[CameraStatus], None],
         on_event: Callable[[str], None],
-    ) -> dict[str, Any]:
-        """Look until `stop_requested` returns True or the video ends; what was managed, as JSON values."""
+    ) -> CameraReport:
+        """Look until `stop_requested` returns True or the video ends; callbacks as in `RobotCamera.run`."""
         began_s = told_s = time.monotonic()
         told_pictures = told_seen = 0
         file_s = 0.0
@@ -114,6 +154,7 @@ class PoseStream:
             estimate = self._observer.estimate(time.monotonic() if video.live else file_s)
             self._tell(estimate, on_event)
             if frame is not None:
+                on_pose(estimate)
                 self._show(frame, estimate)
             now_s = time.monotonic()
             if now_s - told_s >= STATUS_S:
@@ -182,23 +223,22 @@ class PoseStream:
             tag_px=0.0 if robot is None else robot.tag.edge_px,
         )
 
-    def _report(self, duration_s: float, video: VideoSource) -> dict[str, Any]:
-        return {
-            "duration_s": round(duration_s, 1),
-            "pictures": self._pictures,
-            "fps": round(self._pictures / duration_s, 1),
-            "seen": round(self._seen / self._pictures, 3) if self._pictures else 0.0,
-            "dropped": video.dropped,
-            "restarts": self._restarts,
-            "look_ms": round(1000 * self._look_s / self._pictures, 1) if self._pictures else None,
-        }
+    def _report(self, duration_s: float, video: VideoSource) -> CameraReport:
+        return CameraReport(
+            duration_s=duration_s,
+            pictures=self._pictures,
+            seen=self._seen / self._pictures if self._pictures else 0.0,
+            dropped=video.dropped,
+            restarts=self._restarts,
+            look_s=self._look_s / self._pictures if self._pictures else None,
+        )
 
 
 def _told_change(change: CameraChange) -> str:
     if change.tag_id is not None:
         return f"tag {change.tag_id} on the floor was moved; it is no longer used"
     turned_deg = math.degrees(change.turned_rad)
-    return f"the camera moved by {100 * change.shift_m:.1f} cm, {turned_deg:.1f} deg; it is placed anew"
+    return f"the camera moved by {100 * change.shift_m:.1f} cm, {turned_deg:.1f} deg; its new place is known"
 
 
 def _lines(estimate: PoseEstimate, observation: Observation) -> list[str]:

@@ -5,7 +5,7 @@ import math
 from pathlib import Path
 from typing import Self
 
-from hexctl.errors import InputError
+from hexctl.errors import InputError, argument
 from hexctl.see.estimation.pose_filter import PoseEstimate
 from hexctl.see.observer import Observation
 from hexctl.see.vision.planar_pose import PlanarPose
@@ -24,7 +24,7 @@ class PoseTable:
         try:
             self._file = path.open("x", encoding="utf-8", newline="")
         except OSError as error:
-            raise InputError(f"--poses: {path} cannot be written: {error.strerror}") from error
+            raise InputError(f"{argument('poses')}: {path} cannot be written: {error.strerror}") from error
         self._rows = csv.writer(self._file)
         self._rows.writerow(COLUMNS)
 

@@ -2,30 +2,27 @@
 
 import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, field, replace
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 from hexctl.errors import InputError, RobotFaultError, argument
 from hexctl.robot.loader import load_robot
 from hexctl.robot.model import Robot
-from hexctl.see.place import Place, load_place, print_scale, save_place
-from hexctl.see.pose_stream import CameraStatus, PoseOutputs, PoseStream
+from hexctl.see.estimation.pose_filter import PoseEstimate
+from hexctl.see.options import LATENCIES_MS, CameraOptions, never
+from hexctl.see.place import Place, arena_of, load_place, print_scale, save_place
+from hexctl.see.place_setup import PlaceSetup
+from hexctl.see.pose_stream import CameraReport, CameraStatus, PoseOutputs, PoseStream
 from hexctl.see.pose_table import PoseTable
-from hexctl.see.robot_link import RobotLink, robot_link
-from hexctl.see.sheet import BAR_MM, Sheet
+from hexctl.see.robot_link import robot_link
+from hexctl.see.sheet import Sheet
 from hexctl.see.video.mjpeg import MjpegServer
-from hexctl.see.video.video_source import VideoSource, open_video
+from hexctl.see.video.video_source import VideoSource
 from hexctl.see.video.video_writer import VideoWriter
 from hexctl.see.vision.camera import place_camera
-from hexctl.see.vision.floor import averaged_corners, learn_floor
-from hexctl.see.vision.lens import Lens, load_lens
-from hexctl.see.vision.planar_pose import PlanarPose
-from hexctl.see.vision.robot_tracker import RobotTag
+from hexctl.see.vision.floor import averaged_corners
 from hexctl.see.vision.tags import Picture, Sighted, TagFinder
-from hexctl.see.vision.view import visible_circle
-from hexctl.wire.links import load_link
 
 #: Age of a picture of which nothing is known: of webcams 50 to 120 ms.
 USUAL_LATENCY_S = 0.08
@@ -33,16 +30,10 @@ USUAL_LATENCY_S = 0.08
 #: Pictures of which the floor is learned, and how long is waited for them.
 LEARNING_PICTURES, LEARNING_S = 90, 20.0
 
-#: One in so many of them is searched for tags, in the others they are looked for where they were.
+#: Every picture of this number is searched for tags; in the others they are looked for where they were.
 SEARCHED_EVERY = 15
 
-#: What is said where nobody has told how large the sheet was printed: no picture shows it.
-BAR_DOUBT = (
-    "the bar of the sheet is taken for 100 mm long: measure it; --bar-mm with another length corrects this "
-    "place at any time"
-)
-
-#: Pictures by which the camera is placed anew at a known floor.
+#: Pictures by which the camera is placed at a known floor.
 PLACING_PICTURES = 8
 
 
@@ -68,188 +59,166 @@ class CameraStarted:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class RobotCamera:
-    """A camera over the floor: options, checked when they are given.
+class RobotCamera(CameraOptions):
+    """A camera over the floor that tells a robot where it is: options, checked when they are given.
 
         RobotCamera(camera="0", connect="tcp/127.0.0.1:7447").run(stop_requested)
 
+    Camera and place are those of `CameraOptions`, the robot that of `LinkOptions`. The file of the place is
+    made by looking where it does not exist. Lens, `fov_deg`, sheet and `tag_height_mm` describe a place that
+    is learned, and must agree with one that is known; None is what the place has, or the usual.
+
     Attributes:
-        camera: number of a camera, its device, an address of a stream, or a video file (`open_video`).
-        place: file of the place; it is made by looking where it does not exist.
-        relearn: whether the tags on the floor are learned anew, in place of those of the file.
-        lens: calibration of the lens (`load_lens`), for a new place; None for one that is assumed.
-        fov_deg: from the left to the right edge, of a lens that is assumed.
-        bar_mm: length of the sheet's bar as printed; None for that of the place, or 100 mm. A known place
+        relearn: whether the tags on the floor are learned again, in place of those of the file.
+        lens: calibration of the lens (`load_lens`); one without distortion unless given.
+        fov_deg: from the left to the right edge, of a lens without distortion; 67 unless given.
+        bar_mm: length of the sheet's bar as printed; None for that of the place, or 100. A known place
             becomes larger or smaller by it.
-        sheet: as it was printed, for a new place: numbers and edges of the tags.
-        tag_height_mm: of the robot's tag above the origin of its base; None for the top of its trunk.
-        latency_ms: age of a picture when it comes; None for that of the place, or the usual one.
-        size_px: width and height that a camera is asked for; None leaves it as it is.
-        fps: pictures per second that a camera is asked for; None leaves it as it is.
-        linked: whether a robot is told where it is; without, legs and height are those of the robot file.
-        connect: Zenoh endpoint of the robot; None is that of the link, or the default.
-        credentials: folder of certificates, or None.
-        insecure: whether a link beyond this computer may do without certificates.
-        link: name or path of a link file, or None.
-        robot: name of the robot on the link, None for the only one; without a link, a robot or its file.
+        sheet: as it was printed: numbers and edges of the tags; `Sheet()` unless given.
+        tag_height_mm: of the robot's tag above the origin of its base; the top of its trunk unless given.
+        latency_ms: age of a picture when it comes; None for that of the place, or 80.
+        linked: whether a robot is told where it is; without, legs and height are those of the robot file that
+            `robot` names (`ant` unless given).
         output: new video file of what was seen (.mp4 or .avi), or None.
         poses: new CSV file with the pose of each picture, or None.
         page_port: port of this computer for a page that shows what it sees, 0 for any; None for no page.
     """
 
-    camera: str
-    place: Path = Path("place.yaml")
     relearn: bool = False
-    lens: Path | None = None
-    fov_deg: float = 67.0
+    lens: str | Path | None = None
+    fov_deg: float | None = None
     bar_mm: float | None = None
-    sheet: Sheet = field(default_factory=Sheet)
+    sheet: Sheet | None = None
     tag_height_mm: float | None = None
     latency_ms: float | None = None
-    size_px: tuple[int, int] | None = None
-    fps: float | None = None
     linked: bool = True
-    connect: str | None = None
-    credentials: Path | None = None
-    insecure: bool = False
-    link: str | None = None
-    robot: str | None = None
-    output: Path | None = None
-    poses: Path | None = None
+    output: str | Path | None = None
+    poses: str | Path | None = None
     page_port: int | None = None
 
     def __post_init__(self) -> None:
-        print_scale(BAR_MM if self.bar_mm is None else self.bar_mm)
-        if self.latency_ms is not None and not 0 <= self.latency_ms <= 2000:
-            raise InputError(f"{argument('latency_ms')}: got {self.latency_ms:g}; allowed: 0 to 2000 ms")
+        CameraOptions.__post_init__(self)
+        if self.bar_mm is not None:
+            print_scale(self.bar_mm)
+        low_ms, high_ms = LATENCIES_MS
+        if self.latency_ms is not None and not low_ms <= self.latency_ms <= high_ms:
+            raise InputError(
+                f"{argument('latency_ms')}: got {self.latency_ms:g}; allowed: {low_ms:g} to {high_ms:g} ms"
+            )
         for name in ("output", "poses"):
             path = getattr(self, name)
-            if path is not None and path.exists():
+            if path is not None and Path(path).exists():
                 raise InputError(f"{argument(name)}: {path} exists; allowed: a new file, nothing is replaced")
 
     def run(
         self,
-        stop_requested: Callable[[], bool],
+        stop_requested: Callable[[], bool] = never,
         *,
         on_started: Callable[[CameraStarted], None] = lambda _: None,
+        on_pose: Callable[[PoseEstimate], None] = lambda _: None,
         on_status: Callable[[CameraStatus], None] = lambda _: None,
         on_event: Callable[[str], None] = lambda _: None,
-    ) -> dict[str, Any]:
-        """Look until `stop_requested` returns True, or a video file ends; what was managed, as JSON values.
+    ) -> CameraReport:
+        """Look until `stop_requested` returns True, or a video file ends.
 
         Args:
-            stop_requested: asked between pictures.
+            stop_requested: asked between pictures. Where it stops the learning of a place, none is stored.
             on_started: called once, when the place is known.
+            on_pose: called after each picture with where the robot is.
             on_status: called once a second.
             on_event: called with a line when camera or tags were moved, and the robot is lost or found.
 
         Raises InputError for files, lenses and floors that are not allowed, and RobotFaultError where camera
         or robot are not there.
         """
+        before = self._before()
         with ExitStack() as opened:
-            video = opened.enter_context(
-                open_video(self.camera, size_px=self.size_px, fps=self.fps, on_event=on_event)
-            )
-            linked = opened.enter_context(self._link()) if self.linked else None
+            video = opened.enter_context(self.open_video(on_event))
+            linked = opened.enter_context(robot_link(self.load_link(), self.robot)) if self.linked else None
             robot = load_robot(self.robot or "ant") if linked is None else linked.robot
-            finder = TagFinder()
-            place, learned, doubts = self._place(video, robot, finder, stop_requested)
-            if not video.live:  # its first pictures count, too
-                video = opened.enter_context(open_video(self.camera))
-            shown = None
+            writer = None if self.output is None else opened.enter_context(VideoWriter(Path(self.output)))
+            page = None
             if self.page_port is not None:
-                shown = opened.enter_context(MjpegServer(self.page_port))
-            writer = None if self.output is None else opened.enter_context(VideoWriter(self.output))
-            table = None if self.poses is None else opened.enter_context(PoseTable(self.poses))
+                page = opened.enter_context(MjpegServer(self.page_port, option="page_port"))
+            finder = TagFinder()
+            found = self._found(before, video, robot, finder, stop_requested)
+            if found is None:
+                return CameraReport()
+            place, learned, doubts = found
+            if not video.live:  # its first pictures count, too
+                video = opened.enter_context(self.open_video())
+            table = None if self.poses is None else opened.enter_context(PoseTable(Path(self.poses)))
             on_started(
                 CameraStarted(
                     robot=robot.name, place=place, learned=learned, doubts=doubts,
-                    arena=_arena_or_none(place, robot), page_url=None if shown is None else shown.page_url,
+                    arena=_arena_or_none(place, robot), page_url=None if page is None else page.page_url,
                 )
             )  # fmt: skip
-            outputs = PoseOutputs(linked, shown, writer, table)
+            outputs = PoseOutputs(linked, page, writer, table)
             stream = PoseStream(place, robot, self._latency_s(place), outputs, finder)
-            return stream.run(video, stop_requested, on_status, on_event)
-
-    @contextmanager
-    def _link(self) -> Iterator[RobotLink]:
-        link = load_link(
-            self.link, endpoint=self.connect, credentials=self.credentials, insecure=self.insecure
-        )
-        with robot_link(link, self.robot) as linked:
-            yield linked
+            return stream.run(video, stop_requested, on_pose=on_pose, on_status=on_status, on_event=on_event)
 
     def _latency_s(self, place: Place) -> float:
         if self.latency_ms is not None:
             return self.latency_ms / 1000
         return USUAL_LATENCY_S if place.latency_s is None else place.latency_s
 
-    def _place(
-        self, video: VideoSource, robot: Robot, finder: TagFinder, stop_requested: Callable[[], bool]
-    ) -> tuple[Place, bool, tuple[str, ...]]:
-        """The place of the file, with the camera where it stands now, or a new one; whether it is new."""
-        if self.place.exists() and not self.relearn:
-            doubts = _measured_bar(self.place, self.bar_mm)
-            return known_place(self.place, video, finder, stop_requested), False, doubts
+    def _before(self) -> Place | None:
+        """The place of the file, if there is one; raises InputError for what contradicts it."""
+        path = Path(self.place)
+        if not path.exists():
+            return None
+        before = load_place(path)
+        if not self.relearn:
+            self._setup().check_known(before, path)
+        return before
+
+    def _found(
+        self, before: Place | None, video: VideoSource, robot: Robot, finder: TagFinder,
+        stop_requested: Callable[[], bool],
+    ) -> tuple[Place, bool, tuple[str, ...]] | None:  # fmt: skip
+        """The place, whether it was learned, and doubts; None where a stop was requested.
+
+        It is that of the file, with the camera where it stands now, or learned and stored.
+        """
+        if before is not None and not self.relearn:
+            place, changes = self._setup().measured(before)
+            placed = seen_place(place, video, finder, stop_requested)
+            if changes:
+                save_place(place, self.place)
+            return None if placed is None else (placed, False, changes)
         pictures = list(_searched(video, finder, LEARNING_PICTURES, stop_requested))
-        size = pictures[0][0].shape[1], pictures[0][0].shape[0]
-        lens = Lens.assumed(*size, self.fov_deg) if self.lens is None else load_lens(self.lens).scaled(*size)
-        bar_mm = BAR_MM if self.bar_mm is None else self.bar_mm
-        scale = print_scale(bar_mm)
-        edges_m = {number: edge_m * scale for number, edge_m in self.sheet.floor_edges_m.items()}
-        floor = learn_floor(lens, [averaged_corners([found for _, found in pictures])], edges_m)
-        top_m = robot.body.size_m[2] / 2 if self.tag_height_mm is None else self.tag_height_mm / 1000
-        edge_m = self.sheet.robot_edge_mm / 1000 * scale
-        place = Place(
-            camera=floor.cameras[0],
-            floor_tags=floor.tags,
-            robot_tag=RobotTag(self.sheet.robot_tag, edge_m, PlanarPose(0.0, 0.0, 0.0), top_m),
-            bar_mm=bar_mm,
-            lens_file=self.lens,
-        )
-        write_place(place, self.place)
-        return place, True, (*floor.doubts, *(BAR_DOUBT,) * (self.bar_mm is None))
+        if stop_requested():
+            return None
+        height_px, width_px = pictures[0][0].shape
+        views = [averaged_corners([found for _, found in pictures])]
+        place, doubts = self._setup().learned(views, (width_px, height_px), robot, before)
+        save_place(place, self.place)
+        return place, True, doubts
+
+    def _setup(self) -> PlaceSetup:
+        return PlaceSetup(
+            lens=None if self.lens is None else Path(self.lens), fov_deg=self.fov_deg, bar_mm=self.bar_mm,
+            sheet=self.sheet, tag_height_mm=self.tag_height_mm,
+        )  # fmt: skip
 
 
-def _measured_bar(path: Path, bar_mm: float | None) -> tuple[str, ...]:
-    """Store the length of the bar, where it was measured; what has changed by it, a sentence.
+def seen_place(
+    place: Place, video: VideoSource, finder: TagFinder, stop_requested: Callable[[], bool]
+) -> Place | None:
+    """A known place with its camera where the tags say that it stands now; None where a stop was requested.
 
-    Raises InputError for files that are not allowed.
+    Raises InputError for pictures that do not fit the lens, and RobotFaultError for a video without pictures.
     """
-    before = load_place(path) if bar_mm is not None else None
-    if before is None or bar_mm is None or bar_mm == before.bar_mm:
-        return ()
-    write_place(before.printed(bar_mm), path)
-    percent = 100 * (bar_mm / before.bar_mm - 1)
-    return (
-        f"the bar of the sheet is {bar_mm:g} mm long, not {before.bar_mm:g}: "
-        f"all distances change by {percent:+.1f} %",
-    )
-
-
-def known_place(
-    path: Path, video: VideoSource, finder: TagFinder, stop_requested: Callable[[], bool]
-) -> Place:
-    """Place of a file, with the camera placed anew by the tags that it sees now.
-
-    Raises InputError for files that are not allowed, and RobotFaultError for a video without pictures.
-    """
-    place = load_place(path)
     pictures = list(_searched(video, finder, PLACING_PICTURES, stop_requested))
+    if stop_requested():
+        return None
     height_px, width_px = pictures[0][0].shape
     lens = place.camera.lens.scaled(width_px, height_px)
     camera = place_camera(lens, averaged_corners([found for _, found in pictures]), place.floor_corners)
     if camera is None:
         camera = replace(place.camera, lens=lens)
     return replace(place, camera=camera)
-
-
-def write_place(place: Place, path: Path) -> None:
-    """Write a place; raises InputError, by argument, for a file that cannot be written."""
-    try:
-        save_place(place, path)
-    except OSError as error:
-        raise InputError(f"{argument('place')}: {path} cannot be written: {error.strerror}") from error
 
 
 def _searched(
@@ -266,17 +235,8 @@ def _searched(
                 found |= finder.search(gray, thorough=True)
             given += 1
             yield gray, finder.near(gray, {number: one.corners_px for number, one in found.items()})
-    if not given:
+    if not given and not stop_requested():
         raise RobotFaultError(f"camera {video.name} sends no pictures")
-
-
-def arena_of(place: Place, robot: Robot) -> tuple[tuple[float, float], float]:
-    """Middle (x, y) and radius in m of the largest circle on the floor in which a robot is seen standing.
-
-    Raises InputError for a camera that sees its tag nowhere.
-    """
-    height_m = robot.standing_height_m + place.robot_tag.height_m
-    return visible_circle(place.camera, height_m, place.robot_tag.edge_m)
 
 
 def _arena_or_none(place: Place, robot: Robot) -> tuple[tuple[float, float], float] | None:

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from hexctl.backends.base import TruePose
+from hexctl.robot.rotations import xyzw
 from hexctl.types import FloatArray
 from hexctl.wire.ros import telemetry
 
@@ -27,13 +28,8 @@ class OwnPoses:
         """
         stamp_ns = time.time_ns()
         if orientation is not None:
-            yield "imu", self._imu.encode(stamp_ns, _as_ros(orientation))
+            yield "imu", self._imu.encode(stamp_ns, xyzw(orientation))
         if truth is not None:
             position, quaternion = truth
-            numbers = np.concatenate([position, _as_ros(quaternion), _NO_TWIST])
+            numbers = np.concatenate([position, xyzw(quaternion), _NO_TWIST])
             yield "truth", self._truth.encode(stamp_ns, numbers)
-
-
-def _as_ros(quaternion: FloatArray) -> FloatArray:
-    """Quaternion in the order of ROS, (x, y, z, w)."""
-    return np.roll(quaternion, -1)

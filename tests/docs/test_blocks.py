@@ -27,6 +27,7 @@ from hexctl.wire.pose import BODY_FRAME
 from tests.docs.pages import PAGES, ROOT, blocks, save_programs
 from tests.robot.meshmaking import MAKERS
 from tests.robots import edited_file, put
+from tests.see.scenes import film_walk
 
 
 def a_link(values: dict[str, Any], folder: Path) -> None:
@@ -119,6 +120,9 @@ NEEDED = {
 }
 
 
+#: What the programs of a page need besides: a file that no command makes.
+MADE: dict[str, Callable[[Path], None]] = {"see.md": film_walk}
+
 #: What the README's programs print and how many lines they have at most, by the beginning of the last one.
 README = {
     "print": (r"ok: \d\.\d\d m, 0\.\d{3} m off the line\n", 12),
@@ -132,6 +136,8 @@ README = {
 def test_the_programs_of_a_page_run(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     assert page.name not in NEEDED or exit_code(NEEDED[page.name]) == 0
+    if page.name in MADE:
+        MADE[page.name](tmp_path)
     save_programs(page, tmp_path)
     for block in blocks(page, "python"):
         done = subprocess.run(

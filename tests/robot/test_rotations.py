@@ -7,8 +7,19 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
-from hexctl.robot.rotations import about_z, cos_tilt, inverse, product, turned, wrapped_rad, yaw_rad
+from hexctl.robot.rotations import (
+    about_z,
+    cos_tilt,
+    inverse,
+    product,
+    turned,
+    wrapped_rad,
+    wxyz,
+    xyzw,
+    yaw_rad,
+)
 
 angles = st.floats(-math.pi, math.pi)
 
@@ -32,6 +43,14 @@ def test_many_orientations_at_once_equal_each_alone() -> None:
     quaternions = np.array([[_quaternion(0.3 * i, 0.1 * j, 0.2) for j in range(3)] for i in range(4)])
     alone = [[float(yaw_rad(quaternion)) for quaternion in row] for row in quaternions]
     np.testing.assert_array_equal(yaw_rad(quaternions), alone)
+
+
+def test_the_order_of_scipy_is_the_same_turn() -> None:
+    quaternions = np.array([_quaternion(0.3, 0.1, 0.2), _quaternion(-2.0, 0.4, 1.0)])
+    vector = np.array([0.3, -0.2, 0.9])
+    for quaternion, other in zip(quaternions, xyzw(quaternions), strict=True):
+        np.testing.assert_allclose(Rotation.from_quat(other).apply(vector), turned(quaternion, vector))
+    np.testing.assert_array_equal(wxyz(xyzw(quaternions)), quaternions)
 
 
 @given(angle=st.floats(-1000, 1000))

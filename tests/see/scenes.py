@@ -2,8 +2,10 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 
 from hexctl.robot.loader import load_robot
@@ -11,12 +13,17 @@ from hexctl.robot.model import Robot
 from hexctl.robot.rotations import about_z
 from hexctl.see.twin.rendering import CameraFlaws, RobotPosture, SceneRenderer
 from hexctl.see.twin.scene import CAMERA, FLOOR_TAGS, ROBOT_TAG, WEBCAM, tag_on
+from hexctl.see.video.video_writer import VideoWriter
 from hexctl.see.vision.camera import Camera
+from hexctl.see.vision.lens import save_lens
 from hexctl.see.vision.planar_pose import PlanarPose
 from hexctl.see.vision.tags import UNIT_CORNERS
 from hexctl.types import FloatArray
 
-__all__ = ["CAMERA", "FLOOR_CORNERS", "FLOOR_TAGS", "ROBOT_TAG", "WEBCAM", "scene", "standing", "tag_on"]
+__all__ = [
+    "CAMERA", "FLOOR_CORNERS", "FLOOR_TAGS", "ROBOT_TAG", "WEBCAM", "film_walk", "filmed_pose", "scene",
+    "standing", "tag_on",
+]  # fmt: skip
 
 FLOOR_CORNERS = {number: tag.pose.of_points(UNIT_CORNERS * tag.edge_m) for number, tag in FLOOR_TAGS.items()}
 
@@ -38,3 +45,22 @@ def scene(
     model = load_robot(robot)
     with SceneRenderer(model, camera, FLOOR_TAGS, tag_on(model), flaws, **options) as renderer:
         yield renderer
+
+
+#: Rate and length of a film.
+FILM_FPS, FILM_PICTURES = 10.0, 50
+
+
+def filmed_pose(number: int) -> PlanarPose:
+    """Where the robot is in a picture of a film: it stands for a second, then goes along an arc."""
+    walked = max(0, number - 10) / FILM_FPS
+    return PlanarPose(0.1 * walked, 0.05 * walked, 0.1 * walked)
+
+
+def film_walk(folder: Path) -> None:
+    """Make a video of a walk of `ant` (walk.mp4), and the calibration of its lens (lens.yaml)."""
+    save_lens(WEBCAM, folder / "lens.yaml")
+    with scene() as renderer, VideoWriter(folder / "walk.mp4", FILM_FPS) as writer:
+        for number in range(FILM_PICTURES):
+            color = renderer.draw_color(standing(load_robot("ant"), filmed_pose(number)))
+            writer.write(np.asarray(cv2.cvtColor(color, cv2.COLOR_RGB2BGR)), number / FILM_FPS)

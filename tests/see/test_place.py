@@ -7,7 +7,7 @@ import pytest
 import yaml
 
 from hexctl.errors import InputError
-from hexctl.see.place import Place, load_place, save_place
+from hexctl.see.place import Place, load_place, save_place, store_latency
 from hexctl.see.vision.camera import Camera
 from hexctl.see.vision.floor import FloorTag
 from hexctl.see.vision.lens import Lens, save_lens
@@ -119,3 +119,32 @@ def test_a_bar_measured_later_scales_what_was_learned_by_it_and_nothing_else() -
 def test_a_bar_that_nobody_can_have_measured_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="bar_mm: got 980"):
         saved(tmp_path, replace(PLACE, bar_mm=980))
+
+
+def test_a_latency_is_stored_and_every_other_line_stays(tmp_path: Path) -> None:
+    path = saved(tmp_path, replace(PLACE, latency_s=None))
+    text = "# the lab, by the window\n" + path.read_text() + "  # do not move the camera\n"
+    path.write_text(text)
+    store_latency(path, 0.081)
+    assert path.read_text() == text.rstrip() + "\nlatency_s: 0.081\n"
+    store_latency(path, 0.1)
+    assert path.read_text() == text.rstrip() + "\nlatency_s: 0.1\n"
+    path.write_text(path.read_text().replace("latency_s: 0.1", "latency_s : null  # twice"))
+    store_latency(path, 0.079)
+    assert path.read_text() == text.rstrip() + "\nlatency_s: 0.079  # twice\n"
+    assert load_place(path).latency_s == 0.079
+
+
+def test_a_file_in_braces_takes_a_latency_too(tmp_path: Path) -> None:
+    path = saved(tmp_path, replace(PLACE, latency_s=None))
+    path.write_text(yaml.safe_dump(yaml.safe_load(path.read_text()), default_flow_style=True))
+    assert path.read_text().startswith("{")
+    store_latency(path, 0.081)
+    found = load_place(path)
+    assert found.latency_s == 0.081
+    assert found.floor_tags.keys() == PLACE.floor_tags.keys()
+
+
+def test_a_folder_that_takes_no_file_is_told(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"place: .*place\.yaml cannot be written"):
+        save_place(replace(PLACE, lens_file=tmp_path / "lens.yaml"), tmp_path / "none" / "place.yaml")

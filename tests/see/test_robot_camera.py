@@ -2,53 +2,33 @@ import csv
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import pytest
 
 from hexctl.errors import InputError
-from hexctl.robot.loader import load_robot
 from hexctl.robot.rotations import wrapped_rad
-from hexctl.see.place import load_place
-from hexctl.see.pose_stream import CameraStatus
+from hexctl.see.estimation.pose_filter import PoseEstimate
+from hexctl.see.place import load_place, store_latency
+from hexctl.see.pose_stream import CameraReport, CameraStatus
 from hexctl.see.robot_camera import CameraStarted, RobotCamera
-from hexctl.see.twin.rendering import SceneRenderer
-from hexctl.see.twin.scene import CAMERA, FLOOR_TAGS, WEBCAM, tag_on
+from hexctl.see.sheet import Sheet
 from hexctl.see.video.video_source import open_video
 from hexctl.see.video.video_writer import VideoWriter
-from hexctl.see.vision.lens import save_lens
-from hexctl.see.vision.planar_pose import PlanarPose
-from tests.see.scenes import standing
-
-ROBOT = load_robot("ant")
-FPS, PICTURES = 10.0, 50
+from tests.see.scenes import FILM_FPS, FILM_PICTURES, FLOOR_TAGS, film_walk, filmed_pose
 
 #: Frame of the floor: the home tag's.
 HOME = FLOOR_TAGS[0].pose
-
-
-def pose_at(number: int) -> PlanarPose:
-    """Where the robot is in a picture: it stands for a second, then goes along an arc."""
-    walked = max(0, number - 10) / FPS
-    return PlanarPose(0.1 * walked, 0.05 * walked, 0.1 * walked)
 
 
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with a video of a walk and the calibration of its lens."""
     folder = tmp_path_factory.mktemp("camera")
-    save_lens(WEBCAM, folder / "lens.yaml")
-    with (
-        SceneRenderer(ROBOT, CAMERA, FLOOR_TAGS, tag_on(ROBOT)) as renderer,
-        VideoWriter(folder / "walk.mp4", FPS) as writer,
-    ):
-        for number in range(PICTURES):
-            color = renderer.draw_color(standing(ROBOT, pose_at(number)))
-            writer.write(np.asarray(cv2.cvtColor(color, cv2.COLOR_RGB2BGR)), number / FPS)
+    film_walk(folder)
     return folder
 
 
-def looked(folder: Path, recorded: Path, **options: Any) -> tuple[dict[str, Any], CameraStarted]:
+def looked(folder: Path, recorded: Path, **options: Any) -> tuple[CameraReport, CameraStarted]:
     """Report, and what was said at the start."""
     started: list[CameraStarted] = []
     camera = RobotCamera(
@@ -65,14 +45,14 @@ def test_a_video_of_a_walk_becomes_poses_on_the_floor_of_the_home_tag(tmp_path: 
     assert started.learned
     assert set(started.place.floor_tags) == set(FLOOR_TAGS)
     assert started.doubts == ()
-    assert report["seen"] == 1.0
+    assert report.seen == 1.0
     with (tmp_path / "poses.csv").open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
-    assert len(rows) == report["pictures"] == PICTURES
+    assert len(rows) == report.pictures == FILM_PICTURES
     believed = [row for row in rows if row["sight"] == "seeing"]
-    assert len(believed) > PICTURES - 10
+    assert len(believed) > FILM_PICTURES - 10
     for row in believed:
-        true = HOME.inverse().after(pose_at(round(float(row["at_s"]) * FPS)))
+        true = HOME.inverse().after(filmed_pose(round(float(row["at_s"]) * FILM_FPS)))
         assert np.hypot(float(row["seen_x_m"]) - true.x_m, float(row["seen_y_m"]) - true.y_m) < 0.01
         assert abs(wrapped_rad(float(row["seen_yaw_rad"]) - true.yaw_rad)) < 0.03
     with open_video(str(tmp_path / "seen.mp4")) as seen:
@@ -92,6 +72,62 @@ def test_a_known_place_is_used_and_the_camera_placed_by_what_it_sees(tmp_path: P
     (x_m, y_m), radius_m = started.arena
     assert radius_m > 0.5
     assert (x_m, y_m) != (0.0, 0.0)
+
+
+def test_what_contradicts_a_known_place_is_refused_and_the_file_stays(tmp_path: Path, recorded: Path) -> None:
+    looked(tmp_path, recorded)
+    text = (tmp_path / "place.yaml").read_text(encoding="utf-8")
+    for options, said in (
+        (
+            {"tag_height_mm": 90.0},
+            r"tag_height_mm: got 90, and .*place\.yaml has .*; allowed: what it has, relearn",
+        ),
+        ({"sheet": Sheet(robot_tag=11)}, r"robot_tag: got 11, and .*place\.yaml has 10"),
+        ({"fov_deg": 80.0}, r"fov_deg: got 80, and .*place\.yaml has none"),
+    ):
+        with pytest.raises(InputError, match=said):
+            looked(tmp_path, recorded, **options)
+    assert (tmp_path / "place.yaml").read_text(encoding="utf-8") == text
+
+
+def test_a_floor_that_is_learned_again_keeps_lens_and_latency(tmp_path: Path, recorded: Path) -> None:
+    looked(tmp_path, recorded, bar_mm=98.0, tag_height_mm=50.0)
+    store_latency(tmp_path / "place.yaml", 0.123)
+    before = load_place(tmp_path / "place.yaml")
+    camera = RobotCamera(
+        camera=recorded / "walk.mp4", place=str(tmp_path / "place.yaml"), relearn=True, linked=False
+    )
+    started: list[CameraStarted] = []
+    camera.run(lambda: bool(started), on_started=started.append)
+    after = load_place(tmp_path / "place.yaml")
+    assert started[0].learned
+    assert (after.lens_file, after.latency_s, after.bar_mm) == (before.lens_file, 0.123, 98.0)
+    assert after.robot_tag == before.robot_tag
+    assert set(after.floor_tags) == set(before.floor_tags)
+
+
+def test_learning_that_is_stopped_stores_nothing(tmp_path: Path, recorded: Path) -> None:
+    asked: list[None] = []
+
+    def stop_requested() -> bool:
+        asked.append(None)
+        return len(asked) > 5
+
+    camera = RobotCamera(camera=recorded / "walk.mp4", place=tmp_path / "place.yaml", linked=False)
+    report = camera.run(stop_requested)
+    assert (report.pictures, report.look_s) == (0, None)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_each_picture_gives_a_pose(tmp_path: Path, recorded: Path) -> None:
+    poses: list[PoseEstimate] = []
+    camera = RobotCamera(
+        camera=recorded / "walk.mp4", place=tmp_path / "place.yaml", lens=recorded / "lens.yaml", linked=False
+    )
+    report = camera.run(on_pose=poses.append)
+    assert len(poses) == report.pictures == FILM_PICTURES
+    assert poses[-1].sight == "seeing"
+    assert report.to_dict()["look_ms"] > 0
 
 
 def test_without_a_calibration_the_lens_is_assumed_and_that_is_said(tmp_path: Path, recorded: Path) -> None:
@@ -146,9 +182,9 @@ def test_an_impossible_latency_is_refused(latency_ms: float) -> None:
 
 
 def test_a_floor_without_the_home_tag_is_refused(tmp_path: Path) -> None:
-    with VideoWriter(tmp_path / "empty.mp4", FPS) as writer:
+    with VideoWriter(tmp_path / "empty.mp4") as writer:
         for number in range(5):
-            writer.write(np.full((480, 640, 3), 120, dtype=np.uint8), number / FPS)
+            writer.write(np.full((480, 640, 3), 120, dtype=np.uint8), number / 30)
     camera = RobotCamera(camera=str(tmp_path / "empty.mp4"), place=tmp_path / "place.yaml", linked=False)
     with pytest.raises(InputError, match="home tag"):
         camera.run(lambda: False)

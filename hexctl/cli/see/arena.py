@@ -54,10 +54,9 @@ def arena_fields(arena: float | Path | None, robot: str | None) -> dict[str, Any
         return {"arena_m": arena}
     from hexctl.cli.console import print_note
     from hexctl.robot.loader import load_robot
-    from hexctl.see.place import load_place
-    from hexctl.see.robot_camera import arena_of as arena_of_place
+    from hexctl.see import place
 
-    (x_m, y_m), radius_m = arena_of_place(load_place(arena), load_robot(robot or "ant"))
+    (x_m, y_m), radius_m = place.arena_of(place.load_place(arena), load_robot(robot or "ant"))
     radius_m = math.floor(100 * radius_m) / 100
     print_note(
         f"hexctl: the robot is kept within {radius_m:g} m of {x_m:.2f}, {y_m:.2f} m, where the camera of "

@@ -1,18 +1,16 @@
 """`hexctl see calibrate`: the lens of a camera, by pictures of the printed board."""
 
 import json
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from hexctl.cli.options import JsonOption
+from hexctl.cli.see.options import BoardCameraOption
 
 if TYPE_CHECKING:
     from hexctl.see.vision.calibration import CalibratedLens, LensCalibration
-    from hexctl.see.vision.tags import Picture
 
 
 def calibrate(
@@ -24,14 +22,7 @@ def calibrate(
             show_default=False,
         ),
     ] = None,
-    camera: Annotated[
-        str | None,
-        typer.Option(
-            "--camera",
-            help="Number of a camera such as 0, address of a stream, or a video file, from which pictures "
-            "are taken while the board is moved. (default: none, pictures are given)",
-        ),
-    ] = None,
+    camera: BoardCameraOption = None,
     output: Annotated[
         Path,
         typer.Option("--output", "-o", help="New YAML file, as ROS's camera_info; nothing is replaced."),
@@ -46,48 +37,17 @@ def calibrate(
     Show the board to the camera at all edges of the picture, tilted and near; hold it still for a moment each
     time. Ctrl-C ends it with what there is.
     """
-    from hexctl.cli.console import print_note, print_result
-    from hexctl.errors import InputError
-    from hexctl.see.vision.calibration import LensCalibration, add_video, read_picture
-    from hexctl.see.vision.lens import save_lens
+    from hexctl.cli.console import StopOnInterrupt, print_note, print_result
+    from hexctl.see.camera_lens import CameraLens
 
-    if bool(pictures) == (camera is not None):
-        raise InputError("calibrate: got pictures and a camera, or none; allowed: pictures, or --camera")
-    if output.exists():
-        raise InputError(f"--output: {output} exists; allowed: a new file, nothing is replaced")
-    calibration = LensCalibration(fisheye=fisheye)
-    for path in pictures or []:
-        refused = calibration.add(read_picture(path))
-        if refused is not None:
-            print_note(f"{path} is left out: {refused}")
-    if camera is not None:
-        with _frames(camera) as frames:
-            add_video(calibration, frames, on_kept=_print_kept)
-    result = calibration.solve()
-    try:
-        save_lens(result.lens, output)
-    except OSError as error:
-        raise InputError(f"--output: {output} cannot be written: {error.strerror}") from error
+    calibration = CameraLens(pictures=pictures or (), camera=camera, output=output, fisheye=fisheye)
+    with StopOnInterrupt(plain=True) as interrupt:
+        result = calibration.run(
+            interrupt.requested, on_kept=_print_kept, on_event=lambda text: print_note(f"hexctl: {text}")
+        )
     for sentence in result.missing:
         print_note(f"to make it better: {sentence}")
     print_result(json.dumps(_lens_json(result, output)) if as_json else _lens_text(result, output))
-
-
-@contextmanager
-def _frames(camera: str) -> "Iterator[Iterator[Picture]]":
-    """Grey frames of a video, until it ends or Ctrl-C."""
-    from hexctl.cli.console import StopOnInterrupt, print_note
-    from hexctl.see.video.video_source import open_video
-
-    with open_video(camera, on_event=print_note) as video, StopOnInterrupt(plain=True) as interrupt:
-
-        def frames() -> "Iterator[Picture]":
-            while not video.ended and not interrupt.requested():
-                frame = video.read()
-                if frame is not None:
-                    yield frame.gray()
-
-        yield frames()
 
 
 def _print_kept(calibration: "LensCalibration") -> None:

@@ -8,21 +8,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from hexctl.cli.options import InsecureOption, JsonOption, KeysOption, LinkOption, ZenohConnectOption
-from hexctl.cli.see.options import FpsOption, OneRobotOption, SizeOption
+from hexctl.cli.see.options import FpsOption, LiveCameraOption, OneRobotOption, SizeOption
 
 if TYPE_CHECKING:
     from hexctl.see.latency_trial import LatencyTrial, TwistAhead
 
 
 def latency(
-    camera: Annotated[
-        str | None,
-        typer.Option(
-            "--camera",
-            help="Number of a camera such as 0, its device, or the address of a stream (http:// or rtsp://). "
-            "(default: none, it has to be given)",
-        ),
-    ] = None,
+    camera: LiveCameraOption = None,
     place: Annotated[
         Path,
         typer.Option("--place", help="YAML file that hexctl see --camera made; it keeps the latency."),
@@ -38,7 +31,7 @@ def latency(
 ) -> None:
     """Measure how late a camera's pictures come: the standing robot twists once and is watched.
 
-    Its feet stay in place, and nobody else may drive it meanwhile. Ctrl-C takes the twist back. Exit codes:
+    Its feet stay in place, and nothing else may drive it meanwhile. Ctrl-C takes the twist back. Exit codes:
     0 done, 2 bad input, a tag that is not seen or too little motion, 3 fault of robot, link or camera, 130
     interrupted.
     """

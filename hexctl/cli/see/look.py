@@ -3,7 +3,7 @@
 import json
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -11,6 +11,7 @@ from hexctl.cli.options import InsecureOption, JsonOption, KeysOption, LinkOptio
 from hexctl.cli.see.options import (
     LATENCY_MS,
     PORT,
+    CameraOption,
     FloorEdgeOption,
     FloorTagsOption,
     FpsOption,
@@ -19,27 +20,22 @@ from hexctl.cli.see.options import (
     RobotTagOption,
     SizeOption,
 )
-from hexctl.cli.values import Range, number
+from hexctl.cli.values import Range, given, number
 
 if TYPE_CHECKING:
-    from hexctl.see.pose_stream import CameraStatus
+    from hexctl.see.pose_stream import CameraReport, CameraStatus
     from hexctl.see.robot_camera import CameraStarted
 
 FOV_DEG = Range(low=10, high=150, unit="deg")
 BAR_MM = Range(low=50, high=200, unit="mm")
+#: Options that say how the sheet was printed.
+SHEET_FLAGS = {"--robot-tag", "--robot-edge-mm", "--home-edge-mm", "--floor-tags", "--floor-edge-mm"}
 HEIGHT_MM = Range(low=-500, high=1000, unit="mm")
 
 
 def look(
     context: typer.Context,
-    camera: Annotated[
-        str | None,
-        typer.Option(
-            "--camera",
-            help="Number of a camera such as 0, its device, address of a stream (http:// or rtsp://), or a "
-            "video file. (default: none, it has to be given)",
-        ),
-    ] = None,
+    camera: CameraOption = None,
     place: Annotated[
         Path,
         typer.Option(
@@ -48,19 +44,25 @@ def look(
         ),
     ] = Path("place.yaml"),
     relearn: Annotated[
-        bool, typer.Option("--relearn", help="Learn the tags on the floor anew, in place of the file's.")
+        bool, typer.Option("--relearn", help="Learn the tags on the floor again, in place of the file's.")
     ] = False,
     lens: Annotated[
         Path | None,
         typer.Option(
             "--lens",
-            help="Calibration of the lens, for a new place. (default: one without distortion, of --fov-deg)",
+            help="Calibration of the lens, for a new place. (default: that of the place, else one without "
+            "distortion, of --fov-deg)",
         ),
     ] = None,
     fov_deg: Annotated[
-        float,
-        number("--fov-deg", FOV_DEG, "Degrees from the left to the right edge, without a calibration, {}."),
-    ] = 67.0,
+        float | None,
+        number(
+            "--fov-deg",
+            FOV_DEG,
+            "Degrees from the left to the right edge, without a calibration, for a new place, {}. (default: "
+            "those of the place, else 67)",
+        ),
+    ] = None,
     bar_mm: Annotated[
         float | None,
         number(
@@ -80,8 +82,8 @@ def look(
         number(
             "--tag-height-mm",
             HEIGHT_MM,
-            "Millimetres of the robot's tag above the origin of its body, for a new place, {}. (default: the "
-            "top of its trunk)",
+            "Millimetres of the robot's tag above the origin of its body, for a new place, {}. (default: "
+            "those of the place, else the top of its trunk)",
         ),
     ] = None,
     latency_ms: Annotated[
@@ -129,7 +131,10 @@ def look(
     link: LinkOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Find a robot on the floor with a camera and printed tags, and tell it where it is, until Ctrl-C."""
+    """Find a robot on the floor with a camera and printed tags, and tell it where it is, until Ctrl-C.
+
+    What is for a new place must agree with a place that is known; with --relearn it takes its place.
+    """
     if context.invoked_subcommand is not None:
         return
     from hexctl.cli.console import StopOnInterrupt, print_note, print_result
@@ -139,6 +144,13 @@ def look(
 
     if camera is None:
         raise InputError("--camera: got none; allowed: a number such as 0, an address, or a video file")
+    sheet = Sheet(
+        robot_tag=int(robot_tag),
+        robot_edge_mm=robot_edge_mm,
+        home_edge_mm=home_edge_mm,
+        floor_tags=int(floor_tags),
+        floor_edge_mm=floor_edge_mm,
+    )
     looking = RobotCamera(
         camera=camera,
         place=place,
@@ -146,13 +158,7 @@ def look(
         lens=lens,
         fov_deg=fov_deg,
         bar_mm=bar_mm,
-        sheet=Sheet(
-            robot_tag=int(robot_tag),
-            robot_edge_mm=robot_edge_mm,
-            home_edge_mm=home_edge_mm,
-            floor_tags=int(floor_tags),
-            floor_edge_mm=floor_edge_mm,
-        ),
+        sheet=sheet if SHEET_FLAGS & given(context).keys() else None,
         tag_height_mm=tag_height_mm,
         latency_ms=latency_ms,
         size_px=size,
@@ -174,7 +180,7 @@ def look(
             on_status=lambda status: print_note(_status_line(status)),
             on_event=lambda text: print_note(f"hexctl: {text}"),
         )
-    print_result(json.dumps(report) if as_json else _report_line(report))
+    print_result(json.dumps(report.to_dict()) if as_json else _report_line(report))
 
 
 def _print_started(started: "CameraStarted", path: Path) -> None:
@@ -209,8 +215,10 @@ def _status_line(status: "CameraStatus") -> str:
     )
 
 
-def _report_line(report: dict[str, Any]) -> str:
+def _report_line(report: "CameraReport") -> str:
+    if report.look_s is None:
+        return "no pictures"
     return (
-        f"{report['pictures']} pictures in {report['duration_s']:g} s, the robot in {report['seen']:.0%} of "
-        f"them; {report['look_ms']} ms of processor time each"
+        f"{report.pictures} pictures in {report.duration_s:.1f} s, the robot in {report.seen:.0%} of "
+        f"them; {1000 * report.look_s:.1f} ms of processor time each"
     )

@@ -24,6 +24,23 @@ def size_of(text: str | tuple[int, int]) -> tuple[int, int]:
     return int(width), int(height)
 
 
+_CAMERA = "Number of a camera such as 0, its device, address of a stream (http:// or rtsp://)"
+
+CameraOption = Annotated[
+    str | None,
+    typer.Option("--camera", help=f"{_CAMERA}, or a video file. (default: none, it has to be given)"),
+]
+LiveCameraOption = Annotated[
+    str | None, typer.Option("--camera", help=f"{_CAMERA}. (default: none, it has to be given)")
+]
+BoardCameraOption = Annotated[
+    str | None,
+    typer.Option(
+        "--camera",
+        help=f"{_CAMERA}, or a video file, from which pictures are taken while the board is moved. "
+        "(default: none, pictures are given)",
+    ),
+]
 RobotTagOption = Annotated[
     int,
     number("--robot-tag", TAG, "Number of the robot's tag, a whole number, {}, and none of the floor's."),

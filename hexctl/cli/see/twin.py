@@ -2,7 +2,7 @@
 
 import json
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -16,6 +16,9 @@ from hexctl.cli.options import (
 )
 from hexctl.cli.see.options import FPS, LATENCY_MS, PORT, OneRobotOption, size_of
 from hexctl.cli.values import Range, number
+
+if TYPE_CHECKING:
+    from hexctl.see.twin.twin_camera import TwinReport
 
 NOISE = Range(low=0, high=50)
 BLUR_PX = Range(low=0, high=10, unit="px")
@@ -142,9 +145,15 @@ def twin(
             interrupt.requested, on_started=on_started, on_event=lambda text: print_note(f"hexctl: {text}")
         )
     if as_json:
-        print_result(json.dumps(report))
+        print_result(json.dumps(report.to_dict()))
     else:
         print_result(
-            f"{report['fps']:g} pictures a second, {report['latency_ms']} ms old at their arrival; "
-            f"{report['skipped']} not drawn, {report['late']} late"
+            f"{report.fps:.1f} pictures a second, {_age(report)}; "
+            f"{report.skipped} not drawn, {report.late} late"
         )
+
+
+def _age(report: "TwinReport") -> str:
+    if report.latency_s is None:
+        return "none of which arrived"
+    return f"{1000 * report.latency_s:.0f} ms old at their arrival"

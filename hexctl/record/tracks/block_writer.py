@@ -8,7 +8,6 @@ import numpy as np
 from hexctl.control.log import TickLog
 from hexctl.record import paths
 from hexctl.record.rrd import load_rerun
-from hexctl.record.scene import xyzw
 from hexctl.record.tracks.balance import Tally, send_balance
 from hexctl.record.tracks.columns import (
     Block,
@@ -21,6 +20,7 @@ from hexctl.record.tracks.events import send_events
 from hexctl.record.tracks.failures import send_lanes, send_looks, send_suspicion
 from hexctl.record.tracks.gait import send_feet, send_gait, send_guard, send_phases
 from hexctl.record.tracks.servos import send_servos, send_torques
+from hexctl.robot.rotations import xyzw
 from hexctl.types import JOINT_KINDS, JOINTS_PER_LEG, FloatArray
 
 

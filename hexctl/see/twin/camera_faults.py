@@ -5,12 +5,13 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from hexctl.errors import InputError, argument
+from hexctl.robot.rotations import turned
 from hexctl.see.twin.rendering import PlacedTag, RobotPosture
 from hexctl.see.vision.camera import Camera
 from hexctl.see.vision.tags import Picture
-from hexctl.types import FloatArray
 
 ALLOWED = "moved:X,Y,Z (m), turned:DEGREES or covered:SECONDS, each with @SECONDS or from the start"
 
@@ -66,7 +67,7 @@ class CameraFaults:
             if fault.at_s <= at_s and fault.kind == "moved":
                 position += fault.values
             elif fault.at_s <= at_s and fault.kind == "turned":
-                rotation = _about_the_vertical(np.radians(fault.values[0])) @ rotation
+                rotation = Rotation.from_euler("z", fault.values[0], degrees=True).as_matrix() @ rotation
         return Camera(still.lens, rotation, position)
 
     def cover(self, at_s: float) -> bool:
@@ -77,15 +78,10 @@ class CameraFaults:
         )
 
 
-def _about_the_vertical(angle_rad: float) -> FloatArray:
-    cos, sin = np.cos(angle_rad), np.sin(angle_rad)
-    return np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
-
-
 def with_hand(picture: Picture, camera: Camera, posture: RobotPosture, tag: PlacedTag) -> Picture:
     """A picture (H, W, 3), red first, in which a hand covers the tag on a robot."""
     on_body = np.array([tag.pose.x_m, tag.pose.y_m, tag.height_m])
-    middle = posture.position_floor + _turned(on_body, posture.quaternion_floor)
+    middle = posture.position_floor + turned(posture.quaternion_floor, on_body)
     edge = middle + camera.rotation[:, 0] * tag.edge_m * _HAND_SHARE
     seen_px = camera.pixels(np.array([middle, edge]))
     if not np.isfinite(seen_px).all():
@@ -94,10 +90,3 @@ def with_hand(picture: Picture, camera: Camera, posture: RobotPosture, tag: Plac
     radius_px = int(np.hypot(*(seen_px[1] - seen_px[0]))) + 1
     cv2.circle(covered, tuple(int(place) for place in seen_px[0]), radius_px, _HAND_COLOR, cv2.FILLED)
     return covered
-
-
-def _turned(vector: FloatArray, quaternion: FloatArray) -> FloatArray:
-    """A vector (3,) turned by a unit quaternion (w, x, y, z)."""
-    real, axis = quaternion[0], quaternion[1:]
-    twice = 2 * np.cross(axis, vector)
-    return np.asarray(vector + real * twice + np.cross(axis, twice))

@@ -19,7 +19,7 @@ from hexctl.see.vision.camera import Camera
 from hexctl.see.vision.lens import Lens
 from hexctl.see.vision.planar_pose import PlanarPose
 from hexctl.see.vision.tags import MODULES, Picture, tag_modules
-from hexctl.types import FloatArray
+from hexctl.types import ArrayFields, FloatArray
 
 #: The camera by which MuJoCo draws has no distortion; a lens wider than this would need too many pixels.
 MOST_FOV_DEG = 140.0
@@ -59,7 +59,7 @@ class CameraFlaws:
     shadow: float = 0.0
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True)
 class PlacedTag:
     """A printed tag at a place: on the floor, or on the robot's trunk.
 
@@ -77,7 +77,7 @@ class PlacedTag:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class RobotPosture:
+class RobotPosture(ArrayFields):
     """Where a robot is, and how it stands.
 
     Attributes:
@@ -237,7 +237,7 @@ def _drawn_lens(lens: Lens) -> tuple[Lens, tuple[Any, Any]]:
     where = rays[:, :2] * focal_px + ((width_px - 1) / 2, (height_px - 1) / 2)
     shape = (lens.height_px, lens.width_px)
     columns, rows = (where[:, axis].reshape(shape).astype(np.float32) for axis in (0, 1))
-    # OpenCV itself rounds places to 1/32 px, each time anew if this is not done once.
+    # OpenCV itself rounds places to 1/32 px, each time if this is not done once.
     return drawn, cv2.convertMaps(columns, rows, cv2.CV_16SC2)
 
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from hexctl.errors import InputError, argument
 from hexctl.robot.model import Robot
+from hexctl.see.options import LATENCIES_MS, LinkOptions, never
 from hexctl.see.twin.camera_faults import CameraFaults, parse_camera_fault, with_hand
 from hexctl.see.twin.delivery import Delivery, TakenPicture
 from hexctl.see.twin.posture_history import PostureHistory, followed_robot
@@ -20,7 +21,6 @@ from hexctl.see.video.mjpeg import MjpegServer
 from hexctl.see.vision.camera import Camera
 from hexctl.see.vision.lens import Lens, load_lens
 from hexctl.see.vision.tags import Picture
-from hexctl.wire.links import load_link
 
 #: The posture at a moment is known once the next state has come: a control period and what the link takes.
 SETTLE_S = 0.023
@@ -36,7 +36,6 @@ SILENT_S = 1.0
 
 #: Ranges of the options.
 FPS = (1.0, 60.0)
-LATENCIES_MS = (0.0, 2000.0)
 NOISES = (0.0, 50.0)
 BLURS_PX = (0.0, 10.0)
 SIZES_PX = (64, 4096)
@@ -60,17 +59,61 @@ class TwinStarted:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class TwinCamera:
-    """A rendered camera: options, checked when they are given.
+class TwinReport:
+    """What a rendered camera managed.
+
+    Attributes:
+        duration_s: how long it took pictures.
+        drawn: pictures.
+        delivered: those of them that arrived.
+        dropped: those of them that were lost on request.
+        skipped: pictures that could not have been drawn in time.
+        late: delivered ones that arrived later than they should.
+        latency_s: mean time from taking to arrival; None where none arrived.
+        drawing_s: how long it took lately to draw a picture.
+        developing_s: how long it took lately to develop and encode one.
+    """
+
+    duration_s: float
+    drawn: int
+    delivered: int
+    dropped: int
+    skipped: int
+    late: int
+    latency_s: float | None
+    drawing_s: float
+    developing_s: float
+
+    @property
+    def fps(self) -> float:
+        """Pictures drawn per second."""
+        return self.drawn / self.duration_s if self.duration_s > 0 else 0.0
+
+    def to_dict(self) -> dict[str, Any]:
+        """JSON values, rounded."""
+        return {
+            "duration_s": round(self.duration_s, 1),
+            "fps": round(self.fps, 1),
+            "drawn": self.drawn,
+            "delivered": self.delivered,
+            "dropped": self.dropped,
+            "skipped": self.skipped,
+            "late": self.late,
+            "latency_ms": None if self.latency_s is None else round(1000 * self.latency_s, 1),
+            "drawing_ms": round(1000 * self.drawing_s, 1),
+            "developing_ms": round(1000 * self.developing_s, 1),
+        }
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TwinCamera(LinkOptions):
+    """A rendered camera over a simulated robot: options, checked when they are given.
 
         TwinCamera(fps=15, latency_ms=120).run(stop_requested, on_started=print)
 
+    The robot is that of `LinkOptions`.
+
     Attributes:
-        connect: Zenoh endpoint of the robot; None is that of the link, or the default.
-        credentials: folder of certificates, or None.
-        insecure: whether a link beyond this computer may do without certificates.
-        link: name or path of a link file, or None.
-        robot: name of the robot; None for the only one there.
         http_port: of the stream on this computer; 0 for any free one.
         fps: pictures per second.
         latency_ms: from what the camera sees to the arrival of its picture; never less than drawing takes.
@@ -87,15 +130,10 @@ class TwinCamera:
         seed: of noise and lost pictures.
     """
 
-    connect: str | None = None
-    credentials: Path | None = None
-    insecure: bool = False
-    link: str | None = None
-    robot: str | None = None
     http_port: int = 0
     fps: float = 30.0
     latency_ms: float = 80.0
-    lens: Path | None = None
+    lens: str | Path | None = None
     size_px: tuple[int, int] | None = None
     position_m: Point = POSITION_M
     look_at_m: Point = LOOK_AT_M
@@ -108,6 +146,7 @@ class TwinCamera:
     seed: int = 0
 
     def __post_init__(self) -> None:
+        LinkOptions.__post_init__(self)
         ranges = {
             "fps": FPS, "latency_ms": LATENCIES_MS, "noise": NOISES, "blur_px": BLURS_PX,
             "drop": (0.0, 1.0), "shadow": (0.0, 1.0), "http_port": (0, 65535),
@@ -142,12 +181,12 @@ class TwinCamera:
 
     def run(
         self,
-        stop_requested: Callable[[], bool],
+        stop_requested: Callable[[], bool] = never,
         *,
         on_started: Callable[[TwinStarted], None] = lambda _: None,
         on_event: Callable[[str], None] = lambda _: None,
-    ) -> dict[str, Any]:
-        """Send pictures until `stop_requested` returns True; the result is what was managed, as JSON values.
+    ) -> TwinReport:
+        """Send pictures until `stop_requested` returns True.
 
         Args:
             stop_requested: asked between pictures.
@@ -157,10 +196,7 @@ class TwinCamera:
         Raises InputError for a lens or link that is not allowed, RobotFaultError where no simulated robot
         answers, or the port is taken, and what `open_context` raises.
         """
-        camera = self.camera()
-        link = load_link(
-            self.link, endpoint=self.connect, credentials=self.credentials, insecure=self.insecure
-        )
+        camera, link = self.camera(), self.load_link()
         flaws = CameraFlaws(noise=self.noise, blur_px=self.blur_px, shadow=self.shadow)
         with (
             followed_robot(link, self.robot) as (robot, history),
@@ -207,7 +243,7 @@ class _Shooting:
         self._drawn = self._dropped = self._skipped = 0
         self._silent = self._told = False
 
-    def run(self, stop_requested: Callable[[], bool], publish: Callable[[bytes], None]) -> dict[str, Any]:
+    def run(self, stop_requested: Callable[[], bool], publish: Callable[[bytes], None]) -> TwinReport:
         delivery = Delivery(publish)
         started_s = time.monotonic()
         try:
@@ -266,17 +302,16 @@ class _Shooting:
         if least_ms > self._options.latency_ms + 1000 * Delivery.LATE_S:
             self._on_event(f"pictures are {least_ms:.0f} ms late, as drawing takes that long")
 
-    def _report(self, delivery: Delivery, duration_s: float) -> dict[str, Any]:
+    def _report(self, delivery: Delivery, duration_s: float) -> TwinReport:
         counts = delivery.counts
-        return {
-            "duration_s": round(duration_s, 1),
-            "fps": round(self._drawn / duration_s, 1),
-            "drawn": self._drawn,
-            "delivered": counts.delivered,
-            "dropped": self._dropped,
-            "skipped": self._skipped,
-            "late": counts.late,
-            "latency_ms": round(1000 * counts.latency_s / counts.delivered, 1) if counts.delivered else None,
-            "drawing_ms": round(1000 * self._drawing_s, 1),
-            "developing_ms": round(1000 * delivery.developing_s, 1),
-        }
+        return TwinReport(
+            duration_s=duration_s,
+            drawn=self._drawn,
+            delivered=counts.delivered,
+            dropped=self._dropped,
+            skipped=self._skipped,
+            late=counts.late,
+            latency_s=counts.latency_s / counts.delivered if counts.delivered else None,
+            drawing_s=self._drawing_s,
+            developing_s=delivery.developing_s,
+        )

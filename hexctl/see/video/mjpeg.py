@@ -37,18 +37,19 @@ class MjpegServer:
     """Serves the newest picture to all who look, on loopback, until it is closed.
 
     Each client has a thread of its own and gets the newest picture whenever it can take one: a slow client
-    misses pictures and holds nobody up.
+    misses pictures and delays no other.
 
     Attributes:
         url: of the stream.
         page_url: of a page that shows it.
     """
 
-    def __init__(self, port: int = 0) -> None:
+    def __init__(self, port: int = 0, *, option: str = "http_port") -> None:
         """Listen.
 
         Args:
             port: of this computer; 0 for any free one.
+            option: name of the argument that gave the port, for messages.
 
         Raises RobotFaultError where the port cannot be used.
         """
@@ -57,7 +58,7 @@ class MjpegServer:
             self._server = _Server((HOST, port), _Handler)
         except OSError as error:
             raise RobotFaultError(
-                f"{argument('http_port')}: got {port}, which cannot be used ({error.strerror}); "
+                f"{argument(option)}: got {port}, which cannot be used ({error.strerror}); "
                 "allowed: a free port, or 0 for any"
             ) from error
         self._server.newest = self._newest

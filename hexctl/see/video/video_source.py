@@ -112,7 +112,7 @@ def open_video(
         fps: pictures per second that a camera is asked for; None leaves it as it is.
         on_event: called with a line when a live source is lost or found again, on its thread.
 
-    Raises InputError for what is none of these, and RobotFaultError for a camera or stream that is not there.
+    Raises InputError for anything else, and RobotFaultError for a camera or stream that is not there.
     """
     hide_library_messages()
     scheme, colon, _ = source.partition("://")

@@ -12,7 +12,7 @@ from hexctl.see.vision.tags import Picture
 #: Code of the pictures by the ending of the file's name.
 CODECS = {".mp4": "mp4v", ".avi": "MJPG"}
 
-#: After a longer gap the video goes on at once: the time without pictures is left out.
+#: A longer time without pictures is left out.
 MOST_GAP_S = 2.0
 
 
@@ -37,10 +37,10 @@ class VideoWriter:
         """
         if path.suffix.lower() not in CODECS:
             raise InputError(
-                f"{argument('video')}: got {path}; allowed: names that end in {', '.join(CODECS)}"
+                f"{argument('output')}: got {path}; allowed: names that end in {', '.join(CODECS)}"
             )
         if not path.parent.is_dir():
-            raise InputError(f"{argument('video')}: got {path}; allowed: a folder that is there")
+            raise InputError(f"{argument('output')}: got {path}; allowed: a folder that is there")
         hide_library_messages()
         self.path, self.frames = path, 0
         self._fps = fps

@@ -9,6 +9,7 @@ import zenoh
 from hexctl.robot.body_twist import BodyTwist
 from hexctl.robot.formats.link_frames import LinkTransforms, fixed_transforms, link_transforms
 from hexctl.robot.model import Robot
+from hexctl.robot.rotations import xyzw
 from hexctl.serve.ros import diagnostics
 from hexctl.serve.ros.frames import MAP_FRAME, Frames
 from hexctl.serve.ros.snapshot import RobotSnapshot
@@ -119,7 +120,7 @@ class RobotMessages:
         """Orientation, or None where it is not known."""
         if snapshot.orientation is None:
             return None
-        return self._imu.encode(measured_ns(snapshot), snapshot.orientation[[1, 2, 3, 0]])
+        return self._imu.encode(measured_ns(snapshot), xyzw(snapshot.orientation))
 
     def battery(self, snapshot: RobotSnapshot) -> bytes:
         """Voltage and charge, NaN where unknown."""
@@ -144,7 +145,7 @@ def measured_ns(snapshot: RobotSnapshot) -> int:
 
 def _rows(found: LinkTransforms) -> FloatArray:
     """x, y, z and quaternion (x, y, z, w) of transforms, one after another, (7 N,)."""
-    return np.concatenate([found.translations_m, found.quaternions[:, [1, 2, 3, 0]]], axis=1).ravel()
+    return np.concatenate([found.translations_m, xyzw(found.quaternions)], axis=1).ravel()
 
 
 class RobotTopics:

@@ -10,8 +10,8 @@ import typer
 from hexctl.cli.see.arena import arena_fields, arena_of
 from hexctl.errors import InputError
 from hexctl.robot.loader import load_robot
+from hexctl.see.place import arena_of as seen_arena
 from hexctl.see.place import load_place
-from hexctl.see.robot_camera import arena_of as seen_arena
 from hexctl.see.vision.camera import Camera
 from tests.see.test_place import PLACE, saved
 

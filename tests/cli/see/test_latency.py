@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 from hexctl.cli.main import exit_code
+from tests.see.test_place import saved
 from tests.serve.processes import free_port
 
 
@@ -31,7 +32,6 @@ def test_bad_input_is_one_line(
 
 
 def test_a_camera_that_is_not_there_is_a_fault(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (tmp_path / "place.yaml").touch()
-    url = f"http://127.0.0.1:{free_port()}/"
-    assert exit_code(["see", "latency", "--camera", url, "--place", str(tmp_path / "place.yaml")]) == 3
+    place, url = saved(tmp_path), f"http://127.0.0.1:{free_port()}/"
+    assert exit_code(["see", "latency", "--camera", url, "--place", str(place)]) == 3
     assert "no video comes from" in capsys.readouterr().err

@@ -11,12 +11,15 @@ from hexctl.cli.main import exit_code
 from hexctl.robot.rotations import wrapped_rad, yaw_rad
 from hexctl.see.twin.posture_history import followed_robot
 from hexctl.see.twin.scene import FLOOR_TAGS, WEBCAM
+from hexctl.see.video.mjpeg import MjpegServer
+from hexctl.see.video.video_writer import VideoWriter
 from hexctl.see.vision.lens import save_lens
 from hexctl.see.vision.planar_pose import PlanarPose
 from hexctl.waiting import wait_for
 from hexctl.wire.links import KeyMap, Link, Role
 from hexctl.wire.pose import decode_pose
 from hexctl.wire.session import open_session
+from tests.see.test_place import saved
 from tests.serve.processes import free_port, hexctl_process, program, served
 
 HOME = FLOOR_TAGS[0].pose
@@ -41,6 +44,37 @@ def test_bad_input_is_one_line(
     err = capsys.readouterr().err
     assert message in err
     assert err.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--robot-tag", "11"], "--robot-tag: got 11, and {place} has 10; allowed: what it has, --relearn"),
+        (["--fov-deg", "70"], "--fov-deg: got 70, and {place} has none; allowed: what it has, --relearn, or"),
+        (["--lens", "other.yaml"], "--lens: got other.yaml, and {place} has"),
+        (["--tag-height-mm", "40"], "--tag-height-mm: got 40, and {place} has 30; allowed: what it has"),
+    ],
+)
+def test_what_contradicts_a_known_place_is_one_line(
+    arguments: list[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    place = saved(tmp_path)
+    assert exit_code(["see", "--camera", "63", "--no-link", "--place", str(place), *arguments]) == 2
+    err = capsys.readouterr().err
+    assert message.format(place=place) in err
+    assert err.count("\n") == 1
+    # What is not typed is what the place has: only the camera is missing.
+    assert exit_code(["see", "--camera", "63", "--no-link", "--place", str(place)]) == 3
+
+
+def test_a_page_on_a_port_in_use_names_its_option(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with VideoWriter(tmp_path / "empty.avi") as writer, MjpegServer() as server:
+        writer.write(np.zeros((48, 64, 3), dtype=np.uint8), 0.0)
+        writer.close()
+        port = server.url.rpartition(":")[2].partition("/")[0]
+        asked = ["see", "--camera", str(tmp_path / "empty.avi"), "--no-link", "--page", port]
+        assert exit_code(asked) == 3
+    assert f"--page: got {port}, which cannot be used" in capsys.readouterr().err
 
 
 def test_a_camera_that_is_not_there_is_a_fault(capsys: pytest.CaptureFixture[str]) -> None:

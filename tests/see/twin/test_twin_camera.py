@@ -13,7 +13,7 @@ from hexctl.errors import InputError, RobotFaultError
 from hexctl.robot.rotations import wrapped_rad, yaw_rad
 from hexctl.see.twin.posture_history import followed_robot
 from hexctl.see.twin.scene import CAMERA, FLOOR_TAGS, ROBOT_TAG, WEBCAM, tag_on
-from hexctl.see.twin.twin_camera import TwinCamera, TwinStarted
+from hexctl.see.twin.twin_camera import TwinCamera, TwinReport, TwinStarted
 from hexctl.see.video.video_source import VideoSource, open_video
 from hexctl.see.vision.lens import save_lens
 from hexctl.see.vision.planar_pose import tag_pose
@@ -71,7 +71,7 @@ class Running:
 
     def __init__(self, options: TwinCamera) -> None:
         self.said: list[str] = []
-        self.report: dict[str, Any] = {}
+        self.report: TwinReport | None = None
         self.url = ""
         self._over = threading.Event()
         self._error: Exception | None = None
@@ -136,9 +136,11 @@ def test_it_shows_the_robot_where_it_truly_is(robot: Served) -> None:
     assert (seen.pose.x_m, seen.pose.y_m) == pytest.approx(truth.position_floor[:2], abs=0.005)
     assert abs(wrapped_rad(seen.pose.yaw_rad - float(yaw_rad(truth.quaternion_floor)))) < 0.02
     report = camera.report
-    assert report["delivered"] > 0
-    assert report["latency_ms"] >= 80
-    assert report["drawn"] >= report["delivered"] + report["dropped"]
+    assert report is not None
+    assert report.delivered > 0
+    assert report.latency_s is not None
+    assert report.latency_s >= 0.0799
+    assert report.drawn >= report.delivered + report.dropped
 
 
 def test_a_camera_that_is_knocked_sees_everything_elsewhere_and_a_hand_hides_the_robot(
@@ -163,8 +165,9 @@ def test_pictures_that_are_lost_are_counted(robot: Served) -> None:
         pytest.raises(RobotFaultError, match="no video comes"),
     ):
         open_video(camera.url)
-    assert camera.report["dropped"] == camera.report["drawn"] > 0
-    assert camera.report["latency_ms"] is None
+    assert camera.report is not None
+    assert camera.report.dropped == camera.report.drawn > 0
+    assert camera.report.to_dict()["latency_ms"] is None
 
 
 def test_a_robot_that_falls_silent_is_told(tmp_path: Path) -> None:

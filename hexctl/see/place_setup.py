@@ -1,0 +1,150 @@
+"""What a camera cannot find out about a new place by looking: lens, print, height of the robot's tag."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from hexctl.errors import InputError, argument
+from hexctl.robot.model import Robot
+from hexctl.see.place import Place, print_scale
+from hexctl.see.sheet import BAR_MM, HOME_TAG, Sheet
+from hexctl.see.vision.floor import CornersPx, learn_floor
+from hexctl.see.vision.lens import Lens, load_lens
+from hexctl.see.vision.planar_pose import PlanarPose
+from hexctl.see.vision.robot_tracker import RobotTag
+
+#: Field of view of a lens of which nothing is known: that of many webcams.
+USUAL_FOV_DEG = 67.0
+
+#: What is said where the length of the sheet's bar is not given: no picture shows it.
+BAR_DOUBT = (
+    "the bar of the sheet is taken for 100 mm long: measure it; --bar-mm with another length corrects this "
+    "place at any time"
+)
+
+#: Lengths in mm, and angles in degrees, that differ by less are the same.
+SAME = 0.01
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlaceSetup:
+    """What was given for a new place; None is what the place had before, or the usual.
+
+    Attributes:
+        lens: file of a calibration (`load_lens`); a lens without distortion unless given.
+        fov_deg: from the left to the right edge, of a lens without distortion; `USUAL_FOV_DEG` unless given.
+        bar_mm: length of the sheet's bar as printed; `BAR_MM` unless given.
+        sheet: as it was printed: numbers and edges of the tags.
+        tag_height_mm: of the robot's tag above the origin of its base; the top of its trunk unless given.
+    """
+
+    lens: Path | None
+    fov_deg: float | None
+    bar_mm: float | None
+    sheet: Sheet | None
+    tag_height_mm: float | None
+
+    def check_known(self, place: Place, path: Path) -> None:
+        """Raise InputError for what was given and is not so in a place that is known."""
+        for name, given, known in (*self._numbers(place), *_sheet_numbers(self.sheet, place)):
+            if given is not None and (known is None or abs(given - known) > SAME):
+                raise _contradiction(name, f"{given:g}", path, "none" if known is None else f"{known:g}")
+        if self.lens is not None and _resolved(self.lens) != _resolved(place.lens_file):
+            raise _contradiction("lens", str(self.lens), path, str(place.lens_file or "one that is assumed"))
+
+    def _numbers(self, place: Place) -> Iterator[tuple[str, float | None, float | None]]:
+        """Arguments by name, as given and as the place has them; the bar may differ (`measured`)."""
+        yield "fov_deg", self.fov_deg, place.fov_deg if place.lens_file is None else None
+        yield "tag_height_mm", self.tag_height_mm, 1000 * place.robot_tag.height_m
+
+    def measured(self, place: Place) -> tuple[Place, tuple[str, ...]]:
+        """A known place by the length of the bar that was given, and what has changed by it, a sentence."""
+        if self.bar_mm is None or self.bar_mm == place.bar_mm:
+            return place, ()
+        percent = 100 * (self.bar_mm / place.bar_mm - 1)
+        return place.printed(self.bar_mm), (
+            f"the bar of the sheet is {self.bar_mm:g} mm long, not {place.bar_mm:g}: "
+            f"all distances change by {percent:+.1f} %",
+        )
+
+    def learned(
+        self, views: Sequence[CornersPx], size_px: tuple[int, int], robot: Robot, before: Place | None
+    ) -> tuple[Place, tuple[str, ...]]:
+        """The place by what was seen of it, and what cannot be trusted of it, a sentence each.
+
+        Args:
+            views: corners (4, 2) in px by number, for each place of the camera (`learn_floor`).
+            size_px: of the pictures.
+            robot: whose tag it is.
+            before: the place as it was, if it is learned again.
+
+        Raises InputError for lenses and floors that are not allowed.
+        """
+        lens, lens_file = self._lens(size_px, before)
+        bar_mm = self.bar_mm or (BAR_MM if before is None else before.bar_mm)
+        scale = print_scale(bar_mm)
+        floor = learn_floor(lens, views, {tag: scale * edge for tag, edge in self._edges_m(before).items()})
+        place = Place(
+            camera=floor.cameras[0],
+            floor_tags=floor.tags,
+            robot_tag=self._robot_tag(robot, before, scale),
+            bar_mm=bar_mm,
+            lens_file=lens_file,
+            latency_s=None if before is None else before.latency_s,
+        )
+        return place, (*floor.doubts, *(BAR_DOUBT,) * (self.bar_mm is None and before is None))
+
+    def _lens(self, size_px: tuple[int, int], before: Place | None) -> tuple[Lens, Path | None]:
+        """The lens, and its file if it has one."""
+        if self.lens is not None:
+            return load_lens(self.lens).scaled(*size_px), self.lens
+        if self.fov_deg is None and before is not None:
+            if before.lens_file is not None:
+                return before.camera.lens.scaled(*size_px), before.lens_file
+            return Lens.assumed(*size_px, before.fov_deg), None
+        return Lens.assumed(*size_px, self.fov_deg or USUAL_FOV_DEG), None
+
+    def _edges_m(self, before: Place | None) -> dict[int, float]:
+        """Edges of the floor's tags as written on the sheet, by number."""
+        edges_m = (self.sheet or Sheet()).floor_edges_m
+        if self.sheet is None and before is not None:
+            scale = print_scale(before.bar_mm)
+            edges_m |= {number: tag.edge_m / scale for number, tag in before.floor_tags.items()}
+        return edges_m
+
+    def _robot_tag(self, robot: Robot, before: Place | None, scale: float) -> RobotTag:
+        known = None if before is None else before.robot_tag
+        height_m = robot.body.size_m[2] / 2 if known is None else known.height_m
+        if self.tag_height_mm is not None:
+            height_m = self.tag_height_mm / 1000
+        mount = PlanarPose(0.0, 0.0, 0.0) if known is None else known.mount
+        if self.sheet is None and before is not None and known is not None:
+            edge_m = known.edge_m / print_scale(before.bar_mm) * scale
+            return RobotTag(known.tag_id, edge_m, mount, height_m)
+        sheet = self.sheet or Sheet()
+        return RobotTag(sheet.robot_tag, sheet.robot_edge_mm / 1000 * scale, mount, height_m)
+
+
+def _sheet_numbers(sheet: Sheet | None, place: Place) -> Iterator[tuple[str, float, float | None]]:
+    """Arguments of a sheet by name, as given and as a place has them; tags that it never saw are left out."""
+    if sheet is None:
+        return
+    scale = print_scale(place.bar_mm)
+    yield "robot_tag", sheet.robot_tag, place.robot_tag.tag_id
+    yield "robot_edge_mm", sheet.robot_edge_mm, 1000 * place.robot_tag.edge_m / scale
+    for number, tag in place.floor_tags.items():
+        name = "home_edge_mm" if number == HOME_TAG else "floor_edge_mm"
+        given_m = sheet.floor_edges_m.get(number)
+        if given_m is not None:
+            yield name, 1000 * given_m, 1000 * tag.edge_m / scale
+
+
+def _contradiction(name: str, given: str, path: Path, known: str) -> InputError:
+    return InputError(
+        f"{argument(name)}: got {given}, and {path} has {known}; "
+        f"allowed: what it has, {argument('relearn')}, or another {argument('place')}"
+    )
+
+
+def _resolved(path: Path | None) -> Path | None:
+    return None if path is None else path.resolve()

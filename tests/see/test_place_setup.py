@@ -1,0 +1,50 @@
+"""What is given for a new place, against one that is known."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from hexctl.errors import InputError
+from hexctl.see.place import load_place
+from hexctl.see.place_setup import PlaceSetup
+from hexctl.see.sheet import Sheet
+from tests.see.test_place import PLACE, saved
+
+NOTHING = PlaceSetup(lens=None, fov_deg=None, bar_mm=None, sheet=None, tag_height_mm=None)
+
+#: What the place of the tests has.
+SAME = Sheet(robot_tag=10, robot_edge_mm=100, home_edge_mm=110, floor_edge_mm=160)
+
+
+def test_nothing_and_the_same_are_no_contradiction(tmp_path: Path) -> None:
+    path = saved(tmp_path)
+    place = load_place(path)
+    NOTHING.check_known(place, path)
+    same = PlaceSetup(
+        lens=tmp_path / "." / "lens.yaml", fov_deg=None, bar_mm=98.0, sheet=SAME, tag_height_mm=30.0
+    )
+    same.check_known(place, path)
+    # The bar scales what was printed, and the sheet says what should have been.
+    small = saved(tmp_path, replace(PLACE, bar_mm=98.0, robot_tag=replace(PLACE.robot_tag, edge_m=0.098)))
+    replace(NOTHING, sheet=Sheet(home_edge_mm=110 / 0.98, floor_edge_mm=160 / 0.98)).check_known(
+        load_place(small), small
+    )
+
+
+@pytest.mark.parametrize(
+    ("setup", "said"),
+    [
+        (replace(NOTHING, tag_height_mm=31.0), r"tag_height_mm: got 31, and .* has 30"),
+        (replace(NOTHING, fov_deg=67.0), r"fov_deg: got 67, and .* has none"),
+        (replace(NOTHING, lens=Path("other.yaml")), r"lens: got other\.yaml, and .* has .*lens\.yaml"),
+        (replace(NOTHING, sheet=replace(SAME, robot_tag=11)), r"robot_tag: got 11, and .* has 10"),
+        (replace(NOTHING, sheet=replace(SAME, robot_edge_mm=90)), r"robot_edge_mm: got 90, and .* has 100"),
+        (replace(NOTHING, sheet=replace(SAME, home_edge_mm=90)), r"home_edge_mm: got 90, and .* has 110"),
+        (replace(NOTHING, sheet=replace(SAME, floor_edge_mm=90)), r"floor_edge_mm: got 90, and .* has 160"),
+    ],
+)
+def test_a_contradiction_is_refused_by_name(setup: PlaceSetup, said: str, tmp_path: Path) -> None:
+    path = saved(tmp_path)
+    with pytest.raises(InputError, match=f"{said}; allowed: what it has, relearn, or another place"):
+        setup.check_known(load_place(path), path)
