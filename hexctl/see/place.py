@@ -16,13 +16,13 @@ from hexctl.errors import InputError, argument
 from hexctl.files import atomic_write, replacing
 from hexctl.robot.configs import Number, file_says, read_mapping, validate
 from hexctl.robot.model import Robot
-from hexctl.see.sheet import BAR_MM, HOME_TAG
+from hexctl.see.sheet import BAR_MM
 from hexctl.see.vision.camera import Camera
 from hexctl.see.vision.floor import FloorTag
 from hexctl.see.vision.lens import Lens, load_lens
 from hexctl.see.vision.planar_pose import PlanarPose
 from hexctl.see.vision.robot_tracker import RobotTag
-from hexctl.see.vision.tags import TAG_IDS
+from hexctl.see.vision.tags import HOME_TAG, TAG_IDS
 from hexctl.see.vision.view import visible_circle
 from hexctl.types import ArrayFields, FloatArray
 

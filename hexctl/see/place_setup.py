@@ -7,11 +7,12 @@ from pathlib import Path
 from hexctl.errors import InputError, argument
 from hexctl.robot.model import Robot
 from hexctl.see.place import Place, print_scale
-from hexctl.see.sheet import BAR_MM, HOME_TAG, Sheet
+from hexctl.see.sheet import BAR_MM, Sheet
 from hexctl.see.vision.floor import CornersPx, learn_floor
 from hexctl.see.vision.lens import Lens, load_lens
 from hexctl.see.vision.planar_pose import PlanarPose
 from hexctl.see.vision.robot_tracker import RobotTag
+from hexctl.see.vision.tags import HOME_TAG
 
 #: Field of view of a lens of which nothing is known: that of many webcams.
 USUAL_FOV_DEG = 67.0

@@ -10,16 +10,13 @@ import numpy as np
 
 from hexctl.errors import InputError, argument
 from hexctl.files import atomic_write
-from hexctl.see.board import SQUARE_M, SQUARES, black_squares
-from hexctl.see.vision.tags import FAMILY, MODULES, TAG_IDS, tag_modules
+from hexctl.see.vision.board import SQUARE_M, SQUARES, black_squares
+from hexctl.see.vision.tags import FAMILY, HOME_TAG, MODULES, TAG_IDS, tag_modules
 
 Paper = Literal["a4", "letter"]
 
 #: Width and height of the papers, in mm.
 PAPERS_MM = {"a4": (210.0, 297.0), "letter": (215.9, 279.4)}
-
-#: Number of the tag whose middle is the origin of the floor.
-HOME_TAG = 0
 
 #: Length of the bar that a user measures, in mm.
 BAR_MM = 100.0

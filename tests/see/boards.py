@@ -6,7 +6,7 @@ from functools import cache
 import cv2
 import numpy as np
 
-from hexctl.see.board import SQUARE_M, SQUARES, black_squares
+from hexctl.see.vision.board import SQUARE_M, SQUARES, black_squares
 from hexctl.see.vision.lens import Lens
 from hexctl.see.vision.tags import Picture
 from hexctl.types import FloatArray

@@ -7,8 +7,8 @@ import pytest
 
 from hexctl.cli.main import exit_code
 from hexctl.errors import InputError
-from hexctl.see.board import N_CORNERS, SQUARE_M, BoardFinder
 from hexctl.see.sheet import PAPERS_MM, Sheet
+from hexctl.see.vision.board import N_CORNERS, SQUARE_M, BoardFinder
 from hexctl.see.vision.tags import Picture, Sighted, TagFinder
 
 PX_PER_MM = 4.0

@@ -2,7 +2,7 @@
 
 A picture tells where the robot was when it was taken. Sightings are therefore taken in at their own time, and
 what the robot did since is played again. One that cannot be is not believed, unless others agree with it for
-a while: then the robot was carried, and the filter begins anew and says so. What it publishes glides to what
+a while: then the robot was carried, and the filter starts again and says so. What it publishes glides to what
 it believes.
 """
 
@@ -63,7 +63,7 @@ class PoseEstimate(ArrayFields):
         pose: in the floor's frame; None while lost.
         covariance: of x, y in m and yaw in rad, (3, 3); None while lost.
         age_s: since the picture of the last sighting that was believed was taken; infinite without one.
-        restarts: how often the filter began anew because the robot was somewhere else.
+        restarts: how often the filter started again because the robot was somewhere else.
     """
 
     at_s: float
@@ -84,7 +84,7 @@ class PoseFilter:
         lost_after_s: without sightings for longer, there is no pose.
 
     Attributes:
-        restarts: how often it began anew because the robot was somewhere else than believed.
+        restarts: how often it started again because the robot was somewhere else than believed.
         refused: sightings so far that were too old, or not believed.
     """
 
@@ -103,23 +103,19 @@ class PoseFilter:
         self._published_s, self._offset = -math.inf, np.zeros(3)
         self.restarts = self.refused = 0
 
-    def move(
-        self, from_s: float, to_s: float, motion: FloatArray | PlanarPose, yaw_rad: float | None = None
-    ) -> None:
+    def move(self, from_s: float, to_s: float, motion: FloatArray, yaw_rad: float | None = None) -> None:
         """Take in a motion that the robot measured itself, such as one of leg odometry.
 
         Args:
             from_s: when it began; no earlier than the end of the one before.
             to_s: when it ended.
-            motion: in the body's frame at the beginning: forward and left in m, counter-clockwise in rad.
+            motion: (3,), in the body's frame at the beginning: forward and left in m, counter-clockwise in
+                rad.
             yaw_rad: the robot's own yaw at the end, where a sensor measures it; only its changes count.
 
         Raises InputError for times that do not ascend, and for numbers that are not finite.
         """
-        moved = (
-            np.array([motion.x_m, motion.y_m, motion.yaw_rad]) if isinstance(motion, PlanarPose) else motion
-        )
-        check_finite(moved, (3,), "motion")
+        check_finite(motion, (3,), "motion")
         last_s = self._motions[-1].to_s if self._motions else -math.inf
         if not (math.isfinite(to_s) and last_s <= from_s + 1e-6 < to_s):
             raise InputError(
@@ -128,8 +124,8 @@ class PoseFilter:
         before, self._yaw = self._yaw, None if yaw_rad is None else (to_s, yaw_rad)
         measured = yaw_rad is not None and before is not None and abs(before[0] - from_s) < 1e-6
         if measured and yaw_rad is not None and before is not None:
-            moved = np.array([moved[0], moved[1], wrapped_rad(yaw_rad - before[1])])
-        own = OwnMotion(max(from_s, last_s), to_s, moved, measured)
+            motion = np.array([motion[0], motion[1], wrapped_rad(yaw_rad - before[1])])
+        own = OwnMotion(max(from_s, last_s), to_s, motion, measured)
         with self._blended():
             self._motions.append(own)
             self._seen_until(to_s)
@@ -241,7 +237,7 @@ class PoseFilter:
                 self._fused[later] = (sighting, belief)
 
     def _suspect(self, sighting: Sighting) -> bool:
-        """Keep a sighting that is not believed, and begin anew where enough of them agree with it."""
+        """Keep a sighting that is not believed, and start again where enough of them agree with it."""
         self.refused += 1
         recent = [one for one in self._suspects if one.at_s >= self._newest_s - SUSPECT_S]
         self._suspects = sorted([*recent, sighting], key=lambda one: one.at_s)

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from hexctl.errors import InputError
-from hexctl.see.board import N_CORNERS, BoardFinder, SeenBoard
+from hexctl.see.vision.board import N_CORNERS, BoardFinder, SeenBoard
 from hexctl.see.vision.lens import Lens
 from hexctl.see.vision.tags import Picture
 from hexctl.types import ArrayFields, FloatArray
@@ -200,8 +200,11 @@ class LensCalibration:
 
 
 def read_picture(path: Path) -> Picture:
-    """A grey picture (H, W) of a file. Raises InputError for what is none."""
-    data = np.frombuffer(path.read_bytes(), dtype=np.uint8) if path.is_file() else np.empty(0, np.uint8)
+    """A grey picture (H, W) of a file. Raises InputError for one that is no picture or cannot be read."""
+    try:
+        data = np.frombuffer(path.read_bytes(), dtype=np.uint8)
+    except OSError as error:
+        raise InputError(f"{path}: is no picture that can be read: {error.strerror}") from error
     picture = cv2.imdecode(data, cv2.IMREAD_GRAYSCALE) if len(data) else None
     if picture is None:
         raise InputError(f"{path}: is no picture that can be read; allowed: PNG, JPEG and others")

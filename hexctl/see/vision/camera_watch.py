@@ -18,7 +18,7 @@ MOVED_PX, MOVED_EDGES = 2.0, 0.06
 #: Pictures in a row in which a tag has to be elsewhere.
 MOVED_LOOKS = 3
 
-#: One of so many pictures is looked at while nothing has moved: at 30 a second, each tenth of one.
+#: Every picture of this number is looked at while nothing has moved: at 30 a second, one in 0.13 s.
 LOOK_EVERY = 4
 
 #: Looks at each tag of which the mean is taken.
@@ -52,8 +52,8 @@ class CameraWatch:
     """Looks at one tag on the floor now and then, and knows where the camera is.
 
     A camera that stays gets better known: the mean of many looks counts. Where a tag is not where it should
-    be, all are looked at. If most of them are elsewhere, the camera has moved, and is placed anew by all tags
-    that are seen; if a minority is, those tags have, and are no longer used.
+    be, all are looked at. If most of them are elsewhere, the camera has moved, and is placed again by all
+    tags that are seen; if a minority is, those tags have, and are no longer used.
 
     Args:
         camera: as believed at first.
@@ -134,7 +134,7 @@ class CameraWatch:
         return CameraChange(moved[0], self.camera, float("nan"))
 
     def _replaced(self, gray: Picture) -> CameraChange | None:
-        """The camera placed anew by all tags in a picture, if they agree with one another."""
+        """The camera placed again by all tags in a picture, if they agree with one another."""
         found = only(self._finder.search(gray, thorough=True), self._floor)
         corners_px = {tag_id: sighted.corners_px for tag_id, sighted in found.items()}
         camera = place_camera(self.camera.lens, corners_px, self._floor)

@@ -9,11 +9,11 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from hexctl.errors import InputError
-from hexctl.see.sheet import HOME_TAG
+from hexctl.robot.rotations import wrapped_rad
 from hexctl.see.vision.camera import Camera, camera_candidates, place_camera, reprojection_px
 from hexctl.see.vision.lens import Lens
 from hexctl.see.vision.planar_pose import PlanarPose, tag_pose
-from hexctl.see.vision.tags import UNIT_CORNERS, Sighted
+from hexctl.see.vision.tags import HOME_TAG, UNIT_CORNERS, Sighted
 from hexctl.types import ArrayFields, FloatArray
 
 #: A tag that is seen in fewer of the pictures of one camera place, as a share, is not used.
@@ -100,7 +100,7 @@ def averaged_corners(pictures: Sequence[Mapping[int, Sighted]]) -> dict[int, Flo
 def learn_floor(lens: Lens, views: Sequence[CornersPx], edges_m: Mapping[int, float]) -> LearnedFloor:
     """Places of the tags on the floor, and of the camera, by what it saw from one place or several.
 
-    All corners are fitted at once: the camera's places and x, y and yaw of every tag but the home tag, which
+    All corners are fitted together: the camera's places and x, y and yaw of every tag but the home tag, which
     is the origin. The scale is that of all edges.
 
     Args:
@@ -161,7 +161,7 @@ def _chained(
 
 
 def _seen_pose(camera: Camera, corners_px: FloatArray) -> PlanarPose | None:
-    seen = tag_pose(camera, Sighted(0, corners_px, 0.0), 0.0)
+    seen = tag_pose(camera, corners_px, 0.0)
     return None if seen is None else seen.pose
 
 
@@ -173,7 +173,7 @@ def _moved(camera: Camera, frame: PlanarPose) -> Camera:
 
 
 class _Fit:
-    """All corners fitted at once (bundle adjustment on a plane), with a loss that bears single bad tags."""
+    """All corners fitted together (bundle adjustment on a plane), with a loss that bears single bad tags."""
 
     def __init__(
         self, lens: Lens, views: Sequence[CornersPx], edges_m: Mapping[int, float],
@@ -217,8 +217,8 @@ class _Fit:
         ]
         tags = {HOME_TAG: FloorTag(self._edges_m[HOME_TAG], PlanarPose(0.0, 0.0, 0.0))}
         for tag_id, (x_m, y_m, yaw) in zip(self._tag_ids, values[6 * count :].reshape(-1, 3), strict=True):
-            yaw_rad = float(np.arctan2(np.sin(yaw), np.cos(yaw)))
-            tags[tag_id] = FloorTag(self._edges_m[tag_id], PlanarPose(float(x_m), float(y_m), yaw_rad))
+            pose = PlanarPose(float(x_m), float(y_m), wrapped_rad(float(yaw)))
+            tags[tag_id] = FloorTag(self._edges_m[tag_id], pose)
         return cameras, tags
 
     def _misses(self, values: FloatArray) -> FloatArray:
@@ -273,9 +273,9 @@ def _tag_doubts(
     """What cannot be trusted about single tags."""
     for tag_id, tag in tags.items():
         looks = [
-            seen.edge_m / tag.edge_m - 1
+            seen.scale / tag.edge_m - 1
             for camera, view in zip(cameras, views, strict=True)
-            if tag_id in view and (seen := tag_pose(camera, Sighted(tag_id, view[tag_id], 0.0), 0.0))
+            if tag_id in view and (seen := tag_pose(camera, view[tag_id], 0.0))
         ]
         share = float(np.mean(looks)) if looks else 0.0
         if abs(share) > DOUBT_EDGE:

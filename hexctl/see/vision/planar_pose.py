@@ -7,7 +7,7 @@ import numpy as np
 
 from hexctl.robot.rotations import wrapped_rad
 from hexctl.see.vision.camera import Camera
-from hexctl.see.vision.tags import UNIT_CORNERS, Sighted
+from hexctl.see.vision.tags import UNIT_CORNERS
 from hexctl.types import FloatArray
 
 
@@ -44,21 +44,6 @@ class PlanarPose:
 
 
 @dataclass(frozen=True, slots=True)
-class TagPose:
-    """Pose of a tag on a plane, as seen.
-
-    Attributes:
-        pose: of the middle of the tag, x to the right and y up as printed.
-        edge_m: length of its edge as seen; another one than printed tells of a wrong height or print.
-        residual_m: RMS distance of its corners from those of a square.
-    """
-
-    pose: PlanarPose
-    edge_m: float
-    residual_m: float
-
-
-@dataclass(frozen=True, slots=True)
 class PlanarFit:
     """Pose, and size, by which points come nearest to where they are seen.
 
@@ -87,13 +72,18 @@ def fitted_pose(points: FloatArray, seen: FloatArray) -> PlanarFit:
     return PlanarFit(PlanarPose(float(x_m), float(y_m), yaw_rad), abs(factor), residual_m)
 
 
-def tag_pose(camera: Camera, sighted: Sighted, height_m: float) -> TagPose | None:
+def tag_pose(camera: Camera, corners_px: FloatArray, height_m: float) -> PlanarFit | None:
     """Pose of a tag that lies level at a height, or None where its rays do not meet the plane.
 
     Rays are intersected with the plane, so there is nothing to flip, as the free pose of a single tag does.
+
+    Args:
+        camera: that sees the tag.
+        corners_px: (4, 2), in the order of `UNIT_CORNERS`.
+        height_m: of the tag above the floor.
+
+    The pose is that of the middle of the tag, x to the right and y up as printed. The scale is the length of
+    its edge in m as seen; another one than printed tells of a wrong height or print.
     """
-    corners = camera.floor_points(sighted.corners_px, height_m)
-    if not np.isfinite(corners).all():
-        return None
-    fit = fitted_pose(UNIT_CORNERS, corners)
-    return TagPose(fit.pose, fit.scale, fit.residual_m)
+    corners = camera.floor_points(corners_px, height_m)
+    return fitted_pose(UNIT_CORNERS, corners) if np.isfinite(corners).all() else None

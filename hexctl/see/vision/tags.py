@@ -14,6 +14,9 @@ FAMILY = "tag36h11"
 #: Numbers of the tags of the family.
 TAG_IDS = range(587)
 
+#: Number of the tag whose middle is the origin of the floor.
+HOME_TAG = 0
+
 #: Modules of a tag from edge to edge of its black square; a white one around it belongs to the print.
 MODULES = 8
 

@@ -52,7 +52,7 @@ def test_a_fisheye_is_drawn_as_it_sees() -> None:
         found = TagFinder().search(renderer.draw(HERE), thorough=True)
     assert {0, 1, 3} <= set(found)
     for tag_id in (0, 1, 3):
-        seen = tag_pose(camera, found[tag_id], 0.0)
+        seen = tag_pose(camera, found[tag_id].corners_px, 0.0)
         assert seen is not None
         assert (
             np.hypot(seen.pose.x_m - FLOOR_TAGS[tag_id].pose.x_m, seen.pose.y_m - FLOOR_TAGS[tag_id].pose.y_m)

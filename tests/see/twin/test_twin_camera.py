@@ -131,7 +131,7 @@ def test_it_shows_the_robot_where_it_truly_is(robot: Served) -> None:
         truth = history.at(history.newest_at_s or 0.0)
     assert truth is not None
     height_m = float(truth.position_floor[2]) + tag_on(model).height_m
-    seen = tag_pose(CAMERA, found[ROBOT_TAG], height_m)
+    seen = tag_pose(CAMERA, found[ROBOT_TAG].corners_px, height_m)
     assert seen is not None
     assert (seen.pose.x_m, seen.pose.y_m) == pytest.approx(truth.position_floor[:2], abs=0.005)
     assert abs(wrapped_rad(seen.pose.yaw_rad - float(yaw_rad(truth.quaternion_floor)))) < 0.02

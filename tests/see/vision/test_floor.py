@@ -45,7 +45,7 @@ def position_rms_m(true: Camera, learned: Camera, height_m: float = 0.15) -> tup
             corners_px = true.pixels(np.column_stack([points, np.full(4, height_m)]))
             if (corners_px < 0).any() or (corners_px > [1279, 719]).any():
                 continue
-            found = tag_pose(learned, Sighted(10, corners_px, 0), height_m)
+            found = tag_pose(learned, corners_px, height_m)
             assert found is not None
             yaw_deg = np.degrees(wrapped_rad(found.pose.yaw_rad - 0.3))
             misses.append((found.pose.x_m - x_m, found.pose.y_m - y_m, yaw_deg))

@@ -52,12 +52,12 @@ def test_in_a_rendered_picture_all_tags_are_where_they_are() -> None:
         found = TagFinder().search(renderer.draw(standing(robot, pose)), thorough=True)
     assert set(found) == {*FLOOR_TAGS, ROBOT_TAG}
     for tag_id, tag in FLOOR_TAGS.items():
-        seen = tag_pose(CAMERA, found[tag_id], 0.0)
+        seen = tag_pose(CAMERA, found[tag_id].corners_px, 0.0)
         assert seen is not None
         assert np.hypot(seen.pose.x_m - tag.pose.x_m, seen.pose.y_m - tag.pose.y_m) < 0.002
         assert abs(seen.pose.yaw_rad - tag.pose.yaw_rad) < 0.02
     height_m = robot.standing_height_m + tag_on(robot).height_m
-    seen = tag_pose(CAMERA, found[ROBOT_TAG], height_m)
+    seen = tag_pose(CAMERA, found[ROBOT_TAG].corners_px, height_m)
     assert seen is not None
     assert np.hypot(seen.pose.x_m - pose.x_m, seen.pose.y_m - pose.y_m) < 0.002
     assert abs(seen.pose.yaw_rad - pose.yaw_rad) < 0.01

@@ -1,6 +1,6 @@
 import numpy as np
 
-from hexctl.see.board import N_CORNERS, SQUARE_M, BoardFinder, black_squares, charuco_board
+from hexctl.see.vision.board import N_CORNERS, SQUARE_M, BoardFinder, black_squares, charuco_board
 from hexctl.see.vision.tags import TagFinder
 
 PX_PER_M = 4000
