@@ -12,7 +12,7 @@ WORKERS ?= $(shell $(PYTHON) -c 'import os; print((os.cpu_count() or 2) + 1)')
 # No display is needed or looked for; set MUJOCO_GL yourself to render.
 export MUJOCO_GL ?= disable
 
-.PHONY: help setup demo docs check test test-all test-slow lint smoke bench pictures soak fuzz clean
+.PHONY: help setup demo docs check test test-all test-slow lint smoke bench faults pictures soak fuzz clean
 
 help:
 	@echo "make demo   a hexapod loses a leg in mid-walk and recovers, in simulation"
@@ -21,6 +21,7 @@ help:
 	@echo "make test-all  the same, whole commands and studies, and what runs in real time (about 20 minutes)"
 	@echo "make smoke  the built wheel, installed alone"
 	@echo "make bench  the numbers hexctl promises, measured (two hours, most of them on simulated buses)"
+	@echo "make faults  the fault matrix of docs/safety.md, as far as it is not done yet (hours; Ctrl-C ends it)"
 	@echo "make pictures  the pictures of the documentation, made anew (about 7 minutes)"
 	@echo "make soak   the long tests: a hundred stops, hostile input without end"
 	@echo "make fuzz   every decoder under a million mutated inputs each, led by coverage; INPUTS=1000 for less"
@@ -75,6 +76,11 @@ smoke: $(INSTALLED)
 
 bench: $(INSTALLED)
 	$(BIN)/python -m benchmarks
+
+# Adds to faults/injections.jsonl; the page's tables and figure are made from it.
+REPETITIONS ?= 3
+faults: $(INSTALLED)
+	$(BIN)/python -m faults --repetitions $(REPETITIONS)
 
 # Needs a screen that nobody sees, and says which packages that takes.
 pictures: $(INSTALLED)

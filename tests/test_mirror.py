@@ -6,7 +6,7 @@ TESTS = Path(__file__).parent
 PACKAGE = TESTS.parent / "hexctl"
 
 #: Folders of tests that look at something else than the package.
-OTHER_FOLDERS = {"benchmarks", "data", "docs", "examples", "fuzz", "golden", "viewer"}
+OTHER_FOLDERS = {"benchmarks", "data", "docs", "examples", "faults", "fuzz", "golden", "viewer"}
 
 #: Tests of what several modules do together.
 TOGETHER = {

@@ -1,7 +1,7 @@
 """Faults of a simulated bus: what goes wrong with its line and its servos, and when.
 
 mute:5:coxa@10  hot:2:femur:72@5  overload:4:femur@6  lost-id:3:tibia@8  bad-cable:3:femur:0.2
-brown-out@12  unplug@15  replug@18  garble:0.01  wild:0.01  echo
+brown-out@12  unplug@15  replug@18  garble:0.01  wild:0.01  wild-once@5  echo
 """
 
 import random
@@ -17,15 +17,15 @@ from hexctl.types import JOINT_KINDS, JOINTS_PER_LEG, N_JOINTS, N_LEGS, BoolArra
 
 ALLOWED = (
     "mute:LEG:JOINT, hot:LEG:JOINT:DEGREES_C, overload:LEG:JOINT, lost-id:LEG:JOINT, "
-    "bad-cable:LEG:JOINT:SHARE, brown-out, unplug, replug, garble:SHARE, wild:SHARE or echo, each with "
-    "@SECONDS or from the start"
+    "bad-cable:LEG:JOINT:SHARE, brown-out, unplug, replug, garble:SHARE, wild:SHARE, wild-once or echo, "
+    "each with @SECONDS or from the start"
 )
 
 #: Kinds with a joint, and with a number.
 _OF_JOINTS = ("mute", "hot", "overload", "lost-id", "bad-cable")
 _WITH_SHARE = ("garble", "wild", "bad-cable")
 _WITH_NUMBER = ("hot", *_WITH_SHARE)
-_KINDS = (*_OF_JOINTS, "brown-out", "unplug", "replug", "garble", "wild", "echo")
+_KINDS = (*_OF_JOINTS, "brown-out", "unplug", "replug", "garble", "wild", "wild-once", "echo")
 
 #: Hottest that a servo can say it is, in degrees Celsius.
 MOST_C = 200
@@ -107,12 +107,17 @@ class BusFaults:
         self.sudden: list[BusFault] = []
         self.echoes = self.unplugged = self._browned_out = False
         self._garbles = self._wild = 0.0
+        self._wild_once = False
         self.advance(0.0)
 
     @property
     def dead(self) -> BoolArray:
         """Which servos hold nothing, (18,)."""
         return self.mute | self._browned_out
+
+    def add(self, fault: BusFault) -> None:
+        """Let another fault come, at once where its time is over."""
+        self._to_come = sorted((*self._to_come, fault), key=lambda each: each.at_s)
 
     def advance(self, now_s: float) -> None:
         """Let faults begin that are due."""
@@ -127,7 +132,8 @@ class BusFaults:
         self, answer: bytes, packets: PacketFormat, rng: random.Random, joint: int | None = None
     ) -> bytes:
         """An answer of a joint's servo, now and then garbled, or a whole packet with other numbers."""
-        if rng.random() < self._wild:
+        if self._wild_once or rng.random() < self._wild:
+            self._wild_once = False
             for packet in PacketStream(packets).feed(answer):
                 return packets.status(packet.servo_id, packet.error, rng.randbytes(len(packet.parameters)))
         return self._garbled(answer, rng, joint)
@@ -157,6 +163,8 @@ class BusFaults:
             self._garbles = fault.value
         elif fault.kind == "wild":
             self._wild = fault.value
+        elif fault.kind == "wild-once":
+            self._wild_once = True
         elif fault.kind == "echo":
             self.echoes = True
         elif fault.kind == "brown-out":

@@ -258,6 +258,10 @@ class DueFaults:
     def __init__(self, faults: tuple[BoardFault, ...]) -> None:
         self._to_come = sorted(faults, key=lambda fault: fault.at_s)
 
+    def add(self, fault: BoardFault) -> None:
+        """Let another fault come, at once where its time is over."""
+        self._to_come = sorted((*self._to_come, fault), key=lambda each: each.at_s)
+
     def begun(self, now_s: float) -> list[BoardFault]:
         """Those that have become due since the last time."""
         due = [fault for fault in self._to_come if fault.at_s <= now_s]

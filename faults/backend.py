@@ -1,0 +1,76 @@
+"""Backends of the matrix: how a robot is reached, and the robot file with servos mounted so that it walks."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from hexctl.robot.configs import config_root
+from hexctl.robot.drivers import BUS_DRIVERS, PWM_DRIVERS
+
+#: Horns of the servos on a bus, and what a keeper does: hold, so that the last motion is that of the walk.
+ON_A_BUS: dict[str, Any] = {
+    "femur": {"offset_deg": -10},
+    "tibia": {"offset_deg": 40},
+    "if_computer_dies": "hold",
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Backend:
+    """One column of the matrix.
+
+    Attributes:
+        name: as `hexctl serve --backend` has it; `sim` is a simulation in the controller's own process, and
+            `zenoh` a served simulation.
+        base: the shipped robot.
+        servos: the section `servos` of its file.
+    """
+
+    name: str
+    base: str = "ant"
+    servos: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def served(self) -> bool:
+        """Whether a server stands between controller and robot."""
+        return self.name != "sim"
+
+    @property
+    def boarded(self) -> bool:
+        """Whether the twin is behind a board or a bus, in a process of its own."""
+        return self.name not in ("sim", "zenoh")
+
+    @property
+    def serial_bus(self) -> bool:
+        """Whether its servos are on a serial bus and report."""
+        return self.name in BUS_DRIVERS
+
+    @property
+    def hobby(self) -> bool:
+        """Whether its servos report nothing."""
+        return self.name in PWM_DRIVERS
+
+    def write_file(self, folder: Path) -> Path:
+        """Write the robot file into a folder."""
+        content = yaml.safe_load((config_root() / "robots" / f"{self.base}.yaml").read_text(encoding="utf-8"))
+        content["servos"] = self.servos
+        path = folder / f"{self.base}-{self.name}.yaml"
+        path.write_text(yaml.safe_dump(content), encoding="utf-8")
+        return path
+
+
+BACKENDS = {
+    backend.name: backend
+    for backend in (
+        Backend(name="sim"),
+        Backend(name="zenoh"),
+        Backend(name="mavlink", servos={"tibia": {"offset_deg": 75}}),
+        Backend(name="dynamixel", base="phantomx", servos={**ON_A_BUS, "model": "xl430-w250"}),
+        Backend(name="feetech", base="phantomx", servos={**ON_A_BUS, "model": "sts3215"}),
+        Backend(name="lx16a", base="phantomx", servos={**ON_A_BUS, "model": "lx16a"}),
+        Backend(name="servo2040", servos={"tibia": {"offset_deg": 40}}),
+        Backend(name="pca9685", servos={"tibia": {"offset_deg": 40}, "if_computer_dies": "hold"}),
+    )
+}

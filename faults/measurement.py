@@ -1,0 +1,176 @@
+"""What became of a robot after a fault, by the twin's own truth."""
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from faults.fault import FAULTS, safe_reaction
+from faults.phase import PHASES
+from faults.programs.truth import Truth
+from hexctl.backends.clock import PERIOD_S
+from hexctl.control.guard import FALL_COS_TILT, FALL_TICKS
+from hexctl.types import FloatArray
+
+#: A joint moves as long as it is further than this from where it stays, in rad.
+STILL_RAD = 0.02
+
+#: A robot that still moves in the last part of what was watched has not come to rest.
+LAST_S = 0.3
+
+#: In that part, a joint of a robot that goes on moves by more than this, in rad.
+GOES_ON_RAD = 0.05
+
+#: What the machine may add to the period of a twin: beyond, times are the machine's.
+PUNCTUAL_S = 0.02
+
+#: A step is too large beyond a tick's slew limit and rounding of the servos' counts.
+ROUNDING = 1.05
+
+#: Bars: at rest within, for 99.9 %, and at most.
+REST_S, MOST_REST_S, SHARE = 0.25, 0.5, 0.999
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Outcome:
+    """One injection.
+
+    Attributes:
+        fault: name.
+        backend: name.
+        phase: name.
+        repetition: from 0; with the names it is the seed.
+        rest_s: from the fault to the last motion of a joint; None for a robot that still moves at the end.
+        told_s: from the fault to the last change of what the servos were told.
+        step: largest change that a servo was told at once, in slew limits of a control period.
+        fell: whether the body leant too far for so long as a fall takes.
+        stops: what the server said of stops, in its words.
+        ended: what ended the controller, empty for nothing.
+        trials: that were said to be stored, None without trials.
+        lost: of these, missing in the store.
+        goes_on: whether a joint moved at the end.
+        late_s: by how much the twin was late at most, which is the machine's doing.
+    """
+
+    fault: str
+    backend: str
+    phase: str
+    repetition: int
+    rest_s: float | None
+    told_s: float
+    step: float
+    fell: bool
+    stops: tuple[str, ...] = ()
+    ended: str = ""
+    trials: int | None = None
+    lost: int | None = None
+    goes_on: bool = False
+    late_s: float = 0.0
+
+    @property
+    def key(self) -> tuple[str, str, str, int]:
+        """What it is an outcome of."""
+        return self.fault, self.backend, self.phase, self.repetition
+
+    @property
+    def safe(self) -> str:
+        """The reaction that is safe."""
+        return safe_reaction(FAULTS[self.fault], self.phase, self.backend)
+
+    @property
+    def punctual(self) -> bool:
+        """Whether the machine had time for it."""
+        return self.late_s <= PUNCTUAL_S
+
+    @property
+    def stopped(self) -> bool:
+        """Whether a server or a controller stopped it."""
+        return bool(self.stops or self.ended)
+
+    @property
+    def unneeded(self) -> bool:
+        """Whether it stopped although it is safe to go on, or stood still without a word."""
+        if self.safe != "goes on":
+            return False
+        return self.stopped or (PHASES[self.phase].moves and not self.goes_on)
+
+    @property
+    def timed(self) -> bool:
+        """Whether its time to rest counts against the bar: nothing has to be noticed first."""
+        fault = FAULTS[self.fault]
+        return self.safe == "rests" and not fault.detected
+
+    @property
+    def jumped(self) -> bool:
+        """Whether a servo was told a step larger than a control period's slew limit."""
+        return self.step > ROUNDING
+
+    def as_json(self) -> dict[str, Any]:
+        """As a line of the results, without what is usual."""
+        usual = Outcome(
+            fault="",
+            backend="",
+            phase="",
+            repetition=-1,
+            rest_s=-1.0,
+            told_s=-1.0,
+            step=-1.0,
+            fell=False,
+        )
+        values = asdict(self)
+        return {name: value for name, value in values.items() if value != getattr(usual, name)}
+
+    @classmethod
+    def from_json(cls, values: dict[str, Any]) -> "Outcome":
+        """Outcome of `as_json`."""
+        return cls(**{"rest_s": None, "fell": False, **values, "stops": tuple(values.get("stops", ()))})
+
+
+def rest_after_s(truth: Truth, at_s: float) -> float | None:
+    """How long after a moment the last joint moved; None for one that moves to the end."""
+    rows = truth.at_s >= at_s
+    times_s, joints_rad = truth.at_s[rows] - at_s, truth.joints_rad[rows]
+    if not times_s.size or _moves(joints_rad[times_s > times_s[-1] - LAST_S], STILL_RAD):
+        return None
+    far = np.abs(joints_rad - joints_rad[-1]).max(axis=1) > STILL_RAD
+    return float(times_s[far].max(initial=0.0))
+
+
+def told_after_s(truth: Truth, at_s: float) -> float:
+    """How long after a moment servos were told something new last."""
+    changed = np.flatnonzero((np.diff(np.nan_to_num(truth.told_rad), axis=0) != 0).any(axis=1)) + 1
+    last_s = truth.told_at_s[changed[-1]] if changed.size else at_s
+    return max(0.0, float(last_s - at_s))
+
+
+def largest_step(truth: Truth, at_s: float, max_speed_rad_s: FloatArray) -> float:
+    """Largest step that a servo was told since a moment, in slew limits of a control period."""
+    rows = np.flatnonzero(truth.told_at_s >= at_s)
+    if not rows.size:
+        return 0.0
+    told = truth.told_rad[max(0, rows[0] - 1) :]
+    steps = np.abs(np.diff(told, axis=0)) / (max_speed_rad_s * PERIOD_S)
+    return float(np.nanmax(steps, initial=0.0)) if steps.size else 0.0
+
+
+def fell_after(truth: Truth, at_s: float) -> bool:
+    """Whether the body leant too far for as long as a fall takes, since a moment."""
+    leans = truth.cos_tilt[truth.at_s >= at_s] < FALL_COS_TILT
+    return bool(np.convolve(leans, np.ones(FALL_TICKS), "valid").max(initial=0) >= FALL_TICKS)
+
+
+def late_s(truth: Truth, at_s: float) -> float:
+    """By how much a control period of the twin was longer than it should be, at most, since a moment."""
+    times_s = truth.at_s[truth.at_s >= at_s]
+    return max(0.0, float(np.diff(times_s).max(initial=0.0)) - PERIOD_S)
+
+
+def goes_on(truth: Truth) -> bool:
+    """Whether a joint moves at the end."""
+    if not truth.at_s.size:
+        return False
+    return _moves(truth.joints_rad[truth.at_s > truth.at_s[-1] - LAST_S], GOES_ON_RAD)
+
+
+def _moves(joints_rad: FloatArray, by_rad: float) -> bool:
+    return bool(joints_rad.size) and float(np.ptp(joints_rad, axis=0).max()) > by_rad

@@ -1,0 +1,166 @@
+"""A board or bus with a twin on it: `python -m faults.programs.twin_board BACKEND ROBOT FOLDER`.
+
+BACKEND is mavlink or a bus. Prints where it is reached. Words that are not the twin's are faults of the bus,
+such as `mute:2:femur`, or `loss 0.1` of its line.
+"""
+
+import random
+import signal
+import socket
+import sys
+import threading
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from faults.process import free_port
+from faults.programs.truth import TOLD
+from faults.programs.twin import TwinServos
+from hexctl.backends.clock import request_realtime_priority
+from hexctl.backends.mavlink.transport import open_port, parse_port
+from hexctl.robot.bus_map import bus_map_of
+from hexctl.robot.drivers import BUS_DRIVERS
+from hexctl.robot.loader import load_robot_file
+from hexctl.robot.pwm_map import pwm_map_of
+from hexctl.robot.servo_models import DEFAULT_BAUDS
+from hexctl.serve.boards.bus_board import BusBoard
+from hexctl.serve.boards.bus_faults import parse_bus_fault
+from hexctl.serve.boards.lx16a_servos import Lx16aServo
+from hexctl.serve.boards.pca9685_board import Pca9685Board, parse_pca9685_fault
+from hexctl.serve.boards.servo2040_board import Servo2040Board, parse_servo2040_fault
+from hexctl.serve.boards.servo_board import ServoBoard
+from hexctl.serve.boards.simulated_board import PseudoTerminal, SimulatedBoard
+from hexctl.types import FloatArray
+
+
+class LossyLine:
+    """A serial line on which writes get lost, either way.
+
+    Args:
+        line: the line itself.
+        seed: of what is lost.
+
+    Attributes:
+        loss: share that is lost.
+        path: of the line.
+    """
+
+    def __init__(self, line: PseudoTerminal, seed: int) -> None:
+        self._line, self.loss, self.path = line, 0.0, line.path
+        self._random = random.Random(seed)
+
+    @property
+    def speed(self) -> int:
+        """Speed at which the controller has opened the line."""
+        return self._line.speed
+
+    def receive(self, timeout_s: float) -> bytes:
+        """What comes within a time."""
+        data = self._line.receive(timeout_s)
+        return b"" if data and self._random.random() < self.loss else data
+
+    def send(self, data: bytes) -> None:
+        """Send."""
+        if self._random.random() >= self.loss:
+            self._line.send(data)
+
+
+class Told(SimulatedBoard):
+    """What a board of the matrix has besides: it notes what its servos are told, and takes words."""
+
+    def observe(self, twin: TwinServos) -> None:
+        """Write into the truth of a twin, and take its words."""
+        self._twin, self._goals = twin, 0
+        twin.others = self._fail
+
+    def _serve(self, timeout_s: float) -> None:
+        super()._serve(timeout_s)  # type: ignore[safe-super]  # behind it is a board
+        if (goals := int(getattr(self._counted, "goals", 0))) != self._goals:
+            self._goals = goals
+            self._twin.truth.add(TOLD, self._goal_angles_rad())
+
+    def _goal_angles_rad(self) -> FloatArray:
+        holds, angles_rad = self._told()
+        return np.where(holds, angles_rad, np.nan)
+
+    def _fail(self, word: str) -> None:
+        """Begin a fault."""
+        raise NotImplementedError
+
+
+class ToldBus(Told, BusBoard):
+    """Servos on a serial bus."""
+
+    def observe(self, twin: TwinServos) -> None:
+        """Write into the truth of a twin, and take its words; packets may get lost."""
+        super().observe(twin)
+        self._line: Any = LossyLine(self._line, seed=1)
+
+    def _goal_angles_rad(self) -> FloatArray:
+        servos = [servo for servo in self._servos if isinstance(servo, Lx16aServo)]
+        if not servos:
+            return super()._goal_angles_rad()
+        # Where each move ends, not how far it has come.
+        return self._map.angles_rad(np.array([servo.end if servo.holds else np.nan for servo in servos]))
+
+    def _fail(self, word: str) -> None:
+        if word.startswith("loss "):
+            self._line.loss = float(word.split()[1])
+        else:
+            self._faults.add(parse_bus_fault(word))
+
+
+class ToldServo2040(Told, Servo2040Board):
+    """A servo2040."""
+
+    def observe(self, twin: TwinServos) -> None:
+        """Write into the truth of a twin, and take its words; frames may get lost."""
+        super().observe(twin)
+        self._line: Any = LossyLine(self._line, seed=1)
+
+    def _fail(self, word: str) -> None:
+        if word.startswith("loss "):
+            self._line.loss = float(word.split()[1])
+        else:
+            self._faults.add(parse_servo2040_fault(word))
+
+
+class ToldPca9685(Told, Pca9685Board):
+    """Two PCA9685."""
+
+    def _fail(self, word: str) -> None:
+        self._faults.add(parse_pca9685_fault(word))
+
+
+def made_board(backend: str, robot_file: Path, folder: Path) -> tuple[Any, str]:
+    """Board of a backend with a twin, and where it is reached."""
+    file = load_robot_file(robot_file)
+    twin = TwinServos(file.robot, folder=folder, told=backend == "mavlink")
+    section = file.content.servos
+    if backend == "mavlink":
+        number = free_port(socket.SOCK_DGRAM)
+        text = f"udpin:127.0.0.1:{number}"
+        board = ServoBoard(twin, file.servo_map, open_port(parse_port(text), text=text))
+        return board, f"udpout:127.0.0.1:{number}"
+    if backend in BUS_DRIVERS:
+        told: Told = ToldBus(twin, bus_map_of(section, backend), baud=DEFAULT_BAUDS[backend])
+    elif backend == "servo2040":
+        told = ToldServo2040(twin, pwm_map_of(section, backend))
+    else:
+        told = ToldPca9685(twin, pwm_map_of(section, backend))
+    told.observe(twin)
+    return told, told.path
+
+
+def main(backend: str, robot_file: str, folder: str) -> None:
+    """Be a board until SIGTERM."""
+    over = threading.Event()
+    signal.signal(signal.SIGTERM, lambda *_: over.set())
+    board, place = made_board(backend, Path(robot_file), Path(folder))
+    request_realtime_priority()
+    board.run(over.is_set, ready=lambda: print(f"board at {place}", flush=True))
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

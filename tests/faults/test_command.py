@@ -1,0 +1,49 @@
+"""`python -m faults`: a short form of the matrix, with real processes."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from faults.__main__ import main
+from faults.measurement import Outcome
+from faults.results import Results
+
+#: How often a cell is looked at again for which the machine had no time.
+ATTEMPTS = 4
+
+#: Cells of the short form: a link, a board and a bus, faults that stop a robot and some that must not.
+CELLS = (
+    "none/zenoh/walking",
+    "controller-killed/zenoh/turning",
+    "frozen-5/zenoh/between trials",
+    "cable-out/zenoh/walking",
+    "loss-10/zenoh/walking",
+    "server-killed/feetech/walking",
+    "cable-out/mavlink/walking",
+    "viewer-killed/zenoh/standing",
+)
+
+
+def measured(cell: str, folder: Path) -> Outcome:
+    """Outcome of a cell, and once more where the machine kept the robot waiting."""
+    path = folder / "results.jsonl"
+    for repetitions in range(1, ATTEMPTS + 1):
+        assert main(["--only", cell, "--repetitions", str(repetitions), "--results", str(path)]) == 0
+        outcomes = Results(path).read()
+        assert len(outcomes) == repetitions, "not measured"
+        if outcomes[-1].punctual and not outcomes[-1].unneeded:
+            break
+    return outcomes[-1]
+
+
+@pytest.mark.parametrize("cell", CELLS)
+def test_a_fault_ends_the_motion_or_does_not_as_is_safe(cell: str, tmp_path: Path) -> None:
+    outcome = measured(cell, tmp_path)
+    assert not outcome.jumped
+    assert not outcome.fell
+    assert not outcome.lost
+    assert not outcome.unneeded
+    if outcome.timed and outcome.safe == "rests":
+        assert outcome.rest_s is not None, "it still moves"
+    assert json.loads((tmp_path / "results.jsonl").read_text().splitlines()[-1])["phase"] == outcome.phase

@@ -1,0 +1,79 @@
+"""Which cells are run, which are not and why, and how a run goes on."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from faults.__main__ import main
+from faults.backend import BACKENDS
+from faults.fault import FAULTS
+from faults.matrix import jobs
+from faults.measurement import Outcome
+from faults.phase import PHASES
+from faults.results import Results
+from faults.sense import cells, left_out, why_not
+from faults.table import bars, page_part
+
+
+def an_outcome(fault: str = "none", repetition: int = 0, **given: Any) -> Outcome:
+    values: dict[str, Any] = {
+        "rest_s": None,
+        "told_s": 1.5,
+        "step": 0.9,
+        "fell": False,
+        "goes_on": True,
+        **given,
+    }
+    return Outcome(fault=fault, backend="zenoh", phase="walking", repetition=repetition, **values)
+
+
+def test_every_combination_is_run_or_has_a_reason() -> None:
+    run = set(cells())
+    for fault in FAULTS.values():
+        for backend in BACKENDS.values():
+            for phase in PHASES:
+                named = why_not(fault, backend, phase)
+                assert ((fault.name, backend.name, phase) in run) == (named is None)
+    assert len(run) > 500
+    assert all(what and reason for reason, what in left_out().items())
+
+
+def test_a_run_goes_on_where_it_was(tmp_path: Path) -> None:
+    only = ["none/zenoh/walking"]
+    assert [job.wanted for job in jobs(only, 2, [])] == [(("walking", 0), ("walking", 1))]
+    results = Results(tmp_path / "results.jsonl")
+    results.add(an_outcome())
+    with (tmp_path / "results.jsonl").open("a") as file:
+        file.write('{"fault": "none", "backe')  # a run that was killed
+    assert [job.wanted for job in jobs(only, 2, results.read())] == [(("walking", 1),)]
+
+
+def test_patterns_choose_cells() -> None:
+    assert {job.fault for job in jobs(["flood"], 1, [])} == {"flood"}
+    assert {job.backend for job in jobs(["*/lx16a"], 1, [])} == {"lx16a"}
+    assert {phase for job in jobs(["*/*/sitting"], 1, []) for phase, _ in job.wanted} == {"sitting"}
+
+
+def test_the_tables_say_what_was_found_and_what_was_not_run() -> None:
+    outcomes = [
+        an_outcome(),
+        an_outcome("controller-killed", rest_s=0.04, stops=("expired",), goes_on=False),
+        an_outcome("controller-killed", 1, rest_s=0.3, stops=("expired",), goes_on=False),
+        an_outcome("wild-reading", stops=("state",), goes_on=False),
+    ]
+    text = page_part(outcomes)
+    assert "| controller killed | rests | 2 | 0.04, 0.30, 0.30 | 1 of 2 | 0.90 | 0 | - | - |" in text
+    assert "| one wild reading | goes on | 1 | - | - | 0.90 | 0 | - | 1 of 1 |" in text
+    assert "controller and simulation are one process, without a link" in text
+    held = bars(outcomes)
+    assert not held["at rest within 0.25 s in 99.9 %"]
+    assert held["at rest within 0.5 s at most"]
+    assert not held["no stop for one wild reading"]
+    assert held["without a fault no stop"]
+
+
+def test_unknown_cells_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(["--only", "meteor", "--results", str(tmp_path / "none")])
+    assert ended.value.code == 2

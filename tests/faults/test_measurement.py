@@ -1,0 +1,115 @@
+"""What is measured of a robot after a fault, on truths that are made up."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from faults.measurement import (
+    Outcome,
+    fell_after,
+    goes_on,
+    largest_step,
+    late_s,
+    rest_after_s,
+    told_after_s,
+)
+from faults.programs.truth import FAULT, STATE, TOLD, Truth, TruthWriter
+from hexctl.types import FloatArray
+
+TIMES_S: FloatArray = np.linspace(0.0, 1.98, 100)
+
+
+def truth_of(angle_rad: FloatArray, *, cos_tilt: FloatArray | None = None) -> Truth:
+    """A robot all of whose joints have an angle, (n,), and were told it when it changed."""
+    joints_rad = np.repeat(angle_rad[:, np.newaxis], 18, axis=1)
+    return Truth(
+        TIMES_S,
+        joints_rad,
+        np.ones(TIMES_S.size) if cos_tilt is None else cos_tilt,
+        TIMES_S,
+        joints_rad,
+        np.zeros(0),
+    )
+
+
+def test_a_joint_rests_once_it_stays_where_it_is() -> None:
+    moves = 2 * np.where(TIMES_S < 0.7, TIMES_S, 0.7)
+    assert rest_after_s(truth_of(moves), 0.5) == pytest.approx(0.18)
+    assert told_after_s(truth_of(moves), 0.5) == pytest.approx(0.2)
+
+
+def test_one_that_moves_to_the_end_does_not_rest() -> None:
+    truth = truth_of(np.sin(6 * TIMES_S))
+    assert rest_after_s(truth, 0.5) is None
+    assert goes_on(truth)
+    assert not goes_on(truth_of(np.where(TIMES_S < 0.7, TIMES_S, 0.7)))
+
+
+def test_steps_count_across_the_fault_in_limits_of_a_control_period() -> None:
+    angle_rad = np.where(TIMES_S < 0.99, 0.0, 0.1)
+    assert largest_step(truth_of(angle_rad), 1.0, np.full(18, 2.0)) == pytest.approx(2.5)
+    assert largest_step(truth_of(angle_rad), 1.5, np.full(18, 2.0)) == 0.0
+
+
+def test_a_body_that_leans_for_as_long_as_a_fall_takes_has_fallen() -> None:
+    for ticks, fallen in ((5, False), (20, True)):
+        cos_tilt = np.ones(TIMES_S.size)
+        cos_tilt[60 : 60 + ticks] = 0.3
+        assert fell_after(truth_of(0 * TIMES_S, cos_tilt=cos_tilt), 0.5) is fallen
+
+
+def test_a_twin_that_is_kept_waiting_is_noticed() -> None:
+    truth = truth_of(0 * TIMES_S)
+    assert late_s(truth, 0.0) == pytest.approx(0.0, abs=1e-9)
+    held = Truth(
+        np.where(TIMES_S < 1, TIMES_S, TIMES_S + 0.05),
+        *(getattr(truth, name) for name in ("joints_rad", "cos_tilt", "told_at_s", "told_rad", "fault_at_s")),
+    )
+    assert late_s(held, 0.0) == pytest.approx(0.05)
+
+
+def test_what_a_twin_writes_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "truth"
+    writer = TruthWriter(path)
+    writer.add(STATE, np.arange(18.0), 0.5)
+    writer.add(TOLD, np.ones(18))
+    writer.add(FAULT)
+    truth = Truth.read(path)
+    assert truth.joints_rad.tolist() == [list(range(18))]
+    assert truth.cos_tilt.tolist() == [0.5]
+    assert truth.told_rad.tolist() == [[1.0] * 18]
+    assert truth.fault_at_s.size == 1
+
+
+def outcome(**given: Any) -> Outcome:
+    values: dict[str, Any] = {
+        "fault": "none",
+        "backend": "zenoh",
+        "phase": "walking",
+        "repetition": 0,
+        "rest_s": None,
+        "told_s": 1.0,
+        "step": 1.0,
+        "fell": False,
+        "goes_on": True,
+        **given,
+    }
+    return Outcome(**values)
+
+
+def test_an_outcome_is_the_same_from_its_line() -> None:
+    for one in (
+        outcome(),
+        outcome(rest_s=0.1, fell=True, stops=("fell",), ended="EStopError", trials=2, lost=0, late_s=0.1),
+    ):
+        assert Outcome.from_json(one.as_json()) == one
+
+
+def test_a_stop_is_unneeded_only_where_it_is_safe_to_go_on() -> None:
+    assert outcome(fault="wild-reading", stops=("state",)).unneeded
+    assert outcome(fault="wild-reading", goes_on=False).unneeded
+    assert not outcome(fault="wild-reading").unneeded
+    assert not outcome(fault="controller-killed", stops=("expired",)).unneeded
+    assert not outcome(fault="wild-reading", phase="standing", goes_on=False).unneeded
