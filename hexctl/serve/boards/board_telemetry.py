@@ -1,4 +1,4 @@
-"""MAVLink messages of a servo board: its state, and answers to queries."""
+"""MAVLink messages of a servo board: its state."""
 
 from typing import Any
 
@@ -41,8 +41,8 @@ def pose(state: RobotState, time_s: float, *, with_euler: bool) -> list[Any]:
 
 
 def heartbeat(system_state: int) -> Any:
-    """Heartbeat of the board with its MAV_STATE."""
-    return messages.heartbeat(common.MAV_TYPE_GENERIC, common.MAV_AUTOPILOT_GENERIC, system_state)
+    """Heartbeat of the board with its MAV_STATE: no autopilot, which has modes, parameters and missions."""
+    return messages.heartbeat(common.MAV_TYPE_GENERIC, common.MAV_AUTOPILOT_INVALID, system_state)
 
 
 def measured(flag: bool, time_s: float) -> Any:
@@ -77,30 +77,6 @@ def health(state: RobotState, *, errors: int) -> list[Any]:
 def text(severity: int, line: str) -> Any:
     """Status text for a display."""
     return common.MAVLink_statustext_message(severity, line.encode("ascii", "replace")[:LONGEST_TEXT])
-
-
-def answers(kind: str, message: Any, system: int, component: int) -> list[Any]:
-    """Answers to a ping and to a request for the version; any other command is refused."""
-    if kind == "PING":
-        if message.target_system or message.target_component:
-            return []
-        return [common.MAVLink_ping_message(message.time_usec, message.seq, system, component)]
-    wants_version = message.command == common.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES or (
-        message.command == common.MAV_CMD_REQUEST_MESSAGE
-        and message.param1 == common.MAVLINK_MSG_ID_AUTOPILOT_VERSION
-    )
-    result = common.MAV_RESULT_ACCEPTED if wants_version else common.MAV_RESULT_UNSUPPORTED
-    sent = [common.MAVLink_command_ack_message(message.command, result, 0, 0, system, component)]
-    if wants_version:
-        sent.append(_version())
-    return sent
-
-
-def _version() -> Any:
-    unknown = [0] * 8
-    return common.MAVLink_autopilot_version_message(
-        common.MAV_PROTOCOL_CAPABILITY_MAVLINK2, 0, 0, 0, 0, unknown, unknown, unknown, 0, 0, 0
-    )
 
 
 def _ms(time_s: float) -> int:

@@ -23,6 +23,7 @@ from hexctl.control.guard import EXPIRY_S, Guard
 from hexctl.errors import CommandRefusedError, EStopError, RobotFaultError
 from hexctl.robot.servo_map import ServoMap
 from hexctl.serve.boards import board_telemetry
+from hexctl.serve.boards.board_answers import answers, for_us
 from hexctl.types import N_JOINTS, BoolArray, FloatArray, JointTargets, RobotState
 
 
@@ -277,13 +278,13 @@ class ServoBoard:
             self._introduce(peer)
         if peer is self._peers.commander:
             self._heard_at_s = arrival.at_s
-        if frame.kind == "RC_CHANNELS_OVERRIDE" and _for_us(frame.message):
+        if frame.kind == "RC_CHANNELS_OVERRIDE" and for_us(frame.message):
             self._override(frame.message, peer, arrival.at_s)
         elif frame.kind == "HEARTBEAT":
             if frame.message.system_status == messages.POWEROFF:
                 self._peers.farewell(peer)
-        elif frame.kind == "PING" or (frame.kind == "COMMAND_LONG" and _for_us(frame.message)):
-            for answer in board_telemetry.answers(frame.kind, frame.message, peer.system, peer.component):
+        else:
+            for answer in answers(frame.kind, frame.message, peer.system, peer.component):
                 self._link.send(answer, peer.address)
 
     def _override(self, message: Any, peer: Peer, at_s: float) -> None:
@@ -378,11 +379,3 @@ class ServoBoard:
         for address in [None] if self._stream else self._peers.addresses():
             for message in sent:
                 self._link.send(message, address)
-
-
-def _for_us(message: Any) -> bool:
-    """Whether a message is for this board; target 0 is a broadcast."""
-    return message.target_system in (0, messages.BOARD_SYSTEM) and message.target_component in (
-        0,
-        messages.BOARD_COMPONENT,
-    )

@@ -1,0 +1,119 @@
+"""What a servo board answers to ground stations, so that they know at once what it does not have.
+
+A board has one parameter, which cannot be changed, and no mission. A station that asks for either and hears
+nothing asks again for many seconds. The protocols: https://mavlink.io/en/services/.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+from pymavlink.dialects.v20 import common
+
+from hexctl.backends.mavlink.messages import BOARD_COMPONENT, BOARD_SYSTEM
+from hexctl.types import N_JOINTS
+
+#: Name and value of the one parameter: a list without any has no answer in the protocol.
+PARAMETER, VALUE = b"CHANNELS", float(N_JOINTS)
+
+#: An index that says that a parameter is asked for by its name, or is none of the list.
+BY_NAME = -1
+
+
+def answers(kind: str, message: Any, system: int, component: int) -> list[Any]:
+    """Answers to a message of a system and its component; none to what is not asked of this board.
+
+    Args:
+        kind: name of the message.
+        message: as pymavlink decodes it.
+        system: identifier of the sending system.
+        component: identifier of its component.
+    """
+    if kind == "PING":
+        if message.target_system or message.target_component:
+            return []
+        return [common.MAVLink_ping_message(message.time_usec, message.seq, system, component)]
+    answer = ANSWERS.get(kind)
+    return [] if answer is None or not for_us(message) else answer(message, system, component)
+
+
+def for_us(message: Any) -> bool:
+    """Whether a message is for this board; target 0 is a broadcast."""
+    return message.target_system in (0, BOARD_SYSTEM) and message.target_component in (0, BOARD_COMPONENT)
+
+
+def _command(message: Any, system: int, component: int) -> list[Any]:
+    """The version to a request for it; any other command is refused."""
+    wants_version = message.command == common.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES or (
+        message.command == common.MAV_CMD_REQUEST_MESSAGE
+        and message.param1 == common.MAVLINK_MSG_ID_AUTOPILOT_VERSION
+    )
+    result = common.MAV_RESULT_ACCEPTED if wants_version else common.MAV_RESULT_UNSUPPORTED
+    sent = [common.MAVLink_command_ack_message(message.command, result, 0, 0, system, component)]
+    return [*sent, _version()] if wants_version else sent
+
+
+def _version() -> Any:
+    unknown = [0] * 8
+    return common.MAVLink_autopilot_version_message(
+        common.MAV_PROTOCOL_CAPABILITY_MAVLINK2, 0, 0, 0, 0, unknown, unknown, unknown, 0, 0, 0
+    )
+
+
+def _parameters(_message: Any, _system: int, _component: int) -> list[Any]:
+    """The list of all parameters."""
+    return [_parameter()]
+
+
+def _parameter() -> Any:
+    return common.MAVLink_param_value_message(PARAMETER, VALUE, common.MAV_PARAM_TYPE_REAL32, 1, 0)
+
+
+def _one_parameter(message: Any, system: int, component: int) -> list[Any]:
+    """The parameter of a name or an index, or that there is none."""
+    by_name = message.param_index == BY_NAME
+    known = _name_of(message) == PARAMETER if by_name else message.param_index == 0
+    return [_parameter()] if known else [_no_parameter(message, message.param_index, system, component)]
+
+
+def _set_parameter(message: Any, system: int, component: int) -> list[Any]:
+    """The parameter as it stays."""
+    if _name_of(message) == PARAMETER:
+        return [_parameter()]
+    return [_no_parameter(message, BY_NAME, system, component)]
+
+
+def _no_parameter(message: Any, index: int, system: int, component: int) -> Any:
+    error = common.MAV_PARAM_ERROR_DOES_NOT_EXIST
+    return common.MAVLink_param_error_message(system, component, _name_of(message), index, error)
+
+
+def _name_of(message: Any) -> bytes:
+    """Name in a request, as its bytes; pymavlink gives those of ASCII as a text."""
+    name = message.param_id
+    return name.encode("ascii", "replace") if isinstance(name, str) else bytes(name).split(b"\0")[0]
+
+
+def _mission_count(message: Any, system: int, component: int) -> list[Any]:
+    """That a mission, fence or rally list has no items."""
+    return [common.MAVLink_mission_count_message(system, component, 0, message.mission_type)]
+
+
+def _no_mission(message: Any, system: int, component: int) -> list[Any]:
+    """That the board takes no mission, and has no item to give."""
+    result = common.MAV_MISSION_UNSUPPORTED
+    return [common.MAVLink_mission_ack_message(system, component, result, message.mission_type)]
+
+
+#: What is answered, by the name of the message.
+ANSWERS: dict[str, Callable[[Any, int, int], list[Any]]] = {
+    "COMMAND_LONG": _command,
+    "COMMAND_INT": _command,
+    "PARAM_REQUEST_LIST": _parameters,
+    "PARAM_REQUEST_READ": _one_parameter,
+    "PARAM_SET": _set_parameter,
+    "MISSION_REQUEST_LIST": _mission_count,
+    "MISSION_COUNT": _no_mission,
+    "MISSION_REQUEST": _no_mission,
+    "MISSION_REQUEST_INT": _no_mission,
+    "MISSION_CLEAR_ALL": _no_mission,
+}

@@ -1,0 +1,99 @@
+"""What ground stations ask a board for: each request has an answer, so that none is asked again."""
+
+from typing import Any
+
+import pytest
+from pymavlink.dialects.v20 import common
+
+from hexctl.backends.mavlink.codec import Codec
+from hexctl.serve.boards.board_answers import PARAMETER, answers
+
+#: What QGroundControl and mavsdk ask a new system for, and the answer that ends their waiting.
+REQUESTS = {
+    "PARAM_REQUEST_LIST": (common.MAVLink_param_request_list_message(1, 1), "PARAM_VALUE"),
+    "PARAM_REQUEST_READ": (common.MAVLink_param_request_read_message(1, 1, PARAMETER, -1), "PARAM_VALUE"),
+    "by index": (common.MAVLink_param_request_read_message(1, 1, b"", 0), "PARAM_VALUE"),
+    "no index": (common.MAVLink_param_request_read_message(1, 1, b"", 7), "PARAM_ERROR"),
+    "no name": (common.MAVLink_param_request_read_message(1, 1, b"SYS_AUTOSTART", -1), "PARAM_ERROR"),
+    "PARAM_SET": (common.MAVLink_param_set_message(1, 1, PARAMETER, 99.0, 9), "PARAM_VALUE"),
+    "set none": (common.MAVLink_param_set_message(1, 1, b"SYS_AUTOSTART", 1.0, 9), "PARAM_ERROR"),
+    "MISSION_REQUEST_LIST": (common.MAVLink_mission_request_list_message(1, 1, 1), "MISSION_COUNT"),
+    "MISSION_COUNT": (common.MAVLink_mission_count_message(1, 1, 5, 0), "MISSION_ACK"),
+    "MISSION_REQUEST_INT": (common.MAVLink_mission_request_int_message(1, 1, 0, 0), "MISSION_ACK"),
+    "MISSION_REQUEST": (common.MAVLink_mission_request_message(1, 1, 0, 0), "MISSION_ACK"),
+    "MISSION_CLEAR_ALL": (common.MAVLink_mission_clear_all_message(1, 1, 0), "MISSION_ACK"),
+    "COMMAND_LONG": (common.MAVLink_command_long_message(1, 1, 400, 0, *[1.0] * 7), "COMMAND_ACK"),
+    "COMMAND_INT": (common.MAVLink_command_int_message(1, 1, 0, 400, 0, 0, *[1.0] * 4, 1, 1, 1.0), "COMMAND_ACK"),
+}
+
+
+def answered(request: Any) -> list[Any]:
+    """Answers to a request of system 255, component 190, each as it arrives there."""
+    station, board = Codec(255, 190), Codec(1, 1)
+    (asked,) = board.decode(station.encode(request, 0), whole=True)
+    sent = answers(asked.kind, asked.message, asked.system, asked.component)
+    return [station.decode(board.encode(message, 0), whole=True)[0].message for message in sent]
+
+
+@pytest.mark.parametrize("name", REQUESTS)
+def test_every_request_has_one_answer_for_who_asked(name: str) -> None:
+    request, kind = REQUESTS[name]
+    (answer,) = answered(request)
+    assert answer.get_type() == kind
+    if kind not in ("PARAM_VALUE",):
+        assert (answer.target_system, answer.target_component) == (255, 190)
+
+
+def test_the_parameter_stays_as_it_is() -> None:
+    for name in ("PARAM_REQUEST_LIST", "PARAM_REQUEST_READ", "by index", "PARAM_SET"):
+        (value,) = answered(REQUESTS[name][0])
+        assert (value.param_id, value.param_value, value.param_count) == ("CHANNELS", 18.0, 1)
+
+
+def test_a_parameter_that_is_not_there_is_named() -> None:
+    (error,) = answered(REQUESTS["no name"][0])
+    assert (error.param_id, error.error) == ("SYS_AUTOSTART", common.MAV_PARAM_ERROR_DOES_NOT_EXIST)
+
+
+def test_there_is_no_mission_and_none_is_taken() -> None:
+    (count,) = answered(REQUESTS["MISSION_REQUEST_LIST"][0])
+    assert (count.count, count.mission_type) == (0, 1)
+    for name in ("MISSION_COUNT", "MISSION_REQUEST_INT", "MISSION_CLEAR_ALL"):
+        assert answered(REQUESTS[name][0])[0].type == common.MAV_MISSION_UNSUPPORTED
+
+
+@pytest.mark.parametrize("long", [True, False])
+def test_the_version_is_told_and_every_other_command_refused(long: bool) -> None:
+    def ask(command: int, parameter: float) -> list[Any]:
+        if long:
+            return answered(common.MAVLink_command_long_message(1, 1, command, 0, parameter, *[0.0] * 6))
+        rest = [parameter, 0.0, 0.0, 0.0, 0, 0, 0.0]
+        return answered(common.MAVLink_command_int_message(1, 1, 0, command, 0, 0, *rest))
+
+    for command, parameter in ((520, 1.0), (512, 148.0)):
+        told, version = ask(command, parameter)
+        assert told.result == common.MAV_RESULT_ACCEPTED
+        assert version.get_type() == "AUTOPILOT_VERSION"
+    for command, parameter in ((512, 30.0), (400, 1.0), (512, float("nan"))):
+        assert ask(command, parameter)[0].result == common.MAV_RESULT_UNSUPPORTED
+
+
+@pytest.mark.parametrize("name", REQUESTS)
+def test_what_is_for_another_system_has_no_answer(name: str) -> None:
+    request = REQUESTS[name][0]
+    request.target_system = 2
+    try:
+        assert answered(request) == []
+    finally:
+        request.target_system = 1
+
+
+@pytest.mark.parametrize("name", [b"\xff\xfe", b"", b"A" * 16])
+def test_a_name_of_any_bytes_is_answered(name: bytes) -> None:
+    (error,) = answered(common.MAVLink_param_request_read_message(1, 1, name, -1))
+    assert error.get_type() == "PARAM_ERROR"
+
+
+def test_other_messages_have_no_answer() -> None:
+    for message in (common.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3), common.MAVLink_ping_message(1, 2, 1, 1)):
+        assert answered(message) == []
