@@ -9,13 +9,14 @@ import numpy as np
 
 from hexctl.backends.clock import Tick
 from hexctl.control.controllers import Controller
+from hexctl.control.row_store import Column, RowStore
 from hexctl.control.trace import PHASES, TrialFrame
 from hexctl.errors import InputError, check_type
 from hexctl.robot.failure import Failure
 from hexctl.types import N_JOINTS, N_LEGS, FloatArray, JointTargets, RobotState, ServoReadings
 
 #: Name, width and type of each column; a width of 0 is a plain value per tick.
-COLUMNS: tuple[tuple[str, int, type], ...] = (
+COLUMNS: tuple[Column, ...] = (
     ("time_s", 0, float),
     ("late_s", 0, float),
     ("work_s", 0, float),
@@ -39,9 +40,6 @@ PACED_BLOCK_TICKS = 1
 
 #: Ticks between two readings of single servos that are kept: a second.
 SERVO_TICKS = 50
-
-#: Rows of one chunk; a full one is never copied, so that a long walk costs no tick its time.
-CHUNK_ROWS = 2048
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,7 +66,7 @@ class LegChange:
 
 
 class TickLog:
-    """Rows of all ticks of a trial so far.
+    """Rows of all ticks of a trial so far; those of the last minutes are in memory.
 
     `log[name]` gives all rows of a column of `COLUMNS`; positions, orientations and torques are NaN where the
     robot did not know them, the commanded velocity (forward, left in m/s, turn in rad/s) is NaN where the
@@ -102,32 +100,23 @@ class TickLog:
         self.leg_changes: list[LegChange] = []
         self.servo_rows: list[tuple[int, ServoReadings]] = []
         self._failures_by: dict[str, tuple[Failure, ...]] = {}
-        self._length = 0
-        self._chunks: list[dict[str, Any]] = []
+        self._rows = RowStore(COLUMNS)
 
     def __len__(self) -> int:
-        return self._length
+        return len(self._rows)
 
     def __getitem__(self, name: str) -> Any:
         """All rows of a column."""
-        return self.rows(name, 0, self._length)
+        return self._rows.rows(name, 0, len(self))
 
     def rows(self, name: str, start: int, stop: int) -> Any:
         """Rows [start, stop) of a column."""
-        if not self._chunks:
-            return _new_chunk()[name][:0]
-        first = min(start // CHUNK_ROWS, len(self._chunks) - 1)
-        last = min(max(stop - 1, start) // CHUNK_ROWS, len(self._chunks) - 1)
-        parts = [chunk[name] for chunk in self._chunks[first : last + 1]]
-        joined = parts[0] if len(parts) == 1 else np.concatenate(parts)
-        return joined[start - first * CHUNK_ROWS : stop - first * CHUNK_ROWS]
+        return self._rows.rows(name, start, stop)
 
     def record(self, tick: Tick, state: RobotState, wanted_rad: FloatArray, sent: JointTargets) -> None:
         """Append one tick."""
-        row = self._length % CHUNK_ROWS
-        if row == 0:
-            self._chunks.append(_new_chunk())
-        columns = self._chunks[-1]
+        index = len(self)
+        columns, row = self._rows.append()
         columns["time_s"][row] = tick.time_s
         columns["late_s"][row] = tick.late_s
         columns["phase"][row] = PHASES.index(self.phase)
@@ -139,12 +128,12 @@ class TickLog:
         self.pose_known = state.base_position_world is not None
         if self.pose_known:
             columns["base_position_world"][row] = state.base_position_world
-            self.posed_from = self._length if self.posed_from is None else self.posed_from
+            self.posed_from = index if self.posed_from is None else self.posed_from
         self.contacts_known = state.foot_contacts is not None
         if self.contacts_known:
             columns["foot_contacts"][row] = state.foot_contacts
-        if state.servos is not None and self._length % SERVO_TICKS == 0:
-            self.servo_rows.append((self._length, state.servos))
+        if state.servos is not None and index % SERVO_TICKS == 0:
+            self.servo_rows.append((index, state.servos))
         if state.joint_torques_nm is not None:
             columns["joint_torques_nm"][row] = state.joint_torques_nm
         if self.controller is not None and self.controller.velocity_body is not None:
@@ -152,13 +141,12 @@ class TickLog:
         if self.controller is not None and self.controller.leg_suspicion is not None:
             columns["leg_suspicion"][row] = self.controller.leg_suspicion
         if self.phase == "walk":
-            self.walk_from = self._length if self.walk_from is None else self.walk_from
+            self.walk_from = index if self.walk_from is None else self.walk_from
             self.walked_ticks += 1
-        self._length += 1
 
     def note(self, texts: Sequence[str]) -> None:
         """Note what happened in the tick that is recorded next."""
-        self.notes += [(self._length, text) for text in texts]
+        self.notes += [(len(self), text) for text in texts]
 
     def note_failures(self, by: str, failures: tuple[Failure, ...] | None) -> None:
         """Note which legs have failed in the tick that is recorded next, if that has changed.
@@ -170,32 +158,28 @@ class TickLog:
         if failures is not None and failures != self._failures_by.get(by):
             before = self._failures_by.get(by, ())
             self._failures_by[by] = failures
-            self.leg_changes.append(LegChange(self._length, by, before, failures))
+            self.leg_changes.append(LegChange(len(self), by, before, failures))
 
     def extend(self, rows: Mapping[str, Any]) -> None:
         """Append rows that another process recorded, all columns of `COLUMNS`."""
         count, done = len(rows["time_s"]), 0
         posed = np.flatnonzero(np.isfinite(rows["base_position_world"]).all(axis=-1))
         if self.posed_from is None and posed.size:
-            self.posed_from = self._length + int(posed[0])
+            self.posed_from = len(self) + int(posed[0])
         while done < count:
-            row = self._length % CHUNK_ROWS
-            if row == 0:
-                self._chunks.append(_new_chunk())
-            fits = min(count - done, CHUNK_ROWS - row)
+            columns, row, fits = self._rows.append_some(count - done)
             for name, _, _ in COLUMNS:
-                self._chunks[-1][name][row : row + fits] = rows[name][done : done + fits]
-            self._length += fits
+                columns[name][row : row + fits] = rows[name][done : done + fits]
             done += fits
         walked = np.flatnonzero(rows["phase"] == PHASES.index("walk"))
         if self.walk_from is None and walked.size:
-            self.walk_from = self._length - count + int(walked[0])
+            self.walk_from = len(self) - count + int(walked[0])
         self.walked_ticks += walked.size
 
     def took(self, work_s: float) -> None:
         """Set how long the work of the last tick took, its recording included."""
-        last = self._length - 1
-        self._chunks[-1]["work_s"][last % CHUNK_ROWS] = work_s
+        columns, row = self._rows.newest()
+        columns["work_s"][row] = work_s
 
     def rows_of(self, phase: str) -> slice:
         """Rows of a phase; they are always adjacent."""
@@ -312,13 +296,3 @@ class _Active:
     recorder: Recorder
     block_ticks: int
     done: int
-
-
-def _new_chunk() -> dict[str, Any]:
-    """Empty rows; what a tick does not fill in is NaN or False."""
-    return {
-        name: np.full(
-            (CHUNK_ROWS, width) if width else CHUNK_ROWS, np.nan if kind is float else 0, dtype=kind
-        )
-        for name, width, kind in COLUMNS
-    }

@@ -4,13 +4,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hexctl.control.row_store import Column, RowStore
 from hexctl.types import ArrayFields, FloatArray, RobotState
 
 #: The phases of a trial, in their order.
 PHASES = ("settle", "turn", "walk", "stop")
 
-#: Rows of a new trace: 40 s of ticks. A full one doubles.
-FIRST_ROWS = 2048
+COLUMNS: tuple[Column, ...] = (
+    ("time_s", 0, float),
+    ("position_world", 3, float),
+    ("quaternion_world", 4, float),
+    ("true_position_world", 3, float),
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -39,6 +44,7 @@ class TrialFrame(ArrayFields):
 class Trace:
     """Base poses of a trial so far, tick by tick: all that the trial itself remembers of its ticks.
 
+    Those of the last minutes are in memory.
     Positions and orientations are NaN where the robot did not know them.
 
     Attributes:
@@ -47,31 +53,26 @@ class Trace:
 
     def __init__(self) -> None:
         self.frame: TrialFrame | None = None
-        self._length = 0
-        self._times_s = np.empty(FIRST_ROWS)
-        self._positions = np.empty((FIRST_ROWS, 3))
-        self._quaternions = np.empty((FIRST_ROWS, 4))
-        self._true_positions = np.empty((FIRST_ROWS, 3))
+        self._rows = RowStore(COLUMNS)
         self._starts: dict[str, int] = {}
 
     def __len__(self) -> int:
-        return self._length
+        return len(self._rows)
 
     def begin_phase(self, phase: str) -> None:
         """Count the next ticks to a phase of `PHASES`."""
-        self._starts.setdefault(phase, self._length)
+        self._starts.setdefault(phase, len(self))
 
     def add(self, time_s: float, state: RobotState, true_position_world: FloatArray | None = None) -> None:
         """Append the tick at a time of the servos' clock, with the true position of a simulation."""
-        if self._length == len(self._times_s):
-            self._grow()
-        row = self._length
-        position, quaternion = state.base_position_world, state.base_quaternion_world
-        self._times_s[row] = time_s
-        self._positions[row] = np.nan if position is None else position
-        self._quaternions[row] = np.nan if quaternion is None else quaternion
-        self._true_positions[row] = np.nan if true_position_world is None else true_position_world
-        self._length = row + 1
+        columns, row = self._rows.append()
+        columns["time_s"][row] = time_s
+        if state.base_position_world is not None:
+            columns["position_world"][row] = state.base_position_world
+        if state.base_quaternion_world is not None:
+            columns["quaternion_world"][row] = state.base_quaternion_world
+        if true_position_world is not None:
+            columns["true_position_world"][row] = true_position_world
 
     def rows(self, phase: str) -> slice:
         """Rows of a phase; empty where it has not begun."""
@@ -79,27 +80,27 @@ class Trace:
             return slice(0, 0)
         start = self._starts[phase]
         later = [first for name, first in self._starts.items() if PHASES.index(name) > PHASES.index(phase)]
-        return slice(start, min(later, default=self._length))
+        return slice(start, min(later, default=len(self)))
 
     @property
     def times_s(self) -> FloatArray:
         """Times of all ticks on the servos' clock, (T,)."""
-        return self._times_s[: self._length]
+        return self._all("time_s")
 
     @property
     def positions_world(self) -> FloatArray:
         """Base positions of all ticks, (T, 3) in m."""
-        return self._positions[: self._length]
+        return self._all("position_world")
 
     @property
     def quaternions_world(self) -> FloatArray:
         """Base orientations (w, x, y, z) of all ticks, (T, 4)."""
-        return self._quaternions[: self._length]
+        return self._all("quaternion_world")
 
     @property
     def true_positions_world(self) -> FloatArray:
         """True base positions of all ticks, (T, 3) in m; NaN where the robot is not simulated."""
-        return self._true_positions[: self._length]
+        return self._all("true_position_world")
 
     @property
     def path_m(self) -> FloatArray:
@@ -108,7 +109,5 @@ class Trace:
             return np.zeros((0, 2))
         return self.frame.path(self.positions_world[self.rows("walk")])
 
-    def _grow(self) -> None:
-        for name in ("_times_s", "_positions", "_quaternions", "_true_positions"):
-            rows = getattr(self, name)
-            setattr(self, name, np.concatenate([rows, np.empty_like(rows)]))
+    def _all(self, name: str) -> FloatArray:
+        return np.asarray(self._rows.rows(name, 0, len(self)))

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from hexctl.backends.clock import Tick
-from hexctl.control.log import CHUNK_ROWS, Recorders, TickLog
+from hexctl.control.log import Recorders, TickLog
+from hexctl.control.row_store import CHUNK_ROWS
 from hexctl.control.trace import PHASES
 from hexctl.errors import InputError
 from hexctl.types import JointTargets, RobotState

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import rerun as rr
 
-from hexctl.control.log import TickLog
+from hexctl.control.log import COLUMNS, TickLog
 from hexctl.errors import InputError
 from hexctl.record.recorded_trial import LEG_CONDITIONS, RecordedTrial, read_trial
 from hexctl.record.recording import Recording
@@ -28,7 +28,7 @@ def read(tmp_path_factory: Any, trial: Trial) -> RecordedTrial:
 def changed(trial: Trial, **columns: Any) -> Trial:
     """The trial with other columns in its log."""
     log = TickLog()
-    log.extend({name: trial.log[name] for name in trial.log._chunks[0]} | columns)
+    log.extend({name: trial.log[name] for name, _, _ in COLUMNS} | columns)
     return replace(trial, log=log)
 
 

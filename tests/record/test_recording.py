@@ -290,7 +290,7 @@ def _start(script: str, path: Path, trial: Trial) -> "subprocess.Popen[bytes]":
     import pickle
 
     log = TickLog()
-    log._chunks, log._length, log.frame = trial.log._chunks, len(trial.log), trial.log.frame
+    log._rows, log.frame = trial.log._rows, trial.log.frame
     content = {"robot": trial.robot, "plan": trial.plan, "log": log, "result": trial.result}
     child = subprocess.Popen(
         [sys.executable, "-c", script, str(path)], stdin=subprocess.PIPE, stdout=subprocess.PIPE
