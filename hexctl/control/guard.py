@@ -6,13 +6,14 @@ limits are plain array mathematics, shared with batches of simulated robots.
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from threading import Lock
 from types import TracebackType
 
 import numpy as np
 
 from hexctl.backends.base import LegServos, ServosWrapper, check_targets
+from hexctl.control.position_check import PositionCheck
 from hexctl.errors import (
     CommandRefusedError,
     EStopError,
@@ -135,6 +136,7 @@ class Guard(ServosWrapper):
             (not finite or too old), `pose lost` (for longer than `POSE_EXPIRY_S`); `expired` (no command
             came); the reason that the robot's own guard gives; or the reason given to `stop`.
         leaning_ticks: for how many ticks the body has leant too far.
+        positions: judges the positions; in the state one that is not believed is None.
     """
 
     def __init__(
@@ -168,6 +170,7 @@ class Guard(ServosWrapper):
         self._baseline_rad: FloatArray | None = None
         self._baseline_period = 0
         self._tilt_of = tilt_of
+        self.positions = PositionCheck()
         self._seen_at_s: dict[str, float] = {}
         self.leaning_ticks = 0
 
@@ -273,6 +276,7 @@ class Guard(ServosWrapper):
         The orientation by which falls are judged is still expected.
         """
         self._seen_at_s = {part: at_s for part, at_s in self._seen_at_s.items() if part == "tilt"}
+        self.positions.forget()
 
     def lift_silence(self) -> bool:
         """Clear a stop for silence, and no other, not even one that comes at this moment; return whether."""
@@ -303,6 +307,7 @@ class Guard(ServosWrapper):
         now_s = self.clock.now_s
         # A pose that was known stays so, but its age counts from here.
         self._seen_at_s = dict.fromkeys(self._seen_at_s, now_s)
+        self.positions.forget()
         with _LINK_FAILED:
             super().pause_watchdog()
         self.clock.pause()
@@ -327,6 +332,7 @@ class Guard(ServosWrapper):
         """Know of no command, no pose and no fall, as before the first one."""
         self._accepted_rad = self._accepted_at_s = self._baseline_rad = None
         self._seen_at_s = {}
+        self.positions.forget()
         self.leaning_ticks = 0
 
     def _baseline(self, now_s: float) -> FloatArray:
@@ -338,7 +344,12 @@ class Guard(ServosWrapper):
 
     def _read(self) -> RobotState:
         with _LINK_FAILED:
-            return self.wrapped.read()
+            state = self.wrapped.read()
+        position = state.base_position_world
+        if position is None or not all_finite(position):
+            return state
+        believed = self.positions.believes(position, self.clock.now_s)
+        return state if believed else replace(state, base_position_world=None)
 
     def _check(self, targets: JointTargets, now_s: float) -> None:
         """Refuse what must not even be limited."""

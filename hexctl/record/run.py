@@ -334,6 +334,7 @@ class Run:
             "ticks": len(log),
             "overruns": guard.clock.overruns,
             "refused_commands": guard.counters.refused,
+            "positions_doubted": guard.positions.doubted,
             "servo_link": guard.link_counts or None,
             "tick_us": dict(zip(("p50", "p99", "max"), (round(float(q), 1) for q in quantiles), strict=True)),
             "realtime_factor": round(len(log) * PERIOD_S / wall_s, 2) if wall_s > 0 else None,

@@ -1,11 +1,12 @@
 """Which commands a robot accepts: those of the current lease, in order, on time."""
 
 from dataclasses import dataclass
+from threading import Lock
 
 from hexctl.control.guard import EXPIRY_S
 from hexctl.errors import CommandRefusedError, MessageError
 from hexctl.serve.leases import Lease
-from hexctl.wire.messages import Command, decode_command
+from hexctl.wire.messages import Command, CommandTag, decode_command
 
 #: Bound on the relative drift of two monotonic clocks: 100 ppm for each crystal, and up to 500 ppm for a time
 #: service that slews one of them. A faster slew (chrony may) makes commands late.
@@ -83,9 +84,21 @@ class CommandHandler:
 
     def __init__(self) -> None:
         self.counters = CommandCounters()
+        self._counting = Lock()
         self.newest_sequence = 0
         self._lease_sequence = 0
         self._transit = TransitDelay()
+
+    def admits(self, attachment: bytes | None, lease: Lease | None) -> bool:
+        """Whether a command that has just arrived may wait for its turn: one of the lease in force.
+
+        Safe on any thread. What does not belong here is counted, and so never takes the place of what does.
+        """
+        carried = CommandTag.lease_in(attachment)
+        if carried is not None and lease is not None and carried == (lease.lease_id, lease.sequence):
+            return True
+        self._count("malformed" if carried is None else "stale_owner")
+        return False
 
     def check(self, payload: bytes, attachment: bytes | None, lease: Lease | None, at_s: float) -> Checked:
         """Command to execute, of the current lease, in order and on time.
@@ -95,15 +108,19 @@ class CommandHandler:
         try:
             command = decode_command(payload, attachment)
         except MessageError:
-            self.counters.malformed += 1
+            self._count("malformed")
             raise
         tag = command.tag
         if lease is None or tag.lease_id != lease.lease_id or tag.lease_sequence != lease.sequence:
-            self.counters.stale_owner += 1
+            self._count("stale_owner")
             raise CommandRefusedError(f"command: got lease {tag.lease_sequence}; allowed: the one in force")
         if lease.sequence != self._lease_sequence:
             self._lease_sequence, self.newest_sequence, self._transit = lease.sequence, 0, TransitDelay()
         return self._in_order_and_on_time(command, at_s)
+
+    def _count(self, dropped: str) -> None:
+        with self._counting:  # several threads count these
+            setattr(self.counters, dropped, getattr(self.counters, dropped) + 1)
 
     def _in_order_and_on_time(self, command: Command, at_s: float) -> Checked:
         tag = command.tag

@@ -37,6 +37,7 @@ class EventLog:
         self._dropped = 0
         self._warnings: tuple[str, ...] = ()
         self._ros: str | None = None
+        self._doubt: str | None = None
 
     def note(
         self,
@@ -47,11 +48,15 @@ class EventLog:
         fault: str | None = None,
         warnings: tuple[str, ...] = (),
         ros: str | None = None,
+        doubt: str | None = None,
     ) -> None:
         """Report what differs from the last call, and a fault that is over while its stop is latched.
 
-        `ros` is a line on the ROS router.
+        `ros` is a line on the ROS router, `doubt` one on a position that is not believed.
         """
+        if doubt is not None and doubt != self._doubt:
+            self._put(doubt)
+        self._doubt = doubt
         if ros is not None and ros != self._ros:
             self._put(ros)
         self._ros = ros

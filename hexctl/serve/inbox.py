@@ -10,11 +10,14 @@ from typing import Any
 #: More messages than arrive in a tick; a full queue drops its oldest.
 CAPACITY = 64
 
-#: Kinds of messages of which only so many wait: a flood of them must not displace commands.
-MOST_WAITING = {"failure": 4}
+#: Of each kind only so many wait, less than the capacity together: a flood of one displaces no other.
+MOST_WAITING = {"command": 16, "pose": 8, "ros": 8, "lease": 8, "estop": 8, "describe": 8, "failure": 4}
+
+#: Kinds of which the newest count: the oldest of a flood is dropped. A query that comes too soon is repeated.
+NEWEST_COUNT = ("command", "pose", "ros")
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Arrival:
     """A message that arrived.
 
@@ -48,11 +51,14 @@ class Inbox:
         self.overflowed = 0
 
     def put(self, kind: str, item: Any) -> None:
-        """Append an arrival, but one of a kind of which enough wait; never waits."""
-        most = MOST_WAITING.get(kind)
-        if most is not None and sum(one.kind == kind for one in list(self._waiting)) >= most:
+        """Append an arrival, but a query of a kind of which enough wait; never waits."""
+        alike = [one for one in list(self._waiting) if one.kind == kind]
+        if len(alike) >= MOST_WAITING.get(kind, self._capacity):
             self.overflowed += 1
-            return
+            if kind not in NEWEST_COUNT:
+                return
+            with suppress(ValueError):  # taken in this moment
+                self._waiting.remove(alike[0])
         while len(self._waiting) >= self._capacity:
             with suppress(IndexError):
                 self._waiting.popleft()

@@ -189,7 +189,9 @@ class RobotServer:
         self._idle = IdleSupervisor(self._guard, sit_after_s=sit_after_s)
         self._event_log = EventLog(on_event)
         self._inbox = Inbox()
-        self._transport = Transport(link, servos.robot.name, self._inbox, self._requests.urgent)
+        self._transport = Transport(
+            link, servos.robot.name, self._inbox, self._requests.urgent, self._admits_command
+        )
         self._description = describe(servos.robot)
         self._own_poses = OwnPoses()
         self._who = RobotIdentity.of_this_process(servos.robot.name, backend).to_json()
@@ -254,6 +256,9 @@ class RobotServer:
             self._transport.reply(arrival.kind, item, {**answer, **self._who})
         else:
             self._transport.reply(arrival.kind, item, {**self._description, "status": self.status()})
+
+    def _admits_command(self, attachment: bytes | None) -> bool:
+        return self._commands.admits(attachment, self._leases.holder(time.monotonic()))
 
     def _execute(self, payload: bytes, attachment: bytes | None, at_s: float) -> None:
         now_s = time.monotonic()
@@ -345,6 +350,7 @@ class RobotServer:
             fault=None if self._state is None else self._state.fault,
             warnings=() if self._state is None else self._state.warnings,
             ros=None if self._ros is None else self._ros.condition,
+            doubt=self._guard.positions.doubt(self._guard.clock.now_s),
         )
 
     def _publish(self, state: RobotState) -> None:
@@ -408,6 +414,7 @@ class RobotServer:
             "clipped": guard.counters.clipped,
             "servo_link": guard.link_counts or None,
             "malformed": {"requests": self._requests.malformed, "poses": self._malformed_poses},
+            "positions_doubted": guard.positions.doubted,
             "ticks": self._ticks,
             "overruns": guard.clock.overruns,
             "joints": None if state is None else ("measured" if state.measured else "echoed"),

@@ -26,11 +26,20 @@ PRIORITIES = {
 class Transport:
     """A robot's Zenoh session; its callbacks only put arrivals into the inbox.
 
-    `urgent` is called on Zenoh's thread, before that, with the payload of each query at `estop`.
+    Two questions are asked before that, on Zenoh's thread: `urgent` is called with the payload of each query
+    at `estop`, and `admits` with the attachment of each command, which is dropped unless it says True.
     """
 
-    def __init__(self, link: Link, robot_name: str, inbox: Inbox, urgent: Callable[[bytes], None]) -> None:
+    def __init__(
+        self,
+        link: Link,
+        robot_name: str,
+        inbox: Inbox,
+        urgent: Callable[[bytes], None],
+        admits: Callable[[bytes | None], bool],
+    ) -> None:
         self._link = link
+        self._admits = admits
         self.keys: KeyMap = link.keys(robot_name)
         self._inbox = inbox
         self._urgent = urgent
@@ -87,7 +96,8 @@ class Transport:
         def put(item: Any) -> None:
             if kind == "estop":
                 self._urgent(payload_of(item))
-            self._inbox.put(kind, item)
+            if kind != "command" or self._admits(attachment_of(item)):
+                self._inbox.put(kind, item)
 
         return put
 

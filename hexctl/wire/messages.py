@@ -21,6 +21,9 @@ from hexctl.wire.pose import decode_pose, encode_pose
 LEASE_ID_BYTES = 16
 
 _COMMAND = struct.Struct("<4sBQqI16sI")
+
+#: The end of a command's tag.
+_LEASE = struct.Struct("<16sI")
 _STATE = struct.Struct("<4sBQqIQBB")
 _STALE = struct.Struct("<I")
 _COMMAND_MAGIC = b"HXCc"
@@ -63,6 +66,17 @@ class CommandTag:
             self.lease_id,
             self.lease_sequence,
         )
+
+    @staticmethod
+    def lease_in(attachment: bytes | None) -> tuple[bytes, int] | None:
+        """Identifier and number of the lease in an attachment, without a look at the rest.
+
+        None for an attachment of another length. Costs little, so that a flood can be sorted out.
+        """
+        if attachment is None or len(attachment) != _COMMAND.size:
+            return None
+        lease_id, lease_sequence = _LEASE.unpack(attachment[-_LEASE.size :])
+        return lease_id, lease_sequence
 
     @classmethod
     def unpacked(cls, attachment: bytes) -> "CommandTag":

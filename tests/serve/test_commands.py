@@ -1,6 +1,7 @@
 """Which commands a robot accepts."""
 
 from dataclasses import replace
+from threading import Thread
 
 import numpy as np
 import pytest
@@ -108,6 +109,29 @@ def test_commands_without_a_lease_of_an_old_one_or_of_a_guess_are_dropped(lease:
     with pytest.raises(CommandRefusedError, match="lease"):
         desk.check(PAYLOAD, tag.packed(), None, 0.0)
     assert desk.counters.stale_owner == 3
+
+
+def test_only_what_carries_the_lease_in_force_may_wait(lease: Lease) -> None:
+    desk = CommandHandler()
+    tag = tag_for(lease, 1)
+    assert desk.admits(tag.packed(), lease)
+    for other in (replace(tag, lease_id=bytes(16)), replace(tag, lease_sequence=lease.sequence + 1)):
+        assert not desk.admits(other.packed(), lease)
+    assert not desk.admits(tag.packed(), None)
+    assert desk.counters == CommandCounters(stale_owner=3)
+    for attachment in (None, b"", tag.packed()[:-1], tag.packed() + b"x"):
+        assert not desk.admits(attachment, lease)
+    assert desk.counters == CommandCounters(stale_owner=3, malformed=4)
+
+
+def test_counts_of_many_threads_are_all_there(lease: Lease) -> None:
+    desk = CommandHandler()
+    threads = [Thread(target=lambda: [desk.admits(b"", lease) for _ in range(2000)]) for _ in range(8)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert desk.counters.malformed == 16_000
 
 
 def test_a_new_lease_counts_from_one_again(lease: Lease) -> None:

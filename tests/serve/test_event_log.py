@@ -26,6 +26,15 @@ class Reader:
         return self.lines
 
 
+def test_a_position_that_is_not_believed_is_told_once() -> None:
+    reader = Reader()
+    reader.go.set()
+    event_log = EventLog(reader.say)
+    for doubt in (None, "it jumped", "it jumped", None, "it jumped"):
+        event_log.note(controller=None, stopped=None, posture="idle", doubt=doubt)
+    assert reader.await_lines(2) == ["it jumped", "it jumped"]
+
+
 def test_changes_are_told_once_and_in_order() -> None:
     reader = Reader()
     reader.go.set()

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from hexctl.serve.inbox import CAPACITY, Inbox
+from hexctl.serve.inbox import CAPACITY, MOST_WAITING, NEWEST_COUNT, Inbox
 
 #: A wait longer than this has no end.
 FOREVER_S = 20.0
@@ -28,22 +28,40 @@ def test_what_came_first_is_taken_first() -> None:
     assert inbox.overflowed == 0
 
 
-def test_what_does_not_fit_pushes_out_the_oldest_and_is_counted() -> None:
-    inbox = Inbox()
-    for number in range(CAPACITY + 3):
-        inbox.put("command", number)
-    assert items(inbox) == list(range(3, CAPACITY + 3))
+@pytest.mark.parametrize("kind", NEWEST_COUNT)
+def test_what_does_not_fit_pushes_out_the_oldest_of_its_kind_and_is_counted(kind: str) -> None:
+    inbox, most = Inbox(), MOST_WAITING[kind]
+    for number in range(most + 3):
+        inbox.put(kind, number)
+    assert items(inbox) == list(range(3, most + 3))
     assert inbox.overflowed == 3
 
 
-def test_a_flood_of_failures_displaces_no_command() -> None:
+def test_a_query_that_does_not_fit_is_not_taken() -> None:
     inbox = Inbox()
-    inbox.put("command", "a")
+    for number in range(MOST_WAITING["lease"] + 3):
+        inbox.put("lease", number)
+    assert items(inbox) == list(range(MOST_WAITING["lease"]))
+
+
+@pytest.mark.parametrize("kind", MOST_WAITING)
+def test_a_flood_of_one_kind_displaces_no_other(kind: str) -> None:
+    inbox = Inbox()
+    others = [other for other in MOST_WAITING if other != kind]
+    for other in others:
+        inbox.put(other, other)
     for _ in range(10 * CAPACITY):
-        inbox.put("failure", "b")
-    inbox.put("command", "c")
-    assert items(inbox) == ["a", *"bbbb", "c"]
-    assert inbox.overflowed == 10 * CAPACITY - 4
+        inbox.put(kind, "flood")
+    for other in others:
+        inbox.put(other, other)
+    taken = items(inbox)
+    assert [item for item in taken if item != "flood"] == [*others, *others]
+    assert taken.count("flood") == MOST_WAITING[kind]
+    assert inbox.overflowed == 10 * CAPACITY - MOST_WAITING[kind]
+
+
+def test_a_queue_has_room_for_what_may_wait_of_every_kind() -> None:
+    assert sum(MOST_WAITING.values()) <= CAPACITY
 
 
 @pytest.mark.parametrize("timeout_s", [-1.0, 0.0, 0.01])

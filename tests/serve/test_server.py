@@ -3,6 +3,7 @@
 import json
 import os
 import socket
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -27,6 +28,9 @@ from hexctl.wire.orientation import decode_orientation
 from hexctl.wire.pose import decode_pose, encode_pose
 from tests.control.posed import PosedMock
 from tests.serve.test_hostile_input import Item
+
+
+LEVEL = np.array([1.0, 0.0, 0.0, 0.0])
 
 
 class Bench:
@@ -93,6 +97,43 @@ def test_a_command_reaches_the_servos_at_once_and_comes_back_as_a_state(bench: B
     bench.command(wanted)
     np.testing.assert_array_equal(bench.servos.sent[-1].positions_rad, wanted)
     assert bench.last_state()[1].command_sequence == 1
+
+
+def test_a_command_of_a_stranger_does_not_even_wait(bench: Bench) -> None:
+    """Sorted out on Zenoh's thread, however many there are."""
+    lease = bench.acquire()
+    tag = CommandTag(
+        sequence=2**40,
+        stamp_ns=0,
+        time_to_live_ms=200,
+        lease_id=bytes(16),
+        lease_sequence=lease["sequence"],
+    )
+    put = bench.server._transport._putter("command")
+    pose = encode_positions(bench.servos.robot.stance_angles_rad)
+    own = replace(tag, lease_id=bytes.fromhex(lease["lease"]), sequence=1).packed()
+    put(Item(pose, own))
+    for _ in range(1000):
+        put(Item(pose, tag.packed()))
+    while (arrival := bench.server._inbox.take(0)) is not None:
+        bench.server._handle(arrival)
+    commands = bench.server.status()["commands"]
+    assert commands["accepted"] == 1
+    assert (commands["stale_owner"], commands["overflowed"]) == (1000, 0)
+
+
+def test_a_position_that_jumps_is_not_published_but_counted_and_told(bench: Bench) -> None:
+    bench.ticks(2)
+    bench.server._handle(Arrival("pose", Item(encode_pose(np.zeros(3), LEVEL), None), bench.servos.time.now_s))
+    bench.ticks(2)
+    far = np.array([3e38, 0.0, 0.0])
+    bench.server._handle(Arrival("pose", Item(encode_pose(far, LEVEL), None), bench.servos.time.now_s))
+    bench.said.clear()
+    bench.ticks(2)
+    poses = [decode_pose(payload) for kind, payload, _ in bench.said if kind == "odom"]
+    assert [position for position, _ in poses] == [None, None]
+    status = bench.server.status()
+    assert (status["positions_doubted"], status["stopped"], status["pose"]) == (1, None, False)
 
 
 def test_a_short_time_to_live_ends_the_motion_sooner(bench: Bench) -> None:
