@@ -31,8 +31,8 @@ FAULTS = ("fault", "state", "pose lost", "expired")
 #: Recordings, sessions and studies, below the current folder.
 RUNS = Path("runs")
 
-#: Signals that ask a command to stop.
-SIGNALS = (signal.SIGINT, signal.SIGTERM)
+#: Signals that ask a command to stop; the last comes when its terminal is closed.
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 #: Columns of output that goes to a file or a pipe: no line of a table is wrapped there.
 PIPE_COLUMNS = 400
@@ -165,15 +165,25 @@ def print_above(bar: "Progress", text: str, *, err: bool) -> None:
         bar.console.print(text, highlight=False, markup=False)
 
 
+def stop_signals() -> tuple[signal.Signals, ...]:
+    """`SIGNALS`, without the one of a closed terminal where it is ignored, as under `nohup`."""
+    ignored = signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
+    return tuple(number for number in SIGNALS if number is not signal.SIGHUP or not ignored)
+
+
 class StopOnInterrupt:
-    """While open, SIGINT and SIGTERM only set `requested`; a second one raises KeyboardInterrupt.
+    """While open, SIGINT, SIGTERM and SIGHUP only set `requested`; a second one raises KeyboardInterrupt.
+
+    SIGHUP says that the terminal is closed. It may come twice, from the kernel and from a shell, so it never
+    raises; what is printed from then on goes nowhere.
 
     Args:
         plain: whether there is no soft stop that a second one would leave out.
     """
 
     def __init__(self, *, plain: bool = False) -> None:
-        self._requested = False
+        self._requested = self._interrupted = False
+        self._terminals: list[int] = []
         self._again = "quit at once" if plain else "quit without a soft stop"
         self._before: dict[signal.Signals, Any] = {}
 
@@ -182,7 +192,8 @@ class StopOnInterrupt:
         return self._requested
 
     def __enter__(self) -> Self:
-        for number in SIGNALS:
+        self._terminals = [stream for stream in (1, 2) if os.isatty(stream)]
+        for number in stop_signals():
             self._before[number] = signal.signal(number, self._handle)
         return self
 
@@ -193,9 +204,19 @@ class StopOnInterrupt:
             signal.signal(number, handler)
 
     def _handle(self, number: int, frame: FrameType | None) -> None:
-        if self._requested:
+        if number == signal.SIGHUP:
+            self._requested = True
+            self._leave_terminal()
+            return
+        if self._interrupted:
             raise KeyboardInterrupt
-        self._requested = True
+        self._requested = self._interrupted = True
         if sys.stderr.isatty():
             text = f"\nstopping; press Ctrl-C again to {self._again}\n"
             os.write(sys.stderr.fileno(), text.encode())
+
+    def _leave_terminal(self) -> None:
+        """Point what was printed on a terminal that has gone to nowhere: writing there is an error."""
+        for stream in self._terminals:
+            if not os.isatty(stream):
+                os.dup2(os.open(os.devnull, os.O_WRONLY), stream)

@@ -1,4 +1,4 @@
-"""`hexctl drive` on a pseudo-terminal whose other end the test holds."""
+"""`hexctl drive`, or another command, on a pseudo-terminal whose other end the test holds."""
 
 import os
 import pty
@@ -33,10 +33,11 @@ class OnTerminal:
     """A process whose terminal the test holds the other end of.
 
     Args:
-        arguments: of `hexctl drive`.
+        arguments: of the command.
         folder: it works in.
         program: for `python -c`.
         variables: added to the environment.
+        command: of hexctl.
     """
 
     def __init__(
@@ -46,10 +47,11 @@ class OnTerminal:
         *,
         program: str = COMMAND,
         variables: Mapping[str, str] | None = None,
+        command: str = "drive",
     ) -> None:
         self.master, slave = pty.openpty()
         self.process = subprocess.Popen(
-            [sys.executable, "-c", program, "drive", *arguments],
+            [sys.executable, "-c", program, command, *arguments],
             stdin=slave,
             stdout=slave,
             stderr=slave,

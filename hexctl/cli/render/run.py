@@ -27,7 +27,7 @@ def summary(outcome: dict[str, Any]) -> list[RenderableType]:
         *_distance_rows(outcome),
         *_failure_rows(outcome),
         ("status", outcome["status"] + why_in_words(outcome["stopped"]) + _cause(outcome.get("cause"))),
-        ("guard", _clipped(outcome["clipped_ticks"])),
+        ("guard", _clipped(outcome["clipped_ticks"]) + _doubted(outcome.get("positions_doubted", 0))),
         *([("link", link)] if link else []),
         (
             "ticks",
@@ -159,3 +159,8 @@ def _clipped(clipped: int) -> str:
     if not clipped:
         return "let every command pass"
     return f"clipped {clipped} commands of the walk: too fast for the joints, see hexctl check"
+
+
+def _doubted(positions: int) -> str:
+    """How many positions the robot cannot have had."""
+    return f"; {positions} positions jumped and were not believed" if positions else ""
