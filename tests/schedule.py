@@ -56,6 +56,7 @@ REALTIME = (
     "tests/wire/test_session.py",
     "tests/cli/test_calibrate.py",
     "tests/cli/test_run.py::test_ctrl_c",
+    "tests/cli/test_hangup.py",
     "tests/record/test_live.py",
     "tests/see/video/test_video_source.py",
     "tests/see/video/test_mjpeg.py",

@@ -30,7 +30,9 @@ def check(store: RowStore, start: int, stop: int) -> None:
     np.testing.assert_array_equal(store.rows("time_s", start, stop), index / 50)
     joints = np.stack([index, -index, np.full(len(index), np.nan)], axis=-1)
     np.testing.assert_array_equal(store.rows("joints", start, stop), joints)
-    np.testing.assert_array_equal(store.rows("feet", start, stop), np.stack([index % 2, index % 3], axis=-1) > 0)
+    np.testing.assert_array_equal(
+        store.rows("feet", start, stop), np.stack([index % 2, index % 3], axis=-1) > 0
+    )
     np.testing.assert_array_equal(store.rows("phase", start, stop), index)
 
 
@@ -58,7 +60,13 @@ def test_older_rows_are_in_a_file_and_the_same() -> None:
     append(store)
     wait_until_written(store)
     assert in_memory(store) <= KEPT_CHUNKS < len(store._chunks)
-    for start, stop in ((0, 1), (CHUNK - 1, CHUNK + 1), (3, len(store)), (len(store) - 1, len(store)), (7, 7)):
+    for start, stop in (
+        (0, 1),
+        (CHUNK - 1, CHUNK + 1),
+        (3, len(store)),
+        (len(store) - 1, len(store)),
+        (7, 7),
+    ):
         check(store, start, stop)
     assert store.rows("joints", 0, 1).flags.writeable
 

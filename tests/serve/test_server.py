@@ -29,7 +29,6 @@ from hexctl.wire.pose import decode_pose, encode_pose
 from tests.control.posed import PosedMock
 from tests.serve.test_hostile_input import Item
 
-
 LEVEL = np.array([1.0, 0.0, 0.0, 0.0])
 
 
@@ -124,7 +123,9 @@ def test_a_command_of_a_stranger_does_not_even_wait(bench: Bench) -> None:
 
 def test_a_position_that_jumps_is_not_published_but_counted_and_told(bench: Bench) -> None:
     bench.ticks(2)
-    bench.server._handle(Arrival("pose", Item(encode_pose(np.zeros(3), LEVEL), None), bench.servos.time.now_s))
+    bench.server._handle(
+        Arrival("pose", Item(encode_pose(np.zeros(3), LEVEL), None), bench.servos.time.now_s)
+    )
     bench.ticks(2)
     far = np.array([3e38, 0.0, 0.0])
     bench.server._handle(Arrival("pose", Item(encode_pose(far, LEVEL), None), bench.servos.time.now_s))

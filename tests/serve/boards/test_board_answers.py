@@ -23,7 +23,10 @@ REQUESTS = {
     "MISSION_REQUEST": (common.MAVLink_mission_request_message(1, 1, 0, 0), "MISSION_ACK"),
     "MISSION_CLEAR_ALL": (common.MAVLink_mission_clear_all_message(1, 1, 0), "MISSION_ACK"),
     "COMMAND_LONG": (common.MAVLink_command_long_message(1, 1, 400, 0, *[1.0] * 7), "COMMAND_ACK"),
-    "COMMAND_INT": (common.MAVLink_command_int_message(1, 1, 0, 400, 0, 0, *[1.0] * 4, 1, 1, 1.0), "COMMAND_ACK"),
+    "COMMAND_INT": (
+        common.MAVLink_command_int_message(1, 1, 0, 400, 0, 0, *[1.0] * 4, 1, 1, 1.0),
+        "COMMAND_ACK",
+    ),
 }
 
 
@@ -95,5 +98,8 @@ def test_a_name_of_any_bytes_is_answered(name: bytes) -> None:
 
 
 def test_other_messages_have_no_answer() -> None:
-    for message in (common.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3), common.MAVLink_ping_message(1, 2, 1, 1)):
+    for message in (
+        common.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3),
+        common.MAVLink_ping_message(1, 2, 1, 1),
+    ):
         assert answered(message) == []
