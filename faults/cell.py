@@ -10,7 +10,7 @@ from faults.measurement import (
     Outcome,
     fell_after,
     goes_on,
-    largest_step,
+    largest_steps,
     late_s,
     rest_after_s,
     told_after_s,
@@ -59,6 +59,7 @@ def _measured(
     # A twin that was told fails at its next control period.
     began_s = float(truth.fault_at_s[-1]) if truth.fault_at_s.size else at_s
     speeds_rad_s = load_robot_file(rig.robot_file).robot.joint_max_speed_rad_s
+    step, pace = largest_steps(truth, began_s, speeds_rad_s)
     trials, lost = _trials(rig, fault) if PHASES[phase].motion is None else (None, None)
     server = "" if rig.server is None else rig.server.said(heard[rig.server])
     controller = "" if rig.controller is None else rig.controller.said(heard[rig.controller])
@@ -70,7 +71,8 @@ def _measured(
         repetition=repetition,
         rest_s=_rounded(rest_after_s(truth, began_s)),
         told_s=round(told_after_s(truth, began_s), 4),
-        step=round(largest_step(truth, began_s, speeds_rad_s), 3),
+        step=round(step, 3),
+        pace=round(pace, 3),
         fell=fell_after(truth, began_s),
         stops=tuple(re.findall(r"STOPPED: (.*)", server)),
         ended=ended[1][:200] if ended else _gone(rig, fault),

@@ -27,6 +27,9 @@ PUNCTUAL_S = 0.02
 #: A step is too large beyond a tick's slew limit and rounding of the servos' counts.
 ROUNDING = 1.05
 
+#: Longest time in which a joint goes on with a command, and by how much a message may come early.
+SILENCE_S, JITTER_S = 0.2, 0.005
+
 #: Bars: at rest within, for 99.9 %, and at most.
 REST_S, MOST_REST_S, SHARE = 0.25, 0.5, 0.999
 
@@ -43,6 +46,8 @@ class Outcome:
         rest_s: from the fault to the last motion of a joint; None for a robot that still moves at the end.
         told_s: from the fault to the last change of what the servos were told.
         step: largest change that a servo was told at once, in slew limits of a control period.
+        pace: the same in what a joint may turn in the time since it was told the last time, which is longer
+            than a control period where messages were lost.
         fell: whether the body leant too far for so long as a fall takes.
         stops: what the server said of stops, in its words.
         ended: what ended the controller, empty for nothing.
@@ -60,6 +65,7 @@ class Outcome:
     told_s: float
     step: float
     fell: bool
+    pace: float = 0.0
     stops: tuple[str, ...] = ()
     ended: str = ""
     trials: int | None = None
@@ -102,8 +108,8 @@ class Outcome:
 
     @property
     def jumped(self) -> bool:
-        """Whether a servo was told a step larger than a control period's slew limit."""
-        return self.step > ROUNDING
+        """Whether a servo was told to go further than its joint may turn since it was told last."""
+        return self.pace > ROUNDING
 
     def as_json(self) -> dict[str, Any]:
         """As a line of the results, without what is usual."""
@@ -143,14 +149,23 @@ def told_after_s(truth: Truth, at_s: float) -> float:
     return max(0.0, float(last_s - at_s))
 
 
-def largest_step(truth: Truth, at_s: float, max_speed_rad_s: FloatArray) -> float:
-    """Largest step that a servo was told since a moment, in slew limits of a control period."""
+def largest_steps(truth: Truth, at_s: float, max_speed_rad_s: FloatArray) -> tuple[float, float]:
+    """Largest step that a servo was told since a moment, and pace of it.
+
+    The step is in slew limits of a control period, the pace in those of the time since the servo was told
+    something else, up to `SILENCE_S`.
+    """
     rows = np.flatnonzero(truth.told_at_s >= at_s)
     if not rows.size:
-        return 0.0
-    told = truth.told_rad[max(0, rows[0] - 1) :]
+        return 0.0, 0.0
+    first = max(0, rows[0] - 1)
+    told, times_s = truth.told_rad[first:], truth.told_at_s[first:]
     steps = np.abs(np.diff(told, axis=0)) / (max_speed_rad_s * PERIOD_S)
-    return float(np.nanmax(steps, initial=0.0)) if steps.size else 0.0
+    if not steps.size:
+        return 0.0, 0.0
+    passed_s = np.minimum(np.diff(times_s) + JITTER_S, SILENCE_S)
+    periods = np.maximum(1.0, passed_s / PERIOD_S)[:, np.newaxis]
+    return float(np.nanmax(steps, initial=0.0)), float(np.nanmax(steps / periods, initial=0.0))
 
 
 def fell_after(truth: Truth, at_s: float) -> bool:

@@ -14,8 +14,8 @@ from hexctl.types import FloatArray
 MOVING = ("turning", "walking", "stopping", "sitting")
 
 HEADING = (
-    "| fault | safe | injections | at rest, s: median, 99.9 %, greatest | within 0.25 s | largest step "
-    "| falls | trials lost | stops that were not needed |",
+    "| fault | safe | injections | at rest, s: median, 99.9 %, greatest | within 0.25 s "
+    "| largest step, pace | falls | trials lost | stops that were not needed |",
     "|---|---|---|---|---|---|---|---|---|",
 )
 
@@ -63,9 +63,10 @@ def _row(name: str, outcomes: list[Outcome]) -> str:
     to_go_on = [one for one in outcomes if one.safe == "goes on"]
     unneeded = f"{sum(one.unneeded for one in to_go_on)} of {len(to_go_on)}" if to_go_on else "-"
     falls = "by itself" if fault.topples else str(sum(one.fell for one in outcomes))
+    step, pace = max(one.step for one in outcomes), max(one.pace for one in outcomes)
     return (
         f"| {fault.words} | {fault.safe} | {len(outcomes)} | {timed} | {within} "
-        f"| {max(one.step for one in outcomes):.2f} | {falls} | {lost if trials else '-'} | {unneeded} |"
+        f"| {step:.2f}, {pace:.2f} | {falls} | {lost if trials else '-'} | {unneeded} |"
     )
 
 

@@ -102,6 +102,15 @@ class LeaseManager:
         self._held = replace(held, deadline_s=now_s + duration_s)
         return self._held
 
+    def heard(self, at_s: float) -> None:
+        """Keep the lease, whose holder has just commanded, for its usual duration from a time on.
+
+        Requests to renew may be lost on a bad link while commands still arrive.
+        """
+        held = self.holder(at_s)
+        if held is not None and held.deadline_s < at_s + self.duration_s:
+            self._held = replace(held, deadline_s=at_s + self.duration_s)
+
     def release(self, lease_id: bytes, now_s: float) -> None:
         """Give a lease back.
 

@@ -278,6 +278,7 @@ class RobotServer:
             self._commands.counters.refused += 1
             return
         self._commands.counters.accepted += 1
+        self._leases.heard(at_s)
         self._publish(self._guard.peek())
 
     def _write(self, positions_rad: FloatArray, late_s: float, good_until_s: float) -> None:

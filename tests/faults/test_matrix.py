@@ -63,8 +63,8 @@ def test_the_tables_say_what_was_found_and_what_was_not_run() -> None:
         an_outcome("wild-reading", stops=("state",), goes_on=False),
     ]
     text = page_part(outcomes)
-    assert "| controller killed | rests | 2 | 0.04, 0.30, 0.30 | 1 of 2 | 0.90 | 0 | - | - |" in text
-    assert "| one wild reading | goes on | 1 | - | - | 0.90 | 0 | - | 1 of 1 |" in text
+    assert "| controller killed | rests | 2 | 0.04, 0.30, 0.30 | 1 of 2 | 0.90, 0.00 | 0 | - | - |" in text
+    assert "| one wild reading | goes on | 1 | - | - | 0.90, 0.00 | 0 | - | 1 of 1 |" in text
     assert "controller and simulation are one process, without a link" in text
     held = bars(outcomes)
     assert not held["at rest within 0.25 s in 99.9 %"]

@@ -10,7 +10,7 @@ from faults.measurement import (
     Outcome,
     fell_after,
     goes_on,
-    largest_step,
+    largest_steps,
     late_s,
     rest_after_s,
     told_after_s,
@@ -49,8 +49,10 @@ def test_one_that_moves_to_the_end_does_not_rest() -> None:
 
 def test_steps_count_across_the_fault_in_limits_of_a_control_period() -> None:
     angle_rad = np.where(TIMES_S < 0.99, 0.0, 0.1)
-    assert largest_step(truth_of(angle_rad), 1.0, np.full(18, 2.0)) == pytest.approx(2.5)
-    assert largest_step(truth_of(angle_rad), 1.5, np.full(18, 2.0)) == 0.0
+    step, pace = largest_steps(truth_of(angle_rad), 1.0, np.full(18, 2.0))
+    assert step == pytest.approx(2.5)
+    assert pace == pytest.approx(2.0)
+    assert largest_steps(truth_of(angle_rad), 1.5, np.full(18, 2.0)) == (0.0, 0.0)
 
 
 def test_a_body_that_leans_for_as_long_as_a_fall_takes_has_fallen() -> None:

@@ -236,3 +236,16 @@ def test_legs_that_fail_and_heal_too_often_are_refused_until_a_second_has_passed
         assert answers[-1]["error"] == "failure: got more in a second; allowed: 10 legs that fail or heal"
         assert desk.failure(requests[0], 1.005) == {"failures": ["leg 5 limp"]}
         assert "error" in desk.failure(requests[1], 1.006)
+
+
+def test_commands_keep_a_lease_whose_renewals_are_lost_and_revive_none_that_has_ended() -> None:
+    leases = LeaseManager(duration_s=1.0)
+    lease = leases.acquire("one", 0.0)
+    leases.heard(0.9)
+    assert leases.holder(1.8) is not None
+    assert leases.holder(1.8).lease_id == lease.lease_id  # type: ignore[union-attr]
+    leases.heard(2.0)
+    assert leases.holder(2.0) is None
+    long = leases.acquire("two", 3.0, duration_s=10.0)
+    leases.heard(4.0)
+    assert leases.holder(12.0) == long

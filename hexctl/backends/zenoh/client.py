@@ -1,10 +1,11 @@
 """Zenoh client: queries, the lease of a robot, and the served robot as LegServos."""
 
+import math
 import os
 import socket
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
@@ -109,8 +110,18 @@ class LeaseClient:
         lost_at_s: when it was lost, on time.monotonic.
     """
 
-    def __init__(self, session: zenoh.Session, key: str) -> None:
-        self._session, self._key = session, key
+    def __init__(
+        self, session: zenoh.Session, key: str, heard_at_s: Callable[[], float] = lambda: -math.inf
+    ) -> None:
+        """Hold nothing yet.
+
+        Args:
+            session: an open session.
+            key: of the robot's lease.
+            heard_at_s: when the robot was heard last otherwise, on time.monotonic: one that is heard has not
+                gone, though answers get lost.
+        """
+        self._session, self._key, self._heard_at_s = session, key, heard_at_s
         self.lease_id = b""
         self.sequence = 0
         self.lost: str | None = None
@@ -171,9 +182,11 @@ class LeaseClient:
             if answer is not None:
                 heard_s = self.lost_at_s = time.monotonic()
                 self.lost = answer.get("error")
-            elif time.monotonic() - heard_s > self._duration_s:
+                continue
+            silent_s = time.monotonic() - max(heard_s, self._heard_at_s())
+            if silent_s > self._duration_s:
                 self.lost_at_s = time.monotonic()
-                self.lost = f"the robot has not answered for {time.monotonic() - heard_s:.1f} s"
+                self.lost = f"the robot has not answered for {silent_s:.1f} s"
 
     def _request(self, op: str) -> dict[str, Any] | None:
         content = {"op": op, "lease": self.lease_id.hex()}
@@ -236,7 +249,7 @@ class ZenohServos(LegServos):
                 self._check_robot(session)
             self._subscriber.subscribe(session)
             if not self._link.plain:
-                self._lease = LeaseClient(session, self._keys.lease)
+                self._lease = LeaseClient(session, self._keys.lease, lambda: self._subscriber.heard_at_s)
                 self._lease.acquire()
                 opening.callback(self._lease.release)
                 self._subscriber.forget()  # an older state may report a stop that the lease has lifted

@@ -1,5 +1,6 @@
 """State subscriber: the latest messages of a served robot, put together into robot states."""
 
+import math
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -95,6 +96,12 @@ class StateSubscriber:
     def forget(self) -> None:
         """Discard everything received so far."""
         self._latest.clear()
+
+    @property
+    def heard_at_s(self) -> float:
+        """When the newest state arrived, on time.monotonic; minus infinity before the first."""
+        sample = self._latest.newest("joint_states")
+        return -math.inf if sample is None else sample.at_s
 
     def wait_for_first_s(self) -> float:
         """Arrival time of the first state, on time.monotonic, after waiting for it.

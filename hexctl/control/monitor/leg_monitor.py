@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hexctl.control.monitor.body_balance import BodyBalance
 from hexctl.control.monitor.joint_following import JointFollowing
@@ -17,6 +18,7 @@ from hexctl.robot.failure_event import in_words
 from hexctl.robot.model import Robot
 from hexctl.types import (
     JOINTS_PER_LEG,
+    N_JOINTS,
     N_LEGS,
     BoolArray,
     FloatArray,
@@ -60,6 +62,10 @@ UNTOLD = ("balance", "silence")
 
 #: A leg has failed whose servo has been silent for so much longer than usual. Of MANY legs it is the bus.
 SILENT_S = 0.5
+
+#: A reading this many times further from the one before than a joint may turn in a control period, and by
+#: this angle more, is wild, and says nothing of the leg, unless there are more of them in a row.
+WILD_TIMES, WILD_RAD, MOST_WILD = 3.0, 0.1, 2
 
 #: Rows of evidence that are compared with what is usual here; the body's balance does so by itself.
 _ROWS = 3
@@ -127,6 +133,9 @@ class LegMonitor:
         legs = (*shape, N_LEGS)
         cycles = np.asarray(pace_hz * period_s)
         self._none_nm = NO_TORQUE_SHARE * robot.joint_max_torque_nm
+        self._wild_rad = WILD_TIMES * robot.joint_max_speed_rad_s * period_s + WILD_RAD
+        self._before_rad: FloatArray | None = None
+        self._wild_ticks: NDArray[np.int64] = np.zeros((*shape, N_JOINTS), dtype=np.int64)
         self._following = JointFollowing(shape, period_s, cycles, robot.joint_max_torque_nm)
         self._support = LegSupport(shape, cycles, robot.joint_max_torque_nm)
         # Rows as in EVIDENCE: the greatest rho of each leg, the load that it misses, its longest idle joint.
@@ -168,6 +177,7 @@ class LegMonitor:
 
     def update(self, state: RobotState, phases: FloatArray) -> None:
         """Take the state of a tick, and the normalised times of the legs then, leading shape + (6,)."""
+        state = self._without_wild(state)
         torques_nm = state.joint_torques_nm
         if torques_nm is not None:
             # A sum is finite only if every term is, and is cheaper than asking each one.
@@ -244,6 +254,23 @@ class LegMonitor:
     def silent(self, leg: int, row: tuple[int, ...] = ()) -> bool:
         """Whether a servo of a leg, 1..6, is silent now, of one robot of a batch."""
         return bool(self._silent_s[row][leg - 1] > 0)
+
+    def _without_wild(self, state: RobotState) -> RobotState:
+        """State in which a joint that jumps further than it can turn is where it was before, for a while."""
+        measured_rad = state.joint_positions_rad
+        if self._before_rad is None:
+            self._before_rad = measured_rad.copy()
+            return state
+        jumps = np.abs(measured_rad - self._before_rad) > self._wild_rad
+        if not np.count_nonzero(jumps):
+            if self._wild_ticks.any():
+                self._wild_ticks[...] = 0
+            np.copyto(self._before_rad, measured_rad)
+            return state
+        self._wild_ticks = (self._wild_ticks + 1) * jumps
+        wild = jumps & (self._wild_ticks <= MOST_WILD)
+        np.copyto(self._before_rad, measured_rad, where=~wild)
+        return replace(state, joint_positions_rad=np.where(wild, self._before_rad, measured_rad))
 
     def _listen(self, stale: BoolArray | None) -> None:
         """Count for how long legs have had a silent servo; nothing else is known of them meanwhile."""

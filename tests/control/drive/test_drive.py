@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 
 from hexctl import Drive, Failure, Guard, MockServos, SimServos, Velocity
+from hexctl.backends.base import ServosWrapper
 from hexctl.control.drive.drive_controller import DriveController
 from hexctl.control.log import Recorders
 from hexctl.errors import EStopError, InputError
 from hexctl.robot.failure_event import parse_failure_event, parse_healing
 from hexctl.robot.rotations import yaw_rad
-from hexctl.types import FloatArray
+from hexctl.types import FloatArray, RobotState
 from tests.robots import shipped
 
 
@@ -270,3 +271,29 @@ def test_a_leg_that_is_known_to_have_failed_is_not_walked_on() -> None:
         drive.gait = "wave"
         assert 1 in drive.controller.gait_now.posture.tucked_legs  # type: ignore[attr-defined]
         assert not drive.noticed
+
+
+class WildOnce(ServosWrapper):
+    """Servos of which one reading is wild."""
+
+    def __init__(self, at_tick: int) -> None:
+        super().__init__(SimServos("ant"))
+        self._ticks, self._at_tick = 0, at_tick
+
+    def read(self) -> RobotState:
+        state = super().read()
+        self._ticks += 1
+        if self._ticks == self._at_tick:
+            state.joint_positions_rad[4] += 1.5
+        return state
+
+
+@pytest.mark.parametrize("at_tick", [200, 217, 229])
+def test_one_wild_reading_of_a_joint_neither_stops_a_walk_nor_accuses_a_leg(at_tick: int) -> None:
+    with Drive(servos=WildOnce(at_tick), policy="stop") as drive:
+        drive.command(forward_m_s=drive.share(forward=0.8).forward_m_s)
+        for _ in range(at_tick + 60):
+            drive.step()
+        assert not drive.noticed
+        assert drive.stopped is None
+        assert drive.velocity.forward_m_s > 0
