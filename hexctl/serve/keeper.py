@@ -148,11 +148,10 @@ def take_over(spec: KeeperSpec) -> str:
             return "had no torque"
         if isinstance(servos, Pca9685Servos) and not servos.powered.all():
             return _without_some_pulses(guard, sits=spec.sits)
-        here = guard.read().joint_positions_rad.copy()
-        end = sitting_angles_rad(guard.robot) if spec.sits else here
-        state = _move(guard, here, end)
         if not spec.sits:
-            return "holds"
+            return "holds"  # its servos hold their last goals: those of where they are would let it sag
+        here, end = guard.read().joint_positions_rad.copy(), sitting_angles_rad(guard.robot)
+        state = _move(guard, here, end)
         left = np.flatnonzero(np.abs(state.joint_positions_rad - end) >= ARRIVED_RAD).tolist()
         names = ", ".join(JOINT_NAMES[joint].replace("_", " ") for joint in left)
         if len(left) > MOST_LEFT:

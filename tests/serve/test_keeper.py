@@ -187,3 +187,19 @@ def test_a_robot_without_torque_is_left_alone() -> None:
         spec = KeeperSpec(backend="feetech", robot="phantomx", connect=bus.path, sits=True)
         assert take_over(spec) == "had no torque"
         assert not any(servo.holds for servo in bus._servos)
+
+
+def test_a_robot_that_holds_is_not_told_anew_where_to_be() -> None:
+    """Its joints hang a little below their goals; told to be where they are, they would sag further."""
+    bus_map = a_map()
+    robot = MockServos("phantomx")
+    with bus_board(bus_map, servos=robot) as bus:
+        for servo in bus._servos:
+            assert isinstance(servo, BusServo)
+            servo.write(servo._table.torque.address, b"\1")
+        goals = bus._family.goals(0.0)
+        robot._positions_rad -= 0.05
+        spec = KeeperSpec(backend="feetech", robot="phantomx", connect=bus.path, sits=False)
+        assert take_over(spec) == "holds"
+        assert bus._family.goals(0.0) == pytest.approx(goals)
+        assert all(servo.holds for servo in bus._servos)
