@@ -25,7 +25,7 @@ def draw(outcomes: Iterable[Outcome], path: Path) -> None:
     """Draw the times to rest into a file, whose ending says its format; transparent, for any background."""
     from matplotlib.figure import Figure
 
-    shown = [one for one in outcomes if one.safe == "rests" and one.phase in MOVING]
+    shown = [one for one in outcomes if one.punctual and one.safe == "rests" and one.phase in MOVING]
     names = [name for name in FAULTS if any(one.fault == name for one in shown)]
     figure = Figure(figsize=(9.0, 0.9 + 0.5 * len(names)), layout="constrained")
     figure.patch.set_alpha(0.0)

@@ -42,4 +42,4 @@ class Results:
 
 def done(outcomes: Iterable[Outcome]) -> set[tuple[str, str, str, int]]:
     """What need not be run again: those for which the machine had time."""
-    return {outcome.key for outcome in outcomes}
+    return {outcome.key for outcome in outcomes if outcome.punctual}

@@ -83,7 +83,12 @@ def left_out() -> dict[str, list[str]]:
             else:
                 for reason in sorted(str(each) for each in reasons):
                     found.setdefault(reason, {}).setdefault("between trials, all faults", ["sim"])
-    return {
-        reason: [f"{words}: {', '.join(names)}" for words, names in rows.items()]
-        for reason, rows in found.items()
-    }
+    return {reason: _grouped(rows) for reason, rows in found.items()}
+
+
+def _grouped(rows: dict[str, list[str]]) -> list[str]:
+    """Faults with the same backends as `fault, fault: backends`."""
+    by_backends: dict[str, list[str]] = {}
+    for words, names in rows.items():
+        by_backends.setdefault(", ".join(names), []).append(words)
+    return [f"{', '.join(words)}: {names}" for names, words in by_backends.items()]

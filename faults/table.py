@@ -7,7 +7,7 @@ import numpy as np
 from faults.fault import FAULTS, NONE
 from faults.measurement import MOST_REST_S, REST_S, Outcome
 from faults.phase import PHASES
-from faults.sense import left_out
+from faults.sense import cells, left_out
 from hexctl.types import FloatArray
 
 #: Phases in which a joint moves when the fault comes, so that the time to rest tells something.
@@ -22,11 +22,15 @@ HEADING = (
 
 def page_part(outcomes: Iterable[Outcome]) -> str:
     """Tables in Markdown."""
-    every = list(outcomes)
+    given = list(outcomes)
+    every = [one for one in given if one.punctual]
     rows = [_row(name, [one for one in every if one.fault == name]) for name in FAULTS]
-    late = sum(not one.punctual for one in every)
+    late = len(given) - len(every)
+    measured = {(one.fault, one.backend, one.phase) for one in every}
+    held = [f"{bar}: {'holds' if holds else '**does not hold**'}" for bar, holds in bars(every).items()]
     lines = [
-        f"{len(every)} injections; in {late} of them the machine kept the twin waiting for more than 0.02 s.",
+        f"{len(every)} injections, {len(measured)} of {len(cells())} cells; {late} more in which the machine "
+        "kept the twin waiting for more than 0.02 s are not counted. " + "; ".join(held) + ".",
         "",
         *HEADING,
         *(row for row in rows if row),
