@@ -113,7 +113,7 @@ def test_a_server_that_goes_in_mid_walk_leaves_the_robot_at_rest(
             walking.start()
             if not moved.wait(MOVES_WITHIN_S) or not _all_move(robot):  # the machine is too busy for a walk
                 server.signal(signal.SIGKILL)
-                wait_until(lambda: "serve gone" in server.said(), "the keeper")
+                wait_until(lambda: "the robot holds" in server.said(), "the keeper")
                 walking.join(TIMEOUT_S)
                 continue
             server.signal(number)
