@@ -72,6 +72,7 @@ if TYPE_CHECKING:
     from hexctl.robot.model import Robot
     from hexctl.serve.ros.options import RosOptions
     from hexctl.serve.service import RobotService, ServosSpec, serve
+    from hexctl.serve.stops.estop import ReadyStop, StopResult, clear_stop, estop
     from hexctl.study.plan import StudyPlan
     from hexctl.study.prior import PriorPlan, build_prior
     from hexctl.study.study import StudyResult, study
@@ -105,7 +106,8 @@ __all__ = [
     # one call for each command
     "RunResult", "RunSpec", "run", "Diagnosis", "DiagnosisResult", "LegFinding", "diagnose",
     "StudyPlan", "StudyResult", "study", "RobotService", "RosOptions", "ServosSpec",
-    "serve", "export", "RecordedTrial", "read_trial", "demo", "DemoResult",
+    "serve", "estop", "clear_stop", "ReadyStop", "StopResult", "export", "RecordedTrial", "read_trial",
+    "demo", "DemoResult",
     # errors
     "HexctlError", "InputError", "WrongTypeError", "MissingExtraError", "ReachError", "LimitError",
     "CommandRefusedError", "EStopError", "RobotFaultError", "SimulationDivergedError", "RecordingError",
@@ -173,6 +175,7 @@ _MODULES = {
     "study.study": "StudyResult study",
     "serve.service": "RobotService ServosSpec serve",
     "serve.ros.options": "RosOptions",
+    "serve.stops.estop": "ReadyStop StopResult clear_stop estop",
     "record.recorded_trial": "RecordedTrial read_trial",
     "demo.rescue": "DemoResult",
     # errors

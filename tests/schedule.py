@@ -21,6 +21,8 @@ REALTIME = (
     "tests/faults/test_command.py",
     "tests/serve/test_steered_link.py",
     "tests/serve/test_failing_link.py",
+    "tests/serve/test_lockout.py",
+    "tests/serve/stops/test_estop.py",
     "tests/serve/boards/test_servo_board.py",
     "tests/serve/test_remote.py",
     "tests/backends/test_port_thread.py",

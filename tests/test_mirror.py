@@ -22,6 +22,7 @@ TOGETHER = {
     "serve/test_failing_link.py",
     "serve/test_hostile_input.py",
     "serve/test_link_faults.py",
+    "serve/test_lockout.py",
     "serve/test_soak.py",
     "serve/test_steered_link.py",
     "study/transfer/test_benchmark.py",

@@ -1,16 +1,38 @@
 """`hexctl estop`: stop a robot from anywhere, without a lease; or clear the stop."""
 
 import json
-from typing import Annotated
+import os
+import select
+import signal
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from hexctl.cli.options import InsecureOption, JsonOption, KeysOption, LinkOption, ZenohConnectOption
+from hexctl.errors import InputError
+
+if TYPE_CHECKING:
+    from hexctl.serve.stops.estop import ReadyStop, StopResult
+
+#: How often keys and buttons are looked at.
+LOOK_S = 0.01
 
 
 def estop(
     clear: Annotated[
         bool, typer.Option("--clear", help="Clear the stop: the robot may be commanded again.")
+    ] = False,
+    ready: Annotated[
+        bool,
+        typer.Option(
+            "--ready",
+            help="Connect now, and stop the robot when a key of this terminal or a button of a gamepad is "
+            "pressed, or when the terminal goes; Ctrl-C ends it without a stop.",
+        ),
     ] = False,
     connect: ZenohConnectOption = None,
     keys: KeysOption = None,
@@ -20,33 +42,138 @@ def estop(
 ) -> None:
     """Stop a robot on the network from anywhere, whichever client commands it.
 
-    It holds its pose until the stop is cleared and a client commands it again. A fault that is still there
-    is not cleared: exit code 3.
+    By datagram and by session at once, until it is at rest and stays so. It holds its pose until the stop is
+    cleared and a client commands it again. A fault that is still there is not cleared: exit code 3.
     """
-    from hexctl.cli.console import FAULT, print_note, print_result
-    from hexctl.serve.remote import remote_robots
-    from hexctl.wire.description import RobotIdentity
-    from hexctl.wire.links import Role
+    if clear and ready:
+        raise InputError("--ready: got it with --clear; allowed: one of both")
+    place: dict[str, Any] = {"connect": connect, "credentials": keys, "insecure": insecure, "link": link}
+    if clear:
+        _clear(place, as_json=as_json)
+        return
+    from hexctl.serve.stops.estop import ReadyStop
 
-    with remote_robots(
-        Role.CONTROLLER, connect=connect, credentials=keys, insecure=insecure, link=link
-    ) as robots:
-        answers = robots.clear() if clear else robots.stop()
-    refused = next((str(answer["error"]) for answer in answers if clear and "error" in answer), None)
+    with ReadyStop(**place, again=ready) as stop:
+        if ready:
+            _wait_for_a_press(stop)
+        result = stop.wait_for_rest()
+        _print(result, as_json=as_json)
+
+
+def _print(result: "StopResult", *, as_json: bool) -> None:
+    """Say that a robot rests; who it is comes with the session, if that got through."""
+    from hexctl.cli.console import print_note, print_result
+    from hexctl.wire.description import RobotIdentity
+
+    if as_json:
+        print_result(
+            json.dumps(
+                {
+                    "stopped": result.stopped,
+                    "stop_id": result.stop_id,
+                    "at_rest": result.at_rest,
+                    "kept": result.kept,
+                    "ways": result.ways,
+                    "took_s": round(result.took_s, 3),
+                    "rested_s": round(result.rested_s, 3),
+                    "robots": result.answers,
+                }
+            )
+        )
+    else:
+        rest = "at rest" if result.at_rest else "it does not say whether it is at rest"
+        print_result(f"stopped ({result.stopped}), {rest}; hexctl estop --clear when it may move again")
+    print_note(
+        f"hexctl: confirmed by {' and '.join(result.ways)}, stopped after {1000 * result.took_s:.0f} ms, "
+        f"at rest after {1000 * result.rested_s:.0f} ms"
+    )
+    for answer in result.answers:
+        print_note(f"hexctl: the robot is {RobotIdentity.of_answer(answer)}")
+    if not result.answers:
+        print_note(f"hexctl: the robot is {result.robot}; no session has reached it")
+
+
+def _clear(place: dict[str, Any], *, as_json: bool) -> None:
+    from hexctl.cli.console import FAULT, print_note, print_result
+    from hexctl.serve.stops.estop import clear_stop
+    from hexctl.wire.description import RobotIdentity
+
+    answers = clear_stop(**place)
+    refused = next((str(answer["error"]) for answer in answers if "error" in answer), None)
     stopped = next((str(answer["stopped"]) for answer in answers if answer["stopped"] is not None), None)
     if as_json:
         print_result(json.dumps({"stopped": stopped, "robots": answers}))
     elif refused is not None:
         print_result(f"not cleared, it is still stopped ({stopped}): {refused}")
-    elif clear and stopped is not None:
+    elif stopped is not None:
         print_result(f"not cleared, it is still stopped ({stopped}); see to it, then hexctl estop --clear")
-    elif stopped is None:
-        print_result("cleared; the robot moves when a client commands it")
     else:
-        print_result(f"stopped ({stopped}); hexctl estop --clear when it may move again")
+        print_result("cleared; the robot moves when a client commands it")
     for answer in answers:
         if isinstance(meant := answer.get("cleared"), dict):
             print_note(f"hexctl: the stop was {meant.get('id')}, {meant.get('since_s')} s before")
         print_note(f"hexctl: the robot is {RobotIdentity.of_answer(answer)}")
-    if clear and stopped is not None:
+    if stopped is not None:
         raise typer.Exit(FAULT)
+
+
+def _wait_for_a_press(stop: "ReadyStop") -> None:
+    """Say how the robot is reached, whenever that changes, until a key or a button is pressed."""
+    from hexctl.cli.console import print_note
+    from hexctl.teleop.stop_button import StopButton
+
+    button, told, terminal = StopButton(), "", sys.stdin is not None and sys.stdin.isatty()
+    if not terminal and not _has_gamepad():
+        raise InputError("--ready: got no terminal to read keys from and no gamepad; allowed: either")
+    began_s = time.monotonic()
+    with _single_keys(terminal=terminal) as key_pressed:
+        try:
+            while not (key_pressed() or button.pressed()):
+                reach = str(stop.reach)
+                if reach != told and (told or stop.reach.ways or time.monotonic() - began_s > 1):
+                    with suppress(OSError):
+                        print_note(f"hexctl: {time.strftime('%H:%M:%S')} {reach}; any key stops it")
+                    told = reach
+                time.sleep(LOOK_S)
+        finally:
+            button.close()
+    stop.press()
+
+
+def _has_gamepad() -> bool:
+    from hexctl.teleop.gamepad import find_gamepads
+
+    return bool(find_gamepads())
+
+
+@contextmanager
+def _single_keys(*, terminal: bool) -> Iterator[Callable[[], bool]]:
+    """Whether a key was pressed, or the terminal has gone; keys come one by one and unechoed in the block."""
+    if not terminal:
+        yield lambda: False
+        return
+    import termios
+    import tty
+
+    keys = sys.stdin.fileno()
+    gone: list[int] = []
+    before, hung_up = termios.tcgetattr(keys), signal.signal(signal.SIGHUP, lambda *_: gone.append(1))
+    tty.setcbreak(keys)
+
+    def pressed() -> bool:
+        if gone:
+            return True
+        try:
+            ready, _, _ = select.select([keys], [], [], 0)
+            if ready:
+                os.read(keys, 256)  # nothing is read from a terminal that has gone
+        except OSError:
+            return True
+        return bool(ready)
+
+    try:
+        yield pressed
+    finally:
+        signal.signal(signal.SIGHUP, hung_up)
+        with suppress(termios.error, OSError):
+            termios.tcsetattr(keys, termios.TCSADRAIN, before)

@@ -58,6 +58,16 @@ def renew(folder: FolderArgument = Path("keys"), days: DaysOption = 825) -> None
 
 
 @keys.command()
+def stop(folder: FolderArgument = Path("keys")) -> None:
+    """Make stop.key, the secret of the datagram stop, for certificates that were made without it."""
+    from hexctl.cli.console import print_result
+    from hexctl.wire.stop_secret import write_stop_secret
+
+    for path in write_stop_secret(folder):
+        print_result(f"{path}  to its end, beside key.pem; robots are then stopped by datagram too")
+
+
+@keys.command()
 def mavlink(folder: FolderArgument = Path("keys")) -> None:
     """Make mavlink.key, the secret that lets a servo board and its controller sign their frames."""
     from hexctl.backends.mavlink.codec import write_signing_key

@@ -42,12 +42,15 @@ class RemoteRobots:
         """
         return [answer.get("status", {}) for answer in self._ask(self._keys.describe)]
 
-    def stop(self) -> list[dict[str, Any]]:
+    def stop(self, request: str | None = None) -> list[dict[str, Any]]:
         """Stop every robot, whoever started it; `stopped` of each answer is its reason.
+
+        A request with a name is one stop, however often and by whatever way it comes.
 
         Raises RobotFaultError unless each robot that answers has stopped, and one has answered.
         """
-        answers = self._ask(self._keys.estop, {"op": "stop"})
+        named = {} if request is None else {"request": request}
+        answers = self._ask(self._keys.estop, {"op": "stop", **named})
         for answer in answers:
             if answer.get("stopped") is None:
                 raise RobotFaultError(f"a robot did not stop: {answer.get('error', answer)}")

@@ -22,6 +22,7 @@ from hexctl.serve.stops.at_rest import RestWatch
 from hexctl.serve.stops.latch import StopLatch
 from hexctl.serve.stops.stop import ESTOP
 from hexctl.serve.stops.stop_file import StopFile
+from hexctl.serve.stops.stop_socket import StopSocket
 from hexctl.serve.transport import Transport, attachment_of, payload_of
 from hexctl.types import FloatArray, JointTargets, RobotState
 from hexctl.wire.description import RobotIdentity, describe, encode_json
@@ -184,6 +185,7 @@ class RobotServer:
         self._commands = CommandHandler()
         self._latch = StopLatch(self._guard, stop_file)
         self._rest = RestWatch()
+        self._stop_socket = StopSocket(link, servos.robot.name, self._latch, lambda: self._rest.at_rest)
         self._requests = RequestHandler(self._guard, self._leases, self._latch)
         self._on_tick = on_tick
         self._idle = IdleSupervisor(self._guard, sit_after_s=sit_after_s)
@@ -209,7 +211,7 @@ class RobotServer:
         the address cannot be listened at, or the servos fail.
         """
         try:
-            with self._guard, self._transport, self._ros or nullcontext():
+            with self._guard, self._transport, self._stop_socket, self._ros or nullcontext():
                 self._guard.clock.tick()
                 ready()
                 while not until():
@@ -218,6 +220,12 @@ class RobotServer:
         finally:
             self._event_log.close()
             self._latch.close()
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What an operator must know once clients can connect."""
+        trouble = self._stop_socket.trouble
+        return () if trouble is None else (f"it can only be stopped over a session: {trouble}",)
 
     def _listen(self) -> None:
         """Handle what arrives until the next tick is due."""
@@ -427,6 +435,7 @@ class RobotServer:
             "battery_v": None if state is None else _number(state.battery_v),
             "battery_share": None if state is None else _number(state.battery_share),
             "ros": None if self._ros is None else {**self._ros.status(), **self._driving()},
+            "stop_port": self._stop_socket.port,
             "endpoint": self._link.endpoint,
             "secured": self._link.credentials is not None,
             "insecure": self._link.insecure,

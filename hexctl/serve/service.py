@@ -4,7 +4,7 @@ Nothing here prints or handles signals: callers pass callbacks.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -244,7 +244,10 @@ class RobotService:
             held = isinstance(servos, PortServos) and servos.holds
             return True
 
-        _run_kept(server, stop, keeper, ready=lambda: on_started(started))
+        def ready() -> None:
+            on_started(replace(started, warnings=started.warnings + server.warnings))
+
+        _run_kept(server, stop, keeper, ready=ready)
         if held:
             on_event(STILL_HOLDS)
 

@@ -27,6 +27,7 @@ from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 from hexctl.errors import InputError, argument
 from hexctl.files import atomic_write
 from hexctl.wire.links import Role
+from hexctl.wire.stop_secret import write_stop_secret
 
 AUTHORITY_FILE, CERTIFICATE_FILE, KEY_FILE = "ca.pem", "certificate.pem", "key.pem"
 
@@ -140,6 +141,8 @@ class _Issuer:
 def make_certificates(folder: Path, *, hosts: list[str], days: int) -> None:
     """Create a folder with an authority, and a folder for each role with its certificate and key.
 
+    Robot and controllers also get the secret of the datagram stop.
+
     Args:
         folder: must not exist yet; it is created completely or not at all.
         hosts: names and addresses under which clients reach the robot.
@@ -161,6 +164,7 @@ def make_certificates(folder: Path, *, hosts: list[str], days: int) -> None:
             for role in Role:
                 key = _new_key()
                 _write(half / role.value, issuer, _certify(role, key.public_key(), names, issuer, days), key)
+            write_stop_secret(half)
             half.rename(folder)
         except BaseException:
             shutil.rmtree(half, ignore_errors=True)

@@ -115,10 +115,12 @@ class Served(Program):
     Attributes:
         endpoint: where it listens.
         log_path: what its servos were told, for the recorded mock.
+        keys: folder of certificates, or None.
     """
 
     endpoint: str = ""
     log_path: Path = field(default_factory=Path)
+    keys: Path | None = None
 
     def log(self) -> ServoLog:
         """Targets written to its servos so far."""
@@ -126,7 +128,8 @@ class Served(Program):
 
     def status(self) -> dict[str, Any]:
         """Its status, as `hexctl status --json` prints it."""
-        answer = hexctl("status", "--json", "--connect", self.endpoint)
+        keys = () if self.keys is None else ("--keys", str(self.keys))
+        answer = hexctl("status", "--json", "--connect", self.endpoint, *keys)
         assert answer.returncode == 0, answer.stderr
         content: dict[str, Any] = json.loads(answer.stdout)
         return content
@@ -134,16 +137,22 @@ class Served(Program):
 
 @contextmanager
 def served(
-    folder: Path, *options: str, backend: str = RECORDED, port: int | None = None, name: str = "robot"
+    folder: Path,
+    *options: str,
+    backend: str = RECORDED,
+    port: int | None = None,
+    name: str = "robot",
+    keys: Path | None = None,
 ) -> Iterator[Served]:
-    """Serve a robot in a process of its own until the block ends."""
-    endpoint = f"tcp/127.0.0.1:{port or free_port()}"
+    """Serve a robot in a process of its own until the block ends, over TLS where there are keys."""
+    endpoint = f"{'tcp' if keys is None else 'tls'}/127.0.0.1:{port or free_port()}"
+    options = options if keys is None else (*options, "--keys", str(keys))
     log_path = folder / f"{name}.servos"
     log_path.touch()
     arguments = ("hexctl", "serve", "--backend", backend, "--listen", endpoint, *options)
     with program(folder, name, *arguments, **{VARIABLE: str(log_path)}) as running:
         running.wait_for("serving")
-        yield Served(running.process, running.output, name, endpoint, log_path)
+        yield Served(running.process, running.output, name, endpoint, log_path, keys)
 
 
 @contextmanager

@@ -1,13 +1,14 @@
 """A controller that sways all joints until it is stopped: `-m tests.serve.swaying ENDPOINT [OPTION ...]`.
 
 Options: `loss=SHARE` and `reorder=SHARE` of the commands; `jump=SECONDS` of the wall's clock after a second;
-`again=1` to take a new lease whenever one is lost.
+`again=1` to take a new lease whenever one is lost; `keys=FOLDER` of certificates.
 """
 
 import math
 import random
 import sys
 import time
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -67,7 +68,8 @@ def main(endpoint: str, *options: str) -> int:
 
 def control(endpoint: str, given: dict[str, str]) -> int:
     """Take the lease and sway until something goes wrong."""
-    servos = ZenohServos(shipped(), link=Link(endpoint=endpoint))
+    keys = Path(given["keys"]) if "keys" in given else None
+    servos = ZenohServos(shipped(), link=Link(endpoint=endpoint, credentials=keys))
     try:
         with Guard(servos) as guard:
             if "loss" in given or "reorder" in given:

@@ -50,10 +50,14 @@ class StopLatch:
         with self._lock:
             return self._noticed()
 
+    def now(self) -> tuple[Stop | None, bool]:
+        """The stop in force, and whether it is on the disk."""
+        stop = self.current()
+        return stop, stop is not None and self._file is not None and self._file.keeps(stop)
+
     def status(self) -> dict[str, Any] | None:
         """The stop in force, as the status of a robot has it."""
-        stop = self.current()
-        kept = stop is not None and self._file is not None and self._file.keeps(stop)
+        stop, kept = self.now()
         return None if stop is None else stop.to_json(time.monotonic(), kept=kept)
 
     def close(self) -> None:

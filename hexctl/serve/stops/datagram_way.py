@@ -1,0 +1,183 @@
+"""A client's datagrams of a stop: they ask, stop and ask again until the robot is seen to be at rest."""
+
+import secrets
+import select
+import socket
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+
+from hexctl.errors import HexctlError, InputError, MessageError
+from hexctl.wire.links import Endpoint, Link, Role
+from hexctl.wire.stop_datagram import DATAGRAM_BYTES, NONCE_BYTES, Kind, StopDatagram
+from hexctl.wire.stop_secret import find_stop_secret
+
+#: Pause between two datagrams of a stop, and of questions while there is none.
+STOP_PERIOD_S, ASK_PERIOD_S = 0.05, 0.25
+
+#: Questions whose answers still count.
+MOST_ASKED = 64
+
+#: Addresses of a host to which datagrams go.
+MOST_ADDRESSES = 4
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sighting:
+    """What a robot said of itself.
+
+    Attributes:
+        at_s: when, on time.monotonic.
+        stopped: why it is stopped by a stop that stays, or None.
+        stop_id: id of that stop, or None.
+        at_rest: whether no joint moves; None from a robot that does not say.
+        kept: whether the stop is on the disk.
+        robot: its name.
+    """
+
+    at_s: float
+    stopped: str | None
+    stop_id: str | None
+    at_rest: bool | None
+    kept: bool
+    robot: str
+
+
+class DatagramWay:
+    """Asks a robot by datagram, and stops it once it is told to; a thread of its own does.
+
+    Args:
+        link: to the robot.
+        request: name of the stop.
+        pressed: set once the robot is to stop.
+        see: called with each answer that came, on the thread.
+
+    Attributes:
+        trouble: why no datagram can be sent, or None.
+        obeyed: whether the robot has confirmed the stop.
+    """
+
+    def __init__(
+        self, link: Link, request: bytes, pressed: threading.Event, see: Callable[[Sighting], None]
+    ) -> None:
+        self._link, self._request, self._pressed, self._see = link, request, pressed, see
+        self._epoch: bytes | None = None
+        self._asked: deque[bytes] = deque(maxlen=MOST_ASKED)
+        self._secret = b""
+        self._ended = False
+        self._bell_read, self._bell_write = socket.socketpair()
+        self._sockets: dict[socket.socket, list[tuple[object, ...]]] = {}
+        self._thread = threading.Thread(target=self._run, name="stop by datagram", daemon=True)
+        self.trouble: str | None = None
+        self.obeyed = False
+
+    def begin(self) -> None:
+        """Begin to ask; what is wrong with the secret or the address is trouble, not an error."""
+        try:
+            secret = find_stop_secret(self._link, Role.CONTROLLER)
+            endpoint = Endpoint.parse(self._link.endpoint)
+        except InputError as error:
+            self.trouble = str(error)
+            return
+        if secret is None:
+            self.trouble = f"{self._link.credentials} has no stop.key; hexctl keys stop makes one"
+        elif endpoint.protocol == "quic":
+            self.trouble = "a robot on quic takes no datagrams"
+        else:
+            self._secret = secret
+            self._thread.start()
+
+    def ring(self) -> None:
+        """Look at once whether the robot is to stop."""
+        with suppress(OSError):
+            self._bell_write.send(b".")
+
+    def end(self) -> None:
+        """End the thread and close everything."""
+        self._ended = True
+        self.ring()
+        if self._thread.ident is not None:
+            self._thread.join()
+        for one in (*self._sockets, self._bell_read, self._bell_write):
+            one.close()
+
+    def _run(self) -> None:
+        while not self._ended:
+            period_s = STOP_PERIOD_S if self._pressed.is_set() else ASK_PERIOD_S
+            if not self._sockets:
+                self._open()
+            self._send()
+            until_s = time.monotonic() + period_s
+            while not self._ended and (left_s := until_s - time.monotonic()) > 0:
+                if self._wait(left_s):
+                    self._send()
+
+    def _open(self) -> None:
+        """Sockets to each address of the host; without any, it is tried again later."""
+        endpoint = Endpoint.parse(self._link.endpoint)
+        try:
+            found = socket.getaddrinfo(endpoint.host, endpoint.port, type=socket.SOCK_DGRAM)
+        except OSError as error:
+            self.trouble = f"{endpoint.host} is not known here ({error.strerror or error})"
+            return
+        by_family: dict[socket.AddressFamily, socket.socket] = {}
+        for family, _, _, _, address in found[:MOST_ADDRESSES]:
+            with suppress(OSError):
+                one = by_family.get(family) or socket.socket(family, socket.SOCK_DGRAM)
+                by_family[family] = one
+                one.setblocking(False)
+                self._sockets.setdefault(one, []).append(address)
+        self.trouble = None
+
+    def _send(self) -> None:
+        """Send a stop where the robot is to stop and its epoch is known, otherwise a question."""
+        stops = self._pressed.is_set() and not self.obeyed and self._epoch is not None
+        nonce = secrets.token_bytes(NONCE_BYTES)
+        self._asked.append(nonce)
+        asked = StopDatagram(kind=Kind.ASK, nonce=nonce)
+        if stops and self._epoch is not None:
+            asked = StopDatagram(kind=Kind.STOP, nonce=nonce, epoch=self._epoch, request=self._request)
+        data = asked.packed(self._secret)
+        for one, addresses in self._sockets.items():
+            for address in addresses:
+                with suppress(OSError):
+                    one.sendto(data, address)
+
+    def _wait(self, timeout_s: float) -> bool:
+        """Take what comes within a time; whether something has to be sent at once."""
+        ready, _, _ = select.select([*self._sockets, self._bell_read], [], [], timeout_s)
+        at_once = False
+        for one in ready:
+            with suppress(OSError):
+                data = one.recv(DATAGRAM_BYTES + 1)
+                at_once = (True if one is self._bell_read else self._take(data)) or at_once
+        return at_once
+
+    def _take(self, data: bytes) -> bool:
+        """Take an answer; whether it lets the robot be stopped at once."""
+        with suppress(HexctlError, ValueError):
+            answer = StopDatagram.unpacked(data, self._secret)
+            if answer.kind is not Kind.STATE:
+                raise MessageError("datagram: got a question; allowed: an answer")
+            self._asked.remove(answer.nonce)  # each answer counts once
+            new_epoch, self._epoch = answer.epoch != self._epoch, answer.epoch
+            self.obeyed = self.obeyed or (answer.request == self._request and answer.stopped)
+            if self.obeyed and not answer.stopped:
+                self.obeyed = False  # it was cleared: stop it again
+            self._see(_sighting(answer))
+            return new_epoch and self._pressed.is_set() and not self.obeyed
+        return False
+
+
+def _sighting(answer: StopDatagram) -> Sighting:
+    return Sighting(
+        at_s=time.monotonic(),
+        stopped=answer.reason if answer.stopped else None,
+        stop_id=answer.stop_id.hex() if answer.stopped else None,
+        at_rest=answer.at_rest,
+        kept=answer.kept,
+        robot=answer.robot,
+    )

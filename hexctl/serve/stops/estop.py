@@ -1,0 +1,264 @@
+"""Stopping a robot from anywhere: by datagram and by session at once, until it is seen to be at rest."""
+
+import secrets
+import threading
+import time
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+from hexctl.errors import RobotFaultError
+from hexctl.serve.stops.datagram_way import DatagramWay, Sighting
+from hexctl.serve.stops.session_way import SessionWay
+from hexctl.wire.links import Endpoint, load_link
+from hexctl.wire.stop_datagram import REQUEST_BYTES
+
+#: A robot has to be seen at rest for this long, with no longer pause between two looks.
+RESTS_S, MOST_PAUSE_S = 0.5, 0.4
+
+#: How long a robot may take to be reached, and then to come to rest.
+REACH_S, REST_TIMEOUT_S = 6.0, 5.0
+
+#: Without an answer to any datagram for this long, a session that has failed decides.
+DATAGRAM_S = 1.0
+
+#: A robot that has not answered for this long is out of reach.
+SILENCE_S = 1.5
+
+POLL_S = 0.01
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StopResult:
+    """A robot that was stopped, and seen to stay at rest.
+
+    Attributes:
+        stopped: why it is stopped: `estop`, or what else was wrong before.
+        stop_id: id by which the stop is cleared; None from a robot that knows none.
+        at_rest: True, or None for a robot of an earlier version, which says that it is stopped and no more.
+        kept: whether the stop will survive a restart of the server.
+        robot: name of the robot.
+        ways: by which the robot confirmed it: `datagram`, `session`.
+        took_s: time until the first confirmation of the stop.
+        rested_s: time until it was first seen at rest, and stayed so.
+        answers: of the session, with the robot's identity; empty where it was locked out.
+    """
+
+    stopped: str
+    stop_id: str | None
+    at_rest: bool | None
+    kept: bool
+    robot: str
+    ways: tuple[str, ...]
+    took_s: float
+    rested_s: float
+    answers: tuple[dict[str, Any], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Reach:
+    """How a robot can be reached now.
+
+    Attributes:
+        robot: its name, empty before it was heard of.
+        ways: which are open: `datagram`, `session`.
+        trouble: why the others are not, in words; empty where both are.
+    """
+
+    robot: str
+    ways: tuple[str, ...]
+    trouble: str
+
+    def __str__(self) -> str:
+        """One line for an operator."""
+        if not self.ways:
+            return f"NOT REACHABLE: {self.trouble}"
+        only = f" only ({self.trouble})" if self.trouble else ""
+        return f"{self.robot} is reached by {' and '.join(self.ways)}{only}"
+
+
+class ReadyStop:
+    """A stop that is connected beforehand: `press` stops the robot, whatever else knocks at its port.
+
+        with ReadyStop(connect="tls/robot.local:7447", credentials=Path("keys")) as ready:
+            ready.press()
+            print(ready.wait_for_rest().stopped)
+
+    Args:
+        connect: Zenoh endpoint of the robot; None is that of the link, or the default.
+        credentials: folder of certificates, or None.
+        insecure: whether a link beyond this computer may do without certificates.
+        link: name or path of a link file, or None.
+        again: whether a session that cannot be opened is tried again.
+
+    Raises InputError for an endpoint or a link that is not allowed.
+    """
+
+    def __init__(
+        self,
+        *,
+        connect: str | None = None,
+        credentials: Path | None = None,
+        insecure: bool = False,
+        link: str | None = None,
+        again: bool = True,
+    ) -> None:
+        self._link = load_link(link, endpoint=connect, credentials=credentials, insecure=insecure)
+        Endpoint.parse(self._link.endpoint)
+        self._pressed = threading.Event()
+        self._pressed_s = 0.0
+        request = secrets.token_bytes(REQUEST_BYTES)
+        self._seen: dict[str, Sighting] = {}
+        self._rested: dict[str, float] = {}
+        self._first_stop_s: float | None = None
+        self._datagrams = DatagramWay(self._link, request, self._pressed, partial(self._see, "datagram"))
+        see = partial(self._see, "session")
+        self._session = SessionWay(self._link, request, self._pressed, see, again=again)
+
+    def __enter__(self) -> Self:
+        """Begin to reach the robot; returns at once."""
+        self._datagrams.begin()
+        self._session.begin()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._session.end()
+        self._datagrams.end()
+
+    def press(self) -> None:
+        """Stop the robot now, by all ways; may be called from any thread."""
+        if not self._pressed.is_set():
+            self._pressed_s = time.monotonic()
+            self._pressed.set()
+        self._datagrams.ring()
+        self._session.ring()
+
+    @property
+    def reach(self) -> Reach:
+        """How the robot can be reached now."""
+        now_s = time.monotonic()
+        fresh = {way: one for way, one in dict(self._seen).items() if now_s - one.at_s < SILENCE_S}
+        trouble = []
+        if "datagram" not in fresh:
+            trouble.append(self._datagrams.trouble or "no answer to datagrams")
+        if "session" not in fresh:
+            trouble.append(str(self._session.error or "no session yet"))
+        robot = next((one.robot for one in fresh.values()), "")
+        return Reach(robot, tuple(sorted(fresh)), "; ".join(trouble))
+
+    def wait_for_rest(self) -> StopResult:
+        """Wait until the robot is at rest and has stayed so for half a second.
+
+        Raises InputError for certificates that are not allowed, RobotFaultError for a robot that cannot be
+        reached, that does not stop, or that moves on.
+        """
+        self.press()
+        while True:
+            rested_s = self._rested_since_s()
+            if rested_s is not None:
+                return self._result(rested_s)
+            self._raise_if_late()
+            time.sleep(POLL_S)
+
+    def _see(self, way: str, sighting: Sighting) -> None:
+        """Take what a robot said, from the thread of a way."""
+        before = self._seen.get(way)
+        self._seen[way] = sighting
+        confirmed = self._datagrams.obeyed if way == "datagram" else bool(self._session.answers)
+        if not confirmed or sighting.stopped is None:
+            self._rested.pop(way, None)
+            return
+        if self._first_stop_s is None:
+            self._first_stop_s = time.monotonic()
+        if sighting.at_rest is False:
+            self._rested.pop(way, None)
+        elif way not in self._rested or before is None or sighting.at_s - before.at_s > MOST_PAUSE_S:
+            self._rested[way] = sighting.at_s
+
+    def _rested_since_s(self) -> float | None:
+        """Since when the robot has been at rest, once that was long enough; None before."""
+        for way, since_s in dict(self._rested).items():
+            if self._seen[way].at_s - since_s >= RESTS_S:
+                return since_s
+        return None
+
+    def _raise_if_late(self) -> None:
+        passed_s = time.monotonic() - self._pressed_s
+        if self._first_stop_s is None:
+            failed = self._session.ended and self._session.error is not None
+            if (failed and passed_s > DATAGRAM_S) or passed_s > REACH_S:
+                raise self._session.error or RobotFaultError(
+                    f"no robot answers at {self._link.endpoint}: {self.reach.trouble}"
+                )
+        elif time.monotonic() - self._first_stop_s > REST_TIMEOUT_S:
+            raise RobotFaultError(
+                f"the robot is told to stop, and was not seen at rest for {REST_TIMEOUT_S:g} s; go and look, "
+                "and switch off the supply of its servos where it moves"
+            )
+
+    def _result(self, rested_s: float) -> StopResult:
+        seen = dict(self._seen)
+        stops = {way: one for way, one in seen.items() if one.stopped is not None}
+        newest = max(stops.values(), key=lambda one: one.at_s)
+        assert self._first_stop_s is not None  # noqa: S101  it rests because it has stopped
+        return StopResult(
+            stopped=newest.stopped or "",
+            stop_id=newest.stop_id,
+            at_rest=newest.at_rest,
+            kept=newest.kept,
+            robot=newest.robot,
+            ways=tuple(sorted(stops)),
+            took_s=self._first_stop_s - self._pressed_s,
+            rested_s=max(0.0, rested_s - self._pressed_s),
+            answers=tuple(self._session.answers),
+        )
+
+
+def estop(
+    *,
+    connect: str | None = None,
+    credentials: Path | None = None,
+    insecure: bool = False,
+    link: str | None = None,
+) -> StopResult:
+    """Stop a robot on the network and see it come to rest, whoever commands it.
+
+    Args:
+        connect: Zenoh endpoint of the robot; None is that of the link, or the default.
+        credentials: folder of certificates, or None.
+        insecure: whether a link beyond this computer may do without certificates.
+        link: name or path of a link file, or None.
+
+    Raises what `ReadyStop.wait_for_rest` raises, and InputError for a link that is not allowed.
+    """
+    with ReadyStop(
+        connect=connect, credentials=credentials, insecure=insecure, link=link, again=False
+    ) as ready:
+        return ready.wait_for_rest()
+
+
+def clear_stop(
+    *,
+    connect: str | None = None,
+    credentials: Path | None = None,
+    insecure: bool = False,
+    link: str | None = None,
+) -> list[dict[str, Any]]:
+    """Clear the stop that a robot on the network has now; the robot moves when a client commands it.
+
+    Arguments are those of `estop`. The answers of the robots: `stopped` is None, or why it is still stopped,
+    with `error` where the clear was refused; `cleared` is the stop that was meant.
+
+    Raises InputError for a link that is not allowed, and RobotFaultError where no robot answers.
+    """
+    from hexctl.serve.remote import remote_robots
+    from hexctl.wire.links import Role
+
+    with remote_robots(
+        Role.CONTROLLER, connect=connect, credentials=credentials, insecure=insecure, link=link
+    ) as robots:
+        return robots.clear()

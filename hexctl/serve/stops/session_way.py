@@ -1,0 +1,123 @@
+"""A client's session for a stop: opened beforehand where there is time, it asks until all is at rest."""
+
+import threading
+import time
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+from hexctl.errors import HexctlError, RobotFaultError
+from hexctl.serve.stops.datagram_way import Sighting
+from hexctl.serve.stops.stop import LIFTED_BY_LEASE
+from hexctl.wire.links import Link
+
+if TYPE_CHECKING:
+    from hexctl.serve.remote import RemoteRobots
+
+#: Pause between two questions after a stop, and before one; and before a session is tried again.
+WATCH_PERIOD_S, ASK_PERIOD_S = 0.1, 0.5
+
+
+class SessionWay:
+    """Asks the robots on a link over a session, and stops them once it is told to; a thread of its own does.
+
+    Args:
+        link: to the robots.
+        request: name of the stop.
+        pressed: set once the robots are to stop.
+        see: called with what all of them said together, on the thread.
+        again: whether a session that cannot be opened is tried again.
+
+    Attributes:
+        error: why there is no session now, or why a robot has not stopped; None while all is well.
+        answers: of the robots to the stop.
+        opened: whether there is a session.
+        ended: whether the thread does no more.
+    """
+
+    def __init__(
+        self,
+        link: Link,
+        request: bytes,
+        pressed: threading.Event,
+        see: Callable[[Sighting], None],
+        *,
+        again: bool,
+    ) -> None:
+        self._link, self._request, self._pressed, self._see = link, request, pressed, see
+        self._again = again
+        self._due = threading.Event()
+        self._ends = False
+        self.error: HexctlError | None = None
+        self.answers: list[dict[str, Any]] = []
+        self.opened = self.ended = False
+        # No daemon: a process that ends while a session opens would not close it.
+        self._thread = threading.Thread(target=self._run, name="stop by session")
+
+    def begin(self) -> None:
+        """Begin to open a session."""
+        self._thread.start()
+
+    def ring(self) -> None:
+        """Look at once whether the robots are to stop."""
+        self._due.set()
+
+    def end(self) -> None:
+        """Let the thread end, which takes as long as a session that just opens."""
+        self._ends = True
+        self._due.set()
+
+    def _run(self) -> None:
+        try:
+            while not self._ends:
+                try:
+                    self._once()
+                except HexctlError as error:
+                    self.error = error
+                self.opened = False
+                if not self._again:
+                    return
+                self._pause(2 * ASK_PERIOD_S)
+        finally:
+            self.ended = True
+
+    def _once(self) -> None:
+        from hexctl.serve.remote import RemoteRobots
+        from hexctl.wire.links import KeyMap, Role
+        from hexctl.wire.session import open_session
+
+        keys = KeyMap.of("*").renamed(dict(self._link.names))
+        with open_session(self._link, Role.CONTROLLER, keys) as session:
+            robots = RemoteRobots(session, self._link)
+            self.opened, self.error = True, None
+            while not self._ends:
+                if self._pressed.is_set() and not self.answers:
+                    self.answers = robots.stop(self._request.hex())
+                self._look(robots)
+                self._pause(WATCH_PERIOD_S if self._pressed.is_set() else ASK_PERIOD_S)
+
+    def _look(self, robots: "RemoteRobots") -> None:
+        """Ask all robots, and tell what they are together."""
+        asked_s = time.monotonic()
+        statuses = robots.statuses()
+        if not statuses:
+            self.error = RobotFaultError(f"no robot answers at {self._link.endpoint}; is hexctl serve there?")
+            return
+        self.error = None
+        stopped = [status.get("stopped") for status in statuses]
+        stays = all(reason not in (None, LIFTED_BY_LEASE) for reason in stopped)
+        stops = [one for status in statuses if isinstance(one := status.get("stop"), dict)]
+        rests = [status.get("at_rest") for status in statuses]
+        self._see(
+            Sighting(
+                at_s=asked_s,
+                stopped=str(stopped[0]) if stays else None,
+                stop_id=str(stops[0].get("id")) if stays and stops else None,
+                at_rest=None if None in rests else all(rests),
+                kept=bool(stops) and all(one.get("kept") for one in stops),
+                robot=str(statuses[0].get("robot", "?")),
+            )
+        )
+
+    def _pause(self, duration_s: float) -> None:
+        self._due.wait(duration_s)
+        self._due.clear()

@@ -1,0 +1,128 @@
+"""Datagrams of a stop: how one is asked for and confirmed past everything that carries sessions.
+
+All are of one length, 160 bytes, so that no answer is longer than what was asked, and all are signed with
+the secret that both ends have (HMAC-SHA256). No clock takes part: a stop is good for one epoch of the robot,
+which ends when a stop is cleared, and a question for one answer, which repeats its nonce.
+"""
+
+import hashlib
+import hmac
+import struct
+from dataclasses import dataclass
+from enum import IntEnum
+
+from hexctl.errors import MessageError
+
+#: Version of this format, part of the mark.
+VERSION = 1
+
+#: Mark, kind, flags, epoch, nonce, request, id of the stop, its reason, name of the robot.
+_CONTENT = struct.Struct("<8sBB16s8s8s8s54s24s")
+
+MAC_BYTES = hashlib.sha256().digest_size
+DATAGRAM_BYTES = _CONTENT.size + MAC_BYTES
+
+MARK_BYTES, EPOCH_BYTES, NONCE_BYTES, REQUEST_BYTES, ID_BYTES = 8, 16, 8, 8, 8
+
+#: Longest reason and name of a robot in bytes of UTF-8; the rest is cut off.
+REASON_BYTES, ROBOT_BYTES = 54, 24
+
+NO_EPOCH, NO_REQUEST, NO_ID = bytes(EPOCH_BYTES), bytes(REQUEST_BYTES), bytes(ID_BYTES)
+
+_STOPPED, _AT_REST, _KEPT = 1, 2, 4
+
+
+class Kind(IntEnum):
+    """What a datagram is: a question, a stop, or the answer to either."""
+
+    ASK = 1
+    STOP = 2
+    STATE = 3
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StopDatagram:
+    """A datagram.
+
+    Attributes:
+        kind: what it is.
+        nonce: random bytes of whoever asks, others in each datagram; an answer repeats them.
+        epoch: of the robot: in an answer the one of now, in a stop the one in which it is good.
+        request: name of a stop; an answer repeats it if the stop was obeyed, and has none otherwise.
+        stop_id: of an answer: id of the stop in force; none where there is none.
+        reason: of an answer: why the robot is stopped; empty where it is not.
+        robot: of an answer: name of the robot.
+        stopped: of an answer: whether a stop that stays is in force.
+        at_rest: of an answer: whether no joint moves.
+        kept: of an answer: whether the stop is on the disk.
+    """
+
+    kind: Kind
+    nonce: bytes
+    epoch: bytes = NO_EPOCH
+    request: bytes = NO_REQUEST
+    stop_id: bytes = NO_ID
+    reason: str = ""
+    robot: str = ""
+    stopped: bool = False
+    at_rest: bool = False
+    kept: bool = False
+
+    def packed(self, secret: bytes) -> bytes:
+        """The datagram, signed."""
+        flags = _STOPPED * self.stopped | _AT_REST * self.at_rest | _KEPT * self.kept
+        content = _CONTENT.pack(
+            mark_of(secret),
+            self.kind,
+            flags,
+            self.epoch,
+            self.nonce,
+            self.request,
+            self.stop_id,
+            _cut(self.reason, REASON_BYTES),
+            _cut(self.robot, ROBOT_BYTES),
+        )
+        return content + hmac.digest(secret, content, "sha256")
+
+    @classmethod
+    def unpacked(cls, data: bytes, secret: bytes) -> "StopDatagram":
+        """The datagram in some bytes.
+
+        Raises MessageError for one that is none, or was signed with another secret.
+        """
+        if len(data) != DATAGRAM_BYTES or not hmac.compare_digest(data[:MARK_BYTES], mark_of(secret)):
+            raise MessageError(f"datagram: got {len(data)} bytes; allowed: {DATAGRAM_BYTES} with our mark")
+        content, mac = data[: _CONTENT.size], data[_CONTENT.size :]
+        if not hmac.compare_digest(hmac.digest(secret, content, "sha256"), mac):
+            raise MessageError("datagram: got a wrong signature; allowed: one made with our secret")
+        _, kind, flags, epoch, nonce, request, stop_id, reason, robot = _CONTENT.unpack(content)
+        if kind not in tuple(Kind):
+            raise MessageError(f"datagram: got kind {kind}; allowed: {', '.join(map(str, map(int, Kind)))}")
+        return cls(
+            kind=Kind(kind),
+            nonce=nonce,
+            epoch=epoch,
+            request=request,
+            stop_id=stop_id,
+            reason=_text(reason),
+            robot=_text(robot),
+            stopped=bool(flags & _STOPPED),
+            at_rest=bool(flags & _AT_REST),
+            kept=bool(flags & _KEPT),
+        )
+
+
+def mark_of(secret: bytes) -> bytes:
+    """First bytes of every datagram: what lacks them is dropped unread, by the kernel where it can.
+
+    They are made of the secret, which they do not give away, so that strangers do not know them.
+    """
+    return hmac.digest(secret, f"hexctl stop {VERSION}".encode(), "sha256")[:MARK_BYTES]
+
+
+def _cut(text: str, most: int) -> bytes:
+    return text.encode()[:most].decode(errors="ignore").encode()
+
+
+def _text(data: bytes) -> str:
+    return data.rstrip(b"\0").decode(errors="replace")

@@ -1,0 +1,157 @@
+"""Stopping from anywhere: by each of the two ways alone, connected beforehand, and what failure says."""
+
+import socket
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+import hexctl
+from hexctl.errors import InputError, RobotFaultError
+from hexctl.serve.stops.estop import ReadyStop, clear_stop, estop
+from tests.cli.terminals import OnTerminal
+from tests.serve.cable import Cable
+from tests.serve.processes import Served, controlling, free_port, served, wait_until
+from tests.serve.test_link_faults import STILL_ON_A_BUSY_MACHINE_S, stopped
+
+
+@contextmanager
+def walking(folder: Path, *options: str) -> Iterator[Served]:
+    """A robot that is swayed by a controller."""
+    with served(folder, *options) as robot, controlling(folder, robot.endpoint, "again=1") as controller:
+        controller.wait_for("moving")
+        yield robot
+
+
+def rests(robot: Served, since_s: float) -> bool:
+    """Whether a robot has come to rest soon after a moment, and stays so."""
+    time.sleep(0.2)
+    return robot.log().moved_after(since_s) <= STILL_ON_A_BUSY_MACHINE_S
+
+
+def test_both_ways_confirm_one_stop_that_is_cleared_by_its_id(tmp_path: Path) -> None:
+    with walking(tmp_path) as robot:
+        at_s = time.monotonic()
+        result = hexctl.estop(connect=robot.endpoint)
+        assert rests(robot, at_s)
+        assert (result.stopped, result.robot, result.at_rest) == ("estop", "ant", True)
+        assert "datagram" in result.ways
+        assert result.took_s <= result.rested_s + 0.5
+        status = robot.status()
+        assert status["stop"]["id"] == result.stop_id
+        assert status["at_rest"] is True
+        assert status["stop_port"] == int(robot.endpoint.rpartition(":")[2])
+        (cleared,) = clear_stop(connect=robot.endpoint)
+        assert cleared["stopped"] is None
+        assert cleared["cleared"]["id"] == result.stop_id
+
+
+def test_a_session_stops_where_no_datagram_comes_through(tmp_path: Path) -> None:
+    with walking(tmp_path) as robot, Cable(robot.endpoint) as cable:  # which carries TCP alone
+        at_s = time.monotonic()
+        result = estop(connect=cable.endpoint)
+        assert rests(robot, at_s)
+        assert result.ways == ("session",)
+        assert result.at_rest
+        assert result.answers[0]["stopped"] == "estop"
+
+
+def test_a_datagram_stops_where_no_session_comes_through(tmp_path: Path) -> None:
+    with walking(tmp_path) as robot:
+        port = int(robot.endpoint.rpartition(":")[2])
+        with UdpRelay(port) as relay:  # which carries UDP alone
+            at_s = time.monotonic()
+            result = estop(connect=f"tcp/127.0.0.1:{relay.port}")
+            assert rests(robot, at_s)
+        assert result.ways == ("datagram",)
+        assert result.answers == ()
+
+
+def test_a_stop_that_is_ready_says_how_it_reaches_the_robot_and_needs_no_new_connection(
+    tmp_path: Path,
+) -> None:
+    with walking(tmp_path) as robot, ReadyStop(connect=robot.endpoint) as ready:
+        wait_until(lambda: ready.reach.ways == ("datagram", "session"), "both ways")
+        assert str(ready.reach) == "ant is reached by datagram and session"
+        assert stopped(robot) is None, "nothing is pressed yet"
+        at_s = time.monotonic()
+        ready.press()
+        assert ready.wait_for_rest().stopped == "estop"
+        assert rests(robot, at_s)
+
+
+def test_a_stop_that_is_ready_says_when_the_robot_is_out_of_reach_and_back(tmp_path: Path) -> None:
+    port = free_port()
+    with ReadyStop(connect=f"tcp/127.0.0.1:{port}") as ready:
+        assert "NOT REACHABLE" in str(ready.reach)
+        with served(tmp_path, port=port):
+            wait_until(lambda: "datagram" in ready.reach.ways, "the robot")
+        wait_until(lambda: ready.reach.ways == (), "its end")
+        assert "NOT REACHABLE" in str(ready.reach)
+        with served(tmp_path, port=port, name="back"):
+            wait_until(lambda: ready.reach.ways == ("datagram", "session"), "its return")
+
+
+def test_a_robot_that_is_not_there_is_an_error_and_no_success() -> None:
+    port = free_port()
+    with pytest.raises(RobotFaultError, match=f"nothing listens at tcp/127.0.0.1:{port}"):
+        estop(connect=f"tcp/127.0.0.1:{port}")
+    with pytest.raises(InputError, match="endpoint"):
+        estop(connect="somewhere")
+
+
+@pytest.mark.parametrize("how", ["a key", "the terminal goes"])
+def test_one_key_stops_and_so_does_a_terminal_that_goes(tmp_path: Path, how: str) -> None:
+    with walking(tmp_path) as robot:
+        terminal = OnTerminal(["--ready", "--connect", robot.endpoint], tmp_path, command="estop")
+        try:
+            terminal.wait("any key stops it")
+            assert stopped(robot) is None
+            at_s = time.monotonic()
+            if how == "a key":
+                terminal.type(" ")
+                terminal.wait(r"stopped \(estop\), at rest")
+                assert terminal.code() == 0
+            else:
+                terminal.close()
+            wait_until(lambda: stopped(robot) == "estop", "the stop")
+            assert rests(robot, at_s)
+        finally:
+            terminal.end()
+
+
+class UdpRelay:
+    """Passes datagrams to a port of this computer and back, and no connections."""
+
+    def __init__(self, port: int) -> None:
+        self._to = ("127.0.0.1", port)
+        self._ended = False
+        self._front = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._front.bind(("127.0.0.1", 0))
+        self._back = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.port = int(self._front.getsockname()[1])
+
+    def __enter__(self) -> "UdpRelay":
+        self._back.settimeout(0.05)
+        self._front.settimeout(0.05)
+        self._thread = threading.Thread(target=self._run)
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._ended = True
+        self._thread.join()
+        self._front.close()
+        self._back.close()
+
+    def _run(self) -> None:
+        while not self._ended:
+            try:
+                data, sender = self._front.recvfrom(2000)
+                self._back.sendto(data, self._to)
+                self._front.sendto(self._back.recv(2000), sender)
+            except TimeoutError:
+                continue

@@ -1,0 +1,196 @@
+"""The datagram stop of a robot: who is answered, what stops, and that a flood changes nothing."""
+
+import random
+import socket
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from hexctl.control.guard import Guard
+from hexctl.serve.stops.latch import StopLatch
+from hexctl.serve.stops.stop import HOLD_S
+from hexctl.serve.stops.stop_socket import StopSocket
+from hexctl.wire.certificates import make_certificates
+from hexctl.wire.links import Link, Role
+from hexctl.wire.stop_datagram import DATAGRAM_BYTES, Kind, StopDatagram, mark_of
+from hexctl.wire.stop_secret import SECRET_FILE, find_stop_secret
+from tests.control.posed import connected
+from tests.serve.processes import free_port
+
+SECRET = b"\1" * 32
+
+
+class Bench:
+    """A robot's datagram stop and its guard."""
+
+    def __init__(self, link: Link | None = None) -> None:
+        self.guard: Guard = connected()[0]
+        self.latch = StopLatch(self.guard)
+        self.link = Link(endpoint=f"tcp/127.0.0.1:{free_port()}") if link is None else link
+        self.stop_socket = StopSocket(self.link, "ant", self.latch, lambda: True)
+        self.sent = 0
+
+    def ask(self, kind: Kind = Kind.ASK, secret: bytes = b"", **values: bytes) -> StopDatagram:
+        """The answer to a datagram."""
+        answer = self.stop_socket.answer(self.datagram(kind, secret, **values))
+        assert answer is not None
+        return StopDatagram.unpacked(answer, secret)
+
+    def datagram(self, kind: Kind = Kind.ASK, secret: bytes = b"", **values: bytes) -> bytes:
+        """A datagram with a nonce of its own."""
+        self.sent += 1
+        return StopDatagram(kind=kind, nonce=self.sent.to_bytes(8), **values).packed(secret)
+
+
+def test_a_question_stops_nothing_and_an_answer_says_how_the_robot_is() -> None:
+    bench = Bench()
+    answer = bench.ask()
+    assert (answer.kind, answer.robot, answer.stopped, answer.reason) == (Kind.STATE, "ant", False, "")
+    assert answer.nonce == (1).to_bytes(8)
+    assert answer.at_rest
+    assert bench.guard.stopped is None
+    bench.guard.stop("expired")
+    assert not bench.ask().stopped, "silence is no stop that stays"
+    bench.guard.stop("fell")
+    answer = bench.ask()
+    stop = bench.latch.current()
+    assert stop is not None
+    assert (answer.stopped, answer.reason, answer.stop_id.hex()) == (True, "fell", stop.stop_id)
+
+
+def test_a_stop_needs_the_epoch_of_now_and_a_replay_is_worth_nothing() -> None:
+    bench = Bench()
+    guessed = bench.ask(Kind.STOP, epoch=b"x" * 16, request=b"mine    ")
+    assert bench.guard.stopped is None
+    assert not any(guessed.request), "it was not obeyed, and the answer has the epoch that is"
+    recorded = bench.datagram(Kind.STOP, epoch=guessed.epoch, request=b"mine    ")
+    answer = StopDatagram.unpacked(bench.stop_socket.answer(recorded) or b"", b"")
+    assert answer.request == b"mine    "
+    stop = bench.latch.current()
+    assert stop is not None
+    assert stop.reason == "estop"
+    for _ in range(200):
+        assert bench.stop_socket.answer(recorded) is not None
+    assert bench.latch.current() == stop, "a replay neither renews the id nor puts off the clear"
+    assert bench.latch.clear(stop.stop_id, stop.since_s + HOLD_S) is None
+    for _ in range(200):
+        bench.stop_socket.answer(recorded)
+    assert bench.guard.stopped is None
+
+
+def test_what_is_not_signed_as_ours_gets_no_answer() -> None:
+    bench = Bench()
+    epoch = bench.ask().epoch
+    state = bench.stop_socket.answer(bench.datagram()) or b""
+    for data in (
+        bench.datagram(Kind.STOP, SECRET, epoch=epoch),  # another secret
+        state,  # an answer that is sent back
+        bench.datagram()[:-1],
+        bench.datagram() + b"x",
+        b"",
+        bytes(DATAGRAM_BYTES),
+    ):
+        assert bench.stop_socket.answer(data) is None
+    assert bench.guard.stopped is None
+    assert bench.stop_socket.dropped == 6
+
+
+@contextmanager
+def opened(bench: Bench) -> Iterator[socket.socket]:
+    """A client's socket while the robot listens."""
+    with bench.stop_socket, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as client:
+        client.settimeout(5.0)
+        client.connect(("127.0.0.1", bench.stop_socket.port))
+        yield client
+
+
+def flood(port: int, until: threading.Event, datagrams: list[bytes]) -> None:
+    """Send datagrams as fast as one core does."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
+        while not until.is_set():
+            for data in datagrams:
+                stranger.sendto(data, ("127.0.0.1", port))
+
+
+@pytest.mark.parametrize("knows_the_mark", [False, True])
+def test_a_stop_comes_through_a_flood(knows_the_mark: bool) -> None:
+    bench, chance, until = Bench(), random.Random(1), threading.Event()
+    begin = mark_of(b"") if knows_the_mark else b""
+    garbage = [begin + chance.randbytes(DATAGRAM_BYTES - len(begin)) for _ in range(100)]
+    with opened(bench) as client:
+        port = bench.stop_socket.port
+        assert port is not None
+        flooding = threading.Thread(target=flood, args=(port, until, garbage))
+        flooding.start()
+        try:
+            client.settimeout(0.05)
+            for _ in range(1000):  # as a client does: again and again
+                if bench.guard.stopped is not None:
+                    break
+                client.send(bench.datagram(Kind.STOP, epoch=bench.latch.epoch, request=b"mine    "))
+                try:
+                    client.recv(DATAGRAM_BYTES)
+                except TimeoutError:
+                    continue
+        finally:
+            until.set()
+            flooding.join()
+    assert bench.guard.stopped == "estop"
+    if sys.platform == "linux" and not knows_the_mark:
+        assert bench.stop_socket.dropped == 0, "the kernel has dropped them"
+
+
+def test_it_answers_over_a_socket_and_no_more_than_was_asked() -> None:
+    bench = Bench()
+    with opened(bench) as client:
+        asked = bench.datagram()
+        client.send(asked)
+        answer = client.recv(2000)
+    assert len(answer) == len(asked)
+    assert StopDatagram.unpacked(answer, b"").robot == "ant"
+    assert bench.stop_socket.answered == 1
+
+
+def test_certificates_bring_the_secret_and_without_it_it_is_said(tmp_path: Path) -> None:
+    make_certificates(tmp_path / "keys", hosts=["localhost"], days=1)
+    link = Link(endpoint=f"tls/127.0.0.1:{free_port()}", credentials=tmp_path / "keys")
+    secret = find_stop_secret(link, Role.CONTROLLER)
+    assert secret
+    bench = Bench(link)
+    with opened(bench) as client:
+        client.send(bench.datagram())  # signed as without certificates
+        client.send(bench.datagram(Kind.ASK, secret))
+        assert StopDatagram.unpacked(client.recv(2000), secret).nonce == (2).to_bytes(8)
+    for path in (tmp_path / "keys").rglob(SECRET_FILE):
+        path.unlink()
+    with Bench(link).stop_socket as without:
+        assert without.port is None
+        assert "hexctl keys stop" in (without.trouble or "")
+
+
+def test_a_port_that_is_taken_and_quic_leave_the_robot_without_it_and_it_is_said(tmp_path: Path) -> None:
+    first, second = Bench(), Bench()
+    second = Bench(first.link)
+    with first.stop_socket, second.stop_socket:
+        assert first.stop_socket.trouble is None
+        assert "cannot be had" in (second.stop_socket.trouble or "")
+    quic = Link(endpoint=f"quic/127.0.0.1:{free_port()}", credentials=tmp_path)
+    with Bench(quic).stop_socket as none:
+        assert "quic" in (none.trouble or "")
+
+
+@pytest.mark.parametrize("host", ["0.0.0.0", "[::]", "[::1]"])  # noqa: S104
+def test_it_listens_where_the_link_does(host: str) -> None:
+    bench = Bench(Link(endpoint=f"tcp/{host}:{free_port()}", insecure=True))
+    with bench.stop_socket:
+        assert bench.stop_socket.trouble is None
+        port = bench.stop_socket.port
+        family, place = (socket.AF_INET6, "::1") if host == "[::1]" else (socket.AF_INET, "127.0.0.1")
+        with socket.socket(family, socket.SOCK_DGRAM) as client:
+            client.settimeout(5.0)
+            client.sendto(bench.datagram(), (place, port))
+            assert len(client.recv(2000)) == DATAGRAM_BYTES
