@@ -1,24 +1,27 @@
 """A controller that sways all joints until it is stopped: `-m tests.serve.swaying ENDPOINT [OPTION ...]`.
 
 Options: `loss=SHARE` and `reorder=SHARE` of the commands; `jump=SECONDS` of the wall's clock after a second;
-`again=1` to take a new lease whenever one is lost; `keys=FOLDER` of certificates.
+`again=1` to take a new lease whenever one is lost, over one session; `keys=FOLDER` of certificates.
 """
 
 import math
 import random
 import sys
 import time
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from hexctl.backends.clock import request_realtime_priority
+from hexctl.backends.zenoh import client
 from hexctl.backends.zenoh.client import ZenohServos
 from hexctl.control.guard import Guard
 from hexctl.errors import HexctlError
 from hexctl.types import JointTargets
-from hexctl.wire.links import Link
+from hexctl.wire.links import KeyMap, Link, Role
+from hexctl.wire.session import open_session
 from tests.robots import shipped
 
 SWAY_RAD = 0.25
@@ -60,16 +63,23 @@ def main(endpoint: str, *options: str) -> int:
     """Sway until killed or refused; print what happens."""
     request_realtime_priority()
     given = dict(option.split("=") for option in options)
-    while "again" in given:
-        control(endpoint, given)
-        time.sleep(0.02)
-    return control(endpoint, given)
+    if "again" not in given:
+        return control(endpoint, given)
+    with open_session(link_of(endpoint, given), Role.CONTROLLER, KeyMap.of("ant")) as session:
+        vars(client)["open_session"] = lambda *_: nullcontext(session)
+        while True:
+            control(endpoint, given)
+            time.sleep(0.02)
+
+
+def link_of(endpoint: str, given: dict[str, str]) -> Link:
+    """Link with the certificates that were given."""
+    return Link(endpoint=endpoint, credentials=Path(given["keys"]) if "keys" in given else None)
 
 
 def control(endpoint: str, given: dict[str, str]) -> int:
     """Take the lease and sway until something goes wrong."""
-    keys = Path(given["keys"]) if "keys" in given else None
-    servos = ZenohServos(shipped(), link=Link(endpoint=endpoint, credentials=keys))
+    servos = ZenohServos(shipped(), link=link_of(endpoint, given))
     try:
         with Guard(servos) as guard:
             if "loss" in given or "reorder" in given:

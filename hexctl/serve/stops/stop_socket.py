@@ -20,8 +20,8 @@ from hexctl.wire.stop_secret import find_stop_secret
 LOOK_S = 0.2
 
 #: After so many datagrams in a row that are not ours the thread rests for a while: a flood that has found out
-#: the mark takes no more than a few percent of the time that moves the robot.
-MOST_IN_A_ROW, REST_S = 32, 0.01
+#: the mark takes no more than a tenth of the time that moves the robot.
+MOST_IN_A_ROW, REST_S = 64, 0.005
 
 #: Space for datagrams that wait, in bytes; the kernel counts each as about 800.
 BUFFER_BYTES = 1 << 20

@@ -7,6 +7,7 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -34,13 +35,13 @@ class Bench:
         self.stop_socket = StopSocket(self.link, "ant", self.latch, lambda: True)
         self.sent = 0
 
-    def ask(self, kind: Kind = Kind.ASK, secret: bytes = b"", **values: bytes) -> StopDatagram:
+    def ask(self, kind: Kind = Kind.ASK, secret: bytes = b"", **values: Any) -> StopDatagram:
         """The answer to a datagram."""
         answer = self.stop_socket.answer(self.datagram(kind, secret, **values))
         assert answer is not None
         return StopDatagram.unpacked(answer, secret)
 
-    def datagram(self, kind: Kind = Kind.ASK, secret: bytes = b"", **values: bytes) -> bytes:
+    def datagram(self, kind: Kind = Kind.ASK, secret: bytes = b"", **values: Any) -> bytes:
         """A datagram with a nonce of its own."""
         self.sent += 1
         return StopDatagram(kind=kind, nonce=self.sent.to_bytes(8), **values).packed(secret)
