@@ -5,6 +5,7 @@ What is measured is added to a file, line by line; a run that ends early goes on
 
 import argparse
 import json
+import signal
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -21,7 +22,7 @@ NAMES: tuple[list[str], ...] = (list(FAULTS), list(BACKENDS), list(PHASES))
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run what is missing, print it, and return the exit code: 2 for bad options, else 0."""
+    """Run what is missing, print it, and return the exit code: 2 for bad options, 130 where ended early."""
     parser = _parser()
     options = parser.parse_args(arguments)
     results = Results(options.results)
@@ -48,7 +49,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         else:
             print(json.dumps(outcome.as_json()) if options.json else _line(outcome), flush=True)
 
-    Matrix(results, say).run(work, options.rigs)
+    for number in (signal.SIGINT, signal.SIGTERM):  # also in the background, where a shell ignores the first
+        signal.signal(number, signal.default_int_handler)
+    try:
+        Matrix(results, say).run(work, options.rigs)
+    except KeyboardInterrupt:
+        print("ended; what was measured is kept, and the same command goes on", file=sys.stderr)
+        return 130
     return 0
 
 
