@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     from hexctl.control.result import Deviation, TrialResult
     from hexctl.control.trial import planned_walk, run_trial
     from hexctl.demo.rescue import DemoResult, demo
+    from hexctl.doctor.checkup import Checkup, doctor
     from hexctl.errors import (
         CommandRefusedError,
         EStopError,
@@ -107,7 +108,7 @@ __all__ = [
     "RunResult", "RunSpec", "run", "Diagnosis", "DiagnosisResult", "LegFinding", "diagnose",
     "StudyPlan", "StudyResult", "study", "RobotService", "RosOptions", "ServosSpec",
     "serve", "estop", "clear_stop", "ReadyStop", "StopResult", "export", "RecordedTrial", "read_trial",
-    "demo", "DemoResult",
+    "demo", "DemoResult", "doctor", "Checkup",
     # errors
     "HexctlError", "InputError", "WrongTypeError", "MissingExtraError", "ReachError", "LimitError",
     "CommandRefusedError", "EStopError", "RobotFaultError", "SimulationDivergedError", "RecordingError",
@@ -178,6 +179,7 @@ _MODULES = {
     "serve.stops.estop": "ReadyStop StopResult clear_stop estop",
     "record.recorded_trial": "RecordedTrial read_trial",
     "demo.rescue": "DemoResult",
+    "doctor.checkup": "Checkup",
     # errors
     "errors": (
         "HexctlError InputError WrongTypeError MissingExtraError ReachError LimitError "
@@ -189,7 +191,7 @@ _load = lazy_names("hexctl", _MODULES)
 
 def __getattr__(name: str) -> Any:
     """Import a public name from where it lives."""
-    if name in ("adapt", "demo", "export", "see", "serve", "study", "testing"):
+    if name in ("adapt", "demo", "doctor", "export", "see", "serve", "study", "testing"):
         return import_module(f"hexctl.{name}")
     return _load(name)
 

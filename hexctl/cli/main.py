@@ -15,6 +15,7 @@ from hexctl.cli.check import check
 from hexctl.cli.console import BAD_INPUT, FAULT, INTERRUPTED, in_flags
 from hexctl.cli.demo import demo
 from hexctl.cli.diagnose import diagnose
+from hexctl.cli.doctor import doctor
 from hexctl.cli.drive import drive
 from hexctl.cli.estop import estop
 from hexctl.cli.export import export
@@ -80,6 +81,7 @@ app.add_typer(see, name="see", rich_help_panel=ROBOT)
 app.command(rich_help_panel=ROBOT)(calibrate)
 app.command(rich_help_panel=ROBOT)(board)
 app.command(rich_help_panel=ROBOT)(ports)
+app.command(rich_help_panel=ROBOT)(doctor)
 app.add_typer(servos, name="servos", rich_help_panel=ROBOT)
 app.command(rich_help_panel=NETWORK, cls=ServeCommand)(serve)
 app.command(rich_help_panel=NETWORK)(status)

@@ -1,0 +1,74 @@
+"""`hexctl doctor`: what this computer has, and what works on it."""
+
+import json
+from typing import TYPE_CHECKING, Any
+
+from hexctl.cli.console import RUNS, print_result
+from hexctl.cli.options import JsonOption
+
+if TYPE_CHECKING:
+    from hexctl.doctor.checkup import Checkup
+    from hexctl.doctor.connections import Device
+
+
+def doctor(as_json: JsonOption = False) -> None:
+    """Say what this computer has and what works on it, for a bug report.
+
+    It takes a few seconds, moves nothing, opens no device, and names no person and no other computer.
+    """
+    from hexctl.doctor.checkup import doctor as look
+
+    checkup = look(RUNS)
+    if as_json:
+        print_result(json.dumps(checkup.to_dict()))
+        return
+    from hexctl.cli.render.tables import label_table
+
+    works = [(use, "yes" if reason is None else f"NO: {reason}") for use, reason in checkup.works.items()]
+    parts: list[Any] = [label_table(_rows(checkup)), "", "what works", label_table(works)]
+    print_result(*parts)
+
+
+def _rows(checkup: "Checkup") -> list[tuple[str, str]]:
+    """What the computer has, a line each."""
+    machine, packages, found = checkup.machine, checkup.packages, checkup.connections
+    memory = "unknown" if machine.memory_mb is None else "{} MB free of {} MB".format(*machine.memory_mb)
+    granted = "real-time priority granted" if machine.realtime else "no real-time priority"
+    versions = ", ".join(f"{name} {number}" for name, number in packages.versions.items() if number)
+    missing = [extra for extra, names in packages.extras.items() if names]
+    drawn = ", ".join(f"{name}: {told or 'no'}" for name, told in checkup.drawing.renderers.items())
+    network = ", ".join(f"{port.number} {'free' if port.free else 'taken'}" for port in found.network)
+    return [
+        ("hexctl", packages.hexctl or "not installed, imported from a folder"),
+        ("python", machine.python),
+        ("system", f"{machine.system}, {machine.architecture}"),
+        ("processor", _processor(checkup)),
+        ("memory", memory),
+        ("disk", f"{machine.disk_free_mb} MB free{'' if machine.folder_writable else ', cannot be written'}"),
+        ("timing", f"{granted}; the latest of 25 ticks of 20 ms came {machine.late_ms:g} ms late"),
+        ("drawing", f"{drawn}; {'a' if checkup.drawing.display else 'no'} screen"),
+        ("serial ports", _devices(found.serial)),
+        ("I2C", _devices(found.i2c)),
+        ("gamepads", _devices(found.gamepads)),
+        ("TCP ports", network),
+        ("variables", ", ".join(f"{name}={value}" for name, value in checkup.variables.items()) or "none"),
+        ("packages", versions),
+        ("extras missing", ", ".join(missing) or "none"),
+    ]
+
+
+def _processor(checkup: "Checkup") -> str:
+    machine = checkup.machine
+    load = "" if machine.load is None else f", load {machine.load:g}"
+    governor = "" if machine.governor is None else f", governor {machine.governor}"
+    return f"{machine.processor}, {machine.cores} cores{load}{governor}"
+
+
+def _devices(devices: "tuple[Device, ...]") -> str:
+    """Devices, with the group of those that may not be used."""
+    texts = [
+        " ".join(filter(None, (device.path, device.name and f"({device.name})")))
+        + ("" if device.usable else f" not allowed, group {device.group}")
+        for device in devices
+    ]
+    return ", ".join(texts) or "none"

@@ -1,0 +1,128 @@
+"""What a computer has for hexctl, and what works on it.
+
+checkup = hexctl.doctor()
+print(checkup.works["simulate walks"] or "simulates")
+"""
+
+import os
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from hexctl.adapt.store import RUNS
+from hexctl.doctor.connections import Connections, Device, read_connections
+from hexctl.doctor.drawing import Drawing, read_drawing
+from hexctl.doctor.machine import WALK_MB, Machine, read_machine
+from hexctl.doctor.packages import Packages, read_packages
+from hexctl.export.render import RENDERERS
+
+#: Packages that each use needs, and the extra that brings them.
+USES: dict[str, tuple[str, tuple[str, ...]]] = {
+    "simulate walks": ("sim", ("mujoco", "dm-control")),
+    "record walks, view them in a browser": ("view", ("rerun-sdk",)),
+    "GIF of walks": ("demo", ("mujoco", "rerun-sdk", "pillow")),
+    "MP4 of walks": ("pictures", ("mujoco", "rerun-sdk", "pillow", "av")),
+    "studies and plots": ("study", ("distributed", "jinja2", "matplotlib", "pyarrow")),
+    "Parquet, data frames, LeRobot": ("data", ("pandas", "pyarrow", "rerun-sdk")),
+    "a camera over the floor": ("see", ("opencv-python-headless", "pyapriltags", "reportlab")),
+    "drive from a phone": ("page", ("websockets",)),
+    "boards on I2C": ("i2c", ("smbus2",)),
+}
+
+#: Variables of the environment that change what hexctl does.
+VARIABLES = ("MUJOCO_GL", "DISPLAY", "WAYLAND_DISPLAY", "OMP_NUM_THREADS")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Checkup:
+    """What a computer has, and what works on it; it names no person and no other computer.
+
+    Attributes:
+        machine: system, processor, memory, disk, punctuality.
+        packages: versions of packages, and what extras lack.
+        drawing: what draws without a screen.
+        connections: serial ports, I2C buses, gamepads, network ports.
+        variables: variables of the environment that are set.
+        works: by use, None where it works, else what is missing and what to do about it.
+    """
+
+    machine: Machine
+    packages: Packages
+    drawing: Drawing
+    connections: Connections
+    variables: dict[str, str]
+    works: dict[str, str | None]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values, the object that `hexctl doctor --json` prints."""
+        return asdict(self)
+
+
+def doctor(folder: Path | str = RUNS) -> Checkup:
+    """Look at this computer; it takes a few seconds, moves nothing and opens no device.
+
+    Args:
+        folder: where runs would be recorded, for the disk.
+    """
+    machine, packages = read_machine(Path(folder)), read_packages()
+    drawing, connections = read_drawing(), read_connections()
+    return Checkup(
+        machine=machine,
+        packages=packages,
+        drawing=drawing,
+        connections=connections,
+        variables={name: os.environ[name] for name in VARIABLES if os.environ.get(name)},
+        works=dict(_works(machine, packages, drawing, connections)),
+    )
+
+
+def _works(
+    machine: Machine, packages: Packages, drawing: Drawing, connections: Connections
+) -> Iterator[tuple[str, str | None]]:
+    """Each use, and what it lacks."""
+    for use, (extra, names) in USES.items():
+        reason = _lacking(packages.lacks(*names), extra)
+        if reason is None and use.startswith(("GIF", "MP4")) and not drawing.draws:
+            debian = ", or ".join(f"apt-get install {names}" for names in RENDERERS.values())
+            reason = f"nothing draws without a screen; on Debian: {debian}"
+        if reason is None and use == "boards on I2C":
+            reason = _unusable(connections.i2c, "no I2C bus; on a Raspberry Pi: raspi-config")
+        yield use, reason
+        if use.startswith("record"):
+            yield "view walks in a window", reason or (None if drawing.display else "no screen here")
+    yield (
+        "servos on a serial port",
+        _unusable(connections.serial, "no serial port; is the adapter plugged in?"),
+    )
+    for port in connections.network:
+        yield port.use, None if port.free else f"port {port.number} is taken; --listen names another one"
+    yield "keep time on a busy machine", None if machine.realtime else REALTIME_ADVICE
+    yield "room for recordings", _room(machine)
+
+
+REALTIME_ADVICE = (
+    "the kernel grants no real-time priority; needs rtprio in /etc/security/limits.d, or the systemd unit "
+    "that ships"
+)
+
+
+def _lacking(names: tuple[str, ...], extra: str) -> str | None:
+    return f'needs {", ".join(names)}: pip install "hexctl[{extra}]"' if names else None
+
+
+def _unusable(devices: tuple[Device, ...], none: str) -> str | None:
+    """Why none of some devices can be used; None where one can."""
+    if not devices:
+        return none
+    if any(device.usable for device in devices):
+        return None
+    groups = ",".join(sorted({device.group for device in devices if device.group}))
+    return f"not allowed for you: sudo usermod -aG {groups} $USER, then log in again"
+
+
+def _room(machine: Machine) -> str | None:
+    if not machine.folder_writable:
+        return "the current folder cannot be written; go to another one"
+    walks = machine.disk_free_mb / WALK_MB
+    return None if walks >= 100 else f"{machine.disk_free_mb} MB are left, for {walks:.0f} walks of 30 s"

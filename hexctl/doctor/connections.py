@@ -1,0 +1,89 @@
+"""Where robots are connected: serial ports, I2C buses, gamepads, and network ports, and who may use them."""
+
+import grp
+import os
+import socket
+from dataclasses import dataclass
+from pathlib import Path
+
+from hexctl.backends.serial_ports import serial_ports
+from hexctl.teleop.gamepad import find_gamepads
+
+#: Network ports that hexctl listens at unless told otherwise, and what for.
+NETWORK_PORTS = {("tcp", 7447): "hexctl serve", ("tcp", 7448): "hexctl serve --ros"}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Device:
+    """A device file.
+
+    Attributes:
+        path: such as `/dev/ttyUSB0`.
+        name: what its adapter calls itself; empty where nothing tells.
+        group: group that may use it.
+        usable: whether this process may read and write it.
+    """
+
+    path: str
+    name: str
+    group: str
+    usable: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NetworkPort:
+    """A network port of this computer: `tcp` or `udp`, its number, what it is for, and whether it is free."""
+
+    protocol: str
+    number: int
+    use: str
+    free: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Connections:
+    """Devices and network ports.
+
+    Attributes:
+        serial: serial ports.
+        i2c: I2C buses.
+        gamepads: gamepads, as the kernel's events.
+        network: network ports that hexctl listens at.
+    """
+
+    serial: tuple[Device, ...]
+    i2c: tuple[Device, ...]
+    gamepads: tuple[Device, ...]
+    network: tuple[NetworkPort, ...]
+
+
+def read_connections() -> Connections:
+    """Devices and network ports of this computer."""
+    return Connections(
+        serial=tuple(_device(port.port, port.adapter) for port in serial_ports()),
+        i2c=tuple(_device(str(path)) for path in sorted(Path("/dev").glob("i2c-*"))),
+        gamepads=tuple(_device(str(path)) for path in find_gamepads()),
+        network=tuple(
+            NetworkPort(protocol=protocol, number=number, use=use, free=_is_free(number))
+            for (protocol, number), use in NETWORK_PORTS.items()
+        ),
+    )
+
+
+def _device(path: str, name: str = "") -> Device:
+    try:
+        group = grp.getgrgid(os.stat(path).st_gid).gr_name
+    except (KeyError, OSError):
+        group = ""
+    return Device(path=path, name=name, group=group, usable=os.access(path, os.R_OK | os.W_OK))
+
+
+def _is_free(number: int) -> bool:
+    """Whether a server could listen at a TCP port of loopback."""
+    with socket.socket() as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind(("127.0.0.1", number))
+        except OSError:
+            return False
+    return True

@@ -1,0 +1,137 @@
+"""The computer itself: system, processor, memory, disk, and how punctual it is."""
+
+import os
+import platform
+import shutil
+import sys
+import threading
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+from hexctl.backends.clock import PERIOD_S, request_realtime_priority
+
+#: How many control periods the punctuality is measured for.
+MEASURED_TICKS = 25
+
+#: Size of a recording of a walk of 30 s, for the room on the disk.
+WALK_MB = 4.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Machine:
+    """A computer.
+
+    Attributes:
+        system: name and version of the operating system.
+        architecture: such as `x86_64` or `aarch64`.
+        python: version of Python, and where it is.
+        processor: its name.
+        cores: processor cores that this process may use.
+        load: processes that want to run, on the mean of the last minute, or None.
+        governor: how the processor saves power, or None.
+        memory_mb: memory that is free, and all of it, or None.
+        disk_free_mb: room on the disk of the folder for runs.
+        folder_writable: whether that folder can be written.
+        realtime: whether the kernel grants real-time priority.
+        late_ms: by how much the latest of some ticks of 20 ms was late.
+    """
+
+    system: str
+    architecture: str
+    python: str
+    processor: str
+    cores: int
+    load: float | None
+    governor: str | None
+    memory_mb: tuple[int, int] | None
+    disk_free_mb: int
+    folder_writable: bool
+    realtime: bool
+    late_ms: float
+
+
+def read_machine(folder: Path) -> Machine:
+    """The computer, and the disk of a folder, which need not exist."""
+    existing = next(path for path in (folder.absolute(), *folder.absolute().parents) if path.is_dir())
+    realtime, late_ms = _punctuality()
+    return Machine(
+        system=_system(),
+        architecture=platform.machine(),
+        python=f"{platform.python_version()} ({_without_home(sys.executable)})",
+        processor=_processor(),
+        cores=len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1,
+        load=round(os.getloadavg()[0], 2) if hasattr(os, "getloadavg") else None,
+        governor=_text(Path("/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor")),
+        memory_mb=_memory_mb(),
+        disk_free_mb=shutil.disk_usage(existing).free // 2**20,
+        folder_writable=os.access(existing, os.W_OK),
+        realtime=realtime,
+        late_ms=late_ms,
+    )
+
+
+def _without_home(path: str) -> str:
+    """Path with the home folder, which names a person, as `~`."""
+    home = str(Path.home())
+    return "~" + path.removeprefix(home) if home != "/" and path.startswith(home) else path
+
+
+def _system() -> str:
+    try:
+        name = platform.freedesktop_os_release().get("PRETTY_NAME", platform.system())
+    except OSError:
+        name = platform.system()
+    return f"{name}, kernel {platform.release()}"
+
+
+def _text(path: Path) -> str | None:
+    try:
+        return path.read_text(encoding="utf-8").strip()
+    except (OSError, UnicodeDecodeError):
+        return None
+
+
+def _fields(path: Path) -> dict[str, str]:
+    """Values of lines such as `MemTotal:  100 kB`, the first of each name."""
+    found: dict[str, str] = {}
+    for line in (_text(path) or "").splitlines():
+        name, colon, value = line.partition(":")
+        if colon:
+            found.setdefault(name.strip(), value.strip())
+    return found
+
+
+def _processor() -> str:
+    fields = _fields(Path("/proc/cpuinfo"))
+    return fields.get("model name") or fields.get("Model") or platform.processor() or "unknown"
+
+
+def _memory_mb() -> tuple[int, int] | None:
+    fields = _fields(Path("/proc/meminfo"))
+    try:
+        free, total = (int(fields[name].split()[0]) // 1024 for name in ("MemAvailable", "MemTotal"))
+    except (KeyError, ValueError):
+        return None
+    return free, total
+
+
+def _punctuality() -> tuple[bool, float]:
+    """Whether real-time priority is granted, and the greatest lateness of a tick with it, or without, in ms.
+
+    It is asked for on a thread of its own, which ends with the measurement.
+    """
+    found: list[tuple[bool, float]] = []
+
+    def measure() -> None:
+        granted, worst_s, begin_s = request_realtime_priority(), 0.0, time.monotonic()
+        for tick in range(1, MEASURED_TICKS + 1):
+            due_s = begin_s + tick * PERIOD_S
+            time.sleep(max(0.0, due_s - time.monotonic()))
+            worst_s = max(worst_s, time.monotonic() - due_s)
+        found.append((granted, round(1e3 * worst_s, 2)))
+
+    thread = threading.Thread(target=measure)
+    thread.start()
+    thread.join()
+    return found[0]

@@ -1,0 +1,115 @@
+"""What works on a computer, by what it has."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import hexctl
+from hexctl.doctor import checkup, connections, drawing, machine, packages
+from hexctl.doctor.connections import Connections, Device, NetworkPort
+from hexctl.doctor.drawing import Drawing
+from hexctl.doctor.machine import Machine
+
+FORBIDDEN = Device(path="/dev/ttyUSB0", name="USB", group="dialout", usable=False)
+
+
+@pytest.fixture(scope="module")
+def here() -> hexctl.Checkup:
+    return hexctl.doctor()
+
+
+def works(monkeypatch: Any, **parts: Any) -> dict[str, str | None]:
+    for name, part in parts.items():
+        monkeypatch.setattr(checkup, name, lambda *_, part=part: part)
+    return hexctl.doctor().works
+
+
+def test_it_is_plain_json_that_names_no_person(here: hexctl.Checkup) -> None:
+    text = json.dumps(here.to_dict())
+    assert set(json.loads(text)) == {
+        "machine",
+        "packages",
+        "drawing",
+        "connections",
+        "variables",
+        "works",
+    }
+    assert str(Path.home()) == "/" or f"({Path.home()}/" not in text
+
+
+def test_the_computer_is_this_one(here: hexctl.Checkup) -> None:
+    assert here.machine.cores >= 1
+    assert here.machine.late_ms >= 0
+    assert here.packages.versions["numpy"]
+    assert here.works["simulate walks"] is None  # the tests simulate
+
+
+def test_a_missing_package_is_named_with_its_extra(monkeypatch: Any) -> None:
+    monkeypatch.setattr(packages, "version", missing_but("mujoco"))
+    told = hexctl.doctor().works
+    assert told["simulate walks"] == 'needs mujoco: pip install "hexctl[sim]"'
+    assert told["drive from a phone"] != told["simulate walks"]
+
+
+def missing_but(gone: str) -> Any:
+    known = packages.version
+
+    def version(name: str) -> str:
+        if name == gone:
+            raise packages.PackageNotFoundError(name)
+        return known(name)
+
+    return version
+
+
+def test_a_port_that_is_not_allowed_says_which_group(here: hexctl.Checkup, monkeypatch: Any) -> None:
+    found = replace(here.connections, serial=(FORBIDDEN,))
+    told = works(monkeypatch, read_connections=found)["servos on a serial port"]
+    assert told == "not allowed for you: sudo usermod -aG dialout $USER, then log in again"
+    both = replace(found, serial=(FORBIDDEN, replace(FORBIDDEN, usable=True)))
+    assert works(monkeypatch, read_connections=both)["servos on a serial port"] is None
+    none = works(monkeypatch, read_connections=replace(found, serial=()))["servos on a serial port"]
+    assert none is not None
+    assert "plugged in" in none
+
+
+def test_a_taken_port_no_renderer_and_a_full_disk(here: hexctl.Checkup, monkeypatch: Any) -> None:
+    taken = NetworkPort(protocol="tcp", number=7447, use="hexctl serve", free=False)
+    network: Connections = replace(here.connections, network=(taken,))
+    full: Machine = replace(here.machine, disk_free_mb=40, realtime=False)
+    blind = Drawing(renderers={"egl": None, "osmesa": None}, display=False)
+    told = works(
+        monkeypatch,
+        read_connections=network,
+        read_machine=full,
+        read_drawing=blind,
+    )
+    assert told["hexctl serve"] == "port 7447 is taken; --listen names another one"
+    assert told["room for recordings"] == "40 MB are left, for 10 walks of 30 s"
+    assert "rtprio" in str(told["keep time on a busy machine"])
+    assert "nothing draws without a screen" in str(told["GIF of walks"])
+    assert told["view walks in a window"] == "no screen here"
+
+
+def test_a_folder_that_does_not_exist_yet_is_no_trouble(tmp_path: Path) -> None:
+    assert machine.read_machine(tmp_path / "a" / "b").folder_writable
+
+
+def test_a_port_is_taken_while_something_listens() -> None:
+    import socket
+
+    with socket.socket() as server:
+        server.bind(("127.0.0.1", 0))
+        server.listen()
+        assert not connections._is_free(server.getsockname()[1])
+        number = server.getsockname()[1]
+    assert connections._is_free(number)
+
+
+def test_a_graphics_library_that_ends_its_process_draws_nothing(monkeypatch: Any) -> None:
+    monkeypatch.setattr(drawing, "PROGRAM", "import os; os.abort()")
+    found = drawing.read_drawing()
+    assert not found.draws
