@@ -12,7 +12,7 @@ WORKERS ?= $(shell $(PYTHON) -c 'import os; print((os.cpu_count() or 2) + 1)')
 # No display is needed or looked for; set MUJOCO_GL yourself to render.
 export MUJOCO_GL ?= disable
 
-.PHONY: help setup demo docs check test test-all test-slow lint smoke bench faults pictures soak fuzz clean
+.PHONY: help setup demo docs check test test-all test-slow lint smoke dist bench faults pictures soak fuzz clean
 
 help:
 	@echo "make demo   a hexapod loses a leg in mid-walk and recovers, in simulation"
@@ -20,6 +20,7 @@ help:
 	@echo "make test   style, types and tests (about 5 minutes on two cores)"
 	@echo "make test-all  the same, whole commands and studies, and what runs in real time (about 20 minutes)"
 	@echo "make smoke  the built wheel, installed alone"
+	@echo "make dist   wheel and sdist, checked and installed in an empty environment"
 	@echo "make bench  the numbers hexctl promises, measured (two hours, most of them on simulated buses)"
 	@echo "make faults  the fault matrix of docs/safety.md, as far as it is not done yet (hours; Ctrl-C ends it)"
 	@echo "make pictures  the pictures of the documentation, made anew (about 7 minutes)"
@@ -73,6 +74,21 @@ smoke: $(INSTALLED)
 	build/smoke/venv/bin/python -m pip install --quiet --disable-pip-version-check -c constraints.txt build/smoke/*.whl
 	cd build/smoke && venv/bin/hexctl check pexod && venv/bin/hexctl run --backend mock --no-record --duration 0.2
 	cd build/smoke && venv/bin/python ../../tests/smoke.py venv/bin/hexctl
+
+# Wheel and sdist in dist/, checked by twine, and each installed in an empty environment; the tools that build
+# them have an environment of their own.
+dist:
+	rm -rf dist build/dist
+	$(PYTHON) -m venv build/dist/tools
+	build/dist/tools/bin/python -m pip install --quiet --disable-pip-version-check "build>=1.2,<2" "twine>=6,<7"
+	build/dist/tools/bin/python -m build --outdir dist .
+	build/dist/tools/bin/python -m twine check --strict dist/*
+	for file in dist/*; do \
+		rm -rf build/dist/empty && $(PYTHON) -m venv build/dist/empty && \
+		build/dist/empty/bin/python -m pip install --quiet --disable-pip-version-check -c constraints.txt $$file && \
+		(cd build/dist && empty/bin/hexctl check pexod && \
+		empty/bin/hexctl run --backend mock --no-record --duration 0.2) || exit 1; \
+	done
 
 bench: $(INSTALLED)
 	$(BIN)/python -m benchmarks

@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from importlib import metadata
 from pathlib import Path
 from typing import Any
 
@@ -55,12 +56,11 @@ def test_a_missing_package_is_named_with_its_extra(monkeypatch: Any) -> None:
 
 
 def missing_but(gone: str) -> Any:
-    known = packages.version
 
     def version(name: str) -> str:
         if name == gone:
-            raise packages.PackageNotFoundError(name)
-        return known(name)
+            raise metadata.PackageNotFoundError(name)
+        return metadata.version(name)
 
     return version
 
