@@ -49,11 +49,13 @@ def driven(
     world: str = "flat",
     gait: str = "tripod",
     failure: Failure | None = None,
+    told: bool = True,
 ) -> Driven:
-    """A robot that stood up and was then driven by commands."""
+    """A robot that stood up and was then driven by commands; untold of a failure it walks on as if whole."""
     servos = SimServos(robot, world=world, failure=failure)
     rows = []
-    with Drive(servos=servos, gait=gait, failure=failure) as drive:
+    policy = None if told else "walk-on"
+    with Drive(servos=servos, gait=gait, failure=failure, told=told, policy=policy) as drive:
         drive.reset()
         for duration_s, *shares in commands:
             velocity = drive.share(*shares)

@@ -24,6 +24,7 @@ from hexctl.errors import InputError
 from hexctl.ik.legs import link_points_body
 from hexctl.ik.support_polygon import centre_of_mass_of
 from hexctl.robot.model import Robot
+from hexctl.robot.rotations import levelled
 from hexctl.types import JOINTS_PER_LEG, N_LEGS, ArrayFields, BoolArray, FloatArray
 
 #: A foot this far over the plane that the robot stands on has e^-1 of the weight of one on it, as a share of
@@ -125,62 +126,15 @@ def leg_motions(
         raise InputError(f"times: got {times_s.shape}; allowed: 2 or more that ascend")
     if len(joint_positions_rad) != len(times_s):
         raise InputError(f"joint angles: got {len(joint_positions_rad)}; allowed: one for each time")
-    return _motions(robot, np.diff(times_s), joint_positions_rad, foot_contacts, lost_legs)
-
-
-class LegOdometer:
-    """Leg odometry as joint angles come, with the same result as `leg_motions`.
-
-    Args:
-        robot: geometry and masses.
-
-    Attributes:
-        lost_legs: legs 1..6 that are missing; may change at any time.
-    """
-
-    def __init__(self, robot: Robot) -> None:
-        self._robot = robot
-        self.lost_legs: Collection[int] = ()
-        self._last: tuple[float, FloatArray, BoolArray | None] | None = None
-
-    def update(
-        self, at_s: float, joint_positions_rad: FloatArray, foot_contacts: BoolArray | None = None
-    ) -> LegMotions | None:
-        """How the body moved since the angles before; None for the first ones, and for times no later.
-
-        Args:
-            at_s: of the measurement.
-            joint_positions_rad: (18,).
-            foot_contacts: (6,), where they are known.
-        """
-        last = self._last
-        if last is not None and at_s <= last[0]:
-            return None
-        self._last = (at_s, joint_positions_rad.copy(), foot_contacts)
-        if last is None:
-            return None
-        before_s, before_rad, touched = last
-        contacts = None if touched is None or foot_contacts is None else np.stack([touched, foot_contacts])
-        took_s, joints = np.array([at_s - before_s]), np.stack([before_rad, joint_positions_rad])
-        return _motions(self._robot, took_s, joints, contacts, self.lost_legs)
-
-
-def _motions(
-    robot: Robot,
-    took_s: FloatArray,
-    joints_rad: FloatArray,
-    contacts: BoolArray | None,
-    lost_legs: Collection[int],
-) -> LegMotions:
-    stands = standing(robot, joints_rad, lost_legs)
+    stands = standing(robot, joint_positions_rad, lost_legs)
     near = np.exp(-np.square(np.maximum(stands.above_m, 0) / (NEAR_FLOOR * robot.stance_radius_m)))
-    if contacts is not None:
-        near = np.where(stands.above_m < GONE_M / 2, contacts, 0.0)
+    if foot_contacts is not None:
+        near = np.where(stands.above_m < GONE_M / 2, foot_contacts, 0.0)
     weights = near[:-1] * near[1:] + LEAST_WEIGHT
     # One lean for both: where the feet that carry change, the plane tilts at once, and no body does.
     up, feet = stands.up_body[1:] + stands.up_body[:-1], stands.feet_body
-    before, after = _levelled(feet[:-1], up), _levelled(feet[1:], up) + _rolled(robot, joints_rad)
-    slipping_m = SLIPPING_PER_S * robot.stance_radius_m * np.maximum(took_s, LEAST_S)[:, np.newaxis]
+    before, after = _along(feet[:-1], up), _along(feet[1:], up) + _rolled(robot, joint_positions_rad)
+    slipping_m = SLIPPING_PER_S * robot.stance_radius_m * np.maximum(np.diff(times_s), LEAST_S)[:, np.newaxis]
     motions, slip_m = _fit(before, after, weights, slipping_m)
     return LegMotions(motions, slip_m, stands.height_m, stands.up_body)
 
@@ -244,10 +198,7 @@ def _floor_plane(feet: FloatArray, centre: FloatArray) -> tuple[FloatArray, Floa
     return normal, np.take_along_axis(offsets, best, axis=-1)[..., 0]
 
 
-def _levelled(feet: FloatArray, up: FloatArray) -> ComplexArray:
-    """Feet (..., 6, 3) along the floor, after the shortest turn that brings `up`, of any length, upright."""
-    up = up / np.linalg.norm(up, axis=-1, keepdims=True)
-    x, y, z = (up[..., axis, np.newaxis] for axis in range(3))
-    # Rodrigues' formula for the turn from `up` to the z axis: what is left of a point p along x and y.
-    along = (x * feet[..., 0] + y * feet[..., 1]) / (1 + z) + feet[..., 2]
-    return np.asarray((feet[..., 0] - x * along) + 1j * (feet[..., 1] - y * along))
+def _along(feet: FloatArray, up: FloatArray) -> ComplexArray:
+    """Feet (..., 6, 3) along the floor, where `up` is upright."""
+    flat = levelled(feet, up)
+    return np.asarray(flat[..., 0] + 1j * flat[..., 1])

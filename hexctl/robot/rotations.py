@@ -1,4 +1,4 @@
-"""Orientation quaternions (w, x, y, z), z up: their yaw and tilt, and turns after one another."""
+"""Orientations, z up: quaternions (w, x, y, z), their yaw and tilt, their products, and levelling."""
 
 import math
 from typing import TypeVar
@@ -73,3 +73,19 @@ def turned(quaternion: FloatArray, vector: FloatArray) -> FloatArray:
     """Vector (3,) turned by a unit quaternion (4,)."""
     pure = np.concatenate([[0.0], vector])
     return product(product(quaternion, pure), inverse(quaternion))[1:]
+
+
+def levelled(points: FloatArray, up: FloatArray) -> FloatArray:
+    """Points after the shortest turn that brings a direction upright.
+
+    Args:
+        points: leading shape + (N, 3).
+        up: the direction, of any length but 0 and not straight down, in the frame of the points: leading
+            shape + (3,).
+    """
+    up = up / np.linalg.norm(up, axis=-1, keepdims=True)
+    x, y, z = (up[..., axis, np.newaxis] for axis in range(3))
+    # Rodrigues' formula for the turn from `up` to the z axis.
+    upward = x * points[..., 0] + y * points[..., 1] + z * points[..., 2]
+    along = (upward + points[..., 2]) / (1 + z)
+    return np.stack([points[..., 0] - x * along, points[..., 1] - y * along, upward], axis=-1)

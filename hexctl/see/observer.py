@@ -4,7 +4,9 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from hexctl.ik.leg_odometry import LegOdometer
+import numpy as np
+
+from hexctl.ik.leg_odometer import LegOdometer
 from hexctl.robot.model import Robot
 from hexctl.see.estimation.pose_belief import Sighting
 from hexctl.see.estimation.pose_filter import PoseEstimate, PoseFilter
@@ -18,9 +20,6 @@ from hexctl.types import ArrayFields, FloatArray
 #: While no tag on the floor is seen, the robot is believed within this distance of where it should be: its
 #: body may cover the tags, but the camera may also have been turned away.
 NEAR_M = 0.05
-
-#: States of the legs farther apart than this tell no motion.
-LEG_GAP_S = 0.5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,20 +72,18 @@ class Observer:
         self.height_m = robot.standing_height_m
         self._tracker = RobotTracker(tag, finder)
         self._filter = PoseFilter(lost_after_s=lost_after_s)
-        self._odometer, self._legs_at_s = LegOdometer(robot), -math.inf
+        self._odometer = LegOdometer(robot)
         self._up_body = LEVEL
         self._newest: PoseEstimate | None = None
 
     def listen(self, state: LegState) -> None:
         """Take in a state of the legs; one that is no later than the one before is left out."""
-        if state.at_s <= self._legs_at_s:
+        step = self._odometer.update(state.at_s, state.joint_positions_rad, state.foot_contacts)
+        if step is None:
             return
-        moved = self._odometer.update(state.at_s, state.joint_positions_rad, state.foot_contacts)
-        if moved is not None:
-            self.height_m, self._up_body = float(moved.height_m[-1]), moved.up_body[-1]
-            if state.at_s - self._legs_at_s < LEG_GAP_S:
-                self._filter.move(self._legs_at_s, state.at_s, moved.motions[0], state.yaw_rad)
-        self._legs_at_s = state.at_s
+        self.height_m, self._up_body = step.height_m, step.up_body
+        if step.motion is not None:
+            self._filter.move(step.from_s, step.to_s, step.motion, state.yaw_rad)
 
     def look(self, gray: Picture, came_s: float) -> Observation:
         """Look at a picture that came at a time."""
@@ -95,8 +92,9 @@ class Observer:
         robot = self._tracker.find(gray, self.watch.camera, self.height_m, expected, self._up_body)
         believed = robot is not None and self._may_be_believed(robot)
         if robot is not None and believed:
-            taken_s = came_s - self.latency_s
-            believed = self._filter.see(Sighting(taken_s, robot.pose_floor, robot.covariance))
+            taken_s, pose = came_s - self.latency_s, robot.pose_floor
+            self._odometer.see(taken_s, np.array([pose.x_m, pose.y_m, pose.yaw_rad]))
+            believed = self._filter.see(Sighting(taken_s, pose, robot.covariance))
         return Observation(robot, believed, change)
 
     def estimate(self, now_s: float) -> PoseEstimate:

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hexctl.errors import InputError
-from hexctl.ik.leg_odometry import LegOdometer, leg_motions, standing
+from hexctl.ik.leg_odometry import leg_motions, standing
 from hexctl.ik.legs import solve_legs
 from hexctl.robot.failure import Failure
 from hexctl.types import FloatArray
@@ -111,16 +111,6 @@ def test_a_failed_leg_does_not_hold_it_back(kind: str) -> None:
 def test_a_robot_that_stands_does_not_move() -> None:
     walk = driven("ant", ((2, 0, 0, 0),))
     assert np.abs(course(leg_motions(shipped(), walk.times_s, walk.joints_rad).motions)).max() < 1e-3
-
-
-def test_tick_by_tick_is_as_all_at_once() -> None:
-    walk = driven("ant", AHEAD)
-    odometer = LegOdometer(shipped())
-    each = [odometer.update(at_s, angles) for at_s, angles in zip(walk.times_s, walk.joints_rad, strict=True)]
-    assert each[0] is None
-    together = leg_motions(shipped(), walk.times_s, walk.joints_rad)
-    assert np.concatenate([one.motions for one in each if one]) == pytest.approx(together.motions, abs=1e-9)
-    assert odometer.update(walk.times_s[-1], walk.joints_rad[-1]) is None
 
 
 def test_what_cannot_be_is_refused() -> None:

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hexctl.robot.rotations import levelled
 from hexctl.see.vision.camera import Camera
 from hexctl.see.vision.corner_noise import CornerNoise
 from hexctl.see.vision.planar_pose import PlanarFit, PlanarPose, fitted_pose
@@ -118,15 +119,6 @@ class RobotTracker:
             return None
         thorough = (self._missed // SEARCH_EVERY) % THOROUGH_EVERY == 0
         return self._finder.search(gray, thorough=thorough).get(tag_id)
-
-
-def levelled(points_body: FloatArray, up_body: FloatArray) -> FloatArray:
-    """Points (N, 3) of a body after the shortest turn that brings `up_body` upright."""
-    x, y, z = up_body
-    # Rodrigues' formula for the turn from `up_body` to the z axis.
-    across = np.array([[0.0, 0.0, -x], [0.0, 0.0, -y], [x, y, 0.0]])
-    turn = np.eye(3) + across + across @ across / (1 + z)
-    return np.asarray(points_body @ turn.T)
 
 
 def _expected_px(camera: Camera, corners: FloatArray, expected: PlanarPose | None) -> FloatArray | None:

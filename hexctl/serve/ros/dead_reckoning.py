@@ -6,13 +6,10 @@ from typing import Self
 
 import numpy as np
 
-from hexctl.ik.leg_odometry import LegMotions, LegOdometer
+from hexctl.ik.leg_odometer import LegOdometer
 from hexctl.robot.model import Robot
 from hexctl.robot.rotations import about_z, product, yaw_rad
 from hexctl.types import ArrayFields, FloatArray, RobotState
-
-#: States further apart than this tell no motion of the legs: a gait's cycle may have passed meanwhile.
-GAP_S = 0.5
 
 _LEVEL = np.array([1.0, 0.0, 0.0, 0.0])
 
@@ -60,7 +57,6 @@ class DeadReckoning:
         begun = BodyPose(np.zeros(3), _LEVEL) if start is None else start
         self._position_m = begun.position_m.copy()
         self._yaw_rad, self._tilt = _parted(begun.quaternion)
-        self._at_s = -math.inf
         self._own_yaw_rad: float | None = None
         self._has_height = start is not None
 
@@ -72,14 +68,24 @@ class DeadReckoning:
             orientation: (4,) that an IMU measured; None where there is none.
         """
         turn_rad = self._turn_rad(orientation)
-        moved = self._moved(state)
-        if moved is not None:
-            forward_m, left_m, legs_turn_rad = moved.motions[0].tolist()
+        motion = self._moved(state)
+        if motion is not None:
+            forward_m, left_m, legs_turn_rad = motion.tolist()
             cos, sin = math.cos(self._yaw_rad), math.sin(self._yaw_rad)
             self._position_m[:2] += (cos * forward_m - sin * left_m, sin * forward_m + cos * left_m)
             turn_rad = legs_turn_rad if turn_rad is None else turn_rad
         self._yaw_rad += turn_rad or 0.0
         return BodyPose(self._position_m.copy(), product(about_z(self._yaw_rad), self._tilt))
+
+    def see(self, at_s: float, pose: BodyPose) -> None:
+        """Take in a pose from outside: only which leg carries nothing is told by it, and no place.
+
+        Args:
+            at_s: when, on the clock of the states.
+            pose: of the body in any frame that stays.
+        """
+        place = np.array([*pose.position_m[:2], float(yaw_rad(pose.quaternion))])
+        self._odometer.see(at_s, place)
 
     def _turn_rad(self, orientation: FloatArray | None) -> float | None:
         """Turn since the last state by the IMU, None where it does not say; its tilt is kept."""
@@ -89,19 +95,15 @@ class DeadReckoning:
         self._own_yaw_rad, self._tilt = _parted(orientation)
         return None if before is None else math.remainder(self._own_yaw_rad - before, math.tau)
 
-    def _moved(self, state: RobotState) -> LegMotions | None:
+    def _moved(self, state: RobotState) -> FloatArray | None:
         """Motion of the legs since the last state, None where they do not say; rises with them."""
-        if not np.isfinite(state.joint_positions_rad).all() or state.stamp_s <= self._at_s:
+        step = self._odometer.update(state.stamp_s, state.joint_positions_rad, state.foot_contacts)
+        if step is None:
             return None
-        moved = self._odometer.update(state.stamp_s, state.joint_positions_rad, state.foot_contacts)
-        took_s, self._at_s = state.stamp_s - self._at_s, state.stamp_s
-        if moved is None:
-            return None
-        before_m, after_m = moved.height_m.tolist()
         if not self._has_height:
-            self._has_height, self._position_m[2] = True, before_m
-        self._position_m[2] += after_m - before_m
-        return moved if took_s < GAP_S else None
+            self._has_height, self._position_m[2] = True, step.height_m - step.rise_m
+        self._position_m[2] += step.rise_m
+        return step.motion
 
 
 def _parted(quaternion: FloatArray) -> tuple[float, FloatArray]:

@@ -48,6 +48,7 @@ class Frames:
         if pose is not None and snapshot.posed_at_s != self._posed_at_s:
             self._odom = _parent(pose, self._body, has_tilt=snapshot.orientation is not None)
             self._posed_at_s = snapshot.posed_at_s
+            self._reckoning.see(snapshot.state.stamp_s, pose)
 
     def body_in_odom(self, snapshot: RobotSnapshot) -> BodyPose | None:
         """Pose of `base_link` in `odom`, None where it is not known."""

@@ -3,14 +3,21 @@
 import numpy as np
 import pytest
 
+from hexctl.ik.leg_odometer import GAP_S
+from hexctl.robot.failure import Failure
 from hexctl.robot.rotations import about_z, product, wrapped_rad, yaw_rad
-from hexctl.serve.ros.dead_reckoning import GAP_S, BodyPose, DeadReckoning
+from hexctl.serve.ros.dead_reckoning import BodyPose, DeadReckoning
 from hexctl.types import FloatArray, RobotState
-from tests.driven import Driven, driven
+from tests.driven import Command, Driven, driven
 from tests.robots import shipped
 
 LEAN = np.array([np.cos(0.05), np.sin(0.05), 0.0, 0.0])
 START = BodyPose(np.array([1.0, 2.0, 0.1]), product(about_z(0.4), LEAN))
+
+AHEAD: tuple[Command, ...] = ((1, 0, 0, 0), (8, 1, 0, 0))
+
+#: Tick of such a walk by which a missing leg was noticed.
+NOTICED = 250
 
 
 @pytest.fixture
@@ -102,3 +109,19 @@ def test_half_a_pose_is_none() -> None:
             np.zeros(18), 0.0, True, base_position_world=half[0], base_quaternion_world=half[1]
         )
         assert BodyPose.of(given) is None
+
+
+def test_a_missing_leg_is_noticed_by_poses_from_outside_which_move_nothing() -> None:
+    walk = driven("pexod", AHEAD, failure=Failure(leg=2, kind="missing"), told=False)
+    alone, seen = DeadReckoning(shipped("pexod"), START), DeadReckoning(shipped("pexod"), START)
+    ways = []
+    for index in range(len(walk.times_s)):
+        ways.append([one.update(state(walk, index), None).position_m for one in (alone, seen)])
+        x_m, y_m, yaw = walk.poses[index].tolist()
+        seen.see(walk.times_s[index], BodyPose(np.array([x_m, y_m, 0.1]), about_z(yaw)))
+    steps_m = np.linalg.norm(np.diff(ways, axis=0), axis=2)
+    assert steps_m.max() < 0.012
+    true_m = np.hypot(*(walk.poses[-1] - walk.poses[NOTICED])[:2])
+    alone_m, seen_m = np.linalg.norm(np.array(ways[-1]) - np.array(ways[NOTICED]), axis=1)
+    assert abs(alone_m - true_m) > 0.7 * true_m
+    assert abs(seen_m - true_m) < 0.35 * true_m

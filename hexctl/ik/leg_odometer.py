@@ -1,0 +1,101 @@
+"""Leg odometry as states come: which of them tell a motion, and which leg carries nothing."""
+
+from collections.abc import Collection
+from dataclasses import dataclass
+
+import numpy as np
+
+from hexctl.ik.leg_odometry import leg_motions
+from hexctl.ik.lost_leg import LostLegWatch
+from hexctl.robot.model import Robot
+from hexctl.types import ArrayFields, BoolArray, FloatArray
+
+#: States this far apart or farther tell no motion of the legs: a gait's cycle may have passed meanwhile.
+GAP_S = 0.5
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LegStep(ArrayFields):
+    """How a body moved between two states, by its legs.
+
+    Attributes:
+        from_s: time of the first.
+        to_s: time of the second.
+        motion: in the frame of the body at the first, (3,): forward and left in m, counter-clockwise in rad;
+            None after a gap.
+        height_m: of the body frame's origin above the floor, at the second.
+        rise_m: by how much it is higher than at the first.
+        up_body: which way is up at the second, in the body frame, (3,).
+    """
+
+    from_s: float
+    to_s: float
+    motion: FloatArray | None
+    height_m: float
+    rise_m: float
+    up_body: FloatArray
+
+
+class LegOdometer:
+    """Leg odometry as joint angles come, with the same result as `leg_motions`.
+
+    Args:
+        robot: geometry and masses.
+
+    Attributes:
+        told: legs 1..6 that are known to be missing; may change at any time.
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        self._robot = robot
+        self.told: Collection[int] = ()
+        self._watch = LostLegWatch(robot)
+        self._last: tuple[float, FloatArray, BoolArray | None] | None = None
+
+    @property
+    def lost_legs(self) -> tuple[int, ...]:
+        """Legs 1..6 on which nothing stands: those that are known, and the one that was noticed."""
+        return tuple(sorted({*self.told, *self._watch.lost_legs}))
+
+    def update(
+        self, at_s: float, joint_positions_rad: FloatArray, foot_contacts: BoolArray | None = None
+    ) -> LegStep | None:
+        """How the body moved since the state before.
+
+        None for the first state, for one that is no later than the one before, and for angles that are not
+        finite.
+
+        Args:
+            at_s: of the measurement.
+            joint_positions_rad: (18,).
+            foot_contacts: (6,), where they are known.
+        """
+        last = self._last
+        late = last is not None and at_s <= last[0]
+        if late or not np.isfinite(joint_positions_rad).all():
+            return None
+        joints_rad = joint_positions_rad.copy()
+        self._last = (at_s, joints_rad, foot_contacts)
+        near = last is not None and at_s - last[0] < GAP_S
+        if not near:
+            self._watch.restart()
+        if foot_contacts is None:
+            self._watch.listen(at_s, joints_rad)
+        if last is None:
+            return None
+        before_s, before_rad, touched = last
+        contacts = None if touched is None or foot_contacts is None else np.stack([touched, foot_contacts])
+        times_s, joints = np.array([before_s, at_s]), np.stack([before_rad, joints_rad])
+        moved = leg_motions(self._robot, times_s, joints, contacts, self.lost_legs)
+        before_m, after_m = moved.height_m.tolist()
+        motion = moved.motions[0] if near else None
+        return LegStep(before_s, at_s, motion, after_m, after_m - before_m, moved.up_body[1])
+
+    def see(self, at_s: float, pose: FloatArray) -> None:
+        """Take in where the body was seen, by which a leg that carries nothing is noticed.
+
+        Args:
+            at_s: when, on the clock of the states; up to a second ago.
+            pose: x and y in m and yaw in rad, (3,), in any frame that stays.
+        """
+        self._watch.see(at_s, pose, self.told)

@@ -1,0 +1,135 @@
+"""Which leg of a walking robot carries nothing, though its joints move: by where the body was seen to go.
+
+Joint angles alone do not tell that a leg is missing: servos that hold their angles are where they should be,
+whatever they carry. But with a leg that carries nothing the body tips onto feet in swing, and goes another
+way than its legs say. So the way is calculated for each leg left out, and for none; the one that fits what
+was seen far better than the one believed is believed from then on. It serves odometry, and is no diagnosis:
+the leg whose absence fits best need not be the one that is gone.
+"""
+
+from collections import deque
+from collections.abc import Collection
+
+import numpy as np
+
+from hexctl.ik.leg_odometry import leg_motions
+from hexctl.robot.model import Robot
+from hexctl.types import N_LEGS, FloatArray
+
+#: Ways are compared over this time: two cycles of a gait or more, which differ in both halves.
+WINDOW_S = 3.0
+
+#: They are compared this often.
+JUDGED_S = 1.0
+
+#: Weight of the newest comparison in the mean of all.
+NEWEST = 0.4
+
+#: Comparisons before any leg is believed to carry nothing.
+LEAST_COMPARED = 2
+
+#: Poses that a comparison needs.
+LEAST_POSES = 10
+
+#: Another leg is believed where it leaves less than this share of the misfit, and by this much less in m.
+BETTER_SHARE, BETTER_M = 0.65, 0.003
+
+
+class LostLegWatch:
+    """Watches the legs of one robot. All times are on one clock.
+
+    One leg at a time is noticed, besides those that are known.
+
+    Args:
+        robot: geometry and masses.
+
+    Attributes:
+        lost_legs: legs 1..6 that were noticed to carry nothing: one or none.
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        self._robot = robot
+        self.lost_legs: tuple[int, ...] = ()
+        self._heard: list[tuple[float, FloatArray]] = []
+        self._times_s, self._motions = np.empty(0), np.empty((1 + N_LEGS, 0, 3))
+        self._poses: deque[tuple[float, FloatArray]] = deque()
+        self._judged_s = -np.inf
+        self._misfits_m: FloatArray | None = None
+        self._compared = 0
+
+    def restart(self) -> None:
+        """Forget the way until now, as after a gap; what was noticed stays."""
+        self._heard.clear()
+        self._poses.clear()
+        self._times_s, self._motions = np.empty(0), np.empty((1 + N_LEGS, 0, 3))
+
+    def listen(self, at_s: float, joint_positions_rad: FloatArray) -> None:
+        """Take in a state of the legs, (18,), later than the one before."""
+        self._heard.append((at_s, joint_positions_rad))
+        if at_s - self._heard[0][0] > WINDOW_S:  # nothing was seen meanwhile
+            self.restart()
+
+    def see(self, at_s: float, pose: FloatArray, known: Collection[int] = ()) -> None:
+        """Take in where the body was seen, and judge once a second.
+
+        Args:
+            at_s: when.
+            pose: x and y in m and yaw in rad, (3,), in any frame that stays.
+            known: legs 1..6 that are known to carry nothing.
+        """
+        if not self._heard:
+            return
+        self._poses.append((at_s, np.asarray(pose, dtype=float)))
+        if at_s >= self._judged_s + JUDGED_S and len(self._heard) > 1:
+            self._judged_s = at_s
+            self._calculate(known)
+            self._judge()
+
+    def _calculate(self, known: Collection[int]) -> None:
+        """Motions between the states heard since the last time, for no leg and each leg left out."""
+        times_s = np.array([at_s for at_s, _ in self._heard])
+        joints_rad = np.array([joints for _, joints in self._heard])
+        lost = [known, *((*known, leg) for leg in range(1, N_LEGS + 1))]
+        new = np.stack([leg_motions(self._robot, times_s, joints_rad, None, legs).motions for legs in lost])
+        kept = self._times_s > times_s[-1] - WINDOW_S
+        # Each motion beside the time of its end.
+        self._times_s = np.concatenate([self._times_s[kept], times_s[1:]])
+        self._motions = np.concatenate([self._motions[:, kept], new], axis=1)
+        self._heard = self._heard[-1:]
+
+    def _judge(self) -> None:
+        """Believe in the leg whose way fits far better than that of the one believed."""
+        first_s, last_s = self._times_s[[0, -1]].tolist()
+        while self._poses and self._poses[0][0] < first_s:
+            self._poses.popleft()
+        seen = [one for one in self._poses if one[0] <= last_s]
+        if len(seen) < LEAST_POSES or seen[-1][0] - seen[0][0] < 0.6 * WINDOW_S:
+            return
+        seen_s, poses = np.array([at_s for at_s, _ in seen]), np.array([pose for _, pose in seen])
+        misfits_m = np.array([self._misfit_m(motions, seen_s, poses) for motions in self._motions])
+        if self._misfits_m is not None:
+            misfits_m = self._misfits_m + NEWEST * (misfits_m - self._misfits_m)
+        self._misfits_m, self._compared = misfits_m, self._compared + 1
+        best_m, believed_m = misfits_m.min(), misfits_m[sum(self.lost_legs)]
+        better = best_m < min(BETTER_SHARE * believed_m, believed_m - BETTER_M)
+        if better and self._compared >= LEAST_COMPARED:
+            best = int(misfits_m.argmin())
+            self.lost_legs = (best,) if best else ()
+
+    def _misfit_m(self, motions: FloatArray, seen_s: FloatArray, poses: FloatArray) -> float:
+        """How far seen poses (N, 3) are from the way of motions (T, 3), laid over them: the median.
+
+        Medians, because some sightings are wild. A turn counts by what it moves the feet.
+        """
+        yaw_rad = np.cumsum(motions[:, 2])
+        before_rad = yaw_rad - motions[:, 2]
+        way = np.cumsum((motions[:, 0] + 1j * motions[:, 1]) * np.exp(1j * before_rad))
+        way, yaw_rad = np.interp(seen_s, self._times_s, way), np.interp(seen_s, self._times_s, yaw_rad)
+        turn_rad = poses[:, 2] - yaw_rad
+        mean_rad = np.angle(np.exp(1j * turn_rad).sum())
+        off_rad = np.angle(np.exp(1j * (turn_rad - mean_rad)))
+        middle_rad = np.median(off_rad)
+        off = poses[:, 0] + 1j * poses[:, 1] - np.exp(1j * (mean_rad + middle_rad)) * way
+        off_m = np.abs(off - (np.median(off.real) + 1j * np.median(off.imag)))
+        turn_m = self._robot.stance_radius_m * (off_rad - middle_rad)
+        return float(np.median(np.hypot(off_m, turn_m)))
