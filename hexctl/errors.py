@@ -4,6 +4,7 @@ Every message says what was wrong, the value got, what is allowed and, where it 
 `check_type` refuses a value of the wrong type in those words, `argument` names an argument in them.
 """
 
+import errno
 import re
 from collections.abc import Callable
 from numbers import Integral, Real
@@ -117,6 +118,15 @@ class RecordingError(HexctlError, OSError):
     """A recording that could not be written or opened."""
 
 
+#: Numbers of system errors of a disk that is full, over its quota or broken, or of a file as large as can be.
+_OF_DISK = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
+
+
+def is_of_disk(error: BaseException | None) -> bool:
+    """Whether an error is that of a disk that takes nothing more: a fault, whatever was asked for."""
+    return isinstance(error, OSError) and error.errno in _OF_DISK
+
+
 #: Number types: the abstract type that is accepted (a bool is not), and its name.
 _NUMBERS: dict[type, tuple[type, str]] = {float: (Real, "a number"), int: (Integral, "a whole number")}
 
@@ -157,7 +167,10 @@ def shown(value: object) -> str:
     """Short text of a value on one line, however large it is."""
     short = Repr()
     short.maxlevel, short.maxlist, short.maxstring, short.maxother = 3, 20, 60, 60
-    text = short.repr(value).replace("\n", " ")
+    try:
+        text = short.repr(value).replace("\n", " ")
+    except ValueError:  # Python writes no whole number of more than 4300 digits
+        text = f"a {type(value).__name__} that is too long to show"
     return text if len(text) <= MOST_SHOWN else text[:MOST_SHOWN] + "..."
 
 

@@ -1,13 +1,20 @@
 """Files written atomically: a reader, or a power cut, finds the old file or the new one, never a part."""
 
+import errno
+import io
 import os
 import secrets
 import shutil
+import stat
 import zipfile
 import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import Any
+
+#: Size of an archive; a prior has half a million bytes.
+MOST_ARCHIVE_BYTES = 200_000_000
 
 #: What numpy and zipfile raise for an archive (.npz) that is damaged.
 ARCHIVE_DAMAGE: tuple[type[Exception], ...] = (
@@ -19,8 +26,59 @@ ARCHIVE_DAMAGE: tuple[type[Exception], ...] = (
     NotImplementedError,
     zipfile.BadZipFile,
     zlib.error,
+    MemoryError,  # of an array that claims to be larger than the computer
     RuntimeError,  # zipfile, of a file that claims to be encrypted
 )
+
+
+def is_file(path: Path) -> bool:
+    """Whether a path names a file; False also for one that no system can look up."""
+    try:
+        return path.is_file()
+    except (OSError, ValueError):
+        return False
+
+
+def read_file(path: Path, most_bytes: int) -> bytes:
+    """Content of a file that somebody else has named.
+
+    Raises OSError for one that cannot be read, is larger than `most_bytes`, or is none: a pipe without a
+    writer and a device without an end would be read for ever.
+    """
+    descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_NOCTTY)
+    try:
+        if not stat.S_ISREG(os.fstat(descriptor).st_mode):
+            raise OSError(errno.EINVAL, "it is a pipe, a device or a folder", str(path))
+        with open(descriptor, "rb", closefd=False) as file:
+            content = file.read(most_bytes + 1)
+    finally:
+        os.close(descriptor)
+    if len(content) > most_bytes:
+        raise OSError(errno.EINVAL, f"it is larger than {most_bytes / 1e6:g} MB", str(path))
+    return content
+
+
+def open_archive(path: Path | str) -> Any:
+    """The archive (.npz) of a file that somebody else has made, to be used in `with`.
+
+    Raises OSError as `read_file` does, and one of `ARCHIVE_DAMAGE`, as reading its arrays does.
+    """
+    import numpy as np
+
+    return np.load(io.BytesIO(read_file(Path(path), MOST_ARCHIVE_BYTES)), allow_pickle=False)
+
+
+def read_secret(path: Path, most_bytes: int) -> bytes:
+    """Content of a file with a key, which nobody but its owner may read or change.
+
+    Raises OSError as `read_file` does, and PermissionError, which says what to type, for one that others may.
+    """
+    content = read_file(path, most_bytes)
+    others = path.stat().st_mode & (stat.S_IRWXG | stat.S_IRWXO)
+    if others:
+        whose = "its group" if not others & stat.S_IRWXO else "every user of this computer"
+        raise PermissionError(errno.EPERM, f"{whose} has access to it; chmod 600 {path}", str(path))
+    return content
 
 
 def atomic_write(path: Path, content: str | bytes) -> None:

@@ -1,11 +1,11 @@
-"""Atomic writes."""
+"""Atomic writes, and files that somebody else has named."""
 
 import os
 from pathlib import Path
 
 import pytest
 
-from hexctl.files import atomic_write, replacing
+from hexctl.files import atomic_write, open_archive, read_file, read_secret, replacing
 
 
 def test_a_file_is_made_and_replaced(tmp_path: Path) -> None:
@@ -70,3 +70,40 @@ def test_the_content_is_on_the_disk_before_the_name_changes(
     monkeypatch.setattr(os, "fsync", note)
     atomic_write(path, "new")
     assert seen == [(False, "old"), (True, "new")]
+
+
+def test_only_plain_files_of_a_size_are_read(tmp_path: Path) -> None:
+    path = tmp_path / "small"
+    path.write_bytes(b"12345")
+    assert read_file(path, 5) == b"12345"
+    with pytest.raises(OSError, match="larger than 4e-06 MB"):
+        read_file(path, 4)
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "zeros").symlink_to("/dev/zero")
+    for strange in (tmp_path / "pipe", tmp_path / "zeros", tmp_path):
+        with pytest.raises(OSError, match="a pipe, a device or a folder"):
+            read_file(strange, 5)
+        with pytest.raises(OSError, match="a pipe, a device or a folder"):
+            open_archive(strange)
+    with pytest.raises(FileNotFoundError):
+        read_file(tmp_path / "none", 5)
+
+
+@pytest.mark.parametrize(
+    ("mode", "whose"),
+    [
+        (0o660, "its group"),
+        (0o640, "its group"),
+        (0o620, "its group"),
+        (0o604, "every user"),
+        (0o777, "every"),
+    ],
+)
+def test_a_secret_is_its_owners_alone(mode: int, whose: str, tmp_path: Path) -> None:
+    path = tmp_path / "key"
+    path.write_bytes(b"secret")
+    path.chmod(0o600)
+    assert read_secret(path, 100) == b"secret"
+    path.chmod(mode)
+    with pytest.raises(PermissionError, match=f"{whose}.* has access to it; chmod 600 .*key"):
+        read_secret(path, 100)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 from hexctl.backends.base import LegServos
 from hexctl.errors import InputError, MissingExtraError, argument
+from hexctl.names import nearest
 from hexctl.robot.bus_map import bus_map_of
 from hexctl.robot.drivers import BUS_DRIVERS
 from hexctl.robot.failure import Failure
@@ -250,7 +251,7 @@ def _own_class(name: str) -> Any:
     if ":" not in name:
         raise InputError(
             f"backend: got {name!r}; allowed: {', '.join(BACKENDS)}, "
-            "or package.module:Class for your own LegServos"
+            f"or package.module:Class for your own LegServos{nearest(name, BACKENDS)}"
         )
     try:
         return load_named(name, "servos")

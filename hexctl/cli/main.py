@@ -1,5 +1,6 @@
 """The `hexctl` command: its sub-commands, and how errors become a line and an exit code."""
 
+import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Annotated, Any
@@ -31,7 +32,16 @@ from hexctl.cli.status import status
 from hexctl.cli.study import study
 from hexctl.cli.twin import twin
 from hexctl.cli.view import view
-from hexctl.errors import EXTRAS, HexctlError, InputError, LimitError, MissingExtraError, ReachError
+from hexctl.errors import (
+    EXTRAS,
+    HexctlError,
+    InputError,
+    LimitError,
+    MissingExtraError,
+    ReachError,
+    is_of_disk,
+    printable,
+)
 
 
 class _CutOffError(Exception):
@@ -119,9 +129,14 @@ def exit_code(arguments: Sequence[str] | None = None) -> int:
     except TyperException as error:
         return _print_error(error.format_message(), error.exit_code)
     except (InputError, LimitError, ReachError, MissingExtraError) as error:
-        return _print_error(in_flags(error), BAD_INPUT)
+        return _print_error(in_flags(error), FAULT if is_of_disk(error.__cause__) else BAD_INPUT)
     except HexctlError as error:
         return _print_error(in_flags(error), FAULT)
+    except OSError as error:
+        if not isinstance(error.filename, str | bytes):
+            raise
+        text = f"{os.fsdecode(error.filename)}: {error.strerror}"
+        return _print_error(text, FAULT if is_of_disk(error) else BAD_INPUT)
     except ModuleNotFoundError as error:
         extra = EXTRAS.get((error.name or "").partition(".")[0])
         if extra is None:
@@ -145,5 +160,5 @@ def _print_error(message: str, code: int) -> int:
     if not message.strip():
         return code
     text = message if message.lstrip().startswith("Usage") else "hexctl: " + " ".join(message.split())
-    typer.echo(text, err=True)
+    typer.echo("\n".join(map(printable, text.split("\n"))), err=True)
     return code

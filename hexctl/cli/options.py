@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 import typer
 
 from hexctl.cli import completion
-from hexctl.cli.values import Range, choice, listed, number
+from hexctl.cli.values import Range, choice, in_lower_case, listed, number
 from hexctl.errors import InputError
 
 #: Ranges of options. Where the library has the same limit, a test holds both together.
@@ -55,6 +55,7 @@ BackendOption = Annotated[
     str,
     typer.Option(
         "--backend",
+        callback=in_lower_case,
         autocompletion=completion.backends,
         help="What moves: sim (simulation), zenoh (a robot that hexctl serve puts on the network), "
         "mavlink (a servo board), dynamixel, feetech or lx16a (servos on a serial bus), servo2040 "
@@ -127,6 +128,7 @@ GaitOption = Annotated[
     str,
     typer.Option(
         "--gait",
+        callback=in_lower_case,
         autocompletion=completion.gaits,
         help="Gait: demo, tripod, wave, ripple; auto, the one that stands safest; best, the fastest by a "
         "prior for the failed leg, or best:SESSION, that of a session; a code, 1..720, or 1..120 "
@@ -137,6 +139,7 @@ CheckedGaitOption = Annotated[
     str,
     typer.Option(
         "--gait",
+        callback=in_lower_case,
         autocompletion=completion.gaits,
         help="Gait: demo, tripod, wave, ripple; auto, the one that stands safest; a code, 1..720; "
         f"{_SLOTS_HELP}",

@@ -15,6 +15,7 @@ from hexctl.gait.encoding import (
     slots_from_code,
 )
 from hexctl.gait.posture import STANCE, Posture
+from hexctl.names import known_name, nearest
 from hexctl.robot.model import Robot
 from hexctl.types import N_LEGS
 
@@ -228,14 +229,15 @@ def parse_slots(
 
 def _slots_of_text(text: str, failed_legs: Iterable[int], besides: Sequence[str]) -> Slots:
     cleaned = text.strip()
-    if cleaned in NAMED_SLOTS:
-        return NAMED_SLOTS[cleaned]
+    if (name := known_name(cleaned, NAMED_SLOTS)) is not None:
+        return NAMED_SLOTS[name]
     if "," in cleaned:
         return _listed(cleaned)
     try:
         code = int(cleaned)
     except ValueError:
-        raise InputError(f"gait: got {text!r}; allowed: {_allowed(failed_legs, besides)}") from None
+        near = nearest(cleaned, (*NAMED_SLOTS, *besides))
+        raise InputError(f"gait: got {text!r}; allowed: {_allowed(failed_legs, besides)}{near}") from None
     return slots_from_code(code, failed_legs)
 
 

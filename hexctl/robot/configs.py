@@ -6,11 +6,13 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
-import yaml
 from pydantic import BaseModel, BeforeValidator, ValidationError
 from pydantic_core import ErrorDetails
 
 from hexctl.errors import InputError, check_type, shown
+from hexctl.files import is_file, read_file
+from hexctl.names import known_name, nearest
+from hexctl.robot.yaml_text import yaml_content
 
 SchemaT = TypeVar("SchemaT", bound=BaseModel)
 
@@ -22,24 +24,11 @@ def _not_a_switch(value: object) -> object:
     return value
 
 
+#: Size of a configuration file; the shipped ones have some thousand.
+MOST_BYTES = 500_000
+
 #: A number of a configuration file.
 Number = Annotated[float, BeforeValidator(_not_a_switch)]
-
-
-class _Loader(yaml.SafeLoader):
-    """Plain YAML: no application tags, no key twice."""
-
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-        seen: set[str] = set()
-        for key, _ in node.value:
-            if not isinstance(key, yaml.ScalarNode):
-                continue
-            if key.value in seen:
-                raise yaml.constructor.ConstructorError(
-                    problem=f"the key {shown(key.value)} is given twice", problem_mark=key.start_mark
-                )
-            seen.add(key.value)
-        return super().construct_mapping(node, deep)
 
 
 def config_root() -> Path:
@@ -55,19 +44,22 @@ def config_names(kind: str) -> list[str]:
 
 
 def find_config(kind: str, name_or_path: str | Path) -> Path:
-    """File of a shipped name or of a path; anything with a suffix or a slash is a path.
+    """File of a shipped name, in any case and spelling, or of a path: anything with a suffix or a slash.
 
     Raises InputError that lists the shipped names when there is no such file.
     """
     check_type(name_or_path, (str, os.PathLike), kind[:-1], "a shipped name or the path of a YAML file")
     text = str(name_or_path)
     if Path(text).suffix or "/" in text:
-        if _is_file(text):
+        if is_file(Path(text)):
             return Path(text)
         raise InputError(f"no {kind[:-1]} file at {text!r}; allowed: a YAML file, or one of {_listed(kind)}")
-    if text in config_names(kind):
-        return config_root() / kind / f"{text}.yaml"
-    raise InputError(f"unknown {kind[:-1]} {text!r}; allowed: {_listed(kind)}, or a path to a YAML file")
+    if (name := known_name(text, config_names(kind))) is not None:
+        return config_root() / kind / f"{name}.yaml"
+    near = nearest(text, config_names(kind))
+    raise InputError(
+        f"unknown {kind[:-1]} {text!r}; allowed: {_listed(kind)}, or a path to a YAML file{near}"
+    )
 
 
 def read_mapping(path: Path) -> dict[str, Any]:
@@ -76,16 +68,24 @@ def read_mapping(path: Path) -> dict[str, Any]:
     Raises InputError for a file that cannot be read, is not YAML, or is not a mapping.
     """
     try:
-        content = yaml.load(path.read_text(encoding="utf-8"), Loader=_Loader)  # noqa: S506  a SafeLoader
-    except (OSError, UnicodeDecodeError) as error:
+        return mapping_of(read_file(path, MOST_BYTES), path)
+    except OSError as error:
         raise InputError(f"{path}: cannot be read as text: {error}") from error
-    except (yaml.YAMLError, RecursionError, ValueError) as error:
-        raise InputError(f"{path}: is not valid YAML: {yaml_problem(error)}") from error
-    if content is None:
+
+
+def mapping_of(content: bytes, path: Path) -> dict[str, Any]:
+    """The YAML mapping that a file holds; raises what `read_mapping` raises, naming its path."""
+    try:
+        values = yaml_content(content.decode("utf-8"))
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: cannot be read as text: {error}") from error
+    except ValueError as error:
+        raise InputError(f"{path}: is not valid YAML: {error}") from error
+    if values is None:
         return {}
-    if not isinstance(content, dict):
-        raise InputError(f"{path}: got {shown(content)}; allowed: a mapping of key: value")
-    return content
+    if not isinstance(values, dict):
+        raise InputError(f"{path}: got {shown(values)}; allowed: a mapping of key: value")
+    return values
 
 
 def file_says(path: Path, wanted: dict[str, Any]) -> bool:
@@ -105,14 +105,6 @@ def validate(schema: type[SchemaT], content: dict[str, Any], path: Path) -> Sche
         return schema.model_validate(content)
     except ValidationError as error:
         raise InputError(f"{path}: {first_problem(schema, error)}") from error
-
-
-def _is_file(text: str) -> bool:
-    """Whether a path names a file; False for a path that the system cannot look up."""
-    try:
-        return Path(text).is_file()
-    except (OSError, ValueError):
-        return False
 
 
 def _listed(kind: str) -> str:
@@ -139,16 +131,6 @@ ALLOWED = {
     "too_long": "a list of {max_length}",
     "invalid_key": "keys that are text",
 }
-
-
-def yaml_problem(error: Exception) -> str:
-    """Position and description of a YAML syntax error."""
-    mark = getattr(error, "problem_mark", None)
-    if isinstance(error, yaml.MarkedYAMLError) and mark is not None:
-        return f"line {mark.line + 1}, column {mark.column + 1}: {error.problem}"
-    if isinstance(error, RecursionError):
-        return "it is nested too deeply"
-    return " ".join(str(error).split())
 
 
 def first_problem(schema: type[BaseModel], error: ValidationError) -> str:

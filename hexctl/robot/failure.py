@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hexctl.errors import InputError, argument, check_type
+from hexctl.names import known_name, nearest
 from hexctl.types import JOINT_KINDS, JOINTS_PER_LEG, N_LEGS
 
 if TYPE_CHECKING:
@@ -171,9 +172,10 @@ def parse_failure(leg: int, text: str) -> Failure:
     Raises InputError for anything else.
     """
     check_type(text, str, "failure", FAILURE_FORMS)
-    kind, *details = text.split(":")
+    kind, *details = (_known(part) for part in text.split(":"))
     most, what = {"stuck": 2, "weak": 2, "limp": 1}.get(kind, 0), argument("failure")
-    _require(kind in FAILURE_KINDS and len(details) <= most, what, text, FAILURE_FORMS)
+    near = "" if kind in FAILURE_KINDS else nearest(kind, FAILURE_KINDS)
+    _require(kind in FAILURE_KINDS and len(details) <= most, what, text, FAILURE_FORMS + near)
     joint = details.pop(0) if details and (kind != "weak" or details[0] in JOINT_KINDS) else None
     if kind == "weak" and details:
         fraction = _number(details.pop(), text)
@@ -188,6 +190,11 @@ def parse_failure(leg: int, text: str) -> Failure:
         return Failure(leg=leg, kind=kind, joint=joint, angle_rad=math.radians(degrees))
     _require(joint in (None, *JOINT_KINDS), what, text, allowed)
     return Failure(leg=leg, kind=kind, joint=joint)
+
+
+def _known(part: str) -> str:
+    """A kind or a joint in any case and spelling as it is called here, anything else as it is."""
+    return known_name(part, (*FAILURE_KINDS, *JOINT_KINDS)) or part
 
 
 def _number(text: str, whole: str) -> float:

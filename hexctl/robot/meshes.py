@@ -12,8 +12,12 @@ from pathlib import Path
 import numpy as np
 
 from hexctl.errors import InputError
+from hexctl.files import read_file
 from hexctl.robot.schema import MeshesSection, MeshSection
 from hexctl.types import JOINT_KINDS, ArrayFields, FloatArray
+
+#: Size of a mesh file; recordings hold all of it.
+MOST_BYTES = 200_000_000
 
 #: Parts that can have a mesh.
 PARTS = ("body", *JOINT_KINDS)
@@ -63,7 +67,7 @@ def read_meshes(section: MeshesSection, robot_file: Path) -> Meshes:
 def _read(robot_file: Path, part: str, section: MeshSection) -> PartMesh:
     file = robot_file.parent / section.file
     try:
-        content = file.read_bytes()
+        content = read_file(file, MOST_BYTES)
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error
         raise InputError(f"{robot_file}: meshes.{part}.file: {file} cannot be read ({reason})") from error

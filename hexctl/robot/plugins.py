@@ -9,6 +9,7 @@ from types import ModuleType
 from typing import Any, TypeVar
 
 from hexctl.errors import InputError, argument
+from hexctl.names import nearest
 
 MadeT = TypeVar("MadeT")
 
@@ -58,7 +59,7 @@ def made_of(name: str, named: Mapping[str, Callable[[], MadeT]], kind: type[Made
         return named[name]()
     what, allowed = argument(part), f"{', '.join(named)}, package.module:Class"
     if ":" not in name:
-        raise InputError(f"{what}: got {name or repr(name)}; allowed: {allowed}")
+        raise InputError(f"{what}: got {name or repr(name)}; allowed: {allowed}{nearest(name, named)}")
     try:
         own = load_named(name, part)
         made = own() if isclass(own) else own

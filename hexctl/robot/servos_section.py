@@ -63,7 +63,7 @@ def write_joint(path: Path, raw_map: RawMap, joint: int) -> None:
     robot file.
     """
     place, name, keys = path.resolve(), JOINT_NAMES[joint], calibrated_keys(raw_map, joint)
-    text, wanted = place.read_text(encoding="utf-8"), read_mapping(place)
+    wanted, text = read_mapping(place), place.read_text(encoding="utf-8")
     section = wanted[SECTION] = dict(wanted.get(SECTION) or {})
     section[name] = {**section.get(name, {}), **keys}
     with replacing(place) as draft:

@@ -5,7 +5,6 @@ import os
 import secrets
 import shutil
 import socket
-import stat
 import tempfile
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
@@ -15,7 +14,7 @@ from cryptography import x509
 from cryptography.exceptions import InvalidSignature
 from cryptography.hazmat.primitives import hashes
 from cryptography.hazmat.primitives.asymmetric import ec
-from cryptography.hazmat.primitives.asymmetric.types import CertificatePublicKeyTypes
+from cryptography.hazmat.primitives.asymmetric.types import CertificatePublicKeyTypes, PrivateKeyTypes
 from cryptography.hazmat.primitives.serialization import (
     Encoding,
     NoEncryption,
@@ -25,11 +24,14 @@ from cryptography.hazmat.primitives.serialization import (
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
 from hexctl.errors import InputError, argument
-from hexctl.files import atomic_write
+from hexctl.files import atomic_write, is_file, read_file, read_secret
 from hexctl.wire.links import Role
 from hexctl.wire.stop_secret import write_stop_secret
 
 AUTHORITY_FILE, CERTIFICATE_FILE, KEY_FILE = "ca.pem", "certificate.pem", "key.pem"
+
+#: Size of a certificate or a key.
+MOST_BYTES = 1_000_000
 
 #: Roles whose certificate is good for another role too: a controller may also view.
 STAND_INS = {Role.VIEWER: (Role.VIEWER, Role.CONTROLLER)}
@@ -57,7 +59,7 @@ def find_credentials(folder: Path, role: Role) -> Credentials:
     """
     roles = STAND_INS.get(role, (role,))
     for place in (*(folder / each.value for each in roles), folder):
-        if (place / CERTIFICATE_FILE).is_file():
+        if is_file(place / CERTIFICATE_FILE):
             found = Credentials(place / AUTHORITY_FILE, place / CERTIFICATE_FILE, place / KEY_FILE)
             _check(found, roles)
             return found
@@ -73,7 +75,7 @@ def load_certificate(path: Path) -> x509.Certificate:
     Raises InputError for a file that is not a certificate.
     """
     try:
-        return x509.load_pem_x509_certificate(path.read_bytes())
+        return x509.load_pem_x509_certificate(read_file(path, MOST_BYTES))
     except (OSError, ValueError) as error:
         raise InputError(f"{path}: is not a certificate ({error}); allowed: a PEM file") from error
 
@@ -106,15 +108,19 @@ def _check(found: Credentials, roles: tuple[Role, ...]) -> None:
 
 
 def _check_key(found: Credentials, certificate: x509.Certificate) -> None:
-    try:
-        readable_by_all = found.key.stat().st_mode & stat.S_IROTH
-        key = load_pem_private_key(found.key.read_bytes(), password=None)
-    except (OSError, ValueError, TypeError) as error:
-        raise InputError(f"{found.key}: is not a private key ({error}); allowed: a PEM file") from error
-    if readable_by_all:
-        raise InputError(f"{found.key}: every user of this computer can read it; chmod 600 {found.key}")
+    key = _private_key(found.key, "a PEM file")
     if key.public_key() != certificate.public_key():
         raise InputError(f"{found.key}: does not belong to {found.certificate}")
+
+
+def _private_key(path: Path, allowed: str) -> PrivateKeyTypes:
+    """Private key of a PEM file that nobody but its owner may read."""
+    try:
+        return load_pem_private_key(read_secret(path, MOST_BYTES), password=None)
+    except PermissionError as error:
+        raise InputError(f"{path}: {error.strerror}") from error
+    except (OSError, ValueError, TypeError) as error:
+        raise InputError(f"{path}: is not a private key ({error}); allowed: {allowed}") from error
 
 
 AUTHORITY_FOLDER = "authority"
@@ -261,12 +267,7 @@ def _check_days(days: int) -> None:
 
 
 def _load_key(path: Path) -> Key:
-    try:
-        key = load_pem_private_key(path.read_bytes(), password=None)
-    except (OSError, ValueError, TypeError) as error:
-        raise InputError(
-            f"{path}: is not a private key ({error}); allowed: one of hexctl keys new"
-        ) from error
+    key = _private_key(path, "one of hexctl keys new")
     if not isinstance(key, Key):
         raise InputError(f"{path}: is no key of hexctl's kind; allowed: what hexctl keys new made")
     return key

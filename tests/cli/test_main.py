@@ -3,6 +3,8 @@
 Bad input exits with 2 and prints one line with what, got and allowed; nothing walks.
 """
 
+import errno
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -11,6 +13,7 @@ import pytest
 
 from hexctl.cli.main import exit_code
 from hexctl.robot.configs import config_names
+from tests.cli.paths import PATH_LINES
 
 HEAVY = ("mujoco", "dm_control", "rerun", "numpy", "pydantic", "yaml", "scipy")
 
@@ -297,3 +300,57 @@ def test_a_ctrl_c_that_a_command_does_not_handle_is_a_line(
     monkeypatch.setattr("hexctl.adapt.store.list_sessions", interrupted)
     assert exit_code(command) == 130
     assert capsys.readouterr().err == "hexctl: interrupted\n"
+
+
+@pytest.mark.parametrize("path", ["x" * 5000, "a/" * 2500 + "x"], ids=["name", "folders"])
+@pytest.mark.parametrize("line", PATH_LINES)
+def test_a_path_that_no_system_has_is_refused_in_one_line(
+    line: str, path: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    # A port that is not there is a fault of the robot.
+    fault = "--connect {}" in line or "--device {}" in line
+    assert exit_code([word.format(path) for word in line.split()]) == (3 if fault else 2)
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert len(printed.err.splitlines()) == 1
+    assert not [found for found in tmp_path.rglob("*") if found.is_file()]
+
+
+@pytest.mark.parametrize(
+    ("number", "code"), [(errno.ENOSPC, 3), (errno.EDQUOT, 3), (errno.EIO, 3), (errno.EACCES, 2)]
+)
+def test_a_full_disk_is_a_fault_whatever_was_to_be_written(
+    number: int,
+    code: int,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    def refuse(path: Path, _: object) -> None:
+        raise OSError(number, os.strerror(number), str(path))
+
+    monkeypatch.setattr("hexctl.see.sheet.atomic_write", refuse)
+    assert exit_code(["see", "print", "--output", str(tmp_path / "sheet.pdf")]) == code
+    assert os.strerror(number) in capsys.readouterr().err
+    monkeypatch.setattr("hexctl.robot.configs.read_file", lambda path, most: refuse(path, most))
+    assert exit_code(["check", "ant"]) == code
+
+
+@pytest.mark.parametrize(
+    ("arguments", "proposed"),
+    [(["run", "--robot", "phantom"], "phantomx"), (["run", "--world", "slipery"], "slippery"),
+     (["run", "--backend", "dynamixl"], "dynamixel"), (["run", "--gait", "Tripot"], "tripod"),
+     (["run", "--failed-leg", "5", "--failure", "mising"], "missing")],
+)  # fmt: skip
+def test_a_name_that_is_near_is_proposed(
+    arguments: list[str], proposed: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert exit_code(arguments) == 2
+    assert capsys.readouterr().err.endswith(f"; did you mean '{proposed}'?\n")
+
+
+def test_names_are_taken_in_any_case(capsys: pytest.CaptureFixture[str]) -> None:
+    assert exit_code(["check", "Ant", "--gait", "Tripod"]) == 0
+    assert exit_code(["run", "--backend", "Mock", "--world", "flat"]) == 2
+    assert "--backend mock" in capsys.readouterr().err

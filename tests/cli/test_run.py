@@ -333,7 +333,7 @@ sys.exit(exit_code(["run", "--duration", "20", "--json"]))
 
 def test_a_disk_without_room_is_said_before_the_walk(tmp_path: Path) -> None:
     done = _run_on_a_small_disk(tmp_path, ROOM_BYTES - 1)
-    assert done.returncode == 2, done.stderr
+    assert done.returncode == 3, done.stderr
     assert done.stdout == ""
     assert "cannot be written (File too large)" in _one_line(done.stderr)
     assert not list(tmp_path.glob("runs/*"))

@@ -1,5 +1,6 @@
 """The `meshes:` section: looks that a recording shows, and nothing else about the robot."""
 
+import os
 from pathlib import Path
 from typing import Any
 
@@ -93,3 +94,11 @@ def test_a_wrong_section_is_refused_when_the_robot_is_loaded(
 ) -> None:
     with pytest.raises(InputError, match=key.replace(".", r"\.")):
         load_robot(robot_file(tmp_path, **section))
+
+
+@pytest.mark.parametrize("name", ["pipe.stl", "zeros.obj"])
+def test_a_pipe_or_a_device_is_no_mesh(name: str, tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe.stl")
+    (tmp_path / "zeros.obj").symlink_to("/dev/zero")
+    with pytest.raises(InputError, match=r"meshes\.body\.file: .* \(it is a pipe, a device or a folder\)"):
+        load_meshes(robot_file(tmp_path, body={"file": name}))

@@ -1,5 +1,6 @@
 """Certificates: made whole or not at all, private where they must be, and refused before a link is tried."""
 
+import os
 import shutil
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -41,9 +42,19 @@ def test_private_keys_are_for_their_owner_only(folder: Path) -> None:
         assert place.stat().st_mode & 0o077 == 0
     for key in folder.glob("*/key.pem"):
         assert key.stat().st_mode & 0o077 == 0
-        key.chmod(0o644)
-    with pytest.raises(InputError, match=r"can read it; chmod 600 .*robot/key\.pem"):
+        key.chmod(0o660)
+    with pytest.raises(InputError, match=r"its group has access to it; chmod 600 .*robot/key\.pem"):
         find_credentials(folder, Role.ROBOT)
+    with pytest.raises(InputError, match=r"its group has access to it; chmod 600 .*authority/key\.pem"):
+        renew_certificates(folder, days=10)
+
+
+@pytest.mark.parametrize("name", ["key.pem", "certificate.pem", "ca.pem"])
+def test_a_pipe_in_place_of_a_file_is_refused(name: str, folder: Path) -> None:
+    (folder / "robot" / name).unlink()
+    os.mkfifo(folder / "robot" / name, mode=0o600)
+    with pytest.raises(InputError, match="robot"):
+        find_credentials(folder / "robot", Role.ROBOT)
 
 
 def test_only_the_robots_names_hosts_and_keys_stay_out_of_repositories(folder: Path) -> None:

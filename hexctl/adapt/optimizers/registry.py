@@ -6,6 +6,7 @@ from hexctl.adapt.optimizer import Optimizer, OptimizerChoice, OptimizerClass
 from hexctl.adapt.optimizers.shipped import BAYES, OPTIMIZERS, TRIM
 from hexctl.adapt.space import GaitSpace
 from hexctl.errors import InputError, check_type
+from hexctl.names import nearest
 from hexctl.robot.plugins import load_named
 
 _CLASSES = {"hexctl.adapt.optimizers.bayes:Bayes": BAYES, "hexctl.adapt.optimizers.trim:TrimSearch": TRIM}
@@ -55,7 +56,7 @@ def make_optimizer(name: OptimizerChoice | OptimizerClass, space: GaitSpace, see
     raise InputError(
         f"optimizer: got {name!r}; allowed: {BAYES} (with a prior), {', '.join(OPTIMIZERS)}, "
         f"{TRIM} (with hexctl adapt), "
-        "or package.module:Class for your own Optimizer"
+        f"or package.module:Class for your own Optimizer{nearest(name, (BAYES, *OPTIMIZERS, TRIM))}"
     )
 
 

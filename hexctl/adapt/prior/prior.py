@@ -18,7 +18,7 @@ from hexctl.adapt.space import GaitSpace
 from hexctl.control.assessment.static_stability import stood_up
 from hexctl.control.plan import TrialPlan
 from hexctl.errors import HexctlError, InputError, check_type
-from hexctl.files import ARCHIVE_DAMAGE, atomic_write
+from hexctl.files import ARCHIVE_DAMAGE, atomic_write, open_archive
 from hexctl.gait.posture import STANCE
 from hexctl.robot.model import Robot
 from hexctl.types import N_JOINTS, BoolArray, FloatArray
@@ -300,7 +300,7 @@ def open_prior(path: Path | str) -> Prior | ScorePrior:
     path = Path(path)
     head = read_head(path)
     try:
-        with np.load(path, allow_pickle=False) as file:
+        with open_archive(path) as file:
             arrays = {name: file[name] for name in file.files if name != "head"}
         prior = _made(head, arrays)
     except ARCHIVE_DAMAGE as error:
@@ -328,7 +328,7 @@ def read_head(path: Path) -> dict[str, Any]:
     Raises InputError for a file that is not a prior of this version.
     """
     try:
-        with np.load(path, allow_pickle=False) as file:
+        with open_archive(path) as file:
             head = json.loads(str(file["head"]))
     except FileNotFoundError:
         raise InputError(

@@ -13,6 +13,7 @@ from typing import Any
 from pymavlink.dialects.v20 import common
 
 from hexctl.errors import InputError
+from hexctl.files import read_secret
 
 #: First byte of a MAVLink 2 frame, length of its header, its checksum, and its signature.
 MAGIC, HEADER, CHECKSUM, SIGNATURE = 0xFD, 10, 2, 13
@@ -28,6 +29,9 @@ STAMPS_PER_S = 100_000
 NEW_STREAM_SLACK_S = 60
 
 KEY_BYTES = 32
+
+#: Size of a file that is read as one.
+MOST_KEY_BYTES = 10_000
 
 #: What pymavlink may raise for arbitrary bytes.
 DECODING_ERRORS = (common.MAVError, ValueError, TypeError, IndexError, KeyError, struct.error)
@@ -194,7 +198,9 @@ def read_signing_key(folder: Path | None) -> bytes | None:
         return None
     path = folder / KEY_FILE
     try:
-        content = path.read_bytes()
+        content = read_secret(path, MOST_KEY_BYTES)
+    except PermissionError as error:
+        raise InputError(f"{path}: {error.strerror}") from error
     except OSError as error:
         raise InputError(
             f"{path}: cannot be read ({error.strerror}); allowed: a file of {KEY_BYTES} random bytes, "

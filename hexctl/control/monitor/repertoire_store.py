@@ -11,7 +11,7 @@ import numpy as np
 from hexctl.control.monitor.repertoire import BodySymmetry, Candidate, Repertoire, Situation
 from hexctl.control.plan import TrialPlan
 from hexctl.errors import HexctlError, InputError, check_type
-from hexctl.files import ARCHIVE_DAMAGE, atomic_write
+from hexctl.files import ARCHIVE_DAMAGE, atomic_write, open_archive
 from hexctl.robot.configs import config_root
 from hexctl.robot.model import Robot
 from hexctl.types import FloatArray
@@ -53,7 +53,7 @@ def load_repertoire(path: Path | str) -> Repertoire:
     """
     check_type(path, (str, Path), "repertoire", "the path of a file")
     try:
-        with np.load(path, allow_pickle=False) as file:
+        with open_archive(path) as file:
             head = json.loads(str(file["head"]))
             arrays = {name: file[name].astype(float) for name in ("speeds", "costs") if name in file.files}
     except FileNotFoundError:

@@ -9,6 +9,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from hexctl.errors import InputError
+from hexctl.files import read_file
 from hexctl.types import FloatArray
 
 #: A larger file is no robot description.
@@ -127,9 +128,7 @@ def read_urdf(path: Path) -> UrdfTree:
     Raises InputError for a file that is missing, no URDF, still has xacro in it, or is no tree.
     """
     try:
-        if path.stat().st_size > MOST_BYTES:
-            raise InputError(f"{path}: is larger than {MOST_BYTES // 10**6} MB; allowed: a URDF")
-        text = path.read_text(encoding="utf-8")
+        text = read_file(path, MOST_BYTES).decode("utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: cannot be read ({error}); allowed: a URDF file") from error
     if "<!ENTITY" in text:
@@ -207,7 +206,7 @@ def _mesh_points(mesh: Element, path: Path) -> FloatArray | None:
     file = next((place for place in places if place.is_file()), None)
     if file is None or file.suffix.lower() != ".stl" or file.stat().st_size > MOST_BYTES:
         return None
-    content = file.read_bytes()
+    content = read_file(file, MOST_BYTES)
     count = int.from_bytes(content[80:84], "little")
     if not count or len(content) != STL_HEADER + STL_TRIANGLE * count:
         return None

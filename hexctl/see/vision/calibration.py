@@ -10,6 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from hexctl.errors import InputError
+from hexctl.files import read_file
 from hexctl.see.vision.board import N_CORNERS, BoardFinder, SeenBoard
 from hexctl.see.vision.lens import Lens
 from hexctl.see.vision.tags import Picture
@@ -199,10 +200,14 @@ class LensCalibration:
         return (_fit_fisheye if self._fisheye else _fit_plumb_bob)(views, self._size())
 
 
+#: Size of the file of a picture.
+MOST_BYTES = 200_000_000
+
+
 def read_picture(path: Path) -> Picture:
     """A grey picture (H, W) of a file. Raises InputError for one that is no picture or cannot be read."""
     try:
-        data = np.frombuffer(path.read_bytes(), dtype=np.uint8)
+        data = np.frombuffer(read_file(path, MOST_BYTES), dtype=np.uint8)
     except OSError as error:
         raise InputError(f"{path}: is no picture that can be read: {error.strerror}") from error
     picture = cv2.imdecode(data, cv2.IMREAD_GRAYSCALE) if len(data) else None
